@@ -1,0 +1,376 @@
+"""An OpenCL device with its queue, its built kernels, its plans and its memory."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import cached_property, lru_cache
+from threading import Lock
+from typing import Any, Literal
+
+import numpy as np
+import pyopencl as cl
+import pyopencl.array as cla
+
+from clplen.compute import icd, pocl
+from clplen.compute.cache import PlanCache
+from clplen.compute.fft import FFTRoute, choose_route
+from clplen.compute.program import build_program
+from clplen.errors import DeviceError
+
+Precision = Literal["single", "double"]
+
+INSTALL_HELP = (
+    "Linux on x86-64: pip install pocl-binary-distribution; Linux on ARM: apt install "
+    "pocl-opencl-icd (or conda install -c conda-forge pocl); macOS: conda install -c conda-forge "
+    "pocl; Windows: the driver of your GPU, or pip install intel-opencl-rt for the CPU."
+)
+_GPU_GROUP = 64  # work-items of one row that a GPU runs as a group
+_PLAN_SHARE = 4  # plans may hold a quarter of the device's memory
+
+
+class Device:
+    """One OpenCL device at one precision. Made by `Device.open`, not by its constructor.
+
+    Attributes
+    ----------
+    name : str
+        The device's own name.
+    is_cpu : bool
+        Whether it is a CPU: buffers are mapped and FFTs run on the host in place.
+    has_fp64 : bool
+        Whether it computes in double precision.
+    memory_bytes : int
+        Its global memory.
+    precision : {"single", "double"}
+        Precision of the wave tower; light fields are processed in float32 on every device.
+    """
+
+    def __init__(self, cl_device: cl.Device, *, precision: Precision = "single") -> None:
+        if precision not in ("single", "double"):
+            raise ValueError(f"precision is 'single' or 'double', not {precision!r}.")
+        self.cl_device = cl_device
+        self.precision: Precision = precision
+        self.name: str = cl_device.name.strip()
+        self.platform: str = cl_device.platform.name.strip()
+        self.driver: str = f"{self.platform} {cl_device.driver_version.strip()}"
+        self.is_cpu = bool(cl_device.type & cl.device_type.CPU)
+        self.has_fp64 = "cl_khr_fp64" in cl_device.extensions
+        self.memory_bytes = int(cl_device.global_mem_size)
+        self.rows = self.is_cpu  # one work-item a row (CPU) or one a sample (GPU)
+        self.note = ""
+        self._kernels: dict[tuple[Any, ...], cl.Kernel] = {}
+        self._lock = Lock()
+        if precision == "double" and not self.has_fp64:
+            raise DeviceError(
+                f"precision='double' was asked for, but {self.name} ({self.platform}) has no "
+                "double precision (cl_khr_fp64); use precision='single' or another device."
+            )
+
+    @staticmethod
+    def open(selector: str | None = None, *, precision: Precision = "single") -> Device:
+        """Open a device.
+
+        Parameters
+        ----------
+        selector : str, optional
+            ``"cpu"``, ``"gpu"``, ``"0:1"`` (platform:device), or part of a name ("pocl",
+            "nvidia"). None takes ``$CLPLEN_DEVICE``, else the first GPU, else the first CPU that
+            can compile kernels.
+        precision : {"single", "double"}
+            ``"double"`` runs every kernel and FFT of the wave tower in float64.
+
+        Returns
+        -------
+        Device
+            The same object for the same hardware and precision.
+
+        Raises
+        ------
+        DeviceError
+            If there is no OpenCL platform, nothing fits the selector, or the device cannot
+            compile kernels or lacks double precision.
+        """
+        if selector is None:
+            selector = os.environ.get("CLPLEN_DEVICE") or None
+        candidates = _select(_cl_devices(), selector)
+        problems = []
+        for cl_device in candidates:
+            try:
+                return _opened(cl_device, precision)
+            except DeviceError as error:
+                if selector is not None:
+                    raise
+                problems.append(str(error))
+        raise DeviceError(" ".join(problems))
+
+    @staticmethod
+    def all() -> list[Device]:
+        """Every OpenCL device that is there, in platform order (nothing is compiled yet)."""
+        return [Device(cl_device) for _, cl_device in _cl_devices()]
+
+    def __repr__(self) -> str:
+        parts = [self.name, self.driver, self.precision, f"FFT {self.fft.name}"]
+        if self.note:
+            parts.append(self.note)
+        return f"<Device {', '.join(parts)}>"
+
+    @cached_property
+    def context(self) -> cl.Context:
+        """The OpenCL context, made at first use."""
+        return cl.Context([self.cl_device])
+
+    @cached_property
+    def queue(self) -> cl.CommandQueue:
+        """The in-order command queue, made at first use."""
+        return cl.CommandQueue(self.context)
+
+    @cached_property
+    def fft(self) -> FFTRoute:
+        """How Fourier transforms are done on this device; chosen once."""
+        return choose_route(self.is_cpu)
+
+    @cached_property
+    def plans(self) -> PlanCache:
+        """Plans of this device (transfer functions, arrays of lenslets), bounded in bytes."""
+        return PlanCache(self.memory_bytes // _PLAN_SHARE)
+
+    @property
+    def real(self) -> np.dtype[Any]:
+        """Real dtype of the wave tower: float32 or float64."""
+        return np.dtype(np.float32 if self.precision == "single" else np.float64)
+
+    @property
+    def complex(self) -> np.dtype[Any]:
+        """Complex dtype of the wave tower: complex64 or complex128."""
+        return np.dtype(np.complex64 if self.precision == "single" else np.complex128)
+
+    def require_memory(self, nbytes: int, what: str) -> None:
+        """Refuse what cannot fit, before anything is allocated.
+
+        Parameters
+        ----------
+        nbytes : int
+            Bytes that will be allocated.
+        what : str
+            What they are for, as the subject of the message.
+
+        Raises
+        ------
+        DeviceError
+            With the bytes needed and the bytes there are.
+        """
+        if nbytes > self.memory_bytes:
+            raise DeviceError(
+                f"{what} needs {_bytes(nbytes)}, but {self.name} has {_bytes(self.memory_bytes)}: "
+                "use fewer planes or samples at a time, integer instead of float storage, or a "
+                "device with more memory."
+            )
+
+    def empty(self, shape: Sequence[int], dtype: Any) -> cla.Array:
+        """An uninitialised C-contiguous array on the device.
+
+        Raises
+        ------
+        DeviceError
+            If it is larger than the device allows.
+        """
+        shape = tuple(int(n) for n in shape)
+        nbytes = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize
+        largest = min(self.memory_bytes, int(self.cl_device.max_mem_alloc_size))
+        if nbytes > largest:
+            raise DeviceError(
+                f"An array of shape {shape} ({np.dtype(dtype)}) needs {_bytes(nbytes)}, but the "
+                f"largest that {self.name} gives is {_bytes(largest)}: use fewer planes or samples "
+                "at a time, integer instead of float storage, or a device with more memory."
+            )
+        return cla.empty(self.queue, shape, np.dtype(dtype))
+
+    def zeros(self, shape: Sequence[int], dtype: Any) -> cla.Array:
+        """An array of zeros on the device."""
+        array = self.empty(shape, dtype)
+        if array.nbytes:
+            zero = np.zeros(1, np.uint8)
+            cl.enqueue_fill_buffer(self.queue, array.base_data, zero, 0, array.nbytes)
+        return array
+
+    def upload(self, values: np.ndarray[Any, Any]) -> cla.Array:
+        """A copy of a host array on the device, same shape and dtype."""
+        values = np.ascontiguousarray(values)
+        array = self.empty(values.shape, values.dtype)
+        if values.nbytes:
+            cl.enqueue_copy(self.queue, array.base_data, values, is_blocking=True)
+        return array
+
+    def download(self, array: cla.Array) -> np.ndarray[Any, Any]:
+        """A copy of a device array on the host, same shape and dtype."""
+        values = np.empty(array.shape, array.dtype)
+        if values.nbytes:
+            cl.enqueue_copy(
+                self.queue, values, array.base_data, src_offset=array.offset, is_blocking=True
+            )
+        return values
+
+    @contextmanager
+    def on_host(self, array: cla.Array) -> Iterator[np.ndarray[Any, Any]]:
+        """The array's values as a NumPy array that may be changed in place.
+
+        On a CPU device this is the buffer itself, mapped without a copy; elsewhere the values
+        are fetched and written back.
+        """
+        if not self.is_cpu:
+            values = self.download(array)
+            yield values
+            cl.enqueue_copy(
+                self.queue, array.base_data, values, dst_offset=array.offset, is_blocking=True
+            )
+            return
+        flags = cl.map_flags.READ | cl.map_flags.WRITE
+        mapped, _ = cl.enqueue_map_buffer(
+            self.queue, array.base_data, flags, array.offset, array.shape, array.dtype
+        )
+        try:
+            yield mapped
+        finally:
+            mapped.base.release(self.queue)
+
+    def kernel(self, file: str, name: str, **defines: Any) -> cl.Kernel:
+        """A kernel, built once for every file and set of definitions, and kept."""
+        if self.rows:
+            defines["ROWS"] = True
+        key = (file, name, tuple(sorted(defines.items())))
+        with self._lock:
+            if key not in self._kernels:
+                program = self._program(file, tuple(sorted(defines.items())))
+                self._kernels[key] = cl.Kernel(program, name)
+            return self._kernels[key]
+
+    def _program(self, file: str, defines: tuple[tuple[str, Any], ...]) -> cl.Program:
+        key = (file, defines)
+        if key not in self._kernels:
+            self._kernels[key] = build_program(self.context, file, dict(defines))
+        return self._kernels[key]
+
+    def wave_defines(self) -> dict[str, Any]:
+        """Definitions that choose the precision of a kernel of the wave tower."""
+        return {"DOUBLE": True} if self.precision == "double" else {}
+
+    def launch(
+        self,
+        kernel: cl.Kernel,
+        size: Sequence[int],
+        *args: Any,
+        group: Sequence[int] | None = None,
+    ) -> None:
+        """Enqueue a kernel.
+
+        Parameters
+        ----------
+        kernel : pyopencl.Kernel
+            From `kernel`.
+        size : sequence of int
+            Number of work-items along each axis, rounded up to the group.
+        *args
+            NumPy scalars, `pyopencl.array.Array` (without offset) or buffers, in order.
+        group : sequence of int, optional
+            Work-group; by default one item, or 64 along the first axis where ``rows`` is off.
+        """
+        if group is None:
+            group = (1 if self.rows else _GPU_GROUP, *(1 for _ in size[1:]))
+        total = tuple(-(-int(n) // g) * g for n, g in zip(size, group, strict=True))
+        if 0 in total:
+            return
+        plain = [arg.data if isinstance(arg, cla.Array) else arg for arg in args]
+        with self._lock:
+            kernel(self.queue, total, tuple(group), *plain)
+
+    def launch_rows(self, kernel: cl.Kernel, shape: Sequence[int], *args: Any) -> None:
+        """Enqueue a kernel written with ``FOR_X`` over (..., ny, nx): see common.cl."""
+        *batch, ny, nx = (int(n) for n in shape)
+        count = int(np.prod(batch, dtype=np.int64))
+        self.launch(kernel, (1 if self.rows else nx, ny, count), *args)
+
+    def finish(self) -> None:
+        """Wait until everything enqueued is done."""
+        self.queue.finish()
+
+
+def require_same_device(a: Device, b: Device) -> None:
+    """Refuse data of two devices (or two precisions of one).
+
+    Raises
+    ------
+    DeviceError
+        Naming both.
+    """
+    if a is not b:
+        raise DeviceError(
+            f"The operands live on two devices, {a!r} and {b!r}: bring both to one of them."
+        )
+
+
+def _cl_devices() -> list[tuple[str, cl.Device]]:
+    """(selector, device) of everything that OpenCL shows."""
+    icd.expose_intel_runtime()
+    try:
+        platforms = cl.get_platforms()
+    except cl.LogicError as error:
+        raise DeviceError(f"There is no OpenCL platform. {INSTALL_HELP}") from error
+    found = []
+    for p, platform in enumerate(platforms):
+        try:
+            devices = platform.get_devices()
+        except cl.RuntimeError:  # a driver without hardware
+            continue
+        found += [(f"{p}:{d}", device) for d, device in enumerate(devices)]
+    if not found:
+        raise DeviceError(f"The OpenCL platforms here have no device. {INSTALL_HELP}")
+    return found
+
+
+def _select(devices: list[tuple[str, cl.Device]], selector: str | None) -> list[cl.Device]:
+    """The devices that fit a selector, best first."""
+    kinds = {"cpu": cl.device_type.CPU, "gpu": cl.device_type.GPU}
+    if selector is None:
+        gpus = [device for _, device in devices if device.type & cl.device_type.GPU]
+        return gpus + [device for _, device in devices if device not in gpus]
+    wanted = selector.strip().lower()
+    if wanted in kinds:
+        fitting = [device for _, device in devices if device.type & kinds[wanted]]
+    elif wanted.replace(":", "").isdigit():
+        fitting = [device for place, device in devices if place == wanted]
+    else:
+        # A platform's name counts before a device's: "intel" means Intel's runtime, not PoCL on
+        # an Intel processor.
+        fitting = [d for _, d in devices if wanted in _platform_words(d)] or [
+            d for _, d in devices if wanted in f"{d.name} {d.vendor}".lower()
+        ]
+    if not fitting:
+        here = "; ".join(f"{place} {d.platform.name.strip()}: {d.name.strip()}"
+                         for place, d in devices)
+        raise DeviceError(
+            f"No OpenCL device fits {selector!r}. Here are: {here}. Use 'cpu', 'gpu', "
+            "'platform:device' or part of a name."
+        )
+    return fitting
+
+
+def _platform_words(device: cl.Device) -> str:
+    platform = device.platform
+    return f"{platform.name} {platform.vendor} {platform.version}".lower()
+
+
+@lru_cache(maxsize=None)
+def _opened(cl_device: cl.Device, precision: Precision) -> Device:
+    """The one Device of this hardware and precision, found able to compile."""
+    device = Device(cl_device, precision=precision)
+    device.note = pocl.ensure_usable(cl_device)
+    if device.note:
+        warnings.warn(device.note, RuntimeWarning, stacklevel=3)
+    return device
+
+
+def _bytes(count: int) -> str:
+    return f"{count:,} bytes ({count / 2**30:.2f} GiB)"

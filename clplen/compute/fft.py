@@ -1,0 +1,161 @@
+"""Fourier transforms over the last two axes, in place, by VkFFT, ducc0, SciPy or NumPy.
+
+A CPU device maps its buffer and a host library transforms it where it lies; a GPU uses VkFFT where
+pyvkfft is installed, else the host library with transfers both ways. The route is chosen once for
+a device; ``$CLPLEN_FFT`` forces one.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clplen.errors import DeviceError
+
+if TYPE_CHECKING:
+    import pyopencl.array as cla
+
+    from clplen.compute.device import Device
+
+HostFFT = Callable[["np.ndarray[Any, Any]", bool, int], None]
+_MODULES = {"vkfft": "pyvkfft", "ducc0": "ducc0", "scipy": "scipy", "numpy": "numpy"}
+_EXTRAS = {
+    "vkfft": 'VKFFT_BACKEND=opencl pip install "clplen[gpu]"',
+    "ducc0": 'pip install "clplen[fast]"',
+    "scipy": "pip install scipy",
+    "numpy": "pip install numpy",
+}
+
+
+@dataclass(frozen=True)
+class FFTRoute:
+    """Which library transforms.
+
+    Attributes
+    ----------
+    name : {"vkfft", "ducc0", "scipy", "numpy"}
+    threads : int
+        Threads of a host library.
+    """
+
+    name: str
+    threads: int
+
+    def forward(self, array: cla.Array, device: Device) -> None:
+        """``array`` becomes its discrete Fourier transform over the last two axes.
+
+        Parameters
+        ----------
+        array : pyopencl.array.Array
+            complex64 or complex128, shape (..., ny, nx), C-contiguous, changed in place.
+        device : Device
+            The device that holds it.
+        """
+        self._transform(array, device, True)
+
+    def inverse(self, array: cla.Array, device: Device) -> None:
+        """The inverse of `forward`, with the factor 1/(ny nx)."""
+        self._transform(array, device, False)
+
+    def _transform(self, array: cla.Array, device: Device, forward: bool) -> None:
+        if self.name == "vkfft":
+            _vkfft(array, device, forward)
+            return
+        with device.on_host(array) as values:
+            _HOST[self.name](values, forward, self.threads)
+
+
+def choose_route(is_cpu: bool) -> FFTRoute:
+    """The route of a device.
+
+    Parameters
+    ----------
+    is_cpu : bool
+        Whether the device is a CPU.
+
+    Returns
+    -------
+    FFTRoute
+        ``$CLPLEN_FFT`` if set; VkFFT on a GPU with pyvkfft; else ducc0, else SciPy, on the host.
+
+    Raises
+    ------
+    DeviceError
+        If ``$CLPLEN_FFT`` names an unknown library or one that is not installed.
+    """
+    threads = _threads()
+    forced = os.environ.get("CLPLEN_FFT", "").strip().lower()
+    if forced:
+        if forced not in _MODULES:
+            raise DeviceError(
+                f"CLPLEN_FFT={forced!r} is no FFT route; use one of {', '.join(_MODULES)}."
+            )
+        if find_spec(_MODULES[forced]) is None:
+            raise DeviceError(
+                f"CLPLEN_FFT={forced!r} was asked for, but {_MODULES[forced]} is not installed: "
+                f"{_EXTRAS[forced]}."
+            )
+        return FFTRoute(forced, threads)
+    if not is_cpu and find_spec("pyvkfft") is not None:
+        return FFTRoute("vkfft", threads)
+    host = "ducc0" if find_spec("ducc0") is not None else "scipy"
+    if not is_cpu:
+        warnings.warn(
+            f"pyvkfft is not installed: Fourier transforms of this GPU run on the host ({host}) "
+            f"with transfers both ways. {_EXTRAS['vkfft']} keeps them on the GPU.",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    return FFTRoute(host, threads)
+
+
+def _threads() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _ducc0(values: np.ndarray[Any, Any], forward: bool, threads: int) -> None:
+    import ducc0
+
+    ducc0.fft.c2c(
+        values, axes=(-2, -1), forward=forward, inorm=0 if forward else 2, out=values,
+        nthreads=threads,
+    )
+
+
+def _scipy(values: np.ndarray[Any, Any], forward: bool, threads: int) -> None:
+    import scipy.fft
+
+    transform = scipy.fft.fft2 if forward else scipy.fft.ifft2
+    result = transform(values, axes=(-2, -1), overwrite_x=True, workers=threads)
+    if not np.may_share_memory(result, values):
+        values[...] = result
+
+
+def _numpy(values: np.ndarray[Any, Any], forward: bool, threads: int) -> None:
+    transform = np.fft.fft2 if forward else np.fft.ifft2
+    values[...] = transform(values, axes=(-2, -1))
+
+
+_HOST: dict[str, HostFFT] = {"ducc0": _ducc0, "scipy": _scipy, "numpy": _numpy}
+
+
+def _vkfft(array: cla.Array, device: Device, forward: bool) -> None:
+    app = device.plans.get(
+        ("vkfft", array.shape, array.dtype.str), lambda: _vkfft_app(array, device), lambda _: 0
+    )
+    (app.fft if forward else app.ifft)(array, array)
+
+
+def _vkfft_app(array: cla.Array, device: Device) -> Any:
+    from pyvkfft.opencl import VkFFTApp
+
+    return VkFFTApp(array.shape, array.dtype, device.queue, ndim=2, inplace=True, norm=1)

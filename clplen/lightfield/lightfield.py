@@ -1,0 +1,301 @@
+"""The light field: views (v, u) of (y, x) pixels on a device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute.device import Device
+from clplen.compute.finite import count_bad
+from clplen.compute.image import Image
+from clplen.errors import DeviceError, ShapeError
+from clplen.lightfield import decode as decoding
+from clplen.lightfield import render as rendering
+from clplen.lightfield.raw import CameraModel, RawImage, Spacing
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+STORED = (np.dtype(np.uint8), np.dtype(np.uint16), np.dtype(np.float32))
+
+
+@dataclass(frozen=True)
+class LightField:
+    """Radiance along rays, L[v, u, y, x] or L[v, u, y, x, c]. Made by a ``from_`` method.
+
+    v, u are row and column of the view; y, x row and column inside a view. A plane of disparity d
+    lies at x - d (u - uc) in view u, with uc = (U - 1)/2: nearer is larger.
+
+    Attributes
+    ----------
+    data : pyopencl.array.Array
+        uint8, uint16 or float32, C-contiguous.
+    device : Device
+    spacing : tuple of float or None
+        Signed (dv, du, dy, dx) in metres: step between views on the main lens and between pixels
+        on the image plane. dv and du are negative in raw pixel order.
+    weights : numpy.ndarray
+        float32, shape (V, U), not negative; 0 leaves a view out everywhere.
+    camera : CameraModel or None
+        The camera that took it, when known.
+    raw : RawImage or None
+        The raw image that it was decoded from.
+    decode : {"calibrated", "naive"}
+        "naive" cells sample direction, not main-lens position, and obey another law.
+    """
+
+    data: cla.Array
+    device: Device
+    spacing: Spacing | None
+    weights: np.ndarray[Any, np.dtype[np.float32]]
+    camera: CameraModel | None = None
+    raw: RawImage | None = None
+    decode: str = "calibrated"
+
+    @classmethod
+    def from_array(
+        cls,
+        a: ArrayLike | cla.Array,
+        *,
+        device: Device,
+        spacing: Spacing | None = None,
+        weights: ArrayLike | None = None,
+        camera: CameraModel | None = None,
+    ) -> LightField:
+        """Take views that are in memory.
+
+        Parameters
+        ----------
+        a : array_like or pyopencl.array.Array
+            Shape (v, u, y, x) or (v, u, y, x, c). uint8, uint16 and float32 are kept as they are
+            (integers stay integers on the device); other real types become float32. A contiguous
+            array of this device is taken without a copy, a NumPy array is copied once.
+        device : Device
+            Where the light field will live.
+        spacing : tuple of float, optional
+            Signed (dv, du, dy, dx) in metres; needed for ``alpha``.
+        weights : array_like, optional
+            Shape (V, U), default 1. A view that is black throughout gets weight 0.
+        camera : CameraModel, optional
+            Needed for depth in metres.
+
+        Returns
+        -------
+        LightField
+
+        Raises
+        ------
+        ShapeError
+            If the array is not 4-D or 5-D, is empty, or the weights do not fit it.
+        ValueError
+            If a sample is NaN or infinite: refused here, because interpolation would spread it.
+        DeviceError
+            If it is larger than the device's memory, or an array of another device.
+        """
+        data = _adopt(a, device)
+        if data.ndim not in (4, 5) or 0 in data.shape:
+            raise ShapeError(
+                "A light field has shape (v, u, y, x) or (v, u, y, x, c), none of them empty, not "
+                f"{tuple(data.shape)}."
+            )
+        bad = count_bad(data, device)
+        if bad:
+            raise ValueError(
+                f"The light field has {bad} samples that are NaN or infinite, which interpolation "
+                "would spread: replace them by 0 and give their views weight 0 (weights=)."
+            )
+        views = (int(data.shape[0]), int(data.shape[1]))
+        return cls(data, device, _checked_spacing(spacing), _checked_weights(weights, views), camera)
+
+    @classmethod
+    def from_raw(cls, raw: RawImage, *, decode: str = "calibrated") -> LightField:
+        """Decode a raw lenslet image.
+
+        Parameters
+        ----------
+        raw : RawImage
+        decode : {"calibrated", "naive"}
+            "calibrated" samples the sub-images of the main lens' pupil about their true centres,
+            x_k (1 + f_mu/F), by separable cubic convolution (Keys 1981, a = -1/2): pixel j of a
+            sub-image is one position u on the main lens. "naive" cuts the lenslets' own cells, a
+            permutation of the pixels: it samples direction, not position.
+
+        Returns
+        -------
+        LightField
+            float32, shape (V, U, rows, columns), in raw pixel order (dv, du < 0).
+
+        Raises
+        ------
+        ValueError
+            If ``decode`` is neither.
+        """
+        grids = {"calibrated": raw.sub_images, "naive": raw.cells}
+        if decode not in grids:
+            raise ValueError(f"decode is 'calibrated' or 'naive', not {decode!r}.")
+        data = decoding.resample(raw, grids[decode])
+        weights = np.ones(grids[decode].views, np.float32)
+        return cls(data, raw.device, raw.spacing, weights, raw.camera, raw, decode)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(v, u, y, x[, c])."""
+        return tuple(int(n) for n in self.data.shape)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """uint8, uint16 or float32."""
+        return np.dtype(self.data.dtype)
+
+    def to_numpy(self) -> np.ndarray[Any, Any]:
+        """The samples on the host, same shape and dtype."""
+        return self.device.download(self.data)
+
+    def disparity(self, alpha: ArrayLike) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """Disparity, in pixels a view step, of the plane alpha = F/F'.
+
+        d = -(1 - alpha) du/dx with the signed du of ``spacing``; for naive cells
+        d = -(1/alpha - 1) du/dx.
+
+        Raises
+        ------
+        ValueError
+            If the light field has no spacing or an alpha is not positive.
+        """
+        ratio = self._view_ratio()
+        values = np.asarray(alpha, np.float64)
+        if not (np.isfinite(values).all() and (values > 0).all()):
+            raise ValueError(f"alpha = F/F' is positive and finite, not {alpha!r}.")
+        return -ratio * ((1 / values - 1) if self.decode == "naive" else (1 - values))
+
+    def alpha(self, disparity: ArrayLike) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """The inverse of `disparity`; NaN without spacing."""
+        values = np.asarray(disparity, np.float64)
+        if self.spacing is None or not np.isfinite(self.spacing).all():
+            return np.full_like(values, np.nan)
+        scaled = -values / self._view_ratio()
+        return 1 / (1 + scaled) if self.decode == "naive" else 1 - scaled
+
+    def view(self, v: float, u: float) -> Image:
+        """The view at (v, u), between views too (bilinear in the aperture).
+
+        Parameters
+        ----------
+        v, u : float
+            0 <= v <= V - 1, 0 <= u <= U - 1.
+
+        Returns
+        -------
+        Image
+            float32, shape (y, x[, c]).
+
+        Raises
+        ------
+        ValueError
+            If (v, u) lies outside the views.
+        """
+        return rendering.view(self, v, u)
+
+    def epi(
+        self,
+        *,
+        y: int | None = None,
+        x: int | None = None,
+        v: int | None = None,
+        u: int | None = None,
+    ) -> Image:
+        """An epipolar-plane image: ``epi(y=, v=)`` is (u, x[, c]), ``epi(x=, u=)`` is (v, y[, c]).
+
+        Raises
+        ------
+        ValueError
+            If neither pair, or an index outside the light field, is given.
+        """
+        return rendering.epi(self, y=y, x=x, v=v, u=u)
+
+    def render(
+        self,
+        *,
+        aperture: Any = None,
+        viewpoint: tuple[float, float] | None = None,
+        total: bool = False,
+    ) -> Image:
+        """The picture as focused, through part of the aperture.
+
+        Parameters
+        ----------
+        aperture : int, float, str or array_like, optional
+            int: that many views across (eq. 3.3 of the source: k//2 dropped below, the rest
+            above); float in (0, 1]: fraction of the full diameter, a disc; ``"f/66"``: f-number of
+            the main lens at its image, needs a camera; array (V, U): weights. None: all views.
+        viewpoint : tuple of float, optional
+            (v, u) of the aperture's centre. Alone, it is that one view.
+        total : bool
+            The sum over views instead of the weighted mean.
+
+        Returns
+        -------
+        Image
+            float32, shape (y, x[, c]).
+
+        Raises
+        ------
+        ValueError
+            If the aperture or the viewpoint lies outside the views.
+        """
+        return rendering.render(self, aperture=aperture, viewpoint=viewpoint, total=total)
+
+    def _view_ratio(self) -> float:
+        """du/dx, signed."""
+        if self.spacing is None or not np.isfinite(self.spacing).all():
+            raise ValueError(
+                "alpha needs the spacing of views and pixels in metres, which this light field "
+                "does not have: give spacing=(dv, du, dy, dx), or use disparity."
+            )
+        return self.spacing[1] / self.spacing[3]
+
+
+def _adopt(a: Any, device: Device) -> cla.Array:
+    """The samples on the device in a storage type of the light field."""
+    if not isinstance(a, cla.Array):
+        values = np.asarray(a)
+        if values.dtype.kind not in "buif":
+            raise TypeError(f"A light field is real, not {values.dtype}.")
+        if values.dtype not in STORED:
+            values = values.astype(np.float32)
+        device.require_memory(values.nbytes, "This light field")
+        return device.upload(values)
+    if a.context != device.context:
+        raise DeviceError(
+            f"The array lives in another OpenCL context than {device!r}: make it on device.queue."
+        )
+    if np.dtype(a.dtype) not in STORED:
+        raise TypeError(f"On the device a light field is uint8, uint16 or float32, not {a.dtype}.")
+    return a if a.flags.c_contiguous and a.offset == 0 else a.copy()
+
+
+def _checked_spacing(spacing: Any) -> Spacing | None:
+    if spacing is None:
+        return None
+    values = tuple(float(s) for s in spacing)
+    if len(values) != 4 or 0.0 in values:
+        raise ValueError(f"spacing is (dv, du, dy, dx) in metres, none of them 0, not {spacing!r}.")
+    return values
+
+
+def _checked_weights(
+    weights: Any, views: tuple[int, int]
+) -> np.ndarray[Any, np.dtype[np.float32]]:
+    if weights is None:
+        return np.ones(views, np.float32)
+    values = np.asarray(weights, np.float32)
+    if values.shape != views:
+        raise ShapeError(f"The weights have shape {values.shape}, the views {views}.")
+    if not (np.isfinite(values).all() and (values >= 0).all()):
+        raise ValueError("Weights of views are finite and not negative.")
+    return values
+
+

@@ -1,0 +1,124 @@
+"""Raw lenslet images: what the sensor recorded, and where the sub-images lie on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.errors import ShapeError
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+
+Spacing = tuple[float, float, float, float]
+
+
+class CameraModel(Protocol):
+    """What the light-field tower asks of a camera; all lengths in metres."""
+
+    @property
+    def image_distance(self) -> float:
+        """F, main lens to microlens array."""
+
+    @property
+    def aperture_diameter(self) -> float:
+        """D, of the main lens."""
+
+    @property
+    def pixel_pitch(self) -> float:
+        """Sample spacing on the sensor."""
+
+    @property
+    def wavelength(self) -> float:
+        """Of the light."""
+
+    @property
+    def lenslet_pitch(self) -> float:
+        """p, between neighbouring lenslets of a row."""
+
+    @property
+    def lenslet_diameter(self) -> float:
+        """d, of a lenslet's aperture."""
+
+    @property
+    def lenslet_focal_length(self) -> float:
+        """f_mu."""
+
+    def alpha(self, dz: Any) -> Any:
+        """alpha = F/F' of an object at dz from the focused plane."""
+
+    def dz(self, alpha: Any) -> Any:
+        """The inverse of `alpha`."""
+
+
+@dataclass(frozen=True)
+class LensletGrid:
+    """Centres of the sub-images on the sensor, in pixels; pixel centres are integers.
+
+    Sub-image (i, k) has its centre at ``first + i row_step + k column_step``, and odd rows are
+    moved by ``odd_row_shift column_step``. View j of n lies ``j - (n - 1)/2`` pixels from there.
+
+    Attributes
+    ----------
+    count : tuple of int
+        Sub-images, (rows, columns).
+    views : tuple of int
+        Pixels taken from each, (V, U).
+    first, row_step, column_step : tuple of float
+        (y, x) in pixels.
+    odd_row_shift : float
+        0 for a square lattice, 1/2 for a hexagonal one.
+    """
+
+    count: tuple[int, int]
+    views: tuple[int, int]
+    first: tuple[float, float]
+    row_step: tuple[float, float]
+    column_step: tuple[float, float]
+    odd_row_shift: float = 0.0
+
+
+@dataclass(frozen=True)
+class RawImage:
+    """A raw lenslet image with its geometry.
+
+    Attributes
+    ----------
+    data : pyopencl.array.Array
+        float32, shape (ny, nx), as it lies on the sensor (not inverted).
+    device : Device
+    pixel_pitch : float
+        In metres.
+    sub_images : LensletGrid
+        Where the images of the main lens' pupil lie (chief rays).
+    cells : LensletGrid
+        The lenslets' own cells.
+    spacing : tuple of float
+        Signed (dv, du, dy, dx) in metres of the light field that it decodes to.
+    camera : CameraModel or None
+        The camera that took it.
+    """
+
+    data: cla.Array
+    device: Device
+    pixel_pitch: float
+    sub_images: LensletGrid
+    cells: LensletGrid
+    spacing: Spacing | None = None
+    camera: CameraModel | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.data.shape) != 2:
+            raise ShapeError(f"A raw image has shape (ny, nx), not {tuple(self.data.shape)}.")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(ny, nx)."""
+        return (int(self.data.shape[0]), int(self.data.shape[1]))
+
+    def to_numpy(self) -> np.ndarray[Any, np.dtype[np.float32]]:
+        """The pixel values, float32, shape (ny, nx)."""
+        return self.device.download(self.data)

@@ -1,0 +1,74 @@
+/* Transfer function of free space and its application to a spectrum.
+ *
+ *   H(fx, fy) = exp(i k z (c - 1)),  c = sqrt(1 - s),  s = lam^2 (fx^2 + fy^2) <= 1    (propagating)
+ *   H(fx, fy) = exp(-k z sqrt(s - 1)) exp(-i k z)                      s > 1, z > 0    (evanescent)
+ *   H         = 0                              s > 1, z < 0, and outside the band of BLAS
+ *
+ * The carrier exp(ikz) is dropped. H is even in fx and fy, so one quadrant is built,
+ * (Ly/2 + 1, Lx/2 + 1) samples, and mirrored when applied.
+ *
+ * -DPHASE_TABLES    c - 1 = -s/2 - q^2/2 with q = s/(1 + c): the first term is a product of two 1-D
+ *                   phasor tables made in double on the host, the second a small residual in turns
+ * -DPHASE_FP64      the phase in double, reduced, then float32 sincos
+ * -DPHASE_TWOFLOAT  the phase in pairs of float32 (Dekker 1971), for devices without fp64
+ * -DROWS, -DDOUBLE  see common.cl
+ *
+ * Mapping: FOR_X of common.cl; `transfer` over the quadrant, `filter_spectrum` over the spectrum.
+ */
+#include "common.cl"
+#ifdef PHASE_TWOFLOAT
+#include "twofloat.cl"
+#endif
+#ifdef PHASE_FP64
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+#endif
+
+/* Phase of a propagating wave relative to the carrier, as a phasor. ex, ey: tables of
+ * exp(-i pi lam z f^2); ax, ay: (high, low) parts of (lam f)^2; zl: z/lam likewise. */
+inline cplx propagating(cplx ex, cplx ey, real2 ax, real2 ay, real2 zl)
+{
+#if defined(PHASE_FP64)
+    const double s = ((double)ax.x + ax.y) + ((double)ay.x + ay.y);
+    const double t = -((double)zl.x + zl.y) * s / (1 + sqrt(1 - s));
+    return cis_turns((real)(t - rint(t)));
+#elif defined(PHASE_TWOFLOAT)
+    return cis_turns(two_phase(ax, ay, zl));
+#elif defined(PHASE_TABLES)
+    const real s = ax.x + ay.x;
+    const real q = s / (1 + sqrt(1 - s));
+    const real t = -(zl.x / 2 * q) * q;
+    return cmul(cmul(ex, ey), cis_turns(t));
+#else
+#error "choose PHASE_TABLES, PHASE_FP64 or PHASE_TWOFLOAT"
+#endif
+}
+
+__kernel void transfer(__global cplx *restrict H, __global const cplx *restrict ex,
+                       __global const cplx *restrict ey, __global const real2 *restrict ax,
+                       __global const real2 *restrict ay, const real2 zl, const cplx carrier,
+                       const int band_x, const int band_y, const int ny, const int nx)
+{
+    const int y = get_global_id(1);
+    const size_t row = row_start(0, y, ny, nx);
+    FOR_X(x, nx) {
+        const real s = (ax[x].x + ay[y].x) + (ax[x].y + ay[y].y);
+        cplx h = (cplx)(0);
+        if (x <= band_x && y <= band_y) {
+            if (s <= 1)
+                h = propagating(ex[x], ey[y], ax[x], ay[y], zl);
+            else if (zl.x > 0)
+                h = carrier * exp(-TWO_PI * zl.x * sqrt(s - 1));
+        }
+        H[row + x] = h;
+    }
+}
+
+__kernel void filter_spectrum(__global cplx *restrict u, __global const cplx *restrict H,
+                              const int ny, const int nx)
+{
+    const int y = get_global_id(1);
+    const size_t row = row_start(get_global_id(2), y, ny, nx);
+    const size_t quadrant = (size_t)min(y, ny - y) * (nx / 2 + 1);
+    FOR_X(x, nx)
+        u[row + x] = cmul(u[row + x], H[quadrant + min(x, nx - x)]);
+}

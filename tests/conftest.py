@@ -1,0 +1,63 @@
+"""The `device` fixture: every OpenCL device that is there, or those that ``--device`` names."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from clplen.compute.device import Device
+from clplen.errors import DeviceError
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--device",
+        action="append",
+        default=None,
+        help="OpenCL device to test (as for Device.open); may be repeated; default: every one",
+    )
+
+
+def _devices(config: pytest.Config) -> list[Device]:
+    selectors = config.getoption("--device")
+    if selectors is None:
+        selectors = [f"{p}:{d}" for p, d in _places()]
+    try:
+        return [Device.open(selector) for selector in selectors]
+    except DeviceError as error:
+        raise pytest.UsageError(str(error)) from error
+
+
+def _places() -> list[tuple[int, int]]:
+    """(platform, device) of everything that OpenCL shows."""
+    platforms: list[str] = []
+    places: list[tuple[int, int]] = []
+    for device in Device.all():
+        if not platforms or platforms[-1] != device.platform:
+            platforms.append(device.platform)
+            index = 0
+        else:
+            index += 1
+        places.append((len(platforms) - 1, index))
+    return places
+
+
+def _label(device: Device) -> str:
+    return f"{device.platform}-{device.name}".replace(" ", "_")
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    if "device" in metafunc.fixturenames:
+        devices = _devices(metafunc.config)
+        metafunc.parametrize("device", devices, ids=[_label(d) for d in devices], scope="session")
+
+
+@pytest.fixture(scope="session")
+def data_folder() -> Path:
+    """The real captures: ``$CLPLEN_DATA``, else the folder beside the project."""
+    folder = Path(os.environ.get("CLPLEN_DATA", Path(__file__).parents[2] / "shared" / "data"))
+    if not folder.is_dir():
+        pytest.skip(f"no real captures in {folder}: set CLPLEN_DATA to their folder")
+    return folder
