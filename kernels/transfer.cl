@@ -1,11 +1,11 @@
-/* Transfer function of free space and its application to a spectrum.
+/* Transfer function of free space.
  *
  *   H(fx, fy) = exp(i k z (c - 1)),  c = sqrt(1 - s),  s = lam^2 (fx^2 + fy^2) <= 1    (propagating)
  *   H(fx, fy) = exp(-k z sqrt(s - 1)) exp(-i k z)                      s > 1, z > 0    (evanescent)
  *   H         = 0                              s > 1, z < 0, and outside the band of BLAS
  *
  * The carrier exp(ikz) is dropped. H is even in fx and fy, so one quadrant is built,
- * (Ly/2 + 1, Lx/2 + 1) samples, and mirrored when applied.
+ * (Ly/2 + 1, Lx/2 + 1) samples, and mirrored when applied (spectral_filter.cl).
  *
  * -DPHASE_TABLES    c - 1 = -s/2 - q^2/2 with q = s/(1 + c): the first term is a product of two 1-D
  *                   phasor tables made in double on the host, the second a small residual in turns
@@ -13,7 +13,7 @@
  * -DPHASE_TWOFLOAT  the phase in pairs of float32 (Dekker 1971), for devices without fp64
  * -DROWS, -DDOUBLE  see common.cl
  *
- * Mapping: FOR_X of common.cl; `transfer` over the quadrant, `filter_spectrum` over the spectrum.
+ * Mapping: FOR_X of common.cl over the quadrant.
  */
 #include "common.cl"
 #ifdef PHASE_TWOFLOAT
@@ -29,7 +29,7 @@ inline cplx propagating(cplx ex, cplx ey, real2 ax, real2 ay, real2 zl)
 {
 #if defined(PHASE_FP64)
     const double s = ((double)ax.x + ax.y) + ((double)ay.x + ay.y);
-    const double t = -((double)zl.x + zl.y) * s / (1 + sqrt(1 - s));
+    const double t = -((double)zl.x + zl.y) * s / (1 + sqrt(fmax(1 - s, (double)0)));
     return cis_turns((real)(t - rint(t)));
 #elif defined(PHASE_TWOFLOAT)
     return cis_turns(two_phase(ax, ay, zl));
@@ -61,14 +61,4 @@ __kernel void transfer(__global cplx *restrict H, __global const cplx *restrict 
         }
         H[row + x] = h;
     }
-}
-
-__kernel void filter_spectrum(__global cplx *restrict u, __global const cplx *restrict H,
-                              const int ny, const int nx)
-{
-    const int y = get_global_id(1);
-    const size_t row = row_start(get_global_id(2), y, ny, nx);
-    const size_t quadrant = (size_t)min(y, ny - y) * (nx / 2 + 1);
-    FOR_X(x, nx)
-        u[row + x] = cmul(u[row + x], H[quadrant + min(x, nx - x)]);
 }

@@ -86,7 +86,7 @@ def ensure_usable(device: cl.Device) -> str:
     if refusal != UNKNOWN_CPU or not WHEEL.search(device.platform.version):
         raise DeviceError(f"{device.name} cannot build kernels ({refusal}); {INSTEAD}")
     name = os.environ.get("CLPLEN_POCL_CPU") or cpu_name(_cpuinfo().get("flags", ""))
-    unknown = f"the compiler of {device.platform.name} {device.driver_version} does not know this CPU"
+    unknown = f"The compiler of PoCL {device.driver_version} does not know this CPU"
     if name == "off":
         raise DeviceError(f"{unknown} and CLPLEN_POCL_CPU=off forbids the remedy; {INSTEAD}")
     if not _survives(name, device.driver_version) or not _rename(device, name):
@@ -198,6 +198,7 @@ def _try_in_child(name: str) -> bool:
         environment = os.environ | {
             "PYTHONPATH": os.pathsep.join(filter(None, paths)),
             "POCL_CACHE_DIR": folder,
+            "PYOPENCL_NO_CACHE": "1",
         }
         try:
             child = subprocess.run(
@@ -235,7 +236,7 @@ def try_name(name: str) -> None:
     angle = np.linspace(-3.0, 3.0, 16, dtype=np.float32)
     flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
     buffer = cl.Buffer(context, flags, hostbuf=angle)
-    program = cl.Program(context, WIDE_PROBE).build(cache_dir=False)
+    program = cl.Program(context, WIDE_PROBE).build()
     program.probe(queue, (1,), None, buffer)
     result = np.empty_like(angle)
     cl.enqueue_copy(queue, result, buffer)

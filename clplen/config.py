@@ -1,0 +1,225 @@
+"""The camera file: a camera, a scene and a sensor in TOML, with units in the names of the keys."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import sys
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from clplen.cameras.plenoptic1 import PlenopticCamera
+from clplen.cameras.scene import PointSources
+from clplen.cameras.sensor import Sensor
+from clplen.compute.device import Device
+from clplen.errors import FormatError
+from clplen.io.files import PathLike
+from clplen.wave.lenslets import MicrolensArray
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1)]
+
+EXAMPLE = """\
+# A plenoptic camera of type 1, three points and a sensor: clplen simulate camera.toml -o OUT
+# A key that begins with # shows its default.
+
+[camera]
+focal_length_mm = 120.0         # main lens
+wavelength_nm = 532.0
+pixels_per_lenslet = 30         # may be fractional
+# object_distance_mm = 240.0    # to the focused plane; default: twice the focal length, or by
+# image_distance_mm = 240.0     # the lens law from the other one; main lens to microlens array
+# aperture_diameter_mm = 3.6    # default: f-number matched to the lenslets
+# field_lens = false            # a lens at the array that centres every sub-image
+
+[camera.microlenses]
+pitch_um = 150.0
+focal_length_mm = 10.0          # also the distance from the array to the sensor
+count = 101                     # or [rows, columns]
+fill = "full"                   # or "circular" (default)
+# lattice = "square"            # or "hexagonal"
+# diameter_um = 150.0           # default: the pitch
+# offset_um = [0.0, 0.0]        # y, x
+# rotation_deg = 0.0            # positive turns +x towards +y (y down)
+
+[scene]
+# x, y, dz of each point: from the axis point of the focused plane, dz > 0 farther from the lens
+points_mm = [[-3.0, -3.0, -50.0], [0.0, 0.0, 0.0], [3.0, 3.0, 50.0]]
+diameter_um = 10.0              # of each source, a coherent disc; 0 (default): a point
+# power = 1.0                   # energy through the aperture; one number, or one for each point
+
+[sensor]                        # leave it out for the ideal sensor
+# photons_per_energy = 1e6      # photons for the energy 1; default: energies are not counted
+# shot_noise = false
+# read_noise_electrons = 0.0
+# bit_depth = 12                # default: values are not rounded
+# full_well_electrons = 20000.0 # default: no saturation
+# seed = 0
+"""
+
+
+class _Table(BaseModel):
+    """A table of the file; keys that it does not know are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class MicrolensTable(_Table):
+    """``[camera.microlenses]``."""
+
+    pitch_um: Positive
+    focal_length_mm: Positive
+    count: Count | tuple[Count, Count]
+    lattice: Literal["square", "hexagonal"] = "square"
+    fill: Literal["circular", "full"] = "circular"
+    diameter_um: Positive | None = None
+    offset_um: tuple[Finite, Finite] = (0.0, 0.0)
+    rotation_deg: Finite = 0.0
+
+    def build(self) -> MicrolensArray:
+        """The array, in SI units."""
+        return MicrolensArray(
+            self.pitch_um * 1e-6,
+            self.focal_length_mm * 1e-3,
+            count=self.count,
+            lattice=self.lattice,
+            fill=self.fill,
+            diameter=_scaled(self.diameter_um, 1e-6),
+            offset=(self.offset_um[0] * 1e-6, self.offset_um[1] * 1e-6),
+            rotation=math.radians(self.rotation_deg),
+        )
+
+
+class CameraTable(_Table):
+    """``[camera]``."""
+
+    focal_length_mm: Positive
+    wavelength_nm: Positive
+    pixels_per_lenslet: Positive
+    microlenses: MicrolensTable
+    object_distance_mm: Positive | None = None
+    image_distance_mm: Positive | None = None
+    aperture_diameter_mm: Positive | None = None
+    field_lens: bool = False
+
+    def build(self, device: Device) -> PlenopticCamera:
+        """The camera, in SI units, on a device."""
+        return PlenopticCamera.type1(
+            focal_length=self.focal_length_mm * 1e-3,
+            mla=self.microlenses.build(),
+            wavelength=self.wavelength_nm * 1e-9,
+            pixels_per_lenslet=self.pixels_per_lenslet,
+            device=device,
+            object_distance=_scaled(self.object_distance_mm, 1e-3),
+            image_distance=_scaled(self.image_distance_mm, 1e-3),
+            aperture_diameter=_scaled(self.aperture_diameter_mm, 1e-3),
+            field_lens=self.field_lens,
+        )
+
+
+class SceneTable(_Table):
+    """``[scene]``."""
+
+    points_mm: Annotated[list[tuple[Finite, Finite, Finite]], Field(min_length=1)]
+    diameter_um: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    power: Finite | list[Finite] = 1.0
+
+    def build(self) -> PointSources:
+        """The point sources, in SI units."""
+        positions = [tuple(1e-3 * value for value in point) for point in self.points_mm]
+        return PointSources(positions, diameter=self.diameter_um * 1e-6, power=self.power)
+
+
+class SensorTable(_Table):
+    """``[sensor]``."""
+
+    photons_per_energy: Positive | None = None
+    shot_noise: bool = False
+    read_noise_electrons: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    bit_depth: Annotated[int, Field(ge=1, le=16)] | None = None
+    full_well_electrons: Positive | None = None
+    seed: Annotated[int, Field(ge=0)] = 0
+
+    def build(self) -> Sensor:
+        """The sensor."""
+        return Sensor(
+            exposure=self.photons_per_energy,
+            shot_noise=self.shot_noise,
+            read_noise=self.read_noise_electrons,
+            bit_depth=self.bit_depth,
+            full_well=self.full_well_electrons,
+            seed=self.seed,
+        )
+
+
+class CameraFile(_Table):
+    """A whole camera file."""
+
+    camera: CameraTable
+    scene: SceneTable
+    sensor: SensorTable | None = None
+
+
+def read_camera_file(path: PathLike) -> CameraFile:
+    """Read a camera file.
+
+    Parameters
+    ----------
+    path : path-like
+        TOML as ``clplen simulate --example`` prints it.
+
+    Returns
+    -------
+    CameraFile
+
+    Raises
+    ------
+    FormatError
+        If there is no such file, it is not TOML, or a key is unknown (with the nearest known
+        one), missing or out of range.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FormatError(f"There is no camera file {path}; 'clplen simulate --example' prints one.")
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise FormatError(f"{path} is not TOML: {error}.") from error
+    try:
+        return CameraFile.model_validate(content)
+    except ValidationError as error:
+        problems = "; ".join(_problem(problem) for problem in error.errors())
+        raise FormatError(f"{path}: {problems}.") from error
+
+
+def _problem(error: Any) -> str:
+    """One of pydantic's findings in words."""
+    path = [str(part) for part in error["loc"]]
+    key = ".".join(path)
+    if error["type"] == "missing":
+        return f"{key} is missing"
+    if error["type"] != "extra_forbidden":
+        return f"{key}: {error['msg'][0].lower()}{error['msg'][1:]} (found {error['input']!r})"
+    table = _TABLES[path[-2]] if len(path) > 1 else CameraFile
+    known = list(table.model_fields)
+    near = difflib.get_close_matches(path[-1], known, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]}?" if near else f"known here are {', '.join(known)}"
+    return f"unknown key {key}; {hint}"
+
+
+_TABLES: dict[str, type[_Table]] = {
+    "camera": CameraTable, "microlenses": MicrolensTable, "scene": SceneTable,
+    "sensor": SensorTable,
+}
+
+
+def _scaled(value: float | None, unit: float) -> float | None:
+    return None if value is None else value * unit

@@ -1,0 +1,185 @@
+"""File names of views: patterns, what they say about (v, u), and guesses."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+from clplen.errors import FormatError
+
+DEFAULT_PATTERN = "view_{v:02d}_{u:02d}"  # and .png or .tif
+_KNOWN = (
+    "view_{v}_{u}.png", "view_{v}_{u}.tif", "input_Cam{i}.png", "out_{v}_{u}_*.png",
+    "out_{v}_{u}_*.jpg",
+)
+_FIELD = re.compile(r"\{(\w*)(?::\w*)?\}|(\*)")
+_NUMBER = re.compile(r"\d+")
+_LISTED = 12  # how many names a message lists
+
+View = tuple[int, int]
+
+
+class Pattern:
+    """File names with numbers in them.
+
+    Parameters
+    ----------
+    text : str
+        ``{v}`` and ``{u}`` are the row and the column of the view, ``{i}`` counts views row by
+        row, ``{n}`` is a counter that is ignored, ``*`` is anything. A ``/`` reaches into folders.
+
+    Raises
+    ------
+    ValueError
+        If it has neither both ``{v}`` and ``{u}`` nor ``{i}``, or another field.
+    """
+
+    def __init__(self, text: str) -> None:
+        matches = list(_FIELD.finditer(text))
+        fields = sorted(m.group(1) for m in matches if m.group(1) not in (None, "n"))
+        if fields not in (["u", "v"], ["i"]):
+            raise ValueError(
+                f"The pattern {text!r} must have {{v}} and {{u}} once each, or {{i}} once, besides "
+                "any {n} and *; for example 'view_{v}_{u}.png'."
+            )
+        self.text = text
+        self.counts_views = fields == ["i"]
+        parts, position = [], 0
+        for match in matches:
+            parts += [re.escape(text[position : match.start()]), self._group(match)]
+            position = match.end()
+        self._regex = re.compile("".join(parts) + re.escape(text[position:]))
+
+    @staticmethod
+    def _group(match: re.Match[str]) -> str:
+        name, anything = match.groups()
+        if anything:
+            return ".*?"
+        return r"\d+" if name == "n" else rf"(?P<{name}>\d+)"
+
+    def numbers(self, names: Iterable[str]) -> dict[tuple[int, ...], list[str]]:
+        """The files of each (v, u) or (i,), as the names give them."""
+        found: dict[tuple[int, ...], list[str]] = {}
+        for name in names:
+            match = self._regex.fullmatch(name)
+            if match:
+                fields = match.groupdict()
+                key = (fields["i"],) if self.counts_views else (fields["v"], fields["u"])
+                found.setdefault(tuple(int(k) for k in key), []).append(name)
+        return found
+
+
+def arrange(
+    pattern: Pattern, names: Iterable[str], *, views: View | None = None, where: str = "the folder"
+) -> tuple[View, dict[View, str]]:
+    """Which file is which view, by rank: the first number and the step do not matter.
+
+    Parameters
+    ----------
+    pattern : Pattern
+    names : iterable of str
+        File names.
+    views : tuple of int, optional
+        (V, U), rows and columns as the names count them; needed for ``{i}`` unless the count is a
+        square.
+    where : str
+        The folder, for messages.
+
+    Returns
+    -------
+    (V, U), files
+        The counts, and the file of each (v, u) that is there.
+
+    Raises
+    ------
+    FormatError
+        If nothing matches, two files are the same view, or the counts are not those of ``views``.
+    """
+    found = pattern.numbers(names)
+    if not found:
+        raise FormatError(
+            f"No file in {where} matches the pattern {pattern.text!r}; there are, for example, "
+            f"{listed(sorted(names)[:3]) or 'no files'}."
+        )
+    twice = [" and ".join(files) for files in found.values() if len(files) > 1]
+    if twice:
+        raise FormatError(f"Several files in {where} are the same view: {listed(twice)}.")
+    axes = [_ranks(sorted({key[axis] for key in found})) for axis in range(len(next(iter(found))))]
+    counts = [1 + max(ranks.values()) for ranks in axes]
+    ranked = {
+        tuple(axes[axis][value] for axis, value in enumerate(key)): files[0]
+        for key, files in found.items()
+    }
+    if pattern.counts_views:
+        shape = _shape_of(counts[0], views, pattern)
+        return shape, {divmod(rank[0], shape[1]): file for rank, file in ranked.items()}
+    shape = (counts[0], counts[1])
+    if views is not None and tuple(views) != shape:
+        raise FormatError(
+            f"The names in {where} give {shape[0]} x {shape[1]} views (V x U, pattern "
+            f"{pattern.text!r}), but views={tuple(views)} was asked for."
+        )
+    return shape, {(rank[0], rank[1]): file for rank, file in ranked.items()}
+
+
+def _ranks(values: Sequence[int]) -> dict[int, int]:
+    """Rank of each number in an even progression; a gap in it leaves ranks out."""
+    step = math.gcd(*(b - a for a, b in zip(values, values[1:], strict=False))) or 1
+    return {value: (value - values[0]) // step for value in values}
+
+
+def _shape_of(count: int, views: View | None, pattern: Pattern) -> View:
+    """(V, U) of views that are numbered row by row."""
+    if views is not None:
+        if count > views[0] * views[1]:
+            raise FormatError(
+                f"The pattern {pattern.text!r} gives {count} views, more than views={tuple(views)}."
+            )
+        return (views[0], views[1])
+    side = math.isqrt(count)
+    if side * side != count:
+        raise FormatError(
+            f"The pattern {pattern.text!r} gives {count} views, which is no square: say how many "
+            "rows and columns with views=(V, U)."
+        )
+    return (side, side)
+
+
+def guess(names: Sequence[str], *, where: str = "the folder") -> Pattern:
+    """The pattern of a folder's names: a known one, else the most frequent form.
+
+    Two numbers that vary are taken for v and u in this order, one for i.
+
+    Raises
+    ------
+    FormatError
+        If the names do not show what is what.
+    """
+    for text in _KNOWN:
+        if len(Pattern(text).numbers(names)) > 1:
+            return Pattern(text)
+    forms = Counter(_NUMBER.sub("{}", name) for name in names)
+    ask = "give a pattern, for example pattern='view_{v}_{u}.png'"
+    if not forms:
+        raise FormatError(f"There is no picture in {where}: name the folder of views, or {ask}.")
+    form, count = forms.most_common(1)[0]
+    same = [_NUMBER.findall(name) for name in names if _NUMBER.sub("{}", name) == form]
+    columns = [sorted(set(column)) for column in zip(*same, strict=True)]
+    varying = [index for index, column in enumerate(columns) if len(column) > 1]
+    if len(varying) not in (1, 2) or count < 2:
+        raise FormatError(
+            f"{len(varying)} numbers vary in the names in {where} ({listed(sorted(names)[:3])}), "
+            f"which does not tell row and column of the view: {ask}."
+        )
+    fields = dict(zip(varying, ("{v}", "{u}") if len(varying) == 2 else ("{i}",), strict=True))
+    pieces = form.split("{}")
+    values = [fields.get(index, column[0]) for index, column in enumerate(columns)] + [""]
+    return Pattern("".join(a + b for a, b in zip(pieces, values, strict=True)))
+
+
+def listed(items: Sequence[str]) -> str:
+    """A list for a message, cut where it gets long."""
+    more = len(items) - _LISTED
+    return ", ".join(items[:_LISTED]) + (f" and {more} more" if more > 0 else "")

@@ -1,0 +1,209 @@
+"""Folders of views: one picture a view."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from clplen.compute.device import Device
+from clplen.errors import FormatError, ShapeError
+from clplen.io.files import PathLike, filling
+from clplen.io.names import DEFAULT_PATTERN, Pattern, View, arrange, guess, listed
+from clplen.io.picture import SUFFIXES, read_picture, write_picture
+from clplen.lightfield.lightfield import LightField
+
+_THREADS = 16
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How the views of a folder become an array; the words of `clplen.io.read_lightfield`."""
+
+    pattern: str | None = None
+    views: View | None = None
+    flip_v: bool = False
+    flip_u: bool = False
+    swap_uv: bool = False
+    allow_missing: bool = False
+
+
+def read_views(
+    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
+) -> tuple[LightField, str]:
+    """Read a folder of views.
+
+    Parameters
+    ----------
+    path : path-like
+        The folder.
+    device : Device
+    layout : Layout
+    progress : bool
+        Whether to show a bar on standard error.
+
+    Returns
+    -------
+    LightField, str
+        The light field, and what was taken for what, in one sentence.
+
+    Raises
+    ------
+    FormatError
+        Listing the views that are missing, and the pictures that cannot be read or have another
+        size than most.
+    """
+    folder = Path(path)
+    deep = layout.pattern is not None and "/" in layout.pattern
+    files = [file for file in (folder.rglob("*") if deep else folder.iterdir()) if file.is_file()]
+    names = sorted(f.relative_to(folder).as_posix() for f in files if f.name[0] != ".")
+    if layout.pattern is None:
+        pictures = [name for name in names if name.lower().endswith(SUFFIXES)]
+        pattern = guess(pictures, where=str(folder))
+    else:
+        pattern = Pattern(layout.pattern)
+    shape, found = arrange(pattern, names, views=layout.views, where=str(folder))
+    missing = _missing(shape, found, pattern, folder, layout.allow_missing)
+    data = _decode(folder, shape, found, device, progress)
+    weights = np.ones(shape, np.float32)
+    for view in missing:
+        weights[view] = 0
+    data, weights = (_oriented(array, layout) for array in (data, weights))
+    took = _sentence(data, folder, pattern, layout, len(missing))
+    return LightField.from_array(data, device=device, weights=weights), took
+
+
+def _missing(
+    shape: View, found: dict[View, str], pattern: Pattern, folder: Path, allowed: bool
+) -> list[View]:
+    """The views without a file."""
+    missing = [view for view in np.ndindex(*shape) if view not in found]
+    if missing and not allowed:
+        names = listed([f"(v={v}, u={u})" for v, u in missing])
+        raise FormatError(
+            f"{len(missing)} of {shape[0]} x {shape[1]} views are missing in {folder} (pattern "
+            f"{pattern.text!r}, counted from 0): {names}; allow_missing=True gives them weight 0."
+        )
+    return missing
+
+
+def _decode(
+    folder: Path, shape: View, found: dict[View, str], device: Device, progress: bool
+) -> np.ndarray[Any, Any]:
+    """All pictures in one array (v, u, y, x[, c]), decoded by several threads."""
+    forms: dict[View, tuple[Any, ...]] = {}
+    problems: list[str] = []
+    first = _first_readable(folder, found.values())
+    like = np.empty(shape + first.shape, first.dtype)
+    device.require_memory(like.nbytes, "This light field")
+    like[...] = 0
+
+    def read(view: View) -> None:
+        try:
+            picture = read_picture(folder / found[view])
+        except FormatError as error:
+            problems.append(str(error))
+            return
+        forms[view] = (picture.shape, picture.dtype)
+        if forms[view] == (first.shape, first.dtype):
+            like[view] = picture
+
+    with ThreadPoolExecutor(min(_THREADS, os.cpu_count() or 1)) as pool:
+        bar = tqdm(total=len(found), desc="reading", unit="view", disable=not progress)
+        for _ in pool.map(read, found):
+            bar.update()
+        bar.close()
+    problems = sorted(problems) + _differing(forms, found)
+    if problems:
+        raise FormatError(
+            f"{len(problems)} of {len(found)} views in {folder} cannot be used: {listed(problems)}"
+        )
+    return like
+
+
+def _first_readable(folder: Path, names: Iterable[str]) -> np.ndarray[Any, Any]:
+    """The first picture that can be read: it sets the size until the others are known."""
+    problems = []
+    for name in names:
+        try:
+            return read_picture(folder / name)
+        except FormatError as error:
+            problems.append(str(error))
+    raise FormatError(f"No view in {folder} can be read: {listed(problems)}")
+
+
+def _differing(forms: dict[View, tuple[Any, ...]], found: dict[View, str]) -> list[str]:
+    """The pictures of another size or type than most."""
+    if not forms:
+        return []
+    (shape, dtype), _ = Counter(forms.values()).most_common(1)[0]
+    return [
+        f"{found[view]} is {_form(*form)}, most are {_form(shape, dtype)}."
+        for view, form in sorted(forms.items())
+        if form != (shape, dtype)
+    ]
+
+
+def _form(shape: tuple[int, ...], dtype: Any) -> str:
+    return f"{' x '.join(str(n) for n in shape)} {dtype}"
+
+
+def _oriented(array: np.ndarray[Any, Any], layout: Layout) -> np.ndarray[Any, Any]:
+    """Swap the view axes first, then flip the axes that result."""
+    if layout.swap_uv:
+        array = array.swapaxes(0, 1)
+    return array[:: -1 if layout.flip_v else 1, :: -1 if layout.flip_u else 1]
+
+
+def _sentence(
+    data: np.ndarray[Any, Any], folder: Path, pattern: Pattern, layout: Layout, missing: int
+) -> str:
+    done = [word for word in ("swap_uv", "flip_v", "flip_u") if getattr(layout, word)]
+    parts = [
+        f"{data.shape[0]} x {data.shape[1]} views (V x U) of {_form(data.shape[2:], data.dtype)} "
+        f"from {folder}",
+        f"pattern {pattern.text!r}" + ("" if layout.pattern else " (guessed from the names)"),
+        *done,
+    ]
+    if missing:
+        parts.append(f"{missing} missing views with weight 0")
+    return ", ".join(parts)
+
+
+def write_views(path: PathLike, lf: LightField) -> None:
+    """Write a light field as a new folder of pictures ``view_{v:02d}_{u:02d}``.
+
+    uint8 becomes PNG; uint16 and float32 become TIFF, which keeps them. Spacing, weights and
+    camera have no place in pictures: HDF5 keeps them.
+
+    Parameters
+    ----------
+    path : path-like
+        A folder that does not exist yet, or is empty.
+    lf : LightField
+
+    Raises
+    ------
+    FileExistsError
+        If the folder holds something.
+    ShapeError
+        If the views have other than 1 or 3 channels.
+    """
+    values = lf.to_numpy()
+    if values.ndim == 5 and values.shape[4] == 1:
+        values = values[..., 0]
+    if values.ndim == 5 and values.shape[4] != 3:
+        raise ShapeError(
+            f"Pictures have 1 or 3 channels, this light field {values.shape[4]}: write .h5 instead."
+        )
+    suffix = ".png" if lf.dtype == np.uint8 else ".tif"
+    with filling(path) as folder:
+        for v, u in np.ndindex(*values.shape[:2]):
+            write_picture(folder / (DEFAULT_PATTERN.format(v=v, u=u) + suffix), values[v, u])

@@ -1,0 +1,111 @@
+"""From a raw lenslet image to views: sampling every sub-image about its centre."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute.finite import count_bad
+from clplen.errors import ShapeError
+from clplen.lightfield.raw import LensletGrid, RawImage
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+
+_FRACTION = 2.0**24  # positions are multiples of 2^-24 pixel, which float32 holds exactly
+
+
+def resample(raw: RawImage, grid: LensletGrid) -> cla.Array:
+    """Views of a raw image, by separable cubic convolution (Keys 1981, eq. 15, a = -1/2).
+
+    A position that is a whole number of pixels takes that pixel as it is; pixels off the sensor
+    count 0. On a hexagonal lattice every lenslet is sampled about its own centre, and its odd rows
+    are then interpolated by the same cubic, in the same pass, to the columns of the even rows, so
+    that the views lie on a rectangular lattice; at the end of such a row its last lenslet stands
+    for the one that is missing.
+
+    Parameters
+    ----------
+    raw : RawImage
+        Finite, float32.
+    grid : LensletGrid
+        Which pixels belong to which view and lenslet; rotated and sheared lattices too.
+
+    Returns
+    -------
+    pyopencl.array.Array
+        float32, shape (V, U, rows, columns).
+
+    Raises
+    ------
+    ShapeError
+        If the grid has no lenslet or no view.
+    ValueError
+        If the raw image or the grid holds NaN or infinity.
+    DeviceError
+        If the light field is larger than the device's memory.
+    """
+    _check(raw, grid)
+    device = raw.device
+    shape = (*grid.views, *grid.count)
+    device.require_memory(4 * int(np.prod(shape, dtype=np.int64)), "This light field")
+    views = device.empty(shape, np.float32)
+    # On odd rows column k lies `-shift` columns from that row's own lenslet k.
+    before = np.floor(-grid.odd_row_shift)
+    between = -grid.odd_row_shift - before
+    (V, U), (rows, columns), (ny, nx) = grid.views, grid.count, raw.shape
+    device.launch_rows(
+        device.kernel("decode.cl", "decode"),
+        (V, rows, U, columns),
+        views,
+        raw.data,
+        *_row_tables(grid, device),
+        *_column_tables(grid, device),
+        *(np.int32(n) for n in (ny, nx, U, rows, columns, before)),
+        np.float32(between),
+    )
+    return views
+
+
+def _check(raw: RawImage, grid: LensletGrid) -> None:
+    if min(*grid.count, *grid.views) < 1:
+        raise ShapeError(
+            "A lenslet grid has at least one lenslet and one view along each axis, not "
+            f"{grid.count} lenslets of {grid.views} views."
+        )
+    numbers = (*grid.first, *grid.row_step, *grid.column_step, grid.odd_row_shift)
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"The numbers of a lenslet grid are finite, not {grid}.")
+    bad = count_bad(raw.data, raw.device)
+    if bad:
+        raise ValueError(
+            f"The raw image has {bad} pixels that are NaN or infinite, which interpolation would "
+            "spread: replace them before decoding, for example by the mean of their neighbours."
+        )
+
+
+def _row_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Array]:
+    """Where pixel (0, 0) of the first lenslet of each row lies."""
+    i = np.arange(grid.count[0])[:, None]
+    corner = np.asarray(grid.first) - (np.asarray(grid.views) - 1) / 2
+    shift = np.where(i % 2, grid.odd_row_shift, 0.0)
+    return _tables(
+        corner + i * np.asarray(grid.row_step) + shift * np.asarray(grid.column_step), device
+    )
+
+
+def _column_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Array]:
+    """How far each lenslet lies from the first of its row."""
+    return _tables(np.arange(grid.count[1])[:, None] * np.asarray(grid.column_step), device)
+
+
+def _tables(
+    positions: np.ndarray[Any, np.dtype[np.float64]], device: Device
+) -> tuple[cla.Array, cla.Array]:
+    """Integers and fractions of positions (n, 2), int32 and float32."""
+    rounded = np.round(positions * _FRACTION) / _FRACTION
+    whole = np.floor(rounded)
+    part = (rounded - whole).astype(np.float32)
+    return device.upload(whole.astype(np.int32)), device.upload(part)

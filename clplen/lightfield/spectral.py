@@ -1,0 +1,213 @@
+"""Sharpness of refocused images in the Fourier domain, with the camera's own blur divided out.
+
+A refocused image is a slice through the Fourier transform of the light field (Ng 2005,
+"Fourier slice photography", eq. 9). What a lenslet records is the Wigner function of the light
+smoothed by that of its own aperture (Zhang and Levoy 2009, "Wigner distributions and how they
+relate to the light field"); in the Fourier domain that is a product with the aperture's ambiguity
+function, so a slice can be divided by it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+Real = np.ndarray[Any, np.dtype[np.float64]]
+Complex = np.ndarray[Any, np.dtype[np.complex128]]
+
+_COARSE = 49  # disparities of the first search
+_FINE = 9  # disparities of each refinement, over two steps to either side
+_REFINEMENTS = 2
+_FLOOR = 0.05  # of the transfer function
+_BETA = 0.9  # power of the transfer function that is divided out
+_NODES = 16  # of the quadrature over a round lenslet
+
+
+@dataclass(frozen=True)
+class LensletBlur:
+    """How the lenslets smooth what they record.
+
+    Attributes
+    ----------
+    q : float
+        lam f_mu/(dx d): the ambiguity offset, in lenslet diameters, of one cycle a sensor pixel.
+    fill : tuple of float
+        Lenslet diameter over pitch, (y, x).
+    circular : bool
+        Round lenslets; square ones otherwise.
+    """
+
+    q: float
+    fill: tuple[float, float]
+    circular: bool
+
+    def transfer(self, ky: Real, kx: Real, *, shear: tuple[float, float]) -> Real:
+        """Factor on the spectrum of a refocused image.
+
+        Parameters
+        ----------
+        ky, kx : numpy.ndarray
+            Frequencies in cycles a lenslet, 1-D.
+        shear : tuple of float
+            Lenslets a view by which it was refocused, (y, x).
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (ky, kx): the ambiguity function of the aperture at frequency k and offset
+            q shear k (lenslet diameters); 1 at the origin, 0 from an offset of 1.
+        """
+        ny, nx = (k * fill for k, fill in zip((ky, kx), self.fill, strict=True))
+        ty, tx = (np.abs(self.q * c * k) for k, c in zip((ky, kx), shear, strict=True))
+        if self.circular:
+            return disc_ambiguity(
+                np.hypot(ny[:, None], nx[None, :]), np.hypot(ty[:, None], tx[None, :])
+            )
+        return interval_ambiguity(ny, ty)[:, None] * interval_ambiguity(nx, tx)[None, :]
+
+
+def interval_ambiguity(frequency: Real, offset: Real) -> Real:
+    """Ambiguity function of an interval of length 1: (1 - t) sinc(k (1 - t)), 0 from t = 1.
+
+    Woodward 1953, "Probability and information theory", chapter 7.
+    """
+    overlap = np.maximum(1 - offset, 0)
+    return overlap * np.sinc(frequency * overlap)
+
+
+def disc_ambiguity(frequency: Real, offset: Real) -> Real:
+    """Ambiguity function of a disc of diameter 1, the frequency parallel to the offset.
+
+    (4/pi) times the integral of cos(2 pi k x) over the overlap of two discs ``offset`` apart; with
+    x = (sin(angle) - offset)/2 its integrand is smooth (Gauss-Legendre quadrature).
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    t = np.minimum(offset, 1)[..., None]
+    half = (np.pi / 2 - np.arcsin(t)) / 2
+    angle = np.pi / 2 - half * (1 + nodes)
+    wave = np.cos(np.pi * frequency[..., None] * (np.sin(angle) - t))
+    return 4 / np.pi * (half * weights * np.cos(angle) ** 2 * wave).sum(axis=-1)
+
+
+@dataclass(frozen=True)
+class Sharpness:
+    """Spectral energy of the refocused image, a function of the disparity. Made by `sharpness`.
+
+    Attributes
+    ----------
+    spectra : numpy.ndarray
+        complex128, shape (c, v, u, ky, kx): transforms of the views.
+    ky, kx : numpy.ndarray
+        Their frequencies in cycles a lenslet; kx of a real transform.
+    weights : numpy.ndarray
+        Shape (ky, kx): 1 or 2 (half plane) inside the band, 0 outside.
+    aspect : float
+        Shear along y over shear along x.
+    blur : LensletBlur or None
+        Divided out when given.
+    """
+
+    spectra: Complex
+    ky: Real
+    kx: Real
+    weights: Real
+    aspect: float
+    blur: LensletBlur | None
+
+    def __call__(self, disparity: float) -> float:
+        """E(disparity), summed over the band and the colours."""
+        shear = (self.aspect * disparity, disparity)
+        _, V, U, _, _ = self.spectra.shape
+        rows = np.einsum("cvuyx,ux->cvyx", self.spectra, _ramp(U, shear[1], self.kx))
+        image = np.einsum("cvyx,vy->cyx", rows, _ramp(V, shear[0], self.ky))
+        power = (image.real**2 + image.imag**2).sum(axis=0) * self.weights
+        if self.blur is not None:
+            transfer = self.blur.transfer(self.ky, self.kx, shear=shear)
+            power /= np.maximum(np.abs(transfer), _FLOOR) ** (2 * _BETA)
+        return float(power.sum())
+
+
+def _ramp(views: int, shear: float, k: Real) -> Complex:
+    """Phase factors (view, k) that move view j by (j - jc) shear."""
+    step = (np.arange(views) - (views - 1) / 2) * shear
+    return np.exp(-2j * np.pi * step[:, None] * k[None, :])
+
+
+def sharpness(
+    window: Real,
+    *,
+    pad: int,
+    band: tuple[float, float],
+    aspect: float = 1.0,
+    blur: LensletBlur | None = None,
+) -> Sharpness:
+    """The sharpness measure of one window of a light field.
+
+    Parameters
+    ----------
+    window : numpy.ndarray
+        float64, shape (c, v, u, y, x), y and x odd; weights of the views multiplied in.
+    pad : int
+        Zeros on each side of the window, in lenslets, so that no view moves round the end.
+    band : tuple of float
+        Lowest and highest frequency in cycles a lenslet, below 1/2.
+    aspect : float
+        Shear along y over shear along x.
+    blur : LensletBlur, optional
+        To divide it out.
+
+    Returns
+    -------
+    Sharpness
+    """
+    ny, nx = (n + 2 * pad for n in window.shape[-2:])
+    ky, kx = np.fft.fftfreq(ny), np.fft.rfftfreq(nx)
+    rows, columns = np.abs(ky) <= band[1], kx <= band[1]
+    spectra = np.fft.rfft2(window, s=(ny, nx))[..., rows, :][..., columns]
+    ky, kx = ky[rows], kx[columns]
+    radius = np.hypot(ky[:, None], kx[None, :])
+    inside = (radius >= band[0]) & (radius <= band[1])
+    return Sharpness(spectra, ky, kx, inside * np.where(kx == 0, 1.0, 2.0), aspect, blur)
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Where a curve is highest.
+
+    Attributes
+    ----------
+    position : float
+    inside : bool
+        False when the curve is highest at an end of the search, so that no peak was found.
+    positions, values : numpy.ndarray
+        The curve of the first search.
+    """
+
+    position: float
+    inside: bool
+    positions: Real
+    values: Real
+
+
+def find_peak(measure: Callable[[float], float], limit: float) -> Peak:
+    """Highest point of a positive function on [-limit, limit].
+
+    A coarse search, refined twice round the highest value; then a parabola through the logarithm
+    of the three highest.
+    """
+    coarse = np.linspace(-limit, limit, _COARSE)
+    values = np.array([measure(x) for x in coarse])
+    x, y = coarse, values
+    for _ in range(_REFINEMENTS):
+        best, reach = x[np.argmax(y)], 2 * (x[1] - x[0])
+        x = np.linspace(max(best - reach, -limit), min(best + reach, limit), _FINE)
+        y = np.array([measure(position) for position in x])
+    i = int(np.argmax(y))
+    if i in (0, _FINE - 1):
+        return Peak(float(x[i]), False, coarse, values)
+    below, at, above = np.log(y[i - 1 : i + 2])
+    offset = (below - above) / (2 * (below - 2 * at + above))
+    return Peak(float(x[i] + offset * (x[1] - x[0])), True, coarse, values)

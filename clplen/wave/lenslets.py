@@ -1,0 +1,192 @@
+"""Microlens arrays in closed form at real coordinates."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute.device import Device
+from clplen.errors import SamplingError
+from clplen.wave.elements import Aliasing, check_lens_sampling, multiply
+from clplen.wave.field import Field, Grid
+from clplen.wave.phase import whole_and_part
+
+SMALLEST_PITCH = 2  # samples a lenslet
+
+
+@dataclass(frozen=True, init=False)
+class MicrolensArray:
+    """Thin lenslets on a square or hexagonal lattice, centred on the axis.
+
+    Lenslet (i, k) is centred at rotation * ((k - (nx - 1)/2) pitch, (i - (ny - 1)/2) height) +
+    offset, with height = pitch (square) or sqrt(3)/2 pitch (hexagonal, odd rows moved by
+    +pitch/2). Outside its lenslets the array is opaque.
+
+    Parameters
+    ----------
+    pitch : float
+        Between neighbours of a row, in metres.
+    f : float
+        Focal length of a lenslet in metres, not 0.
+    count : int or tuple of int
+        Lenslets, (ny, nx) or one number for both.
+    lattice : {"square", "hexagonal"}
+    fill : {"circular", "full"}
+        Aperture of a lenslet: a disc, or the lattice cell (square or hexagon).
+    diameter : float, optional
+        Of the disc, or width of the cell, in metres, at most ``pitch``; None: ``pitch``.
+    offset : tuple of float
+        (y, x) of the array's centre in metres.
+    rotation : float
+        In radians; positive turns +x towards +y (y down).
+
+    Raises
+    ------
+    ValueError
+        For a length, count, lattice or fill outside its range.
+    """
+
+    pitch: float
+    f: float
+    count: tuple[int, int]
+    lattice: str
+    fill: str
+    diameter: float
+    offset: tuple[float, float]
+    rotation: float
+
+    def __init__(
+        self,
+        pitch: float,
+        f: float,
+        *,
+        count: int | tuple[int, int],
+        lattice: Literal["square", "hexagonal"] = "square",
+        fill: Literal["circular", "full"] = "circular",
+        diameter: float | None = None,
+        offset: tuple[float, float] = (0.0, 0.0),
+        rotation: float = 0.0,
+    ) -> None:
+        counts = np.broadcast_to(np.asarray(count), (2,))
+        if not (math.isfinite(pitch) and pitch > 0):
+            raise ValueError(f"The pitch of lenslets is positive, in metres, not {pitch!r}.")
+        if not math.isfinite(f) or f == 0:
+            raise ValueError(f"The focal length of lenslets is finite and not 0, not {f!r}.")
+        if any(int(n) != n or n < 1 for n in counts):
+            raise ValueError(f"The count of lenslets is positive integers (ny, nx), not {count!r}.")
+        if lattice not in ("square", "hexagonal"):
+            raise ValueError(f"lattice is 'square' or 'hexagonal', not {lattice!r}.")
+        if fill not in ("circular", "full"):
+            raise ValueError(f"fill is 'circular' or 'full', not {fill!r}.")
+        width = pitch if diameter is None else diameter
+        if not 0 < width <= pitch * (1 + 1e-12):
+            raise ValueError(
+                f"The diameter of a lenslet lies between 0 and its pitch of {pitch:g} m, "
+                f"not {diameter!r}."
+            )
+        values = {
+            "pitch": float(pitch), "f": float(f), "count": (int(counts[0]), int(counts[1])),
+            "lattice": lattice, "fill": fill, "diameter": float(width),
+            "offset": (float(offset[0]), float(offset[1])), "rotation": float(rotation),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def row_pitch(self) -> float:
+        """Distance of neighbouring rows in metres."""
+        return self.pitch * (math.sqrt(3) / 2 if self.lattice == "hexagonal" else 1.0)
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Height and width of the unrotated array in metres."""
+        ny, nx = self.count
+        if self.lattice == "square":
+            return (ny * self.pitch, nx * self.pitch)
+        height = (ny - 1) * self.row_pitch + 2 * self.pitch / math.sqrt(3)
+        return (height, (nx + (0.5 if ny > 1 else 0.0)) * self.pitch)
+
+    def centres(self) -> np.ndarray:
+        """Centres (y, x) of the lenslets in metres, shape (ny, nx, 2)."""
+        i, k = np.indices(self.count, dtype=np.float64)
+        a = k - (self.count[1] - 1) / 2
+        if self.lattice == "hexagonal":
+            a = a + (i % 2) / 2
+        x, y = a * self.pitch, (i - (self.count[0] - 1) / 2) * self.row_pitch
+        cos, sin = math.cos(self.rotation), math.sin(self.rotation)
+        return np.stack(
+            [x * sin + y * cos + self.offset[0], x * cos - y * sin + self.offset[1]], axis=-1
+        )
+
+    def apply(self, field: Field, *, aliasing: Aliasing = "raise") -> Field:
+        """The field behind the array.
+
+        Parameters
+        ----------
+        field : Field
+            On a grid with equal pitch along y and x or not; any origin.
+        aliasing : {"raise", "warn", "allow"}
+            As in `thin_lens`, for a lenslet's phase.
+
+        Returns
+        -------
+        Field
+
+        Raises
+        ------
+        SamplingError
+            If the pitch is below 2 samples, or a lenslet's phase is aliased.
+        """
+        largest = max(field.grid.pitch)
+        if self.pitch < SMALLEST_PITCH * largest * (1 - 1e-12):
+            raise SamplingError(
+                f"The lenslets' pitch of {self.pitch:g} m is {self.pitch / largest:.3g} samples of "
+                f"{largest:g} m; at least {SMALLEST_PITCH} are needed: sample more finely."
+            )
+        check_lens_sampling(field.grid, self.f, self.diameter / 2, field.wavelength, aliasing)
+        return multiply(field, self.transmission(field.grid, field.wavelength, field.device))
+
+    def transmission(self, grid: Grid, wavelength: float, device: Device) -> cla.Array:
+        """Complex transmission on a grid, shape (ny, nx); kept on the device for the next call."""
+        return device.plans.get(
+            ("lenslets", self, grid, wavelength),
+            lambda: self._transmission(grid, wavelength, device),
+            lambda array: int(array.nbytes),
+        )
+
+    def _transmission(self, grid: Grid, wavelength: float, device: Device) -> cla.Array:
+        real = device.real.type
+        out = device.empty(grid.shape, device.complex)
+        defines = device.wave_defines()
+        defines |= {"HEXAGONAL": True} if self.lattice == "hexagonal" else {}
+        defines |= {"FULL": True} if self.fill == "full" else {}
+        kernel = device.kernel("lenslets.cl", "lenslets", **defines)
+        cos, sin = math.cos(self.rotation), math.sin(self.rotation)
+        device.launch_rows(
+            kernel, grid.shape, out, *(device.upload(t) for t in self._lattice_tables(grid, device)),
+            real(self.pitch**2 / (2 * wavelength * self.f)),
+            real(self.diameter / self.pitch / 2),
+            np.array([cos, sin], device.real), real(self.rotation),
+            real(grid.pitch[0] / self.pitch / 2), real(grid.pitch[1] / self.pitch / 2),
+            np.int32(self.count[0]), np.int32(self.count[1]),
+            np.int32(grid.shape[0]), np.int32(grid.shape[1]),
+        )
+        return out
+
+    def _lattice_tables(self, grid: Grid, device: Device) -> list[np.ndarray]:
+        """What y and x add to the column and row coordinate: a(y), b(y), a(x), b(x)."""
+        y, x = grid.y - self.offset[0], grid.x - self.offset[1]
+        cos, sin = math.cos(self.rotation), math.sin(self.rotation)
+        column = (self.count[1] - 1) / 2
+        row = (self.count[0] - 1) / 2
+        values = (
+            y * sin / self.pitch + column,
+            y * cos / self.row_pitch + row,
+            x * cos / self.pitch,
+            -x * sin / self.row_pitch,
+        )
+        return [whole_and_part(v, device.real) for v in values]

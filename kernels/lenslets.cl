@@ -1,0 +1,123 @@
+/* Transmission of a microlens array in closed form at real coordinates.
+ *
+ *   t(y, x) = A(y, x) exp(-i pi r^2/(lam f)),  r = distance to the nearest lenslet's centre,
+ *   A = fraction of the sample's cell that the lenslets' apertures cover
+ *
+ * Coordinates are in pitches along the array's own columns (a) and rows (b): the contributions of x
+ * and y to each are 1-D tables of (integer, fraction) made in double on the host, so that neither a
+ * sub-pixel pitch nor a far corner costs phase in float32.
+ *
+ * -DHEXAGONAL       rows sqrt(3)/2 pitch apart, odd rows shifted by +1/2; square lattice otherwise
+ * -DFULL            the aperture is the lattice cell (square or hexagon); a disc otherwise
+ * -DROWS, -DDOUBLE  see common.cl
+ *
+ * Mapping: FOR_X of common.cl.
+ */
+#include "coverage.cl"
+
+#ifdef HEXAGONAL
+#define ROW_HEIGHT ((real)sqrt((real)3) / 2)
+#define SIDES 6
+#else
+#define ROW_HEIGHT ((real)1)
+#define SIDES 4
+#endif
+
+/* Offset of the sample from lenslet (row, column), in pitches, and its place on the lattice. */
+typedef struct {
+    int row, column;
+    real a, b;
+} Lenslet;
+
+inline Lenslet in_row(int row, real2 a, real2 b, int columns)
+{
+    Lenslet l;
+    l.row = row;
+    l.b = ((b.x - row) + b.y) * ROW_HEIGHT;
+#ifdef HEXAGONAL
+    const real shift = (row & 1) * (real)0.5f;
+#else
+    const real shift = 0;
+#endif
+    l.column = clamp((int)a.x + (int)rint(a.y - shift), 0, columns - 1);
+    l.a = ((a.x - l.column) + a.y) - shift;
+    return l;
+}
+
+inline Lenslet nearest(real2 a, real2 b, int rows, int columns)
+{
+    const int row = clamp((int)b.x + (int)rint(b.y), 0, rows - 1);
+    Lenslet best = in_row(row, a, b, columns);
+#ifdef HEXAGONAL
+    for (int step = -1; step <= 1; step += 2) {
+        const Lenslet l = in_row(clamp(row + step, 0, rows - 1), a, b, columns);
+        if (l.a * l.a + l.b * l.b < best.a * best.a + best.b * best.b)
+            best = l;
+    }
+#endif
+    return best;
+}
+
+/* Aperture of the lenslet at offset (a, b) from the sample, turned into the sensor's axes. */
+inline real one_coverage(real a, real b, real radius, real2 turn, real angle, real hx, real hy)
+{
+    const real cx = -(a * turn.x - b * turn.y), cy = -(a * turn.y + b * turn.x);
+#ifdef FULL
+    return polygon_coverage(cx, cy, radius, SIDES, angle, hx, hy);
+#else
+    return disc_coverage(cx, cy, radius, hx, hy);
+#endif
+}
+
+/* Sum over the nearest lenslet and its neighbours on the lattice (apertures do not overlap). */
+inline real coverage(Lenslet l, real radius, real2 turn, real angle, real hx, real hy, int rows,
+                     int columns)
+{
+    real sum = 0;
+    for (int i = -1; i <= 1; ++i) {
+        const int row = l.row + i;
+        if (row < 0 || row >= rows)
+            continue;
+#ifdef HEXAGONAL
+        const real shift = ((row & 1) - (l.row & 1)) * (real)0.5f;
+#else
+        const real shift = 0;
+#endif
+        for (int k = -1; k <= 1; ++k) {
+            const int column = l.column + k;
+            if (column >= 0 && column < columns)
+                sum += one_coverage(l.a - k - shift, l.b - i * ROW_HEIGHT, radius, turn, angle, hx,
+                                    hy);
+        }
+    }
+    return fmin(sum, (real)1);
+}
+
+__kernel void lenslets(__global cplx *restrict t, __global const real2 *restrict a_of_y,
+                       __global const real2 *restrict b_of_y,
+                       __global const real2 *restrict a_of_x,
+                       __global const real2 *restrict b_of_x, const real turns, const real radius,
+                       const real2 turn, const real angle, const real hy, const real hx,
+                       const int rows, const int columns, const int ny, const int nx)
+{
+    const int y = get_global_id(1);
+    const size_t row = row_start(0, y, ny, nx);
+    const real reach = fabs(hx) + fabs(hy);
+    FOR_X(x, nx) {
+        const real2 a = a_of_y[y] + a_of_x[x];
+        const real2 b = b_of_y[y] + b_of_x[x];
+        const Lenslet l = nearest(a, b, rows, columns);
+        const real r2 = l.a * l.a + l.b * l.b;
+        real amplitude = 1;
+#ifdef FULL
+        const bool inner = radius >= (real)0.5f && l.row > 0 && l.row < rows - 1 && l.column > 0 &&
+                           l.column < columns - 1;
+#else
+        const bool inner = false;
+#endif
+        const real room = radius - reach;
+        if (!inner && !(room > 0 && r2 < room * room))
+            amplitude = coverage(l, radius, turn, angle, hx, hy, rows, columns);
+        t[row + x] = amplitude * cis_turns(-turns * r2);
+    }
+}

@@ -1,0 +1,19 @@
+/* A field times a product of two 1-D tables: thin lenses, tilts, rectangular apertures.
+ *
+ *   out[b, y, x] = in[b, y, x] ty[y] tx[x]
+ *
+ * The tables are made in double on the host, so that a lens keeps its phase in float32.
+ * Mapping: FOR_X of common.cl. in and out may be the same array. -DROWS, -DDOUBLE: see common.cl.
+ */
+#include "common.cl"
+
+__kernel void multiply_separable(__global cplx *out, __global const cplx *in,
+                                 __global const cplx *restrict ty,
+                                 __global const cplx *restrict tx, const int ny, const int nx)
+{
+    const int y = get_global_id(1);
+    const size_t row = row_start(get_global_id(2), y, ny, nx);
+    const cplx t = ty[y];
+    FOR_X(x, nx)
+        out[row + x] = cmul(in[row + x], cmul(t, tx[x]));
+}

@@ -1,0 +1,32 @@
+/* Plain questions to the samples of a light field.
+ *
+ *   lit     lit[view] = 1 if a sample of the view is not 0, else 0; one item a view
+ *   slice   out[r, k, c] = L[start + r row_step + k column_step + c], as float32; FOR_X over (k, c)
+ *
+ * -DSAMPLE=uchar | ushort | float: what the light field stores. -DROWS: see common.cl.
+ */
+#include "common.cl"
+
+__kernel void lit(__global int *restrict lit, __global const SAMPLE *restrict L, const int views,
+                  const long samples)
+{
+    const int view = get_global_id(0);
+    if (view >= views)
+        return;
+    __global const SAMPLE *from = L + view * samples;
+    long s = 0;
+    while (s < samples && from[s] == 0)
+        ++s;
+    lit[view] = s < samples;
+}
+
+__kernel void slice(__global float *restrict out, __global const SAMPLE *restrict L,
+                    const long start, const long row_step, const long column_step,
+                    const int columns, const int channels)
+{
+    const int r = get_global_id(1);
+    const int width = columns * channels;
+    FOR_X(s, width)
+        out[(long)r * width + s] =
+            L[start + r * row_step + s / channels * column_step + s % channels];
+}
