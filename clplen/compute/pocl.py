@@ -126,7 +126,7 @@ def _refusal(device: cl.Device) -> str:
     """Build the one-line kernel; return the compiler's first complaint, empty if it builds."""
     program = cl.Program(cl.Context([device]), PROBE)
     try:
-        program.build(cache_dir=False)
+        program.build()
     except cl.Error as error:
         lines = str(error).splitlines()
         return next((line for line in lines if line.startswith("error:")), lines[0])

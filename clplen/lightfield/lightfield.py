@@ -15,11 +15,10 @@ from clplen.errors import DeviceError, ShapeError
 from clplen.lightfield import decode as decoding
 from clplen.lightfield import render as rendering
 from clplen.lightfield.raw import CameraModel, RawImage, Spacing
+from clplen.lightfield.samples import C_TYPE, lit_views
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
-
-STORED = (np.dtype(np.uint8), np.dtype(np.uint16), np.dtype(np.float32))
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,8 @@ class LightField:
         spacing : tuple of float, optional
             Signed (dv, du, dy, dx) in metres; needed for ``alpha``.
         weights : array_like, optional
-            Shape (V, U), default 1. A view that is black throughout gets weight 0.
+            Shape (V, U), finite, not negative, not all 0. By default 0 for views that are black
+            throughout, 1 for the others (1 for all when all are black).
         camera : CameraModel, optional
             Needed for depth in metres.
 
@@ -91,7 +91,10 @@ class LightField:
         ShapeError
             If the array is not 4-D or 5-D, is empty, or the weights do not fit it.
         ValueError
-            If a sample is NaN or infinite: refused here, because interpolation would spread it.
+            If a sample is NaN or infinite: refused here, because interpolation would spread it;
+            if spacing or weights are out of range.
+        TypeError
+            If the samples are complex, or on the device and of none of the three types.
         DeviceError
             If it is larger than the device's memory, or an array of another device.
         """
@@ -107,8 +110,8 @@ class LightField:
                 f"The light field has {bad} samples that are NaN or infinite, which interpolation "
                 "would spread: replace them by 0 and give their views weight 0 (weights=)."
             )
-        views = (int(data.shape[0]), int(data.shape[1]))
-        return cls(data, device, _checked_spacing(spacing), _checked_weights(weights, views), camera)
+        checked = _weights_of_lit(data, device) if weights is None else _checked(weights, data)
+        return cls(data, device, _checked_spacing(spacing), checked, camera)
 
     @classmethod
     def from_raw(cls, raw: RawImage, *, decode: str = "calibrated") -> LightField:
@@ -121,7 +124,8 @@ class LightField:
             "calibrated" samples the sub-images of the main lens' pupil about their true centres,
             x_k (1 + f_mu/F), by separable cubic convolution (Keys 1981, a = -1/2): pixel j of a
             sub-image is one position u on the main lens. "naive" cuts the lenslets' own cells, a
-            permutation of the pixels: it samples direction, not position.
+            permutation of the pixels: it samples direction, not position. The odd rows of a
+            hexagonal array are interpolated to a rectangular lattice by the same cubic.
 
         Returns
         -------
@@ -131,7 +135,9 @@ class LightField:
         Raises
         ------
         ValueError
-            If ``decode`` is neither.
+            If ``decode`` is neither, or the raw image holds NaN or infinity.
+        DeviceError
+            If it is larger than the device's memory.
         """
         grids = {"calibrated": raw.sub_images, "naive": raw.cells}
         if decode not in grids:
@@ -180,7 +186,9 @@ class LightField:
         return 1 / (1 + scaled) if self.decode == "naive" else 1 - scaled
 
     def view(self, v: float, u: float) -> Image:
-        """The view at (v, u), between views too (bilinear in the aperture).
+        """The view at (v, u), between views too (bilinear in the aperture, by `weights`).
+
+        A view of weight 0 is shown as it is stored, but not mixed into others.
 
         Parameters
         ----------
@@ -228,13 +236,16 @@ class LightField:
         Parameters
         ----------
         aperture : int, float, str or array_like, optional
-            int: that many views across (eq. 3.3 of the source: k//2 dropped below, the rest
-            above); float in (0, 1]: fraction of the full diameter, a disc; ``"f/66"``: f-number of
-            the main lens at its image, needs a camera; array (V, U): weights. None: all views.
+            int: that many views across (of N views, thesis eq. 3.3 drops (N - N')//2 below and the
+            rest above); float in (0, 1]: a disc of that fraction of the full diameter (an ellipse
+            V views high and U wide); ``"f/66"``: a disc on the main lens by f-number at its image,
+            needs camera and spacing; array (V, U): weights. A view that the rim crosses counts
+            with the covered fraction of its cell. None: all views.
         viewpoint : tuple of float, optional
-            (v, u) of the aperture's centre. Alone, it is that one view.
+            (v, u) of the aperture's centre, between views too; what then lies outside the views is
+            cut off. Alone, it is that one view.
         total : bool
-            The sum over views instead of the weighted mean.
+            The weighted sum over views instead of the weighted mean.
 
         Returns
         -------
@@ -244,7 +255,12 @@ class LightField:
         Raises
         ------
         ValueError
-            If the aperture or the viewpoint lies outside the views.
+            If the aperture or the viewpoint lies outside the views, leaves only views of weight 0,
+            or needs a camera that is not known.
+        ShapeError
+            If an array of weights has not one for each view.
+        TypeError
+            If the aperture is none of these.
         """
         return rendering.render(self, aperture=aperture, viewpoint=viewpoint, total=total)
 
@@ -260,21 +276,33 @@ class LightField:
 
 def _adopt(a: Any, device: Device) -> cla.Array:
     """The samples on the device in a storage type of the light field."""
-    if not isinstance(a, cla.Array):
-        values = np.asarray(a)
-        if values.dtype.kind not in "buif":
-            raise TypeError(f"A light field is real, not {values.dtype}.")
-        if values.dtype not in STORED:
-            values = values.astype(np.float32)
-        device.require_memory(values.nbytes, "This light field")
-        return device.upload(values)
+    if isinstance(a, cla.Array):
+        return _adopt_device(a, device)
+    values = np.asarray(a)
+    if values.dtype.kind not in "buif":
+        raise TypeError(f"A light field is real, not {values.dtype}.")
+    native = values.dtype.newbyteorder("=")
+    dtype = native if native in C_TYPE else np.dtype(np.float32)
+    device.require_memory(values.size * dtype.itemsize, "This light field")
+    return device.upload(values.astype(dtype, copy=False))
+
+
+def _adopt_device(a: cla.Array, device: Device) -> cla.Array:
+    """An array that is on the device already, when everything on its own queue is done."""
     if a.context != device.context:
         raise DeviceError(
             f"The array lives in another OpenCL context than {device!r}: make it on device.queue."
         )
-    if np.dtype(a.dtype) not in STORED:
+    if np.dtype(a.dtype) not in C_TYPE:
         raise TypeError(f"On the device a light field is uint8, uint16 or float32, not {a.dtype}.")
-    return a if a.flags.c_contiguous and a.offset == 0 else a.copy()
+    if not a.flags.c_contiguous:
+        raise ShapeError(
+            f"On the device a light field is C-contiguous, not of strides {a.strides}: copy it "
+            "into a new array, or give a NumPy array."
+        )
+    if a.queue is not None:
+        a.queue.finish()
+    return a if a.offset == 0 else a.copy(queue=device.queue)
 
 
 def _checked_spacing(spacing: Any) -> Spacing | None:
@@ -286,16 +314,16 @@ def _checked_spacing(spacing: Any) -> Spacing | None:
     return values
 
 
-def _checked_weights(
-    weights: Any, views: tuple[int, int]
-) -> np.ndarray[Any, np.dtype[np.float32]]:
-    if weights is None:
-        return np.ones(views, np.float32)
+def _weights_of_lit(data: cla.Array, device: Device) -> np.ndarray[Any, np.dtype[np.float32]]:
+    lit = lit_views(data, device)
+    return (lit if lit.any() else ~lit).astype(np.float32)
+
+
+def _checked(weights: Any, data: cla.Array) -> np.ndarray[Any, np.dtype[np.float32]]:
     values = np.asarray(weights, np.float32)
+    views = (int(data.shape[0]), int(data.shape[1]))
     if values.shape != views:
         raise ShapeError(f"The weights have shape {values.shape}, the views {views}.")
-    if not (np.isfinite(values).all() and (values >= 0).all()):
-        raise ValueError("Weights of views are finite and not negative.")
+    if not (np.isfinite(values).all() and (values >= 0).all() and values.any()):
+        raise ValueError("Weights of views are finite, not negative and not all 0.")
     return values
-
-

@@ -9,6 +9,7 @@ import numpy as np
 
 from clplen.compute.image import Image
 from clplen.lightfield.aperture import Weights, aperture_weights
+from clplen.lightfield.samples import plane
 from clplen.lightfield.shear import shear_sum
 
 if TYPE_CHECKING:
@@ -58,33 +59,35 @@ def view_weights(lf: LightField, aperture: Any, viewpoint: Any) -> Weights:
     return weights
 
 
-def epi(
-    lf: LightField, *, y: int | None, x: int | None, v: int | None, u: int | None
-) -> Image:
+def epi(lf: LightField, *, y: int | None, x: int | None, v: int | None, u: int | None) -> Image:
     """See `LightField.epi`."""
     given = {name: n for name, n in zip("yxvu", (y, x, v, u), strict=True) if n is not None}
     if set(given) not in ({"y", "v"}, {"x", "u"}):
         raise ValueError(
             f"An epipolar-plane image takes y and v, or x and u, not {', '.join(given) or 'none'}."
         )
-    sizes = dict(zip("vuyx", lf.shape, strict=False))
     for name, n in given.items():
-        if not isinstance(n, Integral) or not 0 <= n < sizes[name]:
-            raise ValueError(f"{name} is a whole number from 0 to {sizes[name] - 1}, not {n!r}.")
-    steps = dict(zip("vuyx", _steps(lf.shape), strict=True))
-    rows, columns = "ux" if "y" in given else "vy"
-    channels = lf.shape[4:]
-    out = lf.device.empty((sizes[rows], sizes[columns], *channels), np.float32)
-    count = channels[0] if channels else 1
-    lf.device.launch_rows(
-        lf.device.kernel("views.cl", "slice", SAMPLE=SAMPLE[lf.dtype]),
-        (sizes[rows], sizes[columns] * count),
-        out,
+        size = lf.shape["vuyx".index(name)]
+        if not isinstance(n, Integral) or not 0 <= n < size:
+            raise ValueError(f"{name} is a whole number from 0 to {size - 1}, not {n!r}.")
+    fixed = {"vuyx".index(name): int(n) for name, n in given.items()}
+    axes = (1, 3) if "y" in given else (0, 2)
+    return Image(plane(lf.data, fixed, axes, lf.device), lf.device)
+
+
+def _mean(lf: LightField, weights: Weights) -> Image:
+    return _sum(lf, weights / weights.sum(dtype=np.float64))
+
+
+def _sum(lf: LightField, weights: np.ndarray[Any, Any]) -> Image:
+    """The sum of w[v, u] L[v, u]."""
+    V, U = weights.shape
+    picture = shear_sum(
         lf.data,
-        np.int64(sum(int(n) * steps[name] for name, n in given.items())),
-        np.int64(steps[rows]),
-        np.int64(steps[columns]),
-        np.int32(sizes[columns]),
-        np.int32(count),
+        weights.astype(np.float32),
+        np.zeros((1, V)),
+        np.zeros((1, U)),
+        device=lf.device,
+        total=True,
     )
-    return Image(out, lf.device)
+    return Image(picture.reshape(lf.shape[2:]), lf.device)

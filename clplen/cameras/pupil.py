@@ -1,0 +1,96 @@
+"""Fields of point sources in a lens' pupil."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from clplen.cameras.scene import PointSources
+from clplen.compute.device import Device
+from clplen.wave.field import Field, Grid
+from clplen.wave.phase import phasor
+
+STEP = 1e-2  # of the table of 2 J1(v)/v; cubic Hermite interpolation is then right to 3e-12
+
+
+def pupil_fields(
+    sources: PointSources,
+    chosen: slice,
+    *,
+    grid: Grid,
+    object_distance: float,
+    focal_length: float,
+    aperture_diameter: float,
+    wavelength: float,
+    device: Device,
+) -> Field:
+    """Fields right behind a thin lens with a circular aperture, one for each chosen source.
+
+    An exact spherical wave from the source, times 2 J1(v)/v, v = pi d rho/(lam z), for a uniform
+    coherent disc of diameter d (Goodman 2005, eq. 4-31), times aperture and lens.
+
+    Parameters
+    ----------
+    sources : PointSources
+    chosen : slice
+        Which of them.
+    grid : Grid
+        In the plane of the lens.
+    object_distance : float
+        Lens to focused object plane in metres.
+    focal_length, aperture_diameter, wavelength : float
+        In metres.
+    device : Device
+
+    Returns
+    -------
+    Field
+        Shape (n, ny, nx), each of unit amplitude at the pupil's brightest; not normalised.
+    """
+    places = sources.positions[chosen]
+    y, x = grid.y, grid.x
+    z = object_distance + places[:, 2]
+    ty, tx = (
+        _quadratic_phasors(axis, places[:, column], z, focal_length, wavelength, device)
+        for axis, column in ((y, 1), (x, 0))
+    )
+    scale = np.pi * sources.diameter / (wavelength * z)
+    reach = np.hypot(*(aperture_diameter / 2 + np.abs(places[:, :2]).max(axis=0)))
+    table, per_step = _disc_table(float(scale.max() * reach), device)
+    foot = np.stack([places[:, 1], places[:, 0], z, scale], axis=-1).astype(device.real)
+    out = device.empty((len(z), *grid.shape), device.complex)
+    real = device.real.type
+    kernel = device.kernel("source.cl", "point_sources", **device.wave_defines())
+    device.launch_rows(
+        kernel, out.shape, out, device.upload(ty), device.upload(tx), device.upload(foot),
+        device.upload(table), np.int32(len(table) - 1), real(per_step), real(wavelength),
+        device.upload(y.astype(device.real)), device.upload(x.astype(device.real)),
+        real(aperture_diameter / 2), real(grid.pitch[0] / 2), real(grid.pitch[1] / 2),
+        np.int32(grid.shape[0]), np.int32(grid.shape[1]),
+    )
+    return Field(out, grid, wavelength, device)
+
+
+def _quadratic_phasors(
+    axis: np.ndarray[Any, Any],
+    foot: np.ndarray[Any, Any],
+    z: np.ndarray[Any, Any],
+    f: float,
+    wavelength: float,
+    device: Device,
+) -> np.ndarray[Any, Any]:
+    """Source and lens together along one axis, shape (sources, samples)."""
+    spherical = (axis[None, :] - foot[:, None]) ** 2 / (2 * wavelength * z[:, None])
+    return phasor(spherical - axis[None, :] ** 2 / (2 * wavelength * f), device.complex)
+
+
+def _disc_table(largest: float, device: Device) -> tuple[np.ndarray[Any, Any], float]:
+    """2 J1(v)/v and its slope times the step, from 0 to ``largest``; and steps a unit of v."""
+    count = max(2, int(np.ceil(largest / STEP)) + 2)
+    v = np.arange(count) * STEP
+    safe = np.where(v > 0, v, 1.0)
+    value = np.where(v > 0, 2 * special.j1(safe) / safe, 1.0)
+    slope = np.where(v > 0, -2 * special.jv(2, safe) / safe, 0.0)
+    return np.stack([value, slope * STEP], axis=-1).astype(device.real), 1 / STEP

@@ -1,0 +1,77 @@
+"""The stored samples of a light field: their types, black views, slices."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+
+C_TYPE = {
+    np.dtype(np.uint8): "uchar",
+    np.dtype(np.uint16): "ushort",
+    np.dtype(np.float32): "float",
+}
+
+
+def lit_views(data: cla.Array, device: Device) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """Which views have a sample that is not 0.
+
+    Parameters
+    ----------
+    data : pyopencl.array.Array
+        Shape (v, u, ...), uint8, uint16 or float32.
+    device : Device
+
+    Returns
+    -------
+    numpy.ndarray
+        bool, shape (V, U).
+    """
+    shape = tuple(int(n) for n in data.shape[:2])
+    views = shape[0] * shape[1]
+    lit = device.empty(shape, np.int32)
+    kernel = device.kernel("views.cl", "lit", SAMPLE=C_TYPE[np.dtype(data.dtype)])
+    device.launch(kernel, (views,), lit, data, np.int32(views), np.int64(data.size // views))
+    return device.download(lit) != 0
+
+
+def plane(
+    data: cla.Array, fixed: dict[int, int], axes: tuple[int, int], device: Device
+) -> cla.Array:
+    """The samples over two axes of a light field, the others being fixed.
+
+    Parameters
+    ----------
+    data : pyopencl.array.Array
+        Shape (v, u, y, x) or (v, u, y, x, c), C-contiguous, uint8, uint16 or float32.
+    fixed : dict
+        Index along each of the other two of the first four axes.
+    axes : tuple of int
+        Rows and columns of the plane.
+    device : Device
+
+    Returns
+    -------
+    pyopencl.array.Array
+        float32, shape (rows, columns[, c]).
+    """
+    shape = tuple(int(n) for n in data.shape)
+    steps = [int(np.prod(shape[axis + 1 :], dtype=np.int64)) for axis in range(4)]
+    rows, columns = (shape[axis] for axis in axes)
+    channels = int(np.prod(shape[4:], dtype=np.int64))
+    out = device.empty((rows, columns, *shape[4:]), np.float32)
+    start = sum(index * steps[axis] for axis, index in fixed.items())
+    device.launch_rows(
+        device.kernel("views.cl", "slice", SAMPLE=C_TYPE[np.dtype(data.dtype)]),
+        (rows, columns * channels),
+        out,
+        data,
+        *(np.int64(n) for n in (start, steps[axes[0]], steps[axes[1]])),
+        np.int32(columns),
+        np.int32(channels),
+    )
+    return out

@@ -1,0 +1,60 @@
+/* Fields of point sources in the pupil of a lens, behind the lens.
+ *
+ *   u_n(y, x) = A(y, x) exp(i k (r - z_n)) 2 J1(v)/v exp(-i pi (x^2 + y^2)/(lam f)),
+ *   rho = distance of (x, y) from the foot of source n, r = sqrt(rho^2 + z_n^2), v = scale_n rho
+ *
+ * with r - z = rho^2/(2z) - (r - z)^2/(2z): the quadratic phases of source and lens are together a
+ * product of two 1-D phasor tables ty, tx made in double on the host; the rest is a small residual
+ * in turns. A: covered fraction of the cell by the circular aperture of radius R about the axis.
+ * 2 J1(v)/v, the far field of a uniform coherent disc, comes from a table of (value, slope times
+ * step) over v by cubic Hermite interpolation. Outside the aperture nothing is computed.
+ *
+ * source: (y foot, x foot, z, scale) of each source.
+ * Mapping: FOR_X of common.cl, axis 2 = source. -DROWS, -DDOUBLE: see common.cl.
+ */
+#include "coverage.cl"
+
+#ifdef DOUBLE
+typedef double4 real4;
+#else
+typedef float4 real4;
+#endif
+
+inline real disc_pattern(real v, real per_step, __global const real2 *restrict table, int last)
+{
+    const real place = fmin(v * per_step, (real)last);
+    const int i = min((int)place, last - 1);
+    const real t = place - i;
+    const real2 a = table[i], b = table[i + 1];
+    const real rise = b.x - a.x;
+    return a.x + t * (a.y + t * ((3 * rise - 2 * a.y - b.y) + t * (a.y + b.y - 2 * rise)));
+}
+
+__kernel void point_sources(__global cplx *restrict u, __global const cplx *restrict ty,
+                            __global const cplx *restrict tx, __global const real4 *restrict source,
+                            __global const real2 *restrict table, const int last,
+                            const real per_step, const real wavelength,
+                            __global const real *restrict ys, __global const real *restrict xs,
+                            const real R, const real hy, const real hx, const int ny, const int nx)
+{
+    const int y = get_global_id(1);
+    const int n = get_global_id(2);
+    const size_t row = row_start(n, y, ny, nx);
+    const bool dark = fabs(ys[y]) - hy >= R;
+    const real4 s = source[n];
+    const cplx t = ty[(size_t)n * ny + y];
+    const real rho_y = ys[y] - s.x;
+    FOR_X(x, nx) {
+        cplx value = (cplx)(0);
+        if (!dark && fabs(xs[x]) - hx < R) {
+            const real A = disc_coverage(-xs[x], -ys[y], R, hx, hy);
+            const real rho_x = xs[x] - s.y;
+            const real rho2 = rho_x * rho_x + rho_y * rho_y;
+            const real beyond = rho2 / (sqrt(rho2 + s.z * s.z) + s.z); /* r - z */
+            const real residual = -(beyond / (2 * s.z)) * (beyond / wavelength);
+            const real amplitude = A * disc_pattern(s.w * sqrt(rho2), per_step, table, last);
+            value = amplitude * cmul(cmul(t, tx[(size_t)n * nx + x]), cis_turns(residual));
+        }
+        u[row + x] = value;
+    }
+}
