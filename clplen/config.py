@@ -10,12 +10,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from clplen.cameras.plenoptic1 import PlenopticCamera
+from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.scene import PointSources
-from clplen.cameras.sensor import Sensor
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io.files import PathLike
+from clplen.lightfield.sensor import Sensor
 from clplen.wave.lenslets import MicrolensArray
 
 if sys.version_info >= (3, 11):
@@ -56,12 +57,12 @@ points_mm = [[-3.0, -3.0, -50.0], [0.0, 0.0, 0.0], [3.0, 3.0, 50.0]]
 diameter_um = 10.0              # of each source, a coherent disc; 0 (default): a point
 # power = 1.0                   # energy through the aperture; one number, or one for each point
 
-[sensor]                        # leave it out for the ideal sensor
-# photons_per_energy = 1e6      # photons for the energy 1; default: energies are not counted
+[sensor]                        # without it, or without exposure: energies, no noise
+# exposure_electrons = 1e6      # photo-electrons for the energy 1; all below need it
 # shot_noise = false
 # read_noise_electrons = 0.0
-# bit_depth = 12                # default: values are not rounded
 # full_well_electrons = 20000.0 # default: no saturation
+# bit_depth = 12                # up to full_well_electrons; default: values are not rounded
 # seed = 0
 """
 
@@ -110,7 +111,7 @@ class CameraTable(_Table):
     aperture_diameter_mm: Positive | None = None
     field_lens: bool = False
 
-    def build(self, device: Device) -> PlenopticCamera:
+    def build(self, device: Device) -> Plenoptic1:
         """The camera, in SI units, on a device."""
         return PlenopticCamera.type1(
             focal_length=self.focal_length_mm * 1e-3,
@@ -141,17 +142,17 @@ class SceneTable(_Table):
 class SensorTable(_Table):
     """``[sensor]``."""
 
-    photons_per_energy: Positive | None = None
+    exposure_electrons: Positive | None = None
     shot_noise: bool = False
     read_noise_electrons: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    bit_depth: Annotated[int, Field(ge=1, le=16)] | None = None
+    bit_depth: Annotated[int, Field(ge=1, le=24)] | None = None
     full_well_electrons: Positive | None = None
     seed: Annotated[int, Field(ge=0)] = 0
 
     def build(self) -> Sensor:
         """The sensor."""
         return Sensor(
-            exposure=self.photons_per_energy,
+            exposure=self.exposure_electrons,
             shot_noise=self.shot_noise,
             read_noise=self.read_noise_electrons,
             bit_depth=self.bit_depth,

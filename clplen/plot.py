@@ -6,7 +6,7 @@ unless the colour bar says otherwise.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import matplotlib
@@ -54,15 +54,19 @@ def save(figure: Figure, path: PathLike, *, dpi: int = 150) -> None:
         figure.savefig(temporary, dpi=dpi, format="png")
 
 
-def raw_image(raw: RawImage, *, details: Sequence[tuple[float, float]] = ()) -> Figure:
+def raw_image(
+    raw: RawImage, *, details: Mapping[str, tuple[float, float]] | None = None
+) -> Figure:
     """A raw lenslet image on a logarithmic scale, with magnified details beside it.
 
     Parameters
     ----------
     raw : RawImage
-    details : sequence of tuple of float
-        (y, x) in metres from the middle of the sensor; each becomes a panel of 9 x 9 lenslets.
+    details : mapping, optional
+        From a name to (y, x) in metres from the middle of the sensor; each becomes a panel of
+        9 x 9 lenslets.
     """
+    details = details or {}
     values = raw.to_numpy()
     mm = raw.pixel_pitch * 1e3
     columns = 2 if details else 1
@@ -75,9 +79,9 @@ def raw_image(raw: RawImage, *, details: Sequence[tuple[float, float]] = ()) -> 
                         interpolation="antialiased", interpolation_stage="data")
     axes.set(xlabel="x on the sensor / mm", ylabel="y on the sensor / mm", title="raw image")
     _bar(figure, drawn, axes, "energy per pixel (logarithmic)", extend="min")
-    for row, (y, x) in enumerate(details):
+    for row, (name, (y, x)) in enumerate(details.items()):
         panel = figure.add_subplot(grid[row, 1])
-        _detail(axes, panel, values, raw, (y * 1e3, x * 1e3), norm, "ABCDEFGH"[row])
+        _detail(axes, panel, values, raw, (y * 1e3, x * 1e3), norm, name)
     return figure
 
 
@@ -206,13 +210,13 @@ def montage(stack: FocalStack, *, shown: int = 15, scale: Scale = "linear") -> F
 
 
 def energy_curves(
-    groups: dict[str, Sequence[tuple[str, AlphaEstimate, float]]],
+    groups: Mapping[str, Sequence[tuple[str, AlphaEstimate, float]]],
 ) -> Figure:
     """Spectral energy against alpha, a panel for each method.
 
     Parameters
     ----------
-    groups : dict
+    groups : mapping
         From the name of a method to its (label, estimate, true alpha); each curve is divided by
         its maximum.
     """
@@ -232,14 +236,14 @@ def energy_curves(
 
 
 def alpha_curve(
-    camera: CameraModel, estimates: dict[str, Sequence[tuple[float, float]]], *, reach: float
+    camera: CameraModel, estimates: Mapping[str, Sequence[tuple[float, float]]], *, reach: float
 ) -> Figure:
     """alpha(dz) of a camera with estimates on it, and their errors below.
 
     Parameters
     ----------
     camera : CameraModel
-    estimates : dict
+    estimates : mapping
         From the name of a method to its (dz in metres, estimated alpha).
     reach : float
         The curve is drawn for abs(dz) up to this, in metres.

@@ -54,6 +54,22 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         metafunc.parametrize("device", devices, ids=[_label(d) for d in devices], scope="session")
 
 
+@pytest.fixture
+def precise(device: Device) -> Device:
+    """The same hardware in double precision; skipped where it has none."""
+    if not device.has_fp64:
+        pytest.skip(f"{device.name} has no double precision")
+    return Device.open(_place(device), precision="double")
+
+
+def _place(device: Device) -> str:
+    """The "platform:device" selector of an opened device."""
+    for place, other in zip(_places(), Device.all(), strict=True):
+        if other.cl_device == device.cl_device:
+            return f"{place[0]}:{place[1]}"
+    raise AssertionError(f"{device!r} is not among the devices that are there")
+
+
 @pytest.fixture(scope="session")
 def data_folder() -> Path:
     """The real captures: ``$CLPLEN_DATA``, else the folder beside the project."""

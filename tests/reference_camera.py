@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from reference import Complex, Real, axis, circle_coverage, lens_phase, propagate
+from reference_elements import circle_coverage, lens_phase
+from reference_optics import Complex, Real, axis, propagate
 from scipy.special import j1
 
 
@@ -109,9 +110,7 @@ def field_behind_lens(camera: Camera, x0: float, y0: float, dz: float) -> Comple
     return u
 
 
-def field_at_array(
-    camera: Camera, x0: float, y0: float, dz: float, *, workers: int = 2
-) -> Complex:
+def field_at_array(camera: Camera, x0: float, y0: float, dz: float, *, workers: int = 2) -> Complex:
     """Field arriving at the microlens array: band-limited angular spectrum over F, no padding."""
     u = field_behind_lens(camera, x0, y0, dz)
     step = (camera.pixel, camera.image_distance, camera.wavelength)
@@ -138,4 +137,4 @@ def simulate_scene(
     points: Sequence[tuple[float, float, float]], *, params: Camera | None = None
 ) -> Real:
     """Raw image of mutually incoherent points (x0, y0, dz), each leaving the aperture with 1."""
-    return sum(simulate_raw(*point, params=params) for point in points)
+    return np.sum([simulate_raw(*point, params=params) for point in points], axis=0)

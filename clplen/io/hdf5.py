@@ -15,7 +15,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from clplen.cameras.plenoptic1 import PlenopticCamera
+from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io.files import PathLike, replacing
@@ -56,11 +57,11 @@ def write_hdf5(path: PathLike, lf: LightField) -> None:
         file.create_dataset("weights", data=lf.weights)
         if lf.camera is not None:
             data.attrs["wavelength"] = float(lf.camera.wavelength)
-        if isinstance(lf.camera, PlenopticCamera):
+        if isinstance(lf.camera, Plenoptic1):
             _write_camera(file.create_group("camera"), lf.camera)
 
 
-def _write_camera(group: h5py.Group, camera: PlenopticCamera) -> None:
+def _write_camera(group: h5py.Group, camera: Plenoptic1) -> None:
     group.attrs["kind"] = "type1"
     for name in _CAMERA:
         group.attrs[name] = getattr(camera, name)
@@ -132,7 +133,7 @@ def _read_samples(
     return dataset[...].transpose(order), dict(dataset.attrs)
 
 
-def _read_camera(group: h5py.Group, path: Path, device: Device) -> PlenopticCamera | None:
+def _read_camera(group: h5py.Group, path: Path, device: Device) -> Plenoptic1 | None:
     """The camera that took the light field; None where it is of a kind unknown here."""
     values = {name: _plain(value) for name, value in group.attrs.items()}
     if values.get("kind") != "type1":

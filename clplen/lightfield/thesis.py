@@ -1,7 +1,7 @@
 """Depth from focus as the thesis prints it: a baseline with known bias, to compare with.
 
-It takes lenslet and pixel indices for lengths, uses the shear of eq. 3.9 on the lenslets' own
-cells, and interpolates linearly; docs/notation.md says what each of these does to alpha.
+It shears the lenslets' own cells by eq. 3.9, with indices of lenslets and pixels in the place of
+lengths, and knows nothing of diffraction: all three pull alpha towards 1.
 """
 
 from __future__ import annotations

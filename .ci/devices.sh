@@ -1,0 +1,94 @@
+#!/usr/bin/env bash
+# The device matrix: the same tests on independent OpenCL implementations.
+#
+#   .ci/devices.sh [PYTHON] [pocl|intel|oclgrind|all]...      (default: python, all)
+#
+# PYTHON is the interpreter in whose environment clplen and its test extra are installed.
+#
+#   pocl      the whole suite on PoCL, which `pip install clplen` brings
+#   intel     the suite, less the slow tests, on Intel's CPU runtime (installed here from PyPI; it
+#             runs on AMD processors too). clplen shows it to the OpenCL loader by itself.
+#   oclgrind  tests/kernels on Debian's simulator Oclgrind, with no report of an access out of
+#             bounds or of a data race
+#
+# How Oclgrind is reached. Its wrapper preloads liboclgrind-rt.so, which stands in for the OpenCL
+# loader; pyopencl's wheel, although it has a loader of its own, then sees one platform,
+# "Oclgrind", with one device, "Oclgrind Simulator", so `--device oclgrind` selects it by name.
+# (An ICD file with the path of /usr/lib/oclgrind/liboclgrind-rt-icd.so in a folder named by
+# OCL_ICD_VENDORS shows it beside the other platforms; OCL_ICD_FILENAMES has no effect. Debian
+# installs no ICD file for it.)
+#
+# How its reports are counted. `oclgrind --log FILE` empties the file at every new OpenCL context,
+# so reports of earlier contexts are lost. They are therefore read from stderr, and pytest runs
+# with --capture=sys, because --capture=fd would keep them for itself. Every report holds one line
+# "Kernel: NAME".
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+fail() { echo "devices.sh: $*" >&2; exit 1; }
+
+need_intel() {
+    "$python" -m pip show --quiet intel-opencl-rt intel-cmplr-lib-rt 2>/dev/null ||
+        "$python" -m pip install --quiet intel-opencl-rt intel-cmplr-lib-rt
+}
+
+need_oclgrind() {
+    command -v oclgrind >/dev/null && return
+    local root=()
+    if [ "$(id -u)" -ne 0 ]; then
+        command -v sudo >/dev/null && sudo -n true 2>/dev/null ||
+            fail "oclgrind is missing; as root: apt-get install oclgrind"
+        root=(sudo -n)
+    fi
+    "${root[@]}" apt-get update -qq
+    "${root[@]}" apt-get install -y -qq oclgrind ||
+        fail "oclgrind could not be installed; it is a package of Debian and Ubuntu"
+}
+
+# Run a command under Oclgrind; its stderr goes to $log.
+simulate() { oclgrind --data-races "$@" 2>"$log"; }
+
+reports() { grep -cE '^\s*Kernel: ' "$log" || true; }
+
+# planted FAULT MESSAGE: the fault is reported, and in these words.
+planted() {
+    simulate "$python" tests/oclgrind/planted.py "$1" || { cat "$log" >&2; fail "planted.py $1 did not run"; }
+    grep -q "$2" "$log" || fail "Oclgrind missed the planted fault '$1'"
+    [ "$(reports)" -gt 0 ] || fail "the report of the planted fault '$1' was not counted"
+    echo "planted fault '$1': $(reports) report(s)"
+}
+
+run_pocl() { "$python" -m pytest --device pocl -q; }
+
+run_intel() {
+    need_intel
+    "$python" -m pytest --device intel -m "not slow" -q
+}
+
+run_oclgrind() {
+    need_oclgrind
+    log=$(mktemp)
+    trap 'rm -f "$log"' EXIT
+    planted race "data race at global memory"
+    planted bounds "Invalid read of size 4 at global memory"
+    simulate "$python" tests/oclgrind/planted.py clean
+    [ "$(reports)" -eq 0 ] || fail "Oclgrind reports a kernel without fault"
+
+    local status=0
+    simulate "$python" -m pytest tests/kernels --device oclgrind -q --capture=sys || status=$?
+    echo "oclgrind: $(reports) report(s) over tests/kernels"
+    if [ "$status" -ne 0 ] || [ "$(reports)" -ne 0 ]; then
+        head -n 60 "$log" >&2
+        fail "tests/kernels under Oclgrind: pytest ended with $status, $(reports) report(s)"
+    fi
+}
+
+python=${1:-python}
+[ $# -gt 0 ] && shift
+[ "${*:-all}" != all ] || set -- pocl intel oclgrind
+for mode in "$@"; do
+    case $mode in
+    pocl | intel | oclgrind) "run_$mode" ;;
+    *) fail "unknown mode '$mode': pocl, intel, oclgrind or all" ;;
+    esac
+done

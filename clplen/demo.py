@@ -1,0 +1,204 @@
+"""The thesis' central experiment (section 1.5): three points before a plenoptic camera.
+
+The parts are functions, so that examples can use them one by one; `run` does everything and
+writes it into a folder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from clplen import plot
+from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.plenoptic1 import Plenoptic1, scene_energy
+from clplen.cameras.scene import PointSources
+from clplen.compute.device import Device
+from clplen.io import write_picture, write_stack
+from clplen.lightfield.estimate import AlphaEstimate, estimate_alpha
+from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.raw import RawImage
+from clplen.lightfield.refocus import focal_stack, refocus
+from clplen.wave.lenslets import MicrolensArray
+
+SOURCE_DIAMETER = 10e-6
+POINTS = {"A": (-3e-3, -3e-3, -50e-3), "B": (0.0, 0.0, 0.0), "C": (3e-3, 3e-3, 50e-3)}
+DEPTHS = (-50e-3, -25e-3, 25e-3, 50e-3)
+THESIS_ALPHAS = (0.850, 0.925, 1.080, 1.105)  # its table of section 1.6, at DEPTHS
+REFOCUS_ALPHAS = (0.7368, 1.0, 1.1724)
+STACK_ALPHAS = (0.65, 1.25, 25)  # first, last, number of planes
+METHODS = ("thesis", "energy", "compensated")
+
+Step = Callable[[str], None]
+
+
+def camera(device: Device, *, count: int = 101) -> Plenoptic1:
+    """The camera of section 1.5, at 532 nm.
+
+    Parameters
+    ----------
+    device : Device
+    count : int
+        Lenslets across; 101 in the thesis, at least 53 for all three points.
+
+    Returns
+    -------
+    Plenoptic1
+        f = 120 mm in 2f-2f, lenslets of 150 um and f_mu = 10 mm, 30 pixels each.
+    """
+    lenslets = MicrolensArray(150e-6, 10e-3, count=count, fill="full")
+    return PlenopticCamera.type1(
+        focal_length=0.120, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=30, device=device
+    )
+
+
+def expose_point(cam: Plenoptic1, position: Sequence[float]) -> RawImage:
+    """Raw image of one source of 10 um at (x, y, dz) in metres."""
+    return cam.expose(PointSources([position], diameter=SOURCE_DIAMETER))
+
+
+def scene(cam: Plenoptic1) -> RawImage:
+    """Raw image of A, B and C, each divided by its own sum and then added, as in the thesis."""
+    raws = [expose_point(cam, position) for position in POINTS.values()]
+    total = np.zeros(raws[0].shape)
+    for raw in raws:
+        values = raw.to_numpy()
+        total += values / values.sum(dtype=np.float64)
+    return replace(raws[0], data=cam.device.upload(total.astype(np.float32)))
+
+
+def place(cam: Plenoptic1, name: str) -> tuple[float, float]:
+    """(x, y) of a point's image on the array, in lenslets counted from 0."""
+    centre = np.array([(n - 1) / 2 for n in cam.mla.count[::-1]])
+    x, y = centre + cam.image_of(POINTS[name])[0] / cam.lenslet_pitch
+    return float(x), float(y)
+
+
+def estimates(cam: Plenoptic1, dz: float) -> dict[str, AlphaEstimate]:
+    """alpha of a point on the axis at dz, by every method."""
+    lf = LightField.from_raw(expose_point(cam, (0.0, 0.0, dz)))
+    return {method: estimate_alpha(lf, method=method) for method in METHODS}
+
+
+def energy_table(cam: Plenoptic1, lf: LightField) -> str:
+    """Where the light of A, B and C goes, from the aperture to the light field."""
+    positions = list(POINTS.values())
+    rows = scene_energy(cam, PointSources(positions, diameter=SOURCE_DIAMETER))
+    lines = ["Energy", "  point   aperture      array     sensor"]
+    for name, (aperture, at_array, at_sensor) in zip(POINTS, rows, strict=True):
+        lines.append(f"  {name:5}  {aperture:9.5f}  {at_array:9.5f}  {at_sensor:9.5f}")
+    kept = float(lf.to_numpy().sum(dtype=np.float64)) / len(POINTS)
+    lines.append(
+        f"  The calibrated decode keeps {100 * kept:.1f} % of the raw image: {lf.shape[0]} of "
+        f"{lf.shape[0] * (1 + cam.lenslet_focal_length / cam.image_distance):.2f} pixels a view."
+    )
+    return "\n".join(lines)
+
+
+def alpha_table(cam: Plenoptic1, found: Sequence[dict[str, AlphaEstimate]]) -> str:
+    """Estimated against true alphas at `DEPTHS`."""
+    lines = [
+        "Depth from focus, points on the axis",
+        "    dz mm | true alpha | thesis' own | thesis method | compensated |   error",
+    ]
+    for dz, own, methods in zip(DEPTHS, THESIS_ALPHAS, found, strict=True):
+        true, best = cam.alpha(dz), methods["compensated"].alpha
+        lines.append(
+            f"  {dz * 1e3:+7.0f} | {true:10.4f} | {own:11.3f} | {methods['thesis'].alpha:13.3f} | "
+            f"{best:11.4f} | {best - true:+7.4f}"
+        )
+    return "\n".join(lines)
+
+
+def run(folder: Path, device: Device, *, say: Callable[[str], None], step: Step) -> None:
+    """Simulate everything and write tables, pictures and data.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        An existing folder; nothing is written outside it.
+    device : Device
+    say : callable
+        Takes the tables, as text.
+    step : callable
+        Takes the name of each step as it begins; see `STEPS`.
+    """
+    cam = camera(device)
+    say(str(cam.describe()))
+    step("three points")
+    raw = scene(cam)
+    lf = LightField.from_raw(raw)
+    step("energy")
+    say(energy_table(cam, lf))
+    step("pictures")
+    _write_pictures(folder, cam, raw, lf)
+    step("focal stack")
+    _write_stack(folder, lf)
+    found = []
+    for dz in DEPTHS:
+        step(f"point at {dz * 1e3:+.0f} mm")
+        found.append(estimates(cam, dz))
+    say(alpha_table(cam, found))
+    step("depth figures")
+    _write_estimates(folder, cam, found)
+
+
+STEPS = 5 + len(DEPTHS)
+
+
+def _write_pictures(folder: Path, cam: Plenoptic1, raw: RawImage, lf: LightField) -> None:
+    """Raw image, views, rendering, phase space."""
+    write_picture(folder / "raw.tif", raw.to_numpy(), description="energy a pixel, linear")
+    magnified = 1 + cam.lenslet_focal_length / cam.image_distance
+    images = (cam.image_of(position)[0] * magnified for position in POINTS.values())
+    details = {name: (float(y), float(x)) for name, (x, y) in zip(POINTS, images, strict=True)}
+    plot.save(plot.raw_image(raw, details=details), folder / "raw.png")
+    plot.save(plot.views(lf, scale="root"), folder / "views.png")
+    rendering = plot.picture(lf.render(), title="rendering, all views", scale="log")
+    plot.save(rendering, folder / "rendering.png")
+    labels, rows, truths = [], [], []
+    for name, (_, _, dz) in POINTS.items():
+        labels.append(f"{name}: dz = {dz * 1e3:+.0f} mm, α = {cam.alpha(dz):.4f}")
+        rows.append(round(place(cam, name)[1]))
+        truths.append(cam.alpha(dz))
+    slices = plot.phase_space(lf, rows=rows, labels=labels, truths=truths)
+    plot.save(slices, folder / "phase_space.png")
+
+
+def _write_stack(folder: Path, lf: LightField) -> None:
+    """The refocus triplet and the focal stack."""
+    images = [refocus(lf, alpha=alpha) for alpha in REFOCUS_ALPHAS]
+    titles = [
+        f"α = {alpha:.4f}: {name} in focus"
+        for name, alpha in zip(POINTS, REFOCUS_ALPHAS, strict=True)
+    ]
+    plot.save(plot.refocused(images, titles, scale="root"), folder / "refocused.png")
+    stack = focal_stack(lf, alphas=np.linspace(*STACK_ALPHAS))
+    write_stack(folder / "stack.tif", stack)
+    plot.save(plot.montage(stack, scale="root"), folder / "stack.png")
+
+
+def _write_estimates(
+    folder: Path, cam: Plenoptic1, found: Sequence[dict[str, AlphaEstimate]]
+) -> None:
+    """E(alpha), and the estimates on alpha(dz)."""
+    groups = {
+        f"method {method!r}": [
+            (f"{dz * 1e3:+.0f} mm", methods[method], cam.alpha(dz))
+            for dz, methods in zip(DEPTHS, found, strict=True)
+        ]
+        for method in METHODS
+    }
+    plot.save(plot.energy_curves(groups), folder / "energy_curves.png")
+    estimated = {"the thesis' own": _points(THESIS_ALPHAS)} | {
+        f"method {method!r}": _points(methods[method].alpha for methods in found)
+        for method in METHODS
+    }
+    plot.save(plot.alpha_curve(cam, estimated, reach=0.1), folder / "alpha.png")
+
+
+def _points(alphas: Iterable[float]) -> list[tuple[float, float]]:
+    return list(zip(DEPTHS, alphas, strict=True))

@@ -1,0 +1,289 @@
+"""Depth of one object from focus: alpha = F/F' of the plane where it is sharpest."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from clplen.lightfield import thesis
+from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.spectral import LensletBlur, Peak, Real, find_peak, sharpness
+from clplen.lightfield.window import brightest, read_window
+
+if TYPE_CHECKING:
+    from clplen.lightfield.raw import CameraModel, Spacing
+
+METHODS = ("compensated", "energy", "thesis")
+
+_BAND = (0.1, 0.45)  # cycles a lenslet
+_NARROWEST = 1.25  # highest over lowest frequency that still is a band
+_UNFLOORED = 0.8  # of the ambiguity offset: up to here the transfer function is not floored
+_PAD = 5  # lenslets
+_IN_FOCUS = 1.2  # in units of the focus tolerance p/D
+_SHARE = 0.1  # of p/D: uncertainty of a compensated alpha
+_FWHM = 0.886  # of sinc^2, in units of its first zero
+_FWHM_PER_SIGMA = 2.355
+
+
+@dataclass(frozen=True)
+class AlphaEstimate:
+    """Where one object lies. Made by `estimate_alpha`.
+
+    Attributes
+    ----------
+    alpha : float
+        F/F'; nan without spacing.
+    z : float
+        Metres from the focused plane, farther positive; nan without a camera.
+    in_focus : bool
+        Whether the object's blur is below one lenslet, where its alpha is known to p/D only.
+    uncertainty : float
+        Of alpha; nan without a camera, for the method "thesis", and when no peak was found inside
+        the search (raise ``c_max``).
+    curve : tuple of numpy.ndarray
+        (alphas, E): focus measure at the alphas that were tried, alphas rising.
+    method : str
+    disparity : float
+        The same plane in pixels a view step, nearer positive.
+    disparities : numpy.ndarray
+        Of ``curve``.
+    near : tuple of int
+        (x, y) of the lenslet that the window was centred on.
+    """
+
+    alpha: float
+    z: float
+    in_focus: bool
+    uncertainty: float
+    curve: tuple[Real, Real]
+    method: str
+    disparity: float
+    disparities: Real
+    near: tuple[int, int]
+
+
+def estimate_alpha(
+    lf: LightField,
+    *,
+    near: tuple[int, int] | None = None,
+    method: str = "compensated",
+    window: int = 21,
+    c_max: float = 0.3,
+) -> AlphaEstimate:
+    """Depth of the object at one place, from where its refocused image is sharpest.
+
+    "energy" is the spectral energy of the refocused window between .1 and .45 cycles a lenslet.
+    Its peak is pulled towards alpha = 1 by kappa = U^2/(U^2 + s^2), U the rms radius of the pupil
+    and s that of the lenslets' diffraction in a sub-image (errors in variables); it is returned
+    as found. "compensated" divides the spectrum by the ambiguity function of the lenslet aperture
+    (`clplen.lightfield.spectral`), which puts the peak back. When both peaks lie within 1.2 p/D
+    of 1, the object is in focus, the compensated curve is flat, and "compensated" returns
+    1 + (alpha_energy - 1)/kappa. "thesis" is the baseline of `clplen.lightfield.thesis`: naive
+    cells, 31 x 31 lenslets, alpha from .7 to 1.3, whatever ``window`` and ``c_max`` say.
+
+    Parameters
+    ----------
+    lf : LightField
+        "compensated" needs its spacing and camera, "thesis" its raw image; "energy" nothing, but
+        without spacing it knows the disparity only.
+    near : tuple of int, optional
+        (x_index, y_index) of the lenslet at the object, from 0. None: the brightest region.
+    method : {"compensated", "energy", "thesis"}
+    window : int
+        Lenslets across, odd, at least 9. The object should lie on a dark or smooth background.
+    c_max : float
+        Search range, -c_max to c_max pixels a view step (lenslets a sub-image pixel). A larger
+        one lowers the highest frequency that "compensated" uses.
+
+    Returns
+    -------
+    AlphaEstimate
+
+    Raises
+    ------
+    ValueError
+        If the method is unknown or lacks what it needs, ``near`` lies outside, the window is even
+        or too small, ``c_max`` is out of range, or there is no light in the window.
+    """
+    place = _checked(lf, near, method, window)
+    if method == "thesis":
+        return _thesis(lf, place)
+    optics = _optics(lf)
+    if method == "compensated" and optics is None:
+        raise ValueError(
+            "method='compensated' needs a light field with spacing (dv, du, dy, dx) and the "
+            "camera that took it: give both, or use method='energy'."
+        )
+    _check_range(lf, window, c_max, optics)
+    cells = read_window(lf, place, window)
+    if not cells.any():
+        raise ValueError(f"The {window} x {window} lenslets round {place} are black: move near=.")
+    pad = max(_PAD, math.ceil(c_max * (max(lf.shape[:2]) - 1) / 2))
+    aspect = _aspect(lf.spacing)
+    energy = find_peak(sharpness(cells, pad=pad, band=_BAND, aspect=aspect), c_max)
+    if optics is None:
+        return _result(lf, method, place, energy, energy.position, None, False)
+    compensated = find_peak(
+        sharpness(
+            cells, pad=pad, band=optics.band(c_max), aspect=aspect, blur=optics.blur
+        ),
+        c_max,
+    )
+    in_focus = all(
+        abs(lf.alpha(peak.position) - 1) < _IN_FOCUS * optics.tolerance
+        for peak in (energy, compensated)
+    )
+    peak = energy if method == "energy" else compensated
+    disparity = peak.position
+    if method == "compensated" and in_focus:
+        disparity = float(lf.disparity(1 + (lf.alpha(energy.position) - 1) / optics.kappa))
+    return _result(lf, method, place, peak, disparity, optics, in_focus)
+
+
+@dataclass(frozen=True)
+class _Optics:
+    """What the camera does to a focus measure: its blur, kappa, and p/D (the focus tolerance)."""
+
+    blur: LensletBlur
+    kappa: float
+    tolerance: float
+
+    def band(self, c_max: float) -> tuple[float, float]:
+        """Frequencies where the transfer function is not floored, in cycles a lenslet."""
+        return (_BAND[0], min(_BAND[1], _UNFLOORED / (self.blur.q * c_max)))
+
+    def uncertainty(self, alpha: float, method: str, in_focus: bool) -> float:
+        """Of an alpha found by "compensated" or "energy"."""
+        if in_focus:
+            return self.tolerance
+        bias = (1 - self.kappa) * abs(1 - alpha) if method == "energy" else 0.0
+        return _SHARE * self.tolerance + bias
+
+
+def _optics(lf: LightField) -> _Optics | None:
+    camera = lf.camera
+    if camera is None or lf.spacing is None:
+        return None
+    diameter = camera.lenslet_diameter
+    q = camera.wavelength * camera.lenslet_focal_length / (camera.pixel_pitch * diameter)
+    fill = (diameter / abs(lf.spacing[2]), diameter / abs(lf.spacing[3]))
+    spread = (_FWHM * q / _FWHM_PER_SIGMA) ** 2
+    pupil = _pupil_variance(lf, camera.aperture_diameter / 2 / abs(lf.spacing[1]))
+    return _Optics(
+        LensletBlur(q, fill, _has_round_lenslets(camera)),
+        pupil / (pupil + spread),
+        camera.lenslet_pitch / camera.aperture_diameter,
+    )
+
+
+def _pupil_variance(lf: LightField, radius: float) -> float:
+    """Mean square of u, in views, over the views inside the pupil of a radius in views."""
+    v, u = (np.arange(n) - (n - 1) / 2 for n in lf.shape[:2])
+    weights = np.where(np.hypot(v[:, None], u[None, :]) <= radius, lf.weights, 0)
+    if not weights.any():
+        return radius**2 / 4
+    return float((weights * u**2).sum() / weights.sum())
+
+
+def _has_round_lenslets(camera: CameraModel) -> bool:
+    """Hexagonal cells count as round; a camera that does not say has full square cells."""
+    array = getattr(camera, "mla", None)
+    return array is not None and (array.fill == "circular" or array.lattice == "hexagonal")
+
+
+def _aspect(spacing: Spacing | None) -> float:
+    """Shear along y, in rows, over shear along x, in columns."""
+    if spacing is None:
+        return 1.0
+    dv, du, dy, dx = spacing
+    return dv * dx / (du * dy)
+
+
+def _checked(
+    lf: LightField, near: tuple[int, int] | None, method: str, window: int
+) -> tuple[int, int]:
+    """The central lenslet, after the checks that every method shares."""
+    if method not in METHODS:
+        raise ValueError(f"method is one of {', '.join(map(repr, METHODS))}, not {method!r}.")
+    if window != int(window) or window % 2 == 0 or window < 9:
+        raise ValueError(f"window is an odd number of lenslets, at least 9, not {window!r}.")
+    if near is None:
+        return brightest(lf, window)
+    ny, nx = lf.shape[2:4]
+    x, y = near
+    if not (x == int(x) and y == int(y) and 0 <= x < nx and 0 <= y < ny):
+        raise ValueError(
+            f"near is (x_index, y_index) with 0 <= x_index < {nx} and 0 <= y_index < {ny}, "
+            f"not {near!r}."
+        )
+    return int(x), int(y)
+
+
+def _check_range(lf: LightField, window: int, c_max: float, optics: _Optics | None) -> None:
+    """Refuse a range where alpha, the window or the band would end."""
+    limits = [2 * window / max(max(lf.shape[:2]) - 1, 1)]  # the outermost view leaves the window
+    if lf.spacing is not None and lf.decode == "calibrated":
+        limits.append(abs(lf.spacing[1] / lf.spacing[3]))  # alpha = 0
+    if optics is not None:
+        limits.append(_UNFLOORED / (optics.blur.q * _NARROWEST * _BAND[0]))
+    if not 0 < c_max < min(limits):
+        raise ValueError(
+            f"c_max lies between 0 and {min(limits):.3g} pixels a view step for this light field "
+            f"and window, not at {c_max!r}."
+        )
+
+
+def _result(
+    lf: LightField,
+    method: str,
+    near: tuple[int, int],
+    peak: Peak,
+    disparity: float,
+    optics: _Optics | None,
+    in_focus: bool,
+) -> AlphaEstimate:
+    """Everything that follows from the disparity of the peak."""
+    alpha = float(lf.alpha(disparity))
+    known = optics is not None and peak.inside
+    rising = np.argsort(lf.alpha(peak.positions))
+    return AlphaEstimate(
+        alpha,
+        _depth(lf, alpha),
+        in_focus,
+        optics.uncertainty(alpha, method, in_focus) if optics and known else math.nan,
+        (lf.alpha(peak.positions)[rising], peak.values[rising]),
+        method,
+        disparity,
+        peak.positions[rising],
+        near,
+    )
+
+
+def _thesis(lf: LightField, near: tuple[int, int]) -> AlphaEstimate:
+    if lf.raw is None:
+        raise ValueError(
+            "method='thesis' decodes the raw image again, which this light field does not have: "
+            "make it with LightField.from_raw, or use another method."
+        )
+    cells = read_window(LightField.from_raw(lf.raw, decode="naive"), near, thesis.WINDOW)
+    energies = thesis.thesis_curve(cells)
+    alpha = float(thesis.ALPHAS[np.argmax(energies)])
+    disparities = lf.disparity(thesis.ALPHAS)
+    return AlphaEstimate(
+        alpha,
+        _depth(lf, alpha),
+        False,
+        math.nan,
+        (thesis.ALPHAS.copy(), energies),
+        "thesis",
+        float(lf.disparity(alpha)),
+        disparities,
+        near,
+    )
+
+
+def _depth(lf: LightField, alpha: float) -> float:
+    return math.nan if lf.camera is None else float(lf.camera.dz(alpha))

@@ -1,0 +1,14 @@
+"""Python runs this file at its start when its folder is on PYTHONPATH (see tests/forcing.py)."""
+
+from __future__ import annotations
+
+import pyopencl as cl
+from forcing import force_generic
+
+from clplen.compute.icd import expose_intel_runtime
+
+expose_intel_runtime()
+for platform in cl.get_platforms():
+    if platform.name == "Portable Computing Language":
+        for device in platform.get_devices():
+            force_generic(device)

@@ -1,0 +1,25 @@
+"""Every kernel test runs with both mappings: an item a row (CPUs) and an item a sample (GPUs)."""
+
+from __future__ import annotations
+
+import pytest
+
+from clplen.compute.device import Device
+
+
+@pytest.fixture(autouse=True, params=["row", "sample"])
+def mapping(
+    request: pytest.FixtureRequest, device: Device, monkeypatch: pytest.MonkeyPatch
+) -> str:
+    """Force the mapping of work-items."""
+    monkeypatch.setattr(device, "rows", request.param == "row")
+    return str(request.param)
+
+
+@pytest.fixture
+def wave(device: Device, precise: Device, request: pytest.FixtureRequest) -> Device:
+    """The device in single or in double precision (indirect parameter), same mapping."""
+    if request.param == "single":
+        return device
+    precise.rows = device.rows
+    return precise

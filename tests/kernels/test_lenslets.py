@@ -1,0 +1,57 @@
+"""lenslets.cl: microlens arrays in closed form against their float64 twin."""
+
+import numpy as np
+import pytest
+import reference
+
+from clplen.wave.field import Field, Grid
+from clplen.wave.lenslets import MicrolensArray
+
+DX = 5e-6
+WAVELENGTH = 532e-9
+
+
+def both(device, *, shape, pitch=(DX, DX), **kwargs):
+    grid = Grid(shape, pitch, origin=(0, pitch[1] / 2))
+    p = 9.37 * DX
+    field = Field.from_array(np.ones(shape), grid, wavelength=WAVELENGTH, device=device)
+    got = MicrolensArray(p, 2.5e-3, **kwargs).apply(field).to_numpy()
+    expected = reference.microlens_array(
+        shape, grid.pitch, pitch=p, f=2.5e-3, wavelength=WAVELENGTH, origin=grid.origin, **kwargs
+    )
+    return got, expected
+
+
+def check(got, expected, *, phase):
+    assert np.abs(np.abs(got) - np.abs(expected)).max() <= 1e-3
+    lit = np.abs(expected) > 1e-2
+    assert lit.any()
+    assert np.abs(np.angle(got[lit] * np.conj(expected[lit]))).max() <= phase
+
+
+@pytest.mark.parametrize("degrees", [0, 7, -30])
+@pytest.mark.parametrize("fill", ["circular", "full"])
+@pytest.mark.parametrize("lattice", ["square", "hexagonal"])
+def test_phase_and_edges(device, lattice, fill, degrees):
+    got, expected = both(
+        device, shape=(33, 46), count=(3, 4), lattice=lattice, fill=fill,
+        offset=(0.4 * DX, -1.3 * DX), rotation=np.deg2rad(degrees),
+    )
+    check(got, expected, phase=1e-5)
+
+
+@pytest.mark.parametrize("fill", ["circular", "full"])
+@pytest.mark.parametrize("lattice", ["square", "hexagonal"])
+def test_gaps_and_oblong_samples(device, lattice, fill):
+    got, expected = both(
+        device, shape=(40, 29), pitch=(0.8 * DX, 1.1 * DX), count=(4, 3), lattice=lattice,
+        fill=fill, diameter=0.83 * 9.37 * DX, rotation=0.3,
+    )
+    check(got, expected, phase=1e-5)
+
+
+@pytest.mark.parametrize("lattice", ["square", "hexagonal"])
+def test_double_precision(precise, device, lattice):
+    precise.rows = device.rows
+    got, expected = both(precise, shape=(33, 46), count=(3, 4), lattice=lattice, rotation=0.1)
+    check(got, expected, phase=1e-11)

@@ -1,0 +1,38 @@
+"""multiply.cl and separable.cl: fields times a transmission."""
+
+import numpy as np
+import pytest
+from tolerance import relative_max
+
+from clplen.wave.elements import multiply, multiply_separable
+from clplen.wave.field import Field, Grid
+
+
+def fields(device, shape):
+    rng = np.random.default_rng(5)
+    u = rng.normal(size=(3, *shape)) + 1j * rng.normal(size=(3, *shape))
+    return u, Field.from_array(u, Grid(shape, 1e-6), wavelength=5e-7, device=device)
+
+
+def table(n, seed):
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=n) + 1j * rng.normal(size=n)
+
+
+@pytest.mark.parametrize("wave", ["single", "double"], indirect=True)
+@pytest.mark.parametrize("shape", [(5, 7), (1, 67), (8, 1)])
+def test_multiply(wave, shape):
+    u, field = fields(wave, shape)
+    t = table(shape, 1)
+    got = multiply(field, wave.upload(t.astype(wave.complex))).to_numpy()
+    assert relative_max(u * t, got) <= 8 * np.finfo(wave.real).eps
+    assert relative_max(u, field.to_numpy()) <= np.finfo(wave.real).eps  # input untouched
+
+
+@pytest.mark.parametrize("wave", ["single", "double"], indirect=True)
+@pytest.mark.parametrize("shape", [(5, 7), (1, 67), (8, 1)])
+def test_multiply_separable(wave, shape):
+    u, field = fields(wave, shape)
+    ty, tx = table(shape[0], 2), table(shape[1], 3)
+    got = multiply_separable(field, ty.astype(wave.complex), tx.astype(wave.complex)).to_numpy()
+    assert relative_max(u * ty[:, None] * tx, got) <= 12 * np.finfo(wave.real).eps

@@ -1,0 +1,86 @@
+"""transfer.cl and twofloat.cl: the transfer function against float64."""
+
+import numpy as np
+import pytest
+import reference
+
+from clplen.wave.transfer import Transfer, blas_band
+
+INF = (np.inf, np.inf)
+# shape, pitch, z, wavelength
+CASES = [
+    ((12, 15), (6.6e-6, 5e-6), 0.24, 532e-9),
+    ((31, 16), (5e-6, 6.6e-6), 1.0, 550e-9),
+    ((1, 37), (5e-6, 5e-6), 0.01, 550e-9),
+    ((16, 16), (0.5e-6, 0.7e-6), 1e-3, 550e-9),
+    ((14, 9), (6.6e-6, 5e-6), -0.12, 532e-9),
+]
+
+
+def quadrant(H):
+    return H[: H.shape[0] // 2 + 1, : H.shape[1] // 2 + 1]
+
+
+def on_device(device, transfer, phase):
+    return device.download(transfer.on_device(device, phase))
+
+
+def phases(device):
+    return ["twofloat", "fp64"] if device.has_fp64 else ["twofloat"]
+
+
+@pytest.mark.parametrize(("shape", "pitch", "z", "wavelength"), CASES)
+@pytest.mark.parametrize("method", ["as", "blas"])
+def test_error_stays_below_its_bound(device, shape, pitch, z, wavelength, method):
+    band = blas_band(shape, pitch, z, wavelength) if method == "blas" else INF
+    transfer = Transfer(shape, pitch, z, wavelength, band)
+    expected = quadrant(
+        reference.transfer_function(
+            shape, pitch, z, wavelength, band="blas" if method == "blas" else None
+        )
+    )
+    residual = transfer.residual_turns()
+    if residual <= 1:
+        got = on_device(device, transfer, "tables")
+        # float32 tables and product, plus a residual rounded to a few eps of itself
+        assert np.abs(got - expected).max() <= 6e-7 + 4e-6 * residual
+        assert np.abs(got - expected).max() <= 1e-5
+    for phase in phases(device):
+        got = on_device(device, transfer, phase)
+        assert np.abs(got - expected).max() <= 6e-7, phase
+
+
+@pytest.mark.parametrize(("shape", "pitch", "z", "wavelength"), CASES)
+def test_double_tables(precise, shape, pitch, z, wavelength):
+    transfer = Transfer(shape, pitch, z, wavelength, INF)
+    expected = quadrant(reference.transfer_function(shape, pitch, z, wavelength))
+    turns = abs(z) / wavelength * (wavelength / (2 * min(pitch))) ** 2
+    bound = 2 * np.pi * 4 * np.finfo(float).eps * max(1.0, turns)
+    assert np.abs(on_device(precise, transfer, "tables") - expected).max() <= bound
+
+
+@pytest.mark.parametrize("z", [0.3e-6, -0.3e-6])
+def test_evanescent_waves_decay_forward_and_vanish_backward(device, z):
+    shape, pitch, wavelength = (17, 22), (0.1e-6, 0.07e-6), 550e-9
+    transfer = Transfer(shape, pitch, z, wavelength, INF)
+    expected = quadrant(reference.transfer_function(shape, pitch, z, wavelength))
+    s = sum(
+        (wavelength * np.arange(n // 2 + 1) / (n * d)) ** 2
+        for n, d in ((shape[1], pitch[1]),)
+    )
+    assert (s > 1).any()
+    for phase in ["tables", *phases(device)]:
+        got = on_device(device, transfer, phase)
+        assert np.isfinite(got.view(np.float32)).all()
+        # near s = 1 the root magnifies rounding: exp(-k z sqrt(eps)) is the bound
+        assert np.abs(got - expected).max() <= 2 * np.pi * abs(z) / wavelength * 1e-6 + 1e-6
+
+
+def test_naive_phase_would_fail():
+    """What the tables are for: the phase in plain float32 loses a tenth of a radian and more."""
+    shape, pitch, z, wavelength = CASES[0]
+    f = [np.fft.fftfreq(n, d).astype(np.float32) for n, d in zip(shape, pitch, strict=True)]
+    s = np.float32(wavelength) ** 2 * (f[0][:, None] ** 2 + f[1] ** 2)
+    turns = np.float32(z / wavelength) * (np.sqrt(1 - s) - np.float32(1))
+    naive = np.exp(2j * np.pi * turns.astype(np.float64))
+    assert np.abs(naive - reference.transfer_function(shape, pitch, z, wavelength)).max() > 1e-3
