@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
+import pyopencl as cl
 from tqdm import tqdm
 
 from clplen import __version__
@@ -48,10 +49,11 @@ def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
 
 def _sentence(error: BaseException) -> str:
     """What went wrong, without a compiler's log."""
+    if isinstance(error, MemoryError):
+        return "This computer has not enough memory for it."
     if isinstance(error, OSError) and error.errno is not None:
         return str(error)
-    first = str(error.args[0]) if error.args else type(error).__name__
-    return "There is not enough memory on this computer." if isinstance(error, MemoryError) else first
+    return str(error.args[0]) if error.args else type(error).__name__
 
 
 class _Planes(click.ParamType):
@@ -151,23 +153,36 @@ def devices(selector: str | None) -> None:
       clplen devices --device intel
     """
     from clplen.compute.device import Device
-    from clplen.compute.listing import list_devices
 
+    warnings.simplefilter("ignore")  # what they say stands in the list
     wanted = selector or os.environ.get("CLPLEN_DEVICE") or None
     taken, why = _taken(wanted)
-    for place, device, fault in list_devices():
-        mark = "*" if taken is not None and device.cl_device == taken.cl_device else " "
-        fp64 = "yes" if device.has_fp64 else "no"
-        route = f"{device.fft.name}" + ("" if device.fft.name == "vkfft" else
-                                        f", {device.fft.threads} threads")
-        click.echo(f"{mark} {place}  {device.name}")
-        click.echo(f"       driver   {device.driver}")
-        click.echo(f"       memory   {device.memory_bytes / 2**30:.1f} GiB")
-        click.echo(f"       fp64     {fp64}")
-        click.echo(f"       FFT      {route}")
-        if device.note or fault:
-            click.echo(f"       note     {device.note or fault}")
+    for device in Device.all():
+        click.echo(_listed(device, taken))
     click.echo(why)
+
+
+def _listed(device: Device, taken: Device | None) -> str:
+    """One device with what can be said about it."""
+    from clplen.compute.device import Device
+
+    platform = device.cl_device.platform
+    place = (cl.get_platforms().index(platform), platform.get_devices().index(device.cl_device))
+    try:
+        note = Device.open(f"{place[0]}:{place[1]}").note
+    except ClplenError as error:
+        note = _sentence(error)
+    route = device.fft.name
+    if route != "vkfft":
+        route += f" on the host, {device.fft.threads} threads"
+    lines = [
+        f"{'*' if device is taken else ' '} {place[0]}:{place[1]}  {device.name}",
+        f"driver  {device.driver}",
+        f"memory  {device.memory_bytes / 2**30:.1f} GiB",
+        f"fp64    {'yes' if device.has_fp64 else 'no'}",
+        f"FFT     {route}",
+    ]
+    return "\n       ".join(lines + ([f"note    {note}"] if note else []))
 
 
 def _taken(wanted: str | None) -> tuple[Device | None, str]:
@@ -185,3 +200,186 @@ def _taken(wanted: str | None) -> tuple[Device | None, str]:
     else:
         reason = "there is no usable GPU, and it is the first CPU that compiles kernels"
     return device, f"* {device.name} would be taken: {reason}."
+
+
+@main.command()
+@click.option("-o", "--output", default="clplen-demo", show_default=True, metavar="FOLDER",
+              help="Folder for tables' pictures and data; made if it is not there.")
+@_device
+def demo(output: str, selector: str | None) -> None:
+    """Simulate three points before a plenoptic camera, refocus them, find their depths.
+
+    \b
+    Example:
+      clplen demo -o clplen-demo
+    """
+    from clplen import demo as experiment
+    from clplen.compute.device import Device
+    from clplen.io import check_folder
+
+    folder = check_folder(output)
+    device = Device.open(selector)
+    click.echo(f"Device: {device!r}\n")
+    with _bar(experiment.STEPS, "step") as bar:
+        experiment.run(
+            folder,
+            device,
+            say=lambda text: tqdm.write(f"{text}\n", file=sys.stdout),
+            step=lambda name: _next(bar, name),
+        )
+    click.echo(f"Pictures and data are in {folder}.")
+
+
+def _bar(total: int, unit: str) -> tqdm[Any]:
+    return tqdm(total=total, unit=unit, disable=not sys.stderr.isatty(), leave=False)
+
+
+def _next(bar: tqdm[Any], name: str) -> None:
+    bar.set_description(name)
+    bar.update()
+
+
+def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        from clplen.config import EXAMPLE
+
+        click.echo(EXAMPLE, nl=False)
+        ctx.exit()
+
+
+@main.command()
+@click.argument("camera", type=click.Path(path_type=Path))
+@click.option("-o", "--output", required=True, metavar="FOLDER",
+              help="Folder for raw.tif, raw.png and lightfield.h5; made if it is not there.")
+@click.option("--example", is_flag=True, is_eager=True, expose_value=False,
+              callback=_print_example, help="Print a commented camera file and stop.")
+@_device
+def simulate(camera: Path, output: str, selector: str | None) -> None:
+    """Simulate a camera and a scene: a raw image and its light field.
+
+    \b
+    Example:
+      clplen simulate --example > camera.toml
+      clplen simulate camera.toml -o simulated
+    """
+    from clplen import plot
+    from clplen.compute.device import Device
+    from clplen.config import read_camera_file
+    from clplen.io import check_folder, write_lightfield, write_picture
+    from clplen.lightfield.lightfield import LightField
+
+    wanted = read_camera_file(camera)
+    device = Device.open(selector)
+    built, scene = wanted.camera.build(device), wanted.scene.build()
+    sensor = wanted.sensor.build() if wanted.sensor is not None else None
+    folder = check_folder(output)
+    click.echo(built.describe())
+    with _bar(len(scene), "point") as bar:
+        raw = built.expose(
+            scene, sensor=sensor, progress=lambda done, _: bar.update(done - bar.n) and None
+        )
+    lf = LightField.from_raw(raw)
+    write_picture(folder / "raw.tif", raw.to_numpy())
+    plot.save(plot.raw_image(raw), folder / "raw.png")
+    write_lightfield(folder / "lightfield.h5", lf)
+    click.echo(f"{folder} holds raw.tif, raw.png and lightfield.h5, {_size(lf)}.")
+
+
+def _size(lf: LightField) -> str:
+    return "(v, u, y, x) = (" + ", ".join(str(n) for n in lf.shape) + ")"
+
+
+@main.command()
+@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@click.option("-o", "--output", required=True, metavar="OUT.tif", type=click.Path(path_type=Path))
+@_planes
+@click.option("--aperture", type=_Aperture(), help="Part of the main lens to use: views across "
+              "(9), fraction of the diameter (0.5) or f-number (f/66); default: all.")
+@_layout
+@_device
+def stack(
+    source: Path, output: Path, disparities: Any, alphas: Any, aperture: Any,
+    selector: str | None, **layout: Any,
+) -> None:
+    """Refocus a light field on many planes, into one TIFF of linear float32 pictures.
+
+    INPUT is a folder with one picture a view, or an .h5 file of 'clplen simulate'. START:STOP:N
+    is N planes, both ends included.
+
+    \b
+    Example:
+      clplen stack flower -o stack.tif --pattern "IMG_0001_{n}_{u}_{v}.png"
+      clplen stack simulated/lightfield.h5 -o stack.tif --alphas 0.7:1.2:21
+    """
+    from clplen.io import check_writable, write_stack
+    from clplen.lightfield.depth import sharpness_curve
+    from clplen.lightfield.refocus import focal_stack
+
+    planes = _chosen_planes(disparities, alphas)
+    _check_suffix(output, (".tif", ".tiff"))
+    check_writable(output)
+    lf = _read(source, selector, layout)
+    made = focal_stack(lf, aperture=aperture, **planes)
+    sharpness = np.asarray(sharpness_curve(made))
+    write_stack(output, made, progress=sys.stderr.isatty())
+    best = int(sharpness.argmax())
+    alpha = made.alphas[best]
+    also = f", alpha = {alpha:.4f}" if np.isfinite(alpha) else ""
+    click.echo(
+        f"{output} holds {len(made.disparities)} planes; the sharpest is plane {best} (counted "
+        f"from 0): d = {made.disparities[best]:.4f}{also}."
+    )
+
+
+@main.command()
+@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@click.option("-o", "--output", required=True, metavar="OUT.pfm|OUT.tif",
+              type=click.Path(path_type=Path),
+              help="Disparities; a picture of the same name in .png is written beside them.")
+@_planes
+@_layout
+@_device
+def depth(
+    source: Path, output: Path, disparities: Any, alphas: Any, selector: str | None, **layout: Any
+) -> None:
+    """Find the disparity of every pixel: values as PFM or TIFF, and a picture.
+
+    \b
+    Example:
+      clplen depth flower -o flower.pfm --pattern "IMG_0001_{n}_{u}_{v}.png" --disparities -1:0:41
+    """
+    from clplen import plot
+    from clplen.io import check_writable, write_depth
+    from clplen.lightfield.depth import depth_map
+
+    planes = _chosen_planes(disparities, alphas)
+    _check_suffix(output, (".pfm", ".tif", ".tiff"))
+    check_writable(output)
+    found = depth_map(_read(source, selector, layout), **planes)
+    write_depth(output, found)
+    picture = output.with_suffix(".png")
+    plot.save(plot.depth(found, title=f"disparity of {source.name}"), picture)
+    click.echo(f"{output} holds the disparities, {picture} shows them with their confidence.")
+
+
+def _read(source: Path, selector: str | None, layout: dict[str, Any]) -> LightField:
+    from clplen.compute.device import Device
+    from clplen.io import read_lightfield
+
+    return read_lightfield(
+        source, device=Device.open(selector), progress=sys.stderr.isatty(), **layout
+    )
+
+
+def _chosen_planes(disparities: Any, alphas: Any) -> dict[str, Any]:
+    if disparities is not None and alphas is not None:
+        raise click.UsageError("Give --disparities or --alphas, not both.")
+    if alphas is not None:
+        return {"alphas": alphas}
+    default = _Planes().convert(DEFAULT_PLANES, None, None)
+    return {"disparities": default if disparities is None else disparities}
+
+
+def _check_suffix(output: Path, suffixes: tuple[str, ...]) -> None:
+    if output.suffix.lower() not in suffixes:
+        raise click.UsageError(f"The output ends in {' or '.join(suffixes)}, not as {output.name}.")

@@ -189,7 +189,9 @@ def read_camera_file(path: PathLike) -> CameraFile:
     """
     path = Path(path)
     if not path.is_file():
-        raise FormatError(f"There is no camera file {path}; 'clplen simulate --example' prints one.")
+        raise FormatError(
+            f"There is no camera file {path}; 'clplen simulate --example' prints one."
+        )
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

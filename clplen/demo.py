@@ -161,7 +161,7 @@ def _write_pictures(folder: Path, cam: Plenoptic1, raw: RawImage, lf: LightField
     plot.save(rendering, folder / "rendering.png")
     labels, rows, truths = [], [], []
     for name, (_, _, dz) in POINTS.items():
-        labels.append(f"{name}: dz = {dz * 1e3:+.0f} mm, α = {cam.alpha(dz):.4f}")
+        labels.append(rf"{name}: dz = {dz * 1e3:+.0f} mm, $\alpha$ = {cam.alpha(dz):.4f}")
         rows.append(round(place(cam, name)[1]))
         truths.append(cam.alpha(dz))
     slices = plot.phase_space(lf, rows=rows, labels=labels, truths=truths)
@@ -172,7 +172,7 @@ def _write_stack(folder: Path, lf: LightField) -> None:
     """The refocus triplet and the focal stack."""
     images = [refocus(lf, alpha=alpha) for alpha in REFOCUS_ALPHAS]
     titles = [
-        f"α = {alpha:.4f}: {name} in focus"
+        rf"$\alpha$ = {alpha:.4f}: {name} in focus"
         for name, alpha in zip(POINTS, REFOCUS_ALPHAS, strict=True)
     ]
     plot.save(plot.refocused(images, titles, scale="root"), folder / "refocused.png")

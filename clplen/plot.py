@@ -96,7 +96,7 @@ def _detail(
     panel.imshow(np.maximum(values, norm.vmin), cmap=LIGHT, norm=norm,
                  extent=_centred(values.shape, mm))
     panel.set(xlim=(x - half, x + half), ylim=(y + half, y - half), xticks=[], yticks=[])
-    panel.set_title(f"{name}: 9 × 9 lenslets", fontsize=8)
+    panel.set_title(f"{name}: 9 x 9 lenslets", fontsize=8)
     frame = Rectangle((x - half, y - half), 2 * half, 2 * half, fill=False, color="w", lw=0.8)
     axes.add_patch(frame)
     axes.annotate(name, (x + half, y - half), color="w", xytext=(2, 2), fontsize=8,
@@ -127,9 +127,9 @@ def views(lf: LightField, *, shown: int = 8, scale: Scale = "linear") -> Figure:
         axes.axvline(x * width - 0.5, color="0.6", lw=0.5)
     axes.set_xticks(np.arange(len(us)) * width + (width - 1) / 2, [str(u) for u in us])
     axes.set_yticks(np.arange(len(vs)) * height + (height - 1) / 2, [str(v) for v in vs])
-    some = f"{len(vs)} × {len(us)} of " if (len(vs), len(us)) != lf.shape[:2] else ""
+    some = f"{len(vs)} x {len(us)} of " if (len(vs), len(us)) != lf.shape[:2] else ""
     axes.set(xlabel="column u of the view", ylabel="row v of the view",
-             title=f"views: {some}{lf.shape[0]} × {lf.shape[1]}")
+             title=f"views: {some}{lf.shape[0]} x {lf.shape[1]}")
     return figure
 
 
@@ -203,7 +203,8 @@ def montage(stack: FocalStack, *, shown: int = 15, scale: Scale = "linear") -> F
     for panel, plane, shown_values in zip(panels, planes, values, strict=False):
         drawn = panel.imshow(*_for_display(shown_values, norm), cmap=LIGHT, norm=norm)
         alpha, d = stack.alphas[plane], stack.disparities[plane]
-        panel.set_title(f"α = {alpha:.3f}" if np.isfinite(alpha) else f"d = {d:+.3f}", fontsize=8)
+        title = rf"$\alpha$ = {alpha:.3f}" if np.isfinite(alpha) else f"d = {d:+.3f}"
+        panel.set_title(title, fontsize=8)
     if values.ndim == 3:
         _bar(figure, drawn, list(panels), f"value{_said(scale)}")
     return figure
@@ -228,10 +229,10 @@ def energy_curves(
             panel.plot(alphas, energy / energy.max(), color=colour, lw=1.4, label=label)
             panel.axvline(truth, color=colour, lw=0.9, ls=":")
             panel.plot(estimate.alpha, 1.03, "v", color=colour, ms=5, clip_on=False)
-        panel.set(xlabel="α", title=title)
+        panel.set(xlabel=r"$\alpha$", title=title)
     panels[0].set(ylabel="spectral energy / its maximum", ylim=(0, 1.08))
     panels[-1].legend(title="dz", frameon=False, loc="lower left")
-    figure.supxlabel("triangles: estimate; dotted lines: true α", fontsize=8, color="0.3")
+    figure.supxlabel(r"triangles: estimates; dotted lines: true $\alpha$", fontsize=8, color="0.3")
     return figure
 
 
@@ -260,9 +261,9 @@ def alpha_curve(
         lower.plot(at * 1e3, found - camera.alpha(at), **style)
     upper.axhline(1, color="0.8", lw=0.7, zorder=0)
     upper.axvline(0, color="0.8", lw=0.7, zorder=0)
-    upper.set(ylabel="α = F/F'", title="depth from focus")
+    upper.set(ylabel=r"$\alpha$ = F/F'", title="depth from focus")
     upper.legend(frameon=False)
-    lower.set(xlabel="dz / mm (positive: farther from the lens)", ylabel="error of α")
+    lower.set(xlabel="dz / mm (positive: farther from the lens)", ylabel=r"error of $\alpha$")
     return figure
 
 
@@ -304,7 +305,7 @@ def phase_space(
             panel.plot(middle + (1 - truths[index]) * u, u, "--", color="w", lw=1)
     panels[0].set_ylabel("u on the main lens / mm")
     _bar(figure, drawn, list(panels), "energy / maximum of the slice (square root)")
-    figure.supxlabel("dashed: dx/du = 1 − α", fontsize=8, color="0.3")
+    figure.supxlabel(r"dashed: dx/du = 1 - $\alpha$", fontsize=8, color="0.3")
     return figure
 
 
@@ -358,7 +359,9 @@ def _norm(values: Array, scale: Scale) -> Normalize:
     highest = float(values.max()) or 1.0
     if scale == "log":
         return LogNorm(highest * 10.0**-_DECADES, highest)
-    return PowerNorm(0.5, 0, highest) if scale == "root" else Normalize(min(0, values.min()), highest)
+    if scale == "root":
+        return PowerNorm(0.5, 0, highest)
+    return Normalize(min(0.0, float(values.min())), highest)
 
 
 def _said(scale: Scale) -> str:

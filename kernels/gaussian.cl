@@ -31,6 +31,18 @@ inline float blurred_x(__global const float *in, const int i, __global const flo
     return sum;
 }
 
+inline float blurred_y(__global const float *in, const int y, const int i, __global const float *w,
+                       const int radius, const int ny, const int n)
+{
+    float sum = w[0] * in[row_start(0, y, ny, n) + i];
+    for (int t = 1; t <= radius; ++t) {
+        const size_t before = row_start(0, reflected(y - t, ny), ny, n) + i;
+        const size_t after = row_start(0, reflected(y + t, ny), ny, n) + i;
+        sum += w[t] * (in[before] + in[after]);
+    }
+    return sum;
+}
+
 __kernel void gaussian_x(__global float *restrict out, __global const float *restrict in,
                          __global const float *restrict w, const int radius, const int b,
                          const int ny, const int nx, const int channels)
@@ -66,26 +78,21 @@ __kernel void gaussian_y(__global float *restrict out, __global const float *res
     const int n = nx * channels;
     in += row_start(b, 0, ny, n);
     out += row_start(0, y, ny, n);
-    int i = 0;
 #ifdef ROWS
+    int i = 0;
     for (; i + 16 <= n; i += 16) {
         float16 sum = w[0] * vload16(0, in + row_start(0, y, ny, n) + i);
-        for (int t = 1; t <= radius; ++t)
-            sum += w[t] * (vload16(0, in + row_start(0, reflected(y - t, ny), ny, n) + i) +
-                           vload16(0, in + row_start(0, reflected(y + t, ny), ny, n) + i));
+        for (int t = 1; t <= radius; ++t) {
+            const size_t before = row_start(0, reflected(y - t, ny), ny, n) + i;
+            const size_t after = row_start(0, reflected(y + t, ny), ny, n) + i;
+            sum += w[t] * (vload16(0, in + before) + vload16(0, in + after));
+        }
         vstore16(sum, 0, out + i);
     }
+    for (; i < n; ++i)
+        out[i] = blurred_y(in, y, i, w, radius, ny, n);
 #else
-    i = get_global_id(0);
+    FOR_X(i, n)
+        out[i] = blurred_y(in, y, i, w, radius, ny, n);
 #endif
-    for (; i < n; ++i) {
-        float sum = w[0] * in[row_start(0, y, ny, n) + i];
-        for (int t = 1; t <= radius; ++t)
-            sum += w[t] * (in[row_start(0, reflected(y - t, ny), ny, n) + i] +
-                           in[row_start(0, reflected(y + t, ny), ny, n) + i]);
-        out[i] = sum;
-#ifndef ROWS
-        return;
-#endif
-    }
 }

@@ -81,7 +81,7 @@ def slit_exact(x: Real, z: float, *, width: float, wavelength: float) -> Complex
     x = np.asarray(x, dtype=float)
     reach = np.max(np.abs(x)) + width / 2
     fringes = reach**2 / (wavelength * (np.hypot(reach, z) + z)) * 2
-    t, weight = gauss_legendre(-width / 2, width / 2, panels=8 + int(4 * fringes))
+    t, weight = gauss_legendre(-width / 2, width / 2, panels=8 + int(2 * fringes))
     k = 2 * np.pi / wavelength
     rho2 = (x[..., None] - t) ** 2
     r = np.sqrt(rho2 + z**2)

@@ -6,6 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 
 from clplen.errors import FormatError
 
@@ -126,7 +127,7 @@ def arrange(
 
 def _ranks(values: Sequence[int]) -> dict[int, int]:
     """Rank of each number in an even progression; a gap in it leaves ranks out."""
-    step = math.gcd(*(b - a for a, b in zip(values, values[1:], strict=False))) or 1
+    step = math.gcd(*(b - a for a, b in pairwise(values))) or 1
     return {value: (value - values[0]) // step for value in values}
 
 

@@ -50,7 +50,9 @@ def read_pfm(path: PathLike) -> np.ndarray[Any, np.dtype[np.float32]]:
     shape = (int(height), int(width)) + ((3,) if kind == b"PF" else ())
     needed, found = 4 * int(np.prod(shape)), len(content) - header.end()
     if found < needed:
-        raise FormatError(f"{path} is truncated: {shape} samples need {needed} bytes, {found} are there.")
+        raise FormatError(
+            f"{path} is truncated: {shape} samples need {needed} bytes, {found} are there."
+        )
     order = "<f4" if float(scale) < 0 else ">f4"
     rows = np.frombuffer(content, order, needed // 4, header.end()).reshape(shape)
     return rows[::-1].astype(np.float32)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-Real = np.ndarray[Any, np.dtype[np.float64]]
+Real = np.ndarray[Any, np.dtype[np.floating[Any]]]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
 
 _COARSE = 49  # disparities of the first search
@@ -164,12 +164,13 @@ def sharpness(
     Sharpness
     """
     ny, nx = (n + 2 * pad for n in window.shape[-2:])
-    ky, kx = np.fft.fftfreq(ny), np.fft.rfftfreq(nx)
+    ky = np.fft.fftfreq(ny)
+    kx = np.fft.rfftfreq(nx)
     rows, columns = np.abs(ky) <= band[1], kx <= band[1]
     spectra = np.fft.rfft2(window, s=(ny, nx))[..., rows, :][..., columns]
     ky, kx = ky[rows], kx[columns]
     radius = np.hypot(ky[:, None], kx[None, :])
-    inside = (radius >= band[0]) & (radius <= band[1])
+    inside = ((radius >= band[0]) & (radius <= band[1])).astype(np.float64)
     return Sharpness(spectra, ky, kx, inside * np.where(kx == 0, 1.0, 2.0), aspect, blur)
 
 

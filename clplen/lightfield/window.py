@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyopencl as cl
 from scipy.ndimage import gaussian_filter
 
 if TYPE_CHECKING:
@@ -17,7 +16,7 @@ _SMOOTHING = 8  # windows are found in a picture smoothed by a Gaussian of windo
 def read_window(
     lf: LightField, near: tuple[int, int], size: int
 ) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """The samples round one lenslet; nothing else leaves the device.
+    """The samples round one lenslet.
 
     Parameters
     ----------
@@ -38,22 +37,12 @@ def read_window(
     half = size // 2
     x0, x1 = max(near[0] - half, 0), min(near[0] + half + 1, nx)
     y0, y1 = max(near[1] - half, 0), min(near[1] + half + 1, ny)
-    part = np.empty((V, U, y1 - y0, x1 - x0, colours), lf.dtype)
-    sample = colours * lf.dtype.itemsize
-    cl.enqueue_copy(
-        lf.device.queue,
-        part,
-        lf.data.base_data,
-        buffer_origin=(x0 * sample, y0, 0),
-        host_origin=(0, 0, 0),
-        region=((x1 - x0) * sample, y1 - y0, V * U),
-        buffer_pitches=(nx * sample, ny * nx * sample),
-        is_blocking=True,
-    )
+    with lf.device.on_host(lf.data) as samples:
+        part = samples[:, :, y0:y1, x0:x1].astype(np.float64)
+    part = part.reshape(*part.shape[:4], colours) * lf.weights[:, :, None, None, None]
     window = np.zeros((colours, V, U, size, size))
     top, left = y0 - near[1] + half, x0 - near[0] + half
-    inside = window[..., top : top + y1 - y0, left : left + x1 - x0]
-    inside[...] = np.moveaxis(part, -1, 0) * lf.weights[:, :, None, None]
+    window[..., top : top + y1 - y0, left : left + x1 - x0] = np.moveaxis(part, -1, 0)
     return window
 
 

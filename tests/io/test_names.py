@@ -1,0 +1,110 @@
+"""Patterns of file names: what is matched, ranked, missing and guessed."""
+
+from __future__ import annotations
+
+import pytest
+
+from clplen.errors import FormatError
+from clplen.io.names import Pattern, arrange, guess
+
+
+def grid(template: str, vs: range, us: range) -> list[str]:
+    return [template.format(v=v, u=u) for v in vs for u in us]
+
+
+def test_first_number_and_step_do_not_matter():
+    names = grid("a_{v:03d}_{u}.png", range(3, 12, 4), range(10, 40, 5))
+    shape, files = arrange(Pattern("a_{v}_{u}.png"), names)
+    assert shape == (3, 6)
+    assert files[2, 1] == "a_011_15.png"
+
+
+def test_a_counter_and_anything_are_ignored():
+    names = ["x9_07_02_01.png", "y10_08_02_02.png", "thumbs.db"]
+    shape, files = arrange(Pattern("*_{n}_{u}_{v}.png"), names)
+    assert shape == (2, 1)
+    assert files == {(0, 0): "x9_07_02_01.png", (1, 0): "y10_08_02_02.png"}
+
+
+def test_format_words_are_allowed():
+    shape, _ = arrange(Pattern("view_{v:02d}_{u:02d}.png"), ["view_00_00.png", "view_00_01.png"])
+    assert shape == (1, 2)
+
+
+@pytest.mark.parametrize(
+    "text", ["a_{v}.png", "a_{v}_{u}_{i}.png", "a_{v}_{w}.png", "{}", "{v}{v}{u}", "a.png"]
+)
+def test_a_pattern_without_row_and_column_is_refused(text: str):
+    with pytest.raises(ValueError, match=r"must have \{v\} and \{u\} once each, or \{i\} once"):
+        Pattern(text)
+
+
+def test_rows_are_counted_by_columns_where_v_differs_from_u():
+    names = [f"cam{i:03d}.png" for i in range(6)]
+    shape, files = arrange(Pattern("cam{i}.png"), names, views=(2, 3))
+    assert shape == (2, 3)
+    assert files[1, 0] == "cam003.png"
+
+
+def test_a_square_count_is_taken_as_square():
+    shape, files = arrange(Pattern("{i}.png"), [f"{i}.png" for i in range(1, 10)])
+    assert shape == (3, 3)
+    assert files[2, 2] == "9.png"
+
+
+def test_a_count_that_is_no_square_asks_for_views():
+    with pytest.raises(FormatError, match=r"gives 6 views, which is no square.*views=\(V, U\)"):
+        arrange(Pattern("{i}.png"), [f"{i}.png" for i in range(6)])
+
+
+def test_more_views_than_asked_for():
+    with pytest.raises(FormatError, match=r"gives 6 views, more than views=\(1, 5\)"):
+        arrange(Pattern("{i}.png"), [f"{i}.png" for i in range(6)], views=(1, 5))
+
+
+def test_counts_that_contradict_views():
+    with pytest.raises(FormatError, match=r"give 2 x 3 views .* but views=\(3, 2\)"):
+        arrange(Pattern("{v}_{u}"), grid("{v}_{u}", range(2), range(3)), views=(3, 2))
+
+
+def test_a_row_that_is_missing_leaves_a_gap():
+    names = grid("{v}_{u}", range(2), range(2)) + grid("{v}_{u}", range(3, 4), range(2))
+    shape, files = arrange(Pattern("{v}_{u}"), names)
+    assert shape == (4, 2)
+    assert (2, 0) not in files
+    assert files[3, 1] == "3_1"
+
+
+def test_two_files_for_one_view():
+    with pytest.raises(FormatError, match=r"same view: 1_2\.png and 01_2\.png"):
+        arrange(Pattern("{v}_{u}.png"), ["1_2.png", "01_2.png"])
+
+
+def test_nothing_matches():
+    with pytest.raises(FormatError, match=r"No file in D matches .*'\{v\}x\{u\}'.*a, b, c"):
+        arrange(Pattern("{v}x{u}"), ["b", "a", "c", "d"], where="D")
+
+
+@pytest.mark.parametrize(
+    ("names", "pattern"),
+    [
+        (grid("view_{v:02d}_{u:02d}.tif", range(2), range(3)), "view_{v}_{u}.tif"),
+        ([f"input_Cam{i:03d}.png" for i in range(9)] + ["mask_1.png"], "input_Cam{i}.png"),
+        (grid("out_{v:02d}_{u:02d}_-381.9_{u}.5_.png", range(2), range(2)), "out_{v}_{u}_*.png"),
+        (grid("set7_{v}-{u}.jpg", range(3), range(2)), "set7_{v}-{u}.jpg"),
+        ([f"frame{i}.png" for i in range(4)] + ["cover.png"], "frame{i}.png"),
+    ],
+)
+def test_guesses(names: list[str], pattern: str):
+    assert guess(names).text == pattern
+
+
+def test_a_counter_beside_row_and_column_cannot_be_guessed():
+    names = [f"IMG_{v + u}_{v}_{u}.png" for v in range(2) for u in range(2)]
+    with pytest.raises(FormatError, match=r"3 numbers vary .*IMG_0_0_0\.png.*give a pattern"):
+        guess(names)
+
+
+def test_no_picture_to_guess_from():
+    with pytest.raises(FormatError, match="no picture in the folder"):
+        guess([])

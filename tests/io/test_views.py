@@ -1,0 +1,209 @@
+"""Folders of views: orientation, types, gaps and damage."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+import tifffile
+
+from clplen.compute.device import Device
+from clplen.errors import DeviceError, FormatError
+from clplen.io import read_lightfield, write_lightfield
+from clplen.lightfield.lightfield import LightField
+
+SHAPE = (3, 4, 7, 11)  # V, U, y, x: all different
+
+
+def samples(dtype: type = np.uint8, channels: int = 3) -> np.ndarray:
+    random = np.random.default_rng(5)
+    values = random.integers(1, 250, SHAPE + ((channels,) if channels > 1 else ()))
+    return values.astype(dtype) * (1 if dtype == np.uint8 else 7)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """views/ holds samples() as p_{v}_{u}.png, numbered from 1."""
+    path = tmp_path / "views"
+    path.mkdir()
+    for v, u in np.ndindex(*SHAPE[:2]):
+        imageio.imwrite(path / f"p_{v + 1}_{u + 1}.png", samples()[v, u])
+    return path
+
+
+def test_values_are_the_file_s_own(folder: Path, device: Device):
+    lf = read_lightfield(folder, device=device, pattern="p_{v}_{u}.png")
+    assert lf.dtype == np.uint8
+    assert lf.spacing is None
+    np.testing.assert_array_equal(lf.to_numpy(), samples())
+    np.testing.assert_array_equal(lf.weights, np.ones(SHAPE[:2]))
+
+
+def test_swap_comes_before_the_flips(folder: Path, device: Device):
+    lf = read_lightfield(
+        folder, device=device, pattern="p_{v}_{u}.png", swap_uv=True, flip_v=True
+    )
+    np.testing.assert_array_equal(lf.to_numpy(), samples().swapaxes(0, 1)[::-1])
+    lf = read_lightfield(folder, device=device, pattern="p_{v}_{u}.png", flip_u=True)
+    np.testing.assert_array_equal(lf.to_numpy(), samples()[:, ::-1])
+
+
+def test_it_says_what_it_took(folder: Path, device: Device, caplog: pytest.LogCaptureFixture):
+    with caplog.at_level(logging.INFO, "clplen.io"):
+        read_lightfield(folder, device=device, flip_u=True)
+    assert "3 x 4 views (V x U) of 7 x 11 x 3 uint8" in caplog.text
+    assert "'p_{v}_{u}.png' (guessed from the names), flip_u" in caplog.text
+
+
+def test_views_in_folders(tmp_path: Path, device: Device):
+    for v, u in np.ndindex(2, 3):
+        (tmp_path / f"row{v}").mkdir(exist_ok=True)
+        imageio.imwrite(tmp_path / f"row{v}" / f"{u}.png", samples()[v, u])
+    lf = read_lightfield(tmp_path, device=device, pattern="row{v}/{u}.png")
+    np.testing.assert_array_equal(lf.to_numpy(), samples()[:2, :3])
+
+
+@pytest.mark.parametrize(
+    ("dtype", "channels", "suffix"),
+    [(np.uint8, 3, "png"), (np.uint8, 1, "png"), (np.uint16, 3, "tif"), (np.uint16, 1, "tif"),
+     (np.float32, 3, "tif"), (np.float32, 1, "tif")],
+)
+def test_written_and_read_again(
+    tmp_path: Path, device: Device, dtype: type, channels: int, suffix: str
+):
+    values = samples(dtype, channels)
+    write_lightfield(tmp_path / "out", LightField.from_array(values, device=device))
+    names = sorted(file.name for file in (tmp_path / "out").iterdir())
+    assert names[-1] == f"view_02_03.{suffix}"
+    assert len(names) == 12
+    assert list(tmp_path.iterdir()) == [tmp_path / "out"]
+    again = read_lightfield(tmp_path / "out", device=device)
+    assert again.dtype == dtype
+    np.testing.assert_array_equal(again.to_numpy(), values)
+
+
+def test_a_png_of_16_bits_is_kept(tmp_path: Path, device: Device):
+    for u in range(2):
+        imageio.imwrite(tmp_path / f"{0}_{u}.png", np.full((5, 6), 1000 + u, np.uint16))
+    lf = read_lightfield(tmp_path, device=device, pattern="{v}_{u}.png")
+    assert lf.dtype == np.uint16
+    assert lf.to_numpy().max() == 1001
+
+
+def test_a_folder_with_something_in_it_is_not_written(folder: Path, device: Device):
+    lf = LightField.from_array(samples(), device=device)
+    with pytest.raises(FileExistsError, match="there already and not empty"):
+        write_lightfield(folder, lf)
+
+
+def test_missing_views_are_listed(folder: Path, device: Device):
+    (folder / "p_2_3.png").unlink()
+    (folder / "p_3_1.png").unlink()
+    with pytest.raises(
+        FormatError, match=r"2 of 3 x 4 views are missing .*\(v=1, u=2\), \(v=2, u=0\)"
+    ):
+        read_lightfield(folder, device=device)
+
+
+def test_missing_views_get_weight_zero_when_allowed(folder: Path, device: Device):
+    (folder / "p_2_3.png").unlink()
+    lf = read_lightfield(folder, device=device, allow_missing=True, flip_v=True, swap_uv=True)
+    expected = np.ones((3, 4), np.float32)
+    expected[1, 2] = 0
+    np.testing.assert_array_equal(lf.weights, expected.T[::-1])
+    assert not lf.to_numpy()[::-1].swapaxes(0, 1)[1, 2].any()
+
+
+def test_every_unusable_picture_is_listed(folder: Path, device: Device):
+    whole = (folder / "p_1_2.png").read_bytes()
+    (folder / "p_1_2.png").write_bytes(whole[: len(whole) // 2])
+    (folder / "p_2_2.png").write_bytes(b"no picture at all")
+    imageio.imwrite(folder / "p_3_4.png", samples()[0, 0, :-1])
+    imageio.imwrite(folder / "p_3_3.png", samples()[0, 0, ..., 0])
+    with pytest.raises(FormatError) as caught:
+        read_lightfield(folder, device=device)
+    text = str(caught.value)
+    assert "4 of 12 views" in text
+    assert all(f"{name}.png cannot be read" in text for name in ("p_1_2", "p_2_2"))
+    assert "p_3_4.png is 6 x 11 x 3 uint8, most are 7 x 11 x 3 uint8" in text
+    assert "p_3_3.png is 7 x 11 uint8, most are 7 x 11 x 3 uint8" in text
+
+
+def test_an_odd_first_picture_is_the_one_named(folder: Path, device: Device):
+    imageio.imwrite(folder / "p_1_1.png", samples()[0, 0, :-1])
+    with pytest.raises(FormatError, match=r"1 of 12 views .*p_1_1\.png is 6 x 11"):
+        read_lightfield(folder, device=device)
+
+
+@pytest.mark.parametrize("kept", [0, 4, 30, 0.3, 0.6, 0.95])
+@pytest.mark.parametrize("suffix", ["png", "jpg", "tif"])
+def test_truncated_pictures(tmp_path: Path, device: Device, suffix: str, kept: float):
+    picture = np.random.default_rng(1).integers(0, 255, (40, 50, 3)).astype(np.uint8)
+    for u in range(3):
+        imageio.imwrite(tmp_path / f"0_{u}.{suffix}", picture)
+    damaged = tmp_path / f"0_1.{suffix}"
+    whole = damaged.read_bytes()
+    damaged.write_bytes(whole[: int(kept * len(whole)) if isinstance(kept, float) else kept])
+    with pytest.raises(FormatError, match=rf"1 of 3 views .*0_1\.{suffix} cannot be read"):
+        read_lightfield(tmp_path, device=device, pattern="{v}_{u}." + suffix)
+
+
+def test_transparent_and_16_bit_colour_pictures_are_refused(tmp_path: Path, device: Device):
+    rgba = np.full((4, 5, 4), 200, np.uint8)
+    imageio.imwrite(tmp_path / "0_0.png", rgba)
+    with pytest.raises(FormatError, match="transparent pixels"):
+        read_lightfield(tmp_path, device=device, pattern="{v}_{u}.png")
+    rgba[..., 3] = 255
+    imageio.imwrite(tmp_path / "0_0.png", rgba)
+    lf = read_lightfield(tmp_path, device=device, pattern="{v}_{u}.png")
+    assert lf.shape == (1, 1, 4, 5, 3)
+    header = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\4\0\0\0\4\x10\2\0\0\0"
+    (tmp_path / "0_0.png").write_bytes(header)
+    with pytest.raises(FormatError, match="PNG of 16-bit colour; convert it to TIFF"):
+        read_lightfield(tmp_path, device=device, pattern="{v}_{u}.png")
+
+
+def test_big_endian_tiff_stays_16_bits(tmp_path: Path, device: Device):
+    tifffile.imwrite(tmp_path / "0_0.tif", np.arange(20, dtype=">u2").reshape(4, 5), byteorder=">")
+    lf = read_lightfield(tmp_path, device=device, pattern="{v}_{u}.tif")
+    assert lf.dtype == np.uint16
+    np.testing.assert_array_equal(lf.to_numpy().ravel(), np.arange(20))
+
+
+def test_nan_in_a_picture_is_refused(tmp_path: Path, device: Device):
+    picture = np.ones((4, 5), np.float32)
+    picture[2, 3] = np.nan
+    tifffile.imwrite(tmp_path / "0_0.tif", picture)
+    with pytest.raises(ValueError, match="1 samples that are NaN or infinite"):
+        read_lightfield(tmp_path, device=device, pattern="{v}_{u}.tif")
+
+
+def test_larger_than_the_device(folder: Path, device: Device, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(device, "memory_bytes", 1000)
+    with pytest.raises(DeviceError, match=r"This light field needs 2,772 bytes .* has 1,000 bytes"):
+        read_lightfield(folder, device=device)
+
+
+def test_no_such_folder(tmp_path: Path, device: Device):
+    with pytest.raises(FormatError, match="no file or folder .*nowhere"):
+        read_lightfield(tmp_path / "nowhere", device=device)
+
+
+def test_a_file_of_another_kind(tmp_path: Path, device: Device):
+    (tmp_path / "notes.txt").write_text("hello")
+    with pytest.raises(FormatError, match=r"notes\.txt is no light field that clplen reads"):
+        read_lightfield(tmp_path / "notes.txt", device=device)
+
+
+@pytest.mark.parametrize("word", ["order", "white", "dark", "grid"])
+def test_words_of_other_kinds_are_refused(folder: Path, device: Device, word: str):
+    with pytest.raises(ValueError, match=f"{word}= does not apply to a folder of views"):
+        read_lightfield(folder, device=device, **{word: "x"})
+
+
+def test_unknown_words_are_errors(folder: Path, device: Device):
+    with pytest.raises(TypeError, match="flip_w"):
+        read_lightfield(folder, device=device, flip_w=True)

@@ -1,0 +1,175 @@
+"""decode.cl against a float64 twin: any lattice, exact where positions are whole pixels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from reference_lightfield import decode_calibrated, decode_naive, keys_kernel
+
+from clplen.errors import DeviceError, ShapeError
+from clplen.lightfield.decode import resample
+from clplen.lightfield.raw import LensletGrid, RawImage
+
+# Round-off in units of 2^-24 of the largest pixel. Keys' four weights add up to at most 1.25 in
+# magnitude and each is off by at most 4 units; a value is a sum of 4 x 4 products, so at most
+# 2 * 16 * 1.25 (weights) + 16 * 1.25^2 (sums); the position is off by at most 2 units and its
+# slope is at most 2 * 2.5 per axis.
+TOLERANCE = (2 * 16 * 1.25 + 16 * 1.25**2 + 2 * 2 * 2.5) * 2.0**-24
+# A row moved by half a column is one more such sum of four, each term with that error.
+TOLERANCE_HEXAGONAL = 1.25 * TOLERANCE + (16 + 4) * 1.25**2 * 2.0**-24
+
+
+def turned(degrees: float, length: float) -> tuple[float, float]:
+    """(y, x) of a step along x turned from +x towards +y."""
+    angle = np.deg2rad(degrees)
+    return length * np.sin(angle), length * np.cos(angle)
+
+
+def centres(grid: LensletGrid) -> np.ndarray:
+    """Positions (rows, columns, 2) of the lenslets' centres."""
+    i, k = np.indices(grid.count)[..., None]
+    k = k + np.where(i % 2, grid.odd_row_shift, 0)
+    first, row, column = map(np.array, (grid.first, grid.row_step, grid.column_step))
+    return first + i * row + k * column
+
+
+def sampled(raw: np.ndarray, grid: LensletGrid) -> np.ndarray:
+    """L[v, u, i, k] by cubic convolution at the true centres, in float64."""
+    V, U = grid.views
+    y = centres(grid)[None, None, :, :, 0] + (np.arange(V) - (V - 1) / 2)[:, None, None, None]
+    x = centres(grid)[None, None, :, :, 1] + (np.arange(U) - (U - 1) / 2)[None, :, None, None]
+    ny, nx = raw.shape
+    padded = np.pad(raw, 3)
+    out = np.zeros(np.broadcast_shapes(y.shape, x.shape))
+    for a in range(-1, 3):
+        for b in range(-1, 3):
+            py, px = np.floor(y) + a, np.floor(x) + b
+            weight = keys_kernel(y - py) * keys_kernel(x - px)
+            inside = np.clip(py, -3, ny + 2).astype(int) + 3, np.clip(px, -3, nx + 2).astype(int) + 3
+            out += weight * padded[inside]
+    return out
+
+
+def straightened(views: np.ndarray, shift: float) -> np.ndarray:
+    """Odd rows, whose samples lie at k + shift, by cubic convolution at k; the ends go on."""
+    columns = views.shape[-1]
+    out = views.copy()
+    k = np.arange(columns)
+    low = int(np.floor(-shift))
+    odd = np.zeros_like(views[:, :, 1::2])
+    for a in range(-1, 3):
+        weight = float(keys_kernel(np.array(-shift - low - a)))
+        odd += weight * views[:, :, 1::2, np.clip(k + low + a, 0, columns - 1)]
+    out[:, :, 1::2] = odd
+    return out
+
+
+def raw_image(device, values: np.ndarray, grid: LensletGrid) -> RawImage:
+    return RawImage(device.upload(values.astype(np.float32)), device, 5e-6, grid, grid)
+
+
+def picture(*shape: int) -> np.ndarray:
+    return np.random.default_rng(7).random(shape).astype(np.float32)
+
+
+GRIDS = {
+    "square": LensletGrid((11, 13), (6, 5), (9.3, 7.1), (9.41, 0.0), (0.0, 9.87)),
+    "turned": LensletGrid((7, 9), (5, 8), (13.2, 9.7), turned(97, 9.37), turned(7, 9.37)),
+    "one view": LensletGrid((3, 5), (1, 1), (9.25, 8.0), (10.6, 0.7), (-0.3, 11.0)),
+}
+
+
+@pytest.mark.parametrize("name", GRIDS)
+def test_any_lattice(device, name):
+    grid, raw = GRIDS[name], picture(97, 131)
+    got = device.download(resample(raw_image(device, raw, grid), grid))
+    want = sampled(raw.astype(np.float64), grid)
+    assert got.dtype == np.float32
+    assert got.shape == (*grid.views, *grid.count)
+    assert np.abs(got - want).max() <= TOLERANCE * raw.max()
+
+
+@pytest.mark.parametrize("shift", [0.5, -0.5, 0.3])
+def test_hexagonal_lattice(device, shift):
+    grid = LensletGrid((7, 11), (5, 4), (9.1, 8.3), (8.1, 0.4), (-0.2, 9.37), shift)
+    raw = picture(61, 113)
+    got = device.download(resample(raw_image(device, raw, grid), grid))
+    want = straightened(sampled(raw.astype(np.float64), grid), shift)
+    assert np.abs(got - want).max() <= TOLERANCE_HEXAGONAL * raw.max()
+
+
+def test_hexagonal_views_lie_on_a_rectangular_lattice(device):
+    """A plane of grey is reproduced at first + i row + k column, odd rows too."""
+    grid = LensletGrid((5, 9), (3, 3), (9.5, 11.5), (8.25, 0.5), (0.0, 9.5), 0.5)
+    y, x = np.mgrid[:53, :109]
+    raw = 0.25 * y + 0.125 * x
+    got = device.download(resample(raw_image(device, raw, grid), grid))
+    at = centres(replace(grid, odd_row_shift=0.0))
+    step = np.arange(3) - 1
+    want = (
+        0.25 * (at[None, None, :, :, 0] + step[:, None, None, None])
+        + 0.125 * (at[None, None, :, :, 1] + step[None, :, None, None])
+    )
+    inner = (..., slice(2, -2))
+    assert np.abs(got - want)[inner].max() <= TOLERANCE_HEXAGONAL * raw.max()
+
+
+def test_plenoptic_camera(device):
+    raw = picture(9 * 6, 13 * 6)
+    steps = 6 * (1 + 0.01 / 0.24)
+    first = ((raw.shape[0] - 1) / 2 - 4 * steps, (raw.shape[1] - 1) / 2 - 6 * steps)
+    grid = LensletGrid((9, 13), (6, 6), first, (steps, 0.0), (0.0, steps))
+    got = device.download(resample(raw_image(device, raw, grid), grid))
+    want = decode_calibrated(raw, 6, magnification=1 + 0.01 / 0.24)
+    assert np.abs(got - want).max() <= TOLERANCE * raw.max()
+
+
+@pytest.mark.parametrize("noise", [0.0, 3e-12])
+@pytest.mark.parametrize("pixels", [6, 7])
+def test_cells_are_a_permutation(device, pixels, noise):
+    raw = picture(5 * pixels, 11 * pixels)
+    middle = (pixels - 1) / 2 + noise
+    grid = LensletGrid((5, 11), (pixels, pixels), (middle, middle), (pixels, 0), (0, pixels))
+    got = device.download(resample(raw_image(device, raw, grid), grid))
+    np.testing.assert_array_equal(got, decode_naive(raw, pixels))
+
+
+def test_off_the_sensor_is_zero(device):
+    raw = np.full((5, 7), 2.0)
+    grid = LensletGrid((1, 4), (1, 1), (2.0, -5.0), (1.0, 0.0), (0.0, 4.5))
+    got = device.download(resample(raw_image(device, raw, grid), grid))[0, 0, 0]
+    # at x = -5, -0.5, 4 and 8.5 of 7 pixels: none, half of the weights, all, none
+    np.testing.assert_allclose(got, [0, 1, 2, 0], atol=TOLERANCE * 2)
+
+
+def test_raw_with_nan_is_refused(device):
+    raw = picture(20, 20)
+    raw[3, 4] = np.nan
+    raw[5, 6] = np.inf
+    grid = GRIDS["one view"]
+    with pytest.raises(ValueError, match="raw image has 2 pixels that are NaN or infinite"):
+        resample(raw_image(device, raw, grid), grid)
+
+
+@pytest.mark.parametrize("change", [{"count": (0, 3)}, {"views": (2, 0)}])
+def test_empty_grid_is_refused(device, change):
+    grid = replace(GRIDS["square"], **change)
+    with pytest.raises(ShapeError, match="at least one lenslet and one view"):
+        resample(raw_image(device, picture(20, 20), grid), grid)
+
+
+def test_grid_that_is_not_finite_is_refused(device):
+    grid = replace(GRIDS["square"], first=(np.nan, 0.0))
+    with pytest.raises(ValueError, match="numbers of a lenslet grid are finite"):
+        resample(raw_image(device, picture(20, 20), grid), grid)
+
+
+def test_too_large_is_refused_before_anything_is_made(device, monkeypatch):
+    grid = GRIDS["square"]
+    raw = raw_image(device, picture(20, 20), grid)
+    needed = 4 * 6 * 5 * 11 * 13
+    monkeypatch.setattr(device, "memory_bytes", needed - 1)
+    with pytest.raises(DeviceError, match=f"This light field needs {needed:,} bytes"):
+        resample(raw, grid)

@@ -1,0 +1,217 @@
+"""LightField: what it takes, what it keeps, what it refuses, and its law of disparity."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pyopencl as cl
+import pyopencl.array as cla
+import pytest
+
+from clplen.errors import DeviceError, ShapeError
+from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.raw import LensletGrid, RawImage
+
+SPACING = (-120e-6, -120e-6, 150e-6, 150e-6)  # du/dx = -0.8
+
+
+def samples(dtype=np.float32, shape=(2, 3, 5, 7)) -> np.ndarray:
+    return np.random.default_rng(11).integers(1, 250, shape).astype(dtype)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("shape", [(2, 3, 5, 7), (3, 2, 4, 5, 3)])
+def test_storage_stays(device, dtype, shape):
+    values = samples(dtype, shape)
+    lf = LightField.from_array(values, device=device)
+    assert lf.dtype == dtype
+    assert lf.shape == shape
+    assert lf.data.nbytes == values.nbytes
+    np.testing.assert_array_equal(lf.to_numpy(), values)
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.int32, np.bool_, ">f4"])
+def test_other_real_types_become_float32(device, dtype):
+    values = samples().astype(dtype)
+    lf = LightField.from_array(values, device=device)
+    assert lf.dtype == np.float32
+    np.testing.assert_array_equal(lf.to_numpy(), values)
+
+
+def test_big_endian_integers_stay_integers(device):
+    values = samples(">u2")
+    lf = LightField.from_array(values, device=device)
+    assert lf.dtype == np.uint16
+    np.testing.assert_array_equal(lf.to_numpy(), values)
+
+
+def test_transposed_host_array(device):
+    values = samples().transpose(1, 0, 3, 2)
+    np.testing.assert_array_equal(
+        LightField.from_array(values, device=device).to_numpy(), values
+    )
+
+
+def test_device_array_is_not_copied(device):
+    array = cla.to_device(device.queue, samples(np.uint16))
+    assert LightField.from_array(array, device=device).data is array
+
+
+def test_device_array_of_another_queue(device):
+    array = cla.to_device(cl.CommandQueue(device.context), samples())
+    lf = LightField.from_array(array, device=device)
+    assert lf.data is array
+    np.testing.assert_array_equal(lf.view(1, 2).to_numpy(), samples()[1, 2])
+
+
+def test_slice_of_a_device_array(device):
+    array = cla.to_device(device.queue, samples(shape=(4, 3, 5, 7)))
+    lf = LightField.from_array(array[1:3], device=device)
+    np.testing.assert_array_equal(lf.to_numpy(), samples(shape=(4, 3, 5, 7))[1:3])
+
+
+def test_strided_device_array_is_refused(device):
+    array = cla.to_device(device.queue, samples())
+    with pytest.raises(ShapeError, match="C-contiguous, not of strides"):
+        LightField.from_array(array[:, :, :, ::2], device=device)
+
+
+def test_array_of_another_context_is_refused(device):
+    other = cl.Context([device.cl_device])  # a name keeps it alive: Intel's queue does not
+    array = cla.to_device(cl.CommandQueue(other), samples())
+    with pytest.raises(DeviceError, match="lives in another OpenCL context"):
+        LightField.from_array(array, device=device)
+
+
+def test_device_array_of_another_type_is_refused(device):
+    array = cla.to_device(device.queue, samples(np.int32))
+    with pytest.raises(TypeError, match="uint8, uint16 or float32, not int32"):
+        LightField.from_array(array, device=device)
+
+
+def test_complex_is_refused(device):
+    with pytest.raises(TypeError, match="A light field is real, not complex64"):
+        LightField.from_array(samples(np.complex64), device=device)
+
+
+@pytest.mark.parametrize("shape", [(5, 7), (2, 3, 5), (2, 0, 5, 7), (1, 2, 3, 4, 5, 6)])
+def test_wrong_shapes_are_refused(device, shape):
+    with pytest.raises(ShapeError, match=r"shape \(v, u, y, x\) or \(v, u, y, x, c\)"):
+        LightField.from_array(np.ones(shape, np.float32), device=device)
+
+
+def test_nan_is_refused(device):
+    values = samples()
+    values[1, 2, 3, 4] = np.nan
+    values[0, 0, 0, 0] = -np.inf
+    with pytest.raises(ValueError, match="2 samples that are NaN or infinite"):
+        LightField.from_array(values, device=device)
+
+
+def test_too_large_is_refused_before_it_is_made(device, monkeypatch):
+    values = samples(np.uint16)
+    monkeypatch.setattr(device, "memory_bytes", 419)
+    with pytest.raises(DeviceError, match=r"This light field needs 420 bytes .* has 419 bytes"):
+        LightField.from_array(values, device=device)
+
+
+def test_black_views_get_no_weight(device):
+    values = samples(np.uint8)
+    values[0, 0] = values[1, 2] = 0
+    lf = LightField.from_array(values, device=device)
+    np.testing.assert_array_equal(lf.weights, [[0, 1, 1], [1, 1, 0]])
+    assert lf.weights.dtype == np.float32
+    given = LightField.from_array(values, device=device, weights=np.full((2, 3), 0.5))
+    np.testing.assert_array_equal(given.weights, np.full((2, 3), 0.5))
+
+
+def test_a_black_light_field_has_weights(device):
+    lf = LightField.from_array(np.zeros((2, 3, 5, 7), np.uint8), device=device)
+    np.testing.assert_array_equal(lf.weights, np.ones((2, 3)))
+    assert not lf.render().to_numpy().any()
+
+
+def test_weights_of_another_shape_are_refused(device):
+    with pytest.raises(ShapeError, match=r"weights have shape \(3, 2\), the views \(2, 3\)"):
+        LightField.from_array(samples(), device=device, weights=np.ones((3, 2)))
+
+
+@pytest.mark.parametrize("bad", [-1.0, np.nan, np.inf])
+def test_bad_weights_are_refused(device, bad):
+    weights = np.ones((2, 3))
+    weights[1, 1] = bad
+    with pytest.raises(ValueError, match="finite, not negative and not all 0"):
+        LightField.from_array(samples(), device=device, weights=weights)
+    with pytest.raises(ValueError, match="not all 0"):
+        LightField.from_array(samples(), device=device, weights=np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize("spacing", [(1e-4, 1e-4, 1e-4), (1e-4, 1e-4, 0, 1e-4)])
+def test_bad_spacing_is_refused(device, spacing):
+    with pytest.raises(ValueError, match=r"spacing is \(dv, du, dy, dx\) in metres"):
+        LightField.from_array(samples(), device=device, spacing=spacing)
+
+
+def test_disparity_of_the_thesis_camera(device):
+    """alpha(dz) = (2f + 2dz)/(2f + dz): nearer is larger (dz = -50, +50 mm)."""
+    lf = LightField.from_array(samples(), device=device, spacing=SPACING)
+    alpha = [0.19 / 0.19 * (0.24 - 0.1) / (0.24 - 0.05), 1.0, (0.24 + 0.1) / (0.24 + 0.05)]
+    d = lf.disparity(alpha)
+    np.testing.assert_allclose(d, [0.2105263, 0, -0.1379310], atol=1e-6)
+    np.testing.assert_allclose(lf.alpha(d), alpha, rtol=1e-12)
+
+
+def test_disparity_of_naive_cells(device):
+    """x = X/alpha + u (1/alpha - 1): another law, met at alpha = 1."""
+    lf = LightField.from_array(samples(), device=device, spacing=SPACING)
+    lf = replace(lf, decode="naive")
+    alpha = np.array([0.7368421, 1.0, 1.1724138])
+    d = lf.disparity(alpha)
+    np.testing.assert_allclose(d, 0.8 * (1 / alpha - 1), rtol=1e-12)
+    np.testing.assert_allclose(lf.alpha(d), alpha, rtol=1e-12)
+
+
+def test_disparity_needs_spacing_and_a_positive_alpha(device):
+    lf = LightField.from_array(samples(), device=device)
+    with pytest.raises(ValueError, match="alpha needs the spacing of views and pixels"):
+        lf.disparity(1.1)
+    assert np.isnan(lf.alpha([0.1, 0.2])).all()
+    spaced = replace(lf, spacing=SPACING)
+    for bad in (0.0, -1.0, np.nan):
+        with pytest.raises(ValueError, match="positive and finite"):
+            spaced.disparity(bad)
+
+
+def raw_image(device) -> RawImage:
+    """5 x 7 lenslets of 4 pixels; sub-images 4.25 pixels apart."""
+    values = np.random.default_rng(13).random((20, 28)).astype(np.float32)
+    step = 4.25
+    sub_images = LensletGrid(
+        (5, 7), (4, 4), (9.5 - 2 * step, 13.5 - 3 * step), (step, 0), (0, step)
+    )
+    cells = LensletGrid((5, 7), (4, 4), (1.5, 1.5), (4, 0), (0, 4))
+    return RawImage(device.upload(values), device, 5e-6, sub_images, cells, SPACING)
+
+
+def test_from_raw(device):
+    raw = raw_image(device)
+    calibrated, naive = LightField.from_raw(raw), LightField.from_raw(raw, decode="naive")
+    for lf, name in ((calibrated, "calibrated"), (naive, "naive")):
+        assert lf.shape == (4, 4, 5, 7)
+        assert lf.dtype == np.float32
+        assert lf.spacing == SPACING
+        assert lf.raw is raw
+        assert lf.decode == name
+        np.testing.assert_array_equal(lf.weights, np.ones((4, 4)))
+    cells = raw.to_numpy().reshape(5, 4, 7, 4).transpose(1, 3, 0, 2)
+    np.testing.assert_array_equal(naive.to_numpy(), cells)
+    # The middle lenslet's sub-image lies in its cell; its neighbours' are a quarter pixel off.
+    middle = calibrated.to_numpy()[:, :, 2, 3]
+    np.testing.assert_array_equal(middle, cells[:, :, 2, 3])
+    assert np.abs(calibrated.to_numpy() - cells).max() > 0.1
+
+
+def test_from_raw_with_an_unknown_decode(device):
+    with pytest.raises(ValueError, match="decode is 'calibrated' or 'naive', not 'exact'"):
+        LightField.from_raw(raw_image(device), decode="exact")

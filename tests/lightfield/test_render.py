@@ -1,0 +1,242 @@
+"""Views, epipolar slices and synthetic apertures against float64 twins."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from reference_lightfield import aperture_weights as square
+from reference_lightfield import render as twin
+from reference_lightfield import viewpoint_weights
+
+from clplen.errors import ShapeError
+from clplen.lightfield.aperture import aperture_weights
+from clplen.lightfield.lightfield import LightField
+
+TYPES = (np.uint8, np.uint16, np.float32)
+SPACING = (-120e-6, -60e-6, 150e-6, 150e-6)
+CAMERA = SimpleNamespace(image_distance=0.24, aperture_diameter=0.9e-3)
+
+
+def values(dtype=np.float32, shape=(5, 8, 7, 11)) -> np.ndarray:
+    return np.random.default_rng(17).integers(1, 250, shape).astype(dtype)
+
+
+def light_field(device, a=None, **more) -> LightField:
+    return LightField.from_array(values() if a is None else a, device=device, **more)
+
+
+def rounding(a: np.ndarray) -> float:
+    """Units of 2^-24 of the largest sample: one a view summed, one for its weight."""
+    return (a.shape[0] * a.shape[1] + 1) * 2.0**-24 * float(a.max())
+
+
+@pytest.mark.parametrize("dtype", TYPES)
+@pytest.mark.parametrize("shape", [(5, 8, 7, 11), (2, 3, 5, 4, 3)])
+def test_a_view_is_exact(device, dtype, shape):
+    a = values(dtype, shape)
+    got = light_field(device, a, weights=np.full(shape[:2], 0.3)).view(1, 2).to_numpy()
+    assert got.dtype == np.float32
+    np.testing.assert_array_equal(got, a[1, 2].astype(np.float32))
+
+
+@pytest.mark.parametrize("at", [(1.25, 2.5), (4, 6.9), (0, 0), (4, 7)])
+def test_between_views(device, at):
+    a = values()
+    got = light_field(device, a).view(*at).to_numpy()
+    want = twin(a.astype(float), viewpoint_weights((5, 8), *at))
+    assert np.abs(got - want).max() <= rounding(a)
+    alone = light_field(device, a).render(viewpoint=at).to_numpy()
+    np.testing.assert_array_equal(alone, got)
+
+
+def test_a_view_without_weight_is_shown_but_not_mixed(device):
+    a = values()
+    weights = np.ones((5, 8))
+    weights[2, 3] = 0
+    lf = light_field(device, a, weights=weights)
+    np.testing.assert_array_equal(lf.view(2, 3).to_numpy(), a[2, 3])
+    np.testing.assert_array_equal(lf.view(2, 3.25).to_numpy(), a[2, 4])
+
+
+@pytest.mark.parametrize("at", [(-0.1, 0), (0, 7.01), (5, 0), (np.nan, 1)])
+def test_a_viewpoint_outside_is_refused(device, at):
+    lf = light_field(device)
+    for refused in (lambda: lf.view(*at), lambda: lf.render(aperture=2, viewpoint=at)):
+        with pytest.raises(ValueError, match="v is from 0 to 4, u from 0 to 7"):
+            refused()
+
+
+@pytest.mark.parametrize("at", [3, (1, 2, 3)])
+def test_a_viewpoint_is_a_pair(device, at):
+    with pytest.raises(ValueError, match=r"A viewpoint is \(v, u\), not"):
+        light_field(device).render(aperture=2, viewpoint=at)
+
+
+@pytest.mark.parametrize("dtype", TYPES)
+@pytest.mark.parametrize("shape", [(5, 8, 7, 11), (2, 3, 5, 4, 3)])
+def test_epi(device, dtype, shape):
+    a = values(dtype, shape)
+    lf = light_field(device, a)
+    rows, columns = lf.epi(y=4, v=1).to_numpy(), lf.epi(x=3, u=2).to_numpy()
+    assert rows.dtype == columns.dtype == np.float32
+    np.testing.assert_array_equal(rows, a[1, :, 4].astype(np.float32))
+    np.testing.assert_array_equal(columns, a[:, 2, :, 3].astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    "given", [{}, {"y": 1}, {"y": 1, "u": 1}, {"y": 1, "v": 1, "x": 1}, {"y": 1, "x": 1}]
+)
+def test_epi_of_no_pair_is_refused(device, given):
+    with pytest.raises(ValueError, match="takes y and v, or x and u, not"):
+        light_field(device).epi(**given)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"y": 7, "v": 0}, "y is a whole number from 0 to 6, not 7"),
+        ({"x": 0, "u": -1}, "u is a whole number from 0 to 7, not -1"),
+        ({"x": 0.5, "u": 1}, "x is a whole number from 0 to 10, not 0.5"),
+    ],
+)
+def test_epi_outside_is_refused(device, given, message):
+    with pytest.raises(ValueError, match=message):
+        light_field(device).epi(**given)
+
+
+@pytest.mark.parametrize("dtype", TYPES)
+@pytest.mark.parametrize("total", [False, True])
+def test_all_views(device, dtype, total):
+    a = values(dtype, (3, 4, 5, 7, 3))
+    weights = np.random.default_rng(19).random((3, 4)).astype(np.float32)
+    got = light_field(device, a, weights=weights).render(total=total).to_numpy()
+    want = twin(a.astype(float), weights.astype(float), total=total)
+    assert np.abs(got - want).max() <= rounding(a) * (weights.sum() if total else 1)
+
+
+@pytest.mark.parametrize("across", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("total", [False, True])
+def test_square_aperture(device, across, total):
+    """Eq. 3.3 of the thesis, even and odd numbers dropped."""
+    a = values()
+    got = light_field(device, a).render(aperture=across, total=total).to_numpy()
+    w = square((5, 8), across)
+    assert np.abs(got - twin(a.astype(float), w, total=total)).max() <= rounding(a) * w.sum()
+
+
+def test_square_aperture_of_more_views_than_rows(device):
+    w = aperture_weights(light_field(device), 6, None)
+    np.testing.assert_array_equal(w, np.ones((5, 1)) * [0, 1, 1, 1, 1, 1, 1, 0])
+
+
+def test_square_aperture_moves_with_the_viewpoint(device):
+    w = aperture_weights(light_field(device), 2, (1.5, 6.75))
+    np.testing.assert_allclose(w, np.outer([0, 1, 1, 0, 0], [0, 0, 0, 0, 0, 0, 0.75, 1]))
+    w = aperture_weights(light_field(device), 3, (0, 2))
+    np.testing.assert_allclose(w, np.outer([1, 1, 0, 0, 0], [0, 1, 1, 1, 0, 0, 0, 0]))
+
+
+def covered(views, centre, diameter, fine=200) -> np.ndarray:
+    """Fraction of every view's cell inside an ellipse, counted on a fine raster."""
+    inside = 0.0
+    for axis, (n, c, d) in enumerate(zip(views, centre, diameter, strict=True)):
+        t = ((np.arange(n * fine) + 0.5) / fine - 0.5 - c) / (d / 2)
+        inside = inside + np.expand_dims(t**2, 1 - axis)
+    return (inside <= 1).reshape(views[0], fine, views[1], fine).mean(axis=(1, 3))
+
+
+@pytest.mark.parametrize("fraction", [1.0, 0.61, 0.1, np.float32(0.5)])
+@pytest.mark.parametrize("at", [None, (2, 3), (3.7, 0.2)])
+def test_disc(device, fraction, at):
+    w = aperture_weights(light_field(device), fraction, at)
+    want = covered((5, 8), at or (2, 3.5), (5 * fraction, 8 * fraction))
+    # A raster of 200 misjudges at most the cells that the rim crosses: 2 in each of 200 lines.
+    assert np.abs(w - want).max() <= 2 / 200
+    assert w.dtype == np.float32
+
+
+def test_disc_below_one_view_is_that_view(device):
+    a = values()
+    got = light_field(device, a).render(aperture=0.1, viewpoint=(1, 6)).to_numpy()
+    np.testing.assert_array_equal(got, a[1, 6])
+
+
+def test_f_number(device):
+    """f/400 of 0.24 m is 0.6 mm: 5 steps of 120 um along v, 10 of 60 um along u."""
+    lf = light_field(device, spacing=SPACING, camera=CAMERA)
+    w = aperture_weights(lf, "f/400", None)
+    assert np.abs(w - covered((5, 8), (2, 3.5), (5, 10))).max() <= 2 / 200
+    np.testing.assert_array_equal(aperture_weights(lf, " F/400.0", None), w)
+    a = values().astype(float)
+    got = lf.render(aperture="f/400").to_numpy()
+    assert np.abs(got - twin(a, w.astype(float))).max() <= rounding(a)
+
+
+def test_f_number_wider_than_the_lens_is_refused(device):
+    lf = light_field(device, spacing=SPACING, camera=CAMERA)
+    aperture_weights(lf, "f/266", None)  # 0.902 mm of 0.9: a rounded number
+    with pytest.raises(ValueError, match=r"'f/200' is wider than the main lens, .* f/266\.7"):
+        lf.render(aperture="f/200")
+
+
+@pytest.mark.parametrize("text", ["f66", "66", "f/0", "f/-3", ""])
+def test_words_that_are_no_f_number(device, text):
+    with pytest.raises(ValueError, match="an f-number such as 'f/66', not"):
+        light_field(device, spacing=SPACING, camera=CAMERA).render(aperture=text)
+
+
+def test_f_number_needs_the_camera(device):
+    for known in ({"spacing": SPACING}, {"camera": CAMERA}):
+        with pytest.raises(ValueError, match="needs the camera and the spacing"):
+            light_field(device, **known).render(aperture="f/400")
+
+
+def test_array_aperture(device):
+    a = values()
+    own, w = np.random.default_rng(23).random((2, 5, 8)).astype(np.float32)
+    lf = light_field(device, a, weights=own)
+    got = lf.render(aperture=w).to_numpy()
+    want = twin(a.astype(float), w.astype(float) * own)
+    assert np.abs(got - want).max() <= rounding(a)
+    moved = aperture_weights(lf, w.tolist(), (1, 5))  # the middle is (2, 3.5)
+    want = np.zeros((5, 8))
+    want[:4, 2:] = (w[1:, :6] + np.pad(w, ((0, 0), (1, 0)))[1:, :6]) / 2
+    want[:4, 1] = w[1:, 0] / 2
+    np.testing.assert_allclose(moved, want, atol=1e-7)
+
+
+def test_bad_array_apertures_are_refused(device):
+    lf = light_field(device)
+    with pytest.raises(ShapeError, match=r"aperture has shape \(8, 5\), the views \(5, 8\)"):
+        lf.render(aperture=np.ones((8, 5)))
+    for bad in (np.nan, -1):
+        with pytest.raises(ValueError, match="finite and not negative"):
+            lf.render(aperture=np.full((5, 8), bad))
+
+
+@pytest.mark.parametrize("across", [0, -1, 9])
+def test_square_aperture_outside_is_refused(device, across):
+    with pytest.raises(ValueError, match="the light field 5 x 8: give 1 to 8"):
+        light_field(device).render(aperture=across)
+
+
+@pytest.mark.parametrize("fraction", [0.0, -0.5, 1.01, np.nan])
+def test_fraction_outside_is_refused(device, fraction):
+    with pytest.raises(ValueError, match=r"a fraction of the full diameter, in \(0, 1\], not"):
+        light_field(device).render(aperture=fraction)
+
+
+@pytest.mark.parametrize("aperture", [True, [1, 2], {"k": 3}, 1j])
+def test_what_is_no_aperture_is_refused(device, aperture):
+    with pytest.raises(TypeError, match="An aperture is a number of views"):
+        light_field(device).render(aperture=aperture)
+
+
+def test_an_aperture_without_any_view_is_refused(device):
+    weights = np.ones((5, 8))
+    weights[2] = 0
+    lf = light_field(device, weights=weights)
+    with pytest.raises(ValueError, match="leaves only views of weight 0"):
+        lf.render(aperture=1)

@@ -1,0 +1,85 @@
+"""Grids and fields."""
+
+import numpy as np
+import pytest
+
+from clplen import DeviceError, Field, Grid, ShapeError
+
+
+@pytest.mark.parametrize("shape", [(4, 5), (5, 4), (1, 7)])
+def test_grid_axes(shape):
+    grid = Grid(shape, (2e-6, 3e-6), origin=(1e-6, -0.5e-6))
+    assert grid.y[shape[0] // 2] == 1e-6
+    assert grid.x[shape[1] // 2] == -0.5e-6
+    np.testing.assert_allclose(np.diff(grid.x), 3e-6, rtol=1e-9)
+    np.testing.assert_array_equal(grid.fx, np.fft.fftfreq(shape[1], 3e-6))
+    assert grid.y.dtype == np.float64
+
+
+def test_one_pitch_serves_both_axes():
+    assert Grid((3, 4), 5e-6).pitch == (5e-6, 5e-6)
+    assert Grid((3, 4), 5e-6) == Grid((3, 4), (5e-6, 5e-6))
+
+
+@pytest.mark.parametrize("shape", [(3,), (0, 4), (2.5, 4), (2, 3, 4)])
+def test_bad_shape(shape):
+    with pytest.raises(ShapeError, match=r"\(ny, nx\), two positive integers"):
+        Grid(shape, 1e-6)
+
+
+@pytest.mark.parametrize("pitch", [0, -1e-6, np.nan, (1e-6, np.inf)])
+def test_bad_pitch(pitch):
+    with pytest.raises(ValueError, match="pitch is positive and finite"):
+        Grid((3, 4), pitch)
+
+
+def test_round_trip_keeps_batch_and_dtype(device):
+    u = np.arange(24).reshape(2, 3, 4) * (1 + 2j)
+    field = Field.from_array(u, Grid((3, 4), 1e-6), wavelength=5e-7, device=device)
+    assert field.to_numpy().dtype == np.complex64
+    np.testing.assert_array_equal(field.to_numpy(), u.astype(np.complex64))
+    assert field.power().shape == (2,)
+
+
+def test_double_precision_is_kept(precise):
+    u = np.full((3, 4), 1 / 3 + 1j / 7)
+    field = Field.from_array(u, Grid((3, 4), 1e-6), wavelength=5e-7, device=precise)
+    np.testing.assert_array_equal(field.to_numpy(), u)
+
+
+def test_shapes_that_differ(device):
+    with pytest.raises(ShapeError, match=r"shape \(4, 3\), the grid \(3, 4\)"):
+        Field.from_array(np.ones((4, 3)), Grid((3, 4), 1e-6), wavelength=5e-7, device=device)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1j * np.nan])
+def test_nan_is_refused(device, bad):
+    u = np.ones((3, 4), complex)
+    u[1, 2] = bad
+    with pytest.raises(ValueError, match="NaN or infinite; a propagation would spread"):
+        Field.from_array(u, Grid((3, 4), 1e-6), wavelength=5e-7, device=device)
+
+
+@pytest.mark.parametrize("wavelength", [0, -5e-7, np.nan])
+def test_bad_wavelength(device, wavelength):
+    with pytest.raises(ValueError, match="wavelength is positive"):
+        Field.from_array(np.ones((3, 4)), Grid((3, 4), 1e-6), wavelength=wavelength, device=device)
+
+
+def test_mixed_devices_are_named(device, precise):
+    grid = Grid((3, 4), 1e-6)
+    a, b = (
+        Field.from_array(np.ones((3, 4)), grid, wavelength=5e-7, device=d)
+        for d in (device, precise)
+    )
+    with pytest.raises(DeviceError, match=r"two devices.*single.*double"):
+        a.require_like(b)
+
+
+def test_mixed_grids(device):
+    a, b = (
+        Field.from_array(np.ones((3, 4)), Grid((3, 4), p), wavelength=5e-7, device=device)
+        for p in (1e-6, 2e-6)
+    )
+    with pytest.raises(ShapeError, match="different grids"):
+        a.require_like(b)
