@@ -176,7 +176,7 @@ def _listed(device: Device, taken: Device | None) -> str:
     if route != "vkfft":
         route += f" on the host, {device.fft.threads} threads"
     lines = [
-        f"{'*' if device is taken else ' '} {place[0]}:{place[1]}  {device.name}",
+        f"{'*' if taken and device.cl_device == taken.cl_device else ' '} {place[0]}:{place[1]}  {device.name}",
         f"driver  {device.driver}",
         f"memory  {device.memory_bytes / 2**30:.1f} GiB",
         f"fp64    {'yes' if device.has_fp64 else 'no'}",

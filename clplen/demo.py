@@ -136,7 +136,7 @@ def run(folder: Path, device: Device, *, say: Callable[[str], None], step: Step)
     step("pictures")
     _write_pictures(folder, cam, raw, lf)
     step("focal stack")
-    _write_stack(folder, lf)
+    _write_stack(folder, cam, lf)
     found = []
     for dz in DEPTHS:
         step(f"point at {dz * 1e3:+.0f} mm")
@@ -156,7 +156,8 @@ def _write_pictures(folder: Path, cam: Plenoptic1, raw: RawImage, lf: LightField
     images = (cam.image_of(position)[0] * magnified for position in POINTS.values())
     details = {name: (float(y), float(x)) for name, (x, y) in zip(POINTS, images, strict=True)}
     plot.save(plot.raw_image(raw, details=details), folder / "raw.png")
-    plot.save(plot.views(lf, scale="root"), folder / "views.png")
+    region = _region(cam)
+    plot.save(plot.views(lf, shown=5, scale="log", region=region), folder / "views.png")
     rendering = plot.picture(lf.render(), title="rendering, all views", scale="log")
     plot.save(rendering, folder / "rendering.png")
     labels, rows, truths = [], [], []
@@ -168,17 +169,27 @@ def _write_pictures(folder: Path, cam: Plenoptic1, raw: RawImage, lf: LightField
     plot.save(slices, folder / "phase_space.png")
 
 
-def _write_stack(folder: Path, lf: LightField) -> None:
+def _write_stack(folder: Path, cam: Plenoptic1, lf: LightField) -> None:
     """The refocus triplet and the focal stack."""
     images = [refocus(lf, alpha=alpha) for alpha in REFOCUS_ALPHAS]
     titles = [
         rf"$\alpha$ = {alpha:.4f}: {name} in focus"
         for name, alpha in zip(POINTS, REFOCUS_ALPHAS, strict=True)
     ]
-    plot.save(plot.refocused(images, titles, scale="root"), folder / "refocused.png")
+    region = _region(cam)
+    triplet = plot.refocused(images, titles, scale="log", region=region)
+    plot.save(triplet, folder / "refocused.png")
     stack = focal_stack(lf, alphas=np.linspace(*STACK_ALPHAS))
     write_stack(folder / "stack.tif", stack)
-    plot.save(plot.montage(stack, scale="root"), folder / "stack.png")
+    plot.save(plot.montage(stack, scale="log", region=region), folder / "stack.png")
+
+
+def _region(cam: Plenoptic1) -> plot.Region:
+    """The part of a view that holds all three points and their blur."""
+    places = np.array([place(cam, name) for name in POINTS])
+    low, high = places.min() - 12, places.max() + 12
+    part = slice(max(0, round(low)), min(cam.mla.count[0], round(high)))
+    return (part, part)
 
 
 def _write_estimates(

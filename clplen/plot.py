@@ -28,15 +28,18 @@ if TYPE_CHECKING:
 
 Array = np.ndarray[Any, Any]
 Scale = Literal["linear", "log", "root"]
+Region = tuple[slice, slice]
 
 LIGHT = "inferno"  # perceptually uniform: brightness follows the value
 DEPTH = "viridis"
 _COLOURS = ("#0072b2", "#009e73", "#e69f00", "#cc3311")  # told apart by the colour-blind too
-_DECADES = 5
-_STYLE = {
-    "font.size": 9, "axes.titlesize": 9, "axes.spines.top": False, "axes.spines.right": False,
+_WHOLE = (slice(None), slice(None))
+_RAW_DECADES = 5
+_DECADES = 3
+_styled = matplotlib.rc_context({
+    "font.size": 9, "axes.titlesize": 9, "legend.fontsize": 8, "xtick.labelsize": 8, "ytick.labelsize": 8,
     "image.interpolation": "nearest",
-}
+})
 
 
 def save(figure: Figure, path: PathLike, *, dpi: int = 150) -> None:
@@ -50,10 +53,11 @@ def save(figure: Figure, path: PathLike, *, dpi: int = 150) -> None:
     dpi : int
         Dots an inch.
     """
-    with replacing(path) as temporary, matplotlib.rc_context(_STYLE):
+    with replacing(path) as temporary:
         figure.savefig(temporary, dpi=dpi, format="png")
 
 
+@_styled
 def raw_image(
     raw: RawImage, *, details: Mapping[str, tuple[float, float]] | None = None
 ) -> Figure:
@@ -73,7 +77,7 @@ def raw_image(
     figure = _figure(6.2 * (1.36 if details else 1), 5.4)
     grid = figure.add_gridspec(max(len(details), 1), columns, width_ratios=[3, 1][:columns])
     axes = figure.add_subplot(grid[:, 0])
-    norm = _norm(values, "log")
+    norm = LogNorm(values.max() * 10.0**-_RAW_DECADES, values.max())
     extent = _centred(values.shape, mm)
     drawn = axes.imshow(np.maximum(values, norm.vmin), cmap=LIGHT, norm=norm, extent=extent,
                         interpolation="antialiased", interpolation_stage="data")
@@ -96,14 +100,23 @@ def _detail(
     panel.imshow(np.maximum(values, norm.vmin), cmap=LIGHT, norm=norm,
                  extent=_centred(values.shape, mm))
     panel.set(xlim=(x - half, x + half), ylim=(y + half, y - half), xticks=[], yticks=[])
-    panel.set_title(f"{name}: 9 x 9 lenslets", fontsize=8)
+    panel.set_title(f"{name}: 9 x 9 lenslets, with their borders", fontsize=8)
+    cells = raw.cells
+    for axis, draw in enumerate((panel.axhline, panel.axvline)):
+        step = (cells.row_step, cells.column_step)[axis][axis]
+        middle = (raw.shape[axis] - 1) / 2
+        for edge in cells.first[axis] + (np.arange(cells.count[axis] + 1) - 0.5) * step - middle:
+            draw(edge * mm, color="w", lw=0.3, alpha=0.4)
     frame = Rectangle((x - half, y - half), 2 * half, 2 * half, fill=False, color="w", lw=0.8)
     axes.add_patch(frame)
     axes.annotate(name, (x + half, y - half), color="w", xytext=(2, 2), fontsize=8,
                   textcoords="offset points")
 
 
-def views(lf: LightField, *, shown: int = 8, scale: Scale = "linear") -> Figure:
+@_styled
+def views(
+    lf: LightField, *, shown: int = 8, scale: Scale = "linear", region: Region | None = None
+) -> Figure:
     """A mosaic of views, spread evenly over the aperture.
 
     Parameters
@@ -113,9 +126,11 @@ def views(lf: LightField, *, shown: int = 8, scale: Scale = "linear") -> Figure:
         At most this many rows and columns of views.
     scale : {"linear", "log", "root"}
         Of the values; colour pictures are always linear.
+    region : tuple of slice, optional
+        Part (y, x) of every view to show.
     """
     vs, us = (_spread(count, shown) for count in lf.shape[:2])
-    values = lf.to_numpy()[np.ix_(vs, us)]
+    values = lf.to_numpy()[np.ix_(vs, us)][:, :, *(region or _WHOLE)]
     height, width = values.shape[2:4]
     figure = _figure(7.4, max(2.5, 6.4 * len(vs) * height / (len(us) * width) + 0.4))
     axes = figure.add_subplot()
@@ -133,6 +148,7 @@ def views(lf: LightField, *, shown: int = 8, scale: Scale = "linear") -> Figure:
     return figure
 
 
+@_styled
 def picture(image: Image, *, title: str = "", scale: Scale = "linear") -> Figure:
     """One image: a view, a rendering, a refocus.
 
@@ -152,8 +168,13 @@ def picture(image: Image, *, title: str = "", scale: Scale = "linear") -> Figure
     return figure
 
 
+@_styled
 def refocused(
-    images: Sequence[Image], titles: Sequence[str], *, scale: Scale = "linear"
+    images: Sequence[Image],
+    titles: Sequence[str],
+    *,
+    scale: Scale = "linear",
+    region: Region | None = None,
 ) -> Figure:
     """Several refocused images side by side, on one scale of values.
 
@@ -164,15 +185,19 @@ def refocused(
     titles : sequence of str
         One for each.
     scale : {"linear", "log", "root"}
+    region : tuple of slice, optional
+        Part (y, x) to show.
     """
-    values = [image.to_numpy() for image in images]
+    region = region or _WHOLE
+    values = [image.to_numpy()[region] for image in images]
     ratio = values[0].shape[0] / values[0].shape[1]
     figure = _figure(3.2 * len(values) + 0.8, 3.2 * ratio + 0.5)
     panels = figure.subplots(1, len(values), squeeze=False)[0]
     norm = _norm(np.stack(values), scale)
     drawn = None
     for panel, shown, title in zip(panels, values, titles, strict=True):
-        drawn = panel.imshow(*_for_display(shown, norm), cmap=LIGHT, norm=norm)
+        drawn = panel.imshow(_for_display(shown, norm), cmap=LIGHT, norm=norm,
+                             extent=_place(region, images[0].shape))
         panel.set(title=title, xlabel="x / pixel")
     panels[0].set_ylabel("y / pixel")
     if values[0].ndim == 2:
@@ -180,7 +205,10 @@ def refocused(
     return figure
 
 
-def montage(stack: FocalStack, *, shown: int = 15, scale: Scale = "linear") -> Figure:
+@_styled
+def montage(
+    stack: FocalStack, *, shown: int = 15, scale: Scale = "linear", region: Region | None = None
+) -> Figure:
     """Planes of a focal stack, spread evenly over it, on one scale of values.
 
     Parameters
@@ -189,19 +217,21 @@ def montage(stack: FocalStack, *, shown: int = 15, scale: Scale = "linear") -> F
     shown : int
         At most this many planes.
     scale : {"linear", "log", "root"}
+    region : tuple of slice, optional
+        Part (y, x) to show.
     """
     planes = _spread(len(stack.disparities), shown)
-    values = stack.to_numpy()[planes]
+    values = stack.to_numpy()[planes][:, *(region or _WHOLE)]
     columns = min(5, len(planes))
     rows = -(-len(planes) // columns)
-    figure = _figure(8.0, 1.6 * rows * min(2.0, values.shape[1] / values.shape[2]) + 0.3 * rows)
+    figure = _figure(8.0, rows * (1.37 * min(2.0, values.shape[1] / values.shape[2]) + 0.24))
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     norm = _norm(values, scale)
     drawn = None
     for panel in panels:
         panel.set_axis_off()
     for panel, plane, shown_values in zip(panels, planes, values, strict=False):
-        drawn = panel.imshow(*_for_display(shown_values, norm), cmap=LIGHT, norm=norm)
+        drawn = panel.imshow(_for_display(shown_values, norm), cmap=LIGHT, norm=norm)
         alpha, d = stack.alphas[plane], stack.disparities[plane]
         title = rf"$\alpha$ = {alpha:.3f}" if np.isfinite(alpha) else f"d = {d:+.3f}"
         panel.set_title(title, fontsize=8)
@@ -210,6 +240,7 @@ def montage(stack: FocalStack, *, shown: int = 15, scale: Scale = "linear") -> F
     return figure
 
 
+@_styled
 def energy_curves(
     groups: Mapping[str, Sequence[tuple[str, AlphaEstimate, float]]],
 ) -> Figure:
@@ -222,7 +253,7 @@ def energy_curves(
         its maximum.
     """
     figure = _figure(3.7 * len(groups) + 0.4, 3.4)
-    panels = figure.subplots(1, len(groups), squeeze=False, sharey=True)[0]
+    panels = figure.subplots(1, len(groups), squeeze=False, sharex=True, sharey=True)[0]
     for panel, (title, members) in zip(panels, groups.items(), strict=True):
         for colour, (label, estimate, truth) in zip(_COLOURS, members, strict=False):
             alphas, energy = (np.asarray(values) for values in estimate.curve)
@@ -231,11 +262,13 @@ def energy_curves(
             panel.plot(estimate.alpha, 1.03, "v", color=colour, ms=5, clip_on=False)
         panel.set(xlabel=r"$\alpha$", title=title)
     panels[0].set(ylabel="spectral energy / its maximum", ylim=(0, 1.08))
-    panels[-1].legend(title="dz", frameon=False, loc="lower left")
+    figure.legend(*panels[0].get_legend_handles_labels(), title="dz", frameon=False,
+                  loc="outside right center")
     figure.supxlabel(r"triangles: estimates; dotted lines: true $\alpha$", fontsize=8, color="0.3")
     return figure
 
 
+@_styled
 def alpha_curve(
     camera: CameraModel, estimates: Mapping[str, Sequence[tuple[float, float]]], *, reach: float
 ) -> Figure:
@@ -267,6 +300,7 @@ def alpha_curve(
     return figure
 
 
+@_styled
 def phase_space(
     lf: LightField, *, rows: Sequence[int], labels: Sequence[str], truths: Sequence[float] = ()
 ) -> Figure:
@@ -295,11 +329,11 @@ def phase_space(
     drawn = None
     for index, (panel, y, label) in enumerate(zip(panels, rows, labels, strict=True)):
         part = np.maximum(values[:, :, max(y - 1, 0) : y + 2].sum(axis=(0, 2)), 0)
-        extent = (x[0] - dx / 2, x[-1] + dx / 2, u[-1] + du / 2, u[0] - du / 2)
+        extent = (x[0] - dx * 500, x[-1] + dx * 500, u[-1] + du * 500, u[0] - du * 500)
         middle = float((part**2).sum(axis=0) @ x / (part**2).sum())
         drawn = panel.imshow(part / part.max(), cmap=LIGHT, norm=PowerNorm(0.5, 0, 1),
                              extent=extent, aspect="auto")
-        panel.set(xlim=(middle - 12 * dx, middle + 12 * dx), ylim=sorted(extent[2:]), title=label,
+        panel.set(xlim=(middle - 12e3 * dx, middle + 12e3 * dx), ylim=sorted(extent[2:]), title=label,
                   xlabel="x on the lenslets / mm")
         if truths:
             panel.plot(middle + (1 - truths[index]) * u, u, "--", color="w", lw=1)
@@ -309,6 +343,7 @@ def phase_space(
     return figure
 
 
+@_styled
 def depth(found: DepthMap, *, title: str = "") -> Figure:
     """A disparity map and its confidence, with colour bars.
 
@@ -335,8 +370,7 @@ def depth(found: DepthMap, *, title: str = "") -> Figure:
 
 
 def _figure(width: float, height: float) -> Figure:
-    with matplotlib.rc_context(_STYLE):
-        return Figure(figsize=(width, height), layout="constrained")
+    return Figure(figsize=(width, height), layout="constrained")
 
 
 def _spread(count: int, shown: int) -> list[int]:
@@ -347,6 +381,12 @@ def _spread(count: int, shown: int) -> list[int]:
 def _coordinates(count: int, step: float) -> Array:
     """Millimetres from the middle of an axis."""
     return (np.arange(count) - (count - 1) / 2) * step * 1e3
+
+
+def _place(region: Region, shape: tuple[int, ...]) -> tuple[float, float, float, float]:
+    """Extent of a part of an image in its own pixels."""
+    y, x = (part.indices(n) for part, n in zip(region, shape, strict=False))
+    return (x[0] - 0.5, x[1] - 0.5, y[1] - 0.5, y[0] - 0.5)
 
 
 def _centred(shape: tuple[int, ...], step: float) -> tuple[float, float, float, float]:
@@ -368,16 +408,16 @@ def _said(scale: Scale) -> str:
     return {"linear": "", "log": " (logarithmic)", "root": " (square root)"}[scale]
 
 
-def _for_display(values: Array, norm: Normalize) -> tuple[Array]:
+def _for_display(values: Array, norm: Normalize) -> Array:
     """Values that the colour scale can show; colours become 0 to 1, linearly."""
     if values.ndim == 3:
-        return (np.clip(values / norm.vmax, 0, 1),)
-    return (np.clip(values, norm.vmin, None),)
+        return np.clip(values / norm.vmax, 0, 1)
+    return np.clip(values, norm.vmin, None)
 
 
 def _picture(figure: Figure, axes: Axes, values: Array, scale: Scale, label: str) -> None:
     norm = _norm(values, scale)
-    drawn = axes.imshow(*_for_display(values, norm), cmap=LIGHT, norm=norm,
+    drawn = axes.imshow(_for_display(values, norm), cmap=LIGHT, norm=norm,
                         interpolation="antialiased")
     if label:
         _bar(figure, drawn, axes, label + _said(scale))

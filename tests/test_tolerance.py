@@ -40,6 +40,8 @@ def test_another_kind_of_number_is_refused(compare):
             compare(FIELD, other)
         with pytest.raises(AssertionError, match="dtype"):
             compare(other, FIELD)
+    with pytest.raises(AssertionError, match="dtype"):
+        compare(np.arange(5), np.arange(5))
 
 
 @pytest.mark.parametrize("compare", COMPARISONS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -18,7 +19,7 @@ from clplen.compute import icd, pocl
 from clplen.compute.cache import PlanCache
 from clplen.compute.fft import FFTRoute, choose_route
 from clplen.compute.program import build_program
-from clplen.errors import DeviceError
+from clplen.errors import DeviceError, ShapeError
 
 Precision = Literal["single", "double"]
 
@@ -198,14 +199,15 @@ class Device:
 
     def upload(self, values: np.ndarray[Any, Any]) -> cla.Array:
         """A copy of a host array on the device, same shape and dtype."""
-        values = np.ascontiguousarray(values)
+        values = np.asarray(values, order="C")
         array = self.empty(values.shape, values.dtype)
         if values.nbytes:
             cl.enqueue_copy(self.queue, array.base_data, values, is_blocking=True)
         return array
 
     def download(self, array: cla.Array) -> np.ndarray[Any, Any]:
-        """A copy of a device array on the host, same shape and dtype."""
+        """A copy of a C-contiguous device array on the host, same shape and dtype."""
+        _require_contiguous(array)
         values = np.empty(array.shape, array.dtype)
         if values.nbytes:
             cl.enqueue_copy(
@@ -215,11 +217,12 @@ class Device:
 
     @contextmanager
     def on_host(self, array: cla.Array) -> Iterator[np.ndarray[Any, Any]]:
-        """The array's values as a NumPy array that may be changed in place.
+        """A C-contiguous array's values as a NumPy array that may be changed in place.
 
         On a CPU device this is the buffer itself, mapped without a copy; elsewhere the values
         are fetched and written back.
         """
+        _require_contiguous(array)
         if not self.is_cpu:
             values = self.download(array)
             yield values
@@ -311,6 +314,14 @@ def require_same_device(a: Device, b: Device) -> None:
         )
 
 
+def _require_contiguous(array: cla.Array) -> None:
+    if not array.flags.c_contiguous:
+        raise ShapeError(
+            f"A device array of strides {array.strides} is not C-contiguous: copy it into a new "
+            "array."
+        )
+
+
 def _cl_devices() -> list[tuple[str, cl.Device]]:
     """(selector, device) of everything that OpenCL shows."""
     icd.expose_intel_runtime()
@@ -339,7 +350,7 @@ def _select(devices: list[tuple[str, cl.Device]], selector: str | None) -> list[
     wanted = selector.strip().lower()
     if wanted in kinds:
         fitting = [device for _, device in devices if device.type & kinds[wanted]]
-    elif wanted.replace(":", "").isdigit():
+    elif re.fullmatch(r"\d+:\d+", wanted):
         fitting = [device for place, device in devices if place == wanted]
     else:
         # A platform's name counts before a device's: "intel" means Intel's runtime, not PoCL on

@@ -63,7 +63,7 @@ def _imread(path: Path) -> np.ndarray[Any, Any]:
         start = file.read(26)
     if start[:4] == b"\x89PNG" and start[24:26] in (b"\x10\x02", b"\x10\x06"):
         raise ValueError("a PNG of 16-bit colour; convert it to TIFF")
-    return np.asarray(imageio.imread(path))
+    return np.asarray(imageio.imread(path, plugin="pillow"))
 
 
 def _opaque(values: np.ndarray[Any, Any], path: Path) -> np.ndarray[Any, Any]:
@@ -110,4 +110,4 @@ def write_picture(
             "grey uint16, .tif takes everything."
         )
     with replacing(path) as temporary:
-        imageio.imwrite(temporary, values, extension=".png")
+        imageio.imwrite(temporary, values, plugin="pillow", extension=".png")

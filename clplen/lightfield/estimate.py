@@ -24,6 +24,7 @@ _UNFLOORED = 0.8  # of the ambiguity offset: up to here the transfer function is
 _PAD = 5  # lenslets
 _IN_FOCUS = 1.2  # in units of the focus tolerance p/D
 _SHARE = 0.1  # of p/D: uncertainty of a compensated alpha
+_ROUNDING = 1e-6  # of the largest sample: less is no detail
 _FWHM = 0.886  # of sinc^2, in units of its first zero
 _FWHM_PER_SIGMA = 2.355
 
@@ -93,7 +94,8 @@ def estimate_alpha(
         (x_index, y_index) of the lenslet at the object, from 0. None: the brightest region.
     method : {"compensated", "energy", "thesis"}
     window : int
-        Lenslets across, odd, at least 9. The object should lie on a dark or smooth background.
+        Lenslets across, odd, at least 9; clipped at the border of the light field. One object at
+        one depth should fill it or lie alone in it.
     c_max : float
         Search range, -c_max to c_max pixels a view step (lenslets a sub-image pixel). A larger
         one lowers the highest frequency that "compensated" uses.
@@ -106,7 +108,7 @@ def estimate_alpha(
     ------
     ValueError
         If the method is unknown or lacks what it needs, ``near`` lies outside, the window is even
-        or too small, ``c_max`` is out of range, or there is no light in the window.
+        or too small, ``c_max`` is out of range, or the window is black or without detail.
     """
     place = _checked(lf, near, method, window)
     if method == "thesis":
@@ -118,29 +120,24 @@ def estimate_alpha(
             "camera that took it: give both, or use method='energy'."
         )
     _check_range(lf, window, c_max, optics)
-    cells = read_window(lf, place, window)
-    if not cells.any():
-        raise ValueError(f"The {window} x {window} lenslets round {place} are black: move near=.")
+    cells = _detail(lf, place, window)
     pad = max(_PAD, math.ceil(c_max * (max(lf.shape[:2]) - 1) / 2))
     aspect = _aspect(lf.spacing)
     energy = find_peak(sharpness(cells, pad=pad, band=_BAND, aspect=aspect), c_max)
     if optics is None:
-        return _result(lf, method, place, energy, energy.position, None, False)
+        return _result(lf, method, place, energy)
     compensated = find_peak(
-        sharpness(
-            cells, pad=pad, band=optics.band(c_max), aspect=aspect, blur=optics.blur
-        ),
+        sharpness(cells, pad=pad, band=optics.band(c_max), aspect=aspect, blur=optics.blur),
         c_max,
     )
     in_focus = all(
         abs(lf.alpha(peak.position) - 1) < _IN_FOCUS * optics.tolerance
         for peak in (energy, compensated)
     )
-    peak = energy if method == "energy" else compensated
-    disparity = peak.position
-    if method == "compensated" and in_focus:
-        disparity = float(lf.disparity(1 + (lf.alpha(energy.position) - 1) / optics.kappa))
-    return _result(lf, method, place, peak, disparity, optics, in_focus)
+    if method == "energy":
+        return _result(lf, method, place, energy, optics=optics, in_focus=in_focus)
+    alpha = 1 + float(lf.alpha(energy.position) - 1) / optics.kappa if in_focus else None
+    return _result(lf, method, place, compensated, optics=optics, in_focus=in_focus, alpha=alpha)
 
 
 @dataclass(frozen=True)
@@ -165,7 +162,7 @@ class _Optics:
 
 def _optics(lf: LightField) -> _Optics | None:
     camera = lf.camera
-    if camera is None or lf.spacing is None:
+    if camera is None or lf.spacing is None or not np.isfinite(lf.spacing).all():
         return None
     diameter = camera.lenslet_diameter
     q = camera.wavelength * camera.lenslet_focal_length / (camera.pixel_pitch * diameter)
@@ -196,10 +193,23 @@ def _has_round_lenslets(camera: CameraModel) -> bool:
 
 def _aspect(spacing: Spacing | None) -> float:
     """Shear along y, in rows, over shear along x, in columns."""
-    if spacing is None:
+    if spacing is None or not np.isfinite(spacing).all():
         return 1.0
     dv, du, dy, dx = spacing
     return dv * dx / (du * dy)
+
+
+def _detail(lf: LightField, near: tuple[int, int], size: int) -> Real:
+    """A window without the mean of each view, so that its own border is no edge."""
+    window = read_window(lf, near, size)
+    largest = np.abs(window).max()
+    window -= window.mean(axis=(-2, -1), keepdims=True)
+    if np.abs(window).max() <= _ROUNDING * largest:
+        raise ValueError(
+            f"The {size} x {size} lenslets round {near} are black or without any detail: give "
+            "another near= or a larger window."
+        )
+    return window
 
 
 def _checked(
@@ -225,10 +235,10 @@ def _checked(
 def _check_range(lf: LightField, window: int, c_max: float, optics: _Optics | None) -> None:
     """Refuse a range where alpha, the window or the band would end."""
     limits = [2 * window / max(max(lf.shape[:2]) - 1, 1)]  # the outermost view leaves the window
-    if lf.spacing is not None and lf.decode == "calibrated":
-        limits.append(abs(lf.spacing[1] / lf.spacing[3]))  # alpha = 0
     if optics is not None:
         limits.append(_UNFLOORED / (optics.blur.q * _NARROWEST * _BAND[0]))
+    if lf.spacing is not None and np.isfinite(lf.spacing).all():
+        limits.append(abs(lf.spacing[1] / lf.spacing[3]))  # alpha = 0, for naive cells infinity
     if not 0 < c_max < min(limits):
         raise ValueError(
             f"c_max lies between 0 and {min(limits):.3g} pixels a view step for this light field "
@@ -241,24 +251,26 @@ def _result(
     method: str,
     near: tuple[int, int],
     peak: Peak,
-    disparity: float,
-    optics: _Optics | None,
-    in_focus: bool,
+    *,
+    optics: _Optics | None = None,
+    in_focus: bool = False,
+    alpha: float | None = None,
 ) -> AlphaEstimate:
-    """Everything that follows from the disparity of the peak."""
-    alpha = float(lf.alpha(disparity))
+    """Everything that follows from a peak, or from an alpha that takes its place."""
+    value = float(lf.alpha(peak.position)) if alpha is None else alpha
     known = optics is not None and peak.inside
-    rising = np.argsort(lf.alpha(peak.positions))
+    alphas = lf.alpha(peak.positions)
+    rising = np.argsort(alphas)
     return AlphaEstimate(
-        alpha,
-        _depth(lf, alpha),
-        in_focus,
-        optics.uncertainty(alpha, method, in_focus) if optics and known else math.nan,
-        (lf.alpha(peak.positions)[rising], peak.values[rising]),
-        method,
-        disparity,
-        peak.positions[rising],
-        near,
+        alpha=value,
+        z=_depth(lf, value),
+        in_focus=in_focus,
+        uncertainty=optics.uncertainty(value, method, in_focus) if optics and known else math.nan,
+        curve=(alphas[rising], peak.values[rising]),
+        method=method,
+        disparity=peak.position if alpha is None else float(lf.disparity(alpha)),
+        disparities=peak.positions[rising],
+        near=near,
     )
 
 
@@ -268,20 +280,21 @@ def _thesis(lf: LightField, near: tuple[int, int]) -> AlphaEstimate:
             "method='thesis' decodes the raw image again, which this light field does not have: "
             "make it with LightField.from_raw, or use another method."
         )
-    cells = read_window(LightField.from_raw(lf.raw, decode="naive"), near, thesis.WINDOW)
-    energies = thesis.thesis_curve(cells)
-    alpha = float(thesis.ALPHAS[np.argmax(energies)])
+    naive = LightField.from_raw(lf.raw, decode="naive")
+    energies = thesis.thesis_curve(read_window(naive, near, thesis.WINDOW, fill=True))
+    best = int(np.argmax(energies))
     disparities = lf.disparity(thesis.ALPHAS)
+    alpha = float(thesis.ALPHAS[best])
     return AlphaEstimate(
-        alpha,
-        _depth(lf, alpha),
-        False,
-        math.nan,
-        (thesis.ALPHAS.copy(), energies),
-        "thesis",
-        float(lf.disparity(alpha)),
-        disparities,
-        near,
+        alpha=alpha,
+        z=_depth(lf, alpha),
+        in_focus=False,
+        uncertainty=math.nan,
+        curve=(thesis.ALPHAS.copy(), energies),
+        method="thesis",
+        disparity=float(disparities[best]),
+        disparities=disparities,
+        near=near,
     )
 
 

@@ -18,15 +18,13 @@ if TYPE_CHECKING:
 
 def view(lf: LightField, v: float, u: float) -> Image:
     """See `LightField.view`."""
-    nearest = aperture_weights(lf, None, (v, u))
-    weights = nearest * lf.weights
-    return _mean(lf, weights if weights.any() else nearest)
+    return _view(lf, (v, u))
 
 
 def render(lf: LightField, *, aperture: Any, viewpoint: Any, total: bool) -> Image:
     """See `LightField.render`."""
     if aperture is None and viewpoint is not None and not total:
-        return view(lf, *viewpoint)
+        return _view(lf, viewpoint)
     weights = view_weights(lf, aperture, viewpoint)
     return _sum(lf, weights) if total else _mean(lf, weights)
 
@@ -73,6 +71,12 @@ def epi(lf: LightField, *, y: int | None, x: int | None, v: int | None, u: int |
     fixed = {"vuyx".index(name): int(n) for name, n in given.items()}
     axes = (1, 3) if "y" in given else (0, 2)
     return Image(plane(lf.data, fixed, axes, lf.device), lf.device)
+
+
+def _view(lf: LightField, viewpoint: Any) -> Image:
+    nearest = aperture_weights(lf, None, viewpoint)
+    weights = nearest * lf.weights
+    return _mean(lf, weights if weights.any() else nearest)
 
 
 def _mean(lf: LightField, weights: Weights) -> Image:

@@ -149,7 +149,7 @@ def sharpness(
     Parameters
     ----------
     window : numpy.ndarray
-        float64, shape (c, v, u, y, x), y and x odd; weights of the views multiplied in.
+        float64, shape (c, v, u, y, x); weights of the views multiplied in.
     pad : int
         Zeros on each side of the window, in lenslets, so that no view moves round the end.
     band : tuple of float

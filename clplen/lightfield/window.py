@@ -14,7 +14,7 @@ _SMOOTHING = 8  # windows are found in a picture smoothed by a Gaussian of windo
 
 
 def read_window(
-    lf: LightField, near: tuple[int, int], size: int
+    lf: LightField, near: tuple[int, int], size: int, *, fill: bool = False
 ) -> np.ndarray[Any, np.dtype[np.float64]]:
     """The samples round one lenslet.
 
@@ -25,25 +25,32 @@ def read_window(
         (x, y) of the central lenslet.
     size : int
         Lenslets across, odd.
+    fill : bool
+        Zeros for the lenslets beyond the border of the light field; otherwise they are left out.
 
     Returns
     -------
     numpy.ndarray
-        float64, shape (c, v, u, size, size), c = 1 without colour; multiplied by the weights of
-        the views; 0 beyond the border of the light field.
+        float64, shape (c, v, u, y, x), c = 1 without colour; multiplied by the weights of the
+        views.
     """
-    V, U, ny, nx = lf.shape[:4]
     colours = lf.shape[4] if len(lf.shape) == 5 else 1
-    half = size // 2
-    x0, x1 = max(near[0] - half, 0), min(near[0] + half + 1, nx)
-    y0, y1 = max(near[1] - half, 0), min(near[1] + half + 1, ny)
+    ranges = [
+        (max(centre - size // 2, 0), min(centre + size // 2 + 1, n))
+        for centre, n in zip(near[::-1], lf.shape[2:4], strict=True)
+    ]
+    rows, columns = (slice(*ends) for ends in ranges)
     with lf.device.on_host(lf.data) as samples:
-        part = samples[:, :, y0:y1, x0:x1].astype(np.float64)
+        part = samples[:, :, rows, columns].astype(np.float64)
     part = part.reshape(*part.shape[:4], colours) * lf.weights[:, :, None, None, None]
-    window = np.zeros((colours, V, U, size, size))
-    top, left = y0 - near[1] + half, x0 - near[0] + half
-    window[..., top : top + y1 - y0, left : left + x1 - x0] = np.moveaxis(part, -1, 0)
-    return window
+    window = np.moveaxis(part, -1, 0)
+    if not fill:
+        return window
+    missing = [
+        (first - centre + size // 2, centre + size // 2 + 1 - end)
+        for centre, (first, end) in zip(near[::-1], ranges, strict=True)
+    ]
+    return np.pad(window, [(0, 0)] * 3 + missing)
 
 
 def brightest(lf: LightField, size: int) -> tuple[int, int]:

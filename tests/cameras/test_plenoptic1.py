@@ -1,0 +1,211 @@
+"""Camera geometry, exposure in batches, messages."""
+
+import numpy as np
+import pytest
+from reference_camera import Camera, simulate_scene
+from tolerance import relative_max
+
+from clplen import MicrolensArray, PlenopticCamera, PointSources, SamplingError, Sensor
+from clplen.cameras import plenoptic1
+
+
+def small(device, **change):
+    values = {
+        "focal_length": 0.12, "wavelength": 532e-9, "pixels_per_lenslet": 10, "device": device,
+        "mla": MicrolensArray(150e-6, 10e-3, count=(27, 31), fill="full"),
+    } | change
+    return PlenopticCamera.type1(**values)
+
+
+POINTS = [(0.3e-3, -0.2e-3, -0.03), (-0.5e-3, 0.4e-3, 0.02), (0.1e-3, 0.6e-3, 0.0)]
+
+
+def test_many_points_against_the_independent_simulation(device, monkeypatch):
+    camera = small(device, aperture_diameter=1.8e-3, object_distance=0.2)
+    twin = Camera(count=(27, 31), pixels_per_lenslet=10, image_distance=camera.image_distance)
+    one_batch = camera.expose(PointSources(POINTS, diameter=10e-6)).to_numpy()
+    monkeypatch.setattr(plenoptic1, "BATCH_BYTES", 1)
+    calls = []
+    singles = camera.expose(
+        PointSources(POINTS, diameter=10e-6), progress=lambda n, total: calls.append((n, total))
+    ).to_numpy()
+    assert calls == [(1, 3), (2, 3), (3, 3)]
+    np.testing.assert_allclose(one_batch, singles, atol=1e-7 * singles.max())
+    assert twin.object_distance == pytest.approx(0.2)
+
+
+def test_matched_aperture_small_camera(device):
+    camera = small(device, mla=MicrolensArray(150e-6, 10e-3, count=(51, 57), fill="full"))
+    got = camera.expose(PointSources(POINTS, diameter=10e-6)).to_numpy()
+    expected = simulate_scene(POINTS, params=Camera(count=(51, 57), pixels_per_lenslet=10))
+    assert relative_max(expected, got.astype(np.float64)) <= 3e-6
+
+
+def test_double_precision(precise):
+    camera = small(precise, mla=MicrolensArray(150e-6, 10e-3, count=(51, 57), fill="full"))
+    got = camera.expose(PointSources(POINTS[:1], diameter=10e-6)).to_numpy()
+    assert got.dtype == np.float32
+    expected = simulate_scene(POINTS[:1], params=Camera(count=(51, 57), pixels_per_lenslet=10))
+    assert relative_max(expected, got.astype(np.float64)) <= 1e-5
+
+
+def test_power_scales_each_source(device):
+    camera = small(device, aperture_diameter=1.8e-3)
+    one, two = (camera.expose(PointSources(p)).to_numpy() for p in POINTS[:2])
+    both = camera.expose(PointSources(POINTS[:2], power=[2.0, 0.5])).to_numpy()
+    np.testing.assert_allclose(both, 2 * one + 0.5 * two, atol=1e-6 * both.max())
+
+
+@pytest.mark.parametrize("lattice", ["square", "hexagonal"])
+def test_grid_covers_the_array(device, lattice):
+    mla = MicrolensArray(150e-6, 10e-3, count=(12, 17), lattice=lattice)
+    camera = small(device, mla=mla, pixels_per_lenslet=9.37, aperture_diameter=0.5e-3)
+    pitch = 150e-6 / 9.37
+    assert camera.pixel_pitch == pytest.approx(pitch)
+    for n, length in zip(camera.grid.shape, mla.extent, strict=True):
+        assert n * pitch >= length * (1 - 1e-9) > (n - 1) * pitch
+    for n, o in zip(camera.grid.shape, camera.grid.origin, strict=True):
+        assert o == (pitch / 2 if n % 2 == 0 else 0)
+
+
+@pytest.mark.parametrize("rotation", [0, 0.1])
+def test_sub_images_lie_on_chief_rays(device, rotation):
+    mla = MicrolensArray(150e-6, 10e-3, count=(12, 17), rotation=rotation, offset=(20e-6, -9e-6))
+    camera = small(device, mla=mla, aperture_diameter=0.5e-3)
+    raw = camera.expose(PointSources((0, 0, 0)))
+    grid = raw.sub_images
+    i, k = 3, 11
+    place = np.add(grid.first, np.multiply(i, grid.row_step)) + np.multiply(k, grid.column_step)
+    expected = mla.centres()[i, k] * (1 + 10e-3 / 0.24)
+    at = [np.interp(p, np.arange(n), axis) for p, n, axis in
+          zip(place, camera.grid.shape, (camera.grid.y, camera.grid.x), strict=True)]
+    np.testing.assert_allclose(at, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({}, (0.24, 0.24)),
+        ({"object_distance": 0.36}, (0.36, 0.18)),
+        ({"image_distance": 0.18}, (0.36, 0.18)),
+        ({"object_distance": 0.36, "image_distance": 0.18}, (0.36, 0.18)),
+    ],
+)
+def test_distances(device, given, expected):
+    camera = small(device, aperture_diameter=0.5e-3, **given)
+    assert (camera.object_distance, camera.image_distance) == pytest.approx(expected)
+
+
+def test_contradicting_distances(device):
+    with pytest.raises(ValueError, match=r"contradict the lens law .* imaged at 0.18 m"):
+        small(device, object_distance=0.36, image_distance=0.2)
+
+
+def test_object_within_the_focal_length(device):
+    with pytest.raises(ValueError, match="within the focal length"):
+        small(device, object_distance=0.1)
+
+
+def test_sampling_rule_says_what_would_do(device):
+    with pytest.raises(SamplingError, match=r"cycles/m .*pixels_per_lenslet = "):
+        small(device, mla=MicrolensArray(150e-6, 2e-3, count=(27, 31), fill="full"))
+
+
+def test_sampling_rule_counts_the_image_position(device):
+    camera = small(device, mla=MicrolensArray(150e-6, 10e-3, count=101, fill="full"))
+    with pytest.raises(SamplingError, match=r"\|X\| = 0.007"):
+        camera.expose(PointSources((7e-3, 0, 0)))
+
+
+def test_less_than_two_pixels(device):
+    with pytest.raises(SamplingError, match="at least 2"):
+        small(device, pixels_per_lenslet=1.5)
+
+
+def test_window_smaller_than_the_aperture(device):
+    with pytest.raises(SamplingError, match="does not hold the main lens' aperture"):
+        small(device, mla=MicrolensArray(150e-6, 10e-3, count=9, fill="full"))
+
+
+def test_point_beyond_the_array(device):
+    camera = small(device, aperture_diameter=0.5e-3)
+    with pytest.raises(SamplingError, match=r"imaged at .* beyond the array"):
+        camera.expose(PointSources((3e-3, 0, 0)))
+
+
+def test_point_behind_the_lens(device):
+    with pytest.raises(ValueError, match="behind the main lens"):
+        small(device, aperture_diameter=0.5e-3).expose(PointSources((0, 0, -0.25)))
+
+
+def test_too_large_for_the_device(device, monkeypatch):
+    camera = small(device, aperture_diameter=0.5e-3)
+    monkeypatch.setattr(device, "memory_bytes", 10_000)
+    with pytest.raises(Exception, match=r"needs [\d,]+ bytes"):
+        camera.expose(PointSources((0, 0, 0)))
+
+
+@pytest.mark.parametrize("name", ["focal_length", "wavelength", "aperture_diameter"])
+def test_lengths_are_positive(device, name):
+    with pytest.raises(ValueError, match=f"{name} is positive"):
+        small(device, **{name: -1.0})
+
+
+@pytest.mark.parametrize(
+    ("args", "kwargs", "message"),
+    [
+        (([(0, 0)],), {}, r"\(x, y, dz\)"),
+        (([],), {}, r"\(x, y, dz\)"),
+        (([(0, 0, np.nan)],), {}, "finite"),
+        (([(0, 0, 0)],), {"diameter": -1}, "not negative"),
+        (([(0, 0, 0)],), {"power": [1, 2]}, "give one or each"),
+        (([(0, 0, 0)],), {"power": -1}, "not negative"),
+    ],
+)
+def test_bad_sources(args, kwargs, message):
+    with pytest.raises(ValueError, match=message):
+        PointSources(*args, **kwargs)
+
+
+class TestSensor:
+    def raw(self, device):
+        return small(device, aperture_diameter=1.8e-3).expose(PointSources((0, 0, 0)))
+
+    def test_off_by_default(self, device):
+        raw = self.raw(device)
+        assert Sensor().record(raw) is raw
+
+    def test_shot_noise_has_poisson_variance_and_a_seed(self, device):
+        raw = self.raw(device)
+        clean = raw.to_numpy().astype(np.float64) * 1e7
+        noisy = Sensor(exposure=1e7, shot_noise=True, seed=3).record(raw).to_numpy()
+        lit = clean > 50
+        z = (noisy[lit] - clean[lit]) / np.sqrt(clean[lit])
+        assert lit.sum() > 500
+        assert z.std() == pytest.approx(1, abs=5 / np.sqrt(2 * lit.sum()))
+        again = Sensor(exposure=1e7, shot_noise=True, seed=3).record(raw).to_numpy()
+        np.testing.assert_array_equal(noisy, again)
+        other = Sensor(exposure=1e7, shot_noise=True, seed=4).record(raw).to_numpy()
+        assert (noisy != other).any()
+
+    def test_read_noise_saturation_and_bits(self, device):
+        raw = self.raw(device)
+        out = Sensor(exposure=1e6, read_noise=2.0, full_well=1000, bit_depth=8).record(raw)
+        values = out.to_numpy()
+        np.testing.assert_array_equal(values, np.rint(values))
+        assert values.min() == 0
+        assert values.max() == 255
+
+    @pytest.mark.parametrize(
+        ("change", "message"),
+        [
+            ({"exposure": -1}, "exposure is a positive"),
+            ({"shot_noise": True}, "need exposure"),
+            ({"exposure": 1e6, "bit_depth": 8}, "bit_depth needs full_well"),
+            ({"exposure": 1e6, "bit_depth": 40, "full_well": 1}, "between 1 and 24"),
+            ({"exposure": 1e6, "read_noise": -1}, "read_noise is not negative"),
+        ],
+    )
+    def test_bad_values(self, change, message):
+        with pytest.raises(ValueError, match=message):
+            Sensor(**change)

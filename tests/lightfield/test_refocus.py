@@ -1,0 +1,234 @@
+"""refocus and focal_stack against the float64 form of their definition."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from reference_lightfield import apply, magnify, sampling_matrix
+from reference_lightfield import refocus as twin
+from tolerance import relative_max
+
+from clplen.errors import DeviceError
+from clplen.lightfield.aperture import aperture_weights
+from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.refocus import focal_stack, refocus
+
+TYPES = (np.uint8, np.uint16, np.float32)
+SHAPES = [(3, 4, 17, 23), (4, 3, 13, 11, 3), (1, 6, 5, 19), (5, 2, 31, 7)]
+DISPARITIES = [-2.0, -1.3, -0.5, 0.0, 0.21, 1.0, 1.77, 2.0]
+SPACING = (-120e-6, -120e-6, 150e-6, 150e-6)  # du/dx = -0.8
+UNEQUAL = (90e-6, -120e-6, 130e-6, -150e-6)
+LIMIT = 1e-5  # of the maximum: what is promised for linear interpolation in float32
+
+
+def values(dtype=np.float32, shape=(3, 4, 17, 23)) -> np.ndarray:
+    return np.random.default_rng(29).integers(1, 250, shape).astype(dtype)
+
+
+def light_field(device, a=None, **more) -> LightField:
+    return LightField.from_array(values() if a is None else a, device=device, **more)
+
+
+@pytest.mark.parametrize("dtype", TYPES)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_refocus_against_twin(device, dtype, shape):
+    a = values(dtype, shape)
+    lf = light_field(device, a)
+    for d in DISPARITIES:
+        got = refocus(lf, disparity=d).to_numpy()
+        assert got.dtype == np.float32
+        assert relative_max(twin(a, d), got) <= LIMIT
+
+
+@pytest.mark.parametrize("dtype", TYPES)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_focal_stack_against_twin(device, dtype, shape):
+    a = values(dtype, shape)
+    weights = np.random.default_rng(31).random(shape[:2])
+    stack = focal_stack(light_field(device, a, weights=weights), disparities=DISPARITIES)
+    assert stack.shape == (len(DISPARITIES), *shape[2:])
+    assert stack.to_numpy().dtype == np.float32
+    for d, got in zip(DISPARITIES, stack.to_numpy(), strict=True):
+        assert relative_max(twin(a, d, weights=weights), got) <= LIMIT
+
+
+@pytest.mark.parametrize("d", [-2, 1])
+def test_a_plane_comes_into_focus(device, d):
+    """L[v, u, y, x] = T(y + d (v - vc), x + d (u - uc)): nearer moves towards smaller x."""
+    texture = np.random.default_rng(37).random((60, 60))
+    V, U, ny, nx = 3, 5, 31, 29
+    a = np.empty((V, U, ny, nx), np.float32)
+    for v in range(V):
+        for u in range(U):
+            top, left = 15 + d * (v - 1), 15 + d * (u - 2)
+            a[v, u] = texture[top : top + ny, left : left + nx]
+    got = refocus(light_field(device, a), disparity=d).to_numpy()
+    want = texture[15 : 15 + ny, 15 : 15 + nx]
+    inner = (slice(4, -4), slice(4, -4))
+    assert relative_max(want[inner], got[inner].astype(float)) <= LIMIT
+
+
+def test_alpha_is_disparity(device):
+    lf = light_field(device, spacing=SPACING)
+    for alpha in (0.7368421, 1.0, 1.1724138):
+        by_alpha = refocus(lf, alpha=alpha).to_numpy()
+        by_disparity = refocus(lf, disparity=0.8 * (1 - alpha)).to_numpy()
+        assert relative_max(by_disparity, by_alpha) <= LIMIT
+
+
+def test_alpha_of_naive_cells(device):
+    lf = replace(light_field(device, spacing=SPACING), decode="naive")
+    got = refocus(lf, alpha=0.75).to_numpy()
+    assert relative_max(twin(values(), 0.8 * (1 / 0.75 - 1)), got) <= LIMIT
+
+
+def sheared(a: np.ndarray, d_y: float, d_x: float) -> np.ndarray:
+    """The plain mean of views that are moved by different steps along y and x."""
+    (V, U), (ny, nx) = a.shape[:2], a.shape[2:]
+    total = used = 0.0
+    for v in range(V):
+        for u in range(U):
+            my = sampling_matrix(np.arange(ny) - (v - (V - 1) / 2) * d_y, ny)
+            mx = sampling_matrix(np.arange(nx) - (u - (U - 1) / 2) * d_x, nx)
+            total = total + apply(mx, apply(my, a[v, u].astype(float), 0), 1)
+            used = used + np.outer(my.sum(axis=1), mx.sum(axis=1))
+    return total / used
+
+
+@pytest.mark.parametrize(
+    ("spacing", "ratio"),
+    [
+        (SPACING, 1.0),
+        (UNEQUAL, (90 / 130) / (120 / 150)),
+        ((np.inf, np.inf, 130e-6, 150e-6), 150 / 130),
+    ],
+)
+def test_shift_along_y_follows_its_own_spacing(device, spacing, ratio):
+    lf = light_field(device, spacing=spacing)
+    got = refocus(lf, disparity=0.9).to_numpy()
+    assert relative_max(sheared(values(), 0.9 * ratio, 0.9), got) <= LIMIT
+
+
+def test_alpha_with_unequal_spacing(device):
+    """d = -(1 - alpha) du/dx along x and -(1 - alpha) dv/dy along y, signed."""
+    got = refocus(light_field(device, spacing=UNEQUAL), alpha=1.4).to_numpy()
+    assert relative_max(sheared(values(), 0.4 * 90 / 130, 0.4 * 120 / 150), got) <= LIMIT
+
+
+@pytest.mark.parametrize("shape", [(3, 4, 17, 23), (4, 3, 13, 11, 3)])
+@pytest.mark.parametrize("alpha", [0.7368421, 1.0, 1.1724138])
+def test_rescale(device, shape, alpha):
+    a = values(shape=shape)
+    lf = light_field(device, a, spacing=SPACING)
+    want = magnify(twin(a, 0.8 * (1 - alpha)), alpha)
+    assert relative_max(want, refocus(lf, alpha=alpha, rescale=True).to_numpy()) <= LIMIT
+    d = float(lf.disparity(alpha))
+    assert relative_max(want, refocus(lf, disparity=d, rescale=True).to_numpy()) <= LIMIT
+
+
+def test_rescale_of_naive_cells_is_already_done(device):
+    lf = replace(light_field(device, spacing=SPACING), decode="naive")
+    got = refocus(lf, alpha=0.75, rescale=True).to_numpy()
+    np.testing.assert_array_equal(got, refocus(lf, alpha=0.75).to_numpy())
+
+
+def test_rescale_keeps_the_sum(device):
+    y, x = np.mgrid[-20:21, -20:21]
+    spot = np.exp(-(x**2 + (y - 3) ** 2) / 18).astype(np.float32)
+    lf = light_field(device, np.tile(spot, (3, 3, 1, 1)), spacing=SPACING)
+    for alpha in (0.8, 1.2):
+        plain, scaled = (refocus(lf, alpha=alpha, rescale=r).to_numpy() for r in (False, True))
+        assert abs(scaled.sum() / plain.sum() - 1) < 0.01
+        row = np.argmax(scaled.max(axis=1)) - 20
+        assert row == round(3 / alpha)
+
+
+def test_rescale_needs_spacing(device):
+    with pytest.raises(ValueError, match="rescale=True needs a positive alpha"):
+        refocus(light_field(device), disparity=0.5, rescale=True)
+    with pytest.raises(ValueError, match=r"here alpha is -0\.25"):
+        refocus(light_field(device, spacing=SPACING), disparity=1.0, rescale=True)
+
+
+@pytest.mark.parametrize("value", [None, 0.9])
+def test_exactly_one_of_alpha_and_disparity(device, value):
+    lf = light_field(device, spacing=SPACING)
+    found = "neither was" if value is None else "both were"
+    with pytest.raises(ValueError, match=f"exactly one of alpha and disparity; {found} given"):
+        refocus(lf, alpha=value, disparity=value)
+    values = None if value is None else [value]
+    with pytest.raises(ValueError, match=f"exactly one of alphas and disparities; {found} given"):
+        focal_stack(lf, alphas=values, disparities=values)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_planes_that_are_not_finite_are_refused(device, bad):
+    lf = light_field(device, spacing=SPACING)
+    for name in ("alpha", "disparity"):
+        with pytest.raises(ValueError, match="Planes are finite numbers"):
+            refocus(lf, **{name: bad})
+    with pytest.raises(ValueError, match="Planes are finite numbers"):
+        focal_stack(lf, disparities=[0.0, bad])
+
+
+def test_alpha_needs_spacing_and_is_positive(device):
+    with pytest.raises(ValueError, match="alpha needs the spacing"):
+        refocus(light_field(device), alpha=1.1)
+    with pytest.raises(ValueError, match="positive and finite"):
+        focal_stack(light_field(device, spacing=SPACING), alphas=[1.0, 0.0])
+
+
+def test_refocus_makes_one_picture(device):
+    with pytest.raises(ValueError, match="give one number, or use focal_stack"):
+        refocus(light_field(device), disparity=[0.0, 1.0])
+
+
+@pytest.mark.parametrize("planes", [[], 0.5, [[0.0, 1.0]]])
+def test_a_stack_needs_a_list_of_planes(device, planes):
+    with pytest.raises(ValueError, match="a list of at least one plane, not shape"):
+        focal_stack(light_field(device), disparities=planes)
+
+
+def test_what_a_stack_knows(device):
+    camera = SimpleNamespace(image_distance=0.24, aperture_diameter=0.0036)
+    lf = light_field(device, spacing=SPACING, camera=camera)
+    stack = focal_stack(lf, alphas=np.linspace(0.8, 1.2, 5))
+    np.testing.assert_allclose(stack.alphas, [0.8, 0.9, 1.0, 1.1, 1.2])
+    np.testing.assert_allclose(stack.disparities, [0.16, 0.08, 0, -0.08, -0.16], atol=1e-12)
+    assert stack.spacing == SPACING
+    assert stack.camera is camera
+    assert stack.device is device
+    by_disparity = focal_stack(light_field(device), disparities=[1.5, -0.5])
+    np.testing.assert_array_equal(by_disparity.disparities, [1.5, -0.5])
+    assert np.isnan(by_disparity.alphas).all()
+
+
+@pytest.mark.parametrize("aperture", [2, 0.8, np.arange(12).reshape(3, 4)])
+def test_aperture_of_a_stack(device, aperture):
+    own = np.random.default_rng(41).random((3, 4))
+    lf = light_field(device, weights=own)
+    weights = aperture_weights(lf, aperture, None) * own
+    got = focal_stack(lf, disparities=[-0.7, 1.0], aperture=aperture).to_numpy()
+    for d, picture in zip([-0.7, 1.0], got, strict=True):
+        assert relative_max(twin(values(), d, weights=weights), picture) <= LIMIT
+
+
+def test_a_stack_that_does_not_fit_is_refused(device, monkeypatch):
+    lf = light_field(device, values(np.uint8))
+    needed = 1000 * 17 * 23 * 4 + 3 * 4 * 17 * 23
+    monkeypatch.setattr(device, "memory_bytes", needed - 1)
+    message = f"This focal stack with its light field needs {needed:,} bytes .* fewer planes"
+    with pytest.raises(DeviceError, match=message):
+        focal_stack(lf, disparities=np.linspace(-2, 2, 1000))
+
+
+def test_nothing_is_changed(device):
+    a = values()
+    lf = light_field(device, a)
+    first = focal_stack(lf, disparities=DISPARITIES).to_numpy()
+    second = focal_stack(lf, disparities=DISPARITIES).to_numpy()
+    np.testing.assert_array_equal(first, second)
+    np.testing.assert_array_equal(lf.to_numpy(), a)
