@@ -4,8 +4,11 @@ compute/      devices, programs, Fourier transforms
 wave/         fields, propagation, lenses, microlens arrays
 lightfield/   decode, views, refocus, focal stacks, depth
 cameras/      scenes and plenoptic cameras: where the two towers meet
-io/           files in and out (``clplen.io``)
+io/           files in and out (imported when asked for, as is plot)
 """
+
+from importlib import import_module
+from typing import Any
 
 from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.scene import PointSources
@@ -20,8 +23,11 @@ from clplen.errors import (
     SamplingWarning,
     ShapeError,
 )
+from clplen.lightfield.depth import DepthMap, depth_map
+from clplen.lightfield.estimate import AlphaEstimate, estimate_alpha
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.raw import LensletGrid, RawImage
+from clplen.lightfield.refocus import FocalStack, focal_stack, refocus
 from clplen.lightfield.sensor import Sensor
 from clplen.wave.elements import aperture, thin_lens
 from clplen.wave.field import Field, Grid
@@ -30,8 +36,43 @@ from clplen.wave.propagation import Propagator, propagate
 
 __version__ = "0.1.0"
 __all__ = [
-    "ClplenError", "Device", "DeviceError", "Field", "FormatError", "Grid", "Image",
-    "KernelBuildError", "LensletGrid", "LightField", "MicrolensArray", "PlenopticCamera",
-    "PointSources", "Propagator", "RawImage", "SamplingError", "SamplingWarning", "Sensor",
-    "ShapeError", "aperture", "propagate", "thin_lens",
+    "AlphaEstimate",
+    "ClplenError",
+    "DepthMap",
+    "Device",
+    "DeviceError",
+    "Field",
+    "FocalStack",
+    "FormatError",
+    "Grid",
+    "Image",
+    "KernelBuildError",
+    "LensletGrid",
+    "LightField",
+    "MicrolensArray",
+    "PlenopticCamera",
+    "PointSources",
+    "Propagator",
+    "RawImage",
+    "SamplingError",
+    "SamplingWarning",
+    "Sensor",
+    "ShapeError",
+    "aperture",
+    "depth_map",
+    "estimate_alpha",
+    "focal_stack",
+    "propagate",
+    "read_lightfield",
+    "refocus",
+    "thin_lens",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """What needs more than NumPy, SciPy and pyopencl is imported when it is asked for."""
+    if name == "read_lightfield":
+        return import_module("clplen.io").read_lightfield
+    if name in ("io", "plot"):
+        return import_module(f"clplen.{name}")
+    raise AttributeError(f"module 'clplen' has no attribute {name!r}")

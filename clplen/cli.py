@@ -129,7 +129,7 @@ _planes = _with_options(
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__)
+@click.version_option(__version__, prog_name="clplen")
 def main() -> None:
     """Light fields by wave optics, on any OpenCL device.
 
@@ -172,11 +172,12 @@ def _listed(device: Device, taken: Device | None) -> str:
         note = Device.open(f"{place[0]}:{place[1]}").note
     except ClplenError as error:
         note = _sentence(error)
+    mark = "*" if taken is not None and device.cl_device == taken.cl_device else " "
     route = device.fft.name
     if route != "vkfft":
         route += f" on the host, {device.fft.threads} threads"
     lines = [
-        f"{'*' if taken and device.cl_device == taken.cl_device else ' '} {place[0]}:{place[1]}  {device.name}",
+        f"{mark} {place[0]}:{place[1]}  {device.name}",
         f"driver  {device.driver}",
         f"memory  {device.memory_bytes / 2**30:.1f} GiB",
         f"fp64    {'yes' if device.has_fp64 else 'no'}",
@@ -320,14 +321,13 @@ def stack(
     check_writable(output)
     lf = _read(source, selector, layout)
     made = focal_stack(lf, aperture=aperture, **planes)
-    sharpness = np.asarray(sharpness_curve(made))
+    best = int(sharpness_curve(made).argmax())
     write_stack(output, made, progress=sys.stderr.isatty())
-    best = int(sharpness.argmax())
     alpha = made.alphas[best]
     also = f", alpha = {alpha:.4f}" if np.isfinite(alpha) else ""
     click.echo(
-        f"{output} holds {len(made.disparities)} planes; the sharpest is plane {best} (counted "
-        f"from 0): d = {made.disparities[best]:.4f}{also}."
+        f"{output} holds {len(made.disparities)} planes; the sharpest is number {best} (from 0), "
+        f"d = {made.disparities[best]:.4f}{also}."
     )
 
 

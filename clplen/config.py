@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.plenoptic1 import Plenoptic1
@@ -67,6 +67,16 @@ diameter_um = 10.0              # of each source, a coherent disc; 0 (default): 
 """
 
 
+def _twice(value: Any) -> Any:
+    """One number for rows and columns."""
+    return (value, value) if isinstance(value, int) else value
+
+
+def _listed(value: Any) -> Any:
+    """One number for all points."""
+    return value if isinstance(value, list) else [value]
+
+
 class _Table(BaseModel):
     """A table of the file; keys that it does not know are refused."""
 
@@ -78,7 +88,7 @@ class MicrolensTable(_Table):
 
     pitch_um: Positive
     focal_length_mm: Positive
-    count: Count | tuple[Count, Count]
+    count: Annotated[tuple[Count, Count], BeforeValidator(_twice)]
     lattice: Literal["square", "hexagonal"] = "square"
     fill: Literal["circular", "full"] = "circular"
     diameter_um: Positive | None = None
@@ -131,12 +141,13 @@ class SceneTable(_Table):
 
     points_mm: Annotated[list[tuple[Finite, Finite, Finite]], Field(min_length=1)]
     diameter_um: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    power: Finite | list[Finite] = 1.0
+    power: Annotated[list[Finite], BeforeValidator(_listed)] = Field(default=[1.0])
 
     def build(self) -> PointSources:
         """The point sources, in SI units."""
         positions = [tuple(1e-3 * value for value in point) for point in self.points_mm]
-        return PointSources(positions, diameter=self.diameter_um * 1e-6, power=self.power)
+        power = self.power if len(self.power) > 1 else self.power[0]
+        return PointSources(positions, diameter=self.diameter_um * 1e-6, power=power)
 
 
 class SensorTable(_Table):

@@ -139,7 +139,7 @@ def run(folder: Path, device: Device, *, say: Callable[[str], None], step: Step)
     _write_stack(folder, cam, lf)
     found = []
     for dz in DEPTHS:
-        step(f"point at {dz * 1e3:+.0f} mm")
+        step(f"point at {_mm(dz)}")
         found.append(estimates(cam, dz))
     say(alpha_table(cam, found))
     step("depth figures")
@@ -162,7 +162,7 @@ def _write_pictures(folder: Path, cam: Plenoptic1, raw: RawImage, lf: LightField
     plot.save(rendering, folder / "rendering.png")
     labels, rows, truths = [], [], []
     for name, (_, _, dz) in POINTS.items():
-        labels.append(rf"{name}: dz = {dz * 1e3:+.0f} mm, $\alpha$ = {cam.alpha(dz):.4f}")
+        labels.append(rf"{name}: dz = {_mm(dz)}, $\alpha$ = {cam.alpha(dz):.4f}")
         rows.append(round(place(cam, name)[1]))
         truths.append(cam.alpha(dz))
     slices = plot.phase_space(lf, rows=rows, labels=labels, truths=truths)
@@ -198,7 +198,7 @@ def _write_estimates(
     """E(alpha), and the estimates on alpha(dz)."""
     groups = {
         f"method {method!r}": [
-            (f"{dz * 1e3:+.0f} mm", methods[method], cam.alpha(dz))
+            (_mm(dz), methods[method], cam.alpha(dz))
             for dz, methods in zip(DEPTHS, found, strict=True)
         ]
         for method in METHODS
@@ -209,6 +209,10 @@ def _write_estimates(
         for method in METHODS
     }
     plot.save(plot.alpha_curve(cam, estimated, reach=0.1), folder / "alpha.png")
+
+
+def _mm(dz: float) -> str:
+    return f"{dz * 1e3:+.0f} mm" if dz else "0 mm"
 
 
 def _points(alphas: Iterable[float]) -> list[tuple[float, float]]:

@@ -22,11 +22,12 @@ inline float4 keys(float t)
                     ((2.0f - 1.5f * t) * t + 0.5f) * t, (0.5f * t - 0.5f) * t * t);
 }
 
-/* Four pixels from p on of an axis of n: their weights, 0 off the sensor, and their indices. */
+/* Four pixels from p on of an axis of n: their weights, 0 off the sensor, and their indices.
+ * (clamp with vectors: Oclgrind 21.10 gets the form with scalars wrong.) */
 inline float4 on_sensor(float4 weight, int p, int n, int4 *index)
 {
     const int4 pixel = p + (int4)(0, 1, 2, 3);
-    *index = clamp(pixel, 0, n - 1);
+    *index = clamp(pixel, (int4)(0), (int4)(n - 1));
     return select((float4)(0), weight, pixel == *index);
 }
 

@@ -1,6 +1,7 @@
 /* Depth from focus, one plane of a focal stack after the other.
  *
- *   local_energy   out[y, x] = sum_c (R[b, y, x, c] - low[y, x, c])^2; -DLUMA: (sum_c Y_c ...)^2
+ *   local_energy   out[y, x] = gain sum_c (R[b, y, x, c] - low[y, x, c])^2
+ *                  -DLUMA: gain (sum_c Y_c (R[b, y, x, c] - low[y, x, c]))^2
  *   track_peak     the highest local maximum of E over the planes and the second highest;
  *                  parabola through the highest and its neighbours, which need not be equally far
  *   confidence     (1 - second/best) k/(1 + k),  k = -E''/E at the peak, in 1/(px a view)^2
@@ -19,8 +20,8 @@ inline float high_pass(const float value, const float low)
 }
 
 __kernel void local_energy(__global float *restrict out, __global const float *restrict picture,
-                           __global const float *restrict low, const int b, const int ny,
-                           const int nx, const int channels)
+                           __global const float *restrict low, const float gain, const int b,
+                           const int ny, const int nx, const int channels)
 {
     const int y = get_global_id(1);
     picture += row_start(b, y, ny, nx * channels);
@@ -32,14 +33,14 @@ __kernel void local_energy(__global float *restrict out, __global const float *r
         const float luma = 0.2126f * high_pass(picture[i], low[i]) +
                            0.7152f * high_pass(picture[i + 1], low[i + 1]) +
                            0.0722f * high_pass(picture[i + 2], low[i + 2]);
-        out[x] = luma * luma;
+        out[x] = gain * luma * luma;
 #else
         float sum = 0.0f;
         for (int i = x * channels; i < (x + 1) * channels; ++i) {
             const float d = high_pass(picture[i], low[i]);
             sum += d * d;
         }
-        out[x] = sum;
+        out[x] = gain * sum;
 #endif
     }
 }

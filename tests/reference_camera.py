@@ -81,7 +81,7 @@ def source_field(camera: Camera, x0: float, y0: float, dz: float) -> Complex:
     """Field of a uniform coherent disc at (x0, y0) on the main-lens plane.
 
     Exact spherical phase exp(ik(r - z)) from the disc's centre times its far-field pattern
-    2 J1(v)/v, v = pi a rho/(lam z) (Goodman, eq. 4-31); a = 0 is a point.
+    2 J1(v)/v, v = pi a rho/(lam z) (Goodman, section 4.4.2); a = 0 is a point.
     """
     y, x = camera.axes()
     z = camera.object_distance + dz

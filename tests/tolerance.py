@@ -90,7 +90,7 @@ def err_db(reference: ArrayLike, got: ArrayLike) -> float:
 def snr_db(reference: ArrayLike, got: ArrayLike) -> float:
     """10 log10(sum|f|^2 / sum|f - a g|^2) with the best a = <g,f>/<g,g>.
 
-    Blind to one complex constant (Matsushima & Shimobaba 2009, eq. 22).
+    Blind to one complex constant (Matsushima & Shimobaba 2009).
     """
     f, g = comparable(reference, got)
     power = np.vdot(g, g).real

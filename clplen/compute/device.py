@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property, lru_cache
 from threading import Lock
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 import pyopencl as cl
@@ -62,6 +62,7 @@ class Device:
         self.memory_bytes = int(cl_device.global_mem_size)
         self.rows = self.is_cpu  # one work-item a row (CPU) or one a sample (GPU)
         self.note = ""
+        self._programs: dict[tuple[Any, ...], cl.Program] = {}
         self._kernels: dict[tuple[Any, ...], cl.Kernel] = {}
         self._lock = Lock()
         if precision == "double" and not self.has_fp64:
@@ -194,7 +195,7 @@ class Device:
         array = self.empty(shape, dtype)
         if array.nbytes:
             zero = np.zeros(1, np.uint8)
-            cl.enqueue_fill_buffer(self.queue, array.base_data, zero, 0, array.nbytes)
+            cl.enqueue_fill_buffer(self.queue, _buffer(array), zero, 0, array.nbytes)
         return array
 
     def upload(self, values: np.ndarray[Any, Any]) -> cla.Array:
@@ -202,7 +203,7 @@ class Device:
         values = np.asarray(values, order="C")
         array = self.empty(values.shape, values.dtype)
         if values.nbytes:
-            cl.enqueue_copy(self.queue, array.base_data, values, is_blocking=True)
+            cl.enqueue_copy(self.queue, _buffer(array), values, is_blocking=True)
         return array
 
     def download(self, array: cla.Array) -> np.ndarray[Any, Any]:
@@ -211,7 +212,7 @@ class Device:
         values = np.empty(array.shape, array.dtype)
         if values.nbytes:
             cl.enqueue_copy(
-                self.queue, values, array.base_data, src_offset=array.offset, is_blocking=True
+                self.queue, values, _buffer(array), src_offset=array.offset, is_blocking=True
             )
         return values
 
@@ -227,12 +228,12 @@ class Device:
             values = self.download(array)
             yield values
             cl.enqueue_copy(
-                self.queue, array.base_data, values, dst_offset=array.offset, is_blocking=True
+                self.queue, _buffer(array), values, dst_offset=array.offset, is_blocking=True
             )
             return
-        flags = cl.map_flags.READ | cl.map_flags.WRITE
+        flags = cast(cl.map_flags, cl.map_flags.READ | cl.map_flags.WRITE)
         mapped, _ = cl.enqueue_map_buffer(
-            self.queue, array.base_data, flags, array.offset, array.shape, array.dtype
+            self.queue, _buffer(array), flags, array.offset, array.shape, array.dtype
         )
         try:
             yield mapped
@@ -252,9 +253,9 @@ class Device:
 
     def _program(self, file: str, defines: tuple[tuple[str, Any], ...]) -> cl.Program:
         key = (file, defines)
-        if key not in self._kernels:
-            self._kernels[key] = build_program(self.context, file, dict(defines))
-        return self._kernels[key]
+        if key not in self._programs:
+            self._programs[key] = build_program(self.context, file, dict(defines))
+        return self._programs[key]
 
     def wave_defines(self) -> dict[str, Any]:
         """Definitions that choose the precision of a kernel of the wave tower."""
@@ -285,7 +286,7 @@ class Device:
         total = tuple(-(-int(n) // g) * g for n, g in zip(size, group, strict=True))
         if 0 in total:
             return
-        plain = [arg.data if isinstance(arg, cla.Array) else arg for arg in args]
+        plain: list[Any] = [arg.data if isinstance(arg, cla.Array) else arg for arg in args]
         with self._lock:
             kernel(self.queue, total, tuple(group), *plain)
 
@@ -381,6 +382,11 @@ def _opened(cl_device: cl.Device, precision: Precision) -> Device:
     if device.note:
         warnings.warn(device.note, RuntimeWarning, stacklevel=3)
     return device
+
+
+def _buffer(array: cla.Array) -> cl.Buffer:
+    """The buffer that holds an array of at least one sample."""
+    return cast(cl.Buffer, array.base_data)
 
 
 def _bytes(count: int) -> str:

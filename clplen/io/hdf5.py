@@ -96,11 +96,10 @@ def read_hdf5(path: PathLike, *, device: Device) -> tuple[LightField, str]:
             camera = _read_camera(file["camera"], path, device) if "camera" in file else None
     except OSError as error:
         raise FormatError(f"{path} is truncated or damaged ({error}).") from error
-    spacing = attributes.get("spacing")
     lf = LightField.from_array(
         data,
         device=device,
-        spacing=None if spacing is None else tuple(float(step) for step in spacing),
+        spacing=_plain(attributes["spacing"]) if "spacing" in attributes else None,
         weights=weights,
         camera=camera,
     )

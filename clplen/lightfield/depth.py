@@ -10,7 +10,8 @@ import numpy as np
 
 from clplen.lightfield.focus import HighPass, Map, PeakTracker
 from clplen.lightfield.gaussian import GaussianBlur
-from clplen.lightfield.refocus import FocalStack, focal_stack
+from clplen.lightfield.interpolation import kept_energy
+from clplen.lightfield.refocus import FocalStack, focal_stack, shifts
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -64,8 +65,10 @@ def depth_map(
 
     The cue "energy" is E_d = G_w * (R_d - G_s * R_d)^2, the squares added over the colours, with
     R_d the picture refocused on disparity d and G Gaussians of s = 1.5 and w = 4 pixels: by
-    Parseval the windowed spectral energy above a cut-off. The peak is refined by the parabola
-    through the highest plane and its two neighbours.
+    Parseval the windowed spectral energy above a cut-off. For a light field, whose views are
+    known, it is divided by the share that linear interpolation keeps (`kept_energy`): a stack
+    keeps its small preference for whole disparities. The peak is refined by the parabola through
+    the highest plane and its two neighbours.
 
     Parameters
     ----------
@@ -98,9 +101,10 @@ def depth_map(
     gather = GaussianBlur(_WINDOW, size, device=device)
     high_pass = HighPass(_HIGH_PASS, shape, device=device)
     tracker = PeakTracker(size, device=device, start=planes[np.argmin(np.abs(planes))])
+    kept = _kept(source, planes)
     for disparity, stack, index in _focused(source, planes):
         energy = tracker.next_plane(disparity)
-        high_pass(energy, stack.data, index=index)
+        high_pass(energy, stack.data, index=index, gain=1 / kept[disparity])
         gather(energy, energy)
     return _depth_map(source, *tracker.finish())
 
@@ -169,6 +173,14 @@ def _focused(
         stack = focal_stack(source, disparities=planes[start : start + _AT_ONCE])
         for index, disparity in enumerate(stack.disparities):
             yield float(disparity), stack, index
+
+
+def _kept(source: LightField | FocalStack, planes: Vector) -> dict[float, float]:
+    """Share of the energy that interpolation keeps at each plane; 1 where views are not known."""
+    if isinstance(source, FocalStack):
+        return dict.fromkeys(planes.tolist(), 1.0)
+    kept = kept_energy(*shifts(source, planes), source.weights, sigma=_HIGH_PASS)
+    return dict(zip(planes.tolist(), kept.tolist(), strict=True))
 
 
 def _require_memory(source: LightField | FocalStack, shape: tuple[int, ...]) -> None:

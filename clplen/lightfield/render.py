@@ -88,7 +88,7 @@ def _sum(lf: LightField, weights: np.ndarray[Any, Any]) -> Image:
     V, U = weights.shape
     picture = shear_sum(
         lf.data,
-        weights.astype(np.float32),
+        weights,
         np.zeros((1, V)),
         np.zeros((1, U)),
         device=lf.device,

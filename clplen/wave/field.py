@@ -16,7 +16,7 @@ from clplen.errors import ShapeError
 if TYPE_CHECKING:
     from clplen.compute.device import Device
 
-Vector = np.ndarray[Any, np.dtype[np.float64]]
+Vector = np.ndarray[Any, np.dtype[np.floating[Any]]]
 
 
 @dataclass(frozen=True, init=False)

@@ -20,9 +20,8 @@ def small(device, **change):
 POINTS = [(0.3e-3, -0.2e-3, -0.03), (-0.5e-3, 0.4e-3, 0.02), (0.1e-3, 0.6e-3, 0.0)]
 
 
-def test_many_points_against_the_independent_simulation(device, monkeypatch):
+def test_batches_equal_single_sources(device, monkeypatch):
     camera = small(device, aperture_diameter=1.8e-3, object_distance=0.2)
-    twin = Camera(count=(27, 31), pixels_per_lenslet=10, image_distance=camera.image_distance)
     one_batch = camera.expose(PointSources(POINTS, diameter=10e-6)).to_numpy()
     monkeypatch.setattr(plenoptic1, "BATCH_BYTES", 1)
     calls = []
@@ -31,7 +30,6 @@ def test_many_points_against_the_independent_simulation(device, monkeypatch):
     ).to_numpy()
     assert calls == [(1, 3), (2, 3), (3, 3)]
     np.testing.assert_allclose(one_batch, singles, atol=1e-7 * singles.max())
-    assert twin.object_distance == pytest.approx(0.2)
 
 
 def test_matched_aperture_small_camera(device):
@@ -46,7 +44,8 @@ def test_double_precision(precise):
     got = camera.expose(PointSources(POINTS[:1], diameter=10e-6)).to_numpy()
     assert got.dtype == np.float32
     expected = simulate_scene(POINTS[:1], params=Camera(count=(51, 57), pixels_per_lenslet=10))
-    assert relative_max(expected, got.astype(np.float64)) <= 1e-5
+    # the rim of the aperture by 32 strips: 1.2e-4 of a rim sample, one sample in a thousand
+    assert relative_max(expected, got.astype(np.float64)) <= 1e-6
 
 
 def test_power_scales_each_source(device):

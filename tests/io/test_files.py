@@ -14,9 +14,14 @@ from clplen.io.files import check_folder, check_writable, filling, replacing
 def test_nothing_is_left_after_an_exception(tmp_path: Path, error: type[BaseException]):
     target = tmp_path / "a.txt"
     target.write_text("old")
-    with pytest.raises(error), replacing(target) as temporary:
-        temporary.write_text("half of the n")
-        raise error
+
+    def write() -> None:
+        with replacing(target) as temporary:
+            temporary.write_text("half of the n")
+            raise error
+
+    with pytest.raises(error):
+        write()
     assert [file.name for file in tmp_path.iterdir()] == ["a.txt"]
     assert target.read_text() == "old"
 
@@ -33,9 +38,13 @@ def test_the_new_file_replaces_the_old(tmp_path: Path):
 
 
 def test_a_folder_is_filled_whole_or_not_at_all(tmp_path: Path):
-    with pytest.raises(KeyboardInterrupt), filling(tmp_path / "views") as folder:
-        (folder / "one.png").write_text("x")
-        raise KeyboardInterrupt
+    def write() -> None:
+        with filling(tmp_path / "views") as folder:
+            (folder / "one.png").write_text("x")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write()
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "views").mkdir()
     with filling(tmp_path / "views") as folder:
@@ -50,7 +59,7 @@ def test_no_folder(tmp_path: Path):
 
 def test_a_file_in_place_of_the_folder(tmp_path: Path):
     (tmp_path / "file").touch()
-    with pytest.raises(FileNotFoundError, match="no folder .*file"):
+    with pytest.raises(FileNotFoundError, match=r"no folder .*file"):
         check_writable(tmp_path / "file" / "a.tif")
     with pytest.raises(NotADirectoryError, match="there is a file of this name"):
         check_folder(tmp_path / "file")
@@ -63,9 +72,9 @@ def test_a_folder_in_place_of_the_file(tmp_path: Path):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs a folder that nobody may write to")
 def test_a_folder_that_takes_no_files():
-    with pytest.raises(OSError, match="the folder /proc takes no files .*choose another"):
+    with pytest.raises(OSError, match=r"the folder /proc takes no files .*choose another"):
         check_writable("/proc/stack.tif")
-    with pytest.raises(OSError, match="folder /proc/demo cannot be made .*choose another"):
+    with pytest.raises(OSError, match=r"folder /proc/demo cannot be made .*choose another"):
         check_folder("/proc/demo")
 
 

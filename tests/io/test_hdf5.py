@@ -110,7 +110,7 @@ def test_a_camera_that_lacks_a_parameter(tmp_path: Path, device: Device):
     write_lightfield(tmp_path / "a.h5", replace(light_field(device), camera=a_camera(device)))
     with h5py.File(tmp_path / "a.h5", "a") as file:
         del file["camera"].attrs["mla_pitch"]
-    with pytest.raises(FormatError, match="camera in .* lacks 'mla_pitch'"):
+    with pytest.raises(FormatError, match=r"camera in .* lacks 'mla_pitch'"):
         read_lightfield(tmp_path / "a.h5", device=device)
 
 

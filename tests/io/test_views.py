@@ -188,7 +188,7 @@ def test_larger_than_the_device(folder: Path, device: Device, monkeypatch: pytes
 
 
 def test_no_such_folder(tmp_path: Path, device: Device):
-    with pytest.raises(FormatError, match="no file or folder .*nowhere"):
+    with pytest.raises(FormatError, match=r"no file or folder .*nowhere"):
         read_lightfield(tmp_path / "nowhere", device=device)
 
 

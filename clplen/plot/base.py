@@ -1,0 +1,108 @@
+"""What all figures share: style, scales of values, colour bars, files."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm, Normalize, PowerNorm
+from matplotlib.figure import Figure
+
+from clplen.io.files import PathLike, replacing
+
+Array = np.ndarray[Any, Any]
+Scale = Literal["linear", "log", "root"]
+Region = tuple[slice, slice]
+
+LIGHT = "inferno"  # perceptually uniform: brightness follows the value
+WHOLE: Region = (slice(None), slice(None))
+_DECADES = 3
+styled = matplotlib.rc_context({
+    "font.size": 9, "axes.titlesize": 9, "legend.fontsize": 8,
+    "xtick.labelsize": 8, "ytick.labelsize": 8, "image.interpolation": "nearest",
+})
+
+
+def save(figure: Figure, path: PathLike, *, dpi: int = 150) -> None:
+    """Write a figure as PNG, whole or not at all.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    path : path-like
+        ``.png``.
+    dpi : int
+        Dots an inch.
+    """
+    with replacing(path) as temporary:
+        figure.savefig(temporary, dpi=dpi, format="png")
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of so many inches."""
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def spread(count: int, shown: int) -> list[int]:
+    """At most ``shown`` of ``count`` indices, first and last among them."""
+    return sorted({round(i) for i in np.linspace(0, count - 1, min(count, shown))})
+
+
+def coordinates(count: int, step: float) -> Array:
+    """Millimetres from the middle of an axis."""
+    return (np.arange(count) - (count - 1) / 2) * step * 1e3
+
+
+def placed(region: Region, shape: tuple[int, ...]) -> tuple[float, float, float, float]:
+    """Extent of a part of an image in its own pixels."""
+    y, x = (part.indices(n) for part, n in zip(region, shape, strict=False))
+    return (x[0] - 0.5, x[1] - 0.5, y[1] - 0.5, y[0] - 0.5)
+
+
+def centred(shape: tuple[int, ...], step: float) -> tuple[float, float, float, float]:
+    """Extent of an image about its middle, row 0 at the top."""
+    y, x = shape[0] * step / 2, shape[1] * step / 2
+    return (-x, x, y, -y)
+
+
+def norm_of(values: Array, scale: Scale, decades: int = _DECADES) -> Normalize:
+    """How values become colours, from 0 (or so many decades below the largest) to the largest."""
+    highest = float(values.max()) or 1.0
+    if scale == "log":
+        return LogNorm(highest * 10.0**-decades, highest)
+    if scale == "root":
+        return PowerNorm(0.5, 0, highest)
+    return Normalize(min(0.0, float(values.min())), highest)
+
+
+def said(scale: Scale) -> str:
+    """The words that a colour bar adds."""
+    return {"linear": "", "log": " (logarithmic)", "root": " (square root)"}[scale]
+
+
+def cut(scale: Scale) -> str:
+    """Whether the colours leave values out."""
+    return "min" if scale == "log" else "neither"
+
+
+def for_display(values: Array, norm: Normalize) -> Array:
+    """Values that the colour scale can show; colours become 0 to 1, linearly."""
+    if values.ndim == 3:
+        return np.clip(values / norm.vmax, 0, 1)
+    return np.clip(values, norm.vmin, None)
+
+
+def draw(figure: Figure, axes: Axes, values: Array, scale: Scale, label: str) -> None:
+    """An image with its colour bar; no label, no bar."""
+    norm = norm_of(values, scale)
+    drawn = axes.imshow(for_display(values, norm), cmap=LIGHT, norm=norm,
+                        interpolation="antialiased")
+    if label:
+        bar(figure, drawn, axes, label + said(scale), extend=cut(scale))
+
+
+def bar(figure: Figure, drawn: Any, axes: Any, label: str, *, extend: str = "neither") -> None:
+    """A colour bar beside one or several axes."""
+    figure.colorbar(drawn, ax=axes, label=label, extend=extend, shrink=0.9, pad=0.02)

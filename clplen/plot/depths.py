@@ -1,0 +1,149 @@
+"""Figures of depth: focus curves, estimates, phase space, disparity maps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.colors import PowerNorm
+from matplotlib.figure import Figure
+
+from clplen.plot.base import LIGHT, bar, coordinates, new_figure, styled
+
+if TYPE_CHECKING:
+    from clplen.lightfield.depth import DepthMap
+    from clplen.lightfield.estimate import AlphaEstimate
+    from clplen.lightfield.lightfield import LightField
+    from clplen.lightfield.raw import CameraModel
+
+_COLOURS = ("#0072b2", "#009e73", "#e69f00", "#cc3311")  # told apart by the colour-blind too
+
+
+@styled
+def energy_curves(
+    groups: Mapping[str, Sequence[tuple[str, AlphaEstimate, float]]],
+) -> Figure:
+    """Spectral energy against alpha, a panel for each method.
+
+    Parameters
+    ----------
+    groups : mapping
+        From the name of a method to its (label, estimate, true alpha); each curve is divided by
+        its maximum.
+    """
+    figure = new_figure(3.7 * len(groups) + 0.4, 3.4)
+    panels = figure.subplots(1, len(groups), squeeze=False, sharex=True, sharey=True)[0]
+    for panel, (title, members) in zip(panels, groups.items(), strict=True):
+        for colour, (label, estimate, truth) in zip(_COLOURS, members, strict=False):
+            alphas, energy = (np.asarray(values) for values in estimate.curve)
+            panel.plot(alphas, energy / energy.max(), color=colour, lw=1.4, label=label)
+            panel.axvline(truth, color=colour, lw=0.9, ls=":")
+            panel.plot(estimate.alpha, 1.03, "v", color=colour, ms=5, clip_on=False)
+        panel.set(xlabel=r"$\alpha$", title=title)
+    panels[0].set(ylabel="spectral energy / its maximum", ylim=(0, 1.08))
+    figure.legend(*panels[0].get_legend_handles_labels(), title="dz", frameon=False,
+                  loc="outside right center")
+    figure.supxlabel(r"triangles: estimates; dotted lines: true $\alpha$", fontsize=8, color="0.3")
+    return figure
+
+
+@styled
+def alpha_curve(
+    camera: CameraModel, estimates: Mapping[str, Sequence[tuple[float, float]]], *, reach: float
+) -> Figure:
+    """alpha(dz) of a camera with estimates on it, and their errors below.
+
+    Parameters
+    ----------
+    camera : CameraModel
+    estimates : mapping
+        From the name of a method to its (dz in metres, estimated alpha).
+    reach : float
+        The curve is drawn for abs(dz) up to this, in metres.
+    """
+    figure = new_figure(6.0, 5.4)
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
+    dz = np.linspace(-reach, reach, 401)
+    upper.plot(dz * 1e3, camera.alpha(dz), color="0.25", lw=1.3, label="F/F' by the lens law")
+    lower.axhline(0, color="0.25", lw=1.3)
+    for colour, marker, (name, points) in zip(_COLOURS, "s^ox", estimates.items(), strict=False):
+        at, found = (np.array(values) for values in zip(*points, strict=True))
+        style = {"color": colour, "marker": marker, "ls": "", "ms": 6, "mfc": "none", "mew": 1.4}
+        upper.plot(at * 1e3, found, label=name, **style)
+        lower.plot(at * 1e3, found - camera.alpha(at), **style)
+    upper.axhline(1, color="0.8", lw=0.7, zorder=0)
+    upper.axvline(0, color="0.8", lw=0.7, zorder=0)
+    upper.set(ylabel=r"$\alpha$ = F/F'", title="depth from focus")
+    upper.legend(frameon=False)
+    lower.set(xlabel="dz / mm (positive: farther from the lens)", ylabel=r"error of $\alpha$")
+    return figure
+
+
+@styled
+def phase_space(
+    lf: LightField, *, rows: Sequence[int], labels: Sequence[str], truths: Sequence[float] = ()
+) -> Figure:
+    """Slices (x, u) of a light field in metres: position on the lenslets, place on the main lens.
+
+    A point is a line of slope dx/du = 1 - alpha.
+
+    Parameters
+    ----------
+    lf : LightField
+        One channel, with spacing.
+    rows : sequence of int
+        Row y of each slice; each is summed over v and three rows about y.
+    labels : sequence of str
+        One for each row.
+    truths : sequence of float
+        alpha of the point in each row, drawn as a line through the slice's centre of light.
+    """
+    if lf.spacing is None or len(lf.shape) != 4:
+        raise ValueError("A phase-space plot needs one channel and the spacing in metres.")
+    values = lf.to_numpy()
+    _, du, _, dx = lf.spacing
+    u, x = coordinates(lf.shape[1], du), coordinates(lf.shape[3], dx)
+    figure = new_figure(3.3 * len(rows) + 0.8, 3.7)
+    panels = figure.subplots(1, len(rows), squeeze=False)[0]
+    drawn = None
+    for index, (panel, y, label) in enumerate(zip(panels, rows, labels, strict=True)):
+        part = np.maximum(values[:, :, max(y - 1, 0) : y + 2].sum(axis=(0, 2)), 0)
+        extent = (x[0] - dx * 500, x[-1] + dx * 500, u[-1] + du * 500, u[0] - du * 500)
+        middle = float((part**2).sum(axis=0) @ x / (part**2).sum())
+        drawn = panel.imshow(part / part.max(), cmap=LIGHT, norm=PowerNorm(0.5, 0, 1),
+                             extent=extent, aspect="auto")
+        panel.set(xlim=(middle - 12e3 * dx, middle + 12e3 * dx), ylim=sorted(extent[2:]),
+                  title=label, xlabel="x on the lenslets / mm")
+        if truths:
+            panel.plot(middle + (1 - truths[index]) * u, u, "--", color="w", lw=1)
+    panels[0].set_ylabel("u on the main lens / mm")
+    bar(figure, drawn, list(panels), "energy / maximum of the slice (square root)")
+    figure.supxlabel(r"dashed: dx/du = 1 - $\alpha$", fontsize=8, color="0.3")
+    return figure
+
+
+@styled
+def depth(found: DepthMap, *, title: str = "") -> Figure:
+    """A disparity map and its confidence, with colour bars.
+
+    Disparities outside the range of the surer half of the pixels are cut in the colours (the
+    arrows of the bar say so), never in the data.
+
+    Parameters
+    ----------
+    found : DepthMap
+    title : str
+    """
+    sure = found.confidence >= np.median(found.confidence)
+    low, high = np.nanpercentile(found.disparity[sure], [1, 99])
+    height, width = found.disparity.shape
+    figure = new_figure(9.6, 4.0 * min(1.6, height / width) + 0.4)
+    left, right = figure.subplots(1, 2)
+    drawn = left.imshow(found.disparity, cmap="viridis", vmin=low, vmax=high)
+    bar(figure, drawn, left, "disparity / pixel per view step (nearer: larger)", extend="both")
+    drawn = right.imshow(found.confidence, cmap="gray", vmin=0, vmax=1)
+    bar(figure, drawn, right, "confidence")
+    left.set(title=title or "disparity", xlabel="x / pixel", ylabel="y / pixel")
+    right.set(title="confidence", xlabel="x / pixel", yticks=[])
+    return figure

@@ -1,0 +1,222 @@
+"""Figures of raw images, views, renderings and focal stacks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from clplen.plot.base import (
+    LIGHT,
+    WHOLE,
+    Array,
+    Region,
+    Scale,
+    bar,
+    centred,
+    cut,
+    draw,
+    for_display,
+    new_figure,
+    norm_of,
+    placed,
+    said,
+    spread,
+    styled,
+)
+
+if TYPE_CHECKING:
+    from clplen.compute.image import Image
+    from clplen.lightfield.lightfield import LightField
+    from clplen.lightfield.raw import RawImage
+    from clplen.lightfield.refocus import FocalStack
+
+_RAW_DECADES = 5
+
+
+@styled
+def raw_image(
+    raw: RawImage, *, details: Mapping[str, tuple[float, float]] | None = None
+) -> Figure:
+    """A raw lenslet image on a logarithmic scale, with magnified details beside it.
+
+    Parameters
+    ----------
+    raw : RawImage
+    details : mapping, optional
+        From a name to (y, x) in metres from the middle of the sensor; each becomes a panel of
+        9 x 9 lenslets, with the borders between them.
+    """
+    details = details or {}
+    values = raw.to_numpy()
+    mm = raw.pixel_pitch * 1e3
+    columns = 2 if details else 1
+    figure = new_figure(6.2 * (1.36 if details else 1), 5.4)
+    grid = figure.add_gridspec(max(len(details), 1), columns, width_ratios=[3, 1][:columns])
+    axes = figure.add_subplot(grid[:, 0])
+    norm = norm_of(values, "log", _RAW_DECADES)
+    extent = centred(values.shape, mm)
+    drawn = axes.imshow(for_display(values, norm), cmap=LIGHT, norm=norm, extent=extent,
+                        interpolation="antialiased", interpolation_stage="data")
+    axes.set(xlabel="x on the sensor / mm", ylabel="y on the sensor / mm", title="raw image")
+    bar(figure, drawn, axes, "energy per pixel (logarithmic)", extend="min")
+    for row, (name, (y, x)) in enumerate(details.items()):
+        panel = figure.add_subplot(grid[row, 1])
+        _detail(axes, panel, values, raw, (y * 1e3, x * 1e3), norm, name)
+    return figure
+
+
+def _detail(
+    axes: Axes, panel: Axes, values: Array, raw: RawImage, centre: tuple[float, float],
+    norm: Normalize, name: str,
+) -> None:
+    """A magnified part of the raw image, framed in both."""
+    mm = raw.pixel_pitch * 1e3
+    half = 4.5 * raw.cells.column_step[1] * mm
+    y, x = centre
+    panel.imshow(for_display(values, norm), cmap=LIGHT, norm=norm,
+                 extent=centred(values.shape, mm))
+    panel.set(xlim=(x - half, x + half), ylim=(y + half, y - half), xticks=[], yticks=[])
+    panel.set_title(f"{name}: 9 x 9 lenslets", fontsize=8)
+    cells = raw.cells
+    for axis, line in enumerate((panel.axhline, panel.axvline)):
+        step = (cells.row_step, cells.column_step)[axis][axis]
+        middle = (raw.shape[axis] - 1) / 2
+        for edge in cells.first[axis] + (np.arange(cells.count[axis] + 1) - 0.5) * step - middle:
+            line(edge * mm, color="w", lw=0.3, alpha=0.4)
+    frame = Rectangle((x - half, y - half), 2 * half, 2 * half, fill=False, color="w", lw=0.8)
+    axes.add_patch(frame)
+    axes.annotate(name, (x + half, y - half), color="w", xytext=(2, 2), fontsize=8,
+                  textcoords="offset points")
+
+
+@styled
+def views(
+    lf: LightField, *, shown: int = 8, scale: Scale = "linear", region: Region | None = None
+) -> Figure:
+    """A mosaic of views, spread evenly over the aperture.
+
+    Parameters
+    ----------
+    lf : LightField
+    shown : int
+        At most this many rows and columns of views.
+    scale : {"linear", "log", "root"}
+        Of the values; colour pictures are always linear.
+    region : tuple of slice, optional
+        Part (y, x) of every view to show.
+    """
+    vs, us = (spread(count, shown) for count in lf.shape[:2])
+    values = lf.to_numpy()[np.ix_(vs, us)][WHOLE + (region or WHOLE)]
+    height, width = values.shape[2:4]
+    figure = new_figure(7.4, max(2.5, 6.4 * len(vs) * height / (len(us) * width) + 0.4))
+    axes = figure.add_subplot()
+    mosaic = np.moveaxis(values, 1, 2).reshape(len(vs) * height, len(us) * width, *values.shape[4:])
+    draw(figure, axes, mosaic, scale, "energy per sample" if values.ndim == 4 else "")
+    for y in range(1, len(vs)):
+        axes.axhline(y * height - 0.5, color="0.6", lw=0.5)
+    for x in range(1, len(us)):
+        axes.axvline(x * width - 0.5, color="0.6", lw=0.5)
+    axes.set_xticks(np.arange(len(us)) * width + (width - 1) / 2, [str(u) for u in us])
+    axes.set_yticks(np.arange(len(vs)) * height + (height - 1) / 2, [str(v) for v in vs])
+    some = f"{len(vs)} x {len(us)} of " if (len(vs), len(us)) != lf.shape[:2] else ""
+    axes.set(xlabel="column u of the view", ylabel="row v of the view",
+             title=f"views: {some}{lf.shape[0]} x {lf.shape[1]}")
+    return figure
+
+
+@styled
+def picture(image: Image, *, title: str = "", scale: Scale = "linear") -> Figure:
+    """One image: a view, a rendering, a refocus.
+
+    Parameters
+    ----------
+    image : Image
+        Shape (y, x) or (y, x, 3).
+    title : str
+    scale : {"linear", "log", "root"}
+        Of the values; colour pictures are always linear.
+    """
+    values = image.to_numpy()
+    figure = new_figure(5.6, 5.0 * min(2.0, values.shape[0] / values.shape[1]) + 0.2)
+    axes = figure.add_subplot()
+    draw(figure, axes, values, scale, "value" if values.ndim == 2 else "")
+    axes.set(xlabel="x / pixel", ylabel="y / pixel", title=title)
+    return figure
+
+
+@styled
+def refocused(
+    images: Sequence[Image],
+    titles: Sequence[str],
+    *,
+    scale: Scale = "linear",
+    region: Region | None = None,
+) -> Figure:
+    """Several refocused images side by side, on one scale of values.
+
+    Parameters
+    ----------
+    images : sequence of Image
+        All of one shape.
+    titles : sequence of str
+        One for each.
+    scale : {"linear", "log", "root"}
+    region : tuple of slice, optional
+        Part (y, x) to show.
+    """
+    region = region or WHOLE
+    values = [image.to_numpy()[region] for image in images]
+    ratio = values[0].shape[0] / values[0].shape[1]
+    figure = new_figure(3.2 * len(values) + 0.8, 3.2 * ratio + 0.5)
+    panels = figure.subplots(1, len(values), squeeze=False)[0]
+    norm = norm_of(np.stack(values), scale)
+    drawn = None
+    for panel, shown, title in zip(panels, values, titles, strict=True):
+        drawn = panel.imshow(for_display(shown, norm), cmap=LIGHT, norm=norm,
+                             extent=placed(region, images[0].shape))
+        panel.set(title=title, xlabel="x / pixel")
+    panels[0].set_ylabel("y / pixel")
+    if values[0].ndim == 2:
+        bar(figure, drawn, list(panels), f"mean of the views{said(scale)}", extend=cut(scale))
+    return figure
+
+
+@styled
+def montage(
+    stack: FocalStack, *, shown: int = 15, scale: Scale = "linear", region: Region | None = None
+) -> Figure:
+    """Planes of a focal stack, spread evenly over it, on one scale of values.
+
+    Parameters
+    ----------
+    stack : FocalStack
+    shown : int
+        At most this many planes.
+    scale : {"linear", "log", "root"}
+    region : tuple of slice, optional
+        Part (y, x) to show.
+    """
+    planes = spread(len(stack.disparities), shown)
+    values = stack.to_numpy()[planes][WHOLE[:1] + (region or WHOLE)]
+    columns = min(5, len(planes))
+    rows = -(-len(planes) // columns)
+    figure = new_figure(8.0, rows * (1.37 * min(2.0, values.shape[1] / values.shape[2]) + 0.24))
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    norm = norm_of(values, scale)
+    drawn = None
+    for panel in panels:
+        panel.set_axis_off()
+    for panel, plane, shown_values in zip(panels, planes, values, strict=False):
+        drawn = panel.imshow(for_display(shown_values, norm), cmap=LIGHT, norm=norm)
+        alpha, d = stack.alphas[plane], stack.disparities[plane]
+        title = rf"$\alpha$ = {alpha:.3f}" if np.isfinite(alpha) else f"d = {d:+.3f}"
+        panel.set_title(title, fontsize=8)
+    if values.ndim == 3:
+        bar(figure, drawn, list(panels), f"mean of the views{said(scale)}", extend=cut(scale))
+    return figure

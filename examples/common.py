@@ -1,0 +1,81 @@
+"""What the figure scripts share: command line, camera, printed numbers, picture."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.figure import Figure
+
+from clplen import ClplenError, Device, Image, LightField, demo, plot
+from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.io import check_folder
+
+FOLDER = "clplen-figures"
+QUICK_COUNT = 75  # lenslets of the reduced camera: it still samples every ray of all three points
+BLUE, GREEN, ORANGE, RED = "#0072b2", "#009e73", "#d98c00", "#cc3311"  # for the colour-blind too
+COLOURS = dict(zip(demo.POINTS, (BLUE, GREEN, RED), strict=True))
+STYLE = {
+    "font.size": 9, "axes.titlesize": 9, "legend.fontsize": 8, "xtick.labelsize": 8,
+    "ytick.labelsize": 8, "legend.frameon": False, "image.interpolation": "nearest",
+}
+
+
+@dataclass(frozen=True)
+class Example:
+    """One run of a script: the camera of section 1.5 and where the picture goes."""
+
+    camera: Plenoptic1
+    quick: bool
+    picture: Path
+
+    def point(self, position: tuple[float, float, float]) -> LightField:
+        """Light field of one source of 10 um at (x, y, dz) in metres."""
+        return LightField.from_raw(demo.expose_point(self.camera, position))
+
+    def save(self, figure: Figure) -> None:
+        """Write the picture and say where it is."""
+        plot.save(figure, self.picture, dpi=160)
+        print(f"  -> {self.picture}")
+
+
+def start(text: str, script: str) -> Example:
+    """Read the command line of a script, given its docstring and its path."""
+    parser = argparse.ArgumentParser(description=text)
+    parser.add_argument("-o", "--output", default=FOLDER, metavar="FOLDER",
+                        help="folder for the picture (default: %(default)s)")
+    parser.add_argument("--device", help="as for Device.open, for example cpu, gpu, pocl or 0:1")
+    parser.add_argument("--quick", action="store_true",
+                        help=f"a smaller camera, {QUICK_COUNT} lenslets across, and fewer depths")
+    given = parser.parse_args()
+    try:
+        folder, device = check_folder(given.output), Device.open(given.device)
+    except (ClplenError, OSError) as error:
+        parser.error(str(error))
+    camera = demo.camera(device, count=QUICK_COUNT) if given.quick else demo.camera(device)
+    matplotlib.rcParams.update(STYLE)
+    print(text.splitlines()[0])
+    return Example(camera, given.quick, folder / f"{Path(script).stem}.png")
+
+
+def number(what: str, value: float, reference: float, form: str = ".4f") -> None:
+    """Print a number beside its reference value."""
+    print(f"  {what:<46} {value:>12{form}}   reference {reference:>12{form}}")
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure, in inches."""
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def pixels(image: Image) -> Any:
+    """Pixels of an image on the host, float64."""
+    return image.to_numpy().astype(float)
+
+
+def mm(dz: float) -> str:
+    """A depth as text."""
+    return f"{dz * 1e3:+.0f} mm"

@@ -1,0 +1,300 @@
+/* Shear, interpolate, sum: pictures refocused on many planes (Ng 2005, shift and add).
+ *
+ *   out[p, y, s] = sum_vu w[v, u] L[v, u](y + shift_y[p, v], s + channels shift_x[p, u]) / W
+ *   W[p, y, s]   = sum of the weights of the samples that were used
+ *
+ * s = x channels + c is a sample of a row, so that colour only multiplies the shift along x. A
+ * shift is a whole number and a fraction b: interpolation is linear, and separable, since it is one
+ * constant a view. With the view (v, u) moved by its whole shift,
+ *
+ *   R_v(s) = sum_u w (1 - b_u) L(s) + sum_u w b_u L(s + channels)       along x first,
+ *   out(y) = sum_v (1 - b_v) R_v(y) + b_v R_v(y + 1)                    then along y.
+ *
+ * Samples outside a view are 0 and count not in W; with -DCLAMP they are those of the edge.
+ *
+ * Tables (P planes of one launch, U views in a row, of which count[v] have a weight):
+ *   order[v, k]      u of the k-th view with a weight
+ *   span[u]          (first sample, number of further samples) that the planes see of view u
+ *   slide[v, p, k]   samples from the first one to that of plane p
+ *   taps[v, p, k]    (w (1 - b_u), w b_u)
+ *   down[v, p], blend[v, p]   whole shift along y, and b_v
+ *   norm[p, v, s]    W without the shifts along y, for each v; then their sum over v
+ *
+ * shear_blocks    one item = (width - channels) samples of `height` rows of all planes; for CPUs.
+ *                 A row of views is copied to local memory once, as float and with its edges, and
+ *                 then read for every plane; each sample is read once for both taps.
+ * shear_samples   one item = one sample of HEIGHT rows of PLANES planes; for GPUs.
+ *
+ * -DSAMPLE=uchar | ushort | float   what the light field stores
+ * -DCLAMP                           see above
+ * -DLANES=4 | 8 | 16, -DVECTORS=n   shear_blocks: vector type, and vectors summed in registers
+ * -DHEIGHT=n, -DPLANES=n            shear_samples
+ */
+#include "common.cl"
+
+/* Share of a row of views that lies inside for the picture's row y: 1, a part, or 0. */
+static float row_weight(const int y, const int down, const float blend, const int ny)
+{
+#ifdef CLAMP
+    return 1.0f;
+#else
+    const bool above = y + down >= 0 && y + down < ny;
+    const bool below = y + down + 1 >= 0 && y + down + 1 < ny;
+    return above && below ? 1.0f : above ? 1.0f - blend : below ? blend : 0.0f;
+#endif
+}
+
+/* Whether all rows of views lie inside for the picture's row y. */
+static bool all_inside(const int y, __global const int *down, __global const float *blend,
+                       const int V, const int planes, const int ny)
+{
+    bool inside = true;
+    for (int v = 0; v < V; ++v)
+        inside = inside && row_weight(y, down[v * planes], blend[v * planes], ny) == 1.0f;
+    return inside;
+}
+
+#ifdef LANES
+#define JOIN_(a, b) a##b
+#define JOIN(a, b) JOIN_(a, b)
+#define CHUNK (LANES * VECTORS)
+typedef JOIN(float, LANES) vec;
+
+/* Vectors at any float, in place of vloadn, which PoCL does not inline. */
+typedef struct __attribute__((packed)) { vec v; } loose;
+
+static vec load(__local const float *from)
+{
+    return ((__local const loose *)from)->v;
+}
+
+static vec load_global(__global const float *from)
+{
+    return ((__global const loose *)from)->v;
+}
+
+static void store(__local float *to, const vec value)
+{
+    ((__local loose *)to)->v = value;
+}
+
+/* n samples of a row of a view from `first` on, which may lie outside. */
+static void copy_row(__local float *restrict to, __global const SAMPLE *restrict row,
+                     const int first, const int n, const int samples, const int channels)
+{
+    const int begin = clamp(-first, 0, n);
+    const int end = clamp(samples - first, begin, n);
+#ifdef CLAMP
+    for (int i = 0; i < begin; ++i)
+        to[i] = row[((first + i) % channels + channels) % channels];
+    for (int i = end; i < n; ++i)
+        to[i] = row[samples - channels + (first + i) % channels];
+#else
+    for (int i = 0; i < begin; ++i)
+        to[i] = 0.0f;
+    for (int i = end; i < n; ++i)
+        to[i] = 0.0f;
+#endif
+    for (int i = begin; i < end; ++i)
+        to[i] = row[first + i];
+}
+
+/* R_v of CHUNK samples for one plane, added to the two rows of the picture that it belongs to
+ * (`upper` with b_v, `lower` with 1 - b_v; null outside the block). */
+static void sum_chunk(__local float *upper, __local float *lower, __local const float *views,
+                      __local float *second, const int n, const int pitch, const int channels,
+                      __global const int *slide, __global const float2 *taps, const float blend)
+{
+    vec a[VECTORS], b[VECTORS];
+#pragma unroll
+    for (int i = 0; i < VECTORS; ++i)
+        a[i] = b[i] = (vec)(0.0f);
+    for (int k = 0; k < n; ++k) {
+        __local const float *from = views + k * pitch + slide[k];
+        const vec first = (vec)(taps[k].x), next = (vec)(taps[k].y);
+#pragma unroll
+        for (int i = 0; i < VECTORS; ++i) {
+            const vec sample = load(from + i * LANES);
+            a[i] += sample * first;
+            b[i] += sample * next;
+        }
+    }
+    /* Chunks go from right to left, so `second` already holds what follows this one. */
+#pragma unroll
+    for (int i = 0; i < VECTORS; ++i)
+        store(second + i * LANES, b[i]);
+#pragma unroll
+    for (int i = 0; i < VECTORS; ++i)
+        a[i] += load(second + i * LANES + channels);
+    if (lower)
+#pragma unroll
+        for (int i = 0; i < VECTORS; ++i)
+            store(lower + i * LANES, load(lower + i * LANES) + a[i] * (vec)(1.0f - blend));
+    if (upper)
+#pragma unroll
+        for (int i = 0; i < VECTORS; ++i)
+            store(upper + i * LANES, load(upper + i * LANES) + a[i] * (vec)(blend));
+}
+
+/* sums /= W for one row of one plane, 0 where W is 0. */
+static void divide_row(__local float *sums, __global const float *norm, const int norm_pitch,
+                       __global const int *down, __global const float *blend, const int V,
+                       const int planes, const int y, const int ny, const int width)
+{
+    const bool inside = all_inside(y, down, blend, V, planes, ny);
+    for (int i = 0; i < width; i += LANES) {
+        vec used = (vec)(0.0f);
+        if (inside)
+            used = load_global(norm + V * norm_pitch + i);
+        else
+            for (int v = 0; v < V; ++v)
+                used += load_global(norm + v * norm_pitch + i)
+                        * (vec)(row_weight(y, down[v * planes], blend[v * planes], ny));
+        const vec mean = load(sums + i) / used;
+        store(sums + i, used != (vec)(0.0f) ? mean : (vec)(0.0f));
+    }
+}
+
+__attribute__((reqd_work_group_size(1, 1, 1)))
+__kernel void shear_blocks(__global float *restrict out, __global const SAMPLE *restrict L,
+                           __global const int *restrict count, __global const int *restrict order,
+                           __global const int2 *restrict span, __global const int *restrict slide,
+                           __global const float2 *restrict taps, __global const int *restrict down,
+                           __global const float *restrict blend, __global const float *restrict norm,
+                           const int V, const int U, const int ny, const int samples,
+                           const int channels, const int planes, const int plane0,
+                           const int norm_pitch, const int total, const int height,
+                           const int width, const int pitch, __local float *views,
+                           __local float *sums, __local float *second)
+{
+    const int s0 = get_global_id(0) * (width - channels);
+    const int y0 = get_global_id(1) * height;
+    const int rows = min(height, ny - y0);
+    for (int i = 0; i < planes * height * width; i += LANES)
+        store(sums + i, (vec)(0.0f));
+    for (int i = 0; i < channels; ++i)
+        second[width + i] = 0.0f;
+
+    for (int v = 0; v < V; ++v) {
+        const int n = count[v];
+        int top = INT_MAX, bottom = INT_MIN;
+        for (int p = 0; p < planes; ++p) {
+            top = min(top, down[v * planes + p]);
+            bottom = max(bottom, down[v * planes + p]);
+        }
+#ifndef CLAMP
+        top = max(top, -y0);
+        bottom = min(bottom, ny - 1 - y0 - rows);
+#endif
+        for (int t = top; n > 0 && t <= bottom + rows; ++t) {
+            const int y = clamp(y0 + t, 0, ny - 1);
+            for (int k = 0; k < n; ++k) {
+                const int u = order[v * U + k];
+                copy_row(views + k * pitch, L + row_start(v * U + u, y, ny, samples),
+                         s0 + span[u].x, width + span[u].y, samples, channels);
+            }
+            for (int p = 0; p < planes; ++p) {
+                const int r = t - down[v * planes + p];
+                if (r < 0 || r > rows)
+                    continue;
+                __local float *row = sums + (p * height + r) * width;
+                const int table = (v * planes + p) * U;
+                for (int i = width - CHUNK; i >= 0; i -= CHUNK)
+                    sum_chunk(r > 0 ? row - width + i : 0, r < rows ? row + i : 0, views + i,
+                              second + i, n, pitch, channels, slide + table, taps + table,
+                              blend[v * planes + p]);
+            }
+        }
+    }
+
+    const int n = min(width - channels, samples - s0);
+    for (int p = 0; p < planes; ++p)
+        for (int r = 0; r < rows; ++r) {
+            __local float *from = sums + (p * height + r) * width;
+            if (!total)
+                divide_row(from, norm + (size_t)p * (V + 1) * norm_pitch + s0, norm_pitch,
+                           down + p, blend + p, V, planes, y0 + r, ny, width);
+            __global float *to = out + row_start(plane0 + p, y0 + r, ny, samples) + s0;
+            for (int i = 0; i < n; ++i)
+                to[i] = from[i];
+        }
+}
+#endif
+
+#ifdef HEIGHT
+/* Sample s of a row of a view, which may lie outside. */
+static float tap(__global const SAMPLE *row, const int s, const int samples, const int channels)
+{
+#ifdef CLAMP
+    const int channel = (s % channels + channels) % channels;
+    return row[s < 0 ? channel : s < samples ? s : samples - channels + channel];
+#else
+    return s >= 0 && s < samples ? (float)row[s] : 0.0f;
+#endif
+}
+
+__kernel void shear_samples(__global float *restrict out, __global const SAMPLE *restrict L,
+                            __global const int *restrict count, __global const int *restrict order,
+                            __global const int2 *restrict span, __global const int *restrict slide,
+                            __global const float2 *restrict taps, __global const int *restrict down,
+                            __global const float *restrict blend,
+                            __global const float *restrict norm, const int V, const int U,
+                            const int ny, const int samples, const int channels, const int planes,
+                            const int plane0, const int norm_pitch, const int total)
+{
+    const int s = get_global_id(0);
+    const int p0 = get_global_id(1) * PLANES;
+    const int y0 = get_global_id(2) * HEIGHT;
+    if (s >= samples)
+        return;
+    float sums[PLANES * HEIGHT];
+    for (int i = 0; i < PLANES * HEIGHT; ++i)
+        sums[i] = 0.0f;
+
+    for (int v = 0; v < V; ++v)
+        for (int q = 0; q < PLANES; ++q) {
+            const int p = min(p0 + q, planes - 1);
+            const int table = (v * planes + p) * U;
+            const int top = y0 + down[v * planes + p];
+            float row[HEIGHT + 1];
+            for (int r = 0; r <= HEIGHT; ++r)
+                row[r] = 0.0f;
+            for (int k = 0; k < count[v]; ++k) {
+                const int u = order[v * U + k];
+                const int from = s + span[u].x + slide[table + k];
+                const float2 w = taps[table + k];
+                for (int r = 0; r <= HEIGHT; ++r) {
+                    __global const SAMPLE *view =
+                        L + row_start(v * U + u, clamp(top + r, 0, ny - 1), ny, samples);
+                    row[r] += w.x * tap(view, from, samples, channels)
+                              + w.y * tap(view, from + channels, samples, channels);
+                }
+            }
+#ifndef CLAMP
+            for (int r = 0; r <= HEIGHT; ++r)
+                row[r] = top + r >= 0 && top + r < ny ? row[r] : 0.0f;
+#endif
+            const float b = blend[v * planes + p];
+            for (int r = 0; r < HEIGHT; ++r)
+                sums[q * HEIGHT + r] += (1.0f - b) * row[r] + b * row[r + 1];
+        }
+
+    for (int p = p0; p < min(p0 + PLANES, planes); ++p)
+        for (int r = 0; r < min(HEIGHT, ny - y0); ++r) {
+            const int y = y0 + r;
+            float value = sums[(p - p0) * HEIGHT + r];
+            if (!total) {
+                __global const float *used = norm + (size_t)p * (V + 1) * norm_pitch + s;
+                float weight = 0.0f;
+                if (all_inside(y, down + p, blend + p, V, planes, ny))
+                    weight = used[V * norm_pitch];
+                else
+                    for (int v = 0; v < V; ++v)
+                        weight += used[v * norm_pitch]
+                                  * row_weight(y, down[v * planes + p], blend[v * planes + p], ny);
+                value = weight != 0.0f ? value / weight : 0.0f;
+            }
+            out[row_start(plane0 + p, y, ny, samples) + s] = value;
+        }
+}
+#endif

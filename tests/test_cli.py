@@ -1,0 +1,341 @@
+"""The command line: what it writes, what it says, and what it says of bad input."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import imageio.v3 as imageio
+import numpy as np
+import pyopencl as cl
+import pytest
+import tifffile
+from click.testing import CliRunner, Result
+
+import clplen
+from clplen.cli import main
+from clplen.compute.device import Device
+from clplen.config import EXAMPLE, read_camera_file
+from clplen.io import read_lightfield, read_pfm
+from clplen.lightfield.depth import depth_map
+
+D_TRUE = 1.0
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(clplen.__file__).parents[1])}
+
+
+def run(*words: object) -> Result:
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+def place(device: Device) -> str:
+    """The selector of exactly this device."""
+    platform = device.cl_device.platform
+    number = platform.get_devices().index(device.cl_device)
+    return f"{cl.get_platforms().index(platform)}:{number}"
+
+
+def said(result: Result, code: int = 1) -> str:
+    """What went to standard error: one sentence, and no traceback."""
+    assert result.exit_code == code, result.output
+    assert result.exception is None or isinstance(result.exception, SystemExit)
+    assert "Traceback" not in result.output
+    return result.stderr
+
+
+@pytest.fixture
+def views(tmp_path: Path) -> Path:
+    """3 x 5 views of a plane at disparity 1, named a_{v}_{u}.png."""
+    folder = tmp_path / "views"
+    folder.mkdir()
+    random = np.random.default_rng(3)
+    waves = [(random.uniform(-1.2, 1.2, 2), random.uniform(0, 6)) for _ in range(40)]
+    y, x = np.mgrid[:48, :56]
+    for v, u in np.ndindex(3, 5):
+        at_y, at_x = y + D_TRUE * (v - 1), x + D_TRUE * (u - 2)
+        value = sum(np.cos(ky * at_y + kx * at_x + phase) for (ky, kx), phase in waves)
+        grey = np.clip(120 + 12 * value, 0, 255).astype(np.uint8)
+        imageio.imwrite(folder / f"a_{v}_{u}.png", np.stack([grey, grey // 2, 255 - grey], -1))
+    return folder
+
+
+@pytest.fixture
+def camera_file(tmp_path: Path) -> Path:
+    """The example with fewer lenslets and one point near the axis."""
+    text = EXAMPLE.replace("count = 101", "count = 31")
+    start, end = text.index("points_mm"), text.index("\ndiameter_um = 10.0")
+    text = text[:start] + "points_mm = [[0.3, -0.2, -30.0]]" + text[end:]
+    path = tmp_path / "camera.toml"
+    path.write_text(text)
+    return path
+
+
+def test_help_has_an_example_of_each_command():
+    assert "Begin with 'clplen demo'" in run("-h").output
+    assert sorted(main.commands) == ["demo", "depth", "devices", "simulate", "stack"]
+    for name, command in main.commands.items():
+        output = run(name, "-h").output
+        assert f"Example:\n    clplen {name}" in output
+        options = [name for param in command.params for name in param.opts]
+        assert "--device" in options
+
+
+def test_devices_lists_everything_and_gives_the_reason(device: Device):
+    result = run("devices", "--device", place(device))
+    assert result.exit_code == 0
+    for one in Device.all():
+        assert one.name in result.output
+        assert one.driver in result.output
+    assert f"* {place(device)}  {device.name}" in result.output
+    assert f"it fits '{place(device)}'" in result.output
+    assert result.output.count("fp64") == result.output.count("FFT  ") == len(Device.all())
+
+
+def test_devices_says_what_was_done_to_a_device(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(device, "note", "it was given another CPU name")
+    assert "note    it was given another CPU name" in run("devices").output
+
+
+def test_devices_without_a_fitting_one_still_lists():
+    result = run("devices", "--device", "zebra")
+    assert result.exit_code == 0
+    assert "None would be taken: No OpenCL device fits 'zebra'. Here are:" in result.output
+
+
+def test_stack_writes_one_series_and_names_the_sharpest_plane(
+    tmp_path: Path, views: Path, device: Device
+):
+    out = tmp_path / "stack.tif"
+    result = run("stack", views, "-o", out, "--device", place(device))
+    assert result.exit_code == 0, result.output
+    planes = tifffile.imread(out)
+    assert planes.shape == (33, 48, 56, 3)
+    assert planes.dtype == np.float32
+    assert "33 planes; the sharpest is number 24 (from 0), d = 1.0000." in result.output
+    assert "'a_{v}_{u}.png' (guessed from the names)" in result.stderr
+
+
+def test_stack_with_every_word(tmp_path: Path, views: Path, device: Device):
+    out = tmp_path / "stack.tif"
+    for file in list(views.iterdir()):
+        v, u = file.stem.split("_")[1:]
+        file.rename(views / f"b{9 - int(u)}-{7 - int(v)}.png")
+    result = run(
+        "stack", views, "-o", out, "--device", place(device), "--pattern", "b{v}-{u}.png",
+        "--views", 5, 3, "--swap-uv", "--flip-v", "--flip-u", "--disparities", "0:2:5",
+        "--aperture", "3",
+    )
+    assert result.exit_code == 0, result.output
+    assert tifffile.imread(out).shape == (5, 48, 56, 3)
+    assert "number 2 (from 0), d = 1.0000." in result.output
+    assert "swap_uv, flip_v, flip_u" in result.stderr
+
+
+def test_depth_writes_values_and_a_picture(tmp_path: Path, views: Path, device: Device):
+    result = run(
+        "depth", views, "-o", tmp_path / "d.pfm", "--device", place(device),
+        "--disparities", "0.4:1.6:9",
+    )
+    assert result.exit_code == 0, result.output
+    lf = read_lightfield(views, device=device)
+    expected = depth_map(lf, disparities=np.linspace(0.4, 1.6, 9)).disparity
+    np.testing.assert_array_equal(read_pfm(tmp_path / "d.pfm"), expected)
+    assert imageio.imread(tmp_path / "d.png").ndim == 3
+
+
+def test_simulate_then_stack_by_alpha(tmp_path: Path, camera_file: Path, device: Device):
+    out = tmp_path / "simulated"
+    result = run("simulate", camera_file, "-o", out, "--device", place(device))
+    assert result.exit_code == 0, result.output
+    assert "working f-number" in result.output
+    assert sorted(file.name for file in out.iterdir()) == ["lightfield.h5", "raw.png", "raw.tif"]
+    raw = tifffile.imread(out / "raw.tif")
+    file = read_camera_file(camera_file)
+    expected = file.camera.build(device).expose(file.scene.build()).to_numpy()
+    assert expected.shape == (930, 930)
+    np.testing.assert_array_equal(raw, expected)
+    lf = read_lightfield(out / "lightfield.h5", device=device)
+    assert lf.shape == (30, 30, 31, 31)
+    true = lf.camera.alpha(-30e-3)
+    result = run(
+        "stack", out / "lightfield.h5", "-o", tmp_path / "s.tif", "--device", place(device),
+        "--alphas", f"{true - 0.2}:{true + 0.2}:5",
+    )
+    assert f"number 2 (from 0), d = {lf.disparity(true):.4f}, alpha = {true:.4f}" in result.output
+
+
+def test_the_printed_example_is_a_camera_file(tmp_path: Path):
+    result = run("simulate", "--example")
+    assert result.exit_code == 0
+    (tmp_path / "camera.toml").write_text(result.output)
+    assert read_camera_file(tmp_path / "camera.toml").camera.microlenses.count == (101, 101)
+
+
+def test_the_real_flower_is_sharpest_where_it_lies(
+    tmp_path: Path, data_folder: Path, device: Device
+):
+    flower = data_folder / "lytro_f01_flower"
+    words = ("--pattern", "IMG_0001_{n}_{u}_{v}.png", "--device", place(device))
+    result = run("stack", flower, "-o", tmp_path / "s.tif", *words)
+    assert result.exit_code == 0, result.output
+    assert "10 x 10 views (V x U) of 256 x 256 x 3 uint8" in result.stderr
+    best = float(result.output.split("d = ")[1].rstrip(".\n"))
+    assert best == pytest.approx(-0.65, abs=0.1)
+    assert tifffile.imread(tmp_path / "s.tif").shape == (33, 256, 256, 3)
+
+
+@pytest.mark.parametrize(
+    ("words", "message", "code"),
+    [
+        (["--disparities", "-1:1"], "'-1:1' is not START:STOP:N, for example -2:2:33", 2),
+        (["--disparities", "a:1:3"], "'a:1:3' is not START:STOP:N", 2),
+        (["--disparities", "0:inf:3"], "'0:inf:3' is not START:STOP:N", 2),
+        (["--disparities", "0:1:-3"], "'0:1:-3' is not START:STOP:N", 2),
+        (["--disparities", "0:1:0"], "'0:1:0' is an empty range", 2),
+        (["--alphas", "1:1:5"], "'1:1:5' is an empty range", 2),
+        (["--disparities", "0:1:3", "--alphas", "0.9:1.1:3"], "--disparities or --alphas, not both",
+         2),
+        (["--aperture", "wide"], "'wide' is no aperture: give a number of views (9)", 2),
+        (["--aperture", "7"], "The aperture is 7 views across, the light field 3 x 5", 1),
+        (["--alphas", "0.9:1.1:3"], "alpha needs the spacing of views and pixels in metres", 1),
+        (["--device", "zebra"], "No OpenCL device fits 'zebra'. Here are:", 1),
+        (["--pattern", "a_{v}.png"], "must have {v} and {u} once each, or {i} once", 1),
+        (["--pattern", "b_{v}_{u}.png"], "matches the pattern 'b_{v}_{u}.png'", 1),
+        (["--views", "5", "3"], "give 3 x 5 views", 1),
+    ],
+)
+def test_bad_words_of_stack(
+    tmp_path: Path, views: Path, words: list[str], message: str, code: int
+):
+    assert message in said(run("stack", views, "-o", tmp_path / "s.tif", *words), code)
+    assert [file.name for file in tmp_path.iterdir()] == ["views"]
+
+
+def test_missing_and_broken_views_are_listed(tmp_path: Path, views: Path):
+    (views / "a_1_2.png").unlink()
+    message = said(run("stack", views, "-o", tmp_path / "s.tif"))
+    assert "1 of 3 x 5 views are missing" in message
+    assert "(v=1, u=2)" in message
+    assert run("stack", views, "-o", tmp_path / "s.tif", "--allow-missing").exit_code == 0
+    (views / "a_1_2.png").write_bytes(b"\x89PNG\r\n")
+    assert "a_1_2.png cannot be read" in said(run("stack", views, "-o", tmp_path / "s.tif"))
+
+
+@pytest.mark.parametrize("command", ["stack", "depth"])
+def test_an_output_that_cannot_be_written_is_found_before_computing(
+    tmp_path: Path, views: Path, command: str, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("clplen.io.read_lightfield", lambda *_, **__: pytest.fail("computed"))
+    message = said(run(command, views, "-o", tmp_path / "nowhere" / "s.tif"))
+    assert "there is no folder" in message
+    assert "ends in .p" in said(run("depth", views, "-o", tmp_path / "s.jpg"), 2)
+    assert "ends in .tif" in said(run("stack", views, "-o", tmp_path / "s.png"), 2)
+
+
+def test_demo_into_a_file_is_refused_at_once(tmp_path: Path):
+    (tmp_path / "file").touch()
+    assert "there is a file of this name" in said(run("demo", "-o", tmp_path / "file"))
+
+
+def test_a_wrong_camera_file(tmp_path: Path, camera_file: Path):
+    camera_file.write_text(camera_file.read_text().replace("wavelength_nm", "wavelenght_nm"))
+    message = said(run("simulate", camera_file, "-o", tmp_path / "out"))
+    assert "unknown key camera.wavelenght_nm; did you mean wavelength_nm?" in message
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_camera_that_contradicts_the_lens_law(tmp_path: Path, camera_file: Path):
+    text = camera_file.read_text()
+    camera_file.write_text(text.replace("# object_distance_mm = 240.0", "object_distance_mm = 300")
+                           .replace("# image_distance_mm = 240.0", "image_distance_mm = 240"))
+    assert "contradict the lens law" in said(run("simulate", camera_file, "-o", tmp_path / "out"))
+
+
+def test_no_input(tmp_path: Path):
+    message = said(run("stack", tmp_path / "nothing", "-o", tmp_path / "s.tif"))
+    assert "There is no file or folder" in message
+
+
+def test_a_failed_build_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    from clplen.errors import KernelBuildError
+
+    def fail(*_: object, **__: object) -> None:
+        raise KernelBuildError("The kernel does not build.", source="a\nb", log="line 1: no")
+
+    monkeypatch.setattr("clplen.io.read_lightfield", fail)
+    assert said(run("stack", tmp_path, "-o", tmp_path / "s.tif")) == (
+        "Error: The kernel does not build.\n"
+    )
+
+
+def test_warnings_become_notes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    import warnings
+
+    def warn(*_: object, **__: object) -> None:
+        warnings.simplefilter("always")
+        warnings.warn("the device is odd", RuntimeWarning, stacklevel=2)
+        raise ValueError("stop")
+
+    monkeypatch.setattr("clplen.io.read_lightfield", warn)
+    assert said(run("stack", tmp_path, "-o", tmp_path / "s.tif")) == (
+        "Note: the device is odd\nError: stop\n"
+    )
+
+
+WRITE_AND_INTERRUPT = """
+import os, signal, sys
+from clplen.cli import main
+from clplen.compute.device import Device
+
+download, calls = Device.download, []
+
+def interrupted(self, array):
+    if array.ndim == 3 and array.shape[-1] == 3:
+        calls.append(1)
+        if len(calls) == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+    return download(self, array)
+
+Device.download = interrupted
+main(sys.argv[1:], prog_name="clplen")
+"""
+
+
+def test_an_interrupt_while_writing_leaves_nothing(tmp_path: Path, views: Path):
+    words = ["stack", str(views), "-o", str(tmp_path / "s.tif")]
+    done = subprocess.run(
+        [sys.executable, "-c", WRITE_AND_INTERRUPT, *words], capture_output=True, text=True,
+        env=ENVIRONMENT,
+    )
+    assert done.returncode == 130, done.stderr
+    assert "Interrupted; no file was left half-written." in done.stderr
+    assert "Traceback" not in done.stderr
+    assert [file.name for file in tmp_path.iterdir()] == ["views"]
+
+
+def test_an_interrupt_while_computing(tmp_path: Path):
+    code = "from clplen.cli import main; main(prog_name='clplen')"
+    child = subprocess.Popen(
+        [sys.executable, "-u", "-c", code, "demo", "-o", str(tmp_path / "demo")],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
+        env=ENVIRONMENT,
+    )
+    for line in child.stdout:
+        if "Plenoptic 1.0 camera" in line:
+            break
+    child.send_signal(signal.SIGINT)
+    _, errors = child.communicate(timeout=60)
+    assert child.returncode == 130, errors
+    assert "Traceback" not in errors
+    assert list((tmp_path / "demo").iterdir()) == []
+    assert [file.name for file in tmp_path.iterdir()] == ["demo"]
+
+
+def test_it_is_a_group_of_commands():
+    assert isinstance(main, click.Group)
+    assert run("--version").output.startswith("clplen, version")

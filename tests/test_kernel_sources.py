@@ -1,0 +1,390 @@
+"""Kernel files: launched with the arguments they declare, without double literals, described."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+import pyopencl.array as cla
+import pytest
+
+from clplen import (
+    Field,
+    Grid,
+    LightField,
+    MicrolensArray,
+    PlenopticCamera,
+    PointSources,
+    Propagator,
+    aperture,
+    depth_map,
+    focal_stack,
+    propagate,
+    refocus,
+    thin_lens,
+)
+from clplen.compute.device import Device
+from clplen.lightfield.depth import sharpness_curve
+
+TESTS = Path(__file__).parent
+FOLDER = TESTS.parent / "kernels"
+FILES = sorted(file.name for file in FOLDER.glob("*.cl"))
+SOURCES = {name: (FOLDER / name).read_text() for name in FILES}
+WAVELENGTH = 532e-9
+
+COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
+KERNEL = re.compile(r"\b(?:__)?kernel\s+void\s+(\w+)\s*\(([^)]*)\)")
+POINT = r"(?<![\w.])(?:\d+\.\d*|\.\d+)(?:[eE][+-]?\d+)?(?!\w)"
+EXPONENT = r"(?<![\w.])\d+[eE][+-]?\d+(?!\w)"
+CONSTANT = r"\bM_(?:\w(?!_F\b))+\b(?<!_F)"
+DOUBLE_LITERAL = re.compile(f"{POINT}|{EXPONENT}|{CONSTANT}")
+DOUBLE_BRANCH = re.compile(r"#ifdef DOUBLE\n.*?#(?:else|endif)", re.DOTALL)
+
+
+def code(source: str) -> str:
+    """A source without its comments."""
+    return COMMENT.sub(" ", source)
+
+
+def opening(source: str) -> str:
+    """The comment that a file opens with, empty if there is none."""
+    match = COMMENT.match(source)
+    return match[0] if match else ""
+
+
+def declared(source: str) -> dict[str, list[str]]:
+    """Kernels of a file with the names of their arguments."""
+    return {
+        name: [argument.split()[-1].lstrip("*") for argument in arguments.split(",")]
+        for name, arguments in KERNEL.findall(code(source))
+    }
+
+
+KERNELS = {(file, name) for file, source in SOURCES.items() for name in declared(source)}
+
+
+# What is launched, against what is declared
+
+
+@dataclass(frozen=True)
+class Launch:
+    """One launch of one kernel: how its build was specialised and what it was given."""
+
+    file: str
+    kernel: cl.Kernel
+    defines: dict[str, Any]
+    args: tuple[Any, ...]
+
+    @property
+    def name(self) -> tuple[str, str]:
+        return (self.file, self.kernel.function_name)
+
+
+def dtype_of(type_name: str, double: bool) -> tuple[np.dtype, int]:
+    """NumPy's dtype and the vector length of a type of OpenCL C or of common.cl."""
+    scalar, width = re.fullmatch(r"([a-z]+?)(\d*)\*?", type_name.replace("cplx", "real2")).groups()
+    names = {"int": "i4", "uint": "u4", "long": "i8", "uchar": "u1", "ushort": "u2", "float": "f4"}
+    names["real"] = "f8" if double else "f4"
+    return np.dtype(names[scalar]), int(width or 1)
+
+
+def fits(type_name: str, is_local: bool, arg: Any, double: bool) -> bool:
+    """Whether an argument is what a kernel of one precision declares."""
+    if is_local or isinstance(arg, cl.LocalMemory):
+        return is_local and isinstance(arg, cl.LocalMemory)
+    if type_name.endswith("*") != isinstance(arg, cla.Array):
+        return False
+    dtype, width = dtype_of(type_name, double)
+    if not isinstance(arg, cla.Array | np.generic | np.ndarray):
+        return False
+    if width == 2 and arg.dtype.kind == "c":
+        return arg.dtype == np.dtype(f"c{2 * dtype.itemsize}")
+    vectors = width == 1 or (arg.ndim > 0 and arg.shape[-1] == width)
+    is_one = isinstance(arg, cla.Array) or arg.size == width
+    return arg.dtype == dtype and vectors and is_one
+
+
+def complaints(launch: Launch) -> list[str]:
+    """What an OpenCL compiler would say of a launch if it saw both sides."""
+    kernel, info = launch.kernel, cl.kernel_arg_info
+    if kernel.num_args != len(launch.args):
+        return [f"{launch.name} takes {kernel.num_args} arguments, not {len(launch.args)}"]
+    found = []
+    for i, arg in enumerate(launch.args):
+        name, type_name = (kernel.get_arg_info(i, what) for what in (info.NAME, info.TYPE_NAME))
+        qualifier = kernel.get_arg_info(i, info.ADDRESS_QUALIFIER)
+        is_local = qualifier == cl.kernel_arg_address_qualifier.LOCAL
+        if not fits(type_name, is_local, arg, "DOUBLE" in launch.defines):
+            given = f"{type(arg).__name__} {getattr(arg, 'dtype', '')}{getattr(arg, 'shape', '')}"
+            found.append(f"{launch.name} declares {type_name} {name} and is given {given}")
+    return found
+
+
+def waves(device: Device) -> None:
+    """Every kernel of the wave tower, in the device's precision."""
+    grid = Grid((16, 24), (10e-6, 12e-6))
+    values = np.random.default_rng(1).standard_normal((2, *grid.shape))
+    field = Field.from_array(values, grid, wavelength=WAVELENGTH, device=device)
+    propagate(field, 5e-3).power()
+    for phase in ("tables", "fp64", "twofloat"):
+        if phase == "tables" or device.precision == "single":
+            Propagator(grid, 1e-3, wavelength=WAVELENGTH, device=device, phase=phase)(field)
+    thin_lens(field, 0.1, diameter=150e-6).intensity()
+    for shape in ("circular", "square"):
+        aperture(field, 120e-6, shape=shape)
+    for lattice in ("square", "hexagonal"):
+        for fill in ("circular", "full"):
+            MicrolensArray(80e-6, 10e-3, count=2, lattice=lattice, fill=fill).apply(field)
+
+
+def views(device: Device, lattice: str) -> None:
+    """Every kernel of the light-field tower, from a camera and from arrays."""
+    mla = MicrolensArray(150e-6, 10e-3, count=9, lattice=lattice)
+    camera = PlenopticCamera.type1(
+        focal_length=0.03, mla=mla, wavelength=WAVELENGTH, pixels_per_lenslet=12, device=device
+    )
+    raw = camera.expose(PointSources([(0, 0, 0), (2e-4, 0, 5e-3)], diameter=1e-5))
+    decoded = LightField.from_raw(raw)
+    refocus(decoded, alpha=0.9, rescale=True)
+    random = np.random.default_rng(2)
+    for dtype in (np.uint8, np.uint16, np.float32):
+        samples = random.integers(1, 200, (3, 2, 20, 18, 3)).astype(dtype)
+        lf = LightField.from_array(samples, device=device)
+        lf.epi(y=2, v=1)
+        lf.render(aperture=2)
+        stack = focal_stack(lf, disparities=[-0.4, 0.3, 1])
+        depth_map(stack)
+        sharpness_curve(stack)
+
+
+def work(device: Device) -> None:
+    """A small workload that reaches every kernel of one mapping, through public functions."""
+    waves(device)
+    for lattice in ("square", "hexagonal"):
+        views(device, lattice)
+
+
+@pytest.fixture(scope="module")
+def launches(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[Launch]]:
+    """Every launch of the workload, an item a row and an item a sample, in each precision."""
+    found: list[Launch] = []
+    built: dict[int, tuple[str, dict[str, Any], cl.Kernel]] = {}
+    kernel, launch = Device.kernel, Device.launch
+
+    def noting(self: Device, file: str, name: str, **defines: Any) -> cl.Kernel:
+        one = kernel(self, file, name, **defines)
+        built[id(one)] = (file, defines, one)
+        return one
+
+    def recording(self: Device, one: cl.Kernel, size: Any, *args: Any, **more: Any) -> None:
+        file, defines, _ = built[id(one)]
+        found.append(Launch(file, one, defines, args))
+        launch(self, one, size, *args, **more)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Device, "kernel", noting)
+        patch.setattr(Device, "launch", recording)
+        for precision in ("single", "double") if device.has_fp64 else ("single",):
+            for rows in (True, False):
+                fresh = Device(device.cl_device, precision=precision)
+                fresh.rows = rows
+                # Programs out of a cache of binaries have forgotten their arguments.
+                fresh.context.cache_dir = str(tmp_path_factory.mktemp("cache"))
+                work(fresh)
+                fresh.finish()
+        yield found
+
+
+def test_the_workload_reaches_every_kernel(launches: list[Launch]) -> None:
+    assert {launch.name for launch in launches} == KERNELS
+
+
+def test_launchers_give_what_kernels_declare(launches: list[Launch]) -> None:
+    assert [words for launch in launches for words in complaints(launch)] == []
+
+
+def test_every_switch_is_described(launches: list[Launch]) -> None:
+    given = {(launch.file, define) for launch in launches for define in launch.defines}
+    shared = {"ROWS", "DOUBLE"}  # by common.cl
+    silent = {
+        (file, define)
+        for file, define in given
+        if define not in shared and f"-D{define}" not in opening(SOURCES[file])
+    }
+    assert silent == set()
+
+
+@pytest.mark.parametrize(
+    ("type_name", "arg", "double"),
+    [
+        ("float", np.float32(1), False),
+        ("real", np.float64(1), True),
+        ("int", np.int32(1), False),
+        ("long", np.int64(1), False),
+        ("real2", np.zeros(2, np.float32), False),
+        ("cplx", np.zeros(2, np.float64), True),
+        ("cplx", np.complex64(1), False),
+    ],
+)
+def test_a_right_scalar_is_accepted(type_name: str, arg: Any, double: bool) -> None:
+    assert fits(type_name, False, arg, double)
+    assert not fits(type_name + "*", False, arg, double)
+    assert not fits(type_name, True, arg, double)
+
+
+@pytest.mark.parametrize(
+    ("type_name", "arg", "double"),
+    [
+        ("float", np.float64(1), False),
+        ("float", np.int32(1), False),
+        ("float", 1.0, False),
+        ("int", 1, False),
+        ("int", np.int64(1), False),
+        ("int", np.uint32(1), False),
+        ("real", np.float32(1), True),
+        ("real2", np.zeros(3, np.float32), False),
+        ("real2", np.zeros((3, 2), np.float32), False),
+        ("cplx", np.complex128(1), False),
+        ("float", cl.LocalMemory(4), False),
+    ],
+)
+def test_a_wrong_scalar_is_found(type_name: str, arg: Any, double: bool) -> None:
+    assert not fits(type_name, False, arg, double)
+
+
+def test_arrays_are_judged_by_their_samples(device: Device) -> None:
+    pairs, field = (device.zeros((3, 2), np.float32), device.zeros((3, 2), np.complex64))
+    assert fits("float*", False, pairs, False)
+    assert fits("real2*", False, pairs, False)
+    assert fits("cplx*", False, field, False)
+    assert not fits("float*", True, pairs, False)
+    assert not fits("float4*", False, pairs, False)
+    assert not fits("int*", False, pairs, False)
+    assert not fits("cplx*", False, field, True)
+    assert not fits("float*", False, field, False)
+    assert not fits("float", False, pairs, False)
+
+
+def test_a_wrong_launch_is_found(device: Device, tmp_path: Path) -> None:
+    fresh = Device(device.cl_device)
+    fresh.context.cache_dir = str(tmp_path)
+    kernel = fresh.kernel("finite.cl", "count_bad")
+    right = (fresh.zeros((3,), np.int32), fresh.zeros((3, 5), np.float32), np.int32(3), np.int32(5))
+    assert complaints(Launch("finite.cl", kernel, {}, right)) == []
+    assert "takes 4 arguments, not 3" in complaints(Launch("finite.cl", kernel, {}, right[1:]))[0]
+    swapped = (right[1], right[0], *right[2:])
+    assert len(complaints(Launch("finite.cl", kernel, {}, swapped))) == 2
+    doubles = complaints(Launch("finite.cl", kernel, {"DOUBLE": True}, right))
+    assert doubles == [
+        "('finite.cl', 'count_bad') declares real* a and is given Array float32(3, 5)"
+    ]
+
+
+# What the files say
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_no_literal_is_double(file: str) -> None:
+    text = DOUBLE_BRANCH.sub(" ", code(SOURCES[file]))
+    assert DOUBLE_LITERAL.findall(text) == []
+
+
+@pytest.mark.parametrize("literal", ["1.0", "1.", ".5", "2.5e-3", "1e5", "3E+2", "M_PI", "M_SQRT2"])
+def test_a_planted_double_literal_is_found(literal: str) -> None:
+    for text in (f"x = {literal};", f"f({literal}, 1)", f"a*{literal}+b"):
+        assert DOUBLE_LITERAL.findall(text) == [literal]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1.0f",
+        ".5f",
+        "2.5e-3f",
+        "1e5f",
+        "M_PI_F",
+        "v.s0",
+        "a[1].x",
+        "float4 x1e5",
+        "0x1e5",
+        "3",
+        "1f",
+    ],
+)
+def test_other_text_is_no_double_literal(text: str) -> None:
+    assert DOUBLE_LITERAL.findall(f"y = {text};") == []
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_no_native_or_relaxed_arithmetic(file: str) -> None:
+    assert re.findall(r"\bnative_\w+|\bhalf_\w+\(|fast-relaxed-math", code(SOURCES[file])) == []
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_a_file_opens_with_what_it_computes(file: str) -> None:
+    comment, text = opening(SOURCES[file]), code(SOURCES[file])
+    assert len(comment.splitlines()) >= 3
+    if declared(SOURCES[file]):
+        assert re.search(r"=", comment), "no equation"
+        assert re.search(r"FOR_X|\bitem\b", comment), "no mapping of work-items"
+    switches = set(re.findall(r"#\s*(?:ifdef|ifndef)\s+(\w+)|defined\((\w+)\)", text))
+    for switch in {name for pair in switches for name in pair if name}:
+        assert switch.startswith("CLPLEN_") or f"-D{switch}" in comment, switch
+    if declared(SOURCES[file]) and re.search(r"\b(?:real|cplx)\b", text):
+        assert "-DDOUBLE" in comment
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_every_file_has_a_test_on_its_values(file: str) -> None:
+    tests = [test for test in TESTS.glob("kernels/test_*.py") if file in test.read_text()]
+    users = [name for name, source in SOURCES.items() if f'#include "{file}"' in source]
+    assert tests or (users and not declared(SOURCES[file]))
+
+
+# The table
+
+
+def rows() -> list[list[str]]:
+    """Cells of the table in kernels/README.md, below its head."""
+    lines = (FOLDER / "README.md").read_text().splitlines()
+    table = [line for line in lines if line.startswith("| `")]
+    return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in table]
+
+
+def ticked(cell: str) -> list[str]:
+    """What stands between backticks."""
+    return re.findall(r"`([^`]+)`", cell)
+
+
+def test_the_table_has_a_row_for_every_kernel_and_every_header() -> None:
+    listed = [(ticked(row[0])[0], *ticked(row[1])) for row in rows()]
+    headers = {(file,) for file, source in SOURCES.items() if not declared(source)}
+    assert sorted(listed) == sorted(KERNELS | headers)
+    assert {len(row) for row in rows()} == {6}
+
+
+def test_the_table_names_the_arguments_in_order() -> None:
+    for file, kernel, _, _, arguments, _ in rows():
+        if ticked(kernel):
+            expected = declared(SOURCES[ticked(file)[0]])[ticked(kernel)[0]]
+            assert arguments.strip("`").split(", ") == expected, kernel
+
+
+def test_the_table_names_switches_of_the_file() -> None:
+    for file, _, _, switches, _, _ in rows():
+        text = "\n".join(SOURCES[name] for name in (ticked(file)[0], "common.cl"))
+        for switch in ticked(switches):
+            assert switch.split("=")[0].removeprefix("-D") in text, (file, switch)
+
+
+def test_the_table_names_tests_that_exist() -> None:
+    for file, kernel, _, _, _, tests in rows():
+        assert ticked(tests), file
+        for name in ticked(tests):
+            assert (TESTS / "kernels" / name).is_file(), name
+            assert ticked(file)[0] in (TESTS / "kernels" / name).read_text() or not ticked(kernel)
