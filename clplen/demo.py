@@ -31,8 +31,7 @@ THESIS_ALPHAS = (0.850, 0.925, 1.080, 1.105)  # its table of section 1.6, at DEP
 REFOCUS_ALPHAS = (0.7368, 1.0, 1.1724)
 STACK_ALPHAS = (0.65, 1.25, 25)  # first, last, number of planes
 METHODS = ("thesis", "energy", "compensated")
-
-Step = Callable[[str], None]
+STEPS = 5 + len(DEPTHS)  # of `run`
 
 
 def camera(device: Device, *, count: int = 101) -> Plenoptic1:
@@ -113,7 +112,14 @@ def alpha_table(cam: Plenoptic1, found: Sequence[dict[str, AlphaEstimate]]) -> s
     return "\n".join(lines)
 
 
-def run(folder: Path, device: Device, *, say: Callable[[str], None], step: Step) -> None:
+def run(
+    folder: Path,
+    device: Device,
+    *,
+    say: Callable[[str], None],
+    step: Callable[[str], None],
+    count: int = 101,
+) -> None:
     """Simulate everything and write tables, pictures and data.
 
     Parameters
@@ -124,9 +130,11 @@ def run(folder: Path, device: Device, *, say: Callable[[str], None], step: Step)
     say : callable
         Takes the tables, as text.
     step : callable
-        Takes the name of each step as it begins; see `STEPS`.
+        Takes the name of each step as it begins; there are `STEPS`.
+    count : int
+        As for `camera`.
     """
-    cam = camera(device)
+    cam = camera(device, count=count)
     say(str(cam.describe()))
     step("three points")
     raw = scene(cam)
@@ -144,9 +152,6 @@ def run(folder: Path, device: Device, *, say: Callable[[str], None], step: Step)
     say(alpha_table(cam, found))
     step("depth figures")
     _write_estimates(folder, cam, found)
-
-
-STEPS = 5 + len(DEPTHS)
 
 
 def _write_pictures(folder: Path, cam: Plenoptic1, raw: RawImage, lf: LightField) -> None:

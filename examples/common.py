@@ -16,7 +16,7 @@ from clplen.io import check_folder
 
 FOLDER = "clplen-figures"
 QUICK_COUNT = 75  # lenslets of the reduced camera: it still samples every ray of all three points
-BLUE, GREEN, ORANGE, RED = "#0072b2", "#009e73", "#d98c00", "#cc3311"  # for the colour-blind too
+BLUE, GREEN, ORANGE, RED = "#0072b2", "#009e73", "#e69f00", "#cc3311"  # for the colour-blind too
 COLOURS = dict(zip(demo.POINTS, (BLUE, GREEN, RED), strict=True))
 STYLE = {
     "font.size": 9, "axes.titlesize": 9, "legend.fontsize": 8, "xtick.labelsize": 8,
@@ -66,11 +66,6 @@ def number(what: str, value: float, reference: float, form: str = ".4f") -> None
     print(f"  {what:<46} {value:>12{form}}   reference {reference:>12{form}}")
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """An empty figure, in inches."""
-    return Figure(figsize=(width, height), layout="constrained")
-
-
 def pixels(image: Image) -> Any:
     """Pixels of an image on the host, float64."""
     return image.to_numpy().astype(float)
@@ -78,4 +73,4 @@ def pixels(image: Image) -> Any:
 
 def mm(dz: float) -> str:
     """A depth as text."""
-    return f"{dz * 1e3:+.0f} mm"
+    return f"{dz * 1e3:+.0f} mm" if dz else "0 mm"

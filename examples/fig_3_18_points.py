@@ -1,11 +1,12 @@
 """Figure 3.18: the three points in object space."""
 
 import numpy as np
-from common import COLOURS, mm, new_figure, number, start
+from common import COLOURS, number, start
 
 from clplen import demo
+from clplen.plot.base import new_figure
 
-HALF = 10  # mm, of the thesis' volume of 20 x 20 x 100 mm
+HALF, DEEP = 10, 50  # mm: half of the thesis' volume of 20 x 20 x 100 mm
 
 example = start(__doc__, __file__)
 camera = example.camera
@@ -14,20 +15,24 @@ for name, reference in {"A": 25.263, "B": 0.0, "C": -16.552}.items():
     lenslet = demo.place(camera, name)[0] - middle
     number(f"{name}: image, in lenslets from the axis", lenslet, reference, ".3f")
 
-figure = new_figure(7, 5)
+figure = new_figure(7.5, 4.6)
 axes = figure.add_subplot(projection="3d")
-axes.set_box_aspect((2, 1, 1))
+axes.set_box_aspect((2.2, 1, 1), zoom=1.25)
 corners = HALF * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
-for depth in (-50, 0, 50):
-    axes.plot(np.full(5, depth), *corners.T, color="0.6", lw=1, ls="-" if depth else "--")
+for depth in (-DEEP, 0, DEEP):
+    axes.plot(np.full(5, depth), *corners.T, color="0.5", lw=1, ls="-" if depth else "--")
 for x, y in corners[:4]:
-    axes.plot([-50, 50], [x, x], [y, y], color="0.8", lw=0.8)
-axes.plot([-50, 50], [0, 0], [0, 0], color="0.3", lw=0.8, ls="-.")
+    axes.plot([-DEEP, DEEP], [x, x], [y, y], color="0.5", lw=1)
+axes.plot([-DEEP, DEEP], [0, 0], [0, 0], color="0.3", lw=0.8, ls="-.")
+axes.text(0, HALF, HALF + 1, "focused plane", color="0.3", ha="center")
 for name, position in demo.POINTS.items():
     x, y, z = (length * 1e3 for length in position)
-    axes.plot([z, z, z], [0, x, x], [0, 0, y], color=COLOURS[name], lw=1, ls=":")
-    axes.plot([z], [x], [y], "o", color=COLOURS[name], ms=8)
-    axes.text(z, x, y + 1.5, f"{name} ({x:+.0f}, {y:+.0f}, {z:+.0f}) mm", color=COLOURS[name])
-axes.set(xlabel="dz / mm (positive: farther from the lens)", ylabel="x / mm", zlabel="y / mm")
-axes.view_init(elev=18, azim=-66)
+    axes.plot([z, z, z], [0, x, x], [0, 0, y], color=COLOURS[name], lw=1.2, ls=":")
+    axes.plot([z], [x], [y], "o", color=COLOURS[name], ms=7)
+    axes.text(z, x, y + 2, f"{name} ({x:g}, {y:g}, {z:g})", color=COLOURS[name], ha="center")
+axes.set(xlabel="dz / mm, away from the lens", ylabel="x / mm", zlabel="y / mm",
+         xticks=(-DEEP, 0, DEEP), yticks=(-HALF, 0, HALF), zticks=(-HALF, 0, HALF))
+axes.xaxis.labelpad = 10
+axes.grid(False)
+axes.view_init(elev=20, azim=-62)
 example.save(figure)

@@ -1,9 +1,10 @@
 """Figure 3.22: spectrum of a point 50 mm from the focused plane, before and after refocusing."""
 
 import numpy as np
-from common import BLUE, RED, mm, new_figure, number, pixels, start
+from common import BLUE, RED, mm, number, pixels, start
 
 from clplen.lightfield.refocus import refocus
+from clplen.plot.base import new_figure
 
 CUT = 0.1  # cycles a lenslet: the focus measures count what lies above
 GAINS = {-0.05: 1.0, 0.05: 1.0}  # of the energy above the cut, from a float64 simulation

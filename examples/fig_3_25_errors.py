@@ -1,9 +1,10 @@
 """Figure 3.25: error of the estimated alpha against the object's place."""
 
 import numpy as np
-from common import BLUE, GREEN, ORANGE, RED, new_figure, number, start
+from common import BLUE, GREEN, ORANGE, RED, number, start
 
 from clplen import demo
+from clplen.plot.base import new_figure
 
 RMS = {"thesis": 0.053, "energy": 0.0203, "compensated": 0.0038}  # at the thesis' four depths
 STYLE = {"thesis": ("^", GREEN), "energy": ("o", ORANGE), "compensated": ("D", RED)}

@@ -79,7 +79,7 @@ static void store(__local float *to, const vec value)
 }
 
 /* n samples of a row of a view from `first` on, which may lie outside. */
-static void copy_row(__local float *restrict to, __global const SAMPLE *restrict row,
+static void copy_row(__local float *to, __global const SAMPLE *row,
                      const int first, const int n, const int samples, const int channels)
 {
     const int begin = clamp(-first, 0, n);

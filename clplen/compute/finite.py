@@ -10,6 +10,8 @@ import pyopencl.array as cla
 if TYPE_CHECKING:
     from clplen.compute.device import Device
 
+LENGTH = 2**14  # reals that one work-item reads: enough to forget the cost of starting it
+
 
 def count_bad(array: cla.Array, device: Device) -> int:
     """Number of NaN and infinite samples of a float32, float64, complex64 or complex128 array.
@@ -18,10 +20,11 @@ def count_bad(array: cla.Array, device: Device) -> int:
     """
     if array.dtype.kind not in "fc" or array.size == 0:
         return 0
-    nx = array.shape[-1] * (2 if array.dtype.kind == "c" else 1)
-    rows = int(np.prod(array.shape[:-1], dtype=np.int64))
-    defines = {"DOUBLE": True} if array.dtype.itemsize // (1 + (array.dtype.kind == "c")) == 8 else {}
-    bad = device.empty((rows,), np.int32)
+    parts = 2 if array.dtype.kind == "c" else 1
+    size = int(array.size) * parts
+    defines = {"DOUBLE": True} if array.dtype.itemsize == 8 * parts else {}
+    stretches = -(-size // LENGTH)
+    bad = device.empty((stretches,), np.int32)
     kernel = device.kernel("finite.cl", "count_bad", **defines)
-    device.launch(kernel, (rows,), bad, array, np.int32(rows), np.int32(nx))
+    device.launch(kernel, (stretches,), bad, array, np.int64(size), np.int32(LENGTH))
     return int(device.download(bad).sum(dtype=np.int64))

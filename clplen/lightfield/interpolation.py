@@ -40,18 +40,17 @@ def kept_energy(shift_y: Vector, shift_x: Vector, weights: Vector, *, sigma: flo
         float64, shape (planes,), at most 1.
     """
     k = (np.arange(_FREQUENCIES) + 0.5) / (2 * _FREQUENCIES)
-    energy_y = np.abs(_mean_transfer(shift_y, weights.sum(axis=1), k)) ** 2
-    energy_x = np.abs(_mean_transfer(shift_x, weights.sum(axis=0), k)) ** 2
+    along_y, along_x = _transfer(shift_y, k), _transfer(shift_x, k)
+    rows = np.einsum("pvk,vu->puk", along_y, weights / weights.sum())
+    mean = np.einsum("puk,puj->pkj", rows, along_x)
     taps = gaussian_taps(sigma)
     distance = np.arange(1, taps.size)
     blur = taps[0] + 2 * np.cos(2 * np.pi * np.outer(k, distance)) @ taps[1:]
     detail = (1 - np.outer(blur, blur)) ** 2 / np.hypot(k[:, None], k[None, :]) ** _FALL
-    return np.einsum("py,yx,px->p", energy_y, detail, energy_x) / detail.sum()
+    return (np.abs(mean) ** 2 * detail).sum(axis=(1, 2)) / detail.sum()
 
 
-def _mean_transfer(shift: Vector, weights: Vector, k: Vector) -> np.ndarray[Any, Any]:
-    """Mean over the views of the interpolation's transfer function, shape (planes, k)."""
+def _transfer(shift: Vector, k: Vector) -> np.ndarray[Any, Any]:
+    """Transfer function of each view's interpolation, shape (planes, views, k)."""
     part = (shift - np.floor(shift))[..., None]
-    turn = np.exp(2j * np.pi * k)
-    transfer = (1 - part + part * turn) * np.exp(-2j * np.pi * k * part)
-    return np.einsum("pvk,v->pk", transfer, weights / weights.sum())
+    return (1 - part + part * np.exp(2j * np.pi * k)) * np.exp(-2j * np.pi * k * part)

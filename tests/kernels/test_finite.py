@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
+from clplen.compute import finite
 from clplen.compute.finite import count_bad
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.complex64, np.float64, np.complex128])
 def test_counts_each_bad_part(device, dtype):
-    if np.dtype(dtype).itemsize > 8 or dtype == np.float64:
-        if not device.has_fp64:
-            pytest.skip(f"{device.name} has no double precision")
+    if dtype in (np.float64, np.complex128) and not device.has_fp64:
+        pytest.skip(f"{device.name} has no double precision")
     values = np.ones((3, 5, 7), dtype)
     assert count_bad(device.upload(values), device) == 0
     values[0, 0, 0] = np.nan
@@ -20,6 +20,13 @@ def test_counts_each_bad_part(device, dtype):
         ~np.isfinite(values.view(values.real.dtype))
     )
     assert count_bad(device.upload(values), device) == expected
+
+
+def test_every_stretch_counts(device, monkeypatch):
+    monkeypatch.setattr(finite, "LENGTH", 16)
+    values = np.ones(16 * 3 + 5, np.float32)
+    values[[0, 15, 16, 47, 52]] = np.nan
+    assert count_bad(device.upload(values), device) == 5
 
 
 def test_integers_are_finite(device):

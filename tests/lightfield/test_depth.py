@@ -9,7 +9,7 @@ from pathlib import Path
 import imageio.v3 as iio
 import numpy as np
 import pytest
-from reference_lightfield import keys_kernel, refocus, sampling_matrix
+from reference_lightfield import refocus, sampling_matrix
 from scipy.ndimage import gaussian_filter
 
 from clplen.errors import DeviceError
@@ -112,31 +112,196 @@ def test_against_twin(device, colours, count):
     assert (np.abs(found.disparity - want)[close] <= uncertain[close] + 1e-6).all()
 
 
+def interpolated(frequency: float, shift: float) -> complex:
+    """A wave of phase 0 at the pixel that a shift leads to, interpolated linearly."""
+    x = np.arange(-8, 9)
+    row = sampling_matrix(np.array([8 + shift]), 17).toarray()[0]
+    return complex(row @ np.exp(2j * np.pi * frequency * (x - shift)))
+
+
 def test_share_of_energy_that_interpolation_keeps():
     weights = np.random.default_rng(2).random((3, 4))
     shift_y, shift_x = np.array([[0.3, -1.2, 2.0]]), np.array([[0.5, 0.25, -3.1, 7.0]])
     k = (np.arange(32) + 0.5) / 64
-    total = kept = 0.0
-    x = np.arange(-8, 9)
-    blur = np.exp(-(np.arange(-6, 7) ** 2) / 2 / 1.5**2)
-    blur /= blur.sum()
-    spectrum = [np.sum(blur * np.cos(2 * np.pi * f * np.arange(-6, 7))) for f in k]
-    for (i, ky), (j, kx) in np.ndindex(32, 32) and [
-        ((i, k[i]), (j, k[j])) for i in range(32) for j in range(32)
-    ]:
-        seen = 0j
-        for v, u in np.ndindex(3, 4):
-            # the value at 0 of a wave sampled at the moved pixels, interpolated linearly
-            axes = []
-            for f, shift in ((ky, shift_y[0, v]), (kx, shift_x[0, u])):
-                wave = np.exp(2j * np.pi * f * (x - shift))
-                at = sampling_matrix(np.array([8 + shift]), 17).toarray()[0]
-                axes.append(at @ wave if abs(shift) <= 8 else 0)
-            seen += weights[v, u] * axes[0] * axes[1]
-        detail = (1 - spectrum[i] * spectrum[j]) ** 2 / (ky**2 + kx**2) ** 2
-        total += detail
-        kept += detail * abs(seen / weights.sum()) ** 2
-    got = kept_energy(shift_y, shift_x, weights, sigma=1.5)
-    assert got == pytest.approx(kept / total, rel=1e-12)
+    seen_y = np.array([[interpolated(f, s) for s in shift_y[0]] for f in k])
+    seen_x = np.array([[interpolated(f, s) for s in shift_x[0]] for f in k])
+    t = np.arange(-6, 7)
+    taps = np.exp(-(t**2) / 2 / 1.5**2)
+    blur = np.array([np.sum(taps * np.cos(2 * np.pi * f * t)) / taps.sum() for f in k])
+    detail = (1 - np.outer(blur, blur)) ** 2 / np.add.outer(k**2, k**2) ** 2
+    seen = np.einsum("yv,xu,vu->yx", seen_y, seen_x, weights) / weights.sum()
+    expected = (detail * np.abs(seen) ** 2).sum() / detail.sum()
+    assert kept_energy(shift_y, shift_x, weights, sigma=1.5) == pytest.approx(expected, rel=1e-12)
+    assert expected < 0.99
     whole = kept_energy(np.zeros((1, 3)), np.ones((1, 4)), weights, sigma=1.5)
     assert whole == pytest.approx(1)
+
+
+def test_a_stack_brings_its_planes(device):
+    views, _ = slanted(0.37)
+    lf = LightField.from_array(views, device=device, spacing=(-1e-3, -1e-3, 5e-4, 5e-4))
+    planes = np.random.default_rng(3).permutation(np.linspace(-1, 1.5, 21))
+    found = depth_map(focal_stack(lf, disparities=planes))
+    assert np.median(np.abs(found.disparity - 0.37)[INSIDE]) < 0.03
+    # alpha = 1 + d dx/du, and a stack knows it at its planes
+    np.testing.assert_allclose(found.alpha, 1 - found.disparity / 2, atol=1e-6)
+    assert np.isnan(found.z).all()
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A camera of f = 0.1 m focused at 0.3 m."""
+
+    image_distance: float = 0.15
+
+    def dz(self, alpha: np.ndarray) -> np.ndarray:
+        return 1 / (10 - alpha / 0.15) - 0.3
+
+
+def test_depth_in_metres(device):
+    views, _ = slanted(0.37)
+    spacing = (-1e-3, -1e-3, 5e-4, 5e-4)  # kappa = 2: alpha = 1 - d/2
+    lf = LightField.from_array(views, device=device, spacing=spacing, camera=Lens())
+    for source in (lf, focal_stack(lf, alphas=np.linspace(0.6, 1.2, 25))):
+        found = depth_map(source)
+        alpha = 1 - found.disparity.astype(np.float64) / 2
+        np.testing.assert_allclose(found.alpha, alpha, atol=1e-6)
+        np.testing.assert_allclose(found.z, Lens().dz(alpha), atol=1e-6)
+        assert found.z.dtype == np.float32
+        assert np.median(found.z) < -0.02  # nearer than the focused plane
+    by_alpha = depth_map(lf, alphas=np.linspace(0.6, 1.2, 25))
+    by_disparity = depth_map(lf, disparities=2 * (1 - np.linspace(0.6, 1.2, 25)))
+    np.testing.assert_allclose(by_alpha.disparity, by_disparity.disparity, atol=1e-5)
+
+
+def two_depths(sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """A near half-plane before a far one, contrast rising from 0 downwards, noise."""
+    ny, nx = 100, 120
+    y, x = np.arange(ny)[:, None] - 49.5, np.arange(nx)[None, :] - 59.5
+    views = np.empty((9, 9, ny, nx))
+    for v, u in np.ndindex(9, 9):
+        layers = []
+        for seed, d in enumerate((-0.6, 0.8)):
+            Y, X = y + d * (v - 4), x + d * (u - 4)
+            layers.append(1 + 0.3 * np.clip(Y / ny + 0.5, 0, 1) ** 2 * texture(Y, X, seed))
+        views[v, u] = np.where(x + 0.8 * (u - 4) > 10, layers[1], layers[0])
+    return noisy(views, sigma), np.broadcast_to(np.where(x > 10, 0.8, -0.6), (ny, nx))
+
+
+@pytest.mark.parametrize("sigma", [0.02, 0.06, 0.2])
+def test_confidence_ranks(device, sigma):
+    views, truth = two_depths(sigma)
+    found = depth_map(LightField.from_array(views, device=device))
+    bad = (np.abs(found.disparity - truth) > 0.07)[INSIDE].ravel()
+    order = np.argsort(-found.confidence[INSIDE].ravel())
+    assert found.confidence.min() >= 0
+    assert found.confidence.max() <= 1
+    quarters = [part.mean() for part in np.array_split(bad[order], 4)]
+    assert quarters[0] + quarters[1] < 0.02
+    assert quarters[3] > 4 * max(quarters[0], quarters[1], 1e-3)
+    assert (np.diff(quarters) >= -1e-3).all()
+
+
+def test_no_texture_no_confidence(device):
+    views = np.full((5, 5, 60, 70), 0.3)
+    views[:, :, :, :8] += 0.1 * noisy(np.zeros((5, 5, 60, 8)), 1)
+    found = depth_map(LightField.from_array(views, device=device))
+    away = np.s_[:, 8 + 10 + 6 + 16 :]  # shifts of 2 x 2 pixels, and the reach of both Gaussians
+    assert not found.confidence[away].any()
+    assert not found.disparity[away].any()  # the plane in focus as recorded
+
+
+def test_sharpest_at_an_end_is_not_sure(device):
+    views, _ = slanted(0.9)
+    found = depth_map(LightField.from_array(views, device=device), disparities=[-0.5, 0.0, 0.5])
+    assert (found.disparity[INSIDE] == 0.5).mean() > 0.9
+    assert not found.confidence[found.disparity == 0.5].any()
+
+
+def test_memory_does_not_grow_with_the_planes(device, monkeypatch):
+    views, _ = slanted(0.2, shape=(3, 3, 40, 50))
+    lf = LightField.from_array(views.astype(np.float32), device=device)
+    needed = 4 * 40 * 50 * (2 + 8 + 8) + lf.data.nbytes
+    monkeypatch.setattr(device, "memory_bytes", needed)
+    assert depth_map(lf, disparities=np.linspace(-1, 1, 99)).disparity.shape == (40, 50)
+    monkeypatch.setattr(device, "memory_bytes", needed - 1)
+    with pytest.raises(DeviceError, match=f"depth map.* {needed:,} bytes"):
+        depth_map(lf)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"cue": "correspondance"}, r"'energy'.*'correspondance'"),
+        ({"alphas": [0.9, 1, 1.1], "disparities": [0, 1, 2]}, r"not both"),
+        ({"alphas": [0.9, 1, 1.1]}, r"spacing"),
+        ({"disparities": []}, r"at least three different"),
+        ({"disparities": [0.5, 0.5, 1.0]}, r"at least three different finite planes, not 2"),
+        ({"disparities": [0.0, np.nan, 1.0]}, r"finite"),
+        ({"disparities": [[0.0, 0.5, 1.0]]}, r"shape \(1, 3\)"),
+    ],
+)
+def test_bad_input(device, options, words):
+    views, _ = slanted(0.2, shape=(3, 3, 40, 50))
+    with pytest.raises(ValueError, match=words):
+        depth_map(LightField.from_array(views, device=device), **options)
+
+
+def test_a_stack_takes_no_planes(device):
+    views, _ = slanted(0.2, shape=(3, 3, 40, 50))
+    stack = focal_stack(LightField.from_array(views, device=device), disparities=[0, 1, 2])
+    with pytest.raises(ValueError, match=r"its own planes.*disparities"):
+        depth_map(stack, disparities=[0, 1, 2])
+    with pytest.raises(ValueError, match="at least three"):
+        depth_map(replace(stack, disparities=np.zeros(3)))
+
+
+@pytest.mark.parametrize("shape", [(47, 61), (12, 90, 3), (40, 41, 2)])
+def test_sharpness_of_whole_pictures(device, shape):
+    views = np.random.default_rng(4).random((3, 2, *shape))
+    planes = [0.3, -1.0, 0.0, 1.5]
+    stack = focal_stack(LightField.from_array(views, device=device), disparities=planes)
+    want = []
+    for picture in stack.to_numpy().astype(np.float64):
+        detail = picture.reshape(*shape[:2], -1)
+        detail = detail - gaussian_filter(detail, (2, 2, 0), mode="reflect", truncate=4)
+        if shape[2:] == (3,):
+            detail = detail @ np.array([[0.2126], [0.7152], [0.0722]])
+        top, left = min(15, shape[0] // 4), min(15, shape[1] // 4)
+        inside = detail[top : shape[0] - top, left : shape[1] - left]
+        want.append((inside**2).sum(axis=-1).mean())
+    np.testing.assert_allclose(sharpness_curve(stack), want, rtol=1e-5)
+
+
+@pytest.fixture(scope="module")
+def flower(data_folder: Path) -> np.ndarray:
+    """10 x 10 views of a flower, taken with a real plenoptic camera."""
+    files = sorted((data_folder / "lytro_f01_flower").glob("IMG_0001_*.png"))
+    assert len(files) == 100
+    views = np.zeros((10, 10, 256, 256, 3), np.uint8)
+    for file in files:
+        u, v = (int(n) - 1 for n in re.findall(r"\d+", file.stem)[-2:])
+        views[v, u] = iio.imread(file)
+    return views
+
+
+def test_sharpest_plane_of_a_real_capture(device, flower):
+    planes = np.linspace(-1.2, 1.2, 49)
+
+    def sharpest(views: np.ndarray) -> tuple[float, float]:
+        lf = LightField.from_array(np.ascontiguousarray(views), device=device)
+        curve = sharpness_curve(focal_stack(lf, disparities=planes))
+        return planes[np.argmax(curve)], curve.max() / curve[24]
+
+    place, gain = sharpest(flower)
+    assert place == pytest.approx(-0.65, abs=0.1)
+    assert gain > 8
+    for wrong in (flower.transpose(1, 0, 2, 3, 4), flower[::-1], flower[:, ::-1]):
+        assert sharpest(wrong)[1] < gain / 3
+
+
+def test_depth_of_a_real_capture(device, flower):
+    lf = LightField.from_array(flower, device=device)
+    found = depth_map(lf, disparities=np.linspace(-1.2, 0.4, 33))
+    blossom, ground = found.disparity[100:150, 130:190], found.disparity[20:80, 10:40]
+    assert -0.85 < np.median(ground) < np.median(blossom) - 0.03 < -0.45

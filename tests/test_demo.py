@@ -1,0 +1,88 @@
+"""The demo, on a smaller array: its tables, its files, and what the pictures are made of."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from clplen import demo
+from clplen.compute.device import Device
+from clplen.lightfield.lightfield import LightField
+
+COUNT = 77  # the smallest window in which A needs no padding
+FILES = {
+    "alpha.png", "energy_curves.png", "phase_space.png", "raw.png", "raw.tif", "refocused.png",
+    "rendering.png", "stack.png", "stack.tif", "views.png",
+}
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory, device: Device):
+    """(folder, what was said, steps)."""
+    folder = tmp_path_factory.mktemp("demo")
+    said, steps = [], []
+    demo.run(folder, device, say=said.append, step=steps.append, count=COUNT)
+    return folder, said, steps
+
+
+def test_everything_is_written_and_nothing_else(result):
+    folder, said, steps = result
+    assert {file.name for file in folder.iterdir()} == FILES
+    assert len(steps) == demo.STEPS
+    assert len(said) == 3
+
+
+def test_the_tables(result):
+    _, (parameters, energy, depth), _ = result
+    assert "working f-number" in parameters
+    for name in demo.POINTS:
+        aperture, at_array, sensor = map(float, re.search(rf"  {name} +(.*)", energy)[1].split())
+        assert aperture == 1
+        assert 0.998 < sensor <= at_array + 1e-6 < 1
+    rows = [line.split("|") for line in depth.splitlines()[2:]]
+    assert [float(row[0]) for row in rows] == [-50, -25, 25, 50]
+    assert [float(row[1]) for row in rows] == [0.7368, 0.8837, 1.0943, 1.1724]
+    assert [float(row[2]) for row in rows] == list(demo.THESIS_ALPHAS)
+    thesis, compensated, error = ([float(row[k]) for row in rows] for k in (3, 4, 5))
+    np.testing.assert_allclose(thesis, (0.82, 0.92, 1.08, 1.12), atol=0.02)
+    assert np.abs(error).max() <= 0.010
+    true = [float(row[1]) for row in rows]
+    np.testing.assert_allclose(np.array(compensated) - true, error, atol=1.01e-4)
+
+
+def test_the_raw_image_holds_three_unit_sources(result):
+    folder, *_ = result
+    raw = tifffile.imread(folder / "raw.tif")
+    assert raw.shape == (30 * COUNT, 30 * COUNT)
+    assert raw.sum(dtype=np.float64) == pytest.approx(3, abs=1e-5)
+
+
+def test_the_stack_is_sharp_at_each_point_in_turn(result, device: Device):
+    folder, *_ = result
+    stack = tifffile.imread(folder / "stack.tif")
+    assert stack.shape == (25, COUNT, COUNT)
+    alphas = np.linspace(*demo.STACK_ALPHAS)
+    cam = demo.camera(device, count=COUNT)
+    for name, (_, _, dz) in demo.POINTS.items():
+        x, y = (round(place) for place in demo.place(cam, name))
+        peak = stack[:, y - 2 : y + 3, x - 2 : x + 3].max(axis=(1, 2))
+        # a peak of light: pulled towards 1 by kappa = .889, found to one plane
+        pulled = 1 + 0.889 * (cam.alpha(dz) - 1)
+        assert alphas[peak.argmax()] == pytest.approx(pulled, abs=0.026), name
+
+
+def test_points_lie_where_the_camera_says(device: Device):
+    cam = demo.camera(device, count=COUNT)
+    middle = (COUNT - 1) / 2
+    assert demo.place(cam, "A") == pytest.approx((middle + 25.26, middle + 25.26), abs=5e-3)
+    assert demo.place(cam, "B") == (middle, middle)
+    assert demo.place(cam, "C") == pytest.approx((middle - 16.55, middle - 16.55), abs=5e-3)
+    raw = demo.expose_point(cam, demo.POINTS["C"])
+    picture = LightField.from_raw(raw).render().to_numpy().astype(float) ** 2
+    y, x = np.indices(picture.shape)
+    centre = [(axis * picture).sum() / picture.sum() for axis in (x, y)]
+    np.testing.assert_allclose(centre, demo.place(cam, "C"), atol=0.5)
