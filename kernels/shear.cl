@@ -257,18 +257,19 @@ __kernel void shear_samples(__global float *restrict out, __global const SAMPLE 
             const int table = (v * planes + p) * U;
             const int top = y0 + down[v * planes + p];
             float row[HEIGHT + 1];
-            for (int r = 0; r <= HEIGHT; ++r)
+            int place[HEIGHT + 1];
+            for (int r = 0; r <= HEIGHT; ++r) {
                 row[r] = 0.0f;
+                place[r] = clamp(top + r, 0, ny - 1) * samples;
+            }
             for (int k = 0; k < count[v]; ++k) {
                 const int u = order[v * U + k];
                 const int from = s + span[u].x + slide[table + k];
                 const float2 w = taps[table + k];
-                for (int r = 0; r <= HEIGHT; ++r) {
-                    __global const SAMPLE *view =
-                        L + row_start(v * U + u, clamp(top + r, 0, ny - 1), ny, samples);
-                    row[r] += w.x * tap(view, from, samples, channels)
-                              + w.y * tap(view, from + channels, samples, channels);
-                }
+                __global const SAMPLE *view = L + row_start(v * U + u, 0, ny, samples);
+                for (int r = 0; r <= HEIGHT; ++r)
+                    row[r] += w.x * tap(view + place[r], from, samples, channels)
+                              + w.y * tap(view + place[r], from + channels, samples, channels);
             }
 #ifndef CLAMP
             for (int r = 0; r <= HEIGHT; ++r)

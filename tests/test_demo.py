@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -42,7 +41,7 @@ def test_the_tables(result):
     for name in demo.POINTS:
         aperture, at_array, sensor = map(float, re.search(rf"  {name} +(.*)", energy)[1].split())
         assert aperture == 1
-        assert 0.998 < sensor <= at_array + 1e-6 < 1
+        assert 0.99 < sensor <= at_array + 1e-6 < 1  # the small window cuts more than 1e-3
     rows = [line.split("|") for line in depth.splitlines()[2:]]
     assert [float(row[0]) for row in rows] == [-50, -25, 25, 50]
     assert [float(row[1]) for row in rows] == [0.7368, 0.8837, 1.0943, 1.1724]

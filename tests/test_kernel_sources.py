@@ -280,16 +280,23 @@ def test_arrays_are_judged_by_their_samples(device: Device) -> None:
 def test_a_wrong_launch_is_found(device: Device, tmp_path: Path) -> None:
     fresh = Device(device.cl_device)
     fresh.context.cache_dir = str(tmp_path)
-    kernel = fresh.kernel("finite.cl", "count_bad")
-    right = (fresh.zeros((3,), np.int32), fresh.zeros((3, 5), np.float32), np.int32(3), np.int32(5))
-    assert complaints(Launch("finite.cl", kernel, {}, right)) == []
-    assert "takes 4 arguments, not 3" in complaints(Launch("finite.cl", kernel, {}, right[1:]))[0]
-    swapped = (right[1], right[0], *right[2:])
-    assert len(complaints(Launch("finite.cl", kernel, {}, swapped))) == 2
-    doubles = complaints(Launch("finite.cl", kernel, {"DOUBLE": True}, right))
-    assert doubles == [
-        "('finite.cl', 'count_bad') declares real* a and is given Array float32(3, 5)"
+    kernel = fresh.kernel("intensity.cl", "intensity")
+    out, u = fresh.zeros((3, 5), np.float32), fresh.zeros((3, 5), np.complex64)
+    sizes = (np.int32(3), np.int32(5))
+
+    def judged(*args: Any, **defines: Any) -> list[str]:
+        return complaints(Launch("intensity.cl", kernel, defines, args))
+
+    assert judged(out, u, *sizes) == []
+    assert "takes 4 arguments, not 3" in judged(u, *sizes)[0]
+    assert len(judged(u, out, *sizes)) == 2
+    assert judged(out, u, np.int64(3), sizes[1]) == [
+        "('intensity.cl', 'intensity') declares int ny and is given int64 int64()"
     ]
+    assert (
+        "declares cplx* u and is given Array complex64(3, 5)"
+        in judged(out, u, *sizes, DOUBLE=True)[1]
+    )
 
 
 # What the files say

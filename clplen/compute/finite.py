@@ -20,11 +20,10 @@ def count_bad(array: cla.Array, device: Device) -> int:
     """
     if array.dtype.kind not in "fc" or array.size == 0:
         return 0
-    parts = 2 if array.dtype.kind == "c" else 1
-    size = int(array.size) * parts
-    defines = {"DOUBLE": True} if array.dtype.itemsize == 8 * parts else {}
-    stretches = -(-size // LENGTH)
+    reals = array.view(np.empty(0, array.dtype).real.dtype)
+    defines = {"DOUBLE": True} if reals.dtype == np.float64 else {}
+    stretches = -(-int(reals.size) // LENGTH)
     bad = device.empty((stretches,), np.int32)
     kernel = device.kernel("finite.cl", "count_bad", **defines)
-    device.launch(kernel, (stretches,), bad, array, np.int64(size), np.int32(LENGTH))
+    device.launch(kernel, (stretches,), bad, reals, np.int64(reals.size), np.int32(LENGTH))
     return int(device.download(bad).sum(dtype=np.int64))
