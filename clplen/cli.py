@@ -72,7 +72,9 @@ class _Planes(click.ParamType):
         if count == 0 or (count == 1) != (start == stop):
             self.fail(
                 f"{value!r} is an empty range: give at least 2 planes between two different ends, "
-                "or 1 plane with START equal to STOP.", param, ctx,
+                "or 1 plane with START equal to STOP.",
+                param,
+                ctx,
             )
         return np.linspace(start, stop, count)
 
@@ -91,7 +93,9 @@ class _Aperture(click.ParamType):
         except ValueError:
             self.fail(
                 f"{text!r} is no aperture: give a number of views (9), a fraction of the full "
-                "diameter (0.5) or an f-number (f/66).", param, ctx,
+                "diameter (0.5) or an f-number (f/66).",
+                param,
+                ctx,
             )
 
 
@@ -105,26 +109,45 @@ def _with_options(*options: Any) -> Callable[[Any], Any]:
 
 
 _device = click.option(
-    "--device", "selector", metavar="DEVICE", default=None,
+    "--device",
+    "selector",
+    metavar="DEVICE",
+    default=None,
     help="cpu, gpu, platform:device (0:1) or part of a name; default: $CLPLEN_DEVICE, else the "
     "first GPU, else the first CPU. See 'clplen devices'.",
 )
 _layout = _with_options(
-    click.option("--pattern", metavar="NAMES", help="Names of the views in a folder: {v} and {u} "
-                 "row and column, or {i} row by row; {n} a counter to ignore; * anything."),
-    click.option("--views", type=int, nargs=2, metavar="V U", default=None,
-                 help="Rows and columns of views, as the names count them."),
+    click.option(
+        "--pattern",
+        metavar="NAMES",
+        help="Names of the views in a folder: {v} and {u} "
+        "row and column, or {i} row by row; {n} a counter to ignore; * anything.",
+    ),
+    click.option(
+        "--views",
+        type=int,
+        nargs=2,
+        metavar="V U",
+        default=None,
+        help="Rows and columns of views, as the names count them.",
+    ),
     click.option("--swap-uv", is_flag=True, help="The names count columns before rows."),
     click.option("--flip-v", is_flag=True, help="Reverse the rows of views (after --swap-uv)."),
     click.option("--flip-u", is_flag=True, help="Reverse the columns of views."),
     click.option("--allow-missing", is_flag=True, help="Leave out views that are missing."),
 )
 _planes = _with_options(
-    click.option("--disparities", type=_Planes(),
-                 help="Planes by disparity, pixels a view step, nearer is larger; default "
-                 f"{DEFAULT_PLANES}."),
-    click.option("--alphas", type=_Planes(), help="Planes by alpha = F/F', where the light field "
-                 "knows its spacing."),
+    click.option(
+        "--disparities",
+        type=_Planes(),
+        help="Planes by disparity, pixels a view step, nearer is larger; default "
+        f"{DEFAULT_PLANES}.",
+    ),
+    click.option(
+        "--alphas",
+        type=_Planes(),
+        help="Planes by alpha = F/F', where the light field knows its spacing.",
+    ),
 )
 
 
@@ -204,8 +227,14 @@ def _taken(wanted: str | None) -> tuple[Device | None, str]:
 
 
 @main.command()
-@click.option("-o", "--output", default="clplen-demo", show_default=True, metavar="FOLDER",
-              help="Folder for tables' pictures and data; made if it is not there.")
+@click.option(
+    "-o",
+    "--output",
+    default="clplen-demo",
+    show_default=True,
+    metavar="FOLDER",
+    help="Folder for tables' pictures and data; made if it is not there.",
+)
 @_device
 def demo(output: str, selector: str | None) -> None:
     """Simulate three points before a plenoptic camera, refocus them, find their depths.
@@ -250,10 +279,21 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
 
 @main.command()
 @click.argument("camera", type=click.Path(path_type=Path))
-@click.option("-o", "--output", required=True, metavar="FOLDER",
-              help="Folder for raw.tif, raw.png and lightfield.h5; made if it is not there.")
-@click.option("--example", is_flag=True, is_eager=True, expose_value=False,
-              callback=_print_example, help="Print a commented camera file and stop.")
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="FOLDER",
+    help="Folder for raw.tif, raw.png and lightfield.h5; made if it is not there.",
+)
+@click.option(
+    "--example",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_example,
+    help="Print a commented camera file and stop.",
+)
 @_device
 def simulate(camera: Path, output: str, selector: str | None) -> None:
     """Simulate a camera and a scene: a raw image and its light field.
@@ -294,13 +334,22 @@ def _size(lf: LightField) -> str:
 @click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
 @click.option("-o", "--output", required=True, metavar="OUT.tif", type=click.Path(path_type=Path))
 @_planes
-@click.option("--aperture", type=_Aperture(), help="Part of the main lens to use: views across "
-              "(9), fraction of the diameter (0.5) or f-number (f/66); default: all.")
+@click.option(
+    "--aperture",
+    type=_Aperture(),
+    help="Part of the main lens to use: views across "
+    "(9), fraction of the diameter (0.5) or f-number (f/66); default: all.",
+)
 @_layout
 @_device
 def stack(
-    source: Path, output: Path, disparities: Any, alphas: Any, aperture: Any,
-    selector: str | None, **layout: Any,
+    source: Path,
+    output: Path,
+    disparities: Any,
+    alphas: Any,
+    aperture: Any,
+    selector: str | None,
+    **layout: Any,
 ) -> None:
     """Refocus a light field on many planes, into one TIFF of linear float32 pictures.
 
@@ -333,9 +382,14 @@ def stack(
 
 @main.command()
 @click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
-@click.option("-o", "--output", required=True, metavar="OUT.pfm|OUT.tif",
-              type=click.Path(path_type=Path),
-              help="Disparities; a picture of the same name in .png is written beside them.")
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="OUT.pfm|OUT.tif",
+    type=click.Path(path_type=Path),
+    help="Disparities; a picture of the same name in .png is written beside them.",
+)
 @_planes
 @_layout
 @_device

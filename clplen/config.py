@@ -230,7 +230,9 @@ def _problem(error: Any) -> str:
 
 
 _TABLES: dict[str, type[_Table]] = {
-    "camera": CameraTable, "microlenses": MicrolensTable, "scene": SceneTable,
+    "camera": CameraTable,
+    "microlenses": MicrolensTable,
+    "scene": SceneTable,
     "sensor": SensorTable,
 }
 

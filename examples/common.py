@@ -15,13 +15,10 @@ from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.io import check_folder
 
 FOLDER = "clplen-figures"
-QUICK_COUNT = 75  # lenslets of the reduced camera: it still samples every ray of all three points
-BLUE, GREEN, ORANGE, RED = "#0072b2", "#009e73", "#e69f00", "#cc3311"  # for the colour-blind too
+QUICK_COUNT = 75  # lenslets of the reduced camera: its window still takes every ray of A, B and C
+BLUE, GREEN, ORANGE, RED = "#0072b2", "#009e73", "#e69f00", "#cc3311"  # colour-blind readers too
 COLOURS = dict(zip(demo.POINTS, (BLUE, GREEN, RED), strict=True))
-STYLE = {
-    "font.size": 9, "axes.titlesize": 9, "legend.fontsize": 8, "xtick.labelsize": 8,
-    "ytick.labelsize": 8, "legend.frameon": False, "image.interpolation": "nearest",
-}
+PAPER = {"facecolor": "w", "edgecolor": "none", "alpha": 0.8, "pad": 0.5}  # behind words on lines
 
 
 @dataclass(frozen=True)
@@ -56,14 +53,16 @@ def start(text: str, script: str) -> Example:
     except (ClplenError, OSError) as error:
         parser.error(str(error))
     camera = demo.camera(device, count=QUICK_COUNT) if given.quick else demo.camera(device)
-    matplotlib.rcParams.update(STYLE)
-    print(text.splitlines()[0])
+    matplotlib.rc("font", size=9)
+    matplotlib.rc("axes", titlesize=9)
+    matplotlib.rc("legend", fontsize=8, frameon=False)
+    print(text)
     return Example(camera, given.quick, folder / f"{Path(script).stem}.png")
 
 
-def number(what: str, value: float, reference: float, form: str = ".4f") -> None:
-    """Print a number beside its reference value."""
-    print(f"  {what:<46} {value:>12{form}}   reference {reference:>12{form}}")
+def number(what: str, value: float, reference: float, within: float, form: str = ".4f") -> None:
+    """Print a number beside its reference value and how near it is to come."""
+    print(f"  {what:<48} {value:>10{form}}   reference {reference:>10{form}} +- {within:g}")
 
 
 def pixels(image: Image) -> Any:

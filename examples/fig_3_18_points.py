@@ -1,10 +1,12 @@
 """Figure 3.18: the three points in object space."""
 
+from typing import Any
+
 import numpy as np
-from common import COLOURS, number, start
+from common import COLOURS, PAPER, number, start
+from matplotlib.figure import Figure
 
 from clplen import demo
-from clplen.plot.base import new_figure
 
 HALF, DEEP = 10, 50  # mm: half of the thesis' volume of 20 x 20 x 100 mm
 
@@ -13,11 +15,11 @@ camera = example.camera
 middle = (camera.mla.count[0] - 1) / 2
 for name, reference in {"A": 25.263, "B": 0.0, "C": -16.552}.items():
     lenslet = demo.place(camera, name)[0] - middle
-    number(f"{name}: image, in lenslets from the axis", lenslet, reference, ".3f")
+    number(f"{name}: image, in lenslets from the axis", lenslet, reference, 1e-3, ".3f")
 
-figure = new_figure(7.5, 4.6)
-axes = figure.add_subplot(projection="3d")
-axes.set_box_aspect((2.2, 1, 1), zoom=1.25)
+figure = Figure(figsize=(7.5, 4.2))
+axes: Any = figure.add_axes((0, 0.03, 0.98, 1), projection="3d")
+axes.set_box_aspect((2.2, 1, 1), zoom=1.15)
 corners = HALF * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
 for depth in (-DEEP, 0, DEEP):
     axes.plot(np.full(5, depth), *corners.T, color="0.5", lw=1, ls="-" if depth else "--")
@@ -29,7 +31,8 @@ for name, position in demo.POINTS.items():
     x, y, z = (length * 1e3 for length in position)
     axes.plot([z, z, z], [0, x, x], [0, 0, y], color=COLOURS[name], lw=1.2, ls=":")
     axes.plot([z], [x], [y], "o", color=COLOURS[name], ms=7)
-    axes.text(z, x, y + 2, f"{name} ({x:g}, {y:g}, {z:g})", color=COLOURS[name], ha="center")
+    axes.text(z, x, y + (2 if y >= 0 else -4), f"{name} ({x:g}, {y:g}, {z:g}) mm", ha="center",
+              color=COLOURS[name], bbox=PAPER)
 axes.set(xlabel="dz / mm, away from the lens", ylabel="x / mm", zlabel="y / mm",
          xticks=(-DEEP, 0, DEEP), yticks=(-HALF, 0, HALF), zticks=(-HALF, 0, HALF))
 axes.xaxis.labelpad = 10

@@ -2,14 +2,17 @@
 
 import numpy as np
 from common import number, pixels, start
+from matplotlib.axes import Axes
+from matplotlib.image import AxesImage
 
 from clplen import LightField, demo
 from clplen.plot import base
 
 MAXIMA = {"A": 8.9e-4, "B": 2.09e-3, "C": 1.13e-3}  # of the raw image, each point having energy 1
+SHOWN = 6.2  # mm to either side of the axis
 
 
-def show(axes, values, decades, pitch):
+def show(axes: Axes, values: np.ndarray, decades: int, pitch: float) -> AxesImage:
     """An image on a logarithmic scale, in mm from its middle."""
     norm = base.norm_of(values, "log", decades)
     return axes.imshow(base.for_display(values, norm), cmap=base.LIGHT, norm=norm,
@@ -21,33 +24,35 @@ example = start(__doc__, __file__)
 camera = example.camera
 raw = demo.scene(camera)
 values, rendering = raw.to_numpy(), pixels(LightField.from_raw(raw).render())
-number("sum of the raw image", values.sum(dtype=float), 3.0)
+number("sum of the raw image", values.sum(dtype=float), 3.0, 1e-3)
 
-figure = base.new_figure(9.5, 7.6)
-grid = figure.add_gridspec(2, 6, height_ratios=[1.45, 1])
+figure = base.new_figure(9, 7.5)
+grid = figure.add_gridspec(2, 6, height_ratios=[1.15, 1])
 left, right = figure.add_subplot(grid[0, :3]), figure.add_subplot(grid[0, 3:])
-drawn = show(left, values, 5, camera.pixel_pitch)
-base.bar(figure, drawn, left, "energy per pixel (logarithmic)", extend="min")
-drawn = show(right, rendering, 3, camera.lenslet_pitch)
-base.bar(figure, drawn, right, "mean of the views (logarithmic)", extend="min")
-left.set(title="raw image", xlabel="x on the sensor / mm", ylabel="y on the sensor / mm")
-right.set(title="rendering, one pixel a lenslet", xlabel="x on the lenslets / mm",
-          ylabel="y on the lenslets / mm")
+shown = min(SHOWN, camera.grid.extent[0] * 500)
+bars = [(left, show(left, values, 5, camera.pixel_pitch), "energy per pixel"),
+        (right, show(right, rendering, 3, camera.lenslet_pitch), "mean of the views")]
+for axes, drawn, label in bars:
+    base.bar(figure, drawn, axes, f"{label} (logarithmic)", extend="min")
+    axes.set(xlim=(-shown, shown), ylim=(shown, -shown), xlabel="x / mm", ylabel="y / mm")
+left.set_title("raw image, the middle of the sensor")
+right.set_title("rendering, one pixel a lenslet")
 magnified = 1 + camera.lenslet_focal_length / camera.image_distance
 pitch, reach = camera.lenslet_pitch * 1e3, 4.5 * camera.lenslet_pitch * 1e3
 for column, (name, reference) in enumerate(MAXIMA.items()):
     centre = camera.image_of(demo.POINTS[name])[0] * 1e3
-    for axes, (x, y) in ((left, centre * magnified), (right, centre)):
-        axes.annotate(name, (x + reach, y - reach), color="w")
+    right.text(centre[0] + reach, centre[1] - reach, name, color="w")
     x, y = centre * magnified
+    left.text(x + reach, y - reach, name, color="w")
     panel = figure.add_subplot(grid[1, 2 * column : 2 * column + 2])
     show(panel, values, 5, camera.pixel_pitch)
-    panel.set(xlim=(x - reach, x + reach), ylim=(y + reach, y - reach), xlabel="x / mm",
-              title=f"raw image at {name}, lines between lenslets")
+    panel.set(xlim=(x - reach, x + reach), ylim=(y + reach, y - reach), title=f"raw image at {name}",
+              xlabel="x / mm", ylabel="y / mm", xticks=np.round((x - 0.5, x, x + 0.5), 1))
     for edge in pitch * (np.arange(camera.mla.count[0] + 1) - camera.mla.count[0] / 2):
-        panel.axhline(edge, color="w", lw=0.4, alpha=0.5)
-        panel.axvline(edge, color="w", lw=0.4, alpha=0.5)
+        panel.axhline(edge, color="w", lw=0.5, alpha=0.6)
+        panel.axvline(edge, color="w", lw=0.5, alpha=0.6)
     rows, columns = (np.abs(base.coordinates(n, camera.pixel_pitch) - c) < reach
                      for n, c in zip(raw.shape, (y, x), strict=True))
-    number(f"{name}: largest pixel", values[np.ix_(rows, columns)].max(), reference, ".3g")
+    number(f"{name}: largest pixel", values[np.ix_(rows, columns)].max(), reference, 5e-6, ".2e")
+figure.supxlabel("lines: borders between lenslets", fontsize=8)
 example.save(figure)

@@ -18,15 +18,15 @@ for name, references in PEAKS.items():
     x, y = (round(place) for place in demo.place(camera, name))
     for alpha, image, reference in zip(demo.REFOCUS_ALPHAS, images, references, strict=True):
         peak = pixels(image)[y - 8 : y + 9, x - 8 : x + 9].max() / highest
-        number(f"{name}: peak at alpha = {alpha:.4f}", peak, reference)
+        number(f"{name}: peak at alpha = {alpha:.4f}", peak, reference, 2e-3)
 
 titles = [rf"$\alpha$ = {alpha:.4f}: {name} in focus"
           for name, alpha in zip(PEAKS, demo.REFOCUS_ALPHAS, strict=True)]
 places = np.array([demo.place(camera, name) for name in PEAKS])
-part = slice(round(places.min()) - 10, round(places.max()) + 11)
+part = slice(round(places.min()) - 11, round(places.max()) + 12)
 figure = plot.refocused(images, titles, scale="log", region=(part, part))
 for axes in figure.axes[: len(images)]:
     axes.set(xlabel="x / lenslets", ylabel="y / lenslets" if axes is figure.axes[0] else "")
     for name, place in zip(PEAKS, places, strict=True):
-        axes.annotate(name, place, (11, 9), textcoords="offset points", color="w")
+        axes.annotate(name, place, (18, 12), textcoords="offset points", color="w")
 example.save(figure)

@@ -13,10 +13,10 @@ camera = example.camera
 found = [demo.estimates(camera, dz) for dz in demo.DEPTHS]
 true = np.array([camera.alpha(dz) for dz in demo.DEPTHS])
 for dz, methods, reference in zip(demo.DEPTHS, found, THESIS_METHOD, strict=True):
-    number(f"method 'thesis', peak at {mm(dz)}", methods["thesis"].alpha, reference, ".3f")
+    number(f"method 'thesis', peak at {mm(dz)}", methods["thesis"].alpha, reference, 0.02, ".3f")
 energy = np.array([methods["energy"].alpha for methods in found])
 kappa = ((energy - 1) @ (true - 1)) / ((true - 1) @ (true - 1))
-number("method 'energy', (peak - 1)/(alpha - 1), pooled", kappa, KAPPA, ".3f")
+number("method 'energy', (peak - 1)/(alpha - 1), pooled", kappa, KAPPA, 0.023, ".3f")
 
 groups = {
     f"method '{method}'": [

@@ -173,7 +173,7 @@ __kernel void shear_blocks(__global float *restrict out, __global const SAMPLE *
     for (int i = 0; i < planes * height * width; i += LANES)
         store(sums + i, (vec)(0.0f));
     for (int i = 0; i < channels; ++i)
-        second[width + i] = 0.0f;
+        second[width + i] = 0.0f;  /* right of the block: summed, but not part of the picture */
 
     for (int v = 0; v < V; ++v) {
         const int n = count[v];

@@ -73,8 +73,24 @@ def test_the_raw_image_is_drawn_in_millimetres(device: Device):
     assert detail.get_ylim() == pytest.approx((1 + 0.675, 1 - 0.675))
     assert whole.get_xlabel() == "x on the sensor / mm"
     borders = sorted(line.get_xdata()[0] for line in detail.lines if line.get_ydata()[1] == 1)
-    np.testing.assert_allclose(borders, (np.arange(32) * 30 - 465) * 5e-3, atol=1e-12)
+    every = (np.arange(32) * 30 - 465) * 5e-3
+    np.testing.assert_allclose(borders, every[np.abs(every + 0.5) < 0.675], atol=1e-12)
+    drawn = np.asarray(detail.images[0].get_array())
+    left, right, bottom, top = detail.images[0].get_extent()
+    assert ((right - left) / 5e-3, (bottom - top) / 5e-3) == pytest.approx(drawn.shape[::-1])
+    row, column = 465 + 200 - 1, 465 - 100  # pixel centres at -0.4975 and 0.9975 mm
+    at = (int((0.9975 - top) / 5e-3), int((-0.4975 - left) / 5e-3))
+    assert drawn[at] == values[row, column]
     assert any("logarithmic" in axes.get_ylabel() for axes in figure.axes)
+
+
+def test_a_large_raw_image_is_averaged_for_display(device: Device):
+    values = np.random.default_rng(1).random((2005, 3001), np.float32)
+    grid = SimpleNamespace()
+    raw = RawImage(device.upload(values), device, 2e-6, grid, grid)
+    shown = image_axes(plot.raw_image(raw))[0].images[0]
+    np.testing.assert_allclose(shown.get_array()[5, 7], values[15:18, 21:24].mean(), rtol=1e-6)
+    assert shown.get_extent() == pytest.approx([-3.001, 2.999, 2.003, -2.005])
 
 
 def test_views_keep_their_order(device: Device):

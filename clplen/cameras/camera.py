@@ -57,8 +57,13 @@ class PlenopticCamera:
             If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
         """
         return plenoptic1.build(
-            focal_length=focal_length, mla=mla, wavelength=wavelength,
-            pixels_per_lenslet=pixels_per_lenslet, device=device, object_distance=object_distance,
-            image_distance=image_distance, aperture_diameter=aperture_diameter,
+            focal_length=focal_length,
+            mla=mla,
+            wavelength=wavelength,
+            pixels_per_lenslet=pixels_per_lenslet,
+            device=device,
+            object_distance=object_distance,
+            image_distance=image_distance,
+            aperture_diameter=aperture_diameter,
             field_lens=field_lens,
         )

@@ -30,19 +30,18 @@ def lens_law(
     ValueError
         If both are given and contradict the law, or one lies within the focal length.
     """
-    if object_distance is None and image_distance is None:
-        return (2 * f, 2 * f)
-    for name, distance in (("object_distance", object_distance), ("image_distance", image_distance)):
+    for name, distance in (("object", object_distance), ("image", image_distance)):
         if distance is not None and distance <= f:
             raise ValueError(
-                f"{name} = {distance:g} m is within the focal length of {f:g} m: there is no real "
-                "image."
+                f"{name}_distance = {distance:g} m is within the focal length of {f:g} m: there is "
+                "no real image."
             )
-    if object_distance is None and image_distance is not None:
-        return (1 / (1 / f - 1 / image_distance), image_distance)
-    if image_distance is None and object_distance is not None:
-        return (object_distance, 1 / (1 / f - 1 / object_distance))
-    assert object_distance is not None and image_distance is not None
+    if object_distance is None:
+        if image_distance is None:
+            return (2 * f, 2 * f)
+        return (1 / (1 / f - 1 / image_distance), float(image_distance))
+    if image_distance is None:
+        return (float(object_distance), 1 / (1 / f - 1 / object_distance))
     if abs(f / object_distance + f / image_distance - 1) > LENS_LAW_TOLERANCE:
         fits = 1 / (1 / f - 1 / object_distance)
         raise ValueError(
@@ -87,10 +86,14 @@ def check_sampling(camera: Plenoptic1, reach: float) -> None:
     SamplingError
         With both sides of the rule and what would do.
     """
-    D, F, d, f_mu = (camera.aperture_diameter, camera.image_distance, camera.mla.diameter,
-                     camera.mla.f)
+    D, F, d, f_mu = (
+        camera.aperture_diameter,
+        camera.image_distance,
+        camera.mla.diameter,
+        camera.mla.f,
+    )
     slope = (D / 2 + reach) / F + d / (2 * f_mu)
-    if slope / camera.wavelength >= 1 / (2 * camera.pixel_pitch):
+    if 2 * camera.pixel_pitch * slope >= camera.wavelength:
         fitting = camera.wavelength / (2 * slope)
         raise SamplingError(
             f"Light reaches the sensor at up to {slope / camera.wavelength:.4g} cycles/m "
@@ -99,7 +102,7 @@ def check_sampling(camera: Plenoptic1, reach: float) -> None:
             f"{fitting:.4g} m would do (pixels_per_lenslet = {camera.mla.pitch / fitting:.4g}), or "
             "a longer f_mu, or a smaller aperture."
         )
-    if D > min(camera.grid.extent):
+    if min(camera.grid.extent) < D:
         raise SamplingError(
             f"The window of {min(camera.grid.extent):.4g} m does not hold the main lens' aperture "
             f"of {D:.4g} m: use more lenslets or give a smaller aperture_diameter."
@@ -112,8 +115,13 @@ def raw_image(camera: Plenoptic1, data: cla.Array) -> RawImage:
     step = camera.pixel_pitch * camera.image_distance / camera.mla.f
     spacing = (-step, -step, camera.mla.row_pitch, camera.mla.pitch)
     return RawImage(
-        data, camera.device, camera.pixel_pitch, lenslet_grid(camera, magnification),
-        lenslet_grid(camera, 1.0), spacing, camera,
+        data,
+        camera.device,
+        camera.pixel_pitch,
+        lenslet_grid(camera, magnification),
+        lenslet_grid(camera, 1.0),
+        spacing,
+        camera,
     )
 
 

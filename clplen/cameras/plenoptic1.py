@@ -174,8 +174,11 @@ class Plenoptic1:
             chosen = slice(start, min(start + step, len(scene)))
             pupil = self.pupil(scene, chosen)
             energy = row_powers(pupil).sum(axis=-1)
-            self._add(total, self.sensor_field(self.array_field(pupil, pad=pad)),
-                      scene.power[chosen] / energy)
+            self._add(
+                total,
+                self.sensor_field(self.array_field(pupil, pad=pad)),
+                scene.power[chosen] / energy,
+            )
             if progress is not None:
                 progress(chosen.stop, len(scene))
         self.device.finish()
@@ -186,23 +189,40 @@ class Plenoptic1:
     def pupil(self, scene: PointSources, chosen: slice = slice(None)) -> Field:
         """Fields of the sources right behind the main lens, shape (n, ny, nx)."""
         return pupil_fields(
-            scene, chosen, grid=self.grid, object_distance=self.object_distance,
-            focal_length=self.focal_length, aperture_diameter=self.aperture_diameter,
-            wavelength=self.wavelength, device=self.device,
+            scene,
+            chosen,
+            grid=self.grid,
+            object_distance=self.object_distance,
+            focal_length=self.focal_length,
+            aperture_diameter=self.aperture_diameter,
+            wavelength=self.wavelength,
+            device=self.device,
         )
 
     def array_field(self, pupil: Field, *, pad: int = 1) -> Field:
         """Fields behind the main lens propagated to the array, before its lenslets."""
-        step = plan(self.grid, self.image_distance, wavelength=self.wavelength, method="blas",
-                    pad=pad, device=self.device)
+        step = plan(
+            self.grid,
+            self.image_distance,
+            wavelength=self.wavelength,
+            method="blas",
+            pad=pad,
+            device=self.device,
+        )
         return step(pupil)
 
     def sensor_field(self, at_array: Field) -> Field:
         """Fields at the array sent through it and on to the sensor."""
         if self.field_lens:
             at_array = thin_lens(at_array, self.image_distance)
-        step = plan(self.grid, self.mla.f, wavelength=self.wavelength, method="as", pad=1,
-                    device=self.device)
+        step = plan(
+            self.grid,
+            self.mla.f,
+            wavelength=self.wavelength,
+            method="as",
+            pad=1,
+            device=self.device,
+        )
         return step(self.mla.apply(at_array))
 
     def padding(self, scene: PointSources) -> int:
@@ -229,17 +249,29 @@ class Plenoptic1:
             Row("lenslets", self.mla.count[1], "", f"a row, {self.mla.count[0]} rows"),
             Row("lenslet pitch", p, "m", f"{self.pixels_per_lenslet:.6g} pixels"),
             Row("lenslet focal length", f_mu, "m", "f_mu, array to sensor"),
-            Row("pixel pitch", self.pixel_pitch, "m",
-                f"sensor {self.grid.shape[0]} x {self.grid.shape[1]}"),
+            Row(
+                "pixel pitch",
+                self.pixel_pitch,
+                "m",
+                f"sensor {self.grid.shape[0]} x {self.grid.shape[1]}",
+            ),
             Row("angle a pixel", self.pixel_pitch / f_mu, "rad", "angular sampling"),
             Row("aperture a pixel", self.pixel_pitch * F / f_mu, "m", "du on the main lens"),
             Row("views", geometry.views(self), "", "across, one a pixel of a lenslet"),
-            Row("independent views", self.mla.diameter**2 / (lam * f_mu), "",
-                "across, d^2/(lam f_mu): the sub-image is blurred by diffraction"),
+            Row(
+                "independent views",
+                self.mla.diameter**2 / (lam * f_mu),
+                "",
+                "across, d^2/(lam f_mu): the sub-image is blurred by diffraction",
+            ),
             Row("Airy limit", limit, "m", f"lenslet diameter > sqrt(2.44 lam f_mu): {met}"),
             Row("focus tolerance", p / D, "", "|1 - alpha| below p/D blurs less than a lenslet"),
-            Row("disparity", F / (f_mu * self.pixels_per_lenslet), "",
-                "pixels a view step for 1 - alpha = 1"),
+            Row(
+                "disparity",
+                F / (f_mu * self.pixels_per_lenslet),
+                "",
+                "pixels a view step for 1 - alpha = 1",
+            ),
         )
         return Description("Plenoptic 1.0 camera", rows)
 
@@ -266,9 +298,14 @@ class Plenoptic1:
         (ny, nx), count = self.grid.shape, fields.shape[0]
         kernel = self.device.kernel("intensity.cl", "accumulate", **self.device.wave_defines())
         self.device.launch_rows(
-            kernel, (ny, nx), total, fields.data, self.device.upload(
-                weights.astype(self.device.real)),
-            np.int32(count), np.int32(ny), np.int32(nx),
+            kernel,
+            (ny, nx),
+            total,
+            fields.data,
+            self.device.upload(weights.astype(self.device.real)),
+            np.int32(count),
+            np.int32(ny),
+            np.int32(nx),
         )
 
 
@@ -286,8 +323,11 @@ def build(
 ) -> Plenoptic1:
     """See `PlenopticCamera.type1`."""
     lengths = {"focal_length": focal_length, "wavelength": wavelength}
-    optional = {"object_distance": object_distance, "image_distance": image_distance,
-                "aperture_diameter": aperture_diameter}
+    optional = {
+        "object_distance": object_distance,
+        "image_distance": image_distance,
+        "aperture_diameter": aperture_diameter,
+    }
     lengths |= {name: value for name, value in optional.items() if value is not None}
     for name, value in lengths.items():
         if not (math.isfinite(value) and value > 0):
@@ -298,8 +338,17 @@ def build(
     D = aperture_diameter or mla.pitch * F / mla.f
     grid = geometry.sensor_grid(mla, pixels_per_lenslet)
     camera = Plenoptic1(
-        float(focal_length), z_obj, F, float(D), mla, float(wavelength),
-        float(pixels_per_lenslet), grid.pitch[1], grid, bool(field_lens), device,
+        float(focal_length),
+        z_obj,
+        F,
+        float(D),
+        mla,
+        float(wavelength),
+        float(pixels_per_lenslet),
+        grid.pitch[1],
+        grid,
+        bool(field_lens),
+        device,
     )
     geometry.check_sampling(camera, 0.0)
     return camera

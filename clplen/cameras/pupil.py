@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy import special
 
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
@@ -64,11 +63,23 @@ def pupil_fields(
     real = device.real.type
     kernel = device.kernel("source.cl", "point_sources", **device.wave_defines())
     device.launch_rows(
-        kernel, out.shape, out, device.upload(ty), device.upload(tx), device.upload(foot),
-        device.upload(table), np.int32(len(table) - 1), real(per_step), real(wavelength),
-        device.upload(y.astype(device.real)), device.upload(x.astype(device.real)),
-        real(aperture_diameter / 2), real(grid.pitch[0] / 2), real(grid.pitch[1] / 2),
-        np.int32(grid.shape[0]), np.int32(grid.shape[1]),
+        kernel,
+        out.shape,
+        out,
+        device.upload(ty),
+        device.upload(tx),
+        device.upload(foot),
+        device.upload(table),
+        np.int32(len(table) - 1),
+        real(per_step),
+        real(wavelength),
+        device.upload(y.astype(device.real)),
+        device.upload(x.astype(device.real)),
+        real(aperture_diameter / 2),
+        real(grid.pitch[0] / 2),
+        real(grid.pitch[1] / 2),
+        np.int32(grid.shape[0]),
+        np.int32(grid.shape[1]),
     )
     return Field(out, grid, wavelength, device)
 
@@ -88,6 +99,8 @@ def _quadratic_phasors(
 
 def _disc_table(largest: float, device: Device) -> tuple[np.ndarray[Any, Any], float]:
     """2 J1(v)/v and its slope times the step, from 0 to ``largest``; and steps a unit of v."""
+    from scipy import special  # here, because it takes a third of the package's import time
+
     count = max(2, int(np.ceil(largest / STEP)) + 2)
     v = np.arange(count) * STEP
     safe = np.where(v > 0, v, 1.0)

@@ -7,7 +7,7 @@ import re
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import cached_property, lru_cache
+from functools import cache, cached_property
 from threading import Lock
 from typing import Any, Literal, cast
 
@@ -360,8 +360,9 @@ def _select(devices: list[tuple[str, cl.Device]], selector: str | None) -> list[
             d for _, d in devices if wanted in f"{d.name} {d.vendor}".lower()
         ]
     if not fitting:
-        here = "; ".join(f"{place} {d.platform.name.strip()}: {d.name.strip()}"
-                         for place, d in devices)
+        here = "; ".join(
+            f"{place} {d.platform.name.strip()}: {d.name.strip()}" for place, d in devices
+        )
         raise DeviceError(
             f"No OpenCL device fits {selector!r}. Here are: {here}. Use 'cpu', 'gpu', "
             "'platform:device' or part of a name."
@@ -374,7 +375,7 @@ def _platform_words(device: cl.Device) -> str:
     return f"{platform.name} {platform.vendor} {platform.version}".lower()
 
 
-@lru_cache(maxsize=None)
+@cache
 def _opened(cl_device: cl.Device, precision: Precision) -> Device:
     """The one Device of this hardware and precision, found able to compile."""
     device = Device(cl_device, precision=precision)

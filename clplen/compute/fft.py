@@ -126,7 +126,11 @@ def _ducc0(values: np.ndarray[Any, Any], forward: bool, threads: int) -> None:
     import ducc0
 
     ducc0.fft.c2c(
-        values, axes=(-2, -1), forward=forward, inorm=0 if forward else 2, out=values,
+        values,
+        axes=(-2, -1),
+        forward=forward,
+        inorm=0 if forward else 2,
+        out=values,
         nthreads=threads,
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +39,7 @@ def kernel_folder() -> Path:
     raise KernelBuildError(f"The OpenCL kernels are missing: looked in {looked}; reinstall clplen.")
 
 
-@lru_cache(maxsize=None)
+@cache
 def kernel_source(file: str) -> str:
     """Source of a kernel file with every ``#include "x.cl"`` expanded and ``#line`` kept.
 

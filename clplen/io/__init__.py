@@ -17,8 +17,16 @@ from clplen.io.views import Layout, read_views, write_views
 from clplen.lightfield.lightfield import LightField
 
 __all__ = [
-    "check_folder", "check_writable", "read_lightfield", "read_pfm", "read_picture",
-    "write_depth", "write_lightfield", "write_pfm", "write_picture", "write_stack",
+    "check_folder",
+    "check_writable",
+    "read_lightfield",
+    "read_pfm",
+    "read_picture",
+    "write_depth",
+    "write_lightfield",
+    "write_pfm",
+    "write_picture",
+    "write_stack",
 ]
 
 logger = logging.getLogger(__name__)

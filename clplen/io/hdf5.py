@@ -26,8 +26,13 @@ from clplen.wave.lenslets import MicrolensArray
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _OWN_AXES = "vuyxc"
 _CAMERA = (
-    "focal_length", "wavelength", "pixels_per_lenslet", "object_distance", "image_distance",
-    "aperture_diameter", "field_lens",
+    "focal_length",
+    "wavelength",
+    "pixels_per_lenslet",
+    "object_distance",
+    "image_distance",
+    "aperture_diameter",
+    "field_lens",
 )
 _ARRAY = ("pitch", "f", "count", "lattice", "fill", "diameter", "offset", "rotation")
 

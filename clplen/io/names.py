@@ -12,7 +12,10 @@ from clplen.errors import FormatError
 
 DEFAULT_PATTERN = "view_{v:02d}_{u:02d}"  # and .png or .tif
 _KNOWN = (
-    "view_{v}_{u}.png", "view_{v}_{u}.tif", "input_Cam{i}.png", "out_{v}_{u}_*.png",
+    "view_{v}_{u}.png",
+    "view_{v}_{u}.tif",
+    "input_Cam{i}.png",
+    "out_{v}_{u}_*.png",
     "out_{v}_{u}_*.jpg",
 )
 _FIELD = re.compile(r"\{(\w*)(?::\w*)?\}|(\*)")

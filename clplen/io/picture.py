@@ -18,7 +18,14 @@ SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm")
 _TIFF = (".tif", ".tiff")
 # What Pillow and tifffile raise on files that are damaged or something else.
 _UNREADABLE = (
-    OSError, SyntaxError, ValueError, EOFError, KeyError, IndexError, struct.error, zlib.error
+    OSError,
+    SyntaxError,
+    ValueError,
+    EOFError,
+    KeyError,
+    IndexError,
+    struct.error,
+    zlib.error,
 )
 
 
@@ -75,9 +82,7 @@ def _opaque(values: np.ndarray[Any, Any], path: Path) -> np.ndarray[Any, Any]:
     return values[..., 0] if values.shape[2] == 2 else values[..., :-1]
 
 
-def write_picture(
-    path: PathLike, values: np.ndarray[Any, Any], *, description: str = ""
-) -> None:
+def write_picture(path: PathLike, values: np.ndarray[Any, Any], *, description: str = "") -> None:
     """Write one picture with its own values.
 
     Parameters

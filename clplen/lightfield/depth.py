@@ -12,6 +12,7 @@ from clplen.lightfield.focus import HighPass, Map, PeakTracker
 from clplen.lightfield.gaussian import GaussianBlur
 from clplen.lightfield.interpolation import kept_energy
 from clplen.lightfield.refocus import FocalStack, focal_stack, shifts
+from clplen.lightfield.render import view_weights
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -179,7 +180,8 @@ def _kept(source: LightField | FocalStack, planes: Vector) -> dict[float, float]
     """Share of the energy that interpolation keeps at each plane; 1 where views are not known."""
     if isinstance(source, FocalStack):
         return dict.fromkeys(planes.tolist(), 1.0)
-    kept = kept_energy(*shifts(source, planes), source.weights, sigma=_HIGH_PASS)
+    weights = view_weights(source, None, None)
+    kept = kept_energy(*shifts(source, planes), weights, sigma=_HIGH_PASS)
     return dict(zip(planes.tolist(), kept.tolist(), strict=True))
 
 

@@ -113,6 +113,8 @@ class RawImage:
     def __post_init__(self) -> None:
         if len(self.data.shape) != 2:
             raise ShapeError(f"A raw image has shape (ny, nx), not {tuple(self.data.shape)}.")
+        if self.data.dtype != np.float32:
+            raise TypeError(f"A raw image on the device is float32, not {self.data.dtype}.")
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -119,8 +119,14 @@ class _Views:
 
     def part(self, first: int, count: int) -> _Views:
         """`count` planes (or as many as there are) from `first` on."""
-        shifts = (a[first : first + count] for a in (self.down, self.below, self.right, self.beside))
-        return _Views(self.weights, *shifts, self.ny, self.nx, self.channels, self.clamp)
+        some = slice(first, first + count)
+        return replace(
+            self,
+            down=self.down[some],
+            below=self.below[some],
+            right=self.right[some],
+            beside=self.beside[some],
+        )
 
 
 @dataclass(frozen=True)
@@ -148,6 +154,8 @@ def _views(
             f"{V} x {U} views take weights of shape {(V, U)} and, for P planes, shifts of shape "
             f"(P, {V}) and (P, {U}), not {w.shape}, {sy.shape} and {sx.shape}."
         )
+    if len(sy) == 0:
+        raise ShapeError("Give the shifts of at least one plane.")
     if not all(np.isfinite(a).all() for a in (w, sy, sx)):
         raise ValueError("Weights and shifts of views are finite numbers.")
     if edge not in ("normalised", "clamp"):
@@ -292,7 +300,7 @@ def _tables(views: _Views, norm_pitch: int) -> list[Table]:
 
 
 def _norm(views: _Views, pitch: int) -> Table:
-    """Weights used by each sample of a row: for every v, then their sum. Shape (P, V + 1, pitch)."""
+    """Weights that each sample of a row uses, by v, then in all. Shape (P, V + 1, pitch)."""
     w = views.weights
     norm = np.zeros((views.planes, len(w) + 1, pitch), np.float32)
     here = norm[..., : views.samples].reshape(*norm.shape[:2], views.nx, -1)

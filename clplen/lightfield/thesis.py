@@ -7,6 +7,7 @@ lengths, and knows nothing of diffraction: all three pull alpha towards 1.
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse
 
 from clplen.lightfield.spectral import Real
 
@@ -33,18 +34,21 @@ def thesis_curve(window: Real) -> Real:
         float64, shape (121,).
     """
     c, V, U, ny, nx = window.shape
-    rows = np.ascontiguousarray(window.transpose(0, 1, 3, 2, 4)).reshape(c, V * ny, U * nx)
+    colours = window.transpose(0, 1, 3, 2, 4).reshape(c, V * ny, U * nx)
     radius = np.hypot(np.fft.fftfreq(ny)[:, None], np.fft.fftfreq(nx)[None, :])
-    energies = []
-    for alpha in ALPHAS:
-        image = _shear(ny, V, alpha) @ (rows @ _shear(nx, U, alpha).T)
-        energies.append(np.sum(np.abs(np.fft.fft2(image)[:, radius > _LOWEST]) ** 2))
-    return np.array(energies)
+    energies = np.zeros(ALPHAS.size)
+    for i, alpha in enumerate(ALPHAS):
+        down, along = _shear(ny, V, alpha), _shear(nx, U, alpha)
+        for rows in colours:
+            image = down @ (along @ rows.T).T
+            energies[i] += np.sum(np.abs(np.fft.fft2(image)[radius > _LOWEST]) ** 2)
+    return energies
 
 
-def _shear(count: int, views: int, alpha: float) -> Real:
+def _shear(count: int, views: int, alpha: float) -> scipy.sparse.csr_array:
     """Matrix (count, views count) that samples one axis linearly and sums over its views."""
     x = np.arange(count) - (count - 1) / 2
     u = np.arange(views) - (views - 1) / 2
     sampled = x[:, None] / alpha + u * (1 - 1 / alpha)
-    return np.maximum(1 - np.abs(sampled[:, :, None] - x), 0).reshape(count, views * count)
+    weights = np.maximum(1 - np.abs(sampled[:, :, None] - x), 0)
+    return scipy.sparse.csr_array(weights.reshape(count, views * count))

@@ -9,6 +9,16 @@ from clplen.plot.depths import alpha_curve, depth, energy_curves, phase_space
 from clplen.plot.pictures import montage, picture, raw_image, refocused, views
 
 __all__ = [
-    "Region", "Scale", "alpha_curve", "depth", "energy_curves", "montage", "phase_space",
-    "picture", "raw_image", "refocused", "save", "views",
+    "Region",
+    "Scale",
+    "alpha_curve",
+    "depth",
+    "energy_curves",
+    "montage",
+    "phase_space",
+    "picture",
+    "raw_image",
+    "refocused",
+    "save",
+    "views",
 ]

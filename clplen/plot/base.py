@@ -19,10 +19,16 @@ Region = tuple[slice, slice]
 LIGHT = "inferno"  # perceptually uniform: brightness follows the value
 WHOLE: Region = (slice(None), slice(None))
 _DECADES = 3
-styled = matplotlib.rc_context({
-    "font.size": 9, "axes.titlesize": 9, "legend.fontsize": 8,
-    "xtick.labelsize": 8, "ytick.labelsize": 8, "image.interpolation": "nearest",
-})
+styled = matplotlib.rc_context(
+    {
+        "font.size": 9,
+        "axes.titlesize": 9,
+        "legend.fontsize": 8,
+        "xtick.labelsize": 8,
+        "ytick.labelsize": 8,
+        "image.interpolation": "nearest",
+    }
+)
 
 
 def save(figure: Figure, path: PathLike, *, dpi: int = 150) -> None:
@@ -97,8 +103,9 @@ def for_display(values: Array, norm: Normalize) -> Array:
 def draw(figure: Figure, axes: Axes, values: Array, scale: Scale, label: str) -> None:
     """An image with its colour bar; no label, no bar."""
     norm = norm_of(values, scale)
-    drawn = axes.imshow(for_display(values, norm), cmap=LIGHT, norm=norm,
-                        interpolation="antialiased")
+    drawn = axes.imshow(
+        for_display(values, norm), cmap=LIGHT, norm=norm, interpolation="antialiased"
+    )
     if label:
         bar(figure, drawn, axes, label + said(scale), extend=cut(scale))
 

@@ -42,8 +42,12 @@ def energy_curves(
             panel.plot(estimate.alpha, 1.03, "v", color=colour, ms=5, clip_on=False)
         panel.set(xlabel=r"$\alpha$", title=title)
     panels[0].set(ylabel="spectral energy / its maximum", ylim=(0, 1.08))
-    figure.legend(*panels[0].get_legend_handles_labels(), title="dz", frameon=False,
-                  loc="outside right center")
+    figure.legend(
+        *panels[0].get_legend_handles_labels(),
+        title="dz",
+        frameon=False,
+        loc="outside right center",
+    )
     figure.supxlabel(r"triangles: estimates; dotted lines: true $\alpha$", fontsize=8, color="0.3")
     return figure
 
@@ -111,10 +115,15 @@ def phase_space(
         part = np.maximum(values[:, :, max(y - 1, 0) : y + 2].sum(axis=(0, 2)), 0)
         extent = (x[0] - dx * 500, x[-1] + dx * 500, u[-1] + du * 500, u[0] - du * 500)
         middle = float((part**2).sum(axis=0) @ x / (part**2).sum())
-        drawn = panel.imshow(part / part.max(), cmap=LIGHT, norm=PowerNorm(0.5, 0, 1),
-                             extent=extent, aspect="auto")
-        panel.set(xlim=(middle - 12e3 * dx, middle + 12e3 * dx), ylim=sorted(extent[2:]),
-                  title=label, xlabel="x on the lenslets / mm")
+        drawn = panel.imshow(
+            part / part.max(), cmap=LIGHT, norm=PowerNorm(0.5, 0, 1), extent=extent, aspect="auto"
+        )
+        panel.set(
+            xlim=(middle - 12e3 * dx, middle + 12e3 * dx),
+            ylim=sorted(extent[2:]),
+            title=label,
+            xlabel="x on the lenslets / mm",
+        )
         if truths:
             panel.plot(middle + (1 - truths[index]) * u, u, "--", color="w", lw=1)
     panels[0].set_ylabel("u on the main lens / mm")

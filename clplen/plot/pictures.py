@@ -37,12 +37,11 @@ if TYPE_CHECKING:
     from clplen.lightfield.refocus import FocalStack
 
 _RAW_DECADES = 5
+_SHOWN = 1000  # pixels of a raw image that a figure resolves
 
 
 @styled
-def raw_image(
-    raw: RawImage, *, details: Mapping[str, tuple[float, float]] | None = None
-) -> Figure:
+def raw_image(raw: RawImage, *, details: Mapping[str, tuple[float, float]] | None = None) -> Figure:
     """A raw lenslet image on a logarithmic scale, with magnified details beside it.
 
     Parameters
@@ -60,39 +59,74 @@ def raw_image(
     grid = figure.add_gridspec(max(len(details), 1), columns, width_ratios=[3, 1][:columns])
     axes = figure.add_subplot(grid[:, 0])
     norm = norm_of(values, "log", _RAW_DECADES)
-    extent = centred(values.shape, mm)
-    drawn = axes.imshow(for_display(values, norm), cmap=LIGHT, norm=norm, extent=extent,
-                        interpolation="antialiased", interpolation_stage="data")
+    coarse, step = _coarser(values)
+    left, _, _, top = centred(values.shape, mm)
+    extent = (left, left + coarse.shape[1] * step * mm, top + coarse.shape[0] * step * mm, top)
+    drawn = axes.imshow(
+        for_display(coarse, norm),
+        cmap=LIGHT,
+        norm=norm,
+        extent=extent,
+        interpolation="antialiased",
+        interpolation_stage="data",
+    )
     axes.set(xlabel="x on the sensor / mm", ylabel="y on the sensor / mm", title="raw image")
-    bar(figure, drawn, axes, "energy per pixel (logarithmic)", extend="min")
+    bar(figure, drawn, axes, "value of a pixel (logarithmic)", extend="min")
     for row, (name, (y, x)) in enumerate(details.items()):
         panel = figure.add_subplot(grid[row, 1])
         _detail(axes, panel, values, raw, (y * 1e3, x * 1e3), norm, name)
     return figure
 
 
+def _coarser(values: Array) -> tuple[Array, int]:
+    """Means over blocks of pixels, no more of them than a figure can show, and the block's size."""
+    step = max(1, max(values.shape) // _SHOWN)
+    ny, nx = (n // step for n in values.shape)
+    blocks = values[: ny * step, : nx * step].reshape(ny, step, nx, step)
+    return blocks.mean(axis=(1, 3)), step
+
+
 def _detail(
-    axes: Axes, panel: Axes, values: Array, raw: RawImage, centre: tuple[float, float],
-    norm: Normalize, name: str,
+    axes: Axes,
+    panel: Axes,
+    values: Array,
+    raw: RawImage,
+    centre: tuple[float, float],
+    norm: Normalize,
+    name: str,
 ) -> None:
-    """A magnified part of the raw image, framed in both."""
+    """A magnified part of the raw image, framed in both; ``centre`` and axes in millimetres."""
     mm = raw.pixel_pitch * 1e3
     half = 4.5 * raw.cells.column_step[1] * mm
     y, x = centre
-    panel.imshow(for_display(values, norm), cmap=LIGHT, norm=norm,
-                 extent=centred(values.shape, mm))
-    panel.set(xlim=(x - half, x + half), ylim=(y + half, y - half), xticks=[], yticks=[])
-    panel.set_title(f"{name}: 9 x 9 lenslets", fontsize=8)
+    middles = [(n - 1) / 2 for n in values.shape]
+    rows, columns = (
+        slice(max(0, int((at - half) / mm + middle)), int((at + half) / mm + middle) + 2)
+        for at, middle in zip(centre, middles, strict=True)
+    )
+    region = (rows, columns)
+    left, right, bottom, top = placed(region, values.shape)
+    extent = (
+        (left - middles[1]) * mm,
+        (right - middles[1]) * mm,
+        (bottom - middles[0]) * mm,
+        (top - middles[0]) * mm,
+    )
+    panel.imshow(for_display(values[region], norm), cmap=LIGHT, norm=norm, extent=extent)
     cells = raw.cells
     for axis, line in enumerate((panel.axhline, panel.axvline)):
         step = (cells.row_step, cells.column_step)[axis][axis]
-        middle = (raw.shape[axis] - 1) / 2
-        for edge in cells.first[axis] + (np.arange(cells.count[axis] + 1) - 0.5) * step - middle:
-            line(edge * mm, color="w", lw=0.3, alpha=0.4)
+        edges = cells.first[axis] + (np.arange(cells.count[axis] + 1) - 0.5) * step
+        edges = (edges - middles[axis]) * mm
+        for edge in edges[np.abs(edges - centre[axis]) < half]:
+            line(edge, color="w", lw=0.3, alpha=0.4)
+    panel.set(xlim=(x - half, x + half), ylim=(y + half, y - half), xticks=[], yticks=[])
+    panel.set_title(f"{name}: 9 x 9 lenslets", fontsize=8)
     frame = Rectangle((x - half, y - half), 2 * half, 2 * half, fill=False, color="w", lw=0.8)
     axes.add_patch(frame)
-    axes.annotate(name, (x + half, y - half), color="w", xytext=(2, 2), fontsize=8,
-                  textcoords="offset points")
+    axes.annotate(
+        name, (x + half, y - half), color="w", xytext=(2, 2), fontsize=8, textcoords="offset points"
+    )
 
 
 @styled
@@ -117,7 +151,7 @@ def views(
     figure = new_figure(7.4, max(2.5, 6.4 * len(vs) * height / (len(us) * width) + 0.4))
     axes = figure.add_subplot()
     mosaic = np.moveaxis(values, 1, 2).reshape(len(vs) * height, len(us) * width, *values.shape[4:])
-    draw(figure, axes, mosaic, scale, "energy per sample" if values.ndim == 4 else "")
+    draw(figure, axes, mosaic, scale, "value of a sample" if values.ndim == 4 else "")
     for y in range(1, len(vs)):
         axes.axhline(y * height - 0.5, color="0.6", lw=0.5)
     for x in range(1, len(us)):
@@ -125,8 +159,11 @@ def views(
     axes.set_xticks(np.arange(len(us)) * width + (width - 1) / 2, [str(u) for u in us])
     axes.set_yticks(np.arange(len(vs)) * height + (height - 1) / 2, [str(v) for v in vs])
     some = f"{len(vs)} x {len(us)} of " if (len(vs), len(us)) != lf.shape[:2] else ""
-    axes.set(xlabel="column u of the view", ylabel="row v of the view",
-             title=f"views: {some}{lf.shape[0]} x {lf.shape[1]}")
+    axes.set(
+        xlabel="column u of the view",
+        ylabel="row v of the view",
+        title=f"views: {some}{lf.shape[0]} x {lf.shape[1]}",
+    )
     return figure
 
 
@@ -178,8 +215,9 @@ def refocused(
     norm = norm_of(np.stack(values), scale)
     drawn = None
     for panel, shown, title in zip(panels, values, titles, strict=True):
-        drawn = panel.imshow(for_display(shown, norm), cmap=LIGHT, norm=norm,
-                             extent=placed(region, images[0].shape))
+        drawn = panel.imshow(
+            for_display(shown, norm), cmap=LIGHT, norm=norm, extent=placed(region, images[0].shape)
+        )
         panel.set(title=title, xlabel="x / pixel")
     panels[0].set_ylabel("y / pixel")
     if values[0].ndim == 2:

@@ -110,8 +110,14 @@ def multiply_separable(field: Field, ty: np.ndarray, tx: np.ndarray) -> Field:
     out = device.empty(field.shape, device.complex)
     kernel = device.kernel("separable.cl", "multiply_separable", **device.wave_defines())
     device.launch_rows(
-        kernel, field.shape, out, field.data, device.upload(ty), device.upload(tx),
-        np.int32(ny), np.int32(nx),
+        kernel,
+        field.shape,
+        out,
+        field.data,
+        device.upload(ty),
+        device.upload(tx),
+        np.int32(ny),
+        np.int32(nx),
     )
     return field.with_data(out)
 
@@ -186,11 +192,17 @@ def _disc(
     real = device.real.type
     kernel = device.kernel("aperture.cl", "disc", **device.wave_defines())
     device.launch_rows(
-        kernel, like.shape, out, data,
+        kernel,
+        like.shape,
+        out,
+        data,
         device.upload((grid.y - centre[0]).astype(device.real)),
         device.upload((grid.x - centre[1]).astype(device.real)),
-        real(radius), real(grid.pitch[0] / 2), real(grid.pitch[1] / 2),
-        np.int32(grid.shape[0]), np.int32(grid.shape[1]),
+        real(radius),
+        real(grid.pitch[0] / 2),
+        real(grid.pitch[1] / 2),
+        np.int32(grid.shape[0]),
+        np.int32(grid.shape[1]),
     )
     return out
 

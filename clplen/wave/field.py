@@ -219,7 +219,5 @@ def row_powers(field: Field) -> Vector:
     ny, nx = field.grid.shape
     kernel = field.device.kernel("intensity.cl", "row_power", **field.device.wave_defines())
     count = int(np.prod(field.shape[:-2], dtype=np.int64))
-    field.device.launch(
-        kernel, (ny, count), out, field.data, np.int32(ny), np.int32(nx)
-    )
+    field.device.launch(kernel, (ny, count), out, field.data, np.int32(ny), np.int32(nx))
     return field.device.download(out).astype(np.float64)

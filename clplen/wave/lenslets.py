@@ -89,9 +89,14 @@ class MicrolensArray:
                 f"not {diameter!r}."
             )
         values = {
-            "pitch": float(pitch), "f": float(f), "count": (int(counts[0]), int(counts[1])),
-            "lattice": lattice, "fill": fill, "diameter": float(width),
-            "offset": (float(offset[0]), float(offset[1])), "rotation": float(rotation),
+            "pitch": float(pitch),
+            "f": float(f),
+            "count": (int(counts[0]), int(counts[1])),
+            "lattice": lattice,
+            "fill": fill,
+            "diameter": float(width),
+            "offset": (float(offset[0]), float(offset[1])),
+            "rotation": float(rotation),
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -167,13 +172,20 @@ class MicrolensArray:
         kernel = device.kernel("lenslets.cl", "lenslets", **defines)
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         device.launch_rows(
-            kernel, grid.shape, out, *(device.upload(t) for t in self._lattice_tables(grid, device)),
+            kernel,
+            grid.shape,
+            out,
+            *(device.upload(t) for t in self._lattice_tables(grid, device)),
             real(self.pitch**2 / (2 * wavelength * self.f)),
             real(self.diameter / self.pitch / 2),
-            np.array([cos, sin], device.real), real(self.rotation),
-            real(grid.pitch[0] / self.pitch / 2), real(grid.pitch[1] / self.pitch / 2),
-            np.int32(self.count[0]), np.int32(self.count[1]),
-            np.int32(grid.shape[0]), np.int32(grid.shape[1]),
+            np.array([cos, sin], device.real),
+            real(self.rotation),
+            real(grid.pitch[0] / self.pitch / 2),
+            real(grid.pitch[1] / self.pitch / 2),
+            np.int32(self.count[0]),
+            np.int32(self.count[1]),
+            np.int32(grid.shape[0]),
+            np.int32(grid.shape[1]),
         )
         return out
 

@@ -197,8 +197,10 @@ class Propagator:
 
     def _report(self, reach: float) -> Report:
         t = self.transfer
-        nyquist = tuple(0.0 if n == 1 else 1 / (2 * d)
-                        for n, d in zip(self.grid.shape, self.grid.pitch, strict=True))
+        nyquist = tuple(
+            0.0 if n == 1 else 1 / (2 * d)
+            for n, d in zip(self.grid.shape, self.grid.pitch, strict=True)
+        )
         return Report(
             method=self.method,
             why=self.why,
@@ -259,8 +261,9 @@ def propagate(
             f"The methods {', '.join(METHODS)} keep the grid of the field: {field.grid} was given, "
             f"{out_grid} asked for."
         )
-    return plan(field.grid, z, wavelength=field.wavelength, method=method, pad=pad,
-                device=field.device)(field)
+    return plan(
+        field.grid, z, wavelength=field.wavelength, method=method, pad=pad, device=field.device
+    )(field)
 
 
 def plan(

@@ -58,7 +58,7 @@ class Transfer:
         return abs(self.z) / self.wavelength * q * q / 2
 
     def phase_route(self, device: Device) -> str:
-        """"tables", "fp64" or "twofloat": how a device forms the phase to 1e-5 rad."""
+        """ "tables", "fp64" or "twofloat": how a device forms the phase to 1e-5 rad."""
         if device.precision == "double" or self.residual_turns() <= LARGEST_TABLE_RESIDUAL:
             return "tables"
         return "fp64" if device.has_fp64 else "twofloat"
@@ -72,8 +72,9 @@ class Transfer:
         phase : {"tables", "fp64", "twofloat"}
         """
         ny, nx = (n // 2 + 1 for n in self.shape)
-        fy, fx = (np.arange(n // 2 + 1) / (n * d)
-                  for n, d in zip(self.shape, self.pitch, strict=True))
+        fy, fx = (
+            np.arange(n // 2 + 1) / (n * d) for n, d in zip(self.shape, self.pitch, strict=True)
+        )
         tables = [phasor(-self.wavelength * self.z * f**2 / 2, device.complex) for f in (fx, fy)]
         squares = [split((self.wavelength * f) ** 2, device.real) for f in (fx, fy)]
         distance = split(self.z / self.wavelength, device.real)
@@ -82,10 +83,17 @@ class Transfer:
         defines = {f"PHASE_{phase.upper()}": True, **device.wave_defines()}
         kernel = device.kernel("transfer.cl", "transfer", **defines)
         device.launch_rows(
-            kernel, (ny, nx), H, *(device.upload(t) for t in tables),
-            *(device.upload(s) for s in squares), distance, carrier.view(device.real),
-            np.int32(self.last_index(1)), np.int32(self.last_index(0)),
-            np.int32(ny), np.int32(nx),
+            kernel,
+            (ny, nx),
+            H,
+            *(device.upload(t) for t in tables),
+            *(device.upload(s) for s in squares),
+            distance,
+            carrier.view(device.real),
+            np.int32(self.last_index(1)),
+            np.int32(self.last_index(0)),
+            np.int32(ny),
+            np.int32(nx),
         )
         return H
 

@@ -11,7 +11,10 @@ from clplen.cameras import plenoptic1
 
 def small(device, **change):
     values = {
-        "focal_length": 0.12, "wavelength": 532e-9, "pixels_per_lenslet": 10, "device": device,
+        "focal_length": 0.12,
+        "wavelength": 532e-9,
+        "pixels_per_lenslet": 10,
+        "device": device,
         "mla": MicrolensArray(150e-6, 10e-3, count=(27, 31), fill="full"),
     } | change
     return PlenopticCamera.type1(**values)
@@ -76,8 +79,10 @@ def test_sub_images_lie_on_chief_rays(device, rotation):
     i, k = 3, 11
     place = np.add(grid.first, np.multiply(i, grid.row_step)) + np.multiply(k, grid.column_step)
     expected = mla.centres()[i, k] * (1 + 10e-3 / 0.24)
-    at = [np.interp(p, np.arange(n), axis) for p, n, axis in
-          zip(place, camera.grid.shape, (camera.grid.y, camera.grid.x), strict=True)]
+    at = [
+        np.interp(p, np.arange(n), axis)
+        for p, n, axis in zip(place, camera.grid.shape, (camera.grid.y, camera.grid.x), strict=True)
+    ]
     np.testing.assert_allclose(at, expected, atol=1e-12)
 
 

@@ -16,8 +16,10 @@ def test_counts_each_bad_part(device, dtype):
     values[0, 0, 0] = np.nan
     values[2, 4, 6] = -np.inf
     values[1, 2, 3] = np.inf
-    expected = 3 if np.dtype(dtype).kind == "f" else np.count_nonzero(
-        ~np.isfinite(values.view(values.real.dtype))
+    expected = (
+        3
+        if np.dtype(dtype).kind == "f"
+        else np.count_nonzero(~np.isfinite(values.view(values.real.dtype)))
     )
     assert count_bad(device.upload(values), device) == expected
 

@@ -34,8 +34,14 @@ def test_accumulate_adds_weighted_intensities(wave, shape):
     total = wave.upload(start.astype(wave.real))
     kernel = wave.kernel("intensity.cl", "accumulate", **wave.wave_defines())
     wave.launch_rows(
-        kernel, shape, total, field.data, wave.upload(weights.astype(wave.real)),
-        np.int32(3), np.int32(shape[0]), np.int32(shape[1]),
+        kernel,
+        shape,
+        total,
+        field.data,
+        wave.upload(weights.astype(wave.real)),
+        np.int32(3),
+        np.int32(shape[0]),
+        np.int32(shape[1]),
     )
     expected = start + np.tensordot(weights, np.abs(u) ** 2, axes=1)
     assert relative_max(expected, wave.download(total)) <= 8 * np.finfo(wave.real).eps

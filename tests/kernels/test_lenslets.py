@@ -34,8 +34,13 @@ def check(got, expected, *, phase):
 @pytest.mark.parametrize("lattice", ["square", "hexagonal"])
 def test_phase_and_edges(device, lattice, fill, degrees):
     got, expected = both(
-        device, shape=(33, 46), count=(3, 4), lattice=lattice, fill=fill,
-        offset=(0.4 * DX, -1.3 * DX), rotation=np.deg2rad(degrees),
+        device,
+        shape=(33, 46),
+        count=(3, 4),
+        lattice=lattice,
+        fill=fill,
+        offset=(0.4 * DX, -1.3 * DX),
+        rotation=np.deg2rad(degrees),
     )
     check(got, expected, phase=1e-5)
 
@@ -44,8 +49,14 @@ def test_phase_and_edges(device, lattice, fill, degrees):
 @pytest.mark.parametrize("lattice", ["square", "hexagonal"])
 def test_gaps_and_oblong_samples(device, lattice, fill):
     got, expected = both(
-        device, shape=(40, 29), pitch=(0.8 * DX, 1.1 * DX), count=(4, 3), lattice=lattice,
-        fill=fill, diameter=0.83 * 9.37 * DX, rotation=0.3,
+        device,
+        shape=(40, 29),
+        pitch=(0.8 * DX, 1.1 * DX),
+        count=(4, 3),
+        lattice=lattice,
+        fill=fill,
+        diameter=0.83 * 9.37 * DX,
+        rotation=0.3,
     )
     check(got, expected, phase=1e-5)
 

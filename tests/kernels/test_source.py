@@ -32,8 +32,14 @@ def test_sphere_pattern_aperture_and_lens(wave, diameter, shape):
     grid = Grid(shape, (40e-6, 30e-6), origin=(20e-6, 0))
     optics = {"f": 0.12, "D": 0.5e-3, "distance": 0.24, "wavelength": 532e-9}
     got = pupil_fields(
-        PointSources(POINTS, diameter=diameter), slice(None), grid=grid, object_distance=0.24,
-        focal_length=0.12, aperture_diameter=0.5e-3, wavelength=532e-9, device=wave,
+        PointSources(POINTS, diameter=diameter),
+        slice(None),
+        grid=grid,
+        object_distance=0.24,
+        focal_length=0.12,
+        aperture_diameter=0.5e-3,
+        wavelength=532e-9,
+        device=wave,
     ).to_numpy()
     expected = np.array([twin(grid, p, diameter=diameter, **optics) for p in POINTS])
     # coverage by 32 strips (2.5e-4 of a rim sample); elsewhere rounding of a few turns
@@ -47,8 +53,14 @@ def test_sphere_pattern_aperture_and_lens(wave, diameter, shape):
 
 def test_a_slice_of_the_sources(device):
     grid = Grid((12, 13), 40e-6)
-    optics = {"grid": grid, "object_distance": 0.24, "focal_length": 0.12,
-              "aperture_diameter": 0.3e-3, "wavelength": 532e-9, "device": device}
+    optics = {
+        "grid": grid,
+        "object_distance": 0.24,
+        "focal_length": 0.12,
+        "aperture_diameter": 0.3e-3,
+        "wavelength": 532e-9,
+        "device": device,
+    }
     sources = PointSources(POINTS, diameter=10e-6)
     every = pupil_fields(sources, slice(None), **optics).to_numpy()
     last = pupil_fields(sources, slice(2, 3), **optics).to_numpy()

@@ -13,13 +13,19 @@ def test_mirrors_the_quadrant(wave, shape):
     quarter = tuple(n // 2 + 1 for n in shape)
     H = rng.normal(size=quarter) + 1j * rng.normal(size=quarter)
     full = np.array(
-        [[H[min(y, shape[0] - y), min(x, shape[1] - x)] for x in range(shape[1])]
-         for y in range(shape[0])]
+        [
+            [H[min(y, shape[0] - y), min(x, shape[1] - x)] for x in range(shape[1])]
+            for y in range(shape[0])
+        ]
     )
     data = wave.upload(u.astype(wave.complex))
     kernel = wave.kernel("spectral_filter.cl", "filter_spectrum", **wave.wave_defines())
     wave.launch_rows(
-        kernel, data.shape, data, wave.upload(H.astype(wave.complex)),
-        np.int32(shape[0]), np.int32(shape[1]),
+        kernel,
+        data.shape,
+        data,
+        wave.upload(H.astype(wave.complex)),
+        np.int32(shape[0]),
+        np.int32(shape[1]),
     )
     assert relative_max(u * full, wave.download(data)) <= 8 * np.finfo(wave.real).eps

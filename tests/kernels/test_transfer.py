@@ -64,10 +64,7 @@ def test_evanescent_waves_decay_forward_and_vanish_backward(device, z):
     shape, pitch, wavelength = (17, 22), (0.1e-6, 0.07e-6), 550e-9
     transfer = Transfer(shape, pitch, z, wavelength, INF)
     expected = quadrant(reference.transfer_function(shape, pitch, z, wavelength))
-    s = sum(
-        (wavelength * np.arange(n // 2 + 1) / (n * d)) ** 2
-        for n, d in ((shape[1], pitch[1]),)
-    )
+    s = sum((wavelength * np.arange(n // 2 + 1) / (n * d)) ** 2 for n, d in ((shape[1], pitch[1]),))
     assert (s > 1).any()
     for phase in ["tables", *phases(device)]:
         got = on_device(device, transfer, phase)

@@ -5,7 +5,13 @@ import pytest
 
 from clplen.wave.propagation import window
 
-SHAPES = [((5, 7), (8, 9)), ((8, 9), (5, 7)), ((4, 6), (4, 6)), ((1, 7), (1, 16)), ((3, 11), (7, 5))]
+SHAPES = [
+    ((5, 7), (8, 9)),
+    ((8, 9), (5, 7)),
+    ((4, 6), (4, 6)),
+    ((1, 7), (1, 16)),
+    ((3, 11), (7, 5)),
+]
 
 
 @pytest.mark.parametrize("wave", ["single", "double"], indirect=True)

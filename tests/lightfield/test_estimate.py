@@ -21,6 +21,7 @@ from clplen.lightfield.spectral import (
     interval_ambiguity,
     sharpness,
 )
+from clplen.lightfield.window import read_window
 
 OPTICS = reference_camera.Camera(count=(31, 35))  # narrow: enough for one point near the axis
 TOLERANCE = OPTICS.pitch / OPTICS.aperture_diameter  # p/D
@@ -131,6 +132,24 @@ def test_the_brightest_region_is_found(fields):
         assert near == pytest.approx((17 + x, 15 + y), abs=0.8)
 
 
+@pytest.mark.parametrize("colours", [(), (3,)])
+@pytest.mark.parametrize("near", [(8, 5), (1, 9), (12, 0)])
+def test_window(device, colours, near):
+    rng = np.random.default_rng(6)
+    values = rng.integers(1, 200, (2, 3, 11, 13, *colours)).astype(np.uint8)
+    weights = rng.random((2, 3)).astype(np.float32)
+    lf = LightField.from_array(values, device=device, weights=weights)
+    framed = np.zeros((2, 3, 21, 23, *(colours or (1,))))
+    framed[:, :, 5:16, 5:18] = values.reshape(2, 3, 11, 13, -1)
+    framed *= weights[:, :, None, None, None]
+    x, y = near
+    want = np.moveaxis(framed[:, :, y : y + 11, x : x + 11], -1, 0)
+    np.testing.assert_array_equal(read_window(lf, near, 11, fill=True), want)
+    rows, columns = (np.flatnonzero(want.any(axis=axes)) for axes in ((0, 1, 2, 4), (0, 1, 2, 3)))
+    clipped = want[..., rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    np.testing.assert_array_equal(read_window(lf, near, 11), clipped)
+
+
 def test_near_may_be_off_the_object_and_at_the_border(fields):
     lf = fields[-0.05]
     centred = estimate_alpha(lf).alpha
@@ -199,7 +218,7 @@ def test_other_spacing_along_y(device):
 def test_sharpness_by_the_sums_that_define_it():
     rng = np.random.default_rng(8)
     window, pad, d, aspect = rng.standard_normal((2, 3, 4, 7, 9)), 2, 0.37, 0.8
-    blur = LensletBlur(q=3.1, fill=(0.9, 1.0), circular=False)
+    blur = LensletBlur(q=6.1, fill=(0.9, 1.0), circular=False)
     _, V, U, ny, nx = window.shape
     expected = 0.0
     for j in range(-(ny + 4) // 2 + 1, (ny + 4) // 2 + 1):
@@ -216,7 +235,7 @@ def test_sharpness_by_the_sums_that_define_it():
             image = (window * np.exp(-2j * np.pi * phase)).sum(axis=(1, 2, 3, 4))
             h = 1.0
             for k, shear, fill in ((ky, aspect * d, 0.9), (kx, d, 1.0)):
-                t = abs(3.1 * shear * k)
+                t = abs(6.1 * shear * k)
                 h *= max(1 - t, 0) * np.sinc(k * fill * (1 - t))
             expected += np.sum(np.abs(image) ** 2) / max(abs(h), 0.05) ** 1.8
     measure = sharpness(window, pad=pad, band=(0.1, 0.4), aspect=aspect, blur=blur)

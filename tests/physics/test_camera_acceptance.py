@@ -7,8 +7,8 @@ import pytest
 from tolerance import relative_max
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, Propagator
-from clplen.lightfield.refocus import refocus
 from clplen.cameras.plenoptic1 import scene_energy
+from clplen.lightfield.refocus import refocus
 from clplen.wave.field import row_powers
 
 POINTS = {"A": (-3e-3, -3e-3, -0.05), "B": (0.0, 0.0, 0.0), "C": (3e-3, 3e-3, 0.05)}
@@ -61,8 +61,20 @@ def test_describe(camera):
 
 def test_alpha_of_dz(camera):
     dz = np.array([-100, -75, -50, -25, -10, 0, 10, 25, 50, 100, 125, 250]) * 1e-3
-    expected = [0.285714, 0.545455, 0.736842, 0.883721, 0.956522, 1, 1.04, 1.094340, 1.172414,
-                1.294118, 1.342466, 1.510204]
+    expected = [
+        0.285714,
+        0.545455,
+        0.736842,
+        0.883721,
+        0.956522,
+        1,
+        1.04,
+        1.094340,
+        1.172414,
+        1.294118,
+        1.342466,
+        1.510204,
+    ]
     np.testing.assert_allclose(camera.alpha(dz), expected, atol=1e-6)
     np.testing.assert_allclose(camera.dz(camera.alpha(dz)), dz, atol=1e-12)
 
@@ -144,10 +156,12 @@ def test_aperture_totals_and_means(scene):
     for kept, expected in {24: 0.791, 18: 0.493, 12: 0.214, 6: 0.0463, 2: 0.00466}.items():
         total = scene.render(aperture=kept, total=True).to_numpy().sum(dtype=np.float64)
         assert total / full == pytest.approx(expected, rel=0.03)
-    means = [scene.render(aperture=n).to_numpy().mean(dtype=np.float64)
-             for n in (30, 24, 18, 12, 6, 2)]
-    np.testing.assert_allclose(means, np.array([3.15, 3.89, 4.31, 4.21, 3.65, 3.30]) * 1e-7,
-                               rtol=0.03)
+    means = [
+        scene.render(aperture=n).to_numpy().mean(dtype=np.float64) for n in (30, 24, 18, 12, 6, 2)
+    ]
+    np.testing.assert_allclose(
+        means, np.array([3.15, 3.89, 4.31, 4.21, 3.65, 3.30]) * 1e-7, rtol=0.03
+    )
 
 
 def rms_radius(image):
@@ -204,9 +218,7 @@ def test_viewpoint_moves_the_point_by_its_disparity(point_fields, name, first, s
         assert slope == pytest.approx(first, rel=0.15)
 
 
-@pytest.mark.parametrize(
-    ("dz", "expected", "within"), [(-0.05, 0.946, 0.1), (0.05, 0.918, 0.1)]
-)
+@pytest.mark.parametrize(("dz", "expected", "within"), [(-0.05, 0.946, 0.1), (0.05, 0.918, 0.1)])
 def test_phase_space_slope(expose, camera, dz, expected, within):
     """dx/du = 1 - alpha, positive when nearer; regression of x on u with weights I^2."""
     lf = expose(0.0, 0.0, dz)
@@ -250,16 +262,23 @@ def test_crosstalk(device):
     assert crosstalk(device, 150e-6) == pytest.approx(0.107, abs=0.01)
     assert crosstalk(device, 150e-6, alone=True) < 0.03
     # averaged over d +- 20 % the curve falls
-    means = [np.mean([crosstalk(device, d * s) for s in (0.8, 0.9, 1.0, 1.1, 1.2)])
-             for d in (60e-6, 100e-6, 150e-6, 225e-6)]
+    means = [
+        np.mean([crosstalk(device, d * s) for s in (0.8, 0.9, 1.0, 1.1, 1.2)])
+        for d in (60e-6, 100e-6, 150e-6, 225e-6)
+    ]
     assert all(a > b for a, b in itertools.pairwise(means))
 
 
 def test_field_lens_makes_both_decodes_coincide(device):
     array = MicrolensArray(150e-6, 10e-3, count=(31, 35), fill="full")
     camera = PlenopticCamera.type1(
-        focal_length=0.12, mla=array, wavelength=532e-9, pixels_per_lenslet=12, device=device,
-        field_lens=True, aperture_diameter=3.0e-3,
+        focal_length=0.12,
+        mla=array,
+        wavelength=532e-9,
+        pixels_per_lenslet=12,
+        device=device,
+        field_lens=True,
+        aperture_diameter=3.0e-3,
     )
     raw = camera.expose(PointSources((0.7e-3, -0.4e-3, -0.03)))
     a, b = (LightField.from_raw(raw, decode=d).to_numpy() for d in ("calibrated", "naive"))

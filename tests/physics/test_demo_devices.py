@@ -41,10 +41,9 @@ def test_same_alphas_and_raw_images_on_every_device(device):
 
 
 def on_axis(**environment):
-    result = subprocess.run(
+    return subprocess.run(
         [sys.executable, "-c", ON_AXIS], capture_output=True, text=True, check=False, **environment
     )
-    return result
 
 
 def test_forced_generic_cpu_gives_the_same_numbers(tmp_path: Path):

@@ -39,8 +39,10 @@ def test_aperture_of_a_lens_is_area_weighted(device):
 
 def test_infinite_focal_length_does_nothing(device):
     grid = Grid((5, 6), 1e-3)
-    assert relative_max(np.ones((5, 6), complex), thin_lens(ones(grid, device), np.inf).to_numpy(
-    )) == 0
+    assert (
+        relative_max(np.ones((5, 6), complex), thin_lens(ones(grid, device), np.inf).to_numpy())
+        == 0
+    )
 
 
 def test_aliased_lens_says_what_would_do(device):

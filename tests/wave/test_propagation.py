@@ -78,9 +78,7 @@ def test_complex64_keeps_the_phase_at_camera_distances(device, precise, method, 
     grid = Grid((1010, 1010), 6.6e-6)
     r2 = grid.y[:, None] ** 2 + grid.x[None, :] ** 2
     rng = np.random.default_rng(2)
-    square = (np.abs(grid.y)[:, None] < grid.extent[0] / 4) & (
-        np.abs(grid.x) < grid.extent[1] / 4
-    )
+    square = (np.abs(grid.y)[:, None] < grid.extent[0] / 4) & (np.abs(grid.x) < grid.extent[1] / 4)
     starts = {
         "gaussian": np.exp(-r2 / (grid.extent[0] / 16) ** 2),
         "random square": np.fft.ifft2(
@@ -101,9 +99,7 @@ def test_residual_above_one_turn_leaves_the_tables(device):
     assert one.phase == ("fp64" if device.has_fp64 else "twofloat")
     for phase in ("twofloat", "fp64") if device.has_fp64 else ("twofloat",):
         with pytest.warns(SamplingWarning):
-            forced = Propagator(
-                grid, 1e-3, wavelength=LAM, method="as", device=device, phase=phase
-            )
+            forced = Propagator(grid, 1e-3, wavelength=LAM, method="as", device=device, phase=phase)
         expected = reference.propagate(u, grid.pitch, 1e-3, LAM, method="as", pad=2)
         assert err_db(expected, forced(field_of(u, grid, device)).to_numpy()) >= 120
 
@@ -180,8 +176,9 @@ def test_auto_switches_where_h_is_no_longer_sampled(device):
     reach = Propagator(grid, 1e-6, wavelength=LAM, device=device).report.fully_sampled_to
     sine = LAM / (2 * 2e-6)
     assert reach == pytest.approx(128 * 2e-6 / 2 / math.tan(math.asin(sine)), rel=1e-12)
-    near, far = (Propagator(grid, z, wavelength=LAM, device=device)
-                 for z in (0.99 * reach, 1.01 * reach))
+    near, far = (
+        Propagator(grid, z, wavelength=LAM, device=device) for z in (0.99 * reach, 1.01 * reach)
+    )
     assert (near.method, far.method) == ("as", "blas")
     assert "<=" in near.why
     assert ">" in far.why

@@ -1,0 +1,245 @@
+"""shear.cl against a float64 twin of plain slices and weights."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tolerance import relative_max
+
+from clplen.errors import DeviceError, ShapeError
+from clplen.lightfield import shear
+from clplen.lightfield.shear import shear_sum
+
+DISPARITIES = (-2, -1.37, -1, 0, 0.5, 1, 1.9, 2, 400.3)  # the last one leaves the views
+SHAPES = [
+    (3, 4, 7, 5),  # rows shorter than a vector
+    (4, 3, 13, 43, 3),  # one sample more than whole vectors
+    (2, 5, 11, 1),
+    (5, 2, 1, 211, 3),
+    (2, 3, 31, 131),
+    (1, 1, 3, 2),
+]
+
+
+def light_field(shape, dtype="float32", seed=5):
+    """Values from 20 to 250, so that no sample is lost in the sum."""
+    values = np.random.default_rng(seed).uniform(20, 250, shape)
+    return values.astype(dtype)
+
+
+def view_weights(shape, seed=7):
+    """Positive and unlike, one view in three left out."""
+    weights = np.random.default_rng(seed).uniform(0.2, 1.7, shape[:2]).astype(np.float32)
+    if weights.size > 1:
+        weights.flat[::3] = 0
+    return weights
+
+
+def shifts(shape, disparities=DISPARITIES, ratio=1.3):
+    """Shifts along y, where the disparity is `ratio` times that along x, and along x."""
+    V, U = shape[:2]
+    d = np.asarray(disparities, float)
+    return (
+        np.outer(d * ratio, (V - 1) / 2 - np.arange(V)),
+        np.outer(d, (U - 1) / 2 - np.arange(U)),
+    )
+
+
+def moved(view, y, x, clamp):
+    """(view[i + y, j + x], whether that lies inside) for every pixel (i, j)."""
+    rows, columns = (np.arange(n) + step for n, step in zip(view.shape, (y, x), strict=False))
+    ny, nx = view.shape[:2]
+    inside = np.outer((rows >= 0) & (rows < ny), (columns >= 0) & (columns < nx))
+    values = view[np.clip(rows, 0, ny - 1)][:, np.clip(columns, 0, nx - 1)].astype(np.float64)
+    if clamp:
+        return values, np.ones_like(inside)
+    return np.where(inside.reshape(inside.shape + (1,) * (view.ndim - 2)), values, 0), inside
+
+
+def twin(field, weights, shift_y, shift_x, edge="normalised", total=False):
+    """The four taps of every view, one after the other, in float64."""
+    pictures = []
+    for along_y, along_x in zip(shift_y, shift_x, strict=True):
+        top, used = np.zeros(field.shape[2:]), np.zeros(field.shape[2:4])
+        for v, u in zip(*np.nonzero(weights), strict=True):
+            y, x = (int(np.floor(s)) for s in (along_y[v], along_x[u]))
+            below, beside = along_y[v] - y, along_x[u] - x
+            for w, i, j in (
+                ((1 - below) * (1 - beside), y, x),
+                ((1 - below) * beside, y, x + 1),
+                (below * (1 - beside), y + 1, x),
+                (below * beside, y + 1, x + 1),
+            ):
+                values, inside = moved(field[v, u], i, j, edge == "clamp")
+                top += float(weights[v, u]) * w * values
+                used += float(weights[v, u]) * w * inside
+        used = used.reshape(used.shape + (1,) * (top.ndim - 2))
+        mean = np.divide(top, used, out=np.zeros_like(top), where=used > 0)
+        pictures.append(top if total else mean)
+    return np.array(pictures)
+
+
+def tolerance(shape):
+    """Of positive samples and weights, relative to the largest value.
+
+    Units of 2^-24: U + V additions and a weight, a tap, a product and a blend (2) for the sum,
+    V additions, a table, a blend and a product for the weights, and the division.
+    """
+    V, U = shape[:2]
+    return (U + V + 5 + V + 3 + 1) * 2.0**-24
+
+
+def sheared(device, field, *args, **options):
+    return device.download(shear_sum(device.upload(field), *args, device=device, **options))
+
+
+def check(device, shape, dtype="float32", disparities=DISPARITIES, **options):
+    field, weights = light_field(shape, dtype), view_weights(shape)
+    moves = shifts(shape, disparities)
+    got = sheared(device, field, weights, *moves, **options)
+    want = twin(field, weights, *moves, **options)
+    assert got.dtype == np.float32
+    assert relative_max(want, got) <= tolerance(shape) < 1e-5
+
+
+@pytest.mark.parametrize("total", [False, True])
+@pytest.mark.parametrize("edge", ["normalised", "clamp"])
+@pytest.mark.parametrize("dtype", ["float32", "uint8", "uint16"])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_against_twin(device, shape, dtype, edge, total):
+    check(device, shape, dtype, edge=edge, total=total)
+
+
+@pytest.mark.parametrize("disparity", DISPARITIES[:-1])
+def test_one_plane(device, disparity):
+    check(device, (3, 4, 17, 71), disparities=[disparity], total=True)
+
+
+@pytest.mark.parametrize("vectors", [(4, 6), (8, 6), (16, 8)])
+def test_vectors_of_other_machines(device, vectors, monkeypatch):
+    monkeypatch.setattr(shear, "_lanes", lambda device: vectors)
+    check(device, (4, 3, 13, 43, 3))
+    check(device, (2, 3, 5, 301), edge="clamp")
+
+
+@pytest.mark.parametrize("kilobytes", [3, 6, 9, 24])
+def test_little_local_memory(device, kilobytes, monkeypatch):
+    monkeypatch.setattr(shear, "_lanes", lambda device: (4, 6))
+    monkeypatch.setattr(shear, "_LOCAL_BYTES", kilobytes * 1024)
+    check(device, (4, 3, 13, 43, 3))
+
+
+def test_no_local_memory_falls_back_to_samples(device, monkeypatch):
+    monkeypatch.setattr(shear, "_LOCAL_BYTES", 64)
+    check(device, (4, 3, 13, 43, 3))
+
+
+def test_several_launches(device, monkeypatch):
+    monkeypatch.setattr(shear, "_MOST_PLANES", 2)
+    check(device, (3, 4, 7, 29))
+
+
+def test_high_blocks(device, monkeypatch):
+    monkeypatch.setattr(shear, "_ITEMS_PER_CORE", 1)
+    check(device, (3, 4, 61, 150), disparities=np.linspace(-0.7, 1.1, 9))
+
+
+def test_many_channels(device):
+    check(device, (3, 2, 4, 5, 150), disparities=[-0.4, 0.7])
+
+
+def test_weights_of_either_sign(device):
+    shape = (4, 5, 9, 14)
+    field = light_field(shape)
+    weights = view_weights(shape) - np.float32(0.9)
+    got = sheared(device, field, weights, *shifts(shape), total=True)
+    want = twin(field, weights, *shifts(shape), total=True)
+    largest = twin(field, abs(weights), *shifts(shape), total=True).max()
+    assert np.abs(got - want).max() <= tolerance(shape) * largest
+
+
+def test_whole_shifts_copy_the_samples(device):
+    shape = (3, 3, 11, 37, 3)
+    field = light_field(shape)
+    weights = np.zeros(shape[:2])
+    weights[2, 0] = 1
+    got = sheared(device, field, weights, *shifts(shape, [-2, 3], ratio=1))
+    want = np.zeros_like(got)
+    want[0, :-2, 2:] = field[2, 0, 2:, :-2]
+    want[1, 3:, :-3] = field[2, 0, :-3, 3:]
+    np.testing.assert_array_equal(got, want)
+
+
+@pytest.mark.parametrize("edge", ["normalised", "clamp"])
+def test_a_view_of_weight_zero_is_not_read(device, edge):
+    shape = (3, 4, 9, 21)
+    field, weights = light_field(shape), view_weights(shape)
+    assert (weights == 0).sum() > 2
+    clean = sheared(device, field, weights, *shifts(shape), edge=edge)
+    field[weights == 0] = np.nan
+    np.testing.assert_array_equal(sheared(device, field, weights, *shifts(shape), edge=edge), clean)
+
+
+def test_a_bad_row_stays_where_it_is(device):
+    """Rows and columns outside a view are not those of its neighbour in memory."""
+    shape = (2, 2, 9, 21)
+    field = light_field(shape)
+    field[:, :, 0] = np.nan
+    got = sheared(device, field, np.ones((2, 2)), [[2, 2]], [[-1, 1]], total=True)
+    assert np.isfinite(got).all()
+
+
+def test_constant_stays_constant(device):
+    shape = (5, 4, 13, 27)
+    field = np.full(shape, 7, np.float32)
+    got = sheared(device, field, view_weights(shape), *shifts(shape, DISPARITIES[:-1]))
+    seen = twin(field, view_weights(shape), *shifts(shape, DISPARITIES[:-1])) > 0
+    assert seen.mean() > 0.9
+    np.testing.assert_allclose(got, np.where(seen, 7, 0), rtol=tolerance(shape))
+
+
+def test_same_bits_and_input_left_alone(device):
+    shape = (4, 5, 17, 53, 3)
+    field = light_field(shape, "uint16")
+    data = device.upload(field)
+    args = (data, view_weights(shape), *shifts(shape))
+    runs = [device.download(shear_sum(*args, device=device)) for _ in range(3)]
+    np.testing.assert_array_equal(runs[1], runs[0])
+    np.testing.assert_array_equal(runs[2], runs[0])
+    np.testing.assert_array_equal(device.download(data), field)
+
+
+def test_out(device):
+    shape = (2, 3, 8, 9)
+    args = (device.upload(light_field(shape)), view_weights(shape), *shifts(shape))
+    out = device.zeros((len(DISPARITIES), 8, 9), np.float32)
+    assert shear_sum(*args, device=device, out=out) is out
+    want = device.download(shear_sum(*args, device=device))
+    np.testing.assert_array_equal(device.download(out), want)
+    with pytest.raises(ShapeError, match="out holds 9 float32 pictures"):
+        shear_sum(*args, device=device, out=device.zeros((1, 8, 9), np.float32))
+
+
+def test_wrong_arguments(device):
+    shape = (2, 3, 8, 9)
+    data, weights, moves = device.upload(light_field(shape)), view_weights(shape), shifts(shape)
+    with pytest.raises(ShapeError, match="2 x 3 views take weights"):
+        shear_sum(data, weights.T, *moves, device=device)
+    with pytest.raises(ShapeError, match="2 x 3 views take weights"):
+        shear_sum(data, weights, *moves[::-1], device=device)
+    with pytest.raises(ShapeError, match="at least one plane"):
+        shear_sum(data, weights, *(m[:0] for m in moves), device=device)
+    with pytest.raises(ShapeError, match="has shape"):
+        shear_sum(data[0], weights, *moves, device=device)
+    with pytest.raises(ValueError, match="finite"):
+        shear_sum(data, weights, moves[0] * np.nan, moves[1], device=device)
+    with pytest.raises(ValueError, match="'wrap'"):
+        shear_sum(data, weights, *moves, device=device, edge="wrap")
+
+
+def test_pictures_that_do_not_fit(device, monkeypatch):
+    shape = (2, 3, 8, 9)
+    data, weights, moves = device.upload(light_field(shape)), view_weights(shape), shifts(shape)
+    monkeypatch.setattr(device, "memory_bytes", 4 * 9 * 8 * 9 - 1)
+    with pytest.raises(DeviceError, match="2,592 bytes"):
+        shear_sum(data, weights, *moves, device=device)

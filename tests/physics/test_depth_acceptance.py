@@ -1,0 +1,132 @@
+"""Depth of points in the section 1.5 camera, simulated by the package: plenoptic acceptance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from clplen import LightField, PointSources
+from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.lightfield.depth import depth_map
+from clplen.lightfield.estimate import AlphaEstimate, estimate_alpha
+
+DEPTHS = (-50e-3, -25e-3, 25e-3, 50e-3)
+ON_AXIS = [(0.0, 0.0, dz) for dz in DEPTHS]
+AT_THREE = [(3e-3, 3e-3, dz) for dz in DEPTHS]
+ELSEWHERE = [
+    (-1.371e-3, 2.278e-3, -21.9e-3),
+    (-2.676e-3, -0.7e-3, -32.3e-3),
+    (0.038e-3, -1.583e-3, 20.4e-3),
+    (2.386e-3, 2.065e-3, 31.8e-3),
+]
+DISC = 10e-6
+
+Measure = Callable[[tuple[float, float, float]], dict[str, AlphaEstimate]]
+
+
+@pytest.fixture(scope="session")
+def measure(camera: Plenoptic1) -> Measure:
+    """Estimates of one point, made once; by every method on the axis."""
+    kept: dict[tuple[float, float, float], dict[str, AlphaEstimate]] = {}
+
+    def estimates(point: tuple[float, float, float]) -> dict[str, AlphaEstimate]:
+        if point not in kept:
+            lf = LightField.from_raw(camera.expose(PointSources([point], diameter=DISC)))
+            near = lenslet(camera, point)
+            methods = ("compensated", "energy", "thesis") if point in ON_AXIS else ("compensated",)
+            kept[point] = {m: estimate_alpha(lf, near=near, method=m) for m in methods}
+        return kept[point]
+
+    return estimates
+
+
+def lenslet(camera: Plenoptic1, point: tuple[float, float, float]) -> tuple[int, int]:
+    """The lenslet (x, y) that a point is imaged on."""
+    image = camera.image_of([point])[0] / camera.mla.pitch
+    centre = (np.array(camera.mla.count[::-1]) - 1) / 2
+    x, y = np.round(centre + image).astype(int)
+    return int(x), int(y)
+
+
+def errors(camera: Plenoptic1, measure: Measure, points: list, method: str) -> np.ndarray:
+    return np.array([measure(p)[method].alpha - camera.alpha(p[2]) for p in points])
+
+
+@pytest.mark.parametrize(
+    ("points", "reference"),
+    [
+        (ON_AXIS, (0.0025, -0.0041, 0.0052, -0.0030)),
+        (AT_THREE, (-0.0001, 0.0020, 0.0042, 0.0040)),
+    ],
+)
+def test_compensated(camera, measure, points, reference):
+    error = errors(camera, measure, points, "compensated")
+    assert (np.abs(error) <= 0.010).all()
+    assert np.sqrt(np.mean(error**2)) <= 0.006
+    # the algorithm's own errors, by an independent simulation, which round to these figures
+    np.testing.assert_allclose(error, reference, atol=2e-4)
+
+
+def test_compensated_elsewhere(camera, measure):
+    error = errors(camera, measure, ELSEWHERE, "compensated")
+    assert (np.abs(error) <= 0.010).all()
+    assert np.sqrt(np.mean(error**2)) <= 0.006
+
+
+def test_energy(camera, measure):
+    error = errors(camera, measure, ON_AXIS, "energy")
+    assert (np.abs(error) <= 0.030).all()
+    np.testing.assert_allclose(error, (0.028, 0.011, -0.011, -0.024), atol=6e-4)
+    truth = camera.alpha(np.array(DEPTHS)) - 1
+    pooled = np.sum(truth * (truth + error)) / np.sum(truth**2)
+    assert 0.86 <= pooled <= 0.91
+
+
+def test_thesis(measure):
+    found = [measure(p)["thesis"].alpha for p in ON_AXIS]
+    np.testing.assert_allclose(found, (0.82, 0.92, 1.08, 1.12), atol=0.02)
+
+
+def test_depth_in_metres_and_uncertainty(camera, measure):
+    for point in ON_AXIS + AT_THREE:
+        found = measure(point)["compensated"]
+        assert not found.in_focus
+        assert found.uncertainty == pytest.approx(0.1 * 150e-6 / 3.6e-3)
+        # delta z = delta alpha (z_obj + dz)^2 / F
+        allowed = 0.010 * (0.24 + point[2]) ** 2 / 0.24
+        assert found.z == pytest.approx(point[2], abs=1.1 * allowed)
+
+
+def test_in_focus(measure):
+    found = measure((0.0, 0.0, 0.0))["compensated"]
+    assert found.in_focus
+    assert found.alpha == pytest.approx(1, abs=0.005)
+    assert found.uncertainty == pytest.approx(0.0417, abs=5e-5)
+
+
+def test_points_in_the_summed_scene(camera, scene):
+    for point in ((-3e-3, -3e-3, -0.05), (3e-3, 3e-3, 0.05)):
+        found = estimate_alpha(scene, near=lenslet(camera, point))
+        assert found.alpha == pytest.approx(camera.alpha(point[2]), abs=0.010)
+    assert estimate_alpha(scene).near == (50, 50)
+
+
+def test_depth_map_of_the_summed_scene(camera, scene):
+    found = depth_map(scene, alphas=np.linspace(0.65, 1.25, 41))
+    for point in ((-3e-3, -3e-3, -0.05), (3e-3, 3e-3, 0.05)):
+        x, y = lenslet(camera, point)
+        # uncompensated, so pulled towards 1 by 1 - kappa, a tenth
+        assert found.alpha[y, x] == pytest.approx(camera.alpha(point[2]), abs=0.05)
+        assert np.sign(found.z[y, x]) == np.sign(point[2])
+        assert found.confidence[y, x] > 0.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dz", [-50e-3, 50e-3])
+def test_extended_scene(camera, dz):
+    places = np.random.default_rng(14).uniform(-0.9e-3, 0.9e-3, (14, 2))
+    raw = camera.expose(PointSources([(x, y, dz) for x, y in places], diameter=DISC))
+    found = estimate_alpha(LightField.from_raw(raw), near=(50, 50), window=33)
+    assert found.alpha == pytest.approx(camera.alpha(dz), abs=0.004)
