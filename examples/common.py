@@ -55,6 +55,7 @@ def start(text: str, script: str) -> Example:
     camera = demo.camera(device, count=QUICK_COUNT) if given.quick else demo.camera(device)
     matplotlib.rc("font", size=9)
     matplotlib.rc("axes", titlesize=9)
+    matplotlib.rc("figure", labelsize=8)
     matplotlib.rc("legend", fontsize=8, frameon=False)
     print(text)
     return Example(camera, given.quick, folder / f"{Path(script).stem}.png")

@@ -24,8 +24,8 @@ def draw_system(axes: Axes, camera: Plenoptic1) -> None:
         axes.text(z, y + (0.8 if y > 0 else -1.4), f"{name}: dz = {mm(point[2])}", color=colour,
                   ha="left" if y > 0 else "right", bbox=PAPER)
     planes = (-z_obj, 0, F, F + camera.lenslet_focal_length * 1e3)
-    axes.vlines(planes, -edge, edge, color=("0.8", "0.6", BLUE, "k"), lw=2)
-    axes.vlines(0, -D / 2, D / 2, color="k", lw=3)
+    axes.vlines(planes, -edge, edge, color=("0.8", "0.6", BLUE, "k"), lw=2, zorder=1)
+    axes.vlines(0, -D / 2, D / 2, color="k", lw=3, zorder=1)
     for z, text in zip(planes, ("focused plane", "main lens", "lenslets, sensor"), strict=False):
         axes.text(z, edge + 0.5, text, ha="center")
     axes.set(xlabel="z from the main lens / mm", ylabel="y / mm", aspect=12, xlim=(-340, 350),

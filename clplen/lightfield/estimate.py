@@ -121,8 +121,9 @@ def estimate_alpha(
         )
     _check_range(lf, window, c_max, optics)
     cells = _detail(lf, place, window)
-    pad = max(_PAD, math.ceil(c_max * (max(lf.shape[:2]) - 1) / 2))
     aspect = _aspect(lf.spacing)
+    farthest = c_max * max(abs(aspect) * (lf.shape[0] - 1), lf.shape[1] - 1) / 2
+    pad = max(_PAD, math.ceil(farthest))
     energy = find_peak(sharpness(cells, pad=pad, band=_BAND, aspect=aspect), c_max)
     if optics is None:
         return _result(lf, method, place, energy)
@@ -258,14 +259,16 @@ def _result(
 ) -> AlphaEstimate:
     """Everything that follows from a peak, or from an alpha that takes its place."""
     value = float(lf.alpha(peak.position)) if alpha is None else alpha
-    known = optics is not None and peak.inside
+    uncertainty = math.nan
+    if optics is not None and peak.inside:
+        uncertainty = optics.uncertainty(value, method, in_focus)
     alphas = lf.alpha(peak.positions)
     rising = np.argsort(alphas)
     return AlphaEstimate(
         alpha=value,
         z=_depth(lf, value),
         in_focus=in_focus,
-        uncertainty=optics.uncertainty(value, method, in_focus) if optics and known else math.nan,
+        uncertainty=uncertainty,
         curve=(alphas[rising], peak.values[rising]),
         method=method,
         disparity=peak.position if alpha is None else float(lf.disparity(alpha)),

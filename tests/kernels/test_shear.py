@@ -141,7 +141,7 @@ def test_several_launches(device, monkeypatch):
 
 def test_high_blocks(device, monkeypatch):
     monkeypatch.setattr(shear, "_ITEMS_PER_CORE", 1)
-    check(device, (3, 4, 61, 150), disparities=np.linspace(-0.7, 1.1, 9))
+    check(device, (2, 3, 41, 140), disparities=np.linspace(-0.7, 1.1, 5))
 
 
 def test_many_channels(device):

@@ -218,7 +218,7 @@ def test_other_spacing_along_y(device):
 def test_sharpness_by_the_sums_that_define_it():
     rng = np.random.default_rng(8)
     window, pad, d, aspect = rng.standard_normal((2, 3, 4, 7, 9)), 2, 0.37, 0.8
-    blur = LensletBlur(q=6.1, fill=(0.9, 1.0), circular=False)
+    blur = LensletBlur(q=8.1, fill=(0.9, 1.0), circular=False)
     _, V, U, ny, nx = window.shape
     expected = 0.0
     for j in range(-(ny + 4) // 2 + 1, (ny + 4) // 2 + 1):
@@ -235,7 +235,7 @@ def test_sharpness_by_the_sums_that_define_it():
             image = (window * np.exp(-2j * np.pi * phase)).sum(axis=(1, 2, 3, 4))
             h = 1.0
             for k, shear, fill in ((ky, aspect * d, 0.9), (kx, d, 1.0)):
-                t = abs(6.1 * shear * k)
+                t = abs(8.1 * shear * k)
                 h *= max(1 - t, 0) * np.sinc(k * fill * (1 - t))
             expected += np.sum(np.abs(image) ** 2) / max(abs(h), 0.05) ** 1.8
     measure = sharpness(window, pad=pad, band=(0.1, 0.4), aspect=aspect, blur=blur)

@@ -1,0 +1,89 @@
+"""Every figure script runs, draws a picture and prints its numbers; the table names them all."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = ROOT / "examples"
+SCRIPTS = sorted(EXAMPLES.glob("fig_*.py"))
+NUMBER = re.compile(r"^  (.+?) +(\S+)   reference +(\S+) \+- (\S+)$", re.MULTILINE)
+SHORTER_THAN = 60  # lines
+
+
+def run(script: Path, *arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run a script in a new process, from another folder."""
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    return subprocess.run(
+        [sys.executable, str(script), *arguments], cwd=folder, capture_output=True, text=True,
+        env=os.environ | {"PYTHONPATH": path}, timeout=300, check=False,
+    )
+
+
+def row_of(script: Path) -> str:
+    """The script's row in the table of figures."""
+    rows = [line for line in (EXAMPLES / "README.md").read_text().splitlines()
+            if line.startswith("|") and f"({script.name})" in line]
+    assert len(rows) == 1, f"{script.name} has {len(rows)} rows in examples/README.md"
+    return rows[0]
+
+
+def test_all_figures_are_there() -> None:
+    figures = [f"fig_3_{number}_" for number in range(17, 26)]
+    assert [script.name[: len(start)] for script, start in zip(SCRIPTS, figures, strict=True)] == (
+        figures
+    )
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+def test_a_figure_script(script: Path, tmp_path: Path, pytestconfig: pytest.Config) -> None:
+    devices = pytestconfig.getoption("--device") or []
+    chosen = ["--device", devices[0]] if devices else []
+    done = run(script, "--quick", "-o", "out", *chosen, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "UserWarning" not in done.stderr  # matplotlib's word on a layout that fails
+    files = [path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file()]
+    assert files == [Path("out", f"{script.stem}.png")]
+    check_picture(tmp_path / files[0])
+    numbers = NUMBER.findall(done.stdout)
+    assert numbers, done.stdout
+    for what, value, reference, within in numbers:
+        assert abs(float(value) - float(reference)) <= float(within), f"{what}\n{done.stdout}"
+        assert reference in row_of(script), f"the table lacks {what}: {reference}"
+
+
+def check_picture(path: Path) -> None:
+    """A picture with lines or colours on it, none of them cut by its edge."""
+    pixels = imread(path)[:, :, :3]
+    assert min(pixels.shape[:2]) >= 500
+    ink = (pixels < 0.9).any(axis=2)
+    assert 0.02 < ink.mean() < 0.95
+    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 100
+    for edge in (ink[0], ink[-1], ink[:, 0], ink[:, -1]):
+        assert not edge.any()
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+def test_a_script_is_short_and_in_the_table(script: Path) -> None:
+    assert len(script.read_text().splitlines()) < SHORTER_THAN
+    assert row_of(script)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [(("--device", "abacus"), "abacus"), (("-o", "taken"), "there is a file of this name")],
+)
+def test_bad_options_get_a_sentence(tmp_path: Path, arguments: tuple[str, str], words: str) -> None:
+    (tmp_path / "taken").touch()
+    done = run(SCRIPTS[0], *arguments, folder=tmp_path)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
