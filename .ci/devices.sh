@@ -1,11 +1,12 @@
 #!/usr/bin/env bash
 # The device matrix: the same tests on independent OpenCL implementations.
 #
-#   .ci/devices.sh [PYTHON] [pocl|intel|oclgrind|all]...      (default: python, all)
+#   .ci/devices.sh [PYTHON] [pocl|vkfft|intel|oclgrind|all]...      (default: python, all)
 #
 # PYTHON is the interpreter in whose environment clplen and its test extra are installed.
 #
 #   pocl      the whole suite on PoCL, which `pip install clplen` brings
+#   vkfft     the FFT tests on PoCL with VkFFT, built here for OpenCL
 #   intel     the suite, less the slow tests, on Intel's CPU runtime (installed here from PyPI; it
 #             runs on AMD processors too). clplen shows it to the OpenCL loader by itself.
 #   oclgrind  tests/kernels on Debian's simulator Oclgrind, with no report of an access out of
@@ -32,17 +33,29 @@ need_intel() {
         "$python" -m pip install --quiet intel-opencl-rt intel-cmplr-lib-rt
 }
 
+as_root() {
+    if [ "$(id -u)" -eq 0 ]; then
+        "$@"
+    elif command -v sudo >/dev/null && sudo -n true 2>/dev/null; then
+        sudo -n "$@"
+    else
+        fail "a Debian package is missing and only root can install it: $*"
+    fi
+}
+
 need_oclgrind() {
     command -v oclgrind >/dev/null && return
-    local root=()
-    if [ "$(id -u)" -ne 0 ]; then
-        command -v sudo >/dev/null && sudo -n true 2>/dev/null ||
-            fail "oclgrind is missing; as root: apt-get install oclgrind"
-        root=(sudo -n)
-    fi
-    "${root[@]}" apt-get update -qq
-    "${root[@]}" apt-get install -y -qq oclgrind ||
+    as_root apt-get update -qq
+    as_root apt-get install -y -qq oclgrind ||
         fail "oclgrind could not be installed; it is a package of Debian and Ubuntu"
+}
+
+need_vkfft() {
+    "$python" -c "import pyvkfft.opencl" 2>/dev/null && return
+    as_root apt-get update -qq
+    as_root apt-get install -y -qq opencl-headers ocl-icd-opencl-dev ||
+        fail "OpenCL headers and loader could not be installed; VkFFT is built with them"
+    VKFFT_BACKEND=opencl "$python" -m pip install --quiet pyvkfft
 }
 
 # Run a command under Oclgrind; its stderr goes to $log.
@@ -59,6 +72,11 @@ planted() {
 }
 
 run_pocl() { "$python" -m pytest --device pocl -q; }
+
+run_vkfft() {
+    need_vkfft
+    "$python" -m pytest tests/compute/test_fft.py --device pocl -q
+}
 
 run_intel() {
     need_intel
@@ -85,10 +103,10 @@ run_oclgrind() {
 
 python=${1:-python}
 [ $# -gt 0 ] && shift
-[ "${*:-all}" != all ] || set -- pocl intel oclgrind
+[ "${*:-all}" != all ] || set -- pocl vkfft intel oclgrind
 for mode in "$@"; do
     case $mode in
-    pocl | intel | oclgrind) "run_$mode" ;;
-    *) fail "unknown mode '$mode': pocl, intel, oclgrind or all" ;;
+    pocl | vkfft | intel | oclgrind) "run_$mode" ;;
+    *) fail "unknown mode '$mode': pocl, vkfft, intel, oclgrind or all" ;;
     esac
 done

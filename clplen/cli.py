@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
-import pyopencl as cl
 from tqdm import tqdm
 
 from clplen import __version__
@@ -189,10 +188,8 @@ def _listed(device: Device, taken: Device | None) -> str:
     """One device with what can be said about it."""
     from clplen.compute.device import Device
 
-    platform = device.cl_device.platform
-    place = (cl.get_platforms().index(platform), platform.get_devices().index(device.cl_device))
     try:
-        note = Device.open(f"{place[0]}:{place[1]}").note
+        note = Device.open(device.place).note
     except ClplenError as error:
         note = _sentence(error)
     mark = "*" if taken is not None and device.cl_device == taken.cl_device else " "
@@ -200,7 +197,7 @@ def _listed(device: Device, taken: Device | None) -> str:
     if route != "vkfft":
         route += f" on the host, {device.fft.threads} threads"
     lines = [
-        f"{mark} {place[0]}:{place[1]}  {device.name}",
+        f"{mark} {device.place}  {device.name}",
         f"driver  {device.driver}",
         f"memory  {device.memory_bytes / 2**30:.1f} GiB",
         f"fp64    {'yes' if device.has_fp64 else 'no'}",

@@ -23,25 +23,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def _devices(config: pytest.Config) -> list[Device]:
     selectors = config.getoption("--device")
     if selectors is None:
-        selectors = [f"{p}:{d}" for p, d in _places()]
+        selectors = [device.place for device in Device.all()]
     try:
         return [Device.open(selector) for selector in selectors]
     except DeviceError as error:
         raise pytest.UsageError(str(error)) from error
-
-
-def _places() -> list[tuple[int, int]]:
-    """(platform, device) of everything that OpenCL shows."""
-    platforms: list[str] = []
-    places: list[tuple[int, int]] = []
-    for device in Device.all():
-        if not platforms or platforms[-1] != device.platform:
-            platforms.append(device.platform)
-            index = 0
-        else:
-            index += 1
-        places.append((len(platforms) - 1, index))
-    return places
 
 
 def _label(device: Device) -> str:
@@ -59,15 +45,7 @@ def precise(device: Device) -> Device:
     """The same hardware in double precision; skipped where it has none."""
     if not device.has_fp64:
         pytest.skip(f"{device.name} has no double precision")
-    return Device.open(_place(device), precision="double")
-
-
-def _place(device: Device) -> str:
-    """The "platform:device" selector of an opened device."""
-    for place, other in zip(_places(), Device.all(), strict=True):
-        if other.cl_device == device.cl_device:
-            return f"{place[0]}:{place[1]}"
-    raise AssertionError(f"{device!r} is not among the devices that are there")
+    return Device.open(device.place, precision="double")
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,6 @@ from pathlib import Path
 import click
 import imageio.v3 as imageio
 import numpy as np
-import pyopencl as cl
 import pytest
 import tifffile
 from click.testing import CliRunner, Result
@@ -29,13 +28,6 @@ ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(clplen.__file__).parents[1])}
 
 def run(*words: object) -> Result:
     return CliRunner().invoke(main, [str(word) for word in words])
-
-
-def place(device: Device) -> str:
-    """The selector of exactly this device."""
-    platform = device.cl_device.platform
-    number = platform.get_devices().index(device.cl_device)
-    return f"{cl.get_platforms().index(platform)}:{number}"
 
 
 def said(result: Result, code: int = 1) -> str:
@@ -84,19 +76,17 @@ def test_help_has_an_example_of_each_command():
 
 
 def test_devices_lists_everything_and_gives_the_reason(device: Device):
-    result = run("devices", "--device", place(device))
+    result = run("devices", "--device", device.place)
     assert result.exit_code == 0
     for one in Device.all():
         assert one.name in result.output
         assert one.driver in result.output
-    assert f"* {place(device)}  {device.name}" in result.output
-    assert f"it fits '{place(device)}'" in result.output
+    assert f"* {device.place}  {device.name}" in result.output
+    assert f"it fits '{device.place}'" in result.output
     assert result.output.count("fp64") == result.output.count("FFT  ") == len(Device.all())
 
 
-def test_devices_says_what_was_done_to_a_device(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-):
+def test_devices_says_what_was_done_to_a_device(device: Device, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(device, "note", "it was given another CPU name")
     assert "note    it was given another CPU name" in run("devices").output
 
@@ -111,7 +101,7 @@ def test_stack_writes_one_series_and_names_the_sharpest_plane(
     tmp_path: Path, views: Path, device: Device
 ):
     out = tmp_path / "stack.tif"
-    result = run("stack", views, "-o", out, "--device", place(device))
+    result = run("stack", views, "-o", out, "--device", device.place)
     assert result.exit_code == 0, result.output
     planes = tifffile.imread(out)
     assert planes.shape == (33, 48, 56, 3)
@@ -126,9 +116,24 @@ def test_stack_with_every_word(tmp_path: Path, views: Path, device: Device):
         v, u = file.stem.split("_")[1:]
         file.rename(views / f"b{9 - int(u)}-{7 - int(v)}.png")
     result = run(
-        "stack", views, "-o", out, "--device", place(device), "--pattern", "b{v}-{u}.png",
-        "--views", 5, 3, "--swap-uv", "--flip-v", "--flip-u", "--disparities", "0:2:5",
-        "--aperture", "3",
+        "stack",
+        views,
+        "-o",
+        out,
+        "--device",
+        device.place,
+        "--pattern",
+        "b{v}-{u}.png",
+        "--views",
+        5,
+        3,
+        "--swap-uv",
+        "--flip-v",
+        "--flip-u",
+        "--disparities",
+        "0:2:5",
+        "--aperture",
+        "3",
     )
     assert result.exit_code == 0, result.output
     assert tifffile.imread(out).shape == (5, 48, 56, 3)
@@ -138,8 +143,14 @@ def test_stack_with_every_word(tmp_path: Path, views: Path, device: Device):
 
 def test_depth_writes_values_and_a_picture(tmp_path: Path, views: Path, device: Device):
     result = run(
-        "depth", views, "-o", tmp_path / "d.pfm", "--device", place(device),
-        "--disparities", "0.4:1.6:9",
+        "depth",
+        views,
+        "-o",
+        tmp_path / "d.pfm",
+        "--device",
+        device.place,
+        "--disparities",
+        "0.4:1.6:9",
     )
     assert result.exit_code == 0, result.output
     lf = read_lightfield(views, device=device)
@@ -150,7 +161,7 @@ def test_depth_writes_values_and_a_picture(tmp_path: Path, views: Path, device: 
 
 def test_simulate_then_stack_by_alpha(tmp_path: Path, camera_file: Path, device: Device):
     out = tmp_path / "simulated"
-    result = run("simulate", camera_file, "-o", out, "--device", place(device))
+    result = run("simulate", camera_file, "-o", out, "--device", device.place)
     assert result.exit_code == 0, result.output
     assert "working f-number" in result.output
     assert sorted(file.name for file in out.iterdir()) == ["lightfield.h5", "raw.png", "raw.tif"]
@@ -163,8 +174,14 @@ def test_simulate_then_stack_by_alpha(tmp_path: Path, camera_file: Path, device:
     assert lf.shape == (30, 30, 31, 31)
     true = lf.camera.alpha(-30e-3)
     result = run(
-        "stack", out / "lightfield.h5", "-o", tmp_path / "s.tif", "--device", place(device),
-        "--alphas", f"{true - 0.2}:{true + 0.2}:5",
+        "stack",
+        out / "lightfield.h5",
+        "-o",
+        tmp_path / "s.tif",
+        "--device",
+        device.place,
+        "--alphas",
+        f"{true - 0.2}:{true + 0.2}:5",
     )
     assert f"number 2 (from 0), d = {lf.disparity(true):.4f}, alpha = {true:.4f}" in result.output
 
@@ -180,7 +197,7 @@ def test_the_real_flower_is_sharpest_where_it_lies(
     tmp_path: Path, data_folder: Path, device: Device
 ):
     flower = data_folder / "lytro_f01_flower"
-    words = ("--pattern", "IMG_0001_{n}_{u}_{v}.png", "--device", place(device))
+    words = ("--pattern", "IMG_0001_{n}_{u}_{v}.png", "--device", device.place)
     result = run("stack", flower, "-o", tmp_path / "s.tif", *words)
     assert result.exit_code == 0, result.output
     assert "10 x 10 views (V x U) of 256 x 256 x 3 uint8" in result.stderr
@@ -198,8 +215,11 @@ def test_the_real_flower_is_sharpest_where_it_lies(
         (["--disparities", "0:1:-3"], "'0:1:-3' is not START:STOP:N", 2),
         (["--disparities", "0:1:0"], "'0:1:0' is an empty range", 2),
         (["--alphas", "1:1:5"], "'1:1:5' is an empty range", 2),
-        (["--disparities", "0:1:3", "--alphas", "0.9:1.1:3"], "--disparities or --alphas, not both",
-         2),
+        (
+            ["--disparities", "0:1:3", "--alphas", "0.9:1.1:3"],
+            "--disparities or --alphas, not both",
+            2,
+        ),
         (["--aperture", "wide"], "'wide' is no aperture: give a number of views (9)", 2),
         (["--aperture", "7"], "The aperture is 7 views across, the light field 3 x 5", 1),
         (["--alphas", "0.9:1.1:3"], "alpha needs the spacing of views and pixels in metres", 1),
@@ -209,9 +229,7 @@ def test_the_real_flower_is_sharpest_where_it_lies(
         (["--views", "5", "3"], "give 3 x 5 views", 1),
     ],
 )
-def test_bad_words_of_stack(
-    tmp_path: Path, views: Path, words: list[str], message: str, code: int
-):
+def test_bad_words_of_stack(tmp_path: Path, views: Path, words: list[str], message: str, code: int):
     assert message in said(run("stack", views, "-o", tmp_path / "s.tif", *words), code)
     assert [file.name for file in tmp_path.iterdir()] == ["views"]
 
@@ -251,8 +269,11 @@ def test_a_wrong_camera_file(tmp_path: Path, camera_file: Path):
 
 def test_a_camera_that_contradicts_the_lens_law(tmp_path: Path, camera_file: Path):
     text = camera_file.read_text()
-    camera_file.write_text(text.replace("# object_distance_mm = 240.0", "object_distance_mm = 300")
-                           .replace("# image_distance_mm = 240.0", "image_distance_mm = 240"))
+    camera_file.write_text(
+        text.replace("# object_distance_mm = 240.0", "object_distance_mm = 300").replace(
+            "# image_distance_mm = 240.0", "image_distance_mm = 240"
+        )
+    )
     assert "contradict the lens law" in said(run("simulate", camera_file, "-o", tmp_path / "out"))
 
 
@@ -309,7 +330,9 @@ main(sys.argv[1:], prog_name="clplen")
 def test_an_interrupt_while_writing_leaves_nothing(tmp_path: Path, views: Path):
     words = ["stack", str(views), "-o", str(tmp_path / "s.tif")]
     done = subprocess.run(
-        [sys.executable, "-c", WRITE_AND_INTERRUPT, *words], capture_output=True, text=True,
+        [sys.executable, "-c", WRITE_AND_INTERRUPT, *words],
+        capture_output=True,
+        text=True,
         env=ENVIRONMENT,
     )
     assert done.returncode == 130, done.stderr
@@ -322,7 +345,10 @@ def test_an_interrupt_while_computing(tmp_path: Path):
     code = "from clplen.cli import main; main(prog_name='clplen')"
     child = subprocess.Popen(
         [sys.executable, "-u", "-c", code, "demo", "-o", str(tmp_path / "demo")],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
         env=ENVIRONMENT,
     )
     for line in child.stdout:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,19 +14,15 @@ import numpy as np
 import pyopencl as cl
 import pyopencl.array as cla
 
-from clplen.compute import icd, pocl
+from clplen.compute import pocl
 from clplen.compute.cache import PlanCache
 from clplen.compute.fft import FFTRoute, choose_route
 from clplen.compute.program import build_program
+from clplen.compute.selection import find_devices, select
 from clplen.errors import DeviceError, ShapeError
 
 Precision = Literal["single", "double"]
 
-INSTALL_HELP = (
-    "Linux on x86-64: pip install pocl-binary-distribution; Linux on ARM: apt install "
-    "pocl-opencl-icd (or conda install -c conda-forge pocl); macOS: conda install -c conda-forge "
-    "pocl; Windows: the driver of your GPU, or pip install intel-opencl-rt for the CPU."
-)
 _GPU_GROUP = 64  # work-items of one row that a GPU runs as a group
 _PLAN_SHARE = 4  # plans may hold a quarter of the device's memory
 
@@ -47,12 +42,17 @@ class Device:
         Its global memory.
     precision : {"single", "double"}
         Precision of the wave tower; light fields are processed in float32 on every device.
+    place : str
+        The "platform:device" selector that opens it.
     """
 
-    def __init__(self, cl_device: cl.Device, *, precision: Precision = "single") -> None:
+    def __init__(
+        self, cl_device: cl.Device, *, precision: Precision = "single", place: str = ""
+    ) -> None:
         if precision not in ("single", "double"):
             raise ValueError(f"precision is 'single' or 'double', not {precision!r}.")
         self.cl_device = cl_device
+        self.place = place
         self.precision: Precision = precision
         self.name: str = cl_device.name.strip()
         self.platform: str = cl_device.platform.name.strip()
@@ -97,11 +97,10 @@ class Device:
         """
         if selector is None:
             selector = os.environ.get("CLPLEN_DEVICE") or None
-        candidates = _select(_cl_devices(), selector)
         problems = []
-        for cl_device in candidates:
+        for place, cl_device in select(find_devices(), selector):
             try:
-                return _opened(cl_device, precision)
+                return _opened(cl_device, precision, place)
             except DeviceError as error:
                 if selector is not None:
                     raise
@@ -111,7 +110,7 @@ class Device:
     @staticmethod
     def all() -> list[Device]:
         """Every OpenCL device that is there, in platform order (nothing is compiled yet)."""
-        return [Device(cl_device) for _, cl_device in _cl_devices()]
+        return [Device(cl_device, place=place) for place, cl_device in find_devices()]
 
     def __repr__(self) -> str:
         parts = [self.name, self.driver, self.precision, f"FFT {self.fft.name}"]
@@ -132,7 +131,7 @@ class Device:
     @cached_property
     def fft(self) -> FFTRoute:
         """How Fourier transforms are done on this device; chosen once."""
-        return choose_route(self.is_cpu)
+        return choose_route(self.is_cpu, self.platform)
 
     @cached_property
     def plans(self) -> PlanCache:
@@ -323,62 +322,10 @@ def _require_contiguous(array: cla.Array) -> None:
         )
 
 
-def _cl_devices() -> list[tuple[str, cl.Device]]:
-    """(selector, device) of everything that OpenCL shows."""
-    icd.expose_intel_runtime()
-    try:
-        platforms = cl.get_platforms()
-    except cl.LogicError as error:
-        raise DeviceError(f"There is no OpenCL platform. {INSTALL_HELP}") from error
-    found = []
-    for p, platform in enumerate(platforms):
-        try:
-            devices = platform.get_devices()
-        except cl.RuntimeError:  # a driver without hardware
-            continue
-        found += [(f"{p}:{d}", device) for d, device in enumerate(devices)]
-    if not found:
-        raise DeviceError(f"The OpenCL platforms here have no device. {INSTALL_HELP}")
-    return found
-
-
-def _select(devices: list[tuple[str, cl.Device]], selector: str | None) -> list[cl.Device]:
-    """The devices that fit a selector, best first."""
-    kinds = {"cpu": cl.device_type.CPU, "gpu": cl.device_type.GPU}
-    if selector is None:
-        gpus = [device for _, device in devices if device.type & cl.device_type.GPU]
-        return gpus + [device for _, device in devices if device not in gpus]
-    wanted = selector.strip().lower()
-    if wanted in kinds:
-        fitting = [device for _, device in devices if device.type & kinds[wanted]]
-    elif re.fullmatch(r"\d+:\d+", wanted):
-        fitting = [device for place, device in devices if place == wanted]
-    else:
-        # A platform's name counts before a device's: "intel" means Intel's runtime, not PoCL on
-        # an Intel processor.
-        fitting = [d for _, d in devices if wanted in _platform_words(d)] or [
-            d for _, d in devices if wanted in f"{d.name} {d.vendor}".lower()
-        ]
-    if not fitting:
-        here = "; ".join(
-            f"{place} {d.platform.name.strip()}: {d.name.strip()}" for place, d in devices
-        )
-        raise DeviceError(
-            f"No OpenCL device fits {selector!r}. Here are: {here}. Use 'cpu', 'gpu', "
-            "'platform:device' or part of a name."
-        )
-    return fitting
-
-
-def _platform_words(device: cl.Device) -> str:
-    platform = device.platform
-    return f"{platform.name} {platform.vendor} {platform.version}".lower()
-
-
 @cache
-def _opened(cl_device: cl.Device, precision: Precision) -> Device:
+def _opened(cl_device: cl.Device, precision: Precision, place: str) -> Device:
     """The one Device of this hardware and precision, found able to compile."""
-    device = Device(cl_device, precision=precision)
+    device = Device(cl_device, precision=precision, place=place)
     device.note = pocl.ensure_usable(cl_device)
     if device.note:
         warnings.warn(device.note, RuntimeWarning, stacklevel=3)

@@ -71,13 +71,15 @@ class FFTRoute:
             _HOST[self.name](values, forward, self.threads)
 
 
-def choose_route(is_cpu: bool) -> FFTRoute:
+def choose_route(is_cpu: bool, platform: str = "") -> FFTRoute:
     """The route of a device.
 
     Parameters
     ----------
     is_cpu : bool
         Whether the device is a CPU.
+    platform : str
+        Name of its OpenCL platform.
 
     Returns
     -------
@@ -87,7 +89,8 @@ def choose_route(is_cpu: bool) -> FFTRoute:
     Raises
     ------
     DeviceError
-        If ``$CLPLEN_FFT`` names an unknown library or one that is not installed.
+        If ``$CLPLEN_FFT`` names an unknown library, one that is not installed, or VkFFT on Intel's
+        CPU runtime.
     """
     threads = _threads()
     forced = os.environ.get("CLPLEN_FFT", "").strip().lower()
@@ -100,6 +103,11 @@ def choose_route(is_cpu: bool) -> FFTRoute:
             raise DeviceError(
                 f"CLPLEN_FFT={forced!r} was asked for, but {_MODULES[forced]} is not installed: "
                 f"{_EXTRAS[forced]}."
+            )
+        if forced == "vkfft" and is_cpu and platform.startswith("Intel"):
+            raise DeviceError(
+                "CLPLEN_FFT='vkfft' was asked for, but VkFFT transforms some lengths wrongly on "
+                "Intel's CPU runtime: use ducc0 or scipy there."
             )
         return FFTRoute(forced, threads)
     if not is_cpu and find_spec("pyvkfft") is not None:

@@ -11,6 +11,7 @@ import pytest
 
 from clplen import Field, Grid
 from clplen.compute import device as devices
+from clplen.compute import selection
 from clplen.compute.device import Device, require_same_device
 from clplen.errors import DeviceError, ShapeError
 
@@ -62,7 +63,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> list[FakePlatform]:
         .with_device("GeForce GTX 1080", GPU, extensions="cl_khr_icd"),
     ]
     monkeypatch.delenv("CLPLEN_DEVICE", raising=False)
-    monkeypatch.setattr(devices.icd, "expose_intel_runtime", lambda: None)
+    monkeypatch.setattr(selection.icd, "expose_intel_runtime", lambda: None)
     monkeypatch.setattr(devices.pocl, "ensure_usable", lambda cl_device: "")
     monkeypatch.setattr(cl, "get_platforms", lambda: platforms)
     return platforms
@@ -358,7 +359,9 @@ def test_elsewhere_values_are_fetched_and_written_back(device: Device, copies: l
     gpu.is_cpu = False
     array = gpu.upload(SAMPLES)
     del copies[:]
-    with gpu.on_host(array) as values:
+    with gpu.on_host(array[1]) as values:
         values *= 3
     assert copies == ["down", "up"]
-    np.testing.assert_array_equal(gpu.download(array), 3 * SAMPLES)
+    expected = SAMPLES.copy()
+    expected[1] *= 3
+    np.testing.assert_array_equal(gpu.download(array), expected)
