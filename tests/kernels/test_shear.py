@@ -93,7 +93,13 @@ def sheared(device, field, *args, **options):
     return device.download(shear_sum(device.upload(field), *args, device=device, **options))
 
 
-def check(device, shape, dtype="float32", disparities=DISPARITIES, **options):
+def planes(device):
+    """Fewer on the simulator, which runs each instruction: fractional, whole and outside."""
+    return (-1.37, 1, 400.3) if device.platform == "Oclgrind" else DISPARITIES
+
+
+def check(device, shape, dtype="float32", disparities=None, **options):
+    disparities = planes(device) if disparities is None else disparities
     field, weights = light_field(shape, dtype), view_weights(shape)
     moves = shifts(shape, disparities)
     got = sheared(device, field, weights, *moves, **options)
@@ -175,9 +181,10 @@ def test_a_view_of_weight_zero_is_not_read(device, edge):
     shape = (3, 4, 9, 21)
     field, weights = light_field(shape), view_weights(shape)
     assert (weights == 0).sum() > 2
-    clean = sheared(device, field, weights, *shifts(shape), edge=edge)
+    moves = shifts(shape, planes(device))
+    clean = sheared(device, field, weights, *moves, edge=edge)
     field[weights == 0] = np.nan
-    np.testing.assert_array_equal(sheared(device, field, weights, *shifts(shape), edge=edge), clean)
+    np.testing.assert_array_equal(sheared(device, field, weights, *moves, edge=edge), clean)
 
 
 def test_a_bad_row_stays_where_it_is(device):
@@ -192,8 +199,9 @@ def test_a_bad_row_stays_where_it_is(device):
 def test_constant_stays_constant(device):
     shape = (5, 4, 13, 27)
     field = np.full(shape, 7, np.float32)
-    got = sheared(device, field, view_weights(shape), *shifts(shape, DISPARITIES[:-1]))
-    seen = twin(field, view_weights(shape), *shifts(shape, DISPARITIES[:-1])) > 0
+    moves = shifts(shape, planes(device)[:-1])
+    got = sheared(device, field, view_weights(shape), *moves)
+    seen = twin(field, view_weights(shape), *moves) > 0
     assert seen.mean() > 0.9
     np.testing.assert_allclose(got, np.where(seen, 7, 0), rtol=tolerance(shape))
 
@@ -202,7 +210,7 @@ def test_same_bits_and_input_left_alone(device):
     shape = (4, 5, 17, 53, 3)
     field = light_field(shape, "uint16")
     data = device.upload(field)
-    args = (data, view_weights(shape), *shifts(shape))
+    args = (data, view_weights(shape), *shifts(shape, planes(device)))
     runs = [device.download(shear_sum(*args, device=device)) for _ in range(3)]
     np.testing.assert_array_equal(runs[1], runs[0])
     np.testing.assert_array_equal(runs[2], runs[0])
