@@ -1,6 +1,6 @@
 /* Resampling of a raw lenslet image into the views of a light field.
  *
- *   L[v, u, i, k] = sum_ab h(a - y) h(b - x) raw[a, b],   (y, x) = row[i] + column[k] + (v, u)
+ *   L[v, u, i, k] = sum_ab h(a - y) h(b - x) raw[a, b],   (y, x) = row[i] + column[k] + down[v] + right[u]
  *
  * with h the cubic convolution kernel, a = -1/2 (Keys 1981, eq. 15); pixels off the sensor count 0.
  * Positions come as tables (y, x) = at + part, an integer and a fraction in [0, 1) that is a
@@ -36,7 +36,7 @@ inline float along(__global const float *restrict line, int4 x, float4 w)
     return w.s0 * line[x.s0] + w.s1 * line[x.s1] + w.s2 * line[x.s2] + w.s3 * line[x.s3];
 }
 
-/* raw at (y, x) = at + part, part in [0, 2). */
+/* raw at (y, x) = at + part, part in [0, 4). */
 inline float sample(__global const float *restrict raw, int2 at, float2 part, int ny, int nx)
 {
     const int2 carry = convert_int2(part);
@@ -54,7 +54,11 @@ inline float sample(__global const float *restrict raw, int2 at, float2 part, in
 __kernel void decode(__global float *restrict L, __global const float *restrict raw,
                      __global const int2 *restrict row_at, __global const float2 *restrict row_part,
                      __global const int2 *restrict column_at,
-                     __global const float2 *restrict column_part, const int ny, const int nx,
+                     __global const float2 *restrict column_part,
+                     __global const int2 *restrict down_at,
+                     __global const float2 *restrict down_part,
+                     __global const int2 *restrict right_at,
+                     __global const float2 *restrict right_part, const int ny, const int nx,
                      const int U, const int rows, const int columns, const int before,
                      const float between)
 {
@@ -62,8 +66,8 @@ __kernel void decode(__global float *restrict L, __global const float *restrict 
     const int v = get_global_id(2) / rows;
     const int i = get_global_id(2) % rows;
     const bool moved = (i & 1) && (before != 0 || between != 0);
-    const int2 at = row_at[i] + (int2)(v, u);
-    const float2 part = row_part[i];
+    const int2 at = row_at[i] + down_at[v] + right_at[u];
+    const float2 part = row_part[i] + down_part[v] + right_part[u];
     const size_t out = row_start(v * U + u, i, rows, columns);
     float weight[4];
     vstore4(keys(between), 0, weight);

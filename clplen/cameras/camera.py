@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from clplen.cameras import plenoptic1
+import math
+
+from clplen.cameras import geometry
+from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.compute.device import Device
 from clplen.wave.lenslets import MicrolensArray
 
@@ -22,7 +25,7 @@ class PlenopticCamera:
         image_distance: float | None = None,
         aperture_diameter: float | None = None,
         field_lens: bool = False,
-    ) -> plenoptic1.Plenoptic1:
+    ) -> Plenoptic1:
         """A standard plenoptic camera: array on the main lens' image, sensor f_mu behind it.
 
         Parameters
@@ -56,14 +59,33 @@ class PlenopticCamera:
         SamplingError
             If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
         """
-        return plenoptic1.build(
-            focal_length=focal_length,
+        lengths = {
+            "focal_length": focal_length,
+            "wavelength": wavelength,
+            "object_distance": object_distance,
+            "image_distance": image_distance,
+            "aperture_diameter": aperture_diameter,
+        }
+        for name, value in lengths.items():
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise ValueError(f"{name} is positive, in metres, not {value!r}.")
+        if mla.f <= 0:
+            raise ValueError(f"The lenslets of a camera converge: f > 0, not {mla.f!r}.")
+        z_obj, F = geometry.lens_law(focal_length, object_distance, image_distance)
+        D = mla.pitch * F / mla.f if aperture_diameter is None else aperture_diameter
+        grid = geometry.sensor_grid(mla, pixels_per_lenslet)
+        camera = Plenoptic1(
+            focal_length=float(focal_length),
+            object_distance=z_obj,
+            image_distance=F,
+            aperture_diameter=float(D),
             mla=mla,
-            wavelength=wavelength,
-            pixels_per_lenslet=pixels_per_lenslet,
+            wavelength=float(wavelength),
+            pixels_per_lenslet=float(pixels_per_lenslet),
+            pixel_pitch=grid.pitch[1],
+            grid=grid,
+            field_lens=bool(field_lens),
             device=device,
-            object_distance=object_distance,
-            image_distance=image_distance,
-            aperture_diameter=aperture_diameter,
-            field_lens=field_lens,
         )
+        geometry.check_sampling(camera, 0.0, 1.0)
+        return camera

@@ -71,15 +71,23 @@ def sensor_grid(mla: MicrolensArray, pixels_per_lenslet: float) -> Grid:
 
 
 def views(camera: Plenoptic1) -> int:
-    """Views across: whole pixels of a lenslet."""
+    """Views across: the pixels of a lenslet, rounded."""
     return max(1, round(camera.pixels_per_lenslet))
 
 
-def check_sampling(camera: Plenoptic1, reach: float) -> None:
+def check_sampling(camera: Plenoptic1, reach: float, alpha: float) -> None:
     """Refuse light that the pixels cannot sample.
 
-    [(D/2 + abs(X))/F + d/(2 f_mu)]/lam < 1/(2 dx), with X the farthest image from the axis; and
-    the window holds the main lens' aperture.
+    [(alpha D/2 + abs(X))/F + d/(2 f_mu)]/lam < 1/(2 dx): a ray from u on the lens to a point's image
+    X, at F' = F/alpha, has the slope (X - alpha u)/F; and the window holds the main lens' aperture.
+
+    Parameters
+    ----------
+    camera : Plenoptic1
+    reach : float
+        abs(X), largest along x or y, in metres.
+    alpha : float
+        F/F' of the point, at least 1.
 
     Raises
     ------
@@ -92,12 +100,12 @@ def check_sampling(camera: Plenoptic1, reach: float) -> None:
         camera.mla.diameter,
         camera.mla.f,
     )
-    slope = (D / 2 + reach) / F + d / (2 * f_mu)
+    slope = (alpha * D / 2 + reach) / F + d / (2 * f_mu)
     if 2 * camera.pixel_pitch * slope >= camera.wavelength:
         fitting = camera.wavelength / (2 * slope)
         raise SamplingError(
             f"Light reaches the sensor at up to {slope / camera.wavelength:.4g} cycles/m "
-            f"((D/2 + |X|)/F + d/(2 f_mu), |X| = {reach:.4g} m), but pixels of "
+            f"((alpha D/2 + |X|)/F + d/(2 f_mu), |X| = {reach:.4g} m), but pixels of "
             f"{camera.pixel_pitch:.4g} m sample {1 / (2 * camera.pixel_pitch):.4g}: pixels below "
             f"{fitting:.4g} m would do (pixels_per_lenslet = {camera.mla.pitch / fitting:.4g}), or "
             "a longer f_mu, or a smaller aperture."
@@ -142,5 +150,7 @@ def lenslet_grid(camera: Plenoptic1, magnification: float) -> LensletGrid:
         ),
         row_step=(mla.row_pitch * cos * scale, -mla.row_pitch * sin * scale),
         column_step=(mla.pitch * sin * scale, mla.pitch * cos * scale),
+        row_view_step=(cos, -sin),
+        column_view_step=(sin, cos),
         odd_row_shift=0.5 if mla.lattice == "hexagonal" else 0.0,
     )

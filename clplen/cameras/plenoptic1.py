@@ -21,11 +21,12 @@ from clplen.lightfield.sensor import Sensor
 from clplen.wave.elements import thin_lens
 from clplen.wave.field import Field, Grid, row_powers
 from clplen.wave.lenslets import MicrolensArray
-from clplen.wave.propagation import plan
+from clplen.wave.propagation import Propagator, plan
 from clplen.wave.transfer import blas_band
 
 Progress = Callable[[int, int], None]
 BATCH_BYTES = 2**28  # of fields that travel through the camera together
+FRESNEL_WIDTHS = 2  # diffraction beyond the geometric edge that a window without padding holds
 
 
 @dataclass(frozen=True)
@@ -164,21 +165,20 @@ class Plenoptic1:
             raise ValueError("Point sources are mutually incoherent: leave out coherence.")
         self._check(scene)
         total = self.device.zeros(self.grid.shape, self.device.real)
-        pad = self.padding(scene)
+        to_array, to_sensor = self.padding(scene)
+        widest = max(to_array, to_sensor) ** 2
         field_bytes = math.prod(self.grid.shape) * self.device.complex.itemsize
-        step = max(1, int(BATCH_BYTES / (field_bytes * pad**2)))
+        step = max(1, int(BATCH_BYTES / (field_bytes * widest)))
         self.device.require_memory(
-            int((2 * pad**2 + 2) * field_bytes * min(step, len(scene))), "This exposure"
+            (2 * widest + 2) * field_bytes * min(step, len(scene)), "This exposure"
         )
         for start in range(0, len(scene), step):
             chosen = slice(start, min(start + step, len(scene)))
             pupil = self.pupil(scene, chosen)
             energy = row_powers(pupil).sum(axis=-1)
-            self._add(
-                total,
-                self.sensor_field(self.array_field(pupil, pad=pad)),
-                scene.power[chosen] / energy,
-            )
+            at_array = self.array_field(pupil, pad=to_array)
+            fields = self.sensor_field(at_array, pad=to_sensor)
+            self._add(total, fields, scene.power[chosen] / energy)
             if progress is not None:
                 progress(chosen.stop, len(scene))
         self.device.finish()
@@ -187,7 +187,19 @@ class Plenoptic1:
         return raw if sensor is None else sensor.record(raw)
 
     def pupil(self, scene: PointSources, chosen: slice = slice(None)) -> Field:
-        """Fields of the sources right behind the main lens, shape (n, ny, nx)."""
+        """Fields of sources right behind the main lens.
+
+        Parameters
+        ----------
+        scene : PointSources
+        chosen : slice
+            Which of them.
+
+        Returns
+        -------
+        Field
+            Shape (n, ny, nx); not normalised.
+        """
         return pupil_fields(
             scene,
             chosen,
@@ -200,38 +212,63 @@ class Plenoptic1:
         )
 
     def array_field(self, pupil: Field, *, pad: int = 1) -> Field:
-        """Fields behind the main lens propagated to the array, before its lenslets."""
-        step = plan(
-            self.grid,
-            self.image_distance,
-            wavelength=self.wavelength,
-            method="blas",
-            pad=pad,
-            device=self.device,
-        )
-        return step(pupil)
+        """Fields behind the main lens propagated to the array, before its lenslets.
 
-    def sensor_field(self, at_array: Field) -> Field:
-        """Fields at the array sent through it and on to the sensor."""
+        Parameters
+        ----------
+        pupil : Field
+            Shape (..., ny, nx).
+        pad : int
+            Zero padding, see `padding`.
+
+        Returns
+        -------
+        Field
+            Same shape.
+        """
+        return self._propagator(self.image_distance, "blas", pad)(pupil)
+
+    def sensor_field(self, at_array: Field, *, pad: int = 1) -> Field:
+        """Fields at the array sent through it and on to the sensor.
+
+        Parameters
+        ----------
+        at_array : Field
+            Shape (..., ny, nx).
+        pad : int
+            Zero padding, see `padding`.
+
+        Returns
+        -------
+        Field
+            Same shape.
+        """
         if self.field_lens:
             at_array = thin_lens(at_array, self.image_distance)
-        step = plan(
-            self.grid,
-            self.mla.f,
-            wavelength=self.wavelength,
-            method="as",
-            pad=1,
-            device=self.device,
-        )
-        return step(self.mla.apply(at_array))
+        return self._propagator(self.mla.f, "as", pad)(self.mla.apply(at_array))
 
-    def padding(self, scene: PointSources) -> int:
-        """1 where the window samples every ray from the pupil to the images, else 2."""
-        half = self.aperture_diameter / 2
-        reach = half + np.abs(self.image_of(scene.positions)).max(axis=0)[::-1]
-        needed = reach / self.image_distance / self.wavelength
-        band = blas_band(self.grid.shape, self.grid.pitch, self.image_distance, self.wavelength)
-        return 1 if (needed <= np.asarray(band)).all() else 2
+    def padding(self, scene: PointSources) -> tuple[int, int]:
+        """Padding of the ways to the array and to the sensor: 1 where no light leaves the window.
+
+        A ray from u on the lens meets the array at X + u (1 - alpha), so it moves sideways by up
+        to abs(X) + abs(alpha) D/2; diffraction adds a few Fresnel widths sqrt(lam F). Behind the
+        array chief rays go on to X (1 + f_mu/F).
+
+        Returns
+        -------
+        tuple of int
+            1 or 2 each.
+        """
+        D, F, f_mu = self.aperture_diameter, self.image_distance, self.mla.f
+        X = np.abs(self.image_of(scene.positions))[:, ::-1]  # (y, x)
+        alpha = np.abs(np.atleast_1d(self.alpha(scene.positions[:, 2])))[:, None]
+        guard = FRESNEL_WIDTHS * math.sqrt(self.wavelength * F)
+        moved = X + np.maximum(1, alpha) * D / 2 + guard
+        limit = np.asarray(blas_band(self.grid.shape, self.grid.pitch, F, self.wavelength))
+        to_array = 1 if (moved / F / self.wavelength <= limit).all() else 2
+        at_sensor = X * (1 + f_mu / F) + np.abs(1 - alpha) * D / 2 + guard + self.mla.pitch
+        to_sensor = 1 if (at_sensor <= np.asarray(self.grid.extent) / 2).all() else 2
+        return to_array, to_sensor
 
     def describe(self) -> Description:
         """Derived parameters; see `Description`."""
@@ -275,6 +312,11 @@ class Plenoptic1:
         )
         return Description("Plenoptic 1.0 camera", rows)
 
+    def _propagator(self, z: float, method: str, pad: int) -> Propagator:
+        return plan(
+            self.grid, z, wavelength=self.wavelength, method=method, pad=pad, device=self.device
+        )
+
     def _check(self, scene: PointSources) -> None:
         behind = self.object_distance + scene.positions[:, 2] <= 0
         if behind.any():
@@ -292,7 +334,9 @@ class Plenoptic1:
                 f"beyond the array of {self.grid.extent[1]:g} x {self.grid.extent[0]:g} m: move it "
                 "or use more lenslets."
             )
-        geometry.check_sampling(self, float(np.abs(images).max()))
+        alpha = np.abs(np.atleast_1d(self.alpha(scene.positions[:, 2])))
+        for reach, a in zip(np.abs(images).max(axis=1), alpha, strict=True):
+            geometry.check_sampling(self, float(reach), max(1.0, float(a)))
 
     def _add(self, total: cla.Array, fields: Field, weights: np.ndarray[Any, Any]) -> None:
         (ny, nx), count = self.grid.shape, fields.shape[0]
@@ -309,53 +353,13 @@ class Plenoptic1:
         )
 
 
-def build(
-    *,
-    focal_length: float,
-    mla: MicrolensArray,
-    wavelength: float,
-    pixels_per_lenslet: float,
-    device: Device,
-    object_distance: float | None = None,
-    image_distance: float | None = None,
-    aperture_diameter: float | None = None,
-    field_lens: bool = False,
-) -> Plenoptic1:
-    """See `PlenopticCamera.type1`."""
-    lengths = {"focal_length": focal_length, "wavelength": wavelength}
-    optional = {
-        "object_distance": object_distance,
-        "image_distance": image_distance,
-        "aperture_diameter": aperture_diameter,
-    }
-    lengths |= {name: value for name, value in optional.items() if value is not None}
-    for name, value in lengths.items():
-        if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"{name} is positive, in metres, not {value!r}.")
-    if mla.f <= 0:
-        raise ValueError(f"The lenslets of a camera converge: f > 0, not {mla.f!r}.")
-    z_obj, F = geometry.lens_law(focal_length, object_distance, image_distance)
-    D = aperture_diameter or mla.pitch * F / mla.f
-    grid = geometry.sensor_grid(mla, pixels_per_lenslet)
-    camera = Plenoptic1(
-        float(focal_length),
-        z_obj,
-        F,
-        float(D),
-        mla,
-        float(wavelength),
-        float(pixels_per_lenslet),
-        grid.pitch[1],
-        grid,
-        bool(field_lens),
-        device,
-    )
-    geometry.check_sampling(camera, 0.0)
-    return camera
-
-
 def scene_energy(camera: Plenoptic1, scene: PointSources) -> Sequence[tuple[float, float, float]]:
     """Energy of each source at the aperture, the array and the sensor, as fractions of the first.
+
+    Parameters
+    ----------
+    camera : Plenoptic1
+    scene : PointSources
 
     Returns
     -------
@@ -363,11 +367,11 @@ def scene_energy(camera: Plenoptic1, scene: PointSources) -> Sequence[tuple[floa
         (1.0, at the array, at the sensor) for each source.
     """
     rows = []
-    pad = camera.padding(scene)
+    to_array, to_sensor = camera.padding(scene)
     for n in range(len(scene)):
         pupil = camera.pupil(scene, slice(n, n + 1))
-        at_array = camera.array_field(pupil, pad=pad)
-        at_sensor = camera.sensor_field(at_array)
+        at_array = camera.array_field(pupil, pad=to_array)
+        at_sensor = camera.sensor_field(at_array, pad=to_sensor)
         energies = [float(row_powers(f).sum()) for f in (pupil, at_array, at_sensor)]
         rows.append((1.0, energies[1] / energies[0], energies[2] / energies[0]))
     return rows

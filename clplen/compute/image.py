@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from clplen.compute.device import Device
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Image:
     """What an intensity, a view, a rendering or a refocus returns.
 

@@ -63,6 +63,8 @@ def resample(raw: RawImage, grid: LensletGrid) -> cla.Array:
         raw.data,
         *_row_tables(grid, device),
         *_column_tables(grid, device),
+        *_tables(np.arange(V)[:, None] * np.asarray(grid.row_view_step), device),
+        *_tables(np.arange(U)[:, None] * np.asarray(grid.column_view_step), device),
         *(np.int32(n) for n in (ny, nx, U, rows, columns, before)),
         np.float32(between),
     )
@@ -75,7 +77,8 @@ def _check(raw: RawImage, grid: LensletGrid) -> None:
             "A lenslet grid has at least one lenslet and one view along each axis, not "
             f"{grid.count} lenslets of {grid.views} views."
         )
-    numbers = (*grid.first, *grid.row_step, *grid.column_step, grid.odd_row_shift)
+    steps = (grid.row_step, grid.column_step, grid.row_view_step, grid.column_view_step)
+    numbers = (*grid.first, *(n for step in steps for n in step), grid.odd_row_shift)
     if not np.isfinite(numbers).all():
         raise ValueError(f"The numbers of a lenslet grid are finite, not {grid}.")
     bad = count_bad(raw.data, raw.device)
@@ -89,7 +92,12 @@ def _check(raw: RawImage, grid: LensletGrid) -> None:
 def _row_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Array]:
     """Where pixel (0, 0) of the first lenslet of each row lies."""
     i = np.arange(grid.count[0])[:, None]
-    corner = np.asarray(grid.first) - (np.asarray(grid.views) - 1) / 2
+    V, U = grid.views
+    corner = (
+        np.asarray(grid.first)
+        - (V - 1) / 2 * np.asarray(grid.row_view_step)
+        - (U - 1) / 2 * np.asarray(grid.column_view_step)
+    )
     shift = np.where(i % 2, grid.odd_row_shift, 0.0)
     return _tables(
         corner + i * np.asarray(grid.row_step) + shift * np.asarray(grid.column_step), device

@@ -59,7 +59,8 @@ class LensletGrid:
     """Centres of the sub-images on the sensor, in pixels; pixel centres are integers.
 
     Sub-image (i, k) has its centre at ``first + i row_step + k column_step``, and odd rows are
-    moved by ``odd_row_shift column_step``. View j of n lies ``j - (n - 1)/2`` pixels from there.
+    moved by ``odd_row_shift column_step``. View (v, u) of (V, U) lies ``(v - (V - 1)/2)
+    row_view_step + (u - (U - 1)/2) column_view_step`` from there.
 
     Attributes
     ----------
@@ -71,6 +72,9 @@ class LensletGrid:
         (y, x) in pixels.
     odd_row_shift : float
         0 for a square lattice, 1/2 for a hexagonal one.
+    row_view_step, column_view_step : tuple of float
+        (y, x) in pixels; along the rows and columns of the lattice, so that a turned array obeys
+        the same law as a straight one.
     """
 
     count: tuple[int, int]
@@ -79,9 +83,11 @@ class LensletGrid:
     row_step: tuple[float, float]
     column_step: tuple[float, float]
     odd_row_shift: float = 0.0
+    row_view_step: tuple[float, float] = (1.0, 0.0)
+    column_view_step: tuple[float, float] = (0.0, 1.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RawImage:
     """A raw lenslet image with its geometry.
 

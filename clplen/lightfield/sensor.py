@@ -28,7 +28,8 @@ class Sensor:
     bit_depth : int, optional
         Round to 2^bit_depth - 1 equal steps up to ``full_well``, which is then needed.
     seed : int
-        The same seed gives the same noise on every device.
+        The same seed and image give the same noise; images of two devices differ by rounding, and
+        with it a few of the pixels' photons.
 
     Raises
     ------
@@ -50,8 +51,12 @@ class Sensor:
                 raise ValueError(f"{name} is a positive number of electrons, not {value!r}.")
         if not (math.isfinite(self.read_noise) and self.read_noise >= 0):
             raise ValueError(f"read_noise is not negative, in electrons, not {self.read_noise!r}.")
-        if self.bit_depth is not None and not 1 <= self.bit_depth <= 24:
-            raise ValueError(f"bit_depth lies between 1 and 24, not {self.bit_depth!r}.")
+        if self.bit_depth is not None and (
+            int(self.bit_depth) != self.bit_depth or not 1 <= self.bit_depth <= 24
+        ):
+            raise ValueError(f"bit_depth is a whole number between 1 and 24, not {self.bit_depth!r}.")
+        if int(self.seed) != self.seed or self.seed < 0:
+            raise ValueError(f"seed is a whole number, not negative, not {self.seed!r}.")
         if self.bit_depth is not None and self.full_well is None:
             raise ValueError("bit_depth needs full_well, the electrons of the largest number.")
         wants = self.shot_noise or self.read_noise or self.full_well or self.bit_depth

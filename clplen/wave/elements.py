@@ -90,6 +90,8 @@ def aperture(
         For a diameter that is not positive or another shape.
     """
     _check_diameter(diameter)
+    if not np.isfinite(centre).all():
+        raise ValueError(f"The centre of an aperture is finite, (y, x) in metres, not {centre!r}.")
     if shape == "circular":
         out = field.device.empty(field.shape, field.device.complex)
         return field.with_data(_disc(field.data, field, diameter / 2, centre, out=out))

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.device import require_same_device
 from clplen.compute.finite import count_bad
 from clplen.compute.image import Image
 from clplen.errors import ShapeError
@@ -64,7 +63,7 @@ class Grid:
         *,
         origin: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        sizes = tuple(shape)
+        sizes = tuple(shape) if np.ndim(shape) == 1 else ()
         if len(sizes) != 2 or any(int(n) != n or n < 1 for n in sizes):
             raise ShapeError(f"A grid's shape is (ny, nx), two positive integers, not {shape!r}.")
         pitches = np.broadcast_to(np.asarray(pitch, dtype=np.float64), (2,))
@@ -107,7 +106,7 @@ class Grid:
         return self.origin[axis] + (np.arange(n) - n // 2) * self.pitch[axis]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Field:
     """A scalar field sampled on a grid. Made by `from_array` or by an operation.
 
@@ -200,17 +199,6 @@ class Field:
     def with_data(self, data: cla.Array) -> Field:
         """The same grid, wavelength and device with other samples."""
         return replace(self, data=data)
-
-    def require_like(self, other: Field) -> None:
-        """Refuse another device or another grid.
-
-        Raises
-        ------
-        DeviceError, ShapeError
-        """
-        require_same_device(self.device, other.device)
-        if self.grid != other.grid:
-            raise ShapeError(f"Two fields on different grids: {self.grid} and {other.grid}.")
 
 
 def row_powers(field: Field) -> Vector:

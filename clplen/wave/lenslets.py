@@ -71,6 +71,8 @@ class MicrolensArray:
         offset: tuple[float, float] = (0.0, 0.0),
         rotation: float = 0.0,
     ) -> None:
+        if np.ndim(count) > 1 or np.size(count) not in (1, 2):
+            raise ValueError(f"The count of lenslets is one number or (ny, nx), not {count!r}.")
         counts = np.broadcast_to(np.asarray(count), (2,))
         if not (math.isfinite(pitch) and pitch > 0):
             raise ValueError(f"The pitch of lenslets is positive, in metres, not {pitch!r}.")
@@ -82,6 +84,11 @@ class MicrolensArray:
             raise ValueError(f"lattice is 'square' or 'hexagonal', not {lattice!r}.")
         if fill not in ("circular", "full"):
             raise ValueError(f"fill is 'circular' or 'full', not {fill!r}.")
+        if not (np.isfinite(offset).all() and np.shape(offset) == (2,) and math.isfinite(rotation)):
+            raise ValueError(
+                "offset is (y, x) in metres and rotation an angle in radians, all finite, not "
+                f"{offset!r} and {rotation!r}."
+            )
         width = pitch if diameter is None else diameter
         if not 0 < width <= pitch * (1 + 1e-12):
             raise ValueError(

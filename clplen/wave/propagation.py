@@ -66,6 +66,28 @@ class Report:
         )
 
 
+@dataclass(frozen=True)
+class Energy:
+    """Where the energy of a propagated field goes, in the unit of `Field.power`.
+
+    Attributes
+    ----------
+    into : float
+        Of the field that was propagated.
+    window : float
+        That arrives in the window of the grid.
+    outside : float
+        That arrives beside it, in the padding.
+    cut : float
+        Outside the band of the transfer function, or evanescent.
+    """
+
+    into: float
+    window: float
+    outside: float
+    cut: float
+
+
 class Propagator:
     """A plan for one grid and distance: transfer function, Fourier transforms, window.
 
@@ -79,7 +101,8 @@ class Propagator:
     method : {"auto", "as", "blas"}
         "as": angular spectrum, H = exp(i k z (sqrt(1 - s) - 1)) (Goodman 2005, eq. 3-66).
         "blas": the same, restricted to the band that the window samples (Matsushima and Shimobaba
-        2009, eq. 13). "auto": "as" while H is sampled over the whole band, else "blas".
+        2009, eq. 13). "auto": "as" while H is sampled over the whole band or the window is periodic
+        (pad 1), else "blas".
     pad : float
         The window is pad times the grid (1: periodic, no padding), rounded up to a length without
         prime factors above 7.
@@ -116,12 +139,14 @@ class Propagator:
         phase: str | None = None,
     ) -> None:
         _check_arguments(z, wavelength, method, pad, phase)
+        if phase not in (None, "tables") and device.precision == "double":
+            raise ValueError(f"In double precision the phase is by 'tables', not {phase!r}.")
         self.grid, self.z, self.wavelength, self.device = grid, float(z), wavelength, device
         shape = padded_shape(grid.shape, pad)
         reach = min(
             fully_sampled_distance(n, d, wavelength) for n, d in zip(shape, grid.pitch, strict=True)
         )
-        self.method, self.why = _choose(method, abs(z), reach)
+        self.method, self.why = _choose(method, abs(z), reach, periodic=pad == 1)
         unlimited = (math.inf, math.inf)
         limited = blas_band(shape, grid.pitch, z, wavelength)
         self.transfer = Transfer(
@@ -170,8 +195,52 @@ class Propagator:
                 f"The plan is for {self.grid} at {self.wavelength:g} m, the field has {field.grid} "
                 f"at {field.wavelength:g} m."
             )
-        if self.z == 0:
+        if self.z == 0 or 0 in field.shape:
             return field
+        work = self._spectrum(field)
+        self._filter(work)
+        self.device.fft.inverse(work, self.device)
+        if work.shape == field.shape:
+            return field.with_data(work)
+        return field.with_data(window(work, field.shape, self.device))
+
+    def energy(self, field: Field) -> Energy:
+        """Where the energy of a field goes, each part computed by itself.
+
+        Parameters
+        ----------
+        field : Field
+            Shape (..., ny, nx); a batch is added up.
+
+        Returns
+        -------
+        Energy
+            In the unit of `Field.power`; ``into = window + outside + cut`` but for rounding.
+        """
+        area = self.grid.pitch[0] * self.grid.pitch[1]
+        work = self._spectrum(field)
+        before = _power(work, self.device)
+        self._filter(work)
+        after = _power(work, self.device)
+        self.device.fft.inverse(work, self.device)
+        kept = window(work, field.shape, self.device)
+        with self.device.on_host(work) as values:
+            outside = values.astype(np.complex128)
+        inner = tuple(
+            slice(n // 2 - m // 2, n // 2 - m // 2 + m)
+            for n, m in zip(self.transfer.shape, self.grid.shape, strict=True)
+        )
+        outside[(..., *inner)] = 0
+        samples = self.transfer.shape[0] * self.transfer.shape[1]
+        return Energy(
+            into=float(np.sum(field.power())),
+            window=_power(kept, self.device) * area,
+            outside=float(np.vdot(outside, outside).real) * area,
+            cut=(before - after) / samples * area,
+        )
+
+    def _spectrum(self, field: Field) -> cla.Array:
+        """The Fourier transform of the padded field, a new array."""
         batch = field.shape[:-2]
         samples = int(np.prod((*batch, *self.transfer.shape), dtype=np.int64))
         self.device.require_memory(
@@ -179,11 +248,7 @@ class Propagator:
         )
         work = window(field.data, (*batch, *self.transfer.shape), self.device)
         self.device.fft.forward(work, self.device)
-        self._filter(work)
-        self.device.fft.inverse(work, self.device)
-        if work.shape == field.shape:
-            return field.with_data(work)
-        return field.with_data(window(work, field.shape, self.device))
+        return work
 
     def _filter(self, spectrum: cla.Array) -> None:
         if self._H is None:
@@ -270,8 +335,9 @@ def plan(
     grid: Grid, z: float, *, wavelength: float, method: str = "auto", pad: float = 2, device: Device
 ) -> Propagator:
     """The device's `Propagator` for these values, made when it is not there yet."""
+    _check_arguments(z, wavelength, method, pad, None)
     return device.plans.get(
-        ("propagator", grid, z, wavelength, method, pad),
+        ("propagator", grid, float(z), wavelength, method, pad),
         lambda: Propagator(grid, z, wavelength=wavelength, method=method, pad=pad, device=device),
         lambda made: made.nbytes,
     )
@@ -285,6 +351,12 @@ def window(data: cla.Array, shape: tuple[int, ...], device: Device) -> cla.Array
     numbers = (ny, nx, in_ny, in_nx, in_ny // 2 - ny // 2, in_nx // 2 - nx // 2)
     device.launch_rows(kernel, shape, out, data, *(np.int32(n) for n in numbers))
     return out
+
+
+def _power(data: cla.Array, device: Device) -> float:
+    """Sum of abs(u)^2 in float64."""
+    with device.on_host(data) as values:
+        return float(np.vdot(values, values.astype(np.complex128)).real)
 
 
 def padded_shape(shape: tuple[int, int], pad: float) -> tuple[int, int]:
@@ -304,9 +376,11 @@ def _next_smooth(n: int) -> int:
         n += 1
 
 
-def _choose(method: str, z: float, reach: float) -> tuple[str, str]:
+def _choose(method: str, z: float, reach: float, *, periodic: bool) -> tuple[str, str]:
     if method != "auto":
         return method, "asked for"
+    if periodic:
+        return "as", "pad = 1: a periodic field has no frequencies between the samples of H"
     if z <= reach:
         return "as", f"z = {z:.4g} m <= {reach:.4g} m: H is sampled over the whole band"
     return "blas", f"z = {z:.4g} m > {reach:.4g} m: H is sampled over part of the band"
@@ -319,9 +393,9 @@ def _check_arguments(
         raise ValueError(f"There is no method {method!r}; use one of {', '.join(METHODS)}.")
     if phase is not None and phase not in PHASES:
         raise ValueError(f"There is no phase route {phase!r}; use one of {', '.join(PHASES)}.")
-    if not math.isfinite(z):
-        raise ValueError(f"The distance z is finite, in metres, not {z!r}.")
+    if np.ndim(z) or not math.isfinite(z):
+        raise ValueError(f"The distance z is one finite number of metres, not {z!r}.")
     if not (math.isfinite(wavelength) and wavelength > 0):
         raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
-    if not pad >= 1:
-        raise ValueError(f"pad is at least 1, not {pad!r}.")
+    if not (math.isfinite(pad) and pad >= 1):
+        raise ValueError(f"pad is at least 1 and finite, not {pad!r}.")

@@ -14,6 +14,7 @@ from clplen.wave.phase import phasor, split
 if TYPE_CHECKING:
     from clplen.compute.device import Device
 
+EVANESCENT_REACH = 3  # wavelengths; farther on evanescent waves are below 1e-4
 LARGEST_TABLE_RESIDUAL = 1.0  # turns; above, float32 tables lose more than 1e-5
 
 
@@ -117,11 +118,13 @@ def blas_band(
 def fully_sampled_distance(n: int, d: float, wavelength: float) -> float:
     """Largest abs(z) at which H is sampled over the whole band of one axis, in metres.
 
-    z tan(asin(lam f_nyq)) <= W/2: the steepest phase of H then changes by at most pi a sample.
+    z tan(asin(lam f_nyq)) <= W/2: the steepest phase of H then changes by at most pi a sample. On
+    samples below lam/2 grazing waves are never sampled, but up to three wavelengths evanescent
+    waves, which a band limit would drop, matter more: there it is 3 lam.
     """
     sine = wavelength / (2 * d)
     if n == 1:
         return math.inf
     if sine >= 1:
-        return 0.0
+        return EVANESCENT_REACH * wavelength
     return n * d / 2 * math.sqrt(1 - sine**2) / sine

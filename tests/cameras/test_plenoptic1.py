@@ -5,7 +5,17 @@ import pytest
 from reference_camera import Camera, simulate_scene
 from tolerance import relative_max
 
-from clplen import MicrolensArray, PlenopticCamera, PointSources, SamplingError, Sensor
+from clplen import (
+    DeviceError,
+    LightField,
+    MicrolensArray,
+    PlenopticCamera,
+    PointSources,
+    SamplingError,
+    Sensor,
+    estimate_alpha,
+    refocus,
+)
 from clplen.cameras import plenoptic1
 
 
@@ -52,7 +62,7 @@ def test_double_precision(precise):
 
 
 def test_power_scales_each_source(device):
-    camera = small(device, aperture_diameter=1.8e-3)
+    camera = small(device, aperture_diameter=1.0e-3)
     one, two = (camera.expose(PointSources(p)).to_numpy() for p in POINTS[:2])
     both = camera.expose(PointSources(POINTS[:2], power=[2.0, 0.5])).to_numpy()
     np.testing.assert_allclose(both, 2 * one + 0.5 * two, atol=1e-6 * both.max())
@@ -145,7 +155,7 @@ def test_point_behind_the_lens(device):
 def test_too_large_for_the_device(device, monkeypatch):
     camera = small(device, aperture_diameter=0.5e-3)
     monkeypatch.setattr(device, "memory_bytes", 10_000)
-    with pytest.raises(Exception, match=r"needs [\d,]+ bytes"):
+    with pytest.raises(DeviceError, match=r"needs [\d,]+ bytes"):
         camera.expose(PointSources((0, 0, 0)))
 
 
@@ -169,6 +179,70 @@ def test_lengths_are_positive(device, name):
 def test_bad_sources(args, kwargs, message):
     with pytest.raises(ValueError, match=message):
         PointSources(*args, **kwargs)
+
+
+def test_light_beyond_the_sensor_is_lost_not_wrapped(device):
+    """Chief rays of a point near the border land at X (1 + f_mu/F), off the sensor."""
+    camera = small(device, aperture_diameter=0.8e-3, pixels_per_lenslet=20)
+    x = -0.98 * camera.grid.extent[1] / 2  # imaged at +.98 of the half width, lands at 1.02
+    raw = camera.expose(PointSources((x, 0, 0))).to_numpy().astype(np.float64)
+    assert raw[:, : raw.shape[1] // 2].sum() < 0.01
+    assert raw.sum() < 0.9
+
+
+def test_padding_follows_the_marginal_ray(device):
+    camera = small(device, mla=MicrolensArray(150e-6, 10e-3, count=51, fill="full"),
+                   pixels_per_lenslet=15)
+    assert camera.padding(PointSources((0, 0, 0))) == (1, 1)
+    far = PointSources((1.2e-3, 0, 0.25))
+    assert camera.padding(far)[0] == 2
+    _, at_array, _ = plenoptic1.scene_energy(camera, far)[0]
+    assert at_array > 0.998
+
+
+def test_sampling_rule_counts_the_defocus(device):
+    """A point near the lens sends light at (X - alpha u)/F: abs(alpha) grows without limit."""
+    camera = small(device, aperture_diameter=1.8e-3)
+    with pytest.raises(SamplingError, match="cycles/m"):
+        camera.expose(PointSources((0, 0, -0.235)))
+
+
+@pytest.mark.parametrize("lattice", ["square", "hexagonal"])
+@pytest.mark.parametrize("degrees", [0, 30, 45])
+def test_turned_arrays_obey_the_shear_law(device, lattice, degrees):
+    """Refocused on its true alpha a point is sharp, however the array is turned."""
+    mla = MicrolensArray(150e-6, 10e-3, count=41, fill="full", lattice=lattice,
+                         rotation=np.deg2rad(degrees))
+    camera = small(device, mla=mla, pixels_per_lenslet=20)
+    lf = LightField.from_raw(camera.expose(PointSources((0.1e-3, -0.2e-3, -0.05))))
+    alpha = camera.alpha(-0.05)
+    gain = refocus(lf, alpha=alpha).to_numpy().max() / lf.render().to_numpy().max()
+    assert gain > (4.5 if lattice == "square" else 3.5)
+    wrong = refocus(lf, alpha=2 - alpha).to_numpy().max()
+    assert wrong < lf.render().to_numpy().max()
+    assert estimate_alpha(lf).alpha == pytest.approx(alpha, abs=0.03)
+
+
+def test_hexagonal_spacing_and_extent(device):
+    mla = MicrolensArray(150e-6, 10e-3, count=(12, 17), lattice="hexagonal")
+    camera = small(device, mla=mla, aperture_diameter=0.5e-3)
+    lf = LightField.from_raw(camera.expose(PointSources((0, 0, 0))))
+    rows = 150e-6 * np.sqrt(3) / 2
+    step = camera.pixel_pitch * 24
+    assert lf.spacing == pytest.approx((-step, -step, rows, 150e-6))
+    assert mla.extent == pytest.approx((11 * rows + 2 * 150e-6 / np.sqrt(3), 17.5 * 150e-6))
+
+
+def test_field_lens_centres_the_sub_images(device):
+    """Without it the sub-image of a lenslet at x lies at x (1 + f_mu/F), with it at x."""
+    shifts = {}
+    for field_lens in (False, True):
+        camera = small(device, aperture_diameter=1.5e-3, field_lens=field_lens)
+        X = 10 * 150e-6
+        raw = camera.expose(PointSources((-X, 0, 0))).to_numpy().astype(np.float64) ** 2
+        shifts[field_lens] = (raw.sum(axis=0) @ camera.grid.x) / raw.sum() - X
+    assert abs(shifts[True]) < 2e-6
+    assert shifts[False] == pytest.approx(10 * 150e-6 * 10e-3 / 0.24, rel=0.05)
 
 
 class TestSensor:
@@ -200,9 +274,24 @@ class TestSensor:
         assert values.min() == 0
         assert values.max() == 255
 
+    def test_saturation_in_electrons(self, device):
+        raw = self.raw(device)
+        clean = raw.to_numpy().astype(np.float64) * 1e6
+        full = Sensor(exposure=1e6, full_well=500).record(raw).to_numpy()
+        assert clean.max() > 1000
+        np.testing.assert_allclose(full, np.minimum(clean, 500), rtol=1e-6)
+
+    def test_read_noise_has_its_deviation(self, device):
+        raw = self.raw(device)
+        clean = raw.to_numpy().astype(np.float64) * 1e6
+        noise = Sensor(exposure=1e6, read_noise=3.0).record(raw).to_numpy() - clean
+        assert noise.std() == pytest.approx(3.0, rel=5 / np.sqrt(2 * noise.size))
+
     @pytest.mark.parametrize(
         ("change", "message"),
         [
+            ({"exposure": 1e6, "full_well": 9, "bit_depth": 8.5}, "whole number"),
+            ({"seed": -1}, "seed is a whole number"),
             ({"exposure": -1}, "exposure is a positive"),
             ({"shot_noise": True}, "need exposure"),
             ({"exposure": 1e6, "bit_depth": 8}, "bit_depth needs full_well"),

@@ -79,6 +79,15 @@ def test_lenslets_below_two_samples(device):
         MicrolensArray(9.5e-6, 1e-3, count=3).apply(ones(grid, device))
 
 
+def test_the_diameter_counts_for_aliasing(device):
+    """Gaps between lenslets need no sampling: R is half the diameter, not half the pitch."""
+    grid = Grid((64, 64), 5e-6)
+    f = 2 * 60e-6 * 5e-6 / LAM  # R_max = 60 um
+    MicrolensArray(150e-6, f, count=2, diameter=119e-6).apply(ones(grid, device))
+    with pytest.raises(SamplingError, match="R_max"):
+        MicrolensArray(150e-6, f, count=2, diameter=121e-6).apply(ones(grid, device))
+
+
 def test_aliased_lenslets(device):
     grid = Grid((64, 64), 5e-6)
     with pytest.raises(SamplingError, match="R_max"):
@@ -95,6 +104,9 @@ def test_aliased_lenslets(device):
         ({"lattice": "cubic"}, "lattice is 'square' or 'hexagonal'"),
         ({"fill": "round"}, "fill is 'circular' or 'full'"),
         ({"diameter": 2e-4}, "between 0 and its pitch"),
+        ({"count": (3, 3, 3)}, "one number or"),
+        ({"rotation": np.nan}, "all finite"),
+        ({"offset": (np.nan, 0)}, "all finite"),
     ],
 )
 def test_bad_arrays(change, message):

@@ -185,6 +185,34 @@ def test_auto_switches_where_h_is_no_longer_sampled(device):
     assert "blas" in str(far.report)
 
 
+def test_auto_keeps_periodic_fields_and_evanescent_waves(device):
+    grid = Grid((3, 64), 3e-6)
+    u = np.broadcast_to(np.exp(2j * np.pi * 20 * np.arange(64) / 64), grid.shape)
+    got = propagate(field_of(u, grid, device), 0.01, pad=1).to_numpy()
+    np.testing.assert_allclose(np.abs(got), 1, atol=1e-5)
+    fine = Grid((1, 256), LAM / 8)
+    slit = field_of(np.abs(fine.x)[None, :] < LAM, fine, device)
+    near, plain = (propagate(slit, 0.2 * LAM, method=m, pad=4).to_numpy() for m in ("auto", "as"))
+    np.testing.assert_array_equal(near, plain)
+    assert Propagator(fine, 10 * LAM, wavelength=LAM, device=device).method == "blas"
+
+
+@pytest.mark.filterwarnings("ignore::clplen.errors.SamplingWarning")
+@pytest.mark.parametrize("method", ["as", "blas"])
+@pytest.mark.parametrize("shape", [(33, 64), (40, 51)])
+def test_energy_closes(device, precise, method, shape):
+    grid = Grid(shape, (1.0e-6, 1.5e-6))
+    u = band_limited(shape, 7, share=0.98)
+    for d, closure in ((device, 1e-6), (precise, 1e-13)):
+        plan = Propagator(grid, 3e-4, wavelength=LAM, method=method, device=d)
+        energy = plan.energy(field_of(u, grid, d))
+        assert energy.outside > 0.05 * energy.into
+        assert (energy.cut > 0.01 * energy.into) == (method == "blas")
+        parts = energy.window + energy.outside + energy.cut
+        assert parts == pytest.approx(energy.into, rel=closure)
+        assert energy.window == pytest.approx(plan(field_of(u, grid, d)).power(), rel=1e-5)
+
+
 def test_plans_are_kept(device):
     grid = Grid((12, 18), 3e-6)
     field = field_of(band_limited(grid.shape, 1), grid, device)
@@ -213,12 +241,14 @@ class TestBadInput:
             propagate(self.field(device), 1e-3, method="asm")
 
     def test_z_is_finite(self, device):
-        with pytest.raises(ValueError, match="distance z is finite"):
-            propagate(self.field(device), math.nan)
+        for z in (math.nan, np.array([1e-3, 2e-3])):
+            with pytest.raises(ValueError, match="distance z is one finite number"):
+                propagate(self.field(device), z)
 
     def test_pad_is_at_least_one(self, device):
-        with pytest.raises(ValueError, match="pad is at least 1"):
-            propagate(self.field(device), 1e-3, pad=0.5)
+        for pad in (0.5, math.inf):
+            with pytest.raises(ValueError, match="pad is at least 1"):
+                propagate(self.field(device), 1e-3, pad=pad)
 
     def test_another_grid(self, device):
         with pytest.raises(SamplingError, match="keep the grid"):
