@@ -29,18 +29,18 @@ typedef float2 real2;
 #endif
 
 /* Index of sample (batch, y, x), 64 bits because a batch may pass 2^31 samples. */
-inline size_t row_start(int batch, int y, int ny, int nx)
+static inline size_t row_start(int batch, int y, int ny, int nx)
 {
     return ((size_t)batch * ny + y) * nx;
 }
 
-inline cplx cmul(cplx a, cplx b)
+static inline cplx cmul(cplx a, cplx b)
 {
     return (cplx)(a.x * b.x - a.y * b.y, a.x * b.y + a.y * b.x);
 }
 
 /* exp(2 pi i r) for a phase r in turns, already reduced to a few turns. */
-inline cplx cis_turns(real r)
+static inline cplx cis_turns(real r)
 {
     real c;
     real s = sincos(TWO_PI * (r - rint(r)), &c);

@@ -9,7 +9,7 @@
  */
 #include "common.cl"
 
-inline real norm2(cplx u)
+static inline real norm2(cplx u)
 {
     return u.x * u.x + u.y * u.y;
 }

@@ -13,7 +13,7 @@
 
 #define ROUNDING 1e-5f
 
-inline float high_pass(const float value, const float low)
+static inline float high_pass(const float value, const float low)
 {
     const float difference = value - low;
     return fabs(difference) > ROUNDING * fabs(low) ? difference : 0.0f;

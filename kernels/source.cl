@@ -9,10 +9,19 @@
  * 2 J1(v)/v, the far field of a uniform coherent disc, comes from a table of (value, slope times
  * step) over v by cubic Hermite interpolation. Outside the aperture nothing is computed.
  *
- * source: (y foot, x foot, z, scale) of each source.
+ * source: (z high, z low, scale, -) of each source; rho_y, rho_x: (high, low) distances from the foot
+ * of each source along y and x; wavelength: (high, low).
+ * -DRESIDUAL_FP64: the residual in double, for sources so near that it takes many turns.
  * Mapping: FOR_X of common.cl, axis 2 = source. -DROWS, -DDOUBLE: see common.cl.
  */
 #include "coverage.cl"
+
+#ifdef RESIDUAL_FP64
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+typedef double wide;
+#else
+typedef real wide;
+#endif
 
 #ifdef DOUBLE
 typedef double4 real4;
@@ -20,7 +29,7 @@ typedef double4 real4;
 typedef float4 real4;
 #endif
 
-inline real disc_pattern(real v, real per_step, __global const real2 *restrict table, int last)
+static inline real disc_pattern(real v, real per_step, __global const real2 *restrict table, int last)
 {
     const real place = fmin(v * per_step, (real)last);
     const int i = min((int)place, last - 1);
@@ -33,7 +42,9 @@ inline real disc_pattern(real v, real per_step, __global const real2 *restrict t
 __kernel void point_sources(__global cplx *restrict u, __global const cplx *restrict ty,
                             __global const cplx *restrict tx, __global const real4 *restrict source,
                             __global const real2 *restrict table, const int last,
-                            const real per_step, const real wavelength,
+                            const real per_step, const real2 wavelength,
+                            __global const real2 *restrict rho_y,
+                            __global const real2 *restrict rho_x,
                             __global const real *restrict ys, __global const real *restrict xs,
                             const real R, const real hy, const real hx, const int ny, const int nx)
 {
@@ -43,17 +54,21 @@ __kernel void point_sources(__global cplx *restrict u, __global const cplx *rest
     const bool dark = fabs(ys[y]) - hy >= R;
     const real4 s = source[n];
     const cplx t = ty[(size_t)n * ny + y];
-    const real rho_y = ys[y] - s.x;
+    const wide z = (wide)s.x + s.y;
+    const wide lam = (wide)wavelength.x + wavelength.y;
+    const wide dy = (wide)rho_y[(size_t)n * ny + y].x + rho_y[(size_t)n * ny + y].y;
     FOR_X(x, nx) {
         cplx value = (cplx)(0);
         if (!dark && fabs(xs[x]) - hx < R) {
             const real A = disc_coverage(-xs[x], -ys[y], R, hx, hy);
-            const real rho_x = xs[x] - s.y;
-            const real rho2 = rho_x * rho_x + rho_y * rho_y;
-            const real beyond = rho2 / (sqrt(rho2 + s.z * s.z) + s.z); /* r - z */
-            const real residual = -(beyond / (2 * s.z)) * (beyond / wavelength);
-            const real amplitude = A * disc_pattern(s.w * sqrt(rho2), per_step, table, last);
-            value = amplitude * cmul(cmul(t, tx[(size_t)n * nx + x]), cis_turns(residual));
+            const real2 apart = rho_x[(size_t)n * nx + x];
+            const wide dx = (wide)apart.x + apart.y;
+            const wide rho2 = dx * dx + dy * dy;
+            const wide beyond = rho2 / (sqrt(rho2 + z * z) + z); /* r - z */
+            const wide residual = -(beyond / (2 * z)) * (beyond / lam);
+            const cplx sphere = cis_turns((real)(residual - rint(residual)));
+            const real amplitude = A * disc_pattern(s.z * sqrt((real)rho2), per_step, table, last);
+            value = amplitude * cmul(cmul(t, tx[(size_t)n * nx + x]), sphere);
         }
         u[row + x] = value;
     }

@@ -6,7 +6,7 @@ import math
 
 from clplen.cameras import geometry
 from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.compute.device import Device
+from clplen.compute.device import Device, require_device
 from clplen.wave.lenslets import MicrolensArray
 
 
@@ -59,6 +59,7 @@ class PlenopticCamera:
         SamplingError
             If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
         """
+        require_device(device)
         lengths = {
             "focal_length": focal_length,
             "wavelength": wavelength,

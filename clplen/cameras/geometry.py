@@ -78,8 +78,9 @@ def views(camera: Plenoptic1) -> int:
 def check_sampling(camera: Plenoptic1, reach: float, alpha: float) -> None:
     """Refuse light that the pixels cannot sample.
 
-    [(alpha D/2 + abs(X))/F + d/(2 f_mu)]/lam < 1/(2 dx): a ray from u on the lens to a point's image
-    X, at F' = F/alpha, has the slope (X - alpha u)/F; and the window holds the main lens' aperture.
+    [(alpha D/2 + abs(X))/F + d/(2 f_mu)]/lam < 1/(2 dx): a ray from u on the lens to a point's
+    image X, at F' = F/alpha, has the slope (X - alpha u)/F; and the window holds the main lens'
+    aperture.
 
     Parameters
     ----------

@@ -161,6 +161,8 @@ class Plenoptic1:
         DeviceError
             If the fields do not fit the device.
         """
+        if not isinstance(scene, PointSources):
+            raise TypeError(f"expose takes PointSources, not {type(scene).__name__}.")
         if coherence is not None:
             raise ValueError("Point sources are mutually incoherent: leave out coherence.")
         self._check(scene)

@@ -8,9 +8,11 @@ import numpy as np
 
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
+from clplen.errors import DeviceError
 from clplen.wave.field import Field, Grid
-from clplen.wave.phase import phasor
+from clplen.wave.phase import phasor, split
 
+LARGEST_RESIDUAL = 2.0  # turns; float32 is then right to 5e-6 rad
 STEP = 1e-2  # of the table of 2 J1(v)/v; cubic Hermite interpolation is then right to 3e-12
 
 
@@ -47,6 +49,11 @@ def pupil_fields(
     -------
     Field
         Shape (n, ny, nx), each of unit amplitude at the pupil's brightest; not normalised.
+
+    Raises
+    ------
+    DeviceError
+        If a source is so near that its phase needs double precision and the device has none.
     """
     places = sources.positions[chosen]
     y, x = grid.y, grid.x
@@ -58,21 +65,23 @@ def pupil_fields(
     scale = np.pi * sources.diameter / (wavelength * z)
     reach = np.hypot(*(aperture_diameter / 2 + np.abs(places[:, :2]).max(axis=0)))
     table, per_step = _disc_table(float(scale.max() * reach), device)
-    foot = np.stack([places[:, 1], places[:, 0], z, scale], axis=-1).astype(device.real)
+    defines = device.wave_defines() | _residual_route(reach, z.min(), wavelength, device)
+    feet = np.stack([*split(z, device.real).T, scale, np.zeros_like(z)], axis=-1)
     out = device.empty((len(z), *grid.shape), device.complex)
     real = device.real.type
-    kernel = device.kernel("source.cl", "point_sources", **device.wave_defines())
     device.launch_rows(
-        kernel,
+        device.kernel("source.cl", "point_sources", **defines),
         out.shape,
         out,
         device.upload(ty),
         device.upload(tx),
-        device.upload(foot),
+        device.upload(feet.astype(device.real)),
         device.upload(table),
         np.int32(len(table) - 1),
         real(per_step),
-        real(wavelength),
+        split(wavelength, device.real),
+        device.upload(split(y[None, :] - places[:, 1:2], device.real)),
+        device.upload(split(x[None, :] - places[:, 0:1], device.real)),
         device.upload(y.astype(device.real)),
         device.upload(x.astype(device.real)),
         real(aperture_diameter / 2),
@@ -82,6 +91,21 @@ def pupil_fields(
         np.int32(grid.shape[1]),
     )
     return Field(out, grid, wavelength, device)
+
+
+def _residual_route(reach: float, z: float, wavelength: float, device: Device) -> dict[str, bool]:
+    """Whether the phase beside the tables, (r - z)^2/(2 z lam) turns, needs double precision."""
+    beyond = reach**2 / (np.hypot(reach, z) + z)
+    turns = beyond**2 / (2 * z * wavelength)
+    if device.precision == "double" or turns <= LARGEST_RESIDUAL:
+        return {}
+    if not device.has_fp64:
+        raise DeviceError(
+            f"A source at {z:g} m from the lens leaves {turns:.3g} turns of phase to single "
+            f"precision, more than {LARGEST_RESIDUAL:g}, and {device.name} has no double: use "
+            "another device, or a smaller aperture."
+        )
+    return {"RESIDUAL_FP64": True}
 
 
 def _quadratic_phasors(

@@ -6,8 +6,8 @@ import os
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache, cached_property
-from threading import Lock
+from functools import cached_property
+from threading import Lock, RLock
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -64,7 +64,10 @@ class Device:
         self.note = ""
         self._programs: dict[tuple[Any, ...], cl.Program] = {}
         self._kernels: dict[tuple[Any, ...], cl.Kernel] = {}
-        self._lock = Lock()
+        self._lock = RLock()
+        self._usable = False
+        self._context: cl.Context | None = None
+        self._queue: cl.CommandQueue | None = None
         if precision == "double" and not self.has_fp64:
             raise DeviceError(
                 f"precision='double' was asked for, but {self.name} ({self.platform}) has no "
@@ -100,17 +103,21 @@ class Device:
         problems = []
         for place, cl_device in select(find_devices(), selector):
             try:
-                return _opened(cl_device, precision, place)
+                device = _registered(cl_device, precision, place)
+                device.ensure_usable()
             except DeviceError as error:
-                if selector is not None:
-                    raise
                 problems.append(str(error))
+            else:
+                return device
         raise DeviceError(" ".join(problems))
 
     @staticmethod
     def all() -> list[Device]:
-        """Every OpenCL device that is there, in platform order (nothing is compiled yet)."""
-        return [Device(cl_device, place=place) for place, cl_device in find_devices()]
+        """Every OpenCL device that is there, in platform order, in single precision.
+
+        Nothing is compiled yet; a device that cannot compile says so when it is first used.
+        """
+        return [_registered(cl_device, "single", place) for place, cl_device in find_devices()]
 
     def __repr__(self) -> str:
         parts = [self.name, self.driver, self.precision, f"FFT {self.fft.name}"]
@@ -118,15 +125,39 @@ class Device:
             parts.append(self.note)
         return f"<Device {', '.join(parts)}>"
 
-    @cached_property
+    def ensure_usable(self) -> None:
+        """Find out, once, whether the device compiles kernels; mend it where that is known how.
+
+        What was done is said once and kept in ``note``.
+
+        Raises
+        ------
+        DeviceError
+            If it does not.
+        """
+        with self._lock:
+            if not self._usable:
+                self.note = pocl.ensure_usable(self.cl_device)
+                self._usable = True
+                if self.note:
+                    warnings.warn(self.note, RuntimeWarning, stacklevel=3)
+
+    @property
     def context(self) -> cl.Context:
         """The OpenCL context, made at first use."""
-        return cl.Context([self.cl_device])
+        with self._lock:
+            if self._context is None:
+                self.ensure_usable()
+                self._context = cl.Context([self.cl_device])
+            return self._context
 
-    @cached_property
+    @property
     def queue(self) -> cl.CommandQueue:
         """The in-order command queue, made at first use."""
-        return cl.CommandQueue(self.context)
+        with self._lock:
+            if self._queue is None:
+                self._queue = cl.CommandQueue(self.context)
+            return self._queue
 
     @cached_property
     def fft(self) -> FFTRoute:
@@ -173,6 +204,15 @@ class Device:
     def empty(self, shape: Sequence[int], dtype: Any) -> cla.Array:
         """An uninitialised C-contiguous array on the device.
 
+        Parameters
+        ----------
+        shape : sequence of int
+        dtype : dtype-like
+
+        Returns
+        -------
+        pyopencl.array.Array
+
         Raises
         ------
         DeviceError
@@ -216,19 +256,29 @@ class Device:
         return values
 
     @contextmanager
-    def on_host(self, array: cla.Array) -> Iterator[np.ndarray[Any, Any]]:
-        """A C-contiguous array's values as a NumPy array that may be changed in place.
+    def on_host(self, array: cla.Array, *, write: bool = True) -> Iterator[np.ndarray[Any, Any]]:
+        """A C-contiguous array's values as a NumPy array, on a CPU device without a copy.
 
-        On a CPU device this is the buffer itself, mapped without a copy; elsewhere the values
-        are fetched and written back.
+        Parameters
+        ----------
+        array : pyopencl.array.Array
+        write : bool
+            Whether changes in place are kept: elsewhere than on a CPU, where the buffer itself is
+            mapped, they are written back.
+
+        Raises
+        ------
+        ShapeError
+            If the array is not C-contiguous.
         """
         _require_contiguous(array)
         if not self.is_cpu:
             values = self.download(array)
             yield values
-            cl.enqueue_copy(
-                self.queue, _buffer(array), values, dst_offset=array.offset, is_blocking=True
-            )
+            if write:
+                cl.enqueue_copy(
+                    self.queue, _buffer(array), values, dst_offset=array.offset, is_blocking=True
+                )
             return
         flags = cast(cl.map_flags, cl.map_flags.READ | cl.map_flags.WRITE)
         mapped, _ = cl.enqueue_map_buffer(
@@ -300,6 +350,17 @@ class Device:
         self.queue.finish()
 
 
+def require_device(device: object) -> None:
+    """Refuse what is no `Device`.
+
+    Raises
+    ------
+    TypeError
+    """
+    if not isinstance(device, Device):
+        raise TypeError(f"device is a Device, as Device.open() gives it, not {device!r}.")
+
+
 def require_same_device(a: Device, b: Device) -> None:
     """Refuse data of two devices (or two precisions of one).
 
@@ -322,14 +383,18 @@ def _require_contiguous(array: cla.Array) -> None:
         )
 
 
-@cache
-def _opened(cl_device: cl.Device, precision: Precision, place: str) -> Device:
-    """The one Device of this hardware and precision, found able to compile."""
-    device = Device(cl_device, precision=precision, place=place)
-    device.note = pocl.ensure_usable(cl_device)
-    if device.note:
-        warnings.warn(device.note, RuntimeWarning, stacklevel=3)
-    return device
+def _registered(cl_device: cl.Device, precision: Precision, place: str) -> Device:
+    """The one Device of this hardware and precision in this process."""
+    with _registry_lock:
+        key = (cl_device, precision)
+        if key not in _registry:
+            _registry[key] = Device(cl_device, precision=precision, place=place)
+        return _registry[key]
+
+
+# Handles of hardware, not settings: data of two calls of `Device.open` must meet on one queue.
+_registry: dict[tuple[cl.Device, Precision], Device] = {}
+_registry_lock = Lock()
 
 
 def _buffer(array: cla.Array) -> cl.Buffer:

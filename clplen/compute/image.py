@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from clplen.compute.device import Device
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Image:
     """What an intensity, a view, a rendering or a refocus returns.
 
@@ -26,6 +26,9 @@ class Image:
 
     data: cla.Array
     device: Device
+
+    def __repr__(self) -> str:
+        return f"<Image {self.shape} {self.data.dtype}, {self.device.name}>"
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -8,17 +8,19 @@ from typing import Any
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError
-from clplen.io.files import PathLike, check_folder, check_writable
+from clplen.io.files import PathLike, check_folder, check_writable, output_folder
 from clplen.io.hdf5 import SIGNATURE, read_hdf5, write_hdf5
 from clplen.io.pfm import read_pfm, write_pfm
 from clplen.io.picture import read_picture, write_picture
 from clplen.io.stack import write_depth, write_stack
-from clplen.io.views import Layout, read_views, write_views
+from clplen.io.views import Layout, find_views, read_views, write_views
 from clplen.lightfield.lightfield import LightField
 
 __all__ = [
     "check_folder",
     "check_writable",
+    "files_of",
+    "output_folder",
     "read_lightfield",
     "read_pfm",
     "read_picture",
@@ -82,8 +84,9 @@ def read_lightfield(
     ------
     FormatError
         If the file or folder is missing, damaged, incomplete or of an unknown kind.
-    ValueError
-        If a word of layout does not apply to this kind of file.
+    ValueError, ShapeError
+        If a word of layout does not apply to this kind of file, or a value in it (a sample that is
+        NaN, a spacing of 0) makes no light field.
     """
     path = Path(path)
     foreign = {"order": order, "white": white, "dark": dark, "grid": grid}
@@ -104,6 +107,30 @@ def read_lightfield(
         )
     logger.info("read %s", took)
     return lf
+
+
+def files_of(path: PathLike, **layout: Any) -> list[Path]:
+    """The files that `read_lightfield` would read.
+
+    Parameters
+    ----------
+    path : path-like
+    **layout
+        ``pattern`` and ``views`` as for `read_lightfield`, and its other words of layout.
+
+    Returns
+    -------
+    list of pathlib.Path
+
+    Raises
+    ------
+    FormatError
+        If the names in a folder do not show which file is which view.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        return [path]
+    return [path / name for name in find_views(path, Layout(**layout))[2].values()]
 
 
 def _refuse(words: dict[str, Any], kind: str) -> None:

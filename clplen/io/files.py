@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from clplen.errors import ShapeError
+
 PathLike = str | os.PathLike[str]
+_ERRNO = re.compile(r"errno = (\d+)")  # as HDF5 says it, in the midst of other things
 
 
 def check_writable(path: PathLike) -> Path:
@@ -68,6 +72,43 @@ def check_folder(path: PathLike) -> Path:
     return folder
 
 
+@contextmanager
+def output_folder(path: PathLike) -> Iterator[Path]:
+    """Make an output folder as `check_folder` does; after an exception no empty one is left.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Yields
+    ------
+    pathlib.Path
+    """
+    wanted = Path(path)
+    new = [folder for folder in (wanted, *wanted.parents) if not folder.exists()]
+    try:
+        yield check_folder(wanted)
+    except BaseException:
+        with suppress(OSError):  # it holds something, or was never made
+            for folder in new:
+                folder.rmdir()
+        raise
+
+
+@contextmanager
+def naming(path: PathLike) -> Iterator[None]:
+    """Put the name of a file before what is said about its values.
+
+    Parameters
+    ----------
+    path : path-like
+    """
+    try:
+        yield
+    except (ValueError, ShapeError) as error:
+        raise type(error)(f"{path}: {error}") from error
+
+
 def _check_takes_files(folder: Path, target: Path) -> None:
     """Make a file in a folder and remove it: permissions alone do not tell."""
     if not folder.is_dir():
@@ -83,7 +124,13 @@ def _check_takes_files(folder: Path, target: Path) -> None:
             f"({error.strerror}); choose another."
         ) from error
     finally:
-        probe.unlink(missing_ok=True)
+        _remove(probe)
+
+
+def _remove(file: Path) -> None:
+    """Remove a file if it is there; a disk that refuses has refused before, in better words."""
+    with suppress(OSError):
+        file.unlink()
 
 
 def _beside(path: Path) -> Path:
@@ -107,14 +154,30 @@ def replacing(path: PathLike) -> Iterator[Path]:
     ------
     pathlib.Path
         The name to write to.
+
+    Raises
+    ------
+    OSError
+        If the disk is full or refuses the file for another reason.
     """
     target = check_writable(path)
     temporary = _beside(target)
     try:
         yield temporary
         os.replace(temporary, target)
+    except OSError as error:
+        raise type(error)(
+            f"{target} cannot be written ({_reason(error)}): if the disk is full, make room on it "
+            "or choose another folder."
+        ) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        _remove(temporary)
+
+
+def _reason(error: OSError) -> str:
+    """What the system says, out of what a library made of it."""
+    number = error.errno or next(iter(_ERRNO.findall(str(error))), 0)
+    return os.strerror(int(number)) if number else str(error).partition("\n")[0]
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.compute.device import Device
 from clplen.errors import FormatError
-from clplen.io.files import PathLike, replacing
+from clplen.io.files import PathLike, naming, replacing
 from clplen.lightfield.lightfield import LightField
 from clplen.wave.lenslets import MicrolensArray
 
@@ -52,18 +52,26 @@ def write_hdf5(path: PathLike, lf: LightField) -> None:
     OSError
         If the file cannot be written.
     """
-    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
-        data = file.create_dataset("lightfield", data=lf.to_numpy())
-        data.attrs["axes"] = ":".join(_OWN_AXES[: len(lf.shape)])
-        data.attrs["centre"] = [(lf.shape[0] - 1) / 2, (lf.shape[1] - 1) / 2]
-        data.attrs["decode"] = lf.decode
-        if lf.spacing is not None:
-            data.attrs["spacing"] = np.array(lf.spacing, np.float64)
-        file.create_dataset("weights", data=lf.weights)
-        if lf.camera is not None:
-            data.attrs["wavelength"] = float(lf.camera.wavelength)
-        if isinstance(lf.camera, Plenoptic1):
-            _write_camera(file.create_group("camera"), lf.camera)
+    with replacing(path) as temporary:
+        try:
+            with h5py.File(temporary, "w") as file:
+                _write(file, lf)
+        except RuntimeError as error:  # a full disk, found when the file is closed
+            raise OSError(str(error)) from error
+
+
+def _write(file: h5py.File, lf: LightField) -> None:
+    data = file.create_dataset("lightfield", data=lf.to_numpy())
+    data.attrs["axes"] = ":".join(_OWN_AXES[: len(lf.shape)])
+    data.attrs["centre"] = [(lf.shape[0] - 1) / 2, (lf.shape[1] - 1) / 2]
+    data.attrs["decode"] = lf.decode
+    if lf.spacing is not None:
+        data.attrs["spacing"] = np.array(lf.spacing, np.float64)
+    file.create_dataset("weights", data=lf.weights)
+    if lf.camera is not None:
+        data.attrs["wavelength"] = float(lf.camera.wavelength)
+    if isinstance(lf.camera, Plenoptic1):
+        _write_camera(file.create_group("camera"), lf.camera)
 
 
 def _write_camera(group: h5py.Group, camera: Plenoptic1) -> None:
@@ -90,24 +98,27 @@ def read_hdf5(path: PathLike, *, device: Device) -> tuple[LightField, str]:
     Raises
     ------
     FormatError
-        If the file is truncated, or has no dataset ``lightfield`` or an ``axes`` that does not
-        fit it.
+        If the file is truncated, or has no dataset ``lightfield`` of real numbers or an ``axes``
+        that does not fit it, or its camera is none.
+    ValueError, ShapeError
+        If samples, spacing or weights are refused by `LightField.from_array`.
     """
     path = Path(path)
     try:
         with h5py.File(path, "r") as file:
             data, attributes = _read_samples(file, path, device)
-            weights = file["weights"][...] if "weights" in file else None
+            weights = _dataset(file, "weights", path)[...] if "weights" in file else None
             camera = _read_camera(file["camera"], path, device) if "camera" in file else None
     except OSError as error:
         raise FormatError(f"{path} is truncated or damaged ({error}).") from error
-    lf = LightField.from_array(
-        data,
-        device=device,
-        spacing=_plain(attributes["spacing"]) if "spacing" in attributes else None,
-        weights=weights,
-        camera=camera,
-    )
+    with naming(path):
+        lf = LightField.from_array(
+            data,
+            device=device,
+            spacing=_plain(attributes["spacing"]) if "spacing" in attributes else None,
+            weights=weights,
+            camera=camera,
+        )
     lf = replace(lf, decode=str(attributes.get("decode", "calibrated")))
     size = " x ".join(str(n) for n in data.shape[2:])
     return lf, (
@@ -120,11 +131,7 @@ def _read_samples(
     file: h5py.File, path: Path, device: Device
 ) -> tuple[np.ndarray[Any, Any], dict[str, Any]]:
     """The samples as (v, u, y, x[, c]), and the attributes of the dataset."""
-    dataset = file.get("lightfield")
-    if not isinstance(dataset, h5py.Dataset):
-        raise FormatError(
-            f"{path} has no dataset 'lightfield'; it holds {', '.join(file) or 'nothing'}."
-        )
+    dataset = _dataset(file, "lightfield", path)
     own = ":".join(_OWN_AXES[: dataset.ndim])
     axes = "".join(str(dataset.attrs.get("axes", own)).split(":"))
     if sorted(axes) not in (sorted("vuyx"), sorted(_OWN_AXES)) or len(axes) != dataset.ndim:
@@ -135,6 +142,22 @@ def _read_samples(
     device.require_memory(dataset.nbytes, "This light field")
     order = [axes.index(letter) for letter in _OWN_AXES[: len(axes)]]
     return dataset[...].transpose(order), dict(dataset.attrs)
+
+
+def _dataset(file: h5py.File, name: str, path: Path) -> h5py.Dataset:
+    """A dataset of real numbers."""
+    dataset = file.get(name)
+    if not isinstance(dataset, h5py.Dataset):
+        held = [
+            item if isinstance(file.get(item), h5py.Dataset) else f"the group {item}"
+            for item in file
+        ]
+        raise FormatError(
+            f"{path} has no dataset {name!r}; it holds {', '.join(held) or 'nothing'}."
+        )
+    if dataset.dtype.kind not in "buif":
+        raise FormatError(f"The dataset {name!r} of {path} holds {dataset.dtype}, no real numbers.")
+    return dataset
 
 
 def _read_camera(group: h5py.Group, path: Path, device: Device) -> Plenoptic1 | None:
@@ -148,8 +171,11 @@ def _read_camera(group: h5py.Group, path: Path, device: Device) -> Plenoptic1 | 
     except KeyError as error:
         raise FormatError(f"The camera in {path} lacks {error}.") from error
     pitch, focal_length = mla.pop("pitch"), mla.pop("f")
-    array = MicrolensArray(pitch, focal_length, **mla)
-    return PlenopticCamera.type1(mla=array, device=device, **camera)
+    try:
+        array = MicrolensArray(pitch, focal_length, **mla)
+        return PlenopticCamera.type1(mla=array, device=device, **camera)
+    except (TypeError, ValueError) as error:
+        raise FormatError(f"The camera in {path} is none: {error}") from error
 
 
 def _plain(value: Any) -> Any:

@@ -20,7 +20,8 @@ _KNOWN = (
 )
 _FIELD = re.compile(r"\{(\w*)(?::\w*)?\}|(\*)")
 _NUMBER = re.compile(r"\d+")
-_LISTED = 12  # how many names a message lists
+_LISTED = 10  # how many names a message lists
+_ROW = 100  # a constant number from here on is a date or a serial number, no row
 
 View = tuple[int, int]
 
@@ -154,7 +155,8 @@ def _shape_of(count: int, views: View | None, pattern: Pattern) -> View:
 def guess(names: Sequence[str], *, where: str = "the folder") -> Pattern:
     """The pattern of a folder's names: a known one, else the most frequent form.
 
-    Two numbers that vary are taken for v and u in this order, one for i.
+    Two numbers that vary are taken for v and u in this order, also where one of the two is the same
+    everywhere and below 100 (one row or column of views). One number alone is i.
 
     Raises
     ------
@@ -172,6 +174,8 @@ def guess(names: Sequence[str], *, where: str = "the folder") -> Pattern:
     same = [_NUMBER.findall(name) for name in names if _NUMBER.sub("{}", name) == form]
     columns = [sorted(set(column)) for column in zip(*same, strict=True)]
     varying = [index for index, column in enumerate(columns) if len(column) > 1]
+    if len(columns) == 2 and len(varying) == 1 and int(columns[1 - varying[0]][0]) < _ROW:
+        varying = [0, 1]
     if len(varying) not in (1, 2) or count < 2:
         raise FormatError(
             f"{len(varying)} numbers vary in the names in {where} ({listed(sorted(names)[:3])}), "

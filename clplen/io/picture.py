@@ -45,8 +45,8 @@ def read_picture(path: PathLike) -> np.ndarray[Any, Any]:
     Raises
     ------
     FormatError
-        If it is missing, truncated, unreadable, of another shape, has transparent pixels, or is
-        a PNG of 16-bit colour, which imageio would cut to 8 bits.
+        If it is missing, truncated, unreadable, of another shape, complex, has transparent pixels,
+        or is a PNG of 16-bit colour, which imageio would cut to 8 bits.
     """
     path = Path(path)
     if not path.is_file():
@@ -58,6 +58,8 @@ def read_picture(path: PathLike) -> np.ndarray[Any, Any]:
         raise FormatError(f"The picture {path} cannot be read ({reason}).") from error
     if values.ndim == 3 and values.shape[2] in (2, 4):
         values = _opaque(values, path)
+    if values.dtype.kind not in "buif":
+        raise FormatError(f"The picture {path} has samples of type {values.dtype}, not real ones.")
     if values.ndim not in (2, 3) or values.size == 0 or values.shape[2:] not in ((), (3,)):
         raise FormatError(f"The picture {path} has shape {values.shape}, not (y, x) or (y, x, 3).")
     if values.dtype == bool:

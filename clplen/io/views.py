@@ -15,12 +15,13 @@ from tqdm import tqdm
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError, ShapeError
-from clplen.io.files import PathLike, filling
+from clplen.io.files import PathLike, filling, naming
 from clplen.io.names import DEFAULT_PATTERN, Pattern, View, arrange, guess, listed
 from clplen.io.picture import SUFFIXES, read_picture, write_picture
 from clplen.lightfield.lightfield import LightField
 
 _THREADS = 16
+_CAUSES = 10  # how many a message tells
 
 
 @dataclass(frozen=True)
@@ -59,8 +60,40 @@ def read_views(
     FormatError
         Listing the views that are missing, and the pictures that cannot be read or have another
         size than most.
+    ValueError
+        If a sample is NaN or infinite.
     """
     folder = Path(path)
+    pattern, shape, found = find_views(folder, layout)
+    missing = _missing(shape, found, pattern, folder, layout.allow_missing)
+    data = _decode(folder, shape, found, device, progress)
+    weights = np.ones(shape, np.float32)
+    for view in missing:
+        weights[view] = 0
+    data, weights = (_oriented(array, layout) for array in (data, weights))
+    took = _sentence(data, folder, pattern, layout, len(missing))
+    with naming(folder):
+        return LightField.from_array(data, device=device, weights=weights), took
+
+
+def find_views(folder: Path, layout: Layout) -> tuple[Pattern, View, dict[View, str]]:
+    """Which file of a folder is which view, from the names alone.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+    layout : Layout
+
+    Returns
+    -------
+    Pattern, (V, U), files
+        As `arrange`, with the pattern that was given or guessed.
+
+    Raises
+    ------
+    FormatError
+        If the names do not show what is what.
+    """
     deep = layout.pattern is not None and "/" in layout.pattern
     files = [file for file in (folder.rglob("*") if deep else folder.iterdir()) if file.is_file()]
     names = sorted(f.relative_to(folder).as_posix() for f in files if f.name[0] != ".")
@@ -69,15 +102,7 @@ def read_views(
         pattern = guess(pictures, where=str(folder))
     else:
         pattern = Pattern(layout.pattern)
-    shape, found = arrange(pattern, names, views=layout.views, where=str(folder))
-    missing = _missing(shape, found, pattern, folder, layout.allow_missing)
-    data = _decode(folder, shape, found, device, progress)
-    weights = np.ones(shape, np.float32)
-    for view in missing:
-        weights[view] = 0
-    data, weights = (_oriented(array, layout) for array in (data, weights))
-    took = _sentence(data, folder, pattern, layout, len(missing))
-    return LightField.from_array(data, device=device, weights=weights), took
+    return pattern, *arrange(pattern, names, views=layout.views, where=str(folder))
 
 
 def _missing(
@@ -99,7 +124,7 @@ def _decode(
 ) -> np.ndarray[Any, Any]:
     """All pictures in one array (v, u, y, x[, c]), decoded by several threads."""
     forms: dict[View, tuple[Any, ...]] = {}
-    problems: list[str] = []
+    problems: dict[str, str] = {}
     first = _first_readable(folder, found.values())
     like = np.empty(shape + first.shape, first.dtype)
     device.require_memory(like.nbytes, "This light field")
@@ -109,7 +134,7 @@ def _decode(
         try:
             picture = read_picture(folder / found[view])
         except FormatError as error:
-            problems.append(str(error))
+            problems[found[view]] = _cause(error, folder / found[view])
             return
         forms[view] = (picture.shape, picture.dtype)
         if forms[view] == (first.shape, first.dtype):
@@ -120,35 +145,54 @@ def _decode(
         for _ in pool.map(read, found):
             bar.update()
         bar.close()
-    problems = sorted(problems) + _differing(forms, found)
+    problems |= _differing(forms, found)
     if problems:
-        raise FormatError(
-            f"{len(problems)} of {len(found)} views in {folder} cannot be used: {listed(problems)}"
-        )
+        raise _unusable(folder, problems, len(found))
     return like
 
 
 def _first_readable(folder: Path, names: Iterable[str]) -> np.ndarray[Any, Any]:
     """The first picture that can be read: it sets the size until the others are known."""
-    problems = []
+    problems = {}
     for name in names:
         try:
             return read_picture(folder / name)
         except FormatError as error:
-            problems.append(str(error))
-    raise FormatError(f"No view in {folder} can be read: {listed(problems)}")
+            problems[name] = _cause(error, folder / name)
+    raise _unusable(folder, problems, len(problems))
 
 
-def _differing(forms: dict[View, tuple[Any, ...]], found: dict[View, str]) -> list[str]:
+def _cause(error: FormatError, file: Path) -> str:
+    """What is wrong with a picture, without its name."""
+    return str(error).removeprefix(f"The picture {file} ")
+
+
+def _unusable(folder: Path, problems: dict[str, str], count: int) -> FormatError:
+    """Which pictures cannot be used, together where they have one cause."""
+    together: dict[str, list[str]] = {}
+    for name, cause in sorted(problems.items()):
+        together.setdefault(cause, []).append(name)
+    said = []
+    for cause, names in together.items():
+        verb, rest = cause.split(" ", 1)
+        if len(names) > 1:
+            verb = {"is": "are", "has": "have"}.get(verb, verb)
+        said.append(f"{listed(names)} {verb} {rest}")
+    more = len(said) - _CAUSES
+    text = " ".join(said[:_CAUSES]) + (f" And {more} other causes." if more > 0 else "")
+    return FormatError(f"{len(problems)} of {count} views in {folder} cannot be used: {text}")
+
+
+def _differing(forms: dict[View, tuple[Any, ...]], found: dict[View, str]) -> dict[str, str]:
     """The pictures of another size or type than most."""
     if not forms:
-        return []
+        return {}
     (shape, dtype), _ = Counter(forms.values()).most_common(1)[0]
-    return [
-        f"{found[view]} is {_form(*form)}, most are {_form(shape, dtype)}."
-        for view, form in sorted(forms.items())
+    return {
+        found[view]: f"is {_form(*form)}, most are {_form(shape, dtype)}."
+        for view, form in forms.items()
         if form != (shape, dtype)
-    ]
+    }
 
 
 def _form(shape: tuple[int, ...], dtype: Any) -> str:

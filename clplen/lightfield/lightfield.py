@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.device import Device
+from clplen.compute.device import Device, require_device
 from clplen.compute.finite import count_bad
 from clplen.compute.image import Image
 from clplen.errors import DeviceError, ShapeError
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LightField:
     """Radiance along rays, L[v, u, y, x] or L[v, u, y, x, c]. Made by a ``from_`` method.
 
@@ -98,6 +98,7 @@ class LightField:
         DeviceError
             If it is larger than the device's memory, or an array of another device.
         """
+        require_device(device)
         data = _adopt(a, device)
         if data.ndim not in (4, 5) or 0 in data.shape:
             raise ShapeError(
@@ -139,12 +140,17 @@ class LightField:
         DeviceError
             If it is larger than the device's memory.
         """
+        if not isinstance(raw, RawImage):
+            raise TypeError(f"from_raw takes a RawImage, not {type(raw).__name__}.")
         grids = {"calibrated": raw.sub_images, "naive": raw.cells}
         if decode not in grids:
             raise ValueError(f"decode is 'calibrated' or 'naive', not {decode!r}.")
         data = decoding.resample(raw, grids[decode])
         weights = np.ones(grids[decode].views, np.float32)
         return cls(data, raw.device, raw.spacing, weights, raw.camera, raw, decode)
+
+    def __repr__(self) -> str:
+        return f"<LightField {self.shape} {self.dtype}, {self.device.name}>"
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -320,7 +326,7 @@ def _weights_of_lit(data: cla.Array, device: Device) -> np.ndarray[Any, np.dtype
 
 
 def _checked(weights: Any, data: cla.Array) -> np.ndarray[Any, np.dtype[np.float32]]:
-    values = np.asarray(weights, np.float32)
+    values = np.array(weights, np.float32)
     views = (int(data.shape[0]), int(data.shape[1]))
     if values.shape != views:
         raise ShapeError(f"The weights have shape {values.shape}, the views {views}.")

@@ -87,7 +87,7 @@ class LensletGrid:
     column_view_step: tuple[float, float] = (0.0, 1.0)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RawImage:
     """A raw lenslet image with its geometry.
 
@@ -121,6 +121,10 @@ class RawImage:
             raise ShapeError(f"A raw image has shape (ny, nx), not {tuple(self.data.shape)}.")
         if self.data.dtype != np.float32:
             raise TypeError(f"A raw image on the device is float32, not {self.data.dtype}.")
+
+    def __repr__(self) -> str:
+        count = " x ".join(map(str, self.sub_images.count))
+        return f"<RawImage {self.shape}, {count} lenslets, {self.device.name}>"
 
     @property
     def shape(self) -> tuple[int, int]:

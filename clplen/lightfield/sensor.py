@@ -54,7 +54,9 @@ class Sensor:
         if self.bit_depth is not None and (
             int(self.bit_depth) != self.bit_depth or not 1 <= self.bit_depth <= 24
         ):
-            raise ValueError(f"bit_depth is a whole number between 1 and 24, not {self.bit_depth!r}.")
+            raise ValueError(
+                f"bit_depth is a whole number between 1 and 24, not {self.bit_depth!r}."
+            )
         if int(self.seed) != self.seed or self.seed < 0:
             raise ValueError(f"seed is a whole number, not negative, not {self.seed!r}.")
         if self.bit_depth is not None and self.full_well is None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.device import require_device
 from clplen.compute.finite import count_bad
 from clplen.compute.image import Image
 from clplen.errors import ShapeError
@@ -106,7 +107,7 @@ class Grid:
         return self.origin[axis] + (np.arange(n) - n // 2) * self.pitch[axis]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Field:
     """A scalar field sampled on a grid. Made by `from_array` or by an operation.
 
@@ -151,6 +152,7 @@ class Field:
             If a sample is not finite (a Fourier transform would spread it over the whole field)
             or the wavelength is not positive.
         """
+        require_device(device)
         if not (np.isfinite(wavelength) and wavelength > 0):
             raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
         values = np.asarray(u)
@@ -167,6 +169,9 @@ class Field:
                 "them over the whole field: replace them, by 0 for no light."
             )
         return cls(data, grid, float(wavelength), device)
+
+    def __repr__(self) -> str:
+        return f"<Field {self.shape} at {self.wavelength:g} m on {self.grid}, {self.device.name}>"
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -224,13 +224,13 @@ class Propagator:
         after = _power(work, self.device)
         self.device.fft.inverse(work, self.device)
         kept = window(work, field.shape, self.device)
-        with self.device.on_host(work) as values:
+        with self.device.on_host(work, write=False) as values:
             outside = values.astype(np.complex128)
-        inner = tuple(
+        rows, columns = (
             slice(n // 2 - m // 2, n // 2 - m // 2 + m)
             for n, m in zip(self.transfer.shape, self.grid.shape, strict=True)
         )
-        outside[(..., *inner)] = 0
+        outside[..., rows, columns] = 0
         samples = self.transfer.shape[0] * self.transfer.shape[1]
         return Energy(
             into=float(np.sum(field.power())),
@@ -355,7 +355,7 @@ def window(data: cla.Array, shape: tuple[int, ...], device: Device) -> cla.Array
 
 def _power(data: cla.Array, device: Device) -> float:
     """Sum of abs(u)^2 in float64."""
-    with device.on_host(data) as values:
+    with device.on_host(data, write=False) as values:
         return float(np.vdot(values, values.astype(np.complex128)).real)
 
 

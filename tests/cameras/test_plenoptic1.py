@@ -191,8 +191,9 @@ def test_light_beyond_the_sensor_is_lost_not_wrapped(device):
 
 
 def test_padding_follows_the_marginal_ray(device):
-    camera = small(device, mla=MicrolensArray(150e-6, 10e-3, count=51, fill="full"),
-                   pixels_per_lenslet=15)
+    camera = small(
+        device, mla=MicrolensArray(150e-6, 10e-3, count=51, fill="full"), pixels_per_lenslet=15
+    )
     assert camera.padding(PointSources((0, 0, 0))) == (1, 1)
     far = PointSources((1.2e-3, 0, 0.25))
     assert camera.padding(far)[0] == 2
@@ -211,8 +212,9 @@ def test_sampling_rule_counts_the_defocus(device):
 @pytest.mark.parametrize("degrees", [0, 30, 45])
 def test_turned_arrays_obey_the_shear_law(device, lattice, degrees):
     """Refocused on its true alpha a point is sharp, however the array is turned."""
-    mla = MicrolensArray(150e-6, 10e-3, count=41, fill="full", lattice=lattice,
-                         rotation=np.deg2rad(degrees))
+    mla = MicrolensArray(
+        150e-6, 10e-3, count=41, fill="full", lattice=lattice, rotation=np.deg2rad(degrees)
+    )
     camera = small(device, mla=mla, pixels_per_lenslet=20)
     lf = LightField.from_raw(camera.expose(PointSources((0.1e-3, -0.2e-3, -0.05))))
     alpha = camera.alpha(-0.05)

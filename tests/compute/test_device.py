@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,7 +10,7 @@ import pyopencl as cl
 import pyopencl.array as cla
 import pytest
 
-from clplen import Field, Grid
+from clplen import Field, Grid, Propagator
 from clplen.compute import device as devices
 from clplen.compute import selection
 from clplen.compute.device import Device, require_same_device
@@ -222,10 +223,38 @@ def test_two_devices_are_not_mixed(device: Device, precise: Device) -> None:
     assert repr(device) in str(error.value)
     assert repr(precise) in str(error.value)
     grid = Grid((3, 5), 1e-5)
-    ones = np.ones((3, 5))
-    fields = [Field.from_array(ones, grid, wavelength=5e-7, device=d) for d in (device, precise)]
+    field = Field.from_array(np.ones((3, 5)), grid, wavelength=5e-7, device=device)
+    plan = Propagator(grid, 1e-3, wavelength=5e-7, device=precise)
     with pytest.raises(DeviceError, match="two devices"):
-        fields[0].require_like(fields[1])
+        plan(field)
+
+
+def test_one_hardware_is_one_device(device: Device) -> None:
+    """Data of `open` and of `all` meet, from whatever thread."""
+    with ThreadPoolExecutor(4) as pool:
+        opened = list(pool.map(lambda _: Device.open(device.place), range(8)))
+    assert {id(d) for d in opened} == {id(device)}
+    assert device in Device.all()
+
+
+def test_a_selector_that_fits_several_takes_the_first_that_works(
+    machine: list[FakePlatform], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = next(d for p in machine for d in p.devices if d.type == CPU)
+
+    def ensure_usable(cl_device: FakeDevice) -> str:
+        if cl_device is first:
+            raise DeviceError("It does not compile.")
+        return ""
+
+    monkeypatch.setattr(devices.pocl, "ensure_usable", ensure_usable)
+    assert Device.open("cpu").cl_device is not first
+
+
+@pytest.mark.parametrize("wrong", ["cpu", None, 0])
+def test_a_device_is_asked_for(wrong: object) -> None:
+    with pytest.raises(TypeError, match=r"device is a Device, as Device.open\(\) gives it"):
+        Field.from_array(np.ones((3, 5)), Grid((3, 5), 1.0), wavelength=1.0, device=wrong)
 
 
 def test_memory_is_refused_with_bytes_needed_and_there(machine: list[FakePlatform]) -> None:

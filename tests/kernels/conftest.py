@@ -18,8 +18,12 @@ def mapping(
 
 @pytest.fixture
 def wave(device: Device, precise: Device, request: pytest.FixtureRequest) -> Device:
-    """The device in single or in double precision (indirect parameter), same mapping."""
-    if request.param == "single":
-        return device
-    precise.rows = device.rows
+    """The device in single or in double precision (indirect parameter)."""
+    return device if request.param == "single" else precise
+
+
+@pytest.fixture
+def precise(precise: Device, mapping: str, monkeypatch: pytest.MonkeyPatch) -> Device:
+    """The same hardware in double precision, same mapping."""
+    monkeypatch.setattr(precise, "rows", mapping == "row")
     return precise

@@ -62,7 +62,6 @@ def test_gaps_and_oblong_samples(device, lattice, fill):
 
 
 @pytest.mark.parametrize("lattice", ["square", "hexagonal"])
-def test_double_precision(precise, device, lattice):
-    precise.rows = device.rows
+def test_double_precision(precise, lattice):
     got, expected = both(precise, shape=(33, 46), count=(3, 4), lattice=lattice, rotation=0.1)
     check(got, expected, phase=1e-11)

@@ -7,6 +7,7 @@ from scipy import special
 
 from clplen.cameras.pupil import pupil_fields
 from clplen.cameras.scene import PointSources
+from clplen.errors import DeviceError
 from clplen.wave.field import Grid
 
 POINTS = np.array([(-3e-3, -2e-3, -0.05), (0, 0, 0), (2.5e-3, 1e-3, 0.05)])
@@ -49,6 +50,33 @@ def test_sphere_pattern_aperture_and_lens(wave, diameter, shape):
     eps = np.finfo(wave.real).eps
     # 2 J1(v)/v by cubic Hermite interpolation: 4e-12; float32 v up to 70 costs v eps |slope|
     assert np.abs(got - expected)[:, inside].max() <= max(100 * eps, 1e-11)
+
+
+def test_near_sources_keep_their_phase(device, monkeypatch):
+    """Sphere minus paraboloid takes many turns: in double where there is double precision."""
+    grid = Grid((40, 55), (100e-6, 90e-6))
+    point, optics = (0.4e-3, -0.3e-3, 0.0), {"f": 0.03, "D": 4.5e-3, "wavelength": 532e-9}
+
+    def fields():
+        return pupil_fields(
+            PointSources(point),
+            slice(None),
+            grid=grid,
+            object_distance=0.02,
+            focal_length=0.03,
+            aperture_diameter=4.5e-3,
+            wavelength=532e-9,
+            device=device,
+        )
+
+    if device.has_fp64:
+        got = fields().to_numpy()[0]
+        expected = twin(grid, point, diameter=0.0, distance=0.02, **optics)
+        inside = reference.circle_coverage(grid.shape, grid.pitch, 4.5e-3) == 1
+        assert np.abs(got - expected)[inside].max() <= 100 * np.finfo(np.float32).eps
+    monkeypatch.setattr(device, "has_fp64", False)
+    with pytest.raises(DeviceError, match="turns of phase to single precision"):
+        fields()
 
 
 def test_a_slice_of_the_sources(device):
