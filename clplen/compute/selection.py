@@ -7,6 +7,7 @@ import re
 import pyopencl as cl
 
 from clplen.compute import icd
+from clplen.compute.cachedir import ensure_cache
 from clplen.errors import DeviceError
 
 Found = tuple[str, cl.Device]
@@ -31,6 +32,7 @@ def find_devices() -> list[Found]:
     DeviceError
         If there is no platform, or no platform has a device; it names what to install.
     """
+    ensure_cache()
     icd.expose_intel_runtime()
     try:
         platforms = cl.get_platforms()
