@@ -24,9 +24,12 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Count = Annotated[int, Field(ge=1)]
+# Strict: "120", true and 101.5 are no whole numbers here.
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
+Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
+Count = Annotated[int, Field(ge=1, strict=True)]
+Switch = Annotated[bool, Field(strict=True)]
 
 EXAMPLE = """\
 # A plenoptic camera of type 1, three points and a sensor: clplen simulate camera.toml -o OUT
@@ -69,7 +72,18 @@ diameter_um = 10.0              # of each source, a coherent disc; 0 (default): 
 
 def _twice(value: Any) -> Any:
     """One number for rows and columns."""
-    return (value, value) if isinstance(value, int) else value
+    return value if isinstance(value, list) else [value, value]
+
+
+def _of(count: int, words: str) -> BeforeValidator:
+    """Refuse, in these words, what is no list of so many values."""
+
+    def check(value: Any) -> Any:
+        if not isinstance(value, list) or len(value) != count:
+            raise ValueError(f"must be {words}")
+        return value
+
+    return BeforeValidator(check)
 
 
 def _listed(value: Any) -> Any:
@@ -88,23 +102,25 @@ class MicrolensTable(_Table):
 
     pitch_um: Positive
     focal_length_mm: Positive
-    count: Annotated[tuple[Count, Count], BeforeValidator(_twice)]
+    count: Annotated[
+        tuple[Count, Count], _of(2, "one number or [rows, columns]"), BeforeValidator(_twice)
+    ]
     lattice: Literal["square", "hexagonal"] = "square"
     fill: Literal["circular", "full"] = "circular"
     diameter_um: Positive | None = None
-    offset_um: tuple[Finite, Finite] = (0.0, 0.0)
+    offset_um: Annotated[tuple[Finite, Finite], _of(2, "two numbers, [y, x]")] = (0.0, 0.0)
     rotation_deg: Finite = 0.0
 
     def build(self) -> MicrolensArray:
         """The array, in SI units."""
         return MicrolensArray(
-            self.pitch_um * 1e-6,
-            self.focal_length_mm * 1e-3,
+            self.pitch_um / 1e6,
+            self.focal_length_mm / 1e3,
             count=self.count,
             lattice=self.lattice,
             fill=self.fill,
-            diameter=_scaled(self.diameter_um, 1e-6),
-            offset=(self.offset_um[0] * 1e-6, self.offset_um[1] * 1e-6),
+            diameter=_divided(self.diameter_um, 1e6),
+            offset=(self.offset_um[0] / 1e6, self.offset_um[1] / 1e6),
             rotation=math.radians(self.rotation_deg),
         )
 
@@ -119,46 +135,49 @@ class CameraTable(_Table):
     object_distance_mm: Positive | None = None
     image_distance_mm: Positive | None = None
     aperture_diameter_mm: Positive | None = None
-    field_lens: bool = False
+    field_lens: Switch = False
 
     def build(self, device: Device) -> Plenoptic1:
         """The camera, in SI units, on a device."""
         return PlenopticCamera.type1(
-            focal_length=self.focal_length_mm * 1e-3,
+            focal_length=self.focal_length_mm / 1e3,
             mla=self.microlenses.build(),
-            wavelength=self.wavelength_nm * 1e-9,
+            wavelength=self.wavelength_nm / 1e9,
             pixels_per_lenslet=self.pixels_per_lenslet,
             device=device,
-            object_distance=_scaled(self.object_distance_mm, 1e-3),
-            image_distance=_scaled(self.image_distance_mm, 1e-3),
-            aperture_diameter=_scaled(self.aperture_diameter_mm, 1e-3),
+            object_distance=_divided(self.object_distance_mm, 1e3),
+            image_distance=_divided(self.image_distance_mm, 1e3),
+            aperture_diameter=_divided(self.aperture_diameter_mm, 1e3),
             field_lens=self.field_lens,
         )
+
+
+Point = Annotated[tuple[Finite, Finite, Finite], _of(3, "three numbers, [x, y, dz]")]
 
 
 class SceneTable(_Table):
     """``[scene]``."""
 
-    points_mm: Annotated[list[tuple[Finite, Finite, Finite]], Field(min_length=1)]
-    diameter_um: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    points_mm: Annotated[list[Point], Field(min_length=1)]
+    diameter_um: NotNegative = 0.0
     power: Annotated[list[Finite], BeforeValidator(_listed)] = Field(default=[1.0])
 
     def build(self) -> PointSources:
         """The point sources, in SI units."""
-        positions = [tuple(1e-3 * value for value in point) for point in self.points_mm]
+        positions = [tuple(value / 1e3 for value in point) for point in self.points_mm]
         power = self.power if len(self.power) > 1 else self.power[0]
-        return PointSources(positions, diameter=self.diameter_um * 1e-6, power=power)
+        return PointSources(positions, diameter=self.diameter_um / 1e6, power=power)
 
 
 class SensorTable(_Table):
     """``[sensor]``."""
 
     exposure_electrons: Positive | None = None
-    shot_noise: bool = False
-    read_noise_electrons: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    bit_depth: Annotated[int, Field(ge=1, le=24)] | None = None
+    shot_noise: Switch = False
+    read_noise_electrons: NotNegative = 0.0
+    bit_depth: Annotated[int, Field(ge=1, le=24, strict=True)] | None = None
     full_well_electrons: Positive | None = None
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[int, Field(ge=0, strict=True)] = 0
 
     def build(self) -> Sensor:
         """The sensor."""
@@ -210,8 +229,8 @@ def read_camera_file(path: PathLike) -> CameraFile:
     try:
         return CameraFile.model_validate(content)
     except ValidationError as error:
-        problems = "; ".join(_problem(problem) for problem in error.errors())
-        raise FormatError(f"{path}: {problems}.") from error
+        problems = dict.fromkeys(_problem(problem) for problem in error.errors())
+        raise FormatError(f"{path}: {'; '.join(problems)}.") from error
 
 
 def _problem(error: Any) -> str:
@@ -221,12 +240,21 @@ def _problem(error: Any) -> str:
     if error["type"] == "missing":
         return f"{key} is missing"
     if error["type"] != "extra_forbidden":
-        return f"{key}: {error['msg'][0].lower()}{error['msg'][1:]} (found {error['input']!r})"
+        said = error["msg"].removeprefix("Value error, ").replace("Input should", "must", 1)
+        return f"{_key(error)} {said[0].lower()}{said[1:]} (found {error['input']!r})"
     table = _TABLES[path[-2]] if len(path) > 1 else CameraFile
     known = list(table.model_fields)
     near = difflib.get_close_matches(path[-1], known, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]}?" if near else f"known here are {', '.join(known)}"
     return f"unknown key {key}; {hint}"
+
+
+def _key(error: Any) -> str:
+    """Where it was found: without the place in a pair of numbers, where the value tells enough."""
+    path = list(error["loc"])
+    if isinstance(path[-1], int) and error["type"] != "value_error":
+        path.pop()
+    return ".".join(map(str, path))
 
 
 _TABLES: dict[str, type[_Table]] = {
@@ -237,5 +265,6 @@ _TABLES: dict[str, type[_Table]] = {
 }
 
 
-def _scaled(value: float | None, unit: float) -> float | None:
-    return None if value is None else value * unit
+def _divided(value: float | None, by: float) -> float | None:
+    """In SI units: 200 / 1e6 is 0.0002, while 200 * 1e-6 is 0.00019999999999999998."""
+    return None if value is None else value / by

@@ -17,7 +17,8 @@ from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.plenoptic1 import Plenoptic1, scene_energy
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
-from clplen.io import write_picture, write_stack
+from clplen.io import write_lightfield, write_picture, write_stack
+from clplen.io.files import replacing
 from clplen.lightfield.estimate import AlphaEstimate, estimate_alpha
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.raw import RawImage
@@ -122,6 +123,8 @@ def run(
 ) -> None:
     """Simulate everything and write tables, pictures and data.
 
+    The tables are in ``tables.txt`` too, the light field in ``lightfield.h5``.
+
     Parameters
     ----------
     folder : pathlib.Path
@@ -134,13 +137,20 @@ def run(
     count : int
         As for `camera`.
     """
+    tables: list[str] = []
+
+    def tell(table: str) -> None:
+        tables.append(table)
+        say(table)
+
     cam = camera(device, count=count)
-    say(str(cam.describe()))
+    tell(str(cam.describe()))
     step("three points")
     raw = scene(cam)
     lf = LightField.from_raw(raw)
+    write_lightfield(folder / "lightfield.h5", lf)
     step("energy")
-    say(energy_table(cam, lf))
+    tell(energy_table(cam, lf))
     step("pictures")
     _write_pictures(folder, cam, raw, lf)
     step("focal stack")
@@ -149,9 +159,11 @@ def run(
     for dz in DEPTHS:
         step(f"point at {_mm(dz)}")
         found.append(estimates(cam, dz))
-    say(alpha_table(cam, found))
+    tell(alpha_table(cam, found))
     step("depth figures")
     _write_estimates(folder, cam, found)
+    with replacing(folder / "tables.txt") as temporary:
+        temporary.write_text("\n\n".join(tables) + "\n", encoding="utf-8")
 
 
 def _write_pictures(folder: Path, cam: Plenoptic1, raw: RawImage, lf: LightField) -> None:
@@ -162,7 +174,7 @@ def _write_pictures(folder: Path, cam: Plenoptic1, raw: RawImage, lf: LightField
     details = {name: (float(y), float(x)) for name, (x, y) in zip(POINTS, images, strict=True)}
     plot.save(plot.raw_image(raw, details=details), folder / "raw.png")
     region = _region(cam)
-    plot.save(plot.views(lf, shown=5, scale="log", region=region), folder / "views.png")
+    plot.save(plot.views(lf, shown=6, scale="log", region=region), folder / "views.png")
     rendering = plot.picture(lf.render(), title="rendering, all views", scale="log")
     plot.save(rendering, folder / "rendering.png")
     labels, rows, truths = [], [], []

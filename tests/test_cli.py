@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
 import sys
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import click
@@ -16,11 +18,15 @@ import tifffile
 from click.testing import CliRunner, Result
 
 import clplen
+from clplen.cameras.camera import PlenopticCamera
 from clplen.cli import main
+from clplen.cli.messages import sentence
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, read_camera_file
-from clplen.io import read_lightfield, read_pfm
+from clplen.io import read_lightfield, read_pfm, write_lightfield
 from clplen.lightfield.depth import depth_map
+from clplen.lightfield.lightfield import LightField
+from clplen.wave.lenslets import MicrolensArray
 
 D_TRUE = 1.0
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(clplen.__file__).parents[1])}
@@ -93,8 +99,9 @@ def test_devices_says_what_was_done_to_a_device(device: Device, monkeypatch: pyt
 
 def test_devices_without_a_fitting_one_still_lists():
     result = run("devices", "--device", "zebra")
-    assert result.exit_code == 0
+    assert result.exit_code == 1
     assert "None would be taken: No OpenCL device fits 'zebra'. Here are:" in result.output
+    assert all(device.name in result.output for device in Device.all())
 
 
 def test_stack_writes_one_series_and_names_the_sharpest_plane(
@@ -213,8 +220,8 @@ def test_the_real_flower_is_sharpest_where_it_lies(
         (["--disparities", "a:1:3"], "'a:1:3' is not START:STOP:N", 2),
         (["--disparities", "0:inf:3"], "'0:inf:3' is not START:STOP:N", 2),
         (["--disparities", "0:1:-3"], "'0:1:-3' is not START:STOP:N", 2),
-        (["--disparities", "0:1:0"], "'0:1:0' is an empty range", 2),
-        (["--alphas", "1:1:5"], "'1:1:5' is an empty range", 2),
+        (["--disparities", "0:1:0"], "'0:1:0' asks for 0 planes from 0 to 1: give at least 2", 2),
+        (["--alphas", "1:1:5"], "'1:1:5' asks for 5 planes from 1 to 1: give at least 2", 2),
         (
             ["--disparities", "0:1:3", "--alphas", "0.9:1.1:3"],
             "--disparities or --alphas, not both",
@@ -224,6 +231,10 @@ def test_the_real_flower_is_sharpest_where_it_lies(
         (["--aperture", "7"], "The aperture is 7 views across, the light field 3 x 5", 1),
         (["--alphas", "0.9:1.1:3"], "alpha needs the spacing of views and pixels in metres", 1),
         (["--device", "zebra"], "No OpenCL device fits 'zebra'. Here are:", 1),
+        (["--disparities", "0:1:1"], "'0:1:1' asks for 1 plane from 0 to 1: give at least 2", 2),
+        (["--disparities", "0:1:2000000000000"], "places alone fill 16,000,000,000,000 bytes", 2),
+        (["--alphas", "0.9:1.1:3"], "which this light field does not have: use --disparities.", 1),
+        (["--views", "5", "3"], "but --views 5 3 was asked for", 1),
         (["--pattern", "a_{v}.png"], "must have {v} and {u} once each, or {i} once", 1),
         (["--pattern", "b_{v}_{u}.png"], "matches the pattern 'b_{v}_{u}.png'", 1),
         (["--views", "5", "3"], "give 3 x 5 views", 1),
@@ -238,7 +249,7 @@ def test_missing_and_broken_views_are_listed(tmp_path: Path, views: Path):
     (views / "a_1_2.png").unlink()
     message = said(run("stack", views, "-o", tmp_path / "s.tif"))
     assert "1 of 3 x 5 views are missing" in message
-    assert "(v=1, u=2)" in message
+    assert "(v=1, u=2); --allow-missing gives them weight 0." in message
     assert run("stack", views, "-o", tmp_path / "s.tif", "--allow-missing").exit_code == 0
     (views / "a_1_2.png").write_bytes(b"\x89PNG\r\n")
     assert "a_1_2.png cannot be read" in said(run("stack", views, "-o", tmp_path / "s.tif"))
@@ -253,6 +264,86 @@ def test_an_output_that_cannot_be_written_is_found_before_computing(
     assert "there is no folder" in message
     assert "ends in .p" in said(run("depth", views, "-o", tmp_path / "s.jpg"), 2)
     assert "ends in .tif" in said(run("stack", views, "-o", tmp_path / "s.png"), 2)
+
+
+@pytest.mark.parametrize(
+    ("command", "name", "lost"),
+    [("depth", "a_1_1.tif", "a_1_1.png"), ("depth", "a_0_3.tif", "a_0_3.tif"),
+     ("stack", "a_0_3.tif", "a_0_3.tif")],
+)
+def test_what_is_read_is_not_overwritten(
+    tmp_path: Path, views: Path, command: str, name: str, lost: str
+):
+    if lost.endswith(".tif"):
+        for file in list(views.iterdir()):
+            tifffile.imwrite(file.with_suffix(".tif"), imageio.imread(file))
+            file.unlink()
+    before = {file.name: file.read_bytes() for file in views.iterdir()}
+    message = said(run(command, views, "-o", views / name, "--disparities", "0:1:3"), 2)
+    assert f"{views / lost} is one of the files of {views} that are read: name an output" in message
+    (tmp_path / "link").symlink_to(views)
+    words = ("-o", tmp_path / "link" / name, "--disparities", "0:1:3")
+    assert "is one of the files" in said(run(command, views, *words), 2)
+    assert {file.name: file.read_bytes() for file in views.iterdir()} == before
+
+
+def test_an_earlier_result_beside_the_views_may_be_replaced(views: Path, device: Device):
+    for _ in range(2):
+        words = ("-o", views / "depth.pfm", "--disparities", "0:1:3", "--device", device.place)
+        assert run("depth", views, *words).exit_code == 0
+
+
+def test_a_row_of_views(tmp_path: Path, views: Path):
+    for file in views.glob("a_[02]_*"):
+        file.unlink()
+    words = ("-o", tmp_path / "s.tif", "--disparities", "0.5:0.5:1")
+    result = run("stack", views, *words)
+    assert "read 1 x 5 views (V x U)" in result.stderr
+    assert "holds 1 plane; the sharpest" in result.output
+
+
+def test_planes_beyond_the_picture_are_noted(tmp_path: Path, views: Path):
+    words = ("-o", tmp_path / "s.tif", "--disparities", "20:30:2")
+    result = run("stack", views, *words)
+    assert result.exit_code == 0
+    assert "Note: 1 of 2 planes move the outermost views by more than a whole" in result.stderr
+
+
+def test_default_planes_suit_a_known_camera(tmp_path: Path, device: Device):
+    values = np.random.default_rng(1).random((5, 5, 20, 20), np.float32)
+    cases = {1.35: None, 1.08: 1.35}  # largest alpha: where infinity lies at 1.35 or beyond, or not
+    for highest, distance in cases.items():
+        camera = PlenopticCamera.type1(
+            focal_length=0.1, mla=MicrolensArray(150e-6, 10e-3, count=20, fill="full"),
+            wavelength=532e-9, pixels_per_lenslet=10, device=device, object_distance=distance,
+        )
+        spacing = (-1e-4, -1e-4, 1.5e-4, 1.5e-4)
+        lf = LightField.from_array(values, device=device, spacing=spacing, camera=camera)
+        write_lightfield(tmp_path / "a.h5", lf)
+        words = ("-o", tmp_path / "s.tif", "--device", device.place)
+        result = run("stack", tmp_path / "a.h5", *words)
+        assert result.exit_code == 0, result.output
+        found = tifffile.tiffcomment(tmp_path / "s.tif")
+        alphas = json.loads(ET.fromstring(found).findtext("{*}Image/{*}Description"))["alphas"]
+        assert (len(alphas), alphas[0]) == (33, pytest.approx(0.65))
+        assert alphas[-1] == pytest.approx(highest, abs=1e-3)
+        assert run("depth", tmp_path / "a.h5", *words).exit_code == 0
+
+
+def test_a_failed_run_leaves_no_folder(
+    tmp_path: Path, camera_file: Path, monkeypatch: pytest.MonkeyPatch
+):
+    result = run("demo", "-o", tmp_path / "new", "--device", "zebra")
+    assert "No OpenCL device fits" in said(result)
+
+    def no_route(_: Device) -> None:
+        raise ValueError("no FFT")
+
+    monkeypatch.setattr(Device, "fft", property(no_route))
+    result = run("simulate", camera_file, "-o", tmp_path / "new")
+    assert "no FFT" in said(result)
+    assert result.stdout == ""
+    assert list(tmp_path.iterdir()) == [camera_file]
 
 
 def test_demo_into_a_file_is_refused_at_once(tmp_path: Path):
@@ -292,6 +383,27 @@ def test_a_failed_build_is_one_sentence(tmp_path: Path, monkeypatch: pytest.Monk
     assert said(run("stack", tmp_path, "-o", tmp_path / "s.tif")) == (
         "Error: The kernel does not build.\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("python", "typed"),
+    [
+        ("allow_missing=True gives them weight 0.", "--allow-missing gives them weight 0."),
+        ("for example pattern='a_{i}'", "for example --pattern 'a_{i}'"),
+        ("rows and columns with views=(V, U).", "rows and columns with --views V U."),
+        ("pattern=, flip_u= does not apply", "--pattern, --flip-u does not apply"),
+        ("replace them by 0 and give their views weight 0 (weights=).", "replace them by 0."),
+    ],
+)
+def test_words_are_those_that_a_user_types(python: str, typed: str):
+    assert sentence(ValueError(python)) == typed
+
+
+def test_little_memory_says_how_little():
+    assert sentence(MemoryError("Unable to allocate 14 TiB")) == (
+        "This computer has not enough memory: Unable to allocate 14 TiB."
+    )
+    assert sentence(MemoryError()) == "This computer has not enough memory for it."
 
 
 def test_warnings_become_notes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -358,8 +470,7 @@ def test_an_interrupt_while_computing(tmp_path: Path):
     _, errors = child.communicate(timeout=60)
     assert child.returncode == 130, errors
     assert "Traceback" not in errors
-    assert list((tmp_path / "demo").iterdir()) == []
-    assert [file.name for file in tmp_path.iterdir()] == ["demo"]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_it_is_a_group_of_commands():

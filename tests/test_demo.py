@@ -10,12 +10,13 @@ import tifffile
 
 from clplen import demo
 from clplen.compute.device import Device
+from clplen.io import read_lightfield
 from clplen.lightfield.lightfield import LightField
 
 COUNT = 77  # the smallest window in which A needs no padding
 FILES = {
-    "alpha.png", "energy_curves.png", "phase_space.png", "raw.png", "raw.tif", "refocused.png",
-    "rendering.png", "stack.png", "stack.tif", "views.png",
+    "alpha.png", "energy_curves.png", "lightfield.h5", "phase_space.png", "raw.png", "raw.tif",
+    "refocused.png", "rendering.png", "stack.png", "stack.tif", "tables.txt", "views.png",
 }
 
 
@@ -33,6 +34,7 @@ def test_everything_is_written_and_nothing_else(result):
     assert {file.name for file in folder.iterdir()} == FILES
     assert len(steps) == demo.STEPS
     assert len(said) == 3
+    assert (folder / "tables.txt").read_text(encoding="utf-8") == "\n\n".join(said) + "\n"
 
 
 def test_the_tables(result):
@@ -58,6 +60,13 @@ def test_the_raw_image_holds_three_unit_sources(result):
     raw = tifffile.imread(folder / "raw.tif")
     assert raw.shape == (30 * COUNT, 30 * COUNT)
     assert raw.sum(dtype=np.float64) == pytest.approx(3, abs=1e-5)
+
+
+def test_the_light_field_can_be_read_again(result, device: Device):
+    folder, *_ = result
+    lf = read_lightfield(folder / "lightfield.h5", device=device)
+    assert lf.shape == (30, 30, COUNT, COUNT)
+    assert lf.camera == demo.camera(device, count=COUNT)
 
 
 def test_the_stack_is_sharp_at_each_point_in_turn(result, device: Device):

@@ -21,6 +21,7 @@ from clplen.compute.image import Image
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.raw import RawImage
 from clplen.lightfield.refocus import FocalStack
+from clplen.plot.base import spread
 from clplen.wave.lenslets import MicrolensArray
 
 SHAPE = (4, 5, 7, 9)
@@ -98,13 +99,26 @@ def test_views_keep_their_order(device: Device):
     axes = image_axes(plot.views(lf, shown=3))[0]
     drawn = np.asarray(axes.images[0].get_array())
     values = lf.to_numpy()
-    assert drawn.shape == (3 * 7, 3 * 9)
-    np.testing.assert_array_equal(drawn[7:14, 18:27], values[2, 4])
+    assert drawn.shape == (2 * 7, 3 * 9)
+    np.testing.assert_array_equal(drawn[7:14, 18:27], values[3, 4])
     assert [label.get_text() for label in axes.get_xticklabels()] == ["0", "2", "4"]
-    assert axes.get_title() == "views: 3 x 3 of 4 x 5"
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["0", "3"]
+    assert axes.get_title() == "views: 2 x 3 of 4 x 5"
     part = plot.views(lf, shown=3, region=(slice(1, 4), slice(2, 9)))
     drawn = np.asarray(image_axes(part)[0].images[0].get_array())
     np.testing.assert_array_equal(drawn[:3, :7], values[0, 0, 1:4, 2:])
+
+
+@pytest.mark.parametrize("shown", [1, 5, 6, 15])
+def test_what_is_shown_of_many_is_even_and_symmetric(shown: int):
+    for count in range(1, 40):
+        chosen = spread(count, shown)
+        assert 0 < len(chosen) <= shown
+        assert len(set(np.diff(chosen))) <= 1
+        if shown > 1 or count % 2:
+            assert chosen == [count - 1 - index for index in reversed(chosen)]
+        if len(chosen) > 1:
+            assert chosen[0] < chosen[1] - chosen[0]  # nothing more would fit
 
 
 def test_colours_are_linear_and_have_no_bar(device: Device):
@@ -128,6 +142,16 @@ def test_refocused_pictures_share_one_scale(device: Device):
 def test_a_scale_that_is_not_linear_is_said(device: Device, scale: str, word: str):
     figure = plot.montage(stack(device, (5, 6, 8)), scale=scale)
     assert any(word in axes.get_ylabel() for axes in figure.axes)
+
+
+def test_arrows_only_where_something_lies_beyond(device: Device):
+    for lowest, arrow in ((0.5, "neither"), (1e-6, "min")):
+        values = np.ones((6, 8), np.float32)
+        values[2, 3] = lowest
+        image = Image(device.upload(values), device)
+        one, several = plot.picture(image, scale="log"), plot.refocused([image], [""], scale="log")
+        for figure in (one, several):
+            assert image_axes(figure)[0].images[0].colorbar.extend == arrow
 
 
 def test_the_montage_names_its_planes(device: Device):
@@ -191,8 +215,35 @@ def test_depth_has_units_and_says_what_it_cuts():
     np.testing.assert_array_equal(left.images[0].get_array(), values)
     assert left.images[0].norm.vmax < 5
     assert left.images[0].colorbar.extend == "both"
+    assert not left.texts
     assert "disparity / pixel per view step" in left.images[0].colorbar.ax.get_ylabel()
     assert (right.images[0].norm.vmin, right.images[0].norm.vmax) == (0, 1)
+
+
+def test_depth_without_texture_says_so():
+    nothing = np.zeros((20, 30), np.float32)
+    figure = plot.depth(SimpleNamespace(disparity=nothing - 1.13, confidence=nothing + 1e-7))
+    left = image_axes(figure)[0]
+    assert "nothing to tell depth by" in left.texts[0].get_text()
+    assert left.images[0].colorbar is None
+
+
+def test_the_unsure_do_not_set_the_colours_of_depth():
+    confidence = np.full((20, 30), 0.9, np.float32)
+    confidence[:, 14:] = 1.0  # both halves count, though one is surer
+    confidence[:3] = 0.3
+    disparity = np.where(np.arange(30) < 14, -0.5, 0.5) * np.ones((20, 1))
+    disparity[:3] = 7
+    drawn = image_axes(plot.depth(SimpleNamespace(disparity=disparity, confidence=confidence)))[0]
+    assert (drawn.images[0].norm.vmin, drawn.images[0].norm.vmax) == (-0.5, 0.5)
+    assert drawn.images[0].colorbar.extend == "max"
+
+
+def test_depth_has_no_arrows_where_nothing_is_cut():
+    nothing = np.zeros((20, 30), np.float32)
+    within = np.linspace(-1, 1, 600, dtype=np.float32).reshape(20, 30)
+    sure = SimpleNamespace(disparity=np.where(abs(within) < 0.9, 0.5, -0.5), confidence=nothing + 1)
+    assert image_axes(plot.depth(sure))[0].images[0].colorbar.extend == "neither"
 
 
 def test_neither_a_display_nor_pyplot_is_needed():

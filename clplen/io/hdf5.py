@@ -110,7 +110,7 @@ def read_hdf5(path: PathLike, *, device: Device) -> tuple[LightField, str]:
             weights = _dataset(file, "weights", path)[...] if "weights" in file else None
             camera = _read_camera(file["camera"], path, device) if "camera" in file else None
     except OSError as error:
-        raise FormatError(f"{path} is truncated or damaged ({error}).") from error
+        raise FormatError(f"{path} is truncated or damaged: copy or write it again.") from error
     with naming(path):
         lf = LightField.from_array(
             data,

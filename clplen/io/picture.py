@@ -80,7 +80,7 @@ def _opaque(values: np.ndarray[Any, Any], path: Path) -> np.ndarray[Any, Any]:
     alpha = values[..., -1]
     highest = np.iinfo(alpha.dtype).max if alpha.dtype.kind == "u" else 1
     if not (alpha == highest).all():
-        raise FormatError(f"The picture {path} has transparent pixels: flatten it first.")
+        raise FormatError(f"The picture {path} has transparent pixels: flatten first.")
     return values[..., 0] if values.shape[2] == 2 else values[..., :-1]
 
 

@@ -52,8 +52,13 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def spread(count: int, shown: int) -> list[int]:
-    """At most ``shown`` of ``count`` indices, first and last among them."""
-    return sorted({round(i) for i in np.linspace(0, count - 1, min(count, shown))})
+    """At most ``shown`` of ``count`` indices in even steps, symmetric about the middle."""
+    for number in range(min(count, shown), 1, -1):
+        step = (count - 1) // (number - 1)
+        left, odd = divmod(count - 1 - (number - 1) * step, 2)
+        if not odd and left < step:
+            return list(range(left, count, step))
+    return [(count - 1) // 2]
 
 
 def coordinates(count: int, step: float) -> Array:
@@ -88,9 +93,12 @@ def said(scale: Scale) -> str:
     return {"linear": "", "log": " (logarithmic)", "root": " (square root)"}[scale]
 
 
-def cut(scale: Scale) -> str:
-    """Whether the colours leave values out."""
-    return "min" if scale == "log" else "neither"
+def cut(values: Array, norm: Normalize) -> str:
+    """On which sides the colours leave values out, as the arrows of a colour bar."""
+    below, above = bool((values < norm.vmin).any()), bool((values > norm.vmax).any())
+    return {(False, False): "neither", (True, False): "min", (False, True): "max"}.get(
+        (below, above), "both"
+    )
 
 
 def for_display(values: Array, norm: Normalize) -> Array:
@@ -107,7 +115,7 @@ def draw(figure: Figure, axes: Axes, values: Array, scale: Scale, label: str) ->
         for_display(values, norm), cmap=LIGHT, norm=norm, interpolation="antialiased"
     )
     if label:
-        bar(figure, drawn, axes, label + said(scale), extend=cut(scale))
+        bar(figure, drawn, axes, label + said(scale), extend=cut(values, norm))
 
 
 def bar(figure: Figure, drawn: Any, axes: Any, label: str, *, extend: str = "neither") -> None:

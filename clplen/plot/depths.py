@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.colors import PowerNorm
+from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
 
-from clplen.plot.base import LIGHT, bar, coordinates, new_figure, styled
+from clplen.plot.base import LIGHT, bar, coordinates, cut, new_figure, styled
 
 if TYPE_CHECKING:
     from clplen.lightfield.depth import DepthMap
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from clplen.lightfield.lightfield import LightField
     from clplen.lightfield.raw import CameraModel
 
+_ROUNDING = 1e-3  # of a confidence
 _COLOURS = ("#0072b2", "#009e73", "#e69f00", "#cc3311")  # told apart by the colour-blind too
 
 
@@ -136,22 +137,30 @@ def phase_space(
 def depth(found: DepthMap, *, title: str = "") -> Figure:
     """A disparity map and its confidence, with colour bars.
 
-    Disparities outside the range of the surer half of the pixels are cut in the colours (the
-    arrows of the bar say so), never in the data.
+    Disparities outside the range of the pixels that are at least half as sure as the surest are
+    cut in the colours (the arrows of the bar say so), never in the data. Where the confidence is 0
+    throughout (but for rounding), the picture says that there is nothing to tell depth by.
 
     Parameters
     ----------
     found : DepthMap
     title : str
     """
-    sure = found.confidence >= np.median(found.confidence)
+    sure = found.confidence >= found.confidence.max() / 2
     low, high = np.nanpercentile(found.disparity[sure], [1, 99])
+    norm = Normalize(low, high)
     height, width = found.disparity.shape
     figure = new_figure(9.6, 4.0 * min(1.6, height / width) + 0.4)
     left, right = figure.subplots(1, 2)
-    drawn = left.imshow(found.disparity, cmap="viridis", vmin=low, vmax=high)
-    bar(figure, drawn, left, "disparity / pixel per view step (nearer: larger)", extend="both")
-    drawn = right.imshow(found.confidence, cmap="gray", vmin=0, vmax=1)
+    drawn = left.imshow(found.disparity, cmap="viridis", norm=norm)
+    if found.confidence.max() > _ROUNDING:
+        label = "disparity / pixel per view step (nearer: larger)"
+        bar(figure, drawn, left, label, extend=cut(found.disparity, norm))
+    else:
+        drawn.set_alpha(0)
+        words = "no texture between the planes:\nnothing to tell depth by"
+        left.text(0.5, 0.5, words, ha="center", va="center", transform=left.transAxes)
+    drawn = right.imshow(found.confidence, cmap=LIGHT, vmin=0, vmax=1)
     bar(figure, drawn, right, "confidence")
     left.set(title=title or "disparity", xlabel="x / pixel", ylabel="y / pixel")
     right.set(title="confidence", xlabel="x / pixel", yticks=[])

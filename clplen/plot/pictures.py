@@ -71,7 +71,7 @@ def raw_image(raw: RawImage, *, details: Mapping[str, tuple[float, float]] | Non
         interpolation_stage="data",
     )
     axes.set(xlabel="x on the sensor / mm", ylabel="y on the sensor / mm", title="raw image")
-    bar(figure, drawn, axes, "value of a pixel (logarithmic)", extend="min")
+    bar(figure, drawn, axes, "value of a pixel (logarithmic)", extend=cut(coarse, norm))
     for row, (name, (y, x)) in enumerate(details.items()):
         panel = figure.add_subplot(grid[row, 1])
         _detail(axes, panel, values, raw, (y * 1e3, x * 1e3), norm, name)
@@ -133,7 +133,7 @@ def _detail(
 def views(
     lf: LightField, *, shown: int = 8, scale: Scale = "linear", region: Region | None = None
 ) -> Figure:
-    """A mosaic of views, spread evenly over the aperture.
+    """A mosaic of views in even steps, symmetric about the centre view.
 
     Parameters
     ----------
@@ -221,7 +221,8 @@ def refocused(
         panel.set(title=title, xlabel="x / pixel")
     panels[0].set_ylabel("y / pixel")
     if values[0].ndim == 2:
-        bar(figure, drawn, list(panels), f"mean of the views{said(scale)}", extend=cut(scale))
+        label = f"mean of the views{said(scale)}"
+        bar(figure, drawn, list(panels), label, extend=cut(np.stack(values), norm))
     return figure
 
 
@@ -229,7 +230,7 @@ def refocused(
 def montage(
     stack: FocalStack, *, shown: int = 15, scale: Scale = "linear", region: Region | None = None
 ) -> Figure:
-    """Planes of a focal stack, spread evenly over it, on one scale of values.
+    """Planes of a focal stack in even steps, on one scale of values.
 
     Parameters
     ----------
@@ -256,5 +257,6 @@ def montage(
         title = rf"$\alpha$ = {alpha:.3f}" if np.isfinite(alpha) else f"d = {d:+.3f}"
         panel.set_title(title, fontsize=8)
     if values.ndim == 3:
-        bar(figure, drawn, list(panels), f"mean of the views{said(scale)}", extend=cut(scale))
+        label = f"mean of the views{said(scale)}"
+        bar(figure, drawn, list(panels), label, extend=cut(values, norm))
     return figure

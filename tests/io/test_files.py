@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from clplen.io.files import check_folder, check_writable, filling, replacing
+from clplen import plot
+from clplen.compute.device import Device
+from clplen.io import write_lightfield, write_pfm, write_picture
+from clplen.io.files import check_folder, check_writable, filling, output_folder, replacing
+from clplen.lightfield.lightfield import LightField
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
@@ -76,6 +84,69 @@ def test_a_folder_that_takes_no_files():
         check_writable("/proc/stack.tif")
     with pytest.raises(OSError, match=r"folder /proc/demo cannot be made .*choose another"):
         check_folder("/proc/demo")
+
+
+def test_a_disk_that_may_only_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(Path, "touch", refuse)
+    monkeypatch.setattr(Path, "unlink", refuse)
+    with pytest.raises(OSError, match=r"takes no files \(Read-only file system\); choose another"):
+        check_writable(tmp_path / "a.tif")
+
+
+@pytest.fixture
+def small_disk() -> Iterator[None]:
+    """No file may hold more than 8 kB."""
+    resource = pytest.importorskip("resource")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8192, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.usefixtures("small_disk")
+@pytest.mark.parametrize("name", ["a.tif", "a.png", "a.pfm"])
+def test_a_full_disk_is_said_in_one_sentence(tmp_path: Path, name: str):
+    values = np.random.default_rng(1).integers(0, 255, (100, 300)).astype(np.uint8)
+    write = write_pfm if name == "a.pfm" else write_picture
+    with pytest.raises(OSError, match=rf"{name} cannot be written \(.*\): if the disk is full, m"):
+        write(tmp_path / name, values)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_for_hdf5_and_figures(
+    tmp_path: Path, device: Device, request: pytest.FixtureRequest
+):
+    lf = LightField.from_array(np.random.default_rng(1).random((3, 3, 40, 50)), device=device)
+    lf.to_numpy()
+    figure = Figure()
+    figure.add_subplot().imshow(np.random.default_rng(1).random((200, 200)))
+    request.getfixturevalue("small_disk")
+    with pytest.raises(OSError, match=r"a\.h5 cannot be written \(File too large\): if the disk"):
+        write_lightfield(tmp_path / "a.h5", lf)
+    with pytest.raises(OSError, match=r"a\.png cannot be written \(File too large\): if the disk"):
+        plot.save(figure, tmp_path / "a.png")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_output_folder_goes_when_the_work_fails(tmp_path: Path):
+    def work(folder: Path, name: str = "") -> None:
+        with output_folder(folder) as made:
+            if name:
+                (made / name).touch()
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        work(tmp_path / "new" / "folder")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "old").mkdir()
+    with pytest.raises(KeyboardInterrupt):
+        work(tmp_path / "old")
+    with pytest.raises(KeyboardInterrupt):
+        work(tmp_path / "new", "whole.tif")
+    assert sorted(f.name for f in tmp_path.rglob("*")) == ["new", "old", "whole.tif"]
 
 
 def test_trying_leaves_nothing(tmp_path: Path):

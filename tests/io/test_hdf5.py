@@ -97,6 +97,31 @@ def test_another_dataset(tmp_path: Path, device: Device):
         read_lightfield(tmp_path / "a.h5", device=device)
 
 
+def test_a_group_and_words_are_no_samples(tmp_path: Path, device: Device):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_group("lightfield/x")
+    with pytest.raises(FormatError, match="'lightfield'; it holds the group lightfield"):
+        read_lightfield(tmp_path / "a.h5", device=device)
+    for values, kind in ((["a", "b"], "object"), (np.ones((1, 1, 2, 2), complex), "complex128")):
+        with h5py.File(tmp_path / "a.h5", "w") as file:
+            file["lightfield"] = values
+        with pytest.raises(FormatError, match=rf"of .*a\.h5 holds {kind}, no real numbers"):
+            read_lightfield(tmp_path / "a.h5", device=device)
+
+
+def test_what_is_wrong_inside_names_the_file(tmp_path: Path, device: Device):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["lightfield"] = np.ones((2, 2, 3, 3), np.float32)
+        file["lightfield"].attrs["spacing"] = [1, 2]
+    with pytest.raises(ValueError, match=r"^.*a\.h5: spacing is \(dv, du, dy, dx\)"):
+        read_lightfield(tmp_path / "a.h5", device=device)
+    write_lightfield(tmp_path / "a.h5", replace(light_field(device), camera=a_camera(device)))
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        file["camera"].attrs["mla_pitch"] = -1.0
+    with pytest.raises(FormatError, match=r"The camera in .*a\.h5 is none: "):
+        read_lightfield(tmp_path / "a.h5", device=device)
+
+
 @pytest.mark.parametrize("part", [0.05, 0.5, 0.95])
 def test_a_truncated_file(tmp_path: Path, device: Device, part: float):
     write_lightfield(tmp_path / "a.h5", light_field(device))

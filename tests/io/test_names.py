@@ -93,10 +93,18 @@ def test_nothing_matches():
         (grid("out_{v:02d}_{u:02d}_-381.9_{u}.5_.png", range(2), range(2)), "out_{v}_{u}_*.png"),
         (grid("set7_{v}-{u}.jpg", range(3), range(2)), "set7_{v}-{u}.jpg"),
         ([f"frame{i}.png" for i in range(4)] + ["cover.png"], "frame{i}.png"),
+        (grid("v_{v}_{u}.png", range(1), range(9)), "v_{v}_{u}.png"),
+        (grid("v_{v}_{u}.png", range(9), range(4, 5)), "v_{v}_{u}.png"),
+        ([f"IMG_20240131_{i:04d}.png" for i in range(9)], "IMG_20240131_{i}.png"),
     ],
 )
 def test_guesses(names: list[str], pattern: str):
     assert guess(names).text == pattern
+
+
+def test_a_row_of_views_is_no_square():
+    names = grid("v_{v}_{u}.png", range(1), range(9))
+    assert arrange(guess(names), names)[0] == (1, 9)
 
 
 def test_a_counter_beside_row_and_column_cannot_be_guessed():

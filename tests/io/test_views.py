@@ -12,7 +12,7 @@ import tifffile
 
 from clplen.compute.device import Device
 from clplen.errors import DeviceError, FormatError
-from clplen.io import read_lightfield, write_lightfield
+from clplen.io import files_of, read_lightfield, write_lightfield
 from clplen.lightfield.lightfield import LightField
 
 SHAPE = (3, 4, 7, 11)  # V, U, y, x: all different
@@ -132,6 +132,32 @@ def test_every_unusable_picture_is_listed(folder: Path, device: Device):
     assert "p_3_3.png is 7 x 11 uint8, most are 7 x 11 x 3 uint8" in text
 
 
+def test_one_cause_is_told_once(folder: Path, device: Device):
+    for file in folder.iterdir():
+        imageio.imwrite(file, np.full((4, 5, 4), 200, np.uint8))
+    with pytest.raises(FormatError) as caught:
+        read_lightfield(folder, device=device)
+    names = [f"p_{v + 1}_{u + 1}.png" for v, u in np.ndindex(*SHAPE[:2])][:10]
+    assert str(caught.value) == (
+        f"12 of 12 views in {folder} cannot be used: {', '.join(names)} and 2 more have "
+        "transparent pixels: flatten first."
+    )
+
+
+def test_complex_pictures_are_refused(tmp_path: Path, device: Device):
+    tifffile.imwrite(tmp_path / "0_0.tif", np.ones((4, 5), np.complex64))
+    with pytest.raises(FormatError, match=r"0_0\.tif has samples of type complex64, not real"):
+        read_lightfield(tmp_path, device=device, pattern="{v}_{u}.tif")
+
+
+def test_the_files_of_a_light_field(folder: Path):
+    (folder / "notes.txt").touch()
+    assert sorted(files_of(folder)) == sorted(folder.glob("p_*.png"))
+    few = files_of(folder, pattern="p_1_{i}.png")
+    assert sorted(few) == sorted(folder.glob("p_1_*.png"))
+    assert files_of(folder / "notes.txt") == [folder / "notes.txt"]
+
+
 def test_an_odd_first_picture_is_the_one_named(folder: Path, device: Device):
     imageio.imwrite(folder / "p_1_1.png", samples()[0, 0, :-1])
     with pytest.raises(FormatError, match=r"1 of 12 views .*p_1_1\.png is 6 x 11"):
@@ -177,7 +203,7 @@ def test_nan_in_a_picture_is_refused(tmp_path: Path, device: Device):
     picture = np.ones((4, 5), np.float32)
     picture[2, 3] = np.nan
     tifffile.imwrite(tmp_path / "0_0.tif", picture)
-    with pytest.raises(ValueError, match="1 samples that are NaN or infinite"):
+    with pytest.raises(ValueError, match=f"^{tmp_path}: .* 1 samples that are NaN or infinite"):
         read_lightfield(tmp_path, device=device, pattern="{v}_{u}.tif")
 
 

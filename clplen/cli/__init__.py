@@ -6,7 +6,6 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,142 +14,18 @@ import numpy as np
 from tqdm import tqdm
 
 from clplen import __version__
+from clplen.cli import options
+from clplen.cli.messages import Commands, note, sentence
 from clplen.errors import ClplenError
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
     from clplen.lightfield.lightfield import LightField
 
-INTERRUPTED = 130  # 128 + SIGINT, as shells count
-DEFAULT_PLANES = "-2:2:33"
+_FAR = 1e3  # metres: as good as infinity, and still a place
 
 
-class _Commands(click.Group):
-    """Commands whose expected failures are one sentence, not a traceback."""
-
-    def invoke(self, ctx: click.Context) -> Any:
-        with warnings.catch_warnings():
-            warnings.showwarning = _show_warning
-            try:
-                return super().invoke(ctx)
-            except KeyboardInterrupt:
-                click.echo("\nInterrupted; no file was left half-written.", err=True)
-                ctx.exit(INTERRUPTED)
-            except BrokenPipeError:
-                raise
-            except (ClplenError, ValueError, OSError, MemoryError) as error:
-                raise click.ClickException(_sentence(error)) from error
-
-
-def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    click.echo(f"Note: {message}", err=True)
-
-
-def _sentence(error: BaseException) -> str:
-    """What went wrong, without a compiler's log."""
-    if isinstance(error, MemoryError):
-        return "This computer has not enough memory for it."
-    if isinstance(error, OSError) and error.errno is not None:
-        return str(error)
-    return str(error.args[0]) if error.args else type(error).__name__
-
-
-class _Planes(click.ParamType):
-    """START:STOP:N, N values with both ends included."""
-
-    name = "START:STOP:N"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> np.ndarray[Any, Any]:
-        parts = str(value).split(":")
-        try:
-            start, stop, count = float(parts[0]), float(parts[1]), int(parts[2])
-        except (ValueError, IndexError):
-            count = 0 if len(parts) != 3 else -1
-        if len(parts) != 3 or count < 0 or not np.isfinite([start, stop]).all():
-            self.fail(f"{value!r} is not START:STOP:N, for example -2:2:33.", param, ctx)
-        if count == 0 or (count == 1) != (start == stop):
-            self.fail(
-                f"{value!r} is an empty range: give at least 2 planes between two different ends, "
-                "or 1 plane with START equal to STOP.",
-                param,
-                ctx,
-            )
-        return np.linspace(start, stop, count)
-
-
-class _Aperture(click.ParamType):
-    """A number of views, a fraction of the full diameter, or an f-number."""
-
-    name = "N|FRACTION|f/NUMBER"
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> int | float | str:
-        text = str(value)
-        if text.lower().startswith("f/"):
-            return text
-        try:
-            return float(text) if "." in text else int(text)
-        except ValueError:
-            self.fail(
-                f"{text!r} is no aperture: give a number of views (9), a fraction of the full "
-                "diameter (0.5) or an f-number (f/66).",
-                param,
-                ctx,
-            )
-
-
-def _with_options(*options: Any) -> Callable[[Any], Any]:
-    def add(command: Any) -> Any:
-        for option in reversed(options):
-            command = option(command)
-        return command
-
-    return add
-
-
-_device = click.option(
-    "--device",
-    "selector",
-    metavar="DEVICE",
-    default=None,
-    help="cpu, gpu, platform:device (0:1) or part of a name; default: $CLPLEN_DEVICE, else the "
-    "first GPU, else the first CPU. See 'clplen devices'.",
-)
-_layout = _with_options(
-    click.option(
-        "--pattern",
-        metavar="NAMES",
-        help="Names of the views in a folder: {v} and {u} "
-        "row and column, or {i} row by row; {n} a counter to ignore; * anything.",
-    ),
-    click.option(
-        "--views",
-        type=int,
-        nargs=2,
-        metavar="V U",
-        default=None,
-        help="Rows and columns of views, as the names count them.",
-    ),
-    click.option("--swap-uv", is_flag=True, help="The names count columns before rows."),
-    click.option("--flip-v", is_flag=True, help="Reverse the rows of views (after --swap-uv)."),
-    click.option("--flip-u", is_flag=True, help="Reverse the columns of views."),
-    click.option("--allow-missing", is_flag=True, help="Leave out views that are missing."),
-)
-_planes = _with_options(
-    click.option(
-        "--disparities",
-        type=_Planes(),
-        help="Planes by disparity, pixels a view step, nearer is larger; default "
-        f"{DEFAULT_PLANES}.",
-    ),
-    click.option(
-        "--alphas",
-        type=_Planes(),
-        help="Planes by alpha = F/F', where the light field knows its spacing.",
-    ),
-)
-
-
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="clplen")
 def main() -> None:
     """Light fields by wave optics, on any OpenCL device.
@@ -165,7 +40,7 @@ def main() -> None:
 
 
 @main.command()
-@_device
+@options.device
 def devices(selector: str | None) -> None:
     """List the OpenCL devices, and say which one would be taken and why.
 
@@ -182,6 +57,8 @@ def devices(selector: str | None) -> None:
     for device in Device.all():
         click.echo(_listed(device, taken))
     click.echo(why)
+    if taken is None:
+        click.get_current_context().exit(1)
 
 
 def _listed(device: Device, taken: Device | None) -> str:
@@ -191,7 +68,7 @@ def _listed(device: Device, taken: Device | None) -> str:
     try:
         note = Device.open(device.place).note
     except ClplenError as error:
-        note = _sentence(error)
+        note = sentence(error)
     mark = "*" if taken is not None and device.cl_device == taken.cl_device else " "
     route = device.fft.name
     if route != "vkfft":
@@ -213,7 +90,7 @@ def _taken(wanted: str | None) -> tuple[Device | None, str]:
     try:
         device = Device.open(wanted)
     except ClplenError as error:
-        return None, f"None would be taken: {_sentence(error)}"
+        return None, f"None would be taken: {sentence(error)}"
     if wanted is not None:
         reason = f"it fits {wanted!r}"
     elif not device.is_cpu:
@@ -230,9 +107,9 @@ def _taken(wanted: str | None) -> tuple[Device | None, str]:
     default="clplen-demo",
     show_default=True,
     metavar="FOLDER",
-    help="Folder for tables' pictures and data; made if it is not there.",
+    help="Folder for tables, pictures and data; made if it is not there.",
 )
-@_device
+@options.device
 def demo(output: str, selector: str | None) -> None:
     """Simulate three points before a plenoptic camera, refocus them, find their depths.
 
@@ -241,20 +118,29 @@ def demo(output: str, selector: str | None) -> None:
       clplen demo -o clplen-demo
     """
     from clplen import demo as experiment
-    from clplen.compute.device import Device
-    from clplen.io import check_folder
+    from clplen.io import output_folder
 
-    folder = check_folder(output)
-    device = Device.open(selector)
-    click.echo(f"Device: {device!r}\n")
-    with _bar(experiment.STEPS, "step") as bar:
+    device = _opened(selector)
+    with output_folder(output) as folder, _bar(experiment.STEPS, "step") as bar:
         experiment.run(
             folder,
             device,
             say=lambda text: tqdm.write(f"{text}\n", file=sys.stdout),
             step=lambda name: _next(bar, name),
         )
-    click.echo(f"Pictures and data are in {folder}.")
+    click.echo(
+        f"Tables, pictures and data are in {folder}. Next: clplen stack {folder}/lightfield.h5 -o "
+        "stack.tif"
+    )
+
+
+def _opened(selector: str | None) -> Device:
+    """The device and its way to transform, named before anything is computed."""
+    from clplen.compute.device import Device
+
+    device = Device.open(selector)
+    click.echo(f"Device: {device!r}, FFT by {device.fft.name}\n")
+    return device
 
 
 def _bar(total: int, unit: str) -> tqdm[Any]:
@@ -291,7 +177,7 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
     callback=_print_example,
     help="Print a commented camera file and stop.",
 )
-@_device
+@options.device
 def simulate(camera: Path, output: str, selector: str | None) -> None:
     """Simulate a camera and a scene: a raw image and its light field.
 
@@ -301,25 +187,24 @@ def simulate(camera: Path, output: str, selector: str | None) -> None:
       clplen simulate camera.toml -o simulated
     """
     from clplen import plot
-    from clplen.compute.device import Device
     from clplen.config import read_camera_file
-    from clplen.io import check_folder, write_lightfield, write_picture
+    from clplen.io import output_folder, write_lightfield, write_picture
     from clplen.lightfield.lightfield import LightField
 
     wanted = read_camera_file(camera)
-    device = Device.open(selector)
+    device = _opened(selector)
     built, scene = wanted.camera.build(device), wanted.scene.build()
     sensor = wanted.sensor.build() if wanted.sensor is not None else None
-    folder = check_folder(output)
-    click.echo(built.describe())
-    with _bar(len(scene), "point") as bar:
-        raw = built.expose(
-            scene, sensor=sensor, progress=lambda done, _: bar.update(done - bar.n) and None
-        )
-    lf = LightField.from_raw(raw)
-    write_picture(folder / "raw.tif", raw.to_numpy())
-    plot.save(plot.raw_image(raw), folder / "raw.png")
-    write_lightfield(folder / "lightfield.h5", lf)
+    with output_folder(output) as folder:
+        click.echo(built.describe())
+        with _bar(len(scene), "point") as bar:
+            raw = built.expose(
+                scene, sensor=sensor, progress=lambda done, _: bar.update(done - bar.n) and None
+            )
+        lf = LightField.from_raw(raw)
+        write_picture(folder / "raw.tif", raw.to_numpy())
+        plot.save(plot.raw_image(raw), folder / "raw.png")
+        write_lightfield(folder / "lightfield.h5", lf)
     click.echo(f"{folder} holds raw.tif, raw.png and lightfield.h5, {_size(lf)}.")
 
 
@@ -330,15 +215,15 @@ def _size(lf: LightField) -> str:
 @main.command()
 @click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
 @click.option("-o", "--output", required=True, metavar="OUT.tif", type=click.Path(path_type=Path))
-@_planes
+@options.plane_range
 @click.option(
     "--aperture",
-    type=_Aperture(),
+    type=options.Aperture(),
     help="Part of the main lens to use: views across "
     "(9), fraction of the diameter (0.5) or f-number (f/66); default: all.",
 )
-@_layout
-@_device
+@options.layout
+@options.device
 def stack(
     source: Path,
     output: Path,
@@ -351,29 +236,29 @@ def stack(
     """Refocus a light field on many planes, into one TIFF of linear float32 pictures.
 
     INPUT is a folder with one picture a view, or an .h5 file of 'clplen simulate'. START:STOP:N
-    is N planes, both ends included.
+    is N planes, both ends included; without it the planes suit what the light field knows.
 
     \b
     Example:
       clplen stack flower -o stack.tif --pattern "IMG_0001_{n}_{u}_{v}.png"
       clplen stack simulated/lightfield.h5 -o stack.tif --alphas 0.7:1.2:21
     """
-    from clplen.io import check_writable, write_stack
+    from clplen.io import write_stack
     from clplen.lightfield.depth import sharpness_curve
     from clplen.lightfield.refocus import focal_stack
 
-    planes = _chosen_planes(disparities, alphas)
+    _check_planes(disparities, alphas)
     _check_suffix(output, (".tif", ".tiff"))
-    check_writable(output)
+    _check_outputs(source, layout, output)
     lf = _read(source, selector, layout)
-    made = focal_stack(lf, aperture=aperture, **planes)
+    made = focal_stack(lf, aperture=aperture, **_planes(lf, disparities, alphas))
     best = int(sharpness_curve(made).argmax())
     write_stack(output, made, progress=sys.stderr.isatty())
     alpha = made.alphas[best]
     also = f", alpha = {alpha:.4f}" if np.isfinite(alpha) else ""
     click.echo(
-        f"{output} holds {len(made.disparities)} planes; the sharpest is number {best} (from 0), "
-        f"d = {made.disparities[best]:.4f}{also}."
+        f"{output} holds {options.planes(len(made.disparities))}; the sharpest is number {best} "
+        f"(from 0), d = {made.disparities[best]:.4f}{also}."
     )
 
 
@@ -387,9 +272,9 @@ def stack(
     type=click.Path(path_type=Path),
     help="Disparities; a picture of the same name in .png is written beside them.",
 )
-@_planes
-@_layout
-@_device
+@options.plane_range
+@options.layout
+@options.device
 def depth(
     source: Path, output: Path, disparities: Any, alphas: Any, selector: str | None, **layout: Any
 ) -> None:
@@ -400,15 +285,16 @@ def depth(
       clplen depth flower -o flower.pfm --pattern "IMG_0001_{n}_{u}_{v}.png" --disparities -1:0:41
     """
     from clplen import plot
-    from clplen.io import check_writable, write_depth
+    from clplen.io import write_depth
     from clplen.lightfield.depth import depth_map
 
-    planes = _chosen_planes(disparities, alphas)
+    _check_planes(disparities, alphas)
     _check_suffix(output, (".pfm", ".tif", ".tiff"))
-    check_writable(output)
-    found = depth_map(_read(source, selector, layout), **planes)
-    write_depth(output, found)
     picture = output.with_suffix(".png")
+    _check_outputs(source, layout, output, picture)
+    lf = _read(source, selector, layout)
+    found = depth_map(lf, **_planes(lf, disparities, alphas))
+    write_depth(output, found)
     plot.save(plot.depth(found, title=f"disparity of {source.name}"), picture)
     click.echo(f"{output} holds the disparities, {picture} shows them with their confidence.")
 
@@ -422,13 +308,46 @@ def _read(source: Path, selector: str | None, layout: dict[str, Any]) -> LightFi
     )
 
 
-def _chosen_planes(disparities: Any, alphas: Any) -> dict[str, Any]:
+def _check_planes(disparities: Any, alphas: Any) -> None:
     if disparities is not None and alphas is not None:
         raise click.UsageError("Give --disparities or --alphas, not both.")
-    if alphas is not None:
-        return {"alphas": alphas}
-    default = _Planes().convert(DEFAULT_PLANES, None, None)
-    return {"disparities": default if disparities is None else disparities}
+
+
+def _planes(lf: LightField, disparities: Any, alphas: Any) -> dict[str, Any]:
+    """The planes that were asked for, else those that suit the light field."""
+    from clplen.lightfield.refocus import shifts
+
+    if disparities is None and alphas is None:
+        if np.isfinite(lf.alpha(0.0)):
+            low, high, count = options.DEFAULT_ALPHAS
+            if lf.camera is not None:
+                high = min(high, lf.camera.alpha(_FAR))
+            alphas = np.linspace(low, high, count)
+        else:
+            disparities = np.linspace(*options.DEFAULT_DISPARITIES)
+    chosen = lf.disparity(alphas) if disparities is None else disparities
+    moved = [np.abs(along).max(axis=1) for along in shifts(lf, chosen)]
+    beyond = (moved[0] >= lf.shape[2]) | (moved[1] >= lf.shape[3])
+    if beyond.any():
+        note(
+            f"{beyond.sum()} of {options.planes(beyond.size)} move the outermost views by more "
+            "than a whole picture, so that parts stay empty: choose planes nearer to disparity 0."
+        )
+    return {"alphas": alphas} if disparities is None else {"disparities": disparities}
+
+
+def _check_outputs(source: Path, layout: dict[str, Any], *outputs: Path) -> None:
+    """Refuse outputs that cannot be written, or would replace what is read."""
+    from clplen.io import check_writable, files_of
+
+    there = [path for path in map(check_writable, outputs) if path.exists()]
+    for file in files_of(source, **layout) if there else []:
+        for output in there:
+            if file.exists() and file.samefile(output):
+                raise click.UsageError(
+                    f"{output} is one of the files of {source} that are read: name an output "
+                    "elsewhere."
+                )
 
 
 def _check_suffix(output: Path, suffixes: tuple[str, ...]) -> None:

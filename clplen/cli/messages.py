@@ -1,0 +1,62 @@
+"""What the command line says of failures: one sentence, in the words that a user types."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from typing import Any
+
+import click
+
+from clplen.errors import ClplenError
+
+INTERRUPTED = 130  # 128 + SIGINT, as shells count
+# Python's words, and what the command line has for them.
+_TYPED = (
+    (r"\ballow_missing=True gives", "--allow-missing gives"),
+    (r"\bviews=\((\w+), (\w+)\)", r"--views \1 \2"),
+    (r"\bpattern=(?=')", "--pattern "),
+    (r"\b(pattern|views|flip_v|flip_u|swap_uv|allow_missing)=", r"--\1"),
+    (r"give spacing=\(dv, du, dy, dx\), or use disparity", "use --disparities"),
+    (r" and give their views weight 0 \(weights=\)", ""),
+    (r"--(swap|flip|allow)_", r"--\1-"),
+)
+
+
+class Commands(click.Group):
+    """Commands whose expected failures are one sentence, not a traceback."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            try:
+                return super().invoke(ctx)
+            except KeyboardInterrupt:
+                click.echo("\nInterrupted; no file was left half-written.", err=True)
+                ctx.exit(INTERRUPTED)
+            except BrokenPipeError:
+                raise
+            except (ClplenError, ValueError, OSError, MemoryError) as error:
+                raise click.ClickException(sentence(error)) from error
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    note(str(message))
+
+
+def note(text: str) -> None:
+    """Say something on standard error that does not end the command."""
+    click.echo(f"Note: {text}", err=True)
+
+
+def sentence(error: BaseException) -> str:
+    """What went wrong, without a compiler's log and in the words of the command line."""
+    if isinstance(error, MemoryError):
+        detail = str(error).rstrip(".")
+        return "This computer has not enough memory" + (f": {detail}." if detail else " for it.")
+    if isinstance(error, OSError) and error.errno is not None:
+        return str(error)
+    text = str(error.args[0]) if error.args else type(error).__name__
+    for python, typed in _TYPED:
+        text = re.sub(python, typed, text)
+    return text

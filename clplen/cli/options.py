@@ -1,0 +1,125 @@
+"""The words that several commands take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import click
+import numpy as np
+
+DEFAULT_DISPARITIES = (-2.0, 2.0, 33)
+DEFAULT_ALPHAS = (0.65, 1.35, 33)
+_MOST_PLANES = 10**6
+
+
+class Planes(click.ParamType):
+    """START:STOP:N, N values with both ends included."""
+
+    name = "START:STOP:N"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> np.ndarray[Any, Any]:
+        parts = str(value).split(":")
+        try:
+            start, stop, count = float(parts[0]), float(parts[1]), int(parts[2])
+        except (ValueError, IndexError):
+            count = -1
+        if len(parts) != 3 or count < 0 or not np.isfinite([start, stop]).all():
+            self.fail(f"{value!r} is not START:STOP:N, for example -2:2:33.", param, ctx)
+        if count == 0 or (count == 1) != (start == stop):
+            self.fail(
+                f"{value!r} asks for {planes(count)} from {start:g} to {stop:g}: give at least 2 "
+                "planes between two different ends, or 1 plane with START equal to STOP.",
+                param,
+                ctx,
+            )
+        if count > _MOST_PLANES:
+            self.fail(
+                f"{value!r} asks for {planes(count)}, whose places alone fill {8 * count:,} bytes: "
+                f"give at most {_MOST_PLANES:,}.",
+                param,
+                ctx,
+            )
+        return np.linspace(start, stop, count)
+
+
+def planes(count: int) -> str:
+    """So many planes, in words."""
+    return f"{count:,} plane" + ("" if count == 1 else "s")
+
+
+class Aperture(click.ParamType):
+    """A number of views, a fraction of the full diameter, or an f-number."""
+
+    name = "N|FRACTION|f/NUMBER"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> int | float | str:
+        text = str(value)
+        if text.lower().startswith("f/"):
+            return text
+        try:
+            return float(text) if "." in text else int(text)
+        except ValueError:
+            self.fail(
+                f"{text!r} is no aperture: give a number of views (9), a fraction of the full "
+                "diameter (0.5) or an f-number (f/66).",
+                param,
+                ctx,
+            )
+
+
+def _with_options(*options: Any) -> Callable[[Any], Any]:
+    def add(command: Any) -> Any:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
+
+
+def _range(ends: tuple[float, float, int]) -> str:
+    return ":".join(f"{number:g}" for number in ends)
+
+
+device = click.option(
+    "--device",
+    "selector",
+    metavar="DEVICE",
+    default=None,
+    help="cpu, gpu, platform:device (0:1) or part of a name; default: $CLPLEN_DEVICE, else the "
+    "first GPU, else the first CPU. See 'clplen devices'.",
+)
+layout = _with_options(
+    click.option(
+        "--pattern",
+        metavar="NAMES",
+        help="Names of the views in a folder: {v} and {u} "
+        "row and column, or {i} row by row; {n} a counter to ignore; * anything.",
+    ),
+    click.option(
+        "--views",
+        type=int,
+        nargs=2,
+        metavar="V U",
+        default=None,
+        help="Rows and columns of views, as the names count them.",
+    ),
+    click.option("--swap-uv", is_flag=True, help="The names count columns before rows."),
+    click.option("--flip-v", is_flag=True, help="Reverse the rows of views (after --swap-uv)."),
+    click.option("--flip-u", is_flag=True, help="Reverse the columns of views."),
+    click.option("--allow-missing", is_flag=True, help="Leave out views that are missing."),
+)
+plane_range = _with_options(
+    click.option(
+        "--disparities",
+        type=Planes(),
+        help="Planes by disparity, pixels a view step, nearer is larger; default "
+        f"{_range(DEFAULT_DISPARITIES)} where the spacing is not known.",
+    ),
+    click.option(
+        "--alphas",
+        type=Planes(),
+        help="Planes by alpha = F/F', where the light field knows its spacing; there the default "
+        f"is {_range(DEFAULT_ALPHAS)}, at most up to infinity.",
+    ),
+)
