@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from clplen.cameras import geometry
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.compute.device import Device, require_device
@@ -60,16 +58,13 @@ class PlenopticCamera:
             If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
         """
         require_device(device)
-        lengths = {
-            "focal_length": focal_length,
-            "wavelength": wavelength,
-            "object_distance": object_distance,
-            "image_distance": image_distance,
-            "aperture_diameter": aperture_diameter,
-        }
-        for name, value in lengths.items():
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise ValueError(f"{name} is positive, in metres, not {value!r}.")
+        geometry.require_lengths(
+            focal_length=focal_length,
+            wavelength=wavelength,
+            object_distance=object_distance,
+            image_distance=image_distance,
+            aperture_diameter=aperture_diameter,
+        )
         if mla.f <= 0:
             raise ValueError(f"The lenslets of a camera converge: f > 0, not {mla.f!r}.")
         z_obj, F = geometry.lens_law(focal_length, object_distance, image_distance)

@@ -18,6 +18,19 @@ if TYPE_CHECKING:
 LENS_LAW_TOLERANCE = 1e-6  # relative, of 1/f = 1/object + 1/image
 
 
+def require_lengths(**lengths: float | None) -> None:
+    """Refuse lengths that are not positive and finite; None is left out.
+
+    Raises
+    ------
+    ValueError
+        With the name of the length.
+    """
+    for name, value in lengths.items():
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise ValueError(f"{name} is positive, in metres, not {value!r}.")
+
+
 def lens_law(
     f: float, object_distance: float | None, image_distance: float | None
 ) -> tuple[float, float]:

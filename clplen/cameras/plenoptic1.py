@@ -77,6 +77,16 @@ class Plenoptic1:
         """f_mu in metres, also the distance from array to sensor."""
         return self.mla.f
 
+    @property
+    def lenslet_fill(self) -> str:
+        """Aperture of a lenslet: "circular", a disc, or "full", the cell of the lattice."""
+        return self.mla.fill
+
+    @property
+    def lenslet_lattice(self) -> str:
+        """Lattice of the lenslets, "square" or "hexagonal"."""
+        return self.mla.lattice
+
     def alpha(self, dz: Any) -> Any:
         """alpha = F/F' = F (1/f - 1/(object distance + dz)) of an object at dz.
 

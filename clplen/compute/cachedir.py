@@ -1,4 +1,4 @@
-"""The user's cache folder: for small things found out about this machine, and for OpenCL runtimes."""
+"""The user's cache folder: for what was found out about this machine, and for OpenCL runtimes."""
 
 from __future__ import annotations
 

@@ -10,9 +10,8 @@ import numpy as np
 
 from clplen.lightfield.focus import HighPass, Map, PeakTracker
 from clplen.lightfield.gaussian import GaussianBlur
-from clplen.lightfield.interpolation import kept_energy
-from clplen.lightfield.refocus import FocalStack, focal_stack, shifts
-from clplen.lightfield.render import view_weights
+from clplen.lightfield.interpolation import EvenBlur
+from clplen.lightfield.refocus import FocalStack, focal_stack
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -66,15 +65,16 @@ def depth_map(
 
     The cue "energy" is E_d = G_w * (R_d - G_s * R_d)^2, the squares added over the colours, with
     R_d the picture refocused on disparity d and G Gaussians of s = 1.5 and w = 4 pixels: by
-    Parseval the windowed spectral energy above a cut-off. For a light field, whose views are
-    known, it is divided by the share that linear interpolation keeps (`kept_energy`): a stack
-    keeps its small preference for whole disparities. The peak is refined by the parabola through
-    the highest plane and its two neighbours.
+    Parseval the windowed spectral energy above a cut-off. First every R_d is blurred until it has
+    lost as much to interpolation as a shift of half a pixel loses (`EvenBlur`), or else whole
+    disparities would be preferred. The peak is refined by the parabola through the highest plane
+    and its two neighbours.
 
     Parameters
     ----------
     source : LightField or FocalStack
-        A stack brings its own planes, in any order.
+        A stack brings its own planes, in any order; one without `weights` of its views is taken
+        as it is.
     alphas, disparities : array_like, optional
         Planes to try, at least three different ones, not both. For a light field without either:
         33 disparities from -2 to 2.
@@ -100,12 +100,12 @@ def depth_map(
     size = (shape[0], shape[1])
     _require_memory(source, shape)
     gather = GaussianBlur(_WINDOW, size, device=device)
+    even = EvenBlur(shape, device=device)
     high_pass = HighPass(_HIGH_PASS, shape, device=device)
     tracker = PeakTracker(size, device=device, start=planes[np.argmin(np.abs(planes))])
-    kept = _kept(source, planes)
     for disparity, stack, index in _focused(source, planes):
         energy = tracker.next_plane(disparity)
-        high_pass(energy, stack.data, index=index, gain=1 / kept[disparity])
+        high_pass(energy, even(stack, index))
         gather(energy, energy)
     return _depth_map(source, *tracker.finish())
 
@@ -114,7 +114,8 @@ def sharpness_curve(stack: FocalStack) -> Vector:
     """How sharp each picture of a stack is as a whole.
 
     The mean square of what a Gaussian of 2 pixels takes away (of the luma, for three colours),
-    without a border of 15 pixels (a quarter of a small picture).
+    without a border of 15 pixels (a quarter of a small picture). The pictures are made equally
+    blurred by interpolation first, as in `depth_map`.
 
     Parameters
     ----------
@@ -127,11 +128,12 @@ def sharpness_curve(stack: FocalStack) -> Vector:
     """
     count, ny, nx = stack.shape[:3]
     high_pass = HighPass(_CURVE_HIGH_PASS, stack.shape[1:], device=stack.device, luma=True)
+    even = EvenBlur(stack.shape[1:], device=stack.device)
     energy = stack.device.empty((ny, nx), np.float32)
     top, left = (min(_BORDER, n // 4) for n in (ny, nx))
     curve = []
     for index in range(count):
-        high_pass(energy, stack.data, index=index)
+        high_pass(energy, even(stack, index))
         inside = stack.device.download(energy)[top : ny - top, left : nx - left]
         curve.append(inside.mean(dtype=np.float64))
     return np.array(curve)
@@ -176,18 +178,9 @@ def _focused(
             yield float(disparity), stack, index
 
 
-def _kept(source: LightField | FocalStack, planes: Vector) -> dict[float, float]:
-    """Share of the energy that interpolation keeps at each plane; 1 where views are not known."""
-    if isinstance(source, FocalStack):
-        return dict.fromkeys(planes.tolist(), 1.0)
-    weights = view_weights(source, None, None)
-    kept = kept_energy(*shifts(source, planes), weights, sigma=_HIGH_PASS)
-    return dict(zip(planes.tolist(), kept.tolist(), strict=True))
-
-
 def _require_memory(source: LightField | FocalStack, shape: tuple[int, ...]) -> None:
     """Everything that is held at once, in float32 pictures and maps."""
-    pictures = 2 + (0 if isinstance(source, FocalStack) else _AT_ONCE)
+    pictures = 3 + (0 if isinstance(source, FocalStack) else _AT_ONCE)
     colours = shape[2] if len(shape) == 3 else 1
     nbytes = 4 * shape[0] * shape[1] * (pictures * colours + 8) + source.data.nbytes
     source.device.require_memory(nbytes, "This depth map with its source")

@@ -187,9 +187,8 @@ def _pupil_variance(lf: LightField, radius: float) -> float:
 
 
 def _has_round_lenslets(camera: CameraModel) -> bool:
-    """Hexagonal cells count as round; a camera that does not say has full square cells."""
-    array = getattr(camera, "mla", None)
-    return array is not None and (array.fill == "circular" or array.lattice == "hexagonal")
+    """Hexagonal cells count as round."""
+    return camera.lenslet_fill == "circular" or camera.lenslet_lattice == "hexagonal"
 
 
 def _aspect(spacing: Spacing | None) -> float:

@@ -16,7 +16,7 @@ Map = np.ndarray[Any, np.dtype[np.float32]]
 
 
 class HighPass:
-    """Energy of what a Gaussian takes away, (R - G * R)^2, times a gain.
+    """Energy of what a Gaussian takes away, (R - G * R)^2.
 
     Parameters
     ----------
@@ -39,19 +39,16 @@ class HighPass:
         self._low = device.empty(shape, np.float32)
         self._defines = {"LUMA": True} if luma and self._size[2] == 3 else {}
 
-    def __call__(
-        self, out: cla.Array, pictures: cla.Array, *, index: int = 0, gain: float = 1.0
-    ) -> None:
-        """Gain times the energy of one picture of (n, y, x[, c]) into ``out``, float32 (y, x)."""
-        self._blur(self._low, pictures, index=index)
+    def __call__(self, out: cla.Array, picture: cla.Array) -> None:
+        """The energy of a picture (y, x[, c]) into ``out``, float32 (y, x)."""
+        self._blur(self._low, picture)
         self._device.launch_rows(
             self._device.kernel("sharpness.cl", "local_energy", **self._defines),
             self._size[:2],
             out,
-            pictures,
+            picture,
             self._low,
-            np.float32(gain),
-            *(np.int32(n) for n in (index, *self._size)),
+            *(np.int32(n) for n in self._size),
         )
 
 

@@ -1,56 +1,90 @@
-"""What linear interpolation between pixels costs the detail of a refocused picture."""
+"""The blur that linear interpolation between pixels adds, made the same for every plane."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyopencl.array as cla
 
-from clplen.lightfield.gaussian import gaussian_taps
+from clplen.lightfield.refocus import view_shifts
 
-Vector = np.ndarray[Any, np.dtype[np.floating[Any]]]
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+    from clplen.lightfield.refocus import FocalStack
 
-_FREQUENCIES = 32  # samples from 0 to half a cycle a pixel
-_FALL = 4  # power of the frequency in the reference spectrum
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+
+_VARIANCE, _FOURTH = 1 / 4, 1 / 16  # moments, in pixels, of the mean of two neighbours
+_NONE = np.array([1.0, 0.0, 0.0])
 
 
-def kept_energy(shift_y: Vector, shift_x: Vector, weights: Vector, *, sigma: float) -> Vector:
-    """Share of a high-passed picture's energy that linear interpolation leaves, in focus.
+class EvenBlur:
+    """Pictures of focal stacks, each blurred until it is as blurred as by half a pixel.
 
-    A view moved by whole pixels keeps all its detail, one moved by half a pixel the least, so that
-    the sharpness of a focal stack has false peaks at whole disparities. At the frequency k a
-    fraction f of a pixel multiplies the spectrum by (1 - f + f exp(2 pi i k)) exp(-2 pi i k f);
-    the share is the squared mean of that over the views, averaged over the energy that a Gaussian
-    high pass leaves of a power spectrum 1/k^4: natural pictures fall as 1/k^2 (Field 1987,
-    "Relations between the statistics of natural images and the response properties of cortical
-    cells"), lens and pixels take the rest.
+    Views moved by whole pixels keep all their detail and others lose some, so that the sharpness
+    of a focal stack has false peaks at whole disparities. After `evening_taps` every plane has
+    lost the same, whatever the spectrum of the picture and its noise.
 
     Parameters
     ----------
-    shift_y, shift_x : numpy.ndarray
-        Shifts of the views in pixels, shape (planes, V) and (planes, U).
+    shape : tuple of int
+        (y, x) or (y, x, c) of one picture.
+    device : Device
+    """
+
+    def __init__(self, shape: tuple[int, ...], *, device: Device) -> None:
+        self._size = (*shape, 1)[:3]
+        self._device = device
+        self._picture = device.empty(shape, np.float32)
+
+    def __call__(self, stack: FocalStack, index: int) -> cla.Array:
+        """One picture, valid until the next call; not blurred if the stack has no weights."""
+        taps_y = taps_x = _NONE
+        if stack.weights is not None:
+            down, right = view_shifts(
+                stack.spacing, stack.weights.shape, stack.disparities[index : index + 1]
+            )
+            taps_y = evening_taps(down[0], stack.weights.sum(axis=1))
+            taps_x = evening_taps(right[0], stack.weights.sum(axis=0))
+        ny, nx, channels = self._size
+        self._device.launch_rows(
+            self._device.kernel("sharpness.cl", "even"),
+            (ny, nx * channels),
+            self._picture,
+            stack.data,
+            *(np.float32(tap) for tap in (*taps_y, *taps_x)),
+            *(np.int32(n) for n in (index, *self._size)),
+        )
+        return self._picture
+
+
+def evening_taps(shift: Vector, weights: Vector) -> Vector:
+    """Taps that, after the views' interpolation along one axis, blur as half a pixel does.
+
+    A fraction f of a pixel mixes the samples f and 1 - f away with weights 1 - f and f: variance
+    a = f (1 - f), fourth moment a (1 - 3 a). The taps bring the second and fourth moments of the
+    mean over the views to those of f = 1/2 (for independent steps m2 + n2 and
+    m4 + 6 m2 n2 + n4), so that, for views that lie symmetrically, the transfer functions
+    of all shifts agree up to the fifth power of the frequency.
+
+    Parameters
+    ----------
+    shift : numpy.ndarray
+        Of the views, in pixels, shape (n,).
     weights : numpy.ndarray
-        Of the views, shape (V, U), not all 0.
-    sigma : float
-        Of the Gaussian whose blur the high pass takes away, in pixels.
+        Of the views, shape (n,), not negative, not all 0.
 
     Returns
     -------
     numpy.ndarray
-        float64, shape (planes,), at most 1.
+        float64, shape (3,): at distance 0, 1 and 2; over both sides they sum to 1.
     """
-    k = (np.arange(_FREQUENCIES) + 0.5) / (2 * _FREQUENCIES)
-    along_y, along_x = _transfer(shift_y, k), _transfer(shift_x, k)
-    rows = np.einsum("pvk,vu->puk", along_y, weights / weights.sum())
-    mean = np.einsum("puk,puj->pkj", rows, along_x)
-    taps = gaussian_taps(sigma)
-    distance = np.arange(1, taps.size)
-    blur = taps[0] + 2 * np.cos(2 * np.pi * np.outer(k, distance)) @ taps[1:]
-    detail = (1 - np.outer(blur, blur)) ** 2 / np.hypot(k[:, None], k[None, :]) ** _FALL
-    return (np.abs(mean) ** 2 * detail).sum(axis=(1, 2)) / detail.sum()
-
-
-def _transfer(shift: Vector, k: Vector) -> np.ndarray[Any, Any]:
-    """Transfer function of each view's interpolation, shape (planes, views, k)."""
-    part = (shift - np.floor(shift))[..., None]
-    return (1 - part + part * np.exp(2j * np.pi * k)) * np.exp(-2j * np.pi * k * part)
+    part = shift - np.floor(shift)
+    spread = part * (1 - part)
+    variance, fourth = np.average([spread, spread * (1 - 3 * spread)], axis=1, weights=weights)
+    n2 = _VARIANCE - variance
+    n4 = _FOURTH - fourth - 6 * variance * n2
+    second = (n4 - n2) / 24
+    first = n2 / 2 - 4 * second
+    return np.array([1 - 2 * (first + second), first, second])

@@ -47,6 +47,14 @@ class CameraModel(Protocol):
     def lenslet_focal_length(self) -> float:
         """f_mu."""
 
+    @property
+    def lenslet_fill(self) -> str:
+        """Aperture of a lenslet: "circular", a disc, or "full", the cell of the lattice."""
+
+    @property
+    def lenslet_lattice(self) -> str:
+        """Lattice of the lenslets, "square" or "hexagonal"."""
+
     def alpha(self, dz: Any) -> Any:
         """alpha = F/F' of an object at dz from the focused plane."""
 

@@ -10,6 +10,7 @@ import pyopencl.array as cla
 
 from clplen.compute.device import Device
 from clplen.compute.image import Image
+from clplen.lightfield.aperture import Weights
 from clplen.lightfield.magnify import magnify
 from clplen.lightfield.raw import CameraModel, Spacing
 from clplen.lightfield.render import view_weights
@@ -40,6 +41,8 @@ class FocalStack:
         Signed (dv, du, dy, dx) of the light field, in metres.
     camera : CameraModel or None
         The camera that took it, when known.
+    weights : numpy.ndarray or None
+        Of the views that were averaged, float32, shape (V, U); None when not known.
     """
 
     data: cla.Array
@@ -48,6 +51,7 @@ class FocalStack:
     alphas: Vector
     spacing: Spacing | None = None
     camera: CameraModel | None = None
+    weights: Weights | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -157,15 +161,25 @@ def focal_stack(
     stack = 4 * planes.size * int(np.prod(lf.shape[2:], dtype=np.int64))
     lf.device.require_memory(stack + lf.data.nbytes, "This focal stack with its light field")
     data = _sheared(lf, planes, weights)
-    return FocalStack(data, lf.device, planes, ratios, lf.spacing, lf.camera)
+    return FocalStack(data, lf.device, planes, ratios, lf.spacing, lf.camera, weights)
 
 
 def shifts(lf: LightField, disparities: Vector) -> tuple[Vector, Vector]:
+    """`view_shifts` of a light field."""
+    return view_shifts(lf.spacing, lf.weights.shape, disparities)
+
+
+def view_shifts(
+    spacing: Spacing | None, views: tuple[int, ...], disparities: Vector
+) -> tuple[Vector, Vector]:
     """How far a point on each plane lies from its place in the centre view, in pixels.
 
     Parameters
     ----------
-    lf : LightField
+    spacing : tuple of float or None
+        Signed (dv, du, dy, dx) of the light field, in metres.
+    views : tuple of int
+        (V, U).
     disparities : numpy.ndarray
         Shape (n,), pixels a view step along x.
 
@@ -175,9 +189,8 @@ def shifts(lf: LightField, disparities: Vector) -> tuple[Vector, Vector]:
         Along y, shape (n, V), and along x, shape (n, U); float64. The sample of view (v, u) that
         belongs to (y, x) is the one at y + along_y[v], x + along_x[u].
     """
-    V, U = lf.shape[:2]
-    v, u = np.arange(V) - (V - 1) / 2, np.arange(U) - (U - 1) / 2
-    along_y = np.outer(disparities * _row_ratio(lf.spacing), -v)
+    v, u = (np.arange(n) - (n - 1) / 2 for n in views)
+    along_y = np.outer(disparities * _row_ratio(spacing), -v)
     return along_y, np.outer(disparities, -u)
 
 

@@ -6,10 +6,14 @@ lengths, and knows nothing of diffraction: all three pull alpha towards 1.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import scipy.sparse
 
 from clplen.lightfield.spectral import Real
+
+if TYPE_CHECKING:
+    import scipy.sparse
 
 WINDOW = 31
 ALPHAS = np.round(0.7 + 0.005 * np.arange(121), 3)
@@ -47,6 +51,8 @@ def thesis_curve(window: Real) -> Real:
 
 def _shear(count: int, views: int, alpha: float) -> scipy.sparse.csr_array:
     """Matrix (count, views count) that samples one axis linearly and sums over its views."""
+    import scipy.sparse  # here: slow to import, and only this baseline needs it
+
     x = np.arange(count) - (count - 1) / 2
     u = np.arange(views) - (views - 1) / 2
     sampled = x[:, None] / alpha + u * (1 - 1 / alpha)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
+import pyopencl as cl
 
 if TYPE_CHECKING:
     from clplen.lightfield.lightfield import LightField
@@ -40,8 +40,7 @@ def read_window(
         for centre, n in zip(near[::-1], lf.shape[2:4], strict=True)
     ]
     rows, columns = (slice(*ends) for ends in ranges)
-    with lf.device.on_host(lf.data) as samples:
-        part = samples[:, :, rows, columns].astype(np.float64)
+    part = _fetched(lf, rows, columns).astype(np.float64)
     part = part.reshape(*part.shape[:4], colours) * lf.weights[:, :, None, None, None]
     window = np.moveaxis(part, -1, 0)
     if not fill:
@@ -55,9 +54,32 @@ def read_window(
 
 def brightest(lf: LightField, size: int) -> tuple[int, int]:
     """(x, y) of the lenslet where a window of ``size`` lenslets holds the brightest region."""
+    from scipy.ndimage import gaussian_filter  # here: slow to import, and nothing else needs it
+
     picture = lf.render().to_numpy().astype(np.float64)
     if picture.ndim == 3:
         picture = picture.sum(axis=-1)
     smooth = gaussian_filter(picture, size / _SMOOTHING, mode="constant")
     y, x = np.unravel_index(np.argmax(smooth), smooth.shape)
     return int(x), int(y)
+
+
+def _fetched(lf: LightField, rows: slice, columns: slice) -> np.ndarray[Any, Any]:
+    """Some rows and columns of every view; no other sample leaves the device."""
+    V, U, ny, nx = lf.shape[:4]
+    sample = lf.data.nbytes // (V * U * ny * nx)  # bytes, of all colours
+    shape = (V, U, rows.stop - rows.start, columns.stop - columns.start, *lf.shape[4:])
+    part = np.empty(shape, lf.dtype)
+    copy: Any = cl.enqueue_copy  # its types leave out buffer_origin
+    copy(
+        lf.device.queue,
+        part,
+        lf.data.base_data,
+        buffer_origin=(lf.data.offset + columns.start * sample, rows.start, 0),
+        host_origin=(0, 0, 0),
+        region=(shape[3] * sample, shape[2], V * U),
+        buffer_pitches=(nx * sample, ny * nx * sample),
+        host_pitches=(shape[3] * sample, shape[2] * shape[3] * sample),
+        is_blocking=True,
+    )
+    return part

@@ -8,9 +8,7 @@ from clplen.compute.device import Device
 
 
 @pytest.fixture(autouse=True, params=["row", "sample"])
-def mapping(
-    request: pytest.FixtureRequest, device: Device, monkeypatch: pytest.MonkeyPatch
-) -> str:
+def mapping(request: pytest.FixtureRequest, device: Device, monkeypatch: pytest.MonkeyPatch) -> str:
     """Force the mapping of work-items."""
     monkeypatch.setattr(device, "rows", request.param == "row")
     return str(request.param)

@@ -40,6 +40,8 @@ class Model:
     lenslet_pitch: float = OPTICS.pitch
     lenslet_diameter: float = OPTICS.pitch
     lenslet_focal_length: float = OPTICS.f_mu
+    lenslet_fill: str = "full"
+    lenslet_lattice: str = "square"
 
     def alpha(self, dz: float) -> float:
         return OPTICS.alpha(dz)
@@ -73,8 +75,13 @@ def fields(device, images) -> dict[float, LightField]:
     return {
         dz: LightField.from_raw(
             RawImage(
-                device.upload(image.astype(np.float32)), device, OPTICS.pixel, wide, cells,
-                spacing, Model(),
+                device.upload(image.astype(np.float32)),
+                device,
+                OPTICS.pixel,
+                wide,
+                cells,
+                spacing,
+                Model(),
             )
         )
         for dz, image in images.items()
@@ -228,9 +235,8 @@ def test_sharpness_by_the_sums_that_define_it():
                 continue
             v, u = np.arange(V) - (V - 1) / 2, np.arange(U) - (U - 1) / 2
             y, x = np.arange(ny), np.arange(nx)
-            phase = (
-                ky * (y[None, None, :, None] + aspect * d * v[:, None, None, None])
-                + kx * (x + d * u[None, :, None, None])
+            phase = ky * (y[None, None, :, None] + aspect * d * v[:, None, None, None]) + kx * (
+                x + d * u[None, :, None, None]
             )
             image = (window * np.exp(-2j * np.pi * phase)).sum(axis=(1, 2, 3, 4))
             h = 1.0
