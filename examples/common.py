@@ -42,19 +42,11 @@ class Example:
 def start(text: str, script: str) -> Example:
     """Read the command line of a script, given its docstring and its path."""
     parser = argparse.ArgumentParser(description=text)
-    parser.add_argument(
-        "-o",
-        "--output",
-        default=FOLDER,
-        metavar="FOLDER",
-        help="folder for the picture (default: %(default)s)",
-    )
+    parser.add_argument("-o", "--output", default=FOLDER, metavar="FOLDER",
+                        help="folder for the picture (default: %(default)s)")
     parser.add_argument("--device", help="as for Device.open, for example cpu, gpu, pocl or 0:1")
-    parser.add_argument(
-        "--quick",
-        action="store_true",
-        help=f"a smaller camera, {QUICK_COUNT} lenslets across, and fewer depths",
-    )
+    parser.add_argument("--quick", action="store_true",
+                        help=f"a smaller camera, {QUICK_COUNT} lenslets across, and fewer depths")
     given = parser.parse_args()
     try:
         folder, device = check_folder(given.output), Device.open(given.device)
