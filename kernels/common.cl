@@ -5,6 +5,9 @@
  *            otherwise one work-item owns one sample (GPUs)
  *
  * Mapping of every kernel written with FOR_X: axis 0 = x, axis 1 = y, axis 2 = batch.
+ *
+ * Functions are plain `inline`: Oclgrind 21.10 finds no kernel in what becomes of `static inline`
+ * functions that return structures.
  */
 #ifndef CLPLEN_COMMON
 #define CLPLEN_COMMON
@@ -29,18 +32,18 @@ typedef float2 real2;
 #endif
 
 /* Index of sample (batch, y, x), 64 bits because a batch may pass 2^31 samples. */
-static inline size_t row_start(int batch, int y, int ny, int nx)
+inline size_t row_start(int batch, int y, int ny, int nx)
 {
     return ((size_t)batch * ny + y) * nx;
 }
 
-static inline cplx cmul(cplx a, cplx b)
+inline cplx cmul(cplx a, cplx b)
 {
     return (cplx)(a.x * b.x - a.y * b.y, a.x * b.y + a.y * b.x);
 }
 
 /* exp(2 pi i r) for a phase r in turns, already reduced to a few turns. */
-static inline cplx cis_turns(real r)
+inline cplx cis_turns(real r)
 {
     real c;
     real s = sincos(TWO_PI * (r - rint(r)), &c);

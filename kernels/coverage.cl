@@ -15,7 +15,7 @@
 #define STRIPS 32
 #define CORNERS 12 /* a rectangle clipped by at most six sides has ten corners */
 
-static inline real disc_coverage(real cx, real cy, real R, real hx, real hy)
+inline real disc_coverage(real cx, real cy, real R, real hx, real hy)
 {
     const real ax = fabs(cx), ay = fabs(cy);
     const real far2 = (ax + hx) * (ax + hx) + (ay + hy) * (ay + hy);
@@ -37,7 +37,7 @@ static inline real disc_coverage(real cx, real cy, real R, real hx, real hy)
     return sum / (2 * ha * STRIPS);
 }
 
-static inline real polygon_coverage(real cx, real cy, real a, int sides, real turn, real hx, real hy)
+inline real polygon_coverage(real cx, real cy, real a, int sides, real turn, real hx, real hy)
 {
     real2 corner[CORNERS], kept[CORNERS];
     int count = 4;

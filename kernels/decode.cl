@@ -16,7 +16,7 @@
 #include "common.cl"
 
 /* Weights of the samples at -1, 0, 1, 2 for a position t in [0, 1]. */
-static inline float4 keys(float t)
+inline float4 keys(float t)
 {
     return (float4)(((1.0f - 0.5f * t) * t - 0.5f) * t, (1.5f * t - 2.5f) * t * t + 1.0f,
                     ((2.0f - 1.5f * t) * t + 0.5f) * t, (0.5f * t - 0.5f) * t * t);
@@ -24,20 +24,20 @@ static inline float4 keys(float t)
 
 /* Four pixels from p on of an axis of n: their weights, 0 off the sensor, and their indices.
  * (clamp with vectors: Oclgrind 21.10 gets the form with scalars wrong.) */
-static inline float4 on_sensor(float4 weight, int p, int n, int4 *index)
+inline float4 on_sensor(float4 weight, int p, int n, int4 *index)
 {
     const int4 pixel = p + (int4)(0, 1, 2, 3);
     *index = clamp(pixel, (int4)(0), (int4)(n - 1));
     return select((float4)(0), weight, pixel == *index);
 }
 
-static inline float along(__global const float *restrict line, int4 x, float4 w)
+inline float along(__global const float *restrict line, int4 x, float4 w)
 {
     return w.s0 * line[x.s0] + w.s1 * line[x.s1] + w.s2 * line[x.s2] + w.s3 * line[x.s3];
 }
 
 /* raw at (y, x) = at + part, part in [0, 4). */
-static inline float sample(__global const float *restrict raw, int2 at, float2 part, int ny, int nx)
+inline float sample(__global const float *restrict raw, int2 at, float2 part, int ny, int nx)
 {
     const int2 carry = convert_int2(part);
     const int2 first = at + carry - 1;

@@ -9,7 +9,7 @@
  */
 #include "common.cl"
 
-static inline int reflected(int i, const int n)
+inline int reflected(int i, const int n)
 {
     if (i >= 0 && i < n)
         return i;
@@ -18,7 +18,7 @@ static inline int reflected(int i, const int n)
     return i < n ? i : 2 * n - 1 - i;
 }
 
-static inline float blurred_x(__global const float *in, const int i, __global const float *w,
+inline float blurred_x(__global const float *in, const int i, __global const float *w,
                        const int radius, const int nx, const int channels)
 {
     const int x = i / channels;
@@ -31,7 +31,7 @@ static inline float blurred_x(__global const float *in, const int i, __global co
     return sum;
 }
 
-static inline float blurred_y(__global const float *in, const int y, const int i, __global const float *w,
+inline float blurred_y(__global const float *in, const int y, const int i, __global const float *w,
                        const int radius, const int ny, const int n)
 {
     float sum = w[0] * in[row_start(0, y, ny, n) + i];

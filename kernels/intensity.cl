@@ -9,7 +9,7 @@
  */
 #include "common.cl"
 
-static inline real norm2(cplx u)
+inline real norm2(cplx u)
 {
     return u.x * u.x + u.y * u.y;
 }

@@ -29,7 +29,7 @@ typedef struct {
     real a, b;
 } Lenslet;
 
-static inline Lenslet in_row(int row, real2 a, real2 b, int columns)
+inline Lenslet in_row(int row, real2 a, real2 b, int columns)
 {
     Lenslet l;
     l.row = row;
@@ -44,7 +44,7 @@ static inline Lenslet in_row(int row, real2 a, real2 b, int columns)
     return l;
 }
 
-static inline Lenslet nearest(real2 a, real2 b, int rows, int columns)
+inline Lenslet nearest(real2 a, real2 b, int rows, int columns)
 {
     const int row = clamp((int)b.x + (int)rint(b.y), 0, rows - 1);
     Lenslet best = in_row(row, a, b, columns);
@@ -59,7 +59,7 @@ static inline Lenslet nearest(real2 a, real2 b, int rows, int columns)
 }
 
 /* Aperture of the lenslet at offset (a, b) from the sample, turned into the sensor's axes. */
-static inline real one_coverage(real a, real b, real radius, real2 turn, real angle, real hx, real hy)
+inline real one_coverage(real a, real b, real radius, real2 turn, real angle, real hx, real hy)
 {
     const real cx = -(a * turn.x - b * turn.y), cy = -(a * turn.y + b * turn.x);
 #ifdef FULL
@@ -70,7 +70,7 @@ static inline real one_coverage(real a, real b, real radius, real2 turn, real an
 }
 
 /* Sum over the nearest lenslet and its neighbours on the lattice (apertures do not overlap). */
-static inline real coverage(Lenslet l, real radius, real2 turn, real angle, real hx, real hy, int rows,
+inline real coverage(Lenslet l, real radius, real2 turn, real angle, real hx, real hy, int rows,
                      int columns)
 {
     real sum = 0;

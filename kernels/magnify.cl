@@ -10,7 +10,7 @@
 #include "common.cl"
 
 /* Linear between pixels i and i + 1 of a line of n pixels that lie `step` samples apart. */
-static inline float between(__global const float *restrict line, int i, float part, int n, int step)
+inline float between(__global const float *restrict line, int i, float part, int n, int step)
 {
     const float a = i >= 0 && i < n ? line[i * step] : 0.0f;
     const float b = i >= -1 && i < n - 1 ? line[(i + 1) * step] : 0.0f;

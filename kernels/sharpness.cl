@@ -16,12 +16,12 @@
 
 #define ROUNDING 1e-5f
 
-static inline float column(__global const float *const rows[5], const int i, const float3 w)
+inline float column(__global const float *const rows[5], const int i, const float3 w)
 {
     return w.x * rows[2][i] + w.y * (rows[1][i] + rows[3][i]) + w.z * (rows[0][i] + rows[4][i]);
 }
 
-static inline float evened(__global const float *const rows[5], const int i, const float3 wy,
+inline float evened(__global const float *const rows[5], const int i, const float3 wy,
                            const float3 wx, const int nx, const int channels)
 {
     const int x = i / channels;
@@ -35,7 +35,7 @@ static inline float evened(__global const float *const rows[5], const int i, con
 }
 
 #ifdef ROWS
-static inline float16 column16(__global const float *const rows[5], const int i, const float3 w)
+inline float16 column16(__global const float *const rows[5], const int i, const float3 w)
 {
     return w.x * vload16(0, rows[2] + i) +
            w.y * (vload16(0, rows[1] + i) + vload16(0, rows[3] + i)) +
@@ -74,7 +74,7 @@ __kernel void even(__global float *restrict out, __global const float *restrict 
 #endif
 }
 
-static inline float high_pass(const float value, const float low)
+inline float high_pass(const float value, const float low)
 {
     const float difference = value - low;
     return fabs(difference) > ROUNDING * fabs(low) ? difference : 0.0f;

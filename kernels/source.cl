@@ -29,7 +29,7 @@ typedef double4 real4;
 typedef float4 real4;
 #endif
 
-static inline real disc_pattern(real v, real per_step, __global const real2 *restrict table, int last)
+inline real disc_pattern(real v, real per_step, __global const real2 *restrict table, int last)
 {
     const real place = fmin(v * per_step, (real)last);
     const int i = min((int)place, last - 1);

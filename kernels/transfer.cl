@@ -25,7 +25,7 @@
 
 /* Phase of a propagating wave relative to the carrier, as a phasor. ex, ey: tables of
  * exp(-i pi lam z f^2); ax, ay: (high, low) parts of (lam f)^2; zl: z/lam likewise. */
-static inline cplx propagating(cplx ex, cplx ey, real2 ax, real2 ay, real2 zl)
+inline cplx propagating(cplx ex, cplx ey, real2 ax, real2 ay, real2 zl)
 {
 #if defined(PHASE_FP64)
     const double s = ((double)ax.x + ax.y) + ((double)ay.x + ay.y);

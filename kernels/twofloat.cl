@@ -10,21 +10,21 @@
 
 #pragma OPENCL FP_CONTRACT OFF
 
-static inline float2 two_sum(float a, float b)
+inline float2 two_sum(float a, float b)
 {
     const float high = a + b;
     const float other = high - a;
     return (float2)(high, (a - (high - other)) + (b - other));
 }
 
-static inline float2 two_prod(float a, float b)
+inline float2 two_prod(float a, float b)
 {
     const float high = a * b;
     return (float2)(high, fma(a, b, -high));
 }
 
 /* -(z/lam) s/(1 + sqrt(1 - s)) in turns, reduced to |t| <= 1/2; s = ax + ay, all as pairs. */
-static inline float two_phase(float2 ax, float2 ay, float2 zl)
+inline float two_phase(float2 ax, float2 ay, float2 zl)
 {
     float2 s = two_sum(ax.x, ay.x);
     s.y += ax.y + ay.y;
