@@ -1,4 +1,4 @@
-"""What the figure scripts share: command line, camera, printed numbers, picture."""
+"""What the figure scripts share: command line, device or camera, printed numbers, picture."""
 
 from __future__ import annotations
 
@@ -22,16 +22,12 @@ PAPER = {"facecolor": "w", "edgecolor": "none", "alpha": 0.8, "pad": 0.5}  # beh
 
 
 @dataclass(frozen=True)
-class Example:
-    """One run of a script: the camera of section 1.5 and where the picture goes."""
+class Run:
+    """One run of a script: what it computes on and where the picture goes."""
 
-    camera: Plenoptic1
+    device: Device
     quick: bool
     picture: Path
-
-    def point(self, position: tuple[float, float, float]) -> LightField:
-        """Light field of one source of 10 um at (x, y, dz) in metres."""
-        return LightField.from_raw(demo.expose_point(self.camera, position))
 
     def save(self, figure: Figure) -> None:
         """Write the picture and say where it is."""
@@ -39,26 +35,43 @@ class Example:
         print(f"  -> {self.picture}")
 
 
-def start(text: str, script: str) -> Example:
+@dataclass(frozen=True)
+class Example(Run):
+    """One run of a script of chapter 3, with the camera of section 1.5."""
+
+    camera: Plenoptic1
+
+    def point(self, position: tuple[float, float, float]) -> LightField:
+        """Light field of one source of 10 um at (x, y, dz) in metres."""
+        return LightField.from_raw(demo.expose_point(self.camera, position))
+
+
+def begin(text: str, script: str) -> Run:
     """Read the command line of a script, given its docstring and its path."""
     parser = argparse.ArgumentParser(description=text)
     parser.add_argument("-o", "--output", default=FOLDER, metavar="FOLDER",
                         help="folder for the picture (default: %(default)s)")
     parser.add_argument("--device", help="as for Device.open, for example cpu, gpu, pocl or 0:1")
     parser.add_argument("--quick", action="store_true",
-                        help=f"a smaller camera, {QUICK_COUNT} lenslets across, and fewer depths")
+                        help=f"less to compute; a camera of {QUICK_COUNT} x {QUICK_COUNT} lenslets")
     given = parser.parse_args()
     try:
         folder, device = check_folder(given.output), Device.open(given.device)
     except (ClplenError, OSError) as error:
         parser.error(str(error))
-    camera = demo.camera(device, count=QUICK_COUNT) if given.quick else demo.camera(device)
     matplotlib.rc("font", size=9)
     matplotlib.rc("axes", titlesize=9)
     matplotlib.rc("figure", labelsize=8)
     matplotlib.rc("legend", fontsize=8, frameon=False)
     print(text)
-    return Example(camera, given.quick, folder / f"{Path(script).stem}.png")
+    return Run(device, given.quick, folder / f"{Path(script).stem}.png")
+
+
+def start(text: str, script: str) -> Example:
+    """As `begin`, with the camera of section 1.5."""
+    run = begin(text, script)
+    camera = demo.camera(run.device, count=QUICK_COUNT) if run.quick else demo.camera(run.device)
+    return Example(run.device, run.quick, run.picture, camera)
 
 
 def number(what: str, value: float, reference: float, within: float, form: str = ".4f") -> None:

@@ -2,10 +2,11 @@
  *
  *   H(fx, fy) = exp(i k z (c - 1)),  c = sqrt(1 - s),  s = lam^2 (fx^2 + fy^2) <= 1    (propagating)
  *   H(fx, fy) = exp(-k z sqrt(s - 1)) exp(-i k z)                      s > 1, z > 0    (evanescent)
- *   H         = 0                              s > 1, z < 0, and outside the band of BLAS
+ *   H         = 0                                                      s > 1, z < 0
  *
- * The carrier exp(ikz) is dropped. H is even in fx and fy, so one quadrant is built,
- * (Ly/2 + 1, Lx/2 + 1) samples, and mirrored when applied (spectral_filter.cl).
+ * times 1-D weights of the band. The carrier exp(ikz) is dropped. On the frequencies of an FFT H is
+ * even in fx and fy: one quadrant is built, (Ly/2 + 1, Lx/2 + 1) samples, and mirrored when applied
+ * (spectral_filter.cl). The tables may be of any other frequencies.
  *
  * -DPHASE_TABLES    c - 1 = -s/2 - q^2/2 with q = s/(1 + c): the first term is a product of two 1-D
  *                   phasor tables made in double on the host, the second a small residual in turns
@@ -13,7 +14,7 @@
  * -DPHASE_TWOFLOAT  the phase in pairs of float32 (Dekker 1971), for devices without fp64
  * -DROWS, -DDOUBLE  see common.cl
  *
- * Mapping: FOR_X of common.cl over the quadrant.
+ * Mapping: FOR_X of common.cl over the frequencies.
  */
 #include "common.cl"
 #ifdef PHASE_TWOFLOAT
@@ -45,20 +46,22 @@ inline cplx propagating(cplx ex, cplx ey, real2 ax, real2 ay, real2 zl)
 
 __kernel void transfer(__global cplx *restrict H, __global const cplx *restrict ex,
                        __global const cplx *restrict ey, __global const real2 *restrict ax,
-                       __global const real2 *restrict ay, const real2 zl, const cplx carrier,
-                       const int band_x, const int band_y, const int ny, const int nx)
+                       __global const real2 *restrict ay, __global const real *restrict wx,
+                       __global const real *restrict wy, const real2 zl, const cplx carrier,
+                       const int ny, const int nx)
 {
     const int y = get_global_id(1);
     const size_t row = row_start(0, y, ny, nx);
     FOR_X(x, nx) {
         const real s = (ax[x].x + ay[y].x) + (ax[x].y + ay[y].y);
+        const real weight = wx[x] * wy[y];
         cplx h = (cplx)(0);
-        if (x <= band_x && y <= band_y) {
+        if (weight > 0) {
             if (s <= 1)
                 h = propagating(ex[x], ey[y], ax[x], ay[y], zl);
             else if (zl.x > 0)
                 h = carrier * exp(-TWO_PI * zl.x * sqrt(s - 1));
         }
-        H[row + x] = h;
+        H[row + x] = weight * h;
     }
 }

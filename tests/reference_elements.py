@@ -16,12 +16,57 @@ def lens_phase(
     shape: Sequence[int], pitch: Pair, f: float, wavelength: float, *, origin: Pair = 0.0
 ) -> Complex:
     """Paraxial thin lens exp(-i pi r^2/(lam f)), shape (ny, nx)."""
-    (dy, dx), (oy, ox) = pair(pitch), pair(origin)
-    ty, tx = (
-        np.exp(-1j * np.pi * axis(n, d, o) ** 2 / (wavelength * f))
-        for n, d, o in zip(shape, (dy, dx), (oy, ox), strict=True)
+    y, x = from_centre(shape, pitch, origin=origin)
+    return np.exp(-1j * np.pi * (y[:, None] ** 2 + x[None, :] ** 2) / (wavelength * f))
+
+
+def from_centre(
+    shape: Sequence[int], pitch: Pair, *, centre: Pair = 0.0, origin: Pair = 0.0
+) -> tuple[Real, Real]:
+    """Coordinates (y, x) from a centre; 0 along an axis of length 1, where nothing varies."""
+    y, x = (
+        axis(n, d, o) - c if n > 1 else np.zeros(1)
+        for n, d, o, c in zip(shape, *map(pair, (pitch, origin, centre)), strict=True)
     )
-    return ty[:, None] * tx[None, :]
+    return y, x
+
+
+def stigmatic_phase(
+    shape: Sequence[int], pitch: Pair, f: float, wavelength: float, *, origin: Pair = 0.0
+) -> Complex:
+    """Lens exp(-ik sign(f) (sqrt(r^2 + f^2) - |f|)) that images infinity to a point."""
+    y, x = from_centre(shape, pitch, origin=origin)
+    r2 = y[:, None] ** 2 + x[None, :] ** 2
+    longer = r2 / (np.sqrt(r2 + f**2) + abs(f))
+    return np.exp(-2j * np.pi * np.sign(f) * longer / wavelength)
+
+
+# Sources -------------------------------------------------------------------------------------
+
+
+def spherical_wave(
+    shape: Sequence[int],
+    pitch: Pair,
+    z: float,
+    wavelength: float,
+    *,
+    source: Pair = 0.0,
+    origin: Pair = 0.0,
+) -> Complex:
+    """exp(ik(r - |z|))/r from a point |z| before the plane, its conjugate for z < 0."""
+    y, x = from_centre(shape, pitch, centre=source, origin=origin)
+    r = np.sqrt(y[:, None] ** 2 + x[None, :] ** 2 + z**2)
+    longer = (y[:, None] ** 2 + x[None, :] ** 2) / (r + abs(z))
+    return np.exp(2j * np.pi * np.sign(z) * longer / wavelength) / r
+
+
+def tilt_phase(
+    shape: Sequence[int], pitch: Pair, direction: Pair, wavelength: float, *, origin: Pair = 0.0
+) -> Complex:
+    """exp(ik(a_y y + a_x x)) for direction cosines (a_y, a_x)."""
+    y, x = from_centre(shape, pitch, origin=origin)
+    ay, ax = pair(direction)
+    return np.exp(2j * np.pi * (ay * y[:, None] + ax * x[None, :]) / wavelength)
 
 
 # Coverage of sample cells --------------------------------------------------------------------
@@ -89,6 +134,19 @@ def rectangle_coverage(
         overlap = np.minimum(t + d / 2, w / 2) - np.maximum(t - d / 2, -w / 2)
         sides.append(np.clip(overlap / d, 0, 1))
     return sides[0][:, None] * sides[1][None, :]
+
+
+def polygon_coverage(
+    shape: Sequence[int], pitch: Pair, vertices: Real, *, origin: Pair = 0.0
+) -> Real:
+    """Exact fraction of every sample's cell inside a polygon; vertices (n, 2) as (y, x)."""
+    points = np.asarray(vertices)[:, ::-1]
+    y, x = (
+        cell_edges(axis(n, d, o), d)
+        for n, d, o in zip(shape, pair(pitch), pair(origin), strict=True)
+    )
+    corner = polygon_corner_area(points, x[None, :], y[:, None])
+    return np.abs(cell_fraction(corner * np.sign(corner[-1, -1]), pitch))
 
 
 def polygon_corner_area(vertices: Real, x: Real, y: Real) -> Real:

@@ -31,6 +31,9 @@ from clplen import (
 )
 from clplen.compute.device import Device
 from clplen.lightfield.depth import sharpness_curve
+from clplen.wave.sommerfeld import impulse_response
+from clplen.wave.sources import spherical_wave
+from clplen.wave.sphere import multiply_sphere
 
 TESTS = Path(__file__).parent
 FOLDER = TESTS.parent / "kernels"
@@ -135,7 +138,10 @@ def waves(device: Device) -> None:
     for phase in ("tables", "fp64", "twofloat"):
         if phase == "tables" or device.precision == "single":
             Propagator(grid, 1e-3, wavelength=WAVELENGTH, device=device, phase=phase)(field)
+            multiply_sphere(field, -0.1, phase=phase)
+            impulse_response(grid.shape, grid.pitch, 1e-3, WAVELENGTH, device, phase)
     thin_lens(field, 0.1, diameter=150e-6).intensity()
+    spherical_wave(grid, 0.1, wavelength=WAVELENGTH, device=device)
     for shape in ("circular", "square"):
         aperture(field, 120e-6, shape=shape)
     for lattice in ("square", "hexagonal"):

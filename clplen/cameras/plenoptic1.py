@@ -18,11 +18,11 @@ from clplen.compute.device import Device
 from clplen.errors import SamplingError
 from clplen.lightfield.raw import RawImage
 from clplen.lightfield.sensor import Sensor
+from clplen.wave.band import blas_limit
 from clplen.wave.elements import thin_lens
 from clplen.wave.field import Field, Grid, row_powers
 from clplen.wave.lenslets import MicrolensArray
 from clplen.wave.propagation import Propagator, plan
-from clplen.wave.transfer import blas_band
 
 Progress = Callable[[int, int], None]
 BATCH_BYTES = 2**28  # of fields that travel through the camera together
@@ -276,7 +276,12 @@ class Plenoptic1:
         alpha = np.abs(np.atleast_1d(self.alpha(scene.positions[:, 2])))[:, None]
         guard = FRESNEL_WIDTHS * math.sqrt(self.wavelength * F)
         moved = X + np.maximum(1, alpha) * D / 2 + guard
-        limit = np.asarray(blas_band(self.grid.shape, self.grid.pitch, F, self.wavelength))
+        limit = np.array(
+            [
+                blas_limit(n, d, F, self.wavelength)
+                for n, d in zip(self.grid.shape, self.grid.pitch, strict=True)
+            ]
+        )
         to_array = 1 if (moved / F / self.wavelength <= limit).all() else 2
         at_sensor = X * (1 + f_mu / F) + np.abs(1 - alpha) * D / 2 + guard + self.mla.pitch
         to_sensor = 1 if (at_sensor <= np.asarray(self.grid.extent) / 2).all() else 2

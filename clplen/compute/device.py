@@ -255,6 +255,11 @@ class Device:
             )
         return values
 
+    def copy_into(self, target: cla.Array, source: cla.Array, offset: int) -> None:
+        """Copy a whole device array into another one, from a byte of that on."""
+        if source.nbytes:
+            cl.enqueue_copy(self.queue, _buffer(target), _buffer(source), dst_offset=offset)
+
     @contextmanager
     def on_host(self, array: cla.Array, *, write: bool = True) -> Iterator[np.ndarray[Any, Any]]:
         """A C-contiguous array's values as a NumPy array, on a CPU device without a copy.

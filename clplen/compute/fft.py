@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from clplen.compute.device import Device
 
-HostFFT = Callable[["np.ndarray[Any, Any]", bool, int], None]
+HostFFT = Callable[["np.ndarray[Any, Any]", "tuple[int, ...]", bool, int], None]
 _MODULES = {"vkfft": "pyvkfft", "ducc0": "ducc0", "scipy": "scipy", "numpy": "numpy"}
 _EXTRAS = {
     "vkfft": 'VKFFT_BACKEND=opencl pip install "clplen[gpu]"',
@@ -57,18 +57,45 @@ class FFTRoute:
         device : Device
             The device that holds it.
         """
-        self._transform(array, device, True)
+        self.transform(array, device, axes=(-2, -1), forward=True)
 
     def inverse(self, array: cla.Array, device: Device) -> None:
         """The inverse of `forward`, with the factor 1/(ny nx)."""
-        self._transform(array, device, False)
+        self.transform(array, device, axes=(-2, -1), forward=False)
 
-    def _transform(self, array: cla.Array, device: Device, forward: bool) -> None:
+    def transform(
+        self, array: cla.Array, device: Device, *, axes: tuple[int, ...], forward: bool
+    ) -> None:
+        """`forward` or `inverse` over some of the last two axes.
+
+        Parameters
+        ----------
+        array : pyopencl.array.Array
+            complex64 or complex128, shape (..., ny, nx), C-contiguous, changed in place.
+        device : Device
+            The device that holds it.
+        axes : tuple of int
+            Of -2 and -1.
+        forward : bool
+        """
         if self.name == "vkfft":
-            _vkfft(array, device, forward)
+            _vkfft(array, device, axes, forward)
             return
         with device.on_host(array) as values:
-            _HOST[self.name](values, forward, self.threads)
+            _HOST[self.name](values, axes, forward, self.threads)
+
+    def lines(self, values: np.ndarray[Any, Any], axis: int, forward: bool) -> None:
+        """Transform along one axis of a host array in place, in the calling thread.
+
+        Parameters
+        ----------
+        values : numpy.ndarray
+            complex64 or complex128.
+        axis : int
+        forward : bool
+            Else the inverse, with the factor 1/length.
+        """
+        _HOST[self.name](values, (axis,), forward, 1)
 
 
 def choose_route(is_cpu: bool, platform: str = "") -> FFTRoute:
@@ -130,44 +157,47 @@ def _threads() -> int:
     return os.cpu_count() or 1
 
 
-def _ducc0(values: np.ndarray[Any, Any], forward: bool, threads: int) -> None:
+def _ducc0(
+    values: np.ndarray[Any, Any], axes: tuple[int, ...], forward: bool, threads: int
+) -> None:
     import ducc0
 
-    ducc0.fft.c2c(
-        values,
-        axes=(-2, -1),
-        forward=forward,
-        inorm=0 if forward else 2,
-        out=values,
-        nthreads=threads,
-    )
+    norm = 0 if forward else 2
+    ducc0.fft.c2c(values, axes=axes, forward=forward, inorm=norm, out=values, nthreads=threads)
 
 
-def _scipy(values: np.ndarray[Any, Any], forward: bool, threads: int) -> None:
+def _scipy(
+    values: np.ndarray[Any, Any], axes: tuple[int, ...], forward: bool, threads: int
+) -> None:
     import scipy.fft
 
-    transform = scipy.fft.fft2 if forward else scipy.fft.ifft2
-    result = transform(values, axes=(-2, -1), overwrite_x=True, workers=threads)
+    transform = scipy.fft.fftn if forward else scipy.fft.ifftn
+    result = transform(values, axes=axes, overwrite_x=True, workers=threads)
     if not np.may_share_memory(result, values):
         values[...] = result
 
 
-def _numpy(values: np.ndarray[Any, Any], forward: bool, threads: int) -> None:
-    transform = np.fft.fft2 if forward else np.fft.ifft2
-    values[...] = transform(values, axes=(-2, -1))
+def _numpy(
+    values: np.ndarray[Any, Any], axes: tuple[int, ...], forward: bool, threads: int
+) -> None:
+    transform = np.fft.fftn if forward else np.fft.ifftn
+    values[...] = transform(values, axes=axes)
 
 
 _HOST: dict[str, HostFFT] = {"ducc0": _ducc0, "scipy": _scipy, "numpy": _numpy}
 
 
-def _vkfft(array: cla.Array, device: Device, forward: bool) -> None:
+def _vkfft(array: cla.Array, device: Device, axes: tuple[int, ...], forward: bool) -> None:
     app = device.plans.get(
-        ("vkfft", array.shape, array.dtype.str), lambda: _vkfft_app(array, device), lambda _: 0
+        ("vkfft", array.shape, array.dtype.str, axes),
+        lambda: _vkfft_app(array, device, axes),
+        lambda _: 0,
     )
     (app.fft if forward else app.ifft)(array, array)
 
 
-def _vkfft_app(array: cla.Array, device: Device) -> Any:
+def _vkfft_app(array: cla.Array, device: Device, axes: tuple[int, ...]) -> Any:
     from pyvkfft.opencl import VkFFTApp
 
-    return VkFFTApp(array.shape, array.dtype, device.queue, ndim=2, inplace=True, norm=1)
+    which = {"ndim": 2} if axes == (-2, -1) else {"axes": [array.ndim + axis for axis in axes]}
+    return VkFFTApp(array.shape, array.dtype, device.queue, inplace=True, norm=1, **which)

@@ -13,7 +13,7 @@ import numpy as np
 Vector = np.ndarray[Any, Any]
 
 
-def phasor(turns: Vector, dtype: np.dtype[Any]) -> Vector:
+def phasor(turns: Any, dtype: Any = np.complex128) -> Vector:
     """exp(2 pi i turns), reduced to half a turn in float64 and then rounded to ``dtype``."""
     reduced = np.asarray(turns, np.float64)
     reduced = reduced - np.rint(reduced)

@@ -1,95 +1,31 @@
-"""Free-space propagation by the angular spectrum of plane waves."""
+"""Free-space propagation of fields: plans, one or many distances, one or many wavelengths."""
 
 from __future__ import annotations
 
-import math
 import warnings
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.device import Device, require_same_device
+from clplen.compute.blocks import Spectrum, multiplied, run, window
+from clplen.compute.device import Device, require_device, require_same_device
 from clplen.errors import SamplingError, SamplingWarning, ShapeError
+from clplen.wave.band import GUARD
+from clplen.wave.choice import describe
+from clplen.wave.description import Description
 from clplen.wave.field import Field, Grid
-from clplen.wave.transfer import Transfer, blas_band, fully_sampled_distance
+from clplen.wave.report import Energy, Report, report
+from clplen.wave.request import BORDER, Request
+from clplen.wave.spectral import corrected
 
-METHODS = ("auto", "as", "blas")
 PHASES = ("tables", "fp64", "twofloat")
 
 
-@dataclass(frozen=True)
-class Report:
-    """What a plan knows about itself.
-
-    Attributes
-    ----------
-    method, why : str
-        The method taken and the inequality that decided.
-    z : float
-        Distance in metres.
-    padded_shape : tuple of int
-        (Ly, Lx) of the computation window.
-    fully_sampled_to : float
-        Largest abs(z) in metres at which the transfer function is sampled over the whole band.
-    band : tuple of float
-        Largest abs(fy), abs(fx) kept, in cycles a metre.
-    nyquist : tuple of float
-        Nyquist frequency (fy, fx) of the grid, in cycles a metre.
-    residual_turns : float
-        Phase left to float32 beside the 1-D tables.
-    phase : str
-        "tables", "fp64" or "twofloat".
-    """
-
-    method: str
-    why: str
-    z: float
-    padded_shape: tuple[int, int]
-    fully_sampled_to: float
-    band: tuple[float, float]
-    nyquist: tuple[float, float]
-    residual_turns: float
-    phase: str
-
-    def __str__(self) -> str:
-        return "\n".join(
-            (
-                f"method            {self.method}: {self.why}",
-                f"distance          {self.z:g} m",
-                f"window            {self.padded_shape[0]} x {self.padded_shape[1]} samples",
-                f"H sampled to      {self.fully_sampled_to:.4g} m",
-                f"band              {self.band[0]:.5g}, {self.band[1]:.5g} cycles/m in y, x "
-                f"(Nyquist {self.nyquist[0]:.5g}, {self.nyquist[1]:.5g})",
-                f"phase             {self.phase}, residual {self.residual_turns:.3g} turns",
-            )
-        )
-
-
-@dataclass(frozen=True)
-class Energy:
-    """Where the energy of a propagated field goes, in the unit of `Field.power`.
-
-    Attributes
-    ----------
-    into : float
-        Of the field that was propagated.
-    window : float
-        That arrives in the window of the grid.
-    outside : float
-        That arrives beside it, in the padding.
-    cut : float
-        Outside the band of the transfer function, or evanescent.
-    """
-
-    into: float
-    window: float
-    outside: float
-    cut: float
-
-
 class Propagator:
-    """A plan for one grid and distance: transfer function, Fourier transforms, window.
+    """A plan for one grid and distance: transforms along the axes, transfer function, windows.
 
     Parameters
     ----------
@@ -98,15 +34,37 @@ class Propagator:
         Distance in metres; negative propagates back (evanescent waves are then dropped).
     wavelength : float
         In metres.
-    method : {"auto", "as", "blas"}
-        "as": angular spectrum, H = exp(i k z (sqrt(1 - s) - 1)) (Goodman 2005, eq. 3-66).
-        "blas": the same, restricted to the band that the window samples (Matsushima and Shimobaba
-        2009, eq. 13). "auto": "as" while H is sampled over the whole band or the window is periodic
-        (pad 1), else "blas".
+    method : str
+        - "auto": whichever of as, cblas and rs is exact at this distance and cheapest.
+        - "as": angular spectrum, H = exp(i k z (sqrt(1 - s) - 1)) (Goodman 2005, eq. 3-66).
+        - "blas": the same within the band that the window samples (Matsushima and Shimobaba 2009,
+          eq. 13).
+        - "cblas": within the band that reaches the output, widened by a smooth guard, in a window
+          that keeps aliases clear of it; any output grid.
+        - "rs": convolution with the sampled Rayleigh-Sommerfeld I kernel (Goodman 2005, eq. 3-43).
+        - "fresnel-tf", "fresnel-ir": paraxial, by the sampled transfer function (near) or impulse
+          response (far) (Goodman 2005, eqs. 4-20 and 4-16).
+        - "fresnel-1fft": paraxial, one transform; the output pitch is lam abs(z)/(L dx).
+        - "fresnel-multistep": paraxial, steps of one transform that keep the pitch.
     pad : float
-        The window is pad times the grid (1: periodic, no padding), rounded up to a length without
-        prime factors above 7.
+        For as, blas and the Fresnel methods the window is pad times the grid (1: periodic, no
+        padding), rounded up to a length without prime factors above 7 (fresnel-1fft: exact). The
+        others size their own windows.
     device : Device
+    out_grid : Grid, optional
+        Of the result, for auto and cblas; by default the field's.
+    guard : float
+        Of auto and cblas, in Fresnel widths sqrt(cos^3 theta/(lam z)); 8 for reference results.
+        0 ends the band sharply where geometry says, in the window of ``pad``.
+    border : float
+        Of fresnel-multistep, the fraction of half the window over which each step is absorbed; 0
+        lets light wrap around.
+    support : float or tuple of float, optional
+        (y, x) widths about the grid's centre that carry light, in metres; by default the window.
+        Less means fewer frequencies to compute.
+    lens : float, optional
+        Focal length in metres of a paraxial thin lens on the axis right before a fresnel-1fft,
+        joined to its chirp before that is sampled: nothing aliases at z = lens.
     phase : {"tables", "fp64", "twofloat"}, optional
         How the phase of H is formed; by default whatever is exact to 1e-5 rad on the device.
 
@@ -115,16 +73,20 @@ class Propagator:
     method, why : str
         The method taken and the inequality that decided.
     report : Report
+    out_grid : Grid
+        Of the result.
 
     Raises
     ------
     ValueError
-        For an unknown method or phase, z that is not finite, or pad < 1.
+        For an unknown method or phase, or a number outside its range.
+    SamplingError
+        For an output grid that the method cannot give, or fresnel-1fft at z = 0.
 
     Warns
     -----
     SamplingWarning
-        When "as" was asked for beyond the distance at which H is sampled.
+        When what the method samples is aliased, or no light reaches the output.
     """
 
     def __init__(
@@ -136,38 +98,59 @@ class Propagator:
         method: str = "auto",
         pad: float = 2,
         device: Device,
+        out_grid: Grid | None = None,
+        guard: float = GUARD,
+        border: float = BORDER,
+        support: float | tuple[float, float] | None = None,
+        lens: float | None = None,
         phase: str | None = None,
     ) -> None:
-        _check_arguments(z, wavelength, method, pad, phase)
+        wanted = request(
+            grid, z, wavelength, method, pad, out_grid, guard, border, support=support, lens=lens
+        )
+        self._prepare(wanted, device, phase, stacklevel=3)
+
+    @classmethod
+    def of(cls, wanted: Request, device: Device, *, stacklevel: int = 3) -> Propagator:
+        """The plan of a checked request."""
+        made = cls.__new__(cls)
+        made._prepare(wanted, device, None, stacklevel=stacklevel + 1)
+        return made
+
+    def _prepare(
+        self, wanted: Request, device: Device, phase: str | None, *, stacklevel: int
+    ) -> None:
+        require_device(device)
+        if phase is not None and phase not in PHASES:
+            raise ValueError(f"There is no phase route {phase!r}; use one of {', '.join(PHASES)}.")
         if phase not in (None, "tables") and device.precision == "double":
             raise ValueError(f"In double precision the phase is by 'tables', not {phase!r}.")
-        self.grid, self.z, self.wavelength, self.device = grid, float(z), wavelength, device
-        shape = padded_shape(grid.shape, pad)
-        reach = min(
-            fully_sampled_distance(n, d, wavelength) for n, d in zip(shape, grid.pitch, strict=True)
-        )
-        self.method, self.why = _choose(method, abs(z), reach, periodic=pad == 1)
-        unlimited = (math.inf, math.inf)
-        limited = blas_band(shape, grid.pitch, z, wavelength)
-        self.transfer = Transfer(
-            shape, grid.pitch, self.z, wavelength, limited if self.method == "blas" else unlimited
-        )
-        self.phase = phase or self.transfer.phase_route(device)
-        self.report = self._report(reach)
-        if method == "as" and abs(z) > reach and pad > 1:
-            warnings.warn(
-                f"The transfer function at z = {z:g} m is aliased: it is sampled over the whole "
-                f"band only up to {reach:.4g} m. Use method='blas' or a larger pad.",
-                SamplingWarning,
-                stacklevel=2,
-            )
-        self._H: cla.Array | None = None
+        self.request, self.device = wanted, device
+        self.grid, self.z, self.wavelength = wanted.grid, wanted.z, wanted.wavelength
+        made = describe(wanted)
+        self.description = _in_precision(made, device)
+        self.method, self.why, self.out_grid = made.method, made.why, made.out_grid
+        route = "tables" if made.factor is None else made.factor.phase_route(device)
+        self.phase = phase or route
+        self.report: Report = report(made, self.phase)
+        if made.warning:
+            warnings.warn(made.warning, SamplingWarning, stacklevel=stacklevel)
+        self._spectrum: Spectrum | None = None
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the plan holds on the device."""
-        ny, nx = self.transfer.shape
-        return (ny // 2 + 1) * (nx // 2 + 1) * self.device.complex.itemsize
+        """Bytes that the plan holds."""
+        factor, lines = self.description.factor, self.description.into.x + self.description.back.x
+        stored = 0 if factor is None else int(np.prod(factor.stored, dtype=np.int64))
+        tables = sum(line.length for line in lines)
+        return (stored + 3 * tables) * self.device.complex.itemsize
+
+    @property
+    def spectrum(self) -> Spectrum | None:
+        """The factor on the device, made at first use; None where the method has none."""
+        if self._spectrum is None and self.description.factor is not None:
+            self._spectrum = self.description.factor.on_device(self.device, self.phase)
+        return self._spectrum
 
     def __call__(self, field: Field) -> Field:
         """Propagate a field (or a batch of fields) on the plan's grid.
@@ -180,7 +163,7 @@ class Propagator:
         Returns
         -------
         Field
-            Same shape and grid, without the carrier exp(ikz).
+            On `out_grid`, without the carrier exp(ikz).
 
         Raises
         ------
@@ -189,20 +172,8 @@ class Propagator:
         ShapeError
             If the field's grid or wavelength is not the plan's.
         """
-        require_same_device(field.device, self.device)
-        if field.grid != self.grid or field.wavelength != self.wavelength:
-            raise ShapeError(
-                f"The plan is for {self.grid} at {self.wavelength:g} m, the field has {field.grid} "
-                f"at {field.wavelength:g} m."
-            )
-        if self.z == 0 or 0 in field.shape:
-            return field
-        work = self._spectrum(field)
-        self._filter(work)
-        self.device.fft.inverse(work, self.device)
-        if work.shape == field.shape:
-            return field.with_data(work)
-        return field.with_data(window(work, field.shape, self.device))
+        self._check(field)
+        return _together(field, [self])[0]
 
     def energy(self, field: Field) -> Energy:
         """Where the energy of a field goes, each part computed by itself.
@@ -216,141 +187,273 @@ class Propagator:
         -------
         Energy
             In the unit of `Field.power`; ``into = window + outside + cut`` but for rounding.
+
+        Raises
+        ------
+        SamplingError
+            For a method without a transfer function in a window of the field's samples: rs and
+            the Fresnel methods, or another output pitch or centre.
         """
-        area = self.grid.pitch[0] * self.grid.pitch[1]
-        work = self._spectrum(field)
-        before = _power(work, self.device)
-        self._filter(work)
-        after = _power(work, self.device)
-        self.device.fft.inverse(work, self.device)
-        kept = window(work, field.shape, self.device)
-        with self.device.on_host(work, write=False) as values:
-            outside = values.astype(np.complex128)
-        rows, columns = (
-            slice(n // 2 - m // 2, n // 2 - m // 2 + m)
-            for n, m in zip(self.transfer.shape, self.grid.shape, strict=True)
+        self._check(field)
+        plan = self._by_fft()
+        made, spectrum, device = plan.description, plan.spectrum, self.device
+        if spectrum is None:
+            power = float(np.sum(field.power()))
+            return Energy(into=power, window=power, outside=0.0, cut=0.0)
+        shape = (*field.shape[:-2], *spectrum.shape)
+        nbytes = int(np.prod(shape, dtype=np.int64)) * device.complex.itemsize
+        device.require_memory(4 * nbytes, "This energy budget")
+        area, samples = (
+            self.grid.pitch[0] * self.grid.pitch[1],
+            spectrum.shape[0] * spectrum.shape[1],
         )
-        outside[..., rows, columns] = 0
-        samples = self.transfer.shape[0] * self.transfer.shape[1]
+        work = window(field.data, shape, device)
+        device.fft.forward(work, device)
+        before = _power(work, device)
+        multiplied(work, spectrum, device, copy=False)
+        after = _power(work, device)
+        device.fft.inverse(work, device)
+        kept = window(work, (*field.shape[:-2], *made.out_grid.shape), device)
         return Energy(
             into=float(np.sum(field.power())),
-            window=_power(kept, self.device) * area,
-            outside=float(np.vdot(outside, outside).real) * area,
+            window=_power(kept, device) * area,
+            outside=_power_outside(work, made.out_grid.shape, device) * area,
             cut=(before - after) / samples * area,
         )
 
-    def _spectrum(self, field: Field) -> cla.Array:
-        """The Fourier transform of the padded field, a new array."""
-        batch = field.shape[:-2]
-        samples = int(np.prod((*batch, *self.transfer.shape), dtype=np.int64))
-        self.device.require_memory(
-            2 * samples * self.device.complex.itemsize + self.nbytes, "This propagation"
-        )
-        work = window(field.data, (*batch, *self.transfer.shape), self.device)
-        self.device.fft.forward(work, self.device)
-        return work
+    def _by_fft(self) -> Propagator:
+        """This plan with its sum done by FFTs of a window of the field's own samples."""
+        if self.method in ("as", "blas") or self.description.route == "none":
+            return self
+        if self.method != "cblas" or not self.request.is_aligned:
+            raise SamplingError(
+                "energy() is for as, blas and cblas on the field's own pitch and centre, whose "
+                f"window holds all the light; this plan is {self.method!r} onto {self.out_grid}."
+            )
+        if self.description.route.startswith("FFT"):
+            return self
+        plan = Propagator.__new__(Propagator)
+        plan.__dict__.update(self.__dict__)
+        plan.description = _in_precision(corrected(self.request, self.why, "fft"), self.device)
+        plan._spectrum = None
+        return plan
 
-    def _filter(self, spectrum: cla.Array) -> None:
-        if self._H is None:
-            self._H = self.transfer.on_device(self.device, self.phase)
-        ny, nx = self.transfer.shape
-        defines = self.device.wave_defines()
-        kernel = self.device.kernel("spectral_filter.cl", "filter_spectrum", **defines)
-        self.device.launch_rows(
-            kernel, spectrum.shape, spectrum, self._H, np.int32(ny), np.int32(nx)
-        )
-
-    def _report(self, reach: float) -> Report:
-        t = self.transfer
-        nyquist = tuple(
-            0.0 if n == 1 else 1 / (2 * d)
-            for n, d in zip(self.grid.shape, self.grid.pitch, strict=True)
-        )
-        return Report(
-            method=self.method,
-            why=self.why,
-            z=self.z,
-            padded_shape=t.shape,
-            fully_sampled_to=reach,
-            band=(min(t.band[0], nyquist[0]), min(t.band[1], nyquist[1])),
-            nyquist=(nyquist[0], nyquist[1]),
-            residual_turns=t.residual_turns(),
-            phase=self.phase,
-        )
+    def _check(self, field: Field) -> None:
+        require_same_device(field.device, self.device)
+        if field.grid != self.grid or field.wavelength != self.wavelength:
+            raise ShapeError(
+                f"The plan is for {self.grid} at {self.wavelength:g} m, the field has {field.grid} "
+                f"at {field.wavelength:g} m."
+            )
 
 
 def propagate(
     field: Field,
-    z: float,
+    z: float | Sequence[float],
     *,
     method: str = "auto",
     pad: float = 2,
     out_grid: Grid | None = None,
+    guard: float = GUARD,
+    border: float = BORDER,
+    support: float | tuple[float, float] | None = None,
+    lens: float | None = None,
 ) -> Field:
-    """Propagate a field by z through free space.
+    """Propagate a field through free space, by one distance or by several.
 
     Parameters
     ----------
     field : Field
         Shape (..., ny, nx).
-    z : float
-        Distance in metres; 0 returns the field, a negative distance propagates back.
-    method : {"auto", "as", "blas"}
-        See `Propagator`.
+    z : float or sequence of float
+        Distance in metres; 0 returns the field, a negative distance propagates back. Several
+        distances share the field's transform where their windows agree.
+    method : str
+        auto | as | blas | cblas | rs | fresnel-tf | fresnel-ir | fresnel-1fft | fresnel-multistep:
+        see `Propagator`.
     pad : float
-        Zero padding, at least 1; 1 makes the window periodic.
+        Zero padding of as, blas and the Fresnel methods, at least 1; 1 makes the window periodic.
     out_grid : Grid, optional
-        These methods keep the grid: only the field's own is accepted.
+        Of the result: any pitch, shape and origin with auto and cblas.
+    guard, border, support, lens
+        See `Propagator`.
 
     Returns
     -------
     Field
-        Same shape and grid, without the carrier exp(ikz).
+        On ``out_grid``, without the carrier exp(ikz). Shape (..., my, mx), or (n, ..., my, mx) for
+        n distances.
 
     Raises
     ------
     ValueError
         For an unknown method, z that is not finite, or pad < 1.
     SamplingError
-        If ``out_grid`` is another grid.
+        For an output grid that the method cannot give, fresnel-1fft at z = 0, or several distances
+        with fresnel-1fft, whose results have different pitches.
     DeviceError
-        If the padded window does not fit the device.
+        If the windows do not fit the device.
+
+    Warns
+    -----
+    SamplingWarning
+        Once a plan, when what the method samples is aliased.
 
     Notes
     -----
-    The plan is kept on the device and used again for the same grid, distance, wavelength, method
-    and padding.
+    The plan is kept on the device and used again for the same arguments; ``device.plans`` shows its
+    size and hits.
     """
-    if out_grid is not None and out_grid != field.grid:
-        raise SamplingError(
-            f"The methods {', '.join(METHODS)} keep the grid of the field: {field.grid} was given, "
-            f"{out_grid} asked for."
+    distances = [z] if np.ndim(z) == 0 else list(np.asarray(z).ravel())
+    if not distances:
+        raise ValueError("z is one distance or several, in metres, not an empty list.")
+    plans = [
+        _kept(
+            request(
+                field.grid, one, field.wavelength, method, pad, out_grid, guard, border,
+                support=support, lens=lens,
+            ),
+            field.device,
         )
-    return plan(
-        field.grid, z, wavelength=field.wavelength, method=method, pad=pad, device=field.device
-    )(field)
+        for one in distances
+    ]  # fmt: skip
+    if len({plan.out_grid for plan in plans}) > 1:
+        raise SamplingError(
+            "fresnel-1fft gives another pitch at each distance: propagate to one at a time, or use "
+            "method='cblas' with an out_grid."
+        )
+    results = _together(field, plans)
+    return results[0] if np.ndim(z) == 0 else _stack(results)
+
+
+def propagate_wavelengths(
+    field: Field, z: float | Sequence[float], wavelengths: Sequence[float], **options: Any
+) -> list[Field]:
+    """The same complex amplitudes at several wavelengths, each propagated as by `propagate`.
+
+    Parameters
+    ----------
+    field : Field
+        Shape (..., ny, nx); its own wavelength does not matter.
+    z : float or sequence of float
+        In metres.
+    wavelengths : sequence of float
+        In metres.
+    **options
+        Of `propagate`.
+
+    Returns
+    -------
+    list of Field
+        One a wavelength, each with its wavelength.
+    """
+    return [
+        propagate(replace(field, wavelength=float(wavelength)), z, **options)
+        for wavelength in wavelengths
+    ]
 
 
 def plan(
-    grid: Grid, z: float, *, wavelength: float, method: str = "auto", pad: float = 2, device: Device
+    grid: Grid,
+    z: float,
+    *,
+    wavelength: float,
+    method: str = "auto",
+    pad: float = 2,
+    device: Device,
+    out_grid: Grid | None = None,
 ) -> Propagator:
     """The device's `Propagator` for these values, made when it is not there yet."""
-    _check_arguments(z, wavelength, method, pad, None)
+    return _kept(request(grid, z, wavelength, method, pad, out_grid), device)
+
+
+def request(
+    grid: Grid,
+    z: Any,
+    wavelength: float,
+    method: str = "auto",
+    pad: float = 2,
+    out_grid: Grid | None = None,
+    guard: float = GUARD,
+    border: float = BORDER,
+    *,
+    support: float | tuple[float, float] | None = None,
+    lens: float | None = None,
+) -> Request:
+    """A checked request, a ``support`` of one number being that of both axes."""
+    if support is not None:
+        both = np.broadcast_to(np.asarray(support, np.float64), (2,))
+        support = (float(both[0]), float(both[1]))
+    distance = float(z) if np.ndim(z) == 0 else z
+    return Request(grid, distance, wavelength, method, pad, out_grid, guard, border, support, lens)
+
+
+def _kept(wanted: Request, device: Device) -> Propagator:
+    require_device(device)
     return device.plans.get(
-        ("propagator", grid, float(z), wavelength, method, pad),
-        lambda: Propagator(grid, z, wavelength=wavelength, method=method, pad=pad, device=device),
+        ("propagator", wanted),
+        lambda: Propagator.of(wanted, device, stacklevel=6),
         lambda made: made.nbytes,
     )
 
 
-def window(data: cla.Array, shape: tuple[int, ...], device: Device) -> cla.Array:
-    """A copy of complex samples in a larger or smaller window; sample N//2 stays on N//2."""
-    out = device.empty(shape, device.complex)
-    (ny, nx), (in_ny, in_nx) = shape[-2:], data.shape[-2:]
-    kernel = device.kernel("window.cl", "window", **device.wave_defines())
-    numbers = (ny, nx, in_ny, in_nx, in_ny // 2 - ny // 2, in_nx // 2 - nx // 2)
-    device.launch_rows(kernel, shape, out, data, *(np.int32(n) for n in numbers))
-    return out
+def _together(field: Field, plans: Sequence[Propagator]) -> list[Field]:
+    """A field by several plans; those that begin alike share their beginning."""
+    results: dict[int, Field] = {}
+    groups: dict[Any, list[int]] = {}
+    for place, one in enumerate(plans):
+        made = one.description
+        alone = made.factor is None or made.route.startswith("chirp")
+        key = place if alone else ("fft", made.into.widest(field.grid.shape))
+        groups.setdefault(key, []).append(place)
+    for places in groups.values():
+        chosen = [plans[place] for place in places]
+        for place, result in zip(places, _run(field, chosen), strict=True):
+            results[place] = result
+    return [results[place] for place in range(len(plans))]
+
+
+def _run(field: Field, plans: Sequence[Propagator]) -> list[Field]:
+    first = plans[0].description
+    if first.route == "none" or 0 in field.shape:
+        same = field.shape[:-2]
+        if first.route == "none":
+            return [field for _ in plans]
+        empty = field.device.empty((*same, *first.out_grid.shape), field.device.complex)
+        return [replace(field, data=empty, grid=plan.out_grid) for plan in plans]
+    _require_memory(field, plans)
+    spectra = [plan.spectrum for plan in plans if plan.spectrum is not None]
+    back = [plan.description.back for plan in plans] if spectra else []
+    data = run(field.data, first.into, spectra, back, field.device)
+    return [
+        replace(field, data=one, grid=plan.out_grid) for plan, one in zip(plans, data, strict=True)
+    ]
+
+
+def _require_memory(field: Field, plans: Sequence[Propagator]) -> None:
+    made = plans[0].description
+    count = int(np.prod(field.shape[:-2], dtype=np.int64))
+    out = int(np.prod(made.out_grid.shape, dtype=np.int64))
+    samples = made.work_samples
+    if field.device.fft.name == "vkfft":
+        samples = 2 * int(np.prod(made.window, dtype=np.int64))
+    nbytes = count * (samples + len(plans) * (samples + out)) * field.device.complex.itemsize
+    field.device.require_memory(nbytes + sum(plan.nbytes for plan in plans), "This propagation")
+
+
+def _stack(fields: Sequence[Field]) -> Field:
+    """Fields of one grid as a batch with a new leading axis."""
+    device = fields[0].device
+    out = device.empty((len(fields), *fields[0].shape), device.complex)
+    for place, field in enumerate(fields):
+        device.copy_into(out, field.data, place * field.data.nbytes)
+    return fields[0].with_data(out)
+
+
+def _in_precision(made: Description, device: Device) -> Description:
+    return replace(
+        made, into=made.into.astype(device.complex), back=made.back.astype(device.complex)
+    )
 
 
 def _power(data: cla.Array, device: Device) -> float:
@@ -359,43 +462,13 @@ def _power(data: cla.Array, device: Device) -> float:
         return float(np.vdot(values, values.astype(np.complex128)).real)
 
 
-def padded_shape(shape: tuple[int, int], pad: float) -> tuple[int, int]:
-    """Window lengths: N for pad 1, else the next 7-smooth length from round(pad N); 1 stays 1."""
-    ny, nx = (n if pad == 1 or n == 1 else _next_smooth(round(pad * n)) for n in shape)
-    return (ny, nx)
-
-
-def _next_smooth(n: int) -> int:
-    while True:
-        rest = n
-        for prime in (2, 3, 5, 7):
-            while rest % prime == 0:
-                rest //= prime
-        if rest == 1:
-            return n
-        n += 1
-
-
-def _choose(method: str, z: float, reach: float, *, periodic: bool) -> tuple[str, str]:
-    if method != "auto":
-        return method, "asked for"
-    if periodic:
-        return "as", "pad = 1: a periodic field has no frequencies between the samples of H"
-    if z <= reach:
-        return "as", f"z = {z:.4g} m <= {reach:.4g} m: H is sampled over the whole band"
-    return "blas", f"z = {z:.4g} m > {reach:.4g} m: H is sampled over part of the band"
-
-
-def _check_arguments(
-    z: float, wavelength: float, method: str, pad: float, phase: str | None
-) -> None:
-    if method not in METHODS:
-        raise ValueError(f"There is no method {method!r}; use one of {', '.join(METHODS)}.")
-    if phase is not None and phase not in PHASES:
-        raise ValueError(f"There is no phase route {phase!r}; use one of {', '.join(PHASES)}.")
-    if np.ndim(z) or not math.isfinite(z):
-        raise ValueError(f"The distance z is one finite number of metres, not {z!r}.")
-    if not (math.isfinite(wavelength) and wavelength > 0):
-        raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
-    if not (math.isfinite(pad) and pad >= 1):
-        raise ValueError(f"pad is at least 1 and finite, not {pad!r}.")
+def _power_outside(data: cla.Array, shape: tuple[int, int], device: Device) -> float:
+    """Sum of abs(u)^2 outside the central window of a shape, in float64."""
+    with device.on_host(data, write=False) as values:
+        outside = values.astype(np.complex128)
+    rows, columns = (
+        slice(n // 2 - m // 2, n // 2 - m // 2 + m)
+        for n, m in zip(outside.shape[-2:], shape, strict=True)
+    )
+    outside[..., rows, columns] = 0
+    return float(np.vdot(outside, outside).real)

@@ -1,60 +1,83 @@
-"""The transfer function of free space on a device: its band, its phase route, its samples."""
+"""Factors of a 2-D spectrum on a device: the transfer function of free space, and that of its
+sampled impulse response."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-import pyopencl.array as cla
 
+from clplen.compute.blocks import Spectrum, window
+from clplen.wave import sommerfeld
 from clplen.wave.phase import phasor, split
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
 
-EVANESCENT_REACH = 3  # wavelengths; farther on evanescent waves are below 1e-4
+Vector = np.ndarray[Any, Any]
+Pair = tuple[float, float]
+
 LARGEST_TABLE_RESIDUAL = 1.0  # turns; above, float32 tables lose more than 1e-5
 
 
-@dataclass(frozen=True)
+class Factor(Protocol):
+    """What a spectrum is multiplied by, before it is on a device."""
+
+    def residual_turns(self) -> float:
+        """Phase left to the device's precision beside 1-D tables made in double."""
+
+    def phase_route(self, device: Device) -> str:
+        """ "tables", "fp64" or "twofloat": how a device forms the phase."""
+
+    def on_device(self, device: Device, phase: str) -> Spectrum:
+        """The samples, the phase formed as said."""
+
+    @property
+    def stored(self) -> tuple[int, int]:
+        """Shape of the samples that are kept."""
+
+
+@dataclass(frozen=True, eq=False)
 class Transfer:
-    """What determines H(fx, fy) on a padded window.
+    """H(fx, fy) = exp(i k z (sqrt(1 - s) - 1)), s = lam^2 (fx^2 + fy^2), times 1-D weights.
+
+    Goodman (2005), eq. 3-66, without the carrier exp(ikz).
 
     Attributes
     ----------
     shape : tuple of int
-        (Ly, Lx) of the padded window.
-    pitch : tuple of float
-        (dy, dx) in metres.
+        (my, mx) of the spectrum.
+    frequencies, weights : tuple of numpy.ndarray
+        Along y and x, float64, in cycles a metre: all of them, or of an FFT's those up to the
+        middle, (my//2 + 1,) and (mx//2 + 1,), where H is even.
     z, wavelength : float
         In metres.
-    band : tuple of float
-        Largest abs(fy), abs(fx) kept, in cycles a metre; infinite for no limit.
     """
 
     shape: tuple[int, int]
-    pitch: tuple[float, float]
+    frequencies: tuple[Vector, Vector]
+    weights: tuple[Vector, Vector]
     z: float
     wavelength: float
-    band: tuple[float, float]
 
-    def last_index(self, axis: int) -> int:
-        """Largest frequency index of an axis inside the band."""
-        n, d = self.shape[axis], self.pitch[axis]
-        if math.isinf(self.band[axis]):
-            return n // 2
-        # |f| < limit strictly; f = k/(n d)
-        return min(n // 2, math.ceil(self.band[axis] * n * d) - 1)
+    @property
+    def stored(self) -> tuple[int, int]:
+        """Shape of the samples that are kept."""
+        return (self.frequencies[0].size, self.frequencies[1].size)
+
+    def highest(self) -> Pair:
+        """Largest abs(fy), abs(fx) of any weight, in cycles a metre."""
+        y, x = (
+            float(np.abs(f[w > 0]).max(initial=0.0))
+            for f, w in zip(self.frequencies, self.weights, strict=True)
+        )
+        return (y, x)
 
     def residual_turns(self) -> float:
         """Rt = (z/lam) q^2/2 with q = 1 - sqrt(1 - s) at the corner of the band."""
-        s = sum(
-            (self.wavelength * self.last_index(a) / (self.shape[a] * self.pitch[a])) ** 2
-            for a in (0, 1)
-        )
-        s = min(s, 1.0)
+        s = min(sum((self.wavelength * f) ** 2 for f in self.highest()), 1.0)
         q = s / (1 + math.sqrt(1 - s))
         return abs(self.z) / self.wavelength * q * q / 2
 
@@ -64,67 +87,81 @@ class Transfer:
             return "tables"
         return "fp64" if device.has_fp64 else "twofloat"
 
-    def on_device(self, device: Device, phase: str) -> cla.Array:
-        """One quadrant of H, complex, shape (Ly//2 + 1, Lx//2 + 1).
+    def on_device(self, device: Device, phase: str) -> Spectrum:
+        """The samples on a device.
 
         Parameters
         ----------
         device : Device
         phase : {"tables", "fp64", "twofloat"}
         """
-        ny, nx = (n // 2 + 1 for n in self.shape)
-        fy, fx = (
-            np.arange(n // 2 + 1) / (n * d) for n, d in zip(self.shape, self.pitch, strict=True)
-        )
+        (fy, fx), (wy, wx) = self.frequencies, self.weights
         tables = [phasor(-self.wavelength * self.z * f**2 / 2, device.complex) for f in (fx, fy)]
         squares = [split((self.wavelength * f) ** 2, device.real) for f in (fx, fy)]
-        distance = split(self.z / self.wavelength, device.real)
         carrier = phasor(np.array([-self.z / self.wavelength]), device.complex)
-        H = device.empty((ny, nx), device.complex)
+        H = device.empty(self.stored, device.complex)
         defines = {f"PHASE_{phase.upper()}": True, **device.wave_defines()}
-        kernel = device.kernel("transfer.cl", "transfer", **defines)
         device.launch_rows(
-            kernel,
-            (ny, nx),
+            device.kernel("transfer.cl", "transfer", **defines),
+            self.stored,
             H,
             *(device.upload(t) for t in tables),
             *(device.upload(s) for s in squares),
-            distance,
+            *(device.upload(w.astype(device.real)) for w in (wx, wy)),
+            split(self.z / self.wavelength, device.real),
             carrier.view(device.real),
-            np.int32(self.last_index(1)),
-            np.int32(self.last_index(0)),
-            np.int32(ny),
-            np.int32(nx),
+            *(np.int32(n) for n in self.stored),
         )
-        return H
+        return Spectrum(H, self.shape)
 
 
-def blas_band(
-    shape: tuple[int, int], pitch: tuple[float, float], z: float, wavelength: float
-) -> tuple[float, float]:
-    """Band limit per axis, (fy, fx), of the band-limited angular spectrum.
+@dataclass(frozen=True, eq=False)
+class Sommerfeld:
+    """The DFT of the sampled Rayleigh-Sommerfeld kernel: see sommerfeld.py.
 
-    f_lim = 1/(lam sqrt((2 df z)^2 + 1)), df = 1/W with W the padded window: Matsushima and
-    Shimobaba (2009), eq. 13. Infinite on an axis of length 1 and at z = 0.
+    Attributes
+    ----------
+    shape : tuple of int
+        (my, mx) of the window.
+    pitch : tuple of float
+        (dy, dx) in metres.
+    z, wavelength : float
+        In metres.
     """
-    limits = []
-    for n, d in zip(shape, pitch, strict=True):
-        df = 1 / (n * d)
-        free = n == 1 or z == 0
-        limits.append(math.inf if free else 1 / (wavelength * math.hypot(2 * df * z, 1)))
-    return (limits[0], limits[1])
+
+    shape: tuple[int, int]
+    pitch: Pair
+    z: float
+    wavelength: float
+
+    @property
+    def stored(self) -> tuple[int, int]:
+        """Shape of the samples that are kept: one quadrant."""
+        return (self.shape[0] // 2 + 1, self.shape[1] // 2 + 1)
+
+    def residual_turns(self) -> float:
+        """Rk = (r_max - z)^2/(2 z lam) at the corner displacement."""
+        return sommerfeld.residual_turns(self.shape, self.pitch, self.z, self.wavelength)
+
+    def phase_route(self, device: Device) -> str:
+        """ "tables", "fp64" or "twofloat": how a device forms the phase to 2.5e-5 rad."""
+        return sommerfeld.phase_route(self.shape, self.pitch, self.z, self.wavelength, device)
+
+    def on_device(self, device: Device, phase: str) -> Spectrum:
+        """The transform of the kernel's samples on a device.
+
+        Parameters
+        ----------
+        device : Device
+        phase : {"tables", "fp64", "twofloat"}
+        """
+        h = sommerfeld.impulse_response(
+            self.shape, self.pitch, self.z, self.wavelength, device, phase
+        )
+        device.fft.forward(h, device)
+        return Spectrum(window(h, self.stored, device, place=(0, 0)), self.shape)
 
 
-def fully_sampled_distance(n: int, d: float, wavelength: float) -> float:
-    """Largest abs(z) at which H is sampled over the whole band of one axis, in metres.
-
-    z tan(asin(lam f_nyq)) <= W/2: the steepest phase of H then changes by at most pi a sample. On
-    samples below lam/2 grazing waves are never sampled, but up to three wavelengths evanescent
-    waves, which a band limit would drop, matter more: there it is 3 lam.
-    """
-    sine = wavelength / (2 * d)
-    if n == 1:
-        return math.inf
-    if sine >= 1:
-        return EVANESCENT_REACH * wavelength
-    return n * d / 2 * math.sqrt(1 - sine**2) / sine
+def fft_frequencies(n: int, d: float) -> Vector:
+    """Frequencies 0 ... n//2 of an FFT of n samples of pitch d, in cycles a metre."""
+    return np.arange(n // 2 + 1) / (n * d)

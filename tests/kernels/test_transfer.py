@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import reference
 
-from clplen.wave.transfer import Transfer, blas_band
+from clplen.wave.band import blas_limit
+from clplen.wave.transfer import Transfer, fft_frequencies
 
-INF = (np.inf, np.inf)
 # shape, pitch, z, wavelength
 CASES = [
     ((12, 15), (6.6e-6, 5e-6), 0.24, 532e-9),
@@ -21,8 +21,15 @@ def quadrant(H):
     return H[: H.shape[0] // 2 + 1, : H.shape[1] // 2 + 1]
 
 
+def transfer_of(shape, pitch, z, wavelength, limits=(np.inf, np.inf)):
+    """One quadrant of H, below the band limits."""
+    f = tuple(fft_frequencies(n, d) for n, d in zip(shape, pitch, strict=True))
+    weights = tuple((a < limit).astype(float) for a, limit in zip(f, limits, strict=True))
+    return Transfer(shape, f, weights, z, wavelength)
+
+
 def on_device(device, transfer, phase):
-    return device.download(transfer.on_device(device, phase))
+    return device.download(transfer.on_device(device, phase).values)
 
 
 def phases(device):
@@ -32,8 +39,11 @@ def phases(device):
 @pytest.mark.parametrize(("shape", "pitch", "z", "wavelength"), CASES)
 @pytest.mark.parametrize("method", ["as", "blas"])
 def test_error_stays_below_its_bound(device, shape, pitch, z, wavelength, method):
-    band = blas_band(shape, pitch, z, wavelength) if method == "blas" else INF
-    transfer = Transfer(shape, pitch, z, wavelength, band)
+    limits = [
+        blas_limit(n, d, z, wavelength) if method == "blas" else np.inf
+        for n, d in zip(shape, pitch, strict=True)
+    ]
+    transfer = transfer_of(shape, pitch, z, wavelength, limits)
     expected = quadrant(
         reference.transfer_function(
             shape, pitch, z, wavelength, band="blas" if method == "blas" else None
@@ -52,7 +62,7 @@ def test_error_stays_below_its_bound(device, shape, pitch, z, wavelength, method
 
 @pytest.mark.parametrize(("shape", "pitch", "z", "wavelength"), CASES)
 def test_double_tables(precise, shape, pitch, z, wavelength):
-    transfer = Transfer(shape, pitch, z, wavelength, INF)
+    transfer = transfer_of(shape, pitch, z, wavelength)
     expected = quadrant(reference.transfer_function(shape, pitch, z, wavelength))
     turns = abs(z) / wavelength * (wavelength / (2 * min(pitch))) ** 2
     bound = 2 * np.pi * 4 * np.finfo(float).eps * max(1.0, turns)
@@ -62,7 +72,7 @@ def test_double_tables(precise, shape, pitch, z, wavelength):
 @pytest.mark.parametrize("z", [0.3e-6, -0.3e-6])
 def test_evanescent_waves_decay_forward_and_vanish_backward(device, z):
     shape, pitch, wavelength = (17, 22), (0.1e-6, 0.07e-6), 550e-9
-    transfer = Transfer(shape, pitch, z, wavelength, INF)
+    transfer = transfer_of(shape, pitch, z, wavelength)
     expected = quadrant(reference.transfer_function(shape, pitch, z, wavelength))
     s = sum((wavelength * np.arange(n // 2 + 1) / (n * d)) ** 2 for n, d in ((shape[1], pitch[1]),))
     assert (s > 1).any()
@@ -81,3 +91,17 @@ def test_naive_phase_would_fail():
     turns = np.float32(z / wavelength) * (np.sqrt(1 - s) - np.float32(1))
     naive = np.exp(2j * np.pi * turns.astype(np.float64))
     assert np.abs(naive - reference.transfer_function(shape, pitch, z, wavelength)).max() > 1e-3
+
+
+def test_weights_and_any_frequencies(device, precise):
+    """Frequencies of a chirp-z transform, of both signs, with weights between 0 and 1."""
+    f = (np.linspace(-3e4, 5e4, 11), np.linspace(-7e4, -1e4, 7))
+    weights = (np.linspace(0, 1, 11), np.linspace(1, 0.25, 7))
+    z, wavelength = 0.02, 532e-9
+    transfer = Transfer((11, 7), f, weights, z, wavelength)
+    s = (wavelength * f[0][:, None]) ** 2 + (wavelength * f[1]) ** 2
+    H = np.exp(-2j * np.pi * z / wavelength * s / (1 + np.sqrt(1 - s))) * np.outer(*weights)
+    for d, bound in ((device, 6e-7), (precise, 1e-10)):
+        spectrum = transfer.on_device(d, "tables")
+        assert not spectrum.is_quadrant
+        assert np.abs(d.download(spectrum.values) - H).max() <= bound

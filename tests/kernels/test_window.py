@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clplen.wave.propagation import window
+from clplen.compute.blocks import window
 
 SHAPES = [
     ((5, 7), (8, 9)),

@@ -1,76 +1,16 @@
-"""Thin lens and microlens array: values, sampling rule, messages."""
+"""Microlens array: sampling rule, messages, centres."""
 
 import numpy as np
 import pytest
 import reference
-from tolerance import relative_max
 
-from clplen import Field, Grid, MicrolensArray, SamplingError, SamplingWarning, thin_lens
+from clplen import Field, Grid, MicrolensArray, SamplingError
 
 LAM = 532e-9
 
 
 def ones(grid, device):
     return Field.from_array(np.ones(grid.shape), grid, wavelength=LAM, device=device)
-
-
-@pytest.mark.parametrize("f", [0.12, -0.05])
-@pytest.mark.parametrize("shape", [(64, 75), (33, 40), (1, 50)])
-def test_lens_phase_in_float32(device, precise, f, shape):
-    grid = Grid(shape, (5e-6, 6.6e-6), origin=(2.5e-6, 0))
-    expected = reference.lens_phase(shape, grid.pitch, f, LAM, origin=grid.origin)
-    assert np.abs(thin_lens(ones(grid, device), f).to_numpy() - expected).max() <= 3e-7
-    assert np.abs(thin_lens(ones(grid, precise), f).to_numpy() - expected).max() <= 1e-13
-
-
-def test_lens_at_full_sensor_size_keeps_its_phase(device):
-    grid = Grid((1, 3030), 6.6e-6)
-    expected = reference.lens_phase(grid.shape, grid.pitch, 0.12, LAM)
-    got = thin_lens(ones(grid, device), 0.12, aliasing="allow").to_numpy()
-    assert np.abs(got - expected).max() <= 3e-7
-
-
-def test_aperture_of_a_lens_is_area_weighted(device):
-    grid = Grid((40, 47), 5e-6)
-    got = thin_lens(ones(grid, device), 0.1, diameter=120e-6).to_numpy()
-    expected = reference.circle_coverage(grid.shape, grid.pitch, 120e-6)
-    assert np.abs(np.abs(got) - expected).max() <= 3e-4
-
-
-def test_infinite_focal_length_does_nothing(device):
-    grid = Grid((5, 6), 1e-3)
-    assert (
-        relative_max(np.ones((5, 6), complex), thin_lens(ones(grid, device), np.inf).to_numpy())
-        == 0
-    )
-
-
-def test_aliased_lens_says_what_would_do(device):
-    grid = Grid((100, 100), 5e-6)
-    f_min = 2 * 200e-6 * 5e-6 / LAM
-    thin_lens(ones(grid, device), 1.001 * f_min, diameter=400e-6)
-    with pytest.raises(SamplingError, match=r"R = 0.0002 m, R_max = .*at least 0.003759 m"):
-        thin_lens(ones(grid, device), 0.9 * f_min, diameter=400e-6)
-    with pytest.warns(SamplingWarning, match="R_max"):
-        thin_lens(ones(grid, device), 0.9 * f_min, diameter=400e-6, aliasing="warn")
-    thin_lens(ones(grid, device), 0.9 * f_min, diameter=400e-6, aliasing="allow")
-
-
-def test_without_diameter_the_half_window_counts(device):
-    grid = Grid((100, 100), 5e-6)
-    with pytest.raises(SamplingError, match=r"R = 0.00025 m"):
-        thin_lens(ones(grid, device), 2e-3)
-
-
-@pytest.mark.parametrize("f", [0, np.nan])
-def test_focal_length_is_not_zero(device, f):
-    with pytest.raises(ValueError, match="focal length is not 0"):
-        thin_lens(ones(Grid((3, 4), 1e-6), device), f)
-
-
-def test_aliasing_words(device):
-    with pytest.raises(ValueError, match="'raise', 'warn' or 'allow'"):
-        thin_lens(ones(Grid((3, 4), 1e-6), device), 1.0, aliasing="ignore")
 
 
 def test_lenslets_below_two_samples(device):

@@ -171,32 +171,6 @@ def test_batches_equal_single_fields(device):
     np.testing.assert_allclose(batch[1, 2], alone, atol=2e-6)
 
 
-def test_auto_switches_where_h_is_no_longer_sampled(device):
-    grid = Grid((64, 80), 2e-6)
-    reach = Propagator(grid, 1e-6, wavelength=LAM, device=device).report.fully_sampled_to
-    sine = LAM / (2 * 2e-6)
-    assert reach == pytest.approx(128 * 2e-6 / 2 / math.tan(math.asin(sine)), rel=1e-12)
-    near, far = (
-        Propagator(grid, z, wavelength=LAM, device=device) for z in (0.99 * reach, 1.01 * reach)
-    )
-    assert (near.method, far.method) == ("as", "blas")
-    assert "<=" in near.why
-    assert ">" in far.why
-    assert "blas" in str(far.report)
-
-
-def test_auto_keeps_periodic_fields_and_evanescent_waves(device):
-    grid = Grid((3, 64), 3e-6)
-    u = np.broadcast_to(np.exp(2j * np.pi * 20 * np.arange(64) / 64), grid.shape)
-    got = propagate(field_of(u, grid, device), 0.01, pad=1).to_numpy()
-    np.testing.assert_allclose(np.abs(got), 1, atol=1e-5)
-    fine = Grid((1, 256), LAM / 8)
-    slit = field_of(np.abs(fine.x)[None, :] < LAM, fine, device)
-    near, plain = (propagate(slit, 0.2 * LAM, method=m, pad=4).to_numpy() for m in ("auto", "as"))
-    np.testing.assert_array_equal(near, plain)
-    assert Propagator(fine, 10 * LAM, wavelength=LAM, device=device).method == "blas"
-
-
 @pytest.mark.filterwarnings("ignore::clplen.errors.SamplingWarning")
 @pytest.mark.parametrize("method", ["as", "blas"])
 @pytest.mark.parametrize("shape", [(33, 64), (40, 51)])
@@ -241,7 +215,7 @@ class TestBadInput:
             propagate(self.field(device), 1e-3, method="asm")
 
     def test_z_is_finite(self, device):
-        for z in (math.nan, np.array([1e-3, 2e-3])):
+        for z in (math.nan, math.inf):
             with pytest.raises(ValueError, match="distance z is one finite number"):
                 propagate(self.field(device), z)
 
@@ -251,8 +225,8 @@ class TestBadInput:
                 propagate(self.field(device), 1e-3, pad=pad)
 
     def test_another_grid(self, device):
-        with pytest.raises(SamplingError, match="keep the grid"):
-            propagate(self.field(device), 1e-3, out_grid=Grid((8, 9), 4e-6))
+        with pytest.raises(SamplingError, match="'as' keeps the grid .* method='cblas' gives any"):
+            propagate(self.field(device), 1e-3, method="as", out_grid=Grid((8, 9), 4e-6))
 
     def test_plan_of_another_grid(self, device):
         plan = Propagator(Grid((9, 8), 3e-6), 1e-3, wavelength=LAM, device=device)
@@ -270,5 +244,5 @@ class TestBadInput:
             Propagator(self.grid, 1e-3, wavelength=LAM, device=device)(self.field(device))
 
     def test_aliased_as_warns_with_the_distance(self, device):
-        with pytest.warns(SamplingWarning, match=r"up to .* m. Use method='blas'"):
+        with pytest.warns(SamplingWarning, match=r"up to .* m. Use method='auto'"):
             propagate(self.field(device), 0.5, method="as")

@@ -1,0 +1,88 @@
+"""Words about the parts of an optical system, and how they share the room beside a drawing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from clplen.plot.rays import Rays
+from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.parts import Lens, Part, Space, Stop, label_of, length_of, metres
+from clplen.wave.system import OpticalSystem
+
+LINE = 0.145  # inches of a line of text
+_LETTER = 0.068
+
+
+@dataclass(frozen=True)
+class Label:
+    """Words about z, or between two z, in metres."""
+
+    z: float
+    text: str
+    ends: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def lines(self) -> list[str]:
+        """The words, line by line."""
+        return self.text.split("\n")
+
+
+def names(optics: OpticalSystem, rays: Rays) -> list[Label]:
+    """What stands above the drawing; things in one plane share a label."""
+    found = [] if rays.distant else [(0.0, "object")]
+    found += [(image.z, "focus" if rays.distant else "image") for image in rays.images]
+    for part, z in zip(optics, optics.positions, strict=True):
+        if not isinstance(part, Space):
+            found.append((z + length_of(part) / 2, "\n".join([label_of(part), *_details(part)])))
+    near = 1e-6 * abs(optics.length)
+    if not any(abs(z - optics.length) <= near for z, _ in found):
+        found.append((optics.length, "last plane"))
+    labels: list[Label] = []
+    for z, text in sorted(found, key=lambda pair: pair[0]):
+        if labels and abs(labels[-1].z - z) <= near:
+            labels[-1] = Label(labels[-1].z, f"{labels[-1].text}\n{text}")
+        else:
+            labels.append(Label(z, text))
+    return labels
+
+
+def _details(part: Part) -> list[str]:
+    """Focal length and width of a part."""
+    words = []
+    if isinstance(part, Lens | MicrolensArray):
+        words.append(f"f = {_short(part.f)}")
+    if isinstance(part, MicrolensArray):
+        words.append(f"pitch {_short(part.pitch)}")
+    elif isinstance(part, Lens | Stop) and part.diameter is not None:
+        words.append(f"D = {_short(part.diameter)}")
+    return words
+
+
+def spans(optics: OpticalSystem) -> list[Label]:
+    """The distances."""
+    return [
+        Label(z + length / 2, _short(length), (z, z + length))
+        for part, z in zip(optics, optics.positions, strict=True)
+        if (length := length_of(part))
+    ]
+
+
+def _short(length: float) -> str:
+    value, unit = metres(length).split()
+    return f"{float(value):.4g} {unit.replace('um', 'µm')}".replace("-", "\u2212")
+
+
+def in_rows(labels: Sequence[Label], z_inch: float) -> list[list[Label]]:
+    """Labels in as few rows as it takes that none of a row overlap."""
+    rows: list[list[Label]] = []
+    edges: list[float] = []
+    for label in sorted(labels, key=lambda label: label.z):
+        half = (max(len(line) for line in label.lines) * _LETTER / 2 + 0.05) * z_inch
+        row = next((i for i, edge in enumerate(edges) if label.z - half >= edge), len(rows))
+        if row == len(rows):
+            rows.append([])
+            edges.append(0.0)
+        rows[row].append(label)
+        edges[row] = label.z + half
+    return rows

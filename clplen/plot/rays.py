@@ -1,0 +1,202 @@
+"""Paraxial rays through an optical system, for its side view: (height, slope) at every part.
+
+A distance L moves a ray by L slope; a lens of focal length f adds -height/f to its slope, a
+lenslet centred at c adds -(height - c)/f (ray transfer matrices: Saleh and Teich 1991,
+section 1.4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from clplen.plot.base import Array
+from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.parts import Lens, Part, Stop, length_of
+from clplen.wave.system import OpticalSystem
+
+_FILL = 0.7  # of the largest opening that objects and images may fill
+_FEW, _MANY = 9, 21  # rays between the marginal ones of a bundle that meets lenslets
+_ZERO = 1e-9  # relative
+_NARROW = 0.02  # half width over length of a bundle that nothing bounds
+
+
+@dataclass(frozen=True)
+class ImagePoint:
+    """Where a bundle meets again: position and height in metres."""
+
+    z: float
+    height: float
+
+
+@dataclass(frozen=True)
+class Rays:
+    """What a side view draws.
+
+    Attributes
+    ----------
+    z : ndarray
+        Start, and behind each part, in metres, shape (parts + 1,).
+    axial, oblique : ndarray or None
+        Heights of the rays from the axis and from the point at ``height``, shape (parts + 1,
+        rays): marginal ray, others, marginal ray; NaN behind a stop that blocks them. None:
+        nothing passes.
+    chief : ndarray or None
+        Height of the oblique ray through the middle of the aperture stop, shape (parts + 1, 1).
+    height : float
+        Of the object in metres; 0 if it lies at infinity.
+    distant : bool
+        The light is collimated: the first element lies in the first plane.
+    tilt : float
+        Slope of the oblique rays in front of the system, if they are collimated.
+    images : tuple of ImagePoint
+    """
+
+    z: Array
+    axial: Array | None
+    oblique: Array | None
+    chief: Array | None
+    height: float
+    distant: bool
+    tilt: float
+    images: tuple[ImagePoint, ...]
+
+
+def rays_through(optics: OpticalSystem, *, height: float | None = None) -> Rays:
+    """Rays from a point on the axis and from one beside it; height None: as it fills the view."""
+    distant = _is_distant(optics)
+    fan, field = ((1.0, 0.0), (0.0, 1.0)) if distant else ((0.0, 1.0), (1.0, 0.0))
+    z, one = trace(optics, *fan, clip=False)
+    _, other = trace(optics, *field, clip=False)
+    found = _images(optics, z, one[:, 0], other[:, 0])
+    if height is None or distant:
+        largest = max([0.0 if distant else 1.0, *(abs(image.height) for image in found)])
+        largest = largest or 2 * float(np.abs(other).max())
+        room = _FILL * max([high - low for low, high in _bounds(optics).values()] or [0]) / 2
+        height = room / largest if largest else 0.0
+    images = tuple(ImagePoint(image.z, image.height * height) for image in found)
+    beside = (field[0] * height, field[1] * height)
+    low, high, middle = _limits(optics, one[:, 0], 0 * other[:, 0])
+    axial = _bundle(optics, (0.0, 0.0), fan, (low, high)) if low < high else None
+    low, high, middle = _limits(optics, one[:, 0], other[:, 0] * height)
+    seen = axial is not None and height != 0 and low < high
+    return Rays(
+        z=z,
+        axial=axial,
+        oblique=_bundle(optics, beside, fan, (low, high)) if seen else None,
+        chief=_bundle(optics, beside, fan, (middle,)) if seen and low <= middle <= high else None,
+        height=0.0 if distant else height,
+        distant=distant,
+        tilt=beside[1],
+        images=images,
+    )
+
+
+def trace(
+    optics: OpticalSystem, height: Array | float, slope: Array | float, *, clip: bool = True
+) -> tuple[Array, Array]:
+    """Follow rays: z of the start and behind each part, and heights of shape (parts + 1, rays)."""
+    y, s = (np.atleast_1d(np.asarray(v, np.float64)) for v in np.broadcast_arrays(height, slope))
+    heights = [y]
+    for part in optics:
+        if isinstance(part, Lens):
+            s = s - y / part.f
+        if isinstance(part, MicrolensArray) and clip:
+            rows = lenslet_rows(part)
+            offset = y[:, None] - rows
+            nearest = np.abs(offset).argmin(axis=1)
+            off = offset[np.arange(y.size), nearest]
+            s = s - np.where(np.abs(off) <= part.diameter / 2 * (1 + _ZERO), off / part.f, np.nan)
+            y = np.where(np.isnan(s), np.nan, y)
+        bounds = opening(part)
+        if clip and bounds is not None:
+            rim = _ZERO * (bounds[1] - bounds[0])
+            y = np.where((y >= bounds[0] - rim) & (y <= bounds[1] + rim), y, np.nan)
+        y = y + length_of(part) * s
+        heights.append(y)
+    return np.array([*optics.positions, optics.length]), np.array(heights)
+
+
+def opening(part: Part) -> tuple[float, float] | None:
+    """Lowest and highest point in metres that a part lets through; None: all pass."""
+    if isinstance(part, MicrolensArray):
+        return (part.offset[0] - part.extent[0] / 2, part.offset[0] + part.extent[0] / 2)
+    if isinstance(part, Stop):
+        return (part.centre[0] - part.diameter / 2, part.centre[0] + part.diameter / 2)
+    if isinstance(part, Lens) and part.diameter is not None:
+        return (-part.diameter / 2, part.diameter / 2)
+    return None
+
+
+def _bounds(optics: OpticalSystem) -> dict[int, tuple[float, float]]:
+    """The openings by number of the part; where there are none, a narrow one in every lens."""
+    found = {i: bounds for i, part in enumerate(optics) if (bounds := opening(part)) is not None}
+    if found:
+        return found
+    half = _NARROW * max(abs(optics.length), _ZERO)
+    return {i: (-half, half) for i, part in enumerate(optics) if isinstance(part, Lens)}
+
+
+def lenslet_rows(part: MicrolensArray) -> Array:
+    """Heights in metres of the rows of lenslets of the array, as if it were not rotated."""
+    count = part.count[0]
+    return part.offset[0] + (np.arange(count) - (count - 1) / 2) * part.row_pitch
+
+
+def _is_distant(optics: OpticalSystem) -> bool:
+    for part in optics:
+        if isinstance(part, Lens | Stop | MicrolensArray):
+            return True
+        if length_of(part):
+            return False
+    return False
+
+
+def _bundle(
+    optics: OpticalSystem,
+    start: tuple[float, float],
+    fan: tuple[float, float],
+    t: Sequence[float],
+) -> Array:
+    """Heights of the rays start + t fan, between and at the two ends of ``t``, or of one ray."""
+    inner = _FEW if any(isinstance(part, MicrolensArray) for part in optics) else 0
+    if isinstance(optics[0], MicrolensArray):
+        inner = min(3 * optics[0].count[0], _MANY)
+    steps = np.array(t)
+    if len(t) > 1 and inner:
+        middles = (np.arange(inner) + 0.5) / inner
+        steps = np.concatenate([t[:1], t[0] + (t[1] - t[0]) * middles, t[1:]])
+    return trace(optics, start[0] + steps * fan[0], start[1] + steps * fan[1])[1]
+
+
+def _limits(optics: OpticalSystem, fan: Array, start: Array) -> tuple[float, float, float]:
+    """Lowest, highest and middle t of the rays start + t fan that pass every opening.
+
+    The middle one goes through the middle of the aperture stop: what bounds t most narrowly.
+    """
+    found = []
+    for i, bounds in _bounds(optics).items():
+        if fan[i] != 0:
+            found.append(sorted((bound - start[i]) / fan[i] for bound in bounds))
+        if isinstance(optics[i], MicrolensArray):
+            break
+    if not found:
+        return (0.0, 0.0, 0.0)
+    narrowest = min(found, key=lambda ends: ends[1] - ends[0])
+    return max(ends[0] for ends in found), min(ends[1] for ends in found), sum(narrowest) / 2
+
+
+def _images(optics: OpticalSystem, z: Array, fan: Array, unit: Array) -> tuple[ImagePoint, ...]:
+    """Where the rays of a fan meet, in front of any lenslets, with the height of a unit object."""
+    fan = np.where(np.abs(fan) < _ZERO * np.abs(fan).max(), 0.0, fan)
+    found = []
+    for i, part in enumerate(optics):
+        if isinstance(part, MicrolensArray):
+            break
+        if fan[i] != 0 and (fan[i + 1] == 0 or fan[i] * fan[i + 1] < 0):
+            share = fan[i] / (fan[i] - fan[i + 1])
+            where = z[i] + share * (z[i + 1] - z[i])
+            found.append(ImagePoint(float(where), float(unit[i] + share * (unit[i + 1] - unit[i]))))
+    return tuple(found)

@@ -1,0 +1,319 @@
+"""Side views of optical systems."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from clplen.plot.base import Array, new_figure, styled
+from clplen.plot.labels import LINE, Label, in_rows, names, spans
+from clplen.plot.rays import Rays, lenslet_rows, opening, rays_through
+from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.parts import ConvergingLight, Lens, Part, Space, Stop, length_of
+from clplen.wave.system import OpticalSystem
+
+_AXIAL, _OBLIQUE, _GLASS, _RIM, _LIGHT = "#0072b2", "#cc3311", "#d7e8f4", "#33536b", "#e69f00"
+_WIDTH, _LEFT, _RIGHT, _HEIGHT = 7.8, 0.68, 0.22, 2.7  # inches: figure, margins, drawing
+_MARGIN = 0.07  # of the length, beside the first and the last plane
+_HEADROOM = 1.12
+
+
+@dataclass(frozen=True)
+class _View:
+    """The drawing: axes in metres and how much an inch of it is along z and across."""
+
+    figure: Figure
+    axes: Axes
+    z_inch: float
+    y_inch: float
+    reach: float
+
+    def below(self, inches: float) -> float:
+        """Height in metres of what lies so far below the drawing."""
+        return -self.reach - inches * self.y_inch
+
+    def above(self, inches: float) -> float:
+        """Height in metres of what lies so far above the drawing."""
+        return self.reach + inches * self.y_inch
+
+
+@styled
+def system(
+    optics: OpticalSystem, *, extent: float | None = None, height: float | None = None
+) -> Figure:
+    """A side view of an optical system: to scale along z, with paraxial rays.
+
+    Drawn are the optical axis, lenses, stops and lenslets in their size, the distances, the focal
+    points of lenses, and two bundles of rays that just pass every opening: from the axis, and from
+    a point beside it with its chief ray. If the first element lies in the first plane, the light is
+    collimated. Arrows are the object and its images.
+
+    Parameters
+    ----------
+    optics : OpticalSystem
+    extent : float, optional
+        Height of the view in metres; None: what everything needs.
+    height : float, optional
+        Of the object point beside the axis in metres; None: 70 % of the widest half opening, less
+        if an image is larger than the object. Without meaning for collimated light.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        For an extent that is not positive, or a height that is not finite.
+    """
+    if extent is not None and not 0 < extent < np.inf:
+        raise ValueError(f"The extent of a view is positive, in metres, not {extent!r}.")
+    if height is not None and not np.isfinite(height):
+        raise ValueError(f"The height of an object point is finite, in metres, not {height!r}.")
+    rays = rays_through(optics, height=height)
+    reach = _reach(optics, rays) if extent is None else extent / 2
+    first, last = _ends(optics, reach)
+    z_inch = (last - first) / (_WIDTH - _LEFT - _RIGHT)
+    above, below = in_rows(names(optics, rays), z_inch), in_rows(spans(optics), z_inch)
+    top = 0.12 + sum(LINE * max(len(label.lines) for label in row) + 0.06 for row in above)
+    view = _new_view((first, last), reach, top, 0.45 + 0.19 * max(len(below), 1))
+    _draw_frame(view.axes)
+    _draw_rays(view, optics, rays)
+    for part, z in zip(optics, optics.positions, strict=True):
+        _draw_part(view, part, z)
+    _draw_planes(view, optics, rays)
+    _draw_focal_points(view, optics)
+    _write_names(view, above)
+    _write_spans(view, below)
+    return _captioned(view, rays)
+
+
+def _new_view(ends: tuple[float, float], reach: float, top: float, bottom: float) -> _View:
+    """An empty drawing with room for words above and below, in inches."""
+    total = _HEIGHT + top + bottom
+    width = _WIDTH - _LEFT - _RIGHT
+    figure = new_figure(_WIDTH, total)
+    figure.set_layout_engine("none")
+    axes = figure.add_axes(
+        (_LEFT / _WIDTH, bottom / total, width / _WIDTH, _HEIGHT / total),
+        xlim=ends,
+        ylim=(-reach, reach),
+    )
+    return _View(figure, axes, (ends[1] - ends[0]) / width, 2 * reach / _HEIGHT, reach)
+
+
+def _ends(optics: OpticalSystem, reach: float) -> tuple[float, float]:
+    """Of the view along z in metres."""
+    z = [*optics.positions, optics.length]
+    length = max(z) - min(z) or 2 * reach
+    return min(z) - _MARGIN * length, max(z) + _MARGIN * length
+
+
+def _reach(optics: OpticalSystem, rays: Rays) -> float:
+    """Half the height in metres that openings, rays and images need."""
+    heights = [abs(rays.height), *(abs(image.height) for image in rays.images)]
+    heights += [abs(bound) for part in optics for bound in opening(part) or ()]
+    for bundle in (rays.axial, rays.oblique):
+        if bundle is not None:
+            heights.append(float(np.nanmax(np.abs(bundle))))
+    return _HEADROOM * max(heights) or 1e-3
+
+
+def _draw_frame(axes: Axes) -> None:
+    for side in ("top", "right", "bottom"):
+        axes.spines[side].set_visible(False)
+    axes.spines["left"].set_color("0.6")
+    axes.tick_params(color="0.6", labelcolor="0.35")
+    axes.set_xticks([])
+    axes.set_ylabel("y / mm", color="0.35")
+    axes.yaxis.set_major_locator(MaxNLocator(5))
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value * 1e3:.6g}".replace("-", "\u2212"))
+    axes.axhline(0, color="0.45", lw=0.8, ls=(0, (14, 3, 2, 3)), zorder=1)
+
+
+def _draw_rays(view: _View, optics: OpticalSystem, rays: Rays) -> None:
+    """Both bundles, filled as far as the first lenslets."""
+    first = [i for i, part in enumerate(optics) if isinstance(part, MicrolensArray)]
+    filled = slice(0, (first[0] if first else len(optics)) + 1)
+    for bundle, colour, tilt in ((rays.oblique, _OBLIQUE, rays.tilt), (rays.axial, _AXIAL, 0.0)):
+        if bundle is None:
+            continue
+        z, heights = _from_afar(view, rays, bundle, tilt)
+        shown = slice(0, filled.stop + rays.distant)
+        view.axes.fill_between(
+            z[shown],
+            heights[shown, 0],
+            heights[shown, -1],
+            color=colour,
+            alpha=0.1,
+            lw=0,
+            zorder=2,
+        )
+        view.axes.plot(z, heights[:, [0, -1]], color=colour, lw=1.1, zorder=2)
+        if first:
+            view.axes.plot(z, heights[:, 1:-1], color=colour, lw=0.4, alpha=0.8, zorder=2)
+    if rays.chief is not None:
+        z, chief = _from_afar(view, rays, rays.chief, rays.tilt)
+        view.axes.plot(z, chief, color=_OBLIQUE, lw=0.9, ls=(0, (5, 2)), zorder=3)
+
+
+def _from_afar(view: _View, rays: Rays, heights: Array, tilt: float) -> tuple[Array, Array]:
+    """Collimated rays begin at the edge of the drawing."""
+    if not rays.distant:
+        return rays.z, heights
+    left = view.axes.get_xlim()[0]
+    before = heights[:1] - tilt * (rays.z[0] - left)
+    return np.array([left, *rays.z]), np.concatenate([before, heights])
+
+
+def _draw_part(view: _View, part: Part, z: float) -> None:
+    if isinstance(part, Space):
+        return
+    if isinstance(part, Lens):
+        half = view.reach if part.diameter is None else part.diameter / 2
+        _draw_lenses(view, z, [0.0], half, part.f)
+        if part.diameter is not None:
+            _draw_walls(view, z, -half, half, min(view.reach, half + 0.17 * view.y_inch), 2.0)
+    elif isinstance(part, MicrolensArray):
+        _draw_lenses(view, z, lenslet_rows(part), part.diameter / 2, part.f)
+    elif isinstance(part, Stop):
+        low, high = part.centre[0] - part.diameter / 2, part.centre[0] + part.diameter / 2
+        _draw_walls(view, z, low, high, view.reach, 3.0)
+    elif isinstance(part, ConvergingLight):
+        _draw_light(view, z, part.z)
+    else:
+        ends = (z, z + length_of(part))
+        view.axes.axvspan(*ends, color="0.5", alpha=0.15, lw=0)
+        view.axes.vlines(ends, -view.reach, view.reach, color="0.5", lw=0.9, ls=(0, (3, 2)))
+
+
+def _draw_lenses(
+    view: _View, z: float, centres: Sequence[float] | Array, half: float, f: float
+) -> None:
+    """Biconvex or biconcave outlines of one size, as thick as looks well."""
+    inches = half / view.y_inch
+    thick = min(0.085, 0.3 * inches + 0.008) * view.z_inch
+    y = np.linspace(-1, 1, 41)
+    bulge = thick * (1 - y**2 if f > 0 else 0.25 + 0.75 * y**2)
+    outline = np.column_stack([np.r_[z + bulge, (z - bulge)[::-1]], np.r_[y, y[::-1]] * half])
+    shapes = [outline + np.array([0.0, centre]) for centre in centres]
+    glass = PolyCollection(
+        shapes, facecolor=_GLASS, edgecolor=_RIM, lw=min(1.0, 0.25 + inches), zorder=4, alpha=0.9
+    )
+    view.axes.add_collection(glass, autolim=False)
+
+
+def _draw_walls(view: _View, z: float, low: float, high: float, end: float, width: float) -> None:
+    """What blocks light beside an opening."""
+    view.axes.vlines([z, z], [-end, high], [low, end], color="0.15", lw=width, zorder=5)
+
+
+def _draw_light(view: _View, z: float, focus: float) -> None:
+    """Light that converges on the axis so far behind a plane."""
+    left = z - 0.8 * (z - view.axes.get_xlim()[0])
+    for share in (-0.6, -0.3, 0.3, 0.6):
+        y = share * view.reach
+        style = {"arrowstyle": "-|>", "color": _LIGHT, "lw": 1.2, "shrinkA": 0, "shrinkB": 0}
+        start = (left, y * (z + focus - left) / focus)
+        view.axes.annotate("", (z, y), start, arrowprops=style, annotation_clip=False)
+        view.axes.plot([z, z + focus], [y, 0], color=_LIGHT, lw=0.8, ls=":", zorder=2)
+
+
+def _draw_planes(view: _View, optics: OpticalSystem, rays: Rays) -> None:
+    """First and last plane, the object and its images."""
+    tall = 0.97 * view.reach
+    planes = ([] if rays.distant else [0.0]) + (
+        [] if _ends_with_element(optics) else [optics.length]
+    )
+    view.axes.vlines(planes, -tall, tall, color="0.35", lw=0.9, zorder=4)
+    style = {"arrowstyle": "-|>", "color": "0.1", "lw": 1.8, "shrinkA": 0, "shrinkB": 0}
+    shown = [(0.0, rays.height), *((image.z, image.height) for image in rays.images)]
+    for z, height in shown:
+        if height:
+            view.axes.annotate("", (z, height), (z, 0), arrowprops=style, zorder=6)
+
+
+def _ends_with_element(optics: OpticalSystem) -> bool:
+    """Whether something that is drawn by itself lies in the last plane."""
+    return not length_of(optics[-1]) and not isinstance(optics[-1], Space | ConvergingLight)
+
+
+def _draw_focal_points(view: _View, optics: OpticalSystem) -> None:
+    """Of every lens, where the drawing reaches; lenses are numbered if there are several."""
+    lenses = [
+        (part.f, z)
+        for part, z in zip(optics, optics.positions, strict=True)
+        if isinstance(part, Lens) and np.isfinite(part.f)
+    ]
+    named: dict[float, str] = {}
+    first, last = view.axes.get_xlim()
+    for number, (f, z) in enumerate(lenses, 1):
+        index = f"_{number}" if len(lenses) > 1 else ""
+        for at, name in ((z - f, f"$F{index}$"), (z + f, f"$F'{index}$")):
+            place = next((p for p in named if abs(p - at) < 0.05 * view.z_inch), at)
+            if first < at < last:
+                named[place] = f"{named[place]}, {name}" if place in named else name
+    for at, name in named.items():
+        view.axes.plot(at, 0, "o", color="0.15", ms=3.2, zorder=6)
+        where = (at + 0.05 * view.z_inch, -0.05 * view.y_inch)
+        view.axes.text(*where, name, va="top", size=8, color="0.15", zorder=6)
+
+
+def _write_names(view: _View, rows: list[list[Label]]) -> None:
+    inches = 0.08
+    style: dict[str, Any] = {"ha": "center", "va": "bottom", "bbox": {"color": "w", "pad": 0.8}}
+    for row in rows:
+        for label in row:
+            high = view.above(inches)
+            if inches > 0.1:
+                view.axes.plot(
+                    [label.z] * 2, [view.reach, high], color="0.75", lw=0.6, clip_on=False
+                )
+            view.axes.text(label.z, high, label.text, linespacing=1.15, **style)
+        inches += LINE * max(len(label.lines) for label in row) + 0.06
+
+
+def _write_spans(view: _View, rows: list[list[Label]]) -> None:
+    """Distances as on a technical drawing."""
+    line = view.below(0.16)
+    style = {"arrowstyle": "<|-|>", "color": "0.25", "lw": 0.7, "shrinkA": 0, "shrinkB": 0}
+    style["mutation_scale"] = 7
+    for row, members in enumerate(rows):
+        for label in members:
+            for z in label.ends:
+                view.axes.plot(
+                    [z, z], [-view.reach, view.below(0.22)], color="0.6", lw=0.6, clip_on=False
+                )
+            narrow = abs(label.ends[1] - label.ends[0]) < 0.2 * view.z_inch
+            view.axes.annotate(
+                "",
+                (label.ends[1], line),
+                (label.ends[0], line),
+                annotation_clip=False,
+                arrowprops=style | {"arrowstyle": "-"} if narrow else style,
+            )
+            low = view.below(0.24 + 0.19 * row)
+            view.axes.text(label.z, low, label.text, ha="center", va="top", size=8.5)
+
+
+def _captioned(view: _View, rays: Rays) -> Figure:
+    """What the colours mean, and the scale of the heights."""
+    words = []
+    if rays.axial is not None:
+        words.append(f"blue: rays {'along' if rays.distant else 'from'} the axis")
+    if rays.oblique is not None:
+        words.append("red: tilted rays" if rays.distant else "red: rays from a point beside it")
+    if rays.chief is not None:
+        words.append("chief ray dashed")
+    words.append(f"heights to lengths {view.z_inch / view.y_inch:.4g} : 1")
+    low = 0.07 / view.figure.get_figheight()
+    right = 1 - _RIGHT / _WIDTH
+    view.figure.text(right, low, "; ".join(words), ha="right", size=7.5, color="0.35")
+    return view.figure

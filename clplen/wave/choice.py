@@ -1,0 +1,105 @@
+"""From a request to the description of its method; the choice of ``auto``."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from clplen.compute.lines import Separable, smooth_length
+from clplen.wave import fresnel, spectral
+from clplen.wave.band import EVANESCENT_REACH, guarded_band, whole_band
+from clplen.wave.description import Description, any_distance, whole_bands
+from clplen.wave.request import Request
+
+NEAR_WINDOW = 2.2  # times the grid, up to which FFTs of the window beat every other way
+SAMPLED_KERNEL = 0.8  # of the Nyquist frequency, up to which the RS kernel is accurate
+FAR_FIELD = 10  # wavelengths from which the RS kernel is smooth on any grid
+_METHODS = {
+    "as": spectral.angular_spectrum,
+    "blas": spectral.band_limited,
+    "cblas": spectral.corrected,
+    "rs": spectral.sommerfeld,
+    "fresnel-tf": fresnel.transfer_function,
+    "fresnel-ir": fresnel.impulse_response,
+    "fresnel-1fft": fresnel.one_step,
+    "fresnel-multistep": fresnel.many_steps,
+}
+
+
+def describe(r: Request) -> Description:
+    """How a request is done: everything but the device.
+
+    Raises
+    ------
+    SamplingError
+        For fresnel-1fft at z = 0 or with another output pitch.
+    """
+    if r.z == 0 and r.target == r.grid and r.method != "fresnel-1fft":
+        return _nothing(r)
+    return automatic(r) if r.method == "auto" else _METHODS[r.method](r)
+
+
+def automatic(r: Request) -> Description:
+    """The cheapest of the methods that are exact at this distance; never a paraxial one."""
+    if not r.is_aligned:
+        return spectral.corrected(r, "the output has another pitch or centre", "chirp-z")
+    if _is_evanescent(r):
+        near = replace(r, pad=2)
+        return spectral.angular_spectrum(
+            near, f"abs(z) = {abs(r.z):.3g} m <= {EVANESCENT_REACH} lam: evanescent waves count"
+        )
+    bands = [guarded_band(r.way(axis), r.guard) for axis in (0, 1)]
+    lengths = spectral.fft_lengths(r, bands)
+    wide = max((lengths[axis] / r.grid.shape[axis] for axis in r.axes), default=1.0)
+    ways = [r.way(axis) for axis in r.axes]
+    share = max((way.geometric(way.reach) / way.nyquist for way in ways), default=0.0)
+    kernel = (
+        share <= SAMPLED_KERNEL
+        and abs(r.z) >= FAR_FIELD * r.wavelength
+        and r.target.shape == r.grid.shape
+    )
+    sampled = f"f_geo = {share:.3g} f_nyq"
+    if all(bands[axis].is_whole for axis in r.axes) and (wide <= NEAR_WINDOW or not kernel):
+        return _whole(r, f"f_geo + guard >= f_nyq ({sampled}): every sampled frequency arrives")
+    if wide <= NEAR_WINDOW or (wide <= spectral.FFT_WINDOW and not kernel):
+        limit = NEAR_WINDOW if wide <= NEAR_WINDOW else spectral.FFT_WINDOW
+        return spectral.corrected(r, f"W = {wide:.3g} S <= {limit} S", "fft")
+    if kernel:
+        why = f"W = {wide:.3g} S > {NEAR_WINDOW} S and {sampled} <= {SAMPLED_KERNEL} f_nyq"
+        return spectral.sommerfeld(r, why)
+    return spectral.corrected(r, f"W = {wide:.3g} S > {spectral.FFT_WINDOW} S", "chirp-z")
+
+
+def _whole(r: Request, why: str) -> Description:
+    """The angular spectrum in a window that holds its steepest rays, at least twice the grid."""
+    bands = [whole_band(r.way(axis)) for axis in (0, 1)]
+    needed = spectral.fft_lengths(r, [guarded_band(r.way(axis), r.guard) for axis in (0, 1)])
+    lengths = [
+        n if n == 1 else max(length, smooth_length(2 * n))
+        for n, length in zip(r.grid.shape, needed, strict=True)
+    ]
+    return spectral.by_fft(r, lengths, bands, method="as", why=why, valid=any_distance())
+
+
+def _is_evanescent(r: Request) -> bool:
+    """Whether waves that decay are sampled and still there."""
+    sampled = any(r.wavelength * r.way(axis).nyquist > 1 for axis in r.axes)
+    return sampled and abs(r.z) <= EVANESCENT_REACH * r.wavelength
+
+
+def _nothing(r: Request) -> Description:
+    method = "as" if r.method == "auto" else r.method
+    return Description(
+        request=r,
+        method=method,
+        why="z = 0: the field itself",
+        out_grid=r.target,
+        into=Separable(),
+        back=Separable(),
+        factor=None,
+        route="none",
+        sampled="nothing",
+        phase_step=0.0,
+        valid=(0.0, math.inf),
+        band=whole_bands(r),
+    )

@@ -1,0 +1,149 @@
+"""What is asked of a propagation, checked."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from clplen.errors import SamplingError
+from clplen.wave.band import GUARD, Way
+from clplen.wave.field import Grid
+
+METHODS = (
+    "auto",
+    "as",
+    "blas",
+    "cblas",
+    "rs",
+    "fresnel-tf",
+    "fresnel-ir",
+    "fresnel-1fft",
+    "fresnel-multistep",
+)
+FREE_GRID = ("auto", "cblas")  # methods that take any output grid
+BORDER = 0.4  # of half the window, the taper of fresnel-multistep
+_SAME = 1e-9  # of a pitch
+
+
+@dataclass(frozen=True)
+class Request:
+    """Everything that determines a propagation; the key of its plan.
+
+    Attributes
+    ----------
+    grid, out_grid : Grid
+        ``out_grid`` is None where the method chooses.
+    z, wavelength : float
+        In metres.
+    method : str
+    pad, guard, border : float
+    support : tuple of float or None
+        (y, x) widths that carry light, centred on the grid, in metres; None: the whole window.
+    lens : float or None
+        Focal length of a thin lens right before a fresnel-1fft, in metres.
+
+    Raises
+    ------
+    ValueError
+        For an unknown method or a number outside its range.
+    SamplingError
+        For an output grid that the method cannot give.
+    """
+
+    grid: Grid
+    z: float
+    wavelength: float
+    method: str = "auto"
+    pad: float = 2
+    out_grid: Grid | None = None
+    guard: float = GUARD
+    border: float = BORDER
+    support: tuple[float, float] | None = None
+    lens: float | None = None
+
+    def __post_init__(self) -> None:
+        _check_numbers(self)
+        if self.lens is not None and self.method != "fresnel-1fft":
+            raise ValueError(
+                f"lens= is for method='fresnel-1fft', not {self.method!r}: put a thin_lens before "
+                "the propagation."
+            )
+        self._check_out_grid()
+
+    def _check_out_grid(self) -> None:
+        out = self.out_grid
+        if out is None or out == self.grid:
+            return
+        if self.method not in (*FREE_GRID, "fresnel-1fft"):
+            raise SamplingError(
+                f"method={self.method!r} keeps the grid of the field, {self.grid}, but {out} was "
+                "asked for: method='cblas' gives any grid."
+            )
+        for n, m, axis in zip(self.grid.shape, out.shape, "yx", strict=True):
+            if n == 1 and m != 1:
+                raise SamplingError(
+                    f"Nothing varies along {axis} in {self.grid}, but {m} samples were asked for "
+                    "along it: give the output grid one sample there."
+                )
+
+    @property
+    def target(self) -> Grid:
+        """The output grid; the input's where none was asked for."""
+        return self.grid if self.out_grid is None else self.out_grid
+
+    @property
+    def is_aligned(self) -> bool:
+        """Whether the output has the pitch and the centre of the input."""
+        own, other = self.grid, self.target
+        return all(
+            n == 1 or (abs(a - b) <= _SAME * a / max(n, m) and abs(c - e) <= _SAME * a)
+            for n, m, a, b, c, e in zip(
+                own.shape,
+                other.shape,
+                own.pitch,
+                other.pitch,
+                own.origin,
+                other.origin,
+                strict=True,
+            )
+        )
+
+    def way(self, axis: int) -> Way:
+        """Where light comes from and where it is wanted along an axis (0: y, 1: x)."""
+        own, other = self.grid, self.target
+        window = own.extent[axis]
+        return Way(
+            n=own.shape[axis],
+            pitch=own.pitch[axis],
+            z=self.z,
+            wavelength=self.wavelength,
+            lit=window if self.support is None else min(self.support[axis], window),
+            wanted=other.extent[axis],
+            offset=other.origin[axis] - own.origin[axis],
+        )
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """The axes along which something varies."""
+        return tuple(axis for axis in (0, 1) if self.grid.shape[axis] > 1)
+
+
+def _check_numbers(r: Request) -> None:
+    if r.method not in METHODS:
+        raise ValueError(f"There is no method {r.method!r}; use one of {', '.join(METHODS)}.")
+    if np.ndim(r.z) or not math.isfinite(r.z):
+        raise ValueError(f"The distance z is one finite number of metres, not {r.z!r}.")
+    if not (math.isfinite(r.wavelength) and r.wavelength > 0):
+        raise ValueError(f"The wavelength is positive, in metres, not {r.wavelength!r}.")
+    if not (math.isfinite(r.pad) and r.pad >= 1):
+        raise ValueError(f"pad is at least 1 and finite, not {r.pad!r}.")
+    if not (math.isfinite(r.guard) and r.guard >= 0):
+        raise ValueError(f"guard is a number of Fresnel widths, at least 0, not {r.guard!r}.")
+    if not 0 <= r.border < 1:
+        raise ValueError(f"border is a fraction of half the window, 0 to 1, not {r.border!r}.")
+    if r.support is not None and not all(math.isfinite(s) and s > 0 for s in r.support):
+        raise ValueError(f"support is positive widths (y, x) in metres, not {r.support!r}.")
+    if r.lens is not None and (math.isnan(r.lens) or r.lens == 0):
+        raise ValueError(f"The focal length lens= is not 0, in metres; got {r.lens!r}.")

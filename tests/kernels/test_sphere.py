@@ -1,0 +1,80 @@
+"""sphere.cl: spherical phases of lenses and point sources against float64."""
+
+import numpy as np
+import pytest
+from reference_elements import spherical_wave, stigmatic_phase
+
+from clplen.wave.field import Field, Grid
+from clplen.wave.sphere import multiply_sphere, phase_route, residual_turns
+
+LAM = 532e-9
+# shape, pitch, origin, foot of the centre, distance
+CASES = [
+    ((13, 18), (6.6e-6, 5e-6), (0, 0), (0, 0), 0.12),
+    ((24, 19), (5e-6, 6.6e-6), (2.5e-6, 0), (40e-6, -31e-6), 3e-3),
+    ((1, 40), (5e-6, 4e-6), (3e-6, 1e-6), (2e-6, 7e-6), -2e-3),
+    ((31, 1), (4e-6, 5e-6), (0, 0), (-9e-6, 5e-6), 1e-3),
+    ((17, 23), (20e-6, 30e-6), (0, 0), (1e-3, -2e-3), -5e-3),  # 300 turns beside the tables
+    ((9, 11), (3e-6, 2e-6), (0, 0), (0, 0), 4e-6),
+]
+
+
+def field_on(device, shape, pitch, origin):
+    rng = np.random.default_rng(3)
+    u = rng.normal(size=(2, *shape)) + 1j * rng.normal(size=(2, *shape))
+    grid = Grid(shape, pitch, origin=origin)
+    return u, Field.from_array(u, grid, wavelength=LAM, device=device)
+
+
+def routes(device, turns):
+    if device.precision == "double":
+        return ["tables"]
+    every = ["tables"] * (turns <= 1) + ["twofloat"] + ["fp64"] * device.has_fp64
+    assert phase_route(turns, device) in every
+    return every
+
+
+@pytest.mark.parametrize("wave", ["single", "double"], indirect=True)
+@pytest.mark.parametrize("fades", [False, True])
+@pytest.mark.parametrize(("shape", "pitch", "origin", "centre", "z"), CASES)
+def test_sphere(wave, fades, shape, pitch, origin, centre, z):
+    u, field = field_on(wave, shape, pitch, origin)
+    wanted = spherical_wave(shape, pitch, z, LAM, source=centre, origin=origin)
+    wanted = u * (wanted * abs(z) if fades else wanted / np.abs(wanted))
+    turns = residual_turns(field.grid, z, centre, LAM)
+    eps = np.finfo(wave.real).eps
+    for phase in routes(wave, turns):
+        got = multiply_sphere(field, z, centre, fades=fades, phase=phase).to_numpy()
+        got = got * (abs(z) if fades else 1)
+        # tables, products and 1/r: 12 eps; float32 residual: 8 eps of it in turns. In double all
+        # phases of either side are rounded: 8 eps of some thousand turns
+        worst = turns if wave.precision == "single" else 1e4
+        bound = 12 * eps + 2 * np.pi * 8 * eps * (worst if phase == "tables" else 0)
+        assert np.abs((got - wanted) / np.abs(u)).max() <= bound, phase
+
+
+@pytest.mark.parametrize("f", [10e-3, -4e-3])
+def test_lens_is_a_sphere_about_its_focus(device, f):
+    shape, pitch, origin = (20, 33), (5e-6, 4e-6), (0, 2e-6)
+    u, field = field_on(device, shape, pitch, origin)
+    wanted = u * stigmatic_phase(shape, pitch, f, LAM, origin=origin)
+    got = multiply_sphere(field, -f).to_numpy()
+    assert np.abs((got - wanted) / np.abs(u)).max() <= 12 * np.finfo(np.float32).eps
+
+
+def test_in_place(device):
+    u, field = field_on(device, (7, 12), (5e-6, 4e-6), (0, 0))
+    elsewhere = multiply_sphere(field, 1e-3).to_numpy()
+    np.testing.assert_allclose(field.to_numpy(), u.astype(np.complex64))
+    within = multiply_sphere(field, 1e-3, out=field.data)
+    assert within.data is field.data
+    np.testing.assert_array_equal(within.to_numpy(), elsewhere)
+
+
+def test_route_by_device(device, precise, monkeypatch):
+    assert phase_route(1.0, device) == "tables"
+    assert phase_route(1e6, precise) == "tables"
+    monkeypatch.setattr(device, "has_fp64", True)
+    assert phase_route(1.01, device) == "fp64"
+    monkeypatch.setattr(device, "has_fp64", False)
+    assert phase_route(1.01, device) == "twofloat"

@@ -1,0 +1,44 @@
+"""Slow, simple float64 twin of the sampled Rayleigh-Sommerfeld kernel.
+
+Nothing here imports the package under test. Sample j of an axis of n belongs to displacement j for
+j < (n + 1)//2, else j - n; the carrier exp(ikz) is dropped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from reference_optics import Complex, Pair, Real, pair
+from scipy.special import hankel1e
+
+
+def displacements(n: int, d: float) -> Real:
+    """Displacements of the samples of an axis in circular order, in metres."""
+    return np.array([j if j < (n + 1) // 2 else j - n for j in range(n)]) * d
+
+
+def phase(rho2: Real, z: float, wavelength: float) -> Complex:
+    """exp(ik(r - z)), z > 0, reduced in extended precision."""
+    wide = np.asarray(rho2, np.longdouble)
+    turns = wide / (np.sqrt(wide + np.longdouble(z) ** 2) + z) / wavelength
+    return np.exp(2j * np.pi * (turns - np.rint(turns)).astype(float))
+
+
+def impulse_response(shape: Sequence[int], pitch: Pair, z: float, wavelength: float) -> Complex:
+    """h dx dy, h = z/(2 pi r^2)(1/r - ik) e^{ik(r-z)} (Goodman, eq. 3-43); conjugate for z < 0."""
+    (dy, dx), far = pair(pitch), abs(z)
+    y, x = displacements(shape[0], dy), displacements(shape[1], dx)
+    rho2 = y[:, None] ** 2 + x[None, :] ** 2
+    r = np.sqrt(rho2 + far**2)
+    k = 2 * np.pi / wavelength
+    h = far / (2 * np.pi * r**2) * (1 / r - 1j * k) * phase(rho2, far, wavelength) * dy * dx
+    return h if z > 0 else h.conj()
+
+
+def line_response(n: int, d: float, z: float, wavelength: float) -> Complex:
+    """Line sources: h d, h = (ikz/2r) H1(kr) e^{-ikz}; conjugate for z < 0."""
+    x, far, k = displacements(n, d), abs(z), 2 * np.pi / wavelength
+    r = np.sqrt(x**2 + far**2)
+    h = 0.5j * k * far / r * hankel1e(1, k * r) * phase(x**2, far, wavelength) * d
+    return h if z > 0 else h.conj()

@@ -1,0 +1,139 @@
+"""Pictures on a field's samples and resampled by area."""
+
+import numpy as np
+import pytest
+
+from clplen import Field, Grid, ShapeError
+from clplen.wave.pictures import transparency
+
+LAM = 532e-9
+
+
+def field(grid, device, seed=0):
+    random = np.random.default_rng(seed)
+    u = random.normal(size=grid.shape) + 1j * random.normal(size=grid.shape)
+    return Field.from_array(u, grid, wavelength=LAM, device=device)
+
+
+def ones(grid, device):
+    return Field.from_array(np.ones(grid.shape), grid, wavelength=LAM, device=device)
+
+
+@pytest.mark.parametrize("shape", [(7, 12), (13, 5)])
+def test_on_the_samples_of_the_field(device, precise, shape):
+    random = np.random.default_rng(4)
+    amplitude, phase = random.uniform(0, 1, shape), random.uniform(-9, 9, shape)
+    grid = Grid(shape, (2e-6, 3e-6))
+    for where, tolerance in ((device, 4e-7), (precise, 1e-14)):  # rounding of one product
+        light = field(grid, where)
+        u = light.to_numpy()
+        for kwargs, t in (
+            ({"amplitude": amplitude}, amplitude),
+            ({"phase": phase}, np.exp(1j * phase)),
+            ({"amplitude": amplitude, "phase": phase}, amplitude * np.exp(1j * phase)),
+            ({"amplitude": amplitude * 1j}, 1j * amplitude),
+            ({"amplitude": amplitude > 0.5}, amplitude > 0.5),
+        ):
+            got = transparency(light, **kwargs).to_numpy()
+            assert np.abs(got - u * t).max() <= tolerance * np.abs(u).max()
+
+
+def test_every_field_of_a_batch(precise):
+    u = np.random.default_rng(5).normal(size=(2, 4, 5))
+    light = Field.from_array(u, Grid((4, 5), 1e-6), wavelength=LAM, device=precise)
+    t = np.arange(20.0).reshape(4, 5)
+    np.testing.assert_allclose(transparency(light, t).to_numpy(), u * t, rtol=1e-15)
+
+
+def fine_mean(grid, picture, pitch, centre, fine):
+    """Mean over cells by midpoints of spacing ``fine``, exact where it divides all edges."""
+    ny, nx = grid.shape
+    counts = [round(d / fine) for d in grid.pitch]
+    values = []
+    for axis, (n, count) in enumerate(zip((ny, nx), counts, strict=True)):
+        steps = np.arange(n * count) + 0.5
+        at = grid.origin[axis] - (n // 2 + 0.5) * grid.pitch[axis] + steps * fine
+        size = picture.shape[axis]
+        values.append(np.floor((at - centre[axis]) / pitch[axis] + size // 2 + 0.5).astype(int))
+    rows, columns = np.meshgrid(*values, indexing="ij")
+    inside = (rows >= 0) & (rows < picture.shape[0]) & (columns >= 0)
+    inside &= columns < picture.shape[1]
+    dense = np.where(inside, picture[np.where(inside, rows, 0), np.where(inside, columns, 0)], 0)
+    return dense.reshape(ny, counts[0], nx, counts[1]).mean(axis=(1, 3))
+
+
+@pytest.mark.parametrize(
+    ("shape", "pitch", "origin"),
+    [
+        ((11, 8), (2e-6, 3e-6), (0, 0)),  # picture coarser and finer, larger and smaller
+        ((4, 6), (14e-6, 4e-6), (3e-6, -2e-6)),
+        ((31, 40), (1e-6, 1e-6), (-1e-6, 0.5e-6)),
+    ],
+)
+@pytest.mark.parametrize("picture_shape", [(7, 6), (4, 9)])
+def test_area_weights(device, precise, shape, pitch, origin, picture_shape):
+    random = np.random.default_rng(6)
+    amplitude, phase = random.uniform(0, 1, picture_shape), random.uniform(-3, 3, picture_shape)
+    grid = Grid(shape, pitch, origin=origin)
+    spacing, centre = (3e-6, 5e-6), (1e-6, -2e-6)
+    complex_t = amplitude * np.exp(1j * phase)
+    expected = fine_mean(grid, complex_t, spacing, centre, 0.5e-6)
+    assert np.abs(expected).max() > 0.1
+    for where, tolerance in ((device, 2e-7), (precise, 1e-13)):  # rounding of the transmission
+        got = transparency(ones(grid, where), amplitude, phase=phase, pitch=spacing, centre=centre)
+        assert np.abs(got.to_numpy() - expected).max() <= tolerance
+
+
+@pytest.mark.parametrize("shape", [(6, 9), (7, 8)])
+def test_the_same_grid_changes_nothing(precise, shape):
+    picture = np.random.default_rng(7).uniform(0, 1, shape)
+    grid = Grid(shape, (2e-6, 3e-6), origin=(1e-6, 5e-6))
+    light = ones(grid, precise)
+    same = transparency(light, picture, pitch=grid.pitch, centre=grid.origin).to_numpy()
+    np.testing.assert_allclose(same, picture, atol=1e-14)
+
+
+def test_the_sum_is_kept(precise):
+    """Inside the window the integral of the transmission stays, at incommensurate pitches."""
+    picture = np.random.default_rng(8).uniform(0, 1, (23, 17))
+    pitch = (np.pi * 1e-6, np.e * 1e-6)
+    grid = Grid((40, 29), (2.3e-6, 2.9e-6))
+    got = transparency(ones(grid, precise), picture, pitch=pitch, centre=(3e-6, 1e-6)).to_numpy()
+    assert got.sum() * 2.3 * 2.9 == pytest.approx(picture.sum() * np.pi * np.e, rel=1e-12)
+
+
+def test_nothing_passes_beside_the_picture(device):
+    grid = Grid((10, 12), 1e-6)
+    away = transparency(ones(grid, device), np.ones((3, 4)), pitch=1e-6, centre=(1e-3, 0))
+    assert not away.to_numpy().any()
+
+
+def test_an_axis_of_one_sample(precise):
+    light = ones(Grid((1, 6), (9e-6, 2e-6)), precise)
+    got = transparency(light, [[1.0, 3.0, 5.0]], pitch=4e-6, centre=(7e-6, -1e-6))
+    np.testing.assert_allclose(got.to_numpy(), [[1, 1, 3, 3, 5, 5]], rtol=1e-14)
+    with pytest.raises(ShapeError, match="along axis 0 of the field, but the picture has 2 pixels"):
+        transparency(light, np.ones((2, 3)), pitch=4e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"amplitude": None}, ValueError, "an amplitude, a phase or both"),
+        ({"amplitude": np.ones(5)}, ShapeError, r"shape \(ny, nx\), not \(5,\)"),
+        ({"amplitude": np.ones((0, 5))}, ShapeError, r"not \(0, 5\)"),
+        ({"amplitude": np.ones((6, 5))}, ShapeError, r"shape \(6, 5\), the field \(5, 6\)"),
+        ({"phase": np.ones((6, 5))}, ShapeError, r"amplitude .* \(5, 6\), the phase \(6, 5\)"),
+        ({"phase": 1j * np.ones((5, 6))}, ValueError, "phase of a picture is real"),
+        ({"amplitude": np.full((5, 6), np.nan)}, ValueError, "amplitude .* has 30 values"),
+        ({"phase": np.full((5, 6), np.inf)}, ValueError, "phase of the picture has 30 values"),
+        ({"centre": (1e-6, 0)}, ValueError, "needs a pitch"),
+        ({"pitch": 0}, ValueError, "picture's pitch is positive"),
+        ({"pitch": (1e-6, np.nan)}, ValueError, "picture's pitch is positive"),
+        ({"pitch": 1e-6, "centre": (0, np.inf)}, ValueError, "centre of a picture is finite"),
+    ],
+)
+def test_bad_pictures(device, change, error, message):
+    values = {"amplitude": np.ones((5, 6))} | change
+    with pytest.raises(error, match=message):
+        transparency(ones(Grid((5, 6), 1e-6), device), **values)
