@@ -16,6 +16,7 @@ from tqdm import tqdm
 from clplen import __version__
 from clplen.cli import options
 from clplen.cli.messages import Commands, note, sentence
+from clplen.cli.sampling import sampling
 from clplen.errors import ClplenError
 
 if TYPE_CHECKING:
@@ -37,6 +38,9 @@ def main() -> None:
     logger = logging.getLogger("clplen.io")
     logger.handlers = [handler]
     logger.setLevel(logging.INFO)
+
+
+main.add_command(sampling)
 
 
 @main.command()

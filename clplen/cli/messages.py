@@ -20,6 +20,11 @@ _TYPED = (
     (r"give spacing=\(dv, du, dy, dx\), or use disparity", "use --disparities"),
     (r" and give their views weight 0 \(weights=\)", ""),
     (r"--(swap|flip|allow)_", r"--\1-"),
+    (r"\bmethod='([\w-]+)'(?: or '([\w-]+)')", r"--method \1 or \2"),
+    (r"\bmethod='([\w-]+)'", r"--method \1"),
+    (r"\bor 'auto'", "or auto"),
+    (r"\ba larger pad\b", "a larger --pad"),
+    (r"\bby support=", "by --support"),
 )
 
 
@@ -56,7 +61,11 @@ def sentence(error: BaseException) -> str:
         return "This computer has not enough memory" + (f": {detail}." if detail else " for it.")
     if isinstance(error, OSError) and error.errno is not None:
         return str(error)
-    text = str(error.args[0]) if error.args else type(error).__name__
-    for python, typed in _TYPED:
-        text = re.sub(python, typed, text)
+    return typed(str(error.args[0]) if error.args else type(error).__name__)
+
+
+def typed(text: str) -> str:
+    """A sentence of the package in the words of the command line."""
+    for python, words in _TYPED:
+        text = re.sub(python, words, text)
     return text

@@ -1,39 +1,33 @@
 """Maps along both axes, a product in between, and maps back: y and x, batches, many products.
 
-On the host the arrays go through the cache in blocks: the lines along x a few rows at a time, then
-for a few columns at a time everything that happens along y, with the product in its midst, then
-the lines along x again. Padding is never transformed twice and the padded array never exists.
-With VkFFT whole arrays stay on the device.
+On the host in blocks that stay in the cache (columns.py); with VkFFT whole arrays stay on the
+device.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
-from itertools import pairwise, zip_longest
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from clplen.compute.columns import Factors, Product, run_on_host
 from clplen.compute.lines import Line, Separable, still
 
 if TYPE_CHECKING:
     import pyopencl.array as cla
 
     from clplen.compute.device import Device
-    from clplen.compute.fft import FFTRoute
 
 Array = np.ndarray[Any, Any]
-BLOCK_BYTES = 2**19  # a block and its table fit the second-level cache of a core
 
 
-@dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Factors of a 2-D spectrum on a device.
+    """Factors of a 2-D spectrum, where its products are made: on the device or on the host.
 
-    Attributes
+    Parameters
     ----------
     values : pyopencl.array.Array
         Complex, shape (my, mx); or, even in both axes, the quadrant (my//2 + 1, mx//2 + 1).
@@ -41,13 +35,21 @@ class Spectrum:
         (my, mx).
     """
 
-    values: cla.Array
-    shape: tuple[int, int]
+    def __init__(self, values: cla.Array, shape: tuple[int, int]) -> None:
+        self.values, self.shape = values, shape
+        self._factors: Factors | None = None
 
     @property
     def is_quadrant(self) -> bool:
         """Whether only indices up to the middle are stored."""
         return tuple(self.values.shape) != self.shape
+
+    def on_host(self, device: Device) -> Factors:
+        """The same in blocks on the host, made once."""
+        if self._factors is None:
+            with device.on_host(self.values, write=False) as values:
+                self._factors = Factors.cut(values, self.shape)
+        return self._factors
 
 
 def run(
@@ -83,163 +85,14 @@ def run(
     count = int(np.prod(batch, dtype=np.int64))
     with ExitStack() as held:
         source = held.enter_context(device.on_host(data, write=False)).reshape(count, *shape)
-        targets = [held.enter_context(device.on_host(result)) for result in results]
-        flat = [target.reshape(count, *last) for target in targets]
-        _on_host(source, into, spectra, back, flat, device)
+        targets = [
+            held.enter_context(device.on_host(result)).reshape(count, *last) for result in results
+        ]
+        products = [
+            Product(one.on_host(device), way) for one, way in zip(spectra, back, strict=True)
+        ]
+        run_on_host(source, into, products, targets, device)
     return results
-
-
-# On the host
-
-
-def _on_host(
-    source: Array,
-    into: Separable,
-    spectra: Sequence[Spectrum],
-    back: Sequence[Separable],
-    targets: Sequence[Array],
-    device: Device,
-) -> None:
-    with ThreadPoolExecutor(device.fft.threads) as pool:
-        work = _rows(source, into.x, None, device.fft, pool)
-        if not spectra:
-            _columns(work, into.y, targets[0], device.fft, pool)
-            return
-        tall = back[0].y[-1].m if back[0].y else into.shape_after(source.shape[-2:])[0]
-        between = [np.empty((len(work), tall, work.shape[-1]), work.dtype) for _ in spectra]
-        _filtered(work, into.y, spectra, [b.y for b in back], between, device, pool)
-        for made, way, out in zip(between, back, targets, strict=True):
-            _rows(made, way.x, out, device.fft, pool)
-
-
-def _rows(
-    source: Array,
-    lines: tuple[Line, ...],
-    target: Array | None,
-    fft: FFTRoute,
-    pool: ThreadPoolExecutor,
-) -> Array:
-    """``lines`` along the last axis, a few rows at a time; into ``target`` if there is one."""
-    rows = source.reshape(-1, source.shape[-1])
-    width = lines[-1].m if lines else source.shape[-1]
-    if target is None:
-        target = np.empty((*source.shape[:-1], width), source.dtype)
-    out = target.reshape(-1, width)
-    longest = max((line.length for line in lines), default=width)
-
-    def some(start: int, stop: int) -> None:
-        out[start:stop] = _apply(rows[start:stop], lines, 1, fft)
-
-    _each(some, len(rows), longest * source.itemsize, pool, fft.threads)
-    return target
-
-
-def _columns(
-    source: Array, lines: tuple[Line, ...], target: Array, fft: FFTRoute, pool: ThreadPoolExecutor
-) -> None:
-    """``lines`` along the axis before the last, a few columns at a time."""
-    longest = max((line.length for line in lines), default=source.shape[-2])
-
-    def some(start: int, stop: int) -> None:
-        for one, out in zip(source, target, strict=True):
-            out[:, start:stop] = _apply(one[:, start:stop], lines, 0, fft)
-
-    _each(some, source.shape[-1], longest * source.itemsize, pool, fft.threads)
-
-
-def _filtered(
-    source: Array,
-    into: tuple[Line, ...],
-    spectra: Sequence[Spectrum],
-    back: Sequence[tuple[Line, ...]],
-    targets: Sequence[Array],
-    device: Device,
-    pool: ThreadPoolExecutor,
-) -> None:
-    """Along y: ``into``, each spectrum, and its way ``back``, a few columns at a time."""
-    fft, tall = device.fft, max((line.length for line in into), default=source.shape[-2])
-    with ExitStack() as held:
-        factors = [held.enter_context(device.on_host(s.values, write=False)) for s in spectra]
-
-        def some(start: int, stop: int) -> None:
-            for place, one in enumerate(source):
-                block = _apply(one[:, start:stop], into, 0, fft)
-                for which, spectrum in enumerate(spectra):
-                    last = which == len(spectra) - 1 and block.base is not None
-                    made = block if last else block.copy()
-                    _multiply(made, factors[which], spectrum, start, stop)
-                    targets[which][place, :, start:stop] = _apply(made, back[which], 0, fft)
-
-        middle = spectra[0].shape[1] // 2 + 1
-        _each(some, source.shape[-1], tall * source.itemsize, pool, fft.threads, middle)
-
-
-def _multiply(block: Array, values: Array, spectrum: Spectrum, start: int, stop: int) -> None:
-    """Columns start:stop of a spectrum times its factors, in place."""
-    if not spectrum.is_quadrant:
-        block *= values[:, start:stop]
-        return
-    my, mx = spectrum.shape
-    if start > mx // 2:
-        factors = values[:, mx - stop + 1 : mx - start + 1][:, ::-1]
-    else:
-        factors = values[:, start:stop]
-    half = my // 2 + 1
-    block[:half] *= factors
-    block[half:] *= factors[1 : my - half + 1][::-1]
-
-
-def _each(
-    work: Callable[[int, int], None],
-    count: int,
-    line_bytes: int,
-    pool: ThreadPoolExecutor,
-    threads: int,
-    never_across: int = 0,
-) -> None:
-    """``work`` on all of range(count), in parts that fit the cache."""
-    size = max(1, min(64, BLOCK_BYTES // max(1, line_bytes), -(-count // threads)))
-    ends = [0, *(edge for edge in (never_across,) if 0 < edge < count), count]
-    parts = [
-        (start, min(start + size, high))
-        for low, high in pairwise(ends)
-        for start in range(low, high, size)
-    ]
-    list(pool.map(lambda part: work(*part), parts))
-
-
-def _apply(values: Array, lines: tuple[Line, ...], axis: int, fft: FFTRoute) -> Array:
-    """``lines`` along one axis of a 2-D block; a new array, or ``values`` where none moves."""
-    for line in lines:
-        if line.kind != "none":
-            values = _one(values, line, axis, fft)
-    return values
-
-
-def _one(values: Array, line: Line, axis: int, fft: FFTRoute) -> Array:
-    shape = list(values.shape)
-    shape[axis] = line.length
-    window = np.empty(shape, values.dtype)
-    along = window if axis == 0 else window.T  # the axis first
-    stop = line.place + line.n
-    along[: line.place] = 0
-    along[stop:] = 0
-    source = values if axis == 0 else values.T
-    if line.pre is None:
-        along[line.place : stop] = source
-    else:
-        np.multiply(source, line.pre[:, None], out=along[line.place : stop])
-    fft.lines(window, axis, line.kind != "inverse")
-    if line.kernel is not None:
-        along *= line.kernel[:, None]
-        fft.lines(window, axis, False)
-    kept = along[line.start : line.start + line.m]
-    if line.post is not None:
-        kept *= line.post[:, None]
-    return kept if axis == 0 else kept.T
-
-
-# On the device
 
 
 def _on_device(
@@ -255,8 +108,8 @@ def _on_device(
     if not spectra:
         return [work]
     results = []
-    for spectrum, way in zip(spectra, back, strict=True):
-        made = multiplied(work, spectrum, device, copy=work is data or spectrum is not spectra[-1])
+    for place, (spectrum, way) in enumerate(zip(spectra, back, strict=True), 1):
+        made = multiplied(work, spectrum, device, copy=work is data or place < len(spectra))
         for y, x in zip_longest(way.y, way.x):
             made = _stage(made, y, x, device)
         results.append(made)

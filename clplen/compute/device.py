@@ -17,8 +17,10 @@ import pyopencl.array as cla
 from clplen.compute import pocl
 from clplen.compute.cache import PlanCache
 from clplen.compute.fft import FFTRoute, choose_route
+from clplen.compute.pages import ask_for_large_pages
 from clplen.compute.program import build_program
 from clplen.compute.selection import find_devices, select
+from clplen.compute.workspace import Workspace
 from clplen.errors import DeviceError, ShapeError
 
 Precision = Literal["single", "double"]
@@ -169,6 +171,11 @@ class Device:
         """Plans of this device (transfer functions, arrays of lenslets), bounded in bytes."""
         return PlanCache(self.memory_bytes // _PLAN_SHARE)
 
+    @cached_property
+    def workspace(self) -> Workspace:
+        """Host memory that transforms on the host use again and again."""
+        return Workspace(self.memory_bytes // _PLAN_SHARE)
+
     @property
     def real(self) -> np.dtype[Any]:
         """Real dtype of the wave tower: float32 or float64."""
@@ -227,7 +234,10 @@ class Device:
                 f"largest that {self.name} gives is {_bytes(largest)}: use fewer planes or samples "
                 "at a time, integer instead of float storage, or a device with more memory."
             )
-        return cla.empty(self.queue, shape, np.dtype(dtype))
+        array = cla.empty(self.queue, shape, np.dtype(dtype))
+        if self.is_cpu and nbytes:
+            ask_for_large_pages(self.queue, _buffer(array))
+        return array
 
     def zeros(self, shape: Sequence[int], dtype: Any) -> cla.Array:
         """An array of zeros on the device."""

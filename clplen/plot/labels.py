@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from clplen.plot.rays import Rays
 from clplen.wave.lenslets import MicrolensArray
-from clplen.wave.parts import Lens, Part, Space, Stop, label_of, length_of, metres
+from clplen.wave.parts import Lens, Part, Space, Stop, label_of, length_of
+from clplen.wave.quantity import metres
 from clplen.wave.system import OpticalSystem
 
 LINE = 0.145  # inches of a line of text

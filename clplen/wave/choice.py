@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from clplen.compute.lines import Separable, smooth_length
 from clplen.wave import fresnel, spectral
@@ -44,10 +43,7 @@ def automatic(r: Request) -> Description:
     if not r.is_aligned:
         return spectral.corrected(r, "the output has another pitch or centre", "chirp-z")
     if _is_evanescent(r):
-        near = replace(r, pad=2)
-        return spectral.angular_spectrum(
-            near, f"abs(z) = {abs(r.z):.3g} m <= {EVANESCENT_REACH} lam: evanescent waves count"
-        )
+        return _touching(r)
     bands = [guarded_band(r.way(axis), r.guard) for axis in (0, 1)]
     lengths = spectral.fft_lengths(r, bands)
     wide = max((lengths[axis] / r.grid.shape[axis] for axis in r.axes), default=1.0)
@@ -68,6 +64,18 @@ def automatic(r: Request) -> Description:
         why = f"W = {wide:.3g} S > {NEAR_WINDOW} S and {sampled} <= {SAMPLED_KERNEL} f_nyq"
         return spectral.sommerfeld(r, why)
     return spectral.corrected(r, f"W = {wide:.3g} S > {spectral.FFT_WINDOW} S", "chirp-z")
+
+
+def _touching(r: Request) -> Description:
+    """The angular spectrum with its evanescent waves, in a window that holds both grids."""
+    lengths = [
+        n if n == 1 else smooth_length(n + max(n, m))
+        for n, m in zip(r.grid.shape, r.target.shape, strict=True)
+    ]
+    bands = [whole_band(r.way(axis)) for axis in (0, 1)]
+    why = f"abs(z) = {abs(r.z):.3g} m <= {EVANESCENT_REACH} lam: evanescent waves count"
+    valid = (0.0, EVANESCENT_REACH * r.wavelength)
+    return spectral.by_fft(r, lengths, bands, method="as", why=why, valid=valid)
 
 
 def _whole(r: Request, why: str) -> Description:

@@ -17,6 +17,7 @@ from clplen.wave.field import Field, Grid
 from clplen.wave.lens import Aliasing, Form, thin_lens
 from clplen.wave.lenslets import MicrolensArray
 from clplen.wave.propagation import propagate
+from clplen.wave.quantity import metres
 
 Shape = Literal["circular", "square"]
 
@@ -282,14 +283,6 @@ def text_of(part: Part) -> str:
         return f"{ny} x {nx}, pitch {pitch}, f = {f}, {part.lattice}, {part.fill}"
     describe = getattr(part, "describe", None)
     return repr(part) if describe is None else str(describe())
-
-
-def metres(value: float) -> str:
-    """A length as m, mm, um or nm."""
-    for factor, unit in ((1.0, "m"), (1e-3, "mm"), (1e-6, "um")):
-        if value == 0 or abs(value) >= factor * (1 - 1e-12):
-            return f"{value / factor:.6g} {unit}"
-    return f"{value * 1e9:.6g} nm"
 
 
 def require_positive(what: str, value: float) -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from clplen.wave.cost import flops, samples_held
 from clplen.wave.description import Description
 from clplen.wave.field import Grid
+from clplen.wave.quantity import amount, angle, both, interval, metres
 
 
 @dataclass(frozen=True)
@@ -17,8 +19,8 @@ class Report:
     ----------
     method, why : str
         The method taken and the inequality that decided.
-    z : float
-        Distance in metres.
+    z, wavelength : float
+        In metres.
     route : str
         How the sums are done.
     padded_shape : tuple of int
@@ -44,6 +46,10 @@ class Report:
     paraxial_error : float
         Phase error of Fresnel's approximation at the highest frequency that arrives, pi z lam^3
         f^4/4 in radians; 0 for a method that is exact.
+    flops : float
+        Operations of the Fourier transforms of one field, 5 L log2 L each.
+    samples : int
+        Complex samples that one field needs beside itself: the plan, work space and the result.
     warning : str
         What is wrong with the sampling and what to do; empty where nothing is.
     """
@@ -51,6 +57,7 @@ class Report:
     method: str
     why: str
     z: float
+    wavelength: float
     route: str
     padded_shape: tuple[int, int]
     out_grid: Grid
@@ -64,27 +71,54 @@ class Report:
     residual_turns: float
     phase: str
     paraxial_error: float
+    flops: float
+    samples: int
     warning: str
 
-    def __str__(self) -> str:
-        (my, mx), (dy, dx) = self.out_grid.shape, self.out_grid.pitch
-        lines = [
-            f"method            {self.method}: {self.why}",
-            f"distance          {self.z:g} m",
-            f"route             {self.route}",
-            f"output            {my} x {mx} samples of {dy:.6g} x {dx:.6g} m",
-            f"sampling          {self.sampled}: {self.phase_step:.3g} pi from sample to sample",
-            f"sampled for z     {self.fully_sampled_from:.4g} to {self.fully_sampled_to:.4g} m",
-            f"band              {self.band[0]:.5g}, {self.band[1]:.5g} cycles/m in y, x "
-            f"(Nyquist {self.nyquist[0]:.5g}, {self.nyquist[1]:.5g}), "
-            f"{100 * self.lost_band:.3g} % of it not used",
-            f"phase             {self.phase}, residual {self.residual_turns:.3g} turns",
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """(name, value) of everything but the warning, in the words and units of a reader."""
+        rows = [
+            ("method", f"{self.method}: {self.why}"),
+            ("distance", f"{metres(self.z)} at {metres(self.wavelength)}"),
+            ("route", self.route),
+            ("output", _grid(self.out_grid)),
+            ("sampling", f"{self.sampled}: {self.phase_step:.3g} pi from sample to sample"),
+            ("sampled for z", interval(self.fully_sampled_from, self.fully_sampled_to)),
+            *self._band(),
+            ("phase", f"{self.phase}, residual {self.residual_turns:.3g} turns"),
         ]
         if self.method.startswith("fresnel"):
-            lines.append(f"paraxial error    up to {self.paraxial_error:.3g} rad")
-        if self.warning:
-            lines.append(f"warning           {self.warning}")
-        return "\n".join(lines)
+            rows.append(("paraxial error", f"up to {self.paraxial_error:.3g} rad"))
+        held = amount(8 * self.samples, "B")
+        rows.append(("memory", f"{held} in complex64, twice that in complex128"))
+        return [*rows, ("transforms", amount(self.flops, "flop"))]
+
+    def _band(self) -> list[tuple[str, str]]:
+        """The band of each axis along which something varies; of both where they agree."""
+        used = {}
+        for axis, band, nyquist in zip("yx", self.band, self.nyquist, strict=True):
+            if nyquist > 0:
+                share = f"{band / 1e3:.4g} cycles/mm of {nyquist / 1e3:.4g} (Nyquist)"
+                used[f"band {axis}"] = f"{share}, {angle(band, self.wavelength)}"
+        if len(used) == 2 and len(set(used.values())) == 1:
+            used = {"band": used["band y"]}
+        share = f"{100 * (1 - self.lost_band):.3g} % of what is sampled"
+        return [*used.items(), ("band used", share)]
+
+    def __str__(self) -> str:
+        rows = [*self.rows, *([("warning", self.warning)] if self.warning else [])]
+        return "\n".join(f"{name:<18}{value}" for name, value in rows)
+
+
+def _grid(grid: Grid) -> str:
+    """Samples, pitch, window and centre of a grid."""
+    ny, nx = grid.shape
+    text = f"{ny} x {nx} samples of {both(grid.pitch, metres)}"
+    text += f", window {both(grid.extent, lambda value: metres(value, 4))}"
+    if any(grid.origin):
+        text += f", centre {' x '.join(metres(value, 4) for value in grid.origin)} (y x)"
+    return text
 
 
 @dataclass(frozen=True)
@@ -124,6 +158,7 @@ def report(made: Description, phase: str) -> Report:
         method=made.method,
         why=made.why,
         z=r.z,
+        wavelength=r.wavelength,
         route=made.route,
         padded_shape=made.window,
         out_grid=made.out_grid,
@@ -137,5 +172,7 @@ def report(made: Description, phase: str) -> Report:
         residual_turns=0.0 if made.factor is None else made.factor.residual_turns(),
         phase=phase,
         paraxial_error=paraxial if made.method.startswith("fresnel") else 0.0,
+        flops=flops(made),
+        samples=samples_held(made),
         warning=made.warning,
     )

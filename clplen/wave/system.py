@@ -18,11 +18,11 @@ from clplen.wave.parts import (
     Space,
     label_of,
     length_of,
-    metres,
     require_positive,
     text_of,
 )
 from clplen.wave.propagation import Propagator
+from clplen.wave.quantity import metres
 
 
 @dataclass(frozen=True, init=False)

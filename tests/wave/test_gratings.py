@@ -88,9 +88,10 @@ def test_orders_of_a_shallow_blaze(precise, offset):
 
 @pytest.mark.parametrize("orientation", [0, 0.4, np.pi / 4, np.pi / 2, 2.0, -1e-9, 3.3])
 @pytest.mark.parametrize("pitch", [(5e-6, 4e-6), (3e-6, 11e-6)])
-def test_area_weights_of_bars(precise, orientation, pitch):
+@pytest.mark.parametrize("duty", [0.35, 0.9])
+def test_area_weights_of_bars(precise, orientation, pitch, duty):
     """Against 60 x 60 points a cell, which place an edge to half a point, 1/120 of a cell."""
-    grid, period, duty, offset = Grid((9, 8), pitch, origin=(2e-6, 0)), 23e-6, 0.35, 3e-6
+    grid, period, offset = Grid((9, 8), pitch, origin=(2e-6, 0)), 23e-6, 3e-6
     options = {"orientation": orientation, "duty": duty, "offset": offset}
     got = grating(ones(grid, precise), period, **options).to_numpy().real
     part = (np.arange(60) + 0.5) / 60 - 0.5

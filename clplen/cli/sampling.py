@@ -1,0 +1,270 @@
+"""The command ``clplen sampling``: what a propagation would do, without doing it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import click
+
+from clplen.cli.messages import note, typed
+from clplen.cli.units import Length, Lengths, Shape
+from clplen.wave import fresnel, sommerfeld, transfer
+from clplen.wave.band import GUARD, fully_sampled_distance
+from clplen.wave.choice import describe
+from clplen.wave.description import Description
+from clplen.wave.field import Grid
+from clplen.wave.lenslets import SMALLEST_PITCH
+from clplen.wave.quantity import angle, both, interval, metres
+from clplen.wave.report import report
+from clplen.wave.request import METHODS, Request
+from clplen.wave.slopes import LensSampling, lens_sampling, lenslet_sampling
+
+Rows = Iterable[tuple[str, str]]
+LONGEST_WAVE = 1e-3  # metres; beyond, a unit was forgotten
+_SAME = 1e-9  # of a distance
+
+
+@click.command()
+@click.option("--pitch", type=Lengths("positive"), required=True, help="Of the samples.")
+@click.option("--shape", type=Shape(), required=True, help="Samples of the field.")
+@click.option("--wavelength", type=Length("positive"), required=True)
+@click.option("--z", "distances", type=Length(), multiple=True, help="Distance; repeatable.")
+@click.option("--method", type=click.Choice(METHODS), default="auto", show_default=True)
+@click.option("--pad", type=float, default=2, show_default=True, help="Window over field; 1: none.")
+@click.option("--guard", type=float, default=GUARD, show_default=True, help="In Fresnel widths.")
+@click.option("--support", type=Lengths("positive"), help="Width that carries light.")
+@click.option("--out-pitch", type=Lengths("positive"), help="Of the result.")
+@click.option("--out-shape", type=Shape(), help="Samples of the result.")
+@click.option("--out-offset", type=Lengths(one=False), help="Centre of the result.")
+@click.option("--lens", "f", type=Length("not 0"), metavar="F", help="Focal length of a lens.")
+@click.option("--diameter", type=Length("positive"), help="Of the lens; default: the window.")
+@click.option(
+    "--arriving",
+    type=Length("not 0"),
+    help="Curvature of the light at the lens: from a point so far before it; negative: behind it.",
+)
+@click.option(
+    "--lenslets",
+    type=(Length("positive"), Length("not 0")),
+    metavar="PITCH F",
+    help="Lenslets; with --diameter, at each --z behind the lens.",
+)
+def sampling(
+    pitch: Any, shape: Any, wavelength: float, distances: tuple[float, ...], **words: Any
+) -> None:
+    """Say how finely a propagation, a lens and lenslets are sampled; compute nothing.
+
+    Lengths have units: pm nm um mm cm m km; a bare number is metres. One length or number is that
+    of both axes; 5umx6.6um and 2048x3030 are y (rows) and x.
+
+    \b
+    Example:
+      clplen sampling --pitch 6.6um --shape 3030 --wavelength 550nm --z 240mm
+      clplen sampling --pitch 6.6um --shape 3030 --wavelength 550nm --z 240mm \\
+        --lens 120mm --diameter 3.6mm --arriving 240mm --lenslets 150um 10mm
+    """
+    _check(words)
+    grid = Grid(shape, pitch)
+    options = {name: words[name] for name in ("method", "pad", "guard", "support")}
+    wanted = [
+        Request(grid, z, wavelength, out_grid=_out_grid(grid, words), **options) for z in distances
+    ]
+    made = [describe(one) for one in wanted]
+    _say("Grid", _grid_rows(grid, wavelength))
+    if wavelength > LONGEST_WAVE:
+        note(
+            f"The wavelength is {metres(wavelength)}, which is no light: a bare number is metres, "
+            "write 550nm for nanometres."
+        )
+    for one in made:
+        _say(f"z = {metres(one.request.z)}", _propagation_rows(one))
+        if one.warning:
+            note(typed(one.warning))
+    if wanted:
+        _say_methods(wanted)
+    if words["f"] is not None:
+        _say_lens(grid, wavelength, words["f"], words["diameter"], words["arriving"])
+    if words["lenslets"] is not None:
+        _say_lenslets(grid, wavelength, *words["lenslets"], words["diameter"], distances)
+
+
+def _check(words: dict[str, Any]) -> None:
+    """Refuse words that mean nothing without another."""
+    if words["diameter"] is not None and words["f"] is None and words["lenslets"] is None:
+        raise click.UsageError("--diameter is that of a lens: give --lens or --lenslets, too.")
+    if words["arriving"] is not None and words["f"] is None:
+        raise click.UsageError("--arriving is about the light at a lens: give --lens, too.")
+
+
+def _out_grid(grid: Grid, words: dict[str, Any]) -> Grid | None:
+    pitch, shape, offset = (words[f"out_{name}"] for name in ("pitch", "shape", "offset"))
+    if pitch is None and shape is None and offset is None:
+        return None
+    return Grid(shape or grid.shape, pitch or grid.pitch, origin=offset or (0.0, 0.0))
+
+
+def _say(title: str, rows: Rows) -> None:
+    click.echo(title)
+    for name, value in rows:
+        click.echo(f"  {name:<18}{value}")
+    click.echo()
+
+
+def _grid_rows(grid: Grid, wavelength: float) -> Rows:
+    axes = [axis for axis in (0, 1) if grid.shape[axis] > 1] or [1]
+    sides, pitches = [grid.shape[a] for a in axes], [grid.pitch[a] for a in axes]
+    window = both([grid.extent[a] for a in axes], lambda value: metres(value, 4))
+    yield "samples", f"{grid.shape[0]} x {grid.shape[1]} of {both(pitches, metres)}"
+    yield "window", f"{window} at {metres(wavelength)}"
+    yield "Nyquist", both(pitches, lambda d: f"{0.5e-3 / d:.4g} cycles/mm")
+    yield "steepest ray", both(pitches, lambda d: angle(1 / (2 * d), wavelength))
+    steps = [n * d * d / wavelength for n, d in zip(sides, pitches, strict=True)]
+    yield "N dx^2/lam", both(steps, lambda value: metres(value, 4))
+    reach = min(
+        fully_sampled_distance(n, d, wavelength) for n, d in zip(sides, pitches, strict=True)
+    )
+    yield "fully sampled", f"transfer function without padding: {interval(0, reach)}"
+
+
+def _propagation_rows(made: Description) -> Rows:
+    """The report, and what auto would have done where it was not asked."""
+    yield from report(made, _phase(made)).rows
+    if made.request.method != "auto":
+        choice = describe(replace(made.request, method="auto"))
+        yield "auto would take", f"{choice.method}: {choice.why}"
+
+
+def _phase(made: Description) -> str:
+    limits = {"rs": sommerfeld.LARGEST_TABLE_RESIDUAL}
+    limit = limits.get(made.method, transfer.LARGEST_TABLE_RESIDUAL)
+    if made.factor is None or made.factor.residual_turns() <= limit:
+        return "tables"
+    return "fp64 or two-float"
+
+
+def _say_methods(wanted: list[Request]) -> None:
+    """Every method on this grid: the distances at which it is sampled, and each one asked for."""
+    rows = [["method", "sampled for z", *(f"at {metres(r.z)}" for r in wanted)]]
+    for method in METHODS[1:]:
+        own = replace(wanted[0], method=method, out_grid=None)
+        rows.append([method, _valid(own), *(_verdict(r, method) for r in wanted)])
+    errors = [_paraxial_error(r) for r in wanted]
+    rows.append(["paraxial phase", "", *(f"wrong by up to {error:.2g} rad" for error in errors)])
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    click.echo(f"Methods with --pad {wanted[0].pad:g}")
+    for row in rows:
+        cells = (f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True))
+        click.echo(("  " + "  ".join(cells)).rstrip())
+    click.echo()
+
+
+def _valid(r: Request) -> str:
+    """The distances at which a method is sampled, whatever z is."""
+    if r.method == "fresnel-multistep":
+        return "any"
+    low, high = describe(replace(r, z=1.0)).valid
+    return interval(low, high) + (", periodic" if r.method == "as" and r.pad == 1 else "")
+
+
+def _verdict(r: Request, method: str) -> str:
+    """Whether a method is sampled at a distance, and what else counts there."""
+    if r.target != r.grid and method != "cblas":
+        return "no, has its own grid"
+    if r.z == 0:
+        return "no, pitch 0" if method == "fresnel-1fft" else "yes, the field"
+    if method == "fresnel-multistep":
+        return f"yes, whole steps: {_steps(r)}"
+    made = describe(replace(r, method=method))
+    low, high = made.valid
+    if not low * (1 - _SAME) <= abs(r.z) <= high * (1 + _SAME):
+        return "no"
+    if method == "fresnel-1fft":
+        return f"yes, pitch {both(made.out_grid.pitch, lambda value: metres(value, 4))}"
+    used = 1 - report(made, "tables").lost_band
+    return f"yes, {100 * used:.3g} % of band" if method == "blas" and used < 1 else "yes"
+
+
+def _steps(r: Request) -> int:
+    """Whole steps of fresnel-multistep along the axis that needs more."""
+    longest = [
+        fresnel.even_length(r.grid.shape[a], r.pad) * r.grid.pitch[a] ** 2 / r.wavelength
+        for a in r.axes
+    ]
+    return max((math.floor(abs(r.z) / dz + fresnel.WHOLE) for dz in longest), default=0)
+
+
+def _paraxial_error(r: Request) -> float:
+    own = replace(r, method="fresnel-tf", out_grid=None)
+    return report(describe(own), "tables").paraxial_error
+
+
+def _say_lens(
+    grid: Grid, wavelength: float, f: float, diameter: float | None, arriving: float | None
+) -> None:
+    found = lens_sampling(
+        grid, f, wavelength=wavelength, diameter=diameter, arriving=arriving or math.inf
+    )
+    width = metres(2 * found.radius, 4) if diameter is None else metres(diameter)
+    _say(f"Lens, f = {metres(f)}, D = {width}", _lens_rows(found, f, arriving))
+    extents = [grid.extent[axis] for axis in (0, 1) if grid.shape[axis] > 1]
+    if diameter is not None and extents and diameter > min(extents):
+        note(
+            f"The window of {metres(min(extents), 4)} is smaller than the lens, so that the window "
+            f"decides which light passes: take more samples, or --diameter {metres(min(extents))}."
+        )
+    if not found.is_sampled(found.alone):
+        note(
+            f"The phase of the lens is aliased beyond R_max = {metres(found.largest_radius, 4)}: "
+            f"take a focal length from {metres(found.shortest_focal_length, 4)} on, or a finer "
+            "pitch."
+        )
+
+
+def _lens_rows(found: LensSampling, f: float, arriving: float | None) -> Rows:
+    said = "sampled" if found.is_sampled(found.alone) else "aliased"
+    largest = metres(found.largest_radius, 4)
+    yield "radius", f"R = {metres(found.radius, 4)}; R_max = lam f/(2 dx) = {largest}: {said}"
+    yield "focal length", f"f_min = D dx/lam = {metres(found.shortest_focal_length, 4)}"
+    yield "f-number", f"f/{found.f_number:.4g}; fastest sampled dx/lam: f/{found.fastest:.4g}"
+    if arriving is None:
+        return
+    slopes = ("light before it", found.arriving), ("light behind it", found.behind)
+    for name, slope in slopes:
+        said = "sampled" if found.is_sampled(slope) else "aliased"
+        yield name, f"NA {slope:.4g} at the rim; limit lam/(2 dx) = {found.limit:.4g}: {said}"
+
+
+def _say_lenslets(
+    grid: Grid,
+    wavelength: float,
+    pitch: float,
+    f: float,
+    diameter: float | None,
+    distances: tuple[float, ...],
+) -> None:
+    """d/(2 f_mu) + D/(2 z2) <= lam/(2 dx), for a plane wave and behind the lens."""
+    varied = [d for n, d in zip(grid.shape, grid.pitch, strict=True) if n > 1]
+    samples = max(varied, default=max(grid.pitch))
+    rows = [("samples", f"{pitch / samples:.4g} a lenslet")]
+    cases = [("in a plane wave", 0.0, math.inf)]
+    if diameter is not None:
+        cases += [(f"lens {metres(z)} away", diameter, z) for z in distances if z]
+    for name, width, z in cases:
+        found = lenslet_sampling(
+            pitch, f, samples=samples, wavelength=wavelength, diameter=width, z=z
+        )
+        slopes = f"d/(2 f) = {found.lenslet:.4g}"
+        if width:
+            slopes += f" + D/(2 z) = {found.lens:.4g}"
+        said = "sampled" if found.is_sampled else "aliased"
+        least = found.shortest_focal_length
+        from_ = f"for f from {metres(least, 4)} on" if math.isfinite(least) else "for no f"
+        rows.append((name, f"{slopes}; limit lam/(2 dx) = {found.limit:.4g}: {said}, {from_}"))
+        if not found.is_sampled:
+            note(f"The lenslets are aliased ({name}): they are sampled {from_}.")
+    _say(f"Lenslets, pitch {metres(pitch)}, f = {metres(f)}", rows)
+    if pitch < SMALLEST_PITCH * samples:
+        note(f"The lenslets need a pitch of at least {SMALLEST_PITCH} samples.")

@@ -1,0 +1,336 @@
+"""Maps, product and maps back against explicit float64 matrices, on the host and device routes."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import pyopencl.array as cla
+import pytest
+from reference_lines import apply, unfolded
+from tolerance import fft_tolerance, relative_max
+
+from clplen.compute import columns, fft
+from clplen.compute.blocks import Spectrum, multiplied, run, window
+from clplen.compute.device import Device
+from clplen.compute.fft import FFTRoute
+from clplen.compute.lines import (
+    Line,
+    Separable,
+    chirp_z,
+    convolution,
+    cropped_inverse,
+    padded_spectrum,
+    still,
+)
+
+ROUTES = ["ducc0", "scipy", "numpy", "device"]
+
+
+def host_in_place_of_vkfft(
+    array: cla.Array, device: Device, axes: tuple[int, ...], forward: bool
+) -> None:
+    """What VkFFT does, by NumPy: the device route without a GPU."""
+    with device.on_host(array) as values:
+        values[...] = (np.fft.fftn if forward else np.fft.ifftn)(values, axes=axes)
+
+
+@lru_cache
+def with_route(device: Device, name: str, threads: int = 2) -> Device:
+    """The same hardware with another FFT."""
+    other = Device(device.cl_device, precision=device.precision)
+    other.fft = FFTRoute("vkfft" if name == "device" else name, threads)
+    return other
+
+
+@pytest.fixture(params=ROUTES)
+def on(request: pytest.FixtureRequest, device: Device, monkeypatch: pytest.MonkeyPatch) -> Device:
+    """The device with each route; "device": arrays stay on it."""
+    if request.param == "ducc0":
+        pytest.importorskip("ducc0")
+    monkeypatch.setattr(fft, "_vkfft", host_in_place_of_vkfft)
+    return with_route(device, request.param)
+
+
+def random_complex(shape: int | tuple[int, ...], seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=shape) + 1j * rng.normal(size=shape)
+
+
+def placed(n: int, m: int, length: int, kind: str, seed: int) -> Line:
+    """A line with everything a line may have, off the centre."""
+    pre, post, kernel = (random_complex(k, seed + i) for i, k in enumerate((n, m, length)))
+    kernel = kernel if kind == "convolve" else None
+    place, start = (length - n) // 3, length - m
+    return Line(n, m, length, kind, place=place, start=start, pre=pre, kernel=kernel, post=post)
+
+
+def bare(n: int, m: int) -> Line:
+    """A line without factors before it, of the length that goes in."""
+    return Line(n, m, n, "convolve", start=n - m, kernel=random_complex(n, n))
+
+
+def tables(n: int, m: int, seed: int) -> dict[str, np.ndarray]:
+    return {"pre": random_complex(n, seed), "post": random_complex(m, seed + 1)}
+
+
+def tolerance(shape: tuple[int, int], device: Device, transforms: int = 2) -> float:
+    """Of maps made of some transforms of windows up to a shape, one of them Bluestein's."""
+    return transforms * fft_tolerance(shape, device.complex, bluestein=True)
+
+
+MAPS = {  # name: (shape that goes in, maps)
+    "pad": ((5, 8), Separable((padded_spectrum(5, 12),), (padded_spectrum(8, 15),))),
+    "pad to the same": ((7, 6), Separable((padded_spectrum(7, 7),), (padded_spectrum(6, 6),))),
+    "crop": ((12, 15), Separable((cropped_inverse(12, 7),), (cropped_inverse(15, 4),))),
+    "convolve": (
+        (5, 9),
+        Separable(
+            (convolution(5, 8, random_complex(13, 1)),), (convolution(9, 4, random_complex(14, 2)),)
+        ),
+    ),
+    "chirps": (
+        (11, 6),
+        Separable(
+            (chirp_z(11, 7, -math.sqrt(2) / 9, **tables(11, 7, 3)),),
+            (chirp_z(6, 13, math.pi / 20, **tables(6, 13, 5)),),
+        ),
+    ),
+    "off centre": (
+        (6, 7),
+        Separable((placed(6, 5, 13, "convolve", 7),), (placed(7, 9, 10, "inverse", 11),)),
+    ),
+    "mixed kinds": (
+        (6, 7),
+        Separable((placed(6, 11, 12, "forward", 7),), (placed(7, 9, 17, "convolve", 11),)),
+    ),
+    "one row": ((1, 9), Separable((still(1),), (placed(9, 7, 11, "forward", 3),))),
+    "one column": ((9, 1), Separable((placed(9, 7, 11, "inverse", 3),), (still(1),))),
+    "one sample": ((1, 1), Separable((still(1),), (still(1),))),
+    "y alone": ((7, 5), Separable(y=(placed(7, 7, 9, "forward", 4),))),
+    "x alone": ((7, 5), Separable(x=(placed(5, 8, 9, "forward", 4),))),
+    "three along y, one along x": (
+        (5, 6),
+        Separable(
+            (
+                placed(5, 8, 8, "forward", 1),
+                placed(8, 8, 8, "forward", 4),
+                placed(8, 7, 9, "convolve", 8),
+            ),
+            (placed(6, 3, 10, "convolve", 9),),
+        ),
+    ),
+    "a line that needs no window, between others": (
+        (5, 6),
+        Separable(
+            (placed(5, 7, 8, "forward", 1), bare(7, 5), placed(5, 6, 9, "inverse", 8)),
+            (padded_spectrum(6, 9), bare(9, 8), padded_spectrum(8, 11), bare(11, 11)),
+        ),
+    ),
+    "one along y, two along x": (
+        (5, 6),
+        Separable(
+            (placed(5, 4, 10, "convolve", 9),),
+            (placed(6, 9, 9, "inverse", 1), placed(9, 7, 9, "forward", 4)),
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("batch", [(), (2,), (2, 3)], ids=str)
+@pytest.mark.parametrize("name", MAPS)
+def test_maps_alone(on: Device, name: str, batch: tuple[int, ...]) -> None:
+    shape, maps = MAPS[name]
+    u = random_complex((*batch, *shape), 20).astype(on.complex)
+    data = on.upload(u)
+    (result,) = run(data, maps.astype(on.complex), [], [], on)
+    expected = apply(u, maps.y, maps.x)
+    got = on.download(result)
+    assert got.dtype == on.complex
+    many = 2 * max(len(maps.y) + len(maps.x), 1)
+    assert relative_max(expected, got) <= tolerance(maps.widest(shape), on, many)
+    np.testing.assert_array_equal(on.download(data), u)  # the input is untouched
+
+
+@pytest.mark.parametrize("name", ["off centre", "chirps", "three along y, one along x"])
+@pytest.mark.parametrize("route", ["scipy", "device"])
+def test_maps_in_double_precision(
+    precise: Device, monkeypatch: pytest.MonkeyPatch, name: str, route: str
+) -> None:
+    monkeypatch.setattr(fft, "_vkfft", host_in_place_of_vkfft)
+    on, (shape, maps) = with_route(precise, route), MAPS[name]
+    u = random_complex((2, *shape), 21)
+    (result,) = run(on.upload(u), maps.astype(on.complex), [], [], on)
+    assert relative_max(apply(u, maps.y, maps.x), on.download(result)) <= 1e-13
+
+
+SPECTRA = {  # name: (shape in, window of the spectrum, shape out)
+    "even": ((5, 6), (12, 16), (5, 6)),
+    "odd": ((5, 8), (11, 15), (5, 8)),
+    "even and odd": ((4, 7), (8, 15), (6, 3)),
+    "odd and even": ((7, 4), (13, 8), (9, 8)),
+    "two": ((2, 2), (2, 2), (2, 2)),
+    "three": ((3, 2), (3, 5), (3, 2)),
+    "one row": ((1, 6), (1, 14), (1, 9)),
+    "one column": ((6, 1), (13, 1), (9, 1)),
+    "one sample": ((1, 1), (1, 1), (1, 1)),
+}
+
+
+def there_and_back(name: str) -> tuple[Separable, Separable]:
+    (ny, nx), (ly, lx), (my, mx) = SPECTRA[name]
+    into = Separable((padded_spectrum(ny, ly),), (padded_spectrum(nx, lx),))
+    return into, Separable((cropped_inverse(ly, my),), (cropped_inverse(lx, mx),))
+
+
+def factors(shape: tuple[int, int], quadrant: bool, seed: int, device: Device) -> np.ndarray:
+    """Random factors, asymmetric in y and x, whole or a quadrant."""
+    if quadrant:
+        shape = (shape[0] // 2 + 1, shape[1] // 2 + 1)
+    return random_complex(shape, seed).astype(device.complex)
+
+
+def check_spectra(
+    on: Device, name: str, values: list[np.ndarray], batch: tuple[int, ...] = ()
+) -> None:
+    """`run` with these factors against matrices; the input stays as it was."""
+    shape, middle, out = SPECTRA[name]
+    into, back = there_and_back(name)
+    u = random_complex((*batch, *shape), 30).astype(on.complex)
+    data = on.upload(u)
+    made = [Spectrum(on.upload(v), middle) for v in values]
+    results = run(data, into, made, [back] * len(made), on)
+    assert len(results) == len(values)
+    for v, result in zip(values, results, strict=True):
+        spectrum = apply(u, into.y, into.x) * unfolded(v.astype(complex), middle)
+        expected = apply(spectrum, back.y, back.x)
+        assert tuple(result.shape) == (*batch, *out)
+        assert relative_max(expected, on.download(result)) <= tolerance(middle, on)
+    np.testing.assert_array_equal(on.download(data), u)
+
+
+@pytest.mark.parametrize("quadrant", [True, False], ids=["quadrant", "whole"])
+@pytest.mark.parametrize("name", SPECTRA)
+def test_one_spectrum(on: Device, name: str, quadrant: bool) -> None:
+    check_spectra(on, name, [factors(SPECTRA[name][1], quadrant, 1, on)], (2,))
+
+
+@pytest.mark.parametrize("name", ["even", "odd", "one row"])
+def test_several_spectra_from_one_beginning(on: Device, name: str) -> None:
+    kinds = (True, False, True)
+    values = [factors(SPECTRA[name][1], kind, i, on) for i, kind in enumerate(kinds)]
+    check_spectra(on, name, values, (3,))
+
+
+def test_the_same_spectrum_twice(on: Device) -> None:
+    into, back = there_and_back("even")
+    values = factors((12, 16), True, 1, on)
+    u = random_complex((5, 6), 30).astype(on.complex)
+    spectrum = Spectrum(on.upload(values), (12, 16))
+    one, two, three = run(on.upload(u), into, [spectrum] * 3, [back] * 3, on)
+    expected = apply(apply(u, into.y, into.x) * unfolded(values, (12, 16)), back.y, back.x)
+    for result in (one, two, three):
+        assert relative_max(expected, on.download(result)) <= tolerance((12, 16), on)
+
+
+def test_each_spectrum_has_its_own_way_back(on: Device) -> None:
+    into, back = there_and_back("odd")
+    other = Separable(
+        (bare(11, 9), placed(9, 5, 12, "forward", 2)), (placed(15, 8, 15, "convolve", 5),)
+    )
+    values = [factors((11, 15), True, i, on) for i in range(3)]
+    u = random_complex((2, 5, 8), 30).astype(on.complex)
+    made = [Spectrum(on.upload(v), (11, 15)) for v in values]
+    ways = [other.astype(on.complex), back, other.astype(on.complex)]
+    for v, way, result in zip(values, ways, run(on.upload(u), into, made, ways, on), strict=True):
+        spectrum = apply(u, into.y, into.x) * unfolded(v.astype(complex), (11, 15))
+        expected = apply(spectrum, way.y, way.x)
+        assert relative_max(expected, on.download(result)) <= tolerance((12, 15), on, 4)
+
+
+def test_factors_alone(on: Device) -> None:
+    """No map before or after: the product itself, the input kept."""
+    u = random_complex((2, 4, 5), 1).astype(on.complex)
+    values = [random_complex((4, 5), i).astype(on.complex) for i in (2, 3)]
+    data = on.upload(u)
+    made = [Spectrum(on.upload(v), (4, 5)) for v in values]
+    none = Separable()
+    for v, result in zip(values, run(data, none, made, [none] * 2, on), strict=True):
+        assert relative_max(u * v.astype(complex), on.download(result)) <= 1e-6  # one product
+    np.testing.assert_array_equal(on.download(data), u)
+
+
+# A line of 16 complex64 samples has 128 bytes: blocks of one line, of three, and of all.
+@pytest.mark.parametrize("block_bytes", [1, 400, 2**19])
+@pytest.mark.parametrize("threads", [1, 2, 5])
+@pytest.mark.parametrize("name", ["even", "odd", "even and odd", "one column"])
+def test_blocks_and_threads_change_nothing(
+    device: Device, monkeypatch: pytest.MonkeyPatch, name: str, threads: int, block_bytes: int
+) -> None:
+    monkeypatch.setattr(columns, "ROWS_BYTES", block_bytes)
+    monkeypatch.setattr(columns, "COLUMNS_BYTES", block_bytes)
+    on, middle = with_route(device, "scipy", threads), SPECTRA[name][1]
+    values = [factors(middle, quadrant, i, on) for i, quadrant in enumerate((True, False))]
+    check_spectra(on, name, values, (2,))
+    shape, maps = MAPS["three along y, one along x"]
+    u = random_complex((3, *shape), 20).astype(on.complex)
+    (result,) = run(on.upload(u), maps.astype(on.complex), [], [], on)
+    expected = apply(u, maps.y, maps.x)
+    assert relative_max(expected, on.download(result)) <= tolerance(maps.widest(shape), on, 8)
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 64, 130])
+@pytest.mark.parametrize("block_bytes", [1, 40, 10**6])
+def test_parts_cover_everything_once_and_stop_at_the_mirror(count: int, block_bytes: int) -> None:
+    for across in (0, 1, count // 2 + 1, count):
+        parts = columns._parts(count, 8, block_bytes, across)
+        assert [i for a, b in parts for i in range(a, b)] == list(range(count))
+        assert all(b - a <= max(1, min(columns.MOST, block_bytes // 8)) for a, b in parts)
+        assert not any(a < across < b for a, b in parts)
+
+
+def test_an_error_in_a_thread_is_raised(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise MemoryError("no room for a block")
+
+    monkeypatch.setattr(columns, "_transform", fails)
+    shape, maps = MAPS["pad"]
+    on = with_route(device, "scipy")
+    data = on.upload(random_complex(shape).astype(on.complex))
+    with pytest.raises(MemoryError, match="no room"):
+        run(data, maps, [], [], on)
+
+
+@pytest.mark.parametrize("copy", [True, False])
+@pytest.mark.parametrize("quadrant", [True, False])
+@pytest.mark.parametrize("shape", [(6, 9), (7, 4), (1, 5), (5, 1)])
+def test_multiplied(device: Device, shape: tuple[int, int], quadrant: bool, copy: bool) -> None:
+    values = factors(shape, quadrant, 3, device)
+    u = random_complex((2, *shape), 4).astype(device.complex)
+    data = device.upload(u)
+    out = multiplied(data, Spectrum(device.upload(values), shape), device, copy=copy)
+    expected = u * unfolded(values.astype(complex), shape)
+    assert relative_max(expected, device.download(out)) <= 1e-6  # one product in float32
+    np.testing.assert_array_equal(device.download(data), u if copy else device.download(out))
+
+
+@pytest.mark.parametrize(
+    ("before", "after"), [((5, 6), (8, 11)), ((8, 11), (5, 6)), ((4, 9), (7, 3)), ((1, 4), (3, 9))]
+)
+def test_window_keeps_the_centre(
+    device: Device, before: tuple[int, int], after: tuple[int, int]
+) -> None:
+    u = random_complex((2, *before), 5).astype(device.complex)
+    got = device.download(window(device.upload(u), (2, *after), device))
+    moved = device.download(window(device.upload(u), (2, *after), device, place=(-1, 2)))
+    expected, placed_at = np.zeros((2, 2, *after), device.complex)
+    for y in range(after[0]):
+        for x in range(after[1]):
+            from_y, from_x = y - after[0] // 2 + before[0] // 2, x - after[1] // 2 + before[1] // 2
+            if 0 <= from_y < before[0] and 0 <= from_x < before[1]:
+                expected[:, y, x] = u[:, from_y, from_x]
+            if 0 <= y + 1 < before[0] and 0 <= x - 2 < before[1]:
+                placed_at[:, y, x] = u[:, y + 1, x - 2]
+    np.testing.assert_array_equal(got, expected)
+    np.testing.assert_array_equal(moved, placed_at)

@@ -1,0 +1,37 @@
+"""Fields for the tests of propagation: random ones, and the way to a device and back."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from clplen import Device, Field, Grid, SamplingWarning, propagate
+
+LAM = 550e-9
+
+
+def band_limited(
+    shape: Sequence[int], seed: int = 0, share: float = 0.75, mean: float = 0.2
+) -> np.ndarray:
+    """Random, asymmetric, of non-zero mean, below a share of the Nyquist frequency."""
+    rng = np.random.default_rng(seed)
+    spectrum = np.fft.fft2(rng.normal(size=shape) + 1j * rng.normal(size=shape))
+    keep = np.multiply.outer(*(np.abs(np.fft.fftfreq(n)) <= share / 2 for n in shape))
+    return np.fft.ifft2(spectrum * keep) + mean
+
+
+def field_of(u: np.ndarray, grid: Grid, device: Device, wavelength: float = LAM) -> Field:
+    """u (..., ny, nx) on a grid of a device."""
+    return Field.from_array(u, grid, wavelength=wavelength, device=device)
+
+
+def go(
+    u: np.ndarray, grid: Grid, z: float | Sequence[float], device: Device, **options: Any
+) -> np.ndarray:
+    """u after z on the host, whatever the warnings about its sampling."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SamplingWarning)
+        return propagate(field_of(u, grid, device), z, **options).to_numpy()

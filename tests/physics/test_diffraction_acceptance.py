@@ -1,0 +1,237 @@
+"""What every propagation obeys: plane waves, group laws, band limits, energy (diffraction.md)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reference_closed import (
+    gaussian_paraxial,
+    rayleigh_sommerfeld,
+    talbot_distance,
+    tilted_plane_wave,
+)
+from reference_optics import axis, blas_limit, radius_squared
+from setups import LAM
+from steps import field_of, step
+from tolerance import err_db, relative_max
+
+from clplen import Field, Grid, Propagator, propagate
+
+pytestmark = pytest.mark.filterwarnings("ignore::clplen.errors.SamplingWarning")
+
+EXACT = ("as", "blas", "cblas", "rs", "auto")
+
+
+def random_field(shape, seed=0, share=1.0) -> np.ndarray:
+    """White below a share of Nyquist, with a mean."""
+    rng = np.random.default_rng(seed)
+    spectrum = rng.normal(size=shape) + 1j * rng.normal(size=shape)
+    inside = [np.abs(np.fft.fftfreq(n)) <= share / 2 for n in shape]
+    return np.fft.ifft2(spectrum * np.multiply.outer(*inside)) * np.sqrt(np.prod(shape)) + 0.2
+
+
+def vdot(a, b) -> complex:
+    return np.vdot(a.astype(complex), b.astype(complex))
+
+
+# Plane waves ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", [(16, 20), (15, 21), (12, 17)])
+@pytest.mark.parametrize("index", [(2, 3), (-2, 3), (2, -3), (-2, -3), (0, 5)])
+@pytest.mark.parametrize("z", [0.013, -0.1])
+def test_tilted_plane_waves(device, precise, shape, index, z):
+    pitch = (3e-6, 2e-6)
+    fy, fx = (i / (n * d) for i, n, d in zip(index, shape, pitch, strict=True))
+    y, x = (axis(n, d) for n, d in zip(shape, pitch, strict=True))
+    start, end = (tilted_plane_wave(y[:, None], x, t, fy=fy, fx=fx, wavelength=LAM) for t in (0, z))
+    got = step(start, pitch, z, precise, method="as", pad=1)
+    assert np.abs(got - end).max() <= 1e-12
+    assert err_db(end, step(start, pitch, z, device, method="as", pad=1)) >= 120
+
+
+@pytest.mark.parametrize("times", [1, 10])
+@pytest.mark.parametrize("n", [128, 135])
+def test_talbot_images(device, precise, n, times):
+    """Orders 0 and +-1 of period 8 lam: an image of itself at the exact distance, not the paraxial.
+
+    The orders come back in phase with each other; the common phase of all is the carrier's.
+    """
+    dx, period = 0.5 * LAM, 8 * LAM
+    if n % 2:
+        dx = period / 15  # odd: 9 periods of 15 samples
+    u = 1 + 0.5 * np.cos(2 * np.pi * axis(n, dx)[None] / period)
+    exact = talbot_distance(period, LAM)
+    assert exact / (2 * period**2 / LAM) == pytest.approx(0.99608, abs=1e-5)
+    for dev, worst in ((precise, 1e-12), (device, 1e-6)):
+        got = step(u, dx, times * exact, dev, method="as", pad=1)
+        assert relative_max(u + 0j, got) <= worst
+        paraxial = step(u, dx, times * 2 * period**2 / LAM, dev, method="as", pad=1)
+        assert relative_max(u + 0j, paraxial) > 1e-3
+
+
+# Group laws -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", [(32, 45), (27, 20), (1, 64)])
+def test_group_laws_of_the_periodic_angular_spectrum(device, precise, shape):
+    """Unitary, z then -z, z1 then z2: to rounding (the phases are up to 100 turns)."""
+    pitch, u = (3e-6, 2e-6), random_field(shape, 5)
+    for dev, worst in ((precise, 1e-12), (device, 1e-6)):
+        start = field_of(u, pitch, dev)
+        there = propagate(start, 2e-4, method="as", pad=1)
+        back = propagate(there, -2e-4, method="as", pad=1).to_numpy()
+        assert relative_max(u, back) <= 2 * worst
+        once = propagate(start, 5e-4, method="as", pad=1).to_numpy()
+        assert (
+            relative_max(once, propagate(there, 3e-4, method="as", pad=1).to_numpy()) <= 2 * worst
+        )
+        assert float(there.power()) == pytest.approx(float(start.power()), rel=worst)
+        assert propagate(start, 0.0) is start
+
+
+@pytest.mark.parametrize("method", EXACT)
+@pytest.mark.parametrize("z", [3e-4, -3e-4])
+def test_shift_of_the_input_shifts_the_result(device, precise, method, z):
+    """By whole samples, in windows where what the shift brings in stays in."""
+    pitch, shift = (1.2e-6, 1.0e-6), (4, -7)
+    small = random_field((22, 31), 3)
+    u = np.zeros((40, 57), complex)
+    u[9:31, 14:45] = small
+    keep = (slice(4, None), slice(None, -7))
+    moved = (slice(None, -4), slice(7, None))
+    for dev, floor in ((precise, 200), (device, 115)):
+        a = step(u, pitch, z, dev, method=method)
+        b = step(np.roll(u, shift, axis=(0, 1)), pitch, z, dev, method=method)
+        if method in ("cblas", "auto"):  # the guard is as far from both: within its accuracy
+            floor = min(floor, 120)
+        assert err_db(a[moved], b[keep]) >= floor
+
+
+@pytest.mark.parametrize("method", EXACT)
+@pytest.mark.parametrize("z", [2e-4, 5e-3])
+@pytest.mark.parametrize("shape", [(24, 37), (33, 20)])
+def test_adjoint_is_the_way_back(device, precise, method, z, shape):
+    """<A x, y> = <x, A' y> with A' the propagation by -z, on white noise."""
+    pitch = (1.1e-6, 1.4e-6)
+    x, y = random_field(shape, 1), random_field(shape, 2)
+    for dev, worst in ((precise, 1e-12), (device, 2e-6)):
+        ahead = vdot(step(x, pitch, z, dev, method=method), y)
+        back = vdot(x, step(y, pitch, -z, dev, method=method))
+        assert abs(ahead - back) <= worst * np.linalg.norm(x) * np.linalg.norm(y)
+        assert abs(ahead) > 1e-3 * np.linalg.norm(x) * np.linalg.norm(y) / np.sqrt(x.size)
+
+
+def test_adjoint_onto_another_grid(device, precise):
+    """Far enough that no end of a band is the Nyquist frequency of either grid."""
+    own = Grid((24, 37), (2.1e-6, 1.7e-6), origin=(3e-6, 0))
+    other = Grid((41, 18), (1.3e-6, 2.4e-6), origin=(-20e-6, 31e-6))
+    x, y, z = random_field(own.shape, 1), random_field(other.shape, 2), 4e-3
+    for dev, worst in ((precise, 1e-12), (device, 2e-6)):
+        a, b = (
+            Field.from_array(u, grid, wavelength=LAM, device=dev)
+            for u, grid in ((x, own), (y, other))
+        )
+        there = propagate(a, z, method="cblas", out_grid=other)
+        back = propagate(b, -z, method="cblas", out_grid=own)
+        ahead = vdot(there.to_numpy(), y) * np.prod(other.pitch)
+        behind = vdot(x, back.to_numpy()) * np.prod(own.pitch)
+        assert abs(ahead) > 1e-3 * abs(np.vdot(x, x)) * np.prod(own.pitch) / x.size
+        scale = np.linalg.norm(x) * np.linalg.norm(y) * np.sqrt(np.prod(own.pitch + other.pitch))
+        assert abs(ahead - behind) <= worst * scale
+
+
+# Band limits ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("shape", "pitch"), [((40, 63), (2e-6, 1.5e-6)), ((51, 36), (1e-6, 3e-6))])
+@pytest.mark.parametrize("pad", [1, 2])
+def test_band_limit(device, shape, pitch, pad):
+    """sin(atan(W/2z))/lam on each axis, W after padding, with a hard edge (pad 1: by plane waves).
+
+    Twice as strict, L/(lam sqrt(L^2 + 16 z^2)), and the asymptote L/(2 lam z) are in circulation.
+    """
+    z = 6e-4
+    plan = Propagator(Grid(shape, pitch), z, wavelength=LAM, method="blas", pad=pad, device=device)
+    windows = [n * d for n, d in zip(plan.report.padded_shape, pitch, strict=True)]
+    limits = [min(blas_limit(w, z, LAM), 0.5 / d) for w, d in zip(windows, pitch, strict=True)]
+    assert plan.report.band == pytest.approx(limits, rel=1e-12)
+    if pad == 2:
+        return
+    for which in (0, 1):
+        last = int(np.floor(limits[which] * windows[which]))
+        for k, passes in ((last, 1), (last + 1, 0)):
+            phase = 2 * np.pi * k * np.arange(shape[which]) / shape[which]
+            wave = np.exp(1j * phase).reshape((-1, 1) if which == 0 else (1, -1))
+            u = np.broadcast_to(wave, shape)
+            power = np.mean(np.abs(step(u, pitch, z, device, method="blas", pad=1)) ** 2)
+            assert power == pytest.approx(passes, abs=1e-5)
+
+
+# One answer by every method ---------------------------------------------------------------------
+
+
+def test_direct_sum(device, precise):
+    """The Rayleigh-Sommerfeld integral summed sample by sample, 64 x 64, a smooth patch.
+
+    The patch is exp(-25) and less at the rims, 117 dB is what blas cuts off.
+    """
+    pitch, z = (2.2e-6, 2.0e-6), 1.5e-3
+    y, x = axis(64, pitch[0])[:, None], axis(64, pitch[1])
+    spot = np.exp(-(((y - 9e-6) / 9e-6) ** 2) - ((x + 6e-6) / 8e-6) ** 2)
+    u = spot * np.exp(2j * np.pi * (2.1e4 * x - 1.3e4 * y)) * (1 + 0.3 * y / 9e-6)
+    exact = rayleigh_sommerfeld(u, pitch, z, LAM)
+    for method in EXACT:
+        for dev, floor in ((precise, 116), (device, 110)):
+            assert err_db(exact, step(u, pitch, z, dev, method=method)) >= floor, method
+
+
+def test_constant_phase_is_that_of_every_method(device):
+    """Carrier dropped, no -i lost: a Gaussian on a grid where all methods are sampled.
+
+    Paraxial and exact differ by pi z lam^3 f^4/4 = 2e-6 rad at f = 1/(pi w0).
+    """
+    n, dx, waist = 128, 10e-6, 1.2e-4
+    z = n * dx**2 / LAM
+    u = np.exp(-radius_squared((n, n), dx) / waist**2)
+    r = np.sqrt(radius_squared((n, n), dx))
+    exact = gaussian_paraxial(r, z, waist=waist, wavelength=LAM)
+    fresnel = ("fresnel-tf", "fresnel-ir", "fresnel-multistep", "fresnel-1fft")
+    for method in (*EXACT, *fresnel):
+        pad = 1 if method == "fresnel-1fft" else 2
+        got = step(u, dx, z, device, method=method, pad=pad)[n // 2, n // 2]
+        assert got == pytest.approx(exact[n // 2, n // 2], rel=2e-5), method
+        back = step(u, dx, -z, device, method=method, pad=pad)[n // 2, n // 2]
+        assert back == pytest.approx(exact[n // 2, n // 2].conj(), rel=2e-5), method
+
+
+# Energy -----------------------------------------------------------------------------------------
+
+BUDGETS = [  # method, z: cblas by FFT of its own window, then where a step takes chirp-z
+    ("as", 2e-4),
+    ("blas", 8e-4),
+    ("cblas", 2e-4),
+    ("cblas", 4e-3),
+]
+
+
+@pytest.mark.parametrize(("method", "z"), BUDGETS)
+@pytest.mark.parametrize("shape", [(33, 64), (40, 51), (1, 90)])
+def test_energy_closes(device, precise, method, z, shape):
+    """into = window + outside + cut, each by itself, and against a sum over the spectrum."""
+    pitch = (1.0e-6, 1.5e-6)
+    u = random_field(shape, 7)
+    for dev, closure in ((device, 1e-6), (precise, 1e-12)):
+        field = field_of(u, pitch, dev)
+        plan = Propagator(field.grid, z, wavelength=LAM, method=method, device=dev)
+        if z == 4e-3:
+            assert plan.report.route.startswith("chirp-z")
+        energy = plan.energy(field)
+        total = np.sum(np.abs(u) ** 2) * np.prod(pitch)
+        assert energy.into == pytest.approx(total, rel=closure)
+        parts = energy.window + energy.outside + energy.cut
+        assert parts == pytest.approx(energy.into, rel=closure)
+        assert energy.outside > 0.05 * energy.into
+        assert (energy.cut > 0.01 * energy.into) == (method == "blas" or z == 4e-3)
+        arrived = np.sum(np.abs(plan(field).to_numpy().astype(complex)) ** 2) * np.prod(pitch)
+        assert energy.window == pytest.approx(arrived, rel=1e-5)

@@ -1,0 +1,138 @@
+"""Phases in float32: H, the field after one step (diffraction.md, section 8)."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from reference_optics import blas_limit
+from setups import LAM
+from steps import field_of, step
+from tolerance import err_db
+
+from clplen import Device, Propagator
+from clplen.wave.transfer import Transfer
+
+pytestmark = pytest.mark.filterwarnings("ignore::clplen.errors.SamplingWarning")
+
+# The transfer function --------------------------------------------------------------------------
+
+ERRORS = [  # N, dx, z, largest error of the tables
+    (3030, 6.6e-6, 0.010, 1.9e-7),
+    (3030, 6.6e-6, 0.240, 1.6e-6),
+    (3030, 5e-6, 0.240, 4.6e-6),
+    (3030, 6.6e-6, 1.0, 4.4e-7),
+    (8192, 6.6e-6, 0.6, 5.3e-6),
+    (2048, 0.5e-6, 1e-3, 4.6e-4),
+    (2048, 0.2e-6, 1e-3, 3.3e-2),
+]
+ROUNDING = 6e-7  # of a product of float32 phasors; what two-float and fp64 may be off by
+ROWS = 24
+
+
+def sampled(n: int, dx: float, z: float) -> tuple[Transfer, np.ndarray]:
+    """Some rows and every column of H in the band of the window 2 N, and H in double.
+
+    The highest frequencies of the band are among the rows: the error grows with them.
+    """
+    f = np.arange(n + 1) / (2 * n * dx)
+    f = f[(f < blas_limit(2 * n * dx, z, LAM)) & (LAM * f < 1)]
+    some = np.unique(np.linspace(0, f.size - 1, ROWS).astype(int))
+    rows = np.unique(np.append(f[some], f[-4:]))
+    s = (LAM * rows[:, None]) ** 2 + (LAM * f) ** 2
+    inside = np.minimum(s, 1)
+    exact = np.exp(-2j * np.pi * (z / LAM) * inside / (1 + np.sqrt(1 - inside)))
+    exact[s > 1] = np.nan  # evanescent
+    ones = (np.ones(rows.size), np.ones(f.size))
+    return Transfer((rows.size, f.size), (rows, f), ones, z, LAM), exact
+
+
+def transposed(h: Transfer) -> Transfer:
+    """The same with the rows in the place of the columns."""
+    return Transfer(h.shape[::-1], h.frequencies[::-1], h.weights[::-1], h.z, h.wavelength)
+
+
+def worst(h: Transfer, exact: np.ndarray, device: Device, phase: str) -> float:
+    """Largest error of rows and of columns."""
+    rows = device.download(h.on_device(device, phase).values)
+    columns = device.download(transposed(h).on_device(device, phase).values)
+    assert rows.shape == exact.shape
+    return float(max(np.nanmax(np.abs(got - exact)) for got in (rows, columns.T)))
+
+
+@pytest.mark.parametrize(("n", "dx", "z", "printed"), ERRORS)
+def test_errors_of_the_transfer_function(device, n, dx, z, printed):
+    """Not more than twice the printed error, or rounding; the phase that is taken keeps 1e-5."""
+    h, exact = sampled(n, dx, z)
+    assert worst(h, exact, device, "tables") <= max(2 * printed, ROUNDING)
+    others = ["twofloat", "fp64"] if device.has_fp64 else ["twofloat"]
+    for phase in others:
+        assert worst(h, exact, device, phase) <= ROUNDING, phase
+    taken = h.phase_route(device)
+    assert (taken == "tables") == (h.residual_turns() <= 1)
+    assert worst(h, exact, device, taken) <= 1e-5
+
+
+# The field --------------------------------------------------------------------------------------
+
+FIELDS = {  # (N, dx, z): Gaussian and random square by tables, then by two-float, in dB
+    (1010, 6.6e-6, 1e-3): ((133.9, 134.1), (133.8, 133.8)),
+    (1010, 6.6e-6, 10e-3): ((133.8, 134.1), (133.8, 133.8)),
+    (1010, 6.6e-6, 240e-3): ((134.8, 131.1), (135.0, 130.7)),
+    (1024, 0.5e-6, 0.1e-3): ((136.2, 114.5), (135.9, 134.0)),
+    (1024, 0.5e-6, 1e-3): ((136.4, 102.5), (136.5, 131.6)),
+}
+
+
+@lru_cache
+def two_fields(n: int) -> np.ndarray:
+    """Gaussian of waist S/16, and a square S/2 of random phases, shape (2, n, n)."""
+    x = (np.arange(n) - n // 2) / n
+    rng = np.random.default_rng(n)
+    square = np.multiply.outer(*2 * (np.abs(x) < 0.25,))
+    waves = np.exp(2j * np.pi * rng.random((n, n)))
+    return np.stack([np.exp(-256 * np.add.outer(x**2, x**2)), square * waves])
+
+
+@pytest.mark.parametrize("case", FIELDS)
+def test_errors_of_the_field(device, precise, case):
+    """complex64 against complex128, blas in twice the window: not more than 2 dB below."""
+    n, dx, z = case
+    u = two_fields(n)
+    exact = step(u, dx, z, precise, method="blas")
+    field = field_of(u, dx, device)
+    for phase, printed in zip(("tables", "twofloat"), FIELDS[case], strict=True):
+        plan = Propagator(field.grid, z, wavelength=LAM, method="blas", device=device, phase=phase)
+        got = plan(field).to_numpy()
+        for one, two, least in zip(exact, got, printed, strict=True):
+            assert err_db(one, two) >= least - 2, phase
+
+
+@pytest.mark.parametrize("method", ["as", "blas", "cblas", "rs"])
+@pytest.mark.parametrize("z", [1e-3, 0.03, 0.24, 1.0])
+def test_one_step_keeps_120_db(device, precise, method, z):
+    """Where the method is valid, up to 1 m on samples of 6.6 um."""
+    u, dx = two_fields(720), 6.6e-6
+    with_warning = Propagator(
+        field_of(u, dx, device).grid, z, wavelength=LAM, method=method, device=device
+    ).report
+    if not with_warning.fully_sampled_from <= z <= with_warning.fully_sampled_to:
+        assert with_warning.warning
+        return
+    exact, got = (step(u, dx, z, dev, method=method) for dev in (precise, device))
+    for one, two in zip(exact, got, strict=True):
+        assert err_db(one, two) >= 120
+
+
+@pytest.mark.parametrize("z", [0.1e-3, 1e-3])
+@pytest.mark.parametrize("method", ["blas", "cblas"])
+def test_fine_samples_take_the_longer_phase(device, precise, method, z):
+    """dx = .5 um: above one turn of residual fp64 or two-float is taken, and 120 dB are kept."""
+    u, dx = two_fields(512), 0.5e-6
+    plan = Propagator(field_of(u, dx, device).grid, z, wavelength=LAM, method=method, device=device)
+    assert plan.report.residual_turns > 1
+    assert plan.phase == ("fp64" if device.has_fp64 else "twofloat")
+    exact, got = (step(u, dx, z, dev, method=method) for dev in (precise, device))
+    for one, two in zip(exact, got, strict=True):
+        assert err_db(one, two) >= 120

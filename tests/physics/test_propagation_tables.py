@@ -1,0 +1,93 @@
+"""Exact methods against the reference values of set-up A (diffraction.md, 3.4, 4 and 5)."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from reference_elements import rectangle_coverage
+from reference_optics import axis
+from setups import LAM, SetUp, set_up_a, slit_at
+from steps import step
+from tolerance import snr_db
+
+pytestmark = pytest.mark.filterwarnings("ignore::clplen.errors.SamplingWarning")
+
+S = 1024 * 2 * LAM
+WAYS = {
+    "AS pad 1": {"method": "as", "pad": 1},
+    "AS pad 2": {"method": "as"},
+    "BLAS": {"method": "blas"},
+    "guard 0": {"method": "cblas", "guard": 0, "support": S / 2},
+    "corrected": {"method": "cblas"},
+    "RS": {"method": "rs"},
+    "auto": {"method": "auto"},
+}
+SLIT = {  # z/S: snr_db of each of WAYS
+    0.1: (33.95, 33.95, 33.95, 33.95, 33.95, 4.9, 33.95),
+    1: (36.53, 36.53, 36.53, 36.53, 36.53, 3.9, 36.53),
+    2: (37.23, 39.25, 39.25, 39.25, 39.25, 36.6, 39.25),
+    4: (33.83, 46.82, 46.82, 46.54, 46.82, 46.82, 46.82),
+    8: (28.87, 45.23, 55.91, 51.04, 56.05, 56.05, 56.05),
+    16: (24.78, 35.23, 61.13, 49.37, 65.14, 65.14, 65.14),
+    32: (21.25, 30.13, 56.81, 45.14, 74.20, 74.20, 74.20),
+    64: (17.99, 26.22, 50.76, 40.92, 83.25, 83.25, 83.25),
+    256: (11.94, 19.43, 38.84, 32.58, 101.52, 101.52, 101.52),
+    1024: (6.59, 12.67, 27.42, 16.38, 120.94, 120.94, 120.94),
+}
+EVANESCENT = {  # z/lam: with and without the waves that decay
+    0.05: (37.3, 18.1),
+    0.2: (41.9, 24.6),
+    0.5: (44.0, 34.3),
+    1: (44.2, 42.5),
+    3: (44.2, 44.2),
+}
+
+slit = lru_cache(set_up_a)
+
+
+def of_axis(a: SetUp, device, along: str, **options) -> np.ndarray:
+    """A 1-D set-up as a row (1, N) or as a column (N, 1), the result as a row."""
+    if along == "x":
+        return step(a.u, a.pitch, a.z, device, **options)
+    return step(a.u.T, a.pitch, a.z, device, **options).T
+
+
+@pytest.fixture(params=["double", "single"])
+def either(request, device):
+    """The device in both precisions, and how far a figure may be from the printed one in dB."""
+    if request.param == "single":
+        return device, 0.7
+    return request.getfixturevalue("precise"), 0.5
+
+
+@pytest.mark.parametrize("along", "xy")
+@pytest.mark.parametrize("z", SLIT)
+def test_slit(either, z, along):
+    """Set-up A by every method; auto is as good as the best of them."""
+    device, within = either
+    a = slit(z)
+    got = {name: snr_db(a.exact, of_axis(a, device, along, **way)) for name, way in WAYS.items()}
+    assert got == pytest.approx(dict(zip(WAYS, SLIT[z], strict=True)), abs=within)
+    best = max(got[name] for name in ("AS pad 2", "BLAS", "corrected", "RS"))
+    assert got["auto"] >= best - 0.5
+    if z >= 8:
+        assert got["corrected"] >= got["BLAS"] >= got["AS pad 2"]
+
+
+@pytest.mark.parametrize("along", "xy")
+@pytest.mark.parametrize("z", EVANESCENT)
+def test_narrow_slit_on_fine_samples(either, z, along):
+    """Slit 2 lam, dx = lam/8: as and auto keep the evanescent waves, a band limit drops them."""
+    device, within = either
+    kept, dropped = EVANESCENT[z]
+    n, dx = 1024, LAM / 8
+    u = rectangle_coverage((1, n), dx, (dx, 2 * LAM))
+    exact = slit_at(axis(n, dx), z * LAM, width=2 * LAM)[None]
+    a = SetUp(u, (dx, dx), z * LAM, exact)
+    for method, printed in (("as", kept), ("auto", kept), ("cblas", dropped)):
+        got = of_axis(a, device, along, method=method)
+        assert snr_db(exact, got) == pytest.approx(printed, abs=within), method
+    periodic = of_axis(a, device, along, method="as", pad=1)
+    assert snr_db(exact, periodic) == pytest.approx(kept, abs=within)
