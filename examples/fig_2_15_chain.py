@@ -11,7 +11,7 @@ from clplen.wave.system import imaging_system
 
 ROW, COLUMN, MM = 60, -110, 1e3  # samples from the axis to the point: up, and to the left
 HALF, SMALL = (1.3, 2.3, 2.3, 1.3), (0.035, 1, 1, 0.15)  # half widths / mm
-NAMES = "a point", "in front of the lens", "behind the lens", "image (logarithmic)"
+NAMES = "a point", "in front of the lens", "behind the lens", "image (log)"
 
 
 

@@ -8,12 +8,12 @@ from two_f import EXTENT, GRID, METHODS, PEAK, PITCH, N, airy_image, image
 from clplen.plot.base import LIGHT, bar, new_figure
 
 TABLE = {  # SNR / dB: window, r < 0.5 mm; peak; colour: an independent float64 implementation
-    "multi-step, pad 1": (0.51, 0.51, 5.3707, "C0--"),
-    "multi-step, pad 2": (51.13, 80.02, 1.0000, "C0"),
-    "AS, pad 1": (0.51, 0.51, 4.5788, "C1--"), "AS, pad 2": (40.47, 59.28, 0.9998, "C1"),
-    "BLAS, pad 1": (25.10, 56.24, 1.0001, "C2--"), "BLAS, pad 2": (52.10, 63.29, 0.9998, "C2"),
-    "corrected BLAS": (52.67, 63.58, 0.9999, "C3"), "auto": (52.67, 63.58, 0.9999, "k:"),
-    "Fresnel IR, pad 2": (56.25, 83.27, 1.0000, "C4")}
+    "multi-step, pad 1": (0.51, 0.51, 5.37067, "C0--"),
+    "multi-step, pad 2": (51.13, 80.02, 1.00000, "C0"),
+    "AS, pad 1": (0.51, 0.51, 4.57883, "C1--"), "AS, pad 2": (40.47, 59.28, 0.99979, "C1"),
+    "BLAS, pad 1": (25.10, 56.24, 1.00013, "C2--"), "BLAS, pad 2": (52.10, 63.29, 0.99980, "C2"),
+    "corrected BLAS": (52.67, 63.58, 0.99989, "C3"), "auto": (52.67, 63.58, 0.99989, "k:"),
+    "Fresnel IR, pad 2": (56.25, 83.27, 1.00000, "C4")}
 
 
 def mean_at_radius(values: np.ndarray) -> np.ndarray:
@@ -25,31 +25,31 @@ run = begin(__doc__, __file__)
 airy, r = airy_image(), np.hypot(GRID.y[:, None], GRID.x)
 core, ring = r < 0.5e-3, np.rint(r / PITCH).astype(int).ravel()
 reach = np.arange(N // 2) * PITCH * 1e3
-figure = new_figure(11, 8)
-panels = figure.subplot_mosaic("aabbccddee;ffgghhiijj;xxxxxyyyyy", height_ratios=[1, 1, 1.4])
-for panel, name in zip("abcdefghij", ("Airy", *METHODS), strict=True):
+figure = new_figure(10.6, 8.2)
+upper, lower = figure.subfigures(2, 1, height_ratios=[1.35, 1])
+images, (cut, off) = upper.subplots(2, 5, sharex=True, sharey=True), lower.subplots(1, 2)
+for axes, name in zip(images.flat, ("Airy", *METHODS), strict=True):
     u = image(name, run.device) if name in METHODS else airy
     intensity = np.abs(u / PEAK) ** 2
-    drawn = panels[panel].imshow(intensity.clip(1e-9), cmap=LIGHT, norm="log", vmin=1e-7, vmax=1,
-                                 extent=EXTENT, origin="lower")
-    panels[panel].set(xlim=(-0.4, 0.4), ylim=(-0.4, 0.4), title=name, xticks=(-0.3, 0, 0.3),
-                      yticks=(-0.3, 0, 0.3) if panel in "af" else ())
+    drawn = axes.imshow(intensity.clip(1e-9), cmap=LIGHT, norm="log", vmin=1e-7, vmax=1,
+                        extent=EXTENT, origin="lower")
+    axes.set(xlim=(-0.5, 0.5), ylim=(-0.5, 0.5), title=name)
     if name == "Airy":
-        panels["x"].semilogy(GRID.x * 1e3, intensity[N // 2], color="0.8", lw=5, label=name)
-        panels["y"].semilogy(reach, mean_at_radius(intensity), color="0.8", lw=5, label=name)
+        cut.semilogy(GRID.x * 1e3, intensity[N // 2], color="0.8", lw=5)
+        off.semilogy(reach, mean_at_radius(intensity), color="0.8", label="Airy itself")
         continue
     full, inner, peak, style = TABLE[name]
     number(f"{name}: SNR / dB", snr_db(airy, u), full, 0.05, ".2f")
     number(f"{name}: SNR for r < 0.5 mm / dB", snr_db(airy[core], u[core]), inner, 0.2, ".2f")
-    number(f"{name}: peak / Airy", intensity[N // 2, N // 2], peak, 2e-4)
-    panels["x"].semilogy(GRID.x * 1e3, intensity[N // 2], style, lw=1)
-    panels["y"].semilogy(reach, mean_at_radius(np.abs((u - airy) / PEAK) ** 2), style, lw=1,
-                         label=name)
-images = [panels[panel] for panel in "abcdefghij"]
-bar(figure, drawn, images, "intensity (logarithmic)", extend="both")
-panels["x"].set(xlim=(-0.25, 0.25), ylim=(1e-7, 10), xlabel="x / mm",
-                ylabel="intensity / Airy's peak", title="cut through the middle")
-panels["y"].set(xlim=(0, 3.3), ylim=(1e-14, 10), xlabel="r / mm", ylabel="mean over the ring of r",
-                title="|u - Airy|$^2$")
-panels["y"].legend(loc="center left", bbox_to_anchor=(1, 0.5))
+    number(f"{name}: peak / Airy", intensity[N // 2, N // 2], peak, 5e-5, ".5f")
+    cut.semilogy(GRID.x * 1e3, intensity[N // 2], style, lw=1)
+    off.semilogy(reach, mean_at_radius(np.abs((u - airy) / PEAK) ** 2), style, lw=1, label=name)
+bar(upper, drawn, images, "intensity / Airy's peak", extend="both")
+upper.supxlabel("x / mm")
+upper.supylabel("y / mm")
+cut.set(xlim=(-0.25, 0.25), ylim=(1e-7, 20), xlabel="x / mm", ylabel="intensity / Airy's peak",
+        title="cut through the middle; grey: Airy")
+off.set(xlim=(0, 3.3), ylim=(1e-13, 1e6), xlabel="r / mm", ylabel="mean over a ring / Airy's peak",
+        title="|u - Airy|$^2$")
+off.legend(ncols=3, loc="upper right")
 run.save(figure)

@@ -27,9 +27,9 @@ run = begin(__doc__, __file__)
 wide, far = slit(Grid((1, 2048), 1e-6), 500e-6, run.device), slit(SETUP_A, S / 2, run.device)
 for what, field, u in (("Fresnel, slit 0.5 mm, 0.1 m", fresnel(wide, 0.1), 1.13282 + 0.25616j),
                        ("exact, set-up A, 64 S", propagate(far, 64 * S), 0.83167 - 0.14483j)):
-    middle = field.to_numpy()[0, field.shape[1] // 2]
-    number(f"{what}: Re U(0)", middle.real, u.real, 5e-4)
-    number(f"{what}: Im U(0)", middle.imag, u.imag, 5e-4)
+    for part in ("real", "imag"):
+        middle = getattr(field.to_numpy()[0, field.shape[1] // 2], part)
+        number(f"{what}: U(0), {part}", middle, getattr(u, part), 5e-4)
 
 figure = new_figure(10, 7.6)
 (left, right), (cut, error) = figure.subplots(2, 2)
@@ -40,12 +40,11 @@ for axes, values, what in ((left, exact, "abs(exact)"), (right, beyond, "abs(Fre
     drawn = axes.pcolormesh(z * 1e6, x * 1e6, np.abs(values), cmap=LIGHT, norm="log", vmin=1e-3,
                             vmax=1.5, shading="gouraud")
     bar(figure, drawn, axes, "amplitude (logarithmic)", extend="min")
-    axes.axvline(NEAR * 1e6, color="w", lw=0.8, ls=":")
     axes.set(xscale="log", xlabel="z / µm", ylabel="x / µm", title=f"{what}: slit of 40 µm, 550 nm")
 x = np.linspace(0, 28e-6, 1001)
 for of, look, name in ((exact_slit, BLUE, "exact"), (fresnel_slit, ORANGE, "Fresnel")):
     cut.plot(x * 1e6, np.abs(of(x, NEAR, width=WIDTH)) ** 2, color=look, lw=1.2, label=name)
-cut.set(xlabel="x / µm", ylabel="intensity", title="slit of 40 µm, z = 30 µm (dotted above)")
+cut.set(xlabel="x / µm", ylabel="intensity", title="slit of 40 µm, z = 30 µm")
 z, fine = np.geomspace(1e-5, 1e-2, 13), np.geomspace(8e-6, 1e-2, 20 if run.quick else 100)
 for w, colour in WIDTHS.items():
     light, x = slit(GRID, w, run.device), GRID.x
@@ -57,5 +56,5 @@ for w, colour in WIDTHS.items():
 error.set(xlabel="z / µm", ylabel="relative error of Fresnel's field, -w < x < w",
           title=r"lines: closed forms; dots: clplen; dotted: $z^3 = \pi w^4/(4\lambda)$")
 cut.legend()
-error.legend(loc="lower left")
+error.legend()
 run.save(figure)

@@ -4,8 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from closed import LAM
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
-from clplen import Field, Grid, Propagator
+from clplen import Device, Field, Grid, Propagator
+from clplen.plot.base import LIGHT, bar, new_figure
+from clplen.wave.apertures import polygonal_aperture
 
 
 @dataclass(frozen=True)
@@ -30,6 +35,15 @@ def transfer(plan: Propagator) -> np.ndarray:
     return np.fft.fftshift(H.values.get()[np.ix_(y, x)])
 
 
+def star(device: Device) -> Field:
+    """A five-pointed star lit by a unit plane wave."""
+    grid = Grid((96, 96), 4e-6)
+    plane = Field.from_array(np.ones(grid.shape), grid, wavelength=LAM, device=device)
+    turn = np.arange(10) * np.pi / 5
+    radius = np.where(np.arange(10) % 2, 0.06e-3, 0.15e-3)
+    return polygonal_aperture(plane, np.stack([radius * np.cos(turn), radius * np.sin(turn)], 1))
+
+
 def stages(field: Field, z: float, method: str) -> Stages:
     """Every stage, the transforms by NumPy and H from the plan."""
     plan = Propagator(field.grid, z, wavelength=LAM, method=method, device=field.device)
@@ -47,3 +61,26 @@ def inner(window: Grid, grid: Grid) -> tuple[slice, slice]:
     y, x = (slice(L // 2 - n // 2, L // 2 - n // 2 + n)
             for L, n in zip(window.shape, grid.shape, strict=True))
     return y, x
+
+
+def draw(found: Stages, names: dict[str, str], frame: float) -> Figure:
+    """Amplitude above phase of each stage; a dotted frame of a width about the spectra's middle."""
+    figure = new_figure(13, 5.3)
+    panels = figure.subplots(2, len(names))
+    for (above, below), (key, name) in zip(panels.T, names.items(), strict=True):
+        u, field = found.arrays[key], key.startswith("U")
+        step = found.window.pitch[1] * 1e3 if field else 1e-3 / found.window.extent[1]
+        ends = (np.array([0, u.shape[1]]) - u.shape[1] // 2 - 0.5) * step
+        how = {"origin": "lower", "extent": (*ends, *ends), "interpolation": "nearest"}
+        size = np.maximum(np.abs(u) / np.abs(u).max(), 1e-9)
+        light = above.imshow(size, cmap=LIGHT, norm=LogNorm(1e-4, 1), **how)
+        angle = np.where(size > 1e-3, np.angle(u), np.nan)
+        turned = below.imshow(angle, cmap="twilight", vmin=-np.pi, vmax=np.pi, **how)
+        side = found.plan.grid.extent[1] * 1e3 if field else frame
+        for axes, colour in ((above, "w"), (below, "0.3")):
+            axes.add_patch(Rectangle((-side / 2,) * 2, side, side, fill=False, ec=colour, ls=":"))
+        above.set(title=name, xticklabels=[], ylabel="y / mm" if field else "$f_y$ / (1/mm)")
+        below.set(xlabel="x / mm" if field else "$f_x$ / (1/mm)", ylabel=above.get_ylabel())
+    bar(figure, light, list(panels[0]), "amplitude / largest (logarithmic)", extend="min")
+    bar(figure, turned, list(panels[1]), "phase / rad")
+    return figure

@@ -16,7 +16,6 @@
  * Mapping: FOR_X of common.cl over the quadrant (sommerfeld) or the window (unfold).
  */
 #include "common.cl"
-#include "turns.cl"
 #ifdef PHASE_TWOFLOAT
 #include "twofloat.cl"
 #endif
@@ -31,12 +30,12 @@ inline cplx spherical(cplx ex, cplx ey, real2 ax, real2 ay, real2 zl, real q)
 #if defined(PHASE_FP64)
     const double s = ((double)ax.x + ax.y) + ((double)ay.x + ay.y);
     const double t = ((double)zl.x + zl.y) * s / (1 + sqrt(1 + s));
-    return cis_polynomial((real)(t - rint(t)));
+    return cis_turns((real)(t - rint(t)));
 #elif defined(PHASE_TWOFLOAT)
     /* -(z/lam) s/(1 + sqrt(1 - s)) of twofloat.cl, with -s for s */
-    return cis_polynomial(two_phase(-ax, -ay, zl));
+    return cis_turns(two_phase(-ax, -ay, zl));
 #elif defined(PHASE_TABLES)
-    return cmul(cmul(ex, ey), cis_polynomial(-(zl.x / 2 * q) * q));
+    return cmul(cmul(ex, ey), cis_turns(-(zl.x / 2 * q) * q));
 #else
 #error "choose PHASE_TABLES, PHASE_FP64 or PHASE_TWOFLOAT"
 #endif

@@ -33,8 +33,20 @@ _SAME = 1e-9  # of a distance
 @click.option("--wavelength", type=Length("positive"), required=True)
 @click.option("--z", "distances", type=Length(), multiple=True, help="Distance; repeatable.")
 @click.option("--method", type=click.Choice(METHODS), default="auto", show_default=True)
-@click.option("--pad", type=float, default=2, show_default=True, help="Window over field; 1: none.")
-@click.option("--guard", type=float, default=GUARD, show_default=True, help="In Fresnel widths.")
+@click.option(
+    "--pad",
+    type=click.FloatRange(1, 64),
+    default=2,
+    show_default=True,
+    help="Window over field; 1: periodic.",
+)
+@click.option(
+    "--guard",
+    type=click.FloatRange(0, 100),
+    default=GUARD,
+    show_default=True,
+    help="In Fresnel widths.",
+)
 @click.option("--support", type=Lengths("positive"), help="Width that carries light.")
 @click.option("--out-pitch", type=Lengths("positive"), help="Of the result.")
 @click.option("--out-shape", type=Shape(), help="Samples of the result.")
@@ -119,22 +131,27 @@ def _grid_rows(grid: Grid, wavelength: float) -> Rows:
     window = both([grid.extent[a] for a in axes], lambda value: metres(value, 4))
     yield "samples", f"{grid.shape[0]} x {grid.shape[1]} of {both(pitches, metres)}"
     yield "window", f"{window} at {metres(wavelength)}"
-    yield "Nyquist", both(pitches, lambda d: f"{0.5e-3 / d:.4g} cycles/mm")
-    yield "steepest ray", both(pitches, lambda d: angle(1 / (2 * d), wavelength))
+    for axis, d in zip(axes, pitches, strict=True):
+        name = "Nyquist" if len(set(pitches)) == 1 else f"Nyquist {'yx'[axis]}"
+        if d != pitches[0] or axis == axes[0]:
+            yield name, f"{0.5e-3 / d:.4g} cycles/mm, {angle(1 / (2 * d), wavelength)}"
     steps = [n * d * d / wavelength for n, d in zip(sides, pitches, strict=True)]
     yield "N dx^2/lam", both(steps, lambda value: metres(value, 4))
     reach = min(
         fully_sampled_distance(n, d, wavelength) for n, d in zip(sides, pitches, strict=True)
     )
-    yield "fully sampled", f"transfer function without padding: {interval(0, reach)}"
+    yield "fully sampled", f"{interval(0, reach)} (transfer function without padding)"
 
 
 def _propagation_rows(made: Description) -> Rows:
     """The report, and what auto would have done where it was not asked."""
-    yield from report(made, _phase(made)).rows
-    if made.request.method != "auto":
-        choice = describe(replace(made.request, method="auto"))
+    (_, method), *rest = report(made, _phase(made)).rows
+    wanted = made.request
+    yield ("auto takes" if wanted.method == "auto" else "method"), method
+    if wanted.method != "auto":
+        choice = describe(replace(wanted, method="auto"))
         yield "auto would take", f"{choice.method}: {choice.why}"
+    yield from rest
 
 
 def _phase(made: Description) -> str:
@@ -182,7 +199,8 @@ def _verdict(r: Request, method: str) -> str:
     if not low * (1 - _SAME) <= abs(r.z) <= high * (1 + _SAME):
         return "no"
     if method == "fresnel-1fft":
-        return f"yes, pitch {both(made.out_grid.pitch, lambda value: metres(value, 4))}"
+        pitches = [made.out_grid.pitch[a] for a in r.axes]
+        return f"yes, pitch {both(pitches, lambda value: metres(value, 4))}" if pitches else "yes"
     used = 1 - report(made, "tables").lost_band
     return f"yes, {100 * used:.3g} % of band" if method == "blas" and used < 1 else "yes"
 
@@ -211,9 +229,10 @@ def _say_lens(
     _say(f"Lens, f = {metres(f)}, D = {width}", _lens_rows(found, f, arriving))
     extents = [grid.extent[axis] for axis in (0, 1) if grid.shape[axis] > 1]
     if diameter is not None and extents and diameter > min(extents):
+        width = metres(min(extents)).replace(" ", "")
         note(
             f"The window of {metres(min(extents), 4)} is smaller than the lens, so that the window "
-            f"decides which light passes: take more samples, or --diameter {metres(min(extents))}."
+            f"decides which light passes: take more samples, or --diameter {width}."
         )
     if not found.is_sampled(found.alone):
         note(

@@ -36,19 +36,23 @@ class Spectrum:
     """
 
     def __init__(self, values: cla.Array, shape: tuple[int, int]) -> None:
-        self.values, self.shape = values, shape
+        self.shape = shape
+        self.is_quadrant = tuple(values.shape) != shape
+        self._values: cla.Array | None = values
         self._factors: Factors | None = None
 
     @property
-    def is_quadrant(self) -> bool:
-        """Whether only indices up to the middle are stored."""
-        return tuple(self.values.shape) != self.shape
+    def values(self) -> cla.Array:
+        """The factors on the device, as long as `on_host` has not taken them."""
+        assert self._values is not None, "these factors are on the host"
+        return self._values
 
     def on_host(self, device: Device) -> Factors:
-        """The same in blocks on the host, made once."""
+        """The same in blocks on the host, taken there once."""
         if self._factors is None:
             with device.on_host(self.values, write=False) as values:
                 self._factors = Factors.cut(values, self.shape)
+            self._values = None
         return self._factors
 
 

@@ -37,8 +37,8 @@ class Factors:
     Attributes
     ----------
     blocks : tuple of numpy.ndarray
-        Complex, contiguous, all columns from the first on; of what is even in both axes only the
-        quadrant (my//2 + 1, mx//2 + 1).
+        Complex, contiguous, all columns from the first on: all rows, or those up to the middle
+        of what is even.
     shape : tuple of int
         (my, mx).
     """
@@ -48,57 +48,26 @@ class Factors:
 
     @classmethod
     def cut(cls, values: Array, shape: tuple[int, int]) -> Factors:
-        """Copy factors (my, mx), or their quadrant, into blocks."""
+        """Copy factors (my, mx), or their quadrant (my//2 + 1, mx//2 + 1), into blocks."""
+        mx, stored = shape[1], values.shape[1]
         size = _size(shape[0] * values.itemsize)
-        starts = range(0, values.shape[1], size)
-        return cls(tuple(values[:, start : start + size].copy() for start in starts), shape)
+        # column k of an even spectrum is also column mx - k
+        columns = np.where(np.arange(mx) < stored, np.arange(mx), mx - np.arange(mx))
+        starts = range(0, mx, size)
+        blocks = (np.take(values, columns[start : start + size], axis=1) for start in starts)
+        return cls(tuple(blocks), shape)
 
     @property
     def nbytes(self) -> int:
         """Bytes held."""
         return sum(block.nbytes for block in self.blocks)
 
-    @property
-    def is_quadrant(self) -> bool:
-        """Whether only indices up to the middle are stored."""
-        return (len(self.blocks[0]), sum(b.shape[1] for b in self.blocks)) != self.shape
-
-    def parts(self) -> list[Part]:
-        """Ranges of columns, each with its factors."""
-        found, start, mx = [], 0, self.shape[1]
-        for index, block in enumerate(self.blocks):
-            stop = start + block.shape[1]
-            found.append(Part(start, stop, index, 0, False))
-            # column k also serves column mx - k, but for those that are their own mirror image
-            low, high = max(start, 1), min(stop, (mx + 1) // 2)
-            if self.is_quadrant and low < high:
-                found.append(Part(mx - high + 1, mx - low + 1, index, low - start, True))
-            start = stop
-        return found
-
-    def multiply(self, values: Array, part: Part) -> None:
-        """The columns of a part, (my, columns), times their factors, in place."""
-        count = part.stop - part.start
-        factors = self.blocks[part.index][:, part.skip : part.skip + count]
-        if part.mirrored:
-            factors = factors[:, ::-1]
-        if not self.is_quadrant:
-            values *= factors
-            return
-        half = self.shape[0] // 2 + 1
-        values[:half] *= factors
-        values[half:] *= factors[1 : self.shape[0] - half + 1][::-1]
-
-
-@dataclass(frozen=True)
-class Part:
-    """Columns start:stop, whose factors are in a block from column ``skip`` on."""
-
-    start: int
-    stop: int
-    index: int
-    skip: int
-    mirrored: bool
+    def multiply(self, values: Array, index: int) -> None:
+        """The columns of a block, (my, columns), times their factors, in place."""
+        factors = self.blocks[index]
+        stored = len(factors)
+        values[:stored] *= factors
+        values[stored:] *= factors[1 : self.shape[0] - stored + 1][::-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,8 +158,10 @@ class _Team:
         """Along the axis before the last: ``lines``, each product, and its way back."""
         fft, last = self.fft, len(products) - 1
 
-        def some(part: Part, slots: Slots) -> None:
-            chosen = slice(part.start, part.stop)
+        size = products[0].factors.blocks[0].shape[1]
+
+        def some(index: int, slots: Slots) -> None:
+            chosen = slice(index * size, (index + 1) * size)
             for place, one in enumerate(source):
                 block = _apply(one[:, chosen], lines, 0, fft, slots, INTO)
                 for which, (product, target) in enumerate(zip(products, targets, strict=True)):
@@ -198,12 +169,12 @@ class _Team:
                     if which < last or not _is_scratch(lines):
                         made = slots.take(BACK[1], block.shape, block.dtype)
                         made[...] = block
-                    product.factors.multiply(made, part)
+                    product.factors.multiply(made, index)
                     target[place, :, chosen] = _apply(
                         made, product.back.y, 0, fft, slots, BACK, own=True
                     )
 
-        self._share(some, products[0].factors.parts())
+        self._share(some, range(len(products[0].factors.blocks)))
 
     def _share(self, work: Callable[[Any, Slots], None], parts: Sequence[Any]) -> None:
         """``work`` on every part, each thread taking the next one."""
@@ -247,14 +218,16 @@ def _apply(
     for line in lines:
         if line.kind == "none":
             continue
-        if not (own and line.place == 0 and line.n == line.length and line.pre is None):
+        whole = line.place == 0 and line.n == line.length and line.pre is None
+        window = values
+        if not (own and whole):
             shape = list(values.shape)
             shape[axis] = line.length
             window = slots.take(places[taken % 2], shape, values.dtype)
             taken += 1  # what is read from lies in the other one
+        if not whole:
             _place(values, line, axis, window)
-            values = window
-        values = _transform(values, line, axis, fft)
+        values = _transform(values if whole else window, line, axis, window, fft)
         own = True
     return values
 
@@ -271,13 +244,13 @@ def _place(values: Array, line: Line, axis: int, window: Array) -> None:
         np.multiply(source, line.pre[:, None], out=along[line.place : stop])
 
 
-def _transform(window: Array, line: Line, axis: int, fft: FFTRoute) -> Array:
-    """The transform of a line in place, cut out and times ``post``."""
+def _transform(source: Array, line: Line, axis: int, window: Array, fft: FFTRoute) -> Array:
+    """The transform of a line from ``source`` into ``window``, cut out and times ``post``."""
     along = window if axis == 0 else window.T
-    fft.lines(window, axis, line.kind != "inverse")
+    fft.lines(source, window, axis, line.kind != "inverse")
     if line.kernel is not None:
         along *= line.kernel[:, None]
-        fft.lines(window, axis, False)
+        fft.lines(window, window, axis, False)
     kept = along[line.start : line.start + line.m]
     if line.post is not None:
         kept *= line.post[:, None]

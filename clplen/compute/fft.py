@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
     from clplen.compute.device import Device
 
-HostFFT = Callable[["np.ndarray[Any, Any]", "tuple[int, ...]", bool, int], None]
+Array = np.ndarray[Any, Any]
+HostFFT = Callable[[Array, Array, "tuple[int, ...]", bool, int], None]
 _MODULES = {"vkfft": "pyvkfft", "ducc0": "ducc0", "scipy": "scipy", "numpy": "numpy"}
 _EXTRAS = {
     "vkfft": 'VKFFT_BACKEND=opencl pip install "clplen[gpu]"',
@@ -82,20 +83,20 @@ class FFTRoute:
             _vkfft(array, device, axes, forward)
             return
         with device.on_host(array) as values:
-            _HOST[self.name](values, axes, forward, self.threads)
+            _HOST[self.name](values, values, axes, forward, self.threads)
 
-    def lines(self, values: np.ndarray[Any, Any], axis: int, forward: bool) -> None:
-        """Transform along one axis of a host array in place, in the calling thread.
+    def lines(self, values: Array, out: Array, axis: int, forward: bool) -> None:
+        """Transform along one axis of a host array, in the calling thread.
 
         Parameters
         ----------
-        values : numpy.ndarray
-            complex64 or complex128.
+        values, out : numpy.ndarray
+            complex64 or complex128, of one shape; they may be the same array.
         axis : int
         forward : bool
             Else the inverse, with the factor 1/length.
         """
-        _HOST[self.name](values, (axis,), forward, 1)
+        _HOST[self.name](values, out, (axis,), forward, 1)
 
 
 def choose_route(is_cpu: bool, platform: str = "") -> FFTRoute:
@@ -157,31 +158,25 @@ def _threads() -> int:
     return os.cpu_count() or 1
 
 
-def _ducc0(
-    values: np.ndarray[Any, Any], axes: tuple[int, ...], forward: bool, threads: int
-) -> None:
+def _ducc0(values: Array, out: Array, axes: tuple[int, ...], forward: bool, threads: int) -> None:
     import ducc0
 
     norm = 0 if forward else 2
-    ducc0.fft.c2c(values, axes=axes, forward=forward, inorm=norm, out=values, nthreads=threads)
+    ducc0.fft.c2c(values, axes=axes, forward=forward, inorm=norm, out=out, nthreads=threads)
 
 
-def _scipy(
-    values: np.ndarray[Any, Any], axes: tuple[int, ...], forward: bool, threads: int
-) -> None:
+def _scipy(values: Array, out: Array, axes: tuple[int, ...], forward: bool, threads: int) -> None:
     import scipy.fft
 
     transform = scipy.fft.fftn if forward else scipy.fft.ifftn
-    result = transform(values, axes=axes, overwrite_x=True, workers=threads)
-    if not np.may_share_memory(result, values):
-        values[...] = result
+    result = transform(values, axes=axes, overwrite_x=out is values, workers=threads)
+    if not np.may_share_memory(result, out):
+        out[...] = result
 
 
-def _numpy(
-    values: np.ndarray[Any, Any], axes: tuple[int, ...], forward: bool, threads: int
-) -> None:
+def _numpy(values: Array, out: Array, axes: tuple[int, ...], forward: bool, threads: int) -> None:
     transform = np.fft.fftn if forward else np.fft.ifftn
-    values[...] = transform(values, axes=axes)
+    out[...] = transform(values, axes=axes)
 
 
 _HOST: dict[str, HostFFT] = {"ducc0": _ducc0, "scipy": _scipy, "numpy": _numpy}

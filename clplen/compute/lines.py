@@ -116,15 +116,19 @@ def convolution(n: int, m: int, kernel: Vector) -> Line:
 
 
 def smooth_length(n: int) -> int:
-    """The next length from n on without prime factors above 7."""
-    while True:
-        rest = n
-        for prime in (2, 3, 5, 7):
-            while rest % prime == 0:
-                rest //= prime
-        if rest == 1:
-            return n
-        n += 1
+    """The next length from n >= 1 on without prime factors above 7."""
+    best = 1 << (n - 1).bit_length()
+    sevens = 1
+    while sevens < best:
+        fives = sevens
+        while fives < best:
+            odd = fives
+            while odd < best:
+                best = min(best, odd << (-(-n // odd) - 1).bit_length())
+                odd *= 3
+            fives *= 5
+        sevens *= 7
+    return best
 
 
 def chirp_z(n: int, m: int, step: float, *, pre: Vector, post: Vector) -> Line:

@@ -21,8 +21,8 @@ def flops(made: Description) -> float:
     ny, _ = made.request.grid.shape
     _, mx = made.into.shape_after(made.request.grid.shape)
     across = ny * _transforms(made.into.x) + mx * _transforms(made.into.y)
-    return across + mx * _transforms(made.back.y) + made.out_grid.shape[0] * _transforms(
-        made.back.x
+    return (
+        across + mx * _transforms(made.back.y) + made.out_grid.shape[0] * _transforms(made.back.x)
     )
 
 

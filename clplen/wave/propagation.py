@@ -140,10 +140,14 @@ class Propagator:
     @property
     def nbytes(self) -> int:
         """Bytes that the plan holds."""
-        factor, lines = self.description.factor, self.description.into.x + self.description.back.x
-        stored = 0 if factor is None else int(np.prod(factor.stored, dtype=np.int64))
-        tables = sum(line.length for line in lines)
-        return (stored + 3 * tables) * self.device.complex.itemsize
+        made, itemsize = self.description, self.device.complex.itemsize
+        tables = 3 * sum(line.length for line in made.into.y + made.into.x)
+        if made.factor is None:
+            return tables * itemsize
+        rows, columns = made.factor.stored
+        if self.device.fft.name != "vkfft":
+            columns = made.factor.shape[1]  # on the host all columns
+        return (rows * columns + 2 * tables) * itemsize
 
     @property
     def spectrum(self) -> Spectrum | None:
@@ -195,11 +199,11 @@ class Propagator:
             the Fresnel methods, or another output pitch or centre.
         """
         self._check(field)
-        plan = self._by_fft()
-        made, spectrum, device = plan.description, plan.spectrum, self.device
-        if spectrum is None:
+        made, device = self._by_fft(), self.device
+        if made.factor is None:
             power = float(np.sum(field.power()))
             return Energy(into=power, window=power, outside=0.0, cut=0.0)
+        spectrum = made.factor.on_device(device, self.phase)
         shape = (*field.shape[:-2], *spectrum.shape)
         nbytes = int(np.prod(shape, dtype=np.int64)) * device.complex.itemsize
         device.require_memory(4 * nbytes, "This energy budget")
@@ -221,22 +225,17 @@ class Propagator:
             cut=(before - after) / samples * area,
         )
 
-    def _by_fft(self) -> Propagator:
-        """This plan with its sum done by FFTs of a window of the field's own samples."""
-        if self.method in ("as", "blas") or self.description.route == "none":
-            return self
+    def _by_fft(self) -> Description:
+        """The description whose sum is done by FFTs of a window of the field's own samples."""
+        made = self.description
+        if (made.factor is None and made.route == "none") or self.method in ("as", "blas"):
+            return made
         if self.method != "cblas" or not self.request.is_aligned:
             raise SamplingError(
                 "energy() is for as, blas and cblas on the field's own pitch and centre, whose "
                 f"window holds all the light; this plan is {self.method!r} onto {self.out_grid}."
             )
-        if self.description.route.startswith("FFT"):
-            return self
-        plan = Propagator.__new__(Propagator)
-        plan.__dict__.update(self.__dict__)
-        plan.description = _in_precision(corrected(self.request, self.why, "fft"), self.device)
-        plan._spectrum = None
-        return plan
+        return corrected(self.request, self.why, "fft")
 
     def _check(self, field: Field) -> None:
         require_same_device(field.device, self.device)

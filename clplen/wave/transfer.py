@@ -35,8 +35,12 @@ class Factor(Protocol):
         """The samples, the phase formed as said."""
 
     @property
+    def shape(self) -> tuple[int, int]:
+        """Shape of the spectrum."""
+
+    @property
     def stored(self) -> tuple[int, int]:
-        """Shape of the samples that are kept."""
+        """Shape of the samples that are made."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +68,7 @@ class Transfer:
 
     @property
     def stored(self) -> tuple[int, int]:
-        """Shape of the samples that are kept."""
+        """Shape of the samples that are made."""
         return (self.frequencies[0].size, self.frequencies[1].size)
 
     def highest(self) -> Pair:

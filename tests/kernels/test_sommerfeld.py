@@ -1,4 +1,4 @@
-"""sommerfeld.cl and turns.cl: the sampled Rayleigh-Sommerfeld kernel against float64."""
+"""sommerfeld.cl: the sampled Rayleigh-Sommerfeld kernel against float64."""
 
 import numpy as np
 import pytest

@@ -29,7 +29,7 @@ def random_field(shape, seed=0) -> np.ndarray:
 
 # One transform ----------------------------------------------------------------------------------
 
-ONE_FFT = {
+ONE_FFT = {  # z in mm: whole window, central half
     10: (15.6, 25.4),
     20: (26.1, 33.8),
     40: (28.0, 36.9),

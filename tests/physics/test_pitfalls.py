@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from fields import field_of, go
 from numpy.fft import fft, fftfreq, fftshift, ifft, ifftshift
-from reference_closed import gaussian_exact, gaussian_paraxial, lens_focus, slit_exact
+from reference_closed import gaussian_exact, gaussian_paraxial, lens_focus
 from reference_corrected import corrected
 from reference_optics import Complex, Real, axis
 from setups import LAM, gaussian_a, set_up_a, slit_fresnel
@@ -304,15 +304,6 @@ def test_full_band_fields_in_comparisons_of_padding(precise, share, least, most)
     u = (np.exp(-((10 * grid.x / grid.extent[1]) ** 2)) * tilts)[None]
     two, four = (go(u, grid, 2e-4, precise, method="as", pad=pad) for pad in (2, 4))
     assert least <= err_db(four, two) <= most
-
-
-def test_the_slit_of_the_table_is_sampled_where_it_says():
-    """Window, slit and reference of set-up A agree about the centre and the edges."""
-    a = set_up_a(1)
-    width = np.sum(a.u.real) * a.pitch[1]
-    assert width == pytest.approx(a.u.shape[1] * a.pitch[1] / 2, rel=1e-12)
-    middle = slit_exact(np.zeros(1), a.z, width=width, wavelength=LAM)
-    assert abs(a.exact[0, a.u.shape[1] // 2] - middle[0]) <= 1e-9
 
 
 def test_the_report_says_what_is_aliased(device):

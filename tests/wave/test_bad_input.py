@@ -1,0 +1,232 @@
+"""Wrong input of a propagation gets one clear sentence, before anything is allocated."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+from fields import LAM, field_of
+
+from clplen import DeviceError, Field, Grid, Propagator, SamplingError, SamplingWarning, propagate
+from clplen.errors import ShapeError
+from clplen.wave.propagation import plan
+from clplen.wave.request import METHODS, Request
+
+GRID = Grid((8, 9), 3e-6)
+KEEPS_THE_GRID = [m for m in METHODS if m not in ("auto", "cblas", "fresnel-1fft")]
+
+
+def ones(device, grid: Grid = GRID) -> Field:
+    return field_of(np.ones(grid.shape), grid, device)
+
+
+@pytest.fixture(autouse=True)
+def nothing_runs(device, monkeypatch) -> None:
+    """No array is made by what is refused."""
+    made = ones(device)
+    monkeypatch.setattr(
+        "clplen.wave.propagation.run", lambda *_: pytest.fail("a refused propagation ran")
+    )
+    assert made.shape == GRID.shape
+
+
+@pytest.mark.parametrize("z", [math.nan, math.inf, -math.inf])
+def test_a_distance_is_finite(device, z):
+    for asked in (z, [1e-3, z]):
+        with pytest.raises(ValueError, match=f"distance z is one finite number of metres, not {z}"):
+            propagate(ones(device), asked)
+    with pytest.raises(ValueError, match="finite number of metres"):
+        Propagator(GRID, z, wavelength=LAM, device=device)
+
+
+def test_a_plan_has_one_distance(device):
+    with pytest.raises(ValueError, match="one finite number of metres, not "):
+        Propagator(GRID, [1e-3, 2e-3], wavelength=LAM, device=device)
+
+
+def test_some_distance_is_needed(device):
+    with pytest.raises(ValueError, match="one distance or several, in metres, not an empty list"):
+        propagate(ones(device), [])
+
+
+def test_an_unknown_method_lists_the_known_ones(device):
+    names = ", ".join(METHODS)
+    with pytest.raises(ValueError, match=f"no method 'asm'; use one of {names}"):
+        propagate(ones(device), 1e-3, method="asm")
+
+
+@pytest.mark.parametrize("pad", [0.5, 0, -2, math.nan, math.inf])
+def test_pad_is_at_least_one(device, pad):
+    with pytest.raises(ValueError, match=f"pad is at least 1 and finite, not {pad}"):
+        propagate(ones(device), 1e-3, pad=pad)
+
+
+@pytest.mark.parametrize("wavelength", [0.0, -550e-9, math.nan, math.inf])
+def test_a_wavelength_is_positive(device, wavelength):
+    text = f"wavelength is positive, in metres, not {re.escape(repr(wavelength))}"
+    with pytest.raises(ValueError, match=text):
+        Propagator(GRID, 1e-3, wavelength=wavelength, device=device)
+    with pytest.raises(ValueError, match=text):
+        field_of(np.ones(GRID.shape), GRID, device, wavelength)
+
+
+@pytest.mark.parametrize("guard", [-1, math.nan, math.inf])
+def test_a_guard_is_not_negative(device, guard):
+    with pytest.raises(ValueError, match=f"number of Fresnel widths, at least 0, not {guard}"):
+        propagate(ones(device), 1e-3, guard=guard)
+
+
+@pytest.mark.parametrize("border", [1, 1.5, -0.1, math.nan])
+def test_a_border_is_a_fraction(device, border):
+    with pytest.raises(ValueError, match=f"fraction of half the window, .* not {border}"):
+        propagate(ones(device), 1e-3, method="fresnel-multistep", border=border)
+
+
+@pytest.mark.parametrize("support", [0, -1e-5, (1e-5, 0), (math.nan, 1e-5), math.inf])
+def test_a_support_is_positive(device, support):
+    with pytest.raises(ValueError, match=r"support is positive widths \(y, x\) in metres, not"):
+        propagate(ones(device), 1e-3, support=support)
+
+
+def test_a_phase_route_is_known(device):
+    with pytest.raises(ValueError, match="no phase route 'fast'; use one of tables, fp64, twofl"):
+        Propagator(GRID, 1e-3, wavelength=LAM, device=device, phase="fast")
+
+
+def test_double_precision_has_tables_alone(precise):
+    for phase in ("fp64", "twofloat"):
+        with pytest.raises(ValueError, match=f"double precision .* by 'tables', not '{phase}'"):
+            Propagator(GRID, 1e-3, wavelength=LAM, device=precise, phase=phase)
+
+
+@pytest.mark.parametrize("method", [m for m in METHODS if m != "fresnel-1fft"])
+def test_a_lens_belongs_to_one_transform(device, method):
+    with pytest.raises(ValueError, match=f"'fresnel-1fft', not '{method}': put a thin_lens before"):
+        propagate(ones(device), 1e-3, method=method, lens=0.1)
+
+
+@pytest.mark.parametrize("lens", [0, math.nan])
+def test_a_focal_length_is_not_zero(device, lens):
+    with pytest.raises(ValueError, match=f"focal length lens= is not 0, in metres; got {lens}"):
+        propagate(ones(device), 1e-3, method="fresnel-1fft", lens=lens)
+
+
+# Output grids -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", KEEPS_THE_GRID)
+@pytest.mark.parametrize(
+    "out",
+    [
+        Grid((8, 9), 4e-6),
+        Grid((9, 8), 3e-6),
+        Grid((8, 9), 3e-6, origin=(0, 1e-6)),
+        Grid((8, 9), (3e-6, 3.0001e-6)),
+    ],
+    ids=["pitch", "shape", "origin", "pitch of x"],
+)
+def test_most_methods_keep_the_grid(device, method, out):
+    text = f"method='{method}' keeps the grid of the field, .* method='cblas' gives any grid"
+    with pytest.raises(SamplingError, match=text):
+        propagate(ones(device), 1e-3, method=method, out_grid=out)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_fields_own_grid_may_always_be_named(method):
+    if method != "fresnel-1fft":
+        assert Request(GRID, 1e-3, LAM, method, out_grid=Grid((8, 9), 3e-6)).target == GRID
+
+
+def test_one_transform_gives_its_own_grid(device):
+    pitch = LAM * 1e-3 / (16 * 3e-6), LAM * 1e-3 / (18 * 3e-6)
+    wrong = [
+        Grid((8, 9), (pitch[0], pitch[1] * 1.0001)),
+        Grid((8, 9), pitch[::-1]),
+        Grid((4, 9), pitch),
+        Grid((8, 9), pitch, origin=(0, 1e-6)),
+    ]
+    for out in wrong:
+        with pytest.raises(SamplingError, match=r"pitch lam z/\(L dx\), .* method='cblas' gives"):
+            propagate(ones(device), 1e-3, method="fresnel-1fft", out_grid=out)
+    right = plan(
+        GRID, 1e-3, wavelength=LAM, method="fresnel-1fft", device=device, out_grid=Grid((8, 9), pitch)
+    )  # fmt: skip
+    np.testing.assert_allclose(right.out_grid.pitch, pitch, rtol=1e-12)
+
+
+def test_one_transform_has_no_pitch_at_z_zero(device):
+    with pytest.raises(SamplingError, match="would be 0 at z = 0: use another method"):
+        propagate(ones(device), 0, method="fresnel-1fft")
+
+
+def test_one_transform_goes_to_one_distance_at_a_time(device):
+    with pytest.raises(SamplingError, match=r"another pitch at each .* method='cblas' with an out"):
+        propagate(ones(device), [1e-3, 2e-3], method="fresnel-1fft")
+
+
+@pytest.mark.parametrize(
+    ("grid", "out", "axis"),
+    [(Grid((1, 9), 3e-6), Grid((2, 9), 3e-6), "y"), (Grid((9, 1), 3e-6), Grid((9, 5), 1e-6), "x")],
+)
+def test_nothing_varies_along_an_axis_of_one_sample(device, grid, out, axis):
+    for method in ("auto", "cblas"):
+        text = rf"Nothing varies along {axis} .* {max(out.shape[axis == 'x'], 2)} samples .* one s"
+        with pytest.raises(SamplingError, match=text):
+            propagate(ones(device, grid), 1e-3, method=method, out_grid=out)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("z", [1e-3, -1e-3])
+def test_an_output_that_no_light_reaches(device, axis, z):
+    origin = [0.0, 0.0]
+    origin[axis] = -1e-3
+    # Rays to 1 mm +- 13 um or so; 3 um samples carry 1.667e5 cycles/m, to 92 um.
+    text = (
+        f"No light .* along {'yx'[axis]}: its rays have spatial frequencies .*e[+]06 to .*e[+]06 "
+        r"cycles/m, the grid carries up to 1.667e[+]05 cycles/m"
+    )
+    for method in ("auto", "cblas"):
+        with pytest.warns(SamplingWarning, match=text):
+            Propagator(
+                GRID, z, wavelength=LAM, method=method, device=device,
+                out_grid=Grid((8, 9), 3e-6, origin=(origin[0], origin[1])),
+            )  # fmt: skip
+
+
+# Other fields, devices, sizes -------------------------------------------------------------------
+
+
+def test_a_plan_of_another_grid_or_wavelength(device):
+    for grid, wavelength in ((Grid((9, 8), 3e-6), LAM), (Grid((8, 9), 2e-6), LAM), (GRID, 5e-7)):
+        made = Propagator(grid, 1e-3, wavelength=wavelength, device=device)
+        for call in (made, made.energy):
+            with pytest.raises(ShapeError, match=r"The plan is for .* the field has .* 5.5e-07 m"):
+                call(ones(device))
+
+
+def test_a_plan_of_another_device(device, precise):
+    made = Propagator(GRID, 1e-3, wavelength=LAM, device=precise)
+    with pytest.raises(DeviceError, match="two devices"):
+        made(ones(device))
+
+
+def test_no_device(device):
+    with pytest.raises((DeviceError, TypeError), match="[Dd]evice"):
+        Propagator(GRID, 1e-3, wavelength=LAM, device=None)
+
+
+@pytest.mark.parametrize("method", ["auto", "as", "cblas", "rs", "fresnel-tf"])
+def test_what_does_not_fit_the_memory(device, monkeypatch, method):
+    made = Propagator(Grid((200, 300), 3e-6), 4e-3, wavelength=LAM, method=method, pad=3,
+                      device=device)  # fmt: skip
+    field = ones(device, made.grid)
+    monkeypatch.setattr(device, "memory_bytes", 400_000)
+    needed = r"This propagation needs ([\d,]+) bytes, but .* has 400,000 bytes"
+    with pytest.raises(DeviceError, match=needed) as error:
+        made(field)
+    found = re.search(needed, str(error.value))
+    assert found is not None
+    # At least what comes out, at most some windows of three times the grid.
+    assert 480_000 <= int(found[1].replace(",", "")) <= 20 * 9 * 480_000

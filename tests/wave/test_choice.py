@@ -1,0 +1,253 @@
+"""What ``auto`` takes where, and what it says about it; no device is needed."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+from fields import LAM
+from reference_corrected import AxisPlan, corrected_plan
+from reference_optics import smooth_length
+
+from clplen import Grid
+from clplen.wave.choice import describe
+from clplen.wave.description import Description
+from clplen.wave.request import Request
+
+SET_UP_A = Grid((1, 1024), 2 * LAM)
+GRIDS = [
+    SET_UP_A,
+    Grid((1024, 1), 2 * LAM),
+    Grid((64, 64), 2e-6),
+    Grid((61, 200), (6.6e-6, 5e-6)),
+    Grid((200, 61), (1.5e-6, 9e-6)),
+    Grid((128, 96), (0.4e-6, 0.3e-6)),
+    Grid((40, 50), (0.2e-6, 0.25e-6)),
+]
+
+
+def auto(grid: Grid, z: float, **options: object) -> Description:
+    return describe(Request(grid, z, LAM, **options))
+
+
+def taken(made: Description) -> str:
+    """The rule: the method, and how the corrected band is summed."""
+    if made.method != "cblas":
+        return made.method
+    return "cblas fft" if made.route.startswith("FFT") else "cblas chirp-z"
+
+
+def by_the_rules(grid: Grid, z: float, lit: float = 1) -> tuple[str, float, float]:
+    """The design's section 5 with the twin's band: the rule, W/S and f_geo/f_nyq.
+
+    lit: the part of the window that carries light.
+    """
+    support = [lit * e for e in grid.extent]
+    plans: list[AxisPlan] = list(
+        corrected_plan(grid.shape, grid.pitch, z, wavelength=LAM, support=support)
+    )
+    wide, share, clipped = 1.0, 0.0, True
+    for plan, n, d in zip(plans, grid.shape, grid.pitch, strict=True):
+        if n == 1:
+            continue
+        nyquist, reach = 1 / (2 * d), (1 + lit) / 2 * n * d
+        wide = max(wide, smooth_length(max(n, round(plan.window / d))) / n)
+        share = max(share, reach / (LAM * math.hypot(reach, z)) / nyquist)
+        clipped = clipped and plan.f_lo == -nyquist and plan.f_hi == nyquist
+    fine = any(n > 1 and d < LAM / 2 for n, d in zip(grid.shape, grid.pitch, strict=True))
+    if fine and abs(z) <= 3 * LAM:
+        return "as", wide, share
+    kernel = share <= 0.8 and abs(z) >= 10 * LAM
+    if clipped and (wide <= 2.2 or not kernel):
+        return "as", wide, share
+    if wide <= 2.2 or (wide <= 2.5 and not kernel):
+        return "cblas fft", wide, share
+    return ("rs" if kernel else "cblas chirp-z"), wide, share
+
+
+def distances(grid: Grid) -> np.ndarray:
+    return np.geomspace(0.3, 3e5, 90) * max(grid.pitch)
+
+
+@pytest.mark.parametrize("grid", GRIDS, ids=str)
+@pytest.mark.parametrize("lit", [1, 0.5, 0.1])
+def test_the_rules_everywhere(grid: Grid, lit: float) -> None:
+    support = tuple(lit * e for e in grid.extent)
+    for z in distances(grid):
+        expected, wide, share = by_the_rules(grid, z, lit)
+        for sign in (1, -1):
+            made = auto(grid, sign * z, support=support)
+            assert taken(made) == expected, (z, wide, share, made.why)
+            assert made.warning == ""
+
+
+def test_every_rule_is_met_by_these_grids() -> None:
+    met = {
+        taken(auto(grid, z, support=tuple(lit * e for e in grid.extent)))
+        for grid in GRIDS
+        for z in distances(grid)
+        for lit in (1, 0.1)
+    }
+    assert met == {"as", "cblas fft", "rs", "cblas chirp-z"}
+
+
+@pytest.mark.parametrize(("grid", "turns"), [(SET_UP_A, 2), (GRIDS[4], 3)], ids=str)
+def test_boundaries_are_where_the_inequalities_turn(grid: Grid, turns: int) -> None:
+    """From one z to one a millionth farther the rule changes: one of its numbers just passed."""
+    z, support = distances(grid), tuple(0.1 * e for e in grid.extent)
+
+    def rule(z: float) -> str:
+        return taken(auto(grid, z, support=support))
+
+    for near, far in zip(z[:-1], z[1:], strict=True):
+        if rule(near) == rule(far):
+            continue
+        while far / near > 1 + 1e-6:
+            middle = math.sqrt(near * far)
+            near, far = (middle, far) if rule(middle) == rule(near) else (near, middle)
+        (_, wide, share), (_, wider, less) = (by_the_rules(grid, one, 0.1) for one in (near, far))
+        whys = [auto(grid, one, support=support).why for one in (near, far)]
+        passed = [
+            any(min(wide, wider) <= limit < max(wide, wider) for limit in (2.2, 2.5)),
+            min(share, less) <= 0.8 < max(share, less),
+            sum(why.startswith("f_geo + guard") for why in whys) == 1,
+        ]
+        assert any(passed), (near, wide, share)
+        turns -= 1
+    assert turns <= 0
+
+
+def numbers(why: str) -> list[float]:
+    return [float(n) for n in re.findall(r"(?<![\w.])\d+\.?\d*(?:e-?\d+)?", why)]
+
+
+def test_why_names_the_inequality_that_decided() -> None:
+    grid, s = SET_UP_A, 1024 * 2 * LAM
+    assert auto(grid, s / 10).why.startswith("f_geo + guard >= f_nyq (f_geo = ")
+    assert auto(grid, 64 * s).why.endswith(" <= 0.8 f_nyq")
+    seen = set()
+    for z in distances(grid):
+        made = auto(grid, z)
+        _, wide, share = by_the_rules(grid, z)
+        found = numbers(made.why)
+        if made.method == "rs":
+            assert found == pytest.approx([wide, 2.2, share, 0.8], rel=6e-3)
+            assert found[0] >= found[1]
+            assert found[2] <= found[3]
+        elif made.method == "as":
+            assert found == pytest.approx([share], rel=6e-3)
+        elif "<=" in made.why:
+            assert found == pytest.approx([wide, 2.2 if wide <= 2.2 else 2.5], rel=6e-3)
+        else:
+            assert found == pytest.approx([wide, 2.5], rel=6e-3)
+            assert wide > 2.5
+        seen.add(made.method)
+    assert seen >= {"as", "rs"}
+
+
+def test_another_grid_is_summed_over_its_own_frequencies() -> None:
+    grid = Grid((30, 40), 3e-6)
+    for out in (
+        Grid((30, 40), 3.1e-6),
+        Grid((30, 40), 3e-6, origin=(0, 1e-6)),
+        Grid((30, 41), (3e-6, 2e-6)),
+    ):
+        for z in (1e-5, 1e-3, 1.0):
+            made = auto(grid, z, out_grid=out)
+            assert taken(made) == "cblas chirp-z"
+            assert made.why == "the output has another pitch or centre"
+            assert made.out_grid == out
+
+
+@pytest.mark.parametrize("shape", [(61, 83), (12, 17), (30, 81), (15, 81)])
+def test_an_aligned_grid_of_another_size_needs_no_convolution(shape: tuple[int, int]) -> None:
+    grid = Grid((30, 40), 3e-6, origin=(1e-5, 2e-5))
+    out = Grid(shape, 3e-6, origin=grid.origin)
+    methods = set()
+    for z in np.geomspace(1e-6, 1, 40):
+        made = auto(grid, z, out_grid=out)
+        methods.add(taken(made))
+        assert made.into.shape_after(grid.shape) == (made.back.y[0].n, made.back.x[0].n)
+        assert made.back.shape_after(made.into.shape_after(grid.shape)) == shape
+        if made.route.startswith("FFT"):
+            assert all(
+                length >= max(n, m)
+                for length, n, m in zip(made.window, grid.shape, shape, strict=True)
+            )
+    assert "rs" not in methods
+    assert {"as", "cblas chirp-z"} <= methods
+
+
+def test_evanescent_waves_are_kept_within_three_wavelengths() -> None:
+    fine, coarse = Grid((40, 50), (0.2e-6, 0.6e-6)), Grid((40, 50), 0.3e-6)
+    for z in (0.1 * LAM, 3 * LAM):
+        made = auto(fine, z)
+        assert (made.method, made.band[0]) == ("as", (-2.5e6, 2.5e6))
+        assert made.why.endswith("<= 3 lam: evanescent waves count")
+        assert made.valid == (0, 3 * LAM)
+        assert "evanescent" not in auto(coarse, z).why
+    assert "evanescent" not in auto(fine, 3.01 * LAM).why
+    # Both grids fit beside each other in the window.
+    wide = auto(fine, LAM, out_grid=Grid((90, 50), fine.pitch))
+    assert (wide.method, wide.window) == ("as", (135, 100))
+
+
+def test_the_longer_axis_decides() -> None:
+    """A square's short side alone would take a window of twice its size."""
+    z = 0.02
+    assert taken(auto(Grid((1, 800), 5e-6), z)) == "as"
+    assert taken(auto(Grid((50, 1), 5e-6), z)) == "rs"
+    both = auto(Grid((50, 800), 5e-6), z)
+    assert taken(both) == by_the_rules(Grid((50, 800), 5e-6), z)[0]
+    turned = auto(Grid((800, 50), 5e-6), z)
+    assert (turned.method, turned.why) == (both.method, both.why)
+    assert turned.window == both.window[::-1]
+
+
+def test_less_light_needs_less() -> None:
+    grid, z = Grid((1, 1000), 1e-6), 0.01
+    whole, some = (auto(grid, z, support=s) for s in (None, (1e-4, 1e-4)))
+    assert some.band[1][1] < whole.band[1][1] or some.window[1] < whole.window[1]
+    assert auto(grid, z, support=(1, 1)).window == whole.window
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 2), (2, 1)])
+@pytest.mark.parametrize("z", [1e-7, 1e-3, -5.0])
+def test_fields_of_a_sample_or_two(shape: tuple[int, int], z: float) -> None:
+    made = auto(Grid(shape, 3e-6), z)
+    assert made.method in ("as", "cblas", "rs")
+    assert made.out_grid == Grid(shape, 3e-6)
+    if shape == (1, 1):
+        assert (made.method, made.window) == ("as", (1, 1))
+
+
+def test_nothing_is_done_at_z_zero() -> None:
+    grid = Grid((5, 6), 3e-6)
+    for method in ("auto", "as", "blas", "cblas", "rs", "fresnel-tf", "fresnel-multistep"):
+        made = describe(Request(grid, 0.0, LAM, method))
+        assert (made.route, made.factor) == ("none", None)
+        assert made.method == ("as" if method == "auto" else method)
+    moved = auto(grid, 0.0, out_grid=Grid((5, 6), 2e-6))
+    assert taken(moved) == "cblas chirp-z"
+
+
+def test_what_is_asked_for_is_taken() -> None:
+    grid = Grid((20, 30), 3e-6)
+    for z in (1e-6, 1e-3, 1.0):
+        for method in ("as", "blas", "cblas", "rs", "fresnel-tf", "fresnel-ir", "fresnel-1fft"):
+            made = describe(Request(grid, z, LAM, method))
+            assert (made.method, made.why) == (method, "asked for")
+
+
+def test_cblas_takes_transforms_of_the_window_or_of_the_band() -> None:
+    grid, s = Grid((1, 256), 2e-6), 512e-6
+    routes = {}
+    for z in (s / 10, s, 1e3 * s):
+        made = describe(Request(grid, z, LAM, "cblas"))
+        routes[z] = taken(made)
+        assert made.band[1][1] <= 1 / 4e-6
+    assert routes == {s / 10: "cblas fft", s: "cblas fft", 1e3 * s: "cblas chirp-z"}
+    far = describe(Request(grid, 1e6 * s, LAM, "cblas"))
+    assert far.into.x[0].m == pytest.approx(2 * 6 * (6 + 3), abs=2)  # tends to 2 g (g + t_w)
