@@ -1,7 +1,7 @@
 """Light fields by wave optics, on any OpenCL device.
 
 compute/      devices, programs, Fourier transforms
-wave/         fields, propagation, lenses, microlens arrays
+wave/         fields, propagation, optical elements, systems of them
 lightfield/   decode, views, refocus, focal stacks, depth
 cameras/      scenes and plenoptic cameras: where the two towers meet
 io/           files in and out (imported when asked for, as is plot)
@@ -29,27 +29,49 @@ from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.raw import LensletGrid, RawImage
 from clplen.lightfield.refocus import FocalStack, focal_stack, refocus
 from clplen.lightfield.sensor import Sensor
-from clplen.wave.elements import aperture, thin_lens
+from clplen.wave.elements import (
+    MicrolensArray,
+    annular_aperture,
+    aperture,
+    axicon,
+    gaussian_beam,
+    grating,
+    phase_plate,
+    plane_wave,
+    polygonal_aperture,
+    rectangular_aperture,
+    siemens_star,
+    spherical_wave,
+    thin_lens,
+    tilt,
+    transparency,
+    usaf1951,
+)
 from clplen.wave.field import Field, Grid
-from clplen.wave.lenslets import MicrolensArray
-from clplen.wave.propagation import Propagator, propagate
+from clplen.wave.parts import ConvergingLight, Element, Lens, Space, Stop
+from clplen.wave.propagation import Propagator, propagate, propagate_wavelengths
+from clplen.wave.system import OpticalSystem, imaging_system
 
 __version__ = "0.1.0"
 __all__ = [
     "AlphaEstimate",
     "ClplenError",
+    "ConvergingLight",
     "DepthMap",
     "Device",
     "DeviceError",
+    "Element",
     "Field",
     "FocalStack",
     "FormatError",
     "Grid",
     "Image",
     "KernelBuildError",
+    "Lens",
     "LensletGrid",
     "LightField",
     "MicrolensArray",
+    "OpticalSystem",
     "PlenopticCamera",
     "PointSources",
     "Propagator",
@@ -58,14 +80,31 @@ __all__ = [
     "SamplingWarning",
     "Sensor",
     "ShapeError",
+    "Space",
+    "Stop",
+    "annular_aperture",
     "aperture",
+    "axicon",
     "depth_map",
     "estimate_alpha",
     "focal_stack",
+    "gaussian_beam",
+    "grating",
+    "imaging_system",
+    "phase_plate",
+    "plane_wave",
+    "polygonal_aperture",
     "propagate",
+    "propagate_wavelengths",
     "read_lightfield",
+    "rectangular_aperture",
     "refocus",
+    "siemens_star",
+    "spherical_wave",
     "thin_lens",
+    "tilt",
+    "transparency",
+    "usaf1951",
 ]
 
 

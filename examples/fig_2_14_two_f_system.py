@@ -35,7 +35,7 @@ figure = plot.system(system, height=height)
 axes = figure.axes[0]
 limits, y = axes.axis(), grid.y
 shown = np.abs(y) < limits[3]
-places = np.linspace(0, end, 121 if run.quick else 481)[1:-1]
+places = np.linspace(0, end, 49 if run.quick else 481)[1:-1]
 before = thin_lens(behind, -F)  # what passes the lens, without its phase
 light = [propagate(before if z < at else behind, z - at).to_numpy()[:, shown, 0] for z in places]
 light = np.moveaxis(np.abs(light) ** 2, 0, 2)  # [point, y, z]

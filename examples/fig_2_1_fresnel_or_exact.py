@@ -55,6 +55,5 @@ for w, colour in WIDTHS.items():
     error.axvline((np.pi * w**4 / (4 * LAM)) ** (1 / 3) * 1e6, color=colour, lw=1, ls=":")
 error.set(xlabel="z / µm", ylabel="relative error of Fresnel's field, -w < x < w",
           title=r"lines: closed forms; dots: clplen; dotted: $z^3 = \pi w^4/(4\lambda)$")
-cut.legend()
-error.legend()
+cut.legend(), error.legend()
 run.save(figure)

@@ -17,7 +17,8 @@ number("limit / (1/mm)", limit / 1e3, 1e-3 * np.sin(np.arctan(W / 2 / Z)) / LAM,
 energy, A = found.plan.energy(field), np.abs(found.arrays["A"]) ** 2
 f = np.abs(np.fft.fftshift(found.window.fx)) > limit
 beyond = A[f].sum() + A[~f][:, f].sum()
-number("power beyond the limit / power at 0", energy.cut / energy.into, beyond / A.sum(), 1e-5, ".5f")
+cut, closed = energy.cut / energy.into, beyond / A.sum()
+number("power beyond the limit / power at 0", cut, closed, 1e-5, ".5f")
 asked = propagate(field, Z, method="blas").to_numpy()
 chain = found.arrays["U(z)"][inner(found.window, field.grid)]
 number("propagate less the stages by NumPy", np.abs(asked - chain).max(), 0, 1e-5, ".5f")

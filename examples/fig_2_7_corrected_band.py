@@ -21,9 +21,8 @@ LINES = {64: 473, 512: 209, 4096: 139}  # frequencies in the corrected band, for
 def lines(plan: Propagator) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies from the lowest and their weights; the plan of an FFT holds one half."""
     f, weights = plan.description.factor.frequencies[1], plan.description.factor.weights[1]
-    if f[0] == 0:
-        return np.append(-f[:0:-1], f), np.append(weights[:0:-1], weights)
-    return f, weights
+    n = (f.size - 1) * (f[0] == 0)  # to be mirrored
+    return np.append(-f[n:0:-1], f), np.append(weights[n:0:-1], weights)
 
 
 run = begin(__doc__, __file__)
@@ -47,15 +46,15 @@ for name, (options, width, guard, colour) in WAYS.items():
 for times, count in LINES.items():
     plan = Propagator(SETUP_A, times * S, wavelength=LAM, method="cblas", device=run.device)
     number(f"z = {times} S: frequencies of the band", lines(plan)[0].size, count, 2, ".0f")
-panels["a"].plot([0, 0], [-S * 250, S * 250], color="0.7", lw=7, solid_capstyle="butt")
+panels["a"].vlines(0, -S * 250, S * 250, color="0.7", lw=8)
 panels["a"].vlines([0, Z * 1e3], -S * 500, S * 500, color="k", lw=2.5)
 panels["a"].set(xlabel="z / mm", ylabel="x / mm", ylim=(-1, 1.9),
                 title="steepest rays; black: input and output, S; grey: slit, S/2")
 panels["b"].set(xlabel="$f_x$ / (1/mm)", ylabel="weight", xlim=(0, 80),
                 title=r"end: $X/(\lambda\sqrt{X^2+z^2}) + g\,\sqrt{\cos^3\theta/(\lambda z)}$")
 panels["c"].vlines((0.75, 1), 1e-11, 5, color=(ORANGE, "0.5"), ls=":")
-panels["c"].set(xlabel="sideways displacement X / S; dotted: the largest from input to output", xlim=(0, 1.25), ylabel="relative error",
-                title="wave from one point, by each band and its window, against "
-                "Rayleigh-Sommerfeld; z = 64 S = 72.1 mm, S = 1.1264 mm, 550 nm")
+panels["c"].set(xlim=(0, 1.25), ylabel="relative error of the wave from one point",
+                xlabel="sideways displacement X / S; dotted: the largest from input to output",
+                title="z = 64 S = 72.1 mm, S = 1.1264 mm, 550 nm; reference: Rayleigh-Sommerfeld")
 panels["c"].legend(loc="center left")
 run.save(figure)

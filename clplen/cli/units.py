@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import math
 import re
+from decimal import Decimal
 from typing import Any, Literal, NoReturn
 
 import click
 
-PER_METRE = {
-    "pm": 1e12,
-    "nm": 1e9,
-    "um": 1e6,
-    "\N{MICRO SIGN}m": 1e6,
-    "\N{GREEK SMALL LETTER MU}m": 1e6,
-    "mm": 1e3,
-    "cm": 1e2,
-    "m": 1.0,
-    "km": 1e-3,
+POWER_OF_TEN = {
+    "pm": -12,
+    "nm": -9,
+    "um": -6,
+    "\u00b5m": -6,  # micro sign
+    "\u03bcm": -6,  # Greek mu
+    "mm": -3,
+    "cm": -2,
+    "m": 0,
+    "km": 3,
 }
+SHORTEST, LONGEST = 1e-12, 1e12  # metres
 LARGEST_SIDE = 10**6  # samples
 Sign = Literal["any", "positive", "not 0"]
 
@@ -45,11 +46,12 @@ class Length(click.ParamType):
     def _read(self, text: str, unit: str, param: Any, ctx: Any) -> float:
         """One length; ``unit`` is that of a bare number."""
         found = _NUMBER.fullmatch(text)
-        if not found or (found[2] or unit or "m") not in PER_METRE:
+        power = POWER_OF_TEN.get((found[2] or unit or "m") if found else "")
+        if not found or power is None:
             self._refuse(text, param, ctx)
-        length = float(found[1]) / PER_METRE[found[2] or unit or "m"]
-        if not math.isfinite(length):
-            self.fail(f"{text!r} is not finite.", param, ctx)
+        length = float(Decimal(found[1]).scaleb(power))  # 6.6um is 6.6e-6 to the last bit
+        if length and not SHORTEST <= abs(length) <= LONGEST:
+            self.fail(f"{text!r} is out of range: a length is 1 pm to 1e12 m, or 0.", param, ctx)
         if (self.sign == "positive" and length <= 0) or (self.sign == "not 0" and length == 0):
             self.fail(f"{text!r} is not allowed here: the length is {self.sign}.", param, ctx)
         return length
@@ -58,7 +60,7 @@ class Length(click.ParamType):
         comma = "a decimal point, not a comma, and " if "," in text else ""
         self.fail(
             f"{text!r} is no length: give {comma}a number with a unit, as 6.6um, 550nm or 240mm; "
-            f"the units are {', '.join(unit for unit in PER_METRE if unit.isascii())}, and a bare "
+            f"the units are {', '.join(unit for unit in POWER_OF_TEN if unit.isascii())}, and a bare "
             "number is metres.",
             param,
             ctx,

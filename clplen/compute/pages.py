@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes
 import sys
 from functools import cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pyopencl as cl
@@ -33,8 +33,9 @@ def ask_for_large_pages(queue: cl.CommandQueue, buffer: cl.Buffer) -> None:
     advise = _madvise()
     if advise is None or buffer.size < LEAST_BYTES:
         return
-    flags: Any = cl.map_flags.READ | cl.map_flags.WRITE
-    mapped, _ = cl.enqueue_map_buffer(queue, buffer, flags, 0, (buffer.size,), np.uint8)
+    flags = cast(cl.map_flags, cl.map_flags.READ | cl.map_flags.WRITE)
+    size: Any = (buffer.size,)
+    mapped, _ = cl.enqueue_map_buffer(queue, buffer, flags, 0, size, np.dtype(np.uint8))
     start = -(-mapped.ctypes.data // _PAGE) * _PAGE
     length = (mapped.ctypes.data + buffer.size - start) // _PAGE * _PAGE
     advise(start, length, _MADV_HUGEPAGE)  # a hint: a refusal changes nothing

@@ -9,6 +9,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.errors import ShapeError
+from clplen.wave.checks import check_centre, check_diameter
 from clplen.wave.coverage import Vector, disc_coverage, interval_coverage, polygon_coverage
 from clplen.wave.field import Field
 from clplen.wave.multiply import multiply, multiply_separable, offsets
@@ -46,7 +47,7 @@ def aperture(
         For a diameter that is not positive or another shape.
     """
     check_diameter(diameter)
-    _check_centre(centre)
+    check_centre(centre, "an aperture")
     if shape == "circular":
         return disc(field, diameter / 2, centre)
     if shape != "square":
@@ -87,7 +88,7 @@ def rectangular_aperture(
     sides = np.asarray(size, np.float64)
     if sides.shape not in ((), (2,)) or not (np.isfinite(sides).all() and (sides > 0).all()):
         raise ValueError(f"A rectangle's size is positive, (y, x) in metres, not {size!r}.")
-    _check_centre(centre)
+    check_centre(centre, "an aperture")
     if not math.isfinite(rotation):
         raise ValueError(f"A rotation is finite, in radians, not {rotation!r}.")
     height, width = (float(side) for side in np.broadcast_to(sides, 2))
@@ -124,7 +125,7 @@ def annular_aperture(
         For other diameters.
     """
     check_diameter(outer)
-    _check_centre(centre)
+    check_centre(centre, "an aperture")
     if not 0 <= inner < outer:
         raise ValueError(
             f"The inner diameter of a ring is at least 0 and less than the outer, {outer!r} m, "
@@ -200,17 +201,6 @@ def disc(field: Field, radius: float, centre: Pair, *, out: cla.Array | None = N
         np.int32(grid.shape[1]),
     )
     return field.with_data(out)
-
-
-def check_diameter(diameter: float | None) -> None:
-    """Refuse a diameter that is not positive; None is none."""
-    if diameter is not None and not (math.isfinite(diameter) and diameter > 0):
-        raise ValueError(f"A diameter is positive, in metres, not {diameter!r}.")
-
-
-def _check_centre(centre: Pair) -> None:
-    if not np.isfinite(centre).all():
-        raise ValueError(f"The centre of an aperture is finite, (y, x) in metres, not {centre!r}.")
 
 
 def _upright(field: Field, size: Pair, centre: Pair) -> Field:

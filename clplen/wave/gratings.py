@@ -8,11 +8,11 @@ from typing import Any, Literal
 import numpy as np
 
 from clplen.errors import SamplingError
+from clplen.wave.checks import Aliasing, act_on_aliasing, check_centre
 from clplen.wave.field import Field, Grid
-from clplen.wave.lens import Aliasing
 from clplen.wave.multiply import offsets
 from clplen.wave.phase import phasor
-from clplen.wave.pictures import act_on_aliasing, apply_transmission, check_centre
+from clplen.wave.pictures import apply_transmission
 
 Kind = Literal["binary", "sinusoidal", "phase", "blazed"]
 Values = np.ndarray[Any, Any]

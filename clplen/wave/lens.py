@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-import warnings
 from typing import Literal
 
 import numpy as np
 
-from clplen.errors import SamplingError, SamplingWarning
-from clplen.wave.apertures import check_diameter, disc
+from clplen.wave.apertures import disc
+from clplen.wave.checks import Aliasing, act_on_aliasing, check_aliasing, check_diameter
 from clplen.wave.field import Field, Grid
 from clplen.wave.multiply import multiply_separable, offsets
 from clplen.wave.phase import phasor
 from clplen.wave.sphere import multiply_sphere, sampled_from, sampled_radius
 
-Aliasing = Literal["raise", "warn", "allow"]
 Form = Literal["paraxial", "stigmatic"]
 
 
@@ -109,8 +107,7 @@ def check_lens_sampling(
     ValueError
         If ``aliasing`` or ``form`` is none of the words.
     """
-    if aliasing not in ("raise", "warn", "allow"):
-        raise ValueError(f"aliasing is 'raise', 'warn' or 'allow', not {aliasing!r}.")
+    check_aliasing(aliasing)
     if form not in ("paraxial", "stigmatic"):
         raise ValueError(f"The form of a lens is 'paraxial' or 'stigmatic', not {form!r}.")
     for axis in (0, 1):
@@ -126,11 +123,8 @@ def check_lens_sampling(
             f"its radius is R = {used:.4g} m, R_max = {rule} = {largest:.4g} m; a focal "
             f"length of at least {enough:.4g} m would do."
         )
-        if aliasing == "raise":
-            raise SamplingError(message + " aliasing='warn' or 'allow' goes on all the same.")
-        if aliasing == "warn":
-            warnings.warn(message, SamplingWarning, stacklevel=3)
-            return
+        act_on_aliasing(message, aliasing, stacklevel=4)
+        return
 
 
 def _limits(

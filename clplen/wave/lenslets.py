@@ -11,8 +11,9 @@ import pyopencl.array as cla
 
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
+from clplen.wave.checks import Aliasing
 from clplen.wave.field import Field, Grid
-from clplen.wave.lens import Aliasing, check_lens_sampling
+from clplen.wave.lens import check_lens_sampling
 from clplen.wave.multiply import multiply
 from clplen.wave.phase import whole_and_part
 

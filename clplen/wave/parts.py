@@ -13,8 +13,9 @@ import numpy as np
 
 from clplen.errors import SamplingWarning
 from clplen.wave.apertures import aperture
+from clplen.wave.checks import Aliasing
 from clplen.wave.field import Field, Grid
-from clplen.wave.lens import Aliasing, Form, thin_lens
+from clplen.wave.lens import Form, thin_lens
 from clplen.wave.lenslets import MicrolensArray
 from clplen.wave.propagation import propagate
 from clplen.wave.quantity import metres

@@ -1,16 +1,15 @@
-"""Arbitrary pictures as elements of one plane, and what all elements made on the host share."""
+"""Arbitrary pictures as elements of one plane."""
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from clplen.errors import SamplingError, SamplingWarning, ShapeError
+from clplen.errors import ShapeError
+from clplen.wave.checks import check_centre
 from clplen.wave.field import Field, Grid
-from clplen.wave.lens import Aliasing
 from clplen.wave.multiply import multiply
 
 Picture = np.ndarray[Any, Any]
@@ -77,22 +76,6 @@ def apply_transmission(field: Field, transmission: Picture) -> Field:
     """``field`` (or each of a batch) times a transmission of shape (ny, nx) from the host."""
     device = field.device
     return multiply(field, device.upload(transmission.astype(device.complex, copy=False)))
-
-
-def check_centre(centre: tuple[float, float], what: str) -> None:
-    """Refuse a centre that is not two finite numbers."""
-    if np.shape(centre) != (2,) or not np.isfinite(centre).all():
-        raise ValueError(f"The centre of {what} is finite, (y, x) in metres, not {centre!r}.")
-
-
-def act_on_aliasing(message: str, aliasing: Aliasing) -> None:
-    """Raise, warn or go on, where ``message`` is not empty; for the public function to call."""
-    if aliasing not in ("raise", "warn", "allow"):
-        raise ValueError(f"aliasing is 'raise', 'warn' or 'allow', not {aliasing!r}.")
-    if message and aliasing == "raise":
-        raise SamplingError(message + " aliasing='warn' or 'allow' goes on all the same.")
-    if message and aliasing == "warn":
-        warnings.warn(message, SamplingWarning, stacklevel=3)
 
 
 def _picture(amplitude: Any, phase: Any) -> Picture:

@@ -306,16 +306,16 @@ def propagate(
     distances = [z] if np.ndim(z) == 0 else list(np.asarray(z).ravel())
     if not distances:
         raise ValueError("z is one distance or several, in metres, not an empty list.")
-    plans = [
-        _kept(
-            request(
-                field.grid, one, field.wavelength, method, pad, out_grid, guard, border,
-                support=support, lens=lens,
-            ),
-            field.device,
+    requests = [
+        request(
+            field.grid, one, field.wavelength, method, pad, out_grid, guard, border,
+            support=support, lens=lens,
         )
         for one in distances
     ]  # fmt: skip
+    plans = []
+    for wanted in requests:  # a comprehension has a frame of its own before Python 3.12: stacklevel
+        plans.append(_kept(wanted, field.device))
     if len({plan.out_grid for plan in plans}) > 1:
         raise SamplingError(
             "fresnel-1fft gives another pitch at each distance: propagate to one at a time, or use "

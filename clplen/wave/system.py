@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import Any, overload
 
+from clplen.wave.checks import Aliasing
 from clplen.wave.field import Field
-from clplen.wave.lens import Aliasing
 from clplen.wave.parts import (
     ConvergingLight,
     Element,

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from clplen.errors import ShapeError
+from clplen.wave.checks import Aliasing, act_on_aliasing, check_centre
 from clplen.wave.coverage import interval_coverage, polygon_coverage
 from clplen.wave.field import Grid
-from clplen.wave.lens import Aliasing
-from clplen.wave.pictures import act_on_aliasing, check_centre
 
 Values = np.ndarray[Any, Any]
 # Side of a layer (groups G and G + 1) and corner of the layer inside it, (y, x), in bar widths of

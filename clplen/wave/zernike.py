@@ -9,14 +9,12 @@ from typing import Any, Literal
 import numpy as np
 from scipy.special import eval_jacobi
 
+from clplen.wave.checks import Aliasing, act_on_aliasing, check_centre
 from clplen.wave.field import Field, Grid
-from clplen.wave.lens import Aliasing
 from clplen.wave.multiply import offsets
 from clplen.wave.phase import phasor
 from clplen.wave.pictures import (
-    act_on_aliasing,
     apply_transmission,
-    check_centre,
 )
 
 Values = np.ndarray[Any, Any]

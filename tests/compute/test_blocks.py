@@ -172,6 +172,7 @@ SPECTRA = {  # name: (shape in, window of the spectrum, shape out)
     "odd and even": ((7, 4), (13, 8), (9, 8)),
     "two": ((2, 2), (2, 2), (2, 2)),
     "three": ((3, 2), (3, 5), (3, 2)),
+    "more columns and rows than a block": ((66, 67), (132, 135), (70, 130)),
     "one row": ((1, 6), (1, 14), (1, 9)),
     "one column": ((6, 1), (13, 1), (9, 1)),
     "one sample": ((1, 1), (1, 1), (1, 1)),
@@ -268,8 +269,8 @@ def test_factors_alone(on: Device) -> None:
 def test_blocks_and_threads_change_nothing(
     device: Device, monkeypatch: pytest.MonkeyPatch, name: str, threads: int, block_bytes: int
 ) -> None:
-    monkeypatch.setattr(columns, "ROWS_BYTES", block_bytes)
-    monkeypatch.setattr(columns, "COLUMNS_BYTES", block_bytes)
+    monkeypatch.setattr(columns, "BLOCK_BYTES", block_bytes)
+    monkeypatch.setattr(columns, "FEWEST", 1)
     on, middle = with_route(device, "scipy", threads), SPECTRA[name][1]
     values = [factors(middle, quadrant, i, on) for i, quadrant in enumerate((True, False))]
     check_spectra(on, name, values, (2,))
@@ -278,16 +279,6 @@ def test_blocks_and_threads_change_nothing(
     (result,) = run(on.upload(u), maps.astype(on.complex), [], [], on)
     expected = apply(u, maps.y, maps.x)
     assert relative_max(expected, on.download(result)) <= tolerance(maps.widest(shape), on, 8)
-
-
-@pytest.mark.parametrize("count", [1, 2, 7, 64, 130])
-@pytest.mark.parametrize("block_bytes", [1, 40, 10**6])
-def test_parts_cover_everything_once_and_stop_at_the_mirror(count: int, block_bytes: int) -> None:
-    for across in (0, 1, count // 2 + 1, count):
-        parts = columns._parts(count, 8, block_bytes, across)
-        assert [i for a, b in parts for i in range(a, b)] == list(range(count))
-        assert all(b - a <= max(1, min(columns.MOST, block_bytes // 8)) for a, b in parts)
-        assert not any(a < across < b for a, b in parts)
 
 
 def test_an_error_in_a_thread_is_raised(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -101,14 +101,15 @@ def test_distances_of_one_window_share_a_transform(device, monkeypatch):
     calls = []
     lines = FFTRoute.lines
 
-    def counted(self: FFTRoute, values: np.ndarray, axis: int, forward: bool) -> None:
-        calls.append(forward)
-        lines(self, values, axis, forward)
+    def counted(self: FFTRoute, *arguments: object) -> None:
+        calls.append(arguments[-1])  # whether forward
+        lines(self, *arguments)
 
     propagate(field, z, method="as")
     monkeypatch.setattr(FFTRoute, "lines", counted)
     propagate(field, z[0], method="as")
     forward, inverse = calls.count(True), calls.count(False)
+    assert min(forward, inverse) > 0
     calls.clear()
     propagate(field, z, method="as")
     assert calls.count(True) == forward
@@ -242,7 +243,7 @@ def test_an_output_beyond_the_band_is_dark_and_said_to_be(device):
     grid = Grid((16, 24), (4e-6, 5e-6))
     beside = Grid((16, 24), (4e-6, 5e-6), origin=(0, 1e-3))
     field = field_of(band_limited(grid.shape), grid, device)
-    with pytest.warns(SamplingWarning, match="No light .* along x: .* carries up to 1e.05 cycles"):
+    with pytest.warns(SamplingWarning, match="No light .* along x: .* carries up to 1e.05;"):
         dark = propagate(field, 1e-3, out_grid=beside)
     assert dark.grid == beside
     np.testing.assert_array_equal(dark.to_numpy(), 0)
@@ -278,7 +279,7 @@ def test_a_report_in_numbers(device):
     kept = limits[0] * limits[1] / (1e5 * 1.25e5)
     assert report.lost_band == pytest.approx(1 - kept, abs=1e-12)
     # Matsushima's limit is where the phase of H turns by pi from sample to sample.
-    assert 0.9 < report.phase_step <= 1
+    assert 0.8 < report.phase_step <= 1
     s = (LAM * limits[0]) ** 2 + (LAM * limits[1]) ** 2
     q = 1 - math.sqrt(1 - s)
     assert report.residual_turns == pytest.approx(0.004 / LAM * q * q / 2, rel=0.1)
@@ -356,7 +357,8 @@ def test_a_warning_is_said_once_a_plan_and_where_it_was_asked(device):
         for _ in range(2):
             propagate(field, 0.51234, method="as")
         Propagator(grid, 0.5, wavelength=LAM, method="as", device=device)
-    assert [one.category for one in said] == [SamplingWarning] * 2
+        plan(grid, 0.512345, wavelength=LAM, method="as", device=device)
+    assert [one.category for one in said] == [SamplingWarning] * 3
     assert {one.filename for one in said} == {__file__}
 
 

@@ -1,0 +1,68 @@
+"""Checks that several optical elements share."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Literal
+
+import numpy as np
+
+from clplen.errors import SamplingError, SamplingWarning
+
+Aliasing = Literal["raise", "warn", "allow"]
+
+
+def check_centre(centre: tuple[float, float], what: str) -> None:
+    """Refuse a centre that is not two finite numbers.
+
+    Raises
+    ------
+    ValueError
+    """
+    if np.shape(centre) != (2,) or not np.isfinite(centre).all():
+        raise ValueError(f"The centre of {what} is finite, (y, x) in metres, not {centre!r}.")
+
+
+def check_diameter(diameter: float | None) -> None:
+    """Refuse a diameter that is not positive; None is none.
+
+    Raises
+    ------
+    ValueError
+    """
+    if diameter is not None and not (math.isfinite(diameter) and diameter > 0):
+        raise ValueError(f"A diameter is positive, in metres, not {diameter!r}.")
+
+
+def check_aliasing(aliasing: str) -> None:
+    """Refuse a word that says nothing about aliasing.
+
+    Raises
+    ------
+    ValueError
+    """
+    if aliasing not in ("raise", "warn", "allow"):
+        raise ValueError(f"aliasing is 'raise', 'warn' or 'allow', not {aliasing!r}.")
+
+
+def act_on_aliasing(message: str, aliasing: Aliasing, *, stacklevel: int = 3) -> None:
+    """Raise, warn or go on, where ``message`` is not empty; for the public function to call.
+
+    Raises
+    ------
+    SamplingError
+        Where there is a message and ``aliasing`` is "raise".
+    ValueError
+        If ``aliasing`` is none of the three words.
+
+    Warns
+    -----
+    SamplingWarning
+        Where there is a message and ``aliasing`` is "warn".
+    """
+    check_aliasing(aliasing)
+    if message and aliasing == "raise":
+        raise SamplingError(message + " aliasing='warn' or 'allow' goes on all the same.")
+    if message and aliasing == "warn":
+        warnings.warn(message, SamplingWarning, stacklevel=stacklevel)
