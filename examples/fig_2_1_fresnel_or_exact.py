@@ -30,7 +30,6 @@ for what, field, u in (("Fresnel, slit 0.5 mm, 0.1 m", fresnel(wide, 0.1), 1.132
     for part in ("real", "imag"):
         middle = getattr(field.to_numpy()[0, field.shape[1] // 2], part)
         number(f"{what}: U(0), {part}", middle, getattr(u, part), 5e-4)
-
 figure = new_figure(10, 7.6)
 (left, right), (cut, error) = figure.subplots(2, 2)
 z, x = np.geomspace(8e-6, 2e-3, 24 if run.quick else 240), GRID.x[280:721]
@@ -55,5 +54,6 @@ for w, colour in WIDTHS.items():
     error.axvline((np.pi * w**4 / (4 * LAM)) ** (1 / 3) * 1e6, color=colour, lw=1, ls=":")
 error.set(xlabel="z / µm", ylabel="relative error of Fresnel's field, -w < x < w",
           title=r"lines: closed forms; dots: clplen; dotted: $z^3 = \pi w^4/(4\lambda)$")
-cut.legend(), error.legend()
+cut.legend()
+error.legend()
 run.save(figure)

@@ -30,7 +30,6 @@ fine, x = np.linspace(0, 80e3, 2001), np.linspace(0, 1.25 * S, 1501)
 figure = new_figure(10, 7.6)
 panels = figure.subplot_mosaic("ab;cc", height_ratios=[1, 1.15])
 panels["b"].fill_between(fine / 1e3, np.abs(np.sinc(fine * S / 2)), color="0.8", lw=0)
-panels["b"].text(4, 0.24, "spectrum of\na slit S/2")
 for name, (options, width, guard, colour) in WAYS.items():
     plan = Propagator(SETUP_A, Z, wavelength=LAM, device=run.device, **options)
     reach, end = (width + 1) / 2 * S, plan.report.band[1]
@@ -51,7 +50,7 @@ panels["a"].vlines([0, Z * 1e3], -S * 500, S * 500, color="k", lw=2.5)
 panels["a"].set(xlabel="z / mm", ylabel="x / mm", ylim=(-1, 1.9),
                 title="steepest rays; black: input and output, S; grey: slit, S/2")
 panels["b"].set(xlabel="$f_x$ / (1/mm)", ylabel="weight", xlim=(0, 80),
-                title=r"end: $X/(\lambda\sqrt{X^2+z^2}) + g\,\sqrt{\cos^3\theta/(\lambda z)}$")
+                title=r"grey: spectrum of the slit; ends $X/(\lambda\sqrt{X^2+z^2}) + g\,\sqrt{\cos^3\theta/(\lambda z)}$")
 panels["c"].vlines((0.75, 1), 1e-11, 5, color=(ORANGE, "0.5"), ls=":")
 panels["c"].set(xlim=(0, 1.25), ylabel="relative error of the wave from one point",
                 xlabel="sideways displacement X / S; dotted: the largest from input to output",

@@ -8,9 +8,8 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from clplen import Device, Field, Grid, Propagator
+from clplen import Device, Field, Grid, Propagator, polygonal_aperture
 from clplen.plot.base import LIGHT, bar, new_figure
-from clplen.wave.apertures import polygonal_aperture
 
 
 @dataclass(frozen=True)
@@ -65,7 +64,7 @@ def inner(window: Grid, grid: Grid) -> tuple[slice, slice]:
 
 def draw(found: Stages, names: dict[str, str], frame: float) -> Figure:
     """Amplitude above phase of each stage; a dotted frame of a width about the spectra's middle."""
-    figure = new_figure(13, 5.3)
+    figure = new_figure(13, 4.7)
     panels = figure.subplots(2, len(names))
     for (above, below), (key, name) in zip(panels.T, names.items(), strict=True):
         u, field = found.arrays[key], key.startswith("U")

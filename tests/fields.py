@@ -1,4 +1,4 @@
-"""Fields for the tests of propagation: random ones, and the way to a device and back."""
+"""For the tests of propagation: random fields, the way to a device and back, a GPU's route."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pytest
 
 from clplen import Device, Field, Grid, SamplingWarning, propagate
+from clplen.compute import fft
+from clplen.compute.fft import FFTRoute
 
 LAM = 550e-9
 
@@ -35,3 +38,16 @@ def go(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SamplingWarning)
         return propagate(field_of(u, grid, device), z, **options).to_numpy()
+
+
+def staying(device: Device, monkeypatch: pytest.MonkeyPatch) -> Device:
+    """The device as one whose arrays stay on it, as with VkFFT: NumPy transforms in its place."""
+
+    def transform(array: Any, device: Device, axes: tuple[int, ...], forward: bool) -> None:
+        with device.on_host(array) as values:
+            values[...] = (np.fft.fftn if forward else np.fft.ifftn)(values, axes=axes)
+
+    monkeypatch.setattr(fft, "_vkfft", transform)
+    other = Device(device.cl_device, precision=device.precision)
+    other.fft = FFTRoute("vkfft", 1)
+    return other

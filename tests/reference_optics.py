@@ -85,10 +85,8 @@ def smooth_length(n: int) -> int:
 
 
 def padded_length(n: int, pad: float) -> int:
-    """Length of a padded axis: n for pad=1 or n=1, else the 7-smooth length >= round(pad n)."""
-    if n == 1 or pad == 1:
-        return n
-    return smooth_length(round(pad * n))
+    """Length of a padded axis: n for n=1, else round(pad n)."""
+    return n if n == 1 else round(pad * n)
 
 
 def centred_slice(small: int, large: int) -> slice:

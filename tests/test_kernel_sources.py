@@ -137,7 +137,9 @@ def waves(device: Device) -> None:
     propagate(field, 5e-3).power()
     for phase in ("tables", "fp64", "twofloat"):
         if phase == "tables" or device.precision == "single":
-            Propagator(grid, 1e-3, wavelength=WAVELENGTH, device=device, phase=phase)(field)
+            plan = Propagator(grid, 1e-3, wavelength=WAVELENGTH, device=device, phase=phase)
+            plan(field)
+            plan.energy(field)
             multiply_sphere(field, -0.1, phase=phase)
             impulse_response(grid.shape, grid.pitch, 1e-3, WAVELENGTH, device, phase)
     thin_lens(field, 0.1, diameter=150e-6).intensity()

@@ -15,6 +15,7 @@ from clplen.cameras.describe import Description, Row
 from clplen.cameras.pupil import pupil_fields
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
+from clplen.compute.lines import smooth_length
 from clplen.errors import SamplingError
 from clplen.lightfield.raw import RawImage
 from clplen.lightfield.sensor import Sensor
@@ -330,8 +331,10 @@ class Plenoptic1:
         return Description("Plenoptic 1.0 camera", rows)
 
     def _propagator(self, z: float, method: str, pad: int) -> Propagator:
+        longest = max(self.grid.shape)
+        smooth = 1 if pad == 1 else smooth_length(pad * longest) / longest  # a quick transform
         return plan(
-            self.grid, z, wavelength=self.wavelength, method=method, pad=pad, device=self.device
+            self.grid, z, wavelength=self.wavelength, method=method, pad=smooth, device=self.device
         )
 
     def _check(self, scene: PointSources) -> None:

@@ -100,7 +100,8 @@ def sampling(
     if words["f"] is not None:
         _say_lens(grid, wavelength, words["f"], words["diameter"], words["arriving"])
     if words["lenslets"] is not None:
-        _say_lenslets(grid, wavelength, *words["lenslets"], words["diameter"], distances)
+        lenslets, f_mu = words["lenslets"]
+        _say_lenslets(grid, wavelength, lenslets, f_mu, words["diameter"], distances)
 
 
 def _check(words: dict[str, Any]) -> None:

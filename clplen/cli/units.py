@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from decimal import Decimal
 from typing import Any, Literal, NoReturn
 
 import click
@@ -23,7 +22,7 @@ SHORTEST, LONGEST = 1e-12, 1e12  # metres
 LARGEST_SIDE = 10**6  # samples
 Sign = Literal["any", "positive", "not 0"]
 
-_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(\S*)\s*")
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+))(?:[eE]([+-]?\d{1,9}))?\s*(\S*)\s*")
 _BETWEEN = re.compile(r"[x\u00d7]")
 
 
@@ -46,10 +45,11 @@ class Length(click.ParamType):
     def _read(self, text: str, unit: str, param: Any, ctx: Any) -> float:
         """One length; ``unit`` is that of a bare number."""
         found = _NUMBER.fullmatch(text)
-        power = POWER_OF_TEN.get((found[2] or unit or "m") if found else "")
+        power = POWER_OF_TEN.get((found[3] or unit or "m") if found else "")
         if not found or power is None:
             self._refuse(text, param, ctx)
-        length = float(Decimal(found[1]).scaleb(power))  # 6.6um is 6.6e-6 to the last bit
+        exponent = int(found[2] or 0) + power  # so that 6.6um is 6.6e-6 to the last bit
+        length = float(f"{found[1]}e{exponent}")
         if length and not SHORTEST <= abs(length) <= LONGEST:
             self.fail(f"{text!r} is out of range: a length is 1 pm to 1e12 m, or 0.", param, ctx)
         if (self.sign == "positive" and length <= 0) or (self.sign == "not 0" and length == 0):
@@ -60,8 +60,8 @@ class Length(click.ParamType):
         comma = "a decimal point, not a comma, and " if "," in text else ""
         self.fail(
             f"{text!r} is no length: give {comma}a number with a unit, as 6.6um, 550nm or 240mm; "
-            f"the units are {', '.join(unit for unit in POWER_OF_TEN if unit.isascii())}, and a bare "
-            "number is metres.",
+            f"the units are {', '.join(filter(str.isascii, POWER_OF_TEN))}, and a bare number is "
+            "metres.",
             param,
             ctx,
         )
@@ -85,7 +85,7 @@ class Lengths(Length):
         if len(parts) > 2 or (len(parts) == 1 and not self.one):
             self.fail(f"{value!r} is no pair YxX: give y and x, as 0x5mm.", param, ctx)
         last = _NUMBER.fullmatch(parts[-1])
-        unit = last[2] if last else ""
+        unit = last[3] if last else ""
         lengths = [self._read(part, unit, param, ctx) for part in parts]
         return (lengths[0], lengths[-1])
 

@@ -47,9 +47,10 @@ class Propagator:
         - "fresnel-1fft": paraxial, one transform; the output pitch is lam abs(z)/(L dx).
         - "fresnel-multistep": paraxial, steps of one transform that keep the pitch.
     pad : float
-        For as, blas and the Fresnel methods the window is pad times the grid (1: periodic, no
-        padding), rounded up to a length without prime factors above 7 (fresnel-1fft: exact). The
-        others size their own windows.
+        For as, blas and the Fresnel methods the window is exactly round(pad N) samples (1:
+        periodic, no padding); of fresnel-multistep an even length without prime factors above 7.
+        Lengths with large prime factors take up to three times as long. The others size their own
+        windows.
     device : Device
     out_grid : Grid, optional
         Of the result, for auto and cblas; by default the field's.

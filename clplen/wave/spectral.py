@@ -32,8 +32,8 @@ FFT_WINDOW = 2.5  # times the grid, up to which the FFT route is the cheaper one
 
 
 def padded_length(n: int, pad: float) -> int:
-    """Length of a padded window: n for pad 1 or n = 1, else round(pad n) or the next 7-smooth."""
-    return n if pad == 1 or n == 1 else smooth_length(round(pad * n))
+    """Length of a padded window: exactly round(pad n), n for n = 1."""
+    return n if n == 1 else round(pad * n)
 
 
 def angular_spectrum(r: Request, why: str = "asked for") -> Description:
@@ -179,7 +179,7 @@ def by_chirps(r: Request, bands: list[Band], *, why: str, warning: str = "") -> 
 
 def sommerfeld(r: Request, why: str = "asked for") -> Description:
     """Convolution with the sampled Rayleigh-Sommerfeld I kernel, windows of twice the grid."""
-    lengths = [padded_length(n, 2) for n in r.grid.shape]
+    lengths = [n if n == 1 else smooth_length(2 * n) for n in r.grid.shape]
     into = [padded_spectrum(n, L) for n, L in zip(r.grid.shape, lengths, strict=True)]
     back = [cropped_inverse(L, n) for n, L in zip(r.grid.shape, lengths, strict=True)]
     ways = [r.way(axis) for axis in r.axes]

@@ -28,14 +28,6 @@ from clplen.compute.lines import (
 ROUTES = ["ducc0", "scipy", "numpy", "device"]
 
 
-def host_in_place_of_vkfft(
-    array: cla.Array, device: Device, axes: tuple[int, ...], forward: bool
-) -> None:
-    """What VkFFT does, by NumPy: the device route without a GPU."""
-    with device.on_host(array) as values:
-        values[...] = (np.fft.fftn if forward else np.fft.ifftn)(values, axes=axes)
-
-
 @lru_cache
 def with_route(device: Device, name: str, threads: int = 2) -> Device:
     """The same hardware with another FFT."""

@@ -168,6 +168,22 @@ def test_band_limit(device, shape, pitch, pad):
             assert power == pytest.approx(passes, abs=1e-5)
 
 
+@pytest.mark.parametrize("n", [40, 41])
+def test_a_whole_band_is_the_plain_angular_spectrum(device, precise, n):
+    """cblas onto a window 4 samples aside, W = 2 N dx: its ends are +-f_nyq, a sample they share.
+
+    Its twin is the periodic sum over 2 N samples, in which that frequency comes once.
+    """
+    d, z, u = 1e-6, 3e-6, random_field((1, n), 4)
+    window = np.zeros((1, 2 * n), complex)
+    window[:, n - n // 2 : 2 * n - n // 2] = u
+    aside = Grid((1, n), d, origin=(0, 4 * d))
+    for dev, worst in ((precise, 1e-12), (device, 3e-6)):
+        whole = step(window, d, z, dev, method="as", pad=1)
+        got = propagate(field_of(u, d, dev), z, method="cblas", out_grid=aside).to_numpy()
+        assert relative_max(whole[:, n - n // 2 + 4 :][:, :n], got) <= worst
+
+
 # One answer by every method ---------------------------------------------------------------------
 
 

@@ -151,8 +151,13 @@ def test_one_transform_gives_its_own_grid(device):
         with pytest.raises(SamplingError, match=r"pitch lam z/\(L dx\), .* method='cblas' gives"):
             propagate(ones(device), 1e-3, method="fresnel-1fft", out_grid=out)
     right = plan(
-        GRID, 1e-3, wavelength=LAM, method="fresnel-1fft", device=device, out_grid=Grid((8, 9), pitch)
-    )  # fmt: skip
+        GRID,
+        1e-3,
+        wavelength=LAM,
+        method="fresnel-1fft",
+        device=device,
+        out_grid=Grid((8, 9), pitch),
+    )
     np.testing.assert_allclose(right.out_grid.pitch, pitch, rtol=1e-12)
 
 
@@ -213,7 +218,7 @@ def test_a_plan_of_another_device(device, precise):
 
 
 def test_no_device(device):
-    with pytest.raises((DeviceError, TypeError), match="[Dd]evice"):
+    with pytest.raises((DeviceError, TypeError), match=r"[Dd]evice"):
         Propagator(GRID, 1e-3, wavelength=LAM, device=None)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -101,7 +102,7 @@ def test_boundaries_are_where_the_inequalities_turn(grid: Grid, turns: int) -> N
     def rule(z: float) -> str:
         return taken(auto(grid, z, support=support))
 
-    for near, far in zip(z[:-1], z[1:], strict=True):
+    for near, far in pairwise(z):
         if rule(near) == rule(far):
             continue
         while far / near > 1 + 1e-6:

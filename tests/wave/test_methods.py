@@ -179,8 +179,7 @@ def test_a_hard_edge_where_geometry_says(device, pad):
     shape = [reference.padded_length(n, pad) for n in grid.shape]
     window = np.zeros(shape, complex)
     part = tuple(
-        slice(L // 2 - n // 2, L // 2 - n // 2 + n)
-        for n, L in zip(grid.shape, shape, strict=True)
+        slice(L // 2 - n // 2, L // 2 - n // 2 + n) for n, L in zip(grid.shape, shape, strict=True)
     )
     window[part] = u
     spectrum = np.fft.fft2(window) * reference.transfer_function(shape, grid.pitch, z, LAM)

@@ -8,12 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fields import LAM, band_limited, field_of, go
+from fields import LAM, band_limited, field_of, go, staying
 from reference_corrected import corrected
 from tolerance import err_db
 
 from clplen import Device, Field, Grid, Propagator, SamplingWarning, propagate
-from clplen.compute import fft
 from clplen.compute.fft import FFTRoute
 from clplen.errors import SamplingError
 from clplen.wave.propagation import plan, propagate_wavelengths
@@ -27,16 +26,8 @@ SAME = 130  # dB between two ways to the same sums in complex64
 
 @pytest.fixture
 def on_device(device: Device, monkeypatch: pytest.MonkeyPatch) -> Device:
-    """The device as one whose arrays stay on it: VkFFT's place is taken by NumPy."""
-
-    def transform(array: object, device: Device, axes: tuple[int, ...], forward: bool) -> None:
-        with device.on_host(array) as values:
-            values[...] = (np.fft.fftn if forward else np.fft.ifftn)(values, axes=axes)
-
-    monkeypatch.setattr(fft, "_vkfft", transform)
-    other = Device(device.cl_device, precision=device.precision)
-    other.fft = FFTRoute("vkfft", 1)
-    return other
+    """The device with a GPU's route: its arrays stay on it."""
+    return staying(device, monkeypatch)
 
 
 # Batches, distances, wavelengths ----------------------------------------------------------------
@@ -378,6 +369,7 @@ def test_energy_closes(device, precise, method, shape):
             assert energy.outside > 0.05 * energy.into
             assert (energy.cut > 0.01 * energy.into) == (method == "blas")
             assert energy.window == pytest.approx(got, rel=1e-5)
+        assert made.energy(field_of(u, grid, d)) == energy  # whatever ran in between
 
 
 def test_energy_of_a_batch_and_of_nothing(device):
