@@ -40,14 +40,15 @@ def go(
         return propagate(field_of(u, grid, device), z, **options).to_numpy()
 
 
+def numpy_for_vkfft(array: Any, device: Device, axes: tuple[int, ...], forward: bool) -> None:
+    """What ``fft._vkfft`` does, by NumPy."""
+    with device.on_host(array) as values:
+        values[...] = (np.fft.fftn if forward else np.fft.ifftn)(values, axes=axes)
+
+
 def staying(device: Device, monkeypatch: pytest.MonkeyPatch) -> Device:
-    """The device as one whose arrays stay on it, as with VkFFT: NumPy transforms in its place."""
-
-    def transform(array: Any, device: Device, axes: tuple[int, ...], forward: bool) -> None:
-        with device.on_host(array) as values:
-            values[...] = (np.fft.fftn if forward else np.fft.ifftn)(values, axes=axes)
-
-    monkeypatch.setattr(fft, "_vkfft", transform)
+    """The device as one whose arrays stay on it, as with VkFFT."""
+    monkeypatch.setattr(fft, "_vkfft", numpy_for_vkfft)
     other = Device(device.cl_device, precision=device.precision)
     other.fft = FFTRoute("vkfft", 1)
     return other

@@ -8,7 +8,7 @@ widths.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -80,6 +80,12 @@ class Way:
         return abs(self.z) / math.sqrt(self.wavelength * distance**3) if distance else 0.0
 
     @property
+    def is_evanescent(self) -> bool:
+        """Whether waves that decay are sampled and still there."""
+        near = abs(self.z) <= EVANESCENT_REACH * self.wavelength
+        return self.n > 1 and near and self.wavelength * self.nyquist > 1
+
+    @property
     def highest(self) -> float:
         """Largest frequency that geometry and sampling let through, in cycles a metre."""
         return 0.0 if self.n == 1 else min(self.geometric(self.reach), self.nyquist)
@@ -147,7 +153,7 @@ def guarded_band(way: Way, guard: float = GUARD) -> Band:
 
     Each end of the band of geometric optics (Matsushima and Shimobaba 2009, eq. 13, for the true
     windows) is widened by ``guard`` Fresnel widths. The window keeps the aliases of the output,
-    one window apart, clear of it.
+    one window apart, clear of it. Where evanescent waves count the band is all that is sampled.
 
     Parameters
     ----------
@@ -155,6 +161,8 @@ def guarded_band(way: Way, guard: float = GUARD) -> Band:
     guard : float
         In Fresnel widths; 0: a hard edge at the geometric limit.
     """
+    if way.is_evanescent:
+        return replace(whole_band(way), window=way.lit + way.wanted + 2 * abs(way.offset))
     offset = way.offset if way.z >= 0 else -way.offset
     half = (way.lit + way.wanted) / 2
     near, far = offset - half, offset + half

@@ -42,7 +42,7 @@ def automatic(r: Request) -> Description:
     """The cheapest of the methods that are exact at this distance; never a paraxial one."""
     if not r.is_aligned:
         return spectral.corrected(r, "the output has another pitch or centre", "chirp-z")
-    if _is_evanescent(r):
+    if any(r.way(axis).is_evanescent for axis in r.axes):
         return _touching(r)
     bands = [guarded_band(r.way(axis), r.guard) for axis in (0, 1)]
     lengths = spectral.fft_lengths(r, bands)
@@ -87,12 +87,6 @@ def _whole(r: Request, why: str) -> Description:
         for n, length in zip(r.grid.shape, needed, strict=True)
     ]
     return spectral.by_fft(r, lengths, bands, method="as", why=why, valid=any_distance())
-
-
-def _is_evanescent(r: Request) -> bool:
-    """Whether waves that decay are sampled and still there."""
-    sampled = any(r.wavelength * r.way(axis).nyquist > 1 for axis in r.axes)
-    return sampled and abs(r.z) <= EVANESCENT_REACH * r.wavelength
 
 
 def _nothing(r: Request) -> Description:

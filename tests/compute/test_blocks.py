@@ -6,8 +6,8 @@ import math
 from functools import lru_cache
 
 import numpy as np
-import pyopencl.array as cla
 import pytest
+from fields import numpy_for_vkfft
 from reference_lines import apply, unfolded
 from tolerance import fft_tolerance, relative_max
 
@@ -41,7 +41,7 @@ def on(request: pytest.FixtureRequest, device: Device, monkeypatch: pytest.Monke
     """The device with each route; "device": arrays stay on it."""
     if request.param == "ducc0":
         pytest.importorskip("ducc0")
-    monkeypatch.setattr(fft, "_vkfft", host_in_place_of_vkfft)
+    monkeypatch.setattr(fft, "_vkfft", numpy_for_vkfft)
     return with_route(device, request.param)
 
 
@@ -150,7 +150,7 @@ def test_maps_alone(on: Device, name: str, batch: tuple[int, ...]) -> None:
 def test_maps_in_double_precision(
     precise: Device, monkeypatch: pytest.MonkeyPatch, name: str, route: str
 ) -> None:
-    monkeypatch.setattr(fft, "_vkfft", host_in_place_of_vkfft)
+    monkeypatch.setattr(fft, "_vkfft", numpy_for_vkfft)
     on, (shape, maps) = with_route(precise, route), MAPS[name]
     u = random_complex((2, *shape), 21)
     (result,) = run(on.upload(u), maps.astype(on.complex), [], [], on)
