@@ -70,10 +70,9 @@ class Separable:
     x: tuple[Line, ...] = ()
 
     def astype(self, dtype: np.dtype[Any]) -> Separable:
-        """The same maps with tables of a complex dtype."""
-        return Separable(
-            tuple(a.astype(dtype) for a in self.y), tuple(a.astype(dtype) for a in self.x)
-        )
+        """The same maps with tables of a complex dtype; a map that is repeated stays one."""
+        made = {line: line.astype(dtype) for line in {*self.y, *self.x}}
+        return Separable(tuple(made[a] for a in self.y), tuple(made[a] for a in self.x))
 
     def shape_after(self, shape: tuple[int, int]) -> tuple[int, int]:
         """Shape that an array of a shape has afterwards."""

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import erfc
 
 Vector = np.ndarray[Any, Any]
 
@@ -144,7 +143,8 @@ class Band:
         for (outer, inner), clipped in zip(ends, self.clipped, strict=True):
             if not clipped and outer != inner:
                 t = (f - outer) / (inner - outer)
-                weights = weights * np.where(t < 1, erfc(-(2 * t - 1) * steepness) / 2, 1.0)
+                taper = inside & (t < 1)
+                weights[taper] *= [math.erfc((1 - 2 * one) * steepness) / 2 for one in t[taper]]
         return weights
 
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from clplen.compute.lines import Separable, smooth_length
 from clplen.wave import fresnel, spectral
 from clplen.wave.band import EVANESCENT_REACH, guarded_band, whole_band
+from clplen.wave.cost import flops
 from clplen.wave.description import Description, any_distance, whole_bands
 from clplen.wave.request import Request
 
 NEAR_WINDOW = 2.2  # times the grid, up to which FFTs of the window beat every other way
 SAMPLED_KERNEL = 0.8  # of the Nyquist frequency, up to which the RS kernel is accurate
+PRECISE_GUARD = 8.0  # Fresnel widths that keep 220 dB however far away
 FAR_FIELD = 10  # wavelengths from which the RS kernel is smooth on any grid
 _METHODS = {
     "as": spectral.angular_spectrum,
@@ -61,9 +64,25 @@ def automatic(r: Request) -> Description:
         limit = NEAR_WINDOW if wide <= NEAR_WINDOW else spectral.FFT_WINDOW
         return spectral.corrected(r, f"W = {wide:.3g} S <= {limit} S", "fft")
     if kernel:
-        why = f"W = {wide:.3g} S > {NEAR_WINDOW} S and {sampled} <= {SAMPLED_KERNEL} f_nyq"
-        return spectral.sommerfeld(r, why)
+        return _far(
+            r, f"W = {wide:.3g} S > {NEAR_WINDOW} S and {sampled} <= {SAMPLED_KERNEL} f_nyq"
+        )
     return spectral.corrected(r, f"W = {wide:.3g} S > {spectral.FFT_WINDOW} S", "chirp-z")
+
+
+def _far(r: Request, why: str) -> Description:
+    """The sampled kernel, or the few frequencies that are left where they are less work."""
+    kernel = spectral.sommerfeld(r, why)
+    precise = replace(r, guard=max(r.guard, PRECISE_GUARD))
+    few = spectral.corrected(precise, why, "chirp-z")
+    if flops(few) >= flops(kernel):
+        return kernel
+    count = " x ".join(str(n) for n in few.into.shape_after(r.grid.shape))
+    return replace(few, why=f"{why}; {count} frequencies take {_share(few, kernel)} of rs")
+
+
+def _share(one: Description, other: Description) -> str:
+    return f"{100 * flops(one) / flops(other):.0f} %"
 
 
 def _touching(r: Request) -> Description:

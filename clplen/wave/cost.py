@@ -35,7 +35,7 @@ def samples_held(made: Description) -> int:
     tables = sum(
         table.size
         for way in ways
-        for line in way
+        for line in set(way)
         for table in (line.pre, line.kernel, line.post)
         if table is not None
     )

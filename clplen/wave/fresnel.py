@@ -148,16 +148,20 @@ def _steps(r: Request, axis: int) -> list[Line]:
     count = math.floor(abs(r.z) / dz + WHOLE)
     rest = math.copysign(max(0.0, abs(r.z) - count * dz), r.z)
     taper = border_taper(length, r.border)
-    lines, samples = [], n
-    for _ in range(count):
+
+    def step(samples: int) -> Line:
         place = length // 2 - samples // 2
-        x = (np.arange(samples) - samples // 2) * d
-        pre = phasor(math.copysign(1, r.z) * x**2 / (2 * r.wavelength * dz))
-        x = (np.arange(length) - length // 2) * d
-        post = phasor(math.copysign(1, r.z) * x**2 / (2 * r.wavelength * dz)) * taper
-        lines.append(_dft(samples, length, length, place, r.z, pre, post * _constant(r, dz) * d))
-        samples = length
-    lines.append(convolution(samples, n, paraxial(length, d, rest, r)))
+        pre, post = (
+            phasor(math.copysign(1, r.z) * x**2 / (2 * r.wavelength * dz))
+            for x in ((np.arange(m) - m // 2) * d for m in (samples, length))
+        )
+        post = post * taper * (_constant(r, dz) * d)
+        return _dft(samples, length, length, place, r.z, pre, post)
+
+    lines = [step(n)] if count else []
+    if count > 1:
+        lines += [step(length)] * (count - 1)
+    lines.append(convolution(length if count else n, n, paraxial(length, d, rest, r)))
     return lines
 
 

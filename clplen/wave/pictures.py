@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 
 from clplen.errors import ShapeError
 from clplen.wave.checks import check_centre
@@ -124,11 +123,13 @@ def _resample(picture: Picture, pixels: Grid, grid: Grid) -> Picture:
     return (weights[1] @ (weights[0] @ picture).T).T
 
 
-def _overlap_weights(grid: Grid, pixels: Grid, axis: int) -> sparse.csr_matrix:
+def _overlap_weights(grid: Grid, pixels: Grid, axis: int) -> Any:
     """Fraction of each cell of ``grid`` that each pixel covers along an axis, shape (n, n pixels).
 
     All edges of both grids cut the axis into pieces; each lies in one cell and in one pixel.
     """
+    from scipy import sparse  # here, because importing it takes a while
+
     size = (grid.shape[axis], pixels.shape[axis])
     if grid.shape[axis] == 1:
         if pixels.shape[axis] != 1:

@@ -30,7 +30,8 @@ class Report:
     sampled : str
         What has to be sampled: the transfer function, a kernel or a chirp.
     phase_step : float
-        Its largest phase step from sample to sample, divided by pi; aliased above 1.
+        Its largest phase step from sample to sample, divided by pi; aliased above 1, which auto and
+        cblas keep clear of the output.
     fully_sampled_from, fully_sampled_to : float
         The interval of abs(z) in metres in which it is not.
     band : tuple of float

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyopencl.array as cla
-from scipy.special import hankel1e
 
 from clplen.wave.phase import phasor, split
 
@@ -134,6 +133,8 @@ def _line_response(shape: Shape, pitch: Pitch, z: float, wavelength: float) -> V
 def _hankel(x: Vector) -> Vector:
     """H1(x) exp(-ix) for x > 0: Abramowitz and Stegun 1964, 9.2.7, where SciPy gives up."""
     series = np.sqrt(2 / (np.pi * x)) * np.exp(-0.75j * np.pi) * (1 + 0.375j / x)
+    from scipy.special import hankel1e  # here, because importing it takes half a second
+
     return np.where(x > LARGEST_HANKEL, series, hankel1e(1, np.minimum(x, LARGEST_HANKEL)))
 
 

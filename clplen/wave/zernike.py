@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
-from scipy.special import eval_jacobi
 
 from clplen.wave.checks import Aliasing, act_on_aliasing, check_centre
 from clplen.wave.field import Field, Grid
@@ -56,6 +55,8 @@ def zernike(n: int, m: int, rho: Any, theta: Any) -> Values:
         )
     order = abs(int(m))
     r, angle = np.asarray(rho, np.float64), np.asarray(theta, np.float64)
+    from scipy.special import eval_jacobi  # here, because importing it takes half a second
+
     radial = r**order * eval_jacobi((int(n) - order) // 2, 0, order, 2 * r * r - 1)
     if m == 0:
         return math.sqrt(n + 1) * radial * np.ones_like(angle)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from reference_optics import centred_slice, radius_squared
+from reference_optics import radius_squared
 from setups import TwoF, two_f
-from steps import field_of, step
+from steps import field_of
 from tolerance import snr_db
 
 from clplen import Device, Field, propagate, thin_lens
@@ -19,14 +19,13 @@ WAYS = {  # full window, r < .5 mm in dB; intensity of the peak, ideal 1
     "multi-step pad 1": ({"method": "fresnel-multistep", "pad": 1, "border": 0}, 0.5, 0.5, 5.37),
     "multi-step": ({"method": "fresnel-multistep"}, 50.7, 78.5, 1.00003),
     "AS pad 1": ({"method": "as", "pad": 1}, 0.5, 0.5, 4.58),
+    "AS": ({"method": "as"}, 41.5, 61.6, 0.99983),
     "BLAS pad 1": ({"method": "blas", "pad": 1}, 25.1, 56.3, 1.00016),
     "BLAS": ({"method": "blas"}, 52.1, 63.5, 0.99990),
     "corrected": ({"method": "cblas"}, 52.7, 63.7, 0.99991),
     "auto": ({"method": "auto"}, 52.7, 63.7, 0.99991),
     "Fresnel IR": ({"method": "fresnel-ir"}, 55.9, 81.5, 1.00003),
-    "AS": ({"method": "as"}, 41.5, 61.6, 0.99983),
 }
-TWICE = {"AS": (41.5, 61.6, 0.99983), "BLAS": (52.1, 63.5, 0.99990)}
 
 
 @pytest.fixture(scope="module")
@@ -36,29 +35,14 @@ def system() -> TwoF:
 
 @pytest.fixture(scope="module")
 def images(device: Device, system: TwoF) -> dict[str, np.ndarray]:
-    """The image by every method, and by as and blas in a window of exactly 2 N."""
+    """The image by every method."""
     point = field_of(system.u, system.pitch, device)
-    made = {name: imaged(point, system, way).to_numpy() for name, (way, *_) in WAYS.items()}
-    return made | {f"{m} in 2020": in_twice(point, system, m.lower()) for m in TWICE}
+    return {name: imaged(point, system, way).to_numpy() for name, (way, *_) in WAYS.items()}
 
 
 def imaged(point: Field, s: TwoF, way: dict) -> Field:
     there = propagate(point, s.z1, **way)
     return propagate(thin_lens(there, s.f, diameter=s.diameter), s.z2, **way)
-
-
-def in_twice(point: Field, s: TwoF, method: str) -> np.ndarray:
-    """By as or blas, periodic in a window of exactly twice the length, cut before the lens."""
-    n, device = point.shape[0], point.device
-    part = (centred_slice(n, 2 * n),) * 2
-
-    def space(field: Field, z: float) -> Field:
-        window = np.zeros((2 * n, 2 * n), complex)
-        window[part] = field.to_numpy()
-        wide = step(window, s.pitch, z, device, method=method, pad=1)
-        return field_of(wide[part], s.pitch, device)
-
-    return space(thin_lens(space(point, s.z1), s.f, diameter=s.diameter), s.z2).to_numpy()
 
 
 def figures(s: TwoF, got: np.ndarray) -> tuple[float, float, float]:
@@ -68,9 +52,13 @@ def figures(s: TwoF, got: np.ndarray) -> tuple[float, float, float]:
     return snr_db(s.image, got), snr_db(s.image[core], got[core]), peak
 
 
-@pytest.mark.parametrize("name", [name for name in WAYS if name != "AS"])
+@pytest.mark.parametrize("name", WAYS)
 def test_image_of_a_point(images, system, name):
-    """Not more than 1 dB below the table; without padding within 1 dB of it."""
+    """Not more than 1 dB below the table; without padding within 1 dB of it.
+
+    as at 1.5 times the distance that 2 N samples carry needs their exact number: 2025 samples have
+    2 dB less.
+    """
     _, full, core, peak = WAYS[name]
     got = figures(system, images[name])
     if name.endswith("pad 1"):
@@ -80,23 +68,6 @@ def test_image_of_a_point(images, system, name):
         assert got[0] >= full - 1
         assert got[1] >= core - 1
         assert got[2] == pytest.approx(peak, abs=2e-4)
-
-
-@pytest.mark.parametrize("method", TWICE)
-def test_image_of_a_point_in_a_window_of_exactly_twice_the_length(images, system, method):
-    full, core, peak = TWICE[method]
-    got = figures(system, images[f"{method} in 2020"])
-    assert got[:2] == pytest.approx((full, core), abs=1)
-    assert got[2] == pytest.approx(peak, abs=2e-4)
-
-
-def test_aliased_angular_spectrum_in_its_own_window(images, system):
-    """z is 1.5 times what 2 N samples carry: other lengths cost or gain 1 to 2.5 dB."""
-    _, full, core, peak = WAYS["AS"]
-    got = figures(system, images["AS"])
-    assert got[0] >= full - 2.5
-    assert got[1] >= core - 2.5
-    assert got[2] == pytest.approx(peak, abs=2e-4)
 
 
 @pytest.mark.parametrize(("name", "most"), [("AS", 1e-4), ("BLAS", 6.8e-5), ("multi-step", 2e-5)])

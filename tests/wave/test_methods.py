@@ -308,6 +308,22 @@ def test_evanescent_waves_decay_and_do_not_return(device):
         assert np.abs(go(wave, grid, -z, device, method="as", pad=1)).max() <= 1e-6
 
 
+@pytest.mark.parametrize("z", [0.05 * LAM, 0.1 * LAM])
+def test_evanescent_waves_reach_every_output_grid(device, z):
+    """On the field's samples and on five times finer ones, against a window 64 times wider."""
+    grid, fine = Grid((1, 48), 0.15e-6), Grid((1, 231), 0.03e-6)
+    u = band_limited(grid.shape, 4) * np.exp(-((grid.x / 1.2e-6) ** 2))
+    propagating = np.fft.ifft(np.fft.fft(u) * (np.abs(grid.fx) * LAM <= 1))
+    assert err_db(u, propagating) < 5  # most of it is evanescent
+    expected = reference.propagate(u, grid.pitch, z, LAM, pad=64)
+    # Grazing waves come back from the edges of a window of twice the grid: 50 dB.
+    for method in ("auto", "cblas"):
+        assert err_db(expected, go(u, grid, z, device, method=method)) >= 45
+        got = go(u, grid, z, device, method=method, out_grid=fine)
+        # Fine sample 115 + 5 k is sample 24 + k.
+        assert err_db(expected[:, 1:], got[:, ::5][:, :47]) >= 45
+
+
 # Single precision -----------------------------------------------------------------------------
 
 
