@@ -1,4 +1,4 @@
-"""What a plan of a propagation knows about itself, and where the energy of a field goes."""
+"""What a plan of a propagation knows about itself."""
 
 from __future__ import annotations
 
@@ -120,28 +120,6 @@ def _grid(grid: Grid) -> str:
     if any(grid.origin):
         text += f", centre {' x '.join(metres(value, 4) for value in grid.origin)} (y x)"
     return text
-
-
-@dataclass(frozen=True)
-class Energy:
-    """Where the energy of a propagated field goes, in the unit of `Field.power`.
-
-    Attributes
-    ----------
-    into : float
-        Of the field that was propagated.
-    window : float
-        That arrives in the window of the grid.
-    outside : float
-        That arrives beside it, in the padding.
-    cut : float
-        Outside the band of the transfer function, or evanescent.
-    """
-
-    into: float
-    window: float
-    outside: float
-    cut: float
 
 
 def report(made: Description, phase: str) -> Report:

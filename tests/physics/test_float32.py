@@ -95,18 +95,28 @@ def two_fields(n: int) -> np.ndarray:
     return np.stack([np.exp(-256 * np.add.outer(x**2, x**2)), square * waves])
 
 
-@pytest.mark.parametrize("case", FIELDS)
-def test_errors_of_the_field(device, precise, case):
-    """complex64 against complex128, blas in twice the window: not more than 2 dB below."""
+@pytest.mark.parametrize(
+    ("case", "length"),
+    [(case, length) for case in FIELDS for length in (2020, 2048) if length >= 2 * case[0]],
+)
+def test_errors_of_the_field(device, precise, case, length):
+    """complex64 against complex128, blas in about twice the window: not more than 2 dB below.
+
+    Or 3 dB for 2020 samples, whose factor of 101 makes the transforms round more.
+    """
     n, dx, z = case
+    pad, below = length / n, 3 if length == 2020 else 2
     u = two_fields(n)
-    exact = step(u, dx, z, precise, method="blas")
+    exact = step(u, dx, z, precise, method="blas", pad=pad)
     field = field_of(u, dx, device)
     for phase, printed in zip(("tables", "twofloat"), FIELDS[case], strict=True):
-        plan = Propagator(field.grid, z, wavelength=LAM, method="blas", device=device, phase=phase)
+        plan = Propagator(
+            field.grid, z, wavelength=LAM, method="blas", pad=pad, device=device, phase=phase
+        )
+        assert plan.report.padded_shape == (length, length)
         got = plan(field).to_numpy()
         for one, two, least in zip(exact, got, printed, strict=True):
-            assert err_db(one, two) >= least - 2, phase
+            assert err_db(one, two) >= least - below, phase
 
 
 @pytest.mark.parametrize("method", ["as", "blas", "cblas", "rs"])

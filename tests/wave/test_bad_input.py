@@ -10,6 +10,7 @@ import pytest
 from fields import LAM, field_of
 
 from clplen import DeviceError, Field, Grid, Propagator, SamplingError, SamplingWarning, propagate
+from clplen.compute.fft import FFTRoute
 from clplen.errors import ShapeError
 from clplen.wave.propagation import plan
 from clplen.wave.request import METHODS, Request
@@ -23,13 +24,10 @@ def ones(device, grid: Grid = GRID) -> Field:
 
 
 @pytest.fixture(autouse=True)
-def nothing_runs(device, monkeypatch) -> None:
-    """No array is made by what is refused."""
-    made = ones(device)
-    monkeypatch.setattr(
-        "clplen.wave.propagation.run", lambda *_: pytest.fail("a refused propagation ran")
-    )
-    assert made.shape == GRID.shape
+def nothing_runs(monkeypatch) -> None:
+    """What is refused is refused before its first transform."""
+    for name in ("lines", "transform"):
+        monkeypatch.setattr(FFTRoute, name, lambda *_, **__: pytest.fail("a refused input ran"))
 
 
 @pytest.mark.parametrize("z", [math.nan, math.inf, -math.inf])
