@@ -36,7 +36,8 @@ for top, middle, times, colour in zip("abc", "def", (0.5, 1, 4), (GREEN, BLUE, R
     ends = np.array([-64.5, 63.5]) * DF / 1e3
     drawn = axes.imshow(np.angle(H), cmap="twilight", vmin=-np.pi, vmax=np.pi, origin="lower",
                         extent=(*ends, *ends), interpolation="nearest")
-    axes.add_patch(Rectangle((-limit / 1e3,) * 2, *(limit / 500,) * 2, fill=False, ec=colour, lw=2))
+    axes.add_patch(Rectangle((-limit / 1e3,) * 2, *(limit / 500,) * 2, fill=False, ec=colour, lw=2,
+                             clip_on=False))
     axes.set(xlabel="$f_x$ / (1/mm)", title=f"z = {times} $z_{{lim}}$ = {z * 1e3:.2f} mm")
     panels[middle].plot(FINE / 1e3, np.cos(phase(FINE, z)), color="0.75", lw=0.8)
     panels[middle].plot(F / 1e3, cut.real, "o", color=colour, ms=2.8)

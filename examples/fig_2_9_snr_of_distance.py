@@ -45,7 +45,8 @@ for name, (options, colour, width, size) in METHODS.items():
     for z, decibels in zip(SHOWN, TABLE[name], strict=True):
         number(f"{name}: z = {z:g} S / dB", found[places == z][0], decibels, 0.5, ".2f")
 axes.text(20, 84, "what the sampled edge\nof the slit allows", ha="right")
-axes.text(85, 52, "tops: the band ends on a zero of\nthe slit's spectrum; dips: on a maximum")
+axes.text(1050, 60, "tops: the band ends on a zero of\nthe slit's spectrum; dips: on a maximum",
+          ha="right")
 axes.text(0.13, 12, "kernel aliased")
 axes.text(8, 4, "transfer function aliased\nor light wrapped around")
 axes.set(xlabel="z / S", ylabel="SNR / dB", xlim=(0.09, 1150), ylim=(0, 130),
