@@ -10,8 +10,8 @@ from clplen.plot.base import LIGHT, bar, new_figure
 TABLE = {  # SNR / dB: window, r < 0.5 mm; peak; colour: an independent float64 implementation
     "multi-step, pad 1": (0.51, 0.51, 5.37067, "C0--"),
     "multi-step, pad 2": (51.13, 80.02, 1.00000, "C0"),
-    "AS, pad 1": (0.51, 0.51, 4.57883, "C1--"), "AS, pad 2": (40.47, 59.28, 0.99979, "C1"),
-    "BLAS, pad 1": (25.10, 56.24, 1.00013, "C2--"), "BLAS, pad 2": (52.10, 63.29, 0.99980, "C2"),
+    "AS, pad 1": (0.51, 0.51, 4.57883, "C1--"), "AS, pad 2": (41.61, 61.57, 0.99981, "C1"),
+    "BLAS, pad 1": (25.10, 56.24, 1.00013, "C2--"), "BLAS, pad 2": (52.17, 63.42, 0.99985, "C2"),
     "corrected BLAS": (52.67, 63.58, 0.99989, "C3"), "auto": (52.67, 63.58, 0.99989, "k:"),
     "Fresnel IR, pad 2": (56.25, 83.27, 1.00000, "C4")}
 

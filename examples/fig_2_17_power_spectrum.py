@@ -11,7 +11,7 @@ RADIUS = D / (2 * LAM * Z)  # cycles a metre
 OUTSIDE = {  # share of the energy in %, colour: an independent float64 implementation
     "Airy": (0.1059, "0.8"), "multi-step, pad 1": (88.9125, "C0--"),
     "multi-step, pad 2": (0.1066, "C0"), "AS, pad 1": (88.8888, "C1--"),
-    "AS, pad 2": (0.1111, "C1"), "BLAS, pad 1": (0.1868, "C2--"), "BLAS, pad 2": (0.1026, "C2"),
+    "AS, pad 2": (0.1081, "C1"), "BLAS, pad 1": (0.1868, "C2--"), "BLAS, pad 2": (0.1022, "C2"),
     "corrected BLAS": (0.1022, "C3"), "Fresnel IR, pad 2": (0.1061, "C4"), "auto": (0.1022, "k:")}
 
 run = begin(__doc__, __file__)

@@ -50,7 +50,7 @@ panels["a"].vlines([0, Z * 1e3], -S * 500, S * 500, color="k", lw=2.5)
 panels["a"].set(xlabel="z / mm", ylabel="x / mm", ylim=(-1, 1.9),
                 title="steepest rays; black: input and output, S; grey: slit, S/2")
 panels["b"].set(xlabel="$f_x$ / (1/mm)", ylabel="weight", xlim=(0, 80),
-                title=r"end: $X/(\lambda\sqrt{X^2+z^2}) + g\,\sqrt{\cos^3\theta/(\lambda z)}$; grey: slit")
+                title=r"$X/(\lambda\sqrt{X^2+z^2}) + g\sqrt{\cos^3\theta/\lambda z}$; grey: slit")
 panels["c"].vlines((0.75, 1), 1e-11, 5, color=(ORANGE, "0.5"), ls=":")
 panels["c"].set(xlim=(0, 1.25), ylabel="relative error of the wave from one point",
                 xlabel="sideways displacement X / S; dotted: the largest from input to output",

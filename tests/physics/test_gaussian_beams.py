@@ -100,8 +100,7 @@ TUNING = {  # z/S: err_db for guards of 2, 3, 4, 6 and 8 Fresnel widths, the wor
 def test_tuning_of_the_guard(precise, z):
     """Set-up A: Gaussian, and random phases that fill the window in cells of 8 samples.
 
-    The printed figures are those of one random field: another has them within 25 dB. A window
-    without its margin of 3 sqrt(lam z) wraps the tail of its light around: 60 dB.
+    The printed figures are those of one random field: another has them within 25 dB.
     """
     a = gaussian_a(z)
     rng = np.random.default_rng(0)
