@@ -160,6 +160,37 @@ def test_onto_another_grid(device, precise, grid, z):
                 assert error <= limit, (method, out)
 
 
+@pytest.mark.parametrize("z", [0.02, -0.02])
+def test_onto_where_a_tilted_beam_goes(device, z):
+    """Far off the axis, to the other side for z < 0."""
+    grid, f = Grid((1, 120), (1e-6, 3e-6)), 1e5
+    u = np.exp(-((grid.x / 3e-5) ** 2) + 2j * np.pi * f * grid.x)[None]
+    centre = z * math.tan(math.asin(LAM * f))
+    out = Grid((1, 150), (1e-6, 4e-6), origin=(0, centre))
+    expected = corrected(
+        u, grid.pitch, z, wavelength=LAM, guard=8, steepness=5,
+        out_shape=out.shape, out_pitch=out.pitch, out_centre=out.origin,
+    )  # fmt: skip
+    got = go(u, grid, z, device, out_grid=out)
+    assert err_db(expected, got) >= SINGLE
+    power = np.abs(got[0]) ** 2.0
+    assert abs((power * out.x).sum() / power.sum() - centre) < 2e-6  # the lobe's own asymmetry
+    assert power.sum() * 4e-6 == pytest.approx((np.abs(u) ** 2).sum() * 3e-6, rel=1e-3)
+
+
+@pytest.mark.parametrize("grid", [Grid((1, 40), 2e-6), Grid((20, 60), (3e-6, 2e-6))], ids=shape_of)
+def test_light_at_the_nyquist_frequency_counts_once(device, grid):
+    """Near, the band ends on both Nyquist frequencies: one and the same wave, half of it each."""
+    rng = np.random.default_rng(1)
+    u = rng.normal(size=grid.shape) + 1j * rng.normal(size=grid.shape)
+    out = Grid(grid.shape, tuple(0.7 * d for d in grid.pitch), origin=(0, 1e-6))
+    expected = corrected(
+        u, grid.pitch, 1e-6, wavelength=LAM, out_shape=out.shape, out_pitch=out.pitch,
+        out_centre=out.origin,
+    )  # fmt: skip
+    assert err_db(expected, go(u, grid, 1e-6, device, out_grid=out)) >= SINGLE
+
+
 def test_resampled_at_z_zero(precise):
     """The field's own Fourier sum, at other places."""
     grid, out = Grid((53, 64), (3e-6, 2e-6)), Grid((40, 31), (1.7e-6, 3.1e-6), origin=(2e-6, -1e-6))

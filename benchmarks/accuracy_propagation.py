@@ -1,0 +1,182 @@
+"""How right every propagation is, in dB, against closed forms and quadrature in float64.
+
+    python benchmarks/accuracy_propagation.py [--device pocl]
+
+Every number is that of complex64, then of complex128 where the device has it; docs/accuracy.md
+keeps a run, the tests hold the limits.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+import setups
+from setups import LAM
+from tolerance import err_db, snr_db
+
+from clplen import Device, Field, Grid, Propagator, propagate
+
+Array = np.ndarray[Any, Any]
+EXACT: tuple[dict[str, Any], ...] = (
+    {"method": "as", "pad": 1},
+    {"method": "as"},
+    {"method": "blas"},
+    {"method": "cblas"},
+    {"method": "rs"},
+    {"method": "auto"},
+)
+STEPS: tuple[dict[str, Any], ...] = (
+    {"method": "fresnel-multistep", "pad": 1, "border": 0},
+    {"method": "fresnel-multistep", "border": 0},
+    {"method": "fresnel-multistep"},
+    {"method": "fresnel-tf"},
+    {"method": "fresnel-ir"},
+)
+
+
+def table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table in Markdown."""
+    lines = [" | ".join(head), " | ".join("---" for _ in head), *(" | ".join(row) for row in rows)]
+    click.echo(f"\n{title}\n\n" + "\n".join(f"| {line} |" for line in lines))
+
+
+def name(way: dict[str, Any]) -> str:
+    """A method with its options in words."""
+    words = [f"{key} {value:g}" for key, value in way.items() if key != "method"]
+    return ", ".join([way["method"], *words])
+
+
+def moved(
+    u: Array, pitch: tuple[float, float], z: float, device: Device, way: dict[str, Any]
+) -> Array:
+    """A field one distance on, complex128."""
+    grid = Grid((u.shape[0], u.shape[1]), pitch)
+    field = Field.from_array(u, grid, wavelength=LAM, device=device)
+    return propagate(field, z, **way).to_numpy().astype(complex)
+
+
+def compared(
+    make: Callable[[float], setups.SetUp],
+    distances: Sequence[float],
+    ways: Sequence[dict[str, Any]],
+    devices: Sequence[Device],
+    measure: Callable[[Array, Array], float],
+) -> list[list[str]]:
+    """A row a distance, a cell a method: dB on each device."""
+    rows = []
+    for distance in distances:
+        case = make(distance)
+        cells = [
+            " / ".join(
+                f"{measure(case.exact, moved(case.u, case.pitch, case.z, device, way)):.2f}"
+                for device in devices
+            )
+            for way in ways
+        ]
+        rows.append([f"{distance:g}", *cells])
+    return rows
+
+
+def exact_methods(devices: Sequence[Device]) -> None:
+    """Set-up A and the Gaussian on its grid."""
+    head = ["z/S", *(name(way) for way in EXACT)]
+    distances = (0.1, 1, 2, 4, 8, 16, 32, 64, 256, 1024)
+    table(
+        "Slit of half the window, 1024 samples of two wavelengths: SNR",
+        head,
+        compared(setups.set_up_a, distances, EXACT, devices, snr_db),
+    )
+    table(
+        "Gaussian beam, w0 = S/16, same grid: error, nothing fitted",
+        head,
+        compared(setups.gaussian_a, distances, EXACT, devices, err_db),
+    )
+
+
+def fresnel_methods(devices: Sequence[Device]) -> None:
+    """Slit of a quarter of the window against Fresnel integrals."""
+    table(
+        "Slit of a quarter of the window, 1024 samples, z in N dx^2/lam: error, nothing fitted",
+        ["z", *(name(way) for way in STEPS)],
+        compared(setups.slit_fresnel, (1, 4, 8, 16, 64), STEPS, devices, err_db),
+    )
+
+
+def point_image(devices: Sequence[Device]) -> None:
+    """Image of a point, 2f to 2f."""
+    case = setups.two_f()
+    grid = Grid((case.u.shape[0], case.u.shape[1]), case.pitch)
+    core = np.hypot(grid.y[:, None], grid.x) < 0.5e-3
+    rows = []
+    for way in ({"method": "as", "pad": 1}, {"method": "blas", "pad": 1}, *EXACT[1:], *STEPS):
+        cells = []
+        for device in devices:
+            at_lens = moved(case.u, case.pitch, case.z1, device, way)
+            u = moved(at_lens * case.lens, case.pitch, case.z2, device, way)
+            peak = abs(u[grid.shape[0] // 2, grid.shape[1] // 2] / np.abs(case.image).max()) ** 2
+            cells.append(
+                f"{snr_db(case.image, u):.1f}, {snr_db(case.image[core], u[core]):.1f}, {peak:.5f}"
+            )
+        rows.append([name(way), *cells])
+    table(
+        "Image of a point, f = 120 mm, D = 3.6 mm, 1010 x 6.6 um: SNR in the window, within 0.5 mm "
+        "of the axis, peak over Airy's",
+        ["method", *(device.precision for device in devices)],
+        rows,
+    )
+
+
+def single_precision(devices: Sequence[Device]) -> None:
+    """complex64 against complex128 after one step, and the way the phase takes."""
+    if len(devices) < 2:
+        return
+    rows = []
+    for n, d, z in (
+        (1010, 6.6e-6, 1e-3),
+        (1010, 6.6e-6, 0.24),
+        (1010, 6.6e-6, 1.0),
+        (1024, 0.5e-6, 1e-4),
+        (1024, 0.5e-6, 1e-3),
+    ):
+        grid = Grid((n, n), d)
+        inside = np.outer(np.abs(grid.y) < n * d / 4, np.abs(grid.x) < n * d / 4)
+        u = inside * np.exp(2j * np.pi * np.random.default_rng(2).random(grid.shape))
+        cells = []
+        for method in ("as", "blas", "cblas", "rs"):
+            single, double = (moved(u, grid.pitch, z, one, {"method": method}) for one in devices)
+            plan = Propagator(grid, z, wavelength=LAM, method=method, device=devices[0])
+            residual = plan.report.residual_turns
+            cells.append(f"{err_db(double, single):.1f}, {plan.phase}, {residual:.2g}")
+        rows.append([f"{n} x {d * 1e6:g} um, {z * 1e3:g} mm", *cells])
+    table(
+        "Random phases in a square S/2, complex64 against complex128: error, phase route, residual "
+        "turns",
+        ["grid, z", "as", "blas", "cblas", "rs"],
+        rows,
+    )
+
+
+@click.command(help=__doc__)
+@click.option("--device", "selector", default=None, help="As for Device.open.")
+def main(selector: str | None) -> None:
+    warnings.simplefilter("ignore")
+    device = Device.open(selector)
+    devices = [device]
+    if device.has_fp64:
+        devices.append(Device.open(device.place, precision="double"))
+    click.echo(f"{device!r}")
+    for part in (exact_methods, fresnel_methods, point_image, single_precision):
+        part(devices)
+
+
+if __name__ == "__main__":
+    main()
