@@ -11,6 +11,7 @@ import os
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
@@ -88,6 +89,9 @@ class FFTRoute:
     def lines(self, values: Array, out: Array, axis: int, forward: bool) -> None:
         """Transform along one axis of a host array, in the calling thread.
 
+        Lengths with a large prime factor, which the libraries transform with more rounding, pass
+        through double precision.
+
         Parameters
         ----------
         values, out : numpy.ndarray
@@ -96,7 +100,22 @@ class FFTRoute:
         forward : bool
             Else the inverse, with the factor 1/length.
         """
-        _HOST[self.name](values, out, (axis,), forward, 1)
+        transform = _HOST[self.name]
+        if values.dtype == np.complex64 and has_large_prime(values.shape[axis]):
+            exact = values.astype(np.complex128)
+            transform(exact, exact, (axis,), forward, 1)
+            out[...] = exact
+            return
+        transform(values, out, (axis,), forward, 1)
+
+
+@cache
+def has_large_prime(n: int) -> bool:
+    """Whether a length has a prime factor for which libraries have no butterfly of their own."""
+    for prime in (2, 3, 5, 7, 11, 13):
+        while n % prime == 0:
+            n //= prime
+    return n > 1
 
 
 def choose_route(is_cpu: bool, platform: str = "") -> FFTRoute:
