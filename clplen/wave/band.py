@@ -16,6 +16,8 @@ import numpy as np
 Vector = np.ndarray[Any, Any]
 
 GUARD = 6.0  # Fresnel widths by which the band is widened
+FAR_GUARD = 8.0  # the same so far away that few frequencies are left
+EVANESCENT_MARGIN = 64  # times z, around both windows where grazing waves are sampled
 WINDOW_GUARD = 3.0  # units of sqrt(lam z) by which the window is widened
 ROUNDING = 1e-12  # of a frequency: the last one of an FFT is the Nyquist frequency
 EVANESCENT_REACH = 3  # wavelengths; farther on evanescent waves are below 1e-4
@@ -161,8 +163,11 @@ def guarded_band(way: Way, guard: float = GUARD) -> Band:
     guard : float
         In Fresnel widths; 0: a hard edge at the geometric limit.
     """
+    spread = math.sqrt(way.wavelength * abs(way.z))
+    cap = 4 * (way.lit + way.wanted + abs(way.offset)) + 2 * (guard + WINDOW_GUARD) * spread
     if way.is_evanescent:
-        return replace(whole_band(way), window=way.lit + way.wanted + 2 * abs(way.offset))
+        window = way.lit + way.wanted + 2 * abs(way.offset) + EVANESCENT_MARGIN * abs(way.z)
+        return replace(whole_band(way), window=min(window, cap))
     offset = way.offset if way.z >= 0 else -way.offset
     half = (way.lit + way.wanted) / 2
     near, far = offset - half, offset + half
@@ -171,9 +176,7 @@ def guarded_band(way: Way, guard: float = GUARD) -> Band:
     outer_high = high + guard * way.fresnel_width(far)
     clipped = (outer_low <= -way.nyquist, outer_high >= way.nyquist)
     f_low, f_high = max(outer_low, -way.nyquist), min(outer_high, way.nyquist)
-    spread = math.sqrt(way.wavelength * abs(way.z))
     alias = max(far - way.displacement(f_low), way.displacement(f_high) - near)
-    cap = 4 * (way.lit + way.wanted + abs(offset)) + 2 * (guard + WINDOW_GUARD) * spread
     window = min(max(alias + WINDOW_GUARD * spread, way.lit + way.wanted), cap)
     return Band(f_low, f_high, (low, high), clipped, window, guard, way.nyquist)
 

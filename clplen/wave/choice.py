@@ -7,14 +7,13 @@ from dataclasses import replace
 
 from clplen.compute.lines import Separable, smooth_length
 from clplen.wave import fresnel, spectral
-from clplen.wave.band import EVANESCENT_REACH, guarded_band, whole_band
+from clplen.wave.band import EVANESCENT_REACH, FAR_GUARD, whole_band
 from clplen.wave.cost import flops
 from clplen.wave.description import Description, any_distance, whole_bands
 from clplen.wave.request import Request
 
 NEAR_WINDOW = 2.2  # times the grid, up to which FFTs of the window beat every other way
 SAMPLED_KERNEL = 0.8  # of the Nyquist frequency, up to which the RS kernel is accurate
-PRECISE_GUARD = 8.0  # Fresnel widths that keep 220 dB however far away
 FAR_FIELD = 10  # wavelengths from which the RS kernel is smooth on any grid
 _METHODS = {
     "as": spectral.angular_spectrum,
@@ -47,7 +46,7 @@ def automatic(r: Request) -> Description:
         return spectral.corrected(r, "the output has another pitch or centre", "chirp-z")
     if any(r.way(axis).is_evanescent for axis in r.axes):
         return _touching(r)
-    bands = [guarded_band(r.way(axis), r.guard) for axis in (0, 1)]
+    bands = r.bands
     lengths = spectral.fft_lengths(r, bands)
     wide = max((lengths[axis] / r.grid.shape[axis] for axis in r.axes), default=1.0)
     ways = [r.way(axis) for axis in r.axes]
@@ -73,7 +72,7 @@ def automatic(r: Request) -> Description:
 def _far(r: Request, why: str) -> Description:
     """The sampled kernel, or the few frequencies that are left where they are less work."""
     kernel = spectral.sommerfeld(r, why)
-    precise = replace(r, guard=max(r.guard, PRECISE_GUARD))
+    precise = replace(r, guard=max(r.widths, FAR_GUARD))
     few = spectral.corrected(precise, why, "chirp-z")
     if flops(few) >= flops(kernel):
         return kernel
@@ -87,10 +86,7 @@ def _share(one: Description, other: Description) -> str:
 
 def _touching(r: Request) -> Description:
     """The angular spectrum with its evanescent waves, in a window that holds both grids."""
-    lengths = [
-        n if n == 1 else smooth_length(n + max(n, m))
-        for n, m in zip(r.grid.shape, r.target.shape, strict=True)
-    ]
+    lengths = spectral.fft_lengths(r, r.bands)
     bands = [whole_band(r.way(axis)) for axis in (0, 1)]
     why = f"abs(z) = {abs(r.z):.3g} m <= {EVANESCENT_REACH} lam: evanescent waves count"
     valid = (0.0, EVANESCENT_REACH * r.wavelength)
@@ -100,7 +96,7 @@ def _touching(r: Request) -> Description:
 def _whole(r: Request, why: str) -> Description:
     """The angular spectrum in a window that holds its steepest rays, at least twice the grid."""
     bands = [whole_band(r.way(axis)) for axis in (0, 1)]
-    needed = spectral.fft_lengths(r, [guarded_band(r.way(axis), r.guard) for axis in (0, 1)])
+    needed = spectral.fft_lengths(r, r.bands)
     lengths = [
         n if n == 1 else max(length, smooth_length(2 * n))
         for n, length in zip(r.grid.shape, needed, strict=True)

@@ -10,7 +10,6 @@ import numpy as np
 
 from clplen.compute.device import Device, require_device
 from clplen.errors import SamplingError
-from clplen.wave.band import GUARD
 from clplen.wave.field import Field, Grid
 from clplen.wave.propagator import Propagator, request
 from clplen.wave.request import BORDER, Request
@@ -24,7 +23,7 @@ def propagate(
     method: str = "auto",
     pad: float = 2,
     out_grid: Grid | None = None,
-    guard: float = GUARD,
+    guard: float | None = None,
     border: float = BORDER,
     support: float | tuple[float, float] | None = None,
     lens: float | None = None,

@@ -11,7 +11,6 @@ import numpy as np
 from clplen.compute.blocks import Spectrum
 from clplen.compute.device import Device, require_device, require_same_device
 from clplen.errors import SamplingError, SamplingWarning, ShapeError
-from clplen.wave.band import GUARD
 from clplen.wave.choice import describe
 from clplen.wave.description import Description
 from clplen.wave.energy import Energy, energy
@@ -54,8 +53,9 @@ class Propagator:
     device : Device
     out_grid : Grid, optional
         Of the result, for auto and cblas; by default the field's.
-    guard : float
-        Of auto and cblas, in Fresnel widths sqrt(cos^3 theta/(lam z)); 8 for reference results.
+    guard : float, optional
+        Of auto and cblas, in Fresnel widths sqrt(cos^3 theta/(lam z)); by default 6, and 8 so far
+        away that the window is narrower than sqrt(lam z). 8 is for reference results.
         0 ends the band sharply where geometry says, in the window of ``pad``.
     border : float
         Of fresnel-multistep, the fraction of half the window over which each step is absorbed; 0
@@ -100,7 +100,7 @@ class Propagator:
         pad: float = 2,
         device: Device,
         out_grid: Grid | None = None,
-        guard: float = GUARD,
+        guard: float | None = None,
         border: float = BORDER,
         support: float | tuple[float, float] | None = None,
         lens: float | None = None,
@@ -230,7 +230,7 @@ def request(
     method: str = "auto",
     pad: float = 2,
     out_grid: Grid | None = None,
-    guard: float = GUARD,
+    guard: float | None = None,
     border: float = BORDER,
     *,
     support: float | tuple[float, float] | None = None,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clplen.errors import SamplingError
-from clplen.wave.band import GUARD, Way
+from clplen.wave.band import FAR_GUARD, GUARD, Band, Way, guarded_band
 from clplen.wave.field import Grid
 
 METHODS = (
@@ -38,7 +38,9 @@ class Request:
     z, wavelength : float
         In metres.
     method : str
-    pad, guard, border : float
+    pad, border : float
+    guard : float or None
+        In Fresnel widths; None: `widths`.
     support : tuple of float or None
         (y, x) widths that carry light, centred on the grid, in metres; None: the whole window.
     lens : float or None
@@ -58,7 +60,7 @@ class Request:
     method: str = "auto"
     pad: float = 2
     out_grid: Grid | None = None
-    guard: float = GUARD
+    guard: float | None = None
     border: float = BORDER
     support: tuple[float, float] | None = None
     lens: float | None = None
@@ -125,6 +127,22 @@ class Request:
         )
 
     @property
+    def bands(self) -> list[Band]:
+        """The guarded band of each axis, (y, x)."""
+        return [guarded_band(self.way(axis), self.widths) for axis in (0, 1)]
+
+    @property
+    def widths(self) -> float:
+        """The guard; where none was given 6, or 8 where S^2 < lam z and little light is left.
+
+        There 6 Fresnel widths keep less than 150 dB, and the few more frequencies cost nothing.
+        """
+        if self.guard is not None:
+            return self.guard
+        far = any(self.grid.extent[axis] ** 2 < self.wavelength * abs(self.z) for axis in self.axes)
+        return FAR_GUARD if far else GUARD
+
+    @property
     def axes(self) -> tuple[int, ...]:
         """The axes along which something varies."""
         return tuple(axis for axis in (0, 1) if self.grid.shape[axis] > 1)
@@ -139,7 +157,7 @@ def _check_numbers(r: Request) -> None:
         raise ValueError(f"The wavelength is positive, in metres, not {r.wavelength!r}.")
     if not (math.isfinite(r.pad) and r.pad >= 1):
         raise ValueError(f"pad is at least 1 and finite, not {r.pad!r}.")
-    if not (math.isfinite(r.guard) and r.guard >= 0):
+    if r.guard is not None and not (math.isfinite(r.guard) and r.guard >= 0):
         raise ValueError(f"guard is a number of Fresnel widths, at least 0, not {r.guard!r}.")
     if not 0 <= r.border < 1:
         raise ValueError(f"border is a fraction of half the window, 0 to 1, not {r.border!r}.")

@@ -19,7 +19,6 @@ from clplen.wave.band import (
     Band,
     blas_limit,
     fully_sampled_distance,
-    guarded_band,
     kernel_sampled_distance,
     whole_band,
 )
@@ -75,7 +74,7 @@ def corrected(r: Request, why: str = "asked for", route: str = "") -> Descriptio
     much wider than the grid. With guard = 0 the band ends sharply where geometry says (figure 2.7
     of the thesis) and the window is that of ``pad``.
     """
-    bands = [guarded_band(r.way(axis), r.guard) for axis in (0, 1)]
+    bands = r.bands
     empty = [axis for axis in r.axes if bands[axis].is_empty]
     warning = _no_light(r, bands[empty[0]], "yx"[empty[0]]) if empty else ""
     lengths = fft_lengths(r, bands)
