@@ -26,9 +26,26 @@ def band_limited(
     return np.fft.ifft2(spectrum * keep) + mean
 
 
-def field_of(u: np.ndarray, grid: Grid, device: Device, wavelength: float = LAM) -> Field:
-    """u (..., ny, nx) on a grid of a device."""
+def field_of(
+    u: np.ndarray, grid: Grid | float | Sequence[float], device: Device, wavelength: float = LAM
+) -> Field:
+    """u (..., ny, nx) on a grid of a device, or on one of a pitch about the axis."""
+    if not isinstance(grid, Grid):
+        grid = Grid(u.shape[-2:], grid)
     return Field.from_array(u, grid, wavelength=wavelength, device=device)
+
+
+def step(
+    u: np.ndarray,
+    grid: Grid | float | Sequence[float],
+    z: float,
+    device: Device,
+    *,
+    wavelength: float = LAM,
+    **options: Any,
+) -> np.ndarray:
+    """u (..., ny, nx) after z on the host."""
+    return propagate(field_of(u, grid, device, wavelength), z, **options).to_numpy()
 
 
 def go(

@@ -6,9 +6,9 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from fields import field_of, step
 from reference_optics import blas_limit
 from setups import LAM
-from steps import field_of, step
 from tolerance import err_db
 
 from clplen import Device, Propagator

@@ -6,11 +6,11 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from fields import field_of, step
 from reference_closed import gaussian_paraxial, lens_focus
 from reference_elements import circle_coverage
 from reference_optics import radius_squared
 from setups import LAM, gaussian_fresnel, rectangle, rectangle_exact, slit_fresnel
-from steps import field_of, step
 from tolerance import err_db, relative_max, snr_db
 
 from clplen import propagate

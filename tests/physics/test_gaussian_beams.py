@@ -9,12 +9,12 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from fields import field_of, step
 from numpy.polynomial.chebyshev import Chebyshev
 from reference_closed import gaussian_exact
 from reference_corrected import corrected
 from reference_optics import radius_squared
 from setups import LAM, gaussian_a
-from steps import field_of, step
 from tolerance import err_db
 
 from clplen import Grid, propagate

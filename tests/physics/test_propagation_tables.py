@@ -6,11 +6,11 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from fields import step
 from reference_corrected import corrected
 from reference_elements import rectangle_coverage
 from reference_optics import axis
 from setups import LAM, SetUp, set_up_a, slit_at
-from steps import step
 from tolerance import err_db, snr_db
 
 pytestmark = pytest.mark.filterwarnings("ignore::clplen.errors.SamplingWarning")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from fields import field_of
 from reference_optics import radius_squared
 from setups import TwoF, two_f
-from steps import field_of
 from tolerance import snr_db
 
 from clplen import Device, Field, propagate, thin_lens
