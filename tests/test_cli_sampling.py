@@ -116,7 +116,7 @@ def test_no_device_is_needed(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_the_figures_of_the_thesis():
-    """diffraction.md, sections 1 and 6: dx = 6.6 um, N = 3030, z = .24 m, D = 3.6 mm."""
+    """dx = 6.6 um, N = 3030, z = .24 m, D = 3.6 mm."""
     words = ("--z", "240mm", "--lens", "120mm", "--diameter", "3.6mm", "--lenslets", "150um", "9mm")
     text = said(*THESIS, *words)
     assert "N dx^2/lam 240 mm" in text

@@ -1,4 +1,4 @@
-"""What every propagation obeys: plane waves, group laws, band limits, energy (diffraction.md)."""
+"""What every propagation obeys: plane waves, group laws, band limits, energy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Phases in float32: H, the field after one step (diffraction.md, section 8)."""
+"""Phases in float32: H, the field after one step."""
 
 from __future__ import annotations
 

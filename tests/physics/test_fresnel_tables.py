@@ -1,4 +1,4 @@
-"""Fresnel methods against closed forms and reference values (diffraction.md, 3.1 to 3.3, T4)."""
+"""Fresnel methods against closed forms and reference values."""
 
 from __future__ import annotations
 

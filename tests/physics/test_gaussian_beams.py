@@ -1,6 +1,6 @@
-"""Exact Gaussian beams from a tenth of the window to a thousand windows (diffraction.md, T2).
+"""Exact Gaussian beams from a tenth of the window to a thousand windows.
 
-And the guard of the corrected band on the worst field (diffraction.md, 3.6).
+And the guard of the corrected band on the worst field.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The usual mistakes of diffraction codes: each is made in NumPy, and not by the package.
 
 What a mistake costs is stated, so that a set-up in which it would not show is found out. Distances
-and grids are those of the table of pitfalls in the design (diffraction.md, section 10) where it
+and grids are those of the table of pitfalls where it
 names them.
 """
 

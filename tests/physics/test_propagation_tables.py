@@ -1,4 +1,4 @@
-"""Exact methods against the reference values of set-up A (diffraction.md, 3.4, 4 and 5)."""
+"""Exact methods against the reference values of set-up A."""
 
 from __future__ import annotations
 

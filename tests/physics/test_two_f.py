@@ -1,4 +1,4 @@
-"""Image of a point by a 2f system: f = 120 mm, D = 3.6 mm, N = 1010 (diffraction.md, section 7)."""
+"""Image of a point by a 2f system: f = 120 mm, D = 3.6 mm, N = 1010."""
 
 from __future__ import annotations
 

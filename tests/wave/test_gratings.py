@@ -127,7 +127,7 @@ def test_orientation_turns_x_towards_y(precise):
 
 @pytest.mark.parametrize("n", [60, 75])
 def test_talbot_image_of_a_sinusoidal_grating(device, precise, n):
-    """lam (1 + sqrt(1-q))/q with q = (lam/d)^2 is exact for three orders (diffraction.md, 2)."""
+    """lam (1 + sqrt(1-q))/q with q = (lam/d)^2 is exact for three orders."""
     grid, period = Grid((4, n), 2e-6), 30e-6
     q = (LAM / period) ** 2
     z = LAM * (1 + np.sqrt(1 - q)) / q

@@ -135,7 +135,7 @@ def test_a_length_of_one_is_a_cylinder(device):
         assert np.abs(got[0]).sum() == pytest.approx(cut, rel=1e-6)
 
 
-# What a lens does, diffraction.md section 6
+# What a lens does
 
 
 def focused(field, z, y, x, *, pad=4, paraxial=False):

@@ -224,7 +224,7 @@ def test_a_point_beside_the_axis_is_imaged_upside_down(device, precise, magnific
     system = imaging_system(f, diameter=diameter, magnification=magnification)
     for dev in (device, precise):
         got = system(Field.from_array(u, grid, wavelength=LAM, device=dev)).to_numpy()
-        # 58 and 55 dB: a paraxial lens aberrates (diffraction.md section 7: 52 to 63 dB); an
+        # 58 and 55 dB: a paraxial lens aberrates; an
         # image that is one sample off has less than 25 dB.
         assert err_db(image, got) >= 50
 
