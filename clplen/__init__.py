@@ -115,3 +115,8 @@ def __getattr__(name: str) -> Any:
     if name in ("io", "plot"):
         return import_module(f"clplen.{name}")
     raise AttributeError(f"module 'clplen' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """The public names."""
+    return sorted([*__all__, "io", "plot"])

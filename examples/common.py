@@ -46,14 +46,15 @@ class Example(Run):
         return LightField.from_raw(demo.expose_point(self.camera, position))
 
 
-def begin(text: str, script: str) -> Run:
-    """Read the command line of a script, given its docstring and its path."""
+def begin(text: str, script: str, *, quick: str = "less to compute") -> Run:
+    """Read the command line of a script, given its docstring, its path and what --quick means."""
     parser = argparse.ArgumentParser(description=text)
     parser.add_argument("-o", "--output", default=FOLDER, metavar="FOLDER",
                         help="folder for the picture (default: %(default)s)")
     parser.add_argument("--device", help="as for Device.open, for example cpu, gpu, pocl or 0:1")
-    parser.add_argument("--quick", action="store_true",
-                        help=f"less to compute; a camera of {QUICK_COUNT} x {QUICK_COUNT} lenslets")
+    parser.add_argument("--quick", action="store_true", help=quick)
+    parser.add_argument("--format", choices=("png", "pdf", "svg"), default="png",
+                        help="of the picture (default: %(default)s)")
     given = parser.parse_args()
     try:
         folder, device = check_folder(given.output), Device.open(given.device)
@@ -64,19 +65,23 @@ def begin(text: str, script: str) -> Run:
     matplotlib.rc("figure", labelsize=8)
     matplotlib.rc("legend", fontsize=8, frameon=False)
     print(text)
-    return Run(device, given.quick, folder / f"{Path(script).stem}.png")
+    return Run(device, given.quick, folder / f"{Path(script).stem}.{given.format}")
 
 
 def start(text: str, script: str) -> Example:
     """As `begin`, with the camera of section 1.5."""
-    run = begin(text, script)
+    run = begin(text, script,
+                quick=f"less to compute; a camera of {QUICK_COUNT} x {QUICK_COUNT} lenslets")
     camera = demo.camera(run.device, count=QUICK_COUNT) if run.quick else demo.camera(run.device)
     return Example(run.device, run.quick, run.picture, camera)
 
 
 def number(what: str, value: float, reference: float, within: float, form: str = ".4f") -> None:
-    """Print a number beside its reference value and how near it is to come."""
-    print(f"  {what:<48} {value:>10{form}}   reference {reference:>10{form}} +- {within:g}")
+    """Print a number beside its reference value and how near it is to come, and say if it fails."""
+    found, expected = f"{value:{form}}", f"{reference:{form}}"
+    near = abs(float(found) - float(expected)) <= within  # as printed; never of NaN
+    verdict = "" if near else "   OUT OF TOLERANCE"
+    print(f"  {what:<48} {found:>10}   reference {expected:>10} +- {within:g}{verdict}")
 
 
 def pixels(image: Image) -> Any:

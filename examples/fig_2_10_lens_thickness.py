@@ -7,7 +7,7 @@ from clplen import Field, Grid, thin_lens
 from clplen.plot.base import new_figure
 
 F, D, INDEX, LAM, PITCH = 0.12, 3.6e-3, 1.5, 550e-9, 6e-6
-LENSES = {"biconvex": (0.12, -0.12, BLUE), "plano-convex": (0.06, np.inf, RED)}  # R1, R2
+LENSES = {"biconvex": (0.12, -0.12, BLUE, 3), "plano-convex": (0.06, np.inf, RED, 1)}  # R1, R2
 THICKNESS = {"biconvex": 27.0015, "plano-convex": 27.0061}  # to the term in r^4, um
 BEYOND = {"biconvex": -8.675, "plano-convex": -34.700}  # phase of that term at the rim, mrad
 TURN = 2 * np.pi
@@ -29,7 +29,7 @@ number("thin_lens: phase at the rim / rad", made[0], -154.2236, 1e-3)
 
 figure = new_figure(9, 5.6)
 panels = figure.subplot_mosaic("ac;bd", width_ratios=[1, 1.25])
-for panel, (name, (R1, R2, colour)) in zip("ab", LENSES.items(), strict=True):
+for panel, (name, (R1, R2, colour, width)) in zip("ab", LENSES.items(), strict=True):
     front, back = sag(x, R1), -sag(x, R2)  # glass that each face takes away
     delta = (front + back)[0] - front - back  # Delta; 0 at the rim
     beyond = K * (INDEX - 1) * (delta - delta[300]) - paraxial
@@ -45,12 +45,12 @@ for panel, (name, (R1, R2, colour)) in zip("ab", LENSES.items(), strict=True):
     axes.text((left + right)[400] / 2, 0.68, rf"$\Delta$ = {delta[400] * 1e6:.1f} µm", ha="center")
     axes.set(xlim=(-36, 24), ylim=(-2, 2), xlabel="z / µm", ylabel="x / mm",
              title=f"{name}: R1, R2 = {R1 * 1e3:g}, {R2 * 1e3:g} mm".replace("inf", r"$\infty$"))
-    panels["c"].plot(mm, paraxial + beyond, color=colour, lw=1, label=f"exact, {name}")
+    panels["c"].plot(mm, paraxial + beyond, color=colour, lw=width, label=f"exact, {name}")
     panels["d"].plot(mm, beyond * 1e3, color=colour, label=name)
-panels["c"].plot(mm, paraxial, color="0.8", lw=5, zorder=0, label=r"paraxial, $-k r^2/(2f)$")
-panels["c"].plot(mm[::20], made[::20], "o", color=ORANGE, ms=3.5, label="clplen.thin_lens")
-panels["c"].set(ylabel="phase / rad", title="f = 120 mm, n = 1.5, 550 nm")
-panels["d"].set(xlabel="x / mm", ylabel="mrad", title="exact phase - paraxial phase")
+panels["c"].plot(mm, paraxial, color="0.8", lw=8, zorder=0, label=r"paraxial, $-k r^2/(2f)$")
+panels["c"].plot(mm[::20], made[::20], "o", color=ORANGE, ms=2.5, label="clplen.thin_lens")
+panels["c"].set(xlabel="x / mm", ylabel="phase / rad", title="f = 120 mm, n = 1.5, 550 nm")
+panels["d"].set(xlabel="x / mm", ylabel="phase difference / mrad", title="exact - paraxial phase")
 for panel in "cd":
     panels[panel].grid(color="0.9", lw=0.6)
     panels[panel].legend(loc="lower center")

@@ -27,9 +27,8 @@ run = begin(__doc__, __file__)
 grid = Grid((N, N), PITCH)
 u = np.exp(-(grid.x**2 + grid.y[:, None] ** 2) / W**2)  # a plane wave with soft edges
 plane = Field.from_array(u, grid, wavelength=LAM, device=run.device)
-figure = new_figure(10, 5.4)
+figure, fine = new_figure(10, 5.4), np.linspace(0, 2, 801)
 left, above, below = figure.subplot_mosaic("ab;ac", height_ratios=[1.5, 1]).values()
-fine = np.linspace(0, 2, 801)
 for f, (colour, half) in BEAMS.items():
     R = np.array([radius(propagate(thin_lens(plane, f), z).to_numpy()) for z in PLACES * f])
     over = (R - gaussian(f, PLACES * f)) * 1e6
@@ -40,9 +39,11 @@ for f, (colour, half) in BEAMS.items():
     above.plot(PLACES, R / f, "o", color=colour, ms=4, label=f"f = {f * 1e3:g} mm")
     below.plot(PLACES, over, "o", fine, -fine * W**2 / f * 5e5, color=colour, ms=4, lw=1)
 above.plot(fine, 1 - fine, color="0.85", lw=5, zorder=0, label="f - z")
-above.set(ylim=(-1.1, 1.1), ylabel="radius / f", title="points: measured; lines: Gaussian beam")
 above.legend()
-below.set(xlabel="z/f", ylabel="points - lines above / µm", title=r"lines: $-z w^2/(2 f^2)$")
+above.set(ylim=(-1.1, 1.1), xlabel="z/f", ylabel="radius/f", title="points: measured; lines: Gaussian")
+below.text(1, 1.7, "near the focus diffraction, not rays, sets the radius", ha="center")
+below.set(xlabel="z/f", ylabel="points - lines above / µm", ylim=(-15, 4),
+          title=r"lines: $-z w^2/(2 f^2)$, the aberration of rays")
 planes, x = 24 if run.quick else 96, grid.x * 1e3
 z, lens = np.append(-F / 4, np.arange(planes) * 1.5 * F / planes), thin_lens(plane, F)
 rows = [u[N // 2], *(propagate(lens, place, pad=1).to_numpy()[N // 2] for place in z[1:])]

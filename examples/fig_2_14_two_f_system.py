@@ -39,10 +39,14 @@ places = np.linspace(0, end, 49 if run.quick else 481)[1:-1]
 before = thin_lens(behind, -F)  # what passes the lens, without its phase
 light = [propagate(before if z < at else behind, z - at).to_numpy()[:, shown, 0] for z in places]
 light = np.moveaxis(np.abs(light) ** 2, 0, 2)  # [point, y, z]
-light = 0.5 * np.sqrt(light / light.max(axis=(0, 1)))  # the brightest of each plane: half a colour
+light = 0.28 * np.sqrt(light / light.max(axis=(0, 1)))  # of a colour, in each plane the brightest
 paper = 1 - sum(layer[..., None] * (1 - np.array(to_rgb(colour)))
                 for layer, colour in zip(light, (BLUE, RED), strict=True))
 axes.imshow(paper.clip(0, 1), extent=(0, end, y[shown][0], y[shown][-1]), origin="lower",
             aspect="auto", interpolation="antialiased", zorder=0)
 axes.axis(limits)
+for filled in [part for part in axes.collections if part.get_alpha() == 0.1]:  # the light instead
+    filled.remove()
+axes.text(0.006, 0.97 * limits[3], "shading: the computed light,\ngrey where it is of both points",
+          va="top", size=8, color="0.35")
 run.save(figure)

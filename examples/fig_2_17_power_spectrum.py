@@ -44,8 +44,10 @@ for axes, (name, (reference, style)) in zip(images.flat, OUTSIDE.items(), strict
 best = min(share for name, share in shares.items() if name in METHODS)
 number("energy outside: auto over the lowest", shares["auto"] / best, 1.0, 1.0)
 bar(upper, drawn, images, "power / that of the disc", extend="both")
-upper.supxlabel("$f_x$ / mm$^{-1}$")
-upper.supylabel("$f_y$ / mm$^{-1}$")
+for axes in images[1]:
+    axes.set_xlabel("$f_x$ / mm$^{-1}$")
+for axes in images[:, 0]:
+    axes.set_ylabel("$f_y$ / mm$^{-1}$")
 means.axvline(RADIUS / 1e3, color="0.5", ls=":")
 means.set(xlim=(0, 75.7), ylim=(1e-10, 30), xlabel="f / mm$^{-1}$", ylabel="mean power of a ring")
 means.legend(ncols=2)

@@ -22,6 +22,9 @@
 #endif
 #ifdef PHASE_FP64
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
+typedef double wide;
+#else
+typedef real wide;
 #endif
 
 /* Phase of a propagating wave relative to the carrier, as a phasor. ex, ey: tables of
@@ -53,14 +56,14 @@ __kernel void transfer(__global cplx *restrict H, __global const cplx *restrict 
     const int y = get_global_id(1);
     const size_t row = row_start(0, y, ny, nx);
     FOR_X(x, nx) {
-        const real s = (ax[x].x + ay[y].x) + (ax[x].y + ay[y].y);
+        const wide s = ((wide)ax[x].x + ay[y].x) + ((wide)ax[x].y + ay[y].y);
         const real weight = wx[x] * wy[y];
         cplx h = (cplx)(0);
         if (weight > 0) {
             if (s <= 1)
                 h = propagating(ex[x], ey[y], ax[x], ay[y], zl);
             else if (zl.x > 0)
-                h = carrier * exp(-TWO_PI * zl.x * sqrt(s - 1));
+                h = carrier * (real)exp(-TWO_PI * zl.x * sqrt(s - 1));
         }
         H[row + x] = weight * h;
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import subprocess
@@ -15,7 +16,7 @@ from matplotlib.image import imread
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("fig_*.py"))
-NUMBER = re.compile(r"^  (.+?) +(\S+)   reference +(\S+) \+- (\S+)$", re.MULTILINE)
+NUMBER = re.compile(r"^  (.+?) +(\S+)   reference +(\S+) \+- (\S+)(   .+)?$", re.MULTILINE)
 SHORTER_THAN = 60  # lines
 FIGURES = {2: range(1, 18), 3: range(17, 26)}  # of each chapter
 
@@ -56,8 +57,9 @@ def test_a_figure_script(script: Path, tmp_path: Path, pytestconfig: pytest.Conf
     check_picture(tmp_path / files[0])
     numbers = NUMBER.findall(done.stdout)
     assert numbers, done.stdout
-    for what, value, reference, within in numbers:
+    for what, value, reference, within, verdict in numbers:
         assert abs(float(value) - float(reference)) <= float(within), f"{what}\n{done.stdout}"
+        assert not verdict, f"{what}\n{done.stdout}"
         assert reference in row_of(script), f"the table lacks {what}: {reference}"
 
 
@@ -76,6 +78,32 @@ def check_picture(path: Path) -> None:
 def test_a_script_is_short_and_in_the_table(script: Path) -> None:
     assert len(script.read_text().splitlines()) < SHORTER_THAN
     assert row_of(script)
+
+
+@pytest.mark.parametrize(
+    ("value", "ending"),
+    [(1.2301, ""), (1.2350, ""), (1.2352, "OUT OF TOLERANCE"), (np.nan, "OUT OF TOLERANCE")],
+)
+def test_a_number_out_of_tolerance_is_said(
+    value: float, ending: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.syspath_prepend(EXAMPLES)
+    importlib.import_module("common").number("a length / mm", value, 1.23, 5e-3)
+    ((what, found, reference, within, verdict),) = NUMBER.findall(capsys.readouterr().out)
+    assert (what, reference, within) == ("a length / mm", "1.2300", "0.005")
+    assert (found, verdict.strip()) == (f"{value:.4f}", ending)
+
+
+def test_pictures_as_pdf_and_help(tmp_path: Path, pytestconfig: pytest.Config) -> None:
+    devices = pytestconfig.getoption("--device") or []
+    chosen = ["--device", devices[0]] if devices else []
+    script = EXAMPLES / "fig_2_10_lens_thickness.py"
+    done = run(script, "--format", "pdf", *chosen, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (file,) = (path for path in tmp_path.rglob("*") if path.is_file())
+    assert file.name == "fig_2_10_lens_thickness.pdf"
+    assert file.read_bytes().startswith(b"%PDF")
+    assert "lenslets" not in run(script, "--help", folder=tmp_path).stdout
 
 
 @pytest.mark.parametrize(

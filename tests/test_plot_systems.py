@@ -205,3 +205,51 @@ def test_every_system_can_be_drawn(tmp_path: Path, system):
 def test_bad_views(change):
     with pytest.raises(ValueError, match=f"The {next(iter(change))} of .* in metres, not"):
         plot.system(PLENOPTIC, **change)
+
+
+def test_only_a_system_has_a_side_view():
+    with pytest.raises(TypeError, match=r"drawn of an OpticalSystem, not of int: .*\[\.\.\.\]"):
+        plot.system(3)
+
+
+def test_an_image_on_lenslets_is_part_of_their_name():
+    figure = plot.system(PLENOPTIC)  # 1/.03 - 1/.05 = 1/.075: the image lies on the lenslets
+    assert "lenslets at the image\nf = 6 mm\npitch 1 mm" in words(figure)
+    assert arrows(figure) == [pytest.approx((0.0, rays_through(PLENOPTIC).height))]
+    beside = OpticalSystem([0.05, Lens(0.03, diameter=6e-3), 0.08, ARRAY, 6e-3])
+    assert {"image", "lenslets\nf = 6 mm\npitch 1 mm"} <= set(words(plot.system(beside)))
+    assert len(arrows(plot.system(beside))) == 2
+    focused = OpticalSystem([Lens(0.03, diameter=6e-3), 0.03, ARRAY, 6e-3])
+    assert "lenslets at the focus\nf = 6 mm\npitch 1 mm" in words(plot.system(focused))
+
+
+def arrows(figure) -> list[tuple[float, float]]:
+    """Tips of the arrows of object and images."""
+    return [
+        text.xy
+        for text in figure.axes[0].texts
+        if text.get_text() == "" and text.xyann[1] == 0 and text.xy[0] == text.xyann[0]
+    ]
+
+
+def test_a_function_without_a_name_is_a_function():
+    system = OpticalSystem([0.1, Lens(0.1, diameter=2e-3), 0.1, lambda field: field, 0.1])
+    assert "function" in words(plot.system(system))
+
+
+@pytest.mark.parametrize("width", [0.5e-3, 1e-3, 2e-3, 4e-3, 8e-3])
+@pytest.mark.parametrize("height", [3e-3, 7e-3])
+def test_focal_points_are_named_beside_the_rays(width: float, height: float):
+    system = OpticalSystem([0.24, Lens(0.12, diameter=20e-3), 0.03, Stop(width), 0.21])
+    figure = plot.system(system, height=height)
+    figure.draw_without_rendering()
+    axes = figure.axes[0]
+    lines = [axes.transData.transform(line.get_xydata()) for line in axes.lines
+             if to_rgb(line.get_color()) in (to_rgb("#0072b2"), to_rgb("#cc3311"))]  # fmt: skip
+    names = [text for text in axes.texts if text.get_text() in ("$F$", "$F'$")]
+    assert len(names) == 2
+    for name in names:
+        x, y = axes.transData.transform(name.get_position())
+        for line in lines:
+            at = np.linspace(x - 5, x + 5, 11)  # the height of the letters is some 10 pixels
+            assert np.abs(np.interp(at, *line.T) - y).min() > 5

@@ -182,7 +182,7 @@ def _say_methods(wanted: list[Request]) -> None:
 def _valid(r: Request) -> str:
     """The distances at which a method is sampled, whatever z is."""
     if r.method == "fresnel-multistep":
-        return "any"
+        return interval(0.0, fresnel.absorbed_distance(r))
     low, high = describe(replace(r, z=1.0)).valid
     return interval(low, high) + (", periodic" if r.method == "as" and r.pad == 1 else "")
 
@@ -193,9 +193,11 @@ def _verdict(r: Request, method: str) -> str:
         return "no, has its own grid"
     if r.z == 0:
         return "no, pitch 0" if method == "fresnel-1fft" else "yes, the field"
+    own = replace(r, method=method)
     if method == "fresnel-multistep":
-        return f"yes, whole steps: {_steps(r)}"
-    made = describe(replace(r, method=method))
+        word = "yes" if abs(r.z) < fresnel.absorbed_distance(own) else "no"
+        return f"{word}, whole steps: {fresnel.steps(own)}"
+    made = describe(own)
     low, high = made.valid
     if not low * (1 - _SAME) <= abs(r.z) <= high * (1 + _SAME):
         return "no"
@@ -204,15 +206,6 @@ def _verdict(r: Request, method: str) -> str:
         return f"yes, pitch {both(pitches, lambda value: metres(value, 4))}" if pitches else "yes"
     used = 1 - report(made, "tables").lost_band
     return f"yes, {100 * used:.3g} % of band" if method == "blas" and used < 1 else "yes"
-
-
-def _steps(r: Request) -> int:
-    """Whole steps of fresnel-multistep along the axis that needs more."""
-    longest = [
-        fresnel.even_length(r.grid.shape[a], r.pad) * r.grid.pitch[a] ** 2 / r.wavelength
-        for a in r.axes
-    ]
-    return max((math.floor(abs(r.z) / dz + fresnel.WHOLE) for dz in longest), default=0)
 
 
 def _paraxial_error(r: Request) -> float:

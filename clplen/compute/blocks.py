@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import ExitStack
 from itertools import zip_longest
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from clplen.compute.columns import Factors, Product, run_on_host
 from clplen.compute.lines import Line, Separable, still
+from clplen.errors import DeviceError
 
 if TYPE_CHECKING:
     import pyopencl.array as cla
@@ -40,20 +42,23 @@ class Spectrum:
         self.is_quadrant = tuple(values.shape) != shape
         self._values: cla.Array | None = values
         self._factors: Factors | None = None
+        self._lock = Lock()
 
     @property
     def values(self) -> cla.Array:
         """The factors on the device, as long as `on_host` has not taken them."""
-        assert self._values is not None, "these factors are on the host"
+        if self._values is None:
+            raise DeviceError("These factors were taken to the host: make them again.")
         return self._values
 
     def on_host(self, device: Device) -> Factors:
         """The same in blocks on the host, taken there once."""
-        if self._factors is None:
-            with device.on_host(self.values, write=False) as values:
-                self._factors = Factors.cut(values, self.shape)
-            self._values = None
-        return self._factors
+        with self._lock:
+            if self._factors is None:
+                with device.on_host(self.values, write=False) as values:
+                    self._factors = Factors.cut(values, self.shape)
+                self._values = None
+            return self._factors
 
 
 def run(
@@ -110,7 +115,7 @@ def _on_device(
     for y, x in zip_longest(into.y, into.x):
         work = _stage(work, y, x, device)
     if not spectra:
-        return [work]
+        return [window(data, data.shape, device) if work is data else work]
     results = []
     for place, (spectrum, way) in enumerate(zip(spectra, back, strict=True), 1):
         made = multiplied(work, spectrum, device, copy=work is data or place < len(spectra))

@@ -58,7 +58,9 @@ class PlanCache:
         nbytes = size(value)
         with self._lock:
             self.misses += 1
-            if nbytes <= self.limit_bytes and key not in self._items:
+            if key in self._items:  # made by another thread meanwhile: one plan for both
+                return self._items[key][0]
+            if nbytes <= self.limit_bytes:
                 self._items[key] = (value, nbytes)
                 self.nbytes += nbytes
                 while self.nbytes > self.limit_bytes:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
+from threading import Event
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -99,7 +100,8 @@ def run_on_host(
         Its FFT route and its workspace are used.
     """
     width = into.shape_after(source.shape[-2:])[1]
-    with ThreadPoolExecutor(device.fft.threads) as pool, ExitStack() as held:
+    # The threads end first: what they write to is lent until then.
+    with ExitStack() as held, ThreadPoolExecutor(device.fft.threads) as pool:
 
         def borrow(rows: int) -> Array:
             shape = (len(source), rows, width + APART)
@@ -178,11 +180,20 @@ class _Team:
 
     def _share(self, work: Callable[[Any, Slots], None], parts: Sequence[Any]) -> None:
         """``work`` on every part, each thread taking the next one."""
-        left = iter(parts)
+        if len(parts) == 1:
+            work(parts[0], self.slots[0])
+            return
+        left, failed = iter(parts), Event()
 
         def worker(slots: Slots) -> None:
             for part in left:
-                work(part, slots)
+                if failed.is_set():
+                    return
+                try:
+                    work(part, slots)
+                except BaseException:
+                    failed.set()
+                    raise
 
         list(self.pool.map(worker, self.slots))
 

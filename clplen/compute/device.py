@@ -268,7 +268,14 @@ class Device:
     def copy_into(self, target: cla.Array, source: cla.Array, offset: int) -> None:
         """Copy a whole device array into another one, from a byte of that on."""
         if source.nbytes:
-            cl.enqueue_copy(self.queue, _buffer(target), _buffer(source), dst_offset=offset)
+            cl.enqueue_copy(
+                self.queue,
+                _buffer(target),
+                _buffer(source),
+                src_offset=source.offset,
+                dst_offset=target.offset + offset,
+                byte_count=source.nbytes,
+            )
 
     @contextmanager
     def on_host(self, array: cla.Array, *, write: bool = True) -> Iterator[np.ndarray[Any, Any]]:
@@ -295,7 +302,8 @@ class Device:
                     self.queue, _buffer(array), values, dst_offset=array.offset, is_blocking=True
                 )
             return
-        flags = cast(cl.map_flags, cl.map_flags.READ | cl.map_flags.WRITE)
+        wanted = cl.map_flags.READ | cl.map_flags.WRITE if write else cl.map_flags.READ
+        flags = cast(cl.map_flags, wanted)
         mapped, _ = cl.enqueue_map_buffer(
             self.queue, _buffer(array), flags, array.offset, array.shape, array.dtype
         )

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from clplen.compute.device import Device
 
 Array = np.ndarray[Any, Any]
+VKFFT_BYTES = 2**20  # what the kernels and tables of one VkFFT plan are taken to hold
 HostFFT = Callable[[Array, Array, "tuple[int, ...]", bool, int], None]
 _MODULES = {"vkfft": "pyvkfft", "ducc0": "ducc0", "scipy": "scipy", "numpy": "numpy"}
 _EXTRAS = {
@@ -205,7 +206,7 @@ def _vkfft(array: cla.Array, device: Device, axes: tuple[int, ...], forward: boo
     app = device.plans.get(
         ("vkfft", array.shape, array.dtype.str, axes),
         lambda: _vkfft_app(array, device, axes),
-        lambda _: 0,
+        lambda made: int(getattr(made, "tmp_buffer_nbytes", 0)) + VKFFT_BYTES,
     )
     (app.fft if forward else app.ifft)(array, array)
 

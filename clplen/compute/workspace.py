@@ -31,6 +31,11 @@ class Workspace:
         """Bytes held now."""
         return self._kept.nbytes
 
+    def clear(self) -> None:
+        """Give back what is kept."""
+        with self._lock:
+            self._kept = np.empty(0, np.uint8)
+
     @contextmanager
     def borrow(self, shape: Sequence[int], dtype: np.dtype[Any]) -> Iterator[Array]:
         """An uninitialised array; what two borrowers at a time get is never the same.

@@ -1,4 +1,4 @@
-"""Figures of raw images, views, stacks, depth and optical systems (matplotlib, no display).
+"""Figures of fields, raw images, views, stacks, depth and optical systems (no display needed).
 
 Every function returns a `matplotlib.figure.Figure`; `save` writes it. Values are shown linearly
 unless the colour bar says otherwise.
@@ -6,6 +6,7 @@ unless the colour bar says otherwise.
 
 from clplen.plot.base import Region, Scale, save
 from clplen.plot.depths import alpha_curve, depth, energy_curves, phase_space
+from clplen.plot.fields import intensity, phase
 from clplen.plot.pictures import montage, picture, raw_image, refocused, views
 from clplen.plot.systems import system
 
@@ -15,7 +16,9 @@ __all__ = [
     "alpha_curve",
     "depth",
     "energy_curves",
+    "intensity",
     "montage",
+    "phase",
     "phase_space",
     "picture",
     "raw_image",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from pathlib import Path
+from typing import Any, Literal, get_args
 
 import matplotlib
 import numpy as np
@@ -19,6 +20,7 @@ Region = tuple[slice, slice]
 LIGHT = "inferno"  # perceptually uniform: brightness follows the value
 WHOLE: Region = (slice(None), slice(None))
 _DECADES = 3
+_ENDINGS = (".png", ".pdf", ".svg")
 styled = matplotlib.rc_context(
     {
         "font.size": 9,
@@ -32,18 +34,31 @@ styled = matplotlib.rc_context(
 
 
 def save(figure: Figure, path: PathLike, *, dpi: int = 150) -> None:
-    """Write a figure as PNG, whole or not at all.
+    """Write a figure as PNG, PDF or SVG, whole or not at all.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
     path : path-like
-        ``.png``.
+        ``.png``, ``.pdf`` or ``.svg``.
     dpi : int
-        Dots an inch.
+        Dots an inch; in PDF and SVG, of the images in it.
+
+    Raises
+    ------
+    ValueError
+        For another ending.
+    OSError
+        If the file cannot be written.
     """
+    ending = Path(path).suffix.lower()
+    if ending not in _ENDINGS:
+        raise ValueError(
+            f"A figure is written as {', '.join(_ENDINGS)}, not as {Path(path).name!r}: name a "
+            "file that ends so."
+        )
     with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=dpi, format="png")
+        figure.savefig(temporary, dpi=dpi, format=ending[1:])
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -80,6 +95,8 @@ def centred(shape: tuple[int, ...], step: float) -> tuple[float, float, float, f
 
 def norm_of(values: Array, scale: Scale, decades: int = _DECADES) -> Normalize:
     """How values become colours, from 0 (or so many decades below the largest) to the largest."""
+    if scale not in get_args(Scale):
+        raise ValueError(f"A scale of values is one of {get_args(Scale)}, not {scale!r}.")
     highest = float(values.max()) or 1.0
     if scale == "log":
         return LogNorm(highest * 10.0**-decades, highest)

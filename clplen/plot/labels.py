@@ -13,6 +13,7 @@ from clplen.wave.system import OpticalSystem
 
 LINE = 0.145  # inches of a line of text
 _LETTER = 0.068
+_FUNCTION = "function"  # a part that is one without a name
 
 
 @dataclass(frozen=True)
@@ -31,21 +32,37 @@ class Label:
 
 def names(optics: OpticalSystem, rays: Rays) -> list[Label]:
     """What stands above the drawing; things in one plane share a label."""
+    meeting = "focus" if rays.distant else "image"
     found = [] if rays.distant else [(0.0, "object")]
-    found += [(image.z, "focus" if rays.distant else "image") for image in rays.images]
+    found += [(image.z, meeting) for image in rays.images if not is_on_lenslets(optics, image.z)]
     for part, z in zip(optics, optics.positions, strict=True):
+        name = _FUNCTION if label_of(part) == "<lambda>" else label_of(part)
+        if isinstance(part, MicrolensArray) and any(_near(optics, z, i.z) for i in rays.images):
+            name += f" at the {meeting}"
         if not isinstance(part, Space):
-            found.append((z + length_of(part) / 2, "\n".join([label_of(part), *_details(part)])))
-    near = 1e-6 * abs(optics.length)
-    if not any(abs(z - optics.length) <= near for z, _ in found):
+            found.append((z + length_of(part) / 2, "\n".join([name, *_details(part)])))
+    if not any(_near(optics, z, optics.length) for z, _ in found):
         found.append((optics.length, "last plane"))
     labels: list[Label] = []
     for z, text in sorted(found, key=lambda pair: pair[0]):
-        if labels and abs(labels[-1].z - z) <= near:
+        if labels and _near(optics, labels[-1].z, z):
             labels[-1] = Label(labels[-1].z, f"{labels[-1].text}\n{text}")
         else:
             labels.append(Label(z, text))
     return labels
+
+
+def is_on_lenslets(optics: OpticalSystem, z: float) -> bool:
+    """Whether lenslets stand in the plane z, in metres."""
+    return any(
+        isinstance(part, MicrolensArray) and _near(optics, at, z)
+        for part, at in zip(optics, optics.positions, strict=True)
+    )
+
+
+def _near(optics: OpticalSystem, one: float, other: float) -> bool:
+    """Whether two planes are one but for rounding."""
+    return abs(one - other) <= 1e-6 * abs(optics.length)
 
 
 def _details(part: Part) -> list[str]:

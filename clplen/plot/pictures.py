@@ -11,6 +11,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from clplen.compute.image import Image
+from clplen.errors import ShapeError
 from clplen.plot.base import (
     LIGHT,
     WHOLE,
@@ -29,9 +31,9 @@ from clplen.plot.base import (
     spread,
     styled,
 )
+from clplen.wave.field import Field
 
 if TYPE_CHECKING:
-    from clplen.compute.image import Image
     from clplen.lightfield.lightfield import LightField
     from clplen.lightfield.raw import RawImage
     from clplen.lightfield.refocus import FocalStack
@@ -178,8 +180,22 @@ def picture(image: Image, *, title: str = "", scale: Scale = "linear") -> Figure
     title : str
     scale : {"linear", "log", "root"}
         Of the values; colour pictures are always linear.
+
+    Raises
+    ------
+    TypeError
+        If ``image`` is no `Image`; `intensity` and `phase` draw a field.
+    ShapeError
+        For another shape.
     """
+    if not isinstance(image, Image):
+        of_a_field = " (plot.intensity draws a field)" * isinstance(image, Field)
+        raise TypeError(f"A picture is an Image, not {type(image).__name__}{of_a_field}.")
     values = image.to_numpy()
+    if values.ndim not in (2, 3) or values.shape[2:] not in ((), (3,)):
+        raise ShapeError(
+            f"A picture is one image (y, x) or (y, x, 3), not {values.shape}: choose one plane."
+        )
     figure = new_figure(5.6, 5.0 * min(2.0, values.shape[0] / values.shape[1]) + 0.2)
     axes = figure.add_subplot()
     draw(figure, axes, values, scale, "value" if values.ndim == 2 else "")

@@ -10,10 +10,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from clplen.plot.base import Array, new_figure, styled
-from clplen.plot.labels import LINE, Label, in_rows, names, spans
+from clplen.plot.labels import LINE, Label, in_rows, is_on_lenslets, names, spans
 from clplen.plot.rays import Rays, lenslet_rows, opening, rays_through
 from clplen.wave.lenslets import MicrolensArray
 from clplen.wave.parts import ConvergingLight, Lens, Part, Space, Stop, length_of
@@ -23,6 +24,7 @@ _AXIAL, _OBLIQUE, _GLASS, _RIM, _LIGHT = "#0072b2", "#cc3311", "#d7e8f4", "#3353
 _WIDTH, _LEFT, _RIGHT, _HEIGHT = 7.8, 0.68, 0.22, 2.7  # inches: figure, margins, drawing
 _MARGIN = 0.07  # of the length, beside the first and the last plane
 _HEADROOM = 1.12
+_ASIDE, _FREE = 0.13, 0.1  # inches: from a focal point up or down to its name, from that to a ray
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ def system(
     Drawn are the optical axis, lenses, stops and lenslets in their size, the distances, the focal
     points of lenses, and two bundles of rays that just pass every opening: from the axis, and from
     a point beside it with its chief ray. If the first element lies in the first plane, the light is
-    collimated. Arrows are the object and its images.
+    collimated. Arrows are the object and its images, but for an image that lies on lenslets.
 
     Parameters
     ----------
@@ -70,9 +72,16 @@ def system(
 
     Raises
     ------
+    TypeError
+        If ``optics`` is no `OpticalSystem`.
     ValueError
         For an extent that is not positive, or a height that is not finite.
     """
+    if not isinstance(optics, OpticalSystem):
+        raise TypeError(
+            f"A side view is drawn of an OpticalSystem, not of {type(optics).__name__}: make one "
+            "of a list of parts and distances, OpticalSystem([...])."
+        )
     if extent is not None and not 0 < extent < np.inf:
         raise ValueError(f"The extent of a view is positive, in metres, not {extent!r}.")
     if height is not None and not np.isfinite(height):
@@ -89,7 +98,7 @@ def system(
     for part, z in zip(optics, optics.positions, strict=True):
         _draw_part(view, part, z)
     _draw_planes(view, optics, rays)
-    _draw_focal_points(view, optics)
+    _draw_focal_points(view, optics, rays)
     _write_names(view, above)
     _write_spans(view, below)
     return _captioned(view, rays)
@@ -236,7 +245,7 @@ def _draw_planes(view: _View, optics: OpticalSystem, rays: Rays) -> None:
     style = {"arrowstyle": "-|>", "color": "0.1", "lw": 1.8, "shrinkA": 0, "shrinkB": 0}
     shown = [(0.0, rays.height), *((image.z, image.height) for image in rays.images)]
     for z, height in shown:
-        if height:
+        if height and not is_on_lenslets(optics, z):
             view.axes.annotate("", (z, height), (z, 0), arrowprops=style, zorder=6)
 
 
@@ -245,8 +254,9 @@ def _ends_with_element(optics: OpticalSystem) -> bool:
     return not length_of(optics[-1]) and not isinstance(optics[-1], Space | ConvergingLight)
 
 
-def _draw_focal_points(view: _View, optics: OpticalSystem) -> None:
+def _draw_focal_points(view: _View, optics: OpticalSystem, rays: Rays) -> None:
     """Of every lens, where the drawing reaches; lenses are numbered if there are several."""
+    halo = [withStroke(linewidth=2.5, foreground="w", alpha=0.8)]
     lenses = [
         (part.f, z)
         for part, z in zip(optics, optics.positions, strict=True)
@@ -262,8 +272,36 @@ def _draw_focal_points(view: _View, optics: OpticalSystem) -> None:
                 named[place] = f"{named[place]}, {name}" if place in named else name
     for at, name in named.items():
         view.axes.plot(at, 0, "o", color="0.15", ms=3.2, zorder=6)
-        where = (at + 0.05 * view.z_inch, -0.05 * view.y_inch)
-        view.axes.text(*where, name, va="top", size=8, color="0.15", zorder=6)
+        where = _clear_of(view, rays, at, 0.13 + 0.12 * name.count(","))
+        words = view.axes.text(*where, name, ha="center", va="center", size=8, color="0.15")
+        words.set(zorder=6, path_effects=halo)
+
+
+def _clear_of(view: _View, rays: Rays, z: float, aside: float) -> tuple[float, float]:
+    """A place for a short word beside a point of the axis: the first that marginal and chief rays
+    leave free, or the freest.
+    """
+    inch = np.array([view.z_inch, view.y_inch])
+    lines = []
+    for bundle, tilt in ((rays.axial, 0.0), (rays.oblique, rays.tilt), (rays.chief, rays.tilt)):
+        if bundle is not None:
+            along, heights = _from_afar(view, rays, bundle, tilt)
+            lines += [np.column_stack([along, y]) / inch for y in (heights[:, 0], heights[:, -1])]
+    away = (_ASIDE, 1.5 * _ASIDE, 2 * _ASIDE)
+    sides = [(x, y) for far in away for y in (-far, far) for x in (aside, -aside, 0.0)]
+    places = [np.array([z / view.z_inch, 0.0]) + side for side in sides]
+    gaps = [min((_distance(place, line) for line in lines), default=_FREE) for place in places]
+    best = next((i for i, gap in enumerate(gaps) if gap >= _FREE), int(np.argmax(gaps)))
+    return float(places[best][0] * inch[0]), float(places[best][1] * inch[1])
+
+
+def _distance(place: Array, line: Array) -> float:
+    """From a point to a polyline of shape (points, 2); what is NaN in it is no part of it."""
+    start, step = line[:-1], np.diff(line, axis=0)
+    long = np.maximum((step**2).sum(axis=1), np.finfo(float).tiny)
+    share = np.clip(((place - start) * step).sum(axis=1) / long, 0, 1)
+    gaps = np.hypot(*(start + share[:, None] * step - place).T)
+    return float(np.min(gaps[np.isfinite(gaps)], initial=np.inf))
 
 
 def _write_names(view: _View, rows: list[list[Label]]) -> None:

@@ -78,7 +78,7 @@ class Way:
     def fresnel_width(self, displacement: float) -> float:
         """sqrt(cos^3 theta/(lam z)): frequencies that interfere at one place, in cycles a metre."""
         distance = math.hypot(displacement, self.z)
-        return abs(self.z) / math.sqrt(self.wavelength * distance**3) if distance else 0.0
+        return abs(self.z) / distance / math.sqrt(self.wavelength * distance) if distance else 0.0
 
     @property
     def is_evanescent(self) -> bool:
@@ -227,8 +227,11 @@ def fully_sampled_distance(n: int, d: float, wavelength: float) -> float:
 
 
 def kernel_sampled_distance(way: Way) -> float:
-    """Smallest abs(z) at which the Rayleigh-Sommerfeld kernel is sampled: f_geo <= f_nyq."""
+    """Smallest abs(z) at which the Rayleigh-Sommerfeld kernel is sampled.
+
+    f_geo <= f_nyq, and its peak of width z takes two samples.
+    """
     sine = way.wavelength * way.nyquist
-    if way.n == 1 or sine >= 1:
+    if way.n == 1:
         return 0.0
-    return way.reach * math.sqrt(1 / sine**2 - 1)
+    return max(2 * way.pitch, way.reach * math.sqrt(max(1 / sine**2 - 1, 0.0)))

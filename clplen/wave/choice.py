@@ -77,7 +77,7 @@ def _far(r: Request, why: str) -> Description:
     if flops(few) >= flops(kernel):
         return kernel
     count = " x ".join(str(n) for n in few.into.shape_after(r.grid.shape))
-    return replace(few, why=f"{why}; {count} frequencies take {_share(few, kernel)} of rs")
+    return replace(few, why=f"{why}; {count} frequencies, {_share(few, kernel)} of its work")
 
 
 def _share(one: Description, other: Description) -> str:
@@ -86,7 +86,12 @@ def _share(one: Description, other: Description) -> str:
 
 def _touching(r: Request) -> Description:
     """The angular spectrum with its evanescent waves, in a window that holds both grids."""
-    lengths = spectral.fft_lengths(r, r.bands)
+    lengths = [
+        n if n == 1 else max(length, smooth_length(n + max(n, m)))
+        for n, m, length in zip(
+            r.grid.shape, r.target.shape, spectral.fft_lengths(r, r.bands), strict=True
+        )
+    ]
     bands = [whole_band(r.way(axis)) for axis in (0, 1)]
     why = f"abs(z) = {abs(r.z):.3g} m <= {EVANESCENT_REACH} lam: evanescent waves count"
     valid = (0.0, EVANESCENT_REACH * r.wavelength)
@@ -114,6 +119,7 @@ def _nothing(r: Request) -> Description:
         into=Separable(),
         back=Separable(),
         factor=None,
+        kind="nothing",
         route="none",
         sampled="nothing",
         phase_step=0.0,

@@ -28,19 +28,23 @@ def flops(made: Description) -> float:
 
 def samples_held(made: Description) -> int:
     """Complex samples that one field needs beside itself: the plan, work space and the result."""
-    if made.route == "none":
+    if made.kind == "nothing":
         return 0
     stored = 0 if made.factor is None else math.prod(made.factor.stored)
+    result = int(np.prod(made.out_grid.shape, dtype=np.int64))
+    return stored + table_samples(made) + 2 * made.work_samples + result
+
+
+def table_samples(made: Description) -> int:
+    """Complex samples of the 1-D tables of all maps; what is repeated counts once."""
     ways = (made.into.y, made.into.x, made.back.y, made.back.x)
-    tables = sum(
+    return sum(
         table.size
         for way in ways
         for line in set(way)
         for table in (line.pre, line.kernel, line.post)
         if table is not None
     )
-    result = int(np.prod(made.out_grid.shape, dtype=np.int64))
-    return stored + tables + 2 * made.work_samples + result
 
 
 def _transforms(lines: Iterable[Line]) -> float:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 from clplen.compute.lines import Separable
 from clplen.wave.field import Grid
 from clplen.wave.request import Request
 from clplen.wave.transfer import Factor
+
+Kind = Literal["nothing", "fft", "chirp-z", "separable"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +27,10 @@ class Description:
     into, back : Separable
         Before and after the factor; ``back`` is empty where there is none.
     factor : Factor or None
-    route : str
+    kind : {"nothing", "fft", "chirp-z", "separable"}
         How the sums are done.
+    route : str
+        The same in words.
     sampled : str
         What has to be sampled: the transfer function, a kernel, a chirp.
     phase_step : float
@@ -45,6 +50,7 @@ class Description:
     into: Separable
     back: Separable
     factor: Factor | None
+    kind: Kind
     route: str
     sampled: str
     phase_step: float

@@ -50,10 +50,10 @@ def energy(field: Field, made: Description, phase: str) -> Energy:
     if made.factor is None:
         power = float(np.sum(field.power()))
         return Energy(into=power, window=power, outside=0.0, cut=0.0)
-    spectrum = made.factor.on_device(device, phase)
-    shape = (*field.shape[:-2], *spectrum.shape)
+    shape = (*field.shape[:-2], *made.factor.shape)
     nbytes = int(np.prod(shape, dtype=np.int64)) * device.complex.itemsize
     device.require_memory(4 * nbytes, "This energy budget")
+    spectrum = made.factor.on_device(device, phase)
     area = grid.pitch[0] * grid.pitch[1]
     samples = spectrum.shape[0] * spectrum.shape[1]
     work = window(field.data, shape, device)

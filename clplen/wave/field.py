@@ -67,10 +67,9 @@ class Grid:
         sizes = tuple(shape) if np.ndim(shape) == 1 else ()
         if len(sizes) != 2 or any(int(n) != n or n < 1 for n in sizes):
             raise ShapeError(f"A grid's shape is (ny, nx), two positive integers, not {shape!r}.")
-        pitches = np.broadcast_to(np.asarray(pitch, dtype=np.float64), (2,))
+        pitches, origins = _pair(pitch), _pair(origin)
         if not (np.isfinite(pitches).all() and (pitches > 0).all()):
             raise ValueError(f"A grid's pitch is positive and finite, in metres, not {pitch!r}.")
-        origins = np.broadcast_to(np.asarray(origin, dtype=np.float64), (2,))
         if not np.isfinite(origins).all():
             raise ValueError(f"A grid's origin is finite, in metres, not {origin!r}.")
         object.__setattr__(self, "shape", (int(sizes[0]), int(sizes[1])))
@@ -105,6 +104,14 @@ class Grid:
     def _axis(self, axis: int) -> Vector:
         n = self.shape[axis]
         return self.origin[axis] + (np.arange(n) - n // 2) * self.pitch[axis]
+
+
+def _pair(values: Any) -> Vector:
+    """One number or two as two; NaN where they are something else."""
+    try:
+        return np.broadcast_to(np.asarray(values, dtype=np.float64), (2,))
+    except (TypeError, ValueError):
+        return np.full(2, np.nan)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -8,13 +8,15 @@ import numpy as np
 
 from clplen.compute.lines import Line, Separable, convolution, smooth_length, still
 from clplen.errors import SamplingError
-from clplen.wave.description import Description, any_distance, whole_bands
+from clplen.wave.description import Description, whole_bands
 from clplen.wave.field import Grid
 from clplen.wave.phase import phasor
 from clplen.wave.request import Request
 from clplen.wave.spectral import padded_length
 
 WHOLE = 1e-9  # of a step: rounding that makes no further one
+LIMIT_STEPS = 10**5
+MOST_STEPS = 32  # that a border was seen to absorb; later what it lets back outshines the field
 
 
 def transfer_function(r: Request) -> Description:
@@ -113,12 +115,25 @@ def many_steps(r: Request) -> Description:
     After each step a cos^2 taper over a fraction ``border`` of half the window absorbs what would
     wrap around. Thesis, section 2.3.1; each axis has its own dz.
     """
+    reach, count = absorbed_distance(r), steps(r)
+    if count > LIMIT_STEPS:
+        raise SamplingError(
+            f"fresnel-multistep would take {count:,} steps to z = {r.z:g} m, at most "
+            f"{LIMIT_STEPS:,} are done: use method='fresnel-ir', or 'auto'."
+        )
     ways, counts = [], []
     for axis, n in enumerate(r.grid.shape):
         lines = [still(1)] if n == 1 else _steps(r, axis)
         counts.append(len(lines) - 1)
         ways.append(tuple(lines))
     length = max(lines[0].length for lines in ways)
+    warning = ""
+    if abs(r.z) >= reach:
+        warning = (
+            f"{count} steps to z = {r.z:g} m: from {reach:.4g} m on light that left the window "
+            "comes back in fresnel-multistep. Use method='fresnel-ir' or 'auto', a larger pad or a "
+            "border."
+        )
     return Description(
         request=r,
         method="fresnel-multistep",
@@ -127,12 +142,37 @@ def many_steps(r: Request) -> Description:
         into=Separable(ways[0], ways[1]),
         back=Separable(),
         factor=None,
+        kind="separable",
         route=f"{counts[0]} and {counts[1]} single-FFT steps in y and x, window of {length}",
         sampled="chirp",
         phase_step=1.0 if max(counts) else 0.0,
-        valid=any_distance(),
+        valid=(0.0, reach),
         band=whole_bands(r),
+        warning=warning,
     )
+
+
+def steps(r: Request) -> int:
+    """Whole steps of fresnel-multistep along the axis that needs more."""
+    return max((math.floor(abs(r.z) / dz + WHOLE) for dz in _step_lengths(r)), default=0)
+
+
+def absorbed_distance(r: Request) -> float:
+    """Distance in metres from which light that left the window comes back in fresnel-multistep.
+
+    Without padding and border it is wanted there: the window is periodic.
+    """
+    if r.pad == 1 and r.border == 0:
+        return math.inf
+    most = MOST_STEPS if r.border > 0 else 1
+    return min(((most + 1) * dz for dz in _step_lengths(r)), default=math.inf)
+
+
+def _step_lengths(r: Request) -> list[float]:
+    """dz = N dx^2/lam of each axis, in metres."""
+    return [
+        even_length(r.grid.shape[a], r.pad) * r.grid.pitch[a] ** 2 / r.wavelength for a in r.axes
+    ]
 
 
 def paraxial(length: int, d: float, z: float, r: Request) -> np.ndarray:
@@ -233,6 +273,7 @@ def _separable(
         into=Separable((lines[0],), (lines[1],)),
         back=Separable(),
         factor=None,
+        kind="separable",
         route=f"each axis by itself, window {lines[0].length} x {lines[1].length}",
         sampled=sampled,
         phase_step=step,

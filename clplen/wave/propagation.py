@@ -73,9 +73,11 @@ def propagate(
     The plan is kept on the device and used again for the same arguments; ``device.plans`` shows its
     size and hits.
     """
-    distances = [z] if np.ndim(z) == 0 else list(np.asarray(z).ravel())
-    if not distances:
-        raise ValueError("z is one distance or several, in metres, not an empty list.")
+    if not isinstance(field, Field):
+        raise TypeError(f"propagate takes a Field, as Field.from_array makes it, not {field!r}.")
+    distances = [z] if np.ndim(z) == 0 else list(np.asarray(z))
+    if not distances or np.ndim(z) > 1:
+        raise ValueError(f"z is one distance or a list of them, in metres, not {z!r}.")
     requests = [
         request(
             field.grid, one, field.wavelength, method, pad, out_grid, guard, border,
@@ -116,9 +118,11 @@ def propagate_wavelengths(
     list of Field
         One a wavelength, each with its wavelength.
     """
+    if not np.size(wavelengths):
+        raise ValueError("wavelengths is one wavelength or several, in metres, not an empty list.")
     return [
         propagate(replace(field, wavelength=float(wavelength)), z, **options)
-        for wavelength in wavelengths
+        for wavelength in np.atleast_1d(wavelengths)
     ]
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from numbers import Real
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,7 @@ from clplen.compute.blocks import Spectrum
 from clplen.compute.device import Device, require_device, require_same_device
 from clplen.errors import SamplingError, SamplingWarning, ShapeError
 from clplen.wave.choice import describe
+from clplen.wave.cost import table_samples
 from clplen.wave.description import Description
 from clplen.wave.energy import Energy, energy
 from clplen.wave.field import Field, Grid
@@ -67,7 +70,8 @@ class Propagator:
         Focal length in metres of a paraxial thin lens on the axis right before a fresnel-1fft,
         joined to its chirp before that is sampled: nothing aliases at z = lens.
     phase : {"tables", "fp64", "twofloat"}, optional
-        How the phase of H is formed; by default whatever is exact to 1e-5 rad on the device.
+        How the phase of H is formed; by default whatever is exact to 1e-5 rad on the device
+        (less next to the grazing frequency 1/lam).
 
     Attributes
     ----------
@@ -126,36 +130,43 @@ class Propagator:
             raise ValueError(f"There is no phase route {phase!r}; use one of {', '.join(PHASES)}.")
         if phase not in (None, "tables") and device.precision == "double":
             raise ValueError(f"In double precision the phase is by 'tables', not {phase!r}.")
+        if phase == "fp64" and not device.has_fp64:
+            raise ValueError(f"{device.name} has no double precision: use phase='twofloat'.")
         self.request, self.device = wanted, device
         self.grid, self.z, self.wavelength = wanted.grid, wanted.z, wanted.wavelength
         made = describe(wanted)
         self.description = _in_precision(made, device)
         self.method, self.why, self.out_grid = made.method, made.why, made.out_grid
-        route = "tables" if made.factor is None else made.factor.phase_route(device)
-        self.phase = phase or route
+        self.phase = "tables"
+        if made.factor is not None:
+            self.phase = phase or made.factor.phase_route(device)
         self.report: Report = report(made, self.phase)
         if made.warning:
             warnings.warn(made.warning, SamplingWarning, stacklevel=stacklevel)
         self._spectrum: Spectrum | None = None
+        self._lock = Lock()
+
+    def __repr__(self) -> str:
+        return f"<Propagator {self.method}, {self.z:g} m, {self.grid} to {self.out_grid}>"
 
     @property
     def nbytes(self) -> int:
         """Bytes that the plan holds."""
-        made, itemsize = self.description, self.device.complex.itemsize
-        tables = 3 * sum(line.length for line in made.into.y + made.into.x)
-        if made.factor is None:
-            return tables * itemsize
-        rows, columns = made.factor.stored
-        if self.device.fft.name != "vkfft":
-            columns = made.factor.shape[1]  # on the host all columns
-        return (rows * columns + 2 * tables) * itemsize
+        made, samples = self.description, table_samples(self.description)
+        if made.factor is not None:
+            rows, columns = made.factor.stored
+            if self.device.fft.name != "vkfft":
+                columns = made.factor.shape[1]  # on the host all columns
+            samples += rows * columns
+        return samples * self.device.complex.itemsize
 
     @property
     def spectrum(self) -> Spectrum | None:
         """The factor on the device, made at first use; None where the method has none."""
-        if self._spectrum is None and self.description.factor is not None:
-            self._spectrum = self.description.factor.on_device(self.device, self.phase)
-        return self._spectrum
+        with self._lock:
+            if self._spectrum is None and self.description.factor is not None:
+                self._spectrum = self.description.factor.on_device(self.device, self.phase)
+            return self._spectrum
 
     def __call__(self, field: Field) -> Field:
         """Propagate a field (or a batch of fields) on the plan's grid.
@@ -205,14 +216,15 @@ class Propagator:
     def _by_fft(self) -> Description:
         """The description whose sum is done by FFTs of a window of the field's own samples."""
         made = self.description
-        if (made.factor is None and made.route == "none") or self.method in ("as", "blas"):
+        if made.kind == "nothing" or self.method in ("as", "blas"):
             return made
         if self.method != "cblas" or not self.request.is_aligned:
             raise SamplingError(
                 "energy() is for as, blas and cblas on the field's own pitch and centre, whose "
-                f"window holds all the light; this plan is {self.method!r} onto {self.out_grid}."
+                f"window holds all the light; this plan is {self.method!r} onto {self.out_grid}: "
+                "make one with method='cblas' and without out_grid."
             )
-        return corrected(self.request, self.why, "fft")
+        return corrected(made.request, self.why, "fft")
 
     def _check(self, field: Field) -> None:
         require_same_device(field.device, self.device)
@@ -238,9 +250,11 @@ def request(
 ) -> Request:
     """A checked request, a ``support`` of one number being that of both axes."""
     if support is not None:
+        if np.shape(support) not in ((), (2,)):
+            raise ValueError(f"support is one width or (y, x), in metres, not {support!r}.")
         both = np.broadcast_to(np.asarray(support, np.float64), (2,))
         support = (float(both[0]), float(both[1]))
-    distance = float(z) if np.ndim(z) == 0 else z
+    distance = float(z) if isinstance(z, Real) else z
     return Request(grid, distance, wavelength, method, pad, out_grid, guard, border, support, lens)
 
 

@@ -84,7 +84,7 @@ class Report:
             ("distance", f"{metres(self.z)} at {metres(self.wavelength)}"),
             ("route", self.route),
             ("output", _grid(self.out_grid)),
-            ("sampling", f"{self.sampled}: {self.phase_step:.3g} pi from sample to sample"),
+            ("sampling", self._sampling()),
             ("sampled for z", interval(self.fully_sampled_from, self.fully_sampled_to)),
             *self._band(),
             ("phase", f"{self.phase}, residual {self.residual_turns:.3g} turns"),
@@ -94,6 +94,13 @@ class Report:
         held = amount(8 * self.samples, "B")
         rows.append(("memory", f"{held} in complex64, twice that in complex128"))
         return [*rows, ("transforms", amount(self.flops, "flop"))]
+
+    def _sampling(self) -> str:
+        """The phase step, and why more than pi does no harm where the window is chosen for it."""
+        text = f"{self.sampled}: {self.phase_step:.3g} pi from sample to sample"
+        chosen = self.fully_sampled_to == math.inf and self.fully_sampled_from == 0
+        harmless = chosen and self.phase_step > 1 and self.method in ("as", "cblas")
+        return text + (", its aliases miss the output" if harmless else "")
 
     def _band(self) -> list[tuple[str, str]]:
         """The band of each axis along which something varies; of both where they agree."""
@@ -131,8 +138,8 @@ def report(made: Description, phase: str) -> Report:
         max(0.0, high - low) / (2 * f) if f else 1.0
         for (low, high), f in zip(made.band, nyquist, strict=True)
     ]
-    highest = max(r.way(axis).highest for axis in (0, 1))
-    paraxial = math.pi * abs(r.z) * r.wavelength**3 * highest**4 / 4
+    corner = sum(r.way(axis).highest ** 2 for axis in (0, 1))
+    paraxial = math.pi * abs(r.z) * r.wavelength**3 * corner**2 / 4
     return Report(
         method=made.method,
         why=made.why,

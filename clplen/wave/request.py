@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-
-import numpy as np
+from numbers import Real
 
 from clplen.errors import SamplingError
 from clplen.wave.band import FAR_GUARD, GUARD, Band, Way, guarded_band
@@ -23,6 +22,7 @@ METHODS = (
     "fresnel-multistep",
 )
 FREE_GRID = ("auto", "cblas")  # methods that take any output grid
+FARTHEST = 1e12  # metres
 BORDER = 0.4  # of half the window, the taper of fresnel-multistep
 _SAME = 1e-9  # of a pitch
 
@@ -149,19 +149,31 @@ class Request:
 
 
 def _check_numbers(r: Request) -> None:
+    if not isinstance(r.grid, Grid):
+        raise TypeError(f"The grid of a propagation is a Grid, not {r.grid!r}.")
+    if r.out_grid is not None and not isinstance(r.out_grid, Grid):
+        raise TypeError(
+            f"out_grid is a Grid, as Grid((ny, nx), pitch) makes it, not {r.out_grid!r}."
+        )
     if r.method not in METHODS:
         raise ValueError(f"There is no method {r.method!r}; use one of {', '.join(METHODS)}.")
-    if np.ndim(r.z) or not math.isfinite(r.z):
+    if not _is_finite(r.z):
         raise ValueError(f"The distance z is one finite number of metres, not {r.z!r}.")
-    if not (math.isfinite(r.wavelength) and r.wavelength > 0):
+    if abs(r.z) > FARTHEST:
+        raise ValueError(f"The distance z is at most {FARTHEST:g} m, not {r.z!r}.")
+    if not (_is_finite(r.wavelength) and r.wavelength > 0):
         raise ValueError(f"The wavelength is positive, in metres, not {r.wavelength!r}.")
-    if not (math.isfinite(r.pad) and r.pad >= 1):
+    if not (_is_finite(r.pad) and r.pad >= 1):
         raise ValueError(f"pad is at least 1 and finite, not {r.pad!r}.")
-    if r.guard is not None and not (math.isfinite(r.guard) and r.guard >= 0):
+    if r.guard is not None and not (_is_finite(r.guard) and r.guard >= 0):
         raise ValueError(f"guard is a number of Fresnel widths, at least 0, not {r.guard!r}.")
-    if not 0 <= r.border < 1:
+    if not (_is_finite(r.border) and 0 <= r.border < 1):
         raise ValueError(f"border is a fraction of half the window, 0 to 1, not {r.border!r}.")
-    if r.support is not None and not all(math.isfinite(s) and s > 0 for s in r.support):
+    if r.support is not None and not all(_is_finite(s) and s > 0 for s in r.support):
         raise ValueError(f"support is positive widths (y, x) in metres, not {r.support!r}.")
-    if r.lens is not None and (math.isnan(r.lens) or r.lens == 0):
+    if r.lens is not None and not (isinstance(r.lens, Real) and r.lens == r.lens and r.lens != 0):
         raise ValueError(f"The focal length lens= is not 0, in metres; got {r.lens!r}.")
+
+
+def _is_finite(value: object) -> bool:
+    return isinstance(value, Real) and math.isfinite(value)

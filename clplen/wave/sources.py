@@ -45,7 +45,7 @@ def plane_wave(
     SamplingWarning
         If its spatial frequency a/lam is beyond the Nyquist frequency 1/(2 d) of an axis.
     """
-    _check_wave(wavelength, device)
+    _check_wave(grid, wavelength, device)
     _check_direction(direction)
     _warn_beyond_nyquist(grid, _frequencies(direction, wavelength), "A plane wave")
     ty, tx = _tilt_tables(grid, direction, wavelength, device)
@@ -123,7 +123,7 @@ def spherical_wave(
     SamplingWarning
         If the phase changes by more than pi between neighbouring samples.
     """
-    _check_wave(wavelength, device)
+    _check_wave(grid, wavelength, device)
     if not math.isfinite(z) or z == 0:
         raise ValueError(f"The distance z of a point source is finite and not 0, not {z!r} m.")
     if not np.isfinite(source).all():
@@ -179,7 +179,7 @@ def gaussian_beam(
     SamplingWarning
         If a/lam + 1/(pi w0), where the spectrum is at 1/e, is beyond the Nyquist frequency.
     """
-    _check_wave(wavelength, device)
+    _check_wave(grid, wavelength, device)
     if not (math.isfinite(waist) and waist > 0):
         raise ValueError(f"The waist of a beam is positive, in metres, not {waist!r}.")
     if not (math.isfinite(z) and np.isfinite(centre).all()):
@@ -225,10 +225,12 @@ def _frequencies(direction: Pair, wavelength: float) -> Pair:
     return (abs(direction[0]) / wavelength, abs(direction[1]) / wavelength)
 
 
-def _check_wave(wavelength: float, device: Device) -> None:
+def _check_wave(grid: Grid, wavelength: float, device: Device) -> None:
     require_device(device)
     if not (math.isfinite(wavelength) and wavelength > 0):
         raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
+    nbytes = 2 * grid.shape[0] * grid.shape[1] * device.complex.itemsize
+    device.require_memory(nbytes, "This wave")
 
 
 def _check_direction(direction: Pair) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from clplen.wave.request import Request
 from clplen.wave.transfer import Sommerfeld, Transfer, fft_frequencies
 
 FFT_WINDOW = 2.5  # times the grid, up to which the FFT route is the cheaper one
+FEWEST = 64  # frequencies of a band with hard edges
 
 
 def padded_length(n: int, pad: float) -> int:
@@ -45,9 +47,11 @@ def angular_spectrum(r: Request, why: str = "asked for") -> Description:
     periodic = r.pad == 1
     warning = ""
     if abs(r.z) > reach and not periodic:
+        grazing = any(r.wavelength * r.way(axis).nyquist >= 1 for axis in r.axes)
+        wider = "" if grazing else ", or a larger pad"
         warning = (
             f"The transfer function at z = {r.z:g} m is aliased: it is sampled over the whole band "
-            f"only up to {reach:.4g} m. Use method='auto' or 'blas', or a larger pad."
+            f"only up to {reach:.4g} m. Use method='auto' or 'blas'{wider}."
         )
     bands = [whole_band(r.way(axis)) for axis in (0, 1)]
     valid = (0.0, math.inf if periodic else reach)
@@ -72,7 +76,7 @@ def corrected(r: Request, why: str = "asked for", route: str = "") -> Descriptio
 
     ``route`` "fft" or "chirp-z"; by default the FFT where the grid allows it and the window is not
     much wider than the grid. With guard = 0 the band ends sharply where geometry says (figure 2.7
-    of the thesis) and the window is that of ``pad``.
+    of the thesis) and the window of the FFT route is that of ``pad``.
     """
     bands = r.bands
     empty = [axis for axis in r.axes if bands[axis].is_empty]
@@ -91,7 +95,7 @@ def fft_lengths(r: Request, bands: list[Band]) -> list[int]:
     lengths = []
     for n, m, d, band in zip(r.grid.shape, r.target.shape, r.grid.pitch, bands, strict=True):
         if r.guard == 0:
-            lengths.append(max(padded_length(n, r.pad), m))
+            lengths.append(n if n == 1 else max(padded_length(n, r.pad), n + m if m > n else 0))
         else:
             lengths.append(n if n == 1 else smooth_length(max(n, m, math.ceil(band.window / d))))
     return lengths
@@ -128,6 +132,7 @@ def by_fft(
         into=Separable(*_tuples(into)),
         back=Separable(*_tuples(back)),
         factor=factor,
+        kind="fft",
         route=f"FFT of {lengths[0]} x {lengths[1]} samples",
         sampled="transfer function",
         phase_step=max(steps, default=0.0),
@@ -147,6 +152,8 @@ def by_chirps(r: Request, bands: list[Band], *, why: str, warning: str = "") -> 
             frequencies.append(np.zeros(1))
             weights.append(np.ones(1))
             continue
+        band = _finer(band)
+        bands[axis] = band
         index = _lattice(band)
         f = index / band.window
         inside = np.zeros(1) if band.is_empty else band.weights(f) * _halved(f, band)
@@ -167,6 +174,7 @@ def by_chirps(r: Request, bands: list[Band], *, why: str, warning: str = "") -> 
         into=Separable(*_tuples(into)),
         back=Separable(*_tuples(back)),
         factor=_transfer(r, shape, frequencies, weights),
+        kind="chirp-z",
         route=f"chirp-z transforms over {shape[0]} x {shape[1]} frequencies",
         sampled="transfer function",
         phase_step=max(steps, default=0.0),
@@ -185,7 +193,7 @@ def sommerfeld(r: Request, why: str = "asked for") -> Description:
     step = max((way.geometric(way.reach) / way.nyquist for way in ways), default=0.0)
     nearest = max((kernel_sampled_distance(way) for way in ways), default=0.0)
     warning = ""
-    if step > 1:
+    if abs(r.z) < nearest:
         warning = (
             f"The Rayleigh-Sommerfeld kernel at z = {r.z:g} m is aliased: it is sampled from "
             f"{nearest:.4g} m on. Use method='auto' or 'cblas'."
@@ -198,6 +206,7 @@ def sommerfeld(r: Request, why: str = "asked for") -> Description:
         into=Separable(*_tuples(into)),
         back=Separable(*_tuples(back)),
         factor=Sommerfeld((lengths[0], lengths[1]), r.grid.pitch, r.z, r.wavelength),
+        kind="fft",
         route=f"FFT of {lengths[0]} x {lengths[1]} samples",
         sampled="kernel",
         phase_step=step,
@@ -205,6 +214,13 @@ def sommerfeld(r: Request, why: str = "asked for") -> Description:
         band=whole_bands(r),
         warning=warning,
     )
+
+
+def _finer(band: Band) -> Band:
+    """The band in a window that puts some frequencies inside, however narrow a hard edge is."""
+    if band.guard > 0 or band.is_empty:
+        return band
+    return replace(band, window=max(band.window, FEWEST / (band.high - band.low)))
 
 
 def _no_light(r: Request, band: Band, axis: str) -> str:

@@ -15,16 +15,24 @@ if TYPE_CHECKING:
     from clplen.wave.propagator import Propagator
 
 
+TOGETHER = 8  # plans that share a beginning at a time: more hold memory and gain nothing
+
+
 def together(field: Field, plans: Sequence[Propagator]) -> list[Field]:
     """A field by several plans; those that begin alike share their beginning."""
     results: dict[int, Field] = {}
     groups: dict[Any, list[int]] = {}
     for place, one in enumerate(plans):
         made = one.description
-        alone = made.factor is None or made.route.startswith("chirp")
+        alone = made.kind != "fft"
         key = place if alone else ("fft", made.into.widest(field.grid.shape))
         groups.setdefault(key, []).append(place)
-    for places in groups.values():
+    parts = (
+        places[start : start + TOGETHER]
+        for places in groups.values()
+        for start in range(0, len(places), TOGETHER)
+    )
+    for places in parts:
         chosen = [plans[place] for place in places]
         for place, result in zip(places, _run(field, chosen), strict=True):
             results[place] = result
@@ -33,11 +41,11 @@ def together(field: Field, plans: Sequence[Propagator]) -> list[Field]:
 
 def _run(field: Field, plans: Sequence[Propagator]) -> list[Field]:
     first = plans[0].description
-    if first.route == "none" or 0 in field.shape:
-        same = field.shape[:-2]
-        if first.route == "none":
-            return [field for _ in plans]
-        empty = field.device.empty((*same, *first.out_grid.shape), field.device.complex)
+    if first.kind == "nothing":
+        return [field for _ in plans]
+    if 0 in field.shape:
+        shape = (*field.shape[:-2], *first.out_grid.shape)
+        empty = field.device.empty(shape, field.device.complex)
         return [replace(field, data=empty, grid=plan.out_grid) for plan in plans]
     _require_memory(field, plans)
     spectra = [plan.spectrum for plan in plans if plan.spectrum is not None]

@@ -86,7 +86,10 @@ class Transfer:
         return abs(self.z) / self.wavelength * q * q / 2
 
     def phase_route(self, device: Device) -> str:
-        """ "tables", "fp64" or "twofloat": how a device forms the phase to 1e-5 rad."""
+        """ "tables", "fp64" or "twofloat": how a device forms the phase to 1e-5 rad.
+
+        Less only at s = 1 within 1e-3, where waves graze.
+        """
         if device.precision == "double" or self.residual_turns() <= LARGEST_TABLE_RESIDUAL:
             return "tables"
         return "fp64" if device.has_fp64 else "twofloat"

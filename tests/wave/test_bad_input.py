@@ -45,7 +45,7 @@ def test_a_plan_has_one_distance(device):
 
 
 def test_some_distance_is_needed(device):
-    with pytest.raises(ValueError, match="one distance or several, in metres, not an empty list"):
+    with pytest.raises(ValueError, match="one distance or a list of them, in metres"):
         propagate(ones(device), [])
 
 

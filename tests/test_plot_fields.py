@@ -1,0 +1,193 @@
+"""Figures of fields: where the samples lie, in which unit, and sentences for bad input."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+
+from clplen import Field, Grid, plot
+from clplen.compute.image import Image
+from clplen.errors import ShapeError
+
+GRID = Grid((6, 9), (4e-6, 2e-6), origin=(30e-6, -1e-6))  # y: 18 to 38, x: -9 to 7 um
+
+
+def field(device, grid: Grid = GRID) -> Field:
+    rng = np.random.default_rng(1)
+    u = rng.random(grid.shape) + 0.1 + 1j * rng.normal(size=grid.shape)
+    return Field.from_array(u, grid, wavelength=550e-9, device=device)
+
+
+def shown(figure):
+    """Axes, values and bar of the one image of a figure."""
+    axes = next(axes for axes in figure.axes if axes.images)
+    image = axes.images[0]
+    return axes, np.ma.filled(image.get_array(), np.nan), image.colorbar
+
+
+def test_the_intensity_lies_on_its_grid(device, precise):
+    for f in (field(device), field(precise)):
+        axes, values, bar = shown(plot.intensity(f, title="a field"))
+        np.testing.assert_array_equal(values, np.abs(f.to_numpy()) ** 2)
+    assert axes.images[0].get_extent() == pytest.approx((-10, 8, 40, 16))  # half a sample beyond
+    assert axes.images[0].origin == "upper"  # row 0 at the top, where y is least
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x / µm", "y / µm")
+    assert (axes.get_title(), bar.ax.get_ylabel()) == ("a field", "intensity")
+    assert axes.get_aspect() == 1
+    assert (bar.vmin, bar.vmax) == (0, pytest.approx(values.max()))
+
+
+def test_a_sample_is_drawn_where_it_lies(device, tmp_path: Path):
+    u = np.zeros(GRID.shape)
+    u[1, 7] = 1.0  # y = 22 um, x = 5 um
+    figure = plot.intensity(Field.from_array(u, GRID, wavelength=550e-9, device=device))
+    plot.save(figure, tmp_path / "one.png", dpi=100)
+    pixels = imageio.imread(tmp_path / "one.png")[..., :3].astype(float)
+    figure.canvas.draw()
+    axes = shown(figure)[0]
+    x, y = axes.transData.transform((5, 22)) * 100 / figure.dpi
+    bright = pixels[int(pixels.shape[0] - y), int(x)]
+    x, y = axes.transData.transform((5, 30)) * 100 / figure.dpi
+    dark = pixels[int(pixels.shape[0] - y), int(x)]
+    assert bright.mean() > 150  # the light end of the colours
+    assert dark.mean() < 10
+
+
+@pytest.mark.parametrize(
+    ("pitch", "origin", "unit", "first"),
+    [(1e-6, 0.0, "µm", -4), (1e-6, 5e-3, "mm", 4.996), (0.3e-3, 0.0, "mm", -1.2),
+     (0.25, 0.0, "m", -1.0)],
+)  # fmt: skip
+def test_the_unit_suits_the_place(device, pitch: float, origin: float, unit: str, first: float):
+    grid = Grid((5, 9), pitch, origin=(0.0, origin))
+    axes = shown(plot.intensity(field(device, grid)))[0]
+    assert axes.get_xlabel() == f"x / {unit}"
+    step = pitch * {"µm": 1e6, "mm": 1e3, "m": 1}[unit]
+    assert axes.images[0].get_extent()[0] == pytest.approx(first - step / 2)
+
+
+def test_a_logarithm_has_six_decades(device):
+    f = field(device)
+    values = shown(plot.intensity(f, scale="log"))[1]
+    _, _, bar = shown(plot.intensity(f, scale="log"))
+    assert bar.ax.get_ylabel() == "intensity (logarithmic)"
+    assert bar.vmax / bar.vmin == pytest.approx(1e6)
+    assert bar.extend == "neither"
+    u = f.to_numpy().copy()
+    u[2, 3] = 0
+    _, dark, bar = shown(
+        plot.intensity(Field.from_array(u, GRID, wavelength=1e-6, device=device), scale="log")
+    )
+    assert bar.extend == "min"
+    assert dark[2, 3] == pytest.approx(values.max() * 1e-6)
+
+
+def test_the_phase_is_cyclic_and_blank_in_the_dark(device):
+    u = np.exp(1j * np.linspace(-3.0, 3.0, 54).reshape(GRID.shape)) * 5
+    u[4, 1] = 4e-6  # below 1e-6 of 5
+    f = Field.from_array(u, GRID, wavelength=550e-9, device=device)
+    axes, values, bar = shown(plot.phase(f, title="p"))
+    expected = np.angle(u)
+    expected[4, 1] = np.nan
+    np.testing.assert_allclose(values, expected, atol=1e-6)  # a few units of float32
+    assert (bar.vmin, bar.vmax) == (-np.pi, np.pi)
+    colours = axes.images[0].cmap([0.0, 1.0])
+    np.testing.assert_allclose(colours[0], colours[1], atol=0.01)
+    assert bar.ax.get_ylabel() == "phase / rad"
+    assert axes.images[0].get_extent() == pytest.approx((-10, 8, 40, 16))
+    assert axes.get_title() == "p"
+
+
+def test_a_region_keeps_its_place(device):
+    f = field(device)
+    region = (slice(1, 4), slice(-3, None))
+    for draw, values in (
+        (plot.intensity, np.abs(f.to_numpy()) ** 2),
+        (plot.phase, np.angle(f.to_numpy())),
+    ):
+        axes, found, _ = shown(draw(f, region=region))
+        np.testing.assert_array_equal(found, values[region])
+        assert axes.images[0].get_extent() == pytest.approx((2, 8, 32, 20))
+
+
+@pytest.mark.parametrize(("shape", "name"), [((1, 7), "x"), ((7, 1), "y")])
+def test_one_axis_gives_a_line(device, shape: tuple[int, int], name: str):
+    grid = Grid(shape, (3e-6, 3e-6), origin=(1e-6, 1e-6))
+    f = field(device, grid)
+    for draw, values, label in (
+        (plot.intensity, np.abs(f.to_numpy()) ** 2, "intensity"),
+        (plot.phase, np.angle(f.to_numpy()), "phase / rad"),
+    ):
+        (axes,) = draw(f).axes
+        (line,) = axes.lines
+        np.testing.assert_allclose(line.get_xdata(), [-8, -5, -2, 1, 4, 7, 10])
+        np.testing.assert_array_equal(line.get_ydata(), values.ravel())
+        assert (axes.get_xlabel(), axes.get_ylabel()) == (f"{name} / µm", label)
+    (axes,) = plot.intensity(f, scale="log").axes
+    assert axes.get_yscale() == "log"
+    assert axes.get_ylabel() == "intensity (logarithmic)"
+
+
+def test_a_region_of_one_row_is_a_cut(device):
+    f = field(device)
+    (axes,) = plot.intensity(f, region=(slice(2, 3), slice(None))).axes
+    np.testing.assert_array_equal(axes.lines[0].get_ydata(), np.abs(f.to_numpy()[2]) ** 2)
+    (axes,) = plot.intensity(f, region=(slice(2, 3), slice(4, 5))).axes
+    assert axes.lines[0].get_marker() == "o"
+
+
+@pytest.mark.parametrize("draw", [plot.intensity, plot.phase])
+def test_bad_fields_get_a_sentence(device, draw):
+    with pytest.raises(TypeError, match=r"^plot\.\w+ draws a Field, not ndarray\.$"):
+        draw(np.ones((4, 5)))
+    many = Field.from_array(np.ones((2, 3, *GRID.shape)), GRID, wavelength=1e-6, device=device)
+    with pytest.raises(
+        ShapeError,
+        match=r"one field of shape \(ny, nx\), not a batch of shape "
+        r"\(2, 3, 6, 9\).*field.data\[0, 0\].copy\(\)",
+    ):
+        draw(many)
+    assert draw(many.with_data(many.data[0, 0].copy())).axes
+    with pytest.raises(TypeError, match="two slices of samples"):
+        draw(field(device), region=(2, slice(None)))
+    for region in ((slice(6, 9), slice(None)), (slice(None), slice(None, None, 2))):
+        with pytest.raises(ValueError, match="no block of samples from a field of"):
+            draw(field(device), region=region)
+
+
+def test_other_scales_are_refused(device):
+    with pytest.raises(ValueError, match='"linear" or "log", not \'decibel\''):
+        plot.intensity(field(device), scale="decibel")
+    image = Image(device.upload(np.ones((4, 5), np.float32)), device)
+    with pytest.raises(ValueError, match=r"one of .* not 'decibel'"):
+        plot.picture(image, scale="decibel")
+
+
+def test_what_is_no_picture_gets_a_sentence(device):
+    with pytest.raises(TypeError, match=r"not Field \(plot.intensity draws a field\)"):
+        plot.picture(field(device))
+    with pytest.raises(TypeError, match=r"is an Image, not ndarray\.$"):
+        plot.picture(np.ones((4, 5)))
+    for shape in ((3, 4, 5), (2, 3, 4, 3)):
+        planes = Image(device.upload(np.ones(shape, np.float32)), device)
+        with pytest.raises(ShapeError, match=r"one image \(y, x\) or .*choose one plane"):
+            plot.picture(planes)
+
+
+@pytest.mark.parametrize(("ending", "start"), [("png", b"\x89PNG"), ("pdf", b"%PDF"),
+                                               ("SVG", b"<?xml")])  # fmt: skip
+def test_a_figure_is_saved_as_its_name_says(device, tmp_path: Path, ending: str, start: bytes):
+    path = tmp_path / f"figure.{ending}"
+    plot.save(plot.intensity(field(device)), path, dpi=40)
+    assert path.read_bytes().startswith(start)
+
+
+def test_other_endings_are_refused(device, tmp_path: Path):
+    figure = plot.intensity(field(device))
+    for name in ("figure.bmp", "figure"):
+        with pytest.raises(ValueError, match=rf"\.png, \.pdf, \.svg, not as '{name}'"):
+            plot.save(figure, tmp_path / name)
+    assert not list(tmp_path.iterdir())
