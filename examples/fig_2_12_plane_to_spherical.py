@@ -40,10 +40,9 @@ for f, (colour, half) in BEAMS.items():
     below.plot(PLACES, over, "o", fine, -fine * W**2 / f * 5e5, color=colour, ms=4, lw=1)
 above.plot(fine, 1 - fine, color="0.85", lw=5, zorder=0, label="f - z")
 above.legend()
-above.set(ylim=(-1.1, 1.1), xlabel="z/f", ylabel="radius/f", title="points: measured; lines: Gaussian")
-below.text(1, 1.7, "near the focus diffraction, not rays, sets the radius", ha="center")
-below.set(xlabel="z/f", ylabel="points - lines above / µm", ylim=(-15, 4),
-          title=r"lines: $-z w^2/(2 f^2)$, the aberration of rays")
+above.set(ylim=(-1.1, 1.1), xlabel="z/f", ylabel="R/f", title="radius R measured; lines: Gaussian")
+below.text(0, -13, "lines: by rays; near the focus\ndiffraction sets the radius")
+below.set(xlabel="z/f", ylabel="points - lines above / µm", title=r"lines: $-z w^2/(2 f^2)$")
 planes, x = 24 if run.quick else 96, grid.x * 1e3
 z, lens = np.append(-F / 4, np.arange(planes) * 1.5 * F / planes), thin_lens(plane, F)
 rows = [u[N // 2], *(propagate(lens, place, pad=1).to_numpy()[N // 2] for place in z[1:])]

@@ -37,17 +37,15 @@ for axes, (name, (reference, style)) in zip(images.flat, OUTSIDE.items(), strict
     drawn = axes.imshow((np.fft.fftshift(power) / disc).clip(1e-7), cmap=LIGHT, norm="log",
                         vmin=1e-6, vmax=1, extent=edges, origin="lower")
     axes.plot(RADIUS / 1e3 * np.cos(angle), RADIUS / 1e3 * np.sin(angle), "w:", lw=0.8)
-    axes.set(xticks=(-50, 0, 50), yticks=(-50, 0, 50), title=f"{name}: {shares[name]:.3g} %")
+    axes.set(xticks=(-50, 0, 50), yticks=(-50, 0, 50), title=f"{name}: {shares[name]:.3g} %",
+             xlabel="$f_x$ / mm$^{-1}$", ylabel="$f_y$ / mm$^{-1}$")
+    axes.label_outer()
     means.semilogy(np.arange(N // 2) * step / 1e3, (np.bincount(ring, power.ravel())
                    / np.bincount(ring))[: N // 2] / disc, style, lw=5 if name == "Airy" else 1,
                    label=name)
 best = min(share for name, share in shares.items() if name in METHODS)
 number("energy outside: auto over the lowest", shares["auto"] / best, 1.0, 1.0)
 bar(upper, drawn, images, "power / that of the disc", extend="both")
-for axes in images[1]:
-    axes.set_xlabel("$f_x$ / mm$^{-1}$")
-for axes in images[:, 0]:
-    axes.set_ylabel("$f_y$ / mm$^{-1}$")
 means.axvline(RADIUS / 1e3, color="0.5", ls=":")
 means.set(xlim=(0, 75.7), ylim=(1e-10, 30), xlabel="f / mm$^{-1}$", ylabel="mean power of a ring")
 means.legend(ncols=2)

@@ -82,7 +82,7 @@ def test_a_script_is_short_and_in_the_table(script: Path) -> None:
 
 @pytest.mark.parametrize(
     ("value", "ending"),
-    [(1.2301, ""), (1.2350, ""), (1.2352, "OUT OF TOLERANCE"), (np.nan, "OUT OF TOLERANCE")],
+    [(1.2301, ""), (1.2349, ""), (1.2352, "OUT OF TOLERANCE"), (np.nan, "OUT OF TOLERANCE")],
 )
 def test_a_number_out_of_tolerance_is_said(
     value: float, ending: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from numbers import Real
 from typing import Literal
 
 import numpy as np
@@ -11,6 +12,11 @@ import numpy as np
 from clplen.errors import SamplingError, SamplingWarning
 
 Aliasing = Literal["raise", "warn", "allow"]
+
+
+def is_finite(value: object) -> bool:
+    """Whether something is one finite real number."""
+    return isinstance(value, Real) and math.isfinite(value)
 
 
 def check_centre(centre: tuple[float, float], what: str) -> None:
@@ -31,7 +37,7 @@ def check_diameter(diameter: float | None) -> None:
     ------
     ValueError
     """
-    if diameter is not None and not (math.isfinite(diameter) and diameter > 0):
+    if diameter is not None and not (is_finite(diameter) and diameter > 0):
         raise ValueError(f"A diameter is positive, in metres, not {diameter!r}.")
 
 

@@ -14,7 +14,7 @@ from clplen.wave.request import Request
 
 NEAR_WINDOW = 2.2  # times the grid, up to which FFTs of the window beat every other way
 SAMPLED_KERNEL = 0.8  # of the Nyquist frequency, up to which the RS kernel is accurate
-FAR_FIELD = 10  # wavelengths from which the RS kernel is smooth on any grid
+SMOOTH_KERNEL = 3  # samples of z from which the kernel's peak is sampled to 160 dB: exp(-2 pi z/dx)
 _METHODS = {
     "as": spectral.angular_spectrum,
     "blas": spectral.band_limited,
@@ -44,18 +44,19 @@ def automatic(r: Request) -> Description:
     """The cheapest of the methods that are exact at this distance; never a paraxial one."""
     if not r.is_aligned:
         return spectral.corrected(r, "the output has another pitch or centre", "chirp-z")
-    if any(r.way(axis).is_evanescent for axis in r.axes):
-        return _touching(r)
     bands = r.bands
     lengths = spectral.fft_lengths(r, bands)
     wide = max((lengths[axis] / r.grid.shape[axis] for axis in r.axes), default=1.0)
     ways = [r.way(axis) for axis in r.axes]
     share = max((way.geometric(way.reach) / way.nyquist for way in ways), default=0.0)
     kernel = (
-        share <= SAMPLED_KERNEL
-        and abs(r.z) >= FAR_FIELD * r.wavelength
+        bool(ways)
+        and share <= SAMPLED_KERNEL
+        and abs(r.z) >= SMOOTH_KERNEL * max(way.pitch for way in ways)
         and r.target.shape == r.grid.shape
     )
+    if any(way.is_evanescent for way in ways) and not kernel:
+        return _touching(r)
     sampled = f"f_geo = {share:.3g} f_nyq"
     if all(bands[axis].is_whole for axis in r.axes) and (wide <= NEAR_WINDOW or not kernel):
         return _whole(r, f"f_geo + guard >= f_nyq ({sampled}): every sampled frequency arrives")

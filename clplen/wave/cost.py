@@ -9,6 +9,7 @@ import numpy as np
 
 from clplen.compute.lines import Line
 from clplen.wave.description import Description
+from clplen.wave.request import Request
 
 
 def flops(made: Description) -> float:
@@ -33,6 +34,14 @@ def samples_held(made: Description) -> int:
     stored = 0 if made.factor is None else math.prod(made.factor.stored)
     result = int(np.prod(made.out_grid.shape, dtype=np.int64))
     return stored + table_samples(made) + 2 * made.work_samples + result
+
+
+def least_samples(r: Request) -> int:
+    """Complex samples that any way of doing a request holds, known before anything is made."""
+    (ny, nx), (my, mx) = r.grid.shape, r.target.shape
+    padded = r.method in ("as", "blas") or r.method.startswith("fresnel")
+    length = nx if nx == 1 or not padded else round(r.pad * nx)
+    return max(my * mx, ny * length)
 
 
 def table_samples(made: Description) -> int:

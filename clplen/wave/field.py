@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -160,7 +161,7 @@ class Field:
             or the wavelength is not positive.
         """
         require_device(device)
-        if not (np.isfinite(wavelength) and wavelength > 0):
+        if not (isinstance(wavelength, Real) and 0 < wavelength < np.inf):
             raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
         values = np.asarray(u)
         if values.shape[-2:] != grid.shape:

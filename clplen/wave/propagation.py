@@ -74,7 +74,9 @@ def propagate(
     size and hits.
     """
     if not isinstance(field, Field):
-        raise TypeError(f"propagate takes a Field, as Field.from_array makes it, not {field!r}.")
+        raise TypeError(
+            f"propagate takes a Field, as Field.from_array makes it, not a {type(field).__name__}."
+        )
     distances = [z] if np.ndim(z) == 0 else list(np.asarray(z))
     if not distances or np.ndim(z) > 1:
         raise ValueError(f"z is one distance or a list of them, in metres, not {z!r}.")

@@ -14,7 +14,7 @@ from clplen.compute.blocks import Spectrum
 from clplen.compute.device import Device, require_device, require_same_device
 from clplen.errors import SamplingError, SamplingWarning, ShapeError
 from clplen.wave.choice import describe
-from clplen.wave.cost import table_samples
+from clplen.wave.cost import least_samples, table_samples
 from clplen.wave.description import Description
 from clplen.wave.energy import Energy, energy
 from clplen.wave.field import Field, Grid
@@ -58,7 +58,7 @@ class Propagator:
         Of the result, for auto and cblas; by default the field's.
     guard : float, optional
         Of auto and cblas, in Fresnel widths sqrt(cos^3 theta/(lam z)); by default 6, and 8 so far
-        away that the window is narrower than sqrt(lam z). 8 is for reference results.
+        away that the window is narrower than 2 sqrt(lam z). 8 is for reference results.
         0 ends the band sharply where geometry says, in the window of ``pad``.
     border : float
         Of fresnel-multistep, the fraction of half the window over which each step is absorbed; 0
@@ -134,6 +134,7 @@ class Propagator:
             raise ValueError(f"{device.name} has no double precision: use phase='twofloat'.")
         self.request, self.device = wanted, device
         self.grid, self.z, self.wavelength = wanted.grid, wanted.z, wanted.wavelength
+        device.require_memory(least_samples(wanted) * device.complex.itemsize, "This propagation")
         made = describe(wanted)
         self.description = _in_precision(made, device)
         self.method, self.why, self.out_grid = made.method, made.why, made.out_grid
@@ -227,6 +228,10 @@ class Propagator:
         return corrected(made.request, self.why, "fft")
 
     def _check(self, field: Field) -> None:
+        if not isinstance(field, Field):
+            raise TypeError(
+                f"A plan takes a Field, as Field.from_array makes it, not a {type(field).__name__}."
+            )
         require_same_device(field.device, self.device)
         if field.grid != self.grid or field.wavelength != self.wavelength:
             raise ShapeError(

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from clplen.compute import fft
 from clplen.compute.cache import PlanCache
+from clplen.compute.device import Device
+from clplen.compute.fft import FFTRoute
 
 
 def put(cache: PlanCache, key: str, nbytes: int = 40) -> str:
@@ -92,3 +97,31 @@ def test_two_threads_that_make_the_same_value_count_it_once() -> None:
         made = [pool.submit(cache.get, "a", make, lambda _: 40) for _ in range(2)]
         assert [each.result() for each in made] == ["plan", "plan"]
     assert (cache.nbytes, len(cache)) == (40, 1)
+
+
+def test_threads_that_make_the_same_value_get_one() -> None:
+    """As long as it is kept: of plans on a device all callers hold the same."""
+    cache = PlanCache(100)
+    all_three = Barrier(3, timeout=10)
+
+    def make() -> object:
+        all_three.wait()
+        return object()
+
+    with ThreadPoolExecutor(3) as pool:
+        made = [pool.submit(cache.get, "a", make, lambda _: 40) for _ in range(3)]
+        first, *others = [each.result() for each in made]
+    assert all(other is first for other in others)
+    assert cache.get("a", lambda: pytest.fail("made again"), lambda _: 0) is first
+    assert (cache.nbytes, len(cache), cache.hits, cache.misses) == (40, 1, 1, 3)
+
+
+def test_plans_of_vkfft_count_in_bytes(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A megabyte each for kernels and tables, and the buffer that some lengths need."""
+    one = Device(device.cl_device)
+    transforms = dict.fromkeys(("fft", "ifft"), lambda *_: None)
+    for extra, shape in ((0, (4, 4)), (1000, (4, 5))):
+        app = SimpleNamespace(tmp_buffer_nbytes=extra, **transforms)
+        monkeypatch.setattr(fft, "_vkfft_app", lambda *_, app=app: app)
+        FFTRoute("vkfft", 1).forward(one.upload(np.zeros(shape, np.complex64)), one)
+    assert one.plans.nbytes == 2 * 2**20 + 1000

@@ -57,10 +57,11 @@ def by_the_rules(grid: Grid, z: float, lit: float = 1) -> tuple[str, float, floa
         wide = max(wide, smooth_length(max(n, round(plan.window / d))) / n)
         share = max(share, reach / (LAM * math.hypot(reach, z)) / nyquist)
         clipped = clipped and plan.f_lo == -nyquist and plan.f_hi == nyquist
-    fine = any(n > 1 and d < LAM / 2 for n, d in zip(grid.shape, grid.pitch, strict=True))
-    if fine and abs(z) <= 3 * LAM:
+    live = [d for n, d in zip(grid.shape, grid.pitch, strict=True) if n > 1]
+    # The kernel's peak, of width z, takes three samples: exp(-2 pi 3) is 160 dB.
+    kernel = share <= 0.8 and abs(z) >= 3 * max(live)
+    if min(live) < LAM / 2 and abs(z) <= 3 * LAM and not kernel:
         return "as", wide, share
-    kernel = share <= 0.8 and abs(z) >= 10 * LAM
     if clipped and (wide <= 2.2 or not kernel):
         return "as", wide, share
     if wide <= 2.2 or (wide <= 2.5 and not kernel):

@@ -1,0 +1,118 @@
+"""Large pages are asked for under large buffers of Linux's CPU devices, and nothing else changes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import numpy as np
+import pyopencl as cl
+import pytest
+
+from clplen.compute import pages
+from clplen.compute.device import Device
+
+LARGE = pages.LEAST_BYTES + 12_345  # no multiple of a page
+PAGE = 4096
+
+
+@pytest.fixture(autouse=True)
+def found_anew() -> Iterator[None]:
+    """The C library's function is looked up in each test."""
+    pages._madvise.cache_clear()
+    yield
+    pages._madvise.cache_clear()
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int, int]]:
+    """(start, length, advice) of every request, none of which is made."""
+    calls: list[tuple[int, int, int]] = []
+    monkeypatch.setattr(pages, "_madvise", lambda: lambda *call: calls.append(call) or -1)
+    return calls
+
+
+@pytest.fixture
+def mapped(monkeypatch: pytest.MonkeyPatch) -> list[np.ndarray]:
+    """Every mapping of a buffer."""
+    made: list[np.ndarray] = []
+    enqueue = cl.enqueue_map_buffer
+
+    def watched(*arguments: object) -> tuple[np.ndarray, cl.Event]:
+        array, event = enqueue(*arguments)
+        made.append(array)
+        return array, event
+
+    monkeypatch.setattr(cl, "enqueue_map_buffer", watched)
+    return made
+
+
+def holds(device: Device, nbytes: int) -> None:
+    """An array of so many bytes takes values and gives them back."""
+    values = (np.arange(nbytes) % 251).astype(np.uint8)
+    array = device.empty((nbytes,), np.uint8)
+    cl.enqueue_copy(device.queue, array.base_data, values, is_blocking=True)
+    np.testing.assert_array_equal(device.download(array), values)
+    with device.on_host(array) as seen:
+        seen[-1] = 255
+    assert device.download(array)[-1] == 255
+
+
+def test_a_large_array_keeps_working(device: Device) -> None:
+    """With the C library's own function."""
+    holds(device, LARGE)
+
+
+def test_whole_pages_within_the_buffer_are_asked_for(
+    device: Device, asked: list[tuple[int, int, int]], mapped: list[np.ndarray]
+) -> None:
+    if not device.is_cpu:
+        pytest.skip("a GPU's buffers are not host memory")
+    buffer = cl.Buffer(device.context, cl.mem_flags.READ_WRITE, LARGE)
+    pages.ask_for_large_pages(device.queue, buffer)
+    (start, length, advice), begin = asked[0], mapped[0].ctypes.data
+    assert (len(asked), len(mapped), advice) == (1, 1, 14)  # MADV_HUGEPAGE
+    assert start % PAGE == length % PAGE == 0
+    assert 0 <= start - begin < PAGE
+    assert 0 <= begin + LARGE - (start + length) < PAGE
+    holds(device, LARGE)  # the refusal, -1, changes nothing
+    assert len(asked) == 2
+
+
+@pytest.mark.parametrize("nbytes", [1, PAGE, pages.LEAST_BYTES - 1])
+def test_a_small_buffer_is_left_alone(
+    device: Device, asked: list[tuple[int, int, int]], mapped: list[np.ndarray], nbytes: int
+) -> None:
+    pages.ask_for_large_pages(
+        device.queue, cl.Buffer(device.context, cl.mem_flags.READ_WRITE, nbytes)
+    )
+    assert (asked, mapped) == ([], [])
+
+
+@pytest.mark.parametrize("platform", ["darwin", "win32"])
+def test_other_systems_are_left_alone(
+    device: Device, monkeypatch: pytest.MonkeyPatch, mapped: list[np.ndarray], platform: str
+) -> None:
+    monkeypatch.setattr(pages, "sys", SimpleNamespace(platform=platform))
+    monkeypatch.setattr(pages, "ctypes", SimpleNamespace())  # Windows has no CDLL(None)
+    device.empty((LARGE,), np.uint8)
+    assert mapped == []
+    holds(device, LARGE)
+
+
+def test_a_library_without_the_function_is_left_alone(
+    device: Device, monkeypatch: pytest.MonkeyPatch, mapped: list[np.ndarray]
+) -> None:
+    monkeypatch.setattr(pages, "ctypes", SimpleNamespace(CDLL=lambda _: SimpleNamespace()))
+    monkeypatch.setattr(pages, "sys", SimpleNamespace(platform="linux"))
+    device.empty((LARGE,), np.uint8)
+    assert mapped == []
+
+
+def test_a_device_with_memory_of_its_own_is_left_alone(
+    device: Device, asked: list[tuple[int, int, int]]
+) -> None:
+    other = Device(device.cl_device)
+    other.is_cpu = False
+    other.empty((LARGE,), np.uint8)
+    assert asked == []

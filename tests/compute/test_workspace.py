@@ -1,0 +1,116 @@
+"""Host memory that is lent, kept and given back; copies from and to parts of arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyopencl as cl
+import pytest
+
+from clplen.compute.device import Device
+from clplen.compute.workspace import Slots, Workspace
+
+BYTE, COMPLEX = np.dtype(np.uint8), np.dtype(np.complex64)
+
+
+def lent(workspace: Workspace, *shape: int, dtype: np.dtype = BYTE) -> int:
+    """Borrow and give back; the address of what was lent."""
+    with workspace.borrow(shape, dtype) as array:
+        assert (array.shape, array.dtype) == (shape, dtype)
+        array[...] = 1
+        return array.ctypes.data
+
+
+def test_what_came_back_is_lent_again() -> None:
+    workspace = Workspace(1000)
+    assert workspace.nbytes == 0
+    place = lent(workspace, 3, 5, 8, dtype=COMPLEX)
+    assert workspace.nbytes == 960
+    assert lent(workspace, 7) == place  # less fits into it
+    assert workspace.nbytes == 960
+    lent(workspace, 961)
+    assert workspace.nbytes == 961
+
+
+def test_two_borrowers_never_share() -> None:
+    workspace = Workspace(1000)
+    lent(workspace, 100)
+    with workspace.borrow((100,), BYTE) as one, workspace.borrow((100,), BYTE) as other:
+        assert workspace.nbytes == 0  # all of it is out
+        assert not np.may_share_memory(one, other)
+    assert workspace.nbytes == 100
+
+
+def test_the_larger_of_two_is_kept() -> None:
+    workspace = Workspace(1000)
+    for first, second in ((100, 300), (300, 100)):
+        with workspace.borrow((first,), BYTE), workspace.borrow((second,), BYTE):
+            pass
+        assert workspace.nbytes == 300
+        workspace.clear()
+
+
+def test_more_than_the_limit_is_lent_but_not_kept() -> None:
+    workspace = Workspace(1000)
+    lent(workspace, 1000)
+    assert workspace.nbytes == 1000
+    workspace.clear()
+    lent(workspace, 1001)
+    assert workspace.nbytes == 0
+
+
+def test_clear_gives_back_what_is_kept_and_nothing_that_is_lent() -> None:
+    workspace = Workspace(1000)
+    with workspace.borrow((50,), BYTE) as array:
+        workspace.clear()
+        array[...] = 7
+        assert np.all(array == 7)
+    assert workspace.nbytes == 50
+    workspace.clear()
+    assert workspace.nbytes == 0
+
+
+def test_a_failure_gives_memory_back() -> None:
+    workspace = Workspace(1000)
+    with pytest.raises(MemoryError), workspace.borrow((50,), BYTE):
+        raise MemoryError
+    assert workspace.nbytes == 50
+
+
+def test_slots_are_apart_and_grow() -> None:
+    slots = Slots()
+    one, other = slots.take(0, (2, 3), COMPLEX), slots.take(1, (2, 3), COMPLEX)
+    assert not np.may_share_memory(one, other)
+    assert np.shares_memory(one, slots.take(0, (6,), COMPLEX))
+    assert slots.take(0, (5, 3), COMPLEX).shape == (5, 3)
+
+
+def test_parts_of_arrays_are_copied_where_they_belong(device: Device) -> None:
+    """From the second of three rows to the third of four rows of part of an array."""
+    values = np.arange(15, dtype=np.float32).reshape(3, 5)
+    source, target = device.upload(values), device.zeros((5, 5), np.float32)
+    device.copy_into(target[1:], source[1], 2 * values[0].nbytes)
+    expected = np.zeros((5, 5), np.float32)
+    expected[3] = values[1]
+    np.testing.assert_array_equal(device.download(target), expected)
+
+
+def test_what_is_only_read_is_mapped_to_be_read(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A map that may be written makes the runtime bring every page back."""
+    asked, enqueue = [], cl.enqueue_map_buffer
+
+    def watched(queue: cl.CommandQueue, buffer: cl.Buffer, flags: int, *rest: object) -> object:
+        asked.append(flags)
+        return enqueue(queue, buffer, flags, *rest)
+
+    values = np.arange(6.0)
+    array = device.upload(values)
+    monkeypatch.setattr(cl, "enqueue_map_buffer", watched)
+    with device.on_host(array, write=False) as seen:
+        np.testing.assert_array_equal(seen, values)
+    with device.on_host(array) as seen:
+        seen[2] = 9
+    if device.is_cpu:
+        assert asked == [cl.map_flags.READ, cl.map_flags.READ | cl.map_flags.WRITE]
+    np.testing.assert_array_equal(device.download(array), [0, 1, 9, 3, 4, 5])
