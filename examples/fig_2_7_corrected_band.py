@@ -13,7 +13,7 @@ NARROW = {"method": "cblas", "guard": 0, "support": S / 2}
 WAYS = {  # options of Propagator, width of the input / S, guard, colour
     "band-limited": ({"method": "blas"}, 1, 0, BLUE),
     "corrected, guard 0, slit S/2": (NARROW, 0.5, 0, ORANGE),
-    "corrected, guard 6": ({"method": "cblas"}, 1, 6, RED),
+    "corrected, guard 6": ({"method": "cblas", "guard": 6}, 1, 6, RED),
 }
 LINES = {64: 473, 512: 209, 4096: 139}  # frequencies in the corrected band, for z/S
 
@@ -42,9 +42,9 @@ for name, (options, width, guard, colour) in WAYS.items():
     panels["b"].step(np.append(f, end) / 1e3, np.append(weights, 0), where="mid", color=colour)
     h = np.exp(2j * np.pi * x[:, None] * f + 1j * phase(f, Z)) @ weights * (f[1] - f[0])
     panels["c"].semilogy(x / S, np.abs(h / line_source(x, Z) - 1), color=colour, lw=1, label=name)
-for times, count in LINES.items():
-    plan = Propagator(SETUP_A, times * S, wavelength=LAM, method="cblas", device=run.device)
-    number(f"z = {times} S: frequencies of the band", lines(plan)[0].size, count, 2, ".0f")
+for n, count in LINES.items():
+    plan = Propagator(SETUP_A, n * S, wavelength=LAM, method="cblas", guard=6, device=run.device)
+    number(f"z = {n} S: frequencies of the band", lines(plan)[0].size, count, 2, ".0f")
 panels["a"].vlines(0, -S * 250, S * 250, color="0.7", lw=8)
 panels["a"].vlines([0, Z * 1e3], -S * 500, S * 500, color="k", lw=2.5)
 panels["a"].set(xlabel="z / mm", ylabel="x / mm", ylim=(-1, 1.9),

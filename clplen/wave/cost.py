@@ -9,7 +9,7 @@ import numpy as np
 
 from clplen.compute.lines import Line
 from clplen.wave.description import Description
-from clplen.wave.request import Request
+from clplen.wave.request import SELF_PADDED, Request
 
 
 def flops(made: Description) -> float:
@@ -39,8 +39,7 @@ def samples_held(made: Description) -> int:
 def least_samples(r: Request) -> int:
     """Complex samples that any way of doing a request holds, known before anything is made."""
     (ny, nx), (my, mx) = r.grid.shape, r.target.shape
-    padded = r.method in ("as", "blas") or r.method.startswith("fresnel")
-    length = nx if nx == 1 or not padded else round(r.pad * nx)
+    length = nx if nx == 1 or r.method in SELF_PADDED else round(r.pad * nx)
     return max(my * mx, ny * length)
 
 

@@ -19,6 +19,7 @@ from clplen.wave.lens import Form, thin_lens
 from clplen.wave.lenslets import MicrolensArray
 from clplen.wave.propagation import propagate
 from clplen.wave.quantity import metres
+from clplen.wave.request import SELF_PADDED
 
 Shape = Literal["circular", "square"]
 
@@ -73,8 +74,10 @@ class Space:
         return propagate(field, self.z, method=self.method, pad=self.pad, out_grid=self.out_grid)
 
     def describe(self) -> str:
-        """Distance, method and padding; the new grid, if any."""
-        text = f"{metres(self.z)}, method {self.method}, pad {self.pad:g}"
+        """Distance, method and, where it counts, padding; the new grid, if any."""
+        text = f"{metres(self.z)}, method {self.method}"
+        if self.method not in SELF_PADDED:
+            text += f", pad {self.pad:g}"
         if self.out_grid is None:
             return text
         (ny, nx), (dy, dx) = self.out_grid.shape, self.out_grid.pitch

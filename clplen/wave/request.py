@@ -21,6 +21,7 @@ METHODS = (
     "fresnel-1fft",
     "fresnel-multistep",
 )
+SELF_PADDED = ("auto", "cblas", "rs")  # methods that size their own windows
 FREE_GRID = ("auto", "cblas")  # methods that take any output grid
 FARTHEST = 1e12  # metres
 BORDER = 0.4  # of half the window, the taper of fresnel-multistep

@@ -1,4 +1,4 @@
-"""Large pages are asked for under large buffers of Linux's CPU devices, and nothing else changes."""
+"""Large pages are asked for under large buffers of Linux's CPU devices; nothing else changes."""
 
 from __future__ import annotations
 

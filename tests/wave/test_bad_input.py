@@ -9,10 +9,21 @@ import numpy as np
 import pytest
 from fields import LAM, field_of
 
-from clplen import DeviceError, Field, Grid, Propagator, SamplingError, SamplingWarning, propagate
+from clplen import (
+    DeviceError,
+    Field,
+    Grid,
+    Propagator,
+    SamplingError,
+    SamplingWarning,
+    gaussian_beam,
+    plane_wave,
+    propagate,
+    spherical_wave,
+)
 from clplen.compute.fft import FFTRoute
 from clplen.errors import ShapeError
-from clplen.wave.propagation import plan
+from clplen.wave.propagation import plan, propagate_wavelengths
 from clplen.wave.request import METHODS, Request
 
 GRID = Grid((8, 9), 3e-6)
@@ -37,6 +48,28 @@ def test_a_distance_is_finite(device, z):
             propagate(ones(device), asked)
     with pytest.raises(ValueError, match="finite number of metres"):
         Propagator(GRID, z, wavelength=LAM, device=device)
+
+
+@pytest.mark.parametrize("z", ["far", None, 1j, 1e-3j])
+def test_a_distance_is_a_number(device, z):
+    text = re.escape(f"one finite number of metres, not {z!r}.")
+    with pytest.raises(ValueError, match=text):
+        propagate(ones(device), z)
+    with pytest.raises(ValueError, match=text):
+        Propagator(GRID, z, wavelength=LAM, device=device)
+
+
+@pytest.mark.parametrize("z", [1e300, -1e300, 1.01e12])
+def test_a_distance_is_not_beyond_everything(device, z):
+    for asked in (z, [1e-3, z]):
+        with pytest.raises(ValueError, match=r"distance z is at most 1e\+12 m, not "):
+            propagate(ones(device), asked)
+
+
+def test_distances_are_one_list(device):
+    for asked in ([[1e-3, 2e-3]], np.full((2, 2), 1e-3)):
+        with pytest.raises(ValueError, match="z is one distance or a list of them, in metres, not"):
+            propagate(ones(device), asked)
 
 
 def test_a_plan_has_one_distance(device):
@@ -70,6 +103,12 @@ def test_a_wavelength_is_positive(device, wavelength):
         field_of(np.ones(GRID.shape), GRID, device, wavelength)
 
 
+def test_some_wavelength_is_needed(device):
+    for none in ([], np.array([])):
+        with pytest.raises(ValueError, match="wavelengths is one wavelength or several, in metres"):
+            propagate_wavelengths(ones(device), 1e-3, none)
+
+
 @pytest.mark.parametrize("guard", [-1, math.nan, math.inf])
 def test_a_guard_is_not_negative(device, guard):
     with pytest.raises(ValueError, match=f"number of Fresnel widths, at least 0, not {guard}"):
@@ -88,6 +127,12 @@ def test_a_support_is_positive(device, support):
         propagate(ones(device), 1e-3, support=support)
 
 
+@pytest.mark.parametrize("support", [(1, 2, 3), [], [[1e-5, 1e-5]]])
+def test_a_support_is_a_width_or_two(device, support):
+    with pytest.raises(ValueError, match=r"support is one width or \(y, x\), in metres, not"):
+        propagate(ones(device), 1e-3, support=support)
+
+
 def test_a_phase_route_is_known(device):
     with pytest.raises(ValueError, match="no phase route 'fast'; use one of tables, fp64, twofl"):
         Propagator(GRID, 1e-3, wavelength=LAM, device=device, phase="fast")
@@ -97,6 +142,12 @@ def test_double_precision_has_tables_alone(precise):
     for phase in ("fp64", "twofloat"):
         with pytest.raises(ValueError, match=f"double precision .* by 'tables', not '{phase}'"):
             Propagator(GRID, 1e-3, wavelength=LAM, device=precise, phase=phase)
+
+
+def test_a_phase_in_double_needs_double(device, monkeypatch):
+    monkeypatch.setattr(device, "has_fp64", False)
+    with pytest.raises(ValueError, match="has no double precision: use phase='twofloat'"):
+        Propagator(GRID, 1e-3, wavelength=LAM, device=device, phase="fp64")
 
 
 @pytest.mark.parametrize("method", [m for m in METHODS if m != "fresnel-1fft"])
@@ -109,6 +160,14 @@ def test_a_lens_belongs_to_one_transform(device, method):
 def test_a_focal_length_is_not_zero(device, lens):
     with pytest.raises(ValueError, match=f"focal length lens= is not 0, in metres; got {lens}"):
         propagate(ones(device), 1e-3, method="fresnel-1fft", lens=lens)
+
+
+@pytest.mark.parametrize("wrong", ["5um", None, (1e-6, 2e-6, 3e-6), {}, "x" * 2], ids=repr)
+def test_pitch_and_origin_are_one_number_or_two(wrong):
+    with pytest.raises(ValueError, match=r"^A grid's pitch is positive and finite, in metres, not"):
+        Grid((8, 8), wrong)
+    with pytest.raises(ValueError, match=r"^A grid's origin is finite, in metres, not"):
+        Grid((8, 8), 3e-6, origin=wrong)
 
 
 # Output grids -----------------------------------------------------------------------------------
@@ -157,6 +216,15 @@ def test_one_transform_gives_its_own_grid(device):
         out_grid=Grid((8, 9), pitch),
     )
     np.testing.assert_allclose(right.out_grid.pitch, pitch, rtol=1e-12)
+
+
+@pytest.mark.parametrize("out", [(64, 64), 3e-6, np.ones((4, 4))], ids=["shape", "pitch", "array"])
+def test_an_output_grid_is_a_grid(device, out):
+    for method in METHODS:
+        with pytest.raises(
+            TypeError, match=r"out_grid is a Grid, as Grid\(\(ny, nx\), pitch\) makes"
+        ):
+            propagate(ones(device), 1e-3, method=method, out_grid=out)
 
 
 def test_one_transform_has_no_pitch_at_z_zero(device):
@@ -209,6 +277,15 @@ def test_a_plan_of_another_grid_or_wavelength(device):
                 call(ones(device))
 
 
+@pytest.mark.parametrize("wrong", [np.ones((8, 9), complex), None, GRID], ids=["array", "", "grid"])
+def test_a_field_is_a_field(wrong):
+    for z in (1e-3, 0, [1e-3]):
+        with pytest.raises(
+            TypeError, match="propagate takes a Field, as Field.from_array makes it"
+        ):
+            propagate(wrong, z)
+
+
 def test_a_plan_of_another_device(device, precise):
     made = Propagator(GRID, 1e-3, wavelength=LAM, device=precise)
     with pytest.raises(DeviceError, match="two devices"):
@@ -234,3 +311,13 @@ def test_what_does_not_fit_the_memory(device, monkeypatch, method):
     assert found is not None
     # At least what comes out, at most some windows of three times the grid.
     assert 480_000 <= int(found[1].replace(",", "")) <= 20 * 9 * 480_000
+
+
+def test_a_wave_that_does_not_fit_the_memory(device, monkeypatch):
+    """Refused with what both its samples and what they are made of need, before any is made."""
+    monkeypatch.setattr(device, "empty", lambda *_: pytest.fail("made something"))
+    grid = Grid((400_000, 400_000), 1e-6)
+    for wave in (plane_wave, spherical_wave, gaussian_beam):
+        more = {plane_wave: {}, spherical_wave: {"z": 1.0}, gaussian_beam: {"waist": 1e-3}}[wave]
+        with pytest.raises(DeviceError, match=r"This wave needs 2,560,000,000,000 bytes"):
+            wave(grid, wavelength=LAM, device=device, **more)

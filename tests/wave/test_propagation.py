@@ -132,6 +132,8 @@ def test_several_wavelengths(device):
     both = propagate_wavelengths(field, [1e-4, 2e-4], wavelengths)
     assert [result.shape for result in both] == [(2, 14, 19)] * 2
     assert err_db(both[0].to_numpy(), both[1].to_numpy()) < 40  # the colours differ
+    (alone,) = propagate_wavelengths(field, 4e-4, 633e-9, method="blas", pad=1.5)
+    np.testing.assert_array_equal(alone.to_numpy(), results[1].to_numpy())
 
 
 # Group laws -------------------------------------------------------------------------------------
@@ -236,6 +238,20 @@ def test_the_phase_may_be_chosen(device, precise):
     ]
     for result in results:
         assert err_db(go(u, grid, 3e-4, precise), result) >= 125
+
+
+def test_a_plan_without_a_transfer_function_has_tables_alone(device):
+    for method, z in (("fresnel-tf", 1e-5), ("as", 0.0)):
+        made = Propagator(
+            Grid((6, 7), 3e-6), z, wavelength=LAM, method=method, device=device, phase="twofloat"
+        )
+        assert (made.phase, made.report.phase) == ("tables", "tables")
+
+
+def test_a_plan_says_what_it_is(device):
+    grid, out = Grid((6, 7), 3e-6), Grid((5, 4), 2e-6)
+    made = Propagator(grid, 1.5e-3, wavelength=LAM, device=device, out_grid=out)
+    assert repr(made) == f"<Propagator cblas, 0.0015 m, {grid} to {out}>"
 
 
 # Output grids -----------------------------------------------------------------------------------

@@ -115,7 +115,7 @@ def test_what_is_printed():
         "2 um x 3 um",
         "    3  lens                   240 mm  f = -120 mm, D = 3.6 mm, paraxial",
         "    4  stop                   240 mm  square, D = 2 mm, centre (y, x) = (0 m, 100 um)",
-        "    5  space                  240 mm  50 um, method auto, pad 1",
+        "    5  space                  240 mm  50 um, method auto",
         "    6  lenslets            240.05 mm  3 x 3, pitch 60 um, f = 4 mm, square, full",
         "    7  mirror              240.05 mm",
         "    8  conjugate           240.05 mm",
