@@ -332,7 +332,7 @@ class Plenoptic1:
 
     def _propagator(self, z: float, method: str, pad: int) -> Propagator:
         longest = max(self.grid.shape)
-        smooth = smooth_length(pad * longest) / longest  # a window that is quick to transform
+        smooth = 1 if pad == 1 else smooth_length(pad * longest) / longest  # a quick transform
         return plan(
             self.grid, z, wavelength=self.wavelength, method=method, pad=smooth, device=self.device
         )

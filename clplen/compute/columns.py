@@ -7,6 +7,7 @@ transformed along x, and the padded array never exists.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -137,7 +138,7 @@ class _Team:
             chosen = slice(*part)
             out[chosen] = _apply(rows[chosen], lines, 1, self.fft, slots, INTO)
 
-        self._share(some, _ranges(len(rows), longest * source.itemsize))
+        self._share(some, _row_ranges(source.shape, longest * source.itemsize))
 
     def columns(self, source: Array, lines: tuple[Line, ...], target: Array) -> None:
         """``lines`` along the axis before the last."""
@@ -209,6 +210,19 @@ def _ranges(count: int, line_bytes: int) -> list[tuple[int, int]]:
     return [(start, min(start + size, count)) for start in range(0, count, size)]
 
 
+def _row_ranges(shape: tuple[int, ...], line_bytes: int) -> list[tuple[int, int]]:
+    """Blocks of the rows of a batch, across fields only where a field has too few for a block.
+
+    A field's blocks are then those that it has alone, and so is its rounding.
+    """
+    ny = shape[-2]
+    count = math.prod(shape[:-2])
+    if ny < _size(line_bytes):
+        return _ranges(count * ny, line_bytes)
+    own = _ranges(ny, line_bytes)
+    return [(one * ny + start, one * ny + stop) for one in range(count) for start, stop in own]
+
+
 def _is_scratch(lines: tuple[Line, ...]) -> bool:
     """Whether ``lines`` leave a block in a thread's own memory."""
     return any(line.kind != "none" for line in lines)
@@ -258,10 +272,12 @@ def _place(values: Array, line: Line, axis: int, window: Array) -> None:
 def _transform(source: Array, line: Line, axis: int, window: Array, fft: FFTRoute) -> Array:
     """The transform of a line from ``source`` into ``window``, cut out and times ``post``."""
     along = window if axis == 0 else window.T
-    fft.lines(source, window, axis, line.kind != "inverse")
+    # Padding makes lengths that nobody chose; they may be awkward.
+    careful = line.n < line.length or line.m < line.length
+    fft.lines(source, window, axis, line.kind != "inverse", careful=careful)
     if line.kernel is not None:
         along *= line.kernel[:, None]
-        fft.lines(window, window, axis, False)
+        fft.lines(window, window, axis, False, careful=careful)
     kept = along[line.start : line.start + line.m]
     if line.post is not None:
         kept *= line.post[:, None]

@@ -87,11 +87,10 @@ class FFTRoute:
         with device.on_host(array) as values:
             _HOST[self.name](values, values, axes, forward, self.threads)
 
-    def lines(self, values: Array, out: Array, axis: int, forward: bool) -> None:
+    def lines(
+        self, values: Array, out: Array, axis: int, forward: bool, *, careful: bool = False
+    ) -> None:
         """Transform along one axis of a host array, in the calling thread.
-
-        Lengths with a large prime factor, which the libraries transform with more rounding, pass
-        through double precision.
 
         Parameters
         ----------
@@ -100,9 +99,12 @@ class FFTRoute:
         axis : int
         forward : bool
             Else the inverse, with the factor 1/length.
+        careful : bool
+            A length with a large prime factor, which the libraries transform with more rounding,
+            passes through double precision.
         """
         transform = _HOST[self.name]
-        if values.dtype == np.complex64 and has_large_prime(values.shape[axis]):
+        if careful and values.dtype == np.complex64 and has_large_prime(values.shape[axis]):
             exact = values.astype(np.complex128)
             transform(exact, exact, (axis,), forward, 1)
             out[...] = exact

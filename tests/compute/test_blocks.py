@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from functools import lru_cache
-from threading import Barrier, Event
 
 import numpy as np
 import pytest
@@ -17,7 +13,6 @@ from tolerance import err_db, fft_tolerance, relative_max
 
 from clplen.compute import columns, fft
 from clplen.compute.blocks import Spectrum, multiplied, run, window
-from clplen.compute.columns import Factors
 from clplen.compute.device import Device
 from clplen.compute.fft import FFTRoute
 from clplen.compute.lines import (
@@ -29,8 +24,6 @@ from clplen.compute.lines import (
     padded_spectrum,
     still,
 )
-from clplen.compute.workspace import Slots, Workspace
-from clplen.errors import DeviceError
 
 ROUTES = ["ducc0", "scipy", "numpy", "device"]
 
@@ -311,86 +304,6 @@ def test_an_error_in_a_thread_is_raised(device: Device, monkeypatch: pytest.Monk
     data = on.upload(random_complex(shape).astype(on.complex))
     with pytest.raises(MemoryError, match="no room"):
         run(data, maps, [], [], on)
-
-
-class Watched(Workspace):
-    """Remembers how many threads were at work whenever memory came back."""
-
-    def __init__(self, at_work: list[int]) -> None:
-        super().__init__(10**6)
-        self.at_work = at_work
-        self.found: list[int] = []
-        self.given_back = Event()
-
-    @contextmanager
-    def borrow(self, shape: Sequence[int], dtype: np.dtype) -> Iterator[np.ndarray]:
-        try:
-            with super().borrow(shape, dtype) as array:
-                yield array
-        finally:
-            self.found.append(len(self.at_work))
-            self.given_back.set()
-
-
-def test_a_failing_thread_stops_the_others_before_their_memory_is_lent_again(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Of two threads the first fails while the other is in the midst of its first block."""
-    on, (shape, maps) = with_route(device, "scipy"), MAPS["off centre"]
-    both, at_work, parts, slots = Barrier(2, timeout=10), [1, 1], [], []
-    workspace = Watched(at_work)
-
-    def numbered() -> Slots:
-        slots.append(Slots())
-        return slots[-1]
-
-    def first_fails(*arguments: object) -> int:
-        parts.append(arguments)
-        if len(parts) <= 2:  # each thread's first block
-            both.wait()
-            if arguments[4] is slots[0]:
-                at_work.pop()
-                raise MemoryError("no room for a block")
-            workspace.given_back.wait(0.3)  # in this time nothing may come back
-            at_work.pop()
-        return 0
-
-    u = random_complex((3, *shape), 20).astype(on.complex)
-    with monkeypatch.context() as patch:
-        patch.setattr(columns, "BLOCK_BYTES", 1)
-        patch.setattr(columns, "FEWEST", 1)
-        patch.setattr(columns, "Slots", numbered)
-        patch.setattr(columns, "_apply", first_fails)
-        patch.setattr(on, "workspace", workspace)
-        with pytest.raises(MemoryError, match="no room"):
-            run(on.upload(u), maps, [], [], on)
-    assert workspace.found == [0]
-    assert len(parts) == 2  # of 18
-    (result,) = run(on.upload(u), maps.astype(on.complex), [], [], on)
-    expected = apply(u, maps.y, maps.x)
-    assert relative_max(expected, on.download(result)) <= tolerance(maps.widest(shape), on)
-
-
-def test_two_threads_take_factors_to_the_host_once(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    first, second, cut = Event(), Event(), Factors.cut
-
-    def slow(values: np.ndarray, shape: tuple[int, int]) -> Factors:
-        (second if first.is_set() else first).set()
-        second.wait(0.2)  # time enough for another thread to come here, too
-        return cut(values, shape)
-
-    monkeypatch.setattr(Factors, "cut", slow)
-    spectrum = Spectrum(device.upload(factors((6, 8), True, 1, device)), (6, 8))
-    with ThreadPoolExecutor(2) as pool:
-        one = pool.submit(spectrum.on_host, device)
-        assert first.wait(10)
-        other = pool.submit(spectrum.on_host, device)
-        assert one.result() is other.result()
-    assert not second.is_set()
-    with pytest.raises(DeviceError, match="factors were taken to the host: make them again"):
-        _ = spectrum.values
 
 
 @pytest.mark.parametrize("copy", [True, False])

@@ -1,13 +1,26 @@
-"""Host memory that is lent, kept and given back; copies from and to parts of arrays."""
+"""Host memory that is lent, kept and given back, to threads, too; parts of arrays."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from threading import Barrier, Event
 
 import numpy as np
 import pyopencl as cl
 import pytest
+from reference_lines import apply
+from tolerance import fft_tolerance, relative_max
 
+from clplen.compute import columns
+from clplen.compute.blocks import Spectrum, run
+from clplen.compute.columns import Factors
 from clplen.compute.device import Device
+from clplen.compute.fft import FFTRoute
+from clplen.compute.lines import Separable, padded_spectrum
 from clplen.compute.workspace import Slots, Workspace
+from clplen.errors import DeviceError
 
 BYTE, COMPLEX = np.dtype(np.uint8), np.dtype(np.complex64)
 
@@ -82,6 +95,88 @@ def test_slots_are_apart_and_grow() -> None:
     assert not np.may_share_memory(one, other)
     assert np.shares_memory(one, slots.take(0, (6,), COMPLEX))
     assert slots.take(0, (5, 3), COMPLEX).shape == (5, 3)
+
+
+class Watched(Workspace):
+    """Remembers how many threads were at work whenever memory came back."""
+
+    def __init__(self, at_work: list[int]) -> None:
+        super().__init__(10**6)
+        self.at_work = at_work
+        self.found: list[int] = []
+        self.given_back = Event()
+
+    @contextmanager
+    def borrow(self, shape: Sequence[int], dtype: np.dtype) -> Iterator[np.ndarray]:
+        try:
+            with super().borrow(shape, dtype) as array:
+                yield array
+        finally:
+            self.found.append(len(self.at_work))
+            self.given_back.set()
+
+
+def test_a_failing_thread_stops_the_others_before_their_memory_is_lent_again(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of two threads the first fails while the other is in the midst of its first block."""
+    on = Device(device.cl_device)
+    on.fft = FFTRoute("scipy", 2)
+    maps = Separable((padded_spectrum(6, 13),), (padded_spectrum(7, 10),))
+    both, at_work, parts, slots = Barrier(2, timeout=10), [1, 1], [], []
+    workspace = Watched(at_work)
+
+    def numbered() -> Slots:
+        slots.append(Slots())
+        return slots[-1]
+
+    def first_fails(*arguments: object) -> int:
+        parts.append(arguments)
+        if len(parts) <= 2:  # each thread's first block
+            both.wait()
+            if arguments[4] is slots[0]:
+                at_work.pop()
+                raise MemoryError("no room for a block")
+            workspace.given_back.wait(0.3)  # in this time nothing may come back
+            at_work.pop()
+        return 0
+
+    u = (np.arange(3 * 6 * 7) ** 2 % 17 + 1j).reshape(3, 6, 7).astype(on.complex)
+    with monkeypatch.context() as patch:
+        patch.setattr(columns, "BLOCK_BYTES", 1)
+        patch.setattr(columns, "FEWEST", 1)
+        patch.setattr(columns, "Slots", numbered)
+        patch.setattr(columns, "_apply", first_fails)
+        patch.setattr(on, "workspace", workspace)
+        with pytest.raises(MemoryError, match="no room"):
+            run(on.upload(u), maps, [], [], on)
+    assert workspace.found == [0]
+    assert len(parts) == 2  # of 18
+    (result,) = run(on.upload(u), maps, [], [], on)  # and right again
+    tolerance = 2 * fft_tolerance((13, 10), on.complex)
+    assert relative_max(apply(u, maps.y, maps.x), on.download(result)) <= tolerance
+
+
+def test_two_threads_take_factors_to_the_host_once(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second, cut = Event(), Event(), Factors.cut
+
+    def slow(values: np.ndarray, shape: tuple[int, int]) -> Factors:
+        (second if first.is_set() else first).set()
+        second.wait(0.2)  # time enough for another thread to come here, too
+        return cut(values, shape)
+
+    monkeypatch.setattr(Factors, "cut", slow)
+    spectrum = Spectrum(device.zeros((4, 5), device.complex), (6, 8))
+    with ThreadPoolExecutor(2) as pool:
+        one = pool.submit(spectrum.on_host, device)
+        assert first.wait(10)
+        other = pool.submit(spectrum.on_host, device)
+        assert one.result() is other.result()
+    assert not second.is_set()
+    with pytest.raises(DeviceError, match="factors were taken to the host: make them again"):
+        _ = spectrum.values
 
 
 def test_parts_of_arrays_are_copied_where_they_belong(device: Device) -> None:

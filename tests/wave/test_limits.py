@@ -84,18 +84,28 @@ def test_a_narrow_hard_edge_lets_light_through(device, z):
 # Guards and windows -----------------------------------------------------------------------------
 
 
-def test_the_guard_is_wider_where_the_window_is_narrower_than_a_fresnel_zone():
+def test_the_guard_is_wider_where_the_windows_are_narrow():
+    """S^2 < 4 lam z along any axis that varies, S the mean of the lit and the wanted width."""
     grid = Grid((40, 50), (3e-6, 2e-6))
-    far = (100e-6) ** 2 / LAM  # of x, the shorter window
-    for sign in (1, -1):
-        assert Request(grid, sign * 0.2 * far, LAM).widths == 6
-        assert Request(grid, sign * 1.01 * far, LAM).widths == 8
-        assert Request(grid, sign * 1.01 * far, LAM, guard=3.5).widths == 3.5
-        assert Request(grid, sign * 0.2 * far, LAM, guard=0).widths == 0
+    cases = [
+        ({}, 100e-6),  # along x, the shorter one
+        ({"support": (1.0, 40e-6)}, 70e-6),
+        ({"out_grid": Grid((40, 75), grid.pitch)}, 120e-6),  # 125 um along x, 120 um along y
+    ]
+    for options, s in cases:
+        far = s**2 / (4 * LAM)
+        for sign in (1, -1):
+            near, beyond = (
+                Request(grid, sign * f * far, LAM, **options).widths for f in (0.99, 1.01)
+            )
+            assert (near, beyond) == (6, 8)
+            for guard in (0, 3.5):
+                assert Request(grid, sign * 2 * far, LAM, guard=guard, **options).widths == guard
     # An axis of one sample has no window: what is narrow is not along it.
-    assert Request(Grid((1, 50), (1e-9, 2e-6)), 0.2 * far, LAM).widths == 6
+    far = (100e-6) ** 2 / (4 * LAM)
+    assert Request(Grid((1, 50), (1e-9, 2e-6)), 0.99 * far, LAM).widths == 6
     # It is this guard that makes the band.
-    for z, widths in ((0.2 * far, 6), (1.01 * far, 8)):
+    for z, widths in ((0.99 * far, 6), (1.01 * far, 8)):
         band = Request(Grid((1, 50), 2e-6), z, LAM).bands[1]
         d = math.hypot(100e-6, z)
         geometric, width = 100e-6 / (LAM * d), z / (d * math.sqrt(LAM * d))

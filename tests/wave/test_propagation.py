@@ -103,9 +103,9 @@ def test_distances_of_one_window_share_a_transform(device, monkeypatch):
     calls = []
     lines = FFTRoute.lines
 
-    def counted(self: FFTRoute, *arguments: object) -> None:
+    def counted(self: FFTRoute, *arguments: object, **more: object) -> None:
         calls.append(arguments[-1])  # whether forward
-        lines(self, *arguments)
+        lines(self, *arguments, **more)
 
     propagate(field, z, method="as")
     monkeypatch.setattr(FFTRoute, "lines", counted)
