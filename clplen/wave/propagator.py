@@ -259,7 +259,8 @@ def request(
             raise ValueError(f"support is one width or (y, x), in metres, not {support!r}.")
         both = np.broadcast_to(np.asarray(support, np.float64), (2,))
         support = (float(both[0]), float(both[1]))
-    distance = float(z) if isinstance(z, Real) else z
+    distance = z.item() if isinstance(z, np.ndarray) and z.ndim == 0 else z
+    distance = float(distance) if isinstance(distance, Real) else distance
     return Request(grid, distance, wavelength, method, pad, out_grid, guard, border, support, lens)
 
 

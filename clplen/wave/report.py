@@ -32,6 +32,8 @@ class Report:
     phase_step : float
         Its largest phase step from sample to sample, divided by pi; aliased above 1, which auto and
         cblas keep clear of the output.
+    aliases_miss : bool
+        Whether the window is chosen so that what is aliased misses the output.
     fully_sampled_from, fully_sampled_to : float
         The interval of abs(z) in metres in which it is not.
     band : tuple of float
@@ -64,6 +66,7 @@ class Report:
     out_grid: Grid
     sampled: str
     phase_step: float
+    aliases_miss: bool
     fully_sampled_from: float
     fully_sampled_to: float
     band: tuple[float, float]
@@ -98,8 +101,7 @@ class Report:
     def _sampling(self) -> str:
         """The phase step, and why more than pi does no harm where the window is chosen for it."""
         text = f"{self.sampled}: {self.phase_step:.3g} pi from sample to sample"
-        chosen = self.fully_sampled_to == math.inf and self.fully_sampled_from == 0
-        harmless = chosen and self.phase_step > 1 and self.method in ("as", "cblas")
+        harmless = self.aliases_miss and self.phase_step > 1
         return text + (", its aliases miss the output" if harmless else "")
 
     def _band(self) -> list[tuple[str, str]]:
@@ -150,6 +152,7 @@ def report(made: Description, phase: str) -> Report:
         out_grid=made.out_grid,
         sampled=made.sampled,
         phase_step=made.phase_step,
+        aliases_miss=made.method == "cblas" or r.method == "auto",
         fully_sampled_from=made.valid[0],
         fully_sampled_to=made.valid[1],
         band=(band[0], band[1]),
