@@ -13,11 +13,12 @@ from typing import Any, Literal, cast
 import numpy as np
 import pyopencl as cl
 import pyopencl.array as cla
+from pyopencl.tools import ImmediateAllocator, MemoryPool
 
 from clplen.compute import pocl
 from clplen.compute.cache import PlanCache
 from clplen.compute.fft import FFTRoute, choose_route
-from clplen.compute.pages import ask_for_large_pages
+from clplen.compute.pages import LEAST_BYTES, ask_for_large_pages
 from clplen.compute.program import build_program
 from clplen.compute.selection import find_devices, select
 from clplen.compute.workspace import Workspace
@@ -27,6 +28,8 @@ Precision = Literal["single", "double"]
 
 _GPU_GROUP = 64  # work-items of one row that a GPU runs as a group
 _PLAN_SHARE = 4  # plans may hold a quarter of the device's memory
+_SPARE_SHARE = 16  # buffers kept for use again, a sixteenth
+_POOL_STEP = 8  # their sizes are rounded up by less than an eighth
 
 
 class Device:
@@ -234,10 +237,20 @@ class Device:
                 f"largest that {self.name} gives is {_bytes(largest)}: use fewer planes or samples "
                 "at a time, integer instead of float storage, or a device with more memory."
             )
-        array = cla.empty(self.queue, shape, np.dtype(dtype))
-        if self.is_cpu and nbytes:
+        if nbytes < LEAST_BYTES or nbytes + nbytes // _POOL_STEP > largest:
+            return cla.empty(self.queue, shape, np.dtype(dtype))
+        held = self._spare.managed_bytes
+        array = cla.empty(self.queue, shape, np.dtype(dtype), allocator=self._spare)
+        if self.is_cpu and self._spare.managed_bytes > held:
             ask_for_large_pages(self.queue, _buffer(array))
+        if self._spare.managed_bytes - self._spare.active_bytes > self.memory_bytes // _SPARE_SHARE:
+            self._spare.free_held()
         return array
+
+    @cached_property
+    def _spare(self) -> MemoryPool:
+        """Large buffers that were let go, for the next one of their size: fresh ones cost time."""
+        return MemoryPool(ImmediateAllocator(self.queue))
 
     def zeros(self, shape: Sequence[int], dtype: Any) -> cla.Array:
         """An array of zeros on the device."""

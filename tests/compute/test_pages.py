@@ -77,8 +77,32 @@ def test_whole_pages_within_the_buffer_are_asked_for(
     assert 0 <= begin + LARGE - (start + length) < PAGE
     with pytest.raises(cl.Error):  # it was released, whoever still holds it
         mapped[0].base.release(device.queue)
+    device._spare.free_held()
     holds(device, LARGE)  # the refusal, -1, changes nothing
     assert len(asked) == 2
+    holds(device, LARGE)  # the same buffer once more
+    assert len(asked) == 2
+
+
+def test_what_is_let_go_is_used_again_within_bounds(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spare = device._spare
+    spare.free_held()
+    before = spare.managed_bytes
+    del_me = device.empty((LARGE,), np.uint8)
+    taken = spare.managed_bytes
+    assert before + LARGE <= taken <= before + LARGE * 9 // 8
+    del del_me
+    again = device.empty((LARGE,), np.uint8)
+    assert spare.managed_bytes == taken
+    small = device.empty((pages.LEAST_BYTES - 1,), np.uint8)
+    assert spare.managed_bytes == taken
+    del again
+    monkeypatch.setattr(device, "memory_bytes", 16 * LARGE // 2)
+    other = device.empty((pages.LEAST_BYTES,), np.uint8)  # more than half of LARGE would be held
+    assert spare.managed_bytes - spare.active_bytes <= LARGE // 2
+    assert small.nbytes + 1 == other.nbytes
 
 
 @pytest.mark.parametrize("nbytes", [1, PAGE, pages.LEAST_BYTES - 1])
