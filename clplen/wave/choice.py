@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from clplen.compute.lines import Separable, smooth_length
 from clplen.wave import fresnel, spectral
-from clplen.wave.band import EVANESCENT_REACH, FAR_GUARD, whole_band
+from clplen.wave.band import EVANESCENT_REACH, whole_band
 from clplen.wave.cost import flops
 from clplen.wave.description import Description, any_distance, whole_bands
 from clplen.wave.request import Request
@@ -73,8 +73,7 @@ def automatic(r: Request) -> Description:
 def _far(r: Request, why: str) -> Description:
     """The sampled kernel, or the few frequencies that are left where they are less work."""
     kernel = spectral.sommerfeld(r, why)
-    precise = replace(r, guard=max(r.widths, FAR_GUARD))
-    few = spectral.corrected(precise, why, "chirp-z")
+    few = spectral.corrected(r, why, "chirp-z")
     if flops(few) >= flops(kernel):
         return kernel
     count = " x ".join(str(n) for n in few.into.shape_after(r.grid.shape))

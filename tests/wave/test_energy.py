@@ -54,16 +54,16 @@ def test_no_energy_budget_without_a_window(device, method):
 
 
 def test_energy_of_the_few_frequencies_that_auto_takes_far_away(precise, monkeypatch):
-    """Those of the plan, whose guard is wider than what was asked for."""
+    """By FFTs of a window, where the plan itself takes chirp-z transforms."""
     few_are_less = {"chirp-z": 0.5, "fft": 1.0}  # as on grids of thousands of samples
     monkeypatch.setattr(choice, "flops", lambda made: few_are_less[made.kind])
     grid = Grid((20, 150), 2e-6)
     u = np.exp(-((grid.y[:, None] / 1e-5) ** 2) - ((grid.x - 1.2e-5) / 1e-5) ** 2)
     field = field_of(u, grid, precise)
-    made = Propagator(grid, 0.02, wavelength=LAM, guard=1, device=precise)
+    made = Propagator(grid, 0.02, wavelength=LAM, device=precise)
     assert (made.method, made.description.kind) == ("cblas", "chirp-z")
     energy = made.energy(field)
-    # Two ways to the same sums in float64; a guard of 1 would change it by a tenth and more.
+    # Two ways to the same sums in float64; a guard of 6 for one of them would show.
     assert energy.window == pytest.approx(made(field).power(), rel=1e-11, abs=0)
     parts = energy.window + energy.outside + energy.cut
     assert parts == pytest.approx(energy.into, rel=1e-11, abs=0)
