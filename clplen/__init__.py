@@ -29,6 +29,8 @@ from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.raw import LensletGrid, RawImage
 from clplen.lightfield.refocus import FocalStack, focal_stack, refocus
 from clplen.lightfield.sensor import Sensor
+from clplen.wave.average import MeanIntensity
+from clplen.wave.coherence import Coherence
 from clplen.wave.elements import (
     MicrolensArray,
     annular_aperture,
@@ -47,40 +49,54 @@ from clplen.wave.elements import (
     transparency,
     usaf1951,
 )
+from clplen.wave.extended import ExtendedSource
 from clplen.wave.field import Field, Grid
+from clplen.wave.masks import RandomPhaseMask
 from clplen.wave.parts import ConvergingLight, Element, Lens, Space, Stop
+from clplen.wave.planning import CoherencePlan
 from clplen.wave.propagation import Propagator, propagate, propagate_wavelengths
+from clplen.wave.pupil import Pupil
+from clplen.wave.spatial import IncoherentLight
+from clplen.wave.spectrum import Spectrum
 from clplen.wave.system import OpticalSystem, imaging_system
 
 __version__ = "0.1.0"
 __all__ = [
     "AlphaEstimate",
     "ClplenError",
+    "Coherence",
+    "CoherencePlan",
     "ConvergingLight",
     "DepthMap",
     "Device",
     "DeviceError",
     "Element",
+    "ExtendedSource",
     "Field",
     "FocalStack",
     "FormatError",
     "Grid",
     "Image",
+    "IncoherentLight",
     "KernelBuildError",
     "Lens",
     "LensletGrid",
     "LightField",
+    "MeanIntensity",
     "MicrolensArray",
     "OpticalSystem",
     "PlenopticCamera",
     "PointSources",
     "Propagator",
+    "Pupil",
+    "RandomPhaseMask",
     "RawImage",
     "SamplingError",
     "SamplingWarning",
     "Sensor",
     "ShapeError",
     "Space",
+    "Spectrum",
     "Stop",
     "annular_aperture",
     "aperture",

@@ -15,7 +15,7 @@ from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
 from clplen.errors import FormatError
-from clplen.io.files import PathLike
+from clplen.files import PathLike
 from clplen.lightfield.sensor import Sensor
 from clplen.wave.lenslets import MicrolensArray
 

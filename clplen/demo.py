@@ -17,8 +17,8 @@ from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.plenoptic1 import Plenoptic1, scene_energy
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
+from clplen.files import replacing
 from clplen.io import write_lightfield, write_picture, write_stack
-from clplen.io.files import replacing
 from clplen.lightfield.estimate import AlphaEstimate, estimate_alpha
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.raw import RawImage

@@ -14,6 +14,7 @@ import pyopencl.array as cla
 import pytest
 
 from clplen import (
+    Coherence,
     Field,
     Grid,
     LightField,
@@ -21,7 +22,10 @@ from clplen import (
     PlenopticCamera,
     PointSources,
     Propagator,
+    RandomPhaseMask,
     RawImage,
+    Space,
+    Spectrum,
     aperture,
     depth_map,
     focal_stack,
@@ -31,6 +35,9 @@ from clplen import (
 )
 from clplen.compute.device import Device
 from clplen.lightfield.depth import sharpness_curve
+from clplen.wave.abbe import abbe_image
+from clplen.wave.extended import ExtendedSource
+from clplen.wave.pupil import Pupil
 from clplen.wave.sommerfeld import impulse_response
 from clplen.wave.sources import spherical_wave
 from clplen.wave.sphere import multiply_sphere
@@ -149,6 +156,22 @@ def waves(device: Device) -> None:
     for lattice in ("square", "hexagonal"):
         for fill in ("circular", "full"):
             MicrolensArray(80e-6, 10e-3, count=2, lattice=lattice, fill=fill).apply(field)
+    coherent(device)
+
+
+def coherent(device: Device) -> None:
+    """Every kernel of partially coherent light."""
+    grid = Grid((16, 24), (10e-6, 12e-6))
+    clear = Field.from_array(np.ones(grid.shape), grid, wavelength=WAVELENGTH, device=device)
+    for kernel in ("square", "gaussian"):
+        mask = RandomPhaseMask((40e-6, 48e-6), kernel=kernel, kind="phase")
+        Coherence(mask).average(Space(1e-3), clear, snapshots=2)
+    ExtendedSource(1e-3, 0.3).field(grid, wavelength=WAVELENGTH, device=device, seed=1, index=2)
+    two = Spectrum.lines([500e-9, 600e-9], [1, 2])
+    Coherence(mask, two).average(Space(1e-3), clear, snapshots=2)
+    H, S = Pupil(1e-3, 0.1).transfer(grid, WAVELENGTH), np.full(grid.shape, 1 / 384)
+    for route in ("points", "lags"):
+        abbe_image(clear, H, S, route=route)
 
 
 def exposed(device: Device, lattice: str) -> RawImage:

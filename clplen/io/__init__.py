@@ -8,7 +8,7 @@ from typing import Any
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError
-from clplen.io.files import PathLike, check_folder, check_writable, output_folder
+from clplen.files import PathLike, check_folder, check_writable, output_folder
 from clplen.io.hdf5 import SIGNATURE, read_hdf5, write_hdf5
 from clplen.io.pfm import read_pfm, write_pfm
 from clplen.io.picture import read_picture, write_picture

@@ -19,7 +19,7 @@ from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.compute.device import Device
 from clplen.errors import FormatError
-from clplen.io.files import PathLike, naming, replacing
+from clplen.files import PathLike, naming, replacing
 from clplen.lightfield.lightfield import LightField
 from clplen.wave.lenslets import MicrolensArray
 

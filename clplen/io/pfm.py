@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from clplen.errors import FormatError, ShapeError
-from clplen.io.files import PathLike, replacing
+from clplen.files import PathLike, replacing
 
 _SPACE = rb"(?:\s|#[^\n]*\n)+"  # comments run to the end of their line
 _HEADER = re.compile(

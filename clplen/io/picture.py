@@ -12,7 +12,7 @@ import numpy as np
 import tifffile
 
 from clplen.errors import FormatError
-from clplen.io.files import PathLike, replacing
+from clplen.files import PathLike, replacing
 
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm")
 _TIFF = (".tif", ".tiff")

@@ -10,7 +10,7 @@ import numpy as np
 import tifffile
 from tqdm import tqdm
 
-from clplen.io.files import PathLike, replacing
+from clplen.files import PathLike, replacing
 from clplen.io.pfm import write_pfm
 from clplen.io.picture import write_picture
 

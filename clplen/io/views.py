@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError, ShapeError
-from clplen.io.files import PathLike, filling, naming
+from clplen.files import PathLike, filling, naming
 from clplen.io.names import DEFAULT_PATTERN, Pattern, View, arrange, guess, listed
 from clplen.io.picture import SUFFIXES, read_picture, write_picture
 from clplen.lightfield.lightfield import LightField

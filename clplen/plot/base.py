@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize, PowerNorm
 from matplotlib.figure import Figure
 
-from clplen.io.files import PathLike, replacing
+from clplen.files import PathLike, replacing
 
 Array = np.ndarray[Any, Any]
 Scale = Literal["linear", "log", "root"]

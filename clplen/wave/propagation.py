@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -15,7 +16,35 @@ from clplen.wave.propagator import Propagator, request
 from clplen.wave.request import BORDER, Request
 from clplen.wave.together import together
 
+if TYPE_CHECKING:
+    from clplen.wave.average import MeanIntensity
+    from clplen.wave.coherence import Coherence
 
+
+@overload
+def propagate(
+    field: Field,
+    z: float | Sequence[float],
+    *,
+    method: str = ...,
+    pad: float = ...,
+    out_grid: Grid | None = ...,
+    guard: float | None = ...,
+    border: float = ...,
+    support: float | tuple[float, float] | None = ...,
+    lens: float | None = ...,
+) -> Field: ...
+@overload
+def propagate(
+    field: Field,
+    z: float,
+    *,
+    method: str = ...,
+    pad: float = ...,
+    out_grid: Grid | None = ...,
+    coherence: Coherence,
+    **averaging: Any,
+) -> MeanIntensity: ...
 def propagate(
     field: Field,
     z: float | Sequence[float],
@@ -27,7 +56,9 @@ def propagate(
     border: float = BORDER,
     support: float | tuple[float, float] | None = None,
     lens: float | None = None,
-) -> Field:
+    coherence: Coherence | None = None,
+    **averaging: Any,
+) -> Field | MeanIntensity:
     """Propagate a field through free space, by one distance or by several.
 
     Parameters
@@ -46,12 +77,16 @@ def propagate(
         Of the result: any pitch, shape and origin with auto and cblas.
     guard, border, support, lens
         See `Propagator`.
+    coherence : Coherence, optional
+        The light that illuminates ``field``, which then is the transmission of an object.
+    **averaging
+        With ``coherence``: snapshots, rtol, region, checkpoint, progress as in `Coherence.average`.
 
     Returns
     -------
     Field
         On ``out_grid``, without the carrier exp(ikz). Shape (..., my, mx), or (n, ..., my, mx) for
-        n distances.
+        n distances. With ``coherence`` the `MeanIntensity` at one distance.
 
     Raises
     ------
@@ -77,6 +112,16 @@ def propagate(
         raise TypeError(
             f"propagate takes a Field, as Field.from_array makes it, not a {type(field).__name__}."
         )
+    if coherence is not None or averaging:
+        if coherence is None:
+            raise TypeError(f"{', '.join(averaging)} belong to an average: give coherence= too.")
+        if np.ndim(z):
+            raise ValueError("Partially coherent light is propagated to one distance at a time.")
+        way = partial(
+            propagate, z=z, method=method, pad=pad, out_grid=out_grid, guard=guard, border=border,
+            support=support, lens=lens,
+        )  # fmt: skip
+        return coherence.average(way, field, **averaging)
     distances = [z] if np.ndim(z) == 0 else list(np.asarray(z))
     if not distances or np.ndim(z) > 1:
         raise ValueError(f"z is one distance or a list of them, in metres, not {z!r}.")

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 from clplen.wave.checks import Aliasing
 from clplen.wave.field import Field
@@ -23,6 +23,10 @@ from clplen.wave.parts import (
 )
 from clplen.wave.propagation import Propagator
 from clplen.wave.quantity import metres
+
+if TYPE_CHECKING:
+    from clplen.wave.average import MeanIntensity
+    from clplen.wave.coherence import Coherence, Object
 
 
 @dataclass(frozen=True, init=False)
@@ -65,18 +69,42 @@ class OpticalSystem:
             raise ValueError("An optical system has at least one part; none was given.")
         object.__setattr__(self, "parts", tuple(found))
 
-    def __call__(self, field: Field) -> Field:
-        """The field (or each of a batch) behind the last part.
+    @overload
+    def __call__(self, field: Field) -> Field: ...
+    @overload
+    def __call__(
+        self, field: Object, *, coherence: Coherence, **averaging: Any
+    ) -> MeanIntensity: ...
+    def __call__(
+        self, field: Any, *, coherence: Coherence | None = None, **averaging: Any
+    ) -> Field | MeanIntensity:
+        """The field (or each of a batch) behind the last part, or the mean intensity there.
 
         Parameters
         ----------
         field : Field
-            Shape (..., ny, nx), in front of the first part.
+            Shape (..., ny, nx), in front of the first part; with ``coherence`` the transmission of
+            an object of shape (ny, nx).
+        coherence : Coherence, optional
+            The light that illuminates the object.
+        **averaging
+            With ``coherence``: snapshots, rtol, region, checkpoint, progress and method as in
+            `Coherence.average`.
 
         Returns
         -------
         Field
+            Or, with ``coherence``, a `MeanIntensity`.
+
+        Raises
+        ------
+        TypeError
+            For options of an average without ``coherence``.
         """
+        if coherence is not None:
+            return coherence.average(self, field, **averaging)
+        if averaging:
+            raise TypeError(f"{', '.join(averaging)} belong to an average: give coherence= too.")
         for _, _, behind in self.trace(field):
             field = behind
         return field

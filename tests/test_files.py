@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from clplen import plot
 from clplen.compute.device import Device
+from clplen.files import check_folder, check_writable, filling, output_folder, replacing
 from clplen.io import write_lightfield, write_pfm, write_picture
-from clplen.io.files import check_folder, check_writable, filling, output_folder, replacing
 from clplen.lightfield.lightfield import LightField
 
 

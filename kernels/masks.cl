@@ -1,0 +1,71 @@
+/* Random phase masks from cells: phasors, their spread over the samples, the phase alone.
+ *
+ *   cell_phasors   t[j, i] = exp(2 pi i r),  r = philox(i, j, index, 0; key).x / 2^32
+ *   spread_rows    s[y, i] = sum_a w[y, a] t[at[y, a], i]         a < TAPS
+ *   spread         u[y, x] = sum_b w[x, b] s[y, at[x, b]]         b < TAPS
+ *   unit_phase     u      -> u / |u|,  0 -> 1
+ *
+ * t (my, mx) are the cells, at (n, TAPS) those that reach a sample and w (n, TAPS) the kernel of a
+ * cell there: one tap of 1 for a square cell.
+ * Mapping: FOR_X of common.cl. -DTAPS; -DROWS, -DDOUBLE: see common.cl.
+ */
+#include "common.cl"
+#include "philox.cl"
+
+#ifndef TAPS
+#define TAPS 1
+#endif
+
+__kernel void cell_phasors(__global cplx *restrict t, const uint index, const uint2 key,
+                           const int ny, const int nx)
+{
+    const int y = get_global_id(1);
+    const size_t row = row_start(0, y, ny, nx);
+    FOR_X(x, nx) {
+        const uint word = philox((uint4)(x, y, index, 0), key).x;
+#ifdef DOUBLE
+        t[row + x] = cis_turns(word * 0x1p-32);
+#else
+        t[row + x] = cis_turns((word >> 8) * 0x1p-24f);
+#endif
+    }
+}
+
+__kernel void spread_rows(__global cplx *restrict s, __global const cplx *restrict t,
+                          __global const int *restrict at, __global const real *restrict w,
+                          const int ny, const int nx)
+{
+    const int y = get_global_id(1);
+    const size_t row = row_start(0, y, ny, nx);
+    FOR_X(x, nx) {
+        cplx sum = (cplx)(0, 0);
+        for (int a = 0; a < TAPS; ++a)
+            sum += w[y * TAPS + a] * t[(size_t)at[y * TAPS + a] * nx + x];
+        s[row + x] = sum;
+    }
+}
+
+__kernel void spread(__global cplx *restrict u, __global const cplx *restrict s,
+                     __global const int *restrict at, __global const real *restrict w,
+                     const int cells, const int ny, const int nx)
+{
+    const int y = get_global_id(1);
+    const size_t row = row_start(0, y, ny, nx), from = row_start(0, y, ny, cells);
+    FOR_X(x, nx) {
+        cplx sum = (cplx)(0, 0);
+        for (int b = 0; b < TAPS; ++b)
+            sum += w[x * TAPS + b] * s[from + at[x * TAPS + b]];
+        u[row + x] = sum;
+    }
+}
+
+__kernel void unit_phase(__global cplx *restrict u, const int ny, const int nx)
+{
+    const int y = get_global_id(1);
+    const size_t row = row_start(get_global_id(2), y, ny, nx);
+    FOR_X(x, nx) {
+        const cplx v = u[row + x];
+        const real size = sqrt(v.x * v.x + v.y * v.y);
+        u[row + x] = size > 0 ? v / size : (cplx)(1, 0);
+    }
+}

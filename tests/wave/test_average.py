@@ -1,0 +1,225 @@
+"""Averages of snapshots: their error, when they stop, and how they survive an interruption."""
+
+import math
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clplen import (
+    Coherence,
+    Field,
+    FormatError,
+    Grid,
+    OpticalSystem,
+    RandomPhaseMask,
+    SamplingWarning,
+    Space,
+    Spectrum,
+)
+from clplen.wave import average as module
+
+LAM = 550e-9
+GRID = Grid((48, 60), (4e-6, 3e-6))
+MASK = RandomPhaseMask((16e-6, 18e-6))
+SYSTEM = OpticalSystem([Space(1e-3, method="as", pad=1)])
+
+
+def clear(device, grid=GRID):
+    rng = np.random.default_rng(5)
+    t = 0.5 + 0.5 * rng.random(grid.shape)
+    return Field.from_array(t, grid, wavelength=LAM, device=device)
+
+
+def run(device, *, seed=0, **how):
+    light = Coherence(MASK, seed=seed)
+    return light.average(SYSTEM, clear(device), method="monte-carlo", **how)
+
+
+def test_mean_and_error_are_those_of_the_snapshots(device):
+    light, thing = Coherence(MASK, seed=2), clear(device)
+    intensities = []
+    for field in light.snapshots(GRID, wavelength=LAM, device=device, count=9):
+        lit = field.to_numpy() * thing.to_numpy()
+        behind = SYSTEM(Field.from_array(lit, GRID, wavelength=LAM, device=device))
+        intensities.append(np.abs(behind.to_numpy().astype(complex)) ** 2)
+    result = run(device, seed=2, snapshots=9)
+    assert result.snapshots == 9
+    assert np.allclose(result.to_numpy(), np.mean(intensities, 0), rtol=1e-4, atol=1e-5)
+    error = np.std(intensities, 0, ddof=1) / 3
+    assert np.allclose(result.standard_error.to_numpy(), error, rtol=1e-3, atol=1e-5)
+    expected = math.sqrt((error**2).mean()) / np.mean(intensities)
+    assert result.convergence[-1] == pytest.approx([9, expected], rel=1e-4)
+    assert [int(k) for k, _ in result.convergence] == list(range(2, 10))
+
+
+def test_reported_error_is_the_scatter_of_independent_runs(device):
+    region = (slice(5, 40), slice(10, 50))
+    results = [run(device, seed=seed, snapshots=40, region=region) for seed in range(20)]
+    scatter = np.std([r.to_numpy() for r in results], axis=0, ddof=1)[region]
+    reported = np.array([r.standard_error.to_numpy()[region] for r in results])
+    ratio = math.sqrt((reported**2).mean()) / math.sqrt((scatter**2).mean())
+    assert 0.8 <= ratio <= 1.25
+
+
+def test_a_tolerance_stops_it(device):
+    region = (slice(10, 30), slice(20, 40))
+    result = run(device, rtol=0.15, region=region)
+    assert 30 < result.snapshots < 70  # speckle of contrast .95: (.95/.15)^2 = 40
+    assert result.relative_error <= 0.15
+    assert (result.convergence[14:-1, 1] > 0.15).all()
+    assert run(device, rtol=10.0).snapshots == module.LEAST
+
+
+def test_a_tolerance_that_is_not_reached_is_said(device):
+    with pytest.warns(SamplingWarning, match="After 20 snapshots .* not 0.01"):
+        result = run(device, rtol=0.01, snapshots=20)
+    assert result.snapshots == 20
+
+
+def test_points_of_the_curve_thin_out(device):
+    result = run(device, snapshots=137)
+    steps = [int(k) for k, _ in result.convergence]
+    assert steps == [*range(2, 100), 100, 110, 120, 130, 137]
+
+
+def test_progress(device):
+    seen = []
+    run(device, snapshots=3, progress=lambda done, most: seen.append((done, most)))
+    assert seen == [(1, 3), (2, 3), (3, 3)]
+
+
+# Checkpoints ------------------------------------------------------------------------------------
+
+
+def same(a, b):
+    return (
+        np.array_equal(a.to_numpy(), b.to_numpy())
+        and np.array_equal(a.standard_error.to_numpy(), b.standard_error.to_numpy())
+        and np.array_equal(a.convergence, b.convergence)
+        and a.snapshots == b.snapshots
+    )
+
+
+def test_a_resumed_run_has_the_same_bits(device, tmp_path):
+    file = tmp_path / "run.npz"
+    run(device, snapshots=7, checkpoint=file)
+    assert same(run(device, snapshots=23, checkpoint=file), run(device, snapshots=23))
+
+
+def test_a_finished_run_is_not_done_again(device, tmp_path):
+    file, seen = tmp_path / "run.npz", []
+    first = run(device, snapshots=7, checkpoint=file)
+    again = run(device, snapshots=7, checkpoint=file, progress=lambda *_: seen.append(1))
+    assert same(first, again)
+    assert not seen
+    assert [path.name for path in tmp_path.iterdir()] == ["run.npz"]
+
+
+CHILD = """
+import sys
+import numpy as np
+from clplen import Coherence, Device, Field, Grid, OpticalSystem, RandomPhaseMask, Space, Spectrum
+from clplen.wave import average
+average.SAVE_SECONDS = 0.0
+device = Device.open(sys.argv[1])
+grid = Grid((48, 60), (4e-6, 3e-6))
+field = Field.from_array(np.ones(grid.shape), grid, wavelength=550e-9, device=device)
+light = Coherence(RandomPhaseMask((16e-6, 18e-6)), Spectrum.lines([5e-7, 6e-7], [1, 2]), seed=9)
+system = OpticalSystem([Space(1e-3), lambda field: field, Space(1e-3)])
+file = None if sys.argv[2] == "-" else sys.argv[2]
+result = light.average(system, field, snapshots=60, checkpoint=file)
+np.savez(sys.argv[3], result.to_numpy(), result.standard_error.to_numpy(), result.convergence)
+"""
+
+
+def test_killed_at_a_random_snapshot_and_resumed(device, tmp_path):
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    command = [sys.executable, "-W", "ignore", "-c", CHILD, device.place]
+    file = tmp_path / "run.npz"
+    child = subprocess.Popen([*command, str(file), str(tmp_path / "a.npz")], env=environment)
+    while not file.exists() and child.poll() is None:
+        time.sleep(0.005)
+    time.sleep(random.uniform(0.0, 0.2))
+    child.send_signal(signal.SIGKILL)
+    child.wait()
+    assert not (tmp_path / "a.npz").exists(), "the run ended before it could be killed"
+    for place, name in ((str(file), "b"), ("-", "c")):
+        out = str(tmp_path / f"{name}.npz")
+        subprocess.run([*command, place, out], env=environment, check=True)
+    with np.load(tmp_path / "b.npz") as resumed, np.load(tmp_path / "c.npz") as whole:
+        assert all(np.array_equal(resumed[key], whole[key]) for key in whole.files)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"seed": 4}, r"its seed is 0, this run's is 4"),
+        ({"region": (slice(3), slice(3))}, r"its region is .*y1=48.*this run's is .*y1=3"),
+        ({"mask": RandomPhaseMask((16e-6, 20e-6))}, r"its spatial model is .*1.8e-05"),
+        ({"spectrum": Spectrum.lines([5e-7, 6e-7], [1, 1])}, r"its spectrum is None"),
+        ({"system": Space(2e-3)}, r"its system is .*z=0.001.*this run's is .*z=0.002"),
+        ({"grid": Grid((48, 60), (4e-6, 6e-6))}, r"its grid is .*3e-06"),
+        ({"scale": 0.5}, r"its object is"),
+    ],
+)
+def test_a_checkpoint_of_another_set_up_is_refused(device, tmp_path, change, words):
+    file = tmp_path / "run.npz"
+    run(device, snapshots=3, checkpoint=file)
+    before = file.read_bytes()
+    light = Coherence(change.get("mask", MASK), change.get("spectrum"), seed=change.get("seed", 0))
+    thing = clear(device, change.get("grid", GRID))
+    if "scale" in change:
+        values = change["scale"] * thing.to_numpy()
+        thing = Field.from_array(values, GRID, wavelength=LAM, device=device)
+    with pytest.raises(FormatError, match=words):
+        light.average(
+            change.get("system", SYSTEM), thing, snapshots=5, checkpoint=file,
+            region=change.get("region"), method="monte-carlo",
+        )  # fmt: skip
+    assert file.read_bytes() == before
+
+
+def truncated(good):
+    return good[: len(good) // 2]
+
+
+def flipped(good):
+    return good[:3000] + bytes([good[3000] ^ 1]) + good[3001:]
+
+
+@pytest.mark.parametrize(
+    "damage", [truncated, flipped, lambda _: b"", lambda _: b"not a checkpoint", lambda _: b"PK"]
+)
+def test_a_damaged_checkpoint_is_refused(device, tmp_path, damage):
+    file = tmp_path / "run.npz"
+    run(device, snapshots=3, checkpoint=file)
+    file.write_bytes(damage(file.read_bytes()))
+    with pytest.raises(FormatError, match=r"run.npz is damaged or no checkpoint"):
+        run(device, snapshots=5, checkpoint=file)
+
+
+def test_another_archive_is_no_checkpoint(device, tmp_path):
+    file = tmp_path / "run.npz"
+    np.savez(file, mean=np.ones(3))
+    with pytest.raises(FormatError, match=r"damaged or no checkpoint"):
+        run(device, snapshots=5, checkpoint=file)
+
+
+def test_a_checkpoint_in_no_folder_is_refused_before_anything_is_computed(device, tmp_path):
+    with pytest.raises(FileNotFoundError, match="there is no folder"):
+        run(device, snapshots=5, checkpoint=tmp_path / "no" / "run.npz")
+
+
+@pytest.mark.parametrize(
+    "how", [{"snapshots": 0}, {"snapshots": 2.5}, {"rtol": 0}, {"rtol": math.nan}]
+)
+def test_bad_numbers(device, how):
+    with pytest.raises(ValueError, match=r"snapshots is|rtol"):
+        run(device, **how)
