@@ -1,13 +1,13 @@
 /* Random phase masks from cells: phasors, their spread over the samples, the phase alone.
  *
- *   cell_phasors   t[j, i] = exp(2 pi i r),  r = philox(i, j, index, 0; key).x / 2^32
+ *   cell_phasors   t[j, i] = exp(2 pi i r),  r = philox(i/4, j, index, 0; key)[i % 4] / 2^32
  *   spread_rows    s[y, i] = sum_a w[y, a] t[at[y, a], i]         a < TAPS
  *   spread         u[y, x] = sum_b w[x, b] s[y, at[x, b]]         b < TAPS
  *   unit_phase     u      -> u / |u|,  0 -> 1
  *
  * t (my, mx) are the cells, at (n, TAPS) those that reach a sample and w (n, TAPS) the kernel of a
  * cell there: one tap of 1 for a square cell.
- * Mapping: FOR_X of common.cl. -DTAPS; -DROWS, -DDOUBLE: see common.cl.
+ * Mapping: FOR_X of common.cl, by hand in cell_phasors. -DTAPS; -DROWS, -DDOUBLE: see common.cl.
  */
 #include "common.cl"
 #include "philox.cl"
@@ -16,19 +16,39 @@
 #define TAPS 1
 #endif
 
+inline cplx phasor(uint word)
+{
+#ifdef DOUBLE
+    return cis_turns(word * 0x1p-32);
+#else
+    return cis_turns((word >> 8) * 0x1p-24f);
+#endif
+}
+
 __kernel void cell_phasors(__global cplx *restrict t, const uint index, const uint2 key,
                            const int ny, const int nx)
 {
     const int y = get_global_id(1);
     const size_t row = row_start(0, y, ny, nx);
-    FOR_X(x, nx) {
-        const uint word = philox((uint4)(x, y, index, 0), key).x;
-#ifdef DOUBLE
-        t[row + x] = cis_turns(word * 0x1p-32);
-#else
-        t[row + x] = cis_turns((word >> 8) * 0x1p-24f);
-#endif
+#ifdef ROWS
+    for (int x = 0; x < nx; x += 4) {
+        const uint4 words = philox((uint4)(x / 4, y, index, 0), key);
+        t[row + x] = phasor(words.x);
+        if (x + 1 < nx)
+            t[row + x + 1] = phasor(words.y);
+        if (x + 2 < nx)
+            t[row + x + 2] = phasor(words.z);
+        if (x + 3 < nx)
+            t[row + x + 3] = phasor(words.w);
     }
+#else
+    const int x = get_global_id(0);
+    if (x >= nx)
+        return;
+    const uint4 words = philox((uint4)(x / 4, y, index, 0), key);
+    const uint2 pair = x % 4 < 2 ? words.xy : words.zw;
+    t[row + x] = phasor(x % 2 ? pair.y : pair.x);
+#endif
 }
 
 __kernel void spread_rows(__global cplx *restrict s, __global const cplx *restrict t,

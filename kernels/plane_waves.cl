@@ -80,14 +80,15 @@ __kernel void plane_waves(__global cplx *restrict u, __global const cplx *restri
         const size_t first = row_start(0, y, ny, nx);
 #pragma unroll
         for (int j = 0; j < VECTORS; ++j) {
-            const lanes right_re = {c_re[i][j] - s_im[i][j]}, right_im = {c_im[i][j] + s_re[i][j]};
-            const lanes left_re = {c_re[i][j] + s_im[i][j]}, left_im = {c_im[i][j] - s_re[i][j]};
+            const lanes cr = {c_re[i][j]}, ci = {c_im[i][j]}, sr = {s_re[i][j]}, si = {s_im[i][j]};
             for (int lane = 0; lane < LANES; ++lane) {
                 const int k = across * WIDTH + j * LANES + lane;
                 if (k >= m)
                     break;
-                u[first + nx / 2 + k] = (cplx)(right_re.one[lane], right_im.one[lane]);
-                u[first + (nx - 1) / 2 - k] = (cplx)(left_re.one[lane], left_im.one[lane]);
+                const cplx c = (cplx)(cr.one[lane], ci.one[lane]);
+                const cplx turned = (cplx)(-si.one[lane], sr.one[lane]); /* i S */
+                u[first + nx / 2 + k] = c + turned;
+                u[first + (nx - 1) / 2 - k] = c - turned;
             }
         }
     }

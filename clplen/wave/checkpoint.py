@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +20,7 @@ from clplen.files import PathLike, check_writable, replacing
 
 FORMAT = "clplen average 1"
 SetUp = Mapping[str, str]
+_ADDRESS = re.compile(r" at 0x[0-9a-f]+")  # of an object, another in every process
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +40,37 @@ class State:
     m2: np.ndarray[Any, Any]
     count: int
     convergence: np.ndarray[Any, Any]
+
+
+def fingerprint(value: Any) -> str:
+    """What decides a result, as text that is the same in every process.
+
+    Of arrays a digest, of data classes their fields, of a function its name: what it encloses is
+    not seen.
+
+    Parameters
+    ----------
+    value : object
+
+    Returns
+    -------
+    str
+    """
+    if isinstance(value, np.ndarray):
+        digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()[:16]
+        return f"array({value.shape}, {value.dtype}, {digest})"
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        parts = (
+            f"{field.name}={fingerprint(getattr(value, field.name))}"
+            for field in dataclasses.fields(value)
+        )
+        return f"{type(value).__name__}({', '.join(parts)})"
+    if isinstance(value, list | tuple):
+        return f"({', '.join(fingerprint(one) for one in value)})"
+    if isinstance(value, partial):
+        return f"{fingerprint(value.func)}({fingerprint(sorted(value.keywords.items()))})"
+    name = getattr(value, "__qualname__", None)
+    return name if name is not None else _ADDRESS.sub("", repr(value))
 
 
 def save(path: PathLike, state: State, setup: SetUp) -> None:

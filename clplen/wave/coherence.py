@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import re
 from collections.abc import Callable, Iterator
 from dataclasses import KW_ONLY, dataclass, replace
 from itertools import count as whole_numbers
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import pyopencl.array as cla
@@ -19,8 +18,11 @@ from clplen.errors import SamplingError, ShapeError
 from clplen.files import PathLike
 from clplen.wave.abbe import abbe_cost, abbe_image, incoherent_image
 from clplen.wave.average import Averaging, MeanIntensity, Progress, average, exact
+from clplen.wave.checkpoint import fingerprint
 from clplen.wave.field import Field, Grid
+from clplen.wave.lineshapes import Table
 from clplen.wave.multiply import multiply
+from clplen.wave.planning import CoherencePlan, plan_coherence
 from clplen.wave.pupil import transfer_of
 from clplen.wave.random import LARGEST_INDEX, check_seed
 from clplen.wave.reach import check_reach
@@ -30,15 +32,12 @@ from clplen.wave.spectrum import Spectrum
 from clplen.wave.statistics import Region
 from clplen.wave.system import OpticalSystem
 
-if TYPE_CHECKING:
-    from clplen.wave.planning import CoherencePlan
-
 System = Callable[[Field], Field]
 Object = Field | Callable[[float], Field]
 Method = Literal["auto", "monte-carlo", "abbe"]
 METHODS = ("auto", "monte-carlo", "abbe")
+FOR_IMAGES, FOR_TABLES = 9, 21  # wavelengths
 
-_ADDRESS = re.compile(r" at 0x[0-9a-f]+")  # of a function, another in every process
 ABBE_FLOPS = 1e11  # that "auto" spends on an exact sum in any case: well below a minute on a CPU
 ABBE_TIMES = 10.0  # and so many times what the snapshots would cost
 
@@ -53,8 +52,9 @@ class Coherence:
         Any `SpatialModel`; None: a plane wave, coherent across the field.
     spectrum : Spectrum, optional
         None: the wavelength of the field that is lit.
-    wavelengths : int
-        Into which the spectrum is sampled: 9 are enough for images, 21 for interferometers.
+    wavelengths : int, optional
+        Into which the spectrum is sampled; by default 9, enough for images, or 21 of a tabulated
+        one. Interferometers need 21 or more: see `Spectrum.needed`.
     seed : int
         Of the snapshots, 0 to 2^64 - 1.
 
@@ -81,7 +81,7 @@ class Coherence:
     spatial: SpatialModel | None = None
     spectrum: Spectrum | None = None
     _: KW_ONLY
-    wavelengths: int = 9
+    wavelengths: int | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -94,7 +94,7 @@ class Coherence:
             )
         if self.spectrum is not None and not isinstance(self.spectrum, Spectrum):
             raise TypeError(f"spectrum is a Spectrum, not {self.spectrum!r}.")
-        number = self.wavelengths
+        number = 1 if self.wavelengths is None else self.wavelengths
         if not isinstance(number, (int, np.integer)) or isinstance(number, bool) or number < 1:
             raise ValueError(f"wavelengths is a whole number from 1 on, not {number!r}.")
         check_seed(self.seed)
@@ -118,7 +118,8 @@ class Coherence:
         """
         if self.spectrum is None:
             return [(float(wavelength), 1.0)]
-        samples = self.spectrum.sample(self.wavelengths)
+        default = FOR_TABLES if isinstance(self.spectrum.shape, Table) else FOR_IMAGES
+        samples = self.spectrum.sample(self.wavelengths or default)
         pairs = zip(samples.wavelengths, samples.weights, strict=True)
         return [(float(lam), float(w)) for lam, w in pairs if w > 0]
 
@@ -233,8 +234,8 @@ class Coherence:
                 return found
         return self._monte_carlo(system, objects, shares, how)
 
-    @staticmethod
-    def plan(system: Any, *, snr: float, **options: Any) -> CoherencePlan:
+    @classmethod
+    def plan(cls, system: Any, *, snr: float, **options: Any) -> CoherencePlan:
         """Mask, snapshots and wavelengths for a wanted signal-to-noise ratio.
 
         Parameters
@@ -247,9 +248,7 @@ class Coherence:
         -------
         CoherencePlan
         """
-        from clplen.wave.planning import plan_coherence  # here, because it makes a Coherence
-
-        return plan_coherence(system, snr=snr, **options)
+        return plan_coherence(cls, system, snr=snr, **options)
 
     def _lit(self, thing: Field, index: int) -> Field:
         """An object lit by one snapshot."""
@@ -333,13 +332,13 @@ class Coherence:
         for thing in objects:
             sha.update(thing.to_numpy().tobytes())
         return {
-            "spatial model": repr(self.spatial),
-            "spectrum": repr(self.spectrum),
+            "spatial model": fingerprint(self.spatial),
+            "spectrum": fingerprint(self.spectrum),
             "wavelengths": str([thing.wavelength for thing in objects]),
             "seed": str(self.seed),
             "grid": str(first.grid),
             "object": sha.hexdigest()[:16],
-            "system": _text_of(system),
+            "system": fingerprint(system),
             "image grid": str(image.grid),
             "device": f"{first.device.name}, {first.device.driver}",
             "precision": first.device.precision,
@@ -416,9 +415,3 @@ def _sum(images: list[Image], shares: list[float]) -> Image:
         for image, share in zip(images, shares, strict=True)
     )
     return Image(device.upload(np.asarray(total, images[0].data.dtype)), device)
-
-
-def _text_of(system: System) -> str:
-    """What a system is, for comparison; of a plain function only its name."""
-    name = getattr(system, "__qualname__", None)
-    return name if name is not None else _ADDRESS.sub("", repr(system))

@@ -96,6 +96,11 @@ class ExtendedSource:
             object.__setattr__(self, "picture", _intensities(self.picture))
 
     @property
+    def degree_is_exact(self) -> bool:
+        """Whether the light has one degree of coherence all over the window."""
+        return not self.curved
+
+    @property
     def extent(self) -> tuple[float, float]:
         """Height and width of the source in metres, (y, x)."""
         if self.picture is None:

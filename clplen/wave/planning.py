@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from clplen.errors import SamplingError
-from clplen.wave.coherence import Coherence
 from clplen.wave.field import Grid
 from clplen.wave.masks import LEAST_CELLS, LEAST_SAMPLES, RandomPhaseMask
 from clplen.wave.parts import ConvergingLight, Lens, Space, Stop
@@ -18,8 +17,10 @@ from clplen.wave.quantity import metres
 from clplen.wave.spectrum import Spectrum
 from clplen.wave.system import OpticalSystem
 
+if TYPE_CHECKING:
+    from clplen.wave.coherence import Coherence
+
 AIRY = 0.61  # radius of the Airy disc times the coherent cut-off frequency
-FOR_IMAGES = 9  # wavelengths
 
 # Contrast of the image of a clear field in one snapshot, by the resolution cell over the coherence
 # length: square cells, d_c = 4 p^2/lam, a circular pupil; by simulation, to 1 or 2 percent.
@@ -80,6 +81,7 @@ class CoherencePlan:
 
 
 def plan_coherence(
+    light: type[Coherence],
     system: Any,
     *,
     snr: float,
@@ -88,7 +90,7 @@ def plan_coherence(
     iota: float = 2.0,
     kind: Literal["field", "phase"] = "phase",
     spectrum: Spectrum | None = None,
-    wavelengths: int = FOR_IMAGES,
+    wavelengths: int | None = None,
     seed: int = 0,
 ) -> CoherencePlan:
     """Mask, snapshots and wavelengths for a wanted signal-to-noise ratio.
@@ -100,6 +102,8 @@ def plan_coherence(
 
     Parameters
     ----------
+    light : type
+        `Coherence`, which calls this function.
     system : OpticalSystem, Pupil or camera
         One that begins with free space and a lens, or consists of one `Pupil`; of a camera its main
         lens.
@@ -114,7 +118,7 @@ def plan_coherence(
     kind : {"phase", "field"}
         Of the mask; the phase alone has less contrast where iota is small.
     spectrum : Spectrum, optional
-    wavelengths : int
+    wavelengths : int, optional
         Into which it is sampled.
     seed : int
 
@@ -154,12 +158,12 @@ def plan_coherence(
     reached = AIRY / (fc * p)
     contrast = float(np.exp(np.interp(np.log(reached), np.log(_IOTA), np.log(_CONTRAST[kind]))))
     mask = RandomPhaseMask((sides[0], sides[1]), kind=kind, distance=4 * p**2 / wavelength)
-    light = Coherence(mask, spectrum, wavelengths=wavelengths, seed=seed)
-    shares = [share for _, share in light.lines(wavelength)]
+    made = light(mask, spectrum, wavelengths=wavelengths, seed=seed)
+    shares = [share for _, share in made.lines(wavelength)]
     one = contrast * math.sqrt(sum(share**2 for share in shares))
     snapshots = max(1, math.ceil((one * snr) ** 2 * (1 - 1e-12)))
     return CoherencePlan(
-        light, snapshots, math.sqrt(snapshots) / one, reached, (cells[0], cells[1]), p,
+        made, snapshots, math.sqrt(snapshots) / one, reached, (cells[0], cells[1]), p,
         mask.distance_at(wavelength), len(shares), contrast,
     )  # fmt: skip
 

@@ -15,7 +15,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 
 from clplen.wave import spectra
 from clplen.wave.checks import is_finite
@@ -25,6 +24,7 @@ from clplen.wave.spectral_samples import SpectralSamples
 PER_TURN = 32  # delays at which |gamma| is looked at while the band turns once
 LONGEST_BEAT = 1000  # turns of the band, after which sharp lines are not searched any further
 BLOCK, FEW = 4096, 256  # delays at a time
+CLOSER, TIMES = 16, 14  # a delay is found to 16^-14 of a step, that is to rounding
 
 Definition = Literal["goodman", "fwhm", "oct"]
 
@@ -350,12 +350,17 @@ class Spectrum:
         longest = LONGEST_BEAT / width if math.isinf(square) else 2 * square
         step = 1 / (PER_TURN * width)
         for start in range(0, math.ceil(longest / step) + 1, FEW):
-            tau = step * np.arange(start, start + FEW + 1)
-            low = np.flatnonzero(np.abs(self.gamma(tau)) <= 0.5)
-            if low.size:
-                ends = tau[low[0] - 1], tau[low[0]]
-                return float(brentq(lambda t: float(abs(self.gamma(t))) - 0.5, *ends, xtol=1e-30))
+            tau: Vector = step * np.arange(start, start + FEW + 1, dtype=np.float64)
+            if np.abs(self.gamma(tau)).min() <= 0.5:
+                return self._fall(tau)
         return math.inf
+
+    def _fall(self, tau: Vector) -> float:
+        """Where abs(gamma) first falls to 1/2 within rising delays, each time looked at closer."""
+        for _ in range(TIMES):
+            first = max(1, int(np.argmax(np.abs(self.gamma(tau)) <= 0.5)))
+            tau = np.linspace(tau[first - 1], tau[first], CLOSER + 1)
+        return float(tau[CLOSER // 2])
 
 
 def _width(width: float, wavelength: float, what: str) -> float:
