@@ -37,6 +37,7 @@ Object = Field | Callable[[float], Field]
 Method = Literal["auto", "monte-carlo", "abbe"]
 METHODS = ("auto", "monte-carlo", "abbe")
 FOR_IMAGES, FOR_TABLES = 9, 21  # wavelengths
+MANY = 15  # from which a Gaussian is sampled over +-2 full widths, fewer over +-1.5
 
 ABBE_FLOPS = 1e11  # that "auto" spends on an exact sum in any case: well below a minute on a CPU
 ABBE_TIMES = 10.0  # and so many times what the snapshots would cost
@@ -119,7 +120,8 @@ class Coherence:
         if self.spectrum is None:
             return [(float(wavelength), 1.0)]
         default = FOR_TABLES if isinstance(self.spectrum.shape, Table) else FOR_IMAGES
-        samples = self.spectrum.sample(self.wavelengths or default)
+        number = self.wavelengths or default
+        samples = self.spectrum.sample(number, span=1.5 if number < MANY else 2.0)
         pairs = zip(samples.wavelengths, samples.weights, strict=True)
         return [(float(lam), float(w)) for lam, w in pairs if w > 0]
 

@@ -18,7 +18,6 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.polynomial import legendre
-from scipy.special import spherical_jn
 
 C = 299_792_458.0  # m/s, speed of light in vacuum
 WIDEST_PIECE = 1.5  # ratio of the end wavelengths of a piece of a table
@@ -238,6 +237,8 @@ class Table:
         m and h are the middle and the half width of a piece in Hz, a_k its Legendre series: the
         transform of P_k is 2 (-i)^k j_k (DLMF, eq. 18.17.19).
         """
+        from scipy.special import spherical_jn  # here, because importing it takes half a second
+
         middle, half, series = self._pieces
         sums = np.zeros((tau.size, middle.size), dtype=complex)
         for k, terms in enumerate(series):
