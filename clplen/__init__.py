@@ -11,6 +11,7 @@ from importlib import import_module
 from typing import Any
 
 from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.pictures import PicturePlane
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
 from clplen.compute.image import Image
@@ -85,6 +86,7 @@ __all__ = [
     "MeanIntensity",
     "MicrolensArray",
     "OpticalSystem",
+    "PicturePlane",
     "PlenopticCamera",
     "PointSources",
     "Propagator",

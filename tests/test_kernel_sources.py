@@ -33,6 +33,7 @@ from clplen import (
     refocus,
     thin_lens,
 )
+from clplen.cameras.pictures import PicturePlane
 from clplen.compute.device import Device
 from clplen.lightfield.depth import sharpness_curve
 from clplen.wave.abbe import abbe_image
@@ -183,6 +184,20 @@ def exposed(device: Device, lattice: str) -> RawImage:
     return camera.expose(PointSources([(0, 0, 0), (2e-4, 0, 5e-3)], diameter=1e-5))
 
 
+def pictured(device: Device) -> None:
+    """What a small camera records of a picture that shines, by the route of patterns."""
+    mla = MicrolensArray(150e-6, 10e-3, count=9)
+    camera = PlenopticCamera.type1(
+        focal_length=0.03,
+        mla=mla,
+        wavelength=WAVELENGTH,
+        pixels_per_lenslet=6,
+        aperture_diameter=0.2e-3,
+        device=device,
+    )
+    camera.expose(PicturePlane([[1, 2], [0, 1]], 1e-4), method="isoplanatic")
+
+
 def views(device: Device) -> None:
     """Every kernel that works on views, for every type of sample."""
     random = np.random.default_rng(2)
@@ -200,6 +215,7 @@ def work(device: Device) -> None:
     """A small workload that reaches every kernel of one mapping, through public functions."""
     waves(device)
     raw = exposed(device, "hexagonal")
+    pictured(device)
     if device.precision == "single":
         for one in (raw, exposed(device, "square")):
             refocus(LightField.from_raw(one), alpha=0.9, rescale=True)

@@ -3,30 +3,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import pyopencl.array as cla
 
 from clplen.cameras import geometry
 from clplen.cameras.describe import Description, Row
+from clplen.cameras.emission import Method, Progress
+from clplen.cameras.exposing import expose_scene
+from clplen.cameras.pictures import PicturePlane
 from clplen.cameras.pupil import pupil_fields
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
 from clplen.compute.lines import smooth_length
 from clplen.errors import SamplingError
+from clplen.files import PathLike
 from clplen.lightfield.raw import RawImage
 from clplen.lightfield.sensor import Sensor
+from clplen.wave.average import Averaging
 from clplen.wave.band import blas_limit
+from clplen.wave.coherence import Coherence
 from clplen.wave.elements import thin_lens
 from clplen.wave.field import Field, Grid, row_powers
 from clplen.wave.lenslets import MicrolensArray
 from clplen.wave.propagation import Propagator, plan
+from clplen.wave.statistics import Region
 
-Progress = Callable[[int, int], None]
-BATCH_BYTES = 2**28  # of fields that travel through the camera together
+Scene = PointSources | PicturePlane | Sequence[PointSources | PicturePlane]
 FRESNEL_WIDTHS = 2  # diffraction beyond the geometric edge that a window without padding holds
 
 
@@ -139,64 +144,74 @@ class Plenoptic1:
 
     def expose(
         self,
-        scene: PointSources,
+        scene: Scene,
         *,
-        coherence: None = None,
+        coherence: Coherence | None = None,
         sensor: Sensor | None = None,
         progress: Progress | None = None,
+        method: Method = "auto",
+        koehler: bool = True,
+        snapshots: int | None = None,
+        rtol: float | None = None,
+        region: Region | None = None,
+        checkpoint: PathLike | None = None,
     ) -> RawImage:
-        """Take a raw image by wave optics: one field per source, intensities added.
+        """Take a raw image by wave optics: intensities of all points and pictures added.
 
         Parameters
         ----------
-        scene : PointSources
-        coherence : None
-            Point sources are mutually incoherent; no other model applies to them.
+        scene : PointSources, PicturePlane or list of them
+            The members of a list add up without occlusion.
+        coherence : Coherence, optional
+            Its spectrum holds for everything, its spatial model for slides
+            (``mode="transmission"``), which need it. Points and self-luminous pictures are
+            incoherent from point to point.
         sensor : Sensor, optional
             Photons, noise, bits; None keeps units of energy.
         progress : callable, optional
-            Called as ``progress(done, total)`` after each batch of sources.
+            Called as ``progress(done, total)`` after each batch of fields and each snapshot, from 0
+            again for each part of the scene.
+        method : {"auto", "points", "isoplanatic"}
+            Route of self-luminous pictures: one field for each sample, or patterns at a few places
+            of X under one lenslet, moved and added (the array's rows along x); "auto" takes the
+            cheaper one.
+        koehler : bool
+            Whether the light behind a slide converges on the main lens (Goodman 2005, section
+            5.3.2), so that all of the slide is seen; else it goes on parallel to the axis.
+        snapshots, rtol, region, checkpoint
+            Of slides, as in `Coherence.average`; the region is one of the sensor.
 
         Returns
         -------
         RawImage
-            float32, shape of ``grid``; n sources of power 1 add up to n (1 - 1e-3 .. 1).
+            float32, shape of ``grid``; n sources of power 1 add up to n (1 - 1e-3 .. 1). A clear
+            sample of a slide sends the energy 1 towards the lens. ``exposure`` says how the image
+            was found and how exact it is.
 
         Raises
         ------
         SamplingError
-            If light reaches the sensor at angles that the pixels do not sample, or a point is
-            imaged beyond the array.
+            If light reaches the sensor at angles that the pixels do not sample, a point is imaged
+            beyond the array, or the grid does not carry the light on a slide.
         ValueError
-            If a point lies behind the lens, or a coherence model is given.
+            If a point lies behind the lens, a slide has no light, a spatial model nothing to light,
+            or ``method`` does not fit the camera.
+        FormatError
+            If the checkpoint is damaged or of another set-up.
         DeviceError
             If the fields do not fit the device.
         """
-        if not isinstance(scene, PointSources):
-            raise TypeError(f"expose takes PointSources, not {type(scene).__name__}.")
-        if coherence is not None:
-            raise ValueError("Point sources are mutually incoherent: leave out coherence.")
-        self._check(scene)
-        total = self.device.zeros(self.grid.shape, self.device.real)
-        to_array, to_sensor = self.padding(scene)
-        widest = max(to_array, to_sensor) ** 2
-        field_bytes = math.prod(self.grid.shape) * self.device.complex.itemsize
-        step = max(1, int(BATCH_BYTES / (field_bytes * widest)))
-        self.device.require_memory(
-            (2 * widest + 2) * field_bytes * min(step, len(scene)), "This exposure"
+        total, exposure = expose_scene(
+            self,
+            scene,
+            coherence=coherence,
+            koehler=koehler,
+            method=method,
+            how=Averaging(snapshots, rtol, region, checkpoint),
+            progress=progress,
         )
-        for start in range(0, len(scene), step):
-            chosen = slice(start, min(start + step, len(scene)))
-            pupil = self.pupil(scene, chosen)
-            energy = row_powers(pupil).sum(axis=-1)
-            at_array = self.array_field(pupil, pad=to_array)
-            fields = self.sensor_field(at_array, pad=to_sensor)
-            self._add(total, fields, scene.power[chosen] / energy)
-            if progress is not None:
-                progress(chosen.stop, len(scene))
-        self.device.finish()
         data = total if total.dtype == np.float32 else total.astype(np.float32)
-        raw = geometry.raw_image(self, data)
+        raw = replace(geometry.raw_image(self, data), exposure=exposure)
         return raw if sensor is None else sensor.record(raw)
 
     def pupil(self, scene: PointSources, chosen: slice = slice(None)) -> Field:
@@ -239,7 +254,7 @@ class Plenoptic1:
         Field
             Same shape.
         """
-        return self._propagator(self.image_distance, "blas", pad)(pupil)
+        return self.propagator(self.image_distance, "blas", pad)(pupil)
 
     def sensor_field(self, at_array: Field, *, pad: int = 1) -> Field:
         """Fields at the array sent through it and on to the sensor.
@@ -258,7 +273,7 @@ class Plenoptic1:
         """
         if self.field_lens:
             at_array = thin_lens(at_array, self.image_distance)
-        return self._propagator(self.mla.f, "as", pad)(self.mla.apply(at_array))
+        return self.propagator(self.mla.f, "as", pad)(self.mla.apply(at_array))
 
     def padding(self, scene: PointSources) -> tuple[int, int]:
         """Padding of the ways to the array and to the sensor: 1 where no light leaves the window.
@@ -330,14 +345,16 @@ class Plenoptic1:
         )
         return Description("Plenoptic 1.0 camera", rows)
 
-    def _propagator(self, z: float, method: str, pad: int) -> Propagator:
+    def propagator(self, z: float, method: str, pad: int) -> Propagator:
+        """The plan of a distance on the camera's grid, ``pad`` times as wide or a little more."""
         longest = max(self.grid.shape)
         smooth = 1 if pad == 1 else smooth_length(pad * longest) / longest  # a quick transform
         return plan(
             self.grid, z, wavelength=self.wavelength, method=method, pad=smooth, device=self.device
         )
 
-    def _check(self, scene: PointSources) -> None:
+    def check_scene(self, scene: PointSources) -> None:
+        """Refuse sources that this camera cannot show; see `expose`."""
         behind = self.object_distance + scene.positions[:, 2] <= 0
         if behind.any():
             x, y, dz = scene.positions[behind][0]
@@ -357,20 +374,6 @@ class Plenoptic1:
         alpha = np.abs(np.atleast_1d(self.alpha(scene.positions[:, 2])))
         for reach, a in zip(np.abs(images).max(axis=1), alpha, strict=True):
             geometry.check_sampling(self, float(reach), max(1.0, float(a)))
-
-    def _add(self, total: cla.Array, fields: Field, weights: np.ndarray[Any, Any]) -> None:
-        (ny, nx), count = self.grid.shape, fields.shape[0]
-        kernel = self.device.kernel("intensity.cl", "accumulate", **self.device.wave_defines())
-        self.device.launch_rows(
-            kernel,
-            (ny, nx),
-            total,
-            fields.data,
-            self.device.upload(weights.astype(self.device.real)),
-            np.int32(count),
-            np.int32(ny),
-            np.int32(nx),
-        )
 
 
 def scene_energy(camera: Plenoptic1, scene: PointSources) -> Sequence[tuple[float, float, float]]:

@@ -12,8 +12,43 @@ from clplen.errors import ShapeError
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
+    from clplen.compute.image import Image
 
 Spacing = tuple[float, float, float, float]
+Transforms = tuple[tuple[int, tuple[int, int]], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Exposure:
+    """How a raw image was simulated, and how exact it is.
+
+    Attributes
+    ----------
+    route : str
+        "points", one field a point, or "isoplanatic", a picture from patterns at a few places;
+        several joined by " + ".
+    transforms : tuple
+        Fourier transforms as (how many, (ny, nx)) for each shape.
+    error : float
+        Measured deviation from one field a point, relative to the maximum: 0 for points, for a
+        picture the largest over three of its samples exposed both ways.
+    snapshots : int or None
+        Of partially coherent light.
+    standard_error : Image or None
+        Of every pixel, from the scatter of the snapshots.
+    """
+
+    route: str
+    transforms: Transforms
+    error: float
+    snapshots: int | None = None
+    standard_error: Image | None = None
+
+    def __str__(self) -> str:
+        count = sum(n for n, _ in self.transforms)
+        shapes = ", ".join(f"{n} of {ny} x {nx}" for n, (ny, nx) in self.transforms)
+        text = f"{self.route}: {count} Fourier transforms ({shapes}), error {self.error:.2g}"
+        return text if self.snapshots is None else f"{text}, {self.snapshots} snapshots"
 
 
 class CameraModel(Protocol):
@@ -114,6 +149,8 @@ class RawImage:
         Signed (dv, du, dy, dx) in metres of the light field that it decodes to.
     camera : CameraModel or None
         The camera that took it.
+    exposure : Exposure or None
+        How a camera of this package simulated it.
     """
 
     data: cla.Array
@@ -123,6 +160,7 @@ class RawImage:
     cells: LensletGrid
     spacing: Spacing | None = None
     camera: CameraModel | None = None
+    exposure: Exposure | None = None
 
     def __post_init__(self) -> None:
         if len(self.data.shape) != 2:

@@ -1,0 +1,206 @@
+"""Raw images of what shines by itself: points and pictures, every sample incoherent with the rest.
+
+Two routes. "points": one field for each point, four Fourier transforms each. "isoplanatic": a
+picture from patterns simulated at a few places (lattice.py, isoplanatic.py), as many for any number
+of samples; its error is measured at a few of the picture's samples, exposed one by one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.cameras.isoplanatic import Layout, layout, padded, raw_patterns
+from clplen.cameras.pictures import PicturePlane, parts
+from clplen.cameras.scene import PointSources
+from clplen.compute.image import Image
+from clplen.lightfield.raw import Exposure, Transforms
+from clplen.wave.field import Field, row_powers
+
+if TYPE_CHECKING:
+    from clplen.cameras.plenoptic1 import Plenoptic1
+
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+Progress = Callable[[int, int], None]
+Method = Literal["auto", "points", "isoplanatic"]
+METHODS = ("auto", "points", "isoplanatic")
+BATCH_BYTES = 2**28  # of fields that travel through the camera together
+PROBES = 3  # samples of a picture that are exposed one by one
+
+
+def emit(
+    camera: Plenoptic1, scene: Any, *, method: Method = "auto", progress: Progress | None = None
+) -> tuple[cla.Array, Exposure]:
+    """Energy on the sensor of a scene of points and self-luminous pictures, and how it was found.
+
+    Parameters
+    ----------
+    camera : Plenoptic1
+    scene : PointSources, PicturePlane or list of them
+    method : {"auto", "points", "isoplanatic"}
+        Route of the pictures; "auto" takes the one with fewer samples to transform.
+    progress : callable, optional
+        Called as ``progress(done, total)`` after each batch of fields, from 0 again for each part
+        of the scene.
+
+    Returns
+    -------
+    tuple
+        Device array of the sensor's shape in the device's real dtype, and `Exposure`.
+
+    Raises
+    ------
+    SamplingError, ValueError, TypeError, DeviceError
+        As `Plenoptic1.expose`; every part is checked before the first is exposed.
+    """
+    if method not in METHODS:
+        raise ValueError(f"method is 'auto', 'points' or 'isoplanatic', not {method!r}.")
+    members = parts(scene)
+    for part in members:
+        camera.check_scene(part if isinstance(part, PointSources) else part.corners())
+    ways = [_way(camera, part, method) for part in members]
+    total = camera.device.zeros(camera.grid.shape, camera.device.real)
+    reports = []
+    for part, how in zip(members, ways, strict=True):
+        if isinstance(part, PicturePlane) and how is not None:
+            reports.append(_add_picture(camera, part, how, total, progress))
+        else:
+            points = part if isinstance(part, PointSources) else part.points()
+            reports.append(_add_points(camera, points, total, progress))
+    camera.device.finish()
+    return total, together(reports)
+
+
+def _way(camera: Plenoptic1, part: PointSources | PicturePlane, method: Method) -> Layout | None:
+    """The layout of a picture's patterns, or None for one field a point."""
+    if isinstance(part, PointSources) or method == "points":
+        return None
+    if camera.mla.rotation != 0:
+        if method == "isoplanatic":
+            raise ValueError(
+                f"The array is turned by {camera.mla.rotation:g} rad; method='isoplanatic' needs "
+                "rows along x: use method='points'."
+            )
+        return None
+    how = layout(camera, part)
+    samples = sum(n * math.prod(shape) for n, shape in how.transforms(camera.grid.shape))
+    lit = int(np.count_nonzero(part.image))
+    exact = _point_transforms(camera, part.corners(), lit)
+    cheaper = samples < sum(n * math.prod(shape) for n, shape in exact)
+    return how if cheaper or method == "isoplanatic" else None
+
+
+def _point_transforms(camera: Plenoptic1, points: PointSources, count: int) -> Transforms:
+    return tuple((2 * count, padded(camera.grid.shape, pad)) for pad in camera.padding(points))
+
+
+def _add_points(
+    camera: Plenoptic1, points: PointSources, total: cla.Array, progress: Progress | None
+) -> Exposure:
+    """One field a point."""
+    to_array, to_sensor = camera.padding(points)
+    widest = max(to_array, to_sensor) ** 2
+    step = _batch(camera, widest)
+    field_bytes = math.prod(camera.grid.shape) * camera.device.complex.itemsize
+    camera.device.require_memory(
+        (2 * widest + 2) * field_bytes * min(step, len(points)), "This exposure"
+    )
+    for start in range(0, len(points), step):
+        chosen = slice(start, min(start + step, len(points)))
+        pupil = camera.pupil(points, chosen)
+        energy = row_powers(pupil).sum(axis=-1)
+        at_array = camera.array_field(pupil, pad=to_array)
+        fields = camera.sensor_field(at_array, pad=to_sensor)
+        _accumulate(total, fields, points.power[chosen] / energy)
+        if progress is not None:
+            progress(chosen.stop, len(points))
+    return Exposure("points", _point_transforms(camera, points, len(points)), 0.0)
+
+
+def _batch(camera: Plenoptic1, widest: int) -> int:
+    field_bytes = math.prod(camera.grid.shape) * camera.device.complex.itemsize
+    return max(1, int(BATCH_BYTES / (field_bytes * widest)))
+
+
+def _accumulate(total: cla.Array, fields: Field, weights: Vector) -> None:
+    device, (ny, nx), count = fields.device, fields.grid.shape, fields.shape[0]
+    kernel = device.kernel("intensity.cl", "accumulate", **device.wave_defines())
+    factors = device.upload(weights.astype(device.real))
+    sizes = (np.int32(n) for n in (count, ny, nx))
+    device.launch_rows(kernel, (ny, nx), total, fields.data, factors, *sizes)
+
+
+def _add_picture(
+    camera: Plenoptic1,
+    plane: PicturePlane,
+    how: Layout,
+    total: cla.Array,
+    progress: Progress | None,
+) -> Exposure:
+    """A picture from its patterns, its error from its probes' two images."""
+    step = _batch(camera, max(*how.padding, how.finer) ** 2)
+    camera.device.require_memory(how.memory(camera, step), "This exposure")
+    chosen = _probes(plane, how)
+    probes = np.zeros(plane.image.shape)
+    probes.ravel()[chosen] = 1
+    picture, seen = raw_patterns(camera, plane, how, probes=probes, batch=step, progress=progress)
+    total += picture
+    points = PointSources(plane.positions()[chosen])
+    exact = camera.device.zeros(camera.grid.shape, camera.device.real)
+    once = _add_points(camera, points, exact, None)
+    expected = camera.device.download(exact)
+    error = np.abs(camera.device.download(seen) - expected).max() / expected.max()
+    transforms = how.transforms(camera.grid.shape) + once.transforms
+    return Exposure("isoplanatic", _merged(transforms), float(error))
+
+
+def _probes(plane: PicturePlane, how: Layout) -> list[int]:
+    """Flat indices of samples: the brightest, then those farthest from all patches' and probes'."""
+    lit = np.flatnonzero(plane.image)
+    iy, ix = np.unravel_index(lit, plane.image.shape)
+    distance = np.full(lit.size, np.inf)
+    for patch in how.patches:
+        distance = np.minimum(distance, np.hypot(patch.y[iy], patch.x[ix]))
+    found = [int(plane.image.ravel()[lit].argmax())]
+    while len(found) < min(PROBES, lit.size):
+        last = found[-1]
+        apart = np.hypot(plane.y[iy] - plane.y[iy[last]], plane.x[ix] - plane.x[ix[last]])
+        distance = np.minimum(distance, apart)
+        found.append(int(distance.argmax()))
+    return [int(lit[n]) for n in found]
+
+
+def _merged(transforms: Transforms) -> Transforms:
+    """One entry for each shape."""
+    counts: dict[tuple[int, int], int] = {}
+    for n, shape in transforms:
+        counts[shape] = counts.get(shape, 0) + n
+    return tuple((n, shape) for shape, n in counts.items())
+
+
+def together(reports: list[Exposure]) -> Exposure:
+    """What several parts of a scene were exposed by; their errors as if they were independent."""
+    routes = sorted({report.route for report in reports})
+    transforms = _merged(tuple(pair for report in reports for pair in report.transforms))
+    numbers = [report.snapshots for report in reports if report.snapshots is not None]
+    errors = [report.standard_error for report in reports if report.standard_error is not None]
+    return Exposure(
+        " + ".join(routes),
+        transforms,
+        max(report.error for report in reports),
+        max(numbers, default=None),
+        _joint_error(errors),
+    )
+
+
+def _joint_error(errors: list[Image]) -> Image | None:
+    """Standard error of a sum of independent images."""
+    if len(errors) < 2:
+        return errors[0] if errors else None
+    device = errors[0].device
+    squares = np.sum([error.to_numpy().astype(np.float64) ** 2 for error in errors], axis=0)
+    return Image(device.upload(np.sqrt(squares).astype(errors[0].data.dtype)), device)

@@ -1,0 +1,119 @@
+"""A camera's raw image of a whole scene: what shines by itself, and slides that light falls on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import pyopencl.array as cla
+
+from clplen.cameras.emission import Method, Progress, emit, together
+from clplen.cameras.isoplanatic import padded
+from clplen.cameras.pictures import PicturePlane, parts
+from clplen.cameras.slide import SlideWay, edges, slide_field, slide_way
+from clplen.lightfield.raw import Exposure
+from clplen.wave.average import Averaging, MeanIntensity
+from clplen.wave.coherence import Coherence
+
+if TYPE_CHECKING:
+    from clplen.cameras.plenoptic1 import Plenoptic1
+
+MASK_TRANSFORMS = 2  # of the field of a random source
+
+
+def expose_scene(
+    camera: Plenoptic1,
+    scene: Any,
+    *,
+    coherence: Coherence | None,
+    koehler: bool,
+    method: Method,
+    how: Averaging,
+    progress: Progress | None,
+) -> tuple[cla.Array, Exposure]:
+    """Energy on the sensor, and how it was found; see `Plenoptic1.expose`.
+
+    Parameters
+    ----------
+    camera : Plenoptic1
+    scene : PointSources, PicturePlane or list of them
+    coherence : Coherence or None
+    koehler : bool
+    method : {"auto", "points", "isoplanatic"}
+    how : Averaging
+        Of the slides' snapshots.
+    progress : callable or None
+
+    Returns
+    -------
+    tuple
+        Device array of the sensor's shape in the device's real dtype, and `Exposure`.
+    """
+    members = parts(scene)
+    slides = [one for one in members if isinstance(one, PicturePlane) and one.is_slide]
+    shining = [one for one in members if one not in slides]
+    _check_light(coherence, slides, how)
+    lines = [(camera.wavelength, 1.0)]
+    if coherence is not None:
+        lines = coherence.lines(camera.wavelength)
+    cameras = [replace(camera, wavelength=wavelength) for wavelength, _ in lines]
+    for slide in slides:
+        for one in cameras:
+            one.check_scene(edges(slide))
+    total = camera.device.zeros(camera.grid.shape, camera.device.real)
+    reports = []
+    if shining:
+        for one, (_, share) in zip(cameras, lines, strict=True):
+            image, report = emit(one, shining, method=method, progress=progress)
+            total += image.dtype.type(share) * image
+            reports.append(report)
+    for slide in slides:
+        assert coherence is not None
+        way = slide_way(camera, slide, koehler)
+        found = coherence.average(
+            way, slide_field(camera, slide), snapshots=how.snapshots, rtol=how.rtol,
+            region=how.region, checkpoint=how.checkpoint, progress=progress, method="monte-carlo",
+        )  # fmt: skip
+        total += found.intensity.data
+        reports.append(_report(way, found, coherence, len(lines)))
+    camera.device.finish()
+    return total, together(reports)
+
+
+def _check_light(coherence: Coherence | None, slides: list[Any], how: Averaging) -> None:
+    """Refuse a slide without light, light without a slide, one checkpoint for two slides."""
+    if slides and coherence is None:
+        raise ValueError(
+            "A picture with mode='transmission' needs light that falls on it: give coherence=, "
+            "such as Coherence() for a plane wave, or use mode='emission' for a self-luminous one."
+        )
+    if coherence is not None and coherence.spatial is not None and not slides:
+        raise ValueError(
+            "Point sources and self-luminous pictures are incoherent already; a spatial model of "
+            "coherence lights pictures with mode='transmission'. Leave it out: "
+            "Coherence(None, spectrum)."
+        )
+    averaging = (how.snapshots, how.rtol, how.region, how.checkpoint)
+    if not slides and any(option is not None for option in averaging):
+        raise ValueError(
+            "snapshots, rtol, region and checkpoint are for pictures with mode='transmission'; "
+            "this scene has none."
+        )
+    if len(slides) > 1 and how.checkpoint is not None:
+        raise ValueError("A checkpoint serves one slide: expose several one by one.")
+
+
+def _report(way: SlideWay, found: MeanIntensity, coherence: Coherence, lines: int) -> Exposure:
+    """How a slide was exposed."""
+    fields = found.snapshots * lines if coherence.is_random else lines
+    shape = way.camera.grid.shape
+    counts: dict[tuple[int, int], int] = {}
+    for pad in (1 if way.koehler else 2, *way.padding):
+        size = padded(shape, pad)
+        counts[size] = counts.get(size, 0) + 2 * fields
+    if coherence.is_random:
+        counts[shape] = counts.get(shape, 0) + MASK_TRANSFORMS * fields
+    transforms = tuple((count, size) for size, count in counts.items())
+    error = found.standard_error if coherence.is_random else None
+    number = found.snapshots if coherence.is_random else None
+    return Exposure("snapshots", transforms, 0.0, number, error)

@@ -1,0 +1,308 @@
+"""The raw image of a self-luminous picture from the patterns of a few places under one lenslet.
+
+See lattice.py for why a few places do. The sum over places of pattern * comb of weights is done in
+the Fourier domain: one inverse transform for the whole picture. The combs lie on fractions of a
+pixel: each tooth is spread by a short kernel that the last step divides out (Greengard and Lee
+2004, "Accelerating the nonuniform fast Fourier transform").
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.cameras.lattice import Patch, Places, patches, places, powers
+from clplen.cameras.pictures import PicturePlane
+from clplen.cameras.scene import PointSources
+from clplen.compute.lines import smooth_length
+from clplen.wave.field import Field, row_powers
+
+if TYPE_CHECKING:
+    from clplen.cameras.plenoptic1 import Plenoptic1
+    from clplen.compute.device import Device
+
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+Complex = np.ndarray[Any, np.dtype[np.complex128]]
+Progress = Callable[[int, int], None]
+Transforms = tuple[tuple[int, tuple[int, int]], ...]
+TEETH = 8  # samples of the spreading kernel
+ROOM = 1.25  # of the pixels' band over the pattern's; the kernel is then right to 3e-5
+KEPT = 0.45  # cycles a sample; beyond, the kernel has no signal left
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """How a picture's raw image is put together.
+
+    Attributes
+    ----------
+    grid : Places
+    patches : list of Patch
+    finer : int
+        Samples a pixel and axis of the patterns, so that an intensity is sampled.
+    window : tuple of int
+        Samples (y, x) of the window in which patterns are added up.
+    padding : tuple of int
+        Of the ways to the array and to the sensor.
+    """
+
+    grid: Places
+    patches: list[Patch]
+    finer: int
+    window: tuple[int, int]
+    padding: tuple[int, int]
+
+    @property
+    def patterns(self) -> int:
+        """Patterns that are simulated."""
+        return len(self.patches) * self.grid.count**2
+
+    def transforms(self, shape: tuple[int, int]) -> Transforms:
+        """Fourier transforms by their shape: (how many, (ny, nx))."""
+        counts = [(2 * self.patterns, padded(shape, pad)) for pad in self.padding]
+        if self.finer > 1:
+            fine = (self.finer * shape[0], self.finer * shape[1])
+            counts += [(self.patterns, shape), (self.patterns, fine)]
+        return (*counts, (2 * self.patterns + 1, self.window))
+
+    def memory(self, camera: Plenoptic1, batch: int) -> int:
+        """Bytes on the device."""
+        field = math.prod(camera.grid.shape)
+        fields = (2 * max(self.padding) ** 2 + 2 + self.finer**2) * field * batch
+        return (fields + 4 * math.prod(self.window) + 2 * field) * camera.device.complex.itemsize
+
+
+def padded(shape: tuple[int, int], pad: int) -> tuple[int, int]:
+    """The window that a propagation pads to, as the camera's own."""
+    if pad == 1:
+        return shape
+    factor = smooth_length(pad * max(shape)) / max(shape)
+    return (round(factor * shape[0]), round(factor * shape[1]))
+
+
+def layout(camera: Plenoptic1, plane: PicturePlane) -> Layout:
+    """Places, patches and windows for a picture of a camera whose array is not turned."""
+    grid = places(camera)
+    parts = patches(camera, plane, grid, powers(camera, plane))
+    finer = max(1, math.ceil(2 * ROOM * _band(camera) * camera.pixel_pitch))
+    pixel = camera.pixel_pitch / finer
+    beyond = _beyond(camera, plane)
+    window = []
+    for axis, pitch in enumerate((grid.height, grid.pitch)):
+        ends = [abs(end) for p in parts for end in (p.first[axis], p.first[axis] + p.count[axis])]
+        shift = (max(ends) + 1) * pitch * magnification(camera) / pixel
+        own = finer * camera.grid.shape[axis] + math.ceil(beyond[axis] / pixel)
+        window.append(smooth_length(max(own, math.ceil(2 * shift) + 2 * TEETH)))
+    padding = camera.padding(plane.corners())
+    return Layout(grid, parts, finer, (window[0], window[1]), padding)
+
+
+def magnification(camera: Plenoptic1) -> float:
+    """m: how much farther apart than the lenslets their patterns lie."""
+    return 1.0 if camera.field_lens else 1 + camera.mla.f / camera.image_distance
+
+
+def raw_patterns(
+    camera: Plenoptic1,
+    plane: PicturePlane,
+    how: Layout,
+    *,
+    probes: Vector,
+    batch: int,
+    progress: Progress | None,
+) -> tuple[cla.Array, cla.Array]:
+    """The raw image of a picture, and that of a second picture beside it.
+
+    Parameters
+    ----------
+    camera : Plenoptic1
+    plane : PicturePlane
+    how : Layout
+    probes : numpy.ndarray
+        Samples of the second picture, shape (ny, nx), 0 where ``plane`` is.
+    batch : int
+        Fields that travel through the camera together.
+    progress : callable or None
+        Called as ``progress(done, total)`` with patterns.
+
+    Returns
+    -------
+    tuple of pyopencl.array.Array
+        Both real, shape of the camera's grid.
+    """
+    device = camera.device
+    unit = plane.image.max()
+    level = np.linalg.norm(plane.image / unit) / np.linalg.norm(probes)
+    image = plane.image / unit + 1j * level * probes
+    total, z, c = (device.zeros(how.window, device.complex) for _ in range(3))
+    done = 0
+    for patch in how.patches:
+        teeth, part = _teeth(patch, camera, how), image * patch.share
+        for offsets in _batches(how.grid.offsets(), batch):
+            fields, gains = _fields(camera, plane, patch, offsets, how)
+            for b, offset in enumerate(offsets):
+                _put_pattern(z, fields, b, gains[b])
+                _put_comb(c, patch.weights(part, how.grid, offset), teeth, how, device)
+                _add_product(total, z, c, device)
+            done += len(offsets)
+            if progress is not None:
+                progress(done, how.patterns)
+    return _finished(total, camera, how, unit, 1 / level)
+
+
+def _band(camera: Plenoptic1) -> float:
+    """Highest frequency of a pattern: twice that of its field, D/(2 F) + d/(2 f_mu) over lam m."""
+    slopes = camera.aperture_diameter / camera.image_distance + camera.mla.diameter / camera.mla.f
+    return slopes / (camera.wavelength * magnification(camera))
+
+
+def _beyond(camera: Plenoptic1, plane: PicturePlane) -> tuple[float, float]:
+    """How far light reaches past the sensor's edge along y and x, in metres."""
+    blur = abs(1 - camera.alpha(plane.dz)) * camera.aperture_diameter / 2 + camera.mla.pitch
+    places = np.abs(camera.image_of(plane.corners().positions)).max(axis=0)[::-1]
+    past = places * magnification(camera) + blur - np.asarray(camera.grid.extent) / 2
+    y, x = np.maximum(past, 0)
+    return float(y), float(x)
+
+
+def _imaged_at(camera: Plenoptic1, plane: PicturePlane, images: Vector) -> PointSources:
+    """Sources in the picture's plane that are imaged at (y, x) on the array."""
+    scale = -(camera.object_distance + plane.dz) / camera.image_distance
+    flat = np.full(len(images), plane.dz)
+    return PointSources(np.stack([images[:, 1] * scale, images[:, 0] * scale, flat], axis=-1))
+
+
+def _batches(offsets: Vector, batch: int) -> Iterator[Vector]:
+    for start in range(0, len(offsets), batch):
+        yield offsets[start : start + batch]
+
+
+def _fields(
+    camera: Plenoptic1, plane: PicturePlane, patch: Patch, offsets: Vector, how: Layout
+) -> tuple[Field, Vector]:
+    """Fields on the sensor of points imaged about a lenslet, and their factors to energy 1."""
+    pupil = camera.pupil(_imaged_at(camera, plane, np.asarray(patch.centre) + offsets))
+    gains = 1 / row_powers(pupil).sum(axis=-1)
+    to_array, to_sensor = how.padding
+    fields = camera.sensor_field(camera.array_field(pupil, pad=to_array), pad=to_sensor)
+    return _refined(fields, how.finer), gains
+
+
+def _refined(fields: Field, finer: int) -> Field:
+    """The same fields with ``finer`` times the samples along each axis, by Fourier transforms."""
+    if finer == 1:
+        return fields
+    device, (ny, nx) = fields.device, fields.grid.shape
+    device.fft.forward(fields.data, device)
+    out = device.empty((*fields.shape[:-2], finer * ny, finer * nx), device.complex)
+    kernel = device.kernel("patterns.cl", "refine", **device.wave_defines())
+    sizes = (np.int32(n) for n in (finer * ny, finer * nx, ny, nx))
+    device.launch_rows(kernel, out.shape, out, fields.data, *sizes)
+    device.fft.inverse(out, device)
+    return fields.with_data(out)
+
+
+def _put_pattern(z: cla.Array, fields: Field, b: int, gain: float) -> None:
+    """Field b's intensity times ``gain``, transformed. The finer transform's factor is undone."""
+    device, shape = fields.device, fields.data.shape[-2:]
+    scale = gain * (math.prod(shape) / math.prod(fields.grid.shape)) ** 2
+    kernel = device.kernel("patterns.cl", "pattern", **device.wave_defines())
+    sizes = (np.int32(n) for n in (b, *z.shape, *shape))
+    device.launch_rows(kernel, z.shape, z, fields.data, device.real.type(scale), *sizes)
+    device.fft.forward(z, device)
+
+
+@dataclass(frozen=True, eq=False)
+class Teeth:
+    """Tables of kernel `comb`: which lenslets each sample of the window meets, and how much."""
+
+    row: cla.Array
+    down: cla.Array
+    column: cla.Array
+    across: cla.Array
+
+
+def _teeth(patch: Patch, camera: Plenoptic1, how: Layout) -> Teeth:
+    device, grid = camera.device, how.grid
+    per_pixel = magnification(camera) * how.finer / camera.pixel_pitch
+    row, down = _meets(how.window[0], patch.first[0], grid.height * per_pixel, 0.0)
+    pairs = [
+        _meets(how.window[1], patch.first[1], grid.pitch * per_pixel, kind / 2)
+        for kind in range(grid.kinds)
+    ]
+    column, across = (np.stack(tables) for tables in zip(*pairs, strict=True))
+    return Teeth(
+        device.upload(row),
+        device.upload(down.astype(device.real)),
+        device.upload(column),
+        device.upload(across.astype(device.real)),
+    )
+
+
+def _meets(
+    length: int, first: int, pitch: float, shift: float
+) -> tuple[np.ndarray[Any, Any], Vector]:
+    """For each sample the first tooth within reach, from ``first`` on, and the teeth's factors."""
+    sample = np.arange(length)
+    sample = np.where(sample < length / 2, sample, sample - length)
+    nearest = np.floor((sample - TEETH / 2) / pitch - shift).astype(np.int64) + 1
+    tooth = nearest[:, None] + np.arange(math.ceil(TEETH / pitch))
+    root = 1 - ((sample[:, None] - (tooth + shift) * pitch) / (TEETH / 2)) ** 2
+    beta = _beta()
+    factors = np.where(root > 0, np.i0(beta * np.sqrt(np.maximum(root, 0))) / np.i0(beta), 0.0)
+    return (nearest - first).astype(np.int32), factors
+
+
+def _beta() -> float:
+    """Of the spreading kernel: its spectrum has left its main lobe where an alias begins."""
+    return math.pi * TEETH * (1 - 1 / (2 * ROOM))
+
+
+def _put_comb(c: cla.Array, weights: Complex, teeth: Teeth, how: Layout, device: Device) -> None:
+    """The weights of the lenslets on the window, transformed."""
+    kernel = device.kernel("patterns.cl", "comb", **device.wave_defines())
+    tall, wide = teeth.down.shape[-1], teeth.across.shape[-1]
+    sizes = (np.int32(n) for n in (*weights.shape, how.grid.kinds, tall, wide, *how.window))
+    tables = (teeth.row, teeth.down, teeth.column, teeth.across)
+    device.launch_rows(
+        kernel, how.window, c, device.upload(weights.astype(device.complex)), *tables, *sizes
+    )
+    device.fft.forward(c, device)
+
+
+def _add_product(total: cla.Array, a: cla.Array, b: cla.Array, device: Device) -> None:
+    kernel = device.kernel("patterns.cl", "add_product", **device.wave_defines())
+    device.launch_rows(kernel, total.shape, total, a, b, *(np.int32(n) for n in total.shape))
+
+
+def _finished(
+    total: cla.Array, camera: Plenoptic1, how: Layout, unit: float, probe: float
+) -> tuple[cla.Array, cla.Array]:
+    """Divide by the spreading kernel's spectrum, transform, and take the pixels' samples."""
+    device, (ny, nx) = camera.device, camera.grid.shape
+    kernel = device.kernel("separable.cl", "multiply_separable", **device.wave_defines())
+    spectra = (device.upload(_unspread(n).astype(device.complex)) for n in how.window)
+    sizes = (np.int32(n) for n in how.window)
+    device.launch_rows(kernel, how.window, total, total, *spectra, *sizes)
+    device.fft.inverse(total, device)
+    images = []
+    for pick in ((unit, 0.0), (0.0, probe)):
+        out = device.zeros((ny, nx), device.real)
+        kernel = device.kernel("patterns.cl", "add_part", **device.wave_defines())
+        numbers = (np.int32(n) for n in (how.finer, how.window[1], ny, nx))
+        device.launch_rows(kernel, (ny, nx), out, total, np.array(pick, device.real), *numbers)
+        images.append(out)
+    return images[0], images[1]
+
+
+def _unspread(length: int) -> Vector:
+    """1 over the spectrum of I0(beta sqrt(1 - (2 t/w)^2))/I0(beta), 0 beyond what is kept."""
+    f = np.fft.fftfreq(length)
+    root = np.sqrt(np.maximum(_beta() ** 2 - (math.pi * TEETH * f) ** 2, 1e-12))
+    spectrum = TEETH * np.sinh(root) / root / np.i0(_beta())
+    return np.where(np.abs(f) <= KEPT, 1 / spectrum, 0.0)

@@ -1,0 +1,247 @@
+"""Where on a camera's array the pattern behind the lenslets repeats, and how often to sample it.
+
+A point imaged at X puts U(x) = G(x - X) exp(i pi x^2/(lam F)) on the array (paraxially), G with
+frequencies up to f_c = D/(2 lam F). The quadratic phase magnifies what follows by m = 1 + f_mu/F,
+so that X moved by a vector a of the lattice moves the raw pattern by m a. And the raw intensity at
+a pixel is, as a function of X, band-limited to 2 f_c: patterns for q x q places of X in one cell,
+q > 4 f_c p, hold those of every place (Whittaker 1915, Shannon 1949). A picture is resampled onto
+these places on every lenslet, and its raw image is the sum over the q^2 places of pattern times
+weight, moved by m a.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clplen.cameras.pictures import PicturePlane
+
+if TYPE_CHECKING:
+    from clplen.cameras.plenoptic1 import Plenoptic1
+
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+Complex = np.ndarray[Any, np.dtype[np.complex128]]
+SPARE = 1.05  # places a cell and axis, over the least, so that the interpolating kernel is short
+STOP_DB = 80.0  # what the interpolating kernel leaves of its images
+TOLERANCE = 5e-4  # of a raw image's maximum, for what the pattern changes across a picture
+Powers = tuple[tuple[int, int], ...]
+CONSTANT: Powers = ((0, 0),)
+LINEAR: Powers = ((0, 0), (1, 0), (0, 1))
+EVEN: Powers = ((0, 0), (2, 0), (1, 1), (0, 2))
+QUADRATIC: Powers = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+PER_RADIAN = 0.35  # of the maximum, that a raw image changes with the aberration; measured
+
+
+@dataclass(frozen=True)
+class Places:
+    """The places of X at which patterns are simulated, about one lenslet.
+
+    Attributes
+    ----------
+    height, pitch : float
+        Between rows of lenslets and between neighbours of a row, in metres.
+    kinds : int
+        1, or 2 where every second row is moved by half a pitch.
+    count : int
+        q, along either axis of a cell.
+    spare : float
+        q/(4 f_c p), above 1.
+    """
+
+    height: float
+    pitch: float
+    kinds: int
+    count: int
+    spare: float
+
+    @property
+    def half_width(self) -> float:
+        """Of the interpolating kernel, in places (Kaiser's estimate of a window's length)."""
+        transition = 2 * math.pi * (1 - 1 / self.spare)
+        return math.ceil((STOP_DB - 8) / (2.285 * transition) / 2)
+
+    def offsets(self) -> Vector:
+        """(y, x) of the places from the lenslet's centre in metres, shape (q^2, 2)."""
+        q = self.count
+        j, k = (axis.ravel() - q // 2 for axis in np.indices((q, q)))
+        across = k / q + (j / (2 * q) if self.kinds == 2 else 0)
+        return np.stack([j / q * self.height, across * self.pitch], axis=-1)
+
+    def kernel(self, distance: Vector, pitch: float) -> Vector:
+        """Weight of a place at a distance from a point, a sinc under a Kaiser window.
+
+        Kaiser (1974): sinc(t) I0(beta sqrt(1 - (t/h)^2))/I0(beta), beta = .1102 (STOP_DB - 8.7), t
+        in places.
+        """
+        t = distance * (self.count / pitch)
+        root = np.sqrt(np.maximum(1 - (t / self.half_width) ** 2, 0))
+        beta = 0.1102 * (STOP_DB - 8.7)
+        window = np.where(root > 0, np.i0(beta * root) / np.i0(beta), 0.0)
+        return np.sinc(t) * window
+
+
+def places(camera: Plenoptic1) -> Places:
+    """The places of a camera; their number follows from 4 f_c p = 2 D p/(lam F)."""
+    mla = camera.mla
+    least = 2 * camera.aperture_diameter * mla.pitch / (camera.wavelength * camera.image_distance)
+    count = math.ceil(SPARE * least)
+    kinds = 2 if mla.lattice == "hexagonal" else 1
+    return Places(mla.row_pitch, mla.pitch, kinds, count, count / least)
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """The part of a picture that is made of the patterns about one lenslet.
+
+    Attributes
+    ----------
+    centre : tuple of float
+        (y, x) of the lenslet in metres.
+    first, count : tuple of int
+        First row and column of the lenslets that carry weight, from this one, and how many; the
+        first row is even.
+    y, x : numpy.ndarray
+        Of the picture's images on the array, from the lenslet, in metres.
+    share : numpy.ndarray
+        How much of each sample of the picture this patch makes; those of all patches add up to 1.
+    """
+
+    centre: tuple[float, float]
+    first: tuple[int, int]
+    count: tuple[int, int]
+    y: Vector
+    x: Vector
+    share: Vector
+
+    def weights(self, image: Complex, grid: Places, offset: Vector) -> Complex:
+        """Weights of the lenslets, shape ``count``, for the places at ``offset`` from each.
+
+        ``image`` is the picture times ``share``.
+        """
+        rows = (self.first[0] + np.arange(self.count[0])) * grid.height
+        columns = (self.first[1] + np.arange(self.count[1])) * grid.pitch
+        down = grid.kernel(rows[:, None] + offset[0] - self.y, grid.height)
+        lines = down @ image
+        out = np.empty(self.count, np.complex128)
+        for kind in range(grid.kinds):
+            moved = columns[:, None] + (kind / 2 * grid.pitch + offset[1]) - self.x
+            across = grid.kernel(moved, grid.pitch)
+            out[kind :: grid.kinds] = lines[kind :: grid.kinds] @ across.T
+        return out
+
+
+def aberrations(camera: Plenoptic1, plane: PicturePlane, distance: float) -> tuple[float, float]:
+    """Coma and astigmatism in radians at the rim of the main lens, of a point at ``distance``.
+
+    The terms X u^3 and X^2 u^2 of both spherical waves' fourth order, k r^4/(8 z^3) (Goodman 2005,
+    sec. 4.2), u = D/2: k X u^3/(2 F) (1/z^2 - 1/F^2) and (3/4) k X^2 u^2/F^2 (1/z + 1/F).
+    """
+    F, u = camera.image_distance, camera.aperture_diameter / 2
+    z, k = camera.object_distance + plane.dz, 2 * math.pi / camera.wavelength
+    coma = k * distance * u**3 / (2 * F) * abs(1 / z**2 - 1 / F**2)
+    return coma, 0.75 * k * (distance * u / F) ** 2 * (1 / z + 1 / F)
+
+
+def powers(camera: Plenoptic1, plane: PicturePlane) -> Powers:
+    """Exponents of y and x by which to interpolate the pattern across a picture.
+
+    Coma grows with X, astigmatism with X^2; what changes little from the middle of the picture on
+    is left out.
+    """
+    y, x = lit_axes(camera, plane)
+    far = max(math.hypot(np.abs(y).max(), np.abs(x).max()), camera.mla.pitch)
+    middle = math.hypot((y.max() + y.min()) / 2, (x.max() + x.min()) / 2)
+    half = math.hypot(np.ptp(y) / 2, np.ptp(x) / 2)
+    coma, all_astigmatism = aberrations(camera, plane, far)
+    limit = TOLERANCE / PER_RADIAN
+    if coma * half / far + all_astigmatism * (1 - (middle / far) ** 2) <= limit:
+        return CONSTANT
+    if all_astigmatism * (half / far) ** 2 <= limit:
+        return LINEAR
+    return QUADRATIC if coma > limit else EVEN
+
+
+def lit_axes(camera: Plenoptic1, plane: PicturePlane) -> tuple[Vector, Vector]:
+    """Where the rows and columns that hold light are imaged on the array, y and x in metres."""
+    scale = -camera.image_distance / (camera.object_distance + plane.dz)
+    lit = plane.image > 0
+    return plane.y[lit.any(axis=1)] * scale, plane.x[lit.any(axis=0)] * scale
+
+
+def patches(
+    camera: Plenoptic1, plane: PicturePlane, grid: Places, monomials: Powers
+) -> list[Patch]:
+    """The picture as patches, one for each of the lenslets whose patterns are simulated.
+
+    The pattern changes slowly with X (aberrations): it is interpolated by ``monomials`` through the
+    patterns at as many lenslets, the best of 5 x 5 across the picture (approximate Fekete points:
+    Sommariva and Vianello 2009).
+    """
+    scale = -camera.image_distance / (camera.object_distance + plane.dz)
+    y, x = plane.y * scale, plane.x * scale
+    ys, xs = lit_axes(camera, plane)
+    several = 1 if monomials == CONSTANT else 5
+    nodes_y, nodes_x = (
+        _lenslets(camera, axis, np.linspace(c.min(), c.max(), several + 2)[1:-1])
+        for axis, c in enumerate((ys, xs))
+    )
+    unit = max(np.abs(y).max(), np.abs(x).max(), camera.mla.pitch)
+    values = _monomials(nodes_y / unit, nodes_x / unit, monomials)
+    chosen = _independent(values)
+    through = np.linalg.pinv(values[chosen])
+    shares = _monomials(y / unit, x / unit, monomials) @ through
+    made = []
+    for n, node in enumerate(chosen):
+        row, column = (
+            float(c) for c in (nodes_y[node // nodes_x.size], nodes_x[node % nodes_x.size])
+        )
+        share = shares[:, n].reshape(y.size, x.size)
+        made.append(_patch(grid, (row, column), (y, x), (ys, xs), share))
+    return made
+
+
+def _monomials(y: Vector, x: Vector, exponents: Powers) -> Vector:
+    """y^i x^k at every pair of coordinates, shape (ny nx, monomials)."""
+    return np.stack([np.outer(y**i, x**k).ravel() for i, k in exponents], axis=-1)
+
+
+def _independent(values: Vector) -> list[int]:
+    """Rows of a matrix, as many as its rank, that span the others (QR with pivoting)."""
+    from scipy import linalg  # here, because it takes a while to import
+
+    _, r, order = linalg.qr(values.T, mode="economic", pivoting=True)
+    size = np.abs(np.diag(r))
+    return [int(n) for n in order[: np.count_nonzero(size > 1e-3 * size[0])]]
+
+
+def _patch(
+    grid: Places,
+    centre: tuple[float, float],
+    picture: tuple[Vector, Vector],
+    lit: tuple[Vector, Vector],
+    share: Vector,
+) -> Patch:
+    reach = grid.half_width / grid.count + 1.5
+    first, count = [], []
+    for middle, ends, pitch in zip(centre, lit, (grid.height, grid.pitch), strict=True):
+        low = 2 * math.floor(((ends.min() - middle) / pitch - reach) / 2)
+        first.append(low)
+        count.append(math.ceil((ends.max() - middle) / pitch + reach) - low + 1)
+    y, x = (axis - middle for axis, middle in zip(picture, centre, strict=True))
+    return Patch(centre, (first[0], first[1]), (count[0], count[1]), y, x, share)
+
+
+def _lenslets(camera: Plenoptic1, axis: int, coordinates: Vector) -> Vector:
+    """Coordinates of the lenslets nearest to some along an axis, each once.
+
+    On a hexagonal lattice those of an even row.
+    """
+    mla = camera.mla
+    pitch = (mla.row_pitch, mla.pitch)[axis]
+    step = 2 if axis == 0 and mla.lattice == "hexagonal" else 1
+    first, last = mla.centres()[0, 0][axis], (mla.count[axis] - 1) // step
+    index = np.clip(np.rint((coordinates - first) / (pitch * step)), 0, last)
+    return np.asarray(first + np.unique(index) * pitch * step)

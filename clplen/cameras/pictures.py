@@ -1,0 +1,149 @@
+"""Flat pictures as scenes: self-luminous ones, and slides that something else lights."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from clplen.cameras.scene import PointSources
+from clplen.errors import ShapeError
+
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class PicturePlane:
+    """A flat picture across the optical axis.
+
+    Sample i of an axis of n samples lies at (i - n//2) width/nx from the axis: pixels are square,
+    rows go along +y. Several planes make a scene as a list: their light adds up without occlusion,
+    a plane in front hides nothing of one behind it.
+
+    Parameters
+    ----------
+    image : array_like
+        Shape (ny, nx), finite, not negative, not all 0. In emission the energy that each sample
+        sends through the main lens' aperture (a picture made of points is `PointSources` at those
+        places); in transmission the intensity transmittance of a slide, at most 1.
+    width : float
+        Of the whole picture along x in metres, nx pixels.
+    dz : float
+        In metres from the focused object plane; > 0 lies farther from the lens.
+    mode : {"emission", "transmission"}
+        Self-luminous, every sample incoherent with the others, or a slide.
+
+    Attributes
+    ----------
+    image : numpy.ndarray
+        float64, shape (ny, nx).
+    width, dz : float
+    mode : str
+
+    Raises
+    ------
+    ShapeError
+        If the image is not two-dimensional or empty.
+    ValueError
+        For samples, a width, a dz or a mode outside their range.
+    """
+
+    image: Vector
+    width: float
+    dz: float
+    mode: str
+
+    def __init__(
+        self,
+        image: Any,
+        width: float,
+        dz: float = 0.0,
+        *,
+        mode: Literal["emission", "transmission"] = "emission",
+    ) -> None:
+        values = np.array(image, np.float64)
+        if values.ndim != 2 or values.size == 0:
+            raise ShapeError(f"A picture has shape (ny, nx), not {values.shape}: one channel each.")
+        if mode not in ("emission", "transmission"):
+            raise ValueError(f"mode is 'emission' or 'transmission', not {mode!r}.")
+        if not (np.isfinite(values).all() and (values >= 0).all()):
+            raise ValueError("The samples of a picture are finite and not negative.")
+        if not values.any():
+            raise ValueError("All samples of the picture are 0: it sends no light.")
+        if mode == "transmission" and values.max() > 1:
+            raise ValueError(
+                f"A slide transmits at most 1, not {values.max():g}: divide by its largest sample."
+            )
+        if not (math.isfinite(width) and width > 0):
+            raise ValueError(f"The width of a picture is positive, in metres, not {width!r}.")
+        if not math.isfinite(dz):
+            raise ValueError(f"dz of a picture is a finite number of metres, not {dz!r}.")
+        object.__setattr__(self, "image", values)
+        object.__setattr__(self, "width", float(width))
+        object.__setattr__(self, "dz", float(dz))
+        object.__setattr__(self, "mode", mode)
+
+    @property
+    def is_slide(self) -> bool:
+        """Whether something else lights it."""
+        return self.mode == "transmission"
+
+    @property
+    def pitch(self) -> float:
+        """Between samples, in metres."""
+        return self.width / self.image.shape[1]
+
+    @property
+    def y(self) -> Vector:
+        """Coordinates of the rows in metres, shape (ny,)."""
+        return self._axis(0)
+
+    @property
+    def x(self) -> Vector:
+        """Coordinates of the columns in metres, shape (nx,)."""
+        return self._axis(1)
+
+    def positions(self) -> Vector:
+        """(x, y, dz) of every sample in metres, row by row, shape (ny nx, 3)."""
+        y, x = np.meshgrid(self.y, self.x, indexing="ij")
+        return np.stack([x.ravel(), y.ravel(), np.full(x.size, self.dz)], axis=-1)
+
+    def points(self) -> PointSources:
+        """The samples that are not 0 as point sources."""
+        power = self.image.ravel()
+        lit = power > 0
+        return PointSources(self.positions()[lit], power=power[lit])
+
+    def corners(self) -> PointSources:
+        """The corners of the rectangle that holds every sample that is not 0."""
+        lit = self.image > 0
+        y, x = self.y[lit.any(axis=1)], self.x[lit.any(axis=0)]
+        return PointSources([(a, b, self.dz) for b in (y[0], y[-1]) for a in (x[0], x[-1])])
+
+    def _axis(self, axis: int) -> Vector:
+        n = self.image.shape[axis]
+        return (np.arange(n) - n // 2) * self.pitch
+
+
+def parts(scene: Any) -> tuple[PointSources | PicturePlane, ...]:
+    """What a scene is made of: itself, or the members of a list or tuple.
+
+    Raises
+    ------
+    TypeError
+        If a part is neither `PointSources` nor `PicturePlane`.
+    ValueError
+        If there is none.
+    """
+    found = tuple(scene) if isinstance(scene, list | tuple) else (scene,)
+    if not found:
+        raise ValueError("The scene is an empty list: give PointSources or PicturePlanes.")
+    for part in found:
+        if not isinstance(part, PointSources | PicturePlane):
+            raise TypeError(
+                "expose takes PointSources, a PicturePlane or a list of them, not "
+                f"{type(part).__name__}."
+            )
+    return found

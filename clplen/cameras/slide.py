@@ -1,0 +1,83 @@
+"""A transparent picture before a camera: lit by partially coherent light, one field a snapshot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from clplen.cameras.pictures import PicturePlane
+from clplen.cameras.scene import PointSources
+from clplen.wave.elements import thin_lens, transparency
+from clplen.wave.field import Field
+
+if TYPE_CHECKING:
+    from clplen.cameras.plenoptic1 import Plenoptic1
+
+
+@dataclass(frozen=True)
+class SlideWay:
+    """From a slide to the sensor of a camera, as a system for `Coherence.average`.
+
+    Attributes
+    ----------
+    camera : Plenoptic1
+    dz : float
+        Of the slide, in metres from the focused plane.
+    koehler : bool
+        Whether the light converges on the main lens.
+    padding : tuple of int
+        Of the ways to the array and to the sensor; to the lens 1 with ``koehler``, whose light
+        stays in the window, else 2.
+    """
+
+    camera: Plenoptic1
+    dz: float
+    koehler: bool
+    padding: tuple[int, int]
+
+    def __call__(self, lit: Field) -> Field:
+        """The field on the sensor of a slide that is lit, at the field's wavelength."""
+        camera = replace(self.camera, wavelength=lit.wavelength)
+        z = camera.object_distance + self.dz
+        if self.koehler:
+            lit = thin_lens(lit, z)
+        at_lens = camera.propagator(z, "blas", 1 if self.koehler else 2)(lit)
+        pupil = thin_lens(at_lens, camera.focal_length, diameter=camera.aperture_diameter)
+        at_array = camera.array_field(pupil, pad=self.padding[0])
+        return camera.sensor_field(at_array, pad=self.padding[1])
+
+
+def slide_way(camera: Plenoptic1, plane: PicturePlane, koehler: bool) -> SlideWay:
+    """The way of a slide's light, padded where it would leave the window."""
+    return SlideWay(camera, plane.dz, koehler, camera.padding(edges(plane)))
+
+
+def edges(plane: PicturePlane) -> PointSources:
+    """The corners of a slide's clear part."""
+    lit = plane.image > 0
+    ys, xs = plane.y[lit.any(axis=1)], plane.x[lit.any(axis=0)]
+    return PointSources([(x, y, plane.dz) for y in (ys[0], ys[-1]) for x in (xs[0], xs[-1])])
+
+
+def slide_field(camera: Plenoptic1, plane: PicturePlane) -> Field:
+    """The amplitude transmission of a slide on the grid of a camera.
+
+    Its square root is scaled so that a clear sample of the slide, lit by unit intensity, has the
+    energy 1.
+
+    Parameters
+    ----------
+    camera : Plenoptic1
+    plane : PicturePlane
+
+    Returns
+    -------
+    Field
+        Shape of the camera's grid.
+    """
+    grid, device = camera.grid, camera.device
+    unit = np.full(grid.shape, grid.pitch[1] / plane.pitch)
+    clear = Field.from_array(unit, grid, wavelength=camera.wavelength, device=device)
+    return transparency(clear, np.sqrt(plane.image), pitch=plane.pitch)

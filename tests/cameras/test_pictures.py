@@ -1,0 +1,270 @@
+"""Pictures as scenes: where their samples lie, and their patterns against one field a sample."""
+
+import numpy as np
+import pytest
+from tolerance import relative_max
+
+from clplen import (
+    DeviceError,
+    MicrolensArray,
+    PlenopticCamera,
+    PointSources,
+    SamplingError,
+    Sensor,
+    ShapeError,
+)
+from clplen.cameras import emission, isoplanatic, lattice
+from clplen.cameras.pictures import PicturePlane
+from clplen.cameras.plenoptic1 import Plenoptic1
+
+RANDOM = np.random.default_rng(3)
+
+
+def camera_of(device, *, pixels=26, field_lens=False, focal_length=0.12, **array):
+    """Lenslets of 26 pixels and twice what a matched camera resolves: 3 x 3 places a cell."""
+    values = {"pitch": 150e-6, "f": 10e-3, "count": (17, 21), "fill": "full"} | array
+    return PlenopticCamera.type1(
+        focal_length=focal_length,
+        mla=MicrolensArray(**values),
+        wavelength=532e-9,
+        pixels_per_lenslet=pixels,
+        aperture_diameter=focal_length / 100,
+        device=device,
+        field_lens=field_lens,
+    )
+
+
+def picture(shape=(3, 5), width=0.7e-3, dz=0.0):
+    """Samples without symmetry, some of them dark."""
+    values = RANDOM.random(shape) * (RANDOM.random(shape) < 0.8)
+    values[0, 0] = 0.7
+    return PicturePlane(values, width, dz)
+
+
+def both(camera, plane):
+    points = camera.expose(plane, method="points").to_numpy().astype(np.float64)
+    raw = camera.expose(plane, method="isoplanatic")
+    return points, raw.to_numpy().astype(np.float64), raw.exposure
+
+
+# Pictures
+
+
+def test_samples_lie_about_the_central_one():
+    plane = PicturePlane([[0, 1, 2, 0], [3, 0, 0, 0], [0, 0, 0, 4]], 8e-4, 0.01)
+    points = plane.points()
+    expected = [(-2e-4, -2e-4, 0.01), (0, -2e-4, 0.01), (-4e-4, 0, 0.01), (2e-4, 2e-4, 0.01)]
+    order = np.argsort(points.power)
+    expected = [(-2e-4, -2e-4), (0, -2e-4), (-4e-4, 0), (2e-4, 2e-4)]
+    np.testing.assert_allclose(points.positions[order][:, :2], expected, atol=1e-18)
+    assert points.power[order].tolist() == [1, 2, 3, 4]
+    assert (points.positions[:, 2] == 0.01).all()
+    assert points.diameter == 0
+    assert plane.positions().shape == (12, 3)
+    np.testing.assert_array_equal(plane.positions()[5], (-2e-4, 0, 0.01))
+
+
+def test_a_picture_keeps_its_own_samples():
+    values = np.ones((2, 2))
+    plane = PicturePlane(values, 1e-3)
+    values[:] = 5
+    assert plane.image.max() == 1
+
+
+@pytest.mark.parametrize(
+    ("image", "width", "more", "error", "words"),
+    [
+        (np.ones(3), 1e-3, {}, ShapeError, r"\(ny, nx\)"),
+        (np.ones((2, 2, 3)), 1e-3, {}, ShapeError, r"\(2, 2, 3\)"),
+        (np.ones((0, 2)), 1e-3, {}, ShapeError, r"\(0, 2\)"),
+        ([[1, -1]], 1e-3, {}, ValueError, "not negative"),
+        ([[1, np.nan]], 1e-3, {}, ValueError, "finite"),
+        ([[0, 0]], 1e-3, {}, ValueError, "sends no light"),
+        ([[1, 0]], 0, {}, ValueError, "width"),
+        ([[1, 0]], np.inf, {}, ValueError, "width"),
+        ([[1, 0]], 1e-3, {"dz": np.nan}, ValueError, "dz"),
+        ([[1, 0]], 1e-3, {"mode": "slide"}, ValueError, "'transmission'"),
+        ([[1.5, 0]], 1e-3, {"mode": "transmission"}, ValueError, "at most 1"),
+    ],
+)
+def test_bad_pictures(image, width, more, error, words):
+    with pytest.raises(error, match=words):
+        PicturePlane(image, width, **more)
+
+
+# Routes
+
+
+@pytest.mark.parametrize(
+    ("array", "more"),
+    [
+        ({}, {}),
+        ({}, {"shape": (2, 6), "dz": 0.02}),
+        ({}, {"shape": (4, 3), "dz": -0.02, "width": 0.4e-3}),
+        ({"offset": (40e-6, -30e-6)}, {}),
+        ({"fill": "circular"}, {"shape": (5, 5)}),
+        ({"field_lens": True}, {}),
+    ],
+)
+def test_patterns_equal_one_field_a_sample(device, array, more):
+    camera, plane = camera_of(device, **array), picture(**more)
+    points, patterns, exposure = both(camera, plane)
+    # measured 4e-4 to 9e-4: pixels sample the same lenslet otherwise where the phase is steeper
+    assert relative_max(points, patterns) <= 1e-3
+    assert relative_max(points, patterns[::-1]) > 0.1
+    assert relative_max(points, patterns[:, ::-1]) > 0.1
+    assert exposure.route == "isoplanatic"
+    assert 1e-5 < exposure.error <= 1.5e-3
+
+
+@pytest.mark.parametrize("fill", ["full", "circular"])
+def test_hexagonal_lattice(device, fill):
+    camera = camera_of(device, lattice="hexagonal", fill=fill, count=(18, 17))
+    points, patterns, exposure = both(camera, picture(shape=(5, 4)))
+    # rows of 22.5 pixels: pixels sample the lenslets' edges otherwise in every second row
+    assert relative_max(points, patterns) <= {"full": 2.5e-3, "circular": 6e-3}[fill]
+    assert relative_max(points, patterns[::-1]) > 0.1
+    assert exposure.error <= 6e-3
+
+
+def test_off_the_axis(device):
+    """Samples to one side only, a third of the array away from its middle."""
+    camera = camera_of(device, count=(17, 31))
+    values = np.zeros((5, 9))
+    values[1:4, 0:2] = RANDOM.random((3, 2)) + 0.1
+    points, patterns, _ = both(camera, PicturePlane(values, 3e-3, 0.01))
+    assert relative_max(points, patterns) <= 1.5e-3
+
+
+def test_patterns_finer_than_the_pixels(device, monkeypatch):
+    camera, plane = camera_of(device, count=(13, 15)), picture(width=0.3e-3)
+    points, patterns, _ = both(camera, plane)
+    monkeypatch.setattr(isoplanatic, "ROOM", 2.5)  # of the band: two samples a pixel
+    fine = camera.expose(plane, method="isoplanatic")
+    assert any(shape == (676, 780) for _, shape in fine.exposure.transforms)
+    finer = fine.to_numpy().astype(np.float64)
+    # beyond the band of the pattern: what the edges of lenslets diffract
+    assert relative_max(patterns, finer) <= 3e-4
+    assert relative_max(points, finer) <= 1e-3
+
+
+def test_aberrations_are_interpolated(device, monkeypatch):
+    """A short camera, f-number 20: its astigmatism is .009 rad at the farthest sample."""
+    camera = PlenopticCamera.type1(
+        focal_length=0.03,
+        mla=MicrolensArray(150e-6, 10e-3, count=17, fill="full"),
+        wavelength=532e-9,
+        pixels_per_lenslet=30,
+        aperture_diameter=0.6e-3,
+        device=device,
+    )
+    values = np.zeros((9, 9))
+    values[4, 4], values[4, 8], values[0, 0], values[6, 1] = 1, 0.99, 0.98, 0.97
+    plane = PicturePlane(values, 9 / 4 * 0.8e-3)
+    assert lattice.powers(camera, plane) == lattice.EVEN
+    # a small window that is periodic lets the rim's diffraction interfere: 2e-3
+    monkeypatch.setattr(Plenoptic1, "padding", lambda *_: (2, 2))
+    points, patterns, exposure = both(camera, plane)
+    assert relative_max(points, patterns) <= 1.7e-3  # measured 1.4e-3
+    monkeypatch.setattr("clplen.cameras.isoplanatic.powers", lambda *_: lattice.CONSTANT)
+    once = camera.expose(plane, method="isoplanatic")
+    assert relative_max(points, once.to_numpy().astype(np.float64)) > 2.5e-3
+    assert once.exposure.error > 2 * exposure.error
+
+
+def test_double_precision(precise):
+    camera, plane = camera_of(precise, count=(11, 13)), picture(width=0.3e-3)
+    points, patterns, _ = both(camera, plane)
+    assert relative_max(points, patterns) <= 1e-3
+    single = camera_of(precise.open(precise.place), count=(11, 13)).expose(
+        plane, method="isoplanatic"
+    )
+    # Fourier transforms in float32, 67 patterns and combs
+    assert relative_max(patterns, single.to_numpy().astype(np.float64)) <= 1e-5
+
+
+def test_a_picture_of_points_is_point_sources(device):
+    camera, plane = camera_of(device), picture(shape=(2, 3))
+    raw = camera.expose(plane.points()).to_numpy()
+    np.testing.assert_array_equal(camera.expose(plane, method="points").to_numpy(), raw)
+    exposure = camera.expose(PointSources((0, 0, 0))).exposure
+    assert (exposure.route, exposure.error) == ("points", 0)
+    assert sum(n for n, _ in exposure.transforms) == 4
+
+
+def test_auto_takes_what_transforms_less(device):
+    camera = camera_of(device, count=(11, 13))
+    one = camera.expose(PicturePlane([[0, 1], [0, 0]], 1e-4))
+    many = camera.expose(PicturePlane(RANDOM.random((12, 11)), 4e-4))
+    assert (one.exposure.route, many.exposure.route) == ("points", "isoplanatic")
+    cost = [sum(n * y * x for n, (y, x) in r.exposure.transforms) for r in (one, many)]
+    assert cost[1] < 132 * cost[0]
+    text = str(many.exposure)
+    assert "Fourier transforms" in text
+    assert f"error {many.exposure.error:.2g}" in text
+
+
+def test_turned_array_falls_back(device):
+    camera = camera_of(device, count=(9, 9), rotation=0.02)
+    plane = PicturePlane(np.ones((4, 5)), 2e-4)
+    assert camera.expose(plane).exposure.route == "points"
+    with pytest.raises(ValueError, match=r"turned by 0\.02 rad"):
+        camera.expose(plane, method="isoplanatic")
+
+
+def test_planes_and_points_add_up(device):
+    camera = camera_of(device)
+    near, far, point = picture(dz=-0.02), picture(dz=0.03), PointSources((1e-4, 0, 0))
+    parts = [near, far, point]
+    scene = camera.expose(parts, method="isoplanatic")
+    alone = [camera.expose(p, method="isoplanatic").to_numpy().astype(np.float64) for p in parts]
+    assert relative_max(sum(alone), scene.to_numpy().astype(np.float64)) <= 1e-6
+    assert scene.exposure.route == "isoplanatic + points"
+
+
+def test_units_of_brightness_and_a_sensor(device):
+    camera, plane = camera_of(device, count=(13, 13)), picture(width=0.4e-3)
+    raw = camera.expose(plane, method="isoplanatic").to_numpy()
+    faint = PicturePlane(plane.image * 1e-25, plane.width)
+    ratio = camera.expose(faint, method="isoplanatic").to_numpy() / raw.max()
+    np.testing.assert_allclose(ratio * 1e25, raw / raw.max(), atol=1e-6)
+    electrons = camera.expose(plane, method="isoplanatic", sensor=Sensor(exposure=1e4))
+    np.testing.assert_allclose(electrons.to_numpy(), 1e4 * np.maximum(raw, 0), rtol=1e-6)
+    assert electrons.exposure.route == "isoplanatic"
+
+
+def test_progress_and_batches(device, monkeypatch):
+    camera, plane = camera_of(device, count=(9, 9)), picture(shape=(2, 2), width=1e-4)
+    whole = camera.expose(plane, method="isoplanatic").to_numpy()
+    monkeypatch.setattr(emission, "BATCH_BYTES", 1)
+    calls = []
+    single = camera.expose(plane, method="isoplanatic", progress=lambda *n: calls.append(n))
+    assert calls == [(n, 9) for n in range(1, 10)]
+    np.testing.assert_allclose(single.to_numpy(), whole, atol=1e-6 * whole.max())
+
+
+# Bad scenes
+
+
+def test_bad_scenes(device):
+    camera = camera_of(device, count=(9, 9))
+    plane = PicturePlane(np.ones((2, 2)), 1e-4)
+    with pytest.raises(TypeError, match="not str"):
+        camera.expose([plane, "usaf"])
+    with pytest.raises(ValueError, match="empty"):
+        camera.expose([])
+    with pytest.raises(ValueError, match="'fast'"):
+        camera.expose(plane, method="fast")
+    with pytest.raises(SamplingError, match="beyond the array"):
+        camera.expose([plane, PicturePlane(np.ones((2, 2)), 4e-3)])
+    with pytest.raises(ValueError, match="behind the main lens"):
+        camera.expose(PicturePlane(np.ones((2, 2)), 1e-4, -0.3))
+    with pytest.raises(ValueError, match="mode='emission'"):
+        camera.expose(PicturePlane(np.ones((2, 2)), 1e-4, mode="transmission"))
+
+
+def test_memory_is_asked_for_first(device, monkeypatch):
+    monkeypatch.setattr(device, "memory_bytes", 10**6)
+    camera = camera_of(device, count=(9, 9))
+    with pytest.raises(DeviceError, match="This exposure needs"):
+        camera.expose(PicturePlane(np.ones((2, 2)), 1e-4), method="isoplanatic")
