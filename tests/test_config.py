@@ -3,15 +3,31 @@
 from __future__ import annotations
 
 import math
+import re
+import sys
 from pathlib import Path
 
+import imageio.v3 as imageio
 import numpy as np
 import pytest
+import tifffile
 
 from clplen import config
+from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, CameraFile, read_camera_file
+from clplen.config.light import KEYS, SPECTRA
 from clplen.errors import FormatError
+from clplen.wave import average, coherence
+from clplen.wave.extended import ExtendedSource
+from clplen.wave.masks import RandomPhaseMask
+from clplen.wave.spatial import IncoherentLight
+from clplen.wave.spectrum import Spectrum
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 
 def read(tmp_path: Path, text: str) -> CameraFile:
@@ -26,7 +42,8 @@ def test_the_example_is_the_camera_of_the_demo(tmp_path: Path, device: Device):
     assert camera.aperture_diameter == pytest.approx(3.6e-3, rel=1e-9)
     assert camera.grid.shape == (3030, 3030)
     assert camera.wavelength == pytest.approx(532e-9, rel=1e-12)
-    scene = file.scene.build()
+    (scene,) = file.scene.build()
+    assert isinstance(scene, PointSources)
     expected = [[-3e-3, -3e-3, -50e-3], [0, 0, 0], [3e-3, 3e-3, 50e-3]]
     np.testing.assert_allclose(scene.positions, expected, rtol=1e-12)
     assert scene.diameter == pytest.approx(10e-6)
@@ -34,15 +51,74 @@ def test_the_example_is_the_camera_of_the_demo(tmp_path: Path, device: Device):
     assert file.sensor.build().exposure is None
 
 
-def test_the_example_shows_every_key_and_its_default():
-    """Every commented line, taken in, is valid, and no key is left out."""
-    shown = [line.lstrip("# ").split(" = ")[0] for line in EXAMPLE.splitlines() if " = " in line]
-    tables = config._TABLES.values()
-    known = [name for table in tables for name in table.model_fields if name != "microlenses"]
-    assert sorted(shown) == sorted(known)
+NO_DEFAULT = "default:", "needed"  # what comments of such keys say
+
+
+def shown(line: str) -> tuple[str, str]:
+    """Key and value of a line of the example."""
+    key, _, value = line.lstrip("# ").partition(" = ")
+    return key, value.partition(" #")[0].strip()
+
+
+def test_the_example_shows_every_key_and_its_default(tmp_path: Path, device: Device):
+    """What is commented out, taken in, changes nothing, unless its comment says otherwise."""
+    lines = [line for line in EXAMPLE.splitlines() if " = " in line]
+    known = [name for table in config._TABLES.values() for name in table.model_fields]
+    known = [name for name in known if name not in ("microlenses", "pictures")]
+    assert sorted(shown(line)[0] for line in lines) == sorted(known)
+    camera = read(tmp_path, EXAMPLE).camera.build(device)
+    effective = {
+        "image_distance_mm": 1e3 * camera.image_distance,
+        "wavelengths": coherence.FOR_IMAGES,
+        "snapshots": average.DEFAULT,
+        "power": [1.0],
+    }
+    table, found = "", []
+    for line in EXAMPLE.splitlines():
+        if header := re.match(r"#? ?\[+([\w.]+)\]", line):
+            table = header[1].split(".")[-1]
+        elif " = " in line and line.startswith("# ") and not any(n in line for n in NO_DEFAULT):
+            key, value = shown(line)
+            fields = config._TABLES[table].model_fields
+            default = effective.get(key, fields[key].default)
+            says = tomllib.loads(f"value = {value}")["value"]
+            assert np.array_equal(np.atleast_1d(says), np.atleast_1d(default)), key
+            found.append(key)
+    assert len(found) == 19, found
+
+
+@pytest.mark.parametrize("spatial", ["mask", "source", "incoherent"])
+@pytest.mark.parametrize("spectrum", SPECTRA)
+def test_what_the_example_has_in_comments_is_valid(tmp_path: Path, spatial: str, spectrum: str):
+    """All at once, but for keys that exclude each other."""
+    other = {key for name, keys in KEYS.items() if name != spatial for key in keys}
+    other |= {key for key in SPECTRA if key != spectrum}
+    other |= {"wavelengths"} if spectrum == "lines_nm" else {"line_powers"}
+    taken = "\n".join(
+        line.removeprefix("# ") if " = " in line or "# [" in line else line
+        for line in EXAMPLE.splitlines()
+        if shown(line)[0] not in other
+    ).replace('spatial = "coherent"', f'spatial = "{spatial}"')
+    taken = taken.replace('mode = "emission"', 'mode = "transmission"')
+    imageio.imwrite(tmp_path / "picture.png", np.full((2, 3), 200, np.uint8))
+    (tmp_path / "lamp.csv").write_text("500, 1\n550, 2\n")
+    file = read(tmp_path, taken)
+    assert len(file.scene.build()) == 2
+    light = file.light()
+    assert light is not None
+    kinds = {"mask": RandomPhaseMask, "source": ExtendedSource, "incoherent": IncoherentLight}
+    assert type(light.spatial) is kinds[spatial]
+    if spatial == "source":
+        assert (light.spatial.size, light.spatial.distance) == (1e-3, 0.1)
+    assert light.spectrum is not None
+    assert file.coherence.snapshots == 100
 
 
 def test_every_key_reaches_the_camera(tmp_path: Path, device: Device):
+    (tmp_path / "there").mkdir()
+    slide = np.array([[0.5, 0.25, 0], [0, 0, 1]], np.float32)
+    tifffile.imwrite(tmp_path / "there" / "slide.tif", slide)
+    imageio.imwrite(tmp_path / "lamp.png", np.array([[0, 255], [10, 188], [0, 0]], np.uint8))
     file = read(tmp_path, """
         [camera]
         focal_length_mm = 100.0
@@ -64,6 +140,26 @@ def test_every_key_reaches_the_camera(tmp_path: Path, device: Device):
         [scene]
         points_mm = [[0.1, 0.2, 3.0], [0, 0, 0]]
         power = [2.0, 0.5]
+        [[scene.pictures]]
+        file = "there/slide.tif"
+        width_mm = 2.5
+        dz_mm = -4
+        mode = "transmission"
+        [[scene.pictures]]
+        file = "lamp.png"
+        width_mm = 3
+        srgb = true
+        [coherence]
+        spatial = "mask"
+        cell_um = [30, 40]
+        kernel = "gaussian"
+        kind = "phase"
+        fwhm_nm = 20
+        wavelengths = 5
+        seed = 11
+        snapshots = 7
+        rtol = 0.02
+        koehler = false
         [sensor]
         exposure_electrons = 1e5
         shot_noise = true
@@ -82,7 +178,18 @@ def test_every_key_reaches_the_camera(tmp_path: Path, device: Device):
     assert array.offset == pytest.approx((3e-6, -2e-6))
     assert array.diameter == pytest.approx(120e-6)
     assert array.rotation == pytest.approx(math.radians(-7))
-    np.testing.assert_array_equal(file.scene.build().power, [2.0, 0.5])
+    points, first, second = file.scene.build()
+    np.testing.assert_array_equal(points.power, [2.0, 0.5])
+    np.testing.assert_array_equal(first.image, slide)
+    assert (first.width, first.dz, first.mode) == (2.5e-3, -4e-3, "transmission")
+    # sRGB: 10 is below the knee, 10/255/12.92; ((188/255 + .055)/1.055)^2.4
+    np.testing.assert_allclose(second.image, [[0, 1], [0.00303527, 0.50288646], [0, 0]], rtol=1e-5)
+    assert (second.width, second.dz, second.mode) == (3e-3, 0.0, "emission")
+    light, table = file.light(), file.coherence
+    assert light.spatial == RandomPhaseMask((30e-6, 40e-6), kernel="gaussian", kind="phase")
+    assert light.spectrum == Spectrum.gaussian(633e-9, 20e-9)
+    assert (light.wavelengths, light.seed) == (5, 11)
+    assert (table.snapshots, table.rtol, table.koehler) == (7, 0.02, False)
     sensor = file.sensor.build()
     assert (sensor.exposure, sensor.shot_noise, sensor.read_noise) == (1e5, True, 2.5)
     assert (sensor.full_well, sensor.bit_depth, sensor.seed) == (4095, 12, 7)
@@ -122,6 +229,7 @@ def test_every_key_reaches_the_camera(tmp_path: Path, device: Device):
         ("# field_lens = false", "field_lens = 1",
          r"field_lens must be a valid boolean \(found 1\)"),
         ("[camera]", "[camera", r"camera\.toml is not TOML"),
+        ("[sensor]", "[coherance]\n[sensor]", r"unknown key coherance; did you mean coherence\?"),
     ],
 )
 def test_what_is_said_about_a_wrong_file(tmp_path: Path, old: str, new: str, said: str):
@@ -130,6 +238,137 @@ def test_what_is_said_about_a_wrong_file(tmp_path: Path, old: str, new: str, sai
         read(tmp_path, EXAMPLE.replace(old, new, 1))
     assert "camera.toml" in str(caught.value)
     assert "pydantic" not in str(caught.value)
+
+
+POINTS = EXAMPLE[EXAMPLE.index("points_mm") : EXAMPLE.index("# [[scene.pictures]]")]
+PICTURE = '[[scene.pictures]]\nfile = "a.png"\nwidth_mm = 2.0\n'
+SLIDE = PICTURE + 'mode = "transmission"\n'
+LIT = SLIDE + "[coherence]\n"
+
+
+@pytest.mark.parametrize(
+    ("tables", "said"),
+    [
+        ("", r"scene is empty: give points_mm, or tables \[\[scene\.pictures\]\], or both\.$"),
+        ("power = 2.0\n" + PICTURE,
+         r"scene has power, which belongs to points_mm, and there are none\.$"),
+        (PICTURE.replace("width_mm", "wdith_mm"),
+         r"scene\.pictures\.0\.width_mm is missing; "
+         r"unknown key scene\.pictures\.0\.wdith_mm; did you mean width_mm\?"),
+        (PICTURE + PICTURE.replace("a.png", "none.png"),
+         r"scene\.pictures\.1\.file must name a file, and there is none at .*/none\.png "
+         r"\(found 'none\.png'\)\.$"),
+        (PICTURE.replace('"a.png"', "3"),
+         r"pictures\.0\.file must be the name of a file \(found 3\)"),
+        (PICTURE.replace("2.0", "0"), r"pictures\.0\.width_mm must be greater than 0 \(found 0\)"),
+        (PICTURE + 'mode = "film"', r"mode must be 'emission' or 'transmission' \(found 'film'\)"),
+        (PICTURE + SLIDE, r"toml: scene\.pictures\.1 is a slide \(mode = 'transmission'\) without "
+         r"light: add a table \[coherence\]\.$"),
+        (PICTURE + '[coherence]\nspatial = "incoherent"',
+         r"toml: coherence\.spatial is for slides, and the scene has none: set mode"),
+        (PICTURE + "[coherence]\nkoehler = true", r"coherence\.koehler is for slides"),
+        (LIT + 'spatial = "mask"', r"coherence needs cell_um for spatial = 'mask'\.$"),
+        (LIT + 'spatial = "source"\nsource_size_mm = 1',
+         r"coherence needs source_distance_mm for spatial = 'source'\.$"),
+        (LIT + 'spatial = "mask"\ncell_um = [1, 2, 3]',
+         r"coherence\.cell_um must be one number or \[y, x\] \(found \[1, 2, 3\]\)"),
+        (LIT + 'spatial = "source"\nkind = "phase"',
+         r"coherence has kind, which belongs to spatial = 'mask'\.$"),
+        (LIT + 'spatial = "lamp"', r"coherence\.spatial must be 'coherent', .* \(found 'lamp'\)"),
+        (LIT + "cell = 30", r"unknown key coherence\.cell; did you mean cell_um\?"),
+        (LIT + "rtol = 0.1", r"coherence has rtol, but a plane wave is the same in every snapshot"),
+        (LIT + 'fwhm_nm = 20\nspectrum = "mercury"',
+         r"coherence has spectrum and fwhm_nm, two spectra: leave one out\.$"),
+        (LIT + "wavelengths = 9", r"coherence has wavelengths, which belongs to fwhm_nm, spec"),
+        (LIT + "wavelengths = 9\nlines_nm = 500", r"coherence has wavelengths, which belongs to"),
+        (LIT + "lines_nm = [500, 600]\nline_powers = 1",
+         r"coherence has 1 line_powers for 2 lines_nm: give one each\.$"),
+        (LIT + 'spectrum_file = "none.csv"',
+         r"coherence\.spectrum_file must name a file, and there is none at .*/none\.csv"),
+        (LIT + "seed = -1", r"coherence\.seed must be greater than or equal to 0 \(found -1\)"),
+    ],
+)
+def test_what_is_said_about_wrong_pictures_and_light(tmp_path: Path, tables: str, said: str):
+    imageio.imwrite(tmp_path / "a.png", np.full((2, 2), 9, np.uint8))
+    with pytest.raises(FormatError, match=said) as caught:
+        read(tmp_path, EXAMPLE.replace(POINTS, tables))
+    assert "pydantic" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("values", "keys", "said"),
+    [
+        (np.ones((3, 4), np.uint16), "srgb = true", r"a\.tif: srgb = true decodes 8-bit values, "),
+        (np.float32([[0.2, 3.0]]), 'mode = "transmission"', r"a\.tif: A slide transmits at most 1"),
+        (np.zeros((3, 4), np.uint8), "", r"a\.tif: All samples of the picture are 0"),
+        (np.ones((3, 4), np.complex64), "", r"The picture .*a\.tif has samples of type complex64"),
+        (None, "", r"The picture .*a\.tif cannot be read"),
+    ],
+)
+def test_what_is_said_about_an_odd_picture(tmp_path: Path, values: object, keys: str, said: str):
+    if values is None:
+        (tmp_path / "a.tif").write_text("no picture")
+    else:
+        tifffile.imwrite(tmp_path / "a.tif", values)
+    second = PICTURE.replace("a.png", "a.tif") + keys
+    imageio.imwrite(tmp_path / "a.png", np.full((2, 2), 9, np.uint8))
+    text = EXAMPLE.replace(POINTS, PICTURE + second + "\n[coherence]\n")
+    with pytest.raises(FormatError, match=r"^scene\.pictures\.1\.file: .*" + said):
+        read(tmp_path, text).scene.build()
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ("fwhm_nm = 300", r"^coherence\.fwhm_nm: The FWHM is positive and below half"),
+        ('spectrum_file = "a.png"', r"^coherence\.spectrum_file: .*a\.png is no text file"),
+        ("lines_nm = [5e8, 3]", r"^coherence\.lines_nm: 0\.5 m is no wavelength of light"),
+        ("lines_nm = [500, 501]\nline_powers = [0, 0]", r"^coherence\.lines_nm: The powers of"),
+    ],
+)
+def test_what_is_said_about_an_odd_spectrum(tmp_path: Path, keys: str, said: str):
+    imageio.imwrite(tmp_path / "a.png", np.full((2, 2), 9, np.uint8))
+    file = read(tmp_path, EXAMPLE.replace(POINTS, LIT + keys))
+    with pytest.raises(FormatError, match=said):
+        file.light()
+
+
+COLOURS = np.array([[[0, 51, 102], [255, 255, 255], [255, 0, 0]]], np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("values", "srgb", "expected"),
+    [
+        (np.array([[0, 51, 255]], np.uint8), False, [[0, 0.2, 1]]),
+        (np.array([[0, 13107, 65535]], np.uint16), False, [[0, 0.2, 1]]),
+        (np.array([[0, 1, 1]], np.uint8), False, [[0, 1, 1]]),  # one bit
+        (np.array([[0.5, 0, 0.75]], np.float32), False, [[0.5, 0, 0.75]]),
+        (COLOURS, False, [[0.7152 * 0.2 + 0.0722 * 0.4, 1, 0.2126]]),
+        # 51/255: ((.2 + .055)/1.055)^2.4; decoded before the colours are weighted
+        (COLOURS, True, [[0.7152 * 0.0331048 + 0.0722 * 0.1328683, 1, 0.2126]]),
+    ],
+)
+def test_values_become_grey_linear_light(
+    tmp_path: Path, values: np.ndarray, srgb: bool, expected: object
+):
+    tifffile.imwrite(tmp_path / "a.tif", values)
+    keys = f"mode = 'transmission'\nsrgb = {str(srgb).lower()}\n[coherence]"
+    text = EXAMPLE.replace(POINTS, PICTURE.replace("a.png", "a.tif") + keys)
+    (plane,) = read(tmp_path, text).scene.build()
+    np.testing.assert_allclose(plane.image, expected, rtol=1e-5)
+    assert plane.image.max() <= 1
+
+
+def test_lines_and_a_table_without_slides(tmp_path: Path):
+    """A spectrum is that of points, too."""
+    with_lines = EXAMPLE.replace("[sensor]", "[coherence]\nlines_nm = [500, 600]\n[sensor]")
+    light = read(tmp_path, with_lines).light()
+    assert light.spatial is None
+    np.testing.assert_allclose(sorted(light.lines(532e-9)), [(500e-9, 0.5), (600e-9, 0.5)])
+    powers = with_lines.replace("600]", "600]\nline_powers = [3, 1]")
+    light = read(tmp_path, powers).light()
+    np.testing.assert_allclose(sorted(light.lines(532e-9)), [(500e-9, 0.75), (600e-9, 0.25)])
+    assert read(tmp_path, EXAMPLE).light() is None
 
 
 def test_a_length_keeps_its_digits(tmp_path: Path):

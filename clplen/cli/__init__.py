@@ -35,7 +35,7 @@ def main() -> None:
     """
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(logging.Formatter("%(message)s"))
-    logger = logging.getLogger("clplen.io")
+    logger = logging.getLogger("clplen")
     logger.handlers = [handler]
     logger.setLevel(logging.INFO)
 
@@ -156,6 +156,14 @@ def _next(bar: tqdm[Any], name: str) -> None:
     bar.update()
 
 
+def _reach(bar: tqdm[Any], done: int, total: int) -> None:
+    """How far one part of several has come; each begins anew."""
+    if done < bar.n:
+        bar.reset()
+    bar.total = total
+    bar.update(done - bar.n)
+
+
 def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     if wanted:
         from clplen.config import EXAMPLE
@@ -181,9 +189,16 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
     callback=_print_example,
     help="Print a commented camera file and stop.",
 )
+@click.option(
+    "--checkpoint",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Keeps the mean of snapshots of partially coherent light, written every 20 s; a run "
+    "that finds it goes on from there.",
+)
 @options.device
-def simulate(camera: Path, output: str, selector: str | None) -> None:
-    """Simulate a camera and a scene: a raw image and its light field.
+def simulate(camera: Path, output: str, checkpoint: Path | None, selector: str | None) -> None:
+    """Simulate a camera and a scene of points and pictures: a raw image and its light field.
 
     \b
     Example:
@@ -191,25 +206,43 @@ def simulate(camera: Path, output: str, selector: str | None) -> None:
       clplen simulate camera.toml -o simulated
     """
     from clplen import plot
-    from clplen.config import read_camera_file
-    from clplen.io import output_folder, write_lightfield, write_picture
+    from clplen.config import CoherenceTable, read_camera_file
+    from clplen.io import check_writable, output_folder, write_lightfield, write_picture
     from clplen.lightfield.lightfield import LightField
 
     wanted = read_camera_file(camera)
+    how = wanted.coherence or CoherenceTable()
+    if checkpoint is not None and not how.is_random:
+        raise click.UsageError(
+            f"--checkpoint keeps the mean of snapshots, and {camera} asks for none: leave it out, "
+            "or set spatial in [coherence]."
+        )
+    scene, light = wanted.scene.build(), wanted.light()
     device = _opened(selector)
-    built, scene = wanted.camera.build(device), wanted.scene.build()
+    built = wanted.camera.build(device)
     sensor = wanted.sensor.build() if wanted.sensor is not None else None
     with output_folder(output) as folder:
+        if checkpoint is not None:
+            check_writable(checkpoint)
         click.echo(built.describe())
-        with _bar(len(scene), "point") as bar:
+        with _bar(0, "step") as bar:
             raw = built.expose(
-                scene, sensor=sensor, progress=lambda done, _: bar.update(done - bar.n) and None
+                scene,
+                coherence=light,
+                sensor=sensor,
+                progress=lambda done, total: _reach(bar, done, total),
+                koehler=how.koehler,
+                snapshots=how.snapshots,
+                rtol=how.rtol,
+                checkpoint=checkpoint,
             )
         lf = LightField.from_raw(raw)
         write_picture(folder / "raw.tif", raw.to_numpy())
         plot.save(plot.raw_image(raw), folder / "raw.png")
         write_lightfield(folder / "lightfield.h5", lf)
-    click.echo(f"{folder} holds raw.tif, raw.png and lightfield.h5, {_size(lf)}.")
+    click.echo(
+        f"Exposure: {raw.exposure}\n{folder} holds raw.tif, raw.png and lightfield.h5, {_size(lf)}."
+    )
 
 
 def _size(lf: LightField) -> str:

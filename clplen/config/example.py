@@ -1,0 +1,68 @@
+"""A camera file with comments."""
+
+EXAMPLE = """\
+# A plenoptic camera of type 1, a scene and a sensor: clplen simulate camera.toml -o OUT
+# A key that begins with # shows its default; a table that begins with # is left out.
+
+[camera]
+focal_length_mm = 120.0         # main lens
+wavelength_nm = 532.0
+pixels_per_lenslet = 30         # may be fractional
+# object_distance_mm = 240.0    # to the focused plane; default: twice the focal length, or by
+# image_distance_mm = 240.0     # the lens law from the other one; main lens to microlens array
+# aperture_diameter_mm = 3.6    # default: f-number matched to the lenslets
+# field_lens = false            # a lens at the array that centres every sub-image
+
+[camera.microlenses]
+pitch_um = 150.0
+focal_length_mm = 10.0          # also the distance from the array to the sensor
+count = 101                     # or [rows, columns]
+fill = "full"                   # or "circular" (default)
+# lattice = "square"            # or "hexagonal"
+# diameter_um = 150.0           # default: the pitch
+# offset_um = [0.0, 0.0]        # y, x
+# rotation_deg = 0.0            # positive turns +x towards +y (y down)
+
+[scene]
+# x, y, dz of each point: from the axis point of the focused plane, dz > 0 farther from the lens
+points_mm = [[-3.0, -3.0, -50.0], [0.0, 0.0, 0.0], [3.0, 3.0, 50.0]]
+diameter_um = 10.0              # of each source, a coherent disc; 0 (default): a point
+# power = 1.0                   # energy through the aperture; one number, or one for each point
+
+# [[scene.pictures]]            # a flat picture; several such tables add up, none hides another;
+                                # with pictures a scene needs no points
+# file = "picture.png"          # needed; as seen from the folder of this file. Values are linear,
+                                # whole numbers over the largest of their type (8 bits: 255);
+                                # colours become grey, .2126 R + .7152 G + .0722 B
+# width_mm = 5.0                # needed; of the whole picture; row 0 lies at the smallest y
+# dz_mm = 0.0
+# mode = "emission"             # each sample shines by itself, with its value as energy through
+                                # the aperture; or "transmission", a slide of that transmittance
+# srgb = false                  # true: decode 8-bit values to linear light
+
+# [coherence]                   # the light that falls on slides; its spectrum is the scene's
+# spatial = "coherent"          # a plane wave; or "mask", "source" or "incoherent"
+# cell_um = 50.0                # needed by a mask of random phase, of each of its cells; or [y, x]
+# kernel = "square"             # of a mask; or "gaussian"
+# kind = "field"                # of a mask; or "phase"
+# source_size_mm = 1.0          # needed by a source, diameter of its disc
+# source_distance_mm = 100.0    # needed by a source, from there to the slide
+# fwhm_nm = 30.0                # Gaussian about wavelength_nm; default: one wavelength
+# spectrum = "white-led"        # or "mercury"; default: as fwhm_nm says
+# spectrum_file = "lamp.csv"    # two columns, wavelengths and power; default: as fwhm_nm says
+# lines_nm = [546.2, 577.1]     # default: as fwhm_nm says
+# line_powers = [1.0, 1.0]      # default: all the same
+# wavelengths = 9               # taken from a spectrum, or 21 from a tabulated one
+# seed = 0
+# snapshots = 100               # averaged, but for a plane wave; with rtol at most, then 100000
+# rtol = 0.01                   # standard error over mean that is enough; default: none
+# koehler = true                # the light converges on the main lens
+
+[sensor]                        # without it energies, no noise
+# exposure_electrons = 1e6      # for the energy 1; default: energies. All below need it
+# shot_noise = false
+# read_noise_electrons = 0.0
+# full_well_electrons = 20000.0 # default: no saturation
+# bit_depth = 12                # up to full_well_electrons; default: values are not rounded
+# seed = 0
+"""
