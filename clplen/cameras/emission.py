@@ -29,7 +29,6 @@ Progress = Callable[[int, int], None]
 Method = Literal["auto", "points", "isoplanatic"]
 METHODS = ("auto", "points", "isoplanatic")
 BATCH_BYTES = 2**28  # of fields that travel through the camera together
-PROBES = 3  # samples of a picture that are exposed one by one
 
 
 def emit(
@@ -42,7 +41,8 @@ def emit(
     camera : Plenoptic1
     scene : PointSources, PicturePlane or list of them
     method : {"auto", "points", "isoplanatic"}
-        Route of the pictures; "auto" takes the one with fewer samples to transform.
+        Route of the pictures; "auto" leaves the exact one, "points", where the other has less than
+        half as many samples to transform.
     progress : callable, optional
         Called as ``progress(done, total)`` after each batch of fields, from 0 again for each part
         of the scene.
@@ -90,7 +90,7 @@ def _way(camera: Plenoptic1, part: PointSources | PicturePlane, method: Method) 
     samples = sum(n * math.prod(shape) for n, shape in how.transforms(camera.grid.shape))
     lit = int(np.count_nonzero(part.image))
     exact = _point_transforms(camera, part.corners(), lit)
-    cheaper = samples < sum(n * math.prod(shape) for n, shape in exact)
+    cheaper = WORTH * samples < sum(n * math.prod(shape) for n, shape in exact)
     return how if cheaper or method == "isoplanatic" else None
 
 
@@ -159,19 +159,16 @@ def _add_picture(
 
 
 def _probes(plane: PicturePlane, how: Layout) -> list[int]:
-    """Flat indices of samples: the brightest, then those farthest from all patches' and probes'."""
+    """Flat indices of samples: the brightest, the one farthest out, one far from all patches."""
     lit = np.flatnonzero(plane.image)
     iy, ix = np.unravel_index(lit, plane.image.shape)
-    distance = np.full(lit.size, np.inf)
-    for patch in how.patches:
-        distance = np.minimum(distance, np.hypot(patch.y[iy], patch.x[ix]))
-    found = [int(plane.image.ravel()[lit].argmax())]
-    while len(found) < min(PROBES, lit.size):
-        last = found[-1]
-        apart = np.hypot(plane.y[iy] - plane.y[iy[last]], plane.x[ix] - plane.x[ix[last]])
-        distance = np.minimum(distance, apart)
-        found.append(int(distance.argmax()))
-    return [int(lit[n]) for n in found]
+    first = how.patches[0]
+    places = np.stack([first.y[iy], first.x[ix]], axis=-1) + first.centre
+    apart = np.min([np.hypot(patch.y[iy], patch.x[ix]) for patch in how.patches], axis=0)
+    found = [int(plane.image.ravel()[lit].argmax()), int(np.hypot(*places.T).argmax())]
+    for n in found:
+        apart = np.minimum(apart, np.hypot(*(places - places[n]).T))
+    return [int(lit[n]) for n in sorted({*found, int(apart.argmax())})]
 
 
 def _merged(transforms: Transforms) -> Transforms:

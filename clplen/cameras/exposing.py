@@ -10,7 +10,7 @@ import pyopencl.array as cla
 from clplen.cameras.emission import Method, Progress, emit, together
 from clplen.cameras.isoplanatic import padded
 from clplen.cameras.pictures import PicturePlane, parts
-from clplen.cameras.slide import SlideWay, edges, slide_field, slide_way
+from clplen.cameras.slide import SlideWay, slide_field, slide_way
 from clplen.lightfield.raw import Exposure
 from clplen.wave.average import Averaging, MeanIntensity
 from clplen.wave.coherence import Coherence
@@ -59,7 +59,7 @@ def expose_scene(
     cameras = [replace(camera, wavelength=wavelength) for wavelength, _ in lines]
     for slide in slides:
         for one in cameras:
-            one.check_scene(edges(slide))
+            one.check_scene(slide.corners())
     total = camera.device.zeros(camera.grid.shape, camera.device.real)
     reports = []
     if shining:

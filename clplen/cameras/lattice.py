@@ -32,6 +32,7 @@ CONSTANT: Powers = ((0, 0),)
 LINEAR: Powers = ((0, 0), (1, 0), (0, 1))
 EVEN: Powers = ((0, 0), (2, 0), (1, 1), (0, 2))
 QUADRATIC: Powers = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+OUTERMOST = 0.9  # of the way to the picture's edge, a node; balances what is left there and between
 PER_RADIAN = 0.35  # of the maximum, that a raw image changes with the aberration; measured
 
 
@@ -67,8 +68,7 @@ class Places:
         """(y, x) of the places from the lenslet's centre in metres, shape (q^2, 2)."""
         q = self.count
         j, k = (axis.ravel() - q // 2 for axis in np.indices((q, q)))
-        across = k / q + (j / (2 * q) if self.kinds == 2 else 0)
-        return np.stack([j / q * self.height, across * self.pitch], axis=-1)
+        return np.stack([j / q * self.height, k / q * self.pitch], axis=-1)
 
     def kernel(self, distance: Vector, pitch: float) -> Vector:
         """Weight of a place at a distance from a point, a sinc under a Kaiser window.
@@ -183,9 +183,9 @@ def patches(
     scale = -camera.image_distance / (camera.object_distance + plane.dz)
     y, x = plane.y * scale, plane.x * scale
     ys, xs = lit_axes(camera, plane)
-    several = 1 if monomials == CONSTANT else 5
+    steps = np.zeros(1) if monomials == CONSTANT else np.linspace(-OUTERMOST, OUTERMOST, 5)
     nodes_y, nodes_x = (
-        _lenslets(camera, axis, np.linspace(c.min(), c.max(), several + 2)[1:-1])
+        _lenslets(camera, axis, (c.max() + c.min()) / 2 + np.ptp(c) / 2 * steps)
         for axis, c in enumerate((ys, xs))
     )
     unit = max(np.abs(y).max(), np.abs(x).max(), camera.mla.pitch)

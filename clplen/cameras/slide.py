@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clplen.cameras.pictures import PicturePlane
-from clplen.cameras.scene import PointSources
 from clplen.wave.elements import thin_lens, transparency
 from clplen.wave.field import Field
 
@@ -51,14 +50,7 @@ class SlideWay:
 
 def slide_way(camera: Plenoptic1, plane: PicturePlane, koehler: bool) -> SlideWay:
     """The way of a slide's light, padded where it would leave the window."""
-    return SlideWay(camera, plane.dz, koehler, camera.padding(edges(plane)))
-
-
-def edges(plane: PicturePlane) -> PointSources:
-    """The corners of a slide's clear part."""
-    lit = plane.image > 0
-    ys, xs = plane.y[lit.any(axis=1)], plane.x[lit.any(axis=0)]
-    return PointSources([(x, y, plane.dz) for y in (ys[0], ys[-1]) for x in (xs[0], xs[-1])])
+    return SlideWay(camera, plane.dz, koehler, camera.padding(plane.corners()))
 
 
 def slide_field(camera: Plenoptic1, plane: PicturePlane) -> Field:
