@@ -28,6 +28,7 @@ Vector = np.ndarray[Any, np.dtype[np.float64]]
 Progress = Callable[[int, int], None]
 Method = Literal["auto", "points", "isoplanatic"]
 METHODS = ("auto", "points", "isoplanatic")
+WORTH = 2  # times fewer samples to transform, from which "auto" gives up exactness
 BATCH_BYTES = 2**28  # of fields that travel through the camera together
 
 
