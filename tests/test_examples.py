@@ -18,7 +18,11 @@ EXAMPLES = ROOT / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("fig_*.py"))
 NUMBER = re.compile(r"^  (.+?) +(\S+)   reference +(\S+) \+- (\S+)(   .+)?$", re.MULTILINE)
 SHORTER_THAN = 60  # lines
-FIGURES = {2: range(1, 18), 3: range(17, 26)}  # of each chapter
+FIGURES = {
+    1: (*range(11, 17), 18),
+    2: range(1, 30),
+    3: (6, 7, *range(17, 26)),
+}  # of each chapter
 
 
 def run(script: Path, *arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
