@@ -1,8 +1,8 @@
 /* Running mean and squared deviations of snapshots (Welford 1962), and what is made of them.
  *
  *   I = |u|^2 (add_field) or I (add_image);   mean' = mean + (I - mean)/k;
- *   m2' = m2 + (I - mean)(I - mean')                                    snapshot number k = 1, 2, ...
- *   standard_error   e = sqrt(m2 scale),   scale = 1/(k (k - 1))
+ *   m2' = m2 + (I - mean)(I - mean') per^2        snapshot number k = 1, 2, ..., share = 1/k
+ *   standard_error   e = sqrt(m2 scale) unit,   scale = 1/(k (k - 1)),   unit = 1/per
  *   row_sums         s[y] = (sum_x mean[y0 + y, x], sum_x m2[y0 + y, x]) over x0 <= x < x1,
  *                    compensated (Kahan 1965)
  *
@@ -11,40 +11,41 @@
 #include "common.cl"
 
 inline void add(__global real *restrict mean, __global real *restrict m2, size_t at, real value,
-                real share)
+                real share, real per)
 {
     const real before = value - mean[at];
     const real now = mean[at] + before * share;
     mean[at] = now;
-    m2[at] += before * (value - now);
+    m2[at] += (before * per) * ((value - now) * per);
 }
 
 __kernel void add_field(__global real *restrict mean, __global real *restrict m2,
-                        __global const cplx *restrict u, const real share, const int ny,
-                        const int nx)
+                        __global const cplx *restrict u, const real share, const real per,
+                        const int ny, const int nx)
 {
     const size_t row = row_start(0, get_global_id(1), ny, nx);
     FOR_X(x, nx) {
         const cplx v = u[row + x];
-        add(mean, m2, row + x, v.x * v.x + v.y * v.y, share);
+        add(mean, m2, row + x, v.x * v.x + v.y * v.y, share, per);
     }
 }
 
 __kernel void add_image(__global real *restrict mean, __global real *restrict m2,
-                        __global const real *restrict image, const real share, const int ny,
-                        const int nx)
+                        __global const real *restrict image, const real share, const real per,
+                        const int ny, const int nx)
 {
     const size_t row = row_start(0, get_global_id(1), ny, nx);
     FOR_X(x, nx)
-        add(mean, m2, row + x, image[row + x], share);
+        add(mean, m2, row + x, image[row + x], share, per);
 }
 
 __kernel void standard_error(__global real *restrict out, __global const real *restrict m2,
-                             const real scale, const int ny, const int nx)
+                             const real scale, const real unit, const int ny,
+                             const int nx)
 {
     const size_t row = row_start(0, get_global_id(1), ny, nx);
     FOR_X(x, nx)
-        out[row + x] = sqrt(m2[row + x] * scale);
+        out[row + x] = sqrt(m2[row + x] * scale) * unit;
 }
 
 __kernel void row_sums(__global real2 *restrict out, __global const real *restrict mean,

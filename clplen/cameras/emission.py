@@ -8,7 +8,6 @@ of samples; its error is measured at a few of the picture's samples, exposed one
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -19,13 +18,14 @@ from clplen.cameras.pictures import PicturePlane, parts
 from clplen.cameras.scene import PointSources
 from clplen.compute.image import Image
 from clplen.lightfield.raw import Exposure, Transforms
-from clplen.wave.field import Field, row_powers
+from clplen.wave.average import Progress
+from clplen.wave.field import row_powers
+from clplen.wave.statistics import accumulate
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic1 import Plenoptic1
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
-Progress = Callable[[int, int], None]
 Method = Literal["auto", "points", "isoplanatic"]
 METHODS = ("auto", "points", "isoplanatic")
 WORTH = 2  # times fewer samples to transform, from which "auto" gives up exactness
@@ -58,8 +58,6 @@ def emit(
     SamplingError, ValueError, TypeError, DeviceError
         As `Plenoptic1.expose`; every part is checked before the first is exposed.
     """
-    if method not in METHODS:
-        raise ValueError(f"method is 'auto', 'points' or 'isoplanatic', not {method!r}.")
     members = parts(scene)
     for part in members:
         camera.check_scene(part if isinstance(part, PointSources) else part.corners())
@@ -116,7 +114,7 @@ def _add_points(
         energy = row_powers(pupil).sum(axis=-1)
         at_array = camera.array_field(pupil, pad=to_array)
         fields = camera.sensor_field(at_array, pad=to_sensor)
-        _accumulate(total, fields, points.power[chosen] / energy)
+        accumulate(total, fields.data, points.power[chosen] / energy, camera.device)
         if progress is not None:
             progress(chosen.stop, len(points))
     return Exposure("points", _point_transforms(camera, points, len(points)), 0.0)
@@ -125,14 +123,6 @@ def _add_points(
 def _batch(camera: Plenoptic1, widest: int) -> int:
     field_bytes = math.prod(camera.grid.shape) * camera.device.complex.itemsize
     return max(1, int(BATCH_BYTES / (field_bytes * widest)))
-
-
-def _accumulate(total: cla.Array, fields: Field, weights: Vector) -> None:
-    device, (ny, nx), count = fields.device, fields.grid.shape, fields.shape[0]
-    kernel = device.kernel("intensity.cl", "accumulate", **device.wave_defines())
-    factors = device.upload(weights.astype(device.real))
-    sizes = (np.int32(n) for n in (count, ny, nx))
-    device.launch_rows(kernel, (ny, nx), total, fields.data, factors, *sizes)
 
 
 def _add_picture(

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pyopencl.array as cla
 
-from clplen.cameras.emission import Method, Progress, emit, together
+from clplen.cameras.emission import METHODS, Method, emit, together
 from clplen.cameras.isoplanatic import padded
 from clplen.cameras.pictures import PicturePlane, parts
 from clplen.cameras.slide import SlideWay, slide_field, slide_way
 from clplen.lightfield.raw import Exposure
-from clplen.wave.average import Averaging, MeanIntensity
+from clplen.wave.average import Averaging, MeanIntensity, Progress
 from clplen.wave.coherence import Coherence
+from clplen.wave.random import LARGEST_SEED
+from clplen.wave.reach import Opening, check_opening
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic1 import Plenoptic1
 
+APART = 2**40  # seeds of the light on two slides of a scene
 MASK_TRANSFORMS = 2  # of the field of a random source
 
 
@@ -49,6 +53,8 @@ def expose_scene(
     tuple
         Device array of the sensor's shape in the device's real dtype, and `Exposure`.
     """
+    if method not in METHODS:
+        raise ValueError(f"method is 'auto', 'points' or 'isoplanatic', not {method!r}.")
     members = parts(scene)
     slides = [one for one in members if isinstance(one, PicturePlane) and one.is_slide]
     shining = [one for one in members if one not in slides]
@@ -67,11 +73,16 @@ def expose_scene(
             image, report = emit(one, shining, method=method, progress=progress)
             total += image.dtype.type(share) * image
             reports.append(report)
-    for slide in slides:
+    for number, slide in enumerate(slides):
         assert coherence is not None
-        way = slide_way(camera, slide, koehler)
-        found = coherence.average(
-            way, slide_field(camera, slide), snapshots=how.snapshots, rtol=how.rtol,
+        way, field = slide_way(camera, slide, koehler), slide_field(camera, slide)
+        if coherence.spatial is not None:
+            focus = way.z if koehler else math.inf
+            opening = Opening(way.z, camera.aperture_diameter, focus)
+            check_opening(field, coherence.spatial, opening)
+        light = replace(coherence, seed=(coherence.seed + number * APART) % (LARGEST_SEED + 1))
+        found = light.average(
+            way, field, snapshots=how.snapshots, rtol=how.rtol,
             region=how.region, checkpoint=how.checkpoint, progress=progress, method="monte-carlo",
         )  # fmt: skip
         total += found.intensity.data
@@ -116,4 +127,5 @@ def _report(way: SlideWay, found: MeanIntensity, coherence: Coherence, lines: in
     transforms = tuple((count, size) for size, count in counts.items())
     error = found.standard_error if coherence.is_random else None
     number = found.snapshots if coherence.is_random else None
-    return Exposure("snapshots", transforms, 0.0, number, error)
+    route = "snapshots" if coherence.is_random else "coherent"
+    return Exposure(route, transforms, 0.0, number, error)

@@ -9,7 +9,7 @@ pixel: each tooth is spread by a short kernel that the last step divides out (Gr
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,8 @@ from clplen.cameras.lattice import Patch, Places, patches, places, powers
 from clplen.cameras.pictures import PicturePlane
 from clplen.cameras.scene import PointSources
 from clplen.compute.lines import smooth_length
+from clplen.lightfield.raw import Transforms
+from clplen.wave.average import Progress
 from clplen.wave.field import Field, row_powers
 
 if TYPE_CHECKING:
@@ -28,8 +30,6 @@ if TYPE_CHECKING:
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
-Progress = Callable[[int, int], None]
-Transforms = tuple[tuple[int, tuple[int, int]], ...]
 TEETH = 8  # samples of the spreading kernel
 ROOM = 1.25  # of the pixels' band over the pattern's; the kernel is then right to 3e-5
 KEPT = 0.45  # cycles a sample; beyond, the kernel has no signal left

@@ -11,7 +11,7 @@ import numpy as np
 
 from clplen.cameras import geometry
 from clplen.cameras.describe import Description, Row
-from clplen.cameras.emission import Method, Progress
+from clplen.cameras.emission import Method
 from clplen.cameras.exposing import expose_scene
 from clplen.cameras.pictures import PicturePlane
 from clplen.cameras.pupil import pupil_fields
@@ -22,7 +22,7 @@ from clplen.errors import SamplingError
 from clplen.files import PathLike
 from clplen.lightfield.raw import RawImage
 from clplen.lightfield.sensor import Sensor
-from clplen.wave.average import Averaging
+from clplen.wave.average import Averaging, Progress
 from clplen.wave.band import blas_limit
 from clplen.wave.coherence import Coherence
 from clplen.wave.elements import thin_lens

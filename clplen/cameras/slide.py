@@ -36,13 +36,17 @@ class SlideWay:
     koehler: bool
     padding: tuple[int, int]
 
+    @property
+    def z(self) -> float:
+        """From the slide to the main lens in metres."""
+        return self.camera.object_distance + self.dz
+
     def __call__(self, lit: Field) -> Field:
         """The field on the sensor of a slide that is lit, at the field's wavelength."""
         camera = replace(self.camera, wavelength=lit.wavelength)
-        z = camera.object_distance + self.dz
         if self.koehler:
-            lit = thin_lens(lit, z)
-        at_lens = camera.propagator(z, "blas", 1 if self.koehler else 2)(lit)
+            lit = thin_lens(lit, self.z)
+        at_lens = camera.propagator(self.z, "blas", 1 if self.koehler else 2)(lit)
         pupil = thin_lens(at_lens, camera.focal_length, diameter=camera.aperture_diameter)
         at_array = camera.array_field(pupil, pad=self.padding[0])
         return camera.sensor_field(at_array, pad=self.padding[1])

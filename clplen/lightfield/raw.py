@@ -25,13 +25,15 @@ class Exposure:
     Attributes
     ----------
     route : str
-        "points", one field a point, or "isoplanatic", a picture from patterns at a few places;
+        "points", one field a point, "isoplanatic", a picture from patterns at a few places,
+        "snapshots", slides in partially coherent light, or "coherent", slides in a plane wave;
         several joined by " + ".
     transforms : tuple
         Fourier transforms as (how many, (ny, nx)) for each shape.
     error : float
-        Measured deviation from one field a point, relative to the maximum: 0 for points, for a
-        picture the largest over three of its samples exposed both ways.
+        Measured deviation from one field a point, relative to the maximum: for a picture the
+        largest over three of its samples exposed both ways, 0 for the other routes. What snapshots
+        leave is in ``standard_error``.
     snapshots : int or None
         Of partially coherent light.
     standard_error : Image or None

@@ -18,6 +18,7 @@ from clplen.compute.lines import smooth_length
 from clplen.errors import ShapeError
 from clplen.wave.field import Field, Grid
 from clplen.wave.lags import BLOCK, Lags, batch_count, lag_flops, lag_image, strongest
+from clplen.wave.statistics import accumulate
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
@@ -276,7 +277,7 @@ def _sum_of_images(spectrum: Any, transfer: Values, points: Points, device: Devi
         for low in range(start, stop, count):
             part = slice(low, min(low + count, stop))
             images = _images(spectrum, pupil, first[part].astype(np.int32), box, device)
-            _accumulate(sums, images, points.weights[part], device)
+            accumulate(sums, images, points.weights[part], device)
         total += device.download(sums)
     return np.maximum(_resampled(total, box.shape), 0)
 
@@ -291,16 +292,6 @@ def _images(spectrum: Any, pupil: Any, first: Values, box: Box, device: Device) 
     )  # fmt: skip
     device.fft.inverse(out, device)
     return out
-
-
-def _accumulate(sums: Any, images: Any, weights: Values, device: Device) -> None:
-    """sums += sum_b weights[b] |images[b]|^2."""
-    count, ny, nx = images.shape
-    device.launch_rows(
-        device.kernel("intensity.cl", "accumulate", **device.wave_defines()),
-        sums.shape, sums, images, device.upload(weights.astype(device.real)),
-        np.int32(count), np.int32(ny), np.int32(nx),
-    )  # fmt: skip
 
 
 def _resampled(intensity: Values, shape: tuple[int, int]) -> Values:

@@ -81,12 +81,13 @@ class Averaging:
         At most so many; by default 100, or 100 000 with ``rtol``.
     rtol : float, optional
         Stop when the standard error over the mean in the region is at most this, asked from 16
-        snapshots on: at each of the first hundred, then at each tenth, hundredth, ...
+        snapshots on, eight times until their number has doubled.
     region : tuple of slice, optional
         (rows, columns) of the image; by default all of it.
     checkpoint : path-like, optional
         A file that is written every 20 s and at the end; a run that finds it goes on from there,
-        with the same result bit for bit.
+        with the same result bit for bit. One with more snapshots than are asked for is returned as
+        it is.
     progress : callable, optional
         Called as ``progress(done, most)``.
 
@@ -147,7 +148,7 @@ def average(
     FormatError
         If the checkpoint is damaged or of another set-up.
     ValueError
-        If the region holds no pixel.
+        If the region holds no pixel, or a tolerance is asked for where there is no light.
 
     Warns
     -----
@@ -159,13 +160,14 @@ def average(
     statistics = Statistics(grid.shape, device)
     curve: list[tuple[int, float]] = []
     if how.checkpoint is not None and (state := load(how.checkpoint, setup)) is not None:
-        statistics.restore(state.mean, state.m2, state.count)
+        statistics.restore(state.mean, state.m2, state.count, state.unit)
         curve = [(int(k), float(error)) for k, error in state.convergence]
     saved = time.monotonic()
     while statistics.count < how.most and not _reached(curve, statistics.count, how.rtol):
         statistics.add(snapshot(statistics.count))
         if _due(statistics.count):
             curve.append((statistics.count, statistics.relative_error(window)))
+            _require_light(curve, how)
         if how.progress is not None:
             how.progress(statistics.count, how.most)
         if how.checkpoint is not None and time.monotonic() - saved > SAVE_SECONDS:
@@ -192,15 +194,9 @@ def average(
     )
 
 
-def exact(image: Image, grid: Grid, method: str, terms: int) -> MeanIntensity:
-    """An intensity in which nothing is random."""
-    none = Image(image.device.zeros(image.shape, image.data.dtype), image.device)
-    return MeanIntensity(image, none, terms, np.empty((0, 2)), method, grid)
-
-
 def _due(count: int) -> bool:
-    """Whether the error is taken after so many snapshots: each of 100, each tenth of 1000, ..."""
-    return count >= 2 and count % max(1, 10 ** (len(str(count)) - 2)) == 0
+    """Whether the error is taken after so many snapshots: of each doubling, eight times."""
+    return count >= 2 and count % (1 << max(0, count.bit_length() - 4)) == 0
 
 
 def _reached(curve: list[tuple[int, float]], count: int, rtol: float | None) -> bool:
@@ -210,10 +206,21 @@ def _reached(curve: list[tuple[int, float]], count: int, rtol: float | None) -> 
     return curve[-1][0] == count and curve[-1][1] <= rtol
 
 
+def _require_light(curve: list[tuple[int, float]], how: Averaging) -> None:
+    """Refuse a tolerance of what is dark: it would never be met."""
+    count, error = curve[-1]
+    if how.rtol is not None and count >= LEAST and math.isnan(error):
+        where = "image" if how.region is None else "region"
+        raise ValueError(
+            f"There is no light in the {where} after {count} snapshots, so that rtol={how.rtol:g} "
+            "has no meaning there: choose another region, or snapshots=."
+        )
+
+
 def _keep(
     path: PathLike, statistics: Statistics, curve: list[tuple[int, float]], setup: SetUp
 ) -> None:
     device = statistics.device
     mean, m2 = device.download(statistics.mean), device.download(statistics.m2)
     points = np.array(curve, np.float64).reshape(-1, 2)
-    save(path, State(mean, m2, statistics.count, points), setup)
+    save(path, State(mean, m2, statistics.count, statistics.unit, points), setup)

@@ -6,21 +6,23 @@ import dataclasses
 import hashlib
 import json
 import os
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import FunctionType, MethodType
 from typing import Any
 
 import numpy as np
+import pyopencl.array as cla
 
+from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, check_writable, replacing
 
 FORMAT = "clplen average 1"
 SetUp = Mapping[str, str]
-_ADDRESS = re.compile(r" at 0x[0-9a-f]+")  # of an object, another in every process
+SHOWN = 160  # characters of a long text in a message
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +34,7 @@ class State:
     mean, m2 : numpy.ndarray
         As in `Statistics`.
     count : int
+    unit : float
     convergence : numpy.ndarray
         float64, shape (n, 2): snapshots, standard error over mean.
     """
@@ -39,14 +42,15 @@ class State:
     mean: np.ndarray[Any, Any]
     m2: np.ndarray[Any, Any]
     count: int
+    unit: float
     convergence: np.ndarray[Any, Any]
 
 
 def fingerprint(value: Any) -> str:
     """What decides a result, as text that is the same in every process.
 
-    Of arrays a digest, of data classes their fields, of a function its name: what it encloses is
-    not seen.
+    Of arrays a digest, of data classes and other objects their fields, of a function its module and
+    name, its defaults and what it encloses.
 
     Parameters
     ----------
@@ -56,21 +60,46 @@ def fingerprint(value: Any) -> str:
     -------
     str
     """
-    if isinstance(value, np.ndarray):
-        digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()[:16]
-        return f"array({value.shape}, {value.dtype}, {digest})"
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        parts = (
-            f"{field.name}={fingerprint(getattr(value, field.name))}"
-            for field in dataclasses.fields(value)
-        )
-        return f"{type(value).__name__}({', '.join(parts)})"
+    if isinstance(value, bool | np.bool_ | str | bytes | None):
+        return repr(value)
+    if isinstance(value, int | float | complex | np.number):
+        return repr(value.item() if isinstance(value, np.number) else value)
+    if isinstance(value, np.ndarray | cla.Array):
+        values = np.ascontiguousarray(value.get() if isinstance(value, cla.Array) else value)
+        digest = hashlib.sha256(values.tobytes()).hexdigest()[:16]
+        return f"array({values.shape}, {values.dtype}, {digest})"
     if isinstance(value, list | tuple):
         return f"({', '.join(fingerprint(one) for one in value)})"
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{key}: {fingerprint(one)}' for key, one in value.items())}}}"
+    if isinstance(value, partial | MethodType | FunctionType):
+        return _of_function(value)
+    if isinstance(value, Device):
+        return f"{value.name}, {value.driver}, {value.precision}"
+    named = [pair for pair in getattr(value, "__dict__", {}).items() if pair[0][0] != "_"]
+    if dataclasses.is_dataclass(value):
+        names = [field.name for field in dataclasses.fields(value)]
+        named = [(name, getattr(value, name, None)) for name in names]
+    parts = [f"{name}={fingerprint(one)}" for name, one in named]
+    name = value.__qualname__ if isinstance(value, type) else type(value).__qualname__
+    return f"{name}({', '.join(parts)})"
+
+
+def _of_function(value: partial[Any] | MethodType | FunctionType) -> str:
     if isinstance(value, partial):
-        return f"{fingerprint(value.func)}({fingerprint(sorted(value.keywords.items()))})"
-    name = getattr(value, "__qualname__", None)
-    return name if name is not None else _ADDRESS.sub("", repr(value))
+        return f"{fingerprint(value.func)}({fingerprint((value.args, value.keywords))})"
+    if isinstance(value, MethodType):
+        return f"{fingerprint(value.__self__)}.{value.__name__}"
+    cells = [cell.cell_contents for cell in value.__closure__ or ()]
+    inside = fingerprint((value.__defaults__, value.__kwdefaults__, cells))
+    code = hashlib.sha256(value.__code__.co_code + repr(_constants(value)).encode())
+    return f"{value.__module__}.{value.__qualname__}({code.hexdigest()[:8]}, {inside})"
+
+
+def _constants(function: FunctionType) -> list[Any]:
+    """Plain constants of a function's code: numbers and words, not code objects."""
+    plain = (bool, int, float, complex, str, bytes, type(None))
+    return [one for one in function.__code__.co_consts if isinstance(one, plain)]
 
 
 def save(path: PathLike, state: State, setup: SetUp) -> None:
@@ -88,7 +117,7 @@ def save(path: PathLike, state: State, setup: SetUp) -> None:
     OSError
         If the file cannot be written.
     """
-    heading = {"format": FORMAT, "count": state.count, "setup": dict(setup)}
+    heading = {"format": FORMAT, "count": state.count, "unit": state.unit, "setup": dict(setup)}
     text = json.dumps(heading)
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez(
@@ -131,10 +160,34 @@ def load(path: PathLike, setup: SetUp) -> State | None:
         then, now = found.get(name, "nothing"), setup.get(name, "nothing")
         if then != now:
             raise FormatError(
-                f"The checkpoint {target} is of another set-up: its {name} is {then}, this run's "
-                f"is {now}. Name another file, or remove this one to start anew."
+                f"The checkpoint {target} is of another set-up: its {name} is "
+                f"{_around(then, now)}, this run's is {_around(now, then)}. Name another file, or "
+                "remove this one to start anew."
             )
     return state
+
+
+def verify(path: PathLike) -> None:
+    """Refuse a file that cannot be written or is there and is no whole checkpoint.
+
+    Raises
+    ------
+    FormatError, OSError
+        As `load`.
+    """
+    target = check_writable(path)
+    if target.exists():
+        _read(target)
+
+
+def _around(text: str, other: str) -> str:
+    """A text, or what is next to its first difference from another."""
+    if len(text) <= SHOWN:
+        return text
+    pairs = zip(text, other, strict=False)
+    first = next((i for i, (a, b) in enumerate(pairs) if a != b), min(len(text), len(other)))
+    start = max(0, first - SHOWN // 2)
+    return f"... {text[start : start + SHOWN]} ..."
 
 
 def _read(target: Path) -> tuple[State, dict[str, str]]:
@@ -142,7 +195,13 @@ def _read(target: Path) -> tuple[State, dict[str, str]]:
         with target.open("rb") as handle, np.load(handle, allow_pickle=False) as file:
             text = str(file["heading"])
             heading = json.loads(text)
-            state = State(file["mean"], file["m2"], int(heading["count"]), file["convergence"])
+            state = State(
+                file["mean"],
+                file["m2"],
+                int(heading["count"]),
+                float(heading["unit"]),
+                file["convergence"],
+            )
             whole = str(file["digest"]) == _digest(text, state)
             known, found = heading["format"] == FORMAT, dict(heading["setup"])
     except Exception as error:  # whatever a broken archive makes its readers say

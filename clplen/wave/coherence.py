@@ -2,34 +2,31 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import KW_ONLY, dataclass, replace
 from itertools import count as whole_numbers
 from itertools import islice
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
-from clplen.compute.image import Image
-from clplen.errors import SamplingError, ShapeError
+from clplen.errors import ShapeError
 from clplen.files import PathLike
-from clplen.wave.abbe import abbe_cost, abbe_image, incoherent_image
-from clplen.wave.average import Averaging, MeanIntensity, Progress, average, exact
-from clplen.wave.checkpoint import fingerprint
+from clplen.wave.average import Averaging, MeanIntensity, Progress, average
+from clplen.wave.checkpoint import fingerprint, verify
+from clplen.wave.exact import require_image, sum_over_source, weighted, without_noise
 from clplen.wave.field import Field, Grid
 from clplen.wave.lineshapes import Table
 from clplen.wave.multiply import multiply
 from clplen.wave.planning import CoherencePlan, plan_coherence
-from clplen.wave.pupil import transfer_of
 from clplen.wave.random import LARGEST_INDEX, check_seed
 from clplen.wave.reach import check_reach
 from clplen.wave.sources import plane_wave
-from clplen.wave.spatial import IncoherentLight, SpatialModel
+from clplen.wave.spatial import SpatialModel
 from clplen.wave.spectrum import Spectrum
-from clplen.wave.statistics import Region
+from clplen.wave.statistics import Region, Window
 from clplen.wave.system import OpticalSystem
 
 System = Callable[[Field], Field]
@@ -38,9 +35,6 @@ Method = Literal["auto", "monte-carlo", "abbe"]
 METHODS = ("auto", "monte-carlo", "abbe")
 FOR_IMAGES, FOR_TABLES = 9, 21  # wavelengths
 MANY = 15  # from which a Gaussian is sampled over +-2 full widths, fewer over +-1.5
-
-ABBE_FLOPS = 1e11  # that "auto" spends on an exact sum in any case: well below a minute on a CPU
-ABBE_TIMES = 10.0  # and so many times what the snapshots would cost
 
 
 @dataclass(frozen=True)
@@ -196,8 +190,7 @@ class Coherence:
             The object's complex transmission, shape (ny, nx), the same at every wavelength; or a
             function of the wavelength in metres that gives it.
         snapshots, rtol, region, checkpoint, progress
-            See `Averaging`. A checkpoint knows a plain function by its name alone: what it encloses
-            is not compared.
+            See `Averaging`; an exact sum needs none of them, and writes no checkpoint.
         method : {"auto", "monte-carlo", "abbe"}
             "monte-carlo" adds snapshots; "abbe" sums over the source, exact for systems that are
             shift-invariant in a periodic window; "auto" takes the sum where it is exact and
@@ -220,18 +213,20 @@ class Coherence:
         how = Averaging(snapshots, rtol, region, checkpoint, progress)
         if method not in METHODS:
             raise ValueError(f"The method is one of {', '.join(METHODS)}, not {method!r}.")
+        if checkpoint is not None:
+            verify(checkpoint)
         lines = self.lines(_wavelength_of(field, self.spectrum))
         objects = [_object_at(field, lam) for lam, _ in lines]
-        if self.spatial is not None:
-            self.spatial.check(objects[0].grid, wavelength=lines[0][0])
-            check_reach(system, objects[0], self.spatial)
         shares = [share for _, share in lines]
-        if not self.is_random:
-            lit = [self._lit(thing, 0) for thing in objects]
-            image, grid = _weighted([system(one) for one in lit], shares)
-            return exact(image, grid, "coherent", len(lines))
+        self._check(system, objects)
+        if self.spatial is None or not self.is_random:
+            lit = (system(self._lit(thing, 0)) for thing in objects)
+            image, grid = weighted(lit, shares)
+            Window.of(region, grid.shape)
+            return without_noise(image, grid, "coherent", len(lines))
         if method != "monte-carlo":
-            found = self._exact(system, objects, shares, how, forced=method == "abbe")
+            forced = method == "abbe"
+            found = sum_over_source(self.spatial, system, objects, shares, how, forced=forced)
             if found is not None:
                 return found
         return self._monte_carlo(system, objects, shares, how)
@@ -252,6 +247,15 @@ class Coherence:
         """
         return plan_coherence(cls, system, snr=snr, **options)
 
+    def _check(self, system: System, objects: list[Field]) -> None:
+        """Refuse light that the grid does not carry or that misses the system, at both ends."""
+        if self.spatial is None:
+            return
+        ends = {one.wavelength: one for one in sorted(objects, key=lambda one: one.wavelength)}
+        for wavelength in dict.fromkeys([min(ends), max(ends)]):
+            self.spatial.check(ends[wavelength].grid, wavelength=wavelength)
+            check_reach(system, ends[wavelength], self.spatial)
+
     def _lit(self, thing: Field, index: int) -> Field:
         """An object lit by one snapshot."""
         if self.spatial is None:
@@ -265,83 +269,34 @@ class Coherence:
         self, system: System, objects: list[Field], shares: list[float], how: Averaging
     ) -> MeanIntensity:
         number = len(objects)
+        first = system(self._lit(objects[0], 0))
+        require_image(first)
+        ahead = {0: first} if number == 1 else {}
 
         def snapshot(index: int) -> Field | cla.Array:
+            if index in ahead:
+                return ahead.pop(index)
             fields = (
                 system(self._lit(thing, index * number + place))
                 for place, thing in enumerate(objects)
             )
-            return next(fields) if number == 1 else _weighted(fields, shares)[0].data
+            return next(fields) if number == 1 else weighted(fields, shares)[0].data
 
-        first = system(self._lit(objects[0], 0))
-        _require_image(first)
-        setup = self._setup(system, objects, first)
+        setup = self._setup(system, objects, first) if how.checkpoint is not None else {}
         return average(snapshot, first.grid, first.device, how, setup)
-
-    def _exact(
-        self,
-        system: System,
-        objects: list[Field],
-        shares: list[float],
-        how: Averaging,
-        *,
-        forced: bool,
-    ) -> MeanIntensity | None:
-        """The sum over the source, or None where "auto" does not take it."""
-        assert self.spatial is not None
-        transfers = [transfer_of(system, one.grid, one.wavelength) for one in objects]
-        if any(transfer is None for transfer in transfers):
-            if forced:
-                raise SamplingError(
-                    "method='abbe' sums over the source of a shift-invariant system, made of "
-                    "Pupil and Space(method='as', pad=1) parts alone; for this system use "
-                    "method='monte-carlo'."
-                )
-            return None
-        incoherent = isinstance(self.spatial, IncoherentLight)
-        images: list[Image] = []
-        terms = 0
-        for thing, transfer in zip(objects, transfers, strict=True):
-            assert transfer is not None
-            if incoherent:
-                images.append(incoherent_image(thing, transfer))
-                terms += 1
-                continue
-            source = self.spatial.power_spectrum(thing.grid, wavelength=thing.wavelength)
-            if not forced and not self._affordable(thing, transfer, source, how):
-                return None
-            found = abbe_image(thing, transfer, source)
-            images.append(found.intensity)
-            terms += found.terms
-        total = _sum(images, shares)
-        return exact(total, objects[0].grid, "incoherent" if incoherent else "abbe", terms)
-
-    def _affordable(
-        self, thing: Field, transfer: np.ndarray[Any, Any], source: Any, how: Averaging
-    ) -> bool:
-        """Whether "auto" takes the sum over the source."""
-        if not getattr(self.spatial, "degree_is_exact", True):
-            return False
-        samples = thing.grid.shape[0] * thing.grid.shape[1]
-        one = 4 * 5 * samples * np.log2(samples)  # a snapshot's two transforms, and the system's
-        limit = max(ABBE_FLOPS, ABBE_TIMES * one * how.most if how.rtol is None else 0.0)
-        return bool(abbe_cost(thing.grid, transfer, source) <= limit)
 
     def _setup(self, system: System, objects: list[Field], image: Field) -> dict[str, str]:
         """Everything that decides the bits of an average."""
         first = objects[0]
-        sha = hashlib.sha256()
-        for thing in objects:
-            sha.update(thing.to_numpy().tobytes())
         return {
             "spatial model": fingerprint(self.spatial),
             "spectrum": fingerprint(self.spectrum),
-            "wavelengths": str([thing.wavelength for thing in objects]),
+            "wavelengths": fingerprint([thing.wavelength for thing in objects]),
             "seed": str(self.seed),
-            "grid": str(first.grid),
-            "object": sha.hexdigest()[:16],
+            "grid": fingerprint(first.grid),
+            "object": fingerprint([thing.to_numpy() for thing in objects]),
             "system": fingerprint(system),
-            "image grid": str(image.grid),
+            "image grid": fingerprint(image.grid),
             "device": f"{first.device.name}, {first.device.driver}",
             "precision": first.device.precision,
             "FFT": first.device.fft.name,
@@ -370,50 +325,3 @@ def _object_at(field: Object, wavelength: float) -> Field:
             f"shape {thing.shape}."
         )
     return replace(thing, wavelength=wavelength)
-
-
-def _require_image(field: object) -> None:
-    if not isinstance(field, Field):
-        raise TypeError(f"A system returns a Field, not {type(field).__name__}.")
-
-
-def _weighted(fields: Any, shares: list[float]) -> tuple[Image, Grid]:
-    """Sum of intensities with weights, and the grid they share."""
-    total: cla.Array | None = None
-    grid: Grid | None = None
-    for field, share in zip(fields, shares, strict=True):
-        _require_image(field)
-        device = field.device
-        if total is None or grid is None:
-            total, grid = device.zeros(field.grid.shape, device.real), field.grid
-        if field.grid != grid:
-            raise ShapeError(
-                f"The system's image has another grid at another wavelength, {field.grid} after "
-                f"{grid}: give its last distance an out_grid."
-            )
-        ny, nx = grid.shape
-        device.launch_rows(
-            device.kernel("intensity.cl", "accumulate", **device.wave_defines()),
-            grid.shape,
-            total,
-            field.data,
-            device.upload(np.array([share], device.real)),
-            np.int32(1),
-            np.int32(ny),
-            np.int32(nx),
-        )
-    assert total is not None
-    assert grid is not None
-    return Image(total, device), grid
-
-
-def _sum(images: list[Image], shares: list[float]) -> Image:
-    """Images with weights, added up."""
-    if len(images) == 1:
-        return images[0]
-    device = images[0].device
-    total = sum(
-        share * image.to_numpy().astype(np.float64)
-        for image, share in zip(images, shares, strict=True)
-    )
-    return Image(device.upload(np.asarray(total, images[0].data.dtype)), device)

@@ -97,8 +97,12 @@ class ExtendedSource:
 
     @property
     def degree_is_exact(self) -> bool:
-        """Whether the light has one degree of coherence all over the window."""
-        return not self.curved
+        """Whether sums over the source are exact in a periodic window.
+
+        They are not: between its frequencies the source's waves do not continue across the edge.
+        Objects with a dark border do not see that.
+        """
+        return False
 
     @property
     def extent(self) -> tuple[float, float]:

@@ -17,13 +17,15 @@ from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.polynomial import legendre
+from numpy.polynomial import hermite, legendre
 
 C = 299_792_458.0  # m/s, speed of light in vacuum
 WIDEST_PIECE = 1.5  # ratio of the end wavelengths of a piece of a table
 ROUNDING = 1e-17  # at which a Legendre series is cut
-FEWEST, QUADRATURE = 8, 1.0  # nodes that take phases within +-1 rad to rounding
-BLOCK = 2**20  # complex numbers held at a time
+FEWEST = 8  # nodes of a piece
+FEW_ALONE, FEW_SHARED = 4, 8  # samples of a Gaussian line that are too few for equal steps
+TURNING, MORE = 2.0, 8  # where Bessel recurrences change direction, orders they begin above
+BLOCK = 2**16  # numbers held at a time
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
@@ -113,23 +115,22 @@ class Lines:
     def sample(self, n: int, span: float) -> Sampling:
         if self.is_sharp:
             return np.array(self.centres), np.array(self.powers), 0.0
-        counts = self._shared(n)
         nu, weights, steps = [], [], []
+        few = FEW_ALONE if len(self.centres) == 1 else FEW_SHARED
         for centre, width, power, count in zip(
-            self.centres, self.widths, self.powers, counts, strict=True
+            self.centres, self.widths, self.powers, self._shared(n), strict=True
         ):
-            t = np.linspace(-span, span, count) if count > 1 else np.zeros(1)
-            w = np.exp(-4 * math.log(2) * t**2)
+            t, w = _nodes(count) if count <= few else _steps(count, span)
             nu.append(centre + width * t)
-            weights.append(power * w / w.sum())
-            steps.append(2 * span * width / (count - 1) if count > 1 else math.inf)
-        return np.concatenate(nu), np.concatenate(weights), max(steps)
+            weights.append(power * w)
+            steps.append(width * np.diff(t).max() if count > 1 else math.inf)
+        return np.concatenate(nu), np.concatenate(weights), float(max(steps))
 
     def _shared(self, n: int) -> list[int]:
-        """Samples of each line; what is left over goes to the strongest."""
+        """Samples of each line, at least one; what is left over goes to the strongest."""
         lines = len(self.centres)
         if n < lines:
-            raise ValueError(f"{lines} lines take at least {lines} samples, not {n}.")
+            return [1] * lines
         counts = np.full(lines, n // lines)
         counts[np.argsort(self.powers)[::-1][: n % lines]] += 1
         return [int(count) for count in counts]
@@ -219,32 +220,24 @@ class Table:
         return np.where(there, found * lam**2 / (C * self._power), 0.0)
 
     def gamma(self, tau: Vector) -> Complex:
-        nu, mass = self._points
-        half = self._pieces[1]
-        total = np.zeros(tau.shape, dtype=complex)
-        size = max(1, BLOCK // nu.size)
-        for start in range(0, tau.size, size):
-            part = tau[start : start + size, None]
-            if 2 * np.pi * half.max() * np.abs(part).max() <= QUADRATURE:
-                total[start : start + size] = np.exp(-2j * np.pi * nu * part) @ mass
-            else:
-                total[start : start + size] = self._transform(part)
-        return total
-
-    def _transform(self, tau: Vector) -> Complex:
         """Sum over the pieces of h exp(-2 pi i m tau) sum_k a_k 2 (-i)^k j_k(2 pi h tau).
 
         m and h are the middle and the half width of a piece in Hz, a_k its Legendre series: the
         transform of P_k is 2 (-i)^k j_k (DLMF, eq. 18.17.19).
         """
-        from scipy.special import spherical_jn  # here, because importing it takes half a second
-
         middle, half, series = self._pieces
-        sums = np.zeros((tau.size, middle.size), dtype=complex)
-        for k, terms in enumerate(series):
-            bessel = np.sign(tau) ** k * spherical_jn(k, 2 * np.pi * half * np.abs(tau))
-            sums += 2 * (-1j) ** k * terms * bessel
-        return (sums * np.exp(-2j * np.pi * middle * tau)) @ half
+        total = np.zeros(tau.shape, dtype=complex)
+        size = max(1, BLOCK // middle.size)
+        for start in range(0, tau.size, size):
+            turns = 2 * np.pi * tau[start : start + size, None]
+            parts = [np.zeros((len(turns), middle.size)) for _ in range(2)]  # real, -imaginary
+            for k, bessel in enumerate(spherical_bessel(len(series), half * turns)):
+                parts[k % 2] += (-1) ** (k // 2) * series[k] * bessel
+            cos, sin = np.cos(middle * turns), np.sin(middle * turns)
+            even, odd = parts
+            real, imaginary = even * cos - odd * sin, even * sin + odd * cos
+            total[start : start + size] = 2 * (real - 1j * imaginary) @ half
+        return total
 
     def sample(self, n: int, span: float) -> Sampling:
         """The middles of n cells, less the dark ones; their weights are the power in each."""
@@ -300,9 +293,50 @@ class Table:
         return middle, half, nodes, weights
 
 
+def _steps(count: int, span: float) -> tuple[Vector, Vector]:
+    """Equal steps over +-span FWHM of a Gaussian, and weights of sum 1."""
+    t = np.linspace(-span, span, count)
+    w = np.exp(-4 * math.log(2) * t**2)
+    return t, w / w.sum()
+
+
+def _nodes(count: int) -> tuple[Vector, Vector]:
+    """Gauss-Hermite quadrature of a Gaussian: places in FWHM, and weights of sum 1.
+
+    Exact for powers up to 2 count - 1, hence for the mean and, from two samples on, the variance
+    (Abramowitz & Stegun, 1964, eq. 25.4.46).
+    """
+    x, w = hermite.hermgauss(count)  # for exp(-x^2)
+    return x / (2 * math.sqrt(math.log(2))), w / w.sum()
+
+
 def fewest(turns: float) -> int:
     """Samples a step of which lets no phase turn more than once: 1 + turns, rounded up."""
     return 1 + math.ceil(turns * (1 - 1e-12))
+
+
+def spherical_bessel(count: int, x: Vector) -> list[Vector]:
+    """j_k(x) for k = 0 to count - 1 by recurrence: upwards, or of ratios downwards for small x.
+
+    j_(k+1) = (2k + 1)/x j_k - j_(k-1) (DLMF, eq. 10.51.1). Upwards its rounding errors grow as
+    (2k - 1)!!/x^(k + 1), for |x| > 2 more slowly than the coefficients of the series in `Table`
+    fall. Downwards the ratio r_k = j_k/j_(k-1) is x/(2k + 1 - x r_(k+1)).
+    """
+    small = np.abs(x) <= TURNING
+    ratio, ratios = np.zeros_like(x), [np.zeros_like(x)] * count
+    near = np.where(small, x, 0.0)
+    for k in range(count + MORE, 0, -1):
+        ratio = near / (2 * k + 1 - near * ratio)
+        if k < count:
+            ratios[k] = ratio
+    over = 1 / np.where(small, 1.0, x)
+    values = [np.sinc(x / np.pi)]
+    before = np.cos(x) * over  # j_(-1)
+    for k in range(1, count):
+        up = (2 * k - 1) * over * values[-1] - before
+        before = values[-1]
+        values.append(np.where(small, ratios[k] * values[-1], up))
+    return values
 
 
 def _step(step: float, n: int) -> float:

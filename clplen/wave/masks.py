@@ -20,8 +20,9 @@ from clplen.wave.spatial import periodic_power_spectrum
 
 Array = np.ndarray[Any, Any]
 
+KINDS = ("field", "phase")
 LEAST_SAMPLES = 2  # of a cell
-LEAST_CELLS = 2  # of a window
+LEAST_CELLS = {"square": 2, "gaussian": 3}  # of a window
 GAUSSIAN_TAPS = 5  # cells across that reach a sample: the sixth is below 3e-8
 FWHM = 2 * math.sqrt(2 * math.log(2))  # of a Gaussian, in standard deviations
 FITS = 1e-6  # of a cell, by which a window may miss a whole number of them
@@ -77,9 +78,10 @@ class RandomPhaseMask:
             raise ValueError(
                 f"The cell of a mask is a positive length in metres, or (y, x), not {self.cell!r}."
             )
+        object.__setattr__(self, "cell", tuple(sides.tolist()) if sides.ndim else float(sides))
         if self.kernel not in ("square", "gaussian"):
             raise ValueError(f"The kernel is 'square' or 'gaussian', not {self.kernel!r}.")
-        if self.kind not in ("field", "phase"):
+        if self.kind not in KINDS:
             raise ValueError(f"A mask is a 'field' or a 'phase', not {self.kind!r}.")
         if self.distance is not None and not 0 <= self.distance < math.inf:
             raise ValueError(
@@ -88,8 +90,8 @@ class RandomPhaseMask:
 
     @property
     def degree_is_exact(self) -> bool:
-        """Whether `degree` is a law, or, of the phase alone, right to some thousandths."""
-        return self.kind == "field"
+        """Whether `degree` holds exactly: for fields of a lattice that moves."""
+        return self.kind == "field" and self.jitter
 
     @property
     def cells(self) -> tuple[float, float]:
@@ -111,19 +113,23 @@ class RandomPhaseMask:
         Raises
         ------
         SamplingError
-            If a cell has fewer than 2 samples, the window fewer than 2 cells, or no whole number of
-            them; with the nearest cell that fits.
+            If a cell has fewer than 2 samples, the window fewer than 2 cells (3 Gaussian ones), or
+            no whole number of them; with the nearest cell that fits.
         """
-        ny, nx = (self._count_along(grid, axis) for axis in (0, 1))
+        ny, nx = (
+            cells_along(grid, axis, side, least=LEAST_CELLS[self.kernel], exactly=True)
+            for axis, side in enumerate(self.cells)
+        )
         return ny, nx
 
-    def least_distance(self, wavelength: float) -> float:
-        """4 p^2/lam in metres, p the longer side of a cell."""
-        return ENOUGH * max(self.cells) ** 2 / wavelength
+    def least_distance(self, grid: Grid, wavelength: float) -> float:
+        """4 p^2/lam in metres, p the longer side of a cell along the axes that vary."""
+        sides = [p for p, n in zip(self.cells, grid.shape, strict=True) if n > 1]
+        return ENOUGH * max(sides, default=0.0) ** 2 / wavelength
 
-    def distance_at(self, wavelength: float) -> float:
+    def distance_on(self, grid: Grid, wavelength: float) -> float:
         """The distance propagated in metres."""
-        return self.least_distance(wavelength) if self.distance is None else self.distance
+        return self.least_distance(grid, wavelength) if self.distance is None else self.distance
 
     def check(self, grid: Grid, *, wavelength: float) -> None:
         """Refuse a mask that the grid does not carry.
@@ -145,15 +151,14 @@ class RandomPhaseMask:
             If the distance is shorter than 4 p^2/lam: the cells then show in the intensity.
         """
         self.count(grid)
-        used = [p for p, n in zip(self.cells, grid.shape, strict=True) if n > 1] or [0.0]
-        least = ENOUGH * max(used) ** 2 / wavelength
-        if self.distance_at(wavelength) < least * (1 - 1e-9):
+        least, distance = self.least_distance(grid, wavelength), self.distance_on(grid, wavelength)
+        if distance < least * (1 - 1e-9):
             warnings.warn(
-                f"A mask of cells of {metres(max(used))} needs a distance of at least 4 p^2/lam = "
-                f"{metres(least)} to become speckle; {metres(self.distance_at(wavelength))} "
-                "leaves blocks, whose edges show in every snapshot.",
+                f"A mask of cells of {metres(max(self.cells))} needs a distance of at least "
+                f"4 p^2/lam = {metres(least)} to become speckle; {metres(distance)} leaves blocks, "
+                "whose edges show in every snapshot.",
                 SamplingWarning,
-                stacklevel=4,
+                stacklevel=5,
             )
 
     def half_angle(self, wavelength: float) -> float:
@@ -165,7 +170,9 @@ class RandomPhaseMask:
 
         The autocorrelation of the kernel: (1 - abs(dy)/py)(1 - abs(dx)/px) for squares,
         exp(-D^2/(4 s^2)), s = p/2.355, for Gaussians (Goodman 2015, section 5.2). Of the phase
-        alone (pi/4) mu 2F1(1/2, 1/2; 2; mu^2) (Reed 1962, as for any hard-limited Gaussian field).
+        alone (pi/4) mu 2F1(1/2, 1/2; 2; mu^2) (Reed 1962, as for any hard-limited Gaussian field):
+        right to .01 once the field is one, from d_c = 2 p^2/lam and a dozen cells across on; cells
+        that do not propagate are phase alone already and keep mu.
 
         Parameters
         ----------
@@ -185,7 +192,8 @@ class RandomPhaseMask:
             mu = np.maximum(1 - along[0], 0) * np.maximum(1 - along[1], 0)
         else:
             mu = np.exp(-(FWHM**2) / 4 * (along[0] ** 2 + along[1] ** 2))
-        return hard_limited(mu) if self.kind == "phase" else mu
+        still = self.kernel == "square" and self.distance == 0
+        return hard_limited(mu) if self.kind == "phase" and not still else mu
 
     def power_spectrum(self, grid: Grid, *, wavelength: float = 0.0) -> Array:
         """The share of light at each frequency of a grid, FFT order; they add up to 1.
@@ -200,8 +208,20 @@ class RandomPhaseMask:
         -------
         numpy.ndarray
             float64, shape (ny, nx).
+
+        Raises
+        ------
+        SamplingError
+            As `count`.
+        ValueError
+            Without jitter: the light then is not the same everywhere.
         """
         self.count(grid)
+        if not self.jitter:
+            raise ValueError(
+                "Light of a lattice that does not move has no power spectrum, being different from "
+                "place to place: use jitter=True, or method='monte-carlo'."
+            )
         return periodic_power_spectrum(self.degree, grid)
 
     def field(
@@ -238,36 +258,11 @@ class RandomPhaseMask:
         ]
         blocks = self._blocks(grid, cells, tables, device, key_of(seed), index)
         field = Field(blocks, grid, float(wavelength), device)
-        z = self.distance_at(wavelength)
+        z = self.distance_on(grid, wavelength)
         if z > 0:
             along = plan(grid, z, wavelength=wavelength, method="as", pad=1, device=device)
             field = along(field)
         return self._phase_of(field) if self.kind == "phase" else field
-
-    def _count_along(self, grid: Grid, axis: int) -> int:
-        n, pitch, side = grid.shape[axis], grid.pitch[axis], self.cells[axis]
-        if n == 1:
-            return 1
-        window, name = n * pitch, "yx"[axis]
-        most = n // LEAST_SAMPLES
-        if most < LEAST_CELLS:
-            raise SamplingError(
-                f"The window has {n} samples along {name}: a mask needs at least "
-                f"{LEAST_CELLS * LEAST_SAMPLES}, or 1 for nothing to vary."
-            )
-        near = min(max(round(window / side), LEAST_CELLS), most)
-        fits = f"{metres(window / near)}, {near} cells along {name}, is the nearest that does"
-        if side < LEAST_SAMPLES * pitch * (1 - FITS):
-            raise SamplingError(
-                f"A cell of {metres(side)} has fewer than {LEAST_SAMPLES} samples of "
-                f"{metres(pitch)}: {fits}."
-            )
-        if abs(window / side - near) > FITS * near:
-            raise SamplingError(
-                f"Cells of {metres(side)} do not fit the window of {metres(window)} a whole number "
-                f"of times, at least {LEAST_CELLS}: {fits}."
-            )
-        return near
 
     def _taps(self, n: int, cells: int, moved: float) -> tuple[Array, Array]:
         """Cells that reach each sample, and the kernel there; shapes (n, taps)."""
@@ -322,6 +317,55 @@ class RandomPhaseMask:
         kernel = device.kernel("masks.cl", "unit_phase", **device.wave_defines())
         device.launch_rows(kernel, field.shape, field.data, np.int32(ny), np.int32(nx))
         return field
+
+
+def cells_along(grid: Grid, axis: int, side: float, *, least: int, exactly: bool) -> int:
+    """Cells along an axis of a window, as near as may be to a wanted side; 1 if nothing varies.
+
+    Parameters
+    ----------
+    grid : Grid
+    axis : {0, 1}
+    side : float
+        Of a cell in metres.
+    least : int
+        Cells in a window.
+    exactly : bool
+        Whether a side that does not fit is refused.
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    SamplingError
+        If the window is too coarse for any cell, or this one does not fit.
+    """
+    n, pitch, name = grid.shape[axis], grid.pitch[axis], "yx"[axis]
+    if n == 1:
+        return 1
+    window, most = n * pitch, n // LEAST_SAMPLES
+    if most < least:
+        raise SamplingError(
+            f"The window has {n} samples along {name}: a mask needs at least "
+            f"{least * LEAST_SAMPLES}, or 1 for nothing to vary."
+        )
+    near = min(max(round(window / side), least), most)
+    if not exactly:
+        return near
+    fits = f"{metres(window / near)}, {near} cells along {name}, is the nearest that does"
+    if side < LEAST_SAMPLES * pitch * (1 - FITS):
+        raise SamplingError(
+            f"A cell of {metres(side)} has fewer than {LEAST_SAMPLES} samples of {metres(pitch)}: "
+            f"{fits}."
+        )
+    if abs(window / side - near) > FITS * near:
+        raise SamplingError(
+            f"Cells of {metres(side)} do not fit the window of {metres(window)} a whole number of "
+            f"times, at least {least}: {fits}."
+        )
+    return near
 
 
 def hard_limited(mu: ArrayLike) -> Array:

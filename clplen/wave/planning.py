@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from clplen.errors import SamplingError
 from clplen.wave.field import Grid
-from clplen.wave.masks import LEAST_CELLS, LEAST_SAMPLES, RandomPhaseMask
+from clplen.wave.masks import KINDS, LEAST_CELLS, RandomPhaseMask, cells_along
 from clplen.wave.parts import ConvergingLight, Lens, Space, Stop
 from clplen.wave.pupil import Pupil
 from clplen.wave.quantity import metres
@@ -23,13 +22,18 @@ if TYPE_CHECKING:
 AIRY = 0.61  # radius of the Airy disc times the coherent cut-off frequency
 
 # Contrast of the image of a clear field in one snapshot, by the resolution cell over the coherence
-# length: square cells, d_c = 4 p^2/lam, a circular pupil; by simulation, to 1 or 2 percent.
+# length: square cells, d_c = 4 p^2/lam, a circular pupil or, along one axis alone, a slit; by
+# simulation, to 1 or 2 percent.
 _IOTA = (0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.2, 3.2, 5.0, 10.0)
 _CONTRAST = {
-    "phase": (0.126, 0.161, 0.195, 0.230, 0.273, 0.320, 0.389, 0.477, 0.603, 0.737, 0.834, 0.922,
-              0.974, 0.994, 1.0),
-    "field": (0.992, 0.990, 0.990, 0.985, 0.984, 0.984, 0.982, 0.979, 0.978, 0.970, 0.934, 0.952,
-              0.979, 0.993, 0.995),
+    ("phase", 2): (0.126, 0.161, 0.195, 0.230, 0.273, 0.320, 0.389, 0.477, 0.603, 0.737, 0.834,
+                   0.922, 0.974, 0.994, 1.0),
+    ("field", 2): (0.992, 0.990, 0.990, 0.985, 0.984, 0.984, 0.982, 0.979, 0.978, 0.970, 0.934,
+                   0.952, 0.979, 0.993, 0.995),
+    ("phase", 1): (0.092, 0.111, 0.137, 0.156, 0.195, 0.227, 0.277, 0.344, 0.426, 0.533, 0.636,
+                   0.759, 0.880, 0.955, 0.996),
+    ("field", 1): (0.914, 0.915, 0.907, 0.911, 0.910, 0.908, 0.906, 0.897, 0.892, 0.872, 0.822,
+                   0.822, 0.868, 0.915, 0.960),
 }  # fmt: skip
 
 
@@ -51,7 +55,7 @@ class CoherencePlan:
     cell : float
         p in metres, the longer side: the coherence length.
     distance : float
-        d_c in metres.
+        d_c in metres, at the shortest wavelength.
     wavelengths : int
     contrast : float
         Of one snapshot's image of a clear field.
@@ -133,13 +137,7 @@ def plan_coherence(
     SamplingError
         If the grid has too few samples for a mask.
     """
-    if not 0 < snr < math.inf:
-        raise ValueError(f"The signal-to-noise ratio is positive, not {snr!r}.")
-    if not _IOTA[0] <= iota <= _IOTA[-1]:
-        raise ValueError(
-            f"iota, resolution cell over coherence length, is {_IOTA[0]} to {_IOTA[-1]}, not "
-            f"{iota!r}; for coherent light leave out the spatial model."
-        )
+    _check_wish(snr, iota, kind)
     window = getattr(system, "grid", None) if grid is None else grid
     if not isinstance(window, Grid):
         raise ValueError("Planning for a system without a grid of its own needs grid=.")
@@ -149,23 +147,42 @@ def plan_coherence(
             raise ValueError("Planning needs wavelength= or spectrum=.")
         wavelength = float(given)
     fc = object_cutoff(system, wavelength)
-    cells = tuple(
-        _cells_along(n, d, AIRY / (iota * fc))
-        for n, d in zip(window.shape, window.pitch, strict=True)
-    )
-    sides = tuple(n * d / c for n, d, c in zip(window.shape, window.pitch, cells, strict=True))
-    p = max(side for side, n in zip(sides, window.shape, strict=True) if n > 1)
-    reached = AIRY / (fc * p)
-    contrast = float(np.exp(np.interp(np.log(reached), np.log(_IOTA), np.log(_CONTRAST[kind]))))
-    mask = RandomPhaseMask((sides[0], sides[1]), kind=kind, distance=4 * p**2 / wavelength)
+    wanted, least = AIRY / (iota * fc), LEAST_CELLS["square"]
+    ny, nx = (cells_along(window, axis, wanted, least=least, exactly=False) for axis in (0, 1))
+    sides = (window.extent[0] / ny, window.extent[1] / nx)
+    p = max((side for side, n in zip(sides, window.shape, strict=True) if n > 1), default=wanted)
+    mask = RandomPhaseMask(sides, kind=kind)
     made = light(mask, spectrum, wavelengths=wavelengths, seed=seed)
-    shares = [share for _, share in made.lines(wavelength)]
-    one = contrast * math.sqrt(sum(share**2 for share in shares))
+    lines = made.lines(wavelength)
+    reached = AIRY / (fc * p)
+    table = _CONTRAST[kind, 1 if 1 in window.shape else 2]
+    contrast = math.exp(np.interp(math.log(reached), np.log(_IOTA), np.log(table)))
+    one = contrast * math.sqrt(sum(share**2 for _, share in lines))
     snapshots = max(1, math.ceil((one * snr) ** 2 * (1 - 1e-12)))
     return CoherencePlan(
-        made, snapshots, math.sqrt(snapshots) / one, reached, (cells[0], cells[1]), p,
-        mask.distance_at(wavelength), len(shares), contrast,
-    )  # fmt: skip
+        coherence=made,
+        snapshots=snapshots,
+        snr=math.sqrt(snapshots) / one,
+        iota=reached,
+        cells=(ny, nx),
+        cell=p,
+        distance=mask.distance_on(window, min(lam for lam, _ in lines)),
+        wavelengths=len(lines),
+        contrast=contrast,
+    )
+
+
+def _check_wish(snr: float, iota: float, kind: str) -> None:
+    """Refuse what cannot be planned for."""
+    if not 0 < snr < math.inf:
+        raise ValueError(f"The signal-to-noise ratio is positive, not {snr!r}.")
+    if not _IOTA[0] <= iota <= _IOTA[-1]:
+        raise ValueError(
+            f"iota, resolution cell over coherence length, is {_IOTA[0]} to {_IOTA[-1]}, not "
+            f"{iota!r}; for coherent light leave out the spatial model."
+        )
+    if kind not in KINDS:
+        raise ValueError(f"A mask is a 'field' or a 'phase', not {kind!r}.")
 
 
 def object_cutoff(system: Any, wavelength: float) -> float:
@@ -198,16 +215,3 @@ def object_cutoff(system: Any, wavelength: float) -> float:
         "The cut-off frequency is told from a camera, a Pupil, or a system that begins with free "
         "space and a lens with a diameter; this one is none of them."
     )
-
-
-def _cells_along(n: int, pitch: float, side: float) -> int:
-    """Cells that fill an axis, nearest to the wanted side."""
-    if n == 1:
-        return 1
-    most = n // LEAST_SAMPLES
-    if most < LEAST_CELLS:
-        raise SamplingError(
-            f"A mask needs at least {LEAST_CELLS * LEAST_SAMPLES} samples along an axis, or 1 for "
-            f"nothing to vary; there are {n}."
-        )
-    return min(max(round(n * pitch / side), LEAST_CELLS), most)

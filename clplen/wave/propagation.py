@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
@@ -19,6 +18,32 @@ from clplen.wave.together import together
 if TYPE_CHECKING:
     from clplen.wave.average import MeanIntensity
     from clplen.wave.coherence import Coherence
+
+
+@dataclass(frozen=True)
+class FreeSpace:
+    """`propagate` with all but the field, for averages."""
+
+    z: float
+    method: str
+    pad: float
+    out_grid: Grid | None
+    guard: float | None
+    border: float
+    support: float | tuple[float, float] | None
+    lens: float | None
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether guard, border, support and lens are the default ones."""
+        return (self.guard, self.border, self.support, self.lens) == (None, BORDER, None, None)
+
+    def __call__(self, field: Field) -> Field:
+        """The field at the end."""
+        return propagate(
+            field, self.z, method=self.method, pad=self.pad, out_grid=self.out_grid,
+            guard=self.guard, border=self.border, support=self.support, lens=self.lens,
+        )  # fmt: skip
 
 
 @overload
@@ -115,12 +140,9 @@ def propagate(
     if coherence is not None or averaging:
         if coherence is None:
             raise TypeError(f"{', '.join(averaging)} belong to an average: give coherence= too.")
-        if np.ndim(z):
+        if isinstance(z, Sequence | np.ndarray):
             raise ValueError("Partially coherent light is propagated to one distance at a time.")
-        way = partial(
-            propagate, z=z, method=method, pad=pad, out_grid=out_grid, guard=guard, border=border,
-            support=support, lens=lens,
-        )  # fmt: skip
+        way = FreeSpace(z, method, pad, out_grid, guard, border, support, lens)
         return coherence.average(way, field, **averaging)
     distances = [z] if np.ndim(z) == 0 else list(np.asarray(z))
     if not distances or np.ndim(z) > 1:

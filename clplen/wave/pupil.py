@@ -18,6 +18,7 @@ from clplen.wave.field import Field, Grid
 from clplen.wave.multiply import offsets
 from clplen.wave.parts import Space, require_positive
 from clplen.wave.phase import phasor
+from clplen.wave.propagation import FreeSpace
 from clplen.wave.propagator import request
 from clplen.wave.quantity import metres
 from clplen.wave.system import OpticalSystem
@@ -177,6 +178,8 @@ def transfer_of(system: Any, grid: Grid, wavelength: float) -> Values | None:
         complex128, shape (ny, nx), FFT order; None when some part is no such filter.
     """
     H = np.ones(grid.shape, np.complex128)
+    if isinstance(system, FreeSpace) and system.is_plain:
+        system = Space(system.z, method=system.method, pad=system.pad, out_grid=system.out_grid)
     for part in system.parts if isinstance(system, OpticalSystem) else (system,):
         if isinstance(part, Pupil):
             H *= part.transfer(grid, wavelength)
@@ -287,9 +290,8 @@ def _filtered(field: Field, spectrum: Spectrum, device: Device) -> Any:
 
 def _is_filter(space: Space, grid: Grid) -> bool:
     """Whether free space acts on fields of a grid as a filter of their own frequencies."""
-    return (
-        space.method in ("as", "blas") and space.pad == 1 and space.out_grid in (None, grid)
-    ) or space.z == 0
+    periodic = space.method in ("as", "blas") and space.pad == 1
+    return space.out_grid in (None, grid) and (periodic or space.z == 0)
 
 
 def _free_space(space: Space, grid: Grid, wavelength: float) -> Values:

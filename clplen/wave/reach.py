@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -35,31 +36,64 @@ def check_reach(system: Any, field: Field, light: SpatialModel) -> None:
     SamplingError
         With where the light goes, how far it spreads and what would do.
     """
-    found = _first_opening(system.parts) if isinstance(system, OpticalSystem) else None
-    if found is None:
-        return
-    z, focus, diameter, centre = found
+    opening = _first_opening(system.parts) if isinstance(system, OpticalSystem) else None
+    if opening is not None:
+        check_opening(field, light, opening)
+
+
+@dataclass(frozen=True)
+class Opening:
+    """The first lens or stop behind an object.
+
+    Attributes
+    ----------
+    z : float
+        From the object, in metres.
+    diameter : float
+    focus : float
+        Where the light converges, in metres from the object; infinite: it is parallel.
+    centre : tuple of float
+        (y, x) in metres.
+    """
+
+    z: float
+    diameter: float
+    focus: float = math.inf
+    centre: tuple[float, float] = (0.0, 0.0)
+
+
+def check_opening(field: Field, light: SpatialModel, opening: Opening) -> None:
+    """As `check_reach`, of an opening that is known.
+
+    Parameters
+    ----------
+    field : Field
+    light : SpatialModel
+    opening : Opening
+
+    Raises
+    ------
+    SamplingError
+    """
     angle = light.half_angle(field.wavelength)
-    spread = z * math.tan(min(angle, math.pi / 2 * (1 - 1e-9)))
+    spread = opening.z * math.tan(min(angle, math.pi / 2 * (1 - 1e-9)))
     for axis, name in enumerate("yx"):
         for edge in _edges(field, axis):
-            lands = edge * (1 - z / focus)
-            missed = abs(lands - centre[axis]) - diameter / 2 - spread
-            if missed > 0:
-                needed = math.atan((abs(lands - centre[axis]) - diameter / 2) / z)
+            lands = edge * (1 - opening.z / opening.focus)
+            beside = abs(lands - opening.centre[axis]) - opening.diameter / 2
+            if beside > spread:
                 raise SamplingError(
                     f"The source's light from the edge of the object, {name} = {metres(edge)}, "
-                    f"goes to {metres(lands)} at the first opening of D = {metres(diameter)} and "
-                    f"spreads by {metres(spread)} only: it misses the pupil. Use koehler=True "
-                    "(ConvergingLight), a smaller object, or a source of at least "
-                    f"{needed:.3g} rad half angle for its {angle:.3g}."
+                    f"goes to {metres(lands)} at the first opening of D = "
+                    f"{metres(opening.diameter)} and spreads by {metres(spread)} only: it misses "
+                    "the pupil. Use koehler=True (ConvergingLight), a smaller object, or a source "
+                    f"of at least {math.atan(beside / opening.z):.3g} rad half angle for its "
+                    f"{angle:.3g}."
                 )
 
 
-def _first_opening(
-    parts: Sequence[Part],
-) -> tuple[float, float, float, tuple[float, float]] | None:
-    """Distance, focus of the light, diameter and centre of the first lens or stop."""
+def _first_opening(parts: Sequence[Part]) -> Opening | None:
+    """The first lens or stop behind free space alone."""
     z, focus = 0.0, math.inf
     for part in parts:
         if isinstance(part, ConvergingLight) and z == 0:
@@ -67,9 +101,9 @@ def _first_opening(
         elif isinstance(part, Space):
             z += part.z
         elif isinstance(part, Lens) and part.diameter is not None and z > 0:
-            return z, focus, part.diameter, (0.0, 0.0)
+            return Opening(z, part.diameter, focus)
         elif isinstance(part, Stop) and z > 0:
-            return z, focus, part.diameter, part.centre
+            return Opening(z, part.diameter, focus, part.centre)
         else:
             return None
     return None

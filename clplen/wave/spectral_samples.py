@@ -15,7 +15,7 @@ BLOCK = 4096  # delays at a time
 
 @dataclass(frozen=True, eq=False)
 class SpectralSamples:
-    """A spectrum as a few wavelengths, equally spaced in frequency.
+    """A spectrum as a few wavelengths.
 
     Parameters
     ----------
@@ -24,8 +24,8 @@ class SpectralSamples:
     weights : numpy.ndarray
         Share of the power of each, shape (n,), float64, sum 1.
     step : float
-        Step in Hz, the largest where lines have steps of their own; 0 where the samples are the
-        whole spectrum (sharp lines), infinite for a single sample of a band.
+        Step in Hz, the largest where there are several; 0 where the samples are the whole
+        spectrum (sharp lines), infinite for a single sample of a band or of a line with a width.
     """
 
     wavelengths: Vector
@@ -34,7 +34,10 @@ class SpectralSamples:
 
     @property
     def revival(self) -> float:
-        """Path difference c/step in metres at which light of these samples is coherent again."""
+        """Path difference c/step in metres at which light of these samples is coherent again.
+
+        Entirely where its steps are equal, in part where they are not.
+        """
         return math.inf if self.step == 0 else C / self.step
 
     def gamma(self, tau: ArrayLike) -> Complex:

@@ -259,18 +259,20 @@ class Spectrum:
         return C * self._half_time() * (2 if definition == "fwhm" else 1)
 
     def sample(self, n: int, *, span: float = 2.0) -> SpectralSamples:
-        """Wavelengths, equally spaced in frequency, that stand for the spectrum.
+        """Wavelengths that stand for the spectrum.
 
         Parameters
         ----------
         n : int
-            How many. Lines with a width share them, those left over going to the strongest; sharp
-            lines keep one each, whatever n is.
+            How many. Lines with a width share them evenly, those left over going to the
+            strongest, and each has at least one: 12 lines take 12 samples where fewer are asked
+            for. Sharp lines take one each, whatever n is, and dark cells of a table none.
         span : float, optional
-            A Gaussian is sampled from -span to +span times its FWHM, the ends included, with its
-            density as weights: 2 to follow abs(gamma) (error 3.1e-4 within 3 coherence lengths at
-            n = 15, 1.1e-6 at 21), 1.5 for images (9 samples). A table or a rectangle is cut into
-            n cells, each at its middle with the power that it holds.
+            A Gaussian is sampled in equal steps of frequency from -span to +span times its FWHM,
+            the ends included, with its density as weights: 2 to follow abs(gamma) (error 3.1e-4
+            within 3 coherence lengths at n = 15, 1.1e-6 at 21), 1.5 for images (9 samples). It
+            does not count where there are few samples, see below. A table or a rectangle is cut
+            into n cells, each at its middle with the power that it holds.
 
         Returns
         -------
@@ -279,8 +281,26 @@ class Spectrum:
         Raises
         ------
         ValueError
-            If n is not a positive whole number, or smaller than the number of lines; if the span
-            is not positive or reaches frequency 0.
+            If n is not a positive whole number; if the span is not positive or reaches
+            frequency 0.
+
+        Notes
+        -----
+        Up to 4 samples of a single Gaussian, and up to 8 of each of several lines, are the nodes
+        of Gauss-Hermite quadrature (Abramowitz & Stegun, 1964, eq. 25.4.46), which keep the mean
+        and, from two on, the width. Largest errors of the abs(gamma) of a line, by its samples:
+
+        =======================  ====  =====  ======  ======  ======  ======
+        within                   1     2      3       4       6       8
+        =======================  ====  =====  ======  ======  ======  ======
+        half a coherence length  .32   .043   .0034   1.9e-4  2.9e-7  2e-10
+        one coherence length     .79   .29    .13     .028    6.9e-4  9e-6
+        =======================  ====  =====  ======  ======  ======  ======
+
+        A coherence length is that of the line, .6643 lam^2/fwhm. Of several lines each adds its
+        error times its power: 9 samples of ``mercury(fwhm=4e-9)`` err by .07 within 20 um.
+        Equal steps over too wide a span are worse: a single Gaussian's 5 over +-2 FWHM err by .62
+        within a coherence length, over +-1.5 by .20. `error` measures, `needed` tells how many.
         """
         n = spectra.check_count(n)
         if not (is_finite(span) and span > 0):

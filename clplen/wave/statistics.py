@@ -11,7 +11,7 @@ import pyopencl.array as cla
 
 from clplen.compute.device import Device
 from clplen.compute.image import Image
-from clplen.wave.field import Field
+from clplen.wave.field import Field, row_powers
 
 Region = tuple[slice, slice]
 
@@ -46,6 +46,26 @@ class Window:
         return cls(y0, y1, x0, x1)
 
 
+def accumulate(total: cla.Array, fields: cla.Array, weights: Any, device: Device) -> None:
+    """total[y, x] += sum_b weights[b] abs(fields[b, y, x])^2, on the device.
+
+    Parameters
+    ----------
+    total : pyopencl.array.Array
+        Real, shape (ny, nx).
+    fields : pyopencl.array.Array
+        Complex, shape (n, ny, nx), or (ny, nx) for n = 1.
+    weights : array_like
+        Shape (n,).
+    device : Device
+    """
+    ny, nx = total.shape
+    factors = np.atleast_1d(np.asarray(weights, device.real))
+    kernel = device.kernel("intensity.cl", "accumulate", **device.wave_defines())
+    sizes = (np.int32(n) for n in (factors.size, ny, nx))
+    device.launch_rows(kernel, (ny, nx), total, fields, device.upload(factors), *sizes)
+
+
 class Statistics:
     """Mean and variance of snapshots' intensities, pixel by pixel (Welford 1962).
 
@@ -58,7 +78,9 @@ class Statistics:
     Attributes
     ----------
     mean, m2 : pyopencl.array.Array
-        Mean so far, and sum of the squared deviations from it.
+        Mean so far, and sum of the squared deviations from it, in the square of ``unit``.
+    unit : float
+        Power of two next to the mean of the first snapshot, so that squares stay in range.
     count : int
         Snapshots so far.
     """
@@ -68,6 +90,7 @@ class Statistics:
         self.mean = device.zeros(shape, device.real)
         self.m2 = device.zeros(shape, device.real)
         self.count = 0
+        self.unit = 1.0
 
     def add(self, snapshot: Field | cla.Array) -> None:
         """Take a snapshot: a field, whose abs(u)^2 counts, or an image; shape (ny, nx)."""
@@ -75,17 +98,20 @@ class Statistics:
         device, (ny, nx) = self.device, self.shape
         field = isinstance(snapshot, Field)
         data = snapshot.data if isinstance(snapshot, Field) else snapshot
+        if self.count == 1:
+            self.unit = _unit_of(snapshot, device)
         name = "add_field" if field else "add_image"
         kernel = device.kernel("statistics.cl", name, **device.wave_defines())
-        share = device.real.type(1 / self.count)
-        device.launch_rows(
-            kernel, self.shape, self.mean, self.m2, data, share, np.int32(ny), np.int32(nx)
-        )
+        numbers = (device.real.type(x) for x in (1 / self.count, 1 / self.unit))
+        sizes = (np.int32(ny), np.int32(nx))
+        device.launch_rows(kernel, self.shape, self.mean, self.m2, data, *numbers, *sizes)
 
-    def restore(self, mean: np.ndarray[Any, Any], m2: np.ndarray[Any, Any], count: int) -> None:
+    def restore(
+        self, mean: np.ndarray[Any, Any], m2: np.ndarray[Any, Any], count: int, unit: float
+    ) -> None:
         """Go on from what was downloaded before."""
         self.mean, self.m2 = self.device.upload(mean), self.device.upload(m2)
-        self.count = count
+        self.count, self.unit = count, unit
 
     def image(self) -> Image:
         """The mean."""
@@ -95,12 +121,11 @@ class Statistics:
         """Of the mean: sqrt(variance/count), NaN from fewer than two snapshots."""
         k = self.count
         scale = 1 / (k * (k - 1)) if k > 1 else math.nan
+        factors = (self.device.real.type(x) for x in (scale, self.unit))
         out = self.device.empty(self.shape, self.device.real)
         kernel = self.device.kernel("statistics.cl", "standard_error", **self.device.wave_defines())
         ny, nx = (np.int32(n) for n in self.shape)
-        self.device.launch_rows(
-            kernel, self.shape, out, self.m2, self.device.real.type(scale), ny, nx
-        )
+        self.device.launch_rows(kernel, self.shape, out, self.m2, *factors, ny, nx)
         return Image(out, self.device)
 
     def relative_error(self, window: Window) -> float:
@@ -117,4 +142,14 @@ class Statistics:
         pixels, k = rows * (window.x1 - window.x0), self.count
         if k < 2 or sums[0] <= 0:
             return math.nan
-        return math.sqrt(sums[1] / pixels / (k * (k - 1))) / (sums[0] / pixels)
+        deviation = math.sqrt(sums[1] / pixels / (k * (k - 1))) * self.unit
+        return deviation / (sums[0] / pixels)
+
+
+def _unit_of(snapshot: Field | cla.Array, device: Device) -> float:
+    """The power of two next to the mean intensity, 1 without light."""
+    if isinstance(snapshot, Field):
+        mean = float(row_powers(snapshot).sum()) / math.prod(snapshot.grid.shape)
+    else:
+        mean = float(device.download(snapshot).mean(dtype=np.float64))
+    return 2.0 ** round(math.log2(mean)) if 0 < mean < math.inf else 1.0

@@ -7,6 +7,7 @@ import pytest
 
 from clplen import (
     Coherence,
+    ExtendedSource,
     Field,
     IncoherentLight,
     LightField,
@@ -132,6 +133,26 @@ def test_planes_add_without_occlusion(camera):
     assert np.abs(both - each).max() <= 1e-5 * each.max()
 
 
+def test_light_on_two_slides_is_independent(camera):
+    light, plane = Coherence(IncoherentLight(), seed=4), slide(camera)
+    one = camera.expose(plane, coherence=light, snapshots=30)
+    two = camera.expose([plane, plane], coherence=light, snapshots=30)
+    scatter = np.linalg.norm(two.to_numpy() - 2 * one.to_numpy())
+    assert scatter > 0.5 * np.linalg.norm(two.exposure.standard_error.to_numpy())
+    ratio = np.linalg.norm(two.exposure.standard_error.to_numpy()) / np.linalg.norm(
+        one.exposure.standard_error.to_numpy()
+    )
+    assert ratio == pytest.approx(np.sqrt(2), rel=0.1)
+
+
+def test_light_that_misses_the_lens_is_refused(camera):
+    plane = slide(camera, samples=5)
+    light = Coherence(ExtendedSource(5e-6, 0.1))
+    with pytest.raises(SamplingError, match="misses the pupil"):
+        camera.expose(plane, coherence=light, koehler=False, snapshots=1)
+    assert camera.expose(plane, coherence=light, snapshots=1).exposure.snapshots == 1
+
+
 def test_a_slide_decodes(camera):
     lf = LightField.from_raw(camera.expose(slide(camera, samples=4), coherence=Coherence()))
     assert lf.to_numpy().shape == (PIXELS, PIXELS, COUNT, COUNT)
@@ -152,6 +173,7 @@ def test_a_checkpoint_of_a_slide(camera, tmp_path):
         ("slide", {}, "needs light that falls on it"),
         ("points", {"coherence": Coherence(IncoherentLight())}, "incoherent already"),
         ("points", {"coherence": Coherence(), "snapshots": 5}, "this scene has none"),
+        ("slide", {"coherence": Coherence(), "method": "banana"}, "method is"),
         ("slides", {"coherence": Coherence(), "checkpoint": "x.npz"}, "one slide"),
     ],
 )

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +23,10 @@ from clplen import (
     SamplingWarning,
     Space,
     Spectrum,
+    propagate,
 )
 from clplen.wave import average as module
+from clplen.wave.checkpoint import fingerprint
 
 LAM = 550e-9
 GRID = Grid((48, 60), (4e-6, 3e-6))
@@ -73,7 +76,7 @@ def test_a_tolerance_stops_it(device):
     result = run(device, rtol=0.15, region=region)
     assert 30 < result.snapshots < 70  # speckle of contrast .95: (.95/.15)^2 = 40
     assert result.relative_error <= 0.15
-    assert (result.convergence[14:-1, 1] > 0.15).all()
+    assert (result.convergence[14:-1, 1] > 0.15).all()  # from 16 snapshots on
     assert run(device, rtol=10.0).snapshots == module.LEAST
 
 
@@ -86,7 +89,25 @@ def test_a_tolerance_that_is_not_reached_is_said(device):
 def test_points_of_the_curve_thin_out(device):
     result = run(device, snapshots=137)
     steps = [int(k) for k, _ in result.convergence]
-    assert steps == [*range(2, 100), 100, 110, 120, 130, 137]
+    octaves = [*range(2, 16), *range(16, 32, 2), *range(32, 64, 4), *range(64, 128, 8)]
+    assert steps == [*octaves, 128, 137]
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e10])
+def test_any_amplitude(device, size):
+    values = size * clear(device).to_numpy().astype(complex)
+    thing = Field.from_array(values, GRID, wavelength=LAM, device=device)
+    scaled = Coherence(MASK).average(SYSTEM, thing, snapshots=9, method="monte-carlo")
+    plain = run(device, snapshots=9)
+    assert scaled.relative_error == pytest.approx(plain.relative_error, rel=1e-3)
+    errors = scaled.standard_error.to_numpy().astype(float) / size**2
+    assert np.allclose(errors, plain.standard_error.to_numpy(), rtol=1e-3, atol=1e-5)
+
+
+def test_a_tolerance_in_the_dark_is_refused(device):
+    thing = Field.from_array(np.zeros(GRID.shape), GRID, wavelength=LAM, device=device)
+    with pytest.raises(ValueError, match="no light in the image after 16 snapshots"):
+        Coherence(MASK).average(SYSTEM, thing, rtol=0.1, method="monte-carlo")
 
 
 def test_progress(device):
@@ -167,6 +188,9 @@ def test_killed_at_a_random_snapshot_and_resumed(device, tmp_path):
         ({"system": Space(2e-3)}, r"its system is .*z=0.001.*this run's is .*z=0.002"),
         ({"grid": Grid((48, 60), (4e-6, 6e-6))}, r"its grid is .*3e-06"),
         ({"scale": 0.5}, r"its object is"),
+        ({"system": partial(propagate, z=2e-3)}, r"its system is "),
+        ({"system": partial(propagate, z=1e-3, pad=1)}, r"its system is "),
+        ({"system": lambda field: propagate(field, 2e-3)}, r"its system is "),
     ],
 )
 def test_a_checkpoint_of_another_set_up_is_refused(device, tmp_path, change, words):
@@ -186,12 +210,56 @@ def test_a_checkpoint_of_another_set_up_is_refused(device, tmp_path, change, wor
     assert file.read_bytes() == before
 
 
+def through(z):
+    return lambda field: propagate(field, z)
+
+
+class Way:
+    def __init__(self, z):
+        self.z = z
+
+    def __call__(self, field):
+        return propagate(field, self.z)
+
+    go = __call__
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (through(1e-3), through(2e-3)),
+        (partial(propagate, z=1e-3), partial(propagate, z=2e-3)),
+        (Way(1e-3), Way(2e-3)),
+        (Way(1e-3).go, Way(2e-3).go),
+        (lambda field: propagate(field, 1e-3), lambda field: propagate(field, 2e-3)),
+        (Space(1e-3), Space(1e-3, pad=1)),
+        ({"a": np.arange(5000)}, {"a": np.arange(5000)[::-1]}),
+        (MASK, RandomPhaseMask((16e-6, 18e-6), kind="phase")),
+    ],
+)
+def test_fingerprints_differ(one, other):
+    assert fingerprint(one) != fingerprint(other)
+    assert fingerprint(one) == fingerprint(one)
+    assert " at 0x" not in fingerprint(one)
+
+
+def test_a_long_difference_is_shown_briefly(device, tmp_path):
+    file = tmp_path / "run.npz"
+    light = Coherence(MASK, Spectrum.white_led())
+    thing = clear(device)
+    light.average(SYSTEM, thing, snapshots=1, checkpoint=file, method="monte-carlo")
+    with pytest.raises(FormatError) as refused:
+        run(device, snapshots=1, checkpoint=file)
+    assert len(str(refused.value)) < 700
+
+
 def truncated(good):
     return good[: len(good) // 2]
 
 
 def flipped(good):
-    return good[:3000] + bytes([good[3000] ^ 1]) + good[3001:]
+    place = good.find(b"m2.npy") + 500  # in the middle of numbers
+    return good[:place] + bytes([good[place] ^ 1]) + good[place + 1 :]
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Spectra: coherence by closed forms and by quadrature, their samples. Host float64."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -202,19 +203,24 @@ def test_revival():
 
 
 @pytest.mark.parametrize(
-    "spectrum",
-    [led(), Spectrum.rectangular(LAM, FWHM), lopsided(), Spectrum.mercury(fwhm=2e-9)],
+    ("spectrum", "part"),  # lines have few samples each, which do better than equal steps
+    [
+        (led(), 2),
+        (Spectrum.rectangular(LAM, FWHM), 2),
+        (lopsided(), 2),
+        (Spectrum.mercury(fwhm=3e-9), 8),
+    ],
     ids=["gaussian", "rectangle", "table", "lines"],
 )
-def test_needed_samples_do_not_revive(spectrum):
+def test_needed_samples_do_not_revive(spectrum, part):
     """1 + band (path + 1.5 l_c)/c samples: the revival is beyond the path by 1.5 l_c."""
     path = 40e-6
     n = spectrum.needed(path)
     samples, length = spectrum.sample(n), spectrum.coherence_length()
     assert samples.revival >= path + 1.4 * length
-    assert spectrum.sample(n // 2).revival < path + 1.5 * length
+    assert spectrum.sample(n // part).revival < path + 1.5 * length
     assert spectrum.needed(2 * path) > n
-    assert spectrum.error(n, path) < 0.2 < 0.4 < spectrum.error(n // 2, path)
+    assert spectrum.error(n, path) < 0.2 < 0.4 < spectrum.error(n // part, path)
 
 
 def test_needed_of_a_gaussian_by_hand():
@@ -241,11 +247,56 @@ def test_lines_share_samples():
     line = np.argmin(np.abs(samples.wavelengths[:, None] - [400e-9, 600e-9, 500e-9]), axis=1)
     assert np.bincount(line).tolist() == [3, 4, 4]
     assert np.bincount(line, samples.weights) == pytest.approx([1 / 8, 5 / 8, 2 / 8])
-    assert samples.step == pytest.approx(4 * C * 1e-9 / 400e-9**2 / 2)
+    # Three nodes lie sqrt(3) standard deviations apart; a FWHM is 2 sqrt(2 ln 2) of them.
+    assert samples.step == pytest.approx(np.sqrt(3 / (8 * np.log(2))) * C * 1e-9 / 400e-9**2)
     sharp = Spectrum.lines([400e-9, 600e-9, 500e-9], [1, 3, 0]).sample(9)
     assert sharp.wavelengths == pytest.approx([400e-9, 600e-9])
     assert sharp.weights.tolist() == [0.25, 0.75]
     assert Spectrum.lines([400e-9, 600e-9], [1, 3]).error(1, 1e-3) == 0
+
+
+@pytest.mark.parametrize(
+    ("n", "near", "far"),
+    [(1, 0.325, 0.793), (2, 0.043, 0.292), (3, 0.0034, 0.127), (4, 2e-4, 0.029)],
+)
+def test_few_samples_of_a_gaussian(n, near, far):
+    """Mean and width are kept, whatever the span; the errors of |gamma| are those documented."""
+    samples, length = led().sample(n, span=1.5), led().coherence_length()
+    offset = (C / samples.wavelengths - C / LAM) / DNU
+    assert samples.weights @ offset == pytest.approx(0, abs=1e-9)
+    if n > 1:
+        variance = samples.weights @ offset**2
+        assert variance == pytest.approx(1 / (8 * np.log(2)), rel=1e-6)
+    assert 0.9 * near < led().error(n, length / 2) < near
+    assert 0.95 * far < led().error(n, length, span=1.5) < far
+
+
+def test_few_samples_of_many_lines():
+    """Every line has one; with more the error falls, and no sample is off its line."""
+    lam = np.linspace(420e-9, 640e-9, 12)
+    twelve = Spectrum.lines(lam, np.arange(1, 13), fwhm=3e-9)
+    for n in (1, 9, 12):
+        samples = twelve.sample(n, span=1.5)
+        assert samples.wavelengths == pytest.approx(lam)
+        assert samples.weights == pytest.approx(np.arange(1, 13) / 78)
+    lamp = Spectrum.mercury(fwhm=4e-9)
+    off = 1e9 * np.abs(lamp.sample(9, span=1.5).wavelengths[:2] - 404.77081e-9)
+    assert off == pytest.approx([1.7, 1.7], abs=0.02)  # a standard deviation
+    assert 0.06 < lamp.error(9, 20e-6, span=1.5) < 0.07
+    errors = [lamp.error(6 * each, 20e-6) for each in range(1, 9)]
+    assert all(after < before / 2 for before, after in pairwise(errors))
+
+
+def test_one_gaussian_takes_equal_steps_from_five_samples_on():
+    for n in (5, 8, 9):
+        samples = led().sample(n, span=1.5)
+        t = np.linspace(-1.5, 1.5, n)
+        assert (C / samples.wavelengths - C / LAM) / DNU == pytest.approx(t, abs=1e-9)
+        assert samples.weights / samples.weights.max() == pytest.approx(
+            np.exp(-4 * np.log(2) * (t**2 - (t**2).min()))
+        )
+    pair = Spectrum.lines([500e-9, 600e-9], [1, 1], fwhm=1e-9)
+    assert pair.sample(18).step == pytest.approx(4 * C * 1e-9 / 500e-9**2 / 8)
 
 
 def test_samples_of_a_table_hold_its_power():
@@ -274,11 +325,17 @@ def change(a, b):
     return np.linalg.norm(a - b) / np.linalg.norm(b)
 
 
-@pytest.mark.parametrize(("n", "error"), [(3, 7e-4), (5, 4.0e-5), (9, 6e-7)])
+@pytest.mark.parametrize(("n", "error"), [(5, 4.0e-5), (9, 6e-7)])
 def test_polychromatic_airy(n, error):
     """550/30 nm over +-1.5 FWHM; the reference's figures hold to their one digit."""
     truth = airy(led().sample(401, span=3))
     assert change(airy(led().sample(n, span=1.5)), truth) == pytest.approx(error, rel=0.05)
+
+
+def test_polychromatic_airy_of_three_samples():
+    """Better than five in equal steps, and than three: 7e-4 in the reference."""
+    truth = airy(led().sample(401, span=3))
+    assert change(airy(led().sample(3, span=1.5)), truth) < 2e-5
 
 
 def test_airy_of_one_sample():
