@@ -14,10 +14,21 @@ from numpy.fft import fft, fftfreq, fftshift, ifft, ifftshift
 from reference_closed import gaussian_exact, gaussian_paraxial, lens_focus
 from reference_corrected import corrected
 from reference_optics import Complex, Real, axis
+from scipy.special import j1
 from setups import LAM, gaussian_a, set_up_a, slit_fresnel
 from tolerance import err_db, snr_db
 
-from clplen import Grid, Propagator, SamplingError, SamplingWarning, propagate, thin_lens
+from clplen import (
+    Coherence,
+    ExtendedSource,
+    Grid,
+    Propagator,
+    RandomPhaseMask,
+    SamplingError,
+    SamplingWarning,
+    propagate,
+    thin_lens,
+)
 from clplen.wave.apertures import rectangular_aperture
 from clplen.wave.sources import spherical_wave
 from clplen.wave.system import Lens, OpticalSystem
@@ -320,3 +331,67 @@ def test_the_report_says_what_is_aliased(device):
             plan = Propagator(grid, z, wavelength=LAM, method=method, device=device)
         assert plan.report.sampled == sampled
         assert plan.report.phase_step > 1
+
+
+# Coherence --------------------------------------------------------------------------------------
+
+
+def test_coherence_averaged_with_the_curvature_on(device):
+    grid, light = Grid((96, 96), 4e-6), ExtendedSource(2e-3, 0.1, points=200)
+    lags = np.arange(48)
+    v = np.pi * 2e-3 * lags * 4e-6 / (LAM * 0.1)
+    law = np.divide(2 * j1(v), v, out=np.ones(48), where=v > 0)
+    fields = [
+        light.field(grid, wavelength=LAM, device=device, seed=1, index=index).to_numpy()
+        for index in range(250)
+    ]
+    bend = np.exp(1j * np.pi * (grid.y[:, None] ** 2 + grid.x**2) / (LAM * 0.1))
+    flat, curved = (
+        np.sqrt(np.mean(np.abs(degree_along_x([u * with_ for u in fields]) - law) ** 2))
+        for with_ in (1, bend)
+    )
+    assert flat <= 0.008
+    assert curved == pytest.approx(0.012, abs=0.002)  # a floor that more snapshots do not lower
+
+
+def degree_along_x(fields):
+    """Mean of u*(x) u(x + lag) over window and fields, over that of lag 0."""
+    n = fields[0].shape[1]
+    sums = [sum((u[:, : n - k].conj() * u[:, k:]).mean() for u in fields) for k in range(n // 2)]
+    return np.array(sums) / sums[0].real
+
+
+@pytest.mark.parametrize("cells", [4, 5, 8])
+def test_a_lattice_without_jitter(device, cells):
+    grid, snapshots = Grid((64, 40), (4e-6, 6.4e-6)), 300
+    side = 256e-6 / cells
+    residual = {}
+    for jitter in (True, False):
+        # a quarter of p^2/lam: from 4 p^2/lam on only windows of few cells show what remains
+        mask = RandomPhaseMask(side, distance=0.25 * side**2 / LAM, jitter=jitter)
+        fields = (
+            mask.field(grid, wavelength=LAM, device=device, seed=2, index=index).to_numpy()
+            for index in range(snapshots)
+        )
+        mean = sum(np.abs(u) ** 2 for u in fields) / snapshots
+        residual[jitter] = mean.std() / mean.mean()
+    assert residual[True] <= 1.2 / np.sqrt(snapshots)
+    assert residual[False] > 0.14
+
+
+def test_a_distance_too_short_for_few_cells(device):
+    grid, side = Grid((120, 120), 4e-6), 480e-6 / 10
+    fields, contrast = {}, {}
+    for factor in (0.1, 4):
+        mask = RandomPhaseMask(side, distance=factor * side**2 / LAM)
+        fields[factor] = [
+            mask.field(grid, wavelength=LAM, device=device, seed=3, index=index).to_numpy()
+            for index in range(20)
+        ]
+        intensities = [np.abs(u) ** 2 for u in fields[factor]]
+        contrast[factor] = np.mean([i.std() / i.mean() for i in intensities])
+    assert contrast[0.1] < 0.7  # blocks with fringes at their edges
+    assert contrast[4] == pytest.approx(0.985, abs=0.06)
+    short = Coherence(RandomPhaseMask(side, distance=0.1 * side**2 / LAM))
+    with pytest.warns(SamplingWarning, match=r"at least 4 p\^2/lam = 16.7564 mm"):
+        short.snapshots(grid, wavelength=LAM, device=device)

@@ -1,0 +1,97 @@
+"""Pictures of several samples through the camera: the rendering's place, blur, and parallax."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import special
+
+from clplen import LightField, MicrolensArray, PlenopticCamera
+from clplen.cameras.pictures import PicturePlane
+
+PITCH, COUNT = 150e-6, 25
+
+
+def small(device, pixels=12):
+    mla = MicrolensArray(PITCH, 10e-3, count=COUNT, fill="full")
+    return PlenopticCamera.type1(
+        focal_length=0.12, mla=mla, wavelength=532e-9, pixels_per_lenslet=pixels, device=device
+    )
+
+
+def picture():
+    """A letter F with a serif, brighter downwards; neither half looks like another."""
+    image = np.zeros((13, 11))
+    image[:, 1:3] = 1
+    image[0:2, 1:10] = 1
+    image[5:7, 1:6] = 1
+    image[3, 8] = 1
+    return image * np.linspace(0.4, 1, 13)[:, None]
+
+
+def airy_image(camera, plane):
+    """Energy on the lenslets' cells by a sum over points, float64.
+
+    Each is imaged upside down at -x F/z, as (2 J1(v)/v)^2, v = pi D r/(lam F) (Airy 1835).
+    """
+    F, z = camera.image_distance, camera.object_distance + plane.dz
+    finer = 12  # samples a cell, 6 across the pattern's dark ring
+    at = (np.arange(COUNT * finer) - (COUNT * finer - 1) / 2) * PITCH / finer
+    total = np.zeros((at.size, at.size))
+    pitch = plane.width / plane.image.shape[1]
+    for row, column in np.argwhere(plane.image > 0):
+        y, x = ((i - n // 2) * pitch for i, n in zip((row, column), plane.image.shape, strict=True))
+        r = np.hypot(at[:, None] + y * F / z, at + x * F / z)
+        v = np.pi * camera.aperture_diameter * r / (camera.wavelength * F) + 1e-9
+        total += plane.image[row, column] * (2 * special.j1(v) / v) ** 2
+    return total.reshape(COUNT, finer, COUNT, finer).mean(axis=(1, 3))
+
+
+def like(one, other):
+    return np.corrcoef(one.ravel(), other.ravel())[0, 1]
+
+
+def test_the_rendering_is_the_picture_upside_down_blurred_and_sampled_by_lenslets(device):
+    camera = small(device)
+    # 1.3 lenslets between samples: they lie everywhere in the cells
+    plane = PicturePlane(picture(), 11 * 1.3 * PITCH)
+    raw = camera.expose(plane)
+    rendering = LightField.from_raw(raw).render().to_numpy().astype(float)
+    expected = airy_image(camera, plane)
+    # the lenslets' own diffraction and the 4 % of a sub-image between the views are not in it
+    assert like(expected, rendering) >= 0.995
+    for wrong in (expected[::-1], expected[:, ::-1], expected[::-1, ::-1], expected.T):
+        assert like(wrong, rendering) < 0.8
+    for axis in (0, 1):
+        assert like(np.roll(expected, 1, axis), rendering) < 0.8
+
+
+@pytest.mark.parametrize("axis", [0, 1], ids=["top and bottom", "left and right"])
+def test_nearer_pictures_move_more_between_the_views(device, axis):
+    camera = small(device, pixels=14)
+    # a line along the axis, finer than the lenslets, to which the light of few points would snap
+    line = np.linspace(1, 0.6, 9)
+    depths, places = (-30e-3, 30e-3), (-4, 4)  # lenslets from the axis, across the line
+    planes = []
+    for dz, place in zip(depths, places, strict=True):
+        image = np.zeros((21, 21))
+        image[10 - 2 * place, 6:15] = line  # half a lenslet a sample; the lens inverts
+        image = image if axis == 1 else image.T
+        scale = (camera.object_distance + dz) / camera.image_distance
+        planes.append(PicturePlane(image, 10.5 * PITCH * scale, dz))
+    lf = LightField.from_raw(camera.expose(planes))
+    middle, ends = (lf.shape[0] - 1) / 2, (4, 9)
+    views = [
+        lf.view(*((n, middle) if axis == 0 else (middle, n))).to_numpy().astype(float) ** 2
+        for n in ends
+    ]
+    for dz, place in zip(depths, places, strict=True):
+        half = slice(0, COUNT // 2) if place < 0 else slice(COUNT // 2 + 1, COUNT)
+        lines = [np.moveaxis(view, axis, 0)[:, half].sum(axis=1) for view in views]
+        first, last = (np.average(np.arange(COUNT), weights=line) for line in lines)
+        # u on the lens falls along the pixels: views 4 to 9 go down by 5 of 128.6 um, and
+        # a ray from u meets the array at X + u (1 - alpha); diffraction flattens it by some 10 %
+        step = camera.pixel_pitch * camera.image_distance / camera.mla.f
+        expected = 5 * step * (1 - camera.alpha(dz)) / PITCH
+        assert np.sign(expected) == -np.sign(dz)
+        assert first - last == pytest.approx(expected, rel=0.25)
