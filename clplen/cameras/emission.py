@@ -8,6 +8,7 @@ of samples; its error is measured at a few of the picture's samples, exposed one
 from __future__ import annotations
 
 import math
+import warnings
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -17,6 +18,7 @@ from clplen.cameras.isoplanatic import Layout, layout, padded, raw_patterns
 from clplen.cameras.pictures import PicturePlane, parts
 from clplen.cameras.scene import PointSources
 from clplen.compute.image import Image
+from clplen.errors import SamplingWarning
 from clplen.lightfield.raw import Exposure, Transforms
 from clplen.wave.average import Progress
 from clplen.wave.field import row_powers
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Method = Literal["auto", "points", "isoplanatic"]
 METHODS = ("auto", "points", "isoplanatic")
+NOTABLE = 0.01  # measured error that is said aloud
 WORTH = 2  # times fewer samples to transform, from which "auto" gives up exactness
 BATCH_BYTES = 2**28  # of fields that travel through the camera together
 
@@ -145,6 +148,14 @@ def _add_picture(
     once = _add_points(camera, points, exact, None)
     expected = camera.device.download(exact)
     error = np.abs(camera.device.download(seen) - expected).max() / expected.max()
+    if error > NOTABLE:
+        warnings.warn(
+            f"The picture's patterns depart by {error:.2g} of the maximum from one field a sample: "
+            "its light is hardly sampled, or changes across the field. method='points' is exact, "
+            f"{np.count_nonzero(plane.image)} fields; finer pixels make both better.",
+            SamplingWarning,
+            stacklevel=6,
+        )
     transforms = how.transforms(camera.grid.shape) + once.transforms
     return Exposure("isoplanatic", _merged(transforms), float(error))
 

@@ -49,7 +49,7 @@ class Coherence:
         None: the wavelength of the field that is lit.
     wavelengths : int, optional
         Into which the spectrum is sampled; by default 9, enough for images, or 21 of a tabulated
-        one. Interferometers need 21 or more: see `Spectrum.needed`.
+        one. Interferometers need 21 or more: see `Spectrum.needed`. Every line keeps at least one.
     seed : int
         Of the snapshots, 0 to 2^64 - 1.
 

@@ -131,9 +131,7 @@ def sum_over_source(
     return without_noise(Image(data, device), grid, "incoherent" if incoherent else "abbe", terms)
 
 
-def _worth(
-    thing: Field, transfer: Any, source: Any, shares: list[float], how: Averaging
-) -> bool:
+def _worth(thing: Field, transfer: Any, source: Any, shares: list[float], how: Averaging) -> bool:
     """Whether the sum is affordable at all wavelengths."""
     samples = thing.grid.shape[0] * thing.grid.shape[1]
     snapshot = SNAPSHOT_TRANSFORMS * 5 * samples * np.log2(max(samples, 2))
