@@ -32,6 +32,7 @@ from clplen.lightfield.refocus import FocalStack, focal_stack, refocus
 from clplen.lightfield.sensor import Sensor
 from clplen.wave.average import MeanIntensity
 from clplen.wave.coherence import Coherence
+from clplen.wave.degree import measured_degree, speckle_contrast
 from clplen.wave.elements import (
     MicrolensArray,
     annular_aperture,
@@ -109,6 +110,7 @@ __all__ = [
     "gaussian_beam",
     "grating",
     "imaging_system",
+    "measured_degree",
     "phase_plate",
     "plane_wave",
     "polygonal_aperture",
@@ -118,6 +120,7 @@ __all__ = [
     "rectangular_aperture",
     "refocus",
     "siemens_star",
+    "speckle_contrast",
     "spherical_wave",
     "thin_lens",
     "tilt",

@@ -10,8 +10,8 @@
  */
 #include "common.cl"
 
-inline void add(__global real *restrict mean, __global real *restrict m2, size_t at, real value,
-                real share, real per)
+/* Its pointers are not `restrict`: Oclgrind 21.10 then finds no kernel. */
+inline void add(__global real *mean, __global real *m2, size_t at, real value, real share, real per)
 {
     const real before = value - mean[at];
     const real now = mean[at] + before * share;

@@ -31,7 +31,8 @@ Vector = np.ndarray[Any, np.dtype[np.float64]]
 Method = Literal["auto", "points", "isoplanatic"]
 METHODS = ("auto", "points", "isoplanatic")
 NOTABLE = 0.01  # measured error that is said aloud
-WORTH = 2  # times fewer samples to transform, from which "auto" gives up exactness
+AFFORDABLE = 5e11  # operations that "auto" spends on exactness: half a minute on two cores
+WORTH = 2  # times fewer operations, from which "auto" gives up exactness beyond that
 BATCH_BYTES = 2**28  # of fields that travel through the camera together
 
 
@@ -45,8 +46,8 @@ def emit(
     camera : Plenoptic1
     scene : PointSources, PicturePlane or list of them
     method : {"auto", "points", "isoplanatic"}
-        Route of the pictures; "auto" leaves the exact one, "points", where the other has less than
-        half as many samples to transform.
+        Route of the pictures; "auto" leaves the exact one, "points", where it is not affordable and
+        the other takes less than half as many operations.
     progress : callable, optional
         Called as ``progress(done, total)`` after each batch of fields, from 0 again for each part
         of the scene.
@@ -59,11 +60,9 @@ def emit(
     Raises
     ------
     SamplingError, ValueError, TypeError, DeviceError
-        As `Plenoptic1.expose`; every part is checked before the first is exposed.
+        As `Plenoptic1.expose`, whose scene has been checked.
     """
     members = parts(scene)
-    for part in members:
-        camera.check_scene(part if isinstance(part, PointSources) else part.corners())
     ways = [_way(camera, part, method) for part in members]
     total = camera.device.zeros(camera.grid.shape, camera.device.real)
     reports = []
@@ -89,11 +88,19 @@ def _way(camera: Plenoptic1, part: PointSources | PicturePlane, method: Method) 
             )
         return None
     how = layout(camera, part)
-    samples = sum(n * math.prod(shape) for n, shape in how.transforms(camera.grid.shape))
-    lit = int(np.count_nonzero(part.image))
-    exact = _point_transforms(camera, part.corners(), lit)
-    cheaper = WORTH * samples < sum(n * math.prod(shape) for n, shape in exact)
-    return how if cheaper or method == "isoplanatic" else None
+    exact = _operations(
+        _point_transforms(camera, part.corners(), int(np.count_nonzero(part.image)))
+    )
+    saved = exact > max(AFFORDABLE, WORTH * _operations(how.transforms(camera.grid.shape)))
+    return how if saved or method == "isoplanatic" else None
+
+
+def _operations(transforms: Transforms) -> float:
+    """5 N log2 N for each Fourier transform."""
+    return sum(
+        count * 5 * math.prod(shape) * math.log2(max(2, math.prod(shape)))
+        for count, shape in transforms
+    )
 
 
 def _point_transforms(camera: Plenoptic1, points: PointSources, count: int) -> Transforms:

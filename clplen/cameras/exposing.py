@@ -11,9 +11,11 @@ import pyopencl.array as cla
 from clplen.cameras.emission import METHODS, Method, emit, together
 from clplen.cameras.isoplanatic import padded
 from clplen.cameras.pictures import PicturePlane, parts
+from clplen.cameras.scene import PointSources
 from clplen.cameras.slide import SlideWay, slide_field, slide_way
 from clplen.lightfield.raw import Exposure
 from clplen.wave.average import Averaging, MeanIntensity, Progress
+from clplen.wave.checks import average_of
 from clplen.wave.coherence import Coherence
 from clplen.wave.random import LARGEST_SEED
 from clplen.wave.reach import Opening, check_opening
@@ -53,6 +55,8 @@ def expose_scene(
     tuple
         Device array of the sensor's shape in the device's real dtype, and `Exposure`.
     """
+    if coherence is not None:
+        average_of(coherence)
     if method not in METHODS:
         raise ValueError(f"method is 'auto', 'points' or 'isoplanatic', not {method!r}.")
     members = parts(scene)
@@ -63,30 +67,22 @@ def expose_scene(
     if coherence is not None:
         lines = coherence.lines(camera.wavelength)
     cameras = [replace(camera, wavelength=wavelength) for wavelength, _ in lines]
-    for slide in slides:
+    for part in members:
         for one in cameras:
-            one.check_scene(slide.corners())
+            one.check_scene(part if isinstance(part, PointSources) else part.corners())
     total = camera.device.zeros(camera.grid.shape, camera.device.real)
     reports = []
+    for number, slide in enumerate(slides):
+        assert coherence is not None
+        light = replace(coherence, seed=(coherence.seed + number * APART) % (LARGEST_SEED + 1))
+        found, report = _light_slide(camera, slide, light, koehler, how, progress)
+        total += found.intensity.data
+        reports.append(report)
     if shining:
         for one, (_, share) in zip(cameras, lines, strict=True):
             image, report = emit(one, shining, method=method, progress=progress)
             total += image.dtype.type(share) * image
             reports.append(report)
-    for number, slide in enumerate(slides):
-        assert coherence is not None
-        way, field = slide_way(camera, slide, koehler), slide_field(camera, slide)
-        if coherence.spatial is not None:
-            focus = way.z if koehler else math.inf
-            opening = Opening(way.z, camera.aperture_diameter, focus)
-            check_opening(field, coherence.spatial, opening)
-        light = replace(coherence, seed=(coherence.seed + number * APART) % (LARGEST_SEED + 1))
-        found = light.average(
-            way, field, snapshots=how.snapshots, rtol=how.rtol,
-            region=how.region, checkpoint=how.checkpoint, progress=progress, method="monte-carlo",
-        )  # fmt: skip
-        total += found.intensity.data
-        reports.append(_report(way, found, coherence, len(lines)))
     camera.device.finish()
     return total, together(reports)
 
@@ -112,6 +108,26 @@ def _check_light(coherence: Coherence | None, slides: list[Any], how: Averaging)
         )
     if len(slides) > 1 and how.checkpoint is not None:
         raise ValueError("A checkpoint serves one slide: expose several one by one.")
+
+
+def _light_slide(
+    camera: Plenoptic1,
+    slide: PicturePlane,
+    light: Coherence,
+    koehler: bool,
+    how: Averaging,
+    progress: Progress | None,
+) -> tuple[MeanIntensity, Exposure]:
+    """The raw image of one slide, and how it was found."""
+    way, field = slide_way(camera, slide, koehler), slide_field(camera, slide)
+    if light.spatial is not None:
+        focus = way.z if koehler else math.inf
+        check_opening(field, light.spatial, Opening(way.z, camera.aperture_diameter, focus))
+    found = light.average(
+        way, field, snapshots=how.snapshots, rtol=how.rtol, region=how.region,
+        checkpoint=how.checkpoint, progress=progress, method="monte-carlo",
+    )  # fmt: skip
+    return found, _report(way, found, light, len(light.lines(camera.wavelength)))
 
 
 def _report(way: SlideWay, found: MeanIntensity, coherence: Coherence, lines: int) -> Exposure:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from clplen.cameras.scene import PointSources
 from clplen.errors import ShapeError
+from clplen.wave.checks import is_finite
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -63,7 +63,12 @@ class PicturePlane:
         *,
         mode: Literal["emission", "transmission"] = "emission",
     ) -> None:
-        values = np.array(image, np.float64)
+        try:
+            values = np.array(image, np.float64)
+        except (TypeError, ValueError) as error:
+            raise TypeError(
+                f"A picture is an array of real numbers, (ny, nx), not {type(image).__name__}."
+            ) from error
         if values.ndim != 2 or values.size == 0:
             raise ShapeError(f"A picture has shape (ny, nx), not {values.shape}: one channel each.")
         if mode not in ("emission", "transmission"):
@@ -76,9 +81,9 @@ class PicturePlane:
             raise ValueError(
                 f"A slide transmits at most 1, not {values.max():g}: divide by its largest sample."
             )
-        if not (math.isfinite(width) and width > 0):
+        if not (is_finite(width) and width > 0):
             raise ValueError(f"The width of a picture is positive, in metres, not {width!r}.")
-        if not math.isfinite(dz):
+        if not is_finite(dz):
             raise ValueError(f"dz of a picture is a finite number of metres, not {dz!r}.")
         object.__setattr__(self, "image", values)
         object.__setattr__(self, "width", float(width))

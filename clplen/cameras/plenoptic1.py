@@ -174,7 +174,7 @@ class Plenoptic1:
         method : {"auto", "points", "isoplanatic"}
             Route of self-luminous pictures: one field for each sample, or patterns at a few places
             of X under one lenslet, moved and added (the array's rows along x); "auto" takes the
-            cheaper one.
+            first where it is affordable.
         koehler : bool
             Whether the light behind a slide converges on the main lens (Goodman 2005, section
             5.3.2), so that all of the slide is seen; else it goes on parallel to the axis.

@@ -17,6 +17,7 @@ from clplen.compute.image import Image
 from clplen.errors import SamplingWarning
 from clplen.files import PathLike
 from clplen.wave.checkpoint import SetUp, State, load, save
+from clplen.wave.checks import is_finite
 from clplen.wave.field import Field, Grid
 from clplen.wave.statistics import Region, Statistics, Window
 
@@ -109,7 +110,7 @@ class Averaging:
             isinstance(number, (int, np.integer)) and not isinstance(number, bool) and number >= 1
         ):
             raise ValueError(f"snapshots is a whole number from 1 on, not {number!r}.")
-        if self.rtol is not None and not 0 < self.rtol < math.inf:
+        if self.rtol is not None and not (is_finite(self.rtol) and self.rtol > 0):
             raise ValueError(f"rtol, standard error over mean, is positive, not {self.rtol!r}.")
 
     @property

@@ -123,8 +123,8 @@ class Coherence:
         self,
         grid: Grid,
         *,
-        wavelength: float,
         device: Device,
+        wavelength: float | None = None,
         start: int = 0,
         count: int | None = None,
     ) -> Iterator[Field]:
@@ -133,9 +133,9 @@ class Coherence:
         Parameters
         ----------
         grid : Grid
-        wavelength : float
-            In metres.
         device : Device
+        wavelength : float, optional
+            In metres; by default the centre of the spectrum. Snapshots are of one wavelength.
         start : int
             Number of the first.
         count : int, optional
@@ -151,10 +151,15 @@ class Coherence:
         SamplingError
             If the grid does not carry the light.
         """
+        if wavelength is None:
+            if self.spectrum is None:
+                raise ValueError("Snapshots of light without a spectrum need wavelength=.")
+            wavelength = self.spectrum.centre
+        lam = wavelength
         if self.spatial is not None:
-            self.spatial.check(grid, wavelength=wavelength)
+            self.spatial.check(grid, wavelength=lam)
         return (
-            self.light(grid, wavelength=wavelength, device=device, index=index)
+            self.light(grid, wavelength=lam, device=device, index=index)
             for index in islice(whole_numbers(start), count)
         )
 

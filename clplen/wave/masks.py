@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from clplen.compute.device import Device
 from clplen.errors import SamplingError, SamplingWarning
+from clplen.wave.checks import is_finite
 from clplen.wave.field import Field, Grid
 from clplen.wave.propagation import plan
 from clplen.wave.quantity import metres
@@ -73,8 +74,12 @@ class RandomPhaseMask:
     random: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        sides = np.asarray(self.cell, np.float64)
-        if sides.shape not in ((), (2,)) or not (np.isfinite(sides).all() and (sides > 0).all()):
+        sides = np.asarray(self.cell)
+        if (
+            sides.dtype.kind not in "iuf"
+            or sides.shape not in ((), (2,))
+            or not (np.isfinite(sides).all() and (sides > 0).all())
+        ):
             raise ValueError(
                 f"The cell of a mask is a positive length in metres, or (y, x), not {self.cell!r}."
             )
@@ -83,7 +88,7 @@ class RandomPhaseMask:
             raise ValueError(f"The kernel is 'square' or 'gaussian', not {self.kernel!r}.")
         if self.kind not in KINDS:
             raise ValueError(f"A mask is a 'field' or a 'phase', not {self.kind!r}.")
-        if self.distance is not None and not 0 <= self.distance < math.inf:
+        if self.distance is not None and not (is_finite(self.distance) and self.distance >= 0):
             raise ValueError(
                 f"The distance of a mask is not negative, in metres, not {self.distance!r}."
             )

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from clplen.wave.checks import is_finite
 from clplen.wave.field import Grid
 from clplen.wave.masks import KINDS, LEAST_CELLS, RandomPhaseMask, cells_along
 from clplen.wave.parts import ConvergingLight, Lens, Space, Stop
 from clplen.wave.pupil import Pupil
 from clplen.wave.quantity import metres
+from clplen.wave.spectra import check_wavelength
 from clplen.wave.spectrum import Spectrum
 from clplen.wave.system import OpticalSystem
 
@@ -145,7 +147,8 @@ def plan_coherence(
         given = getattr(system, "wavelength", None) if spectrum is None else spectrum.centre
         if given is None:
             raise ValueError("Planning needs wavelength= or spectrum=.")
-        wavelength = float(given)
+        wavelength = given
+    wavelength = check_wavelength(wavelength)
     fc = object_cutoff(system, wavelength)
     wanted, least = AIRY / (iota * fc), LEAST_CELLS["square"]
     ny, nx = (cells_along(window, axis, wanted, least=least, exactly=False) for axis in (0, 1))
@@ -174,9 +177,9 @@ def plan_coherence(
 
 def _check_wish(snr: float, iota: float, kind: str) -> None:
     """Refuse what cannot be planned for."""
-    if not 0 < snr < math.inf:
+    if not (is_finite(snr) and snr > 0):
         raise ValueError(f"The signal-to-noise ratio is positive, not {snr!r}.")
-    if not _IOTA[0] <= iota <= _IOTA[-1]:
+    if not (is_finite(iota) and _IOTA[0] <= iota <= _IOTA[-1]):
         raise ValueError(
             f"iota, resolution cell over coherence length, is {_IOTA[0]} to {_IOTA[-1]}, not "
             f"{iota!r}; for coherent light leave out the spatial model."

@@ -10,6 +10,7 @@ import numpy as np
 
 from clplen.compute.device import Device, require_device
 from clplen.errors import SamplingError
+from clplen.wave.checks import average_of
 from clplen.wave.field import Field, Grid
 from clplen.wave.propagator import Propagator, request
 from clplen.wave.request import BORDER, Request
@@ -143,7 +144,7 @@ def propagate(
         if isinstance(z, Sequence | np.ndarray):
             raise ValueError("Partially coherent light is propagated to one distance at a time.")
         way = FreeSpace(z, method, pad, out_grid, guard, border, support, lens)
-        return coherence.average(way, field, **averaging)
+        return average_of(coherence)(way, field, **averaging)
     distances = [z] if np.ndim(z) == 0 else list(np.asarray(z))
     if not distances or np.ndim(z) > 1:
         raise ValueError(f"z is one distance or a list of them, in metres, not {z!r}.")

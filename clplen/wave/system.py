@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any, overload
 
-from clplen.wave.checks import Aliasing
+from clplen.wave.checks import Aliasing, average_of
 from clplen.wave.field import Field
 from clplen.wave.parts import (
     ConvergingLight,
@@ -102,7 +102,7 @@ class OpticalSystem:
             For options of an average without ``coherence``.
         """
         if coherence is not None:
-            return coherence.average(self, field, **averaging)
+            return average_of(coherence)(self, field, **averaging)
         if averaging:
             raise TypeError(f"{', '.join(averaging)} belong to an average: give coherence= too.")
         for _, _, behind in self.trace(field):

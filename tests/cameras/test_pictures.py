@@ -12,6 +12,7 @@ from clplen import (
     PlenopticCamera,
     PointSources,
     SamplingError,
+    SamplingWarning,
     Sensor,
     ShapeError,
 )
@@ -228,10 +229,13 @@ def test_a_picture_of_points_is_point_sources(device):
     assert sum(n for n, _ in exposure.transforms) == 4
 
 
-def test_auto_takes_what_transforms_less(device):
+def test_auto_takes_what_transforms_less(device, monkeypatch):
     camera = camera_of(device, count=(11, 13))
+    full = PicturePlane(RANDOM.random((12, 11)), 4e-4)
+    assert camera.expose(full).exposure.route == "points"  # affordable, so exact
+    monkeypatch.setattr(emission, "AFFORDABLE", 0.0)
     one = camera.expose(PicturePlane([[0, 1], [0, 0]], 1e-4))
-    many = camera.expose(PicturePlane(RANDOM.random((12, 11)), 4e-4))
+    many = camera.expose(full)
     assert (one.exposure.route, many.exposure.route) == ("points", "isoplanatic")
     cost = [sum(n * y * x for n, (y, x) in r.exposure.transforms) for r in (one, many)]
     assert cost[1] < 132 * cost[0]
@@ -304,3 +308,9 @@ def test_memory_is_asked_for_first(device, monkeypatch):
     camera = camera_of(device, count=(9, 9))
     with pytest.raises(DeviceError, match="This exposure needs"):
         camera.expose(PicturePlane(np.ones((2, 2)), 1e-4), method="isoplanatic")
+
+
+def test_patterns_that_depart_are_said_aloud(device, monkeypatch):
+    monkeypatch.setattr(emission, "NOTABLE", 0.0)
+    with pytest.warns(SamplingWarning, match=r"method='points' is exact, \d+ fields"):
+        camera_of(device, count=(9, 9)).expose(picture(width=0.4e-3), method="isoplanatic")

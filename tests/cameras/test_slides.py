@@ -188,6 +188,23 @@ def test_what_does_not_fit_together(camera, scene, options, words):
         camera.expose(scenes[scene], **options)
 
 
+def test_what_is_no_light_is_refused(camera):
+    with pytest.raises(TypeError, match="coherence is a Coherence"):
+        camera.expose(slide(camera), coherence=RandomPhaseMask(1e-4))
+
+
+def test_a_slide_is_judged_before_anything_is_exposed(camera):
+    seen = []
+    shining = PicturePlane(picture(), slide(camera).width)
+    with pytest.raises(SamplingError, match="nearest that does"):
+        camera.expose(
+            [shining, slide(camera)],
+            coherence=Coherence(RandomPhaseMask(1.01e-4)),
+            progress=lambda *_: seen.append(1),
+        )
+    assert not seen
+
+
 def test_a_slide_that_leaves_the_array_is_refused(camera):
     with pytest.raises(SamplingError, match="imaged at"):
         camera.expose(slide(camera, samples=12), coherence=Coherence())

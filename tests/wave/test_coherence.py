@@ -187,6 +187,20 @@ def test_options_of_an_average_need_coherence(device):
         propagate(bars(device), 1e-3, snapshots=3)
 
 
+@pytest.mark.parametrize("light", [RandomPhaseMask(40e-6), Coherence, 0.5, "led"])
+def test_what_is_no_coherence_is_refused(device, light):
+    for run in (PUPIL, lambda field, **how: propagate(field, 1e-3, **how)):
+        with pytest.raises(TypeError, match="coherence is a Coherence"):
+            run(bars(device), coherence=light)
+
+
+def test_snapshots_of_a_spectrum_are_of_its_centre(device):
+    light = Coherence(RandomPhaseMask(40e-6), Spectrum.gaussian(500e-9, 10e-9))
+    assert next(light.snapshots(GRID, device=device)).wavelength == pytest.approx(500e-9)
+    with pytest.raises(ValueError, match="need wavelength="):
+        Coherence(RandomPhaseMask(40e-6)).snapshots(GRID, device=device)
+
+
 def test_a_batch_is_refused(device):
     batch = Field.from_array(np.ones((2, N, N)), GRID, wavelength=LAM, device=device)
     with pytest.raises(ShapeError, match="one object"):
@@ -322,6 +336,9 @@ def test_the_plan_of_a_lens_is_that_of_its_pupil():
         ({"snr": 0}, "signal-to-noise ratio"),
         ({"snr": 5, "iota": 50}, "iota"),
         ({"snr": 5, "kind": "both"}, "'field' or a 'phase'"),
+        ({"snr": "high"}, "signal-to-noise ratio"),
+        ({"snr": 5, "wavelength": -1.0}, "wavelength"),
+        ({"snr": 5, "wavelength": 550.0}, "wavelength"),
         ({"snr": 5, "grid": None}, "needs grid="),
         ({"snr": 5, "wavelength": None}, "needs wavelength="),
     ],
