@@ -14,7 +14,7 @@ BINS, TICKS = np.linspace(-np.pi, np.pi, 17), (-10, -5, 0, 5, 10)
 
 run = begin(__doc__, __file__, quick="fewer planes, fewer snapshots")
 grid, p = Grid((N, N), WINDOW / N), WINDOW / CELLS
-d_c = RandomPhaseMask(p).distance_at(LAM)
+d_c = 4 * p**2 / LAM
 number("10 sources: d_c = 4 p^2/lam / m", d_c, 29.0909, 1e-4)
 phases = np.angle([sources(200, run.device)])
 number("200 sources: rms phase / rad", np.sqrt(np.mean(phases**2)), np.pi / np.sqrt(3), 0.02)

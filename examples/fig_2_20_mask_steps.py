@@ -14,7 +14,7 @@ MIDDLE, LAGS = np.s_[192:320, 192:320], np.arange(-30, 31, 2)  # samples
 KERNELS = {"square": BLUE, "gaussian": RED}
 
 run = begin(__doc__, __file__, quick="fewer masks")
-d_c, masks = RandomPhaseMask(P).distance_at(LAM), 12 if run.quick else 40
+d_c, masks = RandomPhaseMask(P).distance_on(GRID, LAM), 12 if run.quick else 40
 number("d_c = 4 p^2/lam / mm", d_c * 1e3, 7.4473, 1e-4)
 figure = new_figure(9.6, 9)
 panels, um = figure.subplots(3, 3), np.linspace(-64, 64, 513)

@@ -21,7 +21,7 @@ panels = figure.subplots(3, 4, height_ratios=[1.1, 1, 0.9])
 for (whole, part, law), (cells, (samples, masks)) in zip(panels.T, MASKS.items(), strict=True):
     p = WINDOW / cells
     mask = RandomPhaseMask(p)
-    d_c = mask.distance_at(LAM)
+    d_c = mask.distance_on(grid, LAM)
     number(f"{cells} sources: d_c / m", d_c, DISTANCES[cells], 1e-4)
     u = snapshot(mask, grid, run.device)
     drawn = show_phase(whole, u, grid)

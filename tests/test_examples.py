@@ -7,6 +7,8 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -49,16 +51,38 @@ def test_all_figures_are_there() -> None:
     assert set(found) == figures
 
 
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_a_figure_script(script: Path, tmp_path: Path, pytestconfig: pytest.Config) -> None:
-    devices = pytestconfig.getoption("--device") or []
+@pytest.fixture(scope="module")
+def runs(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[dict[Path, tuple[Path, Future[subprocess.CompletedProcess[str]]]]]:
+    """The scripts that are tested, in their folders, as many at a time as there are cores."""
+    devices = request.config.getoption("--device") or []
     chosen = ["--device", devices[0]] if devices else []
-    done = run(script, "--quick", "-o", "out", *chosen, folder=tmp_path)
+    wanted = [
+        item.callspec.params["script"] for item in request.session.items
+        if isinstance(item, pytest.Function) and item.originalname == "test_a_figure_script"
+    ]
+    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        started = {}
+        for script in wanted:
+            folder = tmp_path_factory.mktemp(script.stem)
+            done = pool.submit(run, script, "--quick", "-o", "out", *chosen, folder=folder)
+            started[script] = (folder, done)
+        yield started
+        pool.shutdown(cancel_futures=True)
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
+def test_a_figure_script(
+    script: Path, runs: dict[Path, tuple[Path, Future[subprocess.CompletedProcess[str]]]]
+) -> None:
+    folder, started = runs[script]
+    done = started.result()
     assert done.returncode == 0, done.stderr
     assert "UserWarning" not in done.stderr  # matplotlib's word on a layout that fails
-    files = [path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file()]
+    files = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file()]
     assert files == [Path("out", f"{script.stem}.png")]
-    check_picture(tmp_path / files[0])
+    check_picture(folder / files[0])
     numbers = NUMBER.findall(done.stdout)
     assert numbers, done.stdout
     for what, value, reference, within, verdict in numbers:

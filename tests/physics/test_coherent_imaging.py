@@ -24,6 +24,8 @@ from clplen import (
 from clplen.wave.pupil import coherent_edge, incoherent_edge, otf
 from clplen.wave.targets import usaf1951
 
+pytestmark = pytest.mark.many
+
 LAM = 550e-9
 F, D = 0.12, 3.6e-3
 FC = D / (2 * LAM * 2 * F)

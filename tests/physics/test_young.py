@@ -21,6 +21,8 @@ from clplen import (
     propagate,
 )
 
+pytestmark = pytest.mark.many
+
 LAM = 550e-9
 TOLERANCE = 0.02
 
