@@ -33,7 +33,7 @@ System = Callable[[Field], Field]
 Object = Field | Callable[[float], Field]
 Method = Literal["auto", "monte-carlo", "abbe"]
 METHODS = ("auto", "monte-carlo", "abbe")
-FOR_IMAGES, FOR_TABLES = 9, 21  # wavelengths
+FOR_IMAGES, FOR_TABLES = 9, 41  # wavelengths
 MANY = 15  # from which a Gaussian is sampled over +-2 full widths, fewer over +-1.5
 
 
@@ -48,7 +48,7 @@ class Coherence:
     spectrum : Spectrum, optional
         None: the wavelength of the field that is lit.
     wavelengths : int, optional
-        Into which the spectrum is sampled; by default 9, enough for images, or 21 of a tabulated
+        Into which the spectrum is sampled; by default 9, enough for images, or 41 of a tabulated
         one. Interferometers need 21 or more: see `Spectrum.needed`. Every line keeps at least one.
     seed : int
         Of the snapshots, 0 to 2^64 - 1.

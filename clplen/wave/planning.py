@@ -73,6 +73,16 @@ class CoherencePlan:
     wavelengths: int
     contrast: float
 
+    @property
+    def n(self) -> int:
+        """Cells across the longer axis, the thesis' n."""
+        return max(self.cells)
+
+    @property
+    def d_c(self) -> float:
+        """The distance by its symbol, in metres."""
+        return self.distance
+
     def __str__(self) -> str:
         rows = (
             ("cells", f"{self.cells[0]} x {self.cells[1]}, p = {metres(self.cell)}"),
