@@ -6,6 +6,7 @@ from clplen.cameras import geometry
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.compute.device import Device, require_device
 from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.spectra import check_wavelength
 
 
 class PlenopticCamera:
@@ -65,6 +66,7 @@ class PlenopticCamera:
             image_distance=image_distance,
             aperture_diameter=aperture_diameter,
         )
+        check_wavelength(wavelength)
         if mla.f <= 0:
             raise ValueError(f"The lenslets of a camera converge: f > 0, not {mla.f!r}.")
         z_obj, F = geometry.lens_law(focal_length, object_distance, image_distance)

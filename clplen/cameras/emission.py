@@ -193,6 +193,7 @@ def together(reports: list[Exposure]) -> Exposure:
     routes = sorted({report.route for report in reports})
     transforms = _merged(tuple(pair for report in reports for pair in report.transforms))
     numbers = [report.snapshots for report in reports if report.snapshots is not None]
+    relative = [report.relative_error for report in reports if report.relative_error is not None]
     errors = [report.standard_error for report in reports if report.standard_error is not None]
     return Exposure(
         " + ".join(routes),
@@ -200,6 +201,7 @@ def together(reports: list[Exposure]) -> Exposure:
         max(report.error for report in reports),
         max(numbers, default=None),
         _joint_error(errors),
+        max(relative, default=None),
     )
 
 

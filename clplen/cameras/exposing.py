@@ -144,4 +144,4 @@ def _report(way: SlideWay, found: MeanIntensity, coherence: Coherence, lines: in
     error = found.standard_error if coherence.is_random else None
     number = found.snapshots if coherence.is_random else None
     route = "snapshots" if coherence.is_random else "coherent"
-    return Exposure(route, transforms, 0.0, number, error)
+    return Exposure(route, transforms, 0.0, number, error, found.relative_error if number else None)

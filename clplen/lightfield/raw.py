@@ -38,6 +38,8 @@ class Exposure:
         Of partially coherent light.
     standard_error : Image or None
         Of every pixel, from the scatter of the snapshots.
+    relative_error : float or None
+        Standard error over mean: rms over the region, divided by its mean.
     """
 
     route: str
@@ -45,12 +47,20 @@ class Exposure:
     error: float
     snapshots: int | None = None
     standard_error: Image | None = None
+    relative_error: float | None = None
 
     def __str__(self) -> str:
         count = sum(n for n, _ in self.transforms)
         shapes = ", ".join(f"{n} of {ny} x {nx}" for n, (ny, nx) in self.transforms)
-        text = f"{self.route}: {count} Fourier transforms ({shapes}), error {self.error:.2g}"
-        return text if self.snapshots is None else f"{text}, {self.snapshots} snapshots"
+        text = f"{self.route}: {count} Fourier transforms ({shapes})"
+        if "isoplanatic" in self.route or self.snapshots is None:
+            text += f", error {self.error:.2g}"
+        if self.snapshots is None:
+            return text
+        text += f", {self.snapshots} snapshot" + "s" * (self.snapshots != 1)
+        if self.relative_error is None or not self.snapshots > 1:
+            return text
+        return f"{text}, standard error {self.relative_error:.2g} of the mean"
 
 
 class CameraModel(Protocol):

@@ -26,7 +26,7 @@ Progress = Callable[[int, int], None]
 DEFAULT = 100  # snapshots, where neither a number nor a tolerance is given
 MOST = 100_000  # where only a tolerance is given
 LEAST = 16  # before a tolerance may stop an average: the error itself is uncertain by 1/sqrt(2 k)
-SAVE_SECONDS = 20.0  # between checkpoints
+SAVE_SECONDS = 5.0  # between checkpoints
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -59,7 +59,8 @@ class MeanIntensity:
 
     def __repr__(self) -> str:
         error = f", standard error {self.relative_error:.2%}" if len(self.convergence) else ""
-        kind = "snapshots" if self.method == "monte-carlo" else "terms"
+        kind = "snapshot" if self.method == "monte-carlo" else "term"
+        kind += "s" * (self.snapshots != 1)
         return f"<MeanIntensity {self.method}, {self.snapshots} {kind}{error}, {self.grid}>"
 
     @property
@@ -86,7 +87,7 @@ class Averaging:
     region : tuple of slice, optional
         (rows, columns) of the image; by default all of it.
     checkpoint : path-like, optional
-        A file that is written every 20 s and at the end; a run that finds it goes on from there,
+        A file that is written every 5 s and at the end; a run that finds it goes on from there,
         with the same result bit for bit. One with more snapshots than are asked for is returned as
         it is.
     progress : callable, optional

@@ -205,7 +205,7 @@ def _read(target: Path) -> tuple[State, dict[str, str]]:
             whole = str(file["digest"]) == _digest(text, state)
             known, found = heading["format"] == FORMAT, dict(heading["setup"])
     except Exception as error:  # whatever a broken archive makes its readers say
-        raise FormatError(f"{_damaged(target)} ({type(error).__name__}: {error})") from error
+        raise FormatError(f"{_damaged(target)}.") from error
     if not (whole and known):
         raise FormatError(_damaged(target) + ": its contents and their digest disagree")
     return state, found

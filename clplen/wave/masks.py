@@ -367,8 +367,8 @@ def cells_along(grid: Grid, axis: int, side: float, *, least: int, exactly: bool
         )
     if abs(window / side - near) > FITS * near:
         raise SamplingError(
-            f"Cells of {metres(side)} do not fit the window of {metres(window)} a whole number of "
-            f"times, at least {least}: {fits}."
+            f"Cells of {metres(side)} do not fit the window of {metres(window)}, which holds a "
+            f"whole number of them, {least} or more: {fits}."
         )
     return near
 
