@@ -19,7 +19,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="OpenCL device to test (as for Device.open); may be repeated; default: every one",
     )
 
-
     parser.addoption(
         "--device-tests-only",
         action="store_true",

@@ -33,7 +33,7 @@ HEIGHT = {unit: height for height, units in enumerate(STOREYS) for unit in units
 ANYWHERE = {"numpy", "scipy", "pyopencl"}
 GUESTS = {
     "compute": {"ducc0", "pyvkfft"},
-    "io": {"h5py", "imageio", "tifffile", "tqdm"},
+    "io": {"h5py", "imageio", "tifffile", "tqdm", "zarr"},
     "plot": {"matplotlib"},
     "batch": {"tqdm"},
     "config": {"pydantic", "tomli"},

@@ -268,8 +268,11 @@ def test_an_output_that_cannot_be_written_is_found_before_computing(
 
 @pytest.mark.parametrize(
     ("command", "name", "lost"),
-    [("depth", "a_1_1.tif", "a_1_1.png"), ("depth", "a_0_3.tif", "a_0_3.tif"),
-     ("stack", "a_0_3.tif", "a_0_3.tif")],
+    [
+        ("depth", "a_1_1.tif", "a_1_1.png"),
+        ("depth", "a_0_3.tif", "a_0_3.tif"),
+        ("stack", "a_0_3.tif", "a_0_3.tif"),
+    ],
 )
 def test_what_is_read_is_not_overwritten(
     tmp_path: Path, views: Path, command: str, name: str, lost: str
@@ -314,8 +317,12 @@ def test_default_planes_suit_a_known_camera(tmp_path: Path, device: Device):
     cases = {1.35: None, 1.08: 1.35}  # largest alpha: where infinity lies at 1.35 or beyond, or not
     for highest, distance in cases.items():
         camera = PlenopticCamera.type1(
-            focal_length=0.1, mla=MicrolensArray(150e-6, 10e-3, count=20, fill="full"),
-            wavelength=532e-9, pixels_per_lenslet=10, device=device, object_distance=distance,
+            focal_length=0.1,
+            mla=MicrolensArray(150e-6, 10e-3, count=20, fill="full"),
+            wavelength=532e-9,
+            pixels_per_lenslet=10,
+            device=device,
+            object_distance=distance,
         )
         spacing = (-1e-4, -1e-4, 1.5e-4, 1.5e-4)
         lf = LightField.from_array(values, device=device, spacing=spacing, camera=camera)

@@ -119,7 +119,9 @@ def test_every_key_reaches_the_camera(tmp_path: Path, device: Device):
     slide = np.array([[0.5, 0.25, 0], [0, 0, 1]], np.float32)
     tifffile.imwrite(tmp_path / "there" / "slide.tif", slide)
     imageio.imwrite(tmp_path / "lamp.png", np.array([[0, 255], [10, 188], [0, 0]], np.uint8))
-    file = read(tmp_path, """
+    file = read(
+        tmp_path,
+        """
         [camera]
         focal_length_mm = 100.0
         wavelength_nm = 633
@@ -167,7 +169,8 @@ def test_every_key_reaches_the_camera(tmp_path: Path, device: Device):
         full_well_electrons = 4095
         bit_depth = 12
         seed = 7
-    """)
+    """,
+    )
     camera = file.camera.build(device)
     assert (camera.object_distance, camera.image_distance) == pytest.approx((0.3, 0.15))
     assert camera.aperture_diameter == pytest.approx(2e-3)
@@ -198,36 +201,71 @@ def test_every_key_reaches_the_camera(tmp_path: Path, device: Device):
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("focal_length_mm = 120.0", "focal_lenght_mm = 120.0",
-         r"unknown key camera\.focal_lenght_mm; did you mean focal_length_mm\?"),
-        ("pitch_um = 150.0", "pitch = 150.0",
-         r"unknown key camera\.microlenses\.pitch; did you mean pitch_um\?"),
+        (
+            "focal_length_mm = 120.0",
+            "focal_lenght_mm = 120.0",
+            r"unknown key camera\.focal_lenght_mm; did you mean focal_length_mm\?",
+        ),
+        (
+            "pitch_um = 150.0",
+            "pitch = 150.0",
+            r"unknown key camera\.microlenses\.pitch; did you mean pitch_um\?",
+        ),
         ("[sensor]", "[sensr]", r"unknown key sensr; did you mean sensor\?"),
-        ("[sensor]", "[sensor]\nzebra = 1",
-         "unknown key sensor.zebra; known here are exposure_electrons, shot_noise"),
+        (
+            "[sensor]",
+            "[sensor]\nzebra = 1",
+            "unknown key sensor.zebra; known here are exposure_electrons, shot_noise",
+        ),
         ("wavelength_nm = 532.0", "", r"camera\.wavelength_nm is missing"),
-        ("pitch_um = 150.0", "pitch_um = -1",
-         r"pitch_um must be greater than 0 \(found -1\)"),
-        ("wavelength_nm = 532.0", "wavelength_nm = 'green'",
-         r"wavelength_nm must be a valid number \(found 'green'\)"),
-        ("wavelength_nm = 532.0", "wavelength_nm = inf",
-         r"wavelength_nm must be a finite number \(found inf\)"),
-        ("count = 101", "count = 0",
-         r"microlenses\.count must be greater than or equal to 1 \(found 0\)\.$"),
+        ("pitch_um = 150.0", "pitch_um = -1", r"pitch_um must be greater than 0 \(found -1\)"),
+        (
+            "wavelength_nm = 532.0",
+            "wavelength_nm = 'green'",
+            r"wavelength_nm must be a valid number \(found 'green'\)",
+        ),
+        (
+            "wavelength_nm = 532.0",
+            "wavelength_nm = inf",
+            r"wavelength_nm must be a finite number \(found inf\)",
+        ),
+        (
+            "count = 101",
+            "count = 0",
+            r"microlenses\.count must be greater than or equal to 1 \(found 0\)\.$",
+        ),
         ('fill = "full"', 'fill = "half"', r"fill must be 'circular' or 'full' \(found 'half'\)"),
-        ("[0.0, 0.0, 0.0]", "[0.0, 0.0]",
-         r"points_mm\.1 must be three numbers, \[x, y, dz\] \(found \[0\.0, 0\.0\]\)\.$"),
+        (
+            "[0.0, 0.0, 0.0]",
+            "[0.0, 0.0]",
+            r"points_mm\.1 must be three numbers, \[x, y, dz\] \(found \[0\.0, 0\.0\]\)\.$",
+        ),
         ("count = 101", "count = 101.5", r"count must be a valid integer \(found 101\.5\)\.$"),
-        ("count = 101", "count = [3, 3, 3]",
-         r"count must be one number or \[rows, columns\] \(found \[3, 3, 3\]\)\.$"),
-        ("# offset_um = [0.0, 0.0]", "offset_um = [1.0]",
-         r"offset_um must be two numbers, \[y, x\] \(found \[1\.0\]\)\.$"),
-        ("[0.0, 0.0, 0.0]", "[0.0, 'a', 0.0]",
-         r"points_mm\.1 must be a valid number \(found 'a'\)"),
-        ("pitch_um = 150.0", 'pitch_um = "150"',
-         r"pitch_um must be a valid number \(found '150'\)"),
-        ("# field_lens = false", "field_lens = 1",
-         r"field_lens must be a valid boolean \(found 1\)"),
+        (
+            "count = 101",
+            "count = [3, 3, 3]",
+            r"count must be one number or \[rows, columns\] \(found \[3, 3, 3\]\)\.$",
+        ),
+        (
+            "# offset_um = [0.0, 0.0]",
+            "offset_um = [1.0]",
+            r"offset_um must be two numbers, \[y, x\] \(found \[1\.0\]\)\.$",
+        ),
+        (
+            "[0.0, 0.0, 0.0]",
+            "[0.0, 'a', 0.0]",
+            r"points_mm\.1 must be a valid number \(found 'a'\)",
+        ),
+        (
+            "pitch_um = 150.0",
+            'pitch_um = "150"',
+            r"pitch_um must be a valid number \(found '150'\)",
+        ),
+        (
+            "# field_lens = false",
+            "field_lens = 1",
+            r"field_lens must be a valid boolean \(found 1\)",
+        ),
         ("[camera]", "[camera", r"camera\.toml is not TOML"),
         ("[sensor]", "[coherance]\n[sensor]", r"unknown key coherance; did you mean coherence\?"),
     ],
@@ -250,41 +288,66 @@ LIT = SLIDE + "[coherence]\n"
     ("tables", "said"),
     [
         ("", r"scene is empty: give points_mm, or tables \[\[scene\.pictures\]\], or both\.$"),
-        ("power = 2.0\n" + PICTURE,
-         r"scene has power, which belongs to points_mm, and there are none\.$"),
-        (PICTURE.replace("width_mm", "wdith_mm"),
-         r"scene\.pictures\.0\.width_mm is missing; "
-         r"unknown key scene\.pictures\.0\.wdith_mm; did you mean width_mm\?"),
-        (PICTURE + PICTURE.replace("a.png", "none.png"),
-         r"scene\.pictures\.1\.file must name a file, and there is none at .*/none\.png "
-         r"\(found 'none\.png'\)\.$"),
-        (PICTURE.replace('"a.png"', "3"),
-         r"pictures\.0\.file must be the name of a file \(found 3\)"),
+        (
+            "power = 2.0\n" + PICTURE,
+            r"scene has power, which belongs to points_mm, and there are none\.$",
+        ),
+        (
+            PICTURE.replace("width_mm", "wdith_mm"),
+            r"scene\.pictures\.0\.width_mm is missing; "
+            r"unknown key scene\.pictures\.0\.wdith_mm; did you mean width_mm\?",
+        ),
+        (
+            PICTURE + PICTURE.replace("a.png", "none.png"),
+            r"scene\.pictures\.1\.file must name a file, and there is none at .*/none\.png "
+            r"\(found 'none\.png'\)\.$",
+        ),
+        (
+            PICTURE.replace('"a.png"', "3"),
+            r"pictures\.0\.file must be the name of a file \(found 3\)",
+        ),
         (PICTURE.replace("2.0", "0"), r"pictures\.0\.width_mm must be greater than 0 \(found 0\)"),
         (PICTURE + 'mode = "film"', r"mode must be 'emission' or 'transmission' \(found 'film'\)"),
-        (PICTURE + SLIDE, r"toml: scene\.pictures\.1 is a slide \(mode = 'transmission'\) without "
-         r"light: add a table \[coherence\]\.$"),
-        (PICTURE + '[coherence]\nspatial = "incoherent"',
-         r"toml: coherence\.spatial is for slides, and the scene has none: set mode"),
+        (
+            PICTURE + SLIDE,
+            r"toml: scene\.pictures\.1 is a slide \(mode = 'transmission'\) without "
+            r"light: add a table \[coherence\]\.$",
+        ),
+        (
+            PICTURE + '[coherence]\nspatial = "incoherent"',
+            r"toml: coherence\.spatial is for slides, and the scene has none: set mode",
+        ),
         (PICTURE + "[coherence]\nkoehler = true", r"coherence\.koehler is for slides"),
         (LIT + 'spatial = "mask"', r"coherence needs cell_um for spatial = 'mask'\.$"),
-        (LIT + 'spatial = "source"\nsource_size_mm = 1',
-         r"coherence needs source_distance_mm for spatial = 'source'\.$"),
-        (LIT + 'spatial = "mask"\ncell_um = [1, 2, 3]',
-         r"coherence\.cell_um must be one number or \[y, x\] \(found \[1, 2, 3\]\)"),
-        (LIT + 'spatial = "source"\nkind = "phase"',
-         r"coherence has kind, which belongs to spatial = 'mask'\.$"),
+        (
+            LIT + 'spatial = "source"\nsource_size_mm = 1',
+            r"coherence needs source_distance_mm for spatial = 'source'\.$",
+        ),
+        (
+            LIT + 'spatial = "mask"\ncell_um = [1, 2, 3]',
+            r"coherence\.cell_um must be one number or \[y, x\] \(found \[1, 2, 3\]\)",
+        ),
+        (
+            LIT + 'spatial = "source"\nkind = "phase"',
+            r"coherence has kind, which belongs to spatial = 'mask'\.$",
+        ),
         (LIT + 'spatial = "lamp"', r"coherence\.spatial must be 'coherent', .* \(found 'lamp'\)"),
         (LIT + "cell = 30", r"unknown key coherence\.cell; did you mean cell_um\?"),
         (LIT + "rtol = 0.1", r"coherence has rtol, but a plane wave is the same in every snapshot"),
-        (LIT + 'fwhm_nm = 20\nspectrum = "mercury"',
-         r"coherence has spectrum and fwhm_nm, two spectra: leave one out\.$"),
+        (
+            LIT + 'fwhm_nm = 20\nspectrum = "mercury"',
+            r"coherence has spectrum and fwhm_nm, two spectra: leave one out\.$",
+        ),
         (LIT + "wavelengths = 9", r"coherence has wavelengths, which belongs to fwhm_nm, spec"),
         (LIT + "wavelengths = 9\nlines_nm = 500", r"coherence has wavelengths, which belongs to"),
-        (LIT + "lines_nm = [500, 600]\nline_powers = 1",
-         r"coherence has 1 line_powers for 2 lines_nm: give one each\.$"),
-        (LIT + 'spectrum_file = "none.csv"',
-         r"coherence\.spectrum_file must name a file, and there is none at .*/none\.csv"),
+        (
+            LIT + "lines_nm = [500, 600]\nline_powers = 1",
+            r"coherence has 1 line_powers for 2 lines_nm: give one each\.$",
+        ),
+        (
+            LIT + 'spectrum_file = "none.csv"',
+            r"coherence\.spectrum_file must name a file, and there is none at .*/none\.csv",
+        ),
         (LIT + "seed = -1", r"coherence\.seed must be greater than or equal to 0 \(found -1\)"),
     ],
 )

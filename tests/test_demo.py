@@ -15,8 +15,18 @@ from clplen.lightfield.lightfield import LightField
 
 COUNT = 77  # the smallest window in which A needs no padding
 FILES = {
-    "alpha.png", "energy_curves.png", "lightfield.h5", "phase_space.png", "raw.png", "raw.tif",
-    "refocused.png", "rendering.png", "stack.png", "stack.tif", "tables.txt", "views.png",
+    "alpha.png",
+    "energy_curves.png",
+    "lightfield.h5",
+    "phase_space.png",
+    "raw.png",
+    "raw.tif",
+    "refocused.png",
+    "rendering.png",
+    "stack.png",
+    "stack.tif",
+    "tables.txt",
+    "views.png",
 }
 
 

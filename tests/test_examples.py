@@ -31,15 +31,23 @@ def run(script: Path, *arguments: str, folder: Path) -> subprocess.CompletedProc
     """Run a script in a new process, from another folder."""
     path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     return subprocess.run(
-        [sys.executable, str(script), *arguments], cwd=folder, capture_output=True, text=True,
-        env=os.environ | {"PYTHONPATH": path}, timeout=300, check=False,
+        [sys.executable, str(script), *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": path},
+        timeout=300,
+        check=False,
     )
 
 
 def row_of(script: Path) -> str:
     """The script's row in the table of figures."""
-    rows = [line for line in (EXAMPLES / "README.md").read_text().splitlines()
-            if line.startswith("|") and f"({script.name})" in line]
+    rows = [
+        line
+        for line in (EXAMPLES / "README.md").read_text().splitlines()
+        if line.startswith("|") and f"({script.name})" in line
+    ]
     assert len(rows) == 1, f"{script.name} has {len(rows)} rows in examples/README.md"
     return rows[0]
 
@@ -59,7 +67,8 @@ def runs(
     devices = request.config.getoption("--device") or []
     chosen = ["--device", devices[0]] if devices else []
     wanted = [
-        item.callspec.params["script"] for item in request.session.items
+        item.callspec.params["script"]
+        for item in request.session.items
         if isinstance(item, pytest.Function) and item.originalname == "test_a_figure_script"
     ]
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:

@@ -29,8 +29,11 @@ SHAPE = (4, 5, 7, 9)
 
 def camera(device: Device) -> Plenoptic1:
     return PlenopticCamera.type1(
-        focal_length=0.1, mla=MicrolensArray(150e-6, 10e-3, count=31, fill="full"),
-        wavelength=532e-9, pixels_per_lenslet=30, device=device,
+        focal_length=0.1,
+        mla=MicrolensArray(150e-6, 10e-3, count=31, fill="full"),
+        wavelength=532e-9,
+        pixels_per_lenslet=30,
+        device=device,
     )
 
 
@@ -64,8 +67,9 @@ def test_saved_whole_as_png(tmp_path: Path, device: Device):
 def test_the_raw_image_is_drawn_in_millimetres(device: Device):
     cam = camera(device)
     values = np.random.default_rng(1).random(cam.grid.shape, np.float32)
-    grid = SimpleNamespace(first=(14.5, 14.5), row_step=(30, 0), column_step=(0, 30),
-                           count=(31, 31))
+    grid = SimpleNamespace(
+        first=(14.5, 14.5), row_step=(30, 0), column_step=(0, 30), count=(31, 31)
+    )
     raw = RawImage(device.upload(values), device, 5e-6, grid, grid)
     figure = plot.raw_image(raw, details={"P": (1e-3, -0.5e-3)})
     whole, detail = image_axes(figure)
@@ -155,8 +159,9 @@ def test_arrows_only_where_something_lies_beyond(device: Device):
 
 
 def test_the_montage_names_its_planes(device: Device):
-    titles = [axes.get_title() for axes in image_axes(plot.montage(stack(device, (7, 6, 8, 3)),
-                                                                   shown=3))]
+    titles = [
+        axes.get_title() for axes in image_axes(plot.montage(stack(device, (7, 6, 8, 3)), shown=3))
+    ]
     assert titles == [r"$\alpha$ = 1.250", r"$\alpha$ = 1.000", r"$\alpha$ = 0.750"]
     figure = plot.montage(stack(device, (2, 6, 8), alphas=False))
     assert [axes.get_title() for axes in image_axes(figure)] == ["d = -1.000", "d = +1.000"]

@@ -16,10 +16,14 @@ _TYPED = (
     (r"\ballow_missing=True gives", "--allow-missing gives"),
     (r"\bviews=\((\w+), (\w+)\)", r"--views \1 \2"),
     (r"\bpattern=(?=')", "--pattern "),
-    (r"\b(pattern|views|flip_v|flip_u|swap_uv|allow_missing)=", r"--\1"),
+    (
+        r"\b(pattern|views|flip_v|flip_u|swap_uv|allow_missing|order|dataset|positions|srgb|white|"
+        r"dark|grid|step|lattice|bayer|demosaic|devignette|max_bytes)=",
+        r"--\1",
+    ),
     (r"give spacing=\(dv, du, dy, dx\), or use disparity", "use --disparities"),
     (r" and give their views weight 0 \(weights=\)", ""),
-    (r"--(swap|flip|allow)_", r"--\1-"),
+    (r"--(swap|flip|allow|max)_", r"--\1-"),
     (r"\bmethod='([\w-]+)'(?: or '([\w-]+)')", r"--method \1 or \2"),
     (r"\bmethod='([\w-]+)'", r"--method \1"),
     (r"\bor 'auto'", "or auto"),

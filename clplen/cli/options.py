@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import click
@@ -11,6 +12,7 @@ import numpy as np
 DEFAULT_DISPARITIES = (-2.0, 2.0, 33)
 DEFAULT_ALPHAS = (0.65, 1.35, 33)
 _MOST_PLANES = 10**6
+_PATH = click.Path(path_type=Path)
 
 
 class Planes(click.ParamType):
@@ -108,6 +110,52 @@ layout = _with_options(
     click.option("--flip-v", is_flag=True, help="Reverse the rows of views (after --swap-uv)."),
     click.option("--flip-u", is_flag=True, help="Reverse the columns of views."),
     click.option("--allow-missing", is_flag=True, help="Leave out views that are missing."),
+    click.option(
+        "--order",
+        metavar="AXES",
+        help="Axes of an array (uvyxc); of a mosaic yvxu (lenslet images) or vyux (views side by "
+        "side); lawnmower for names that count every other row backwards.",
+    ),
+    click.option(
+        "--dataset", metavar="NAME", help="Which array of a file that holds several (HDF5, .mat)."
+    ),
+    click.option(
+        "--positions",
+        metavar="CSV|names",
+        help="Where the views lie on the aperture, in view steps: a table v,u,y,x, or file names "
+        "of the Stanford archive.",
+    ),
+    click.option("--srgb", is_flag=True, help="Decode sRGB to linear light."),
+    click.option("--white", type=_PATH, help="White image of a raw lenslet image."),
+    click.option("--dark", type=_PATH, help="Dark frame of a raw lenslet image."),
+    click.option("--grid", type=_PATH, help="Lenslet lattice: our JSON or a Raytrix XML."),
+    click.option("--step", type=float, help="Pixels a view of a raw image; default: pitch over N."),
+    click.option(
+        "--lattice",
+        type=click.Choice(["rectangular", "hexagonal"]),
+        help="Of the lenslets; default: found out.",
+    ),
+    click.option(
+        "--bayer",
+        type=click.Choice(["RGGB", "BGGR", "GRBG", "GBRG"], case_sensitive=False),
+        help="Colour filters of a raw image.",
+    ),
+    click.option(
+        "--demosaic",
+        type=click.Choice(["after", "before"]),
+        help="Interpolate colours after slicing (default) or before.",
+    ),
+    click.option(
+        "--devignette/--no-devignette",
+        default=None,
+        help="Divide a raw image by its white image (default where there is one).",
+    ),
+    click.option(
+        "--max-bytes",
+        type=int,
+        metavar="N",
+        help="Largest allocation that a file may ask for; default: half of the free memory.",
+    ),
 )
 plane_range = _with_options(
     click.option(

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import fields
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from clplen.compute.device import Device
-from clplen.errors import FormatError
 from clplen.files import PathLike, check_folder, check_writable, output_folder
-from clplen.io.hdf5 import SIGNATURE, read_hdf5, write_hdf5
+from clplen.io.hdf5 import write_hdf5
+from clplen.io.kinds import kind_of
+from clplen.io.layout import Layout
 from clplen.io.pfm import read_pfm, write_pfm
 from clplen.io.picture import read_picture, write_picture
 from clplen.io.stack import write_depth, write_stack
-from clplen.io.views import Layout, find_views, read_views, write_views
+from clplen.io.views import find_views, write_views
 from clplen.lightfield.lightfield import LightField
 
 __all__ = [
@@ -48,16 +51,27 @@ def read_lightfield(
     dark: PathLike | None = None,
     grid: PathLike | None = None,
     allow_missing: bool = False,
+    positions: PathLike | None = None,
+    srgb: bool = False,
+    step: float | None = None,
+    lattice: str | None = None,
+    bayer: str | None = None,
+    demosaic: str | None = None,
+    devignette: bool | None = None,
+    dataset: str | None = None,
+    max_bytes: int | None = None,
     progress: bool = False,
 ) -> LightField:
-    """Read a light field: a folder of views, or the HDF5 file of `write_lightfield`.
+    """Read a light field of any kind in `clplen.io.kinds`, told by its content.
 
-    What was taken for what is logged at level INFO by the logger ``clplen.io``.
+    What was taken for what is logged at level INFO by the logger ``clplen.io``. A word of layout
+    that does not apply to a kind of file is refused.
 
     Parameters
     ----------
     path : path-like
-        A folder with one picture a view, or a file.
+        A folder or zip archive with one picture a view, a mosaic, a raw lenslet image, HDF5, Zarr,
+        MATLAB, NumPy or a Lytro container.
     device : Device, optional
         Default ``Device.open()``.
     pattern : str, optional
@@ -65,13 +79,39 @@ def read_lightfield(
         row by row; ``{n}`` a counter that is ignored; ``*`` anything. The numbers are ranked, so
         neither the first nor the step matters. None guesses.
     views : tuple of int, optional
-        (V, U), rows and columns as the names count them.
+        (V, U), rows and columns as the names count them; of a mosaic; of a raw image, the pixels
+        that are taken from each lenslet (default: its pitch, rounded).
     flip_v, flip_u, swap_uv : bool
-        How the names' view axes become ours: swapped first, then the resulting axes reversed.
-    order, white, dark, grid : optional
-        Layout of other kinds of file; neither a folder nor our HDF5 takes them.
+        How the file's view axes become ours: swapped first, then the resulting axes reversed.
+    order : str, optional
+        Axes of an array, such as "uvyxc"; of a mosaic "yvxu" (lenslet images) or "vyux" (views
+        side by side); "lawnmower" for names that count every other row backwards.
+    white, dark : path-like, optional
+        White image and dark frame of a raw image.
+    grid : path-like, optional
+        Lenslet lattice of a raw image: JSON of `clplen.lightfield.calibration`, or Raytrix XML.
     allow_missing : bool
         Whether views may be missing; they get weight 0.
+    positions : path-like, optional
+        Where the views lie on the aperture, in view steps, in place of their row and column: a CSV
+        with the columns v, u, y, x, or "names" for file names of the Stanford archive.
+    srgb : bool
+        Whether to decode sRGB to linear light from 0 to 1 (float32).
+    step : float, optional
+        Pixels a view of a raw image (default: pitch over the number of views).
+    lattice : {"rectangular", "hexagonal"}, optional
+        Of the lenslets of a raw image; None finds out.
+    bayer : {"RGGB", "BGGR", "GRBG", "GBRG"}, optional
+        Colour filters of a raw image.
+    demosaic : {"after", "before"}, optional
+        Whether colours are interpolated after slicing, which mixes no directions (the default),
+        or before.
+    devignette : bool, optional
+        Whether a raw image is divided by its white image, where there is one (default).
+    dataset : str, optional
+        Which array of a file that holds several.
+    max_bytes : int, optional
+        Largest allocation that a file may ask for; default half of the free memory.
     progress : bool
         Whether to show a bar on standard error.
 
@@ -88,25 +128,16 @@ def read_lightfield(
         If a word of layout does not apply to this kind of file, or a value in it (a sample that is
         NaN, a spacing of 0) makes no light field.
     """
+    words = locals()
+    layout = Layout(**{field.name: words[field.name] for field in fields(Layout)})
     path = Path(path)
-    foreign = {"order": order, "white": white, "dark": dark, "grid": grid}
-    layout = Layout(pattern, views, flip_v, flip_u, swap_uv, allow_missing)
-    if path.is_dir():
-        _refuse(foreign, "a folder of views")
-        device = device or Device.open()
-        lf, took = read_views(path, device=device, layout=layout, progress=progress)
-    elif not path.is_file():
-        raise FormatError(f"There is no file or folder {path}.")
-    elif _starts_with(path, SIGNATURE):
-        _refuse(foreign | vars(layout), "an HDF5 light field")
-        lf, took = read_hdf5(path, device=device or Device.open())
-    else:
-        raise FormatError(
-            f"{path} is no light field that clplen reads: give a folder with one picture a view, "
-            "or an HDF5 file with a dataset 'lightfield'."
-        )
+    kind = kind_of(path)
+    layout.require(kind.words, kind.name)
+    module = import_module(kind.module)
+    device = device or Device.open()
+    lf, took = module.read(path, device=device, layout=layout, progress=progress)
     logger.info("read %s", took)
-    return lf
+    return cast(LightField, lf)
 
 
 def files_of(path: PathLike, **layout: Any) -> list[Path]:
@@ -116,7 +147,7 @@ def files_of(path: PathLike, **layout: Any) -> list[Path]:
     ----------
     path : path-like
     **layout
-        ``pattern`` and ``views`` as for `read_lightfield`, and its other words of layout.
+        Words of layout as for `read_lightfield`.
 
     Returns
     -------
@@ -128,21 +159,11 @@ def files_of(path: PathLike, **layout: Any) -> list[Path]:
         If the names in a folder do not show which file is which view.
     """
     path = Path(path)
-    if not path.is_dir():
-        return [path]
-    return [path / name for name in find_views(path, Layout(**layout))[2].values()]
-
-
-def _refuse(words: dict[str, Any], kind: str) -> None:
-    """Refuse words of layout that were given but do not apply."""
-    given = [f"{name}=" for name, value in words.items() if value not in (None, False)]
-    if given:
-        raise ValueError(f"{', '.join(given)} does not apply to {kind}.")
-
-
-def _starts_with(path: Path, signature: bytes) -> bool:
-    with path.open("rb") as file:
-        return file.read(len(signature)) == signature
+    words = Layout(**layout)
+    beside = [Path(file) for file in (words.white, words.dark, words.grid) if file is not None]
+    if not path.is_dir() or kind_of(path).module != "clplen.io.views":
+        return [path, *beside]
+    return [path / name for name in find_views(path, words)[2].values()]
 
 
 def write_lightfield(path: PathLike, lf: LightField) -> None:

@@ -20,10 +20,10 @@ from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, naming, replacing
+from clplen.io.layout import Layout
 from clplen.lightfield.lightfield import LightField
 from clplen.wave.lenslets import MicrolensArray
 
-SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _OWN_AXES = "vuyxc"
 _CAMERA = (
     "focal_length",
@@ -82,13 +82,18 @@ def _write_camera(group: h5py.Group, camera: Plenoptic1) -> None:
         group.attrs[f"mla_{name}"] = getattr(camera.mla, name)
 
 
-def read_hdf5(path: PathLike, *, device: Device) -> tuple[LightField, str]:
+def read(
+    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
+) -> tuple[LightField, str]:
     """Read a light field that `write_hdf5`, or a program with the same layout, wrote.
 
     Parameters
     ----------
     path : path-like
     device : Device
+    layout : Layout
+    progress : bool
+        Whether to show a bar on standard error.
 
     Returns
     -------

@@ -6,7 +6,6 @@ import os
 from collections import Counter
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,8 @@ from tqdm import tqdm
 from clplen.compute.device import Device
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, filling, naming
-from clplen.io.names import DEFAULT_PATTERN, Pattern, View, arrange, guess, listed
+from clplen.io.layout import Layout, View
+from clplen.io.names import DEFAULT_PATTERN, Pattern, arrange, guess, listed
 from clplen.io.picture import SUFFIXES, read_picture, write_picture
 from clplen.lightfield.lightfield import LightField
 
@@ -24,19 +24,7 @@ _THREADS = 16
 _CAUSES = 10  # how many a message tells
 
 
-@dataclass(frozen=True)
-class Layout:
-    """How the views of a folder become an array; the words of `clplen.io.read_lightfield`."""
-
-    pattern: str | None = None
-    views: View | None = None
-    flip_v: bool = False
-    flip_u: bool = False
-    swap_uv: bool = False
-    allow_missing: bool = False
-
-
-def read_views(
+def read(
     path: PathLike, *, device: Device, layout: Layout, progress: bool = False
 ) -> tuple[LightField, str]:
     """Read a folder of views.
@@ -70,7 +58,7 @@ def read_views(
     weights = np.ones(shape, np.float32)
     for view in missing:
         weights[view] = 0
-    data, weights = (_oriented(array, layout) for array in (data, weights))
+    data, weights = (layout.oriented(array) for array in (data, weights))
     took = _sentence(data, folder, pattern, layout, len(missing))
     with naming(folder):
         return LightField.from_array(data, device=device, weights=weights), took
@@ -199,22 +187,14 @@ def _form(shape: tuple[int, ...], dtype: Any) -> str:
     return f"{' x '.join(str(n) for n in shape)} {dtype}"
 
 
-def _oriented(array: np.ndarray[Any, Any], layout: Layout) -> np.ndarray[Any, Any]:
-    """Swap the view axes first, then flip the axes that result."""
-    if layout.swap_uv:
-        array = array.swapaxes(0, 1)
-    return array[:: -1 if layout.flip_v else 1, :: -1 if layout.flip_u else 1]
-
-
 def _sentence(
     data: np.ndarray[Any, Any], folder: Path, pattern: Pattern, layout: Layout, missing: int
 ) -> str:
-    done = [word for word in ("swap_uv", "flip_v", "flip_u") if getattr(layout, word)]
     parts = [
         f"{data.shape[0]} x {data.shape[1]} views (V x U) of {_form(data.shape[2:], data.dtype)} "
         f"from {folder}",
         f"pattern {pattern.text!r}" + ("" if layout.pattern else " (guessed from the names)"),
-        *done,
+        *layout.said(),
     ]
     if missing:
         parts.append(f"{missing} missing views with weight 0")

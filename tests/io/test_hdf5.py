@@ -30,12 +30,24 @@ def light_field(device: Device, dtype: type = np.uint16) -> LightField:
 
 def a_camera(device: Device):
     lenslets = MicrolensArray(
-        140e-6, 9e-3, count=(31, 33), lattice="hexagonal", fill="circular", diameter=120e-6,
-        offset=(3e-6, -2e-6), rotation=0.01,
+        140e-6,
+        9e-3,
+        count=(31, 33),
+        lattice="hexagonal",
+        fill="circular",
+        diameter=120e-6,
+        offset=(3e-6, -2e-6),
+        rotation=0.01,
     )
     return PlenopticCamera.type1(
-        focal_length=0.1, mla=lenslets, wavelength=633e-9, pixels_per_lenslet=28.5, device=device,
-        object_distance=0.3, aperture_diameter=2e-3, field_lens=True,
+        focal_length=0.1,
+        mla=lenslets,
+        wavelength=633e-9,
+        pixels_per_lenslet=28.5,
+        device=device,
+        object_distance=0.3,
+        aperture_diameter=2e-3,
+        field_lens=True,
     )
 
 
@@ -141,8 +153,8 @@ def test_a_camera_that_lacks_a_parameter(tmp_path: Path, device: Device):
 
 def test_words_of_folders_are_refused(tmp_path: Path, device: Device):
     write_lightfield(tmp_path / "a.h5", light_field(device))
-    with pytest.raises(ValueError, match="pattern=, flip_u= does not apply to an HDF5"):
-        read_lightfield(tmp_path / "a.h5", device=device, pattern="{v}{u}", flip_u=True)
+    with pytest.raises(ValueError, match="pattern=, allow_missing= does not apply to HDF5"):
+        read_lightfield(tmp_path / "a.h5", device=device, pattern="{v}{u}", allow_missing=True)
 
 
 def test_another_suffix(tmp_path: Path, device: Device):

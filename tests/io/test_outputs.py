@@ -32,12 +32,10 @@ def a_stack(device: Device, shape: tuple[int, ...], **known) -> FocalStack:
 
 
 @pytest.mark.parametrize(
-    ("shape", "axes"), [((5, 7, 9), "ZYX"), ((2, 7, 9, 3), "ZYXS"), ((3, 5, 3), "ZYX"),
-                        ((4, 3, 5, 3), "ZYXS")]
+    ("shape", "axes"),
+    [((5, 7, 9), "ZYX"), ((2, 7, 9, 3), "ZYXS"), ((3, 5, 3), "ZYX"), ((4, 3, 5, 3), "ZYXS")],
 )
-def test_a_stack_is_one_series(
-    tmp_path: Path, device: Device, shape: tuple[int, ...], axes: str
-):
+def test_a_stack_is_one_series(tmp_path: Path, device: Device, shape: tuple[int, ...], axes: str):
     stack = a_stack(device, shape)
     write_stack(tmp_path / "s.tif", stack)
     again = tifffile.imread(tmp_path / "s.tif")

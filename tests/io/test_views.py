@@ -43,9 +43,7 @@ def test_values_are_the_file_s_own(folder: Path, device: Device):
 
 
 def test_swap_comes_before_the_flips(folder: Path, device: Device):
-    lf = read_lightfield(
-        folder, device=device, pattern="p_{v}_{u}.png", swap_uv=True, flip_v=True
-    )
+    lf = read_lightfield(folder, device=device, pattern="p_{v}_{u}.png", swap_uv=True, flip_v=True)
     np.testing.assert_array_equal(lf.to_numpy(), samples().swapaxes(0, 1)[::-1])
     lf = read_lightfield(folder, device=device, pattern="p_{v}_{u}.png", flip_u=True)
     np.testing.assert_array_equal(lf.to_numpy(), samples()[:, ::-1])
@@ -68,8 +66,14 @@ def test_views_in_folders(tmp_path: Path, device: Device):
 
 @pytest.mark.parametrize(
     ("dtype", "channels", "suffix"),
-    [(np.uint8, 3, "png"), (np.uint8, 1, "png"), (np.uint16, 3, "tif"), (np.uint16, 1, "tif"),
-     (np.float32, 3, "tif"), (np.float32, 1, "tif")],
+    [
+        (np.uint8, 3, "png"),
+        (np.uint8, 1, "png"),
+        (np.uint16, 3, "tif"),
+        (np.uint16, 1, "tif"),
+        (np.float32, 3, "tif"),
+        (np.float32, 1, "tif"),
+    ],
 )
 def test_written_and_read_again(
     tmp_path: Path, device: Device, dtype: type, channels: int, suffix: str
@@ -224,7 +228,7 @@ def test_a_file_of_another_kind(tmp_path: Path, device: Device):
         read_lightfield(tmp_path / "notes.txt", device=device)
 
 
-@pytest.mark.parametrize("word", ["order", "white", "dark", "grid"])
+@pytest.mark.parametrize("word", ["dataset", "white", "dark", "grid"])
 def test_words_of_other_kinds_are_refused(folder: Path, device: Device, word: str):
     with pytest.raises(ValueError, match=f"{word}= does not apply to a folder of views"):
         read_lightfield(folder, device=device, **{word: "x"})

@@ -1,0 +1,106 @@
+"""What several commands do: open, read, check, show progress."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+from tqdm import tqdm
+
+from clplen.cli import options
+from clplen.cli.messages import note
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+    from clplen.lightfield.lightfield import LightField
+
+_FAR = 1e3  # metres: as good as infinity, and still a place
+
+
+def opened(selector: str | None) -> Device:
+    """The device and its way to transform, named before anything is computed."""
+    from clplen.compute.device import Device
+
+    device = Device.open(selector)
+    click.echo(f"Device: {device!r}, FFT by {device.fft.name}\n")
+    return device
+
+
+def bar_of(total: int, unit: str) -> tqdm[Any]:
+    return tqdm(total=total, unit=unit, disable=not sys.stderr.isatty(), leave=False)
+
+
+def advance(bar: tqdm[Any], name: str) -> None:
+    bar.set_description(name)
+    bar.update()
+
+
+def reach(bar: tqdm[Any], done: int, total: int) -> None:
+    """How far one part of several has come; each begins anew."""
+    if done < bar.n:
+        bar.reset()
+    bar.total = total
+    bar.update(done - bar.n)
+
+
+def size_of(lf: LightField) -> str:
+    return "(v, u, y, x) = (" + ", ".join(str(n) for n in lf.shape) + ")"
+
+
+def read(source: Path, selector: str | None, layout: dict[str, Any]) -> LightField:
+    from clplen.compute.device import Device
+    from clplen.io import read_lightfield
+
+    return read_lightfield(
+        source, device=Device.open(selector), progress=sys.stderr.isatty(), **layout
+    )
+
+
+def check_planes(disparities: Any, alphas: Any) -> None:
+    if disparities is not None and alphas is not None:
+        raise click.UsageError("Give --disparities or --alphas, not both.")
+
+
+def planes_of(lf: LightField, disparities: Any, alphas: Any) -> dict[str, Any]:
+    """The planes that were asked for, else those that suit the light field."""
+    from clplen.lightfield.refocus import shifts
+
+    if disparities is None and alphas is None:
+        if np.isfinite(lf.alpha(0.0)):
+            low, high, count = options.DEFAULT_ALPHAS
+            if lf.camera is not None:
+                high = min(high, lf.camera.alpha(_FAR))
+            alphas = np.linspace(low, high, count)
+        else:
+            disparities = np.linspace(*options.DEFAULT_DISPARITIES)
+    chosen = lf.disparity(alphas) if disparities is None else disparities
+    moved = [np.abs(along).max(axis=1) for along in shifts(lf, chosen)]
+    beyond = (moved[0] >= lf.shape[2]) | (moved[1] >= lf.shape[3])
+    if beyond.any():
+        note(
+            f"{beyond.sum()} of {options.planes(beyond.size)} move the outermost views by more "
+            "than a whole picture, so that parts stay empty: choose planes nearer to disparity 0."
+        )
+    return {"alphas": alphas} if disparities is None else {"disparities": disparities}
+
+
+def check_outputs(source: Path, layout: dict[str, Any], *outputs: Path) -> None:
+    """Refuse outputs that cannot be written, or would replace what is read."""
+    from clplen.io import check_writable, files_of
+
+    there = [path for path in map(check_writable, outputs) if path.exists()]
+    for file in files_of(source, **layout) if there else []:
+        for output in there:
+            if file.exists() and file.samefile(output):
+                raise click.UsageError(
+                    f"{output} is one of the files of {source} that are read: name an output "
+                    "elsewhere."
+                )
+
+
+def check_suffix(output: Path, suffixes: tuple[str, ...]) -> None:
+    if output.suffix.lower() not in suffixes:
+        raise click.UsageError(f"The output ends in {' or '.join(suffixes)}, not as {output.name}.")

@@ -1,0 +1,45 @@
+"""``clplen demo``."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+from tqdm import tqdm
+
+from clplen.cli import options
+from clplen.cli.common import advance, bar_of, opened
+
+
+@click.command()
+@click.option(
+    "-o",
+    "--output",
+    default="clplen-demo",
+    show_default=True,
+    metavar="FOLDER",
+    help="Folder for tables, pictures and data; made if it is not there.",
+)
+@options.device
+def demo(output: str, selector: str | None) -> None:
+    """Simulate three points before a plenoptic camera, refocus them, find their depths.
+
+    \b
+    Example:
+      clplen demo -o clplen-demo
+    """
+    from clplen import demo as experiment
+    from clplen.io import output_folder
+
+    device = opened(selector)
+    with output_folder(output) as folder, bar_of(experiment.STEPS, "step") as bar:
+        experiment.run(
+            folder,
+            device,
+            say=lambda text: tqdm.write(f"{text}\n", file=sys.stdout),
+            step=lambda name: advance(bar, name),
+        )
+    click.echo(
+        f"Tables, pictures and data are in {folder}. Next: clplen stack {folder}/lightfield.h5 -o "
+        "stack.tif"
+    )

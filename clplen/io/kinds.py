@@ -1,0 +1,141 @@
+"""The kinds of light-field file: how each is recognised and which module reads it.
+
+The module of a kind has ``read(path, *, device, layout, progress) -> (LightField, str)``; the text
+says in one sentence what was taken for what.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from clplen.errors import FormatError
+from clplen.io.picture import SUFFIXES
+
+_HEAD = 64  # bytes that recognition looks at
+_VIEWS = ("flip_v", "flip_u", "swap_uv", "positions", "max_bytes")
+_NAMES = (*_VIEWS, "pattern", "views", "order", "allow_missing", "srgb")
+_RAW = ("white", "dark", "grid", "views", "step", "lattice", "bayer", "demosaic", "devignette")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of file.
+
+    Attributes
+    ----------
+    name : str
+        As messages call it.
+    module : str
+    words : tuple of str
+        Words of layout that apply.
+    recognises : callable
+        (path, first bytes) -> bool; the bytes are empty for a folder.
+    """
+
+    name: str
+    module: str
+    words: tuple[str, ...]
+    recognises: Callable[[Path, bytes], bool]
+
+
+def _is_zarr(path: Path, _: bytes) -> bool:
+    marks = (".zgroup", ".zarray", "zarr.json")
+    return path.is_dir() and any((path / mark).is_file() for mark in marks)
+
+
+def _is_json(path: Path, head: bytes) -> bool:
+    return path.suffix.lower() == ".json" or head.lstrip()[:1] == b"{"
+
+
+KINDS = (
+    Kind("Zarr", "clplen.io.zarrs", (*_VIEWS, "order", "dataset"), _is_zarr),
+    Kind("a folder of views", "clplen.io.views", _NAMES, lambda path, _: path.is_dir()),
+    Kind("an archive of views", "clplen.io.archive", _NAMES, lambda _, head: head[:4] == b"PK\3\4"),
+    Kind(
+        "HDF5",
+        "clplen.io.hdf5",
+        (*_VIEWS, "order", "dataset"),
+        lambda path, head: head[:8] == b"\x89HDF\r\n\x1a\n" or _hdf5_after_user_block(path),
+    ),
+    Kind(
+        "a MATLAB file",
+        "clplen.io.matlab",
+        (*_VIEWS, "order", "dataset"),
+        lambda path, head: head[:6] == b"MATLAB" and path.suffix.lower() == ".mat",
+    ),
+    Kind(
+        "a NumPy array",
+        "clplen.io.arrays",
+        (*_VIEWS, "order", "srgb"),
+        lambda _, head: head[:6] == b"\x93NUMPY",
+    ),
+    Kind(
+        "a Lytro container",
+        "clplen.io.lytro",
+        (*_VIEWS, *_RAW),
+        lambda _, head: head[:8] == b"\x89LFP\r\n\x1a\n",
+    ),
+    Kind(
+        "a raw image described by JSON",
+        "clplen.io.lytro",
+        (*_VIEWS, *_RAW),
+        _is_json,
+    ),
+    Kind(
+        "a Raytrix calibration",
+        "clplen.io.raytrix",
+        (),
+        lambda path, head: path.suffix.lower() in (".xml", ".ray") or b"<RayCalibData" in head,
+    ),
+    Kind(
+        "a picture",
+        "clplen.io.mosaic",
+        (*_VIEWS, *_RAW, "order", "srgb"),
+        lambda path, _: path.suffix.lower() in SUFFIXES,
+    ),
+)
+
+
+def _hdf5_after_user_block(path: Path) -> bool:
+    """MATLAB 7.3 puts 512 bytes before the HDF5 signature."""
+    if path.is_dir():
+        return False
+    with path.open("rb") as file:
+        file.seek(512)
+        return file.read(8) == b"\x89HDF\r\n\x1a\n"
+
+
+def kind_of(path: Path) -> Kind:
+    """What a file or folder is.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+
+    Returns
+    -------
+    Kind
+
+    Raises
+    ------
+    FormatError
+        If there is none, or it is of no kind that is known.
+    """
+    if not path.exists():
+        raise FormatError(f"There is no file or folder {path}.")
+    head = b""
+    if path.is_file():
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+        if not head:
+            raise FormatError(f"{path} is empty.")
+    for kind in KINDS:
+        if kind.recognises(path, head):
+            return kind
+    raise FormatError(
+        f"{path} is no light field that clplen reads (it begins with {json.dumps(str(head[:8]))}): "
+        f"give {', '.join(kind.name for kind in KINDS[:-1])} or {KINDS[-1].name}."
+    )

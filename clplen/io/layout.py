@@ -1,0 +1,154 @@
+"""The words of layout: how what lies in files becomes L[v, u, y, x(, c)]."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from clplen.errors import FormatError
+from clplen.files import PathLike
+
+View = tuple[int, int]
+Array = np.ndarray[Any, Any]
+
+_LINEAR = 0.04045  # sRGB below it is a straight line (IEC 61966-2-1:1999)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The words of `clplen.io.read_lightfield`, explained there.
+
+    Each kind of file takes some of them; `require` refuses the others.
+    """
+
+    pattern: str | None = None
+    views: View | None = None
+    flip_v: bool = False
+    flip_u: bool = False
+    swap_uv: bool = False
+    order: str | None = None
+    white: PathLike | None = None
+    dark: PathLike | None = None
+    grid: PathLike | None = None
+    allow_missing: bool = False
+    positions: PathLike | None = None
+    srgb: bool = False
+    step: float | None = None
+    lattice: str | None = None
+    bayer: str | None = None
+    demosaic: str | None = None
+    devignette: bool | None = None
+    dataset: str | None = None
+    max_bytes: int | None = None
+
+    def given(self) -> dict[str, Any]:
+        """The words that were given."""
+        found = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: value for name, value in found.items() if value not in (None, False)} | (
+            {"devignette": False} if self.devignette is False else {}
+        )
+
+    def require(self, words: Iterable[str], kind: str) -> None:
+        """Refuse words that do not apply to a kind of file.
+
+        Raises
+        ------
+        ValueError
+            Naming them.
+        """
+        taken = set(words)
+        extra = [f"{name}=" for name in self.given() if name not in taken]
+        if extra:
+            raise ValueError(
+                f"{', '.join(extra)} does not apply to {kind}, which takes "
+                f"{', '.join(f'{word}=' for word in sorted(taken)) or 'no words of layout'}."
+            )
+
+    def oriented(self, array: Array) -> Array:
+        """A view of an array (v, u, ...) with its view axes swapped first, then reversed."""
+        if self.swap_uv:
+            array = array.swapaxes(0, 1)
+        return array[:: -1 if self.flip_v else 1, :: -1 if self.flip_u else 1]
+
+    def stored(self, array: Array) -> Array:
+        """The inverse of `oriented`: a view of the final array in which the file's (v, u) hold."""
+        array = array[:: -1 if self.flip_v else 1, :: -1 if self.flip_u else 1]
+        return array.swapaxes(0, 1) if self.swap_uv else array
+
+    def shape(self, views: View) -> View:
+        """(V, U) of the light field whose file has these."""
+        return (views[1], views[0]) if self.swap_uv else views
+
+    def said(self) -> list[str]:
+        """What was done to the view axes, for the sentence on what was taken."""
+        words = ("swap_uv", "flip_v", "flip_u", "srgb")
+        return [word for word in words if getattr(self, word)]
+
+
+def axes_of(order: str, ndim: int, *, letters: str = "vuyxc") -> str:
+    """An order of axes such as "vuyxc" or "v:u:y:x", checked.
+
+    Parameters
+    ----------
+    order : str
+        One letter a dimension, with or without colons.
+    ndim : int
+        Dimensions of the array.
+    letters : str
+        Every letter but c must be there.
+
+    Returns
+    -------
+    str
+        Without colons.
+
+    Raises
+    ------
+    FormatError
+        If the letters are others, or not as many as dimensions.
+    """
+    axes = order.replace(":", "").replace(",", "").replace(" ", "").lower()
+    needed = letters.replace("c", "")
+    if sorted(axes) not in (sorted(needed), sorted(letters)) or len(axes) != ndim:
+        raise FormatError(
+            f"The order {order!r} does not fit an array of {ndim} dimensions: it names "
+            f"{', '.join(needed)} and perhaps c, each once, one letter for each dimension."
+        )
+    return axes
+
+
+def in_order(array: Array, axes: str) -> Array:
+    """A view of an array as (v, u, y, x[, c]), its axes being ``axes``."""
+    return array.transpose([axes.index(letter) for letter in "vuyxc"[: len(axes)]])
+
+
+def linear(values: Array) -> Array:
+    """sRGB decoded to linear light, 0 to 1, float32 (IEC 61966-2-1:1999).
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        uint8 or uint16 of the full range, or floats from 0 to 1.
+
+    Returns
+    -------
+    numpy.ndarray
+    """
+    if values.dtype.kind == "u":
+        levels = np.linspace(0, 1, int(np.iinfo(values.dtype).max) + 1)
+        return np.asarray(_decoded(levels).astype(np.float32)[values])
+    return _decoded(values.astype(np.float64)).astype(np.float32)
+
+
+def _decoded(s: Array) -> Array:
+    low = s <= _LINEAR
+    return np.where(low, s / 12.92, ((np.maximum(s, _LINEAR) + 0.055) / 1.055) ** 2.4)
+
+
+def encoded(values: Array) -> Array:
+    """The inverse of `linear`: linear light from 0 to 1, clipped, as sRGB from 0 to 1."""
+    s = np.clip(values, 0, 1)
+    return np.where(s <= _LINEAR / 12.92, 12.92 * s, 1.055 * s ** (1 / 2.4) - 0.055)
