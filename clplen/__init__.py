@@ -11,8 +11,12 @@ from importlib import import_module
 from typing import Any
 
 from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.gallery import sample_scenes
 from clplen.cameras.pictures import PicturePlane
 from clplen.cameras.scene import PointSources
+from clplen.cameras.surfaces import Plane, Sphere, SurfaceScene
+from clplen.cameras.textures import Texture
+from clplen.cameras.truth import Truth
 from clplen.compute.device import Device
 from clplen.compute.image import Image
 from clplen.errors import (
@@ -88,6 +92,7 @@ __all__ = [
     "MicrolensArray",
     "OpticalSystem",
     "PicturePlane",
+    "Plane",
     "PlenopticCamera",
     "PointSources",
     "Propagator",
@@ -100,7 +105,11 @@ __all__ = [
     "ShapeError",
     "Space",
     "Spectrum",
+    "Sphere",
     "Stop",
+    "SurfaceScene",
+    "Texture",
+    "Truth",
     "annular_aperture",
     "aperture",
     "axicon",
@@ -119,6 +128,7 @@ __all__ = [
     "read_lightfield",
     "rectangular_aperture",
     "refocus",
+    "sample_scenes",
     "siemens_star",
     "speckle_contrast",
     "spherical_wave",

@@ -1,12 +1,9 @@
-/* Depth from focus, one plane of a focal stack after the other.
+/* How sharp one picture of a focal stack is at every pixel.
  *
  *   even           out[y, x, c] = sum_s sum_t wy[|s|] wx[|t|] R[b, y + s, x + t, c],
  *                  |s|, |t| <= 2; beyond the edges the nearest; FOR_X over the row's samples
  *   local_energy   out[y, x] = sum_c (R[y, x, c] - low[y, x, c])^2
  *                  -DLUMA: (sum_c Y_c (R[y, x, c] - low[y, x, c]))^2
- *   track_peak     the highest local maximum of E over the planes and the second highest;
- *                  parabola through the highest and its neighbours, which need not be equally far
- *   confidence     (1 - second/best) k/(1 + k),  k = -E''/E at the peak, in 1/(px a view)^2
  *
  * A difference below 1e-5 of the smoothed value is rounding, not texture, and counts 0.
  * Mapping: FOR_X of common.cl; no batch axis. -DLUMA: 3 channels, weights of Rec. ITU-R BT.709.
@@ -103,46 +100,5 @@ __kernel void local_energy(__global float *restrict out, __global const float *r
         }
         out[x] = sum;
 #endif
-    }
-}
-
-/* Plane `at` with its neighbours `below` and `above`, h0 and h1 away; a step of 0: no neighbour. */
-__kernel void track_peak(__global float *restrict best, __global float *restrict second,
-                         __global float *restrict disparity, __global float *restrict curvature,
-                         __global const float *restrict below, __global const float *restrict at,
-                         __global const float *restrict above, const float d, const float h0,
-                         const float h1, const int ny, const int nx)
-{
-    const size_t row = row_start(0, get_global_id(1), ny, nx);
-    const int inside = h0 > 0.0f && h1 > 0.0f;
-    FOR_X(x, nx) {
-        const size_t i = row + x;
-        const float e = at[i];
-        const float rise = h0 > 0.0f ? e - below[i] : e;
-        const float fall = h1 > 0.0f ? e - above[i] : e;
-        if (!(rise >= 0.0f && fall > 0.0f))
-            continue;
-        if (e <= best[i]) {
-            second[i] = fmax(second[i], e);
-            continue;
-        }
-        const float s0 = inside ? rise / h0 : 0.0f;
-        const float s1 = inside ? fall / h1 : 0.0f;
-        second[i] = best[i];
-        best[i] = e;
-        disparity[i] = d + (inside ? 0.5f * (s0 * h1 - s1 * h0) / (s0 + s1) : 0.0f);
-        curvature[i] = inside ? 2.0f * (s0 + s1) / ((h0 + h1) * e) : 0.0f;
-    }
-}
-
-__kernel void confidence(__global float *restrict out, __global const float *restrict best,
-                         __global const float *restrict second,
-                         __global const float *restrict curvature, const int ny, const int nx)
-{
-    const size_t row = row_start(0, get_global_id(1), ny, nx);
-    FOR_X(x, nx) {
-        const size_t i = row + x;
-        const float k = curvature[i];
-        out[i] = best[i] > 0.0f ? (1.0f - second[i] / best[i]) * k / (1.0f + k) : 0.0f;
     }
 }

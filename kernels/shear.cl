@@ -1,6 +1,6 @@
 /* Shear, interpolate, sum: pictures refocused on many planes (Ng 2005, shift and add).
  *
- *   out[p, y, s] = sum_vu w[v, u] L[v, u](y + shift_y[p, v], s + channels shift_x[p, u]) / W
+ *   out[p, y, s] = sum_vu w[v, u] L[v, u](y + shift_y[p, v], s + channels shift_x[p, v, u]) / W
  *   W[p, y, s]   = sum of the weights of the samples that were used
  *
  * s = x channels + c is a sample of a row, so that colour only multiplies the shift along x. A
@@ -10,11 +10,13 @@
  *   R_v(s) = sum_u w (1 - b_u) L(s) + sum_u w b_u L(s + channels)       along x first,
  *   out(y) = sum_v (1 - b_v) R_v(y) + b_v R_v(y + 1)                    then along y.
  *
+ * Views on a grid have shift_x[p, u]; scattered ones are V U rows of one view each.
+ *
  * Samples outside a view are 0 and count not in W; with -DCLAMP they are those of the edge.
  *
  * Tables (P planes of one launch, U views in a row, of which count[v] have a weight):
  *   order[v, k]      u of the k-th view with a weight
- *   span[u]          (first sample, number of further samples) that the planes see of view u
+ *   span[v, k]       (first sample, number of further samples) that the planes see of that view
  *   slide[v, p, k]   samples from the first one to that of plane p
  *   taps[v, p, k]    (w (1 - b_u), w b_u)
  *   down[v, p], blend[v, p]   whole shift along y, and b_v
@@ -191,7 +193,7 @@ __kernel void shear_blocks(__global float *restrict out, __global const SAMPLE *
             for (int k = 0; k < n; ++k) {
                 const int u = order[v * U + k];
                 copy_row(views + k * pitch, L + row_start(v * U + u, y, ny, samples),
-                         s0 + span[u].x, width + span[u].y, samples, channels);
+                         s0 + span[v * U + k].x, width + span[v * U + k].y, samples, channels);
             }
             for (int p = 0; p < planes; ++p) {
                 const int r = t - down[v * planes + p];
@@ -264,7 +266,7 @@ __kernel void shear_samples(__global float *restrict out, __global const SAMPLE 
             }
             for (int k = 0; k < count[v]; ++k) {
                 const int u = order[v * U + k];
-                const int from = s + span[u].x + slide[table + k];
+                const int from = s + span[v * U + k].x + slide[table + k];
                 const float2 w = taps[table + k];
                 __global const SAMPLE *view = L + row_start(v * U + u, 0, ny, samples);
                 for (int r = 0; r <= HEIGHT; ++r)

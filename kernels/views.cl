@@ -1,7 +1,8 @@
 /* Plain questions to the samples of a light field.
  *
- *   lit     lit[view] = 1 if a sample of the view is not 0, else 0; one item a view
- *   slice   out[r, k, c] = L[start + r row_step + k column_step + c], as float32; FOR_X over (k, c)
+ *   lit        lit[view] = 1 if a sample of the view is not 0, else 0; one item a view
+ *   extremes   out[row] = smallest and largest sample of a row; one item a row
+ *   slice      out[r, k, c] = L[start + r row_step + k column_step + c], as float32; FOR_X over (k, c)
  *
  * -DSAMPLE=uchar | ushort | float: what the light field stores. -DROWS: see common.cl.
  */
@@ -18,6 +19,21 @@ __kernel void lit(__global int *restrict lit, __global const SAMPLE *restrict L,
     while (s < samples && from[s] == 0)
         ++s;
     lit[view] = s < samples;
+}
+
+__kernel void extremes(__global float2 *restrict out, __global const SAMPLE *restrict L,
+                       const long rows, const int samples)
+{
+    const long row = get_global_id(0);
+    if (row >= rows)
+        return;
+    __global const SAMPLE *from = L + row * samples;
+    float low = from[0], high = from[0];
+    for (int s = 1; s < samples; ++s) {
+        low = fmin(low, (float)from[s]);
+        high = fmax(high, (float)from[s]);
+    }
+    out[row] = (float2)(low, high);
 }
 
 __kernel void slice(__global float *restrict out, __global const SAMPLE *restrict L,

@@ -73,7 +73,16 @@ def camera_file(tmp_path: Path) -> Path:
 
 def test_help_has_an_example_of_each_command():
     assert "Begin with 'clplen demo'" in run("-h").output
-    assert sorted(main.commands) == ["demo", "depth", "devices", "sampling", "simulate", "stack"]
+    assert sorted(main.commands) == [
+        "demo",
+        "depth",
+        "devices",
+        "info",
+        "sampling",
+        "score",
+        "simulate",
+        "stack",
+    ]
     for name, command in main.commands.items():
         output = run(name, "-h").output
         assert f"Example:\n    clplen {name}" in output

@@ -20,6 +20,7 @@ from clplen import (
     Grid,
     LightField,
     MicrolensArray,
+    Plane,
     PlenopticCamera,
     PointSources,
     Propagator,
@@ -28,6 +29,7 @@ from clplen import (
     SamplingWarning,
     Space,
     Spectrum,
+    SurfaceScene,
     aperture,
     depth_map,
     focal_stack,
@@ -37,7 +39,13 @@ from clplen import (
 )
 from clplen.cameras.pictures import PicturePlane
 from clplen.compute.device import Device
+from clplen.lightfield.allinfocus import all_in_focus
 from clplen.lightfield.depth import sharpness_curve
+from clplen.lightfield.focus import HighPass
+from clplen.lightfield.interpolation import EvenBlur
+from clplen.lightfield.fourier import fourier_stack
+from clplen.lightfield.hyperfan import hyperfan
+from clplen.lightfield.samples import extremes
 from clplen.wave.abbe import abbe_image
 from clplen.wave.extended import ExtendedSource
 from clplen.wave.pupil import Pupil
@@ -202,6 +210,20 @@ def pictured(device: Device) -> None:
         camera.expose(PicturePlane([[1, 2], [0, 1]], 1e-4), method="isoplanatic")
 
 
+def rendered(lf: LightField) -> None:
+    """Every kernel that makes pictures of views along rays, on finer grids and by spectra."""
+    for statistic in ("mean", "median", "max", "variance"):
+        lf.flatten(statistic, disparity=0.4, mask=np.ones(lf.shape[:4], bool))
+    lf.view(0.5, 0.5, disparity=np.zeros(lf.shape[2:4]))
+    for more in ({"upsample": 2}, {"interpolation": "fourier"}, {"interpolation": "cubic"}):
+        refocus(lf, disparity=0.3, **more)
+    lf.flatten("min", interpolation="nearest")
+    hyperfan(lf, 0.0, 0.3)
+    stack = fourier_stack(lf, disparities=[0.0, 0.3])
+    all_in_focus(stack)
+    all_in_focus(stack, depth=np.full(lf.shape[2:4], 0.1))
+
+
 def views(device: Device) -> None:
     """Every kernel that works on views, for every type of sample."""
     random = np.random.default_rng(2)
@@ -212,7 +234,18 @@ def views(device: Device) -> None:
         lf.render(aperture=2)
         stack = focal_stack(lf, disparities=[-0.4, 0.3, 1])
         depth_map(stack)
+        for cue in ("correspondence", "structure-tensor"):
+            depth_map(lf, disparities=[-0.4, 0.3, 1], cue=cue)
+        HighPass(1.5, stack.shape[1:], device=device)(
+            device.empty(stack.shape[1:3], np.float32),
+            EvenBlur(stack.shape[1:], device=device)(stack, 1),
+        )
         sharpness_curve(stack)
+        extremes(lf.data, device)
+        spaced = LightField.from_array(samples, device=device, spacing=(2, 2, 1, 1))
+        for interpolation in ("linear", "cubic"):
+            spaced.resample("point-angle", focal=9.0, interpolation=interpolation)
+    rendered(lf)
 
 
 def work(device: Device) -> None:
@@ -224,6 +257,7 @@ def work(device: Device) -> None:
         for one in (raw, exposed(device, "square")):
             refocus(LightField.from_raw(one), alpha=0.9, rescale=True)
         views(device)
+        SurfaceScene(Plane(0.5)).light_field((2, 3), (6, 9), device=device)
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pyopencl.array as cla
 
 from clplen.errors import SamplingError
@@ -14,6 +15,7 @@ from clplen.wave.lenslets import SMALLEST_PITCH, MicrolensArray
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic1 import Plenoptic1
+    from clplen.cameras.scene import PointSources
 
 LENS_LAW_TOLERANCE = 1e-6  # relative, of 1/f = 1/object + 1/image
 
@@ -128,6 +130,31 @@ def check_sampling(camera: Plenoptic1, reach: float, alpha: float) -> None:
         raise SamplingError(
             f"The window of {min(camera.grid.extent):.4g} m does not hold the main lens' aperture "
             f"of {D:.4g} m: use more lenslets or give a smaller aperture_diameter."
+        )
+
+
+def check_place(camera: Plenoptic1, scene: PointSources) -> None:
+    """Refuse sources behind the lens, or imaged beyond the array.
+
+    Raises
+    ------
+    ValueError, SamplingError
+        Naming the first such point.
+    """
+    behind = camera.object_distance + scene.positions[:, 2] <= 0
+    if behind.any():
+        x, y, dz = scene.positions[behind][0]
+        raise ValueError(
+            f"The point (x, y, dz) = ({x:g}, {y:g}, {dz:g}) m lies behind the main lens, which "
+            f"is {camera.object_distance:g} m from the focused plane."
+        )
+    images, extent = camera.image_of(scene.positions), camera.grid.extent
+    outside = (np.abs(images) > np.asarray(extent)[::-1] / 2).any(axis=1)
+    if outside.any():
+        (x, y, dz), (X, Y) = scene.positions[outside][0], images[outside][0]
+        raise SamplingError(
+            f"The point (x, y, dz) = ({x:g}, {y:g}, {dz:g}) m is imaged at ({X:g}, {Y:g}) m, "
+            f"beyond the array of {extent[1]:g} x {extent[0]:g} m: move it or use more lenslets."
         )
 
 

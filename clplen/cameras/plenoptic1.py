@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,10 +15,11 @@ from clplen.cameras.emission import Method
 from clplen.cameras.exposing import expose_scene
 from clplen.cameras.pictures import PicturePlane
 from clplen.cameras.pupil import pupil_fields
+from clplen.cameras.rays import expose_rays, is_rays
 from clplen.cameras.scene import PointSources
+from clplen.cameras.surfaces import SurfaceScene
 from clplen.compute.device import Device
 from clplen.compute.lines import smooth_length
-from clplen.errors import SamplingError
 from clplen.files import PathLike
 from clplen.lightfield.raw import RawImage
 from clplen.lightfield.sensor import Sensor
@@ -31,7 +32,7 @@ from clplen.wave.lenslets import MicrolensArray
 from clplen.wave.propagation import Propagator, plan
 from clplen.wave.statistics import Region
 
-Scene = PointSources | PicturePlane | Sequence[PointSources | PicturePlane]
+Scene = SurfaceScene | PointSources | PicturePlane | Sequence[PointSources | PicturePlane]
 FRESNEL_WIDTHS = 2  # diffraction beyond the geometric edge that a window without padding holds
 
 
@@ -146,6 +147,7 @@ class Plenoptic1:
         self,
         scene: Scene,
         *,
+        model: Literal["waves", "rays"] = "waves",
         coherence: Coherence | None = None,
         sensor: Sensor | None = None,
         progress: Progress | None = None,
@@ -156,12 +158,16 @@ class Plenoptic1:
         region: Region | None = None,
         checkpoint: PathLike | None = None,
     ) -> RawImage:
-        """Take a raw image by wave optics: intensities of all points and pictures added.
+        """Take a raw image: intensities of all points and pictures added.
 
         Parameters
         ----------
-        scene : PointSources, PicturePlane or list of them
-            The members of a list add up without occlusion.
+        scene : PointSources, PicturePlane, list of them, or SurfaceScene
+            The members of a list add up without occlusion. A `SurfaceScene` has occlusion and needs
+            ``model="rays"``: Y and X count lenslets from the middle of the array, d is the
+            disparity of the decoded light field, and 1 is the raw image of white.
+        model : {"waves", "rays"}
+            Wave optics, or geometrical rays: no diffraction, and of what follows only ``sensor``.
         coherence : Coherence, optional
             Its spectrum holds for everything, its spatial model for slides
             (``mode="transmission"``), which need it. Points and self-luminous pictures are
@@ -186,7 +192,7 @@ class Plenoptic1:
         RawImage
             float32, shape of ``grid``; n sources of power 1 add up to n (1 - 1e-3 .. 1). A clear
             sample of a slide sends the energy 1 towards the lens. ``exposure`` says how the image
-            was found and how exact it is.
+            was found and how exact it is; by rays ``truth`` holds that of a `SurfaceScene`.
 
         Raises
         ------
@@ -195,19 +201,23 @@ class Plenoptic1:
             beyond the array, or the grid does not carry the light on a slide.
         ValueError
             If a point lies behind the lens, a slide has no light, a spatial model nothing to light,
-            or ``method`` does not fit the camera.
+            or ``model`` or ``method`` do not fit the scene or the camera.
         FormatError
             If the checkpoint is damaged or of another set-up.
         DeviceError
             If the fields do not fit the device.
         """
+        how = Averaging(snapshots, rtol, region, checkpoint)
+        if is_rays(model, scene, coherence, how):
+            traced = expose_rays(self, scene)
+            return traced if sensor is None else sensor.record(traced)
         total, exposure = expose_scene(
             self,
             scene,
             coherence=coherence,
             koehler=koehler,
             method=method,
-            how=Averaging(snapshots, rtol, region, checkpoint),
+            how=how,
             progress=progress,
         )
         data = total if total.dtype == np.float32 else total.astype(np.float32)
@@ -355,22 +365,8 @@ class Plenoptic1:
 
     def check_scene(self, scene: PointSources) -> None:
         """Refuse sources that this camera cannot show; see `expose`."""
-        behind = self.object_distance + scene.positions[:, 2] <= 0
-        if behind.any():
-            x, y, dz = scene.positions[behind][0]
-            raise ValueError(
-                f"The point (x, y, dz) = ({x:g}, {y:g}, {dz:g}) m lies behind the main lens, which "
-                f"is {self.object_distance:g} m from the focused plane."
-            )
+        geometry.check_place(self, scene)
         images = self.image_of(scene.positions)
-        outside = (np.abs(images) > np.asarray(self.grid.extent)[::-1] / 2).any(axis=1)
-        if outside.any():
-            (x, y, dz), (X, Y) = scene.positions[outside][0], images[outside][0]
-            raise SamplingError(
-                f"The point (x, y, dz) = ({x:g}, {y:g}, {dz:g}) m is imaged at ({X:g}, {Y:g}) m, "
-                f"beyond the array of {self.grid.extent[1]:g} x {self.grid.extent[0]:g} m: move it "
-                "or use more lenslets."
-            )
         alpha = np.abs(np.atleast_1d(self.alpha(scene.positions[:, 2])))
         for reach, a in zip(np.abs(images).max(axis=1), alpha, strict=True):
             geometry.check_sampling(self, float(reach), max(1.0, float(a)))

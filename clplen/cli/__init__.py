@@ -11,8 +11,13 @@ from clplen import __version__
 from clplen.cli.demo import demo
 from clplen.cli.depth import depth
 from clplen.cli.devices import devices
+from clplen.cli.epi import epi
+from clplen.cli.info import info
 from clplen.cli.messages import Commands
+from clplen.cli.refocus import refocus
+from clplen.cli.render import render
 from clplen.cli.sampling import sampling
+from clplen.cli.score import score
 from clplen.cli.simulate import simulate
 from clplen.cli.stack import stack
 
@@ -31,5 +36,5 @@ def main() -> None:
     logger.setLevel(logging.INFO)
 
 
-for command in (demo, depth, devices, sampling, simulate, stack):
+for command in (demo, depth, devices, epi, info, refocus, render, sampling, score, simulate, stack):
     main.add_command(command)

@@ -66,7 +66,7 @@ def check_planes(disparities: Any, alphas: Any) -> None:
 
 def planes_of(lf: LightField, disparities: Any, alphas: Any) -> dict[str, Any]:
     """The planes that were asked for, else those that suit the light field."""
-    from clplen.lightfield.refocus import shifts
+    from clplen.lightfield.shifts import shifts
 
     if disparities is None and alphas is None:
         if np.isfinite(lf.alpha(0.0)):
@@ -77,7 +77,7 @@ def planes_of(lf: LightField, disparities: Any, alphas: Any) -> dict[str, Any]:
         else:
             disparities = np.linspace(*options.DEFAULT_DISPARITIES)
     chosen = lf.disparity(alphas) if disparities is None else disparities
-    moved = [np.abs(along).max(axis=1) for along in shifts(lf, chosen)]
+    moved = [np.abs(along).reshape(len(along), -1).max(axis=1) for along in shifts(lf, chosen)]
     beyond = (moved[0] >= lf.shape[2]) | (moved[1] >= lf.shape[3])
     if beyond.any():
         note(

@@ -10,28 +10,49 @@ from typing import Any, cast
 
 from clplen.compute.device import Device
 from clplen.files import PathLike, check_folder, check_writable, output_folder
+from clplen.io.disparity import read_disparity
+from clplen.io.hci import HciParameters, read_parameters
 from clplen.io.hdf5 import write_hdf5
 from clplen.io.kinds import kind_of
 from clplen.io.layout import Layout
+from clplen.io.mosaic import write_mosaic
+from clplen.io.ome import write_image
 from clplen.io.pfm import read_pfm, write_pfm
 from clplen.io.picture import read_picture, write_picture
+from clplen.io.ply import points_of, write_ply
+from clplen.io.raw import read_raw
+from clplen.io.raytrix import read_raytrix, write_raytrix
 from clplen.io.stack import write_depth, write_stack
+from clplen.io.truth import read_truth
 from clplen.io.views import find_views, write_views
+from clplen.io.zarrs import write_zarr
 from clplen.lightfield.lightfield import LightField
 
 __all__ = [
+    "HciParameters",
     "check_folder",
     "check_writable",
     "files_of",
     "output_folder",
+    "points_of",
+    "read_disparity",
     "read_lightfield",
+    "read_parameters",
     "read_pfm",
     "read_picture",
+    "read_raw",
+    "read_raytrix",
+    "read_truth",
     "write_depth",
+    "write_image",
     "write_lightfield",
+    "write_mosaic",
     "write_pfm",
     "write_picture",
+    "write_ply",
+    "write_raytrix",
     "write_stack",
+    "write_views",
 ]
 
 logger = logging.getLogger(__name__)
@@ -123,10 +144,11 @@ def read_lightfield(
     Raises
     ------
     FormatError
-        If the file or folder is missing, damaged, incomplete or of an unknown kind.
+        If the file or folder is missing, damaged, incomplete or of an unknown kind; if a value in
+        an array file (a sample that is NaN, a spacing of 0) makes no light field.
     ValueError, ShapeError
-        If a word of layout does not apply to this kind of file, or a value in it (a sample that is
-        NaN, a spacing of 0) makes no light field.
+        If a word of layout does not apply to this kind of file, or a value in pictures makes no
+        light field.
     """
     words = locals()
     layout = Layout(**{field.name: words[field.name] for field in fields(Layout)})
@@ -172,23 +194,28 @@ def write_lightfield(path: PathLike, lf: LightField) -> None:
     Parameters
     ----------
     path : path-like
-        ``.h5`` or ``.hdf5`` keeps everything; a name without suffix becomes a new folder of
-        pictures, which keeps the samples only.
+        ``.h5``, ``.hdf5`` and ``.zarr`` (a new folder) keep everything; a name without suffix
+        becomes a new folder of pictures, which keeps the samples only.
     lf : LightField
 
     Raises
     ------
     ValueError
         If the suffix is another one.
+    FormatError
+        If it is ``.zarr`` and the package zarr is not installed.
     OSError
         If it cannot be written, or the folder holds something already.
     """
     suffix = Path(path).suffix.lower()
     if suffix in (".h5", ".hdf5"):
         write_hdf5(path, lf)
+    elif suffix == ".zarr":
+        write_zarr(path, lf)
     elif suffix == "" or Path(path).is_dir():
         write_views(path, lf)
     else:
         raise ValueError(
-            f"A light field is written to .h5 or to a new folder, not to {Path(path).name}."
+            "A light field is written to .h5, to .zarr or to a new folder, not to "
+            f"{Path(path).name}."
         )

@@ -7,6 +7,7 @@ says in one sentence what was taken for what.
 from __future__ import annotations
 
 import json
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,13 +42,21 @@ class Kind:
     recognises: Callable[[Path, bytes], bool]
 
 
-def _is_zarr(path: Path, _: bytes) -> bool:
+def _is_zarr(path: Path, head: bytes) -> bool:
     marks = (".zgroup", ".zarray", "zarr.json")
-    return path.is_dir() and any((path / mark).is_file() for mark in marks)
+    if path.is_dir():
+        return any((path / mark).is_file() for mark in marks)
+    if head[:4] != b"PK\3\4":
+        return False
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return any(mark in archive.NameToInfo for mark in marks)
+    except (OSError, ValueError, RuntimeError, zipfile.BadZipFile):
+        return False  # an archive of views says what is wrong with it
 
 
-def _is_json(path: Path, head: bytes) -> bool:
-    return path.suffix.lower() == ".json" or head.lstrip()[:1] == b"{"
+def _is_described(path: Path, head: bytes) -> bool:
+    return path.suffix.lower() in (".json", ".raw") or head.lstrip()[:1] == b"{"
 
 
 KINDS = (
@@ -82,7 +91,7 @@ KINDS = (
         "a raw image described by JSON",
         "clplen.io.lytro",
         (*_VIEWS, *_RAW),
-        _is_json,
+        _is_described,
     ),
     Kind(
         "a Raytrix calibration",

@@ -20,8 +20,16 @@ _KNOWN = (
 )
 _FIELD = re.compile(r"\{(\w*)(?::\w*)?\}|(\*)")
 _NUMBER = re.compile(r"\d+")
+_DIGITS = r"\d{1,18}"  # of an index; time stamps have 17
+# What lies beside the views of a data set without being one.
+_OTHER = re.compile(
+    r"(?<![a-z])(?:gt|masks?|depths?|disp|disparity|objectids?|labels?|normals?|boundaries)"
+    r"(?![a-z])",
+    re.IGNORECASE,
+)
 _LISTED = 10  # how many names a message lists
-_ROW = 100  # a constant number from here on is a date or a serial number, no row
+_ROW = 2  # digits; a longer constant number is a date or a serial number, no row
+_MOST = 10**6  # views
 
 View = tuple[int, int]
 
@@ -62,7 +70,7 @@ class Pattern:
         name, anything = match.groups()
         if anything:
             return ".*?"
-        return r"\d+" if name == "n" else rf"(?P<{name}>\d+)"
+        return r"\d+" if name == "n" else rf"(?P<{name}>{_DIGITS})"
 
     def numbers(self, names: Iterable[str]) -> dict[tuple[int, ...], list[str]]:
         """The files of each (v, u) or (i,), as the names give them."""
@@ -77,7 +85,12 @@ class Pattern:
 
 
 def arrange(
-    pattern: Pattern, names: Iterable[str], *, views: View | None = None, where: str = "the folder"
+    pattern: Pattern,
+    names: Iterable[str],
+    *,
+    views: View | None = None,
+    lawnmower: bool = False,
+    where: str = "the folder",
 ) -> tuple[View, dict[View, str]]:
     """Which file is which view, by rank: the first number and the step do not matter.
 
@@ -89,6 +102,8 @@ def arrange(
     views : tuple of int, optional
         (V, U), rows and columns as the names count them; needed for ``{i}`` unless the count is a
         square.
+    lawnmower : bool
+        Whether ``{i}`` counts every other row of views, the second first, from its end.
     where : str
         The folder, for messages.
 
@@ -101,7 +116,15 @@ def arrange(
     ------
     FormatError
         If nothing matches, two files are the same view, or the counts are not those of ``views``.
+    ValueError
+        If ``lawnmower`` is asked of names that have row and column.
     """
+    names = list(names)
+    if lawnmower and not pattern.counts_views:
+        raise ValueError(
+            f"order='lawnmower' is for names with one number; the pattern {pattern.text!r} has row "
+            "and column: give a pattern with {i}, or leave order out."
+        )
     found = pattern.numbers(names)
     if not found:
         raise FormatError(
@@ -117,9 +140,17 @@ def arrange(
         tuple(axes[axis][value] for axis, value in enumerate(key)): files[0]
         for key, files in found.items()
     }
+    if math.prod(counts) > _MOST:
+        raise FormatError(
+            f"The numbers in the names in {where} (pattern {pattern.text!r}) would give "
+            f"{' x '.join(f'{n:,}' for n in counts)} views from {len(ranked)} files: give a "
+            "pattern that matches the views only."
+        )
     if pattern.counts_views:
         shape = _shape_of(counts[0], views, pattern)
-        return shape, {divmod(rank[0], shape[1]): file for rank, file in ranked.items()}
+        return shape, {
+            _place(rank[0], shape[1], lawnmower=lawnmower): file for rank, file in ranked.items()
+        }
     shape = (counts[0], counts[1])
     if views is not None and tuple(views) != shape:
         raise FormatError(
@@ -127,6 +158,32 @@ def arrange(
             f"{pattern.text!r}), but views={tuple(views)} was asked for."
         )
     return shape, {(rank[0], rank[1]): file for rank, file in ranked.items()}
+
+
+def _place(index: int, columns: int, *, lawnmower: bool) -> View:
+    """(v, u) of a view that is counted row by row."""
+    v, u = divmod(index, columns)
+    return (v, columns - 1 - u) if lawnmower and v % 2 else (v, u)
+
+
+def views_only(names: Iterable[str], *, pattern: str | None = None) -> list[str]:
+    """Names without those that say they are masks, depths or the like, hidden ones neither.
+
+    Parameters
+    ----------
+    names : iterable of str
+        With ``/`` between folders; the last part counts.
+    pattern : str, optional
+        A pattern that itself holds such a word asks for them.
+
+    Returns
+    -------
+    list of str
+    """
+    shown = [name for name in names if not any(part[:1] == "." for part in name.split("/"))]
+    if pattern is not None and _OTHER.search(pattern.rsplit("/", 1)[-1]):
+        return shown
+    return [name for name in shown if not _OTHER.search(name.rsplit("/", 1)[-1])]
 
 
 def _ranks(values: Sequence[int]) -> dict[int, int]:
@@ -174,7 +231,7 @@ def guess(names: Sequence[str], *, where: str = "the folder") -> Pattern:
     same = [_NUMBER.findall(name) for name in names if _NUMBER.sub("{}", name) == form]
     columns = [sorted(set(column)) for column in zip(*same, strict=True)]
     varying = [index for index, column in enumerate(columns) if len(column) > 1]
-    if len(columns) == 2 and len(varying) == 1 and int(columns[1 - varying[0]][0]) < _ROW:
+    if len(columns) == 2 and len(varying) == 1 and len(columns[1 - varying[0]][0]) <= _ROW:
         varying = [0, 1]
     if len(varying) not in (1, 2) or count < 2:
         raise FormatError(

@@ -6,6 +6,7 @@ byte order, negative for little endian), then float32 rows from the bottom of th
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -17,8 +18,16 @@ from clplen.files import PathLike, replacing
 
 _SPACE = rb"(?:\s|#[^\n]*\n)+"  # comments run to the end of their line
 _HEADER = re.compile(
-    rb"(P[Ff])" + _SPACE + rb"(\d+)" + _SPACE + rb"(\d+)" + _SPACE + rb"([-+.\deE]+)[ \t\r]*\n"
+    rb"(P[Ff])"
+    + _SPACE
+    + rb"(\d{1,9})"
+    + _SPACE
+    + rb"(\d{1,9})"
+    + _SPACE
+    # a decimal number, at the end of its line
+    + rb"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)[ \t\r]*\n"
 )
+_LONGEST = 1 << 12  # bytes of a header
 
 
 def read_pfm(path: PathLike) -> np.ndarray[Any, np.dtype[np.float32]]:
@@ -42,13 +51,18 @@ def read_pfm(path: PathLike) -> np.ndarray[Any, np.dtype[np.float32]]:
     path = Path(path)
     if not path.is_file():
         raise FormatError(f"There is no file {path}.")
-    content = path.read_bytes()
-    header = _HEADER.match(content)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise FormatError(f"{path} cannot be read ({error.strerror}).") from error
+    header = _HEADER.match(content[:_LONGEST])
     if header is None:
         raise FormatError(f"{path} is not a PFM file: it does not begin with Pf or PF and a size.")
     kind, width, height, scale = header.groups()
     shape = (int(height), int(width)) + ((3,) if kind == b"PF" else ())
-    needed, found = 4 * int(np.prod(shape)), len(content) - header.end()
+    needed, found = 4 * math.prod(shape), len(content) - header.end()
+    if not needed:
+        raise FormatError(f"{path} declares {shape} samples, which is no picture.")
     if found < needed:
         raise FormatError(
             f"{path} is truncated: {shape} samples need {needed} bytes, {found} are there."

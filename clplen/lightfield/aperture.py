@@ -1,4 +1,4 @@
-"""Which views a picture is made of: weights w[v, u] of an aperture."""
+"""Which views a picture is made of: weights w[v, u] of an aperture, by words or by shape."""
 
 from __future__ import annotations
 
@@ -9,9 +9,37 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen.errors import ShapeError
+from clplen.lightfield.shapes import (
+    annulus,
+    disc,
+    ellipse_cells,
+    gaussian,
+    half_plane,
+    hann,
+    kaiser,
+    picture,
+    polygon,
+    regular_polygon,
+    square,
+)
 
 if TYPE_CHECKING:
     from clplen.lightfield.lightfield import LightField
+
+__all__ = [
+    "annulus",
+    "aperture_weights",
+    "disc",
+    "f_number_radius",
+    "gaussian",
+    "half_plane",
+    "hann",
+    "kaiser",
+    "picture",
+    "polygon",
+    "regular_polygon",
+    "square",
+]
 
 Weights = np.ndarray[Any, np.dtype[np.float32]]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
@@ -69,6 +97,30 @@ def aperture_weights(lf: LightField, aperture: Any, viewpoint: Any) -> Weights:
     return weights.astype(np.float32)
 
 
+def f_number_radius(lf: LightField, f_number: str) -> Pair:
+    """Radius of the main lens stopped down to an f-number at its image, for the shapes.
+
+    Parameters
+    ----------
+    lf : LightField
+        With camera and spacing.
+    f_number : str
+        Such as "f/66".
+
+    Returns
+    -------
+    tuple of float
+        In view steps along v and u.
+
+    Raises
+    ------
+    ValueError
+        If it is no f-number, wider than the lens, or camera or spacing are not known.
+    """
+    along_v, along_u = _f_number_diameter(lf, f_number)
+    return along_v / 2, along_u / 2
+
+
 def _checked_viewpoint(viewpoint: Any, views: tuple[int, int]) -> Pair:
     values = np.asarray(viewpoint, np.float64)
     if values.shape != (2,):
@@ -105,27 +157,8 @@ def _square(views: tuple[int, int], across: int, centre: Pair | None) -> Vector:
 
 def _disc(views: tuple[int, int], diameter: Pair, centre: Pair | None) -> Vector:
     """Covered fraction of every view's cell by an ellipse (a disc on the main lens)."""
-    at = tuple((n - 1) / 2 for n in views) if centre is None else centre
-    y, x = (
-        np.clip((np.arange(n + 1) - 0.5 - c) / (d / 2), -1, 1)
-        for n, c, d in zip(views, at, diameter, strict=True)
-    )
-    area = _disc_area(y[:, None], x[None, :]) * (diameter[0] * diameter[1] / 4)
-    cells = area[1:, 1:] - area[1:, :-1] - area[:-1, 1:] + area[:-1, :-1]
-    return np.clip(cells, 0, 1)
-
-
-def _disc_area(y: Vector, x: Vector) -> Vector:
-    """Area of the unit disc between the axes and (y, x), odd in both, for y and x from -1 to 1."""
-
-    def under_arc(t: Vector) -> Vector:
-        """Integral of sqrt(1 - t^2) from 0 to t."""
-        return (t * np.sqrt(1 - t**2) + np.arcsin(t)) / 2
-
-    height, width = np.abs(y), np.abs(x)
-    corner = np.minimum(width, np.sqrt(1 - height**2))  # where the arc meets the upper side
-    area = height * corner + under_arc(width) - under_arc(corner)
-    return np.sign(y) * np.sign(x) * area
+    v, u = ((n - 1) / 2 for n in views)
+    return ellipse_cells(views, (diameter[0] / 2, diameter[1] / 2), centre or (v, u))
 
 
 def _fraction_diameter(views: tuple[int, int], fraction: float) -> Pair:

@@ -72,6 +72,11 @@ def resample(raw: RawImage, grid: LensletGrid) -> cla.Array:
 
 
 def _check(raw: RawImage, grid: LensletGrid) -> None:
+    if len(raw.data.shape) != 2:
+        raise ShapeError(
+            "A colour picture of lenslets is not sliced into views, but one of shape (ny, nx): "
+            "decode its colours one by one, or give the raw frame with bayer=."
+        )
     if min(*grid.count, *grid.views) < 1:
         raise ShapeError(
             "A lenslet grid has at least one lenslet and one view along each axis, not "

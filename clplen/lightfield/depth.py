@@ -1,31 +1,29 @@
-"""Depth maps from the sharpness of a focal stack."""
+"""Depth maps of light fields and of focal stacks."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.lightfield.focus import HighPass, Map, PeakTracker
-from clplen.lightfield.gaussian import GaussianBlur
-from clplen.lightfield.interpolation import EvenBlur
-from clplen.lightfield.refocus import FocalStack, focal_stack
+from clplen.lightfield.correspondence import correspondence_disparity
+from clplen.lightfield.cues import energy_disparity
+from clplen.lightfield.detail import LocalEnergy
+from clplen.lightfield.peaks import Map
+from clplen.lightfield.refocus import FocalStack
+from clplen.lightfield.structure_tensor import structure_disparity
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from clplen.lightfield.lightfield import LightField
 
-CUES = ("energy",)
+CUES = ("energy", "correspondence", "structure-tensor")
 DEFAULT_DISPARITIES = np.linspace(-2, 2, 33)
 
-_HIGH_PASS = 1.5  # pixels: what a wider Gaussian leaves is no detail
-_WINDOW = 4.0  # pixels: Gaussian over which the energy is gathered
 _CURVE_HIGH_PASS = 2.0  # pixels, for the whole picture
 _BORDER = 15  # pixels left out of the whole picture, at most a quarter of it
-_AT_ONCE = 8  # planes refocused in one pass over the light field
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -44,8 +42,8 @@ class DepthMap:
         Metres from the focused plane, farther positive (as in `PointSources`); NaN without a
         camera.
     confidence : numpy.ndarray
-        0 to 1, from the curvature of the peak and its margin to the second highest; 0 without
-        texture and where the first or the last plane is the sharpest.
+        0 to 1: how sharp the extremum is and how far from the second one; 0 without texture and,
+        for cues that try planes, where the first or the last one is best.
     """
 
     disparity: Map
@@ -59,26 +57,32 @@ def depth_map(
     *,
     alphas: ArrayLike | None = None,
     disparities: ArrayLike | None = None,
-    cue: str = "energy",
+    cue: str | None = None,
 ) -> DepthMap:
-    """Disparity of the sharpest plane at every pixel, refined between the planes.
+    """Disparity at every pixel of the centre view, finer than the planes that are tried.
 
-    The cue "energy" is E_d = G_w * (R_d - G_s * R_d)^2, the squares added over the colours, with
-    R_d the picture refocused on disparity d and G Gaussians of s = 1.5 and w = 4 pixels: by
-    Parseval the windowed spectral energy above a cut-off. First every R_d is blurred until it has
-    lost as much to interpolation as a shift of half a pixel loses (`EvenBlur`), or else whole
-    disparities would be preferred. The peak is refined by the parabola through the highest plane
-    and its two neighbours.
+    Cues
+    ----
+    "energy"
+        The sharpest plane: highest local energy of detail of the refocused picture
+        (`clplen.lightfield.cues`). A cue of defocus: strong in noise, weak beside occlusions.
+    "correspondence"
+        The plane on which the views agree: least variance over the views in a box of 9 pixels
+        (`clplen.lightfield.correspondence`). Sharp at edges, misled by highlights and noise.
+    "structure-tensor"
+        The orientation of the epipolar-plane images, sheared in steps, most coherent of both
+        directions (`clplen.lightfield.structure_tensor`). Of the planes only the range counts.
 
     Parameters
     ----------
     source : LightField or FocalStack
-        A stack brings its own planes, in any order; one without `weights` of its views is taken
-        as it is.
+        A stack brings its own planes, in any order, and allows only "energy"; one without
+        `weights` of its views is taken as it is.
     alphas, disparities : array_like, optional
         Planes to try, at least three different ones, not both. For a light field without either:
         33 disparities from -2 to 2.
-    cue : {"energy"}
+    cue : {"energy", "correspondence", "structure-tensor"}, optional
+        Default "energy".
 
     Returns
     -------
@@ -87,27 +91,24 @@ def depth_map(
     Raises
     ------
     ValueError
-        If the cue is unknown, alphas and disparities are both given or given with a stack, or
-        there are fewer than three planes.
+        If the cue is unknown or needs the views that a stack does not have, alphas and disparities
+        are both given or given with a stack, or there are fewer than three planes.
     DeviceError
         If what is needed is larger than the device's memory.
     """
+    cue = "energy" if cue is None else cue
     if cue not in CUES:
         raise ValueError(f"The cues of depth_map are {', '.join(map(repr, CUES))}, not {cue!r}.")
     planes = _distinct(source, alphas, disparities)
-    device = source.device
-    shape = source.shape[1:] if isinstance(source, FocalStack) else source.shape[2:]
-    size = (shape[0], shape[1])
-    _require_memory(source, shape)
-    gather = GaussianBlur(_WINDOW, size, device=device)
-    even = EvenBlur(shape, device=device)
-    high_pass = HighPass(_HIGH_PASS, shape, device=device)
-    tracker = PeakTracker(size, device=device, start=planes[np.argmin(np.abs(planes))])
-    for disparity, stack, index in _focused(source, planes):
-        energy = tracker.next_plane(disparity)
-        high_pass(energy, even(stack, index))
-        gather(energy, energy)
-    return _depth_map(source, *tracker.finish())
+    if cue == "energy":
+        return _depth_map(source, *energy_disparity(source, planes))
+    if isinstance(source, FocalStack):
+        raise ValueError(
+            f"cue={cue!r} compares views, which a focal stack does not have: give the light field, "
+            "or cue='energy'."
+        )
+    find = correspondence_disparity if cue == "correspondence" else structure_disparity
+    return _depth_map(source, *find(source, planes))
 
 
 def sharpness_curve(stack: FocalStack) -> Vector:
@@ -127,14 +128,13 @@ def sharpness_curve(stack: FocalStack) -> Vector:
         float64, shape (n,).
     """
     count, ny, nx = stack.shape[:3]
-    high_pass = HighPass(_CURVE_HIGH_PASS, stack.shape[1:], device=stack.device, luma=True)
-    even = EvenBlur(stack.shape[1:], device=stack.device)
-    energy = stack.device.empty((ny, nx), np.float32)
+    measure = LocalEnergy(_CURVE_HIGH_PASS, stack.shape[1:], device=stack.device, luma=True)
+    energy = stack.device.empty((1, ny, nx), np.float32)
     top, left = (min(_BORDER, n // 4) for n in (ny, nx))
     curve = []
     for index in range(count):
-        high_pass(energy, even(stack, index))
-        inside = stack.device.download(energy)[top : ny - top, left : nx - left]
+        measure(energy, stack, start=index, count=1)
+        inside = stack.device.download(energy)[0, top : ny - top, left : nx - left]
         curve.append(inside.mean(dtype=np.float64))
     return np.array(curve)
 
@@ -162,28 +162,6 @@ def _distinct(source: LightField | FocalStack, alphas: Any, disparities: Any) ->
             f"{np.unique(values).size} of shape {values.shape}."
         )
     return np.unique(values)
-
-
-def _focused(
-    source: LightField | FocalStack, planes: Vector
-) -> Iterator[tuple[float, FocalStack, int]]:
-    """(disparity, stack, index in it) of each plane, a few refocused at a time."""
-    if isinstance(source, FocalStack):
-        for index in np.unique(source.disparities, return_index=True)[1]:
-            yield float(source.disparities[index]), source, int(index)
-        return
-    for start in range(0, planes.size, _AT_ONCE):
-        stack = focal_stack(source, disparities=planes[start : start + _AT_ONCE])
-        for index, disparity in enumerate(stack.disparities):
-            yield float(disparity), stack, index
-
-
-def _require_memory(source: LightField | FocalStack, shape: tuple[int, ...]) -> None:
-    """Everything that is held at once, in float32 pictures and maps."""
-    pictures = 3 + (0 if isinstance(source, FocalStack) else _AT_ONCE)
-    colours = shape[2] if len(shape) == 3 else 1
-    nbytes = 4 * shape[0] * shape[1] * (pictures * colours + 8) + source.data.nbytes
-    source.device.require_memory(nbytes, "This depth map with its source")
 
 
 def _depth_map(source: LightField | FocalStack, disparity: Map, confidence: Map) -> DepthMap:

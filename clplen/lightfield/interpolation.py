@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.lightfield.refocus import view_shifts
+from clplen.lightfield.shifts import view_shifts
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 _VARIANCE, _FOURTH = 1 / 4, 1 / 16  # moments, in pixels, of the mean of two neighbours
-_NONE = np.array([1.0, 0.0, 0.0])
+NO_TAPS = np.array([1.0, 0.0, 0.0])
 
 
 class EvenBlur:
@@ -40,13 +40,7 @@ class EvenBlur:
 
     def __call__(self, stack: FocalStack, index: int) -> cla.Array:
         """One picture, valid until the next call; not blurred if the stack has no weights."""
-        taps_y = taps_x = _NONE
-        if stack.weights is not None:
-            down, right = view_shifts(
-                stack.spacing, stack.weights.shape, stack.disparities[index : index + 1]
-            )
-            taps_y = evening_taps(down[0], stack.weights.sum(axis=1))
-            taps_x = evening_taps(right[0], stack.weights.sum(axis=0))
+        taps_y, taps_x = stack_taps(stack, slice(index, index + 1))[0]
         ny, nx, channels = self._size
         self._device.launch_rows(
             self._device.kernel("sharpness.cl", "even"),
@@ -59,7 +53,39 @@ class EvenBlur:
         return self._picture
 
 
-def evening_taps(shift: Vector, weights: Vector) -> Vector:
+def stack_taps(stack: FocalStack, planes: slice) -> Vector:
+    """`evening_taps` of pictures of a focal stack.
+
+    Views moved by whole pixels keep all their detail and others lose some, so that the sharpness
+    of a focal stack has false peaks at whole disparities. After these taps every plane has
+    lost the same, whatever the spectrum of the picture and its noise.
+
+    Parameters
+    ----------
+    stack : FocalStack
+        Not blurred if it has no weights.
+    planes : slice
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (n, 2, 3): along y and along x, at distance 0, 1 and 2.
+    """
+    disparities = stack.disparities[planes]
+    if stack.weights is None:
+        return np.broadcast_to(NO_TAPS, (disparities.size, 2, 3))
+    moved = view_shifts(stack.spacing, stack.weights.shape, disparities, positions=stack.positions)
+    shares = [stack.weights.sum(axis=1), stack.weights.sum(axis=0)]
+    if stack.positions is not None:
+        shares = [stack.weights, stack.weights]
+    taps = [
+        [evening_taps(shift, share) for shift, share in zip(both, shares, strict=True)]
+        for both in zip(*moved, strict=True)
+    ]
+    return np.array(taps)
+
+
+def evening_taps(shift: Vector, weights: np.ndarray[Any, Any]) -> Vector:
     """Taps that, after the views' interpolation along one axis, blur as half a pixel does.
 
     A fraction f of a pixel mixes the samples f and 1 - f away with weights 1 - f and f: variance
@@ -71,9 +97,9 @@ def evening_taps(shift: Vector, weights: Vector) -> Vector:
     Parameters
     ----------
     shift : numpy.ndarray
-        Of the views, in pixels, shape (n,).
+        Of the views, in pixels.
     weights : numpy.ndarray
-        Of the views, shape (n,), not negative, not all 0.
+        Of the views, same shape, not negative, not all 0.
 
     Returns
     -------
@@ -82,7 +108,8 @@ def evening_taps(shift: Vector, weights: Vector) -> Vector:
     """
     part = shift - np.floor(shift)
     spread = part * (1 - part)
-    variance, fourth = np.average([spread, spread * (1 - 3 * spread)], axis=1, weights=weights)
+    variance = np.average(spread, weights=weights)
+    fourth = np.average(spread * (1 - 3 * spread), weights=weights)
     n2 = _VARIANCE - variance
     n4 = _FOURTH - fourth - 6 * variance * n2
     second = (n4 - n2) / 24

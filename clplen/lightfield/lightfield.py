@@ -11,11 +11,19 @@ import pyopencl.array as cla
 from clplen.compute.device import Device, require_device
 from clplen.compute.finite import count_bad
 from clplen.compute.image import Image
-from clplen.errors import DeviceError, ShapeError
+from clplen.errors import ShapeError
 from clplen.lightfield import decode as decoding
+from clplen.lightfield import flatten as flattening
+from clplen.lightfield import parametrisation as parametrising
 from clplen.lightfield import render as rendering
+from clplen.lightfield.checks import (
+    adopt,
+    checked_positions,
+    checked_spacing,
+    checked_weights,
+    weights_of_lit,
+)
 from clplen.lightfield.raw import CameraModel, RawImage, Spacing
-from clplen.lightfield.samples import C_TYPE, lit_views
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -44,6 +52,12 @@ class LightField:
         The raw image that it was decoded from.
     decode : {"calibrated", "naive"}
         "naive" cells sample direction, not main-lens position, and obey another law.
+    positions : numpy.ndarray or None
+        float64, shape (V, U, 2): where the views lie, (y, x) in view steps from the viewpoint that
+        pictures are registered to, in place of (v - (V - 1)/2, u - (U - 1)/2). None: on the grid.
+    parametrisation : {"two-plane", "point-angle"}
+        What a view is: a position on the main lens, or a direction. Then dv and du of ``spacing``
+        are steps of angle in radians, and what shifts views refuses it; see `resample`.
     """
 
     data: cla.Array
@@ -53,6 +67,8 @@ class LightField:
     camera: CameraModel | None = None
     raw: RawImage | None = None
     decode: str = "calibrated"
+    positions: np.ndarray[Any, np.dtype[np.float64]] | None = None
+    parametrisation: str = "two-plane"
 
     @classmethod
     def from_array(
@@ -63,6 +79,7 @@ class LightField:
         spacing: Spacing | None = None,
         weights: ArrayLike | None = None,
         camera: CameraModel | None = None,
+        positions: ArrayLike | None = None,
     ) -> LightField:
         """Take views that are in memory.
 
@@ -81,6 +98,9 @@ class LightField:
             throughout, 1 for the others (1 for all when all are black).
         camera : CameraModel, optional
             Needed for depth in metres.
+        positions : array_like, optional
+            Shape (V, U, 2), finite: (y, x) of every view in view steps, y down, for views that lie
+            on no regular grid.
 
         Returns
         -------
@@ -89,17 +109,17 @@ class LightField:
         Raises
         ------
         ShapeError
-            If the array is not 4-D or 5-D, is empty, or the weights do not fit it.
+            If the array is not 4-D or 5-D, is empty, or weights or positions do not fit it.
         ValueError
             If a sample is NaN or infinite: refused here, because interpolation would spread it;
-            if spacing or weights are out of range.
+            if spacing, weights or positions are out of range.
         TypeError
             If the samples are complex, or on the device and of none of the three types.
         DeviceError
             If it is larger than the device's memory, or an array of another device.
         """
         require_device(device)
-        data = _adopt(a, device)
+        data = adopt(a, device)
         if data.ndim not in (4, 5) or 0 in data.shape:
             raise ShapeError(
                 "A light field has shape (v, u, y, x) or (v, u, y, x, c), none of them empty, not "
@@ -111,8 +131,17 @@ class LightField:
                 f"The light field has {bad} samples that are NaN or infinite, which interpolation "
                 "would spread: replace them by 0 and give their views weight 0 (weights=)."
             )
-        checked = _weights_of_lit(data, device) if weights is None else _checked(weights, data)
-        return cls(data, device, _checked_spacing(spacing), checked, camera)
+        checked = (
+            weights_of_lit(data, device) if weights is None else checked_weights(weights, data)
+        )
+        return cls(
+            data,
+            device,
+            checked_spacing(spacing),
+            checked,
+            camera,
+            positions=checked_positions(positions, data),
+        )
 
     @classmethod
     def from_raw(cls, raw: RawImage, *, decode: str = "calibrated") -> LightField:
@@ -191,15 +220,31 @@ class LightField:
         scaled = -values / self._view_ratio()
         return 1 / (1 + scaled) if self.decode == "naive" else 1 - scaled
 
-    def view(self, v: float, u: float) -> Image:
+    def view(
+        self,
+        v: float,
+        u: float,
+        *,
+        disparity: ArrayLike | None = None,
+        interpolation: str = "cubic",
+    ) -> Image:
         """The view at (v, u), between views too (bilinear in the aperture, by `weights`).
 
-        A view of weight 0 is shown as it is stored, but not mixed into others.
+        A view of weight 0 is shown as it is stored, but not mixed into others. Between views,
+        what is not in focus is seen as often as there are views round (v, u), unless its
+        ``disparity`` is given: then each of them is shifted by its own distance from (v, u)
+        times d, so that samples of the same ray meet.
 
         Parameters
         ----------
         v, u : float
             0 <= v <= V - 1, 0 <= u <= U - 1.
+        disparity : float or array_like, optional
+            Of the scene, pixels a view step: one number, or one of every pixel of the centre view,
+            shape (y, x), as of a `DepthMap`; the map is carried to (v, u).
+        interpolation : {"cubic", "linear", "nearest"}
+            How views are shifted, as in `flatten`. Cubic by default: with four views at most, the
+            blur of linear interpolation is as large as what the shift mends for |d| < 1.
 
         Returns
         -------
@@ -209,9 +254,11 @@ class LightField:
         Raises
         ------
         ValueError
-            If (v, u) lies outside the views.
+            If (v, u) lies outside the views, or a disparity is not finite.
+        ShapeError
+            If the disparities are neither one number nor one of every pixel.
         """
-        return rendering.view(self, v, u)
+        return rendering.view(self, v, u, disparity=disparity, interpolation=interpolation)
 
     def epi(
         self,
@@ -270,66 +317,114 @@ class LightField:
         """
         return rendering.render(self, aperture=aperture, viewpoint=viewpoint, total=total)
 
+    def flatten(
+        self,
+        statistic: str = "mean",
+        *,
+        disparity: ArrayLike = 0.0,
+        aperture: Any = None,
+        viewpoint: tuple[float, float] | None = None,
+        mask: ArrayLike | None = None,
+        interpolation: str = "linear",
+    ) -> Image:
+        """What the views see of one plane or surface, as one picture registered to the centre view.
+
+        The samples of a pixel are those of the same point by (D3), weighted with the aperture
+        times `weights` times the share of their interpolation that lies inside the view and the
+        mask. The median sees around thin things in front of the surface; the variance is small
+        where the surface is one.
+
+        Parameters
+        ----------
+        statistic : {"mean", "median", "max", "min", "variance"}
+            Weighted; "max" and "min" take every sample that has a weight. The median is the mean
+            of the lowest values whose weight with those below is at least half, and more than
+            half, of all: for equal weights the usual one.
+        disparity : float or array_like
+            d in pixels a view step, or one of every pixel, shape (y, x).
+        aperture, viewpoint
+            As in `render`.
+        mask : array_like, optional
+            Shape (V, U, y, x); where it is False, a sample is not known.
+        interpolation : {"linear", "nearest", "cubic"}
+            "cubic" (Keys 1981, a = -1/2) repeats the edge within a view, and takes no place
+            outside it and no mask.
+
+        Returns
+        -------
+        Image
+            float32, shape (y, x[, c]); 0 where no view sees anything.
+
+        Raises
+        ------
+        ValueError
+            If the statistic or the interpolation is unknown, a disparity is not finite, more than
+            1024 views go into a median, or from `render`.
+        ShapeError
+            If disparities or mask are not one for every pixel or ray.
+        """
+        return flattening.flatten(
+            self,
+            statistic,
+            disparity=disparity,
+            aperture=aperture,
+            viewpoint=viewpoint,
+            mask=mask,
+            interpolation=interpolation,
+        )
+
+    def resample(
+        self,
+        parametrisation: str,
+        *,
+        focal: float | None = None,
+        views: tuple[int, int] | None = None,
+        interpolation: str = "linear",
+    ) -> LightField:
+        """The same rays by position on the main lens, or by direction.
+
+        A ray through u on the main lens and x on the image plane has theta = (x - u)/F, along y
+        alike (paraxial; thesis, sections 1.2 and 1.4.2), both from the axis, which lies in the
+        middle of the views and of the pixels. A point of alpha = F/F' is a line of slope
+        dx/du = 1 - alpha in (x, u), and dx/dtheta = F - F' in (x, theta). Steps of theta are
+        -du/F, so that only the fraction by which a column is interpolated depends on x.
+
+        Parameters
+        ----------
+        parametrisation : {"two-plane", "point-angle"}
+        focal : float, optional
+            F, metres from the main lens to the image plane; by default that of ``camera``.
+        views : tuple of int, optional
+            (V, U) of the result, about the middle. By default as many directions as hold every
+            ray, and back as many positions as there were before.
+        interpolation : {"linear", "cubic"}
+            Along the view axes (cubic: Keys 1981, a = -1/2, linear next to the edges). Views
+            outside or of weight 0 count neither in the sum nor in its weight, and a ray that none
+            of them saw is 0.
+
+        Returns
+        -------
+        LightField
+            float32; ``weights`` are the means of the weights of each view's rays that were seen.
+
+        Raises
+        ------
+        ValueError
+            If the spacing or F is not known, the views have ``positions`` or are naive cells, or
+            an option is out of range.
+        DeviceError
+            If the result is larger than the device's memory.
+        """
+        return parametrising.resample(
+            self, parametrisation, focal=focal, views=views, interpolation=interpolation
+        )
+
     def _view_ratio(self) -> float:
         """du/dx, signed."""
+        parametrising.require_two_plane(self, "alpha")
         if self.spacing is None or not np.isfinite(self.spacing).all():
             raise ValueError(
                 "alpha needs the spacing of views and pixels in metres, which this light field "
                 "does not have: give spacing=(dv, du, dy, dx), or use disparity."
             )
         return self.spacing[1] / self.spacing[3]
-
-
-def _adopt(a: Any, device: Device) -> cla.Array:
-    """The samples on the device in a storage type of the light field."""
-    if isinstance(a, cla.Array):
-        return _adopt_device(a, device)
-    values = np.asarray(a)
-    if values.dtype.kind not in "buif":
-        raise TypeError(f"A light field is real, not {values.dtype}.")
-    native = values.dtype.newbyteorder("=")
-    dtype = native if native in C_TYPE else np.dtype(np.float32)
-    device.require_memory(values.size * dtype.itemsize, "This light field")
-    return device.upload(values.astype(dtype, copy=False))
-
-
-def _adopt_device(a: cla.Array, device: Device) -> cla.Array:
-    """An array that is on the device already, when everything on its own queue is done."""
-    if a.context != device.context:
-        raise DeviceError(
-            f"The array lives in another OpenCL context than {device!r}: make it on device.queue."
-        )
-    if np.dtype(a.dtype) not in C_TYPE:
-        raise TypeError(f"On the device a light field is uint8, uint16 or float32, not {a.dtype}.")
-    if not a.flags.c_contiguous:
-        raise ShapeError(
-            f"On the device a light field is C-contiguous, not of strides {a.strides}: copy it "
-            "into a new array, or give a NumPy array."
-        )
-    if a.queue is not None:
-        a.queue.finish()
-    return a if a.offset == 0 else a.copy(queue=device.queue)
-
-
-def _checked_spacing(spacing: Any) -> Spacing | None:
-    if spacing is None:
-        return None
-    values = tuple(float(s) for s in spacing)
-    if len(values) != 4 or 0.0 in values:
-        raise ValueError(f"spacing is (dv, du, dy, dx) in metres, none of them 0, not {spacing!r}.")
-    return values
-
-
-def _weights_of_lit(data: cla.Array, device: Device) -> np.ndarray[Any, np.dtype[np.float32]]:
-    lit = lit_views(data, device)
-    return (lit if lit.any() else ~lit).astype(np.float32)
-
-
-def _checked(weights: Any, data: cla.Array) -> np.ndarray[Any, np.dtype[np.float32]]:
-    values = np.array(weights, np.float32)
-    views = (int(data.shape[0]), int(data.shape[1]))
-    if values.shape != views:
-        raise ShapeError(f"The weights have shape {values.shape}, the views {views}.")
-    if not (np.isfinite(values).all() and (values >= 0).all() and values.any()):
-        raise ValueError("Weights of views are finite, not negative and not all 0.")
-    return values

@@ -11,8 +11,10 @@ import pyopencl.array as cla
 from clplen.errors import ShapeError
 
 if TYPE_CHECKING:
+    from clplen.cameras.truth import Truth
     from clplen.compute.device import Device
     from clplen.compute.image import Image
+    from clplen.lightfield.lattice import Lattice
 
 Spacing = tuple[float, float, float, float]
 Transforms = tuple[tuple[int, tuple[int, int]], ...]
@@ -142,6 +144,28 @@ class LensletGrid:
     column_view_step: tuple[float, float] = (0.0, 1.0)
 
 
+@dataclass(frozen=True)
+class LensType:
+    """One of the kinds of lenses of a multi-focus array.
+
+    Its lenses lie at ``origin + offset + i steps[0] + k steps[1]`` for all integers i and k, with
+    the origin of the array's lattice.
+
+    Attributes
+    ----------
+    offset : tuple of float
+        (y, x) in pixels.
+    depth_range : tuple of float
+        (least, greatest) virtual depth at which it is sharp.
+    steps : tuple
+        Two vectors (y, x) in pixels.
+    """
+
+    offset: tuple[float, float]
+    depth_range: tuple[float, float]
+    steps: tuple[tuple[float, float], tuple[float, float]]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class RawImage:
     """A raw lenslet image with its geometry.
@@ -149,10 +173,11 @@ class RawImage:
     Attributes
     ----------
     data : pyopencl.array.Array
-        float32, shape (ny, nx), as it lies on the sensor (not inverted).
+        float32, shape (ny, nx), as it lies on the sensor (not inverted); (ny, nx, 3) of a colour
+        picture, which `LightField.from_raw` does not take.
     device : Device
     pixel_pitch : float
-        In metres.
+        In metres; NaN where a file does not tell.
     sub_images : LensletGrid
         Where the images of the main lens' pupil lie (chief rays).
     cells : LensletGrid
@@ -163,6 +188,12 @@ class RawImage:
         The camera that took it.
     exposure : Exposure or None
         How a camera of this package simulated it.
+    lattice : Lattice or None
+        Of a captured image: all its lenslets, of which ``sub_images`` are a full rectangle.
+    lens_types : tuple of LensType
+        Of a multi-focus array; empty for lenses of one kind.
+    truth : Truth or None
+        Of a synthetic scene, on the lattice of the light field that it decodes to.
     """
 
     data: cla.Array
@@ -173,10 +204,15 @@ class RawImage:
     spacing: Spacing | None = None
     camera: CameraModel | None = None
     exposure: Exposure | None = None
+    lattice: Lattice | None = None
+    lens_types: tuple[LensType, ...] = ()
+    truth: Truth | None = None
 
     def __post_init__(self) -> None:
-        if len(self.data.shape) != 2:
-            raise ShapeError(f"A raw image has shape (ny, nx), not {tuple(self.data.shape)}.")
+        if len(self.data.shape) not in (2, 3) or self.data.shape[2:] not in ((), (3,)):
+            raise ShapeError(
+                f"A raw image has shape (ny, nx) or (ny, nx, 3), not {tuple(self.data.shape)}."
+            )
         if self.data.dtype != np.float32:
             raise TypeError(f"A raw image on the device is float32, not {self.data.dtype}.")
 
@@ -190,5 +226,5 @@ class RawImage:
         return (int(self.data.shape[0]), int(self.data.shape[1]))
 
     def to_numpy(self) -> np.ndarray[Any, np.dtype[np.float32]]:
-        """The pixel values, float32, shape (ny, nx)."""
+        """The pixel values, float32, shape (ny, nx) or (ny, nx, 3)."""
         return self.device.download(self.data)

@@ -9,16 +9,21 @@ import numpy as np
 
 from clplen.compute.image import Image
 from clplen.lightfield.aperture import Weights, aperture_weights
+from clplen.lightfield.rays import along_rays, checked_disparity
 from clplen.lightfield.samples import plane
 from clplen.lightfield.shear import shear_sum
+from clplen.lightfield.shifts import unit_steps
+from clplen.lightfield.surface import carried
 
 if TYPE_CHECKING:
     from clplen.lightfield.lightfield import LightField
 
 
-def view(lf: LightField, v: float, u: float) -> Image:
+def view(lf: LightField, v: float, u: float, *, disparity: Any, interpolation: str) -> Image:
     """See `LightField.view`."""
-    return _view(lf, (v, u))
+    if disparity is None:
+        return _view(lf, (v, u))
+    return _view_along_rays(lf, (v, u), disparity, interpolation)
 
 
 def render(lf: LightField, *, aperture: Any, viewpoint: Any, total: bool) -> Image:
@@ -74,9 +79,31 @@ def epi(lf: LightField, *, y: int | None, x: int | None, v: int | None, u: int |
 
 
 def _view(lf: LightField, viewpoint: Any) -> Image:
+    return _mean(lf, _nearest(lf, viewpoint)[1])
+
+
+def _nearest(lf: LightField, viewpoint: Any) -> tuple[Weights, Weights]:
+    """Bilinear weights of the four views round a viewpoint, and those that are used."""
     nearest = aperture_weights(lf, None, viewpoint)
     weights = nearest * lf.weights
-    return _mean(lf, weights if weights.any() else nearest)
+    return nearest, weights if weights.any() else nearest
+
+
+def _view_along_rays(lf: LightField, viewpoint: Any, disparity: Any, interpolation: str) -> Image:
+    nearest, weights = _nearest(lf, viewpoint)
+    steps = unit_steps(lf)
+    here = np.tensordot(nearest.astype(np.float64), steps, 2)
+    d = checked_disparity(disparity, (lf.shape[2], lf.shape[3]))
+    picture = along_rays(
+        lf.data,
+        "mean",
+        device=lf.device,
+        weights=weights,
+        steps=steps - here,
+        disparity=carried(d, here) if d.ndim else d,
+        interpolation=interpolation,
+    )
+    return Image(picture, lf.device)
 
 
 def _mean(lf: LightField, weights: Weights) -> Image:

@@ -1,4 +1,4 @@
-"""The stored samples of a light field: their types, black views, slices."""
+"""The stored samples of a light field: their types, black views, extremes, slices."""
 
 from __future__ import annotations
 
@@ -37,6 +37,31 @@ def lit_views(data: cla.Array, device: Device) -> np.ndarray[Any, np.dtype[np.bo
     kernel = device.kernel("views.cl", "lit", SAMPLE=C_TYPE[np.dtype(data.dtype)])
     device.launch(kernel, (views,), lit, data, np.int32(views), np.int64(data.size // views))
     return device.download(lit) != 0
+
+
+def extremes(
+    data: cla.Array, device: Device
+) -> tuple[np.ndarray[Any, np.dtype[np.float32]], np.ndarray[Any, np.dtype[np.float32]]]:
+    """Smallest and largest sample of every view.
+
+    Parameters
+    ----------
+    data : pyopencl.array.Array
+        Shape (v, u, y, ...), C-contiguous, uint8, uint16 or float32.
+    device : Device
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        float32, shape (V, U).
+    """
+    V, U, ny = (int(n) for n in data.shape[:3])
+    rows = V * U * ny
+    found = device.empty((rows, 2), np.float32)
+    kernel = device.kernel("views.cl", "extremes", SAMPLE=C_TYPE[np.dtype(data.dtype)])
+    device.launch(kernel, (rows,), found, data, np.int64(rows), np.int32(data.size // rows))
+    values = device.download(found).reshape(V, U, ny, 2)
+    return values[..., 0].min(axis=2), values[..., 1].max(axis=2)
 
 
 def plane(

@@ -22,6 +22,7 @@ _MOST_PLANES = 64  # of one launch
 _LOCAL_BYTES = 512 * 1024  # of one work-item: stays in a second-level cache
 _LOCAL_RESERVE = 1024  # what an OpenCL runtime may keep for itself
 _WIDEST = 16  # chunks of a block
+_NORM_FLOATS = 1 << 23  # of the weights that samples use, in one launch
 _ITEMS_PER_CORE = 8  # so that no core waits long for the last one
 _SAMPLE_PLANES, _SAMPLE_HEIGHT, _SAMPLE_GROUP = 4, 4, 64  # what a GPU's work-item does
 
@@ -40,7 +41,8 @@ def shear_sum(
     """Shift every view by its constant, interpolate linearly, and average over the views.
 
     Picture p is the sum over v, u of w[v, u] L[v, u](y + shift_y[p, v], x + shift_x[p, u]) over
-    the sum of the weights (Ng 2005, shift and add). The result has the same bits in every run.
+    the sum of the weights (Ng 2005, shift and add); views that lie on no grid have a shift of
+    their own each. The result has the same bits in every run.
 
     Parameters
     ----------
@@ -49,8 +51,9 @@ def shear_sum(
     weights : numpy.ndarray
         Shape (V, U), finite. A view of weight 0 is not read.
     shift_y, shift_x : numpy.ndarray
-        Shapes (P, V) and (P, U), finite, in pixels; split in float64 into a whole number, which
-        moves the view, and a fraction, by which it is interpolated.
+        Shapes (P, V) and (P, U), or (P, V, U) (either or both), finite, in pixels; split in
+        float64 into a whole number, which moves the view, and a fraction, by which it is
+        interpolated. A grid, (P, V), is summed faster.
     device : Device
         Where ``lf_data`` lives.
     edge : {"normalised", "clamp"}
@@ -87,7 +90,7 @@ def shear_sum(
             f"{tuple(out.shape)} ({out.dtype})."
         )
     blocks = _best_blocks(views, device) if device.rows else None
-    step = blocks.planes if blocks else _MOST_PLANES
+    step = min(blocks.planes if blocks else _MOST_PLANES, _planes_of_norm(views))
     for first in range(0, views.planes, step):
         part = views.part(first, step)
         _launch(device, out, lf_data, part, blocks, (first, int(total)))
@@ -101,7 +104,7 @@ class _Views:
     weights: Table  # (V, U) float64
     down: Table  # (P, V), whole shifts, and their fractions
     below: Table
-    right: Table  # (P, U)
+    right: Table  # (P, U), or (P, V, U)
     beside: Table
     ny: int
     nx: int
@@ -149,18 +152,23 @@ def _views(
     if len(shape) not in (4, 5) or 0 in shape:
         raise ShapeError(f"A light field has shape (v, u, y, x[, c]), none empty, not {shape}.")
     V, U, ny, nx = shape[:4]
-    if w.shape != (V, U) or sy.ndim != 2 or sy.shape != (len(sx), V) or sx.shape != (len(sy), U):
+    P = len(sy) if sy.ndim else 0
+    fits = sy.shape in ((P, V), (P, V, U)) and sx.shape in ((P, U), (P, V, U))
+    if w.shape != (V, U) or not fits:
         raise ShapeError(
             f"{V} x {U} views take weights of shape {(V, U)} and, for P planes, shifts of shape "
-            f"(P, {V}) and (P, {U}), not {w.shape}, {sy.shape} and {sx.shape}."
+            f"(P, {V}) and (P, {U}), or (P, {V}, {U}), not {w.shape}, {sy.shape} and {sx.shape}."
         )
-    if len(sy) == 0:
+    if P == 0:
         raise ShapeError("Give the shifts of at least one plane.")
     if not all(np.isfinite(a).all() for a in (w, sy, sx)):
         raise ValueError("Weights and shifts of views are finite numbers.")
     if edge not in ("normalised", "clamp"):
         raise ValueError(f"edge is 'normalised' or 'clamp', not {edge!r}.")
     channels = shape[4] if len(shape) == 5 else 1
+    if sy.ndim == 3:  # rows of one view each
+        sx = np.broadcast_to(sx.reshape(P, -1, U), (P, V, U)).reshape(P, V * U, 1)
+        w, sy = w.reshape(V * U, 1), sy.reshape(P, V * U)
     return _Views(w, *_split(sy, ny), *_split(sx, nx), ny, nx, channels, edge == "clamp")
 
 
@@ -168,6 +176,11 @@ def _split(shift: Table, size: int) -> tuple[Table, Table]:
     """Whole shift and fraction; a shift that leaves the view altogether by one pixel is enough."""
     whole = np.floor(shift)
     return np.clip(whole, -size - 1, size).astype(np.int32), shift - whole
+
+
+def _planes_of_norm(views: _Views) -> int:
+    """Planes of a launch whose table of weights is not too large."""
+    return max(1, _NORM_FLOATS // ((len(views.weights) + 1) * views.samples))
 
 
 def _lanes(device: Device) -> tuple[int, int]:
@@ -279,17 +292,17 @@ def _tables(views: _Views, norm_pitch: int) -> list[Table]:
     """count, order, span, slide, taps, down, blend and norm of shear.cl."""
     w = views.weights
     order = np.argsort(w == 0, axis=1, kind="stable")
-    low = views.right.min(axis=0)
-    slide = (views.right - low)[:, order].swapaxes(0, 1) * views.channels
-    second = np.take_along_axis(w, order, 1) * views.beside[:, order]
-    first = np.take_along_axis(w, order, 1) * (1 - views.beside[:, order])
+    right, beside = (_in_order(a, order) for a in (views.right, views.beside))
+    low = right.min(axis=0)
+    slide = (right - low).swapaxes(0, 1) * views.channels
+    used = np.take_along_axis(w, order, 1)
     whole = [
         np.count_nonzero(w, axis=1),
         order,
-        np.stack((low, np.ptp(views.right, axis=0)), axis=-1) * views.channels,
+        np.stack((low, np.ptp(right, axis=0)), axis=-1) * views.channels,
         slide,
     ]
-    parts = [np.stack((first, second), axis=-1).swapaxes(0, 1)]
+    parts = [np.stack((used * (1 - beside), used * beside), axis=-1).swapaxes(0, 1)]
     return [
         *(a.astype(np.int32) for a in whole),
         *(a.astype(np.float32) for a in parts),
@@ -297,6 +310,12 @@ def _tables(views: _Views, norm_pitch: int) -> list[Table]:
         views.below.T.astype(np.float32),
         _norm(views, norm_pitch),
     ]
+
+
+def _in_order(a: Table, order: Table) -> Table:
+    """(P, U) or (P, V, U) as (P, V, U), each row of views in an order of its own."""
+    rows = np.broadcast_to(a if a.ndim == 3 else a[:, None], (len(a), *order.shape))
+    return np.take_along_axis(rows, order[None], 2)
 
 
 def _norm(views: _Views, pitch: int) -> Table:
@@ -310,7 +329,8 @@ def _norm(views: _Views, pitch: int) -> Table:
         return norm
     x = np.arange(views.nx) + views.right[..., None]
     left, right = ((x + step >= 0) & (x + step < views.nx) for step in (0, 1))
-    used = w @ (left * (1 - views.beside[..., None]) + right * views.beside[..., None])
+    inside = left * (1 - views.beside[..., None]) + right * views.beside[..., None]
+    used = w @ inside if inside.ndim == 3 else (w[:, None] @ inside)[..., 0, :]
     here[:, :-1] = used[..., None]
     here[:, -1] = used.sum(axis=1)[..., None]
     return norm

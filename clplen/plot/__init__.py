@@ -8,6 +8,7 @@ from clplen.plot.base import Region, Scale, save
 from clplen.plot.depths import alpha_curve, depth, energy_curves, phase_space
 from clplen.plot.fields import intensity, phase
 from clplen.plot.pictures import montage, picture, raw_image, refocused, views
+from clplen.plot.slices import epi
 from clplen.plot.systems import system
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "alpha_curve",
     "depth",
     "energy_curves",
+    "epi",
     "intensity",
     "montage",
     "phase",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +25,11 @@ def light_field(device: Device, dtype: type = np.uint16) -> LightField:
     weights = np.linspace(0.5, 1, 12, dtype=np.float32).reshape(SHAPE[:2])
     weights[2, 1] = 0
     return LightField.from_array(
-        values, device=device, spacing=(-1e-4, -2e-4, 3e-5, 4e-5), weights=weights
+        values,
+        device=device,
+        spacing=(-1e-4, -2e-4, 3e-5, 4e-5),
+        weights=weights,
+        positions=np.random.default_rng(5).normal(size=(*SHAPE[:2], 2)),
     )
 
 
@@ -51,17 +56,21 @@ def a_camera(device: Device):
     )
 
 
+def everything(lf: LightField) -> tuple[object, ...]:
+    """What is no array."""
+    return lf.shape, lf.dtype, lf.spacing, lf.decode, lf.camera
+
+
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 def test_everything_comes_back(tmp_path: Path, device: Device, dtype: type):
     lf = replace(light_field(device, dtype), camera=a_camera(device), decode="naive")
     write_lightfield(tmp_path / "a.h5", lf)
     again = read_lightfield(tmp_path / "a.h5", device=device)
     assert again.dtype == dtype
-    assert again.spacing == lf.spacing
-    assert again.decode == "naive"
-    assert again.camera == lf.camera
+    assert everything(again) == everything(lf)
     np.testing.assert_array_equal(again.to_numpy(), lf.to_numpy())
     np.testing.assert_array_equal(again.weights, lf.weights)
+    np.testing.assert_array_equal(again.positions, lf.positions)
     assert [file.name for file in tmp_path.iterdir()] == ["a.h5"]
 
 
@@ -69,7 +78,8 @@ def test_a_light_field_that_knows_nothing(tmp_path: Path, device: Device):
     lf = LightField.from_array(np.ones((1, 2, 3, 4), np.float32), device=device)
     write_lightfield(tmp_path / "a.h5", lf)
     again = read_lightfield(tmp_path / "a.h5", device=device)
-    assert (again.spacing, again.camera, again.shape) == (None, None, (1, 2, 3, 4))
+    assert (again.spacing, again.camera, again.positions) == (None, None, None)
+    assert again.shape == (1, 2, 3, 4)
 
 
 def test_layout_of_the_file(tmp_path: Path, device: Device):
@@ -82,56 +92,158 @@ def test_layout_of_the_file(tmp_path: Path, device: Device):
         np.testing.assert_array_equal(data.attrs["centre"], (1.0, 1.5))
         assert data.attrs["wavelength"] == 633e-9
         assert file["weights"].shape == SHAPE[:2]
+        assert file["positions"].shape == (*SHAPE[:2], 2)
         assert file["camera"].attrs["mla_f"] == 9e-3
 
 
-def test_any_order_of_axes_is_honoured(tmp_path: Path, device: Device):
+def test_words_of_layout_turn_everything(tmp_path: Path, device: Device):
+    lf = light_field(device)
+    write_lightfield(tmp_path / "a.h5", lf)
+    again = read_lightfield(tmp_path / "a.h5", device=device, swap_uv=True, flip_v=True)
+    for name in ("weights", "positions"):
+        kept = getattr(lf, name).swapaxes(0, 1)[::-1]
+        np.testing.assert_array_equal(getattr(again, name), kept)
+    np.testing.assert_array_equal(again.to_numpy(), lf.to_numpy().swapaxes(0, 1)[::-1])
+    assert again.spacing == (2e-4, -1e-4, 3e-5, 4e-5)  # the file's u, reversed, then its v
+
+
+def test_positions_of_a_table_replace_those_of_the_file(tmp_path: Path, device: Device):
+    write_lightfield(tmp_path / "a.h5", light_field(device))
+    rows = [f"{v},{u},{2 * v},{u}" for v in range(3) for u in range(4)]
+    (tmp_path / "p.csv").write_text("\n".join(["v,u,y,x", *rows]))
+    lf = read_lightfield(tmp_path / "a.h5", device=device, positions=tmp_path / "p.csv")
+    np.testing.assert_allclose(lf.positions[2, 3], (2.0, 1.5))
+
+
+def test_any_order_of_axes_is_honoured(
+    tmp_path: Path, device: Device, caplog: pytest.LogCaptureFixture
+):
     values = np.random.default_rng(4).random(SHAPE, dtype=np.float32)
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["lightfield"] = values.transpose(4, 3, 0, 2, 1)
         file["lightfield"].attrs["axes"] = "c:x:v:y:u"
-    lf = read_lightfield(tmp_path / "a.h5", device=device)
+    with caplog.at_level(logging.INFO, logger="clplen.io"):
+        lf = read_lightfield(tmp_path / "a.h5", device=device)
     np.testing.assert_array_equal(lf.to_numpy(), values)
+    assert "3 x 4 views (V x U) of 5 x 7 x 2 float32" in caplog.text
+    assert "the dataset 'lightfield' with axes c:x:v:y:u (as the file says)" in caplog.text
+    lf = read_lightfield(tmp_path / "a.h5", device=device, order="cyuxv")
+    np.testing.assert_array_equal(lf.to_numpy(), values.transpose(1, 0, 3, 2, 4))
+
+
+@pytest.mark.parametrize("chunks", [None, (2, 1, 3, 5, 2), (3, 4, 5, 7, 2)])
+def test_other_types_and_chunks(tmp_path: Path, device: Device, chunks: tuple[int, ...] | None):
+    values = np.random.default_rng(4).integers(0, 250, SHAPE)
+    for dtype in (">u2", "<f8", "<i4", "?"):
+        with h5py.File(tmp_path / "a.h5", "w") as file:
+            pressed = {"compression": "gzip", "shuffle": True} if chunks else {}
+            file.create_dataset("lightfield", data=values.astype(dtype), chunks=chunks, **pressed)
+        lf = read_lightfield(tmp_path / "a.h5", device=device)
+        assert lf.dtype == (np.uint16 if dtype == ">u2" else np.float32)
+        np.testing.assert_array_equal(lf.to_numpy(), values.astype(dtype).astype(np.float32))
 
 
 def test_axes_that_do_not_fit(tmp_path: Path, device: Device):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["lightfield"] = np.ones((2, 2, 3, 3), np.uint8)
         file["lightfield"].attrs["axes"] = "v:u:y:x:c"
-    with pytest.raises(FormatError, match=r"shape \(2, 2, 3, 3\) with axes 'vuyxc'"):
+    with pytest.raises(FormatError, match=r"a\.h5: .* shape \(2, 2, 3, 3\)\. The order 'vuyxc'"):
         read_lightfield(tmp_path / "a.h5", device=device)
+    with pytest.raises(FormatError, match="The order 'vuyz' does not fit"):
+        read_lightfield(tmp_path / "a.h5", device=device, order="vuyz")
 
 
-def test_another_dataset(tmp_path: Path, device: Device):
+def test_which_dataset(tmp_path: Path, device: Device):
+    ones = np.ones((2, 2, 3, 3), np.uint8)
     with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["LF"] = np.ones((2, 2, 3, 3), np.uint8)
-    with pytest.raises(FormatError, match="no dataset 'lightfield'; it holds LF"):
+        file["some/views"] = ones
+        file["picture"] = ones[0, 0]
+    lf = read_lightfield(tmp_path / "a.h5", device=device)
+    assert lf.shape == (2, 2, 3, 3)
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        file["other"] = 2 * ones
+    with pytest.raises(FormatError, match=r"several .* other \(2, 2, 3, 3\) uint8, .* by dataset="):
         read_lightfield(tmp_path / "a.h5", device=device)
+    lf = read_lightfield(tmp_path / "a.h5", device=device, dataset="other")
+    assert (lf.to_numpy() == 2).all()
+    with pytest.raises(FormatError, match=r"no dataset 'nope'; it holds other \(2, 2, 3, 3\)"):
+        read_lightfield(tmp_path / "a.h5", device=device, dataset="nope")
+    with pytest.raises(FormatError, match=r"'picture' has shape \(3, 3\); a light field has 4 or"):
+        read_lightfield(tmp_path / "a.h5", device=device, dataset="picture")
 
 
 def test_a_group_and_words_are_no_samples(tmp_path: Path, device: Device):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_group("lightfield/x")
-    with pytest.raises(FormatError, match="'lightfield'; it holds the group lightfield"):
+    with pytest.raises(FormatError, match="it holds no dataset"):
         read_lightfield(tmp_path / "a.h5", device=device)
-    for values, kind in ((["a", "b"], "object"), (np.ones((1, 1, 2, 2), complex), "complex128")):
+    for values, kind in (
+        (np.full((1, 1, 2, 2), "a", h5py.string_dtype()), "object"),
+        (np.ones((1, 1, 2, 2), complex), "complex128"),
+    ):
         with h5py.File(tmp_path / "a.h5", "w") as file:
             file["lightfield"] = values
-        with pytest.raises(FormatError, match=rf"of .*a\.h5 holds {kind}, no real numbers"):
+        with pytest.raises(FormatError, match=rf"a\.h5: .* holds {kind}, no real numbers"):
             read_lightfield(tmp_path / "a.h5", device=device)
 
 
-def test_what_is_wrong_inside_names_the_file(tmp_path: Path, device: Device):
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("spacing", [1, 2], r"spacing is \(dv, du, dy, dx\) .* not \(1, 2\)"),
+        ("spacing", [1.0, 0.0, 1.0, 1.0], r"spacing is \(dv, du, dy, dx\)"),
+        ("spacing", "wide", "spacing is"),
+        ("decode", "other", "'decode' is 'other'"),
+        ("axes", np.zeros(6000), "does not fit"),
+    ],
+)
+def test_what_is_wrong_inside_names_the_file(
+    tmp_path: Path, device: Device, name: str, value: object, message: str
+):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["lightfield"] = np.ones((2, 2, 3, 3), np.float32)
-        file["lightfield"].attrs["spacing"] = [1, 2]
-    with pytest.raises(ValueError, match=r"^.*a\.h5: spacing is \(dv, du, dy, dx\)"):
+        file["lightfield"].attrs[name] = value
+    with pytest.raises(FormatError, match=rf"^.*a\.h5.*{message}"):
         read_lightfield(tmp_path / "a.h5", device=device)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("weights", np.ones((3, 2)), r"weights have shape \(3, 2\), the views \(2, 3\)"),
+        ("weights", np.zeros((2, 3)), "not all 0"),
+        ("weights", np.ones((40, 50)), r"'/weights' of shape \(40, 50\)"),
+        ("positions", np.ones((2, 3, 1)), r"shape \(2, 3, 2\), not \(2, 3, 1\)"),
+    ],
+)
+def test_arrays_beside_that_do_not_fit(
+    tmp_path: Path, device: Device, name: str, values: np.ndarray, message: str
+):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["lightfield"] = np.ones((2, 3, 3, 3), np.float32)
+        file[name] = values
+    with pytest.raises(FormatError, match=rf"a\.h5: .*{message}"):
+        read_lightfield(tmp_path / "a.h5", device=device)
+
+
+def test_a_camera_that_is_none(tmp_path: Path, device: Device):
     write_lightfield(tmp_path / "a.h5", replace(light_field(device), camera=a_camera(device)))
     with h5py.File(tmp_path / "a.h5", "a") as file:
         file["camera"].attrs["mla_pitch"] = -1.0
     with pytest.raises(FormatError, match=r"The camera in .*a\.h5 is none: "):
         read_lightfield(tmp_path / "a.h5", device=device)
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        del file["camera"].attrs["mla_pitch"]
+    with pytest.raises(FormatError, match=r"camera in .* lacks 'mla_pitch'"):
+        read_lightfield(tmp_path / "a.h5", device=device)
+
+
+def test_samples_that_are_not_finite(tmp_path: Path, device: Device):
+    for value in (np.nan, 1e300):  # the second one overflows in float32
+        with h5py.File(tmp_path / "a.h5", "w") as file:
+            file["lightfield"] = np.full((1, 1, 2, 2), value)
+        with pytest.raises(FormatError, match=r"a\.h5: The light field has 4 samples that are NaN"):
+            read_lightfield(tmp_path / "a.h5", device=device)
 
 
 @pytest.mark.parametrize("part", [0.05, 0.5, 0.95])
@@ -143,11 +255,54 @@ def test_a_truncated_file(tmp_path: Path, device: Device, part: float):
         read_lightfield(tmp_path / "a.h5", device=device)
 
 
-def test_a_camera_that_lacks_a_parameter(tmp_path: Path, device: Device):
-    write_lightfield(tmp_path / "a.h5", replace(light_field(device), camera=a_camera(device)))
-    with h5py.File(tmp_path / "a.h5", "a") as file:
-        del file["camera"].attrs["mla_pitch"]
-    with pytest.raises(FormatError, match=r"camera in .* lacks 'mla_pitch'"):
+def test_more_is_declared_than_stored(tmp_path: Path, device: Device):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("lightfield", (9, 9, 999, 999, 3), np.uint8, chunks=(1, 1, 9, 9, 3))
+    with pytest.raises(FormatError, match="declares 242,514,243 bytes, more than 0 stored"):
+        read_lightfield(tmp_path / "a.h5", device=device)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset(
+            "lightfield",
+            data=np.ones((1, 1, 2, 2), np.uint8),
+            chunks=(50, 10, 20, 20),
+            maxshape=(None, None, None, None),
+            compression="gzip",
+        )
+    with pytest.raises(FormatError, match="a chunk of '/lightfield' needs 200,000 bytes, more"):
+        read_lightfield(tmp_path / "a.h5", device=device, max_bytes=1000)
+
+
+def test_the_given_limit(tmp_path: Path, device: Device):
+    write_lightfield(tmp_path / "a.h5", light_field(device))
+    size = 2 * np.prod(SHAPE)
+    read_lightfield(tmp_path / "a.h5", device=device, max_bytes=size)
+    with pytest.raises(FormatError, match=rf"needs {size:,} bytes, more than {size - 1:,}"):
+        read_lightfield(tmp_path / "a.h5", device=device, max_bytes=size - 1)
+
+
+def test_chunks_that_were_never_written_are_dark(tmp_path: Path, device: Device):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        shape = (2, 3, 900, 700)
+        data = file.create_dataset("lightfield", shape, np.uint8, chunks=(1, 1, 900, 700))
+        data[:, 2] = 7
+    lf = read_lightfield(tmp_path / "a.h5", device=device)
+    np.testing.assert_array_equal(lf.weights, [[0, 0, 1], [0, 0, 1]])
+
+
+def test_filters_and_samples_that_are_elsewhere(tmp_path: Path, device: Device):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        made = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        made.set_chunk((1, 1, 2, 2))
+        made.set_filter(32000 + 999, h5py.h5z.FLAG_OPTIONAL)
+        space = h5py.h5s.create_simple((1, 1, 2, 2))
+        h5py.h5d.create(file.id, b"lightfield", h5py.h5t.NATIVE_UINT8, space, made)
+    with pytest.raises(FormatError, match=r"compressed by .*\(32999\), a filter that is not inst"):
+        read_lightfield(tmp_path / "a.h5", device=device)
+    (tmp_path / "raw").write_bytes(bytes(4))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        other = [(str(tmp_path / "raw"), 0, 4)]
+        file.create_dataset("lightfield", (1, 1, 2, 2), np.uint8, external=other)
+    with pytest.raises(FormatError, match="lie in other files"):
         read_lightfield(tmp_path / "a.h5", device=device)
 
 
@@ -158,5 +313,5 @@ def test_words_of_folders_are_refused(tmp_path: Path, device: Device):
 
 
 def test_another_suffix(tmp_path: Path, device: Device):
-    with pytest.raises(ValueError, match=r"written to \.h5 or to a new folder, not to a\.npy"):
+    with pytest.raises(ValueError, match=r"written to \.h5, .*to a new folder, not to a\.npy"):
         write_lightfield(tmp_path / "a.npy", light_field(device))

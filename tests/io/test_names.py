@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from clplen.errors import FormatError
-from clplen.io.names import Pattern, arrange, guess
+from clplen.io.names import Pattern, arrange, guess, views_only
 
 
 def grid(template: str, vs: range, us: range) -> list[str]:
@@ -116,3 +116,30 @@ def test_a_counter_beside_row_and_column_cannot_be_guessed():
 def test_no_picture_to_guess_from():
     with pytest.raises(FormatError, match="no picture in the folder"):
         guess([])
+
+
+def test_every_other_row_is_counted_backwards():
+    names = [f"{i}.png" for i in range(1, 7)]
+    _, files = arrange(Pattern("{i}.png"), names, views=(2, 3), lawnmower=True)
+    rows = [[files[v, u] for u in range(3)] for v in range(2)]
+    assert rows == [["1.png", "2.png", "3.png"], ["6.png", "5.png", "4.png"]]
+    with pytest.raises(ValueError, match="lawnmower' is for names with one number"):
+        arrange(Pattern("{v}_{u}"), grid("{v}_{u}", range(2), range(3)), lawnmower=True)
+
+
+def test_names_that_are_no_views():
+    views = ["input_Cam001.png", "unmasked_1.png", "depthcharge_2.png", "a/view_1_2.png"]
+    others = ["mask_1.png", "gt_disp_lowres.png", "Depth01.png", "objectids_highres.png", ".x.png"]
+    others += ["a/depth_3.png", ".hidden/view_1_2.png"]
+    assert views_only(views + others) == views
+    assert views_only(["depth_1_2.png", ".x"], pattern="depth_{v}_{u}.png") == ["depth_1_2.png"]
+
+
+def test_numbers_that_are_no_rows():
+    with pytest.raises(FormatError, match=r"would give 2 x 999,999,999 views from 3 files"):
+        arrange(Pattern("{v}_{u}"), ["0_0", "0_1", "1_999999998"])
+    assert Pattern("{v}_{u}").numbers(["1" * 5000 + "_2", "3_4"]) == {(3, 4): ["3_4"]}
+    with pytest.raises(FormatError, match="3 numbers vary"):
+        guess([f"{'7' * 5000}_{v}_{u}_{v + u}.png" for v in range(2) for u in range(2)])
+    long = "7" * 5000
+    assert guess([f"{long}_{u}.png" for u in range(2)]).text == f"{long}_{{i}}.png"

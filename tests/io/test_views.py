@@ -9,10 +9,11 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 import tifffile
+from png_writer import SIGNATURE, chunk, encode, header
 
 from clplen.compute.device import Device
 from clplen.errors import DeviceError, FormatError
-from clplen.io import files_of, read_lightfield, write_lightfield
+from clplen.io import files_of, read_lightfield, write_lightfield, write_views
 from clplen.lightfield.lightfield import LightField
 
 SHAPE = (3, 4, 7, 11)  # V, U, y, x: all different
@@ -181,7 +182,7 @@ def test_truncated_pictures(tmp_path: Path, device: Device, suffix: str, kept: f
         read_lightfield(tmp_path, device=device, pattern="{v}_{u}." + suffix)
 
 
-def test_transparent_and_16_bit_colour_pictures_are_refused(tmp_path: Path, device: Device):
+def test_transparent_pictures_are_refused(tmp_path: Path, device: Device):
     rgba = np.full((4, 5, 4), 200, np.uint8)
     imageio.imwrite(tmp_path / "0_0.png", rgba)
     with pytest.raises(FormatError, match="transparent pixels"):
@@ -190,10 +191,137 @@ def test_transparent_and_16_bit_colour_pictures_are_refused(tmp_path: Path, devi
     imageio.imwrite(tmp_path / "0_0.png", rgba)
     lf = read_lightfield(tmp_path, device=device, pattern="{v}_{u}.png")
     assert lf.shape == (1, 1, 4, 5, 3)
-    header = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\4\0\0\0\4\x10\2\0\0\0"
-    (tmp_path / "0_0.png").write_bytes(header)
-    with pytest.raises(FormatError, match="PNG of 16-bit colour; convert it to TIFF"):
-        read_lightfield(tmp_path, device=device, pattern="{v}_{u}.png")
+
+
+def test_png_of_16_bit_colour(tmp_path: Path, device: Device):
+    for v, u in np.ndindex(2, 3):
+        (tmp_path / f"{v}_{u}.png").write_bytes(encode(samples(np.uint16)[v, u]))
+    lf = read_lightfield(tmp_path, device=device, pattern="{v}_{u}.png")
+    assert lf.dtype == np.uint16
+    np.testing.assert_array_equal(lf.to_numpy(), samples(np.uint16)[:2, :3])
+
+
+def test_other_types_become_float32(tmp_path: Path, device: Device):
+    values = samples(np.float64, 1) / 7
+    for v, u in np.ndindex(2, 3):
+        tifffile.imwrite(tmp_path / f"{v}_{u}.tif", values[v, u])
+    lf = read_lightfield(tmp_path, device=device, pattern="{v}_{u}.tif")
+    assert lf.dtype == np.float32
+    np.testing.assert_array_equal(lf.to_numpy(), values[:2, :3].astype(np.float32))
+
+
+@pytest.mark.parametrize("flips", [{}, {"flip_v": True}, {"swap_uv": True, "flip_u": True}])
+def test_srgb_is_decoded(folder: Path, device: Device, flips: dict[str, bool]):
+    raw = read_lightfield(folder, device=device, **flips).to_numpy()
+    lf = read_lightfield(folder, device=device, srgb=True, **flips)
+    s = raw / 255  # IEC 61966-2-1:1999
+    expected = np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
+    assert lf.dtype == np.float32
+    np.testing.assert_allclose(lf.to_numpy(), expected, rtol=1e-6)  # float32: 6e-8
+
+
+def test_black_views_get_weight_zero(folder: Path, device: Device):
+    imageio.imwrite(folder / "p_2_1.png", np.zeros((*SHAPE[2:], 3), np.uint8))
+    weights = read_lightfield(folder, device=device).weights
+    assert weights[1, 0] == 0
+    assert weights.sum() == 11
+
+
+def test_lawnmower(tmp_path: Path, device: Device):
+    places = [(v, u if v % 2 == 0 else 3 - u) for v in range(3) for u in range(4)]
+    for i, (v, u) in enumerate(places):
+        imageio.imwrite(tmp_path / f"shot{i + 5}.png", samples()[v, u])
+    lf = read_lightfield(tmp_path, device=device, order="lawnmower", views=(3, 4))
+    np.testing.assert_array_equal(lf.to_numpy(), samples())
+    with pytest.raises(ValueError, match=r"in order='lawnmower' or row by row .* order='vuyx'"):
+        read_lightfield(tmp_path, device=device, order="vuyx", views=(3, 4))
+
+
+@pytest.fixture
+def hci_folder(tmp_path: Path) -> Path:
+    """A scene as the HCI 4D benchmark stores it, with 3 x 3 views."""
+    for i in range(9):
+        imageio.imwrite(tmp_path / f"input_Cam{i:03d}.png", samples()[i // 3, i % 3])
+    for name in ("mask_edges.png", "objectids_lowres.png", "depth_01.png", "gt_disp_1_2.png"):
+        imageio.imwrite(tmp_path / name, np.zeros((3, 3), np.uint8))
+    (tmp_path / "gt_disp_lowres.pfm").touch()
+    (tmp_path / "parameters.cfg").touch()
+    return tmp_path
+
+
+def test_hci_takes_only_the_views(hci_folder: Path, device: Device):
+    expected = samples()[:3, :3]
+    np.testing.assert_array_equal(read_lightfield(hci_folder, device=device).to_numpy(), expected)
+    any_number = read_lightfield(hci_folder, device=device, pattern="*{i}.png")
+    np.testing.assert_array_equal(any_number.to_numpy(), expected)
+    assert len(files_of(hci_folder)) == 9
+
+
+def test_stanford_names_and_positions(tmp_path: Path, device: Device):
+    places = np.random.default_rng(4).uniform(-0.2, 0.2, (3, 4, 2))
+    places += np.stack(np.indices((3, 4)), axis=-1)
+    for v, u in np.ndindex(3, 4):
+        y, x = 1000 - 40 * places[v, u, 0], 40 * places[v, u, 1] - 7  # y of the names grows upwards
+        end = "__" if u == 2 else "_"
+        name = f"out_{v + 3:02d}_{u:02d}_{y:.6f}_{x:.6f}{end}.png"
+        imageio.imwrite(tmp_path / name, samples()[v, u])
+    lf = read_lightfield(tmp_path, device=device, positions="names")
+    np.testing.assert_array_equal(lf.to_numpy(), samples())
+    places -= places.mean(axis=(0, 1))
+    assert lf.positions is not None
+    # The step is that of the straight line through the places, not exactly one.
+    step = np.polyfit(np.indices((3, 4))[1].ravel(), places[..., 1].ravel(), 1)[0]
+    np.testing.assert_allclose(lf.positions, places / step, atol=1e-6)
+    assert read_lightfield(tmp_path, device=device).positions is None
+
+
+@pytest.mark.parametrize(
+    ("pattern", "last"),
+    [
+        ("hci", "input_Cam011.png"),
+        ("stanford", "out_02_03_-1.000000_1.500000_.png"),
+        ("row{v}x{u:03d}", "row2x003.png"),
+    ],
+)
+def test_names_of_others_are_written(tmp_path: Path, device: Device, pattern: str, last: str):
+    write_views(tmp_path / "out", LightField.from_array(samples(), device=device), pattern=pattern)
+    names = sorted(file.name for file in (tmp_path / "out").iterdir())
+    assert names[-1] == last
+    lf = read_lightfield(tmp_path / "out", device=device, views=(3, 4))
+    np.testing.assert_array_equal(lf.to_numpy(), samples())
+
+
+def test_positions_are_written_in_names(tmp_path: Path, device: Device):
+    places = np.stack(np.indices((3, 4)), axis=-1).astype(float)
+    places += [[[0.1, -0.2]], [[0, 0]], [[-0.1, 0.2]]]
+    places -= places.mean(axis=(0, 1))
+    lf = LightField.from_array(samples(), device=device, positions=places)
+    write_views(tmp_path / "out", lf, pattern="stanford")
+    again = read_lightfield(tmp_path / "out", device=device, positions="names")
+    np.testing.assert_allclose(again.positions, places, atol=2e-6)  # six decimals
+
+
+@pytest.mark.parametrize("pattern", ["a_{v}", "a_{v}_{u}_{n}", "a_{v}_{u}*", "{v}/{u}"])
+def test_patterns_that_write_no_names(tmp_path: Path, device: Device, pattern: str):
+    lf = LightField.from_array(samples(), device=device)
+    with pytest.raises(ValueError, match="The pattern"):
+        write_views(tmp_path / "out", lf, pattern=pattern)
+    assert not (tmp_path / "out").exists()
+
+
+def test_more_than_max_bytes(folder: Path, device: Device):
+    with pytest.raises(FormatError, match=r"light field needs 2,772 bytes, more than 2,771 \(the"):
+        read_lightfield(folder, device=device, max_bytes=2771)
+    with pytest.raises(FormatError, match=r"12 of 12 views .* need \d+ bytes, more than 230"):
+        read_lightfield(folder, device=device, max_bytes=230)
+    assert read_lightfield(folder, device=device, max_bytes=2772).shape == (*SHAPE, 3)
+
+
+def test_a_picture_that_declares_gigabytes(folder: Path, device: Device):
+    bomb = SIGNATURE + header(30_000, 30_000, 8, 2) + chunk(b"IDAT", bytes(50))
+    (folder / "p_1_3.png").write_bytes(bomb)
+    with pytest.raises(FormatError, match=r"1 of 12 views .* p_1_3\.png declares 2,700,000,000 by"):
+        read_lightfield(folder, device=device)
 
 
 def test_big_endian_tiff_stays_16_bits(tmp_path: Path, device: Device):

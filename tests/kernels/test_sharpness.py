@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import correlate1d, gaussian_filter
 
-from clplen.lightfield.focus import HighPass, PeakTracker
+from clplen.lightfield.focus import HighPass
 from clplen.lightfield.interpolation import EvenBlur, evening_taps
 from clplen.lightfield.refocus import FocalStack
 
@@ -72,47 +72,3 @@ def test_flat_picture_has_no_energy(device):
         picture = device.upload((value * rounding).astype(np.float32))
         HighPass(1.5, shape, device=device)(out, picture)
         assert not device.download(out).any()
-
-
-def peak_twin(curve: np.ndarray, values: np.ndarray, start: float) -> tuple[float, float]:
-    """(place, confidence) of one pixel."""
-    n = len(curve)
-    padded = np.concatenate([[-1.0], curve, [-1.0]])
-    tops = [i for i in range(n) if padded[i] <= curve[i] > padded[i + 2] and curve[i] > 0]
-    if not tops:
-        return start, 0.0
-    best = max(tops, key=lambda i: curve[i])
-    second = max((curve[i] for i in tops if i != best), default=0.0)
-    if best in (0, n - 1):
-        return values[best], 0.0
-    a, b, _ = np.polyfit(values[best - 1 : best + 2] - values[best], curve[best - 1 : best + 2], 2)
-    k = -2 * a / curve[best]
-    return values[best] - b / (2 * a), (1 - second / curve[best]) * k / (1 + k)
-
-
-@pytest.mark.parametrize("shape", [(13, 17), (5, 64), (31, 3)])
-@pytest.mark.parametrize(
-    "values",
-    [
-        np.linspace(-2, 2, 9),
-        np.array([-1.7, -1.6, -0.9, 0.0, 0.05, 0.8, 2.3]),
-        np.array([0.1, 0.2, 0.5]),
-    ],
-)
-def test_peak(device, shape, values):
-    planes = np.random.default_rng(7).random((len(values), *shape)).astype(np.float32)
-    planes[:, 2, :2] = 0  # no energy at all
-    tracker = PeakTracker(shape, device=device, start=0.125)
-    for value, plane in zip(values, planes, strict=True):
-        with device.on_host(tracker.next_plane(float(value))) as target:
-            target[...] = plane
-    place, confidence = tracker.finish()
-    curves = planes.reshape(len(values), -1).T.astype(np.float64)
-    want = np.array([peak_twin(curve, values, 0.125) for curve in curves]).reshape(*shape, 2)
-    # the vertex lies within half a step, from quotients of 6 roundings each
-    step = np.diff(values).max()
-    assert np.abs(place - want[..., 0]).max() <= EPS * (np.abs(values).max() + 12 * step)
-    assert np.abs(confidence - want[..., 1]).max() <= 16 * EPS
-    assert not confidence[2, :2].any()
-    assert (confidence.min(), confidence.max()) >= (0, 0)
-    assert confidence.max() <= 1

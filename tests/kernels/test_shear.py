@@ -62,8 +62,10 @@ def twin(field, weights, shift_y, shift_x, edge="normalised", total=False):
     for along_y, along_x in zip(shift_y, shift_x, strict=True):
         top, used = np.zeros(field.shape[2:]), np.zeros(field.shape[2:4])
         for v, u in zip(*np.nonzero(weights), strict=True):
-            y, x = (int(np.floor(s)) for s in (along_y[v], along_x[u]))
-            below, beside = along_y[v] - y, along_x[u] - x
+            sy = along_y[v] if along_y.ndim == 1 else along_y[v, u]
+            sx = along_x[u] if along_x.ndim == 1 else along_x[v, u]
+            y, x = (int(np.floor(s)) for s in (sy, sx))
+            below, beside = sy - y, sx - x
             for w, i, j in (
                 ((1 - below) * (1 - beside), y, x),
                 ((1 - below) * beside, y, x + 1),
@@ -114,6 +116,28 @@ def check(device, shape, dtype="float32", disparities=None, **options):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_against_twin(device, shape, dtype, edge, total):
     check(device, shape, dtype, edge=edge, total=total)
+
+
+@pytest.mark.parametrize("edge", ["normalised", "clamp"])
+@pytest.mark.parametrize("own", [(True, True), (False, True), (True, False)])
+@pytest.mark.parametrize("shape", SHAPES[:2])
+def test_views_on_no_grid(device, shape, own, edge):
+    """Shifts of shape (P, V, U) along y, x, or both."""
+    field, weights = light_field(shape), view_weights(shape)
+    d = planes(device)
+    rng = np.random.default_rng(3)
+    jitter = [np.multiply.outer(d, rng.uniform(-0.4, 0.4, shape[:2])) for _ in "yx"]
+    grid = shifts(shape, d)
+    full = (grid[0][:, :, None] + jitter[0], grid[1][:, None] + jitter[1])
+    moves = [full[i] if own[i] else grid[i] for i in (0, 1)]
+    got = sheared(device, field, weights, *moves, edge=edge)
+    want = twin(field, weights, *moves, edge=edge)
+    assert relative_max(want, got) <= tolerance((shape[0] * shape[1], 1)) < 1e-5
+
+
+def test_few_planes_a_launch_for_many_views(device, monkeypatch):
+    monkeypatch.setattr(shear, "_NORM_FLOATS", 1)
+    check(device, (3, 4, 7, 5))
 
 
 @pytest.mark.parametrize("disparity", DISPARITIES[:-1])

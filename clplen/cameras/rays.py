@@ -1,0 +1,298 @@
+"""Raw images of a plenoptic 1.0 camera by geometrical rays: occlusion, and exact truth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clplen.cameras import geometry, tracing
+from clplen.cameras.pictures import PicturePlane, parts
+from clplen.cameras.scene import PointSources
+from clplen.cameras.surfaces import SurfaceScene
+from clplen.cameras.truth import Truth
+
+if TYPE_CHECKING:
+    import pyopencl.array as cla
+
+    from clplen.cameras.plenoptic1 import Plenoptic1
+    from clplen.lightfield.raw import LensletGrid, RawImage
+    from clplen.wave.average import Averaging
+    from clplen.wave.coherence import Coherence
+
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+
+SAMPLES = 64  # rays of a pixel and a lenslet
+MOST_RAYS = 2**16  # of one point
+LEAST_RAYS = 2**8
+ALL_RAYS = 2**26  # of a scene of points, shared among them
+BATCH = 2**20
+
+
+def expose_rays(camera: Plenoptic1, scene: Any) -> RawImage:
+    """The raw image of a scene by geometrical optics.
+
+    A ray from u on the main lens through x on the array meets the sensor f_mu (x - u)/F from the
+    centre of its lenslet; with a field lens, at -f_mu u/F. No diffraction, no wavelength.
+
+    Parameters
+    ----------
+    camera : Plenoptic1
+    scene : SurfaceScene, PointSources, PicturePlane or list of the latter two
+        Of a `SurfaceScene`, Y and X count rows and columns of lenslets from the middle of the
+        array and d is the disparity of the light field that the raw image decodes to; its
+        brightness 1, seen through the whole lenslet and within the main lens, is 1 in the raw
+        image. Points and pictures have the energies of `Plenoptic1.expose`.
+
+    Returns
+    -------
+    RawImage
+        With ``truth`` for a `SurfaceScene`: on the lattice of the light field, z in metres.
+
+    Raises
+    ------
+    TypeError
+        If the scene is none of these.
+    ValueError
+        If a part of it is a slide, lies behind the lens, or is a plane seen edge-on.
+    SamplingError
+        If a point is imaged beyond the array.
+    """
+    if isinstance(scene, SurfaceScene):
+        return _surfaces(camera, scene)
+    image = np.zeros(camera.grid.shape)
+    members = parts(scene)
+    for part in members:
+        if isinstance(part, PicturePlane) and part.is_slide:
+            raise ValueError(
+                "A picture with mode='transmission' is lit by waves: use model='waves', or "
+                "mode='emission' for a self-luminous one."
+            )
+    sources = [part if isinstance(part, PointSources) else part.points() for part in members]
+    for source in sources:
+        geometry.check_place(camera, source)
+    share = ALL_RAYS // max(1, sum(len(source) for source in sources))
+    count = min(MOST_RAYS, max(LEAST_RAYS, share))
+    for source in sources:
+        _add_points(image, camera, source, count)
+    return geometry.raw_image(camera, camera.device.upload(image.astype(np.float32)))
+
+
+def is_rays(model: str, scene: Any, coherence: Coherence | None, how: Averaging) -> bool:
+    """Whether a raw image is to be found by rays.
+
+    Raises
+    ------
+    ValueError
+        If the model is unknown, or does not know the scene or what it is asked for.
+    """
+    if model not in ("waves", "rays"):
+        raise ValueError(f"model is 'waves' or 'rays', not {model!r}.")
+    if model == "waves" and isinstance(scene, SurfaceScene):
+        raise ValueError(
+            "A SurfaceScene is exposed by rays: give model='rays'. Waves take PointSources and "
+            "PicturePlanes, which hide nothing of each other."
+        )
+    words = (coherence, how.snapshots, how.rtol, how.region, how.checkpoint)
+    if model == "rays" and any(word is not None for word in words):
+        raise ValueError(
+            "coherence, snapshots, rtol, region and checkpoint are for model='waves': rays are "
+            "incoherent and exact at once."
+        )
+    return model == "rays"
+
+
+# Surfaces: every pixel looks back through its lenslets
+
+
+def _surfaces(camera: Plenoptic1, scene: SurfaceScene) -> RawImage:
+    """The raw image and the truth of a scene of surfaces."""
+    device, mla = camera.device, camera.mla
+    raw = geometry.raw_image(camera, device.empty(camera.grid.shape, np.float32))
+    step = abs(raw.spacing[1]) if raw.spacing else math.nan
+    radius, aspect = camera.aperture_diameter / 2 / step, mla.pitch / mla.row_pitch
+    widest = radius + 1 + mla.pitch / step
+    scene.check_views(widest * aspect, widest)
+    tables = tracing.tables(scene, device)
+    grid = raw.sub_images
+    size = (math.hypot(*grid.row_step), math.hypot(*grid.column_step))  # pixels a sub-image
+    blur = (0.0, 0.0) if camera.field_lens else (mla.row_pitch / step, mla.pitch / step)
+    samples = sample_rays(mla, count=SAMPLES)
+    reach = math.ceil((radius + 1 + max(blur)) / min(size) + 0.5)
+    pairs = (np.array(pair, np.float32) for pair in (size, blur))
+    numbers = (radius, aspect, grid.odd_row_shift, scene.background)
+    counts = (reach, len(samples), *mla.count, tables.count, *camera.grid.shape, scene.channels)
+    device.launch_rows(
+        device.kernel("rays.cl", "expose"),
+        camera.grid.shape,
+        raw.data,
+        *tables.all(),
+        device.upload(lenslet_bounds(scene, mla.count, widest, aspect)),
+        *_pixel_tables(camera, grid),
+        device.upload(samples),
+        *pairs,
+        *(np.float32(number) for number in numbers),
+        *(np.int32(number) for number in counts),
+    )
+    return replace(raw, truth=_truth(camera, tables, raw))
+
+
+def _truth(camera: Plenoptic1, tables: tracing.Tables, raw: RawImage) -> Truth:
+    """On the lattice of the lenslets, with z by the camera."""
+    found = tracing.truth(tables, camera.mla.count)
+    assert raw.spacing is not None
+    alpha = 1 + found.disparity * (raw.spacing[3] / raw.spacing[1])
+    return replace(found, z=np.asarray(camera.dz(alpha), np.float32))
+
+
+def sample_rays(mla: Any, *, count: int) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """Places in a lenslet and in a pixel, well spread over both, each with its mirror image.
+
+    The additive recurrence of the generalised golden ratio in four dimensions (Roberts 2018),
+    those within the lenslet's aperture; the mirror images make linear terms cancel.
+
+    Parameters
+    ----------
+    mla : MicrolensArray
+    count : int
+        Even.
+
+    Returns
+    -------
+    numpy.ndarray
+        float32, shape (count, 4): (y, x) in the lenslet in row pitches and pitches, (y, x) in the
+        pixel along the lattice's axes in pixels, all from their centres.
+    """
+    points = _spread(64 * count, 4) - 0.5
+    tall = 2 / math.sqrt(3) if mla.lattice == "hexagonal" and mla.fill == "full" else 1.0
+    y, x = points[:, 0] * tall * mla.diameter, points[:, 1] * mla.diameter
+    half = mla.diameter / 2
+    if mla.fill == "circular":
+        inside = y**2 + x**2 <= half**2
+    elif mla.lattice == "hexagonal":
+        inside = np.abs(x) / 2 + np.abs(y) * math.sqrt(3) / 2 <= half
+    else:
+        inside = np.ones(len(points), bool)
+    cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
+    down, right = points[:, 2] * cos - points[:, 3] * sin, points[:, 2] * sin + points[:, 3] * cos
+    columns = (y / mla.row_pitch, x / mla.pitch, down, right)
+    chosen = np.stack(columns, axis=-1)[inside][: count // 2]
+    return np.concatenate([chosen, -chosen]).astype(np.float32)
+
+
+def lenslet_bounds(
+    scene: SurfaceScene, count: tuple[int, int], widest: float, aspect: float
+) -> np.ndarray[Any, np.dtype[np.int32]]:
+    """Rows and columns of lenslets that may see each surface, (y0, y1, x0, x1), shape (n, 4)."""
+    found = np.empty((len(scene.surfaces), 4))
+    for i, one in enumerate(scene.surfaces):
+        points = one.bounds()
+        if points is None:
+            found[i] = (-tracing.FAR, tracing.FAR) * 2
+            continue
+        for axis, reach in ((0, widest * aspect), (1, widest)):
+            middle = (count[axis] - 1) / 2
+            spread = np.abs(points[:, 2]).max() * reach + tracing.MARGIN
+            low, high = points[:, axis].min() - spread, points[:, axis].max() + spread
+            found[i, 2 * axis : 2 * axis + 2] = (low + middle, high + middle)
+    return np.clip(found, -tracing.FAR, tracing.FAR).astype(np.int32)
+
+
+def _pixel_tables(camera: Plenoptic1, grid: LensletGrid) -> tuple[cla.Array, ...]:
+    """(row, column) among the sub-images that y and x of a pixel add, as whole and part."""
+    to_index = np.linalg.inv(np.column_stack([grid.row_step, grid.column_step]))
+    ny, nx = camera.grid.shape
+    rows = (np.arange(ny)[:, None] - grid.first[0]) * to_index[:, 0]
+    columns = (np.arange(nx)[:, None] - grid.first[1]) * to_index[:, 1]
+    found = []
+    for places in (rows, columns):
+        whole = np.rint(places)
+        found += [whole.astype(np.int32), (places - whole).astype(np.float32)]
+    return tuple(camera.device.upload(table) for table in found)
+
+
+# Points: rays from each of them to the sensor
+
+
+def _add_points(image: Vector, camera: Plenoptic1, source: PointSources, count: int) -> None:
+    """Add the rays of points, ``count`` each, to an image."""
+    spread = _spread(count, 4)
+    turns = _spread(len(source), 4)
+    images = camera.image_of(source.positions)[:, ::-1]  # (y, x)
+    scale = camera.image_distance / (camera.object_distance + source.positions[:, 2])
+    alpha = np.atleast_1d(camera.alpha(source.positions[:, 2]))
+    step = max(1, BATCH // count)
+    for first in range(0, len(source), step):
+        part = slice(first, first + step)
+        sample = (spread[None] + turns[part, None]) % 1
+        u = _disc(sample[..., :2]) * camera.aperture_diameter / 2
+        moved = _disc(sample[..., 2:]) * (source.diameter / 2 * scale[part])[:, None, None]
+        x = images[part, None] + moved + u * (1 - alpha[part])[:, None, None]
+        energy = np.broadcast_to((source.power[part] / count)[:, None], u.shape[:2])
+        _deposit(image, camera, x.reshape(-1, 2), u.reshape(-1, 2), energy.ravel())
+
+
+def _deposit(image: Vector, camera: Plenoptic1, x: Vector, u: Vector, energy: Vector) -> None:
+    """Add rays from u on the lens to x on the array to the pixels that they meet, in place."""
+    centre, passes = _nearest_lenslet(camera, x)
+    ratio = camera.mla.f / camera.image_distance
+    at = centre + ratio * ((0.0 if camera.field_lens else x) - u)
+    ny, nx = camera.grid.shape
+    place = np.rint((at - camera.grid.origin) / camera.grid.pitch).astype(np.int64)
+    place += (ny // 2, nx // 2)
+    passes &= ((place >= 0) & (place < (ny, nx))).all(axis=-1)
+    index = place[passes] @ (nx, 1)
+    image += np.bincount(index, energy[passes], ny * nx).reshape(ny, nx)
+
+
+def _nearest_lenslet(camera: Plenoptic1, x: Vector) -> tuple[Vector, Any]:
+    """Centre of the lenslet of each place (y, x) on the array, and whether light passes it."""
+    mla = camera.mla
+    cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
+    turned = np.array([[cos, -sin], [sin, cos]])  # (y, x) of the array from those of the lattice
+    local = (x - mla.offset) @ turned.T
+    ny, nx = mla.count
+    best, off = np.zeros_like(local), np.full(len(local), np.inf)
+    inside = np.zeros(len(local), bool)
+    near = np.floor(local[:, 0] / mla.row_pitch + (ny - 1) / 2)
+    for row in (near, near + 1):
+        shift = 0.5 * (row % 2) if mla.lattice == "hexagonal" else 0.0
+        column = np.rint(local[:, 1] / mla.pitch + (nx - 1) / 2 - shift)
+        centre = np.stack(
+            [(row - (ny - 1) / 2) * mla.row_pitch, (column + shift - (nx - 1) / 2) * mla.pitch], -1
+        )
+        distance = np.hypot(*(local - centre).T)
+        closer = distance < off
+        best[closer], off[closer] = centre[closer], distance[closer]
+        there = (row >= 0) & (row < ny) & (column >= 0) & (column < nx)
+        inside[closer] = there[closer]
+    passes = inside & _in_aperture(mla, local - best)
+    return best @ turned + mla.offset, passes
+
+
+def _in_aperture(mla: Any, from_centre: Vector) -> Any:
+    """Whether places (y, x) from a lenslet's centre, along the lattice, lie in its aperture."""
+    y, x = np.abs(from_centre).T
+    half = mla.diameter / 2
+    if mla.fill == "circular":
+        return y**2 + x**2 <= half**2
+    if mla.lattice == "hexagonal":
+        return (x <= half) & (x / 2 + y * math.sqrt(3) / 2 <= half)
+    return (y <= half) & (x <= half)
+
+
+def _disc(square: Vector) -> Vector:
+    """From the unit square to the unit disc, areas kept, shape (..., 2)."""
+    radius, angle = np.sqrt(square[..., 0]), 2 * np.pi * square[..., 1]
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+
+
+def _spread(count: int, dimensions: int) -> Vector:
+    """Points of the unit cube, well spread (Roberts 2018), shape (count, dimensions)."""
+    root = 2.0
+    for _ in range(64):
+        root = (1 + root) ** (1 / (dimensions + 1))
+    steps = root ** -np.arange(1, dimensions + 1)
+    return (0.5 + np.arange(1, count + 1)[:, None] * steps) % 1

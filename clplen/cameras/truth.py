@@ -1,0 +1,119 @@
+"""What is exactly so in a synthetic scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+JUMP = 0.15  # pixels a view step between neighbours of two surfaces: an edge of depth
+REACH = 4  # pixels beside such an edge
+LEAST = -1e6  # stands for the disparity of nothing
+
+Map = np.ndarray[Any, np.dtype[np.float32]]
+Mask = np.ndarray[Any, np.dtype[np.bool_]]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Truth:
+    """Exact depth of the centre view of a synthetic light field.
+
+    Attributes
+    ----------
+    disparity : numpy.ndarray
+        float32, shape (y, x), of the surface that the ray through each pixel's centre meets, nan
+        where there is none. The centre view is (V - 1)/2, (U - 1)/2, between views for even counts.
+    z : numpy.ndarray
+        float32, shape (y, x), metres from the focused plane, > 0 farther from the lens; nan where
+        no camera says.
+    surface : numpy.ndarray
+        int32, shape (y, x): place of that surface in the scene, -1 for none.
+    masks : dict of numpy.ndarray
+        bool, shape (y, x): "edges", the 4 pixels on both sides of where two surfaces differ by more
+        than 0.15 in disparity; "near" and "far", those of them of the nearer and of the farther
+        surface; "planes" and "smooth", pixels of planes and of spheres without "edges".
+    """
+
+    disparity: Map
+    z: Map
+    surface: np.ndarray[Any, np.dtype[np.int32]]
+    masks: dict[str, Mask]
+
+    def __repr__(self) -> str:
+        ny, nx = self.disparity.shape
+        if np.isnan(self.disparity).all():
+            return f"<Truth {ny} x {nx}, empty>"
+        low, high = np.nanmin(self.disparity), np.nanmax(self.disparity)
+        return f"<Truth {ny} x {nx}, disparity {low:.3f} to {high:.3f}>"
+
+
+def truth_of(
+    disparity: Any, surface: Any, is_smooth: Sequence[bool], *, z: Map | None = None
+) -> Truth:
+    """The truth with its masks.
+
+    Parameters
+    ----------
+    disparity, surface : numpy.ndarray
+        As in `Truth`.
+    is_smooth : sequence of bool
+        For each surface of the scene, whether it is curved.
+    z : numpy.ndarray, optional
+        As in `Truth`; nan without.
+
+    Returns
+    -------
+    Truth
+    """
+    disparity = np.asarray(disparity, np.float32)
+    near, far = _beside(disparity, surface)
+    curved = np.append(np.asarray(is_smooth, bool), False)[surface]
+    edges = near | far
+    masks = {
+        "edges": edges,
+        "near": near,
+        "far": far,
+        "planes": (surface >= 0) & ~curved & ~edges,
+        "smooth": curved & ~edges,
+    }
+    where = np.full(disparity.shape, np.nan, np.float32) if z is None else z
+    return Truth(disparity, where, np.asarray(surface, np.int32), masks)
+
+
+def _beside(disparity: Map, surface: Any) -> tuple[Mask, Mask]:
+    """Pixels of the nearer and of the farther surface within REACH of where they meet."""
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    depth = np.where(np.isnan(disparity), LEAST, disparity)
+    edges = np.zeros(depth.shape, bool)
+    for axis in (0, 1):
+        n = depth.shape[axis]
+        first, second = _part(axis, 0, n - 1), _part(axis, 1, n)
+        rise = np.abs(depth[second] - depth[first])
+        jump = (surface[first] != surface[second]) & (rise > JUMP)
+        edges[first] |= jump
+        edges[second] |= jump
+    edges = _grown(edges)
+    size = 2 * REACH + 1  # reaches across the edge from every pixel of its band
+    high = maximum_filter(depth, size, mode="nearest")
+    low = minimum_filter(depth, size, mode="nearest")
+    nearer = high - depth < depth - low
+    return edges & nearer, edges & ~nearer
+
+
+def _grown(mask: Mask) -> Mask:
+    """Pixels less than REACH from those of a mask, along both axes."""
+    grown = mask.copy()
+    for axis in (0, 1):
+        source = grown.copy()
+        n = mask.shape[axis]
+        for step in range(1, min(REACH, n)):
+            grown[_part(axis, step, n)] |= source[_part(axis, 0, n - step)]
+            grown[_part(axis, 0, n - step)] |= source[_part(axis, step, n)]
+    return grown
+
+
+def _part(axis: int, first: int, stop: int) -> tuple[slice, ...]:
+    return (slice(None),) * axis + (slice(first, stop),)

@@ -1,0 +1,65 @@
+"""``clplen epi``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from clplen.cli import options
+from clplen.cli.common import read
+from clplen.cli.pictures import PICTURES, check_output, write
+
+
+@click.command()
+@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="OUT.tif|OUT.png",
+    type=click.Path(path_type=Path),
+    help="TIFF holds the samples (linear float32), PNG a figure with axes.",
+)
+@click.option("--y", type=int, help="Row of pixels; with --v gives (u, x).")
+@click.option("--v", type=int, help="Row of views.")
+@click.option("--x", type=int, help="Column of pixels; with --u gives (v, y).")
+@click.option("--u", type=int, help="Column of views.")
+@options.layout
+@options.device
+def epi(
+    source: Path,
+    output: Path,
+    y: int | None,
+    v: int | None,
+    x: int | None,
+    u: int | None,
+    selector: str | None,
+    **layout: Any,
+) -> None:
+    """Cut an epipolar-plane image: one row of pixels over one row of views, or a column of both.
+
+    A point is a straight line in it, displaced by -d pixels from view to view. The axes of the
+    figure are in millimetres, with the angle of the rays, where the light field knows its camera.
+
+    \b
+    Example:
+      clplen epi flower -o epi.png --y 128 --v 4
+      clplen epi flower -o epi.tif --x 90 --u 5
+    """
+    given = {name for name, n in (("y", y), ("v", v), ("x", x), ("u", u)) if n is not None}
+    if given not in ({"y", "v"}, {"x", "u"}):
+        raise click.UsageError("Give --y and --v, or --x and --u.")
+    check_output(source, output, layout, PICTURES)
+    lf = read(source, selector, layout)
+    axes = "(u, x)" if "y" in given else "(v, y)"
+    if output.suffix.lower() == ".png":
+        from clplen import plot
+        from clplen.lightfield.phasespace import phase_space
+
+        plot.save(plot.epi(phase_space(lf, y=y, v=v, x=x, u=u)), output)
+        said = "a figure, to look at"
+    else:
+        said = write(output, lf.epi(y=y, v=v, x=x, u=u).to_numpy(), lf, srgb=layout["srgb"])
+    click.echo(f"{output}: the slice {axes}, {said}.")

@@ -1,0 +1,276 @@
+"""``clplen info``."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import textwrap
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, is_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from clplen.cli import options
+from clplen.cli.common import read
+from clplen.cli.messages import typed
+
+if TYPE_CHECKING:
+    from clplen.lightfield.check import Report
+    from clplen.lightfield.lattice import Lattice
+    from clplen.lightfield.lightfield import LightField
+
+Rows = list[tuple[str, str]]
+
+_MAPS = (".pfm", ".npy", ".tif", ".tiff")
+_COLUMNS = 100  # of text beside the labels
+_LISTED = 12  # views that a line lists
+_AXIS_WORDS = ("swap_uv", "flip_v", "flip_u")
+
+
+@click.command()
+@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Write JSON instead of a table.")
+@click.option(
+    "--save-grid",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Write the lenslet lattice of a raw image, for --grid.",
+)
+@click.option(
+    "--farthest",
+    type=click.FloatRange(0, 8, min_open=True),
+    default=2.0,
+    show_default=True,
+    help="Disparity up to which the order of the views is looked for first.",
+)
+@options.layout
+@options.device
+def info(
+    source: Path,
+    as_json: bool,
+    save_grid: Path | None,
+    farthest: float,
+    selector: str | None,
+    **layout: Any,
+) -> None:
+    """Tell what a file or folder holds, and whether its views are read in the right order.
+
+    For light fields: size, type and range of the samples, dark views, and the sharpness of the
+    focal stack in each of the eight orders of the view axes, with the options that mend a wrong
+    one. For raw images: the lattice of their lenslets. For disparity maps: size and range.
+
+    \b
+    Example:
+      clplen info flower --pattern "IMG_0001_{n}_{u}_{v}.png"
+      clplen info raw.tif --white flat.tif --save-grid grid.json
+      clplen info truth.pfm --json
+    """
+    given = {name: value for name, value in layout.items() if value not in (None, False)}
+    values = None if given or save_grid else _map(source)
+    if values is not None:
+        rows, data = _of_map(source, values)
+    elif source.suffix.lower() == ".xml":
+        rows, data = _of_calibration(source)
+    else:
+        rows, data = _of_lightfield(source, selector, layout, farthest, save_grid)
+    if as_json:
+        click.echo(json.dumps(_plain(data), indent=2))
+        return
+    width = 2 + max(len(label) for label, _ in rows)
+    for label, text in rows:
+        lines = textwrap.wrap(text, _COLUMNS, break_long_words=False, break_on_hyphens=False)
+        fits = len(text) <= _COLUMNS or "  " in text.strip()  # a line of a table
+        for number, line in enumerate([text] if fits else lines):
+            click.echo(f"{'' if number else label:<{width}}{line}".rstrip())
+
+
+def _map(source: Path) -> np.ndarray[Any, Any] | None:
+    """The values of a disparity map; None if it is something else."""
+    from clplen.errors import FormatError
+    from clplen.io import read_disparity
+
+    if source.suffix.lower() not in _MAPS:
+        return None
+    try:
+        return read_disparity(source)
+    except FormatError:
+        if source.suffix.lower() == ".pfm":
+            raise
+        return None
+
+
+def _of_map(source: Path, values: np.ndarray[Any, Any]) -> tuple[Rows, dict[str, Any]]:
+    known = values[np.isfinite(values)]
+    low, median, high = (
+        (float(known.min()), float(np.median(known)), float(known.max()))
+        if known.size
+        else (math.nan,) * 3
+    )
+    unknown = values.size - known.size
+    rows = [
+        ("File", f"{source}, a disparity map"),
+        ("Size", f"{values.shape[0]} x {values.shape[1]} pixels (y, x)"),
+        ("Range", f"{low:.6g} to {high:.6g}, median {median:.6g}"),
+        ("Not known", f"{unknown} of {values.size} pixels (NaN or infinite)"),
+    ]
+    data = {"shape": values.shape, "low": low, "median": median, "high": high}
+    return rows, {"file": source, "kind": "a disparity map", **data, "unknown": unknown}
+
+
+def _of_calibration(source: Path) -> tuple[Rows, dict[str, Any]]:
+    from clplen.io import read_raytrix
+
+    data = {"file": source, "kind": "a Raytrix calibration", **asdict(read_raytrix(source))}
+    return [(name.replace("_", " ").capitalize(), str(value)) for name, value in data.items()], data
+
+
+def _of_lightfield(
+    source: Path,
+    selector: str | None,
+    layout: dict[str, Any],
+    farthest: float,
+    save_grid: Path | None,
+) -> tuple[Rows, dict[str, Any]]:
+    from clplen.io.kinds import kind_of
+    from clplen.lightfield.check import after, check
+
+    kind = kind_of(source).name
+    with _listening() as said:
+        lf = read(source, selector, layout)
+    report = check(lf, farthest=farthest)
+    took = said[-1].removeprefix("read ")
+    data: dict[str, Any] = {"file": source, "kind": kind, "read": took}
+    rows = [("File", f"{source}, {kind}"), ("Read", took)]
+    rows += _of_samples(report)
+    data |= asdict(report)
+    lattice = _lattice(lf, save_grid)
+    if lattice is not None:
+        rows += _of_lattice(lattice)
+        data["lattice"] = asdict(lattice)
+    parameters = _parameters(source)
+    if parameters:
+        rows += [("Parameters", ", ".join(f"{name} {text}" for name, text in parameters.items()))]
+        data["parameters"] = parameters
+    read_with = tuple(word for word in _AXIS_WORDS if layout[word])
+
+    def spelled(words: tuple[str, ...]) -> str:
+        return _typed(after(read_with, words)) or "no word on the axes"
+
+    data["sentence"] = report.sentence(spelled)
+    for order, entry in zip(report.orders, data["orders"], strict=True):
+        entry["words"] = _typed(after(read_with, order.words)).split()
+    return rows + _of_orders(report, read_with, data["sentence"]), data
+
+
+@contextmanager
+def _listening() -> Iterator[list[str]]:
+    """What the readers say, kept for the table instead of being shown."""
+    said: list[str] = []
+    logger = logging.getLogger("clplen.io")
+    handler = logging.Handler()
+    handler.emit = lambda record: said.append(record.getMessage())  # type: ignore[method-assign]
+    propagated = logger.propagate
+    logger.addHandler(handler)
+    logger.propagate = False
+    try:
+        yield said
+    finally:
+        logger.propagate = propagated
+        logger.removeHandler(handler)
+
+
+def _of_samples(report: Report) -> Rows:
+    V, U, ny, nx = report.shape[:4]
+    views, channels = V * U, report.shape[4:]
+    rows = [
+        ("Views", f"{V} x {U} (V x U) of {ny} x {nx} pixels, {(channels or (1,))[0]} channels"),
+        ("Samples", f"{report.dtype}, {report.low:g} to {report.high:g}"),
+    ]
+    for label, flat in (("Dark views", report.dark), ("Constant views", report.constant)):
+        listed = ", ".join(f"({v}, {u})" for v, u in flat[:_LISTED])
+        more = f" and {len(flat) - _LISTED} more" if len(flat) > _LISTED else ""
+        rows.append((label, f"{len(flat)} of {views}: {listed}{more}" if flat else "none"))
+    rows.append(("Left out", f"{report.left_out} of {views} views have weight 0"))
+    spacing = "not known"
+    if report.spacing is not None:
+        spacing = ", ".join(
+            f"{name} {1e6 * step:g} um"
+            for name, step in zip(("dv", "du", "dy", "dx"), report.spacing, strict=True)
+        )
+    rows.append(("Spacing", spacing))
+    if report.scattered:
+        rows.append(("Positions", "each view has its own"))
+    return rows
+
+
+def _of_orders(report: Report, read_with: tuple[str, ...], sentence: str) -> Rows:
+    from clplen.lightfield.check import after
+
+    rows = []
+    if report.verdict in ("fits", "unclear"):
+        low, high = report.orders[0].span
+        rows.append(("Disparities", f"nine tenths of the detail from {low:+.2f} to {high:+.2f}"))
+    rows.append(("View axes", sentence))
+    if report.orders:
+        rows.append(("Orders", "  sharpness  disparity"))
+    for order in sorted(report.orders, key=lambda order: -order.sharpness):
+        words = _typed(after(read_with, order.words)) or "(no word on the axes)"
+        mark = "*" if order in report.best and report.verdict != "none" else " "
+        text = f"{mark} {order.sharpness:9.3f}  {order.disparity:+9.2f}  {words}"
+        rows.append(("", text + ("" if order.words else "  as read")))
+    return rows
+
+
+def _typed(words: tuple[str, ...]) -> str:
+    return " ".join("--" + word.replace("_", "-") for word in words)
+
+
+def _lattice(lf: LightField, save_grid: Path | None) -> Lattice | None:
+    """The lattice that a raw image was decoded by, written if that was asked for."""
+    lattice = None if lf.raw is None else lf.raw.lattice
+    if save_grid is not None:
+        if lattice is None:
+            raise click.UsageError("--save-grid is for raw images: there are no lenslets here.")
+        lattice.save(save_grid)
+    return lattice
+
+
+def _of_lattice(lattice: Lattice) -> Rows:
+    along, across = lattice.pitch
+    return [
+        ("Lenslets", f"{lattice.kind}, pitch {along:.4f} px along rows, {across:.4f} px across"),
+        ("Rotation", f"{math.degrees(lattice.rotation):+.4f} degrees (+x towards +y)"),
+        ("Centre", f"(y, x) = ({lattice.origin[0]:.3f}, {lattice.origin[1]:.3f}) px"),
+        ("Residual", f"{lattice.residual:.4f} px rms, trust {lattice.trust}"),
+        ("Lattice", typed(lattice.verdict)),
+    ]
+
+
+def _parameters(source: Path) -> dict[str, Any]:
+    """What the parameters of an HCI scene say, if there are any."""
+    from clplen.io import read_parameters
+
+    if not (source.is_dir() and (source / "parameters.cfg").is_file()):
+        return {}
+    known = asdict(read_parameters(source))
+    return {name: value for name, value in known.items() if value is not None}
+
+
+def _plain(value: Any) -> Any:
+    """As JSON has it; NaN becomes null."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return _plain(asdict(value))
+    if isinstance(value, dict):
+        return {str(name): _plain(entry) for name, entry in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return str(value) if isinstance(value, Path) else value

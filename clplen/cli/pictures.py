@@ -1,0 +1,85 @@
+"""What the commands that make a picture share: points, outputs, what is said of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from clplen.cli.common import check_outputs, check_suffix
+from clplen.errors import ShapeError
+
+if TYPE_CHECKING:
+    from clplen.lightfield.lightfield import LightField
+
+PICTURES = (".tif", ".tiff", ".png")
+
+
+class Point(click.ParamType):
+    """Y,X of a pixel; with `depth`, Y,X,D is taken too."""
+
+    name = "Y,X"
+
+    def __init__(self, *, depth: bool = False) -> None:
+        self._counts = (2, 3) if depth else (2,)
+        self.name = "Y,X[,D]" if depth else "Y,X"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[float, ...]:
+        try:
+            numbers = tuple(float(part) for part in str(value).split(","))
+        except ValueError:
+            numbers = ()
+        if len(numbers) not in self._counts or not np.isfinite(numbers).all():
+            self.fail(f"{value!r} is not {self.name}, for example 120,88.", param, ctx)
+        return numbers
+
+
+def check_output(source: Path, output: Path, layout: dict[str, Any], suffixes: Any) -> None:
+    """Refuse an output that cannot be written, or would replace what is read."""
+    check_suffix(output, suffixes)
+    check_outputs(source, layout, output)
+
+
+def pixel_of(lf: LightField, point: tuple[float, ...]) -> tuple[int, int]:
+    """The pixel that a point names, inside the views."""
+    y, x = (round(n) for n in point[:2])
+    if not (0 <= y < lf.shape[2] and 0 <= x < lf.shape[3]):
+        raise click.UsageError(
+            f"The pixel {point[0]:g},{point[1]:g} lies outside the views: Y is from 0 to "
+            f"{lf.shape[2] - 1}, X from 0 to {lf.shape[3] - 1}."
+        )
+    return y, x
+
+
+def write(output: Path, values: np.ndarray[Any, Any], lf: LightField, *, srgb: bool) -> str:
+    """Write a picture, and say what is in the file."""
+    from clplen.io import write_picture
+    from clplen.io.shown import to_look_at, white_of
+
+    values = drawable(values)
+    if output.suffix.lower() != ".png":
+        write_picture(output, values.astype(np.float32), description="linear values")
+        return "linear float32"
+    white = white_of(values, lf.dtype, srgb=srgb)
+    write_picture(output, to_look_at(values, white, srgb=srgb))
+    return scaled(white, srgb)
+
+
+def scaled(white: float, srgb: bool) -> str:
+    """What was done to values of 8 bits."""
+    curve = ", encoded as sRGB" if srgb else ""
+    return f"scaled to look at ({white:.6g} is white{curve}), not to measure"
+
+
+def drawable(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Pictures (..., y, x) or (..., y, x, 3), of one channel without its axis."""
+    if values.ndim >= 3 and values.shape[-1] == 1:
+        values = values[..., 0]
+    if values.ndim == 3 and values.shape[-1] != 3:
+        raise ShapeError(
+            f"A picture file holds one or three channels, and this light field has "
+            f"{values.shape[-1]}: take some of them with clplen.LightField in Python."
+        )
+    return values

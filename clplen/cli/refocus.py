@@ -1,0 +1,164 @@
+"""``clplen refocus``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from clplen.cli import options
+from clplen.cli.common import check_planes, planes_of, read
+from clplen.cli.messages import note
+from clplen.cli.pictures import PICTURES, Point, check_output, pixel_of, write
+
+if TYPE_CHECKING:
+    from clplen.lightfield.depth import DepthMap
+    from clplen.lightfield.lightfield import LightField
+
+_SURE = 1e-3  # of a confidence: below it there is nothing to tell depth by
+
+
+@click.command()
+@click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="OUT.tif|OUT.png",
+    type=click.Path(path_type=Path),
+    help="TIFF holds linear float32; PNG is scaled, to look at.",
+)
+@click.option("--disparity", type=float, help="Plane in focus, pixels a view step, nearer larger.")
+@click.option("--alpha", type=float, help="Plane in focus, alpha = F/F'.")
+@click.option("--at", type=Point(), help="Focus on this pixel; its depth is told by sharpness.")
+@click.option(
+    "--tilt",
+    type=Point(depth=True),
+    multiple=True,
+    help="Three of them: focus on the plane through three pixels, of disparity D or as told by "
+    "sharpness.",
+)
+@click.option("--all-in-focus", is_flag=True, help="Every pixel on the plane where it is sharp.")
+@click.option(
+    "--upsample", type=int, default=1, help="Pixels along each axis for one of the views; 1."
+)
+@click.option(
+    "--interpolation",
+    type=click.Choice(["linear", "nearest", "cubic", "fourier"]),
+    default="linear",
+    show_default=True,
+)
+@options.plane_range
+@options.layout
+@options.device
+def refocus(
+    source: Path,
+    output: Path,
+    disparity: float | None,
+    alpha: float | None,
+    at: Any,
+    tilt: Any,
+    all_in_focus: bool,
+    upsample: int,
+    interpolation: str,
+    disparities: Any,
+    alphas: Any,
+    selector: str | None,
+    **layout: Any,
+) -> None:
+    """Focus a light field on a plane, a pixel, a tilted plane, or everything.
+
+    The planes of --disparities or --alphas are those among which --at, --tilt and --all-in-focus
+    look for what is sharp.
+
+    \b
+    Example:
+      clplen refocus flower -o near.tif --disparity -0.55
+      clplen refocus flower -o here.png --at 120,88 --disparities -1:0:41
+      clplen refocus flower -o tilted.tif --tilt 40,128,-0.8 --tilt 230,20,-0.5 --tilt 230,230,-0.5
+      clplen refocus flower -o sharp.tif --all-in-focus --disparities -1:0:41
+    """
+    from clplen.lightfield.refocus import refocus as focused
+
+    check_planes(disparities, alphas)
+    _check_target(disparity, alpha, at, tilt, all_in_focus)
+    _check_words(bool(at or tilt or all_in_focus), disparities, alphas, upsample, all_in_focus)
+    check_output(source, output, layout, PICTURES)
+    lf = read(source, selector, layout)
+    more: dict[str, Any] = {"upsample": upsample, "interpolation": interpolation}
+    if all_in_focus:
+        picture, where = _sharp(lf, planes_of(lf, disparities, alphas))
+    elif alpha is not None:
+        picture, where = focused(lf, alpha=alpha, **more), f"alpha = {alpha:g}"
+    else:
+        d, where = _surface(lf, disparity, at, tilt, disparities, alphas)
+        picture = focused(lf, disparity=d, **more)
+    said = write(output, picture.to_numpy(), lf, srgb=layout["srgb"])
+    click.echo(f"{output}: focused on {where}, {said}.")
+
+
+def _check_target(*targets: Any) -> None:
+    if sum(target not in (None, (), False) for target in targets) != 1:
+        raise click.UsageError(
+            "Give one of --disparity, --alpha, --at, --tilt (three times) and --all-in-focus."
+        )
+
+
+def _check_words(
+    seeks: bool, disparities: Any, alphas: Any, upsample: int, all_in_focus: bool
+) -> None:
+    if not seeks and (disparities is not None or alphas is not None):
+        raise click.UsageError(
+            "--disparities and --alphas are the planes that --at, --tilt and --all-in-focus look "
+            "through; for one plane use --disparity or --alpha."
+        )
+    if all_in_focus and upsample != 1:
+        raise click.UsageError("--upsample goes with one plane, not with --all-in-focus.")
+
+
+def _sharp(lf: LightField, planes: dict[str, Any]) -> tuple[Any, str]:
+    from clplen.lightfield.allinfocus import all_in_focus
+    from clplen.lightfield.refocus import focal_stack
+
+    stack = focal_stack(lf, **planes)
+    return all_in_focus(stack), f"the sharpest of {options.planes(len(stack.disparities))}"
+
+
+def _surface(
+    lf: LightField, disparity: Any, at: Any, tilt: Any, disparities: Any, alphas: Any
+) -> tuple[Any, str]:
+    """(disparity or map, what it is in words)."""
+    from clplen.lightfield.depth import depth_map
+    from clplen.lightfield.surface import plane_through
+
+    if disparity is not None:
+        return disparity, f"d = {disparity:g}"
+    points = [at] if at else list(tilt)
+    if tilt and len(tilt) != 3:
+        raise click.UsageError(f"--tilt is given three times, for three pixels, not {len(tilt)}.")
+    pixels = [pixel_of(lf, point) for point in points]
+    found = None
+    if any(len(point) == 2 for point in points):
+        found = depth_map(lf, **planes_of(lf, disparities, alphas))
+    depths = [
+        point[2] if len(point) == 3 else _depth_at(found, pixel)
+        for point, pixel in zip(points, pixels, strict=True)
+    ]
+    if at:
+        return depths[0], f"d = {depths[0]:.4f} (at {pixels[0][0]},{pixels[0][1]})"
+    plane = plane_through(np.column_stack((np.array(pixels), depths)), lf.shape[2:])
+    words = ", ".join(f"{d:.4f}" for d in depths)
+    return plane, f"the plane of d = {words} at the three pixels"
+
+
+def _depth_at(found: DepthMap | None, pixel: tuple[int, int]) -> float:
+    if found is None:
+        raise ValueError("No depth was looked for.")
+    if not found.confidence[pixel] > _SURE:
+        note(
+            f"At {pixel[0]},{pixel[1]} there is hardly any texture to tell depth by, or it lies "
+            "beyond the planes: the picture may be out of focus there."
+        )
+    return float(found.disparity[pixel])

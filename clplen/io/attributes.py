@@ -1,0 +1,155 @@
+"""What HDF5 and Zarr keep of a light field beside its samples: names and parameters.
+
+Attributes of the array ``lightfield``: ``axes`` ("v:u:y:x" or "v:u:y:x:c"), ``spacing`` (signed dv,
+du, dy, dx in metres), ``wavelength`` (metres), ``centre`` (v, u of the central view), ``decode``.
+Beside it the array ``weights`` (V, U), the array ``positions`` (V, U, 2) of views that lie on no
+grid, and the group ``camera`` with the parameters of the camera as attributes, in SI units.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.compute.device import Device
+from clplen.errors import ClplenError, FormatError
+from clplen.io.layout import Layout
+from clplen.io.loading import UNREADABLE
+from clplen.lightfield.lightfield import LightField
+from clplen.wave.lenslets import MicrolensArray
+
+SAMPLES = "lightfield"
+BESIDE = ("weights", "positions")
+CAMERA = "camera"
+NAMES = ("axes", "spacing", "decode")  # what is read again of the attributes of the samples
+_CAMERA = (
+    "focal_length",
+    "wavelength",
+    "pixels_per_lenslet",
+    "object_distance",
+    "image_distance",
+    "aperture_diameter",
+    "field_lens",
+)
+_ARRAY = ("pitch", "f", "count", "lattice", "fill", "diameter", "offset", "rotation")
+CAMERA_NAMES = ("kind", *_CAMERA, *(f"mla_{name}" for name in _ARRAY))
+_DECODES = ("calibrated", "naive")
+
+
+def of_samples(lf: LightField) -> dict[str, Any]:
+    """The attributes of the array of samples, as plain Python."""
+    found: dict[str, Any] = {
+        "axes": ":".join("vuyxc"[: len(lf.shape)]),
+        "centre": [(lf.shape[0] - 1) / 2, (lf.shape[1] - 1) / 2],
+        "decode": lf.decode,
+    }
+    if lf.spacing is not None:
+        found["spacing"] = [float(step) for step in lf.spacing]
+    if lf.camera is not None:
+        found["wavelength"] = float(lf.camera.wavelength)
+    return found
+
+
+def arrays_beside(lf: LightField) -> dict[str, np.ndarray[Any, Any]]:
+    """The arrays that lie beside the samples."""
+    found = {name: getattr(lf, name) for name in BESIDE}
+    return {name: array for name, array in found.items() if array is not None}
+
+
+def of_camera(lf: LightField) -> dict[str, Any] | None:
+    """The attributes of the group of the camera, as plain Python; None without one to keep."""
+    camera = lf.camera
+    if not isinstance(camera, Plenoptic1):
+        return None
+    own = {name: getattr(camera, name) for name in _CAMERA}
+    array = {f"mla_{name}": getattr(camera.mla, name) for name in _ARRAY}
+    return {"kind": "type1"} | {name: plain(value) for name, value in (own | array).items()}
+
+
+def plain(value: Any) -> Any:
+    """An attribute as plain Python: numbers, words and tuples."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "replace")
+    return tuple(value) if isinstance(value, list) else value
+
+
+def axes_in(attributes: dict[str, Any]) -> str | None:
+    """The axes that a file says, in the letters v, u, y, x, c."""
+    axes = attributes.get("axes")
+    return None if axes is None else "".join(str(axes).split(":"))
+
+
+def known_of(attributes: dict[str, Any], path: Path, layout: Layout) -> dict[str, Any]:
+    """What `LightField.from_array` takes of the attributes of the samples.
+
+    A view axis that the layout reverses or swaps takes its signed spacing along.
+
+    Raises
+    ------
+    FormatError
+        If the spacing is none.
+    """
+    spacing = attributes.get("spacing")
+    if spacing is None:
+        return {}
+    numbers = isinstance(spacing, tuple | list) and all(isinstance(n, int | float) for n in spacing)
+    if not numbers or len(spacing) != 4:
+        raise FormatError(
+            f"{path}: spacing is (dv, du, dy, dx) in metres, none of them 0, not {spacing!r}."
+        )
+    dv, du, dy, dx = spacing
+    if layout.swap_uv:
+        dv, du = du, dv
+    return {"spacing": (-dv if layout.flip_v else dv, -du if layout.flip_u else du, dy, dx)}
+
+
+def decode_in(attributes: dict[str, Any], path: Path) -> str:
+    """How the light field was decoded from its raw image.
+
+    Raises
+    ------
+    FormatError
+        If it is neither of the two ways.
+    """
+    decode = str(attributes.get("decode", _DECODES[0]))
+    if decode not in _DECODES:
+        raise FormatError(
+            f"{path}: the attribute 'decode' is {decode!r}, not 'calibrated' or 'naive'."
+        )
+    return decode
+
+
+def read_camera(values: dict[str, Any], path: Path, device: Device) -> Plenoptic1 | None:
+    """The camera that took the light field; None where it is of a kind unknown here.
+
+    Parameters
+    ----------
+    values : dict
+        Attributes of its group, as plain Python.
+    path : pathlib.Path
+    device : Device
+
+    Raises
+    ------
+    FormatError
+        If a parameter is missing or out of range.
+    """
+    if values.get("kind") != "type1":
+        return None
+    try:
+        mla = {name: values[f"mla_{name}"] for name in _ARRAY}
+        camera = {name: values[name] for name in _CAMERA}
+    except KeyError as error:
+        raise FormatError(f"The camera in {path} lacks {error}.") from error
+    pitch, focal_length = mla.pop("pitch"), mla.pop("f")
+    try:
+        array = MicrolensArray(pitch, focal_length, **mla)
+        return PlenopticCamera.type1(mla=array, device=device, **camera)
+    except (*UNREADABLE, ClplenError) as error:
+        raise FormatError(f"The camera in {path} is none: {error}") from error

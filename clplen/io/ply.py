@@ -1,0 +1,147 @@
+"""Point clouds as PLY (Turk 1994, "The PLY Polygon File Format"), binary little endian."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clplen.errors import ShapeError
+from clplen.files import PathLike, replacing
+
+Array = np.ndarray[Any, Any]
+
+_PLACE = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+_COLOUR = [("red", "u1"), ("green", "u1"), ("blue", "u1")]
+_METRIC = "metres from the centre view: x right, y down, z along the optical axis"
+_PIXELS = "no camera: x and y in pixels, y down, z is the disparity in pixels per view step"
+
+
+def write_ply(
+    path: PathLike, points: Array, colours: Array | None = None, *, comment: str = ""
+) -> None:
+    """Write points, each with its colour.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.ply``.
+    points : numpy.ndarray
+        Shape (n, 3): x, y, z; stored as float32. Points with a coordinate that is NaN or infinite
+        are left out.
+    colours : numpy.ndarray, optional
+        uint8, shape (n, 3): red, green, blue.
+    comment : str, optional
+        What the coordinates are, in ASCII.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another one, colours are no uint8, or the comment is no ASCII.
+    ShapeError
+        If points are not (n, 3), or colours have another shape.
+    OSError
+        If the file cannot be written.
+    """
+    if Path(path).suffix.lower() != ".ply":
+        raise ValueError(f"A point cloud is written as .ply, not as {Path(path).name}.")
+    points = np.asarray(points)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ShapeError(f"Points have shape (n, 3), not {points.shape}.")
+    if colours is not None and colours.shape != points.shape:
+        raise ShapeError(
+            f"Each of {points.shape[0]} points has one colour: expected shape {points.shape}, not "
+            f"{colours.shape}."
+        )
+    if colours is not None and colours.dtype != np.uint8:
+        raise ValueError(f"Colours of points are uint8, not {colours.dtype}.")
+    if not comment.isascii():
+        raise ValueError(f"A comment of PLY is ASCII, not {comment!r}.")
+    # A coordinate that float32 cannot hold is infinite there.
+    with np.errstate(over="ignore"):
+        kept = np.isfinite(points.astype(np.float32)).all(1)
+    vertices = np.empty(int(kept.sum()), _PLACE + ([] if colours is None else _COLOUR))
+    for i, (name, _) in enumerate(_PLACE):
+        vertices[name] = points[kept, i]
+    for i, (name, _) in enumerate(_COLOUR if colours is not None else ()):
+        vertices[name] = colours[kept, i]  # type: ignore[index]
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        file.write(_header(vertices, comment).encode("ascii"))
+        file.write(vertices.tobytes())
+
+
+def _header(vertices: Array, comment: str) -> str:
+    properties = [
+        f"property {'float' if name in 'xyz' else 'uchar'} {name}"
+        for name in vertices.dtype.names or ()
+    ]
+    comments = [f"comment {line}" for line in comment.splitlines()]
+    lines = ["ply", "format binary_little_endian 1.0", *comments]
+    lines += [f"element vertex {len(vertices)}", *properties, "end_header"]
+    return "\n".join(lines) + "\n"
+
+
+def points_of(
+    disparity: Array,
+    *,
+    baseline: float | None = None,
+    focal_length: float | None = None,
+    pixel_pitch: float | None = None,
+    focus_distance: float | None = None,
+) -> tuple[Array, str]:
+    """The points of a disparity map, as the pinhole camera of the centre view sees them.
+
+    With d = (b f/p) (1/Z - 1/Z0) of the disparity d (the form of the HCI 4D benchmark, Honauer et
+    al. 2016), a point of pixel (y, x) lies at Z (x - xc) p/f, Z (y - yc) p/f, Z from the pinhole,
+    (yc, xc) being the middle of the picture.
+
+    Parameters
+    ----------
+    disparity : numpy.ndarray
+        Shape (y, x), pixels a view step.
+    baseline : float, optional
+        b, from view to view, in metres. With ``focal_length`` and ``pixel_pitch``, or not at all.
+    focal_length : float, optional
+        f, pinhole to sensor, in metres.
+    pixel_pitch : float, optional
+        p, of a view's pixels, in metres.
+    focus_distance : float, optional
+        Z0, where the disparity is 0, in metres; default infinite.
+
+    Returns
+    -------
+    numpy.ndarray, str
+        float64, shape (y x, 3), row by row: x, y, z in metres, NaN where the point would not lie
+        before the camera; and what they are, for the comment of a PLY file. Without a camera x
+        and y in pixels from the upper left one, and z the disparity.
+
+    Raises
+    ------
+    ValueError
+        If only a part of the camera is given, or a length is not positive.
+    ShapeError
+        If the map is not two-dimensional.
+    """
+    if disparity.ndim != 2:
+        raise ShapeError(f"A disparity map has shape (y, x), not {disparity.shape}.")
+    d = disparity.astype(np.float64)
+    y, x = np.indices(d.shape, dtype=np.float64)
+    lengths = (baseline, focal_length, pixel_pitch)
+    if all(n is None for n in (*lengths, focus_distance)):
+        return np.stack([x, y, d], -1).reshape(-1, 3), _PIXELS
+    if baseline is None or focal_length is None or pixel_pitch is None:
+        raise ValueError(
+            "Points in metres need baseline=, focal_length= and pixel_pitch= together (and "
+            "focus_distance= of cameras that are not focused at infinity)."
+        )
+    for length in (*lengths, focus_distance):
+        if length is not None and not length > 0:
+            raise ValueError(f"The lengths of the camera are positive metres, not {length}.")
+    nearness = d * pixel_pitch / (baseline * focal_length)
+    nearness += 0 if focus_distance is None else 1 / focus_distance
+    z = 1 / np.where(nearness > 0, nearness, np.nan)
+    scale = z * pixel_pitch / focal_length
+    across, down = (np.array(n) - 1 for n in (d.shape[1], d.shape[0]))
+    places = [(x - across / 2) * scale, (y - down / 2) * scale, z]
+    return np.stack(places, -1).reshape(-1, 3), _METRIC

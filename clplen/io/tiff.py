@@ -1,0 +1,99 @@
+"""One picture of a TIFF file, without more memory than it declares."""
+
+from __future__ import annotations
+
+import zlib
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import imageio.v3 as imageio
+import numpy as np
+import tifffile
+
+from clplen.io.bounds import DEFLATE, require_bytes
+
+# Largest ratio of each compression (TIFF 6.0 and Adobe's supplements): none, LZW (a code of 12
+# bits is at most the longest of 4096 growing strings), JPEG, deflate twice, PackBits.
+_RATIO = {1: 1.0, 5: 2560.0, 7: 2048.0, 8: DEFLATE, 32946: DEFLATE, 32773: 64.0}
+_BY_PILLOW = (5, 7)  # where tifffile's optional codecs are not installed
+_DEFLATED = (8, 32946)
+_PALETTE = 3
+
+
+def decode_tiff(
+    content: bytes, path: Path, *, max_bytes: int | None, page: int | None = None
+) -> np.ndarray[Any, Any]:
+    """One page of a TIFF file.
+
+    Parameters
+    ----------
+    content : bytes
+    path : pathlib.Path
+        For messages.
+    max_bytes : int or None
+        As for `require_bytes`.
+    page : int or None
+        Which one; None where there must be one only.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (y, x) or (y, x, c), the file's own dtype.
+
+    Raises
+    ------
+    FormatError
+        If it declares more than it holds, or more than ``max_bytes``.
+    ValueError
+        If it holds several pages, a colour table or an unknown compression; tifffile's own errors
+        where it is damaged.
+    """
+    with tifffile.TiffFile(BytesIO(content), is_ome=False, is_imagej=False) as file:
+        if page is None and len(file.pages) > 1:
+            raise ValueError(f"it holds {len(file.pages)} pictures, one is meant")
+        found: Any = file.pages[page or 0]
+        _check(found, content, path, max_bytes)
+        try:
+            values = found.asarray()
+        except ValueError as error:
+            if found.compression not in _BY_PILLOW or "imagecodecs" not in str(error):
+                raise
+            values = imageio.imread(content, plugin="pillow", index=page or 0)
+            if values.shape != found.shape or values.dtype != found.dtype:
+                raise ValueError("a compression that needs imagecodecs: install that") from error
+        return values.transpose(1, 2, 0) if found.axes == "SYX" else values
+
+
+def _check(page: Any, content: bytes, path: Path, max_bytes: int | None) -> None:
+    """Refuse what is no single picture, or would need more memory than it says."""
+    if page.compression not in _RATIO:
+        raise ValueError(f"compression {page.compression}; write it with deflate or none")
+    if page.photometric == _PALETTE:
+        raise ValueError("it has a colour table; write it as RGB")
+    if page.dtype is None or page.axes not in ("YX", "YXS", "SYX"):
+        raise ValueError(f"its axes are {page.axes}, not those of a picture")
+    stored = sum(page.databytecounts)
+    if stored > len(content):
+        raise ValueError("it is truncated, or its parts overlap")
+    unpacked = max(1.0, 8 * page.dtype.itemsize / page.bitspersample)
+    require_bytes(
+        page.nbytes,
+        path=path,
+        what="the picture",
+        stored=stored,
+        ratio=_RATIO[page.compression] * unpacked,
+        max_bytes=max_bytes,
+    )
+    if page.compression in _DEFLATED:
+        _check_deflated(page, content)
+
+
+def _check_deflated(page: Any, content: bytes) -> None:
+    """Refuse a strip or tile that is larger than declared: tifffile would inflate all of it."""
+    whole = page.chunks if page.is_tiled else (page.rowsperstrip, *page.shape[1:])
+    largest = 2 * int(np.prod(whole, dtype=np.int64)) * page.dtype.itemsize
+    limit = min(largest, 2 * page.nbytes) + 4096
+    for offset, count in zip(page.dataoffsets, page.databytecounts, strict=False):
+        if len(zlib.decompressobj().decompress(content[offset : offset + count], limit)) >= limit:
+            raise ValueError("a part of it inflates to more than it declares")

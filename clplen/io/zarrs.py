@@ -1,0 +1,284 @@
+"""Light fields in Zarr (formats 2 and 3, a folder or a zip archive), laid out as in HDF5.
+
+A group with the array ``lightfield`` and what `clplen.io.attributes` names, or one array. Chunks
+are rows of views, (1, U, ny, nx, c), so that a set larger than memory can be read row by row.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clplen.compute.device import Device
+from clplen.errors import FormatError
+from clplen.files import PathLike, filling
+from clplen.io import attributes
+from clplen.io.attributes import SAMPLES
+from clplen.io.bounds import DEFLATE, require_bytes
+from clplen.io.layout import Layout, View
+from clplen.io.loading import Source, axes_known, light_field, reading
+from clplen.io.names import listed
+from clplen.lightfield.lightfield import LightField
+
+_RATIO = 32768.0  # of Zstandard, blocks of 128 KiB in 4 bytes (RFC 8878); others pack less
+_SPARSE = 4  # chunks that are not there hold the fill value: a quarter has to be there
+_FEW = 1000  # chunks that any array may lack
+_DEPTH = 4  # groups in groups that are looked into
+
+
+def write_zarr(path: PathLike, lf: LightField) -> None:
+    """Write a light field with its spacing, weights, positions and camera, in Zarr format 2.
+
+    Parameters
+    ----------
+    path : path-like
+        A folder that does not exist yet, or is empty.
+    lf : LightField
+        Its samples are stored as they are (uint8, uint16 or float32), a chunk a row of views. The
+        raw image that it was decoded from is not stored.
+
+    Raises
+    ------
+    FormatError
+        If the package zarr is not installed.
+    OSError
+        If the folder holds something, or cannot be written.
+    """
+    zarr = _package()
+    form = {} if zarr.__version__.startswith("2.") else {"zarr_format": 2}
+    with filling(path) as folder:
+        store = str(folder)
+        group = zarr.open_group(store, mode="w", **form)
+        chunks = (1, *lf.shape[1:])
+        data = zarr.create(
+            lf.shape, chunks=chunks, dtype=lf.dtype, store=store, path=SAMPLES, **form
+        )
+        with lf.device.on_host(lf.data, write=False) as values:
+            for v, row in enumerate(values):
+                data[v] = row
+        data.attrs.update(attributes.of_samples(lf))
+        for name, array in attributes.arrays_beside(lf).items():
+            beside = zarr.create(
+                array.shape, chunks=array.shape, dtype=array.dtype, store=store, path=name, **form
+            )
+            beside[...] = array
+        camera = attributes.of_camera(lf)
+        if camera is not None:
+            group.create_group(attributes.CAMERA).attrs.update(camera)
+
+
+def read(
+    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
+) -> tuple[LightField, str]:
+    """Read a light field of `write_zarr`, or of another program.
+
+    Taken is the array that ``dataset=`` names, else the only array itself, else ``lightfield``,
+    else the only one of 4 or 5 dimensions. Its axes are those of ``order=``, else of its attribute
+    ``axes``, else v, u, y, x, c.
+
+    Parameters
+    ----------
+    path : path-like
+        A folder or a zip archive.
+    device : Device
+    layout : Layout
+    progress : bool
+        Whether to show a bar on standard error.
+
+    Returns
+    -------
+    LightField, str
+        The light field, and what was taken for what, in one sentence.
+
+    Raises
+    ------
+    FormatError
+        If the package zarr is not installed; if the store is damaged, has no such array or
+        several, its axes or camera are none, or its values make no light field.
+    """
+    path = Path(path)
+    with _opened(path) as root:
+        array = _find(root, path, layout.dataset)
+        found = attributes_of(array)
+        source = _source(array, found, path, layout)
+        known: dict[str, Any] = {}
+        if _name(array) == SAMPLES:
+            known = attributes.known_of(found, path, layout)
+            known |= _arrays_beside(root, path, source.views)
+            known["camera"] = _camera(root, path, device)
+        decode = attributes.decode_in(found, path)
+        lf, took = light_field(source, device=device, layout=layout, progress=progress, known=known)
+    return replace(lf, decode=decode), took
+
+
+def _package() -> Any:
+    try:
+        import zarr
+    except ImportError as error:
+        raise FormatError(
+            'Zarr needs the package zarr: pip install "clplen[zarr]", or use .h5.'
+        ) from error
+    return zarr
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """The root of a store to read: a group or an array."""
+    zarr = _package()
+    metadata_error = getattr(zarr.errors, "MetadataError", ValueError)  # no ValueError in zarr 2
+    with reading(path):
+        try:
+            if path.is_dir():
+                yield _root(str(path))
+            else:
+                _bound_members(path)
+                with zarr.storage.ZipStore(str(path), mode="r") as store:
+                    yield _root(store)
+        except (zipfile.BadZipFile, metadata_error) as error:
+            raise ValueError(str(error)) from error
+
+
+def _root(store: Any) -> Any:
+    with warnings.catch_warnings():  # about types and extensions that no light field has
+        warnings.simplefilter("ignore")
+        return _package().open(store, mode="r")
+
+
+def _bound_members(path: Path) -> None:
+    """Refuse an archive that would inflate to more than it can hold."""
+    size = path.stat().st_size
+    with zipfile.ZipFile(path) as archive:
+        for item in archive.infolist():
+            if item.compress_size > size:
+                raise FormatError(
+                    f"{path}: its member {item.filename!r} of {item.compress_size:,} bytes is "
+                    f"larger than the file of {size:,}: the file is damaged."
+                )
+            require_bytes(
+                item.file_size,
+                path=path,
+                what=f"its member {item.filename!r}",
+                stored=item.compress_size,
+                ratio=DEFLATE,
+                max_bytes=None,
+            )
+
+
+def _arrays(group: Any, depth: int = _DEPTH) -> dict[str, Any]:
+    """The arrays of a group and of the groups in it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = {_name(array): array for _, array in group.arrays()}
+        for _, inner in group.groups() if depth else ():
+            found |= _arrays(inner, depth - 1)
+    return found
+
+
+def _name(array: Any) -> str:
+    return str(array.path).strip("/")
+
+
+def _is_array(item: Any) -> bool:
+    return isinstance(item, _package().Array)
+
+
+def _find(root: Any, path: Path, name: str | None) -> Any:
+    if _is_array(root):
+        if name is not None:
+            raise FormatError(f"{path} is one array, with no dataset {name!r}: leave dataset= out.")
+        return root
+    found = _arrays(root)
+    held = listed([f"{key} {item.shape} {item.dtype}" for key, item in found.items()])
+    wanted = SAMPLES if name is None else name.strip("/")
+    if wanted in found:
+        return found[wanted]
+    if name is not None:
+        raise FormatError(f"{path} has no dataset {name!r}; it holds {held or 'no array'}.")
+    fitting = [item for item in found.values() if len(item.shape) in (4, 5)]
+    if len(fitting) == 1:
+        return fitting[0]
+    count = "several arrays" if fitting else "no array"
+    raise FormatError(
+        f"{path} has {count} in 4 or 5 dimensions and none named {SAMPLES}; it holds "
+        f"{held or 'none'}; name one by dataset=."
+    )
+
+
+def attributes_of(item: Any) -> dict[str, Any]:
+    """The attributes of an array or group as plain Python."""
+    return {name: attributes.plain(value) for name, value in dict(item.attrs).items()}
+
+
+def _source(array: Any, found: dict[str, Any], path: Path, layout: Layout) -> Source:
+    what = f"the dataset {_name(array)!r}" if _name(array) else "its array"
+    shape = tuple(int(n) for n in array.shape)
+    own = attributes.axes_in(found)
+    axes, known = axes_known(path, what, shape, order=layout.order, own=own)
+    stored, ratio = _storage(array, path, what, layout.max_bytes)
+    return Source(
+        path,
+        what,
+        shape,
+        np.dtype(array.dtype),
+        axes,
+        known,
+        lambda block: np.asarray(array[block]),
+        stored,
+        ratio,
+        tuple(int(n) for n in array.chunks),
+    )
+
+
+def _storage(array: Any, path: Path, what: str, max_bytes: int | None) -> tuple[int, float]:
+    """Bytes that the store has for an array, and the largest ratio of their compression."""
+    folder = path / _name(array)
+    if path.is_dir():
+        sizes = [file.stat().st_size for file in folder.rglob("*") if file.is_file()]
+    else:
+        with zipfile.ZipFile(path) as archive:
+            sizes = [item.file_size for item in archive.infolist()]
+    chunks = getattr(array, "shards", None) or array.chunks
+    count = math.prod(-(-n // c) for n, c in zip(array.shape, chunks, strict=True))
+    if count > _SPARSE * len(sizes) + _FEW:
+        raise FormatError(
+            f"{path}: {what} has {count:,} chunks, of which at most {len(sizes):,} are there: it "
+            "is damaged or incomplete."
+        )
+    packed = getattr(array, "compressors", None) or getattr(array, "filters", None)
+    if not hasattr(array, "compressors"):  # zarr 2
+        packed = packed or array.compressor
+    ratio = _RATIO if packed else float(_SPARSE)
+    require_bytes(
+        math.prod(array.chunks) * np.dtype(array.dtype).itemsize,
+        path=path,
+        what=f"a chunk of {what}",
+        stored=sum(sizes),
+        ratio=ratio,
+        max_bytes=max_bytes,
+    )
+    return sum(sizes), ratio
+
+
+def _arrays_beside(root: Any, path: Path, views: View) -> dict[str, np.ndarray[Any, Any]]:
+    found = {}
+    for name in attributes.BESIDE:
+        if name in root:
+            array = root[name]
+            if not _is_array(array) or tuple(array.shape) not in (views, (*views, 2)):
+                raise FormatError(f"{path}: {name!r} is no array of {views[0]} x {views[1]} views.")
+            found[name] = np.asarray(array[...])
+    return found
+
+
+def _camera(root: Any, path: Path, device: Device) -> Any:
+    if attributes.CAMERA not in root or _is_array(root[attributes.CAMERA]):
+        return None
+    return attributes.read_camera(attributes_of(root[attributes.CAMERA]), path, device)

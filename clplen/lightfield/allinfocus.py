@@ -1,0 +1,135 @@
+"""All-in-focus pictures: every pixel from the plane on which it is sharp."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute.image import Image
+from clplen.errors import ShapeError
+from clplen.lightfield.depth import DEFAULT_DISPARITIES
+from clplen.lightfield.focus import HighPass
+from clplen.lightfield.gaussian import GaussianBlur
+from clplen.lightfield.interpolation import EvenBlur
+from clplen.lightfield.rays import checked_disparity
+from clplen.lightfield.refocus import FocalStack, focal_stack, refocus
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from clplen.lightfield.depth import DepthMap
+    from clplen.lightfield.lightfield import LightField
+
+_HIGH_PASS, _WINDOW = 1.5, 4.0  # pixels, as for depth
+_POWER = 8  # of the energy: planes next to the sharpest share, others do not
+
+
+def all_in_focus(
+    source: LightField | FocalStack,
+    *,
+    depth: DepthMap | ArrayLike | None = None,
+    disparities: ArrayLike | None = None,
+) -> Image:
+    """One picture that is sharp at every depth, in the values of the light field (linear).
+
+    With a depth map, every pixel is taken at its own disparity: of a light field by averaging its
+    views there (`refocus` on a surface), of a stack linearly between its two nearest planes (held
+    beyond the ends).
+
+    Without one, the planes of a stack are blended with weights (E_d / max_d E)^8, where E_d is
+    the local energy of `depth_map`, smooth over a window of 4 pixels, so that no seams appear;
+    where nothing has any texture all planes count alike.
+
+    Parameters
+    ----------
+    source : LightField or FocalStack
+    depth : DepthMap or array_like, optional
+        Or disparities, shape (y, x), in pixels a view step, finite.
+    disparities : array_like, optional
+        Planes to blend, for a light field without depth; default 33 from -2 to 2.
+
+    Returns
+    -------
+    Image
+        float32, shape (y, x[, c]).
+
+    Raises
+    ------
+    ValueError
+        If a disparity is not finite, or planes are given that are not used.
+    ShapeError
+        If the depth map is not of the size of the views.
+    DeviceError
+        If the stack is larger than the device's memory.
+    """
+    if disparities is not None and (isinstance(source, FocalStack) or depth is not None):
+        raise ValueError(
+            "all_in_focus takes disparities= only for a light field without a depth map: leave "
+            "them out."
+        )
+    if isinstance(source, FocalStack):
+        if depth is None:
+            return Image(_blended(source), source.device)
+        return Image(_between(source, _disparity_of(depth, source.shape[1:3])), source.device)
+    if depth is not None:
+        return refocus(source, disparity=_disparity_of(depth, source.shape[2:4]))
+    planes = DEFAULT_DISPARITIES if disparities is None else disparities
+    return Image(_blended(focal_stack(source, disparities=planes)), source.device)
+
+
+def _disparity_of(depth: Any, size: tuple[int, ...]) -> np.ndarray[Any, Any]:
+    d = checked_disparity(getattr(depth, "disparity", depth), (size[0], size[1]))
+    if d.ndim == 0:
+        raise ShapeError(
+            f"A depth map has a disparity for every pixel, shape {tuple(size)}; for one plane use "
+            "refocus."
+        )
+    return d
+
+
+def _between(stack: FocalStack, disparity: np.ndarray[Any, Any]) -> cla.Array:
+    """Each pixel between the planes below and above its disparity."""
+    order = np.argsort(stack.disparities, kind="stable")
+    rising = stack.disparities[order]
+    data = stack.data
+    if not np.array_equal(order, np.arange(order.size)):
+        data = stack.device.empty(stack.shape, np.float32)
+        for index, plane in enumerate(order):
+            picture = stack.data[int(plane)]
+            stack.device.copy_into(data, picture, index * picture.nbytes)
+    place = np.interp(disparity, rising, np.arange(rising.size)).astype(np.float32)
+    return _launch("between", stack, data, stack.device.upload(place))
+
+
+def _blended(stack: FocalStack) -> cla.Array:
+    """The planes by their local energy."""
+    count, ny, nx = stack.shape[:3]
+    device = stack.device
+    maps = 4 * ny * nx * (count + 4 * (stack.data.size // (count * ny * nx)))
+    device.require_memory(stack.data.nbytes + maps, "This stack with its sharpness")
+    energies = device.empty((count, ny, nx), np.float32)
+    energy = device.empty((ny, nx), np.float32)
+    gather = GaussianBlur(_WINDOW, (ny, nx), device=device)
+    even = EvenBlur(stack.shape[1:], device=device)
+    high_pass = HighPass(_HIGH_PASS, stack.shape[1:], device=device)
+    for index in range(count):
+        high_pass(energy, even(stack, index))
+        gather(energy, energy)
+        device.copy_into(energies, energy, index * energy.nbytes)
+    return _launch("blend", stack, stack.data, energies, np.int32(_POWER))
+
+
+def _launch(name: str, stack: FocalStack, data: cla.Array, *more: Any) -> cla.Array:
+    count, ny, nx, channels = (*stack.shape, 1)[:4]
+    out = stack.device.empty(stack.shape[1:], np.float32)
+    stack.device.launch_rows(
+        stack.device.kernel("allinfocus.cl", name),
+        (ny, nx * channels),
+        out,
+        data,
+        *more,
+        *(np.int32(n) for n in (count, ny, nx, channels)),
+    )
+    return out

@@ -1,0 +1,89 @@
+"""What a light field may hold: arrays, spacing, positions and weights, checked."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute.device import Device
+from clplen.errors import DeviceError, ShapeError
+from clplen.lightfield.raw import Spacing
+from clplen.lightfield.samples import C_TYPE, lit_views
+
+
+def adopt(a: Any, device: Device) -> cla.Array:
+    """The samples on the device in a storage type of the light field."""
+    if isinstance(a, cla.Array):
+        return _adopt_device(a, device)
+    values = np.asarray(a)
+    if values.dtype.kind not in "buif":
+        raise TypeError(f"A light field is real, not {values.dtype}.")
+    native = values.dtype.newbyteorder("=")
+    dtype = native if native in C_TYPE else np.dtype(np.float32)
+    device.require_memory(values.size * dtype.itemsize, "This light field")
+    return device.upload(values.astype(dtype, copy=False))
+
+
+def _adopt_device(a: cla.Array, device: Device) -> cla.Array:
+    """An array that is on the device already, when everything on its own queue is done."""
+    if a.context != device.context:
+        raise DeviceError(
+            f"The array lives in another OpenCL context than {device!r}: make it on device.queue."
+        )
+    if np.dtype(a.dtype) not in C_TYPE:
+        raise TypeError(f"On the device a light field is uint8, uint16 or float32, not {a.dtype}.")
+    if not a.flags.c_contiguous:
+        raise ShapeError(
+            f"On the device a light field is C-contiguous, not of strides {a.strides}: copy it "
+            "into a new array, or give a NumPy array."
+        )
+    if a.queue is not None:
+        a.queue.finish()
+    return a if a.offset == 0 else a.copy(queue=device.queue)
+
+
+def checked_spacing(spacing: Any) -> Spacing | None:
+    """Four signed steps, none of them 0, or None."""
+    if spacing is None:
+        return None
+    values = tuple(float(s) for s in spacing)
+    if len(values) != 4 or 0.0 in values:
+        raise ValueError(f"spacing is (dv, du, dy, dx) in metres, none of them 0, not {spacing!r}.")
+    return values
+
+
+def checked_positions(
+    positions: Any, data: cla.Array
+) -> np.ndarray[Any, np.dtype[np.float64]] | None:
+    """(y, x) of each view, float64, or None."""
+    if positions is None:
+        return None
+    values = np.array(positions, np.float64)
+    views = (int(data.shape[0]), int(data.shape[1]))
+    if values.shape != (*views, 2):
+        raise ShapeError(
+            f"Positions are (y, x) of each of {views[0]} x {views[1]} views, shape "
+            f"{(*views, 2)}, not {values.shape}."
+        )
+    if not np.isfinite(values).all():
+        raise ValueError("Positions of views are finite, in view steps; some are NaN or infinite.")
+    return values
+
+
+def weights_of_lit(data: cla.Array, device: Device) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """0 for views that are black throughout, if there are others, else 1."""
+    lit = lit_views(data, device)
+    return (lit if lit.any() else ~lit).astype(np.float32)
+
+
+def checked_weights(weights: Any, data: cla.Array) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """One of each view, float32, not negative."""
+    values = np.array(weights, np.float32)
+    views = (int(data.shape[0]), int(data.shape[1]))
+    if values.shape != views:
+        raise ShapeError(f"The weights have shape {values.shape}, the views {views}.")
+    if not (np.isfinite(values).all() and (values >= 0).all() and values.any()):
+        raise ValueError("Weights of views are finite, not negative and not all 0.")
+    return values

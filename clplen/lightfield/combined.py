@@ -1,0 +1,204 @@
+"""Depth by matching past occlusions, adaptive support and a least-squares refinement."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.lightfield.gaussian import GaussianBlur
+from clplen.lightfield.matching import (
+    Views,
+    match_costs,
+    smoothed,
+    sorted_views,
+    thresholds,
+)
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+    from clplen.lightfield.lightfield import LightField
+
+Map = np.ndarray[Any, np.dtype[np.float32]]
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+
+_LEVELS = 255.0  # between the darkest and the brightest of the centre view
+_OUTLIERS = 0.2  # per cent of its samples left out at either end
+_SUPPORT, _SUPPORT_SIGMA = 4, 3.0  # pixels: window of the costs, and its Gaussian
+_ALIKE = 6.0  # levels a channel: pixels that differ more belong to different things
+_NOISE_BLUR = 8.0  # pixels over which noise is taken as even
+_COST_PER_NOISE = 0.62  # least cost of a channel over the noise of a sample
+_FIT, _FIT_SIGMA = 5, 3.0  # pixels: window of the planes that are fitted
+_FIT_ALIKE = 8.0
+_SAME_SURFACE = 0.1  # pixels a view step
+_MOST_STEP = 0.1
+_RIDGE = 0.3  # pixels^2
+_PRIOR = 270.0  # of the matched disparity, in levels^2 a channel for noise of a level
+_BLOCK = 64  # pixels of a row that an item of a CPU takes
+_SURE = 0.05  # pixels a view step: standard deviation of a confidence of one half
+
+
+def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
+    """Disparity and confidence of every pixel of the centre view.
+
+    Samples are scaled to 255 levels and blurred by half a pixel. On every plane they are compared
+    with the centre (`match_costs`); the costs are gathered over neighbours that look alike (Yoon
+    and Kweon 2006), the more tolerantly the noisier the place. The least cost, refined by a
+    parabola, is then moved by a robust Lucas-Kanade step on all views (Lucas and Kanade 1981), in
+    which each pixel takes part with the plane that fits its neighbourhood.
+
+    Parameters
+    ----------
+    lf : LightField
+    planes : numpy.ndarray
+        Disparities, rising, shape (P,), at least three.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Disparity and confidence (0 to 1), float32, shape (y, x).
+
+    Raises
+    ------
+    ValueError
+        If fewer than two views have a weight.
+    DeviceError
+        If what is needed is larger than the device's memory.
+    """
+    device = lf.device
+    ny, nx, channels = (*lf.shape[2:], 1)[:3]
+    device.require_memory(
+        lf.data.nbytes + 4 * lf.data.size + 8 * ny * nx * (planes.size + 8),
+        "This depth map with its light field",
+    )
+    views = sorted_views(lf)
+    samples = smoothed(lf, _gain(lf, views))
+    picture = _centre(samples, views, device)
+    costs = match_costs(samples, views, planes, device=device)
+    noise = _noise(costs, channels, device)
+    gathered = device.empty(costs.shape, np.float32)
+    _gather(gathered, costs, picture, noise, device)
+    disparity, margin = _valley(gathered, planes, device)
+    refined, known = _refined(samples, views, disparity, picture, noise, device)
+    sure = known * len(views.view) / np.maximum(noise, 1) ** 2
+    confidence = margin * sure / (sure + 1 / _SURE**2)
+    low, high = planes[0], planes[-1]
+    return np.clip(refined, low, high).astype(np.float32), confidence.astype(np.float32)
+
+
+def _gain(lf: LightField, views: Views) -> float:
+    """Levels a unit of the samples."""
+    nearest = int(views.view[views.reference[np.argmax(views.share)]])
+    picture = lf.device.download(lf.data[divmod(nearest, lf.shape[1])])
+    low, high = np.percentile(picture.astype(np.float32), (_OUTLIERS, 100 - _OUTLIERS))
+    if not high > low:
+        low, high = picture.min(), picture.max()
+    return _LEVELS / float(high - low) if high > low else 1.0
+
+
+def _centre(samples: cla.Array, views: Views, device: Device) -> cla.Array:
+    """The picture whose likeness guides: the mean of the views round the middle."""
+    U = int(samples.shape[1])
+    total: Any = 0
+    for k, share in zip(views.reference, views.share, strict=True):
+        total = total + share * device.download(samples[divmod(int(views.view[k]), U)])
+    return device.upload(np.ascontiguousarray(total, np.float32))
+
+
+def _noise(costs: cla.Array, channels: int, device: Device) -> Map:
+    """Standard deviation of the samples in levels, from the least cost round every pixel."""
+    least = np.full(costs.shape[1:], np.inf, np.float32)
+    for plane in costs:
+        np.minimum(least, device.download(plane), out=least)
+    blurred = device.upload(least)
+    GaussianBlur(_NOISE_BLUR, costs.shape[1:], device=device)(blurred, blurred)
+    return np.asarray(device.download(blurred) / (channels * _COST_PER_NOISE), np.float32)
+
+
+def _alike(level: float, noise: Map, channels: int) -> Map:
+    """Scale of squared differences of colour, with the noise in it."""
+    return np.asarray(0.5 / (level**2 + noise**2) / channels, np.float32)
+
+
+def _gather(
+    out: cla.Array, costs: cla.Array, picture: cla.Array, noise: Map, device: Device
+) -> None:
+    planes, ny, nx = (int(n) for n in costs.shape)
+    channels = int(np.prod(picture.shape[2:], dtype=np.int64))
+    block = _BLOCK if device.rows else 1
+    device.launch(
+        device.kernel("support.cl", "gather", CHANNELS=channels, RADIUS=_SUPPORT, BLOCK=block),
+        (-(-nx // block), ny),
+        out,
+        costs,
+        picture,
+        np.float32(0.5 / _SUPPORT_SIGMA**2),
+        device.upload(_alike(_ALIKE, noise, channels)),
+        *(np.int32(n) for n in (planes, ny, nx)),
+        group=(1, 1),
+    )
+
+
+def _valley(costs: cla.Array, planes: Vector, device: Device) -> tuple[Map, Map]:
+    """Disparity of the least cost, and how far below the second valley it lies, 0 to 1."""
+    _, ny, nx = (int(n) for n in costs.shape)
+    maps = [device.empty((ny, nx), np.float32) for _ in range(4)]
+    device.launch_rows(
+        device.kernel("support.cl", "valley", CHANNELS=1),
+        (ny, nx),
+        *maps,
+        costs,
+        device.upload(planes.astype(np.float32)),
+        *(np.int32(n) for n in (planes.size, ny, nx)),
+    )
+    place, least, second, mean = (device.download(a) for a in maps)
+    rise = np.minimum(second, mean) - least
+    return place, np.clip(rise / np.maximum(mean, 1e-6), 0, 1)
+
+
+def _refined(
+    samples: cla.Array,
+    views: Views,
+    disparity: Map,
+    picture: cla.Array,
+    noise: Map,
+    device: Device,
+) -> tuple[Map, Map]:
+    """Disparity moved by one step of least squares, and what the views know of it, A."""
+    ny, nx = disparity.shape
+    channels = int(np.prod(picture.shape[2:], dtype=np.int64))
+    start = device.upload(disparity)
+    A, B, out, known = (device.empty((ny, nx), np.float32) for _ in range(4))
+    device.launch_rows(
+        device.kernel("refine.cl", "normal", CHANNELS=channels),
+        (ny, nx),
+        A,
+        B,
+        samples,
+        start,
+        device.upload(views.view),
+        device.upload(views.step.astype(np.float32)),
+        *views.on(device),
+        *(np.float32(t) for t in thresholds(channels)),
+        *(np.int32(n) for n in (ny, nx)),
+    )
+    prior = _PRIOR * channels * np.maximum(noise, 1) ** 2
+    device.launch_rows(
+        device.kernel("refine.cl", "fit", CHANNELS=channels, RADIUS=_FIT),
+        (ny, nx),
+        out,
+        known,
+        A,
+        B,
+        start,
+        picture,
+        device.upload(_alike(_FIT_ALIKE, noise, channels)),
+        device.upload(prior.astype(np.float32)),
+        np.float32(0.5 / _FIT_SIGMA**2),
+        np.float32(0.5 / _SAME_SURFACE**2),
+        np.float32(_RIDGE),
+        np.float32(_MOST_STEP),
+        *(np.int32(n) for n in (ny, nx)),
+    )
+    return device.download(out), device.download(known)

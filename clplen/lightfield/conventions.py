@@ -1,0 +1,314 @@
+"""Numbers of other tools as disparity d, and back; disparity as a distance.
+
+d is in pixels a view step, nearer is larger: a plane of disparity d lies at x - d (u - (U - 1)/2)
+in view u. Every pair of functions is ``from_TOOL(number) -> d`` and ``to_TOOL(d) -> number``;
+numbers and arrays are taken alike.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+Real = np.ndarray[Any, np.dtype[np.float64]]
+
+
+def from_plenopticam(a: ArrayLike) -> Real:
+    """d of plenopticam's refocusing parameter a, a whole number: d = a.
+
+    >>> float(from_plenopticam(2))
+    2.0
+    """
+    return np.asarray(a, np.float64)
+
+
+def to_plenopticam(d: ArrayLike) -> Real:
+    """Plenopticam's a, the whole number next to d.
+
+    >>> float(to_plenopticam(1.8))
+    2.0
+    """
+    return np.rint(np.asarray(d, np.float64))
+
+
+def from_plenpy(slope: ArrayLike, *, views: int) -> Real:
+    """d of plenpy's slope, whose views span N steps instead of N - 1: d = slope N/(N - 1).
+
+    Parameters
+    ----------
+    slope : array_like
+    views : int
+        N >= 2 along the axis; with V != U the tool shifts y and x unlike.
+
+    >>> round(float(from_plenpy(0.8, views=9)), 6)
+    0.9
+    """
+    return np.asarray(slope, np.float64) / _span(views)
+
+
+def to_plenpy(d: ArrayLike, *, views: int) -> Real:
+    """Slope of plenpy, d (N - 1)/N.
+
+    >>> round(float(to_plenpy(0.9, views=9)), 6)
+    0.8
+    """
+    return np.asarray(d, np.float64) * _span(views)
+
+
+def from_lftoolbox(slope: ArrayLike, *, views: int) -> Real:
+    """d of the Slope of LFToolbox' LFFiltShiftSum: d = -Slope N/(N - 1), N as for `from_plenpy`.
+
+    >>> round(float(from_lftoolbox(-0.8, views=9)), 6)
+    0.9
+    """
+    return -from_plenpy(slope, views=views)
+
+
+def to_lftoolbox(d: ArrayLike, *, views: int) -> Real:
+    """Slope of LFFiltShiftSum, -d (N - 1)/N.
+
+    >>> round(float(to_lftoolbox(0.9, views=9)), 6)
+    -0.8
+    """
+    return -to_plenpy(d, views=views)
+
+
+def from_plenoptomos(alpha: ArrayLike) -> Real:
+    """d of plenoptomos' alpha > 0, which takes the view index for a length: d = 1/alpha - 1.
+
+    >>> float(from_plenoptomos(0.8))
+    0.25
+    """
+    return 1 / _positive("alpha", alpha) - 1
+
+
+def to_plenoptomos(d: ArrayLike) -> Real:
+    """Alpha of plenoptomos, 1/(1 + d), for d > -1.
+
+    >>> float(to_plenoptomos(0.25))
+    0.8
+    """
+    return 1 / _positive("1 + d", 1 + np.asarray(d, np.float64))
+
+
+def from_ng(alpha: ArrayLike, *, kappa: float) -> Real:
+    """d of Ng's alpha = F'/F > 0: d = kappa (1 - 1/alpha).
+
+    Parameters
+    ----------
+    alpha : array_like
+        The inverse of ours, F/F' (Ng 2006, chapter 4; thesis eq. 3.6).
+    kappa : float
+        |du|/dx > 0: step between views on the main lens over that between pixels.
+
+    >>> round(float(from_ng(1.25, kappa=0.8)), 6)
+    0.16
+    """
+    return _positive("kappa", kappa) * (1 - 1 / _positive("alpha", alpha))
+
+
+def to_ng(d: ArrayLike, *, kappa: float) -> Real:
+    """Alpha of Ng, 1/(1 - d/kappa), for d < kappa.
+
+    >>> round(float(to_ng(0.16, kappa=0.8)), 6)
+    1.25
+    """
+    ratio = np.asarray(d, np.float64) / _positive("kappa", kappa)
+    return 1 / _positive("1 - d/kappa", 1 - ratio)
+
+
+def from_lightfieldlab(shift: ArrayLike) -> Real:
+    """d of LightFieldLab's shift: d = -shift.
+
+    >>> float(from_lightfieldlab(-0.5))
+    0.5
+    """
+    return -np.asarray(shift, np.float64)
+
+
+def to_lightfieldlab(d: ArrayLike) -> Real:
+    """Shift of LightFieldLab, -d.
+
+    >>> float(to_lightfieldlab(0.5))
+    -0.5
+    """
+    return -np.asarray(d, np.float64)
+
+
+def from_epi_slope(slope: ArrayLike) -> Real:
+    """d of the slope dx/du of a line in an epipolar-plane image: d = -dx/du.
+
+    >>> float(from_epi_slope(-0.5))
+    0.5
+    """
+    return -np.asarray(slope, np.float64)
+
+
+def to_epi_slope(d: ArrayLike) -> Real:
+    """Slope dx/du in pixels a view, -d.
+
+    >>> float(to_epi_slope(0.5))
+    -0.5
+    """
+    return -np.asarray(d, np.float64)
+
+
+def from_virtual_depth(virtual_depth: ArrayLike, *, pitch: float) -> Real:
+    """Shift between neighbouring micro-images of plenoptic 2.0, in pixels: pitch/v.
+
+    It is the patch size of basic rendering.
+
+    Parameters
+    ----------
+    virtual_depth : array_like
+        v = a/b, not 0; negative behind the array (Galilean).
+    pitch : float
+        Of the lenslets, in pixels, > 0.
+
+    >>> float(from_virtual_depth(4, pitch=30))
+    7.5
+    """
+    return _positive("pitch", pitch) / _not_zero("The virtual depth", virtual_depth)
+
+
+def to_virtual_depth(shift: ArrayLike, *, pitch: float) -> Real:
+    """Virtual depth v = pitch/shift of a shift in pixels, not 0.
+
+    >>> float(to_virtual_depth(7.5, pitch=30))
+    4.0
+    """
+    return _positive("pitch", pitch) / _not_zero("The shift", shift)
+
+
+def disparity_of_distance(
+    z: ArrayLike, *, kappa: float, image_distance: float, focus: float
+) -> Real:
+    """d = kappa F (1/z - 1/z0) of an object at a distance z from the main lens.
+
+    It follows from 1/z = 1/f - alpha/F and d = kappa (1 - alpha).
+
+    Parameters
+    ----------
+    z : array_like
+        Metres, > 0; infinity is allowed.
+    kappa : float
+        |du|/dx, as for `from_ng`.
+    image_distance : float
+        F, metres.
+    focus : float
+        z0, the distance in focus, metres.
+
+    >>> round(float(disparity_of_distance(0.19, kappa=0.8, image_distance=0.24, focus=0.24)), 5)
+    0.21053
+    """
+    scale = _positive("kappa", kappa) * _positive("image_distance", image_distance)
+    return scale * (1 / _positive("z", z, infinite=True) - 1 / _positive("focus", focus))
+
+
+def distance_of_disparity(
+    d: ArrayLike, *, kappa: float, image_distance: float, focus: float
+) -> Real:
+    """Distance z, metres, of a disparity; infinite at and beyond that of infinity.
+
+    Parameters as for `disparity_of_distance`.
+
+    >>> round(float(distance_of_disparity(4/19, kappa=0.8, image_distance=0.24, focus=0.24)), 5)
+    0.19
+    """
+    scale = _positive("kappa", kappa) * _positive("image_distance", image_distance)
+    near = np.asarray(d, np.float64) / scale + 1 / _positive("focus", focus)
+    with np.errstate(divide="ignore"):
+        return np.asarray(1 / np.maximum(near, 0))
+
+
+def hci_disparity(
+    z: ArrayLike,
+    *,
+    baseline: float,
+    focal_length: float,
+    focus: float,
+    sensor_size: float,
+    pixels: int,
+) -> Real:
+    """d = (b f W/Z - b f W/Z0)/s of the HCI 4D light-field benchmark.
+
+    The form of `disparity_of_distance` with kappa F = b f W/s (Honauer et al. 2016; its
+    ``parameters.cfg`` gives millimetres).
+
+    Parameters
+    ----------
+    z : array_like
+        Z, metres, > 0.
+    baseline : float
+        b, metres between neighbouring views.
+    focal_length : float
+        f, metres.
+    focus : float
+        Z0, metres.
+    sensor_size : float
+        s, metres, of the longer side.
+    pixels : int
+        W, pixels of the longer side.
+
+    >>> camera = dict(baseline=0.05, focal_length=0.1, focus=10, sensor_size=0.035, pixels=512)
+    >>> round(float(hci_disparity(8, **camera)), 4)
+    1.8286
+    """
+    scale = hci_scale(baseline, focal_length, sensor_size=sensor_size, pixels=pixels)
+    return disparity_of_distance(z, kappa=scale, image_distance=1, focus=focus)
+
+
+def hci_distance(
+    d: ArrayLike,
+    *,
+    baseline: float,
+    focal_length: float,
+    focus: float,
+    sensor_size: float,
+    pixels: int,
+) -> Real:
+    """Z, metres, of a disparity; parameters as for `hci_disparity`.
+
+    >>> camera = dict(baseline=0.05, focal_length=0.1, focus=10, sensor_size=0.035, pixels=512)
+    >>> round(float(hci_distance(1.82857, **camera)), 4)
+    8.0
+    """
+    scale = hci_scale(baseline, focal_length, sensor_size=sensor_size, pixels=pixels)
+    return distance_of_disparity(d, kappa=scale, image_distance=1, focus=focus)
+
+
+def hci_scale(baseline: float, focal_length: float, *, sensor_size: float, pixels: int) -> float:
+    """b f W/s, the kappa F of the benchmark: disparity times metres.
+
+    >>> round(hci_scale(0.05, 0.1, sensor_size=0.035, pixels=512), 4)
+    73.1429
+    """
+    size = float(_positive("sensor_size", sensor_size))
+    return float(_positive("baseline", baseline) * _positive("focal_length", focal_length)) * (
+        float(_positive("pixels", pixels)) / size
+    )
+
+
+def _span(views: int) -> float:
+    if not views >= 2:
+        raise ValueError(f"views counts at least two views along an axis, not {views!r}.")
+    return (views - 1) / views
+
+
+def _positive(name: str, value: ArrayLike, *, infinite: bool = False) -> Real:
+    values = np.asarray(value, np.float64)
+    limit = np.isfinite(values) | (infinite & np.isposinf(values))
+    if not ((values > 0) & limit).all():
+        raise ValueError(f"{name} is above 0 and finite, not {value!r}.")
+    return values
+
+
+def _not_zero(name: str, value: ArrayLike) -> Real:
+    values = np.asarray(value, np.float64)
+    if not (np.isfinite(values) & (values != 0)).all():
+        raise ValueError(f"{name} is finite and not 0, not {value!r}.")
+    return values

@@ -1,0 +1,78 @@
+"""Energy of the detail of refocused pictures at every pixel."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.lightfield.interpolation import NO_TAPS, stack_taps
+from clplen.lightfield.smoothing import gaussian_taps, launch_stretches
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+    from clplen.lightfield.refocus import FocalStack
+
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+
+
+class LocalEnergy:
+    """Energy of what a Gaussian takes away from the pictures of focal stacks, (R - G * R)^2.
+
+    Every picture is first blurred until it has lost as much to interpolation as by half a pixel
+    (`evening_taps`), which costs nothing here: both filters are one. Beyond the edges pictures are
+    reflected.
+
+    Parameters
+    ----------
+    sigma : float
+        Of the Gaussian, in pixels.
+    shape : tuple of int
+        (y, x) or (y, x, c) of one picture.
+    device : Device
+    luma : bool
+        Colours weighted to luma (Rec. ITU-R BT.709) before squaring; otherwise the squares of the
+        channels are added. Pictures without three channels have no luma.
+    """
+
+    def __init__(
+        self, sigma: float, shape: tuple[int, ...], *, device: Device, luma: bool = False
+    ) -> None:
+        self._size = (*shape, 1)[:3]
+        self._device = device
+        self._low = gaussian_taps(sigma)
+        self._defines = {"LUMA": True} if luma and self._size[2] == 3 else {}
+
+    def __call__(self, out: cla.Array, stack: FocalStack, *, start: int, count: int) -> None:
+        """Energies of some pictures of a stack.
+
+        Parameters
+        ----------
+        out : pyopencl.array.Array
+            float32, shape (count, y, x) or larger.
+        stack : FocalStack
+            Not evened if it has no weights.
+        start, count : int
+            Which pictures.
+        """
+        ny, nx, channels = self._size
+        even = stack_taps(stack, slice(start, start + count))
+        low = np.array([[_convolved(taps, self._low) for taps in plane] for plane in even])
+        tables = [self._device.upload(table.astype(np.float32)) for table in (even, low)]
+        radius = low.shape[-1] - 1
+        launch_stretches(
+            self._device,
+            self._device.kernel("detail.cl", "detail_energy", **self._defines),
+            (count, ny, nx * channels),
+            (out, stack.data, *tables, *(np.int32(n) for n in (radius, start, *self._size))),
+            halos=((NO_TAPS.size - 1) * channels, radius * channels, 0),
+            channels=channels,
+        )
+
+
+def _convolved(a: Vector, b: Vector) -> Vector:
+    """Taps at distance 0, 1, ... of one symmetric filter after another."""
+    first, second = (np.concatenate((taps[:0:-1], taps)) for taps in (a, b))
+    both = np.convolve(first, second)
+    return np.asarray(both[both.size // 2 :])

@@ -1,0 +1,144 @@
+"""Frames of a sensor on the host: checked, dark frame taken off, single bad pixels filled."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from clplen.errors import ShapeError
+
+Frame = np.ndarray[Any, np.dtype[np.float32]]
+Mask = np.ndarray[Any, np.dtype[np.bool_]]
+
+BAYER = ("RGGB", "BGGR", "GRBG", "GBRG")
+_HOT = 12.0  # robust standard deviations of the dark frame
+_LEVELS = (8, 10, 12, 14, 16)  # bits of a sample
+
+
+def as_frame(values: Any, what: str) -> Any:
+    """An array (ny, nx) of finite real numbers, its own dtype.
+
+    Raises
+    ------
+    ShapeError
+        If it is not two-dimensional.
+    ValueError
+        If it is complex, or a pixel is NaN or infinite.
+    """
+    array = np.asarray(values)
+    if array.ndim != 2 or array.size == 0:
+        raise ShapeError(f"The {what} has shape {array.shape}, not (ny, nx): give raw pixels.")
+    if array.dtype.kind not in "buif":
+        raise ValueError(f"The {what} is real, not {array.dtype}.")
+    if array.dtype.kind == "f":
+        bad = array.size - int(np.isfinite(array).sum())
+        if bad:
+            raise ValueError(
+                f"The {what} has {bad} pixels that are NaN or infinite: replace them, for example "
+                "by the mean of their neighbours."
+            )
+    return array
+
+
+def without_dark(frame: Any, dark: Any) -> Frame:
+    """A frame less the dark frame, float32, fractions and values below 0 kept.
+
+    Raises
+    ------
+    ShapeError
+        If the dark frame is of another shape.
+    """
+    picture = np.array(frame, np.float32)
+    if dark is None:
+        return picture
+    taken = as_frame(dark, "dark frame")
+    if taken.shape != picture.shape:
+        raise ShapeError(
+            f"The dark frame has shape {taken.shape}, the picture {picture.shape}: give the dark "
+            "frame of this camera."
+        )
+    return picture - taken.astype(np.float32)
+
+
+def require_bayer(bayer: str) -> str:
+    """Colours of the pixels (0, 0), (0, 1), (1, 0), (1, 1), in capitals.
+
+    Raises
+    ------
+    ValueError
+        If it is none of the four.
+    """
+    name = bayer.upper()
+    if name not in BAYER:
+        raise ValueError(f"bayer is one of {', '.join(BAYER)}, not {bayer!r}.")
+    return name
+
+
+def balanced(picture: Frame, bayer: str) -> Frame:
+    """A Bayer mosaic whose colours are brought to the same mean."""
+    out = picture.copy()
+    means = colour_means(picture, bayer)
+    for (y, x), colour in colour_places(bayer):
+        if means[colour] > 0:
+            out[y::2, x::2] *= np.float32(means["G"] / means[colour])
+    return out
+
+
+def colour_means(picture: Frame, bayer: str) -> dict[str, float]:
+    """Mean of each colour of a Bayer mosaic."""
+    parts: dict[str, list[float]] = {"R": [], "G": [], "B": []}
+    for (y, x), colour in colour_places(bayer):
+        parts[colour].append(float(picture[y::2, x::2].mean(dtype=np.float64)))
+    return {colour: float(np.mean(values)) for colour, values in parts.items()}
+
+
+def colour_places(bayer: str) -> list[tuple[tuple[int, int], str]]:
+    """((y, x), colour) of the four pixels of a Bayer mosaic."""
+    name = require_bayer(bayer)
+    return [((0, 0), name[0]), ((0, 1), name[1]), ((1, 0), name[2]), ((1, 1), name[3])]
+
+
+def saturated(frame: Any) -> Mask:
+    """Pixels at the highest level of 8, 10, 12, 14 or 16 bits, where that is the highest value."""
+    if frame.dtype.kind != "u":
+        return np.zeros(frame.shape, bool)
+    top = int(frame.max())
+    return np.asarray(frame == top) if top in [2**n - 1 for n in _LEVELS] else _none(frame)
+
+
+def hot(dark: Any) -> Mask:
+    """Pixels of a dark frame far above its median."""
+    values = np.asarray(dark, np.float32)
+    middle = np.median(values)
+    spread = 1.4826 * float(np.median(np.abs(values - middle)))
+    return np.asarray(values > middle + _HOT * max(spread, 1.0))
+
+
+def filled(picture: Frame, bad: Mask, *, step: int = 1) -> Frame:
+    """Bad pixels replaced by the mean of their good neighbours, eight of them ``step`` away.
+
+    A bad pixel most of whose neighbours are bad too stays: a highlight keeps its level.
+    """
+    out = picture
+    y, x = np.nonzero(bad)
+    if y.size == 0:
+        return out
+    out = picture.copy()
+    total, count = np.zeros(y.size), np.zeros(y.size)
+    ny, nx = picture.shape
+    for dy in (-step, 0, step):
+        for dx in (-step, 0, step):
+            a, b = y + dy, x + dx
+            inside = (a >= 0) & (a < ny) & (b >= 0) & (b < nx)
+            a, b = np.clip(a, 0, ny - 1), np.clip(b, 0, nx - 1)
+            good = inside & ~bad[a, b]
+            total += np.where(good, picture[a, b], 0.0)
+            count += good
+    enough = count >= 4
+    out[y[enough], x[enough]] = (total[enough] / count[enough]).astype(np.float32)
+    return out
+
+
+def _none(frame: Any) -> Mask:
+    return np.zeros(frame.shape, bool)

@@ -1,0 +1,246 @@
+"""The lattice of lenslets of a white image."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clplen.errors import ShapeError
+from clplen.lightfield.equalise import equalised
+from clplen.lightfield.lattice import KINDS, Lattice
+from clplen.lightfield.localphase import Fit, refine
+from clplen.lightfield.reciprocal import PITCHES, Basis, Values, coarse, reduced
+from clplen.lightfield.unitcell import denser, fold
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+_LEAST = 32  # pixels a side
+_STEPS = 3  # refinements, each from the last
+_SHARE = 0.6  # of the peaks' strength that the lattice explains
+_EXPLAINED = 0.6  # of the contrast
+_AGREEING = 0.9  # of the windows
+_SPREAD = 0.06  # pitches rms
+_ANGLE = 4.0  # degrees off 90 or 60
+_LONGER = 1.5  # sides of a rectangle
+_UNEVEN = 1.1  # sides of a hexagonal cell
+_COUNT = 25  # lenslets
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What a picture gave: the fit, the contrast and the strength that it explains."""
+
+    fit: Fit
+    explained: float
+    share: float
+
+
+def estimate_lattice(
+    white: ArrayLike,
+    *,
+    dark: ArrayLike | None = None,
+    kind: str | None = None,
+    pitch: float | None = None,
+    bayer: str | None = None,
+) -> Lattice:
+    """The lattice of lenslets of a white image.
+
+    Peaks of the Fourier transform give the base vectors roughly; the coarsest lattice that holds
+    them is made denser where the mean cell shows several lenslets (bright and dim ones). Least
+    squares on the local phases of both base frequencies (`clplen.lightfield.localphase`) then fit
+    an affine lattice, first in the middle, then over the whole picture, once more with the
+    lenslets' light made equal.
+
+    Parameters
+    ----------
+    white : array_like
+        White image as it lies on the sensor, shape (ny, nx), at least 32 pixels a side, real,
+        finite. Pitches from 5 to 60 px are found.
+    dark : array_like, optional
+        Dark frame of the same shape, subtracted first.
+    kind : {"rectangular", "hexagonal"}, optional
+        None finds out. A hexagonal lattice may have its nearest neighbours along x or along y.
+    pitch : float, optional
+        Nominal distance of nearest neighbours in pixels; another one than it to a quarter is not
+        trusted.
+    bayer : {"RGGB", "BGGR", "GRBG", "GBRG"}, optional
+        Colour filters, whose four kinds of pixels are brought to the same mean.
+
+    Returns
+    -------
+    Lattice
+        With its ``residual``, ``trust`` and ``verdict``. Trust is low where nothing repeats, where
+        local lattices disagree, or where the pattern explains less than 60 % of the contrast: then
+        the picture is no white image, and the pitch may be that of a texture.
+
+    Raises
+    ------
+    ShapeError
+        If the picture is not (ny, nx) of 32 pixels a side, or the dark frame is of another shape.
+    ValueError
+        If a pixel is NaN or infinite, or kind or pitch is out of range.
+    """
+    _check(kind, pitch)
+    picture = _prepared(white, dark, bayer)
+    pitches = PITCHES if pitch is None else (0.75 * pitch, 1.3 * pitch)
+    found = _find(picture, pitches)
+    if found is None:
+        return _nothing(picture.shape, kind or "rectangular", pitch)
+    lattice = _oriented(found.fit, kind, picture.shape)
+    return _judged(lattice, found, kind, pitch)
+
+
+def _check(kind: str | None, pitch: float | None) -> None:
+    if kind not in (None, *KINDS):
+        raise ValueError(f"A lattice is {' or '.join(KINDS)}, not {kind!r}.")
+    if pitch is not None and not 3 <= pitch <= 200:
+        raise ValueError(f"The pitch is 3 to 200 pixels, not {pitch!r}.")
+
+
+def _prepared(white: Any, dark: Any, bayer: str | None) -> Values:
+    """float32, dark frame taken off, single bright pixels cut."""
+    from clplen.lightfield.frames import as_frame, balanced, without_dark
+
+    frame = as_frame(white, "white image")
+    if min(frame.shape) < _LEAST:
+        raise ShapeError(
+            f"A lattice is estimated from at least {_LEAST} pixels a side, not {frame.shape}."
+        )
+    picture = without_dark(frame, dark)
+    if bayer is not None:
+        picture = balanced(picture, bayer)
+    top = float(np.quantile(picture[:: max(1, len(picture) // 1024)], 0.9995))
+    return np.clip(picture, min(0.0, top), top)
+
+
+def _find(picture: Values, pitches: tuple[float, float]) -> _Found | None:
+    basis, share = coarse(picture, pitches)
+    if basis is None:
+        return None
+    fit, explained = _refined(picture, basis)
+    for _ in range(4):
+        if fit is None:
+            return None
+        closer = denser(fold(picture, fit.basis, fit.phase), fit.basis)
+        if closer is None or 1 / np.hypot(*reduced(closer).T).max() < pitches[0] / 1.2:
+            break
+        fit, explained = _refined(picture, closer)
+    if not np.isfinite(fit.rms):
+        return None
+    for _ in range(2):
+        fit = refine(equalised(picture, fit.cell, fit.origin), fit.basis)
+    return _Found(fit, explained, share)
+
+
+def _refined(picture: Values, basis: Basis) -> tuple[Fit, float]:
+    fit = refine(picture, reduced(basis))
+    for _ in range(_STEPS - 1):
+        fit = refine(picture, fit.basis)
+    return fit, fold(picture, fit.basis, fit.phase).explained
+
+
+def _nothing(shape: tuple[int, ...], kind: str, pitch: float | None) -> Lattice:
+    """In place of a lattice where there is none."""
+    step = 10.0 if pitch is None else float(pitch)
+    high = step * (math.sqrt(3) / 2 if kind == "hexagonal" else 1.0)
+    middle = ((shape[0] - 1) / 2, (shape[1] - 1) / 2)
+    verdict = (
+        f"No lattice: nothing repeats in the picture; the pitch of {step:g} px was not measured. "
+        "Give a white image."
+    )
+    return Lattice(
+        kind, middle, (high, 0.0), (0.0, step), (shape[0], shape[1]), math.nan, "low", verdict
+    )
+
+
+def _oriented(fit: Fit, kind: str | None, shape: tuple[int, ...]) -> Lattice:
+    """Rows and columns out of any two base vectors, and the lenslet nearest to the middle."""
+    short = reduced(fit.cell)
+    if kind is None:
+        cosine = abs(short[0] @ short[1]) / np.hypot(*short.T).prod()
+        kind = "hexagonal" if cosine > math.cos(math.radians(75)) else "rectangular"
+    row, column = _straight(short) if kind == "rectangular" else _staggered(short)
+    middle = (np.array(shape) - 1) / 2
+    near = np.rint((middle - fit.origin) @ np.linalg.inv(short))
+    best = min(
+        (fit.origin + (near + [a, b]) @ short for a in (-1, 0, 1) for b in (-1, 0, 1)),
+        key=lambda at: float(((at - middle) ** 2).sum()),
+    )
+    pairs = [(float(v[0]), float(v[1])) for v in (best, row, column)]
+    return Lattice(kind, *pairs, shape=(shape[0], shape[1]), residual=fit.rms)
+
+
+def _straight(short: Basis) -> tuple[Values, Values]:
+    """Row nearest to +y and column nearest to +x."""
+    down = int(abs(short[1, 0]) * abs(short[0, 1]) > abs(short[0, 0]) * abs(short[1, 1]))
+    row, column = short[down], short[1 - down]
+    return row * (1 if row[0] > 0 else -1), column * (1 if column[1] > 0 else -1)
+
+
+def _staggered(short: Basis) -> tuple[Values, Values]:
+    """Rows and columns of a hexagonal lattice, whichever axis its neighbours lie nearer to."""
+    a, b = short
+    if a @ b < 0:
+        b = -b
+    six = np.array([a, b, b - a, -a, -b, a - b])
+    angle = np.degrees(np.arctan2(six[:, 0], six[:, 1]))  # from +x towards +y
+    to_x, to_y = int(np.abs(angle).argmin()), int(np.abs(angle - 90).argmin())
+    if abs(angle[to_x]) <= abs(angle[to_y] - 90):
+        column = six[to_x]
+        next_ = six[np.abs((angle - angle[to_x] - 60 + 180) % 360 - 180).argmin()]
+        return next_ - column / 2, column
+    row = six[to_y]
+    next_ = six[np.abs((angle - angle[to_y] + 60 + 180) % 360 - 180).argmin()]
+    return row, next_ - row / 2
+
+
+def _judged(lattice: Lattice, found: _Found, kind: str | None, pitch: float | None) -> Lattice:
+    """The lattice with the trust that it deserves and the reason."""
+    along, across = lattice.pitch
+    count = len(lattice.centres())
+    size = f"{along:.3f} x {across:.3f} px" if lattice.kind == "rectangular" else (
+        f"{lattice.neighbour:.3f} px"
+    )
+    what = (
+        f"{lattice.kind.capitalize()} lattice, pitch {size}, rotation "
+        f"{math.degrees(lattice.rotation):.2f} degrees, {count} lenslets"
+    )
+    doubts = _doubts(lattice, found, count, pitch)
+    if doubts:
+        verdict = f"{what}: not to be trusted, because {doubts[0]}. Give a white image."
+        return replace(lattice, trust="low", verdict=verdict)
+    verdict = f"{what}: local lattices agree with it to {lattice.residual:.3f} px rms."
+    return replace(lattice, trust="high", verdict=verdict)
+
+
+def _doubts(lattice: Lattice, found: _Found, count: int, pitch: float | None) -> list[str]:
+    near = lattice.neighbour
+    row, column = np.array(lattice.row), np.array(lattice.column)
+    skew = math.degrees(math.asin(abs(row @ column) / np.hypot(*row) / np.hypot(*column)))
+    sides = np.hypot(*row) / np.hypot(*column)
+    if lattice.kind == "hexagonal":
+        ratio = sides * (math.sqrt(3) / 2 if lattice.turned else 2 / math.sqrt(3))
+        uneven = max(ratio, 1 / ratio) > _UNEVEN
+    else:
+        uneven = max(sides, 1 / sides) > _LONGER
+    tests = {
+        f"it has only {count} lenslets": count < _COUNT,
+        f"its cell is no {'square' if lattice.kind == 'rectangular' else 'hexagon'}": (
+            skew > _ANGLE or uneven
+        ),
+        f"only {100 * found.share:.0f} % of what repeats fits it": found.share < _SHARE,
+        f"only {100 * found.fit.agreeing:.0f} % of the picture agrees with it": (
+            found.fit.agreeing < _AGREEING
+        ),
+        f"local lattices lie {lattice.residual:.2g} px rms off": lattice.residual > _SPREAD * near,
+        f"it explains only {100 * max(found.explained, 0):.0f} % of the contrast": (
+            found.explained < _EXPLAINED
+        ),
+        f"the nominal pitch is {pitch} px": pitch is not None and not 0.8 < near / pitch < 1.25,
+        "the pitch is out of the range of 5 to 60 px": not 4.8 <= near <= 63,
+    }
+    return [reason for reason, failed in tests.items() if failed]

@@ -1,0 +1,106 @@
+"""The plane where a curve is highest, or a cost lowest, at every pixel."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+
+Map = np.ndarray[Any, np.dtype[np.float32]]
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+
+_PAD = 15  # floats: the last vector of a plane may be short
+_LENGTH = 4096  # pixels of an item on CPUs
+
+
+class PeakTracker:
+    """The highest of a curve at every pixel, while its planes come a few at a time.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        (y, x).
+    device : Device
+    start : float
+        Value where the curve has no peak.
+    most : int
+        Planes that come at a time, at most.
+    lowest : bool
+        The curve is a cost, not negative: its lowest minimum.
+    """
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        *,
+        device: Device,
+        start: float,
+        most: int,
+        lowest: bool = False,
+    ) -> None:
+        self._shape = shape
+        self._size = shape[0] * shape[1]
+        self._device = device
+        self._defines = {"LOWEST": True} if lowest else {}
+        filled = (-np.inf, -np.inf, start, 0.0)
+        self._state = [device.upload(np.full(self._padded(1), v, np.float32)) for v in filled]
+        self.curve = device.zeros((self._padded(most + 2),), np.float32)
+        self.held = 0
+        self._values: list[float] = []
+
+    def add(self, values: Vector) -> None:
+        """Take in planes that were written to ``curve`` from plane ``held`` on.
+
+        Parameters
+        ----------
+        values : numpy.ndarray
+            One a plane, rising, above those before.
+        """
+        count = len(values)
+        behind = 1 if self.held else 0  # the last plane had no neighbour above yet
+        self._values.extend(float(value) for value in values)
+        self._track(self.held - behind, count - 1 + behind, len(self._values) - count - behind)
+        last = self.held + count
+        if last > 2:
+            self._keep(last - 2)
+        self.held = min(last, 2)
+
+    def finish(self) -> tuple[Map, Map]:
+        """(values, confidence) of the peaks, float32, shape (y, x)."""
+        self._track(self.held - 1, 1, len(self._values) - 1)
+        best, second, place, curvature = self._state
+        sure = self._device.empty(self._shape, np.float32)
+        self._launch("confidence", (sure, best, second, curvature))
+        found = self._device.download(place)[: self._size].reshape(self._shape)
+        return found, self._device.download(sure)
+
+    def _track(self, first: int, count: int, index: int) -> None:
+        """Compare planes of `curve` from `first` on with their neighbours; the first is `index`."""
+        if count < 1:
+            return
+        steps = np.concatenate(([0], np.diff(self._values), [0]))
+        some = slice(index, index + count)
+        places = np.stack((self._values[some], steps[:-1][some], steps[1:][some]), axis=1)
+        table = self._device.upload(places.astype(np.float32))
+        args = (*self._state, self.curve, table, np.int32(first), np.int32(count))
+        self._launch("track_peaks", args)
+
+    def _launch(self, name: str, args: tuple[Any, ...]) -> None:
+        length = _LENGTH if self._device.rows else 1
+        kernel = self._device.kernel("peaks.cl", name, **self._defines)
+        sizes = (np.int32(self._size), np.int32(length))
+        self._device.launch(kernel, (-(-self._size // length),), *args, *sizes)
+
+    def _keep(self, plane: int) -> None:
+        """Move two planes to the front, one after the other: they may overlap."""
+        for to in range(2):
+            start = (plane + to) * self._size
+            moved = self.curve[start : start + self._size]
+            if start != to * self._size:
+                self._device.copy_into(self.curve, moved, 4 * to * self._size)
+
+    def _padded(self, planes: int) -> int:
+        return planes * self._size + _PAD

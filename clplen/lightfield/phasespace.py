@@ -1,0 +1,95 @@
+"""Slices of a light field with their axes in metres and radians."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from clplen.lightfield.lightfield import LightField
+
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+
+
+@dataclass(frozen=True)
+class PhaseSpace:
+    """An epipolar slice: position on the image plane against place on the main lens.
+
+    A point is a line of slope dx/du = 1 - alpha over metres (thesis, section 1.4.2), of slope -d
+    over pixels and views, and of slope F - F' over x and theta.
+
+    Attributes
+    ----------
+    values : numpy.ndarray
+        float32, shape (views, pixels[, c]).
+    axes : tuple of str
+        ("u", "x") or ("v", "y").
+    position : numpy.ndarray
+        x (or y) of the pixels from the middle, shape (pixels,): metres, or pixels.
+    direction : numpy.ndarray
+        u (or v) of the views from the middle, shape (views,): metres on the main lens, or views.
+    theta : numpy.ndarray or None
+        (x - u)/F of every sample in radians, shape (views, pixels); None without a camera.
+    metres : bool
+        Whether position and direction are in metres.
+    """
+
+    values: np.ndarray[Any, np.dtype[np.float32]]
+    axes: tuple[str, str]
+    position: Vector
+    direction: Vector
+    theta: Vector | None
+    metres: bool
+
+
+def phase_space(
+    lf: LightField,
+    *,
+    y: int | None = None,
+    x: int | None = None,
+    v: int | None = None,
+    u: int | None = None,
+) -> PhaseSpace:
+    """`LightField.epi` with its axes.
+
+    Parameters
+    ----------
+    lf : LightField
+        With ``spacing`` the axes are in metres, signed; with a ``camera`` too, the angles of the
+        rays are known.
+    y, v : int
+        Row of the pixels and of the views: (u, x). Or:
+    x, u : int
+        Column of both: (v, y).
+
+    Returns
+    -------
+    PhaseSpace
+
+    Raises
+    ------
+    ValueError
+        If neither pair, or an index outside the light field, is given; or the light field has
+        positions, so that a row of views is no row on the lens.
+    """
+    if lf.positions is not None:
+        raise ValueError(
+            "Axes of a phase space need views on a regular grid, and this light field has "
+            "positions: use LightField.epi for the samples alone."
+        )
+    values = lf.epi(y=y, x=x, v=v, u=u).to_numpy()
+    along_x = y is not None
+    metres = lf.spacing is not None and bool(np.isfinite(lf.spacing).all())
+    steps = (1.0, 1.0)
+    if metres and lf.spacing is not None:
+        steps = lf.spacing[1::2] if along_x else lf.spacing[0::2]
+    direction, position = (
+        (np.arange(n) - (n - 1) / 2) * step for n, step in zip(values.shape[:2], steps, strict=True)
+    )
+    theta = None
+    if metres and lf.camera is not None and lf.decode != "naive":
+        theta = (position[None, :] - direction[:, None]) / lf.camera.image_distance
+    axes = ("u", "x") if along_x else ("v", "y")
+    return PhaseSpace(values, axes, position, direction, theta, metres)

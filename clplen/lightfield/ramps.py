@@ -1,0 +1,63 @@
+"""Exact shifts of views by phase ramps in their spectra."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.lightfield.shifts import shifts
+from clplen.lightfield.spectra import Vector, channels_of, keep_real, take_views
+
+if TYPE_CHECKING:
+    from clplen.lightfield.lightfield import LightField
+
+
+def phase_ramps(lf: LightField, disparities: Vector, weights: Any) -> cla.Array:
+    """Mean of the views, each shifted exactly by a phase ramp in its spectrum; periodic edges.
+
+    Parameters
+    ----------
+    lf : LightField
+    disparities : numpy.ndarray
+        Shape (n,), float64.
+    weights : numpy.ndarray
+        Shape (V, U), not all 0.
+
+    Returns
+    -------
+    pyopencl.array.Array
+        float32, shape (n, y, x[, c]).
+    """
+    device, count = lf.device, len(disparities)
+    _, U, ny, nx = lf.shape[:4]
+    down, right = shifts(lf, disparities)
+    if lf.positions is None:
+        down, right = np.broadcast_arrays(down[:, :, None], right[:, None, :])
+    out = device.empty((count, *lf.shape[2:]), np.float32)
+    scale = np.full(count, 1 / weights.sum(dtype=np.float64))
+    rows = [v for v in range(len(weights)) if weights[v].any()]
+    for channel in range(channels_of(lf)):
+        total = device.zeros((count, ny, nx), np.complex64)
+        for v in rows:
+            views = take_views(lf, weights[v], np.arange(v * U, (v + 1) * U), channel)
+            device.fft.forward(views, device)
+            device.launch_rows(
+                device.kernel("fourier.cl", "ramp_sum"),
+                total.shape,
+                total,
+                views,
+                device.upload(_ramp(down[:, v], ny)),
+                device.upload(_ramp(right[:, v], nx)),
+                *(np.int32(n) for n in (U, ny, nx)),
+            )
+        device.fft.inverse(total, device)
+        keep_real(out, total, scale, channel, lf)
+    return out
+
+
+def _ramp(shift: Vector, n: int) -> np.ndarray[Any, np.dtype[np.complex64]]:
+    """exp(2 pi i f s) of every shift, shape (..., n)."""
+    turns = np.multiply.outer(shift, np.fft.fftfreq(n))
+    return np.exp(2j * np.pi * (turns - np.rint(turns))).astype(np.complex64)

@@ -1,0 +1,152 @@
+"""Base vectors of a repeated pattern, roughly: the peaks of its Fourier transform."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+Values = np.ndarray[Any, np.dtype[Any]]
+Basis = np.ndarray[Any, np.dtype[np.float64]]
+
+PITCHES = (4.2, 72.0)  # px: a little more than the range that is served
+_CROP = 2048  # px: the middle of a larger picture tells enough
+_RINGS = 4  # bins: spectra fall with frequency, a ring is taken as alike
+_CLEAR = 6.0  # times the median of its ring; noise reaches 5
+_LEAST = 0.03  # of the strongest peak: below are side lobes
+_MOST = 40
+_PAIRS = 14  # strongest peaks that may be base vectors
+_NEAR = 1.0  # bins: how far a sum of base vectors may lie from its peak
+
+
+@dataclass(frozen=True)
+class Peaks:
+    """Peaks of a spectrum: cycles a pixel (y, x), amplitude, size of a bin."""
+
+    at: Basis
+    strength: Values
+    bin: Values
+
+
+def coarse(picture: Values, pitches: tuple[float, float] = PITCHES) -> tuple[Basis | None, float]:
+    """The coarsest reciprocal lattice that holds the peaks of a picture.
+
+    Parameters
+    ----------
+    picture : numpy.ndarray
+        float32, shape (ny, nx).
+    pitches : tuple of float
+        Smallest and largest pitch in pixels.
+
+    Returns
+    -------
+    tuple
+        Two reciprocal vectors (y, x) in cycles a pixel, good to a tenth of a bin, as rows, and the
+        share of the peaks' strength that they explain (0 to 1, chance taken off). None and 0
+        without two clear peaks.
+    """
+    found = peaks(picture, pitches)
+    order = np.argsort(-found.strength)[:_MOST]
+    found = Peaks(found.at[order], found.strength[order], found.bin)
+    best: list[tuple[float, float, Basis]] = []
+    for i, k in combinations(range(min(_PAIRS, len(order))), 2):
+        basis = reduced(np.array([found.at[i], found.at[k]]))
+        area = abs(np.linalg.det(basis))
+        lengths = np.hypot(*basis.T)
+        if area > 0.4 * lengths.prod() and lengths.min() > 1 / (2 * pitches[1]):
+            best.append((_explained(found, basis), area, basis))
+    if not best:
+        return None, 0.0
+    enough = 0.92 * max(share for share, _, _ in best)
+    share, _, basis = max((entry for entry in best if entry[0] >= enough), key=lambda e: e[1])
+    return basis, share
+
+
+def peaks(picture: Values, pitches: tuple[float, float]) -> Peaks:
+    """Maxima of the windowed spectrum that stand out of their ring, in half of the plane."""
+    from scipy import fft, ndimage
+
+    flat = flattened(middle(picture, _CROP), int(2 * pitches[1]))
+    ny, nx = flat.shape
+    window = np.hanning(ny + 2)[1:-1, None] * np.hanning(nx + 2)[None, 1:-1]
+    spectrum = np.abs(fft.rfft2((flat * window).astype(np.float32)))
+    fy, fx = fft.fftfreq(ny), fft.rfftfreq(nx)
+    radius = np.hypot(fy[:, None], fx[None, :])
+    ring = _ring_median(spectrum, radius * min(ny, nx) / _RINGS)
+    top = ndimage.maximum_filter(spectrum, 5, mode=("wrap", "nearest")) == spectrum
+    band = (radius > 0.5 / pitches[1]) & (radius < min(0.49, 1.25 / pitches[0]))
+    half = (fx[None, :] > 0) | (fy[:, None] > 0)
+    clear = spectrum > np.maximum(_CLEAR * ring, _LEAST * (spectrum * band).max())
+    y, x = np.nonzero(top & band & half & clear)
+    at = np.stack([fy[y], fx[x]], axis=1) + _between(spectrum, y, x) / [ny, nx]
+    return Peaks(at, spectrum[y, x], 1 / np.array([ny, nx]))
+
+
+def middle(picture: Values, size: int) -> Values:
+    """The middle of a picture, at most so many pixels a side."""
+    starts = [(n - min(n, size)) // 2 for n in picture.shape]
+    return picture[tuple(slice(s, s + size) for s in starts)]
+
+
+def flattened(picture: Values, width: int) -> Values:
+    """A picture over its own mean within about ``width`` pixels, minus one: vignetting removed."""
+    from scipy.ndimage import uniform_filter
+
+    size = [min(width, max(3, n // 2)) | 1 for n in picture.shape]
+    mean = uniform_filter(uniform_filter(picture, size), size)
+    lowest = 0.02 * float(mean.max())
+    return np.asarray(picture / np.maximum(mean, max(lowest, 1e-30)) - (mean > lowest))
+
+
+def reduced(basis: Basis) -> Basis:
+    """The shortest two vectors of the lattice of two (Lagrange and Gauss)."""
+    a, b = basis
+    while True:
+        if a @ a > b @ b:
+            a, b = b, a
+        n = np.rint((a @ b) / max(a @ a, 1e-300))
+        if n == 0:
+            return np.array([a, b])
+        b = b - n * a
+
+
+def _explained(found: Peaks, basis: Basis) -> float:
+    """Share of the peaks' strength on the lattice of a basis, chance taken off."""
+    counts = found.at @ np.linalg.inv(basis)
+    away = (found.at - np.rint(counts) @ basis) / found.bin
+    near = _NEAR * (1 + 0.1 * np.abs(np.rint(counts)).sum(1))
+    weight = found.strength
+    share = float(weight[np.hypot(*away.T) < near].sum() / weight.sum())
+    chance = float(np.pi * _NEAR**2 * found.bin.prod() / abs(np.linalg.det(basis)))
+    return (share - chance) / max(1 - chance, 1e-9) if chance < 1 else 0.0
+
+
+def _ring_median(spectrum: Values, ring: Values) -> Values:
+    """Median of the spectrum over rings of equal radius, at every sample."""
+    labels = ring.astype(np.int32).ravel()
+    order = np.argsort(labels, kind="stable")
+    edges = np.searchsorted(labels[order], np.arange(labels.max() + 2))
+    values = spectrum.ravel()[order]
+    medians = np.array(
+        [np.median(values[a:b]) if b > a else 1.0 for a, b in zip(edges, edges[1:], strict=False)]
+    )
+    return np.asarray(np.maximum(medians, 1e-30)[labels].reshape(spectrum.shape))
+
+
+def _between(spectrum: Values, y: Values, x: Values) -> Values:
+    """Where a parabola through three logarithms has its top, bins (y, x) from the middle one."""
+    ny, nx = spectrum.shape
+    log = np.log(np.maximum(spectrum, 1e-30))
+    here = log[y, x]
+    columns = np.clip(x - 1, 0, nx - 1), np.clip(x + 1, 0, nx - 1)
+    sides = (
+        (log[(y - 1) % ny, x], log[(y + 1) % ny, x]),
+        (log[y, columns[0]], log[y, columns[1]]),
+    )
+    steps = []
+    for low, high in sides:
+        bend = np.minimum(low + high - 2 * here, -1e-12)
+        steps.append(np.clip((low - high) / (2 * bend), -0.5, 0.5))
+    return np.stack(steps, axis=1)

@@ -1,0 +1,295 @@
+"""Shapes of apertures: covered fractions of the views' cells, and soft edges.
+
+Views are the centres of cells one view step wide and high. A shape is an array (V, U) with the
+covered fraction of each cell, in closed form, so that its sum is the area in cells as long as the
+shape lies within them; radii may be below a view. Shapes and apodisations multiply, and go where
+``aperture=`` goes. Centres are (v, u); None is the middle of the views. A radius is one number of
+view steps, or one along v and one along u (for steps that differ in metres).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clplen.errors import ShapeError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+Weights = np.ndarray[Any, np.dtype[np.float32]]
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+Views = tuple[int, ...]
+Pair = tuple[float, float]
+
+_FAR = 4.0  # corners of a half-plane, in sizes of the views
+
+
+def disc(views: Views, radius: float | Pair, *, centre: Pair | None = None) -> Weights:
+    """A disc (an ellipse for two radii).
+
+    Parameters
+    ----------
+    views : tuple of int
+        (V, U, ...), such as ``lf.shape``.
+    radius : float or tuple of float
+        In view steps, positive.
+    centre : tuple of float, optional
+        (v, u).
+
+    Returns
+    -------
+    numpy.ndarray
+        float32, shape (V, U), 0 to 1.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of range or the shape covers no view.
+    """
+    return _kept(ellipse_cells(_views(views), _pair(radius), _centre(views, centre)), "disc")
+
+
+def annulus(
+    views: Views, inner: float | Pair, outer: float | Pair, *, centre: Pair | None = None
+) -> Weights:
+    """What lies between two discs; parameters as of `disc`."""
+    small, large = _pair(inner), _pair(outer)
+    if not (small[0] < large[0] and small[1] < large[1]):
+        raise ValueError(f"An annulus has inner below outer radius, not {inner!r} and {outer!r}.")
+    at, size = _centre(views, centre), _views(views)
+    return _kept(ellipse_cells(size, large, at) - ellipse_cells(size, small, at), "annulus")
+
+
+def square(views: Views, radius: float | Pair, *, centre: Pair | None = None) -> Weights:
+    """A square (a rectangle for two radii), 2 radii wide; parameters as of `disc`."""
+    (high, wide), (v, u) = _pair(radius), _centre(views, centre)
+    sides = [
+        _overlap(n, np.array([at - half, at + half]))[:, 0]
+        for n, at, half in zip(_views(views), (v, u), (high, wide), strict=True)
+    ]
+    return _kept(np.outer(*sides), "square")
+
+
+def polygon(views: Views, corners: ArrayLike) -> Weights:
+    """Any polygon that does not cross itself.
+
+    Parameters
+    ----------
+    views : tuple of int
+        (V, U, ...).
+    corners : array_like
+        Shape (n, 2), n >= 3: (v, u) in order, either way round.
+
+    Returns
+    -------
+    numpy.ndarray
+        float32, shape (V, U), 0 to 1.
+
+    Raises
+    ------
+    ShapeError
+        If the corners are not (n, 2).
+    ValueError
+        If one is not finite, or no view is covered.
+    """
+    at = np.asarray(corners, np.float64)
+    if at.ndim != 2 or at.shape[1] != 2 or len(at) < 3:
+        raise ShapeError(f"A polygon has at least three corners (v, u), not shape {at.shape}.")
+    if not np.isfinite(at).all():
+        raise ValueError("Corners of a polygon are finite numbers.")
+    V, U = _views(views)
+    cells = np.zeros((V, U))
+    for v in range(V):
+        row = _clipped(_clipped(at, 0, v - 0.5, 1), 0, v + 0.5, -1)
+        for u in range(U) if len(row) else ():
+            cells[v, u] = _area(_clipped(_clipped(row, 1, u - 0.5, 1), 1, u + 0.5, -1))
+    return _kept(cells, "polygon")
+
+
+def regular_polygon(
+    views: Views,
+    sides: int,
+    radius: float | Pair,
+    *,
+    angle: float = 0.0,
+    centre: Pair | None = None,
+) -> Weights:
+    """A regular polygon, such as the blades of an iris leave open.
+
+    Parameters
+    ----------
+    views, radius, centre
+        As of `disc`; the radius is that of the corners.
+    sides : int
+        At least 3.
+    angle : float
+        Of the first corner from the direction of u to that of v, in radians.
+    """
+    if sides != int(sides) or sides < 3:
+        raise ValueError(f"A polygon has at least 3 sides, not {sides!r}.")
+    (high, wide), (v, u) = _pair(radius), _centre(views, centre)
+    turn = angle + 2 * np.pi * np.arange(int(sides)) / int(sides)
+    return polygon(views, np.column_stack((v + high * np.sin(turn), u + wide * np.cos(turn))))
+
+
+def half_plane(views: Views, angle: float, *, centre: Pair | None = None) -> Weights:
+    """Everything on one side of a line through the centre, as of a knife edge.
+
+    Parameters
+    ----------
+    views : tuple of int
+        (V, U, ...).
+    angle : float
+        Of the direction that stays open, from that of u to that of v, in radians: 0 keeps larger
+        u, pi/2 larger v.
+    centre : tuple of float, optional
+        (v, u) of a point on the edge.
+    """
+    if not np.isfinite(angle):
+        raise ValueError(f"An angle is a finite number in radians, not {angle!r}.")
+    (v, u), far = _centre(views, centre), _FAR * (sum(_views(views)) + 2)
+    open_side, edge = (np.array([np.sin(t), np.cos(t)]) for t in (angle, angle + np.pi / 2))
+    at = np.array([v, u])
+    near = [at - far * edge, at + far * edge]
+    return polygon(views, [*near, near[1] + far * open_side, near[0] + far * open_side])
+
+
+def picture(
+    views: Views, image: ArrayLike, radius: float | Pair, *, centre: Pair | None = None
+) -> Weights:
+    """Any picture as an aperture, its pixels taken as small rectangles.
+
+    Parameters
+    ----------
+    views, centre
+        As of `disc`.
+    image : array_like
+        Transmission, shape (rows, columns) along v and u, finite, not negative.
+    radius : float or tuple of float
+        Half the picture's height and width in view steps.
+    """
+    values = np.asarray(image, np.float64)
+    if values.ndim != 2 or values.size == 0:
+        raise ShapeError(f"A picture as aperture has shape (rows, columns), not {values.shape}.")
+    if not (np.isfinite(values).all() and (values >= 0).all()):
+        raise ValueError("Transmissions of an aperture are finite and not negative.")
+    at, half = _centre(views, centre), _pair(radius)
+    sides = [
+        _overlap(n, c + r * np.linspace(-1, 1, m + 1))
+        for n, c, r, m in zip(_views(views), at, half, values.shape, strict=True)
+    ]
+    return _kept(sides[0] @ values @ sides[1].T, "picture")
+
+
+def gaussian(views: Views, sigma: float | Pair, *, centre: Pair | None = None) -> Weights:
+    """Apodisation exp(-r^2/(2 sigma^2)) at the views; sigma in view steps."""
+    return np.exp(-0.5 * _distance(views, sigma, centre) ** 2).astype(np.float32)
+
+
+def hann(views: Views, radius: float | Pair, *, centre: Pair | None = None) -> Weights:
+    """Apodisation (1 + cos(pi r/radius))/2 at the views, 0 beyond the radius."""
+    r = np.minimum(_distance(views, radius, centre), 1)
+    return ((1 + np.cos(np.pi * r)) / 2).astype(np.float32)
+
+
+def kaiser(
+    views: Views, radius: float | Pair, beta: float, *, centre: Pair | None = None
+) -> Weights:
+    """Apodisation I0(beta sqrt(1 - r^2/radius^2))/I0(beta) at the views (Kaiser 1974)."""
+    if not (np.isfinite(beta) and 0 <= beta <= 100):
+        raise ValueError(f"beta of a Kaiser window is from 0 to 100, not {beta!r}.")
+    r = _distance(views, radius, centre)
+    inside = np.i0(beta * np.sqrt(np.maximum(1 - r**2, 0))) / np.i0(beta)
+    return np.where(r <= 1, inside, 0).astype(np.float32)
+
+
+def ellipse_cells(views: tuple[int, int], radius: Pair, centre: Pair) -> Vector:
+    """Covered fraction of every view's cell by an ellipse, shape (V, U), float64."""
+    y, x = (
+        np.clip((np.arange(n + 1) - 0.5 - c) / r, -1, 1)
+        for n, c, r in zip(views, centre, radius, strict=True)
+    )
+    area = _disc_area(y[:, None], x[None, :]) * (radius[0] * radius[1])
+    return np.clip(area[1:, 1:] - area[1:, :-1] - area[:-1, 1:] + area[:-1, :-1], 0, 1)
+
+
+def _disc_area(y: Vector, x: Vector) -> Vector:
+    """Area of the unit disc between the axes and (y, x), odd in both, for y and x from -1 to 1."""
+
+    def under_arc(t: Vector) -> Vector:
+        """Integral of sqrt(1 - t^2) from 0 to t."""
+        return (t * np.sqrt(1 - t**2) + np.arcsin(t)) / 2
+
+    height, width = np.abs(y), np.abs(x)
+    corner = np.minimum(width, np.sqrt(1 - height**2))  # where the arc meets the upper side
+    area = height * corner + under_arc(width) - under_arc(corner)
+    return np.sign(y) * np.sign(x) * area
+
+
+def _views(views: Views) -> tuple[int, int]:
+    if len(views) < 2 or min(views[:2]) < 1:
+        raise ShapeError(f"Views are (V, U), as in lf.shape, not {views!r}.")
+    return int(views[0]), int(views[1])
+
+
+def _pair(radius: Any) -> Pair:
+    values = np.broadcast_to(np.asarray(radius, np.float64), 2)
+    if not (np.isfinite(values).all() and (values > 0).all()):
+        raise ValueError(f"A radius is positive, in view steps, or one along v and u: {radius!r}.")
+    return float(values[0]), float(values[1])
+
+
+def _centre(views: Views, centre: Any) -> Pair:
+    V, U = _views(views)
+    if centre is None:
+        return (V - 1) / 2, (U - 1) / 2
+    values = np.asarray(centre, np.float64)
+    if values.shape != (2,) or not np.isfinite(values).all():
+        raise ValueError(f"The centre of an aperture is (v, u), not {centre!r}.")
+    return float(values[0]), float(values[1])
+
+
+def _distance(views: Views, unit: Any, centre: Any) -> Vector:
+    """From the centre to every view, in units along v and u."""
+    v, u = (
+        (np.arange(n) - at) / r
+        for n, at, r in zip(_views(views), _centre(views, centre), _pair(unit), strict=True)
+    )
+    return np.hypot(v[:, None], u[None, :])
+
+
+def _overlap(n: int, edges: Vector) -> Vector:
+    """Length that each of n cells shares with each interval between edges, (n, len(edges) - 1)."""
+    cell = np.arange(n)[:, None]
+    return np.maximum(
+        np.minimum(cell + 0.5, edges[None, 1:]) - np.maximum(cell - 0.5, edges[None, :-1]), 0
+    )
+
+
+def _clipped(corners: Vector, axis: int, edge: float, side: int) -> Vector:
+    """Corners of what is left of a polygon where side (x[axis] - edge) >= 0.
+
+    Sutherland and Hodgman 1974.
+    """
+    kept: list[Any] = []
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        here, there = side * (a[axis] - edge), side * (b[axis] - edge)
+        if here >= 0:
+            kept.append(a)
+        if here * there < 0:
+            kept.append(a + (b - a) * here / (here - there))
+    return np.array(kept).reshape(-1, 2)
+
+
+def _area(corners: Vector) -> float:
+    """Of a polygon (Gauss' formula)."""
+    y, x = corners.T
+    return abs(float(y @ np.roll(x, -1) - x @ np.roll(y, -1))) / 2
+
+
+def _kept(cells: Vector, name: str) -> Weights:
+    if not cells.any():
+        raise ValueError(f"This {name} covers no view: give another centre or a larger one.")
+    return np.clip(cells, 0, None).astype(np.float32)

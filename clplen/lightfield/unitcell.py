@@ -1,0 +1,158 @@
+"""The mean lenslet of a picture: all cells of a lattice laid over one another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clplen.lightfield.reciprocal import Basis, Values, flattened, reduced
+
+_PATCH = 768  # px: the cell is taken from at most nine patches of the picture
+_LIT = 0.15  # of the brightest mean
+_RISE = 0.025  # of the cell's range, by which a lenslet rises over the gaps around it
+_WIDTH = 0.35  # px: standard deviation of the smoothing of the cell
+# Sublattices of index 2 and 3: every denser lattice of lenslets is reached by steps of them.
+_DENSER = tuple(
+    np.array(rows)
+    for rows in (
+        ((2, 0), (0, 1)),
+        ((1, 0), (0, 2)),
+        ((1, 1), (1, -1)),
+        ((3, 0), (0, 1)),
+        ((1, 0), (0, 3)),
+        ((1, 1), (2, -1)),
+        ((1, -1), (2, 1)),
+    )
+)
+
+
+@dataclass(frozen=True)
+class MeanCell:
+    """What the cells of a lattice have in common.
+
+    ``values`` (n, n) is the mean of the picture over its local mean, less one, at the fractions
+    (k/n, l/n) of the two base vectors from a lenslet's centre, slightly smoothed; ``error`` its
+    standard error; ``explained`` one less the variance that is left over the whole variance.
+    """
+
+    values: Values
+    error: float
+    explained: float
+
+
+def fold(picture: Values, basis: Basis, phase: Values) -> MeanCell:
+    """Lay all cells of a picture over one another.
+
+    Parameters
+    ----------
+    picture : numpy.ndarray
+        Shape (ny, nx).
+    basis : numpy.ndarray
+        Two reciprocal vectors (y, x) in cycles a pixel, as rows.
+    phase : numpy.ndarray
+        Cycles, as in `clplen.lightfield.localphase.Fit`.
+
+    Returns
+    -------
+    MeanCell
+    """
+    from scipy.ndimage import gaussian_filter
+
+    pitch = float(np.hypot(*np.linalg.inv(basis)).max())
+    n = int(np.clip(round(3 * pitch), 24, 60))
+    bins, values = [], []
+    for start, patch in _patches(picture):
+        flat = flattened(patch, round(3 * pitch))
+        lit = _lit(patch, round(pitch))
+        y, x = (np.arange(size) + at for size, at in zip(patch.shape, start, strict=True))
+        index = [
+            np.rint(n * ((g[0] * y[:, None] + g[1] * x + p) % 1)).astype(np.int32) % n
+            for g, p in zip(basis, phase, strict=True)
+        ]
+        bins.append((index[0] * n + index[1])[lit])
+        values.append(flat[lit])
+    where, what = np.concatenate(bins), np.concatenate(values).astype(np.float64)
+    count = np.bincount(where, minlength=n * n)
+    total = np.bincount(where, what, n * n)
+    whole = float(what.var())
+    left = float((what - (total / np.maximum(count, 1))[where]).var())
+    width = max(_WIDTH * n / pitch, 0.5)
+    total, weight = (
+        gaussian_filter(a.reshape(n, n).astype(float), width, mode="wrap") for a in (total, count)
+    )
+    error = (left / max(4 * np.pi * width**2 * len(what) / n**2, 1)) ** 0.5
+    return MeanCell(
+        total / np.maximum(weight, 1e-9), error, 1 - left / whole if whole > 0 else 0.0
+    )
+
+
+def denser(cell: MeanCell, basis: Basis) -> Basis | None:
+    """Reciprocal vectors of a denser lattice, if every cell holds several lenslets.
+
+    Lenslets of unequal brightness make a coarser lattice than their centres: a chessboard of bright
+    and dim ones repeats only after two. Each of the denser lattice's points must rise, dim or
+    bright, over the darkest place on the way to each of its neighbours.
+
+    Returns
+    -------
+    numpy.ndarray or None
+        None if the lattice is as dense as it gets.
+    """
+    for matrix in _DENSER:
+        closer = np.linalg.inv(matrix).T  # direct vectors in units of the cell's
+        if _all_rise(cell, closer, round(abs(np.linalg.det(matrix))), np.linalg.inv(basis).T):
+            return np.asarray(matrix @ basis)
+    return None
+
+
+def _all_rise(cell: MeanCell, closer: Basis, index: int, vectors: Basis) -> bool:
+    """Whether all points of a denser lattice are blobs of their own."""
+    short = reduced(closer @ vectors)
+    sides = np.hypot(*short.T)
+    if sides.max() > 1.6 * sides.min() or abs(short[0] @ short[1]) > 0.6 * sides.prod():
+        return False
+    ways = np.array([*short, short[0] + short[1], short[0] - short[1]]) @ np.linalg.inv(vectors)
+    near = ways[np.hypot(*(ways @ vectors).T) < 1.25 * sides.max()]
+    rise = max(_RISE * float(np.ptp(cell.values)), 4 * cell.error)
+    between = np.linspace(0, 0.7, 15)[:, None, None] * np.concatenate([near, -near])
+    points = {
+        tuple(np.round(np.round(np.array([a, b]) @ closer, 6) % 1, 6))
+        for a in range(index)
+        for b in range(index)
+    }
+    for point in points:
+        along = _at(cell.values, np.asarray(point) + between)
+        if not (along[0] > along.min(axis=0) + rise).all():
+            return False
+    return True
+
+
+def _at(cell: Values, places: Any) -> Values:
+    """The cell at places (..., 2), fractions of its base vectors."""
+    from scipy.ndimage import map_coordinates
+
+    where = np.moveaxis(np.asarray(places) * len(cell), -1, 0)
+    return np.asarray(map_coordinates(cell, where, order=1, mode="grid-wrap"))
+
+
+def _patches(picture: Values) -> list[tuple[tuple[int, int], Values]]:
+    """Up to three by three patches that spread over a picture, with their corners."""
+    axes = []
+    for n in picture.shape:
+        size = min(n, _PATCH)
+        count = min(3, -(-n // size))
+        axes.append([(round(s), size) for s in np.linspace(0, n - size, count)])
+    return [
+        ((y, x), picture[y : y + height, x : x + width])
+        for y, height in axes[0]
+        for x, width in axes[1]
+    ]
+
+
+def _lit(patch: Values, pitch: int) -> Values:
+    from scipy.ndimage import uniform_filter
+
+    mean = uniform_filter(patch, 2 * pitch + 1)
+    return np.asarray(mean > _LIT * mean.max())

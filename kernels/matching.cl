@@ -1,0 +1,150 @@
+/* How well the views agree with the centre on every plane, seen past what hides it.
+ *
+ *   smooth   S[k, y, x, c] = gain sum_st h[s] h[t] L[k, y + s, x + t, c],  h = (b, 1 - 2 b, b),
+ *            beyond the edges the nearest; FOR_X over the samples of a row
+ *   match    e_k = min(sum_c |S_k(y + at_y, x + at_x) - C|, tau)    cubic convolution (Keys 1981)
+ *            m_j = mean of e_k over the views of group j that see the place
+ *            cost[p, y, x] = min(m_0, ratio min_j m_j + margin),    m_0 over all views
+ *
+ * C is the mean of the reference views, which lie round the middle of the aperture, on the same
+ * plane. Views are sorted by the groups that they belong to: the views first[i] .. first[i + 1] - 1
+ * belong to group j with the share pattern[i, j]. A group of which the place sees less than half
+ * does not count. Tables of a launch: at[p, k] whole shifts (y, x), part[p, k] four taps along y
+ * and four along x; reach[p, k] 1 where the shift has a fraction, along y and x.
+ *
+ * match: an item is BLOCK pixels of a row on one plane.
+ * -DSAMPLE=uchar | ushort | float   what the light field stores
+ * -DCHANNELS=n, -DBLOCK=n           -DROWS: see common.cl
+ */
+#include "common.cl"
+
+#ifdef SAMPLE
+__kernel void smooth(__global float *restrict out, __global const SAMPLE *restrict L,
+                     const float gain, const float b, const int ny, const int nx,
+                     const int channels)
+{
+    const int view = get_global_id(2), y = get_global_id(1);
+    const int n = nx * channels;
+    __global const SAMPLE *above = L + row_start(view, max(y - 1, 0), ny, n);
+    __global const SAMPLE *at = L + row_start(view, y, ny, n);
+    __global const SAMPLE *below = L + row_start(view, min(y + 1, ny - 1), ny, n);
+    const float a = 1 - 2 * b;
+    out += row_start(view, y, ny, n);
+    FOR_X(i, n) {
+        const int left = i < channels ? i : i - channels;
+        const int right = i < n - channels ? i + channels : i;
+        out[i] = gain * (a * (a * at[i] + b * ((float)above[i] + below[i]))
+                         + b * (a * ((float)at[left] + at[right])
+                                + b * ((float)above[left] + above[right] + below[left]
+                                       + below[right])));
+    }
+}
+#endif
+
+#ifdef BLOCK
+#define GROUPS 9
+
+/* n pixels from x0 on of a view moved by `at`, clamped at its edges. */
+inline void sheared(float *value, float *column, __global const float *view, const int y,
+                    const int x0, const int2 at, const float4 down, const float4 across,
+                    const int n, const int ny, const int nx)
+{
+    const int samples = nx * CHANNELS;
+    __global const float *rows[4];
+    for (int t = 0; t < 4; ++t)
+        rows[t] = view + (size_t)clamp(y + at.x + t - 1, 0, ny - 1) * samples;
+    const int first = x0 + at.y - 1;
+    const int wide = n + 3;
+    if (first >= 0 && first + wide <= nx) {
+        const int from = first * CHANNELS;
+        for (int i = 0; i < wide * CHANNELS; ++i)
+            column[i] = down.x * rows[0][from + i] + down.y * rows[1][from + i]
+                        + down.z * rows[2][from + i] + down.w * rows[3][from + i];
+    } else {
+        for (int x = 0; x < wide; ++x) {
+            const int from = clamp(first + x, 0, nx - 1) * CHANNELS;
+            for (int c = 0; c < CHANNELS; ++c)
+                column[x * CHANNELS + c] = down.x * rows[0][from + c] + down.y * rows[1][from + c]
+                                           + down.z * rows[2][from + c]
+                                           + down.w * rows[3][from + c];
+        }
+    }
+    for (int i = 0; i < n * CHANNELS; ++i)
+        value[i] = across.x * column[i] + across.y * column[i + CHANNELS]
+                   + across.z * column[i + 2 * CHANNELS] + across.w * column[i + 3 * CHANNELS];
+}
+
+__attribute__((reqd_work_group_size(1, 1, 1)))
+__kernel void match(__global float *restrict out, __global const float *restrict S,
+                    __global const int *restrict view, __global const int2 *restrict at,
+                    __global const float4 *restrict part, __global const int2 *restrict reach,
+                    __global const int *restrict first, __global const float *restrict pattern,
+                    const int patterns, __global const int *restrict reference,
+                    __global const float *restrict share, const int references, const int views,
+                    const int ny, const int nx, const float tau, const float ratio,
+                    const float margin)
+{
+    const int x0 = get_global_id(0) * BLOCK, y = get_global_id(1), p = get_global_id(2);
+    const int n = min(BLOCK, nx - x0);
+    const size_t size = (size_t)ny * nx * CHANNELS;
+    float centre[BLOCK * CHANNELS], value[BLOCK * CHANNELS], column[(BLOCK + 3) * CHANNELS];
+    float sums[GROUPS * BLOCK], seen[GROUPS * BLOCK], part_sum[BLOCK], part_seen[BLOCK];
+    float most[GROUPS];
+
+    for (int i = 0; i < n * CHANNELS; ++i)
+        centre[i] = 0;
+    for (int r = 0; r < references; ++r) {
+        const int k = p * views + reference[r];
+        sheared(value, column, S + view[reference[r]] * size, y, x0, at[k], part[2 * k],
+                part[2 * k + 1], n, ny, nx);
+        for (int i = 0; i < n * CHANNELS; ++i)
+            centre[i] += share[r] * value[i];
+    }
+    for (int i = 0; i < GROUPS * BLOCK; ++i)
+        sums[i] = seen[i] = 0;
+    for (int j = 0; j < GROUPS; ++j)
+        most[j] = 0;
+
+    for (int g = 0; g < patterns; ++g) {
+        for (int x = 0; x < n; ++x)
+            part_sum[x] = part_seen[x] = 0;
+        for (int v = first[g]; v < first[g + 1]; ++v) {
+            const int k = p * views + v;
+            const int row = y + at[k].x;
+            const int begin = clamp(-at[k].y - x0, 0, n);
+            const int end = clamp(nx - at[k].y - reach[k].y - x0, begin, n);
+            if (row < 0 || row + reach[k].x >= ny || begin == end)
+                continue;
+            sheared(value, column, S + view[v] * size, y, x0, at[k], part[2 * k],
+                    part[2 * k + 1], n, ny, nx);
+            for (int x = begin; x < end; ++x) {
+                float e = 0;
+                for (int c = 0; c < CHANNELS; ++c)
+                    e += fabs(value[x * CHANNELS + c] - centre[x * CHANNELS + c]);
+                part_sum[x] += fmin(e, tau);
+                part_seen[x] += 1;
+            }
+        }
+        for (int j = 0; j < GROUPS; ++j) {
+            const float w = pattern[g * GROUPS + j];
+            most[j] += w * (first[g + 1] - first[g]);
+            if (w != 0)
+                for (int x = 0; x < n; ++x) {
+                    sums[j * BLOCK + x] += w * part_sum[x];
+                    seen[j * BLOCK + x] += w * part_seen[x];
+                }
+        }
+    }
+
+    out += row_start(p, y, ny, nx) + x0;
+    for (int x = 0; x < n; ++x) {
+        float least = seen[x] > 0 ? sums[x] / seen[x] : tau;
+        for (int j = 1; j < GROUPS; ++j) {
+            const float count = seen[j * BLOCK + x];
+            if (count > 0 && count >= 0.5f * most[j])
+                least = fmin(least, ratio * sums[j * BLOCK + x] / count + margin);
+        }
+        out[x] = least;
+    }
+}
+#endif

@@ -1,0 +1,96 @@
+/* The highest peak of a curve over the planes at every pixel, some planes after the others.
+ *
+ *   track_peaks   best, second = highest and second highest local maximum of e(d);
+ *                 place = vertex of the parabola through the highest and its two neighbours, h0
+ *                 below and h1 above, which lies within half a step;  curvature = -e'' there
+ *   confidence    (1 - second/best) k/(1 + k),  k = -e''/e at the peak, in 1/(px a view)^2
+ *
+ * -DLOWEST: e is minus the curve, which is a cost, so that its lowest minimum is found:
+ * (1 - best/second) k/(1 + k), k = e''/e of the cost.
+ * An end of the curve has no parabola: curvature 0. Where no plane is above its neighbours nothing
+ * is tracked, and the confidence is 0. A plane level with both counts as a second peak: a plateau is
+ * no place.
+ *
+ * Pixels lie one after the other, `size` in a plane; arrays are padded by 15 floats.
+ * Mapping: an item owns a pixel; -DROWS: `length` pixels, 16 at a time.
+ */
+#include "lanes.cl"
+
+#ifdef ROWS
+#define STEP 16
+typedef float16 vec;
+#define LOAD(from) load16(from)
+#define STORE(to, value) store16(to, value)
+#else
+#define STEP 1
+typedef float vec;
+#define LOAD(from) (*(from))
+#define STORE(to, value) (*(to) = (value))
+#endif
+
+#ifdef LOWEST
+#define SIGN (-1.0f)
+#else
+#define SIGN 1.0f
+#endif
+
+/* Planes `first` ... `first + count - 1` of `curve`; places[k] = (d, h0, h1), a step of 0 at an
+ * end. */
+__kernel void track_peaks(__global float *restrict best, __global float *restrict second,
+                          __global float *restrict place, __global float *restrict curvature,
+                          __global const float *restrict curve, __global const float *restrict places,
+                          const int first, const int count, const int size, const int length)
+{
+    const int begin = get_global_id(0) * length;
+    for (int i = begin; i < min(begin + length, size); i += STEP) {
+        vec high = LOAD(best + i), next = LOAD(second + i);
+        vec where = LOAD(place + i), bend = LOAD(curvature + i);
+        __global const float *plane = curve + (size_t)first * size + i;
+        vec below = SIGN * LOAD(plane - (places[1] > 0.0f ? size : 0));
+        vec at = SIGN * LOAD(plane);
+        for (int k = 0; k < count; ++k) {
+            const float d = places[3 * k], h0 = places[3 * k + 1], h1 = places[3 * k + 2];
+            const bool inside = h0 > 0.0f && h1 > 0.0f;
+            plane += size;
+            const vec above = h1 > 0.0f ? SIGN * LOAD(plane) : below;
+            const vec rise = at - (h0 > 0.0f ? below : above);
+            const vec fall = at - above;
+            const vec s0 = inside ? rise / h0 : (vec)(0.0f);
+            const vec s1 = inside ? fall / h1 : (vec)(0.0f);
+            const vec sum = s0 + s1;
+            const vec off = sum > 0.0f ? 0.5f * (s0 * h1 - s1 * h0) / sum : (vec)(0.0f);
+            const vec top = rise >= 0.0f && fall > 0.0f ? at : (vec)(-INFINITY);
+            const vec level = rise == 0.0f && fall == 0.0f ? at : top;
+            const vec other = top > high ? high : level;
+            next = other > next ? other : next;
+            where = top > high ? d + off : where;
+            bend = top > high ? sum * (inside ? 2.0f / (h0 + h1) : 0.0f) : bend;
+            high = top > high ? top : high;
+            below = at;
+            at = above;
+        }
+        STORE(best + i, high);
+        STORE(second + i, next);
+        STORE(place + i, where);
+        STORE(curvature + i, bend);
+    }
+}
+
+inline float sureness(const float best, const float second, const float curvature)
+{
+#ifdef LOWEST
+    const float margin = isfinite(second) ? (second < best ? 1.0f - best / second : 0.0f) : 1.0f;
+#else
+    const float margin = second > 0.0f ? 1.0f - second / best : 1.0f;
+#endif
+    return curvature > 0.0f ? margin * curvature / (curvature + fabs(best)) : 0.0f;
+}
+
+__kernel void confidence(__global float *restrict out, __global const float *restrict best,
+                         __global const float *restrict second,
+                         __global const float *restrict curvature, const int size, const int length)
+{
+    const int begin = get_global_id(0) * length;
+    for (int i = begin; i < min(begin + length, size); ++i)
+        out[i] = sureness(best[i], second[i], curvature[i]);
+}

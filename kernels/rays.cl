@@ -1,0 +1,93 @@
+/* What a plenoptic 1.0 camera records of a scene of surfaces, by geometrical rays.
+ *
+ * The ray from u on the main lens through x on the array, under lenslet k at x_k, meets the sensor
+ * at s = f_mu (x - u)/F from x_k (with a field lens at -f_mu u/F). Turned round, the pixel at e from
+ * the centre of the sub-image of lenslet k, x_k (1 + f_mu/F), sees with xi = x - x_k
+ *
+ *   u = xi - F e/f_mu        and as a view of the light field   b = -u/|du| = e/pixel - xi/|du|
+ *   raw = sum over lenslets of the mean over the pixel and the lenslet of what rays see,  (surfaces.cl)
+ *         0 where they miss the main lens, a^2 + b^2 > radius^2
+ *
+ * A pixel lies at (row, column) = row_at[y] + column_at[x] + row_part[y] + column_part[x] in
+ * sub-images from the first one, each a pair (along rows' normal, along rows), split into whole and
+ * part. samples[j] = (xi_y, xi_x, eta_y, eta_x): place in the lenslet, in pitches of rows and
+ * columns, and in the pixel, in pixels; a multiple of eight of them.
+ *
+ * bounds[i]   rows y0 <= k <= y1 and columns x0 <= k <= x1 of lenslets that see surface i
+ *
+ * Mapping: FOR_X of common.cl. -DROWS: see common.cl.
+ */
+#include "surfaces.cl"
+
+/* Sum over the samples of what lenslet (i, k) shows at (down, right) pixels from its sub-image. */
+inline float lenslet(const Scene *scene, ulong mask, __global const float4 *samples, int count,
+                     float2 place, float2 at, float2 blur, float radius, float aspect,
+                     float background)
+{
+    float sum = 0;
+    for (int j = 0; j < count; j += 8) {
+        union { float8 lanes; float lane[8]; } y, x, a, b, d;
+        union { int8 lanes; int lane[8]; } seen;
+        for (int k = 0; k < 8; ++k) {
+            const float4 sample = samples[j + k];
+            y.lane[k] = place.x + sample.x;
+            x.lane[k] = place.y + sample.y;
+            a.lane[k] = at.x + sample.z - sample.x * blur.x;
+            b.lane[k] = at.y + sample.w - sample.y * blur.y;
+        }
+        const int8 passes = a.lanes * a.lanes + b.lanes * b.lanes <= radius * radius;
+        if (!any(passes))
+            continue;
+        a.lanes *= aspect;
+        const Rays rays = {y.lanes, x.lanes, a.lanes, b.lanes};
+        seen.lanes = nearest(scene, mask, rays, &d.lanes);
+        seen.lanes = select((int8)(-2), seen.lanes, passes);
+        for (int k = 0; k < 8; ++k) {
+            float light[3] = {0, 0, 0};
+            if (seen.lane[k] >= 0)
+                shine(scene, seen.lane[k], (float4)(y.lane[k], x.lane[k], a.lane[k], b.lane[k]),
+                      d.lane[k], 1, light);
+            else if (seen.lane[k] == -1)
+                light[0] = background * scene->channels;
+            sum += light[0] + light[1] + light[2];
+        }
+    }
+    return sum / (count * scene->channels);
+}
+
+__kernel void expose(__global float *restrict out, __global const float *restrict shape,
+                     __global const int *restrict which, __global const float4 *restrict edges,
+                     __global const float *restrict spots, __global const float *restrict texels,
+                     __global const int4 *restrict bounds, __global const int2 *restrict row_at,
+                     __global const float2 *restrict row_part, __global const int2 *restrict column_at,
+                     __global const float2 *restrict column_part, __global const float4 *restrict samples,
+                     const float2 size, const float2 blur, const float radius, const float aspect,
+                     const float odd_shift, const float background, const int reach,
+                     const int count, const int rows, const int columns, const int n, const int ny,
+                     const int nx, const int channels)
+{
+    const Scene scene = {shape, which, edges, spots, texels, channels};
+    const int y = get_global_id(1);
+    const float2 limit = radius + 1 + blur;
+    FOR_X(x, nx) {
+        const float2 part = row_part[y] + column_part[x];
+        const int2 near = row_at[y] + column_at[x] + convert_int2(rint(part));
+        const float2 rest = part - rint(part);
+        float sum = 0;
+        for (int i = max(0, near.x - reach); i <= min(rows - 1, near.x + reach); ++i) {
+            const float shift = (i & 1) * odd_shift;
+            for (int k = max(0, near.y - reach); k <= min(columns - 1, near.y + reach); ++k) {
+                const float2 at = (rest + (float2)(near.x - i, near.y - k - shift)) * size;
+                if (fabs(at.x) > limit.x || fabs(at.y) > limit.y)
+                    continue;
+                ulong mask = 0;
+                for (int one = 0; one < n; ++one)
+                    mask |= (ulong)(bounds[one].x <= i && i <= bounds[one].y && bounds[one].z <= k
+                                    && k <= bounds[one].w) << one;
+                const float2 place = {i - 0.5f * (rows - 1), k + shift - 0.5f * (columns - 1)};
+                sum += lenslet(&scene, mask, samples, count, place, at, blur, radius, aspect, background);
+            }
+        }
+        out[y * nx + x] = sum;
+    }
+}

@@ -1,0 +1,121 @@
+/* A symmetric filter along y, then along x, for a stretch of one row in local memory.
+ *
+ *   column(i)    = sum_s w[|s|] in[y + s, i]             -radius <= s <= radius
+ *   across(i)    = sum_t w[|t|] column(i + t channels)
+ *
+ * i is a sample of a row, channels fastest; beyond the edges the picture is reflected:
+ * d c b a | a b c d | d c b a.
+ *
+ * A group of items owns `length` samples of a row; its local memory holds them with `halo` samples
+ * on either side. -DROWS: the group is one item, which takes 16 samples at a time.
+ * Included only.
+ */
+#ifndef CLPLEN_SEPARATED
+#define CLPLEN_SEPARATED
+#include "common.cl"
+#include "lanes.cl"
+
+#define VECTORS 4
+#define CHUNK (16 * VECTORS)
+#define UNROLLED(j) _Pragma("unroll") for (int j = 0; j < VECTORS; ++j)
+/* Chunks of begin <= i < end, the last one over part of the one before; none if it is shorter. */
+#define FOR_CHUNKS(i, begin, end) \
+    for (int i = (begin); i < (end) && (end) - (begin) >= CHUNK; \
+         i = i + CHUNK < (end) && i + 2 * CHUNK > (end) ? (end) - CHUNK : i + CHUNK)
+#define FOR_ITEMS(i, n) for (int i = get_local_id(0); i < (n); i += get_local_size(0))
+
+inline int reflected(int i, const int n)
+{
+    if (i >= 0 && i < n)
+        return i;
+    i %= 2 * n;
+    i += i < 0 ? 2 * n : 0;
+    return i < n ? i : 2 * n - 1 - i;
+}
+
+inline float column(__global const float *in, const int y, const int i, __global const float *w,
+                    const int radius, const int ny, const int n)
+{
+    float sum = w[0] * in[row_start(0, y, ny, n) + i];
+    for (int t = 1; t <= radius; ++t)
+        sum += w[t] * (in[row_start(0, reflected(y - t, ny), ny, n) + i]
+                       + in[row_start(0, reflected(y + t, ny), ny, n) + i]);
+    return sum;
+}
+
+#ifdef ROWS
+/* The same for CHUNK samples from i on. */
+inline void column_chunk(__local float *to, __global const float *in, const int y, const int i,
+                         __global const float *w, const int radius, const int ny, const int n)
+{
+    float16 sum[VECTORS];
+    __global const float *at = in + row_start(0, y, ny, n) + i;
+    UNROLLED(j)
+        sum[j] = w[0] * load16(at + 16 * j);
+    for (int t = 1; t <= radius; ++t) {
+        __global const float *above = in + row_start(0, reflected(y - t, ny), ny, n) + i;
+        __global const float *below = in + row_start(0, reflected(y + t, ny), ny, n) + i;
+        UNROLLED(j)
+            sum[j] += w[t] * (load16(above + 16 * j) + load16(below + 16 * j));
+    }
+    UNROLLED(j)
+        store16_local(to + 16 * j, sum[j]);
+}
+#endif
+
+/* Sample i of a row, which may lie outside. */
+inline int reflected_sample(const int i, const int nx, const int channels)
+{
+    const int x = i >= 0 ? i / channels : -((channels - 1 - i) / channels);
+    return reflected(x, nx) * channels + (i - x * channels);
+}
+
+/* column(first - halo) ... column(first + count + halo - 1). */
+inline void columns(__local float *to, __global const float *in, const int y, const int first,
+                    const int count, const int halo, __global const float *w, const int radius,
+                    const int ny, const int nx, const int channels)
+{
+    const int n = nx * channels;
+    const int start = first - halo;
+#ifdef ROWS
+    const int begin = max(start, 0), end = min(first + count + halo, n);
+    FOR_CHUNKS(i, begin, end)
+        column_chunk(to + i - start, in, y, i, w, radius, ny, n);
+    if (end - begin < CHUNK)
+        for (int i = begin; i < end; ++i)
+            to[i - start] = column(in, y, i, w, radius, ny, n);
+    for (int i = start; i < begin; ++i)
+        to[i - start] = to[reflected_sample(i, nx, channels) - start];
+    for (int i = end; i < first + count + halo; ++i)
+        to[i - start] = to[reflected_sample(i, nx, channels) - start];
+#else
+    FOR_ITEMS(k, count + 2 * halo)
+        to[k] = column(in, y, reflected_sample(start + k, nx, channels), w, radius, ny, n);
+#endif
+}
+
+inline float across(__local const float *at, __global const float *w, const int radius,
+                    const int channels)
+{
+    float sum = w[0] * at[0];
+    for (int t = 1; t <= radius; ++t)
+        sum += w[t] * (at[-t * channels] + at[t * channels]);
+    return sum;
+}
+
+#ifdef ROWS
+/* The same for CHUNK samples from `at` on. */
+inline void across_chunk(float16 sum[VECTORS], __local const float *at, __global const float *w,
+                         const int radius, const int channels)
+{
+    UNROLLED(j)
+        sum[j] = w[0] * load16_local(at + 16 * j);
+    for (int t = 1; t <= radius; ++t) {
+        __local const float *before = at - t * channels, *after = at + t * channels;
+        UNROLLED(j)
+            sum[j] += w[t] * (load16_local(before + 16 * j) + load16_local(after + 16 * j));
+    }
+}
+#endif
+
+#endif

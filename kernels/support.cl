@@ -1,0 +1,115 @@
+/* Costs gathered over the neighbours that look alike (Yoon and Kweon 2006, adaptive support).
+ *
+ *   out[p, y, x] = sum_st w cost[p, y + s, x + t] / sum_st w,   |s|, |t| <= RADIUS
+ *   w = bell((s^2 + t^2) near[y, x] + sum_c (I[y + s, x + t, c] - I[y, x, c])^2 alike[y, x])
+ *   bell(q) = max(1 - q/8, 0)^8, close to exp(-q), and 0 beyond 8
+ *
+ *   valley   the plane of least cost, refined by the parabola through it and its neighbours,
+ *            which need not be equally far; least and second lowest valley, and the mean
+ *
+ * gather: an item is BLOCK pixels of a row, all planes. valley: FOR_X over x.
+ * -DCHANNELS=n, -DRADIUS=n, -DBLOCK=n; -DROWS: see common.cl
+ */
+#include "common.cl"
+
+#ifdef RADIUS
+#define SIDE (2 * RADIUS + 1)
+
+inline float bell(const float q)
+{
+    const float r = fmax(1 - q * 0.125f, 0.0f);
+    const float r2 = r * r;
+    const float r4 = r2 * r2;
+    return r4 * r4;
+}
+
+__attribute__((reqd_work_group_size(1, 1, 1)))
+__kernel void gather(__global float *restrict out, __global const float *restrict cost,
+                     __global const float *restrict I, const float near,
+                     __global const float *restrict alike, const int planes, const int ny,
+                     const int nx)
+{
+    const int x0 = get_global_id(0) * BLOCK, y = get_global_id(1);
+    const int n = min(BLOCK, nx - x0);
+    float w[SIDE * SIDE * BLOCK], sum[BLOCK], total[BLOCK];
+    __global const float *here = I + (row_start(0, y, ny, nx) + x0) * CHANNELS;
+    const int above = max(-RADIUS, -y), below = min(RADIUS, ny - 1 - y);
+
+    for (int x = 0; x < n; ++x)
+        total[x] = 0;
+    for (int s = above; s <= below; ++s)
+        for (int t = -RADIUS; t <= RADIUS; ++t) {
+            float *to = w + ((s + RADIUS) * SIDE + t + RADIUS) * BLOCK;
+            const int begin = clamp(-t - x0, 0, n), end = clamp(nx - t - x0, begin, n);
+            __global const float *there = here + (s * nx + t) * CHANNELS;
+            const float far = near * (s * s + t * t);
+            __global const float *same = alike + row_start(0, y, ny, nx) + x0;
+            for (int x = begin; x < end; ++x) {
+                float q = 0;
+                for (int c = 0; c < CHANNELS; ++c) {
+                    const float d = there[x * CHANNELS + c] - here[x * CHANNELS + c];
+                    q += d * d;
+                }
+                to[x] = bell(far + q * same[x]);
+                total[x] += to[x];
+            }
+        }
+    for (int p = 0; p < planes; ++p) {
+        const size_t row = row_start(p, y, ny, nx) + x0;
+        for (int x = 0; x < n; ++x)
+            sum[x] = 0;
+        for (int s = above; s <= below; ++s)
+            for (int t = -RADIUS; t <= RADIUS; ++t) {
+                const float *from = w + ((s + RADIUS) * SIDE + t + RADIUS) * BLOCK;
+                const int begin = clamp(-t - x0, 0, n), end = clamp(nx - t - x0, begin, n);
+                __global const float *there = cost + row + s * nx + t;
+                for (int x = begin; x < end; ++x)
+                    sum[x] += from[x] * there[x];
+            }
+        for (int x = 0; x < n; ++x)
+            out[row + x] = sum[x] / total[x];
+    }
+}
+#endif
+
+__kernel void valley(__global float *restrict place, __global float *restrict least,
+                     __global float *restrict second, __global float *restrict mean,
+                     __global const float *restrict cost, __global const float *restrict d,
+                     const int planes, const int ny, const int nx)
+{
+    const int y = get_global_id(1);
+    const size_t step = (size_t)ny * nx;
+    FOR_X(x, nx) {
+        const size_t i = row_start(0, y, ny, nx) + x;
+        float lowest = INFINITY, next = INFINITY, sum = 0;
+        int best = 0;
+        for (int p = 0; p < planes; ++p) {
+            const float e = cost[p * step + i];
+            const float before = p > 0 ? cost[(p - 1) * step + i] : INFINITY;
+            const float after = p < planes - 1 ? cost[(p + 1) * step + i] : INFINITY;
+            sum += e;
+            if (!(e <= before && e < after))
+                continue;
+            if (e < lowest) {
+                next = lowest;
+                lowest = e;
+                best = p;
+            } else {
+                next = fmin(next, e);
+            }
+        }
+        float found = d[best];
+        if (best > 0 && best < planes - 1) {
+            const float h0 = d[best] - d[best - 1], h1 = d[best + 1] - d[best];
+            const float s0 = (cost[(best - 1) * step + i] - lowest) / h0;
+            const float s1 = (cost[(best + 1) * step + i] - lowest) / h1;
+            const float bend = s0 + s1;
+            const float off = bend > 0 ? 0.5f * (s0 * h1 - s1 * h0) / bend : 0.0f;
+            found += clamp(off, -0.5f * h0, 0.5f * h1);
+        }
+        place[i] = found;
+        least[i] = isfinite(lowest) ? lowest : cost[i];
+        second[i] = next;
+        mean[i] = sum / planes;
+    }
+}

@@ -1,0 +1,288 @@
+"""Lytro containers, built here byte by byte, and raw images with JSON."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from clplen.errors import FormatError
+from clplen.io import container, lytro, packing, read_lightfield
+from clplen.io.container import read_container, sections_of
+from clplen.io.layout import Layout
+from clplen.io.packing import Packing, unpack
+
+START = b"\x89LFP\x0d\x0a\x1a\x0a\x00\x00\x00\x01" + bytes(4)
+Section = tuple[bytes, bytes, bytes]  # type, name, data
+
+
+def content(data: bytes) -> Section:
+    return b"C", b"sha1-" + hashlib.sha1(data).hexdigest().encode(), data
+
+
+def contents_of(sections: list[Section]) -> bytes:
+    """A container as the format says, each section padded to 16 bytes."""
+    out = START
+    for letter, name, data in sections:
+        head = b"\x89LF" + letter + b"\x0d\x0a\x1a\x0a" + bytes(4) + len(data).to_bytes(4, "big")
+        out += head + name + bytes(35) + data
+        out += bytes(-len(out) % 16)
+    return out
+
+
+def bits_of(frame: np.ndarray, bits: int) -> str:
+    return "".join(f"{int(value):0{bits}b}" for value in frame.ravel())
+
+
+def packed12(frame: np.ndarray) -> bytes:
+    """All bits in a row, the most significant first."""
+    text = bits_of(frame, 12)
+    return bytes(int(text[i : i + 8], 2) for i in range(0, len(text), 8))
+
+
+def packed10(frame: np.ndarray) -> bytes:
+    """Four upper bytes, then the lower two bits of the four, the first pixel's lowest."""
+    out = bytearray()
+    for four in frame.reshape(-1, 4).tolist():
+        low = "".join(f"{value:010b}"[8:] for value in reversed(four))
+        out += bytes([*(int(f"{value:010b}"[:8], 2) for value in four), int(low, 2)])
+    return bytes(out)
+
+
+def f01(frame: np.ndarray) -> tuple[bytes, dict]:
+    height, width = frame.shape
+    details = {
+        "pixelPacking": {"endianness": "big", "bitsPerPixel": 12},
+        "mosaic": {"tile": "r,gr:gb,b", "upperLeftPixel": "b"},
+    }
+    image = {"width": width, "height": height, "rawDetails": details}
+    return packed12(frame), {"camera": {"model": "F01"}, "image": image}
+
+
+def illum(frame: np.ndarray) -> tuple[bytes, dict]:
+    height, width = frame.shape
+    image = {
+        "width": width,
+        "height": height,
+        "pixelPacking": {"endianness": "little", "bitsPerPixel": 10},
+        "mosaic": {"tile": "r,gr:gb,b", "upperLeftPixel": "gr"},
+    }
+    return packed10(frame), {"camera": {"model": "ILLUM"}, "image": image}
+
+
+def a_container(path: Path, raw: bytes, metadata: dict, *, newer: bool) -> Path:
+    sections = [content(raw), content(json.dumps(metadata).encode()), content(b"{}")]
+    keys = ("imageRef", "metadataRef", "privateMetadataRef")
+    frame = {key: name.decode() for key, (_, name, _) in zip(keys, sections, strict=True)}
+    frames = [{"frame": frame}]
+    table = {"frames": frames} if newer else {"picture": {"frameArray": frames}}
+    head = (b"M", *content(json.dumps(table).encode())[1:])
+    order = [*sections, head] if newer else [head, *sections]
+    path.write_bytes(contents_of(order))
+    return path
+
+
+@pytest.fixture
+def frame() -> np.ndarray:
+    return np.random.default_rng(7).integers(0, 1024, (5, 12)).astype(np.uint16)
+
+
+@pytest.mark.parametrize("newer", [False, True])
+def test_both_cameras_in_both_generations(tmp_path: Path, frame: np.ndarray, newer: bool):
+    frame[1, 3] = 0
+    frame[4, 11] = 1023
+    for write, bayer in ((f01, "BGGR"), (illum, "GRBG")):
+        path = a_container(tmp_path / "a.lfr", *write(frame), newer=newer)
+        read, filters = read_container(path)
+        assert read.dtype == np.uint16
+        np.testing.assert_array_equal(read, frame)
+        assert filters == bayer
+
+
+def test_twelve_bits_are_all_kept(tmp_path: Path):
+    frame = np.array([[4095, 0, 2730], [1365, 2048, 1]], np.uint16)
+    raw, metadata = f01(frame)
+    path = a_container(tmp_path / "a.lfp", raw, metadata, newer=False)
+    np.testing.assert_array_equal(read_container(path)[0], frame)
+
+
+@pytest.mark.parametrize(("bits", "order"), [(8, "big"), (16, "big"), (16, "little")])
+def test_whole_bytes(bits: int, order: str):
+    frame = np.random.default_rng(1).integers(0, 2**bits, (3, 5))
+    stored = frame.astype(f"{'>' if order == 'big' else '<'}u{bits // 8}").tobytes()
+    read = unpack(np.frombuffer(stored, np.uint8), Packing(5, 3, bits, order))
+    np.testing.assert_array_equal(read, frame)
+
+
+def test_an_odd_number_of_pixels():
+    frame = np.array([[1, 2, 4095]], np.uint16)
+    stored = packed12(np.append(frame, 0))
+    size = Packing(3, 1, 12, "big")
+    assert size.stored == len(stored) == 6
+    np.testing.assert_array_equal(unpack(np.frombuffer(stored, np.uint8), size), frame)
+
+
+def test_the_cameras_are_known_by_their_size():
+    assert packing.F01.stored == 3280 * 3280 * 3 // 2
+    assert packing.ILLUM.stored == 7728 * 5368 * 5 // 4
+    for camera in (packing.F01, packing.ILLUM):
+        assert packing.packing_of({}, Path("a"), camera.stored) == camera
+        size = {"image": {"width": camera.width, "height": camera.height}}
+        assert packing.packing_of(size, Path("a"), camera.stored) == camera
+
+
+@pytest.mark.parametrize("suffix", [".json", ".TXT"])
+def test_raw_and_json_lie_side_by_side(tmp_path: Path, frame: np.ndarray, suffix: str):
+    raw, metadata = f01(frame)
+    (tmp_path / "a.raw").write_bytes(raw)
+    # as in the cameras' own calibration archive
+    nested = {"master": {"picture": {"frameArray": [{"frame": {"metadata": metadata}}]}}}
+    text = tmp_path / f"a{suffix}"
+    text.write_bytes(json.dumps(nested).encode() + b"\0")
+    for path in (tmp_path / "a.raw", text):
+        read, filters = read_container(path)
+        np.testing.assert_array_equal(read, frame)
+        assert filters == "BGGR"
+
+
+def test_a_raw_file_without_json(tmp_path: Path):
+    (tmp_path / "a.raw").write_bytes(bytes(100))
+    with pytest.raises(FormatError, match=r"a\.raw: nothing tells the size.*100 bytes.*JSON"):
+        read_container(tmp_path / "a.raw")
+    (tmp_path / "b.json").write_text("{}")
+    with pytest.raises(FormatError, match=r"there is no b\.raw beside it"):
+        read_container(tmp_path / "b.json")
+
+
+def test_a_container_without_a_raw_image(tmp_path: Path):
+    pictures = [content(bytes([i]) * 40) for i in range(15)]
+    array = [{"imageRef": name.decode(), "lambda": 2.5} for _, name, _ in pictures]
+    table = {"picture": {"accelerationArray": [{"vendorContent": {"imageArray": array}}]}}
+    head = (b"M", *content(json.dumps(table).encode())[1:])
+    path = tmp_path / "a-stk.lfp"
+    path.write_bytes(contents_of([head, *pictures]))
+    titles = sections_of(path)
+    assert titles[0][0] == "the table of contents"
+    assert titles[3] == ("picture.accelerationArray[0].vendorContent.imageArray[2].imageRef", 40)
+    match = r"no raw image, only the table.*imageArray\[0\]\.imageRef \(40 bytes\).*and 4 more sec"
+    with pytest.raises(FormatError, match=match):
+        read_container(path)
+
+
+def test_empty_sections_and_long_padding(tmp_path: Path, frame: np.ndarray):
+    path = a_container(tmp_path / "a.lfp", *f01(frame), newer=False)
+    whole = path.read_bytes()
+    place = whole.index(b"\x89LFC")
+    empty = b"\x89LFC\r\n\x1a\n" + bytes(8)
+    path.write_bytes(whole[:place] + empty + bytes(70000) + whole[place:])
+    np.testing.assert_array_equal(read_container(path)[0], frame)
+    assert ("an empty section", 0) in sections_of(path)
+
+
+def damaged(path: Path, old: bytes, new: bytes, *, last: bool = False) -> None:
+    whole = path.read_bytes()
+    place = whole.rindex(old) if last else whole.index(old)
+    path.write_bytes(whole[:place] + new + whole[place + len(old) :])
+
+
+def test_damaged_containers_say_where(tmp_path: Path, frame: np.ndarray):
+    def refused(match: str) -> None:
+        with pytest.raises(FormatError, match=match):
+            read_container(path)
+
+    def fresh() -> Path:
+        return a_container(tmp_path / "a.lfp", *f01(frame), newer=False)
+
+    path = fresh()
+    path.write_bytes(path.read_bytes()[:-30])
+    refused(r"section 3 at byte .*declares 2 bytes, 0 are there: the file is truncated")
+    path = fresh()
+    damaged(path, b"\x89LFC", b"\x89LFX")
+    refused(r"section 1 at byte \d+ begins with none")
+    path = fresh()
+    damaged(path, b"\x89LFM", b"\x89LFC")
+    refused("no table of contents among its 4 sections")
+    path = fresh()
+    damaged(path, b"sha1-", b"sha2-", last=True)  # of the private metadata, not needed
+    read_container(path)
+    damaged(path, b"sha1-", b"sha9-", last=True)  # of the metadata
+    refused(r"refers to metadataRef 'sha1-.*but no section has this name")
+    path = fresh()
+    damaged(path, b'{"picture"', b'["picture"')
+    refused("the table of contents is no JSON")
+    path = fresh()
+    damaged(path, b"\0\0\0\1", b"\0\0\0\2")
+    refused("does not begin as a Lytro container of version 1")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "match"),
+    [
+        ("width", 13, r"13 x 5 pixels in 12 bits takes 99 bytes, but 90 are there"),
+        ("width", 11, r"11 x 5 pixels in 12 bits takes 84 bytes, but 90 are there"),
+        ("width", 2**31, r"image\.width of the metadata is 2147483648, not a count"),
+        ("height", -5, r"image\.height of the metadata is -5"),
+        ("height", True, r"image\.height of the metadata is True"),
+        ("height", None, r"image\.height of the metadata is None"),
+        ("pixelPacking", {"bitsPerPixel": 14, "endianness": "big"}, "pixels of 14 bits .* 'big'"),
+        ("pixelPacking", {"bitsPerPixel": [], "endianness": {}}, r"pixels of \[\] bits"),
+        ("mosaic", {"tile": "c,m:y,k", "upperLeftPixel": "c"}, "colour filters are 'c,m:y,k'"),
+    ],
+)
+def test_metadata_that_cannot_be(
+    tmp_path: Path, frame: np.ndarray, key: str, value: object, match: str
+):
+    raw, metadata = f01(frame)
+    metadata["image"][key] = value
+    path = a_container(tmp_path / "a.lfp", raw, metadata, newer=False)
+    with pytest.raises(FormatError, match=match):
+        read_container(path)
+
+
+def test_json_that_would_fill_the_stack_or_the_memory(tmp_path: Path):
+    path = tmp_path / "a.lfp"
+    for table, match in (
+        (b"[" * 100000, "is no JSON"),
+        (b" " * (3 << 20), "longer than 2,097,152"),
+    ):
+        path.write_bytes(contents_of([(b"M", *content(table)[1:])]))
+        with pytest.raises(FormatError, match=match):
+            read_container(path)
+
+
+def test_max_bytes_limits_the_frame(tmp_path: Path, frame: np.ndarray):
+    path = a_container(tmp_path / "a.lfp", *f01(frame), newer=False)
+    with pytest.raises(FormatError, match=r"the raw image needs 120 bytes, more than 100"):
+        read_container(path, max_bytes=100)
+
+
+def test_the_white_image_is_the_users(tmp_path: Path, frame: np.ndarray, monkeypatch):
+    path = a_container(tmp_path / "a.lfr", *illum(frame), newer=True)
+    device = SimpleNamespace()
+    with pytest.raises(FormatError, match=r"12 x 5 pixels.*give white=.*or grid="):
+        read_lightfield(path, device=device)
+    given = {}
+
+    def decode_frame(frame: np.ndarray, path: Path, **words: object) -> tuple[str, str]:
+        given.update(words, frame=frame, path=path)
+        return "light field", "sentence"
+
+    module = SimpleNamespace(decode_frame=decode_frame)
+    monkeypatch.setattr(lytro, "import_module", lambda _: module)
+    assert lytro.read(path, device=device, layout=Layout(grid="g.json"))[0] == "light field"
+    np.testing.assert_array_equal(given["frame"], frame)
+    assert given["layout"] == Layout(grid="g.json", bayer="GRBG")
+    lytro.read(path, device=device, layout=Layout(grid="g.json", bayer="RGGB"))
+    assert given["layout"].bayer == "RGGB"
+
+
+def test_too_many_sections(tmp_path: Path, monkeypatch):
+    monkeypatch.setattr(container, "_MOST", 3)
+    empty = b"\x89LFC\r\n\x1a\n" + bytes(8)
+    (tmp_path / "a.lfp").write_bytes(START + 4 * empty)
+    with pytest.raises(FormatError, match="more than 3 sections"):
+        sections_of(tmp_path / "a.lfp")

@@ -1,0 +1,226 @@
+"""Mosaics: lenslet images, views side by side, ESLF, and what is guessed."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+import tifffile
+from png_writer import encode
+
+from clplen.compute.device import Device
+from clplen.errors import FormatError, ShapeError
+from clplen.io import read_lightfield, write_mosaic
+from clplen.lightfield.lightfield import LightField
+
+SHAPE = (3, 5, 13, 11)  # V, U, y, x
+
+
+def noise(dtype: type = np.uint8, channels: int = 3, shape: tuple[int, ...] = SHAPE) -> np.ndarray:
+    values = np.random.default_rng(7).integers(1, 250, (*shape, channels)).astype(dtype)
+    return (values if channels > 1 else values[..., 0]) * (1 if dtype == np.uint8 else 7)
+
+
+def scene(d: float, shape: tuple[int, ...] = SHAPE) -> np.ndarray:
+    """A smooth texture on a plane of disparity d, (D1)."""
+    v, u, y, x = np.meshgrid(*(np.arange(n) for n in shape), indexing="ij")
+    y, x = y + d * (v - (shape[0] - 1) / 2), x + d * (u - (shape[1] - 1) / 2)
+    texture = 2 + np.sin(0.9 * y + 0.2 * x) + 0.7 * np.sin(1.1 * x - 0.3 * y + 1)
+    return (50 * texture).astype(np.uint8)
+
+
+def mosaic(lf: np.ndarray, order: str) -> np.ndarray:
+    """By the formulas, one sample after the other."""
+    V, U, ny, nx = lf.shape[:4]
+    picture = np.empty((V * ny, U * nx, *lf.shape[4:]), lf.dtype)
+    for v, u, y, x in np.ndindex(V, U, ny, nx):
+        at = (y * V + v, x * U + u) if order == "yvxu" else (v * ny + y, u * nx + x)
+        picture[at] = lf[v, u, y, x]
+    return picture
+
+
+@pytest.mark.parametrize("order", ["yvxu", "vyux"])
+@pytest.mark.parametrize(
+    ("dtype", "channels"), [(np.uint8, 3), (np.uint8, 1), (np.uint16, 1), (np.float32, 3)]
+)
+def test_both_orders(tmp_path: Path, device: Device, order: str, dtype: type, channels: int):
+    values = noise(dtype, channels)
+    path = tmp_path / ("a.png" if dtype != np.float32 else "a.tif")
+    if dtype == np.float32:
+        tifffile.imwrite(path, mosaic(values, order), photometric="rgb")
+    else:
+        imageio.imwrite(path, mosaic(values, order))
+    lf = read_lightfield(path, device=device, views=(3, 5), order=order)
+    assert lf.dtype == dtype
+    np.testing.assert_array_equal(lf.to_numpy(), values)
+
+
+def test_16_bit_colour_and_words_of_layout(tmp_path: Path, device: Device):
+    values = noise(np.uint16)
+    (tmp_path / "a.png").write_bytes(encode(mosaic(values, "vyux")))
+    words: dict[str, Any] = {"views": (3, 5), "order": "v:y:u:x:c"}
+    lf = read_lightfield(tmp_path / "a.png", device=device, swap_uv=True, flip_u=True, **words)
+    np.testing.assert_array_equal(lf.to_numpy(), values.swapaxes(0, 1)[:, ::-1])
+    lf = read_lightfield(tmp_path / "a.png", device=device, srgb=True, flip_v=True, **words)
+    s = values[::-1] / 65535  # IEC 61966-2-1:1999
+    expected = np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
+    np.testing.assert_allclose(lf.to_numpy(), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("d", [0.0, 0.3, -1.0, 1.6])
+@pytest.mark.parametrize("order", ["yvxu", "vyux"])
+def test_the_order_is_guessed_and_said(
+    tmp_path: Path, device: Device, order: str, d: float, caplog: pytest.LogCaptureFixture
+):
+    imageio.imwrite(tmp_path / "a.png", mosaic(scene(d), order))
+    with caplog.at_level(logging.INFO, "clplen.io"):
+        lf = read_lightfield(tmp_path / "a.png", device=device, views=(3, 5))
+    np.testing.assert_array_equal(lf.to_numpy(), scene(d))
+    assert "3 x 5 views (V x U) of 13 x 11 uint8" in caplog.text
+    assert f"order '{order}' (guessed from the content)" in caplog.text
+
+
+@pytest.mark.parametrize("views", [(1, 5), (3, 1)])
+def test_a_row_of_views_is_guessed(tmp_path: Path, device: Device, views: tuple[int, int]):
+    values = scene(0.4, (*views, 13, 11))
+    for order in ("yvxu", "vyux"):
+        imageio.imwrite(tmp_path / "a.png", mosaic(values, order))
+        lf = read_lightfield(tmp_path / "a.png", device=device, views=views)
+        np.testing.assert_array_equal(lf.to_numpy(), values)
+
+
+def test_a_real_light_field_is_guessed(data_folder: Path, tmp_path: Path, device: Device):
+    flower = read_lightfield(
+        data_folder / "lytro_f01_flower", device=device, pattern="IMG_0001_{n}_{u}_{v}.png"
+    )
+    for order in ("yvxu", "vyux"):
+        write_mosaic(tmp_path / "a.tif", flower, order=order)
+        again = read_lightfield(tmp_path / "a.tif", device=device, views=(10, 10))
+        np.testing.assert_array_equal(again.to_numpy(), flower.to_numpy())
+
+
+def test_what_looks_alike_is_not_guessed(tmp_path: Path, device: Device):
+    imageio.imwrite(tmp_path / "a.png", noise(channels=3).reshape(39, 55, 3))
+    with pytest.raises(FormatError, match=r"a\.png looks alike .* order='yvxu' or order='vyux'"):
+        read_lightfield(tmp_path / "a.png", device=device, views=(3, 5))
+
+
+def test_sizes_that_are_no_multiple(tmp_path: Path, device: Device):
+    imageio.imwrite(tmp_path / "a.png", np.ones((37, 55, 3), np.uint8))
+    with pytest.raises(
+        FormatError, match=r"37 x 55 pixels, .* sizes are 36 or 39 rows and 55 columns"
+    ):
+        read_lightfield(tmp_path / "a.png", device=device, views=(3, 5))
+    with pytest.raises(FormatError, match="sizes are 100 rows and 55 columns"):
+        read_lightfield(tmp_path / "a.png", device=device, views=(100, 5))
+    with pytest.raises(FormatError, match=r"how many views\? Give views=\(V, U\)"):
+        read_lightfield(tmp_path / "a.png", device=device)
+    with pytest.raises(ValueError, match=r"order of a mosaic is 'yvxu' or 'vyux', not 'vuyx'"):
+        read_lightfield(tmp_path / "a.png", device=device, views=(3, 5), order="vuyx")
+    with pytest.raises(ValueError, match=r"counts rows and columns from 1, not \(0, 5\)"):
+        read_lightfield(tmp_path / "a.png", device=device, views=(0, 5))
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("alpha", [False, True])
+def test_eslf(tmp_path: Path, device: Device, dtype: type, alpha: bool):
+    """Padded from 40 x 54 to 42 x 56: 3 x 4 lenslets of 14 x 14 views."""
+    values = noise(dtype, 3, (14, 14, 3, 4))
+    values[0, 0] = 0
+    picture = mosaic(values, "yvxu")[:40, :54]
+    weights = np.ones((14, 14))
+    weights[0, 0] = 0
+    if alpha:
+        full = np.iinfo(dtype).max
+        opaque = np.full((14, 14, 3, 4, 1), full, dtype)
+        opaque[1, 2] = full // 5
+        opaque[13, 13, 0] = 0
+        picture = np.concatenate([picture, mosaic(opaque, "yvxu")[:40, :54]], axis=2)
+        weights[1, 2] = 1 / 5
+        # rows y = 2 of the views v = 12, 13 and columns x = 3 of u = 12, 13 are padding
+        weights[12:] *= 2 / 3
+        weights[:, 12:] *= 3 / 4
+        weights[13, 13] = (3 / 12) if alpha else 1
+    (tmp_path / "IMG_7_eslf.png").write_bytes(encode(picture))
+    lf = read_lightfield(tmp_path / "IMG_7_eslf.png", device=device)
+    values[12:, :, 2] = 0
+    values[:, 12:, :, 3] = 0
+    assert lf.dtype == dtype
+    np.testing.assert_array_equal(lf.to_numpy(), values)
+    # 8 bits: a fifth of 255 is exact; float32 after that
+    np.testing.assert_allclose(lf.weights, weights, atol=1e-6)
+    lf = read_lightfield(tmp_path / "IMG_7_eslf.png", device=device, flip_v=True, swap_uv=True)
+    np.testing.assert_allclose(lf.weights, weights.T[::-1], atol=1e-6)
+
+
+def test_eslf_by_its_counts_alone(tmp_path: Path, device: Device):
+    values = scene(0.2, (14, 14, 5, 6))
+    imageio.imwrite(tmp_path / "a.png", mosaic(values, "yvxu")[:-3, :-5])
+    lf = read_lightfield(tmp_path / "a.png", device=device, views=(14, 14), order="yvxu")
+    np.testing.assert_array_equal(lf.to_numpy()[:11, :9], values[:11, :9])
+    assert not lf.to_numpy()[11:, :, 4].any()
+
+
+def test_a_mosaic_that_is_transparent(tmp_path: Path, device: Device):
+    imageio.imwrite(tmp_path / "eslf.png", np.full((28, 28, 4), [9, 9, 9, 0], np.uint8))
+    with pytest.raises(FormatError, match="transparent wherever it is not black"):
+        read_lightfield(tmp_path / "eslf.png", device=device)
+
+
+@pytest.mark.parametrize("words", [{}, {"white": "w.tif"}, {"grid": "g"}, {"bayer": "RGGB"}])
+def test_what_is_a_raw_image(
+    tmp_path: Path, device: Device, words: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+):
+    frame = noise(np.uint16, 1)[0, 0]
+    imageio.imwrite(tmp_path / "a.png", frame)
+    seen = []
+
+    def decode(values, path, *, device, layout, progress):
+        seen.append((values, path, layout.given()))
+        return LightField.from_array(noise(), device=device), "a raw image"
+
+    double = SimpleNamespace(decode_frame=decode)
+    monkeypatch.setitem(sys.modules, "clplen.io.rawframe", double)
+    read_lightfield(tmp_path / "a.png", device=device, **words)
+    np.testing.assert_array_equal(seen[0][0], frame)
+    assert seen[0][1:] == (tmp_path / "a.png", words)
+    imageio.imwrite(tmp_path / "a.png", noise()[0, 0])
+    if words:
+        with pytest.raises(FormatError, match="has 3 channels; a raw lenslet image has one"):
+            read_lightfield(tmp_path / "a.png", device=device, **words)
+
+
+@pytest.mark.parametrize("order", ["yvxu", "vyux"])
+@pytest.mark.parametrize(
+    ("dtype", "channels", "name"),
+    [
+        (np.uint8, 3, "a.png"),
+        (np.uint16, 1, "a.png"),
+        (np.uint16, 3, "a.tif"),
+        (np.float32, 1, "a.tif"),
+    ],
+)
+def test_written(tmp_path: Path, device: Device, order: str, dtype: type, channels: int, name: str):
+    lf = LightField.from_array(noise(dtype, channels), device=device)
+    write_mosaic(tmp_path / name, lf, order=order)
+    read = imageio.imread if name.endswith("png") else tifffile.imread
+    np.testing.assert_array_equal(read(tmp_path / name), mosaic(lf.to_numpy(), order))
+    again = read_lightfield(tmp_path / name, device=device, views=(3, 5), order=order)
+    np.testing.assert_array_equal(again.to_numpy(), lf.to_numpy())
+
+
+def test_what_cannot_be_written(tmp_path: Path, device: Device):
+    lf = LightField.from_array(noise(np.uint16), device=device)
+    with pytest.raises(ValueError, match=r"a\.png cannot hold uint16 of shape \(39, 55, 3\)"):
+        write_mosaic(tmp_path / "a.png", lf)
+    with pytest.raises(ValueError, match="order of a mosaic"):
+        write_mosaic(tmp_path / "a.tif", lf, order="vuyx")
+    with pytest.raises(ShapeError, match="1 or 3 channels, this light field 2"):
+        write_mosaic(tmp_path / "a.tif", LightField.from_array(noise(channels=2), device=device))
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,232 @@
+"""Single pictures: values as stored, and files that declare more than they hold."""
+
+from __future__ import annotations
+
+import io
+import struct
+import tracemalloc
+import zlib
+from pathlib import Path
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+import tifffile
+from png_writer import SIGNATURE, chunk, encode, header
+
+from clplen.errors import FormatError
+from clplen.io.picture import decode_picture, read_channels, read_picture
+
+SHAPE = (7, 11)
+
+
+def values(dtype: str = "u1", channels: int = 1) -> np.ndarray:
+    shape = SHAPE + ((channels,) if channels > 1 else ())
+    return np.random.default_rng(3).integers(0, np.iinfo(dtype).max + 1, shape).astype(dtype)
+
+
+def tiff(array: np.ndarray, **words) -> bytes:
+    file = io.BytesIO()
+    tifffile.imwrite(file, array, metadata=None, **words)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("kinds", [[0], [1], [2], [3], [4], [4, 3, 1, 0, 2]])
+@pytest.mark.parametrize("channels", [2, 3, 4])
+def test_png_of_16_bit_colour(channels: int, kinds: list[int]):
+    expected = values("u2", channels)
+    again = decode_picture(encode(expected, kinds), "a.png")
+    assert again.dtype == np.uint16
+    np.testing.assert_array_equal(again, expected)
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 3), (1, 9, 4), (5, 1, 2), (1031, 3, 3)])
+def test_png_of_16_bit_colour_of_other_sizes(shape: tuple[int, ...]):
+    # 1031 rows: more than are decoded together.
+    expected = np.random.default_rng(1).integers(0, 65536, shape).astype(np.uint16)
+    np.testing.assert_array_equal(decode_picture(encode(expected, [4, 2]), "a.png"), expected)
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+def test_png_of_8_bits_and_grey_of_16(channels: int):
+    np.testing.assert_array_equal(
+        decode_picture(encode(values("u1", channels)), "a.png"), values("u1", channels)
+    )
+    if channels == 1:
+        np.testing.assert_array_equal(decode_picture(encode(values("u2")), "a.png"), values("u2"))
+
+
+def test_damaged_png_of_16_bit_colour():
+    whole = encode(values("u2", 3))
+    for kept in (8, 20, 33, 60, len(whole) // 2, len(whole) - 30):
+        with pytest.raises(FormatError, match=r"a\.png cannot be read"):
+            decode_picture(whole[:kept], "a.png")
+    flipped = bytearray(whole)
+    flipped[len(whole) // 2] ^= 16
+    with pytest.raises(FormatError, match=r"a\.png cannot be read \(it is truncated or damaged"):
+        decode_picture(bytes(flipped), "a.png")
+    end = chunk(b"IEND", b"")
+    rows = chunk(b"IDAT", zlib.compress(b"\5" + bytes(6)))
+    with pytest.raises(FormatError, match="unknown filter"):
+        decode_picture(SIGNATURE + header(1, 1, 16, 2) + rows + end, "a.png")
+    with pytest.raises(FormatError, match="interlaced PNG of 16-bit colour"):
+        decode_picture(SIGNATURE + header(1, 1, 16, 2, 1) + rows + end, "a.png")
+    with pytest.raises(FormatError, match="it is truncated"):
+        decode_picture(SIGNATURE + header(2, 3, 16, 2) + rows + end, "a.png")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        {},
+        {"compression": "zlib"},
+        {"compression": "zlib", "predictor": True, "rowsperstrip": 3},
+        {"byteorder": ">"},
+        {"bigtiff": True},
+        {"tile": (16, 16), "compression": "zlib"},
+    ],
+)
+@pytest.mark.parametrize("dtype", ["u1", "u2"])
+def test_tiff(dtype: str, words: dict):
+    for channels, colour in ((1, "minisblack"), (3, "rgb")):
+        content = tiff(values(dtype, channels), photometric=colour, **words)
+        again = decode_picture(content, "a.tif")
+        assert again.dtype == np.dtype(dtype)
+        np.testing.assert_array_equal(again, values(dtype, channels))
+
+
+def test_tiff_of_others():
+    floats = values("u2", 3).astype(np.float32)
+    np.testing.assert_array_equal(decode_picture(tiff(floats, photometric="rgb"), "a"), floats)
+    planes = values("u2", 3)
+    content = tiff(planes.transpose(2, 0, 1), photometric="rgb", planarconfig="separate")
+    np.testing.assert_array_equal(decode_picture(content, "a"), planes)
+    bits = values() > 99
+    np.testing.assert_array_equal(decode_picture(tiff(bits, photometric="minisblack"), "a"), bits)
+    written = imageio.imwrite(
+        "<bytes>", values("u1", 3), extension=".tif", plugin="pillow", compression="tiff_lzw"
+    )
+    np.testing.assert_array_equal(decode_picture(written, "a"), values("u1", 3))
+
+
+def test_tiff_that_is_no_single_picture():
+    with pytest.raises(FormatError, match="it holds 3 pictures, one is meant"):
+        decode_picture(tiff(np.zeros((3, 20, 30), np.uint8), photometric="minisblack"), "a.tif")
+    palette = tiff(values(), photometric="palette", colormap=np.zeros((3, 256), np.uint16))
+    with pytest.raises(FormatError, match="it has a colour table"):
+        decode_picture(palette, "a.tif")
+    with pytest.raises(FormatError, match="compression 34925; write it with deflate or none"):
+        decode_picture(tiff(values(), photometric="minisblack", compression="lzma"), "a.tif")
+
+
+@pytest.mark.parametrize(("dtype", "channels"), [("u1", 1), ("u1", 3), ("u2", 1), ("u2", 3)])
+def test_pgm_and_ppm(dtype: str, channels: int):
+    expected = values(dtype, channels) // 2  # the highest value is not that of the type
+    highest = np.iinfo(dtype).max // 2
+    start = f"P{6 if channels == 3 else 5} # made by hand\n{SHAPE[1]}\n{SHAPE[0]} {highest}\n"
+    content = start.encode() + expected.astype(expected.dtype.newbyteorder(">")).tobytes()
+    again = decode_picture(content, "a.pgm")
+    assert again.dtype == np.dtype(dtype)
+    np.testing.assert_array_equal(again, expected)
+    with pytest.raises(FormatError, match="it is truncated"):
+        decode_picture(content[:-1], "a.pgm")
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".bmp"])
+def test_other_kinds(suffix: str):
+    for channels in (1, 3):
+        content = imageio.imwrite("<bytes>", values("u1", channels), extension=suffix)
+        np.testing.assert_array_equal(
+            decode_picture(content, f"a{suffix}"), imageio.imread(content, extension=suffix)
+        )
+
+
+def test_content_counts_not_the_suffix(tmp_path: Path):
+    (tmp_path / "a.jpg").write_bytes(encode(values("u2", 3)))
+    np.testing.assert_array_equal(read_picture(tmp_path / "a.jpg"), values("u2", 3))
+    with pytest.raises(FormatError, match="begins like no PNG, TIFF, JPEG"):
+        decode_picture(b"GIF89a" + bytes(50), "a.png")
+    with pytest.raises(FormatError, match="it is empty"):
+        decode_picture(b"", "a.png")
+
+
+def test_alpha(tmp_path: Path):
+    path = tmp_path / "a.png"
+    path.write_bytes(encode(values("u1", 4)))
+    np.testing.assert_array_equal(read_channels(path), values("u1", 4))
+    with pytest.raises(FormatError, match="transparent pixels"):
+        read_picture(path)
+    opaque = values("u1", 4)
+    opaque[..., 3] = 255
+    path.write_bytes(encode(opaque))
+    np.testing.assert_array_equal(read_picture(path), opaque[..., :3])
+
+
+def with_tags(content: bytes, tags: dict[int, int]) -> bytes:
+    """A little-endian TIFF with other values of tags: each a 32-bit number."""
+    changed = bytearray(content)
+    with tifffile.TiffFile(io.BytesIO(content)) as file:
+        for code, value in tags.items():
+            at = file.pages.first.tags[code].offset
+            changed[at : at + 12] = struct.pack("<HHII", code, 4, 1, value)
+    return bytes(changed)
+
+
+def bombs() -> dict[str, bytes]:
+    """Pictures of a few bytes that declare gigabytes."""
+    side = 30_000
+    idat = chunk(b"IDAT", zlib.compress(bytes(1000))) + chunk(b"IEND", b"")
+    jpeg = bytearray(imageio.imwrite("<bytes>", values("u1", 3), extension=".jpg"))
+    size = jpeg.index(b"\xff\xc0") + 5
+    jpeg[size : size + 4] = struct.pack(">HH", side, side)
+    bmp = bytearray(imageio.imwrite("<bytes>", values("u1", 3), extension=".bmp"))
+    bmp[18:26] = struct.pack("<ii", side, side)
+    small = tiff(values(), photometric="minisblack", compression="zlib", rowsperstrip=7)
+    wide = with_tags(small, {256: side, 257: side, 278: side})
+    return {
+        "png": SIGNATURE + header(side, side, 8, 2) + idat,
+        "png16": SIGNATURE + header(side, side, 16, 6) + idat,
+        "bits": SIGNATURE + header(2**31 - 1, 2**31 - 1, 1, 3) + idat,
+        "jpeg": bytes(jpeg),
+        "bmp": bytes(bmp),
+        "ppm": b"P6 999999999 999999999 65535\n",
+        "tiff": wide,
+    }
+
+
+@pytest.mark.parametrize("kind", list(bombs()))
+def test_more_declared_than_stored(kind: str):
+    content = bombs()[kind]
+    tracemalloc.start()
+    with pytest.raises(FormatError, match=r"a\.x: the picture declares .* bytes, more than .* can"):
+        decode_picture(content, "a.x")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 4 * len(content) + (1 << 20)
+
+
+def test_a_strip_that_inflates_to_more_than_declared():
+    small = tiff(np.zeros((4, 4), np.uint8), photometric="minisblack", compression="zlib")
+    strip = zlib.compress(bytes(40 << 20))
+    content = with_tags(small, {273: len(small), 279: len(strip)}) + strip
+    tracemalloc.start()
+    with pytest.raises(FormatError, match="inflates to more than it declares"):
+        decode_picture(content, "a.tif")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 8 << 20
+
+
+def test_more_than_the_given_limit():
+    content = encode(values("u1", 3))
+    decode_picture(content, "a.png", max_bytes=7 * 11 * 3)
+    with pytest.raises(FormatError, match=r"needs 231 bytes, more than 230 \(the given limit\)"):
+        decode_picture(content, "a.png", max_bytes=230)
+    with pytest.raises(FormatError, match=r"needs 231 bytes, more than 230 \(the given limit\)"):
+        decode_picture(tiff(values("u1", 3), photometric="rgb"), "a.tif", max_bytes=230)
+
+
+def test_more_pixels_than_pillow_reads():
+    rows = chunk(b"IDAT", zlib.compress(bytes(10_001 * 10_000 // 8), 1))
+    with pytest.raises(FormatError, match=r"cannot be read \(100,000,000 pixels, of which Pillow"):
+        decode_picture(SIGNATURE + header(10_000, 10_000, 1, 0) + rows, "a.png")

@@ -1,0 +1,97 @@
+"""Point clouds: the file byte by byte, and the pinhole by hand."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clplen.errors import ShapeError
+from clplen.io.ply import points_of, write_ply
+
+POINTS = np.array([[1, 2, 3], [4, np.nan, 6], [7, 8, np.inf], [-1.5, 0.25, 9]])
+COLOURS = np.array([[10, 20, 30], [1, 1, 1], [2, 2, 2], [255, 0, 128]], np.uint8)
+
+
+def test_the_file_is_what_the_format_says(tmp_path: Path):
+    write_ply(tmp_path / "a.ply", POINTS, COLOURS, comment="metres\nof a test")
+    header = (
+        b"ply\nformat binary_little_endian 1.0\ncomment metres\ncomment of a test\n"
+        b"element vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+        b"property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
+    )
+    body = struct.pack("<3f3B", 1, 2, 3, 10, 20, 30) + struct.pack(
+        "<3f3B", -1.5, 0.25, 9, 255, 0, 128
+    )
+    assert (tmp_path / "a.ply").read_bytes() == header + body
+
+
+def test_without_colours(tmp_path: Path):
+    write_ply(tmp_path / "a.ply", POINTS[:1])
+    content = (tmp_path / "a.ply").read_bytes()
+    assert b"red" not in content
+    assert b"comment" not in content
+    assert content.endswith(b"end_header\n" + struct.pack("<3f", 1, 2, 3))
+
+
+def test_what_cannot_be_written(tmp_path: Path):
+    path = tmp_path / "a.ply"
+    with pytest.raises(ValueError, match=r"as \.ply, not as a\.obj"):
+        write_ply(tmp_path / "a.obj", POINTS)
+    with pytest.raises(ShapeError, match=r"shape \(n, 3\), not \(4, 2\)"):
+        write_ply(path, POINTS[:, :2])
+    with pytest.raises(ShapeError, match=r"expected shape \(4, 3\), not \(3, 3\)"):
+        write_ply(path, POINTS, COLOURS[1:])
+    with pytest.raises(ValueError, match="uint8, not float64"):
+        write_ply(path, POINTS, COLOURS / 255)
+    with pytest.raises(ValueError, match="is ASCII"):
+        write_ply(path, POINTS, comment="µm")
+    assert not path.exists()
+
+
+def test_points_that_float32_cannot_hold_are_left_out(tmp_path: Path):
+    write_ply(tmp_path / "a.ply", np.array([[1e300, 0, 0], [1, 2, 3]]))
+    assert b"element vertex 1\n" in (tmp_path / "a.ply").read_bytes()
+
+
+def test_a_point_projects_back():
+    """A point in space, seen at pixel (31, 45) and, one baseline to the right, elsewhere."""
+    b, f, p, z0, z = 0.02, 0.05, 1e-5, 2.0, 1.6
+    place = np.array([(45 - 30) * p * z / f, (31 - 19.5) * p * z / f, z])
+    seen, neighbour = ((place[0] - eye) * f / (z * p) for eye in (0, b))
+    d = seen - neighbour - b * f / (z0 * p)  # the shift of the focused plane is taken off
+    points, comment = points_of(
+        np.full((40, 61), d), baseline=b, focal_length=f, pixel_pitch=p, focus_distance=z0
+    )
+    np.testing.assert_allclose(points[31 * 61 + 45], place, rtol=1e-12)
+    assert "metres" in comment
+
+
+def test_points_behind_the_camera_are_nan():
+    points, _ = points_of(
+        np.array([[1.0, 0.0, -1.0, np.nan]]), baseline=1, focal_length=1, pixel_pitch=0.5
+    )
+    np.testing.assert_array_equal(points[0], (-1.5, 0, 2))
+    assert np.isnan(points[1:]).all()
+
+
+def test_without_a_camera():
+    d = np.array([[1.0, 2.0], [3.0, np.nan], [5.0, 6.0]])
+    points, comment = points_of(d)
+    np.testing.assert_array_equal(points[2], (0, 1, 3))
+    np.testing.assert_array_equal(points[5], (1, 2, 6))
+    assert "disparity" in comment
+
+
+def test_half_a_camera():
+    d = np.zeros((2, 2))
+    with pytest.raises(ValueError, match="need baseline=, focal_length= and pixel_pitch="):
+        points_of(d, baseline=1)
+    with pytest.raises(ValueError, match="need baseline="):
+        points_of(d, focus_distance=1)
+    with pytest.raises(ValueError, match="positive metres, not 0"):
+        points_of(d, baseline=1, focal_length=0, pixel_pitch=1)
+    with pytest.raises(ShapeError, match=r"\(y, x\), not \(3,\)"):
+        points_of(np.zeros(3))

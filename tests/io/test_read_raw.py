@@ -1,0 +1,132 @@
+"""Raw lenslet images with the lattice of their lenslets."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from clplen.compute.device import Device
+from clplen.errors import FormatError, ShapeError
+from clplen.io import raw as module
+from clplen.io import read_raw
+from clplen.io.picture import write_picture
+from clplen.io.raw import read_frame, read_lattice
+from clplen.io.raytrix import write_raytrix
+from clplen.io.raytrix_calibration import FocusType, RaytrixCalibration
+from clplen.lightfield.decode import resample
+from clplen.lightfield.lattice import Lattice
+
+LATTICE = Lattice("rectangular", (20.5, 30.25), (7, 0.1), (-0.1, 8), (41, 66))
+
+
+@pytest.fixture
+def frame() -> np.ndarray:
+    return np.random.default_rng(5).integers(0, 60000, (41, 66)).astype(np.uint16)
+
+
+@pytest.fixture
+def calibration() -> RaytrixCalibration:
+    types = tuple(FocusType((x, 0), (1 + abs(x), 4)) for x in (0, 1, -1))
+    return RaytrixCalibration(
+        (2.5, -3.0), 9.3, (1, 0), (0.5, -(0.75**0.5)), 0.01, 1.0, 2.1, (3, -(3**0.5)), None, types
+    )
+
+
+def test_a_raytrix_picture_with_its_lenses(
+    tmp_path: Path, device: Device, frame: np.ndarray, calibration: RaytrixCalibration
+):
+    write_raytrix(tmp_path / "a.xml", calibration)
+    with pytest.raises(FormatError, match=r"no picture a beside .*give image="):
+        read_raw(tmp_path / "a.xml", device=device)
+    write_picture(tmp_path / "a.png", frame)
+    raw = read_raw(tmp_path / "a.xml", device=device)
+    np.testing.assert_array_equal(raw.to_numpy(), frame)
+    assert np.isnan(raw.pixel_pitch)
+    assert raw.lattice == calibration.lattice((41, 66))
+    assert raw.lens_types == calibration.types()
+    assert raw.sub_images == raw.cells == raw.lattice.grid((9, 9))
+    assert "lenslets" in repr(raw)
+    views = device.download(resample(raw, raw.sub_images))
+    y, x = (n // 2 for n in raw.sub_images.count)
+    assert views[:, :, y, x].std() > 1000  # a sub-image lies there
+
+
+def test_colour_pictures_are_read_but_not_sliced(
+    tmp_path: Path, device: Device, frame: np.ndarray, calibration: RaytrixCalibration
+):
+    colour = np.stack([frame, frame // 2, frame // 3], -1).astype(np.uint8)
+    write_raytrix(tmp_path / "a.xml", calibration)
+    write_picture(tmp_path / "other.png", colour)
+    raw = read_raw(tmp_path / "a.xml", image=tmp_path / "other.png", device=device)
+    np.testing.assert_array_equal(raw.to_numpy(), colour)
+    assert raw.shape == (41, 66)
+    with pytest.raises(ShapeError, match="colour picture of lenslets is not sliced"):
+        resample(raw, raw.sub_images)
+
+
+def test_a_frame_with_a_saved_grid(tmp_path: Path, device: Device, frame: np.ndarray):
+    write_picture(tmp_path / "a.tif", frame)
+    LATTICE.save(tmp_path / "grid.json")
+    raw = read_raw(tmp_path / "a.tif", grid=tmp_path / "grid.json", device=device)
+    np.testing.assert_array_equal(raw.to_numpy(), frame)
+    assert (raw.lattice.row, raw.lattice.column) == (LATTICE.row, LATTICE.column)
+    assert raw.lens_types == ()
+    with pytest.raises(FormatError, match=r"a\.tif lie: give white=.*grid="):
+        read_raw(tmp_path / "a.tif", device=device)
+    with pytest.raises(ValueError, match="not both"):
+        read_raw(tmp_path / "a.tif", grid="g", white="w", device=device)
+    write_picture(tmp_path / "b.tif", frame[1:])
+    with pytest.raises(FormatError, match=r"of shape \(41, 66\), not of \(40, 66\)"):
+        read_raw(tmp_path / "b.tif", grid=tmp_path / "grid.json", device=device)
+
+
+def test_white_and_dark(tmp_path: Path, device: Device, frame: np.ndarray, monkeypatch):
+    asked = {}
+
+    def estimate_lattice(white: np.ndarray, *, dark: np.ndarray) -> Lattice:
+        asked.update(white=white, dark=dark)
+        return LATTICE
+
+    found = SimpleNamespace(estimate_lattice=estimate_lattice)
+    monkeypatch.setattr(module, "import_module", lambda _: found)
+    names = [tmp_path / f"{name}.tif" for name in ("raw", "white", "dark")]
+    dark = np.full_like(frame, 100)
+    for name, values in zip(names, (frame, frame // 2, dark), strict=True):
+        write_picture(name, values)
+    raw = read_raw(names[0], white=names[1], dark=names[2], device=device)
+    np.testing.assert_array_equal(raw.to_numpy(), frame.astype(np.float32) - 100)
+    np.testing.assert_array_equal(asked["white"], frame // 2)
+    np.testing.assert_array_equal(asked["dark"], dark)
+    write_picture(names[1], frame[:, 1:])
+    with pytest.raises(FormatError, match=r"white\.tif has shape \(41, 65\).*different cameras"):
+        read_raw(names[0], white=names[1], device=device)
+
+
+def test_words_that_do_not_apply(tmp_path: Path, device: Device, calibration: RaytrixCalibration):
+    write_raytrix(tmp_path / "a.xml", calibration)
+    with pytest.raises(ValueError, match="white=, dark= and grid= do not apply"):
+        read_raw(tmp_path / "a.xml", white="w.png", device=device)
+    with pytest.raises(ValueError, match="image= belongs to an XML"):
+        read_raw(tmp_path / "a.png", image="b.png", device=device)
+
+
+def test_lattices_of_both_kinds_of_file(tmp_path: Path, calibration: RaytrixCalibration):
+    write_raytrix(tmp_path / "a.xml", calibration)
+    assert read_lattice(tmp_path / "a.xml", (41, 66)) == calibration.lattice((41, 66))
+    LATTICE.save(tmp_path / "a.json")
+    assert read_lattice(tmp_path / "a.json", (41, 66)).origin == LATTICE.origin
+
+
+def test_frames_of_other_kinds(tmp_path: Path, frame: np.ndarray):
+    write_picture(tmp_path / "a.png", frame)
+    read, bayer = read_frame(tmp_path / "a.png")
+    np.testing.assert_array_equal(read, frame)
+    assert bayer is None
+    with pytest.raises(FormatError, match="There is no file"):
+        read_frame(tmp_path / "b.png")
+    (tmp_path / "a.dat").write_bytes(b"12345678")
+    with pytest.raises(FormatError, match=r"a\.dat is no raw frame: give a picture"):
+        read_frame(tmp_path / "a.dat")

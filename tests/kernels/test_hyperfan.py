@@ -1,0 +1,38 @@
+"""hyperfan.cl against a float64 filter of the whole 4-D spectrum."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reference_render import hyperfan as twin
+from tolerance import relative_max
+
+from clplen.lightfield.hyperfan import hyperfan
+from clplen.lightfield.lightfield import LightField
+
+SPACING = (-3e-4, -2e-4, 1e-4, 1.5e-4)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize(("shape", "extra"), [((3, 4, 7, 10), 2), ((2, 3, 8, 5, 3), 2)])
+@pytest.mark.parametrize("ends", [(-0.7, -0.5), (0.0, 1.3), (1.0, 1.0)])
+@pytest.mark.parametrize("spacing", [None, SPACING])
+def test_gains(device, dtype, shape, extra, ends, spacing):
+    a = np.random.default_rng(3).uniform(1, 250, shape).astype(dtype)
+    w = np.random.default_rng(4).uniform(0.2, 1.7, shape[:2]).astype(np.float32)
+    w[0, 1] = 0
+    lf = LightField.from_array(a, device=device, weights=w, spacing=spacing)
+    got = hyperfan(lf, *ends, bandwidth=0.2)
+    want = twin(
+        a,
+        *ends,
+        bandwidth=0.2,
+        padded=(shape[0] + extra, shape[1] + extra),
+        weights=w.astype(float),
+        ratio=1.0 if spacing is None else 2.25,
+    )
+    assert got.shape == shape
+    assert got.dtype == np.float32
+    assert got.weights.all()
+    # 4-D transforms in float32: about 20 units of rounding (tolerance.fft_tolerance) a transform.
+    assert relative_max(want, got.to_numpy().astype(float)) <= 1e-5

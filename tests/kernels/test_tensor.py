@@ -1,0 +1,58 @@
+"""tensor.cl against a float64 twin."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reference_cues import epi_tensor, grid_steps
+
+from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.structure_tensor import epi_tensors
+
+
+def compare(lf, L, d, weights, steps):
+    colours = L.reshape(*L.shape[:4], -1).astype(np.float64)
+    found = lf.device.download(epi_tensors(lf, d))
+    for k, axis in enumerate((1, 0)):  # along rows of views first
+        want = epi_tensor(colours, d, weights, steps, axis)
+        # gradients are differences of values of rounding 1e-7, so 1e-5 of the largest product
+        np.testing.assert_allclose(found[3 * k : 3 * k + 3], want, atol=1e-5 * want.max() + 1e-30)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("shape", [(3, 2, 5, 37), (1, 5, 6, 19, 3), (4, 1, 7, 5), (5, 4, 2, 40, 2)])
+@pytest.mark.parametrize("d", [0.35, -1.8])
+def test_tensors(device, shape, dtype, d):
+    random = np.random.default_rng(1)
+    L = (200 * random.random(shape)).astype(dtype)
+    weights = random.random(shape[:2]).astype(np.float32) + 0.1
+    if weights.size > 6:
+        weights[1, -1] = 0
+    lf = LightField.from_array(L, device=device, weights=weights)
+    compare(lf, L, d, weights.astype(float), grid_steps(shape[:2]))
+
+
+def test_views_on_no_grid(device):
+    random = np.random.default_rng(3)
+    L = random.random((3, 3, 9, 21)).astype(np.float32)
+    grid = -grid_steps((3, 3))
+    positions = grid + random.normal(0, 0.2, grid.shape)
+    lf = LightField.from_array(
+        L, device=device, positions=positions, spacing=(2e-3, -1e-3, 5e-4, 1e-3)
+    )
+    compare(lf, L, 0.4, np.ones((3, 3)), -positions * [-4, 1])
+
+
+def test_the_slope_of_a_shear(device):
+    """A ramp moves by any disparity: Lu = (d - d0) Lx exactly, away from the edges."""
+    y, x = np.arange(20.0)[:, None], np.arange(24.0)[None, :]
+    d, d0 = 0.45, 0.3
+    views = [
+        [2 * (y + d * v) + 3 * (x + d * u) for u in (-1, 0, 1)] for v in (-1.5, -0.5, 0.5, 1.5)
+    ]
+    lf = LightField.from_array(np.array(views, np.float32), device=device)
+    J = device.download(epi_tensors(lf, d0))[:, 4:-4, 4:-4]
+    np.testing.assert_allclose(J[1] / J[0], d - d0, rtol=1e-4)
+    np.testing.assert_allclose(J[4] / J[3], d - d0, rtol=1e-4)
+    np.testing.assert_allclose(J[0], 4 * 2 * 9, rtol=1e-4)  # pairs (0, 1), (1, 2) of 4 rows
+    np.testing.assert_allclose(J[3], 3 * 2 * 4, rtol=1e-4)  # pairs (0, 2), (1, 3) of 3 columns

@@ -1,0 +1,29 @@
+"""upsample.cl: every sample near its true place, against a float64 twin with dense matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reference_render import steps
+from reference_render import upsampled as twin
+from tolerance import relative_max
+
+from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.upsample import BASE, upsampled
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("shape", [(3, 4, 7, 11), (2, 5, 5, 6, 3)])
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("d", [0.0, -0.65, 0.5, 2.25, 300.0])
+def test_places(device, dtype, shape, n, d):
+    a = np.random.default_rng(3).uniform(1, 250, shape).astype(dtype)
+    w = np.random.default_rng(4).uniform(0.2, 1.7, shape[:2]).astype(np.float32)
+    w[0, 1] = 0
+    lf = LightField.from_array(a, device=device, weights=w)
+    got = device.download(upsampled(lf, d, n, lf.weights)).astype(float)
+    want = twin(a, d, n, weights=w.astype(float), step=steps(shape[:2]), base=BASE)
+    if d == 300:
+        assert not got.any()
+    else:
+        assert relative_max(want, got) <= 1e-5

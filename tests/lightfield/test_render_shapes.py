@@ -1,0 +1,139 @@
+"""Shapes of apertures against fine rasters, their areas and their soft edges."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reference_render import covered, raster
+from scipy.special import i0
+
+from clplen.errors import ShapeError
+from clplen.lightfield.aperture import (
+    annulus,
+    disc,
+    f_number_radius,
+    gaussian,
+    half_plane,
+    hann,
+    kaiser,
+    picture,
+    polygon,
+    regular_polygon,
+    square,
+)
+from clplen.lightfield.lightfield import LightField
+
+VIEWS, FINE = (7, 9), 200
+V, U = raster(VIEWS, FINE)
+# A raster of 200 misjudges at most the cells that the rim crosses, 2 in each of 200 lines.
+RASTER = 2 / FINE
+
+
+def judged(w: np.ndarray, inside: np.ndarray) -> None:
+    assert w.dtype == np.float32
+    assert np.abs(w - covered(np.broadcast_to(inside, (7 * FINE, 9 * FINE)), FINE)).max() <= RASTER
+
+
+@pytest.mark.parametrize("radius", [2.6, (1.3, 3.1), 0.3])
+@pytest.mark.parametrize("centre", [None, (2.2, 5.7)])
+def test_discs_annuli_squares(radius, centre):
+    v, u = centre or (3, 4)
+    high, wide = np.broadcast_to(radius, 2)
+    r = np.hypot((V - v) / high, (U - u) / wide)
+    judged(disc(VIEWS, radius, centre=centre), r <= 1)
+    inner = (0.4 * high, 0.4 * wide)
+    judged(annulus(VIEWS, inner, radius, centre=centre), (r <= 1) & (r >= 0.4))
+    judged(square(VIEWS, radius, centre=centre), (abs(V - v) <= high) & (abs(U - u) <= wide))
+
+
+def test_areas():
+    """The sum is the area in cells, whatever lies between views."""
+    assert disc(VIEWS, 2.3, centre=(3.1, 4.3)).sum() == pytest.approx(np.pi * 2.3**2, rel=1e-6)
+    assert square(VIEWS, 0.2, centre=(2.5, 3.5)).sum() == pytest.approx(0.16, rel=1e-6)
+    hexagon = regular_polygon(VIEWS, 6, 2.0, angle=0.3)
+    assert hexagon.sum() == pytest.approx(1.5 * np.sqrt(3) * 4, rel=1e-6)
+    assert half_plane(VIEWS, 0.4).sum() == pytest.approx(63 / 2, rel=1e-6)
+
+
+def test_polygons():
+    """A triangle, an arrow (not convex), either way round, beyond the views."""
+    triangle = np.array([(0.3, 1.1), (5.6, 2.2), (2.1, 9.7)])
+    sides = [
+        (b[0] - a[0]) * (U - a[1]) - (b[1] - a[1]) * (V - a[0])
+        for a, b in zip(triangle, np.roll(triangle, -1, axis=0), strict=True)
+    ]
+    inside = np.all([s >= 0 for s in np.broadcast_arrays(*sides)], axis=0)
+    inside |= np.all([s <= 0 for s in np.broadcast_arrays(*sides)], axis=0)
+    judged(polygon(VIEWS, triangle), inside)
+    judged(polygon(VIEWS, triangle[::-1]), inside)
+    arrow = [(1, 1), (5, 4), (1, 7), (2.5, 4)]
+    # |u - 4| / 3 = t: between v = 2.5 - 1.5 t and v = 5 - 4 t
+    t = abs(U - 4) / 3
+    judged(polygon(VIEWS, arrow), (t <= 1) & (2.5 - 1.5 * t <= V) & (5 - 4 * t >= V))
+
+
+@pytest.mark.parametrize(("angle", "row"), [(0, False), (np.pi / 2, True)])
+def test_half_planes_keep_the_side_of_their_angle(angle, row):
+    w = half_plane(VIEWS, angle)
+    judged(w, V >= 3 if row else U >= 4)
+    judged(
+        half_plane(VIEWS, 0.7, centre=(2, 6)), (V - 2) * np.sin(0.7) + (U - 6) * np.cos(0.7) >= 0
+    )
+
+
+def test_a_picture_is_laid_over_the_views():
+    image = np.array([[1.0, 0.0, 0.5], [0.25, 2.0, 0.0]])
+    w = picture(VIEWS, image, (2.3, 3.1), centre=(2.7, 4.4))
+    rows = np.floor((V - 2.7 + 2.3) / 2.3).astype(int)
+    columns = np.floor((U - 4.4 + 3.1) / (6.2 / 3)).astype(int)
+    inside = (rows >= 0) & (rows < 2) & (columns >= 0) & (columns < 3)
+    values = np.where(inside, image[np.clip(rows, 0, 1), np.clip(columns, 0, 2)], 0)
+    assert np.abs(w - covered(values, FINE)).max() <= 2 * RASTER
+
+
+def test_apodisations():
+    v, u = np.mgrid[:7, :9]
+    r = np.hypot(v - 2.5, (u - 4) / 2)
+    np.testing.assert_allclose(
+        gaussian(VIEWS, (1.0, 2.0), centre=(2.5, 4)), np.exp(-(r**2) / 2), rtol=1e-6
+    )
+    r = np.hypot(v - 2.5, u - 4) / 3
+    np.testing.assert_allclose(
+        hann(VIEWS, 3, centre=(2.5, 4)), np.where(r < 1, np.cos(np.pi * r / 2) ** 2, 0), atol=1e-7
+    )
+    want = np.where(r <= 1, i0(5 * np.sqrt(np.maximum(1 - r**2, 0))) / i0(5), 0)
+    np.testing.assert_allclose(kaiser(VIEWS, 3, 5, centre=(2.5, 4)), want, atol=1e-7)
+
+
+def test_they_go_where_apertures_go(device):
+    a = np.random.default_rng(1).uniform(1, 200, (*VIEWS, 3, 5)).astype(np.float32)
+    lf = LightField.from_array(a, device=device)
+    w = disc(lf.shape, 2.2, centre=(2.5, 4)) * hann(lf.shape, 4)
+    want = np.tensordot(w.astype(float), a, 2) / w.sum(dtype=float)
+    np.testing.assert_allclose(lf.render(aperture=w).to_numpy(), want, rtol=1e-5)
+
+
+def test_f_numbers_need_the_camera(device):
+    lf = LightField.from_array(np.ones((*VIEWS, 2, 2), np.uint8), device=device)
+    with pytest.raises(ValueError, match="needs the camera and the spacing"):
+        f_number_radius(lf, "f/66")
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "words"),
+    [
+        (lambda: disc(VIEWS, 0), ValueError, "A radius is positive"),
+        (lambda: disc(VIEWS, 1, centre=(40, 40)), ValueError, "disc covers no view"),
+        (lambda: annulus(VIEWS, 2, 2), ValueError, "inner below outer"),
+        (lambda: polygon(VIEWS, [(0, 0), (1, 1)]), ShapeError, "at least three corners"),
+        (lambda: regular_polygon(VIEWS, 2, 1), ValueError, "at least 3 sides"),
+        (lambda: picture(VIEWS, [[-1.0]], 2), ValueError, "not negative"),
+        (lambda: half_plane(VIEWS, np.inf), ValueError, "finite number in radians"),
+        (lambda: kaiser(VIEWS, 2, -1), ValueError, "from 0 to 100"),
+        (lambda: square((7,), 2), ShapeError, r"Views are \(V, U\)"),
+        (lambda: square(VIEWS, 2, centre=3), ValueError, r"is \(v, u\), not 3"),
+    ],
+)
+def test_bad_shapes_are_refused(make, error, words):
+    with pytest.raises(error, match=words):
+        make()

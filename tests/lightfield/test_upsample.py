@@ -1,0 +1,70 @@
+"""Upsampled refocus resolves what single views alias."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.refocus import refocus
+
+FINE = 0.7  # cycles a pixel of the views: above their Nyquist frequency, 0.5
+
+
+def grating(device, d=0.5, views=(4, 6), size=(9, 32), along_x=True) -> LightField:
+    """Sampled at points, at disparity d; in every view it is aliased to 0.3 cycles a pixel."""
+    v, u = (np.arange(n) - (n - 1) / 2 for n in views)
+    y, x = np.mgrid[: size[0], : size[1]].astype(float)
+    if along_x:
+        places = np.broadcast_to((x + d * u[:, None, None])[None], (*views, *size))
+    else:
+        places = np.broadcast_to((y + d * v[:, None, None, None]), (*views, *size))
+    return LightField.from_array(
+        (100 + 50 * np.sin(2 * np.pi * FINE * places)).astype(np.float32), device=device
+    )
+
+
+def amplitude(line: np.ndarray, cycles: float) -> float:
+    """Of a wave in samples of a line, its mean taken away."""
+    t = np.arange(line.size)
+    return float(2 * abs(((line - line.mean()) * np.exp(-2j * np.pi * cycles * t)).mean()))
+
+
+@pytest.mark.parametrize("along_x", [True, False])
+def test_a_grating_that_is_aliased_in_views_is_resolved(device, along_x):
+    size = (9, 32) if along_x else (32, 9)
+    views = (4, 6) if along_x else (6, 4)
+    lf = grating(device, views=views, size=size, along_x=along_x)
+    fine = refocus(lf, disparity=0.5, upsample=2).to_numpy()
+    plain = refocus(lf, disparity=0.5).to_numpy()
+    assert fine.shape == (2 * size[0], 2 * size[1])
+    fine, plain = (a[a.shape[0] // 2] if along_x else a[:, a.shape[1] // 2] for a in (fine, plain))
+    inside = slice(8, 48)  # of the fine line: 0.35 cycles a sample, 14 periods
+    # The tent of one fine pixel passes half of each of two neighbours where none coincides.
+    assert amplitude(fine[inside], FINE / 2) > 0.6 * 50
+    assert amplitude(plain[4:24], 1 - FINE) < 0.2 * 50
+    twice = np.repeat(plain, 2)
+    assert amplitude(twice[inside], FINE / 2) < 0.2 * 50
+
+
+def test_the_finer_picture_lies_where_the_plain_one_does(device):
+    """A smooth ramp keeps its values: fine pixel X is at (X + 1/2)/n - 1/2."""
+    y, x = np.mgrid[:8, :11].astype(float)
+    v, u = np.arange(3) - 1.0, np.arange(4) - 1.5
+    a = 10 + 3 * (x + 0.3 * u[None, :, None, None]) + 2 * (y + 0.3 * v[:, None, None, None])
+    lf = LightField.from_array(a.astype(np.float32), device=device)
+    for n in (2, 3):
+        got = refocus(lf, disparity=0.3, upsample=n).to_numpy()
+        at_y, at_x = ((np.arange(n * m) + 0.5) / n - 0.5 for m in (8, 11))
+        want = 10 + 3 * at_x[None, :] + 2 * at_y[:, None]
+        inside = (slice(2 * n, -2 * n),) * 2
+        # Samples beside a fine pixel stand for it: at most 1/n of a pixel away.
+        assert np.abs(got - want)[inside].max() <= 5 / n / 2
+        assert np.abs((got - want)[inside].mean()) < 0.05
+
+
+@pytest.mark.parametrize("n", [0, 17, 1.5, -2])
+def test_bad_factors_are_refused(device, n):
+    lf = grating(device, size=(3, 5))
+    with pytest.raises(ValueError, match="a whole number from 1 to 16"):
+        refocus(lf, disparity=0.5, upsample=n)

@@ -1,0 +1,173 @@
+"""``clplen info``: tables and JSON of light fields, disparity maps and raw images."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from clplen.cli import main
+from clplen.io import write_lightfield, write_pfm
+from clplen.lightfield.lightfield import LightField
+
+SCENE = """[intrinsics]
+focal_length_mm = 100
+image_resolution_x_px = 56
+image_resolution_y_px = 48
+sensor_size_mm = 35
+[extrinsics]
+num_cams_x = 3
+num_cams_y = 3
+baseline_mm = 50
+focus_distance_m = 8
+[meta]
+scene = waves
+"""
+
+
+def run(*words: object) -> Result:
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+def views(shape=(3, 5), d=1.0) -> np.ndarray:
+    """A plane of disparity d, uint8."""
+    random = np.random.default_rng(3)
+    waves = [(random.uniform(-1.2, 1.2, 2), random.uniform(0, 6)) for _ in range(40)]
+    y, x = np.mgrid[:48, :56]
+    a = np.empty((*shape, 48, 56), np.uint8)
+    for v, u in np.ndindex(*shape):
+        at_y, at_x = (
+            i + d * (k - (n - 1) / 2) for i, k, n in zip((y, x), (v, u), shape, strict=True)
+        )
+        value = sum(np.cos(ky * at_y + kx * at_x + phase) for (ky, kx), phase in waves)
+        a[v, u] = np.clip(120 + 12 * value, 0, 255)
+    return a
+
+
+def folder_of(path: Path, a: np.ndarray, names: str) -> Path:
+    path.mkdir(exist_ok=True)
+    for v, u in np.ndindex(*a.shape[:2]):
+        imageio.imwrite(path / names.format(v=v, u=u, i=a.shape[1] * v + u), a[v, u])
+    return path
+
+
+def table(result: Result) -> dict[str, str]:
+    """Label to text; what follows without a label belongs to the last one."""
+    assert result.exit_code == 0, result.output
+    found: dict[str, str] = {}
+    width = min(line.index(line.split("  ")[1].strip()) for line in result.stdout.splitlines()[:1])
+    width = len("Constant views") + 2 if "Constant views" in result.stdout else width
+    label = ""
+    for line in result.stdout.splitlines():
+        label = line[:width].strip() or label
+        found[label] = f"{found.get(label, '')}\n{line[width:]}".strip("\n")
+    return found
+
+
+def test_a_folder_that_is_read_right(tmp_path, device):
+    folder = folder_of(tmp_path / "views", views(), "a_{v}_{u}.png")
+    found = table(run("info", folder, "--device", device.place))
+    assert found["File"] == f"{folder}, a folder of views"
+    assert "pattern 'a_{v}_{u}.png' (guessed from the names)" in found["Read"].replace("\n", " ")
+    assert found["Views"] == "3 x 5 (V x U) of 48 x 56 pixels, 1 channels"
+    assert found["Samples"].startswith("uint8, ")
+    assert found["Dark views"] == found["Constant views"] == "none"
+    assert found["Spacing"] == "not known"
+    assert found["View axes"].startswith("The view axes fit as they are read")
+    orders = found["Orders"].splitlines()
+    assert len(orders) == 9
+    assert sum(line.startswith("*") for line in orders) == 2
+    assert "+1.00  (no word on the axes)  as read" in found["Orders"]
+
+
+@pytest.mark.parametrize(
+    ("given", "mended"),
+    [
+        (["--flip-u"], "--flip-v --flip-u (at -1.00), or no word on the axes (at +1.00)"),
+        (["--pattern", "a_{u}_{v}.png"], "--swap-uv (at +1.00), or --swap-uv --flip-v --flip-u"),
+        (["--pattern", "a_{u}_{v}.png", "--flip-v"], "--swap-uv (at +1.00), or --swap-uv --flip-v"),
+    ],
+)
+def test_words_that_mend_take_the_given_ones_into_account(tmp_path, device, given, mended):
+    folder = folder_of(tmp_path / "views", views(), "a_{v}_{u}.png")
+    found = table(run("info", folder, *given, "--device", device.place))
+    said = found["View axes"].replace("\n", " ")
+    assert said.startswith("The view axes do not fit as they are read")
+    assert mended in said or ", or ".join(reversed(mended.split(", or "))) in said
+    assert "Disparities" not in found
+
+
+def test_json(tmp_path, device):
+    """Every number of the table, NaN as null, and what the reader said."""
+    a = views((3, 3))
+    a[0, 2], a[1, 0] = 0, 9
+    folder = folder_of(tmp_path / "scene", a, "input_Cam{i:03d}.png")
+    (folder / "parameters.cfg").write_text(SCENE)
+    result = run("info", folder, "--json", "--flip-v", "--device", device.place)
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert result.stderr == ""
+    assert found["shape"] == [3, 3, 48, 56]
+    assert found["verdict"] == "wrong"
+    assert (found["dark"], found["constant"]) == ([[2, 2]], [[1, 0]])
+    assert found["parameters"]["focus_distance_m"] == 8
+    assert "fstop" not in found["parameters"]
+    assert found["orders"][0]["words"] == ["--flip-v"]
+    best = max(found["orders"], key=lambda order: order["sharpness"])
+    assert best["words"] in ([], ["--flip-v", "--flip-u"])
+    parameters = table(run("info", folder, "--device", device.place))["Parameters"]
+    assert "focus_distance_m 8" in parameters.replace("\n", " ")
+
+
+def test_one_view_is_no_evidence(tmp_path, device):
+    lf = LightField.from_array(views((1, 1)), device=device, spacing=(-1e-3, -1e-3, 5e-6, 5e-6))
+    write_lightfield(tmp_path / "one.h5", lf)
+    found = table(run("info", tmp_path / "one.h5", "--device", device.place))
+    assert found["View axes"] == "There is one view only, so no order of views to check."
+    assert found["Spacing"] == "dv -1000 um, du -1000 um, dy 5 um, dx 5 um"
+    result = run("info", tmp_path / "one.h5", "--json", "--device", device.place)
+    assert json.loads(result.stdout)["factor"] is None
+
+
+@pytest.mark.parametrize("suffix", [".pfm", ".npy"])
+def test_a_disparity_map(tmp_path, suffix):
+    values = np.linspace(-1.5, 2, 35, dtype=np.float32).reshape(5, 7)
+    values[1, 2] = np.nan
+    path = tmp_path / f"map{suffix}"
+    if suffix == ".pfm":
+        write_pfm(path, values)
+    else:
+        np.save(path, values)
+    result = run("info", path)
+    assert result.exit_code == 0, result.output
+    assert "5 x 7 pixels (y, x)" in result.stdout
+    assert "-1.5 to 2, median" in result.stdout
+    assert "1 of 35 pixels" in result.stdout
+    found = json.loads(run("info", path, "--json").stdout)
+    assert (found["shape"], found["unknown"], found["high"]) == ([5, 7], 1, 2.0)
+
+
+def test_an_array_of_views_is_no_map(tmp_path, device):
+    np.save(tmp_path / "views.npy", views())
+    found = table(run("info", tmp_path / "views.npy", "--device", device.place))
+    assert found["Views"].startswith("3 x 5 (V x U)")
+
+
+def test_what_is_wrong_is_one_sentence(tmp_path, device):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "bad.pfm").write_bytes(b"Pf\n3")
+    (tmp_path / "notes.txt").write_text("hello")
+    for name in ("empty", "bad.pfm", "notes.txt", "not there"):
+        result = run("info", tmp_path / name, "--device", device.place)
+        assert result.exit_code == 1, name
+        assert result.stderr.startswith("Error: ")
+        assert result.stderr.count("\n") == 1
+        assert result.stdout == ""
+    folder = folder_of(tmp_path / "views", views(), "a_{v}_{u}.png")
+    result = run("info", folder, "--save-grid", tmp_path / "g.json", "--device", device.place)
+    assert result.exit_code == 2
+    assert "--save-grid is for raw images" in result.stderr
