@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import faulthandler
+import logging
 import random
 import resource
 import shutil
@@ -53,6 +54,7 @@ def fuzz(name: str, seconds: float, seed: int, keep: Path) -> int:
     warnings.simplefilter("error")
     signal.signal(signal.SIGALRM, stop)
     faulthandler.enable()
+    logging.disable()  # tifffile tells of every tag
     warnings.filterwarnings("ignore", message=".*does not know this CPU")
     device = Device.open("pocl")
     parser = fuzzing.PARSERS[name]

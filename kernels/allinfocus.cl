@@ -1,7 +1,7 @@
 /* One sharp picture out of the planes of a focal stack.
  *
  *   between   out = (1 - t) R[p] + t R[p + 1],  p + t = place[y, x], a plane by its number
- *   blend     out = sum_p m_p R[p] / sum_p m_p,  m_p = (E[p, y, x] / max_p E)^power;
+ *   blend     out = sum_p m_p R[p] / sum_p m_p,  m_p = (E[p, y, x] / max_p E)^(2^doublings);
  *             all planes alike where E is 0
  *
  * Mapping: FOR_X over (x, c); axis 1 = y. -DROWS: see common.cl.
@@ -24,7 +24,7 @@ __kernel void between(__global float *restrict out, __global const float *restri
 }
 
 __kernel void blend(__global float *restrict out, __global const float *restrict R,
-                    __global const float *restrict E, const int power, const int planes,
+                    __global const float *restrict E, const int doublings, const int planes,
                     const int ny, const int nx, const int channels)
 {
     const int y = get_global_id(1), n = nx * channels;
@@ -34,8 +34,9 @@ __kernel void blend(__global float *restrict out, __global const float *restrict
         for (int p = 0; p < planes; ++p)
             highest = max(highest, energy[row_start(p, 0, ny, nx)]);
         for (int p = 0; p < planes; ++p) {
-            const float share = energy[row_start(p, 0, ny, nx)] / highest;
-            const float m = highest > 0.0f ? pown(share, power) : 1.0f;
+            float m = highest > 0.0f ? energy[row_start(p, 0, ny, nx)] / highest : 1.0f;
+            for (int i = 0; i < doublings; ++i)
+                m *= m;
             sum += m * R[row_start(p, y, ny, n) + s];
             used += m;
         }

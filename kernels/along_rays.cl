@@ -61,6 +61,17 @@ inline float one_sample(__global const SAMPLE *from, __global const uchar *known
     tap_weights(wy, parts.y);
     tap_weights(wx, parts.x);
     float sum = 0.0f, used = 0.0f;
+#ifndef MASK
+    if (i + FIRST >= 0 && i + FIRST + TAPS <= ny && j + FIRST >= 0 && j + FIRST + TAPS <= nx) {
+        for (int a = 0; a < TAPS; ++a) {
+            __global const SAMPLE *row = from + ((i + a + FIRST) * nx + j + FIRST) * channels + c;
+            for (int b = 0; b < TAPS; ++b)
+                sum += wy[a] * wx[b] * (float)row[b * channels];
+        }
+        *share = 1.0f;
+        return sum;
+    }
+#endif
     bool whole = true;
 #ifdef CUBIC
     whole = i >= 0 && j >= 0 && (i < ny - 1 || (i == ny - 1 && parts.y == 0.0f)) &&
@@ -69,7 +80,7 @@ inline float one_sample(__global const SAMPLE *from, __global const uchar *known
         for (int a = 0; a < TAPS; ++a)
             for (int b = 0; b < TAPS; ++b)
                 sum += wy[a] * wx[b] *
-                       (float)from[((size_t)clamp(i + a + FIRST, 0, ny - 1) * nx +
+                       (float)from[(clamp(i + a + FIRST, 0, ny - 1) * nx +
                                     clamp(j + b + FIRST, 0, nx - 1)) * channels + c];
 #else
     for (int a = 0; a < TAPS; ++a)
@@ -78,10 +89,10 @@ inline float one_sample(__global const SAMPLE *from, __global const uchar *known
             const int y = i + a, x = j + b;
             bool good = w > 0.0f && y >= 0 && y < ny && x >= 0 && x < nx;
 #ifdef MASK
-            good = good && known[(size_t)y * nx + x];
+            good = good && known[y * nx + x];
 #endif
             if (good) {
-                sum += w * (float)from[((size_t)y * nx + x) * channels + c];
+                sum += w * (float)from[(y * nx + x) * channels + c];
                 used += w;
             } else if (w > 0.0f)
                 whole = false;
@@ -117,7 +128,7 @@ inline void take(float *value, float *share, __global const SAMPLE *restrict L,
         for (int a = 0; a < TAPS; ++a)
             for (int b = 0; b < TAPS; ++b) {
                 __global const SAMPLE *row =
-                    from + (size_t)(top + a) * nx * channels + left + b * channels;
+                    from + (top + a) * nx * channels + left + b * channels;
                 const float w = wy[a] * wx[b];
                 for (int i = 0; i < BLOCK; ++i)
                     value[i] += w * (float)row[i];
@@ -125,19 +136,24 @@ inline void take(float *value, float *share, __global const SAMPLE *restrict L,
         return;
     }
 #endif
+    int x = s0 / channels, c = s0 % channels;
+    int2 to = by;
+    float2 rest = parts;
     for (int i = 0; i < n; ++i) {
-        const int x = (s0 + i) / channels, c = (s0 + i) % channels;
 #ifdef MAP
-        const float2 shift = clamp(parts * d[(size_t)y * nx + x], -1e6f, 1e6f);
-        const float2 down = floor(shift);
-        const int2 to = convert_int2(down);
-        const float2 rest = shift - down;
-#else
-        const int2 to = by;
-        const float2 rest = parts;
+        if (i == 0 || c == 0) {
+            const float2 shift = clamp(parts * d[y * nx + x], -1e6f, 1e6f);
+            const float2 down = floor(shift);
+            to = convert_int2(down);
+            rest = shift - down;
+        }
 #endif
         value[i] = one_sample(from, known, y + to.y, x + to.x, rest, c, ny, nx, channels,
                               share + i);
+        if (++c == channels) {
+            c = 0;
+            ++x;
+        }
     }
     for (int i = n; i < BLOCK; ++i)
         value[i] = share[i] = 0.0f;

@@ -2,24 +2,30 @@
  *
  *   L[v, u, i, k] = sum_ab h(a - y) h(b - x) raw[a, b],   (y, x) = row[i] + column[k] + down[v] + right[u]
  *
- * with h the cubic convolution kernel, a = -1/2 (Keys 1981, eq. 15); pixels off the sensor count 0.
+ * with h the cubic convolution kernel, a = -1/2 (Keys 1981, eq. 15), or with -DLINEAR the triangle
+ * 1 - |t|; pixels off the sensor count 0.
  * Positions come as tables (y, x) = at + part, an integer and a fraction in [0, 1) that is a
  * multiple of 2^-24: a whole position takes its pixel as it is.
  *
- * An odd row of a hexagonal lattice is then interpolated to the columns of the even rows: column k
- * lies between its samples k + before and k + before + 1, at the fraction `between`; h again, and
- * the last sample stands for those beyond the end of the row. An even row has before = between = 0.
+ * Rows of lenslets are then interpolated to the columns that are wanted: column k of row i lies
+ * between its lenslets near_at[i % 2][k] and the next, at the fraction near_part[i % 2][k]; h again,
+ * and the last lenslet stands for those beyond the end of the row. Fraction 0 takes the lenslet.
  *
  * Mapping: FOR_X of common.cl over k; axis 1 = u; axis 2 = (v, i), so that items in a row read the
- * same lines of the sensor. -DROWS: see common.cl.
+ * same lines of the sensor. Strides of L in samples say in which order it lies in memory.
+ * -DROWS: see common.cl.
  */
 #include "common.cl"
 
 /* Weights of the samples at -1, 0, 1, 2 for a position t in [0, 1]. */
 inline float4 keys(float t)
 {
+#ifdef LINEAR
+    return (float4)(0, 1 - t, t, 0);
+#else
     return (float4)(((1.0f - 0.5f * t) * t - 0.5f) * t, (1.5f * t - 2.5f) * t * t + 1.0f,
                     ((2.0f - 1.5f * t) * t + 0.5f) * t, (0.5f * t - 0.5f) * t * t);
+#endif
 }
 
 /* Four pixels from p on of an axis of n: their weights, 0 off the sensor, and their indices.
@@ -58,30 +64,35 @@ __kernel void decode(__global float *restrict L, __global const float *restrict 
                      __global const int2 *restrict down_at,
                      __global const float2 *restrict down_part,
                      __global const int2 *restrict right_at,
-                     __global const float2 *restrict right_part, const int ny, const int nx,
-                     const int U, const int rows, const int columns, const int before,
-                     const float between)
+                     __global const float2 *restrict right_part,
+                     __global const int *restrict near_at,
+                     __global const float *restrict near_part, const int ny, const int nx,
+                     const int rows, const int lenslets, const int columns, const long stride_v,
+                     const long stride_u, const long stride_y, const long stride_x)
 {
     const int u = get_global_id(1);
     const int v = get_global_id(2) / rows;
     const int i = get_global_id(2) % rows;
-    const bool moved = (i & 1) && (before != 0 || between != 0);
     const int2 at = row_at[i] + down_at[v] + right_at[u];
     const float2 part = row_part[i] + down_part[v] + right_part[u];
-    const size_t out = row_start(v * U + u, i, rows, columns);
-    float weight[4];
-    vstore4(keys(between), 0, weight);
+    const int parity = (i & 1) * columns;
+    L += v * stride_v + u * stride_u + i * stride_y;
     FOR_X(k, columns) {
+        const int before = near_at[parity + k];
+        const float between = near_part[parity + k];
         float value = 0;
-        if (moved) {
+        if (between != 0) {
+            float weight[4];
+            vstore4(keys(between), 0, weight);
             for (int m = 0; m < 4; ++m) {
-                const int near = clamp(k + before + m - 1, 0, columns - 1);
+                const int near = clamp(before + m - 1, 0, lenslets - 1);
                 value += weight[m] * sample(raw, at + column_at[near], part + column_part[near],
                                             ny, nx);
             }
         } else {
-            value = sample(raw, at + column_at[k], part + column_part[k], ny, nx);
+            const int near = clamp(before, 0, lenslets - 1);
+            value = sample(raw, at + column_at[near], part + column_part[near], ny, nx);
         }
-        L[out + k] = value;
+        L[k * stride_x] = value;
     }
 }

@@ -2,6 +2,7 @@
  *
  *   take_views   out[k, y, x] = w[k] L[view[k], y, x, channel]
  *   keep_real    out[k, y, x, channel] = scale[k] Re in[k, y, x]
+ *   turn_views   F[k, ky, kx] *= ty[k, ky] tx[k, kx]                views moved by phase ramps
  *   transform_views
  *                out[b, i, n] = sum_j M[i, j] in[b, j, n]           a DFT over one axis of views
  *   ramp_sum     S[p, ky, kx] += sum_k ty[p, k, ky] tx[p, k, kx] F[k, ky, kx]
@@ -15,9 +16,17 @@
  *
  * -DSAMPLE=uchar | ushort | float   what the light field stores (take_views)
  * -DWIDTH=n                         oblique: taps along each axis of views
- * -DROWS                            see common.cl
+ * -DROWS                            see common.cl; transform_views in blocks of 256 samples
  */
 #include "common.cl"
+
+#ifdef ROWS
+#define BLOCK 256
+#define FOR_BLOCKS(x0, n) for (int x0 = 0; x0 < (n); x0 += BLOCK)
+#else
+#define BLOCK 1
+#define FOR_BLOCKS(x0, n) for (int x0 = get_global_id(0); x0 < (n); x0 = (n))
+#endif
 
 inline float2 product(const float2 a, const float2 b)
 {
@@ -53,14 +62,29 @@ __kernel void transform_views(__global float2 *restrict out, __global const floa
 {
     const int i = get_global_id(1), b = get_global_id(2);
     __global float2 *to = out + row_start(b, i, rows, n);
-    FOR_X(x, n)
-        to[x] = (float2)(0.0f, 0.0f);
-    for (int j = 0; j < columns; ++j) {
-        const float2 m = M[i * columns + j];
-        __global const float2 *from = in + row_start(b, j, columns, n);
-        FOR_X(x, n)
-            to[x] += product(m, from[x]);
+    FOR_BLOCKS(x0, n) {
+        const int width = min(BLOCK, n - x0);
+        float2 sum[BLOCK];
+        for (int x = 0; x < BLOCK; ++x)
+            sum[x] = (float2)(0.0f, 0.0f);
+        for (int j = 0; j < columns; ++j) {
+            const float2 m = M[i * columns + j];
+            __global const float2 *from = in + row_start(b, j, columns, n) + x0;
+            for (int x = 0; x < width; ++x)
+                sum[x] += product(m, from[x]);
+        }
+        for (int x = 0; x < width; ++x)
+            to[x0 + x] = sum[x];
     }
+}
+
+__kernel void turn_views(__global float2 *restrict F, __global const float2 *restrict ty,
+                         __global const float2 *restrict tx, const int ny, const int nx)
+{
+    const int y = get_global_id(1), k = get_global_id(2);
+    const size_t row = row_start(k, y, ny, nx);
+    FOR_X(x, nx)
+        F[row + x] = product(product(ty[k * ny + y], tx[k * nx + x]), F[row + x]);
 }
 
 __kernel void ramp_sum(__global float2 *restrict S, __global const float2 *restrict F,

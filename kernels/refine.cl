@@ -136,19 +136,19 @@ __kernel void normal(__global float *restrict A, __global float *restrict B,
 __kernel void fit(__global float *restrict out, __global float *restrict weight,
                   __global const float *restrict A, __global const float *restrict B,
                   __global const float *restrict disparity, __global const float *restrict I,
-                  __global const float *restrict alike, __global const float *restrict prior,
-                  const float near, const float level, const float ridge, const float most,
+                  __global const float *restrict alike, __global const float *restrict near,
+                  __global const float *restrict prior, const float level, const float ridge, const float most,
                   const int ny, const int nx)
 {
     const int y = get_global_id(1);
     FOR_X(x, nx) {
         const size_t i = row_start(0, y, ny, nx) + x;
-        const float d = disparity[i], same = alike[i], held = prior[i];
+        const float d = disparity[i], same = alike[i], close = near[i], held = prior[i];
         float w0 = 0, wy = 0, wx = 0, wyy = 0, wyx = 0, wxx = 0, v0 = 0, vy = 0, vx = 0, known = 0;
         for (int s = max(-RADIUS, -y); s <= min(RADIUS, ny - 1 - y); ++s)
             for (int t = max(-RADIUS, -x); t <= min(RADIUS, nx - 1 - x); ++t) {
                 const size_t k = i + s * nx + t;
-                float q = near * (s * s + t * t);
+                float q = close * (s * s + t * t);
                 for (int c = 0; c < CHANNELS; ++c) {
                     const float e = I[k * CHANNELS + c] - I[i * CHANNELS + c];
                     q += e * e * same;

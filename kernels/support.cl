@@ -25,7 +25,7 @@ inline float bell(const float q)
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void gather(__global float *restrict out, __global const float *restrict cost,
-                     __global const float *restrict I, const float near,
+                     __global const float *restrict I, __global const float *restrict near,
                      __global const float *restrict alike, const int planes, const int ny,
                      const int nx)
 {
@@ -42,7 +42,7 @@ __kernel void gather(__global float *restrict out, __global const float *restric
             float *to = w + ((s + RADIUS) * SIDE + t + RADIUS) * BLOCK;
             const int begin = clamp(-t - x0, 0, n), end = clamp(nx - t - x0, begin, n);
             __global const float *there = here + (s * nx + t) * CHANNELS;
-            const float far = near * (s * s + t * t);
+            __global const float *close = near + row_start(0, y, ny, nx) + x0;
             __global const float *same = alike + row_start(0, y, ny, nx) + x0;
             for (int x = begin; x < end; ++x) {
                 float q = 0;
@@ -50,7 +50,7 @@ __kernel void gather(__global float *restrict out, __global const float *restric
                     const float d = there[x * CHANNELS + c] - here[x * CHANNELS + c];
                     q += d * d;
                 }
-                to[x] = bell(far + q * same[x]);
+                to[x] = bell(close[x] * (s * s + t * t) + q * same[x]);
                 total[x] += to[x];
             }
         }

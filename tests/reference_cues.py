@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from reference_lightfield import apply, sampling_matrix
 from reference_optics import Real
+from scipy.ndimage import gaussian_filter, uniform_filter
 
 
 def grid_steps(views: tuple[int, int]) -> Real:
@@ -84,3 +85,28 @@ def coherence(J: Real) -> Real:
     xx, xu, uu = J
     total = np.where(xx + uu > 0, xx + uu, 1)
     return np.where(xx > uu, ((xx - uu) ** 2 + 4 * xu**2) / total**2, 0)
+
+
+# Plain forms, as a few lines of numpy have them ----------------------------------------------
+
+
+def vertex(cost: Real, planes: Real) -> Real:
+    """Disparity of the lowest cost (n, y, x), refined by a parabola clipped to half a step."""
+    best = np.clip(np.argmin(cost, axis=0), 1, len(planes) - 2)[None]
+    a, b, c = (np.take_along_axis(cost, best + k, 0)[0] for k in (-1, 0, 1))
+    bend = a - 2 * b + c
+    off = np.divide(a - c, 2 * bend, out=np.zeros_like(a), where=bend != 0)
+    return planes[best[0]] + (planes[1] - planes[0]) * np.clip(off, -0.5, 0.5)
+
+
+def plain_depth(lf: Real, planes: Real) -> dict[str, Real]:
+    """{"energy": ..., "correspondence": ...} of views (v, u, y, x): Gaussians 1.5 and 4, box 9."""
+    energy, variance = [], []
+    ones, steps = np.ones(lf.shape[:2]), grid_steps(lf.shape[:2])
+    for d in planes:
+        mean, spread = (a[..., 0] for a in moments(lf[..., None], d, ones, steps))
+        detail = mean - gaussian_filter(mean, 1.5)
+        energy.append(-gaussian_filter(detail**2, 4))
+        variance.append(uniform_filter(spread, 9))
+    found = {"energy": energy, "correspondence": variance}
+    return {name: vertex(np.array(cost), planes) for name, cost in found.items()}

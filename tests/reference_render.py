@@ -147,44 +147,41 @@ def phase_ramps(lf: Real, disparity: float, *, weights: Real, step: Real) -> Rea
 
 
 def hyperfan(
-    lf: Real,
-    low: float,
-    high: float,
-    *,
-    bandwidth: float,
-    padded: tuple[int, int],
-    weights: Real,
-    ratio: float = 1.0,
+    lf: Real, low: float, high: float, *, bandwidth: float, lit: Real, ratio: float = 1.0
 ) -> Real:
     """A light field of which the disparities from low to high pass, filtered in 4-D.
 
-    Gain 2^(-(s / bandwidth)^2 / 2) at distance s, in cycles a view, of (fv, fu) from the segment
-    d (ratio fy, fx), low <= d <= high, all modulo 1; views padded with weight 0 and the result
-    divided by the response of the same filter to the weights at fy = fx = 0.
+    Views that are not lit are taken from the nearest that is (the first of equals). All are moved
+    by phase ramps so that the middle disparity is the same in all views, mirrored at the edges of
+    the aperture, filtered with the gain 2^(-(s/bandwidth)^2/2) at distance s, in cycles a view, of
+    (fv, fu) from d (ratio fy, fx), |d| <= (high - low)/2, modulo 1, and moved back.
     """
     V, U, ny, nx = lf.shape[:4]
-    fv, fu = (np.fft.fftfreq(n) for n in padded)
-    fy, fx = np.fft.fftfreq(ny) * ratio, np.fft.fftfreq(nx)
-    fv, fu, fy, fx = np.meshgrid(fv, fu, fy, fx, indexing="ij")
-    middle = (low + high) / 2
-    nearest = np.full(fv.shape, np.inf)
-    for m in (-1, 0, 1):
-        for n in (-1, 0, 1):
-            dv = fv - np.round(fv - middle * fy) + m
-            du = fu - np.round(fu - middle * fx) + n
-            power = fy**2 + fx**2
-            along = np.where(power > 0, (dv * fy + du * fx) / np.where(power > 0, power, 1), 0)
-            d = np.clip(along, low, high)
-            nearest = np.minimum(nearest, (dv - d * fy) ** 2 + (du - d * fx) ** 2)
-    gain = 2 ** (-nearest / bandwidth**2 / 2)
-    w = np.zeros(padded)
-    w[:V, :U] = weights
-    response = np.fft.ifft2(np.fft.fft2(w) * gain[:, :, 0, 0]).real[:V, :U]
-    field = np.zeros((*padded, *lf.shape[2:]))
-    field[:V, :U] = lf * weights.reshape(V, U, *(1,) * (lf.ndim - 2))
-    each = gain.reshape(gain.shape + (1,) * (lf.ndim - 4))
-    out = np.fft.ifftn(np.fft.fftn(field, axes=(0, 1, 2, 3)) * each, axes=(0, 1, 2, 3)).real
-    return out[:V, :U] / response.reshape(V, U, *(1,) * (lf.ndim - 2))
+    middle, reach = (low + high) / 2, (high - low) / 2
+    fy, fx = np.fft.fftfreq(ny)[:, None] * ratio, np.fft.fftfreq(nx)[None, :]
+    out = np.empty(lf.shape)
+    for c in np.ndindex(*lf.shape[4:]):
+        part = np.empty((V, U, ny, nx), complex)
+        for v, u in np.ndindex(V, U):
+            distance = [(i - v) ** 2 + (j - u) ** 2 for i, j in np.argwhere(lit)]
+            i, j = np.argwhere(lit)[int(np.argmin(distance))]
+            ramp = np.exp(-2j * np.pi * middle * (fy * (i - (V - 1) / 2) + fx * (j - (U - 1) / 2)))
+            part[v, u] = np.fft.fft2(lf[(i, j, slice(None), slice(None), *c)].astype(float)) * ramp
+        whole = np.concatenate((part, part[::-1]), 0)
+        whole = np.fft.fft2(np.concatenate((whole, whole[:, ::-1]), 1), axes=(0, 1))
+        fv, fu = (np.fft.fftfreq(2 * n)[:, None, None] for n in (V, U))
+        away = np.full(whole.shape, np.inf)
+        for m in (-1, 0, 1):
+            for n in (-1, 0, 1):
+                dv, du = fv[:, None] + m, fu[None] + n
+                power = np.maximum(fy**2 + fx**2, 1e-30)
+                d = np.clip((dv * fy + du * fx) / power, -reach, reach)
+                away = np.minimum(away, (dv - d * fy) ** 2 + (du - d * fx) ** 2)
+        part = np.fft.ifft2(whole * 2 ** (-away / bandwidth**2 / 2), axes=(0, 1))[:V, :U]
+        for v, u in np.ndindex(V, U):
+            ramp = np.exp(2j * np.pi * middle * (fy * (v - (V - 1) / 2) + fx * (u - (U - 1) / 2)))
+            out[(v, u, slice(None), slice(None), *c)] = np.fft.ifft2(part[v, u] * ramp).real
+    return out
 
 
 def between_planes(stack: Real, disparities: Real, disparity: Real) -> Real:

@@ -128,3 +128,42 @@ def brightness(one: Any, y: Real, x: Real, d: Real, a: float, b: float) -> Real:
         r2 = (y + spot.d * a - spot.centre[0]) ** 2 + (x + spot.d * b - spot.centre[1]) ** 2
         light = light + (spot.strength * np.exp(-r2 / (2 * spot.width**2)))[..., None]
     return light
+
+
+def camera_image(camera: Any, scene: Any, samples: Real) -> Real:
+    """Raw image of a plenoptic 1.0 camera: rays from the sensor through all of its lenslets.
+
+    samples: (y, x) in a lenslet, along the lattice in row pitches and pitches, and (y, x) in a
+    pixel, along the lattice in pixels; shape (n, 4).
+    """
+    mla, F = camera.mla, camera.image_distance
+    cos, sin = np.cos(mla.rotation), np.sin(mla.rotation)
+    turn = np.array([[cos, sin], [-sin, cos]])  # (y, x) of the lattice to those of the sensor
+    in_lens = (samples[:, :2] * (mla.row_pitch, mla.pitch)) @ turn.T
+    in_pixel = samples[:, 2:] @ turn.T * camera.pixel_pitch
+    grid = camera.grid
+    sensor = np.stack(
+        np.meshgrid(
+            *(o + (np.arange(n) - n // 2) * camera.pixel_pitch
+              for o, n in zip(grid.origin, grid.shape, strict=True)),
+            indexing="ij",
+        ),
+        axis=-1,
+    )[:, :, None] + in_pixel  # fmt: skip
+    step = camera.pixel_pitch * F / mla.f
+    out = np.zeros(grid.shape)
+    for centre in mla.centres().reshape(-1, 2):
+        x = centre + in_lens
+        u = (0 if camera.field_lens else x) - F / mla.f * (sensor - centre)
+        passes = (u**2).sum(axis=-1) <= (camera.aperture_diameter / 2) ** 2
+        place = (x - mla.offset) @ turn / (mla.row_pitch, mla.pitch)  # lenslets from the middle
+        b = -(u @ turn) / step
+        a = b[..., 0] * mla.pitch / mla.row_pitch
+        y, x = np.broadcast_to(place[:, 0], a.shape), np.broadcast_to(place[:, 1], a.shape)
+        d, seen = first_hit(scene.surfaces, y, x, a, b[..., 1])
+        light = np.where(seen < 0, scene.background, 0.0)
+        for i, one in enumerate(scene.surfaces):
+            mine = brightness(one, y, x, np.where(seen == i, d, 0), a, b[..., 1]).mean(axis=-1)
+            light = np.where(seen == i, mine, light)
+        out += np.where(passes, light, 0).mean(axis=-1)
+    return out

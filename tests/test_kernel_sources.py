@@ -257,7 +257,9 @@ def work(device: Device) -> None:
         for one in (raw, exposed(device, "square")):
             refocus(LightField.from_raw(one), alpha=0.9, rescale=True)
         views(device)
-        SurfaceScene(Plane(0.5)).light_field((2, 3), (6, 9), device=device)
+        scene = SurfaceScene(Plane(0.5))
+        scene.light_field((2, 3), (6, 9), device=device)
+        raw.camera.expose(scene, model="rays")
 
 
 @pytest.fixture(scope="module")

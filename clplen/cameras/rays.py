@@ -27,7 +27,7 @@ Vector = np.ndarray[Any, np.dtype[np.float64]]
 SAMPLES = 64  # rays of a pixel and a lenslet
 MOST_RAYS = 2**16  # of one point
 LEAST_RAYS = 2**8
-ALL_RAYS = 2**26  # of a scene of points, shared among them
+ALL_RAYS = 2**23  # of a scene of points, shared among them
 BATCH = 2**20
 
 

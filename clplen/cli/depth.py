@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
-from clplen.cli import options
+from clplen.cli import metres, options
 from clplen.cli.common import check_outputs, check_planes, check_suffix, planes_of, read
+
+if TYPE_CHECKING:
+    from clplen.lightfield.depth import DepthMap
+
+Values = np.ndarray[Any, Any]
+
+_MAPS = (".pfm", ".tif", ".tiff", ".npy")
+_SURE = 0.5  # confidence above which a pixel counts as sure
 
 
 @click.command()
@@ -17,17 +26,36 @@ from clplen.cli.common import check_outputs, check_planes, check_suffix, planes_
     "-o",
     "--output",
     required=True,
-    metavar="OUT.pfm|OUT.tif",
+    metavar="OUT.pfm|OUT.tif|OUT.npy",
     type=click.Path(path_type=Path),
     help="Disparities; a picture of the same name in .png is written beside them.",
 )
+@click.option(
+    "--cue",
+    type=click.Choice(["energy", "correspondence", "structure-tensor", "combined"]),
+    help="What to tell depth by; default: combined.",
+)
+@click.option(
+    "--confidence",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Confidence from 0 to 1, as .pfm, .tif or .npy.",
+)
 @options.plane_range
+@metres.lengths
 @options.layout
 @options.device
 def depth(
-    source: Path, output: Path, disparities: Any, alphas: Any, selector: str | None, **layout: Any
+    source: Path,
+    output: Path,
+    cue: str | None,
+    confidence: Path | None,
+    disparities: Any,
+    alphas: Any,
+    selector: str | None,
+    **words: Any,
 ) -> None:
-    """Find the disparity of every pixel: values as PFM or TIFF, and a picture.
+    """Find the disparity of every pixel: values as PFM, TIFF or NumPy, and a picture.
 
     \b
     Example:
@@ -38,11 +66,51 @@ def depth(
     from clplen.lightfield.depth import depth_map
 
     check_planes(disparities, alphas)
-    check_suffix(output, (".pfm", ".tif", ".tiff"))
+    lengths = metres.lengths_of(words)
     picture = output.with_suffix(".png")
-    check_outputs(source, layout, output, picture)
-    lf = read(source, selector, layout)
-    found = depth_map(lf, **planes_of(lf, disparities, alphas))
-    write_depth(output, found)
+    _check_names(source, words, (output, confidence), picture, lengths)
+    lf = read(source, selector, words)
+    found = depth_map(lf, cue=cue, **planes_of(lf, disparities, alphas))
+    if output.suffix.lower() == ".npy":
+        metres.write_map(output, found.disparity)
+    else:
+        write_depth(output, found, spacing=lf.spacing)
+    if confidence is not None:
+        metres.write_map(confidence, found.confidence)
     plot.save(plot.depth(found, title=f"disparity of {source.name}"), picture)
     click.echo(f"{output} holds the disparities, {picture} shows them with their confidence.")
+    click.echo(_summary(found))
+    if lengths is not None:
+        click.echo(metres.write(lf, found, lengths))
+
+
+def _check_names(
+    source: Path,
+    layout: dict[str, Any],
+    maps: tuple[Path | None, ...],
+    picture: Path,
+    lengths: metres.Lengths | None,
+) -> None:
+    """Refuse outputs of another kind, of the same name, or that cannot be written."""
+    wanted = [*maps, lengths.metric if lengths else None]
+    outputs = [path for path in wanted if path is not None]
+    for path in outputs:
+        check_suffix(path, _MAPS)
+    outputs.append(picture)
+    if lengths is not None and lengths.ply is not None:
+        check_suffix(lengths.ply, (".ply",))
+        outputs.append(lengths.ply)
+    for path in outputs:
+        if outputs.count(path) > 1:
+            raise click.UsageError(f"{path} is named for two outputs: give each a name of its own.")
+    check_outputs(source, layout, *outputs)
+
+
+def _summary(found: DepthMap) -> str:
+    """How many pixels are sure, and the range of their disparities."""
+    sure = found.confidence > _SURE
+    share = f"{100 * sure.mean():.0f} % of the pixels are sure (confidence above {_SURE:g})"
+    if not sure.any():
+        return f"{share}."
+    low, high = found.disparity[sure].min(), found.disparity[sure].max()
+    return f"{share}, with disparities from {low:.3f} to {high:.3f}."

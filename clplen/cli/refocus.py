@@ -100,7 +100,7 @@ def refocus(
 
 
 def _check_target(*targets: Any) -> None:
-    if sum(target not in (None, (), False) for target in targets) != 1:
+    if sum(not (target is None or target is False or target == ()) for target in targets) != 1:
         raise click.UsageError(
             "Give one of --disparity, --alpha, --at, --tilt (three times) and --all-in-focus."
         )

@@ -60,7 +60,13 @@ def read_tiff_frame(
     except Exception as error:  # tifffile raises all kinds on damaged files
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise FormatError(f"The picture {path} cannot be read ({reason}).") from error
-    if values.dtype.kind not in "buif" or values.shape[2:] not in ((), (2,), (3,), (4,)):
+    channels = values.shape[2:]
+    if (
+        values.dtype.kind not in "buif"
+        or values.ndim not in (2, 3)
+        or values.size == 0
+        or channels not in ((), (2,), (3,), (4,))
+    ):
         raise FormatError(
             f"The picture {path} holds {values.dtype} of shape {values.shape}, not real numbers "
             "(y, x) or (y, x, 3)."

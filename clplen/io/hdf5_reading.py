@@ -14,6 +14,7 @@ import numpy as np
 from clplen.errors import FormatError
 from clplen.io.attributes import plain
 from clplen.io.bounds import DEFLATE, require_bytes
+from clplen.io.hdf5_heap import require_heaps
 from clplen.io.loading import reading
 from clplen.io.names import listed
 
@@ -84,7 +85,10 @@ def attributes_of(item: Any, names: Iterable[str], path: Path) -> dict[str, Any]
     for name in names:
         if name not in item.attrs:
             continue
-        size = item.attrs.get_id(name).get_storage_size()
+        attribute = item.attrs.get_id(name)
+        if _is_variable(attribute.get_type()):
+            require_heaps(path)
+        size = attribute.get_storage_size()
         if size > _ATTRIBUTE:
             raise FormatError(
                 f"{path}: the attribute {name!r} of {item.name} declares {size:,} bytes, more than "
@@ -92,6 +96,13 @@ def attributes_of(item: Any, names: Iterable[str], path: Path) -> dict[str, Any]
             )
         found[name] = plain(item.attrs[name])
     return found
+
+
+def _is_variable(kind: Any) -> bool:
+    """Whether values are of variable length, which lie in heaps."""
+    return bool(kind.detect_class(h5py.h5t.VLEN)) or (
+        isinstance(kind, h5py.h5t.TypeStringID) and bool(kind.is_variable_str())
+    )
 
 
 def require_size(dataset: h5py.Dataset, largest: int, path: Path) -> None:

@@ -26,7 +26,7 @@ from clplen.lightfield.lightfield import LightField
 Array = np.ndarray[Any, Any]
 
 _ESLF = (14, 14)
-_ORDERS = {"yvxu": "lenslet images side by side", "vyux": "views side by side"}
+_ORDERS = ("yvxu", "vyux")  # lenslet images, views side by side
 _RAW = ("white", "dark", "grid", "step", "lattice", "bayer", "demosaic", "devignette")
 _CLEAR = 1.1  # ratio of the two costs from which on a guess is one
 _COMPARED = 1 << 22  # samples that a guess looks at along each axis
@@ -94,8 +94,7 @@ def _named_eslf(path: Path) -> bool:
 def _read_mosaic(
     picture: Array, path: Path, device: Device, layout: Layout
 ) -> tuple[LightField, str]:
-    order = _order(layout.order)
-    views = _views(path, layout)
+    order, views = _order(layout.order), _views(path, layout)
     alpha = picture[..., -1] if picture.shape[2:] in ((2,), (4,)) else None
     colours = picture if alpha is None else picture[..., :-1]
     if colours.shape[2:] == (1,):
@@ -114,22 +113,28 @@ def _read_mosaic(
             stored[view] = linear(whole[view]) if layout.srgb else whole[view]
 
     data = filled(whole.shape, whole.dtype, path, device=device, layout=layout, fill=fill)
-    weights = None if alpha is None else _weights(as_views(alpha, views, order), whole, path)
+    weights = None
+    if alpha is not None:
+        weights = layout.oriented(_weights(as_views(alpha, views, order), whole, path))
     with naming(path):
         lf = LightField.from_array(
             data,
             device=device,
-            weights=None if weights is None else layout.oriented(weights),
+            weights=weights,
             positions=positions_of(layout, views),
         )
+    return lf, _sentence(lf, path, f"order {order!r} ({said})", alpha is not None, layout)
+
+
+def _sentence(lf: LightField, path: Path, order: str, weighted: bool, layout: Layout) -> str:
     parts = [
         f"{lf.shape[0]} x {lf.shape[1]} views (V x U) of {form_of(lf.shape[2:], lf.dtype)} from "
         f"{path}",
-        f"a mosaic of {_ORDERS[order]}, order {order!r} ({said})",
-        *([] if alpha is None else ["its alpha channel taken for the weight of the views"]),
+        f"a mosaic in {order}",
+        *(["its alpha channel taken for the weight of the views"] if weighted else []),
         *layout.said(),
     ]
-    return lf, ", ".join(parts)
+    return ", ".join(parts)
 
 
 def _order(order: str | None) -> str | None:

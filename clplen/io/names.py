@@ -120,11 +120,7 @@ def arrange(
         If ``lawnmower`` is asked of names that have row and column.
     """
     names = list(names)
-    if lawnmower and not pattern.counts_views:
-        raise ValueError(
-            f"order='lawnmower' is for names with one number; the pattern {pattern.text!r} has row "
-            "and column: give a pattern with {i}, or leave order out."
-        )
+    _require_one_number(pattern, lawnmower)
     found = pattern.numbers(names)
     if not found:
         raise FormatError(
@@ -140,12 +136,7 @@ def arrange(
         tuple(axes[axis][value] for axis, value in enumerate(key)): files[0]
         for key, files in found.items()
     }
-    if math.prod(counts) > _MOST:
-        raise FormatError(
-            f"The numbers in the names in {where} (pattern {pattern.text!r}) would give "
-            f"{' x '.join(f'{n:,}' for n in counts)} views from {len(ranked)} files: give a "
-            "pattern that matches the views only."
-        )
+    _require_few(counts, len(ranked), pattern, where)
     if pattern.counts_views:
         shape = _shape_of(counts[0], views, pattern)
         return shape, {
@@ -158,6 +149,23 @@ def arrange(
             f"{pattern.text!r}), but views={tuple(views)} was asked for."
         )
     return shape, {(rank[0], rank[1]): file for rank, file in ranked.items()}
+
+
+def _require_one_number(pattern: Pattern, lawnmower: bool) -> None:
+    if lawnmower and not pattern.counts_views:
+        raise ValueError(
+            f"order='lawnmower' is for names with one number; the pattern {pattern.text!r} has row "
+            "and column: give a pattern with {i}, or leave order out."
+        )
+
+
+def _require_few(counts: Sequence[int], files: int, pattern: Pattern, where: str) -> None:
+    if math.prod(counts) > _MOST:
+        raise FormatError(
+            f"The numbers in the names in {where} (pattern {pattern.text!r}) would give "
+            f"{' x '.join(f'{n:,}' for n in counts)} views from {files} files: give a "
+            "pattern that matches the views only."
+        )
 
 
 def _place(index: int, columns: int, *, lawnmower: bool) -> View:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import zlib
 from io import BytesIO
 from pathlib import Path
@@ -19,6 +20,7 @@ _RATIO = {1: 1.0, 5: 2560.0, 7: 2048.0, 8: DEFLATE, 32946: DEFLATE, 32773: 64.0}
 _BY_PILLOW = (5, 7)  # where tifffile's optional codecs are not installed
 _DEFLATED = (8, 32946)
 _PALETTE = 3
+_TILE = 16 << 20  # bytes by which a tile may be larger than its picture
 
 
 def decode_tiff(
@@ -85,6 +87,8 @@ def _check(page: Any, content: bytes, path: Path, max_bytes: int | None) -> None
         ratio=_RATIO[page.compression] * unpacked,
         max_bytes=max_bytes,
     )
+    if page.is_tiled and math.prod(page.chunks) * page.dtype.itemsize > page.nbytes + _TILE:
+        raise ValueError(f"its tiles, {page.chunks}, are much larger than the picture")
     if page.compression in _DEFLATED:
         _check_deflated(page, content)
 
@@ -92,8 +96,8 @@ def _check(page: Any, content: bytes, path: Path, max_bytes: int | None) -> None
 def _check_deflated(page: Any, content: bytes) -> None:
     """Refuse a strip or tile that is larger than declared: tifffile would inflate all of it."""
     whole = page.chunks if page.is_tiled else (page.rowsperstrip, *page.shape[1:])
-    largest = 2 * int(np.prod(whole, dtype=np.int64)) * page.dtype.itemsize
-    limit = min(largest, 2 * page.nbytes) + 4096
+    largest = min(math.prod(whole) * page.dtype.itemsize, page.nbytes + _TILE)
     for offset, count in zip(page.dataoffsets, page.databytecounts, strict=False):
-        if len(zlib.decompressobj().decompress(content[offset : offset + count], limit)) >= limit:
+        part = content[offset : offset + count]
+        if len(zlib.decompressobj().decompress(part, largest + 1)) > largest:
             raise ValueError("a part of it inflates to more than it declares")

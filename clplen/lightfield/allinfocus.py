@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from clplen.lightfield.lightfield import LightField
 
 _HIGH_PASS, _WINDOW = 1.5, 4.0  # pixels, as for depth
-_POWER = 8  # of the energy: planes next to the sharpest share, others do not
+_DOUBLINGS = 5  # energy to the power of 32: planes next to the sharpest share, others do not
 
 
 def all_in_focus(
@@ -38,7 +38,7 @@ def all_in_focus(
     views there (`refocus` on a surface), of a stack linearly between its two nearest planes (held
     beyond the ends).
 
-    Without one, the planes of a stack are blended with weights (E_d / max_d E)^8, where E_d is
+    Without one, the planes of a stack are blended with weights (E_d / max_d E)^32, where E_d is
     the local energy of `depth_map`, smooth over a window of 4 pixels, so that no seams appear;
     where nothing has any texture all planes count alike.
 
@@ -118,7 +118,7 @@ def _blended(stack: FocalStack) -> cla.Array:
         high_pass(energy, even(stack, index))
         gather(energy, energy)
         device.copy_into(energies, energy, index * energy.nbytes)
-    return _launch("blend", stack, stack.data, energies, np.int32(_POWER))
+    return _launch("blend", stack, stack.data, energies, np.int32(_DOUBLINGS))
 
 
 def _launch(name: str, stack: FocalStack, data: cla.Array, *more: Any) -> cla.Array:

@@ -25,13 +25,14 @@ Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 _LEVELS = 255.0  # between the darkest and the brightest of the centre view
 _OUTLIERS = 0.2  # per cent of its samples left out at either end
-_SUPPORT, _SUPPORT_SIGMA = 4, 3.0  # pixels: window of the costs, and its Gaussian
+_WINDOW = 8  # pixels: half the window of costs and of planes
+_NARROW, _WIDE, _WIDENING = 3.0, 6.0, 0.4  # its Gaussian, in pixels, and its growth with noise
+_QUIET = 2.0  # levels of noise up to which it is narrow
 _ALIKE = 6.0  # levels a channel: pixels that differ more belong to different things
 _NOISE_BLUR = 8.0  # pixels over which noise is taken as even
 _COST_PER_NOISE = 0.62  # least cost of a channel over the noise of a sample
-_FIT, _FIT_SIGMA = 5, 3.0  # pixels: window of the planes that are fitted
 _FIT_ALIKE = 8.0
-_SAME_SURFACE = 0.1  # pixels a view step
+_SAME_SURFACE = 0.2  # pixels a view step
 _MOST_STEP = 0.1
 _RIDGE = 0.3  # pixels^2
 _PRIOR = 270.0  # of the matched disparity, in levels^2 a channel for noise of a level
@@ -121,6 +122,12 @@ def _alike(level: float, noise: Map, channels: int) -> Map:
     return np.asarray(0.5 / (level**2 + noise**2) / channels, np.float32)
 
 
+def _near(noise: Map) -> Map:
+    """Scale of squared distances: the noisier, the farther neighbours count."""
+    sigma = np.clip(_NARROW + _WIDENING * (noise - _QUIET), _NARROW, _WIDE)
+    return np.asarray(0.5 / sigma**2, np.float32)
+
+
 def _gather(
     out: cla.Array, costs: cla.Array, picture: cla.Array, noise: Map, device: Device
 ) -> None:
@@ -128,12 +135,12 @@ def _gather(
     channels = int(np.prod(picture.shape[2:], dtype=np.int64))
     block = _BLOCK if device.rows else 1
     device.launch(
-        device.kernel("support.cl", "gather", CHANNELS=channels, RADIUS=_SUPPORT, BLOCK=block),
+        device.kernel("support.cl", "gather", CHANNELS=channels, RADIUS=_WINDOW, BLOCK=block),
         (-(-nx // block), ny),
         out,
         costs,
         picture,
-        np.float32(0.5 / _SUPPORT_SIGMA**2),
+        device.upload(_near(noise)),
         device.upload(_alike(_ALIKE, noise, channels)),
         *(np.int32(n) for n in (planes, ny, nx)),
         group=(1, 1),
@@ -185,7 +192,7 @@ def _refined(
     )
     prior = _PRIOR * channels * np.maximum(noise, 1) ** 2
     device.launch_rows(
-        device.kernel("refine.cl", "fit", CHANNELS=channels, RADIUS=_FIT),
+        device.kernel("refine.cl", "fit", CHANNELS=channels, RADIUS=_WINDOW),
         (ny, nx),
         out,
         known,
@@ -194,8 +201,8 @@ def _refined(
         start,
         picture,
         device.upload(_alike(_FIT_ALIKE, noise, channels)),
+        device.upload(_near(noise)),
         device.upload(prior.astype(np.float32)),
-        np.float32(0.5 / _FIT_SIGMA**2),
         np.float32(0.5 / _SAME_SURFACE**2),
         np.float32(_RIDGE),
         np.float32(_MOST_STEP),

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 _FRACTION = 2.0**24  # positions are multiples of 2^-24 pixel, which float32 holds exactly
 
 
-def resample(raw: RawImage, grid: LensletGrid) -> cla.Array:
+def resample(raw: RawImage, grid: LensletGrid, *, linear: bool = False) -> cla.Array:
     """Views of a raw image, by separable cubic convolution (Keys 1981, eq. 15, a = -1/2).
 
     A position that is a whole number of pixels takes that pixel as it is; pixels off the sensor
     count 0. On a hexagonal lattice every lenslet is sampled about its own centre, and its odd rows
-    are then interpolated by the same cubic, in the same pass, to the columns of the even rows, so
-    that the views lie on a rectangular lattice; at the end of such a row its last lenslet stands
-    for the one that is missing.
+    are then interpolated by the same cubic, in the same pass, to the columns of the even rows, or
+    all rows to the grid's own ``columns``, so that the views lie on a rectangular lattice; at the
+    end of such a row its last lenslet stands for the one that is missing.
 
     Parameters
     ----------
@@ -32,11 +32,13 @@ def resample(raw: RawImage, grid: LensletGrid) -> cla.Array:
         Finite, float32.
     grid : LensletGrid
         Which pixels belong to which view and lenslet; rotated and sheared lattices too.
+    linear : bool
+        Linear interpolation in place of cubic, which never falls below the pixels around.
 
     Returns
     -------
     pyopencl.array.Array
-        float32, shape (V, U, rows, columns).
+        float32, shape ``grid.shape``.
 
     Raises
     ------
@@ -49,15 +51,14 @@ def resample(raw: RawImage, grid: LensletGrid) -> cla.Array:
     """
     _check(raw, grid)
     device = raw.device
-    shape = (*grid.views, *grid.count)
-    device.require_memory(4 * int(np.prod(shape, dtype=np.int64)), "This light field")
-    views = device.empty(shape, np.float32)
-    # On odd rows column k lies `-shift` columns from that row's own lenslet k.
-    before = np.floor(-grid.odd_row_shift)
-    between = -grid.odd_row_shift - before
-    (V, U), (rows, columns), (ny, nx) = grid.views, grid.count, raw.shape
+    device.require_memory(4 * int(np.prod(grid.shape, dtype=np.int64)), "This light field")
+    views = device.empty(grid.shape, np.float32)
+    (V, U), (rows, lenslets), (ny, nx) = grid.views, grid.count, raw.shape
+    columns = lenslets if grid.columns is None else grid.columns[0]
+    strides = [int(n) // views.dtype.itemsize for n in views.strides]
+    order = (1, 0, 3, 2) if grid.exchanged else (0, 1, 2, 3)
     device.launch_rows(
-        device.kernel("decode.cl", "decode"),
+        device.kernel("decode.cl", "decode", **({"LINEAR": True} if linear else {})),
         (V, rows, U, columns),
         views,
         raw.data,
@@ -65,8 +66,9 @@ def resample(raw: RawImage, grid: LensletGrid) -> cla.Array:
         *_column_tables(grid, device),
         *_tables(np.arange(V)[:, None] * np.asarray(grid.row_view_step), device),
         *_tables(np.arange(U)[:, None] * np.asarray(grid.column_view_step), device),
-        *(np.int32(n) for n in (ny, nx, U, rows, columns, before)),
-        np.float32(between),
+        *_near_tables(grid, device),
+        *(np.int32(n) for n in (ny, nx, rows, lenslets, columns)),
+        *(np.int64(strides[axis]) for axis in order),
     )
     return views
 
@@ -77,13 +79,14 @@ def _check(raw: RawImage, grid: LensletGrid) -> None:
             "A colour picture of lenslets is not sliced into views, but one of shape (ny, nx): "
             "decode its colours one by one, or give the raw frame with bayer=."
         )
-    if min(*grid.count, *grid.views) < 1:
+    if min(*grid.count, *grid.shape) < 1:
         raise ShapeError(
             "A lenslet grid has at least one lenslet and one view along each axis, not "
             f"{grid.count} lenslets of {grid.views} views."
         )
     steps = (grid.row_step, grid.column_step, grid.row_view_step, grid.column_view_step)
     numbers = (*grid.first, *(n for step in steps for n in step), grid.odd_row_shift)
+    numbers += (1.0,) if grid.columns is None else grid.columns
     if not np.isfinite(numbers).all():
         raise ValueError(f"The numbers of a lenslet grid are finite, not {grid}.")
     bad = count_bad(raw.data, raw.device)
@@ -114,10 +117,17 @@ def _column_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Ar
     return _tables(np.arange(grid.count[1])[:, None] * np.asarray(grid.column_step), device)
 
 
+def _near_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Array]:
+    """Between which lenslets of even and odd rows the columns lie, and at which fraction."""
+    count, step = (grid.count[1], 1.0) if grid.columns is None else grid.columns
+    shifts = np.array([0.0, grid.odd_row_shift])  # of a row's own lenslets, in columns
+    return _tables(np.arange(count) * step - shifts[:, None], device)
+
+
 def _tables(
     positions: np.ndarray[Any, np.dtype[np.float64]], device: Device
 ) -> tuple[cla.Array, cla.Array]:
-    """Integers and fractions of positions (n, 2), int32 and float32."""
+    """Integers and fractions of positions, int32 and float32."""
     rounded = np.round(positions * _FRACTION) / _FRACTION
     whole = np.floor(rounded)
     part = (rounded - whole).astype(np.float32)

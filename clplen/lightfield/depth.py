@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
     from clplen.lightfield.lightfield import LightField
 
-CUES = ("energy", "correspondence", "structure-tensor")
+CUES = ("energy", "correspondence", "structure-tensor", "combined")
 DEFAULT_DISPARITIES = np.linspace(-2, 2, 33)
 
 _CURVE_HIGH_PASS = 2.0  # pixels, for the whole picture
@@ -72,6 +73,9 @@ def depth_map(
     "structure-tensor"
         The orientation of the epipolar-plane images, sheared in steps, most coherent of both
         directions (`clplen.lightfield.structure_tensor`). Of the planes only the range counts.
+    "combined"
+        Matching past occlusions with adaptive support, refined by least squares
+        (`clplen.lightfield.combined`): the most exact, and the slowest.
 
     Parameters
     ----------
@@ -81,8 +85,8 @@ def depth_map(
     alphas, disparities : array_like, optional
         Planes to try, at least three different ones, not both. For a light field without either:
         33 disparities from -2 to 2.
-    cue : {"energy", "correspondence", "structure-tensor"}, optional
-        Default "energy".
+    cue : {"energy", "correspondence", "structure-tensor", "combined"}, optional
+        Default "combined" for a light field, "energy" for a stack.
 
     Returns
     -------
@@ -96,7 +100,8 @@ def depth_map(
     DeviceError
         If what is needed is larger than the device's memory.
     """
-    cue = "energy" if cue is None else cue
+    if cue is None:
+        cue = "energy" if isinstance(source, FocalStack) else "combined"
     if cue not in CUES:
         raise ValueError(f"The cues of depth_map are {', '.join(map(repr, CUES))}, not {cue!r}.")
     planes = _distinct(source, alphas, disparities)
@@ -107,8 +112,16 @@ def depth_map(
             f"cue={cue!r} compares views, which a focal stack does not have: give the light field, "
             "or cue='energy'."
         )
-    find = correspondence_disparity if cue == "correspondence" else structure_disparity
-    return _depth_map(source, *find(source, planes))
+    return _depth_map(source, *_compare_views(cue)(source, planes))
+
+
+def _compare_views(cue: str) -> Callable[[LightField, Vector], tuple[Map, Map]]:
+    """What finds (disparity, confidence) by one of the cues that need a light field."""
+    if cue == "combined":
+        from clplen.lightfield.combined import combined_disparity
+
+        return combined_disparity
+    return correspondence_disparity if cue == "correspondence" else structure_disparity
 
 
 def sharpness_curve(stack: FocalStack) -> Vector:

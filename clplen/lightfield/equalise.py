@@ -9,15 +9,17 @@ import numpy as np
 from clplen.lightfield.reciprocal import Basis, Values, reduced
 
 _BLOCK = 256  # rows at a time
-_FULL = 0.97  # of the largest number of pixels: a lenslet that the picture does not cut
-_CUT = 0.2  # a lenslet that is cut has another mean by less than this logarithm
+_CORE = 0.35  # of a period: brightness is taken within, where no other lenslet reaches
+_FULL = 0.6  # of the usual number of pixels: a lenslet that the picture does not cut much
+_STEP = 0.03  # logarithm, where a difference begins to count less
+_ROUNDS = 12
 _MOST = 4.0  # times brighter or darker at most
 
 
 def equalised(picture: Values, cell: Basis, origin: Values) -> Values:
     """Every lenslet scaled to the same mean, and the fall of brightness within it taken off.
 
-    The fall is a polynomial of degree 4 through the logarithms of the lenslets' means.
+    The fall is the exponential of a polynomial of degree 4, fitted to the lenslets' means.
 
     Parameters
     ----------
@@ -31,7 +33,8 @@ def equalised(picture: Values, cell: Basis, origin: Values) -> Values:
     Returns
     -------
     numpy.ndarray
-        float32, shape (ny, nx): a pixel belongs to the lenslet whose centre is nearest.
+        float32, shape (ny, nx): a pixel belongs to the lenslet whose centre is nearest. Lenslets
+        that the picture cuts are not to be used.
     """
     short = reduced(cell)
     if short[0] @ short[1] < 0:
@@ -42,20 +45,21 @@ def equalised(picture: Values, cell: Basis, origin: Values) -> Values:
     shape = tuple(int(n) for n in high - low)
     light, count = np.zeros(shape[0] * shape[1]), np.zeros(shape[0] * shape[1])
     blocks = range(0, picture.shape[0], _BLOCK)
-    labels = [_labels(picture[at : at + _BLOCK].shape, at, short, origin, low, shape) for at in blocks]
-    for at, label in zip(blocks, labels, strict=True):
-        values = picture[at : at + _BLOCK].ravel()
-        light += np.bincount(label.ravel(), values, light.size)
-        count += np.bincount(label.ravel(), minlength=light.size)
-    full = count > _FULL * count.max()
+    labels = []
+    for at in blocks:
+        block = picture[at : at + _BLOCK]
+        label, core = _labels(block.shape, at, short, origin, low, shape)
+        light += np.bincount(label[core], block[core], light.size)
+        count += np.bincount(label[core], minlength=light.size)
+        labels.append(label)
+    light, count = light.reshape(shape), count.reshape(shape)
+    full = count > _FULL * np.median(count[count > 0])
     mean = np.log(np.maximum(light, 1e-30) / np.maximum(count, 1))
-    i, k = np.divmod(np.arange(light.size), shape[1])
-    at = origin + np.stack([i + low[0], k + low[1]], axis=1) @ short
-    smooth, terms = _smooth(at[full], mean[full], picture.shape)
-    own = _model(*at.T, terms, picture.shape) @ smooth - mean
-    own[~full & (np.abs(own) < _CUT)] = 0
-    own[count == 0] = 0
-    own = np.clip(own, -np.log(_MOST), np.log(_MOST)).astype(np.float32)
+    at = origin + np.moveaxis(np.indices(shape), 0, -1) @ short + low @ short
+    smooth, terms = _smooth(at, mean, full, picture.shape)
+    own = _model(*np.moveaxis(at, -1, 0), terms, picture.shape) @ smooth - mean
+    own -= np.median(own[full])
+    own = np.clip(own, -np.log(_MOST), np.log(_MOST)).astype(np.float32).ravel()
     out = np.empty(picture.shape, np.float32)
     for start, label in zip(blocks, labels, strict=True):
         block = picture[start : start + _BLOCK]
@@ -65,13 +69,29 @@ def equalised(picture: Values, cell: Basis, origin: Values) -> Values:
     return out
 
 
-def _smooth(at: Values, mean: Values, shape: tuple[int, ...]) -> tuple[Values, list[Any]]:
-    """Polynomial through logarithms of brightness: its coefficients and powers."""
-    degree = 4 if len(at) > 60 else 2 if len(at) > 12 else 0
-    terms = [(a, b) for a in range(degree + 1) for b in range(degree + 1 - a)]
-    model = _model(*at.T, terms, shape)
-    lit = mean > mean.max() - np.log(20)
-    return np.linalg.lstsq(model[lit], mean[lit], rcond=None)[0], terms
+def _smooth(at: Values, mean: Values, full: Values, shape: Any) -> tuple[Values, list[Any]]:
+    """Polynomial of the fall of brightness: its coefficients, up to a constant, and powers.
+
+    Fitted to differences of the logarithms of lenslets two apart, which are alike where lenslets
+    are dim in turns; differences that stand out (one bright, one dim) count less (Cauchy).
+    """
+    degree = 4 if full.sum() > 60 else 2
+    terms = [(a, b) for a in range(degree + 1) for b in range(degree + 1 - a) if a + b]
+    model = _model(*np.moveaxis(at, -1, 0), terms, shape)
+    pairs = [
+        ((slice(2, None),), (slice(None, -2),)),
+        ((slice(None), slice(2, None)), (slice(None), slice(None, -2))),
+    ]
+    both = [full[a] & full[b] for a, b in pairs]
+    matrix = np.concatenate(
+        [(model[a] - model[b])[ok] for (a, b), ok in zip(pairs, both, strict=True)]
+    )
+    step = np.concatenate([(mean[a] - mean[b])[ok] for (a, b), ok in zip(pairs, both, strict=True)])
+    found = np.zeros(len(terms))
+    for _ in range(_ROUNDS if len(step) > 2 * len(terms) else 0):
+        weight = 1 / np.hypot(1, (step - matrix @ found) / _STEP)
+        found = np.linalg.lstsq(matrix * weight[:, None], step * weight, rcond=None)[0]
+    return found, terms
 
 
 def _model(y: Values, x: Values, terms: list[Any], shape: tuple[int, ...]) -> Values:
@@ -91,9 +111,14 @@ def _surface(y: Values, x: Values, smooth: Values, terms: list[Any], shape: Any)
 
 
 def _labels(
-    block: tuple[int, ...], at: int, cell: Basis, origin: Values, low: Values, shape: tuple[int, ...]
-) -> Values:
-    """Number of the nearest lenslet of every pixel of a block of rows, int32."""
+    block: tuple[int, ...],
+    at: int,
+    cell: Basis,
+    origin: Values,
+    low: Values,
+    shape: tuple[int, ...],
+) -> tuple[Values, Values]:
+    """Number of every pixel's nearest lenslet, int32, for a block of rows; who is well inside."""
     inverse = np.linalg.inv(cell)
     y = np.arange(at, at + block[0])[:, None] - origin[0]
     x = np.arange(block[1])[None, :] - origin[1]
@@ -106,6 +131,6 @@ def _labels(
         first = (off[0] > off[1]) & (off[0] > off[2])
         second = ~first & (off[1] > off[2])
         i, k = np.where(first, third - k, i), np.where(second, third - i, k)
-    return np.asarray((i.astype(np.int32) - low[0]) * shape[1] + k.astype(np.int32) - low[1])
-
-
+    core = (np.abs(a - i) < _CORE) & (np.abs(b - k) < _CORE)
+    label = (i.astype(np.int32) - low[0]) * shape[1] + k.astype(np.int32) - low[1]
+    return label.astype(np.int32), core

@@ -6,44 +6,38 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyopencl.array as cla
 
-from clplen.lightfield.shifts import row_ratio
-from clplen.lightfield.spectra import (
-    channels_of,
-    fourier_matrix,
-    keep_real,
-    mix,
-    take_views,
-)
+from clplen.lightfield.ramps import turned
+from clplen.lightfield.shifts import row_ratio, unit_steps
+from clplen.lightfield.spectra import channels_of, fourier_matrix, keep_real, mix, take_views
 
 if TYPE_CHECKING:
     from clplen.lightfield.lightfield import LightField
-
-_PADDING = 2.0  # standard deviations of the filter's extent over the views
 
 
 def hyperfan(lf: LightField, low: float, high: float, *, bandwidth: float = 0.05) -> LightField:
     """Keep what lies between two disparities, in every view (Dansereau et al. 2013, hyperfan).
 
     The spectrum of a light field of disparity d lies on (fv, fu) = d (fy, fx). The filter passes
-    2^(-(s/bandwidth)^2/2) at distance s from these places for low <= d <= high (taken modulo one
-    cycle a view): what lies there stays sharp in all views, the rest is blurred and noise is
-    lowered. Refocused or rendered, the result has an extended depth of field.
+    2^(-(s/bandwidth)^2/2) at distance s from these places for low <= d <= high (modulo one cycle a
+    view): what lies there stays sharp in all views, the rest is blurred and noise is lowered.
+    Detail coarser than bandwidth over the distance in disparity passes from everywhere.
 
-    Views are padded with nothing, and the result is divided by what the filter makes of the
-    weights, so that edges of the aperture and missing views are filled from their neighbours; the
-    edges of pictures are periodic.
+    The aperture is mirrored at its edges, after the views were moved so that the middle disparity
+    lies still; a view of weight 0 is first taken from the nearest that has one. The edges of the
+    pictures are periodic.
 
     Parameters
     ----------
     lf : LightField
-        Its views on the regular grid (no ``positions``).
+        Its views on the regular grid (no ``positions``). Weights count as 0 or not.
     low, high : float
         Disparities, pixels a view step along x, low <= high, less than 2 apart. Near 2 the finest
         detail passes whatever its depth: its spectrum then fills a whole cycle a view.
     bandwidth : float
-        In cycles a view, where the amplitude has fallen to 1/sqrt(2); above 0, below 1/4. The
-        filter averages about 0.13/bandwidth views to each side.
+        In cycles a view, where the amplitude has fallen to 1/sqrt(2); above 0, below 1/4. Each
+        view becomes a mean over about 0.13/bandwidth views to each side.
 
     Returns
     -------
@@ -55,34 +49,24 @@ def hyperfan(lf: LightField, low: float, high: float, *, bandwidth: float = 0.05
     ValueError
         If the disparities or the bandwidth are out of range, or the views lie on no grid.
     DeviceError
-        If a padded channel is larger than the device's memory.
+        If the spectrum of a channel, of four times its samples, is larger than the device's
+        memory.
     """
     _check(lf, low, high, bandwidth)
     V, U, ny, nx = lf.shape[:4]
-    sigma = bandwidth / np.sqrt(np.log(2))
-    extra = int(np.ceil(_PADDING / (2 * np.pi * sigma)))
-    padded = tuple(n + (extra if n > 1 else 0) for n in (V, U))
-    channel_bytes = 8 * ny * nx * padded[1] * (2 * padded[0] + V)
-    lf.device.require_memory(
-        channel_bytes + 4 * lf.data.size + lf.data.nbytes, "This hyperfan of a light field"
-    )
+    nbytes = 8 * ny * nx * (4 + 2 + 1) * V * U + 4 * lf.data.size + lf.data.nbytes
+    lf.device.require_memory(nbytes, "The spectrum of a channel for a hyperfan")
     out = lf.device.empty(lf.shape, np.float32)
-    scale = 1 / _response(lf.weights, padded, sigma).ravel()
-    forward = [fourier_matrix(K, np.arange(n)) for n, K in zip((V, U), padded, strict=True)]
-    back = [
-        fourier_matrix(K, np.arange(n), inverse=True) for n, K in zip((V, U), padded, strict=True)
-    ]
-    n = ny * nx
+    source = _nearest_lit(lf)
+    moved = unit_steps(lf).reshape(-1, 2) * ((low + high) / 2)
     for channel in range(channels_of(lf)):
-        views = take_views(lf, lf.weights.ravel(), np.arange(V * U), channel)
+        views = take_views(lf, np.ones(V * U), source, channel)
         lf.device.fft.forward(views, lf.device)
-        views = mix(views, forward[1], batch=V, n=n, device=lf.device)
-        views = mix(views, forward[0], batch=1, n=padded[1] * n, device=lf.device)
-        _apply(lf, views, padded, (low, high), sigma)
-        views = mix(views, back[0], batch=1, n=padded[1] * n, device=lf.device)
-        views = mix(views, back[1], batch=V, n=n, device=lf.device).reshape(V * U, ny, nx)
+        turned(lf, views, *moved[source].T)
+        views = _filtered(lf, views, (high - low) / 2, bandwidth)
+        turned(lf, views, *-moved.T)
         lf.device.fft.inverse(views, lf.device)
-        keep_real(out, views, scale, channel, lf)
+        keep_real(out, views, np.ones(V * U), channel, lf)
     return replace(lf, data=out, weights=np.ones((V, U), np.float32), raw=None)
 
 
@@ -101,27 +85,37 @@ def _check(lf: LightField, low: float, high: float, bandwidth: float) -> None:
         )
 
 
-def _response(weights: Any, padded: tuple[int, ...], sigma: float) -> Any:
-    """What the filter makes of the weights of views without any detail, shape (V, U)."""
-    whole = np.zeros(padded)
-    whole[: weights.shape[0], : weights.shape[1]] = weights
-    fv, fu = (np.fft.fftfreq(n) for n in padded)
-    gain = np.exp(-(fv[:, None] ** 2 + fu[None, :] ** 2) / (2 * sigma**2))
-    found = np.fft.ifft2(np.fft.fft2(whole) * gain).real[: weights.shape[0], : weights.shape[1]]
-    return np.maximum(found, 1e-3 * found.max())
+def _nearest_lit(lf: LightField) -> np.ndarray[Any, np.dtype[np.int64]]:
+    """For every view the nearest one of a weight (itself, mostly), shape (V U,)."""
+    lit = np.argwhere(lf.weights != 0)
+    views = np.argwhere(np.ones_like(lf.weights))
+    nearest = ((views[:, None] - lit[None]) ** 2).sum(axis=-1).argmin(axis=1)
+    return np.ravel_multi_index(tuple(lit[nearest].T), lf.weights.shape)
 
 
-def _apply(
-    lf: LightField, spectrum: Any, padded: tuple[int, ...], ends: tuple[float, float], sigma: float
-) -> None:
-    ny, nx = lf.shape[2:4]
-    frequencies = [np.fft.fftfreq(m) for m in (*padded, ny, nx)]
+def _filtered(lf: LightField, views: cla.Array, reach: float, bandwidth: float) -> cla.Array:
+    """Spectra (V U, y, x) transformed over the mirrored aperture, filtered and brought back."""
+    V, U, ny, nx = lf.shape[:4]
+    n = ny * nx
+    forward, back = zip(*(_mirrored(count) for count in (V, U)), strict=True)
+    views = mix(views, forward[1], batch=V, n=n, device=lf.device)
+    views = mix(views, forward[0], batch=1, n=2 * U * n, device=lf.device)
+    frequencies = [np.fft.fftfreq(m) for m in (2 * V, 2 * U, ny, nx)]
     frequencies[2] = frequencies[2] * row_ratio(lf.spacing)
     lf.device.launch_rows(
         lf.device.kernel("hyperfan.cl", "hyperfan"),
-        (padded[0] * padded[1], ny, nx),
-        spectrum,
+        (4 * V * U, ny, nx),
+        views,
         *(lf.device.upload(f.astype(np.float32)) for f in frequencies),
-        *(np.float32(value) for value in (*ends, 1 / (2 * sigma**2))),
-        *(np.int32(m) for m in (padded[1], ny, nx)),
+        *(np.float32(value) for value in (reach, np.log(2) / (2 * bandwidth**2))),
+        *(np.int32(m) for m in (2 * U, ny, nx)),
     )
+    views = mix(views, back[0], batch=1, n=2 * U * n, device=lf.device)
+    return mix(views, back[1], batch=V, n=n, device=lf.device).reshape(V * U, ny, nx)
+
+
+def _mirrored(count: int) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """DFT of n views followed by their mirror image, (2 n, n), and back to the n views."""
+    first, mirror = np.arange(count), np.arange(2 * count - 1, count - 1, -1)
+    forward = fourier_matrix(2 * count, first) + fourier_matrix(2 * count, mirror)
+    return forward, fourier_matrix(2 * count, first, inverse=True)

@@ -288,6 +288,7 @@ def _exchanged(grid: LensletGrid) -> LensletGrid:
     """The same lenslets with rows for columns."""
     return replace(
         grid,
+        exchanged=True,
         count=grid.count[::-1],
         views=grid.views[::-1],
         row_step=grid.column_step,

@@ -131,8 +131,9 @@ def _find(picture: Values, pitches: tuple[float, float]) -> _Found | None:
         fit, explained = _refined(picture, closer)
     if not np.isfinite(fit.rms):
         return None
+    margin = min(int(np.hypot(*fit.cell.T).max()), min(picture.shape) // 6)
     for _ in range(2):
-        fit = refine(equalised(picture, fit.cell, fit.origin), fit.basis)
+        fit = refine(equalised(picture, fit.cell, fit.origin), fit.basis, margin=margin)
     return _Found(fit, explained, share)
 
 
@@ -165,9 +166,9 @@ def _oriented(fit: Fit, kind: str | None, shape: tuple[int, ...]) -> Lattice:
         kind = "hexagonal" if cosine > math.cos(math.radians(75)) else "rectangular"
     row, column = _straight(short) if kind == "rectangular" else _staggered(short)
     middle = (np.array(shape) - 1) / 2
-    near = np.rint((middle - fit.origin) @ np.linalg.inv(short))
+    near = np.rint((middle - fit.origin) @ np.linalg.inv(short)) - 1
     best = min(
-        (fit.origin + (near + [a, b]) @ short for a in (-1, 0, 1) for b in (-1, 0, 1)),
+        (fit.origin + (near + np.array(n)) @ short for n in np.ndindex(3, 3)),
         key=lambda at: float(((at - middle) ** 2).sum()),
     )
     pairs = [(float(v[0]), float(v[1])) for v in (best, row, column)]
@@ -202,8 +203,10 @@ def _judged(lattice: Lattice, found: _Found, kind: str | None, pitch: float | No
     """The lattice with the trust that it deserves and the reason."""
     along, across = lattice.pitch
     count = len(lattice.centres())
-    size = f"{along:.3f} x {across:.3f} px" if lattice.kind == "rectangular" else (
-        f"{lattice.neighbour:.3f} px"
+    size = (
+        f"{along:.3f} x {across:.3f} px"
+        if lattice.kind == "rectangular"
+        else (f"{lattice.neighbour:.3f} px")
     )
     what = (
         f"{lattice.kind.capitalize()} lattice, pitch {size}, rotation "

@@ -175,7 +175,7 @@ class LightField:
         if decode not in grids:
             raise ValueError(f"decode is 'calibrated' or 'naive', not {decode!r}.")
         data = decoding.resample(raw, grids[decode])
-        weights = np.ones(grids[decode].views, np.float32)
+        weights = np.ones(grids[decode].shape[:2], np.float32)
         return cls(data, raw.device, raw.spacing, weights, raw.camera, raw, decode)
 
     def __repr__(self) -> str:

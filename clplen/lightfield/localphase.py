@@ -12,7 +12,6 @@ that changes from lenslet to lenslet does not move the phase of a sum over point
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -64,7 +63,7 @@ class Fit:
         return float(self.weight[near].sum() / max(self.weight.sum(), 1e-30))
 
 
-def refine(picture: Values, basis: Basis) -> Fit:
+def refine(picture: Values, basis: Basis, *, margin: int = 0) -> Fit:
     """Fit an affine lattice, from the middle of a picture outwards.
 
     Parameters
@@ -73,11 +72,15 @@ def refine(picture: Values, basis: Basis) -> Fit:
         Shape (ny, nx), linear in the light.
     basis : numpy.ndarray
         Two reciprocal vectors as rows, near enough to be followed over a few windows.
+    margin : int
+        Pixels along the picture's border that are left out.
 
     Returns
     -------
     Fit
     """
+    ny, nx = picture.shape
+    picture = picture[margin : ny - margin, margin : nx - margin]
     rows, columns = (_windows(n, basis) for n in picture.shape)
     middle = (np.array(picture.shape) - 1) / 2
     grids = np.meshgrid(rows[0] - middle[0], columns[0] - middle[1], indexing="ij")
@@ -88,8 +91,11 @@ def refine(picture: Values, basis: Basis) -> Fit:
     strength = np.abs(sums) * lit
     planes, residuals = np.zeros((2, 3)), np.zeros((len(far), 2))
     for j in range(2):
-        planes[j], residuals[:, j] = _plane(np.angle(sums[j]) / (2 * np.pi), strength[j], places, far)
+        planes[j], residuals[:, j] = _plane(
+            np.angle(sums[j]) / (2 * np.pi), strength[j], places, far
+        )
     refined = basis + planes[:, 1:]
+    middle = middle + margin
     phase = planes[:, 0] - refined @ middle
     return Fit(refined, phase, places + middle, residuals, strength.mean(axis=0))
 
@@ -112,7 +118,10 @@ def _sums(picture: Values, basis: Basis, down: Values, across: Values) -> tuple[
     mean = down @ (picture @ across.T.astype(np.float32))
     sums = []
     for g in basis:
-        ramps = [np.exp(-2j * np.pi * f * (np.arange(n) - (n - 1) / 2)) for f, n in zip(g, picture.shape, strict=True)]
+        ramps = [
+            np.exp(-2j * np.pi * f * (np.arange(n) - (n - 1) / 2))
+            for f, n in zip(g, picture.shape, strict=True)
+        ]
         left, right = down * ramps[0], (across * ramps[1]).T
         inner = picture @ right.real.astype(np.float32) + 1j * (
             picture @ right.imag.astype(np.float32)
@@ -127,7 +136,8 @@ def _plane(turns: Values, strength: Values, places: Values, far: Values) -> tupl
     Phases are followed outwards, from the nearest nine windows to all, each time as they are
     nearest to the plane through those before; large deviations count less (Cauchy's weight).
     """
-    model = np.concatenate([np.ones((len(places), 1)), places], axis=1)
+    size = max(float(np.abs(places).max()), 1.0)
+    model = np.concatenate([np.ones((len(places), 1)), places / size], axis=1)
     near = far <= np.sort(far)[min(8, far.size - 1)]
     plane = np.zeros(3)
     plane[0] = np.angle((strength * np.exp(2j * np.pi * turns))[near].sum()) / (2 * np.pi)
@@ -135,9 +145,8 @@ def _plane(turns: Values, strength: Values, places: Values, far: Values) -> tupl
     for limit in np.append(reach, np.ones(_ROUNDS // 2)):
         left = turns - model @ plane
         left -= np.rint(left)
-        weight = np.sqrt(strength * (far <= limit) / (1 + (left / _OUTLIER) ** 2))
-        scale = np.maximum(np.abs(model).max(axis=0), 1e-30)
-        step = np.linalg.lstsq(model / scale * weight[:, None], left * weight, rcond=1e-9)[0]
-        plane += step / scale
+        weight = strength * (far <= limit) / (1 + (left / _OUTLIER) ** 2)
+        normal = (model * weight[:, None]).T @ model
+        plane += np.linalg.pinv(normal, rcond=1e-12, hermitian=True) @ (model.T @ (weight * left))
     left = turns - model @ plane
-    return plane, left - np.rint(left)
+    return plane / [1, size, size], left - np.rint(left)

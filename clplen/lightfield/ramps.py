@@ -1,4 +1,4 @@
-"""Exact shifts of views by phase ramps in their spectra."""
+"""Exact shifts of views by phase ramps in their spectra, and means of what was shifted."""
 
 from __future__ import annotations
 
@@ -55,6 +55,29 @@ def phase_ramps(lf: LightField, disparities: Vector, weights: Any) -> cla.Array:
         device.fft.inverse(total, device)
         keep_real(out, total, scale, channel, lf)
     return out
+
+
+def turned(lf: LightField, spectra: cla.Array, down: Vector, right: Vector) -> None:
+    """Move pictures, given by their spectra (k, y, x), by so many pixels each, in place.
+
+    Parameters
+    ----------
+    lf : LightField
+        Of whose views they are.
+    spectra : pyopencl.array.Array
+        complex64, shape (k, y, x).
+    down, right : numpy.ndarray
+        Shape (k,): what becomes sample (y, x) lay at (y + down, x + right).
+    """
+    count, ny, nx = (int(n) for n in spectra.shape)
+    lf.device.launch_rows(
+        lf.device.kernel("fourier.cl", "turn_views"),
+        (count, ny, nx),
+        spectra,
+        lf.device.upload(_ramp(down, ny)),
+        lf.device.upload(_ramp(right, nx)),
+        *(np.int32(n) for n in (ny, nx)),
+    )
 
 
 def _ramp(shift: Vector, n: int) -> np.ndarray[Any, np.dtype[np.complex64]]:

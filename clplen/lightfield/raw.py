@@ -132,6 +132,13 @@ class LensletGrid:
     row_view_step, column_view_step : tuple of float
         (y, x) in pixels; along the rows and columns of the lattice, so that a turned array obeys
         the same law as a straight one.
+    columns : tuple or None
+        (count, step): how many columns the views have and how far apart, in steps of
+        ``column_step`` from ``first``; the rows are interpolated to them. None: those of the
+        lenslets of even rows.
+    exchanged : bool
+        Whether rows and columns of the picture are exchanged here, and views too: L[v, u, y, x]
+        is what this grid calls view (u, v) of (x, y).
     """
 
     count: tuple[int, int]
@@ -142,6 +149,15 @@ class LensletGrid:
     odd_row_shift: float = 0.0
     row_view_step: tuple[float, float] = (1.0, 0.0)
     column_view_step: tuple[float, float] = (0.0, 1.0)
+    columns: tuple[int, float] | None = None
+    exchanged: bool = False
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """(V, U, y, x) of the light field."""
+        (V, U), (y, x) = self.views, self.count
+        x = x if self.columns is None else self.columns[0]
+        return (U, V, x, y) if self.exchanged else (V, U, y, x)
 
 
 @dataclass(frozen=True)

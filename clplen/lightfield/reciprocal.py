@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
@@ -130,7 +130,7 @@ def _ring_median(spectrum: Values, ring: Values) -> Values:
     edges = np.searchsorted(labels[order], np.arange(labels.max() + 2))
     values = spectrum.ravel()[order]
     medians = np.array(
-        [np.median(values[a:b]) if b > a else 1.0 for a, b in zip(edges, edges[1:], strict=False)]
+        [np.median(values[a:b]) if b > a else 1.0 for a, b in pairwise(edges)]
     )
     return np.asarray(np.maximum(medians, 1e-30)[labels].reshape(spectrum.shape))
 

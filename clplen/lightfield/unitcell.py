@@ -83,9 +83,7 @@ def fold(picture: Values, basis: Basis, phase: Values) -> MeanCell:
         gaussian_filter(a.reshape(n, n).astype(float), width, mode="wrap") for a in (total, count)
     )
     error = (left / max(4 * np.pi * width**2 * len(what) / n**2, 1)) ** 0.5
-    return MeanCell(
-        total / np.maximum(weight, 1e-9), error, 1 - left / whole if whole > 0 else 0.0
-    )
+    return MeanCell(total / np.maximum(weight, 1e-9), error, 1 - left / whole if whole > 0 else 0.0)
 
 
 def denser(cell: MeanCell, basis: Basis) -> Basis | None:

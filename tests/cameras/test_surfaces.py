@@ -107,6 +107,20 @@ def test_the_nearer_surface_hides(device: Device) -> None:
     assert not truth.masks["smooth"].any()
 
 
+def test_surfaces_far_from_focus_are_found_in_every_view(device: Device) -> None:
+    white = uniform(1.0)
+    Y, X = middles()
+    for one in (
+        Plane(2.7, texture=white, outline=Ellipse((1, -2), 3)),
+        Sphere((1, -2), 3, d=2.6, height=0.1, texture=white),
+    ):
+        lf, _ = SurfaceScene(one).light_field((5, 4), SHAPE, device=device)
+        for v, u in np.ndindex(5, 4):
+            light = lf.to_numpy()[v, u]
+            centre = (light * Y).sum() / light.sum(), (light * X).sum() / light.sum()
+            assert centre == pytest.approx((1 - 2.7 * (v - 2), -2 - 2.7 * (u - 1.5)), abs=0.25)
+
+
 def test_bars_with_gaps_of_one_pixel(device: Device) -> None:
     bars = Bars((0.3, 0.15), 20, count=6, period=4, width=3)
     scene = SurfaceScene(Plane(0.5, texture=uniform(1.0), outline=bars))

@@ -10,11 +10,14 @@ import shutil
 from pathlib import Path
 
 import fuzzing
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from clplen.compute.device import Device
+from clplen.errors import FormatError
+from clplen.io import read_picture, write_picture
 
 OPERATIONS = st.lists(
     st.tuples(
@@ -65,6 +68,18 @@ def test_damaged_files_are_refused(
         assert peak <= 4 * fuzzing.size_of(path) + fuzzing.SLACK
 
     refused()
+
+
+def test_checksums_are_mended(tmp_path: Path):
+    write_picture(tmp_path / "a.png", np.arange(35, dtype=np.uint8).reshape(5, 7))
+    good = (tmp_path / "a.png").read_bytes()
+    assert fuzzing.with_checksums(good) == good
+    bad = good.replace(b"IHDR\0\0\0\7", b"IHDR\0\0\0\6")
+    (tmp_path / "a.png").write_bytes(bad)
+    with pytest.raises(FormatError):
+        read_picture(tmp_path / "a.png")
+    wrong = bad[:29] + bytes(4) + bad[33:]
+    assert fuzzing.with_checksums(wrong) == fuzzing.with_checksums(bad) != bad
 
 
 def test_the_damage_is_what_it_says():

@@ -84,6 +84,8 @@ def test_damaged_png_of_16_bit_colour():
         {"byteorder": ">"},
         {"bigtiff": True},
         {"tile": (16, 16), "compression": "zlib"},
+        {"tile": (128, 64), "compression": "zlib", "predictor": True},
+        {"tile": (128, 64)},
     ],
 )
 @pytest.mark.parametrize("dtype", ["u1", "u2"])
@@ -215,6 +217,13 @@ def test_a_strip_that_inflates_to_more_than_declared():
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 8 << 20
+
+
+def test_tiles_much_larger_than_the_picture():
+    content = tiff(values(), photometric="minisblack", compression="zlib", tile=(16, 16))
+    wide = with_tags(content, {322: 1 << 20, 323: 1 << 20})
+    with pytest.raises(FormatError, match=r"its tiles, .* are much larger than the picture"):
+        decode_picture(wide, "a.tif")
 
 
 def test_more_than_the_given_limit():

@@ -214,11 +214,22 @@ def test_what_is_wrong_inside_names_the_folder(tmp_path: Path, device: Device):
     shutil.rmtree(written() / "weights")
     shutil.copytree(tmp_path / "a.zarr" / "positions", tmp_path / "a.zarr" / "weights")
     damaged("weights have shape")
+    shutil.rmtree(written() / "weights")
+    shutil.copytree(tmp_path / "a.zarr" / "lightfield", tmp_path / "a.zarr" / "weights")
+    damaged("'weights' is no array of 3 x 5 views")
     chunk = written() / "lightfield" / "1.0.0.0.0"
     chunk.write_bytes(chunk.read_bytes()[:40])
     damaged("is truncated or damaged")
     (written() / "lightfield" / ".zarray").write_text("{}")
     damaged("")
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_what_packs_well(tmp_path: Path, device: Device, form: int):
+    values = np.full((3, 3, 600, 600), 7, np.uint8)
+    write(tmp_path / "a.zarr", form, "", values)
+    lf = read_lightfield(tmp_path / "a.zarr", device=device)
+    np.testing.assert_array_equal(lf.to_numpy(), values)
 
 
 def test_without_the_package(tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch):

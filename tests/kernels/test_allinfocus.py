@@ -40,7 +40,7 @@ def test_blending(device, shape):
     energy = np.random.default_rng(6).uniform(0.2, 1, shape[:3]) * 1e-3
     energy[:, 2, 3:5] = 0
     energy = energy.astype(np.float32)
-    out = _launch("blend", planes, planes.data, device.upload(energy), np.int32(8))
+    out = _launch("blend", planes, planes.data, device.upload(energy), np.int32(3))
     want = blended(planes.to_numpy().astype(float), energy.astype(float), 8)
     # (E/max)^8: eight roundings of the quotient, and those of the sum.
     assert relative_max(want, device.download(out).astype(float)) <= 2e-6

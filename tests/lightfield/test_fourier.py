@@ -14,10 +14,13 @@ from clplen.lightfield.refocus import focal_stack
 D = (-1.3, -0.65, 0.4, 1.0)
 
 
-def smooth_texture(seed: int, size, reach: int = 40):
-    """Waves up to 0.15 cycles a pixel, at real places."""
+def smooth_texture(seed: int):
+    """Waves of 0.1 to 0.2 cycles a pixel, at real places."""
     random = np.random.default_rng(seed)
-    waves = [(random.uniform(-0.15, 0.15, 2), random.uniform(0, 6)) for _ in range(12)]
+    waves = []
+    for _ in range(12):
+        turn, cycles = random.uniform(0, 2 * np.pi), random.uniform(0.1, 0.2)
+        waves.append(((cycles * np.sin(turn), cycles * np.cos(turn)), random.uniform(0, 6)))
 
     def at(y, x):
         return 100 + sum(
@@ -30,7 +33,7 @@ def smooth_texture(seed: int, size, reach: int = 40):
 def plane(views, size, d, seed=1) -> np.ndarray:
     v, u = (np.arange(n) - (n - 1) / 2 for n in views)
     y, x = np.mgrid[: size[0], : size[1]].astype(float)
-    at = smooth_texture(seed, size)
+    at = smooth_texture(seed)
     return at(y + d * v[:, None, None, None], x + d * u[None, :, None, None])
 
 

@@ -72,6 +72,14 @@ def test_polygons():
     judged(polygon(VIEWS, arrow), (t <= 1) & (2.5 - 1.5 * t <= V) & (5 - 4 * t >= V))
 
 
+def test_regular_polygons_turn_from_u_to_v():
+    triangle = regular_polygon(VIEWS, 3, 3.0, angle=0.2, centre=(3.2, 4.1))
+    normals = 0.2 + np.pi / 3 * np.array([1, 3, 5])  # of the sides, 3/2 from the middle
+    inside = [(V - 3.2) * np.sin(t) + (U - 4.1) * np.cos(t) <= 1.5 for t in normals]
+    judged(triangle, np.all(inside, axis=0))
+    judged(regular_polygon(VIEWS, 4, (1.2, 3)), abs(V - 3) / 1.2 + abs(U - 4) / 3 <= 1)
+
+
 @pytest.mark.parametrize(("angle", "row"), [(0, False), (np.pi / 2, True)])
 def test_half_planes_keep_the_side_of_their_angle(angle, row):
     w = half_plane(VIEWS, angle)

@@ -1,0 +1,77 @@
+"""The cue of the structure tensor against its definition in float64."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reference_cues import coherence, epi_tensor, grid_steps
+from scipy.ndimage import gaussian_filter
+
+from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.structure_tensor import structure_disparity
+
+
+def orientations(L, shears, weights):
+    """(disparity, coherence) of every shear, shape (n, y, x)."""
+    found = []
+    for d0 in shears:
+        J = []
+        for axis in (1, 0):
+            tensor = epi_tensor(L, d0, weights, grid_steps(L.shape[:2]), axis)
+            J.append(gaussian_filter(tensor, (0, 2, 2), mode="reflect", truncate=4.0))
+        both = coherence(J[0]) * J[0] + coherence(J[1]) * J[1]
+        off = np.divide(both[1], both[0], out=np.zeros_like(both[0]), where=both[0] > 0)
+        found.append((d0 + off, np.where(np.abs(off) <= 0.75 * 0.25, coherence(both), 0)))
+    return (np.array(part) for part in zip(*found, strict=True))
+
+
+@pytest.mark.parametrize("shape", [(5, 4, 24, 31), (3, 3, 20, 23, 3)])
+def test_against_its_definition(device, shape):
+    random = np.random.default_rng(2)
+    V, U, ny, nx = shape[:4]
+    y, x = np.arange(ny)[:, None], np.arange(nx)[None, :]
+    waves, phase = random.uniform(-0.2, 0.2, (2, 20)), random.uniform(0, 2 * np.pi, 20)
+    L = np.empty((V, U, ny, nx))
+    for v, u in np.ndindex(V, U):  # about a slanted plane from -0.5 to 0.5
+        Y, X = y + (x / nx - 0.5) * (v - 2), x + (x / nx - 0.5) * (u - 1.5)
+        turns = np.multiply.outer(Y, waves[0]) + np.multiply.outer(X, waves[1])
+        L[v, u] = np.cos(2 * np.pi * turns + phase).sum(axis=-1)
+    L = L[(..., *(None,) * (len(shape) - 4))] + random.normal(0, 0.3, shape)
+    L = L.astype(np.float32)
+    weights = random.uniform(0.5, 1.5, shape[:2]).astype(np.float32)
+    lf = LightField.from_array(L, device=device, weights=weights)
+    found, confidence = structure_disparity(lf, np.array([-0.5, 0.2, 0.5]))
+    samples = L.reshape(*shape[:4], -1).astype(float)
+    place, c = orientations(samples, np.linspace(-0.5, 0.5, 5), weights.astype(float))
+    best = np.argmax(c, axis=0)[None]
+    want = np.take_along_axis(place, best, 0)[0].clip(-0.5, 0.5)
+    top = np.sort(c, axis=0)
+    clear = top[-1] - top[-2] > 1e-3  # float32 tells these coherences apart
+    assert clear.mean() > 0.7
+    assert np.abs(found - want)[clear].max() < 1e-4
+    assert (confidence[clear] <= top[-1][clear] + 1e-4).all()
+
+
+@pytest.mark.parametrize("d", [-1.9, 2.4])
+def test_what_moves_by_pixels(device, d):
+    """Far beyond a pixel a view step, where gradients of the views alone are of no use."""
+    y, x = np.arange(40.0)[:, None], np.arange(60.0)[None, :]
+    random = np.random.default_rng(3)
+    f, phase = random.uniform(-0.2, 0.2, (2, 30)), random.uniform(0, 2 * np.pi, 30)
+    views = [
+        [
+            np.cos(
+                2
+                * np.pi
+                * (np.multiply.outer(y + d * v, f[0]) + np.multiply.outer(x + d * u, f[1]))
+                + phase
+            ).sum(axis=-1)
+            for u in range(-3, 4)
+        ]
+        for v in range(-2, 3)
+    ]
+    lf = LightField.from_array(np.array(views, np.float32), device=device)
+    found, confidence = structure_disparity(lf, np.linspace(-2.5, 2.5, 11))
+    inner = (slice(10, -10), slice(10, -10))
+    assert np.median(np.abs(found - d)[inner]) < 0.01
+    assert np.median(confidence[inner]) > 0.4

@@ -1,0 +1,111 @@
+"""``clplen depth``: cues, confidence, metres, points, and one sentence for wrong words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+import tifffile
+from click.testing import CliRunner, Result
+
+from clplen.cli import main
+from clplen.compute.device import Device
+from clplen.io import read_lightfield, read_pfm
+from clplen.lightfield.depth import depth_map
+from clplen.lightfield.metric import metric_depth
+
+D = 1.2
+PLANES = ("--disparities", "0.6:1.8:7")
+LENGTHS = ("--baseline-mm", 2, "--focal-mm", 50, "--pixel-um", 10)
+
+
+@pytest.fixture
+def views(tmp_path: Path) -> Path:
+    """3 x 5 views of a textured plane at disparity 1.2, named a_{v}_{u}.png."""
+    folder = tmp_path / "views"
+    folder.mkdir()
+    random = np.random.default_rng(3)
+    waves = [(random.uniform(-1.2, 1.2, 2), random.uniform(0, 6)) for _ in range(40)]
+    y, x = np.mgrid[:38, :47]
+    for v, u in np.ndindex(3, 5):
+        at_y, at_x = y + D * (v - 1), x + D * (u - 2)
+        value = sum(np.cos(ky * at_y + kx * at_x + phase) for (ky, kx), phase in waves)
+        grey = np.clip(120 + 12 * value, 0, 255).astype(np.uint8)
+        imageio.imwrite(folder / f"a_{v}_{u}.png", np.stack([grey, grey // 2, 255 - grey], -1))
+    return folder
+
+
+def run(device: Device, *words: object) -> Result:
+    words = ("depth", *words, "--device", device.place)
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+def done(result: Result) -> str:
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+@pytest.mark.parametrize("cue", ["energy", "correspondence", "structure-tensor"])
+def test_maps_of_a_cue(device: Device, tmp_path: Path, views: Path, cue: str):
+    out, sure = tmp_path / "d.npy", tmp_path / "c.tif"
+    text = done(run(device, views, "-o", out, "--cue", cue, "--confidence", sure, *PLANES))
+    lf = read_lightfield(views, device=device)
+    found = depth_map(lf, disparities=np.linspace(0.6, 1.8, 7), cue=cue)
+    np.testing.assert_array_equal(np.load(out), found.disparity)
+    np.testing.assert_array_equal(tifffile.imread(sure), found.confidence)
+    assert imageio.imread(tmp_path / "d.png").ndim == 3
+    share = np.mean(found.confidence > 0.5)
+    assert f"{100 * share:.0f} % of the pixels are sure (confidence above 0.5)" in text
+    low = found.disparity[found.confidence > 0.5].min()
+    assert f"disparities from {low:.3f} to" in text
+    assert "metre" not in text
+
+
+def test_metres_and_points(device: Device, tmp_path: Path, views: Path):
+    out, metric, ply = tmp_path / "d.pfm", tmp_path / "z.pfm", tmp_path / "p.ply"
+    words = ("-o", out, "--cue", "energy", "--metric", metric, "--ply", ply, *PLANES, *LENGTHS)
+    text = done(run(device, views, *words))
+    d = read_pfm(out)
+    Z = metric_depth(d, baseline=2e-3, focal_length=0.05, pixel_pitch=10e-6)
+    np.testing.assert_allclose(read_pfm(metric), Z, rtol=1e-6)
+    assert f"median {np.median(Z):.4g} m" in text
+    head, body = ply.read_bytes().split(b"end_header\n", 1)
+    assert f"element vertex {d.size}".encode() in head
+    assert b"x to the right, y down" in head
+    vertices = np.frombuffer(body, np.dtype([("p", "<f4", 3), ("c", "u1", 3)])).reshape(d.shape)
+    corner = vertices["p"][0, -1]
+    expected = np.array([23, -18.5, 5000]) * 10e-6 / 0.05 * Z[0, -1]
+    np.testing.assert_allclose(corner, expected, rtol=1e-5)
+    np.testing.assert_array_equal(vertices["c"], imageio.imread(views / "a_1_2.png"))
+    near = done(run(device, views, *words, "--focus-m", 4))
+    Z = metric_depth(d, baseline=2e-3, focal_length=0.05, pixel_pitch=10e-6, focus_distance=4)
+    assert f"median {np.median(Z):.4g} m" in near
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--baseline-mm", 2, "--pixel-um", 3), "which need --baseline-mm, --focal-mm, --pixel-um"),
+        (("--ply", "p.ply"), "--ply ask for metres"),
+        (("--focus-m", 3), "give --baseline-mm and --focal-mm and --pixel-um"),
+        ((*LENGTHS[:4], "--pixel-um", 0), "--pixel-um is a length, positive and finite, not 0"),
+        ((*LENGTHS, "--focus-m", -2), "--focus-m is a length"),
+        ((*LENGTHS, "--ply", "p.obj"), "ends in .ply"),
+        ((*LENGTHS, "--metric", "z.png"), "ends in .pfm or .tif or .tiff or .npy"),
+        (("--confidence", "c.jpg"), "ends in .pfm"),
+        (("--confidence", "d.pfm"), "named for two outputs"),
+        (("--cue", "magic"), "'magic' is not one of"),
+    ],
+)
+def test_wrong_words(
+    device: Device, tmp_path: Path, views: Path, monkeypatch: pytest.MonkeyPatch, words, said
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("clplen.io.read_lightfield", lambda *_, **__: pytest.fail("computed"))
+    result = run(device, views, "-o", "d.pfm", *words)
+    assert result.exit_code == 2, result.output
+    assert said in " ".join(result.stderr.split())
+    assert "Traceback" not in result.output
+    assert [file.name for file in tmp_path.iterdir()] == ["views"]

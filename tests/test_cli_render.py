@@ -1,0 +1,239 @@
+"""render, refocus and epi on the command line: files, values, and one sentence for wrong words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+import tifffile
+from click.testing import CliRunner, Result
+
+from clplen.cli import main
+from clplen.compute.device import Device
+from clplen.io import read_lightfield
+from clplen.io.animation import write_animation
+from clplen.io.layout import encoded
+from clplen.io.shown import to_look_at, white_of
+from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.refocus import refocus
+from clplen.lightfield.surface import plane_through
+
+D = 1.0
+
+
+@pytest.fixture
+def views(tmp_path: Path) -> Path:
+    """3 x 5 views of a textured plane at disparity 1, named a_{v}_{u}.png."""
+    folder = tmp_path / "views"
+    folder.mkdir()
+    random = np.random.default_rng(3)
+    waves = [(random.uniform(-1.2, 1.2, 2), random.uniform(0, 6)) for _ in range(40)]
+    y, x = np.mgrid[:30, :37]
+    for v, u in np.ndindex(3, 5):
+        at_y, at_x = y + D * (v - 1), x + D * (u - 2)
+        value = sum(np.cos(ky * at_y + kx * at_x + phase) for (ky, kx), phase in waves)
+        grey = np.clip(120 + 12 * value, 0, 255).astype(np.uint8)
+        imageio.imwrite(folder / f"a_{v}_{u}.png", np.stack([grey, grey // 2, 255 - grey], -1))
+    return folder
+
+
+def run(device: Device, *words: object) -> Result:
+    words = (*words, "--device", device.place)
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+def done(result: Result) -> str:
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def refused(result: Result, code: int) -> str:
+    assert result.exit_code == code, result.output
+    assert "Traceback" not in result.output
+    return " ".join(result.stderr.split())
+
+
+def light_field(views: Path, device: Device) -> LightField:
+    return read_lightfield(views, device=device)
+
+
+def test_viewpoints(tmp_path: Path, views: Path, device: Device):
+    out = tmp_path / "view.tif"
+    said = done(run(device, "render", views, "-o", out, "--viewpoint", 0.5, 3.25))
+    lf = light_field(views, device)
+    got = tifffile.imread(out)
+    assert got.dtype == np.float32
+    np.testing.assert_array_equal(got, lf.view(0.5, 3.25).to_numpy())
+    assert "linear float32" in said
+    done(run(device, "render", views, "-o", out, "--viewpoint", 0.5, 3.25, "--disparity", D))
+    want = lf.view(0.5, 3.25, disparity=D).to_numpy()
+    np.testing.assert_array_equal(tifffile.imread(out), want)
+
+
+def test_flattening(tmp_path: Path, views: Path, device: Device):
+    out = tmp_path / "flat.tif"
+    lf = light_field(views, device)
+    done(run(device, "render", views, "-o", out, "--flatten", "median", "--disparity", -0.4))
+    want = lf.flatten("median", disparity=-0.4).to_numpy()
+    np.testing.assert_array_equal(tifffile.imread(out), want)
+    words = ("--aperture", 2, "--viewpoint", 1, 1.5, "--flatten", "max")
+    done(run(device, "render", views, "-o", out, *words))
+    want = lf.flatten("max", aperture=2, viewpoint=(1, 1.5)).to_numpy()
+    np.testing.assert_array_equal(tifffile.imread(out), want)
+
+
+def test_png_is_scaled_and_says_so(tmp_path: Path, views: Path, device: Device):
+    out = tmp_path / "view.png"
+    said = done(run(device, "render", views, "-o", out, "--viewpoint", 1, 2))
+    np.testing.assert_array_equal(imageio.imread(out), imageio.imread(views / "a_1_2.png"))
+    assert "255 is white" in said
+    assert "not to measure" in said
+    said = done(run(device, "render", views, "-o", out, "--viewpoint", 1, 2, "--srgb"))
+    np.testing.assert_array_equal(imageio.imread(out), imageio.imread(views / "a_1_2.png"))
+    assert "1 is white, encoded as sRGB" in said
+
+
+@pytest.mark.parametrize("sweep", ["views", "focus"])
+def test_sweeps(tmp_path: Path, views: Path, device: Device, sweep: str):
+    out = tmp_path / "sweep.gif"
+    words = ("--disparity", D) if sweep == "views" else ("--disparities", "0:1:4")
+    said = done(run(device, "render", views, "-o", out, "--sweep", sweep, *words))
+    frames = imageio.imread(out, plugin="pillow")
+    assert frames.shape == (24 if sweep == "views" else 6, 30, 37, 3)
+    assert f"{len(frames)} frames" in said
+    lf = light_field(views, device)
+    if sweep == "focus":
+        want = refocus(lf, disparity=1.0).to_numpy()
+        assert np.abs(frames[3] - want).mean() < 6  # 256 colours in all
+        np.testing.assert_array_equal(frames[4], frames[2])
+    else:
+        assert np.abs(frames[0].astype(float) - frames[12]).mean() > 10
+
+
+@pytest.mark.parametrize(
+    ("words", "more"),
+    [
+        (("--disparity", -0.4), {"disparity": -0.4}),
+        (("--disparity", 0.5, "--upsample", 2), {"disparity": 0.5, "upsample": 2}),
+        (
+            ("--disparity", 0.5, "--interpolation", "fourier"),
+            {"disparity": 0.5, "interpolation": "fourier"},
+        ),
+    ],
+)
+def test_planes(tmp_path: Path, views: Path, device: Device, words, more):
+    out = tmp_path / "plane.tif"
+    said = done(run(device, "refocus", views, "-o", out, *words))
+    want = refocus(light_field(views, device), **more).to_numpy()
+    np.testing.assert_array_equal(tifffile.imread(out), want)
+    assert f"focused on d = {more['disparity']:g}" in said
+
+
+def test_the_depth_of_a_pixel_is_found(tmp_path: Path, views: Path, device: Device):
+    out = tmp_path / "at.tif"
+    said = done(run(device, "refocus", views, "-o", out, "--at", "14,20", "--disparities", "0:2:9"))
+    d = float(said.split("d = ")[1].split()[0])
+    assert d == pytest.approx(D, abs=0.05)
+    assert "(at 14,20)" in said
+    want = refocus(light_field(views, device), disparity=d).to_numpy()
+    assert np.abs(tifffile.imread(out) - want).max() < 0.1
+
+
+def test_a_tilted_plane(tmp_path: Path, views: Path, device: Device):
+    out = tmp_path / "tilt.tif"
+    points = [(2, 3, 0.5), (25, 5, 1.0), (14, 30, -0.5)]
+    words = [word for p in points for word in ("--tilt", ",".join(str(n) for n in p))]
+    done(run(device, "refocus", views, "-o", out, *words))
+    want = refocus(light_field(views, device), disparity=plane_through(points, (30, 37))).to_numpy()
+    np.testing.assert_array_equal(tifffile.imread(out), want)
+    words = ["--tilt", "14,12", "--tilt", "15,25", "--tilt", "20,20,1", "--disparities", "0:2:9"]
+    said = done(run(device, "refocus", views, "-o", out, *words))
+    found = [float(n) for n in said.split("d = ")[1].split(" at")[0].split(",")]
+    assert found == pytest.approx([D] * 3, abs=0.1)
+
+
+def test_all_in_focus(tmp_path: Path, views: Path, device: Device):
+    out = tmp_path / "sharp.tif"
+    words = ("--all-in-focus", "--disparities", "0:2:5")
+    said = done(run(device, "refocus", views, "-o", out, *words))
+    assert "the sharpest of 5 planes" in said
+    centre = imageio.imread(views / "a_1_2.png").astype(float)
+    assert np.abs(tifffile.imread(out) - centre)[4:-4, 4:-4].mean() < 3
+
+
+def test_epipolar_slices(tmp_path: Path, views: Path, device: Device):
+    lf = light_field(views, device)
+    out = tmp_path / "epi.tif"
+    said = done(run(device, "epi", views, "-o", out, "--y", 7, "--v", 2))
+    np.testing.assert_array_equal(tifffile.imread(out), lf.epi(y=7, v=2).to_numpy())
+    assert "(u, x)" in said
+    done(run(device, "epi", views, "-o", out, "--x", 9, "--u", 3))
+    np.testing.assert_array_equal(tifffile.imread(out), lf.epi(x=9, u=3).to_numpy())
+    done(run(device, "epi", views, "-o", tmp_path / "epi.png", "--y", 7, "--v", 2))
+    assert imageio.imread(tmp_path / "epi.png").shape[1] > 500
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "sentence"),
+    [
+        (("render", "--sweep", "views", "--aperture", 3), 2, "leave out --viewpoint"),
+        (("render", "--sweep", "views"), 2, "The output ends in .gif"),
+        (("render", "--alphas", "0.9:1.1:3"), 2, "belong to --sweep focus"),
+        (("render", "--viewpoint", 9, 0), 1, "v is from 0 to 2, u from 0 to 4"),
+        (("refocus",), 2, "Give one of --disparity"),
+        (("refocus", "--disparity", 1, "--at", "3,4"), 2, "Give one of --disparity"),
+        (("refocus", "--at", "3"), 2, "'3' is not Y,X, for example 120,88"),
+        (("refocus", "--at", "3,40"), 2, "X from 0 to 36"),
+        (("refocus", "--tilt", "3,4,1"), 2, "given three times, for three pixels, not 1"),
+        (("refocus", *("--tilt", "3,4,1") * 3), 1, "lie on one line"),
+        (("refocus", "--disparity", 1, "--upsample", 99), 1, "a whole number from 1 to 16"),
+        (("refocus", "--disparity", 1, "--disparities", "0:1:3"), 2, "look through"),
+        (("refocus", "--all-in-focus", "--upsample", 2), 2, "goes with one plane"),
+        (("refocus", "--alpha", 0.9), 1, "spacing of views and pixels in metres"),
+        (("epi", "--y", 1), 2, "Give --y and --v, or --x and --u"),
+        (("epi", "--y", 99, "--v", 0), 1, "y is a whole number from 0 to 29"),
+    ],
+)
+def test_one_sentence(tmp_path: Path, views: Path, device: Device, words, code, sentence):
+    out = tmp_path / "out.tif"
+    said = refused(run(device, words[0], views, "-o", out, *words[1:]), code)
+    assert sentence in said
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("command", ["render", "refocus", "epi"])
+def test_inputs_are_never_overwritten(views: Path, device: Device, command: str):
+    source = views / "a_1_2.png"
+    before = source.read_bytes()
+    words = {"refocus": ("--disparity", 0), "epi": ("--y", 1, "--v", 1)}.get(command, ())
+    said = refused(run(device, command, views, "-o", source, *words), 2)
+    assert "is one of the files of" in said
+    assert source.read_bytes() == before
+
+
+def test_what_is_white():
+    values = np.array([[0.5, 2.0]])
+    assert white_of(values, np.dtype(np.uint8)) == 255
+    assert white_of(values, np.dtype(np.float32)) == 2
+    assert white_of(values, np.dtype(np.uint16), srgb=True) == 1
+    assert white_of(0 * values, np.dtype(np.float32)) == 1
+    np.testing.assert_array_equal(to_look_at(values, 2.0), [[64, 255]])
+    want = np.rint(255 * encoded(np.array([[0.25, 1.0]])))
+    np.testing.assert_array_equal(to_look_at(values, 2.0, srgb=True), want)
+
+
+def test_animations_that_are_refused(tmp_path: Path):
+    grey = np.zeros((4, 5), np.uint8)
+    for path, pictures, words in (
+        ("a.png", [grey], "written as .gif"),
+        ("a.gif", [], "at least one picture"),
+        ("a.gif", [grey, grey.T], "all of one shape"),
+        ("a.gif", [grey.astype(float)], "are uint8"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            write_animation(tmp_path / path, pictures)
+    with pytest.raises(ValueError, match="at least"):
+        write_animation(tmp_path / "a.gif", [grey], seconds=0)
+    assert not list(tmp_path.iterdir())
