@@ -1,56 +1,31 @@
 /* How well the views agree with the centre on every plane, seen past what hides it.
  *
- *   smooth   S[k, y, x, c] = gain sum_st h[s] h[t] L[k, y + s, x + t, c],  h = (b, 1 - 2 b, b),
- *            beyond the edges the nearest; FOR_X over the samples of a row
- *   match    e_k = min(sum_c |S_k(y + at_y, x + at_x) - C|, tau)    cubic convolution (Keys 1981)
- *            m_j = mean of e_k over the views of group j that see the place
- *            cost[p, y, x] = min(m_0, ratio min_j m_j + margin),    m_0 over all views
+ *   e_k = min(sum_c |L_k(y + at_y, x + at_x) - C|, tau)
+ *   m_j = mean of e_k over the views of group j that see the place
+ *   cost[p, y, x] = min(m_0, ratio min_j m_j + margin),    m_0 over all views
  *
  * C is the mean of the reference views, which lie round the middle of the aperture, on the same
  * plane. Views are sorted by the groups that they belong to: the views first[i] .. first[i + 1] - 1
  * belong to group j with the share pattern[i, j]. A group of which the place sees less than half
- * does not count. Tables of a launch: at[p, k] whole shifts (y, x), part[p, k] four taps along y
- * and four along x; reach[p, k] 1 where the shift has a fraction, along y and x.
+ * does not count. Tables of a launch: at[p, k] whole shifts (y, x); part[p, k] four taps along y
+ * and four along x, from -1 on, which interpolate and scale; reach[p, k] 1 where the shift has a
+ * fraction, along y and x.
  *
- * match: an item is BLOCK pixels of a row on one plane.
+ * An item is BLOCK pixels of a row on one plane.
  * -DSAMPLE=uchar | ushort | float   what the light field stores
- * -DCHANNELS=n, -DBLOCK=n           -DROWS: see common.cl
+ * -DCHANNELS=n, -DBLOCK=n
  */
 #include "common.cl"
 
-#ifdef SAMPLE
-__kernel void smooth(__global float *restrict out, __global const SAMPLE *restrict L,
-                     const float gain, const float b, const int ny, const int nx,
-                     const int channels)
-{
-    const int view = get_global_id(2), y = get_global_id(1);
-    const int n = nx * channels;
-    __global const SAMPLE *above = L + row_start(view, max(y - 1, 0), ny, n);
-    __global const SAMPLE *at = L + row_start(view, y, ny, n);
-    __global const SAMPLE *below = L + row_start(view, min(y + 1, ny - 1), ny, n);
-    const float a = 1 - 2 * b;
-    out += row_start(view, y, ny, n);
-    FOR_X(i, n) {
-        const int left = i < channels ? i : i - channels;
-        const int right = i < n - channels ? i + channels : i;
-        out[i] = gain * (a * (a * at[i] + b * ((float)above[i] + below[i]))
-                         + b * (a * ((float)at[left] + at[right])
-                                + b * ((float)above[left] + above[right] + below[left]
-                                       + below[right])));
-    }
-}
-#endif
-
-#ifdef BLOCK
 #define GROUPS 9
 
 /* n pixels from x0 on of a view moved by `at`, clamped at its edges. */
-inline void sheared(float *value, float *column, __global const float *view, const int y,
+inline void sheared(float *value, float *column, __global const SAMPLE *view, const int y,
                     const int x0, const int2 at, const float4 down, const float4 across,
                     const int n, const int ny, const int nx)
 {
     const int samples = nx * CHANNELS;
-    __global const float *rows[4];
+    __global const SAMPLE *rows[4];
     for (int t = 0; t < 4; ++t)
         rows[t] = view + (size_t)clamp(y + at.x + t - 1, 0, ny - 1) * samples;
     const int first = x0 + at.y - 1;
@@ -75,7 +50,7 @@ inline void sheared(float *value, float *column, __global const float *view, con
 }
 
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void match(__global float *restrict out, __global const float *restrict S,
+__kernel void match(__global float *restrict out, __global const SAMPLE *restrict L,
                     __global const int *restrict view, __global const int2 *restrict at,
                     __global const float4 *restrict part, __global const int2 *restrict reach,
                     __global const int *restrict first, __global const float *restrict pattern,
@@ -95,7 +70,7 @@ __kernel void match(__global float *restrict out, __global const float *restrict
         centre[i] = 0;
     for (int r = 0; r < references; ++r) {
         const int k = p * views + reference[r];
-        sheared(value, column, S + view[reference[r]] * size, y, x0, at[k], part[2 * k],
+        sheared(value, column, L + view[reference[r]] * size, y, x0, at[k], part[2 * k],
                 part[2 * k + 1], n, ny, nx);
         for (int i = 0; i < n * CHANNELS; ++i)
             centre[i] += share[r] * value[i];
@@ -115,7 +90,7 @@ __kernel void match(__global float *restrict out, __global const float *restrict
             const int end = clamp(nx - at[k].y - reach[k].y - x0, begin, n);
             if (row < 0 || row + reach[k].x >= ny || begin == end)
                 continue;
-            sheared(value, column, S + view[v] * size, y, x0, at[k], part[2 * k],
+            sheared(value, column, L + view[v] * size, y, x0, at[k], part[2 * k],
                     part[2 * k + 1], n, ny, nx);
             for (int x = begin; x < end; ++x) {
                 float e = 0;
@@ -147,4 +122,3 @@ __kernel void match(__global float *restrict out, __global const float *restrict
         out[x] = least;
     }
 }
-#endif

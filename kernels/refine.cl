@@ -1,16 +1,19 @@
 /* Disparity refined by least squares over the views and over neighbours on one plane.
  *
- *   normal   r_k = S_k(y + d step_y, x + d step_x) - C along the ray, g_k = dr_k/dd; over the group
- *            of views of least cost (matching.cl):
- *            A = mean of w (g - <g>)^2, B = mean of w (g - <g>) (r - <r>),  w = (1 - (e/tau)^2)^2
+ *   normal   r_k = L_k - C on the plane next to the pixel's disparity d, g_k = dr_k/dd; over the
+ *            group of views of least cost (matching.cl):
+ *            A = mean of w (g - <g>)^2, B = mean of w (g - <g>) (r - <r>) + A (d - plane),
+ *            w = (1 - (e/tau)^2)^2
  *            (Lucas and Kanade 1981; Tukey's weights; means are taken out channel by channel, so
  *            that noise of C, which all views share, moves nothing)
  *   fit      plane a + b_y s + b_x t through d - B/(A + prior) of the neighbours, weights
  *            (A + prior) bell(near (s^2 + t^2) + alike |I - I_0|^2 + level (d - d_0)^2); out = a
  *
- * A step is at most `most`; slopes are held by a ridge. FOR_X over x; linear interpolation of S,
- * clamped at the edges of a view; views that do not see the place do not count.
- * -DCHANNELS=n, -DRADIUS=n; -DROWS: see common.cl
+ * Tables as in matching.cl; slope[p, k]: taps of the derivatives along y and x, step[k]: pixels
+ * (y, x) of a view for disparity 1. A step is at most `most`; slopes are held by a ridge.
+ * normal: FOR_X over x; fit: an item is BLOCK pixels of a row. Beyond the edges of a view the
+ * nearest; views that do not see the place do not count. normal: -DSAMPLE=uchar | ushort | float; fit: -DRADIUS=n,
+ * -DBLOCK=n; -DCHANNELS=n; -DROWS: see common.cl
  */
 #include "common.cl"
 
@@ -26,41 +29,58 @@ inline float bell(const float q)
 }
 
 #ifndef RADIUS
-/* Samples of a view at a place inside it, and their slope along `step`. */
-inline void along(float *value, float *slope, __global const float *view, const float2 place,
-                  const float2 step, const int ny, const int nx)
+/* Samples of a moved view and their derivative by disparity. */
+inline void along(float *value, float *slope, __global const SAMPLE *view, const int2 place,
+                  const float4 down, const float4 across, const float4 down_slope,
+                  const float4 across_slope, const float2 step, const int ny, const int nx)
 {
-    const int y = min((int)place.x, max(ny - 2, 0)), x = min((int)place.y, max(nx - 2, 0));
-    const float fy = place.x - y, fx = place.y - x;
-    const int right = nx > 1 ? CHANNELS : 0, down = ny > 1 ? nx * CHANNELS : 0;
-    __global const float *q = view + ((size_t)y * nx + x) * CHANNELS;
+    const int inside = place.x >= 1 && place.x + 2 < ny && place.y >= 1 && place.y + 2 < nx;
     for (int c = 0; c < CHANNELS; ++c) {
-        const float a = q[c], b = q[c + right], e = q[c + down], f = q[c + down + right];
-        const float upper = a + fx * (b - a), lower = e + fx * (f - e);
-        value[c] = upper + fy * (lower - upper);
-        slope[c] = step.x * (lower - upper) + step.y * ((b - a) + fy * ((f - e) - (b - a)));
+        float4 sum = 0, change = 0;
+        for (int s = 0; s < 4; ++s) {
+            const int y = inside ? place.x + s - 1 : clamp(place.x + s - 1, 0, ny - 1);
+            __global const SAMPLE *row = view + (size_t)y * nx * CHANNELS + c;
+            float4 samples;
+            if (inside) {
+                row += (place.y - 1) * CHANNELS;
+                samples = (float4)(row[0], row[CHANNELS], row[2 * CHANNELS], row[3 * CHANNELS]);
+            } else {
+                samples = (float4)(row[clamp(place.y - 1, 0, nx - 1) * CHANNELS],
+                                   row[clamp(place.y, 0, nx - 1) * CHANNELS],
+                                   row[clamp(place.y + 1, 0, nx - 1) * CHANNELS],
+                                   row[clamp(place.y + 2, 0, nx - 1) * CHANNELS]);
+            }
+            const float a = s == 0 ? down.x : s == 1 ? down.y : s == 2 ? down.z : down.w;
+            const float b = s == 0   ? down_slope.x
+                            : s == 1 ? down_slope.y
+                            : s == 2 ? down_slope.z
+                                     : down_slope.w;
+            sum += a * samples;
+            change += b * samples;
+        }
+        value[c] = dot(across, sum);
+        slope[c] = step.x * dot(across, change) + step.y * dot(across_slope, sum);
     }
 }
 
-inline bool inside(const float2 place, const int ny, const int nx)
-{
-    return place.x >= 0 && place.x <= ny - 1 && place.y >= 0 && place.y <= nx - 1;
-}
-
 __kernel void normal(__global float *restrict A, __global float *restrict B,
-                     __global const float *restrict S, __global const float *restrict disparity,
+                     __global const SAMPLE *restrict L, __global const float *restrict disparity,
+                     __global const int *restrict nearest, __global const float *restrict planes,
                      __global const int *restrict view, __global const float2 *restrict step,
+                     __global const int2 *restrict at, __global const float4 *restrict part,
+                     __global const float4 *restrict slopes, __global const int2 *restrict reach,
                      __global const int *restrict first, __global const float *restrict pattern,
                      const int patterns, __global const int *restrict reference,
-                     __global const float *restrict share, const int references, const float tau,
-                     const float ratio, const float margin, const int ny, const int nx)
+                     __global const float *restrict share, const int references, const int views,
+                     const int ny, const int nx, const float tau, const float ratio,
+                     const float margin)
 {
     const int y = get_global_id(1);
     const size_t size = (size_t)ny * nx * CHANNELS;
     FOR_X(x, nx) {
         const size_t i = row_start(0, y, ny, nx) + x;
-        const float d = disparity[i];
-        const float2 here = (float2)(y, x);
+        const int table = nearest[i] * views;
+        const int2 here = (int2)(y, x);
         float centre[CHANNELS], value[CHANNELS], slope[CHANNELS];
         float groups[GROUPS * TERMS], most[GROUPS];
         for (int j = 0; j < GROUPS * TERMS; ++j)
@@ -70,10 +90,9 @@ __kernel void normal(__global float *restrict A, __global float *restrict B,
         for (int c = 0; c < CHANNELS; ++c)
             centre[c] = 0;
         for (int r = 0; r < references; ++r) {
-            const int k = reference[r];
-            const float2 place = clamp(here + d * step[k], (float2)(0, 0),
-                                       (float2)(ny - 1, nx - 1));
-            along(value, slope, S + view[k] * size, place, step[k], ny, nx);
+            const int v = reference[r], k = table + v;
+            along(value, slope, L + view[v] * size, here + at[k], part[2 * k], part[2 * k + 1],
+                  slopes[2 * k], slopes[2 * k + 1], step[v], ny, nx);
             for (int c = 0; c < CHANNELS; ++c)
                 centre[c] += share[r] * value[c];
         }
@@ -81,11 +100,14 @@ __kernel void normal(__global float *restrict A, __global float *restrict B,
             float terms[TERMS];
             for (int t = 0; t < TERMS; ++t)
                 terms[t] = 0;
-            for (int k = first[g]; k < first[g + 1]; ++k) {
-                const float2 place = here + d * step[k];
-                if (!inside(place, ny, nx))
+            for (int v = first[g]; v < first[g + 1]; ++v) {
+                const int k = table + v;
+                const int2 place = here + at[k];
+                if (place.x < 0 || place.x + reach[k].x >= ny || place.y < 0
+                    || place.y + reach[k].y >= nx)
                     continue;
-                along(value, slope, S + view[k] * size, place, step[k], ny, nx);
+                along(value, slope, L + view[v] * size, place, part[2 * k], part[2 * k + 1],
+                      slopes[2 * k], slopes[2 * k + 1], step[v], ny, nx);
                 float e = 0;
                 for (int c = 0; c < CHANNELS; ++c) {
                     value[c] -= centre[c];
@@ -126,52 +148,66 @@ __kernel void normal(__global float *restrict A, __global float *restrict B,
                 a -= sum[5 + c] * sum[5 + c] / sum[2];
                 b -= sum[5 + c] * sum[5 + CHANNELS + c] / sum[2];
             }
-        A[i] = sum[0] > 0 ? fmax(a, 0.0f) / sum[0] : 0.0f;
-        B[i] = sum[0] > 0 ? b / sum[0] : 0.0f;
+        a = sum[0] > 0 ? fmax(a, 0.0f) / sum[0] : 0.0f;
+        b = sum[0] > 0 ? b / sum[0] : 0.0f;
+        A[i] = a;
+        B[i] = b + a * (disparity[i] - planes[nearest[i]]);
     }
 }
 #endif
 
 #ifdef RADIUS
-__kernel void fit(__global float *restrict out, __global float *restrict weight,
+__attribute__((reqd_work_group_size(1, 1, 1)))
+__kernel void fit(__global float *restrict out, __global float *restrict known,
                   __global const float *restrict A, __global const float *restrict B,
                   __global const float *restrict disparity, __global const float *restrict I,
                   __global const float *restrict alike, __global const float *restrict near,
-                  __global const float *restrict prior, const float level, const float ridge, const float most,
-                  const int ny, const int nx)
+                  __global const float *restrict prior, const float level, const float ridge,
+                  const float most, const int ny, const int nx)
 {
-    const int y = get_global_id(1);
-    FOR_X(x, nx) {
-        const size_t i = row_start(0, y, ny, nx) + x;
-        const float d = disparity[i], same = alike[i], close = near[i], held = prior[i];
-        float w0 = 0, wy = 0, wx = 0, wyy = 0, wyx = 0, wxx = 0, v0 = 0, vy = 0, vx = 0, known = 0;
-        for (int s = max(-RADIUS, -y); s <= min(RADIUS, ny - 1 - y); ++s)
-            for (int t = max(-RADIUS, -x); t <= min(RADIUS, nx - 1 - x); ++t) {
-                const size_t k = i + s * nx + t;
-                float q = close * (s * s + t * t);
+    const int x0 = get_global_id(0) * BLOCK, y = get_global_id(1);
+    const int n = min(BLOCK, nx - x0);
+    const size_t i = row_start(0, y, ny, nx) + x0;
+    float m[10 * BLOCK]; /* sums of w: 1, s, t, s^2, s t, t^2, v, v s, v t; of what is known */
+    for (int x = 0; x < 10 * BLOCK; ++x)
+        m[x] = 0;
+    for (int s = max(-RADIUS, -y); s <= min(RADIUS, ny - 1 - y); ++s)
+        for (int t = -RADIUS; t <= RADIUS; ++t) {
+            const int begin = clamp(-t - x0, 0, n), end = clamp(nx - t - x0, begin, n);
+            const float square = s * s + t * t;
+            const long k = (long)i + s * nx + t;
+            for (int x = begin; x < end; ++x) {
+                float q = near[i + x] * square, same = 0;
                 for (int c = 0; c < CHANNELS; ++c) {
-                    const float e = I[k * CHANNELS + c] - I[i * CHANNELS + c];
-                    q += e * e * same;
+                    const float e = I[(k + x) * CHANNELS + c] - I[(i + x) * CHANNELS + c];
+                    same += e * e;
                 }
-                const float rise = disparity[k] - d;
-                const float alone = bell(q + level * rise * rise);
-                const float w = alone * (A[k] + held);
-                const float v = w * (rise + clamp(-B[k] / (A[k] + held), -most, most));
-                known += alone * A[k];
-                w0 += w;
-                wy += w * s;
-                wx += w * t;
-                wyy += w * (s * s + ridge);
-                wyx += w * s * t;
-                wxx += w * (t * t + ridge);
-                v0 += v;
-                vy += v * s;
-                vx += v * t;
+                const float rise = disparity[k + x] - disparity[i + x];
+                const float share = bell(q + same * alike[i + x] + level * rise * rise);
+                const float a = A[k + x] + prior[k + x];
+                const float w = share * a;
+                const float v = w * (rise + clamp(-B[k + x] / a, -most, most));
+                m[x] += w;
+                m[BLOCK + x] += w * s;
+                m[2 * BLOCK + x] += w * t;
+                m[3 * BLOCK + x] += w * (s * s + ridge);
+                m[4 * BLOCK + x] += w * (s * t);
+                m[5 * BLOCK + x] += w * (t * t + ridge);
+                m[6 * BLOCK + x] += v;
+                m[7 * BLOCK + x] += v * s;
+                m[8 * BLOCK + x] += v * t;
+                m[9 * BLOCK + x] += share * A[k + x];
             }
-        const float c0 = wyy * wxx - wyx * wyx, cy = wx * wyx - wy * wxx, cx = wy * wyx - wx * wyy;
-        const float det = w0 * c0 + wy * cy + wx * cx;
-        out[i] = d + (det > 1e-6f * w0 * c0 ? (c0 * v0 + cy * vy + cx * vx) / det : v0 / w0);
-        weight[i] = known;
+        }
+    for (int x = 0; x < n; ++x) {
+        const float w = m[x], s = m[BLOCK + x], t = m[2 * BLOCK + x], ss = m[3 * BLOCK + x];
+        const float st = m[4 * BLOCK + x], tt = m[5 * BLOCK + x];
+        const float c = ss * tt - st * st, cs = t * st - s * tt, ct = s * st - t * ss;
+        const float det = w * c + s * cs + t * ct;
+        const float plane = c * m[6 * BLOCK + x] + cs * m[7 * BLOCK + x] + ct * m[8 * BLOCK + x];
+        out[i + x] = disparity[i + x]
+                     + (det > 1e-6f * w * c ? plane / det : m[6 * BLOCK + x] / w);
+        known[i + x] = m[9 * BLOCK + x];
     }
 }
 #endif

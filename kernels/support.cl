@@ -5,7 +5,7 @@
  *   bell(q) = max(1 - q/8, 0)^8, close to exp(-q), and 0 beyond 8
  *
  *   valley   the plane of least cost, refined by the parabola through it and its neighbours,
- *            which need not be equally far; least and second lowest valley, and the mean
+ *            which need not be equally far; which plane, its cost, the second lowest valley, the mean
  *
  * gather: an item is BLOCK pixels of a row, all planes. valley: FOR_X over x.
  * -DCHANNELS=n, -DRADIUS=n, -DBLOCK=n; -DROWS: see common.cl
@@ -72,8 +72,9 @@ __kernel void gather(__global float *restrict out, __global const float *restric
 }
 #endif
 
-__kernel void valley(__global float *restrict place, __global float *restrict least,
-                     __global float *restrict second, __global float *restrict mean,
+__kernel void valley(__global float *restrict place, __global int *restrict nearest,
+                     __global float *restrict least, __global float *restrict second,
+                     __global float *restrict mean,
                      __global const float *restrict cost, __global const float *restrict d,
                      const int planes, const int ny, const int nx)
 {
@@ -108,6 +109,7 @@ __kernel void valley(__global float *restrict place, __global float *restrict le
             found += clamp(off, -0.5f * h0, 0.5f * h1);
         }
         place[i] = found;
+        nearest[i] = best;
         least[i] = isfinite(lowest) ? lowest : cost[i];
         second[i] = next;
         mean[i] = sum / planes;

@@ -8,6 +8,7 @@ from pathlib import Path
 import imageio.v3 as imageio
 import numpy as np
 import pytest
+import tifffile
 from click.testing import CliRunner, Result
 
 from clplen.cli import main
@@ -155,6 +156,38 @@ def test_an_array_of_views_is_no_map(tmp_path, device):
     np.save(tmp_path / "views.npy", views())
     found = table(run("info", tmp_path / "views.npy", "--device", device.place))
     assert found["Views"].startswith("3 x 5 (V x U)")
+
+
+@pytest.fixture
+def raw_files(tmp_path: Path) -> tuple[Path, Path]:
+    """A raw image and its white image, 16 bit: lenslets of 10 pixels, turned by no angle."""
+    y, x = np.mgrid[:163, :171]
+    spots = np.exp(
+        -((np.abs((y - 81) % 10 - 5) - 5) ** 2 + (np.abs((x - 85) % 10 - 5) - 5) ** 2) / 9
+    )
+    scene = 1 + 0.5 * np.cos(y / 9) * np.cos(x / 7)
+    for name, values in (("white", spots), ("raw", spots * scene)):
+        tifffile.imwrite(tmp_path / f"{name}.tif", (2e4 * values + 100).astype(np.uint16))
+    return tmp_path / "raw.tif", tmp_path / "white.tif"
+
+
+@pytest.mark.parametrize("words", [[], ["--flip-u"]])
+def test_a_raw_image_with_its_white_image(tmp_path, raw_files, device, words):
+    raw, white = raw_files
+    grid = tmp_path / "grid.json"
+    result = run(
+        "info", raw, "--white", white, "--save-grid", grid, *words, "--device", device.place
+    )
+    found = table(result)
+    assert found["Lenslets"].startswith("rectangular, pitch 10.000")
+    assert abs(float(found["Rotation"].split()[0])) < 0.01
+    assert "trust high" in found["Residual"]
+    assert found["Lattice"].startswith("Rectangular lattice")
+    lattice = json.loads(
+        run("info", raw, "--grid", grid, "--json", "--device", device.place).stdout
+    )
+    y, x = lattice["lattice"]["origin"]
+    assert (y % 10, x % 10) == (pytest.approx(1, abs=0.02), pytest.approx(5, abs=0.02))
 
 
 def test_what_is_wrong_is_one_sentence(tmp_path, device):

@@ -23,7 +23,7 @@ SHORTER_THAN = 60  # lines
 FIGURES = {
     1: (*range(11, 17), 18),
     2: range(1, 30),
-    3: (6, 7, *range(17, 26)),
+    3: (6, 7, 12, *range(17, 26)),
 }  # of each chapter
 
 

@@ -42,9 +42,9 @@ from clplen.compute.device import Device
 from clplen.lightfield.allinfocus import all_in_focus
 from clplen.lightfield.depth import sharpness_curve
 from clplen.lightfield.focus import HighPass
-from clplen.lightfield.interpolation import EvenBlur
 from clplen.lightfield.fourier import fourier_stack
 from clplen.lightfield.hyperfan import hyperfan
+from clplen.lightfield.interpolation import EvenBlur
 from clplen.lightfield.samples import extremes
 from clplen.wave.abbe import abbe_image
 from clplen.wave.extended import ExtendedSource
@@ -234,7 +234,7 @@ def views(device: Device) -> None:
         lf.render(aperture=2)
         stack = focal_stack(lf, disparities=[-0.4, 0.3, 1])
         depth_map(stack)
-        for cue in ("correspondence", "structure-tensor"):
+        for cue in ("correspondence", "structure-tensor", "combined"):
             depth_map(lf, disparities=[-0.4, 0.3, 1], cue=cue)
         HighPass(1.5, stack.shape[1:], device=device)(
             device.empty(stack.shape[1:3], np.float32),

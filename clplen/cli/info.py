@@ -148,7 +148,11 @@ def _of_lightfield(
     rows = [("File", f"{source}, {kind}"), ("Read", took)]
     rows += _of_samples(report)
     data |= asdict(report)
-    lattice = _lattice(lf, save_grid)
+    lattice = _lattice(lf, source, layout)
+    if save_grid is not None:
+        if lattice is None:
+            raise click.UsageError("--save-grid is for raw images: there are no lenslets here.")
+        lattice.save(save_grid)
     if lattice is not None:
         rows += _of_lattice(lattice)
         data["lattice"] = asdict(lattice)
@@ -230,14 +234,14 @@ def _typed(words: tuple[str, ...]) -> str:
     return " ".join("--" + word.replace("_", "-") for word in words)
 
 
-def _lattice(lf: LightField, save_grid: Path | None) -> Lattice | None:
-    """The lattice that a raw image was decoded by, written if that was asked for."""
-    lattice = None if lf.raw is None else lf.raw.lattice
-    if save_grid is not None:
-        if lattice is None:
-            raise click.UsageError("--save-grid is for raw images: there are no lenslets here.")
-        lattice.save(save_grid)
-    return lattice
+def _lattice(lf: LightField, source: Path, layout: dict[str, Any]) -> Lattice | None:
+    """The lattice that a raw image was decoded by; views in another order forget it."""
+    from clplen.io import read_raw
+
+    if lf.raw is not None:
+        return lf.raw.lattice
+    where = {name: layout[name] for name in ("white", "dark", "grid") if layout[name] is not None}
+    return read_raw(source, device=lf.device, **where).lattice if where else None
 
 
 def _of_lattice(lattice: Lattice) -> Rows:

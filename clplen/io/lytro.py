@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
-from typing import cast
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike
 from clplen.io.container import read_container
 from clplen.io.layout import Layout
+from clplen.io.rawframe import decode_frame
 from clplen.lightfield.lightfield import LightField
 
 
@@ -49,6 +48,4 @@ def read(
             "same camera at the same zoom and focus, or grid=, a lenslet grid saved before."
         )
     layout = replace(layout, bayer=layout.bayer or bayer)
-    decode_frame = import_module("clplen.io.rawframe").decode_frame
-    decoded = decode_frame(frame, path, device=device, layout=layout, progress=progress)
-    return cast(tuple[LightField, str], decoded)
+    return decode_frame(frame, path, device=device, layout=layout, progress=progress)

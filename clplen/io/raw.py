@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from clplen.compute.device import Device
-from clplen.errors import FormatError
+from clplen.errors import FormatError, SamplingWarning
 from clplen.files import PathLike, naming
 from clplen.io.container import MAGIC, read_container
 from clplen.io.frames import SUFFIXES as TIFF
@@ -21,6 +21,7 @@ from clplen.io.frames import read_tiff_frame
 from clplen.io.picture import SUFFIXES, read_picture
 from clplen.io.raytrix import read_raytrix
 from clplen.lightfield.lattice import Lattice
+from clplen.lightfield.latticefit import estimate_lattice
 from clplen.lightfield.raw import LensType, RawImage
 
 Frame = np.ndarray[Any, Any]
@@ -96,8 +97,9 @@ def read_raw(
     device : Device, optional
         Default ``Device.open()``.
     white : path-like, optional
-        White image of the same camera, on which the lenslets are found. The raw image is not
-        divided by it.
+        White image of the same camera, on which the lenslets are found (`estimate_lattice`); a
+        `SamplingWarning` says where they are not found with trust. The raw image is not divided
+        by it.
     dark : path-like, optional
         Dark frame, subtracted from the image and from the white one.
     grid : path-like, optional
@@ -133,7 +135,7 @@ def read_raw(
         if image is not None:
             raise ValueError(f"image= belongs to an XML, {path.name} is an image itself.")
         values, _ = read_frame(path, frame=frame)
-        black = None if dark is None else _like(dark, values, path)
+        black = None if dark is None else _like(dark, values, path)[0]
         lattice = _lattice(path, values, white, black, grid)
         values = values if black is None else values.astype(np.float32) - black
     device = device or Device.open()
@@ -213,20 +215,29 @@ def _lattice(
             f"Nothing tells where the lenslets of {path} lie: give white=, a white image of the "
             "same camera, or grid=, a lattice saved before."
         )
+    flat, bayer = _like(white, frame, path)
     with naming(white):
-        estimate = import_module("clplen.lightfield.calibration").estimate_lattice
-        return cast(Lattice, estimate(_like(white, frame, path), dark=dark))
+        lattice = estimate_lattice(
+            _grey(flat), dark=None if dark is None else _grey(dark), bayer=bayer
+        )
+    if lattice.trust == "low":
+        warnings.warn(f"{white}: {lattice.verdict}", SamplingWarning, stacklevel=3)
+    return lattice
 
 
-def _like(other: PathLike, frame: Frame, path: Path) -> Frame:
-    """A frame of the same shape as the raw image."""
-    found, _ = read_frame(other)
+def _like(other: PathLike, frame: Frame, path: Path) -> tuple[Frame, str | None]:
+    """A frame of the same shape as the raw image, float32, and its colour filters."""
+    found, bayer = read_frame(other)
     if found.shape != frame.shape:
         raise FormatError(
             f"{other} has shape {found.shape}, {path} has {frame.shape}: they are of different "
             "cameras."
         )
-    return found.astype(np.float32)
+    return found.astype(np.float32), bayer
+
+
+def _grey(frame: Frame) -> Frame:
+    return frame.mean(2) if frame.ndim == 3 else frame
 
 
 def _shape(frame: Frame) -> tuple[int, int]:

@@ -208,8 +208,8 @@ _NO_EVIDENCE = {
     "one view": "There is one view only, so no order of views to check.",
     "no detail": "The view axes cannot be checked: the middle of the views has no detail.",
     "in focus": (
-        "The view axes cannot be checked: the scene is in focus at disparity 0, where every order "
-        f"of views gives the same picture. {_MIRRORED}."
+        "The view axes cannot be checked: the scene is nearly in focus at disparity 0, where every "
+        f"order of views gives the same picture. {_MIRRORED}."
     ),
     "not in focus": (
         "No order of the view axes brings the scene into focus: perhaps the views are numbered in "

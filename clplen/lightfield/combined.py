@@ -7,14 +7,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.lightfield.cues import energy_disparity
 from clplen.lightfield.gaussian import GaussianBlur
 from clplen.lightfield.matching import (
+    Tables,
     Views,
     match_costs,
-    smoothed,
     sorted_views,
+    tables,
     thresholds,
 )
+from clplen.lightfield.samples import C_TYPE
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
@@ -28,6 +31,7 @@ _OUTLIERS = 0.2  # per cent of its samples left out at either end
 _WINDOW = 8  # pixels: half the window of costs and of planes
 _NARROW, _WIDE, _WIDENING = 3.0, 6.0, 0.4  # its Gaussian, in pixels, and its growth with noise
 _QUIET = 2.0  # levels of noise up to which it is narrow
+_BESIDE = 0.2  # taps beside the middle when the guiding picture is smoothed
 _ALIKE = 6.0  # levels a channel: pixels that differ more belong to different things
 _NOISE_BLUR = 8.0  # pixels over which noise is taken as even
 _COST_PER_NOISE = 0.62  # least cost of a channel over the noise of a sample
@@ -37,17 +41,21 @@ _MOST_STEP = 0.1
 _RIDGE = 0.3  # pixels^2
 _PRIOR = 270.0  # of the matched disparity, in levels^2 a channel for noise of a level
 _BLOCK = 64  # pixels of a row that an item of a CPU takes
+_LOST = 0.9  # of the truncation: where the least cost is higher the views do not agree
 _SURE = 0.05  # pixels a view step: standard deviation of a confidence of one half
 
 
 def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     """Disparity and confidence of every pixel of the centre view.
 
-    Samples are scaled to 255 levels and blurred by half a pixel. On every plane they are compared
-    with the centre (`match_costs`); the costs are gathered over neighbours that look alike (Yoon
-    and Kweon 2006), the more tolerantly the noisier the place. The least cost, refined by a
-    parabola, is then moved by a robust Lucas-Kanade step on all views (Lucas and Kanade 1981), in
-    which each pixel takes part with the plane that fits its neighbourhood.
+    Samples are scaled to 255 levels. On every plane the views are compared with the centre
+    (`match_costs`), through an interpolation that treats all fractions of a pixel alike
+    (`tables`); the costs are gathered over neighbours that look alike (Yoon and Kweon 2006), the
+    more tolerantly the noisier the place. The least cost, refined by a parabola, is then moved by
+    a robust Lucas-Kanade step on all views (Lucas and Kanade 1981), in which each pixel takes part
+    with the plane that fits its neighbourhood. Where no plane makes the views agree, in strong
+    noise or in the diffraction patterns of single points, the sharpest plane is taken
+    (`energy_disparity`).
 
     Parameters
     ----------
@@ -70,48 +78,63 @@ def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
     device.require_memory(
-        lf.data.nbytes + 4 * lf.data.size + 8 * ny * nx * (planes.size + 8),
+        lf.data.nbytes + 8 * ny * nx * (planes.size + 8),
         "This depth map with its light field",
     )
     views = sorted_views(lf)
-    samples = smoothed(lf, _gain(lf, views))
-    picture = _centre(samples, views, device)
-    costs = match_costs(samples, views, planes, device=device)
+    centre = _centre(lf, views)
+    gain = _gain(centre)
+    picture = device.upload(_smoothed(centre * np.float32(gain)))
+    moved = tables(views, planes, gain, device=device)
+    costs = match_costs(lf, views, moved)
     noise = _noise(costs, channels, device)
     gathered = device.empty(costs.shape, np.float32)
     _gather(gathered, costs, picture, noise, device)
-    disparity, margin = _valley(gathered, planes, device)
-    refined, known = _refined(samples, views, disparity, picture, noise, device)
+    disparity, nearest, least, margin = _valley(gathered, moved, device)
+    refined, known = _refined(lf, views, moved, disparity, nearest, picture, noise)
     sure = known * len(views.view) / np.maximum(noise, 1) ** 2
     confidence = margin * sure / (sure + 1 / _SURE**2)
+    lost = least > _LOST * thresholds(channels)[0]
+    if lost.any():
+        sharpest, clear = energy_disparity(lf, planes)
+        refined, confidence = np.where(lost, sharpest, refined), np.where(lost, clear, confidence)
     low, high = planes[0], planes[-1]
     return np.clip(refined, low, high).astype(np.float32), confidence.astype(np.float32)
 
 
-def _gain(lf: LightField, views: Views) -> float:
+def _centre(lf: LightField, views: Views) -> Map:
+    """The picture whose likeness guides: the mean of the views round the middle."""
+    pictures = [
+        share * lf.device.download(lf.data[divmod(int(views.view[k]), lf.shape[1])])
+        for k, share in zip(views.reference, views.share, strict=True)
+    ]
+    return np.sum(pictures, axis=0, dtype=np.float32)
+
+
+def _gain(centre: Map) -> float:
     """Levels a unit of the samples."""
-    nearest = int(views.view[views.reference[np.argmax(views.share)]])
-    picture = lf.device.download(lf.data[divmod(nearest, lf.shape[1])])
-    low, high = np.percentile(picture.astype(np.float32), (_OUTLIERS, 100 - _OUTLIERS))
+    low, high = np.percentile(centre, (_OUTLIERS, 100 - _OUTLIERS))
     if not high > low:
-        low, high = picture.min(), picture.max()
+        low, high = centre.min(), centre.max()
     return _LEVELS / float(high - low) if high > low else 1.0
 
 
-def _centre(samples: cla.Array, views: Views, device: Device) -> cla.Array:
-    """The picture whose likeness guides: the mean of the views round the middle."""
-    U = int(samples.shape[1])
-    total: Any = 0
-    for k, share in zip(views.reference, views.share, strict=True):
-        total = total + share * device.download(samples[divmod(int(views.view[k]), U)])
-    return device.upload(np.ascontiguousarray(total, np.float32))
+def _smoothed(picture: Map) -> Map:
+    """A picture blurred a little along both axes, so that noise hides no likeness."""
+    for axis in (0, 1):
+        pad = [(1, 1) if i == axis else (0, 0) for i in range(picture.ndim)]
+        wide = np.pad(picture, pad, mode="edge")
+        n = picture.shape[axis]
+        before, after = (np.take(wide, np.arange(n) + i, axis=axis) for i in (0, 2))
+        picture = (1 - 2 * _BESIDE) * picture + _BESIDE * (before + after)
+    return np.ascontiguousarray(picture, np.float32)
 
 
 def _noise(costs: cla.Array, channels: int, device: Device) -> Map:
     """Standard deviation of the samples in levels, from the least cost round every pixel."""
     least = np.full(costs.shape[1:], np.inf, np.float32)
-    for plane in costs:
-        np.minimum(least, device.download(plane), out=least)
+    for p in range(int(costs.shape[0])):
+        np.minimum(least, device.download(costs[p]), out=least)
     blurred = device.upload(least)
     GaussianBlur(_NOISE_BLUR, costs.shape[1:], device=device)(blurred, blurred)
     return np.asarray(device.download(blurred) / (channels * _COST_PER_NOISE), np.float32)
@@ -147,58 +170,72 @@ def _gather(
     )
 
 
-def _valley(costs: cla.Array, planes: Vector, device: Device) -> tuple[Map, Map]:
-    """Disparity of the least cost, and how far below the second valley it lies, 0 to 1."""
+def _valley(
+    costs: cla.Array, moved: Tables, device: Device
+) -> tuple[cla.Array, cla.Array, Map, Map]:
+    """Disparity of the least cost, its plane, the cost, and its depth below the second, 0 to 1."""
     _, ny, nx = (int(n) for n in costs.shape)
-    maps = [device.empty((ny, nx), np.float32) for _ in range(4)]
+    place, least, second, mean = (device.empty((ny, nx), np.float32) for _ in range(4))
+    nearest = device.empty((ny, nx), np.int32)
     device.launch_rows(
         device.kernel("support.cl", "valley", CHANNELS=1),
         (ny, nx),
-        *maps,
+        place,
+        nearest,
+        least,
+        second,
+        mean,
         costs,
-        device.upload(planes.astype(np.float32)),
-        *(np.int32(n) for n in (planes.size, ny, nx)),
+        moved.planes,
+        *(np.int32(n) for n in (moved.count, ny, nx)),
     )
-    place, least, second, mean = (device.download(a) for a in maps)
-    rise = np.minimum(second, mean) - least
-    return place, np.clip(rise / np.maximum(mean, 1e-6), 0, 1)
+    low, next_low, usual = (device.download(a) for a in (least, second, mean))
+    rise = np.minimum(next_low, usual) - low
+    return place, nearest, low, np.clip(rise / np.maximum(usual, 1e-6), 0, 1)
 
 
 def _refined(
-    samples: cla.Array,
+    lf: LightField,
     views: Views,
-    disparity: Map,
+    moved: Tables,
+    disparity: cla.Array,
+    nearest: cla.Array,
     picture: cla.Array,
     noise: Map,
-    device: Device,
 ) -> tuple[Map, Map]:
     """Disparity moved by one step of least squares, and what the views know of it, A."""
-    ny, nx = disparity.shape
-    channels = int(np.prod(picture.shape[2:], dtype=np.int64))
-    start = device.upload(disparity)
+    device = lf.device
+    ny, nx, channels = (*lf.shape[2:], 1)[:3]
     A, B, out, known = (device.empty((ny, nx), np.float32) for _ in range(4))
     device.launch_rows(
-        device.kernel("refine.cl", "normal", CHANNELS=channels),
+        device.kernel("refine.cl", "normal", SAMPLE=C_TYPE[lf.dtype], CHANNELS=channels),
         (ny, nx),
         A,
         B,
-        samples,
-        start,
+        lf.data,
+        disparity,
+        nearest,
+        moved.planes,
         device.upload(views.view),
         device.upload(views.step.astype(np.float32)),
+        moved.at,
+        moved.part,
+        moved.slopes,
+        moved.reach,
         *views.on(device),
+        *(np.int32(n) for n in (len(views.view), ny, nx)),
         *(np.float32(t) for t in thresholds(channels)),
-        *(np.int32(n) for n in (ny, nx)),
     )
     prior = _PRIOR * channels * np.maximum(noise, 1) ** 2
-    device.launch_rows(
-        device.kernel("refine.cl", "fit", CHANNELS=channels, RADIUS=_WINDOW),
-        (ny, nx),
+    block = _BLOCK if device.rows else 1
+    device.launch(
+        device.kernel("refine.cl", "fit", CHANNELS=channels, RADIUS=_WINDOW, BLOCK=block),
+        (-(-nx // block), ny),
         out,
         known,
         A,
         B,
-        start,
+        disparity,
         picture,
         device.upload(_alike(_FIT_ALIKE, noise, channels)),
         device.upload(_near(noise)),
@@ -207,5 +244,6 @@ def _refined(
         np.float32(_RIDGE),
         np.float32(_MOST_STEP),
         *(np.int32(n) for n in (ny, nx)),
+        group=(1, 1),
     )
     return device.download(out), device.download(known)

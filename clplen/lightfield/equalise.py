@@ -43,7 +43,8 @@ def equalised(picture: Values, cell: Basis, origin: Values) -> Values:
     places = np.rint((corners - origin) @ np.linalg.inv(short)).astype(int)
     low, high = places.min(0) - 2, places.max(0) + 3
     shape = tuple(int(n) for n in high - low)
-    light, count = np.zeros(shape[0] * shape[1]), np.zeros(shape[0] * shape[1])
+    light: Values = np.zeros(shape[0] * shape[1])
+    count: Values = np.zeros(shape[0] * shape[1])
     blocks = range(0, picture.shape[0], _BLOCK)
     labels = []
     for at in blocks:
@@ -57,7 +58,7 @@ def equalised(picture: Values, cell: Basis, origin: Values) -> Values:
     mean = np.log(np.maximum(light, 1e-30) / np.maximum(count, 1))
     at = origin + np.moveaxis(np.indices(shape), 0, -1) @ short + low @ short
     smooth, terms = _smooth(at, mean, full, picture.shape)
-    own = _model(*np.moveaxis(at, -1, 0), terms, picture.shape) @ smooth - mean
+    own = _model(at, terms, picture.shape) @ smooth - mean
     own -= np.median(own[full])
     own = np.clip(own, -np.log(_MOST), np.log(_MOST)).astype(np.float32).ravel()
     out = np.empty(picture.shape, np.float32)
@@ -77,7 +78,7 @@ def _smooth(at: Values, mean: Values, full: Values, shape: Any) -> tuple[Values,
     """
     degree = 4 if full.sum() > 60 else 2
     terms = [(a, b) for a in range(degree + 1) for b in range(degree + 1 - a) if a + b]
-    model = _model(*np.moveaxis(at, -1, 0), terms, shape)
+    model = _model(at, terms, shape)
     pairs = [
         ((slice(2, None),), (slice(None, -2),)),
         ((slice(None), slice(2, None)), (slice(None), slice(None, -2))),
@@ -87,15 +88,16 @@ def _smooth(at: Values, mean: Values, full: Values, shape: Any) -> tuple[Values,
         [(model[a] - model[b])[ok] for (a, b), ok in zip(pairs, both, strict=True)]
     )
     step = np.concatenate([(mean[a] - mean[b])[ok] for (a, b), ok in zip(pairs, both, strict=True)])
-    found = np.zeros(len(terms))
+    found: Values = np.zeros(len(terms))
     for _ in range(_ROUNDS if len(step) > 2 * len(terms) else 0):
         weight = 1 / np.hypot(1, (step - matrix @ found) / _STEP)
         found = np.linalg.lstsq(matrix * weight[:, None], step * weight, rcond=None)[0]
     return found, terms
 
 
-def _model(y: Values, x: Values, terms: list[Any], shape: tuple[int, ...]) -> Values:
-    y, x = 2 * y / shape[0] - 1, 2 * x / shape[1] - 1
+def _model(at: Values, terms: list[Any], shape: tuple[int, ...]) -> Values:
+    """Powers of places (y, x), scaled to the picture, the terms last."""
+    y, x = (2 * at[..., axis] / shape[axis] - 1 for axis in (0, 1))
     return np.stack([y**a * x**b for a, b in terms], axis=-1)
 
 

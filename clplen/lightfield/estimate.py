@@ -10,13 +10,15 @@ import numpy as np
 
 from clplen.lightfield import thesis
 from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.parametrisation import require_two_plane
+from clplen.lightfield.slope import fit_slope
 from clplen.lightfield.spectral import LensletBlur, Peak, Real, find_peak, sharpness
 from clplen.lightfield.window import brightest, read_window
 
 if TYPE_CHECKING:
     from clplen.lightfield.raw import CameraModel, Spacing
 
-METHODS = ("compensated", "energy", "thesis")
+METHODS = ("compensated", "energy", "slope", "thesis")
 
 _BAND = (0.1, 0.45)  # cycles a lenslet
 _NARROWEST = 1.25  # highest over lowest frequency that still is a band
@@ -24,6 +26,7 @@ _UNFLOORED = 0.8  # of the ambiguity offset: up to here the transfer function is
 _PAD = 5  # lenslets
 _IN_FOCUS = 1.2  # in units of the focus tolerance p/D
 _SHARE = 0.1  # of p/D: uncertainty of a compensated alpha
+_SLOPE_SHARE = 0.25  # of p/D: of one by the slope
 _ROUNDING = 1e-6  # of the largest sample: less is no detail
 _FWHM = 0.886  # of sinc^2, in units of its first zero
 _FWHM_PER_SIGMA = 2.355
@@ -45,7 +48,8 @@ class AlphaEstimate:
         Of alpha; nan without a camera, for the method "thesis", and when no peak was found inside
         the search (raise ``c_max``).
     curve : tuple of numpy.ndarray
-        (alphas, E): focus measure at the alphas that were tried, alphas rising.
+        (alphas, E): focus measure at the alphas that were tried, alphas rising; empty for the
+        method "slope".
     method : str
     disparity : float
         The same plane in pixels a view step, nearer positive.
@@ -53,6 +57,11 @@ class AlphaEstimate:
         Of ``curve``.
     near : tuple of int
         (x, y) of the lenslet that the window was centred on.
+    confidence : float
+        Of the method "slope", 0 to 1: share of the scatter that the line explains; else nan.
+    blur : float
+        Diameter of a point's blur on the lenslets, D abs(1 - alpha)/p, in lenslets; nan without a
+        camera.
     """
 
     alpha: float
@@ -64,6 +73,8 @@ class AlphaEstimate:
     disparity: float
     disparities: Real
     near: tuple[int, int]
+    confidence: float = math.nan
+    blur: float = math.nan
 
 
 def estimate_alpha(
@@ -82,17 +93,19 @@ def estimate_alpha(
     as found. "compensated" divides the spectrum by the ambiguity function of the lenslet aperture
     (`clplen.lightfield.spectral`), which puts the peak back. When both peaks lie within 1.2 p/D
     of 1, the object is in focus, the compensated curve is flat, and "compensated" returns
-    1 + (alpha_energy - 1)/kappa. "thesis" is the baseline of `clplen.lightfield.thesis`: naive
-    cells, 31 x 31 lenslets, alpha from .7 to 1.3, whatever ``window`` and ``c_max`` say.
+    1 + (alpha_energy - 1)/kappa. "slope" fits the line of one point in phase space (`fit_slope`):
+    no search, but a single point, out of focus. "thesis" is the baseline of
+    `clplen.lightfield.thesis`: naive cells, 31 x 31 lenslets, alpha from .7 to 1.3, whatever
+    ``window`` and ``c_max`` say.
 
     Parameters
     ----------
     lf : LightField
-        "compensated" needs its spacing and camera, "thesis" its raw image; "energy" nothing, but
-        without spacing it knows the disparity only.
+        "compensated" needs its spacing and camera, "thesis" its raw image; "energy" and "slope"
+        nothing, but without spacing they know the disparity only.
     near : tuple of int, optional
         (x_index, y_index) of the lenslet at the object, from 0. None: the brightest region.
-    method : {"compensated", "energy", "thesis"}
+    method : {"compensated", "energy", "slope", "thesis"}
     window : int
         Lenslets across, odd, at least 9; clipped at the border of the light field. One object at
         one depth should fill it or lie alone in it.
@@ -114,6 +127,8 @@ def estimate_alpha(
     if method == "thesis":
         return _thesis(lf, place)
     optics = _optics(lf)
+    if method == "slope":
+        return _slope(lf, place, window, optics)
     if method == "compensated" and optics is None:
         raise ValueError(
             "method='compensated' needs a light field with spacing (dv, du, dy, dx) and the "
@@ -154,9 +169,11 @@ class _Optics:
         return (_BAND[0], min(_BAND[1], _UNFLOORED / (self.blur.q * c_max)))
 
     def uncertainty(self, alpha: float, method: str, in_focus: bool) -> float:
-        """Of an alpha found by "compensated" or "energy"."""
+        """Of an alpha found by "compensated", "energy" or "slope"."""
         if in_focus:
             return self.tolerance
+        if method == "slope":
+            return _SLOPE_SHARE * self.tolerance
         bias = (1 - self.kappa) * abs(1 - alpha) if method == "energy" else 0.0
         return _SHARE * self.tolerance + bias
 
@@ -273,7 +290,45 @@ def _result(
         disparity=peak.position if alpha is None else float(lf.disparity(alpha)),
         disparities=peak.positions[rising],
         near=near,
+        blur=_blur(value, optics),
     )
+
+
+def _slope(
+    lf: LightField, near: tuple[int, int], window: int, optics: _Optics | None
+) -> AlphaEstimate:
+    require_two_plane(lf, "The slope")
+    samples = read_window(lf, near, window)
+    samples *= (lf.weights > 0)[:, :, None, None]
+    if not samples.max() > 0:
+        raise ValueError(
+            f"The {window} x {window} lenslets round {near} are black: give another near= or a "
+            "larger window."
+        )
+    found = fit_slope(samples, aspect=_aspect(lf.spacing))
+    alpha = float(lf.alpha(found.disparity))
+    uncertainty, in_focus = math.nan, False
+    if optics is not None:
+        in_focus = abs(alpha - 1) < _IN_FOCUS * optics.tolerance or found.spots == 1
+        uncertainty = optics.uncertainty(alpha, "slope", in_focus)
+    none = np.empty(0)
+    return AlphaEstimate(
+        alpha=alpha,
+        z=_depth(lf, alpha),
+        in_focus=in_focus,
+        uncertainty=uncertainty,
+        curve=(none, none),
+        method="slope",
+        disparity=found.disparity,
+        disparities=none,
+        near=near,
+        confidence=found.confidence,
+        blur=_blur(alpha, optics),
+    )
+
+
+def _blur(alpha: float, optics: _Optics | None) -> float:
+    return math.nan if optics is None else abs(1 - alpha) / optics.tolerance
 
 
 def _thesis(lf: LightField, near: tuple[int, int]) -> AlphaEstimate:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.lightfield.parametrisation import require_two_plane
 from clplen.lightfield.refocus import FocalStack, planes_of
 from clplen.lightfield.render import view_weights
 from clplen.lightfield.shifts import row_ratio
@@ -81,6 +82,7 @@ def fourier_stack(
             "A Fourier slice needs views on a regular grid, and this light field has positions: "
             "use focal_stack, with interpolation='fourier' if periodic edges are wanted."
         )
+    require_two_plane(lf, "A Fourier slice")
     planes, ratios = planes_of(lf, alphas=alphas, disparities=disparities)
     weights = view_weights(lf, aperture, None)
     sizes = tuple(max(_OVERSAMPLING * n, width) for n in weights.shape)

@@ -151,7 +151,12 @@ class Lattice:
         return (float(down[0]), float(down[1])), (float(right[0]), float(right[1]))
 
     def grid(
-        self, views: tuple[int, int], *, step: float | None = None, complete: bool = True
+        self,
+        views: tuple[int, int],
+        *,
+        step: float | None = None,
+        complete: bool = True,
+        square: bool = False,
     ) -> LensletGrid:
         """What to sample: a full rectangle of lenslets.
 
@@ -163,6 +168,9 @@ class Lattice:
             Pixels a view; default as in `view_steps`.
         complete : bool
             Whether the whole sub-image of every lenslet lies on the picture; else only its centre.
+        square : bool
+            Whether the lines of nearest neighbours of a hexagonal lattice are interpolated to
+            pixels as far apart as the lines are, sqrt(3)/2 of the pitch; else they keep the pitch.
 
         Returns
         -------
@@ -186,7 +194,11 @@ class Lattice:
         grid = LensletGrid(
             count, views, (first[0], first[1]), self.row, self.column, shift, down, right
         )
-        return _exchanged(grid) if self.turned else grid
+        grid = _exchanged(grid) if self.turned else grid
+        if square and self.kind == "hexagonal":
+            step = min(self.pitch) / max(self.pitch)
+            grid = replace(grid, columns=(int((grid.count[1] - 1) / step) + 1, step))
+        return grid
 
     def _shape(self) -> tuple[int, int]:
         if self.shape is None:
@@ -214,7 +226,7 @@ class Lattice:
         low, high = at - margin, at + margin
         inside = (low >= -0.5).all(1) & (high < np.array([ny, nx]) - 0.5).all(1)
         good = inside.reshape(np.ptp(i) + 1, np.ptp(k) + 1)
-        top, left, bottom, right = 0, 0, *good.shape
+        top, left, (bottom, right) = 0, 0, good.shape
         while top < bottom and left < right and not good[top:bottom, left:right].all():
             box = good[top:bottom, left:right]
             missing = [(~side).mean() for side in (box[0], box[-1], box[:, 0], box[:, -1])]

@@ -130,9 +130,8 @@ def _toolbox(model: dict[str, Any], source: str) -> Lattice:
 def _numbers(model: dict[str, Any], name: str, count: int, source: str) -> list[float]:
     """So many finite numbers of an entry."""
     value = model.get(name)
-    values = [value] if count == 1 and not isinstance(value, list) else value
-    good = isinstance(values, list) and len(values) == count
-    if not good or not all(_is_number(n) for n in values):
+    values: list[Any] = value if isinstance(value, list) else [value]
+    if len(values) != count or not all(_is_number(n) for n in values):
         wanted = "a number" if count == 1 else f"{count} numbers"
         raise FormatError(f"{source}: {name!r} is {wanted}, not {value!r}.")
     return [float(n) for n in values]

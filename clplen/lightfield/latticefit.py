@@ -171,8 +171,8 @@ def _oriented(fit: Fit, kind: str | None, shape: tuple[int, ...]) -> Lattice:
         (fit.origin + (near + np.array(n)) @ short for n in np.ndindex(3, 3)),
         key=lambda at: float(((at - middle) ** 2).sum()),
     )
-    pairs = [(float(v[0]), float(v[1])) for v in (best, row, column)]
-    return Lattice(kind, *pairs, shape=(shape[0], shape[1]), residual=fit.rms)
+    origin, down, right = ((float(v[0]), float(v[1])) for v in (best, row, column))
+    return Lattice(kind, origin, down, right, (shape[0], shape[1]), fit.rms)
 
 
 def _straight(short: Basis) -> tuple[Values, Values]:

@@ -25,23 +25,24 @@ class PhaseSpace:
     values : numpy.ndarray
         float32, shape (views, pixels[, c]).
     axes : tuple of str
-        ("u", "x") or ("v", "y").
-    position : numpy.ndarray
-        x (or y) of the pixels from the middle, shape (pixels,): metres, or pixels.
+        ("u", "x") or ("v", "y"); of a light field by direction ("theta_x", "x") or
+        ("theta_y", "y").
+    units : tuple of str
+        Of direction and position: ("m", "m"), ("rad", "m"), or ("view", "pixel").
     direction : numpy.ndarray
-        u (or v) of the views from the middle, shape (views,): metres on the main lens, or views.
+        u (v, theta) of the views from the middle, shape (views,).
+    position : numpy.ndarray
+        x (y) of the pixels from the middle, shape (pixels,).
     theta : numpy.ndarray or None
         (x - u)/F of every sample in radians, shape (views, pixels); None without a camera.
-    metres : bool
-        Whether position and direction are in metres.
     """
 
     values: np.ndarray[Any, np.dtype[np.float32]]
     axes: tuple[str, str]
-    position: Vector
+    units: tuple[str, str]
     direction: Vector
+    position: Vector
     theta: Vector | None
-    metres: bool
 
 
 def phase_space(
@@ -88,8 +89,17 @@ def phase_space(
     direction, position = (
         (np.arange(n) - (n - 1) / 2) * step for n, step in zip(values.shape[:2], steps, strict=True)
     )
-    theta = None
-    if metres and lf.camera is not None and lf.decode != "naive":
-        theta = (position[None, :] - direction[:, None]) / lf.camera.image_distance
     axes = ("u", "x") if along_x else ("v", "y")
-    return PhaseSpace(values, axes, position, direction, theta, metres)
+    if lf.parametrisation == "point-angle":
+        theta = np.broadcast_to(direction[:, None], values.shape[:2])
+        axes = (f"theta_{axes[1]}", axes[1])
+        return PhaseSpace(values, axes, ("rad", "m"), direction, position, theta)
+    units = ("m", "m") if metres else ("view", "pixel")
+    return PhaseSpace(values, axes, units, direction, position, _angles(lf, direction, position))
+
+
+def _angles(lf: LightField, direction: Vector, position: Vector) -> Vector | None:
+    known = lf.spacing is not None and bool(np.isfinite(lf.spacing).all())
+    if not known or lf.camera is None or lf.decode == "naive":
+        return None
+    return np.asarray((position[None, :] - direction[:, None]) / lf.camera.image_distance)

@@ -129,9 +129,7 @@ def _ring_median(spectrum: Values, ring: Values) -> Values:
     order = np.argsort(labels, kind="stable")
     edges = np.searchsorted(labels[order], np.arange(labels.max() + 2))
     values = spectrum.ravel()[order]
-    medians = np.array(
-        [np.median(values[a:b]) if b > a else 1.0 for a, b in pairwise(edges)]
-    )
+    medians = np.array([np.median(values[a:b]) if b > a else 1.0 for a, b in pairwise(edges)])
     return np.asarray(np.maximum(medians, 1e-30)[labels].reshape(spectrum.shape))
 
 

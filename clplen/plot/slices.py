@@ -9,6 +9,8 @@ from clplen.lightfield.phasespace import PhaseSpace
 from clplen.plot.base import LIGHT, Array, Scale, bar, cut, for_display, new_figure, norm_of, styled
 from clplen.plot.base import said as scale_said
 
+_MILLI = {"m": 1e3, "rad": 1e3}
+
 
 @styled
 def epi(found: PhaseSpace, *, title: str = "", scale: Scale = "linear") -> Figure:
@@ -27,8 +29,10 @@ def epi(found: PhaseSpace, *, title: str = "", scale: Scale = "linear") -> Figur
     norm = norm_of(found.values, scale)
     figure = new_figure(7.4, 3.2)
     axes = figure.add_subplot()
-    factor = 1e3 if found.metres else 1.0
-    across, down = found.position * factor, found.direction * factor
+    down, across = (
+        values * _MILLI.get(unit, 1.0)
+        for values, unit in zip((found.direction, found.position), found.units, strict=True)
+    )
     drawn = axes.imshow(
         for_display(found.values, norm),
         cmap=LIGHT,
@@ -37,12 +41,15 @@ def epi(found: PhaseSpace, *, title: str = "", scale: Scale = "linear") -> Figur
         aspect="auto",
     )
     views, pixels = found.axes
-    place = f"{views} on the main lens / mm" if found.metres else f"{views} from the middle / view"
-    where = (
-        f"{pixels} on the image plane / mm" if found.metres else f"{pixels} from the middle / pixel"
+    places = {"m": f"{views} on the main lens / mm", "view": f"{views} from the middle / view"}
+    place = places.get(found.units[0], rf"$\{views}$ / mrad")
+    where = "on the image plane / mm" if found.units[1] == "m" else "from the middle / pixel"
+    axes.set(
+        xlabel=f"{pixels} {where}",
+        ylabel=place,
+        title=title or f"epipolar slice ({pixels}, {views.replace('_', ' ')})",
     )
-    axes.set(xlabel=where, ylabel=place, title=title or f"epipolar slice ({pixels}, {views})")
-    if found.theta is not None:
+    if found.theta is not None and found.units[0] == "m":
         ratio = _milliradians(found)
         other = axes.secondary_yaxis(
             "right",

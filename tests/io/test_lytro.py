@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import container, lytro, packing, read_lightfield
 from clplen.io.container import read_container, sections_of
@@ -271,13 +272,27 @@ def test_the_white_image_is_the_users(tmp_path: Path, frame: np.ndarray, monkeyp
         given.update(words, frame=frame, path=path)
         return "light field", "sentence"
 
-    module = SimpleNamespace(decode_frame=decode_frame)
-    monkeypatch.setattr(lytro, "import_module", lambda _: module)
+    monkeypatch.setattr(lytro, "decode_frame", decode_frame)
     assert lytro.read(path, device=device, layout=Layout(grid="g.json"))[0] == "light field"
     np.testing.assert_array_equal(given["frame"], frame)
     assert given["layout"] == Layout(grid="g.json", bayer="GRBG")
     lytro.read(path, device=device, layout=Layout(grid="g.json", bayer="RGGB"))
     assert given["layout"].bayer == "RGGB"
+
+
+def test_a_container_becomes_a_light_field(tmp_path: Path, device: Device):
+    """White image and scene in containers; the scene is even, so that all its views are, too."""
+    y, x = np.mgrid[:80, :96]
+    waves = np.cos(2 * np.pi * (y - 40.2) / 10) + np.cos(2 * np.pi * (x - 47.6) / 10)
+    white = (500 + 200 * waves).astype(np.uint16)
+    for name, frame in (("white", white), ("scene", white // 2)):
+        a_container(tmp_path / f"{name}.lfr", *illum(frame), newer=True)
+    words = {"white": tmp_path / "white.lfr", "device": device, "views": (5, 5)}
+    lf = read_lightfield(tmp_path / "scene.lfr", **words)
+    assert lf.shape[:2] == (5, 5)
+    assert lf.shape[4] == 3  # GRBG of the metadata
+    inside = lf.to_numpy()[:, :, 1:-1, 1:-1]
+    np.testing.assert_allclose(inside / inside.mean(), 1, atol=0.05)
 
 
 def test_too_many_sections(tmp_path: Path, monkeypatch):

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from clplen.compute.device import Device
-from clplen.errors import FormatError, ShapeError
-from clplen.io import raw as module
+from clplen.errors import FormatError, SamplingWarning, ShapeError
 from clplen.io import read_raw
 from clplen.io.picture import write_picture
 from clplen.io.raw import read_frame, read_lattice
@@ -83,26 +81,40 @@ def test_a_frame_with_a_saved_grid(tmp_path: Path, device: Device, frame: np.nda
         read_raw(tmp_path / "b.tif", grid=tmp_path / "grid.json", device=device)
 
 
-def test_white_and_dark(tmp_path: Path, device: Device, frame: np.ndarray, monkeypatch):
-    asked = {}
+def a_white_image(pitch: float) -> np.ndarray:
+    """Round lenslets on a square lattice, one of them at (40.3, 50.1)."""
+    y, x = np.mgrid[:90, :110]
+    waves = np.cos(2 * np.pi * (y - 40.3) / pitch) + np.cos(2 * np.pi * (x - 50.1) / pitch)
+    return (8000 + 3000 * waves).astype(np.uint16)
 
-    def estimate_lattice(white: np.ndarray, *, dark: np.ndarray) -> Lattice:
-        asked.update(white=white, dark=dark)
-        return LATTICE
 
-    found = SimpleNamespace(estimate_lattice=estimate_lattice)
-    monkeypatch.setattr(module, "import_module", lambda _: found)
+def test_white_and_dark(tmp_path: Path, device: Device):
+    frame = np.random.default_rng(5).integers(0, 60000, (90, 110)).astype(np.uint16)
     names = [tmp_path / f"{name}.tif" for name in ("raw", "white", "dark")]
-    dark = np.full_like(frame, 100)
-    for name, values in zip(names, (frame, frame // 2, dark), strict=True):
+    dark = np.random.default_rng(6).integers(0, 300, frame.shape).astype(np.uint16)
+    for name, values in zip(names, (frame, a_white_image(9.3) + dark, dark), strict=True):
         write_picture(name, values)
     raw = read_raw(names[0], white=names[1], dark=names[2], device=device)
-    np.testing.assert_array_equal(raw.to_numpy(), frame.astype(np.float32) - 100)
-    np.testing.assert_array_equal(asked["white"], frame // 2)
-    np.testing.assert_array_equal(asked["dark"], dark)
+    np.testing.assert_array_equal(raw.to_numpy(), frame.astype(np.float32) - dark)
+    assert raw.lattice.trust == "high"
+    assert raw.lattice.pitch == pytest.approx((9.3, 9.3), rel=1e-3)
+    away = (np.array((40.3, 50.1)) - raw.lattice.origin) / 9.3
+    np.testing.assert_allclose(away, np.round(away), atol=0.02)
+    write_picture(names[1], np.stack([a_white_image(9.3)] * 3, -1))
+    write_picture(names[0], np.stack([frame] * 3, -1))
+    colour = read_raw(names[0], white=names[1], device=device)
+    assert colour.lattice.pitch == pytest.approx((9.3, 9.3), rel=1e-3)
     write_picture(names[1], frame[:, 1:])
-    with pytest.raises(FormatError, match=r"white\.tif has shape \(41, 65\).*different cameras"):
+    with pytest.raises(FormatError, match=r"white\.tif has shape \(90, 109\).*different cameras"):
         read_raw(names[0], white=names[1], device=device)
+
+
+def test_a_white_image_that_is_none_warns(tmp_path: Path, device: Device):
+    noise = np.random.default_rng(7).integers(0, 60000, (64, 64)).astype(np.uint16)
+    for name in ("raw", "white"):
+        write_picture(tmp_path / f"{name}.tif", noise)
+    with pytest.warns(SamplingWarning, match=r"white\.tif: "):
+        read_raw(tmp_path / "raw.tif", white=tmp_path / "white.tif", device=device)
 
 
 def test_words_that_do_not_apply(tmp_path: Path, device: Device, calibration: RaytrixCalibration):

@@ -26,7 +26,7 @@ def test_axes_in_metres_and_radians(device):
     a = lf.to_numpy()
     rows = phase_space(lf, y=2, v=1)
     assert rows.axes == ("u", "x")
-    assert rows.metres
+    assert rows.units == ("m", "m")
     np.testing.assert_array_equal(rows.values, a[1, :, 2])
     np.testing.assert_allclose(rows.direction, -60e-6 * np.array([-1.5, -0.5, 0.5, 1.5]))
     np.testing.assert_allclose(rows.position, 300e-6 * np.arange(-5, 6))
@@ -59,11 +59,23 @@ def test_slopes_of_a_point(device, alpha):
 
 def test_without_spacing_views_and_pixels(device):
     found = phase_space(light_field(device), y=0, v=0)
-    assert not found.metres
+    assert found.units == ("view", "pixel")
     assert found.theta is None
     np.testing.assert_array_equal(found.direction, [-1.5, -0.5, 0.5, 1.5])
     np.testing.assert_array_equal(found.position, np.arange(-5, 6))
     assert phase_space(light_field(device, spacing=SPACING), y=0, v=0).theta is None
+
+
+def test_directions_are_an_axis_by_themselves(device):
+    lf = light_field(device, spacing=SPACING, camera=CAMERA).resample("point-angle")
+    found = phase_space(lf, y=2, v=1)
+    assert found.axes == ("theta_x", "x")
+    assert found.units == ("rad", "m")
+    np.testing.assert_allclose(np.diff(found.direction), 60e-6 / F)
+    np.testing.assert_array_equal(found.theta[:, 3], found.direction)
+    axes = plot.epi(found).axes[0]
+    assert axes.get_ylabel() == r"$\theta_x$ / mrad"
+    assert not axes.child_axes
 
 
 def test_scattered_views_have_no_rows(device):

@@ -1,0 +1,140 @@
+"""matching.cl against float64 twins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reference_matching import centre_shares, costs, membership, smooth
+from tolerance import relative_max
+
+from clplen.lightfield import matching
+from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.matching import match_costs, smoothed, sorted_views, thresholds
+from clplen.lightfield.shifts import unit_steps
+
+BLUR = 0.1065
+PLANES = np.array([-3.3, -0.9, -0.25, 0.0, 0.4, 1.0, 2.7, 50.0])  # the last leaves the views
+
+
+@pytest.fixture(autouse=True)
+def short_blocks(monkeypatch):
+    """Several blocks a row, the last one not whole."""
+    monkeypatch.setattr(matching, "_BLOCK", 8)
+
+
+def samples(shape, dtype=np.float32, seed=3):
+    """Values from 20 to 230, with neighbours that are alike."""
+    random = np.random.default_rng(seed).uniform(20, 230, shape)
+    for axis in (2, 3):
+        random = (random + np.roll(random, 1, axis)) / 2
+    return random.astype(dtype)
+
+
+def light_field(device, shape, **more):
+    weights = np.ones(shape[:2])
+    if weights.size > 5:
+        weights[0, 1] = 0
+    return LightField.from_array(samples(shape), device=device, weights=weights, **more)
+
+
+def wanted(lf, planes, channels):
+    """The costs of a light field by the twin, its views in their own order."""
+    lit = lf.weights.ravel() > 0
+    S = lf.to_numpy().reshape(-1, *lf.shape[2:4], channels)[lit].astype(float)
+    every = unit_steps(lf).reshape(-1, 2)
+    steps = every[lit]
+    down = 1 if lf.spacing is None else lf.spacing[0] / lf.spacing[1]
+    centre = centre_shares(steps / (down, 1))
+    return costs(S, steps, membership(steps, every), centre, planes, thresholds(channels))
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("shape", [(2, 3, 7, 13, 3), (1, 2, 11, 17), (2, 1, 1, 5, 2), (1, 1, 3, 1)])
+def test_smooth(device, shape, dtype):
+    field = samples(shape, dtype)
+    lf = LightField.from_array(field, device=device)
+    got = device.download(smoothed(lf, 0.37))
+    want = smooth(field.reshape(-1, *(*shape, 1)[2:5]), 0.37, BLUR).reshape(shape)
+    assert got.dtype == np.float32
+    # positive terms: 3 products and 2 sums an axis, b and 1 - 2b rounded, the gain
+    assert relative_max(want, got) <= 14 * 2.0**-24
+
+
+# Differences of values up to `top` after two cubics, whose taps and roundings sum to 1.27^2 times
+# 8 each, and of the centre; the mean over K views adds K roundings of e <= tau.
+def tolerance(lf, channels):
+    top, tau = 230.0, thresholds(channels)[0]
+    views = lf.weights.size
+    return (2 * 16 * 1.27**2 * channels * top + (views + 4) * tau) * 2.0**-24
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        (3, 3, 9, 13),
+        (3, 5, 7, 17, 3),  # V != U, no multiple of the block
+        (2, 4, 11, 8),  # even counts: four views make the centre
+        (1, 7, 5, 21),  # one line of views
+        (5, 1, 23, 3),
+        (1, 2, 6, 10, 2),
+        (3, 2, 1, 19),
+        (2, 3, 19, 1),
+    ],
+)
+def test_match(device, shape):
+    lf = light_field(device, shape)
+    channels = (*shape, 1)[4]
+    planes = PLANES[::3] if device.platform == "Oclgrind" else PLANES
+    got = device.download(match_costs(lf.data, sorted_views(lf), planes, device=device))
+    want = wanted(lf, planes, channels)
+    assert got.dtype == np.float32
+    assert got.shape == (planes.size, *shape[2:4])
+    assert np.abs(got - want).max() <= tolerance(lf, channels) < 2e-3 * thresholds(channels)[0]
+
+
+@pytest.mark.parametrize("counts", [(3, 3), (2, 4)])
+def test_views_on_no_grid(device, counts):
+    positions = np.random.default_rng(5).uniform(-1.5, 1.5, (*counts, 2))
+    lf = light_field(device, (*counts, 9, 11), positions=positions)
+    planes = np.array([-0.7, 0.35, 1.9])
+    got = device.download(match_costs(lf.data, sorted_views(lf), planes, device=device))
+    assert np.abs(got - wanted(lf, planes, 1)).max() <= tolerance(lf, 1)
+
+
+@pytest.mark.parametrize("counts", [(3, 3), (4, 3)])
+def test_rows_twice_as_far_apart(device, counts):
+    """Steps along y are twice as long; who makes the centre is a matter of views, not of pixels."""
+    lf = light_field(device, (*counts, 9, 11), spacing=(-2e-3, -1e-3, 5e-4, 5e-4))
+    planes = np.array([-0.7, 0.35, 1.3])
+    got = device.download(match_costs(lf.data, sorted_views(lf), planes, device=device))
+    assert np.abs(got - wanted(lf, planes, 1)).max() <= tolerance(lf, 1)
+
+
+def test_on_a_plane_of_the_scene_the_views_agree(device):
+    """Shifts of one picture by whole pixels: no cost on its plane, wherever a view sees it."""
+    random = np.random.default_rng(1).uniform(0, 200, (40, 40)).astype(np.float32)
+    v, u = np.arange(3) - 1, np.arange(5) - 2
+    views = [[random[15 - 2 * -a : 26 - 2 * -a, 10 + 2 * b : 25 + 2 * b] for b in u] for a in v]
+    lf = LightField.from_array(np.array(views), device=device)
+    found = device.download(
+        match_costs(lf.data, sorted_views(lf), np.array([-2.0, 2.0]), device=device)
+    )
+    assert found[1].max() == 0
+    assert np.median(found[0]) > 5
+
+
+@pytest.mark.parametrize("counts", [(9, 9), (4, 6), (1, 5), (3, 1)])
+def test_views_are_sorted_into_halves(device, counts):
+    lf = LightField.from_array(np.ones((*counts, 2, 2), np.float32), device=device)
+    views = sorted_views(lf)
+    steps = unit_steps(lf).reshape(-1, 2)
+    np.testing.assert_array_equal(np.sort(views.view), np.arange(len(steps)))
+    np.testing.assert_array_equal(views.step, steps[views.view])
+    share = np.repeat(views.pattern, np.diff(views.first), axis=0)
+    np.testing.assert_array_equal(share, membership(steps)[views.view])
+    # every view but the middle one counts once in two opposite halves together
+    inner = np.abs(views.step).max(axis=1) > 0
+    np.testing.assert_array_equal((share[:, 1:5] + share[:, 5:])[inner], 1)
+    centre = np.zeros(len(steps))
+    centre[views.view[views.reference]] = views.share
+    np.testing.assert_allclose(centre, centre_shares(steps), atol=1e-7)

@@ -1,0 +1,203 @@
+"""refine.cl against float64 twins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reference_matching import centre_shares, fit, membership, normal
+from tolerance import relative_max
+
+from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.matching import sorted_views
+from clplen.lightfield.shifts import unit_steps
+
+EPS = 2.0**-24
+LIMITS = (60.0, 1.2, 0.5)  # tau, ratio, margin
+
+
+def views(shape, seed=2):
+    """Samples from 20 to 120 with neighbours that are alike."""
+    random = np.random.default_rng(seed).uniform(20, 120, shape)
+    for axis in (2, 3):
+        random = (random + np.roll(random, 1, axis)) / 2
+    return random.astype(np.float32)
+
+
+def light_field(device, shape, **more):
+    weights = np.ones(shape[:2])
+    if weights.size > 5:
+        weights[0, 1] = 0
+    return LightField.from_array(views(shape), device=device, weights=weights, **more)
+
+
+def compared(device, lf, disparity, limits=LIMITS):
+    """(A, B) of the kernel and of the twin."""
+    ny, nx, channels = (*lf.shape[2:], 1)[:3]
+    sorted_ = sorted_views(lf)
+    A, B = (device.empty((ny, nx), np.float32) for _ in "AB")
+    device.launch_rows(
+        device.kernel("refine.cl", "normal", CHANNELS=channels),
+        (ny, nx),
+        A,
+        B,
+        lf.data,
+        device.upload(disparity),
+        device.upload(sorted_.view),
+        device.upload(sorted_.step.astype(np.float32)),
+        *sorted_.on(device),
+        *(np.float32(t) for t in limits),
+        *(np.int32(n) for n in (ny, nx)),
+    )
+    lit = lf.weights.ravel() > 0
+    S = lf.to_numpy().reshape(-1, ny, nx, channels)[lit].astype(float)
+    every = unit_steps(lf).reshape(-1, 2)
+    steps = every[lit]
+    share = membership(steps, every)
+    want = normal(S, disparity.astype(float), steps, share, centre_shares(steps), limits)
+    return (device.download(A), device.download(B)), want
+
+
+def disparities(shape, seed=6):
+    """Multiples of 1/64: places are exact in float32, so that both sides see the same views."""
+    random = np.random.default_rng(seed).integers(-100, 100, shape)
+    return (random / 64).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        (3, 3, 9, 13),
+        (3, 5, 7, 11, 3),
+        (2, 4, 11, 8),  # even counts: four views make the centre
+        (1, 6, 5, 12, 2),
+        (5, 1, 13, 3),
+        (3, 2, 1, 9),
+        (4, 3, 9, 1),
+    ],
+)
+def test_normal(device, shape):
+    lf = light_field(device, shape)
+    got, want = compared(device, lf, disparities(shape[2:4]))
+    for one, other in zip(got, want, strict=True):
+        # sums of K views and the channels less their means: both as large as the result's largest
+        assert one.dtype == np.float32
+        assert relative_max(other, one) <= 1e-5
+
+
+def test_normal_of_views_on_no_grid(device):
+    positions = np.random.default_rng(5).integers(-12, 13, (3, 3, 2)) / 8
+    lf = light_field(device, (3, 3, 9, 11), positions=positions)
+    got, want = compared(device, lf, disparities((9, 11)))
+    for one, other in zip(got, want, strict=True):
+        assert relative_max(other, one) <= 1e-5
+
+
+@pytest.mark.parametrize("limits", [(5.0, 1.2, 0.5), (60.0, 1e3, 0.0), (60.0, 0.5, -1.0)])
+def test_normal_within_other_limits(device, limits):
+    """Most samples out of range; only the whole aperture; only halves."""
+    lf = light_field(device, (3, 4, 9, 11))
+    got, want = compared(device, lf, disparities((9, 11)), limits)
+    for one, other in zip(got, want, strict=True):
+        assert relative_max(other, one) <= 1e-5
+
+
+def test_a_brighter_centre_moves_nothing(device):
+    """Noise of the centre is common to all differences: it is taken out channel by channel."""
+    line = np.arange(12) * np.array([[3.0], [-2.0]]) + 50
+    picture = np.broadcast_to(line.T, (7, 12, 2)).astype(np.float32)
+    L = np.tile(picture, (3, 3, 1, 1, 1))
+    L[1, 1] += np.float32([4, -7])
+    lf = LightField.from_array(L, device=device)
+    (A, B), _ = compared(device, lf, np.zeros((7, 12), np.float32), (60.0, 1e3, 0.0))
+    inner = (slice(None), slice(1, -1))
+    # 8 of 9 views at slopes +-3 and +-2 for u = +-1, and weights of almost one
+    assert 5 < np.median(A[inner]) < 9
+    assert np.abs(B[inner]).max() < 1e-3
+
+
+def test_a_step_leads_to_the_plane(device):
+    """A ramp on the plane d = 0.5, started at 0.375: -B/A is the rest."""
+    places = np.arange(15)[None] + 0.5 * (np.arange(5) - 2)[:, None]
+    L = np.broadcast_to(20 + 3 * places[None, :, None], (3, 5, 9, 15)).astype(np.float32)
+    lf = LightField.from_array(L, device=device)
+    (A, B), _ = compared(device, lf, np.full((9, 15), 0.375, np.float32))
+    np.testing.assert_allclose((-B / A)[:, 2:-2], 0.125, rtol=1e-4)
+
+
+def fitted(device, maps, picture, scales, prior, *, ridge, most, radius):
+    shape = maps[0].shape
+    out, known = (device.empty(shape, np.float32) for _ in "ok")
+    alike, near, level = scales
+    device.launch_rows(
+        device.kernel("refine.cl", "fit", CHANNELS=picture.shape[2], RADIUS=radius),
+        shape,
+        out,
+        known,
+        *(device.upload(a) for a in (*maps, picture, alike, near, prior)),
+        *(np.float32(t) for t in (level, ridge, most)),
+        *(np.int32(n) for n in shape),
+    )
+    return device.download(out), device.download(known)
+
+
+@pytest.mark.parametrize(
+    ("ny", "nx", "channels", "radius"),
+    [(9, 13, 1, 2), (7, 11, 3, 3), (5, 17, 2, 8), (1, 9, 3, 2), (13, 1, 1, 3), (4, 6, 1, 0)],
+)
+def test_fit(device, ny, nx, channels, radius):
+    random = np.random.default_rng(ny)
+
+    def between(low, high, *more):
+        return random.uniform(low, high, (ny, nx, *more)).astype(np.float32)
+
+    maps = (between(0, 900), between(-150, 150), between(-0.2, 0.2))
+    picture = between(0, 40, channels)
+    scales = (between(1e-4, 2e-3), between(0.02, 0.3), 5.0)
+    prior = between(50, 400)
+    options = {"ridge": 0.3, "most": 0.1, "radius": radius}
+    got = fitted(device, maps, picture, scales, prior, **options)
+    assert (np.abs(maps[1]) > options["most"] * (maps[0] + prior)).any()  # some steps are cut
+    wide = [a.astype(float) for a in (*maps, picture, scales[0], scales[1], prior)]
+    want = fit(tuple(wide[:3]), wide[3], (*wide[4:6], scales[2]), wide[6], **options)
+    # cofactors cancel to about a tenth at a corner; 4 products of sums of (2 radius + 1)^2 terms
+    assert relative_max(want[0], got[0]) <= 1e-5
+    assert relative_max(want[1], got[1]) <= 1e-5
+
+
+def test_fit_of_a_plane_is_the_plane(device):
+    """A slanted plane, its neighbours moved by what the steps say: a step for each, no slope."""
+    y, x = np.indices((11, 13)).astype(np.float32)
+    d = (0.3 + 0.01 * y - 0.02 * x).astype(np.float32)
+    flat, one = np.full(d.shape, 1e-3, np.float32), np.ones(d.shape, np.float32)
+    out, known = fitted(
+        device,
+        (100 * one, -5 * one, d),
+        np.ones((*d.shape, 1), np.float32),
+        (flat, flat, 0.0),
+        100 * one,
+        ridge=1e-4,
+        most=0.1,
+        radius=2,
+    )
+    np.testing.assert_allclose(out, d + 0.025, atol=2e-5)  # the ridge takes 1e-4 of a slope
+    assert np.ptp(known[2:-2, 2:-2]) < 1e-3 * known[5, 5]
+
+
+def test_fit_of_a_pixel_alone(device):
+    """No neighbour on the same surface, and slopes free: its own step."""
+    random = np.random.default_rng(3)
+    d = random.permutation(np.arange(35.0)).reshape(5, 7).astype(np.float32)
+    one = np.ones((5, 7), np.float32)
+    B = random.uniform(-9, 9, (5, 7)).astype(np.float32)
+    out, known = fitted(
+        device,
+        (80 * one, B, d),
+        np.ones((5, 7, 1), np.float32),
+        (one, one * 0.1, 50.0),
+        20 * one,
+        ridge=0.0,
+        most=0.05,
+        radius=3,
+    )
+    np.testing.assert_allclose(out, d + np.clip(-B / 100, -0.05, 0.05), atol=4e-6)
+    np.testing.assert_allclose(known, 80, rtol=1e-6)

@@ -1,0 +1,50 @@
+"""Rendering a real capture: what is sharper than what, measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from clplen.compute.device import Device
+from clplen.io import read_lightfield
+from clplen.lightfield.allinfocus import all_in_focus
+from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.refocus import focal_stack, refocus
+
+D = -0.65  # where the scene is sharpest
+
+
+def detail(picture: np.ndarray) -> float:
+    """Mean square of the luma's detail, without a border."""
+    luma = picture @ [0.2126, 0.7152, 0.0722]
+    return float(((luma - gaussian_filter(luma, 2)) ** 2)[15:-15, 15:-15].mean())
+
+
+@pytest.fixture
+def flower(data_folder: Path, device: Device) -> LightField:
+    folder = data_folder / "lytro_f01_flower"
+    return read_lightfield(folder, device=device, pattern="IMG_0001_{n}_{u}_{v}.png")
+
+
+def test_views_between_views(flower: LightField):
+    """Along rays the detail of a view is kept; without, it is ghosted away."""
+    own = detail(flower.view(4, 1).to_numpy())
+    rays = detail(flower.view(4.5, 1.5, disparity=D).to_numpy())
+    assert detail(flower.view(4.5, 1.5).to_numpy()) < 0.92 * own < rays
+
+
+def test_interpolations(flower: LightField):
+    linear, cubic, fourier = (
+        detail(refocus(flower, disparity=D, interpolation=name).to_numpy())
+        for name in ("linear", "cubic", "fourier")
+    )
+    assert linear < 0.9 * cubic < cubic < fourier
+
+
+def test_all_in_focus_is_as_sharp_as_the_best_plane_or_more(flower: LightField):
+    stack = focal_stack(flower, disparities=np.linspace(-1, 0, 21))
+    best = max(detail(plane) for plane in stack.to_numpy())
+    assert detail(all_in_focus(stack).to_numpy()) > 0.96 * best
