@@ -2,7 +2,7 @@
 
 compute/      devices, programs, Fourier transforms
 wave/         fields, propagation, optical elements, systems of them
-lightfield/   decode, views, refocus, focal stacks, depth
+lightfield/   calibrate, decode, views, refocus, focal stacks, depth
 cameras/      scenes and plenoptic cameras: where the two towers meet
 io/           files in and out (imported when asked for, as is plot)
 """
@@ -28,12 +28,19 @@ from clplen.errors import (
     SamplingWarning,
     ShapeError,
 )
-from clplen.lightfield.depth import DepthMap, depth_map
+from clplen.lightfield.allinfocus import all_in_focus
+from clplen.lightfield.calibration import Lattice, decode_raw, estimate_lattice
+from clplen.lightfield.depth import DepthMap, depth_map, sharpness_curve
 from clplen.lightfield.estimate import AlphaEstimate, estimate_alpha
+from clplen.lightfield.fourier import fourier_stack
+from clplen.lightfield.hyperfan import hyperfan
 from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.metric import metric_depth
+from clplen.lightfield.phasespace import PhaseSpace, phase_space
 from clplen.lightfield.raw import LensletGrid, RawImage
 from clplen.lightfield.refocus import FocalStack, focal_stack, refocus
 from clplen.lightfield.sensor import Sensor
+from clplen.lightfield.surface import plane_through
 from clplen.wave.average import MeanIntensity
 from clplen.wave.coherence import Coherence
 from clplen.wave.degree import measured_degree, speckle_contrast
@@ -85,12 +92,14 @@ __all__ = [
     "Image",
     "IncoherentLight",
     "KernelBuildError",
+    "Lattice",
     "Lens",
     "LensletGrid",
     "LightField",
     "MeanIntensity",
     "MicrolensArray",
     "OpticalSystem",
+    "PhaseSpace",
     "PicturePlane",
     "Plane",
     "PlenopticCamera",
@@ -110,17 +119,25 @@ __all__ = [
     "SurfaceScene",
     "Texture",
     "Truth",
+    "all_in_focus",
     "annular_aperture",
     "aperture",
     "axicon",
+    "decode_raw",
     "depth_map",
     "estimate_alpha",
+    "estimate_lattice",
     "focal_stack",
+    "fourier_stack",
     "gaussian_beam",
     "grating",
+    "hyperfan",
     "imaging_system",
     "measured_degree",
+    "metric_depth",
     "phase_plate",
+    "phase_space",
+    "plane_through",
     "plane_wave",
     "polygonal_aperture",
     "propagate",
@@ -129,6 +146,7 @@ __all__ = [
     "rectangular_aperture",
     "refocus",
     "sample_scenes",
+    "sharpness_curve",
     "siemens_star",
     "speckle_contrast",
     "spherical_wave",

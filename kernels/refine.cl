@@ -11,9 +11,10 @@
  *
  * Tables as in matching.cl; slope[p, k]: taps of the derivatives along y and x, step[k]: pixels
  * (y, x) of a view for disparity 1. A step is at most `most`; slopes are held by a ridge.
- * normal: FOR_X over x; fit: an item is BLOCK pixels of a row. Beyond the edges of a view the
- * nearest; views that do not see the place do not count. normal: -DSAMPLE=uchar | ushort | float; fit: -DRADIUS=n,
- * -DBLOCK=n; -DCHANNELS=n; -DROWS: see common.cl
+ * Beyond the edges of a view the nearest; views that do not see the place do not count.
+ *
+ * normal: FOR_X over x, -DSAMPLE=uchar | ushort | float; fit: an item is BLOCK pixels of a row,
+ * -DRADIUS=n, -DBLOCK=n; both: -DCHANNELS=n; -DROWS: see common.cl
  */
 #include "common.cl"
 

@@ -5,7 +5,8 @@
  *   bell(q) = max(1 - q/8, 0)^8, close to exp(-q), and 0 beyond 8
  *
  *   valley   the plane of least cost, refined by the parabola through it and its neighbours,
- *            which need not be equally far; which plane, its cost, the second lowest valley, the mean
+ *            which need not be equally far; its number, its cost, the second lowest valley and
+ *            the mean
  *
  * gather: an item is BLOCK pixels of a row, all planes. valley: FOR_X over x.
  * -DCHANNELS=n, -DRADIUS=n, -DBLOCK=n; -DROWS: see common.cl
@@ -74,8 +75,8 @@ __kernel void gather(__global float *restrict out, __global const float *restric
 
 __kernel void valley(__global float *restrict place, __global int *restrict nearest,
                      __global float *restrict least, __global float *restrict second,
-                     __global float *restrict mean,
-                     __global const float *restrict cost, __global const float *restrict d,
+                     __global float *restrict mean, __global const float *restrict cost,
+                     __global const float *restrict d,
                      const int planes, const int ny, const int nx)
 {
     const int y = get_global_id(1);

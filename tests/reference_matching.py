@@ -1,23 +1,17 @@
 """Float64 twins of the combined depth cue: matching past occlusions, support, least squares.
 
-Views L[k, y, x, c]; the sample of view k that belongs to the place (y, x) of the centre view on a
+Views S[k, y, x, c]; the sample of view k that belongs to the place (y, x) of the centre view on a
 plane of disparity d lies at (y, x) + d steps[k]. Nothing here imports the package under test.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
-from reference_lightfield import apply, sampling_matrix
 from reference_optics import Real
 
 HALVES = [(np.sin(a), np.cos(a)) for a in np.arange(8) * np.pi / 4]
-
-
-def smooth(views: Real, gain: float, b: float) -> Real:
-    """gain times the views, filtered by (b, 1 - 2b, b) along y and x, edges repeated."""
-    values = np.pad(views.astype(float), ((0, 0), (1, 1), (1, 1), (0, 0)), mode="edge")
-    values = b * (values[:, :-2] + values[:, 2:]) + (1 - 2 * b) * values[:, 1:-1]
-    return gain * (b * (values[:, :, :-2] + values[:, :, 2:]) + (1 - 2 * b) * values[:, :, 1:-1])
 
 
 def membership(steps: Real, among: Real | None = None) -> Real:
@@ -46,13 +40,42 @@ def centre_shares(positions: Real) -> Real:
     return share / share.sum()
 
 
-def moved(view: Real, shift: Real, kernel: str = "cubic") -> Real:
-    """view (y, x, c) at (y, x) + shift, edges repeated."""
-    for axis in (0, 1):
-        n = view.shape[axis]
-        view = apply(sampling_matrix(np.arange(n) + shift[axis], n, kernel=kernel, edge="clamp"),
-                     view, axis)  # fmt: skip
-    return view
+def bell_taps(part: float) -> Real:
+    """Weights of the samples at -1, 0, 1 and 2 for a place `part` of a sample after the one at 0.
+
+    The bell (1 - t^2/4)^4 about the place, made linear: sum 1, centre of mass at the place.
+    """
+    t = np.arange(-1.0, 3.0)
+    w = np.maximum(1 - (t - part) ** 2 / 4, 0) ** 4
+    w /= w.sum()
+    mean = w @ t
+    return w * (1 + (part - mean) * (t - mean) / (w @ (t - mean) ** 2))
+
+
+def taps_slope(part: float) -> Real:
+    """d bell_taps / d part, by differences of two widths (Richardson)."""
+    near, far = ((bell_taps(part + h) - bell_taps(part - h)) / (2 * h) for h in (1e-4, 2e-4))
+    return (4 * near - far) / 3
+
+
+def sampled(view: Real, shift: float, axis: int, taps: Callable[[float], Real]) -> Real:
+    """view (y, x, c) at its places + shift along an axis, edges repeated."""
+    n, whole = view.shape[axis], int(np.floor(shift))
+    index = np.arange(n)[:, None] + whole + np.arange(-1, 3)
+    values = np.take(view, np.clip(index, 0, n - 1), axis)
+    return np.tensordot(np.moveaxis(values, axis + 1, -1), taps(shift - whole), 1)
+
+
+def moved(view: Real, shift: Real) -> Real:
+    """view (y, x, c) at (y, x) + shift."""
+    return sampled(sampled(view, shift[0], 0, bell_taps), shift[1], 1, bell_taps)
+
+
+def slope(view: Real, shift: Real, step: Real) -> Real:
+    """Derivative of `moved` along step."""
+    down = sampled(sampled(view, shift[0], 0, taps_slope), shift[1], 1, bell_taps)
+    right = sampled(sampled(view, shift[0], 0, bell_taps), shift[1], 1, taps_slope)
+    return step[0] * down + step[1] * right
 
 
 def sees(shape: tuple[int, ...], shift: Real) -> Real:
@@ -115,59 +138,49 @@ def gather(cost: Real, picture: Real, near: Real, alike: Real, radius: int) -> R
     return out
 
 
-def valley(cost: Real, planes: Real) -> tuple[Real, Real, Real, Real]:
-    """(place, least, second lowest valley, mean) of every curve; inf without a second valley."""
+def valley(cost: Real, planes: Real) -> tuple[Real, Real, Real, Real, Real]:
+    """(place, number, least, second lowest valley, mean) of every curve; inf without a second."""
     count, *shape = cost.shape
     place, least, second = (np.full(shape, np.inf) for _ in range(3))
+    number = np.zeros(shape, int)
     for n in np.ndindex(*shape):
         e = np.concatenate(([np.inf], cost[(slice(None), *n)], [np.inf]))
         low = sorted((e[p], p - 1) for p in range(1, count + 1) if e[p - 1] >= e[p] < e[p + 1])
         least[n], best = low[0]
         second[n] = low[1][0] if len(low) > 1 else np.inf
-        place[n] = planes[best]
+        place[n], number[n] = planes[best], best
         if 0 < best < count - 1:
             a, b, _ = np.polyfit(planes[best - 1 : best + 2] - planes[best], e[best : best + 3], 2)
             place[n] -= b / (2 * a)
-    return place, least, second, cost.mean(axis=0)
-
-
-def along(view: Real, y: float, x: float, step: Real) -> tuple[Real, Real]:
-    """(value, slope along step) of one view (y, x, c) at a place inside it; linear."""
-    i, j = (min(int(p), max(n - 2, 0)) for p, n in zip((y, x), view.shape, strict=False))
-    i1, j1 = min(i + 1, view.shape[0] - 1), min(j + 1, view.shape[1] - 1)
-    t, s = y - i, x - j
-    left, right = (view[i, k] * (1 - t) + view[i1, k] * t for k in (j, j1))
-    top, bottom = (view[k, j] * (1 - s) + view[k, j1] * s for k in (i, i1))
-    return left * (1 - s) + right * s, step[0] * (bottom - top) + step[1] * (right - left)
+    return place, number, least, second, cost.mean(axis=0)
 
 
 def normal(
-    S: Real, disparity: Real, steps: Real, share: Real, centre: Real, limits: Real
+    S: Real, start: tuple[Real, Real, Real], steps: Real, share: Real, centre: Real, limits: Real
 ) -> tuple[Real, Real]:
-    """A and B at every pixel, of the group of views of least cost."""
+    """A and B at every pixel, of the group of views of least cost.
+
+    `start`: the disparities, the number of the plane next to each, and the planes.
+    """
     tau, ratio, margin = limits
-    ny, nx = disparity.shape
-    A, B = np.zeros((ny, nx)), np.zeros((ny, nx))
-    for n in np.ndindex(ny, nx):
-        places = np.array(n) + disparity[n] * steps
-        inside = ((places >= 0) & (places <= (ny - 1, nx - 1))).all(axis=1)
-        clamped = np.clip(places, 0, (ny - 1, nx - 1))
-        values, slopes = np.moveaxis(
-            [along(S[k], *clamped[k], steps[k]) for k in range(len(S))], 1, 0
-        )
-        r = values - centre @ values
-        g = slopes - centre @ slopes
+    disparity, nearest, planes = start
+    A, B = np.zeros(disparity.shape), np.zeros(disparity.shape)
+    for p, d in enumerate(planes):
+        r = np.array([moved(one, d * step) for one, step in zip(S, steps, strict=True)])
+        g = np.array([slope(one, d * step, step) for one, step in zip(S, steps, strict=True)])
+        inside = np.array([sees(S.shape[1:3], d * step) for step in steps])
+        r, g = (a - np.tensordot(centre, a, 1) for a in (r, g))
         e = np.abs(r).sum(axis=-1)
         mean, count = group_means(np.minimum(e, tau), inside, share)
-        mean[0] = tau if np.isinf(mean[0]) else mean[0]
-        cost = np.concatenate((mean[:1], ratio * mean[1:] + margin))
-        best = int(np.argmin(cost))
-        w = share[:, best] * inside * np.maximum(1 - (e / tau) ** 2, 0) ** 2
-        if w.sum() == 0:
-            continue
-        g, r = (a - w @ a / w.sum() for a in (g, r))
-        A[n] = w @ (g * g).sum(axis=-1) / count[best]
-        B[n] = w @ (g * r).sum(axis=-1) / count[best]
+        mean[0] = np.where(np.isinf(mean[0]), tau, mean[0])
+        best = np.argmin(np.concatenate((mean[:1], ratio * mean[1:] + margin)), axis=0)
+        for n in zip(*np.nonzero(nearest == p), strict=True):
+            gn, rn, en, seen = (a[(slice(None), *n)] for a in (g, r, e, inside))
+            w = share[:, best[n]] * seen * np.maximum(1 - (en / tau) ** 2, 0) ** 2
+            if w.sum() > 0:
+                gn, rn = (a - w @ a / w.sum() for a in (gn, rn))
+                A[n] = w @ (gn * gn).sum(axis=-1) / count[best[n]][n]
+                B[n] = w @ (gn * rn).sum(axis=-1) / count[best[n]][n] + A[n] * (disparity[n] - d)
     return A, B
 
 
@@ -194,8 +207,8 @@ def fit(
         q = near[n] * (s**2 + t**2) + level * (d[i, j] - d[n]) ** 2
         w = bell(q + alike[n] * ((picture[i, j] - picture[n]) ** 2).sum(axis=-1))
         known[n] = w @ A[i, j]
-        weight = w * (A[i, j] + prior[n])
-        goal = d[i, j] + np.clip(-B[i, j] / (A[i, j] + prior[n]), -most, most)
+        weight = w * (A[i, j] + prior[i, j])
+        goal = d[i, j] + np.clip(-B[i, j] / (A[i, j] + prior[i, j]), -most, most)
         # rows sqrt(w) (a + by s + bx t - goal), and sqrt(ridge sum w) by and bx
         held = np.sqrt(ridge * weight.sum())
         rows = np.sqrt(weight)[:, None] * np.column_stack((np.ones(len(s)), s, t))

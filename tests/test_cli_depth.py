@@ -73,7 +73,7 @@ def test_metres_and_points(device: Device, tmp_path: Path, views: Path):
     assert f"median {np.median(Z):.4g} m" in text
     head, body = ply.read_bytes().split(b"end_header\n", 1)
     assert f"element vertex {d.size}".encode() in head
-    assert b"x to the right, y down" in head
+    assert b"x right, y down" in head
     vertices = np.frombuffer(body, np.dtype([("p", "<f4", 3), ("c", "u1", 3)])).reshape(d.shape)
     corner = vertices["p"][0, -1]
     expected = np.array([23, -18.5, 5000]) * 10e-6 / 0.05 * Z[0, -1]

@@ -41,10 +41,8 @@ from clplen.cameras.pictures import PicturePlane
 from clplen.compute.device import Device
 from clplen.lightfield.allinfocus import all_in_focus
 from clplen.lightfield.depth import sharpness_curve
-from clplen.lightfield.focus import HighPass
 from clplen.lightfield.fourier import fourier_stack
 from clplen.lightfield.hyperfan import hyperfan
-from clplen.lightfield.interpolation import EvenBlur
 from clplen.lightfield.samples import extremes
 from clplen.wave.abbe import abbe_image
 from clplen.wave.extended import ExtendedSource
@@ -236,10 +234,6 @@ def views(device: Device) -> None:
         depth_map(stack)
         for cue in ("correspondence", "structure-tensor", "combined"):
             depth_map(lf, disparities=[-0.4, 0.3, 1], cue=cue)
-        HighPass(1.5, stack.shape[1:], device=device)(
-            device.empty(stack.shape[1:3], np.float32),
-            EvenBlur(stack.shape[1:], device=device)(stack, 1),
-        )
         sharpness_curve(stack)
         extremes(lf.data, device)
         spaced = LightField.from_array(samples, device=device, spacing=(2, 2, 1, 1))

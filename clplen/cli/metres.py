@@ -51,24 +51,15 @@ class Lengths:
     metric: Path | None
     ply: Path | None
 
-    def depth(self, disparity: Values) -> Values:
-        """Distances in metres."""
-        from clplen.lightfield.metric import metric_depth
-
-        return metric_depth(
-            disparity,
-            baseline=self.baseline,
-            focal_length=self.focal_length,
-            pixel_pitch=self.pixel_pitch,
-            focus_distance=self.focus_distance,
-        )
-
-    def points(self, Z: Values) -> Values:
-        """(X, Y, Z) of every pixel of a pinhole camera, X to the right and Y down; shape (n, 3)."""
-        scale = self.pixel_pitch / self.focal_length
-        y, x = (np.arange(n) - (n - 1) / 2 for n in Z.shape)
-        with np.errstate(invalid="ignore"):
-            return np.stack((x * scale * Z, y[:, None] * scale * Z, Z), axis=-1).reshape(-1, 3)
+    @property
+    def camera(self) -> dict[str, Any]:
+        """The lengths alone, as `metric_depth` and `points_of` take them."""
+        return {
+            "baseline": self.baseline,
+            "focal_length": self.focal_length,
+            "pixel_pitch": self.pixel_pitch,
+            "focus_distance": self.focus_distance,
+        }
 
 
 def lengths(command: Any) -> Any:
@@ -105,14 +96,15 @@ def lengths_of(words: dict[str, Any]) -> Lengths | None:
 
 def write(lf: LightField, found: DepthMap, lengths: Lengths) -> str:
     """Write distances and points where they are asked for; what to say of them."""
-    from clplen.io.ply import write_ply
+    from clplen.io import points_of, write_ply
+    from clplen.lightfield.metric import metric_depth
 
-    Z = lengths.depth(found.disparity)
+    Z = metric_depth(found.disparity, **lengths.camera)
     if lengths.metric is not None:
         write_map(lengths.metric, Z.astype(np.float32))
     if lengths.ply is not None:
-        words = "metres: x to the right, y down, z away from the camera"
-        write_ply(lengths.ply, lengths.points(Z), colours_of(lf), comment=words)
+        points, words = points_of(found.disparity, **lengths.camera)
+        write_ply(lengths.ply, points, colours_of(lf), comment=words)
     known = np.isfinite(Z)
     if not known.any():
         return "No pixel lies at a finite distance: check the lengths and --focus-m."

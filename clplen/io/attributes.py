@@ -25,7 +25,7 @@ from clplen.wave.lenslets import MicrolensArray
 SAMPLES = "lightfield"
 BESIDE = ("weights", "positions")
 CAMERA = "camera"
-NAMES = ("axes", "spacing", "decode")  # what is read again of the attributes of the samples
+NAMES = ("axes", "spacing", "decode", "parametrisation")  # attributes that are read again
 _CAMERA = (
     "focal_length",
     "wavelength",
@@ -37,7 +37,7 @@ _CAMERA = (
 )
 _ARRAY = ("pitch", "f", "count", "lattice", "fill", "diameter", "offset", "rotation")
 CAMERA_NAMES = ("kind", *_CAMERA, *(f"mla_{name}" for name in _ARRAY))
-_DECODES = ("calibrated", "naive")
+_WORDS = {"decode": ("calibrated", "naive"), "parametrisation": ("two-plane", "point-angle")}
 
 
 def of_samples(lf: LightField) -> dict[str, Any]:
@@ -47,6 +47,8 @@ def of_samples(lf: LightField) -> dict[str, Any]:
         "centre": [(lf.shape[0] - 1) / 2, (lf.shape[1] - 1) / 2],
         "decode": lf.decode,
     }
+    if lf.parametrisation != "two-plane":
+        found["parametrisation"] = lf.parametrisation
     if lf.spacing is not None:
         found["spacing"] = [float(step) for step in lf.spacing]
     if lf.camera is not None:
@@ -109,20 +111,27 @@ def known_of(attributes: dict[str, Any], path: Path, layout: Layout) -> dict[str
     return {"spacing": (-dv if layout.flip_v else dv, -du if layout.flip_u else du, dy, dx)}
 
 
-def decode_in(attributes: dict[str, Any], path: Path) -> str:
-    """How the light field was decoded from its raw image.
+def words_in(attributes: dict[str, Any], path: Path) -> dict[str, Any]:
+    """How the light field was decoded from its raw image, and what its views are.
+
+    Returns
+    -------
+    dict
+        ``decode`` and ``parametrisation`` of `LightField`.
 
     Raises
     ------
     FormatError
-        If it is neither of the two ways.
+        If one is neither of its two words.
     """
-    decode = str(attributes.get("decode", _DECODES[0]))
-    if decode not in _DECODES:
-        raise FormatError(
-            f"{path}: the attribute 'decode' is {decode!r}, not 'calibrated' or 'naive'."
-        )
-    return decode
+    found = {name: str(attributes.get(name, known[0])) for name, known in _WORDS.items()}
+    for name, word in found.items():
+        if word not in _WORDS[name]:
+            raise FormatError(
+                f"{path}: the attribute {name!r} is {word!r}, not "
+                f"{' or '.join(map(repr, _WORDS[name]))}."
+            )
+    return found
 
 
 def read_camera(values: dict[str, Any], path: Path, device: Device) -> Plenoptic1 | None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from clplen.errors import ShapeError
 from clplen.files import PathLike, replacing
+from clplen.lightfield.metric import metric_depth
 
 Array = np.ndarray[Any, Any]
 
@@ -92,9 +93,8 @@ def points_of(
 ) -> tuple[Array, str]:
     """The points of a disparity map, as the pinhole camera of the centre view sees them.
 
-    With d = (b f/p) (1/Z - 1/Z0) of the disparity d (the form of the HCI 4D benchmark, Honauer et
-    al. 2016), a point of pixel (y, x) lies at Z (x - xc) p/f, Z (y - yc) p/f, Z from the pinhole,
-    (yc, xc) being the middle of the picture.
+    With Z = `metric_depth` of the disparity, a point of pixel (y, x) lies at Z (x - xc) p/f,
+    Z (y - yc) p/f, Z from the pinhole, (yc, xc) being the middle of the picture.
 
     Parameters
     ----------
@@ -113,13 +113,13 @@ def points_of(
     -------
     numpy.ndarray, str
         float64, shape (y x, 3), row by row: x, y, z in metres, NaN where the point would not lie
-        before the camera; and what they are, for the comment of a PLY file. Without a camera x
-        and y in pixels from the upper left one, and z the disparity.
+        at a finite distance before the camera; and what they are, for the comment of a PLY file.
+        Without a camera x and y in pixels from the upper left one, and z the disparity.
 
     Raises
     ------
     ValueError
-        If only a part of the camera is given, or a length is not positive.
+        If only a part of the camera is given, or a length is not positive and finite.
     ShapeError
         If the map is not two-dimensional.
     """
@@ -127,20 +127,21 @@ def points_of(
         raise ShapeError(f"A disparity map has shape (y, x), not {disparity.shape}.")
     d = disparity.astype(np.float64)
     y, x = np.indices(d.shape, dtype=np.float64)
-    lengths = (baseline, focal_length, pixel_pitch)
-    if all(n is None for n in (*lengths, focus_distance)):
+    if all(n is None for n in (baseline, focal_length, pixel_pitch, focus_distance)):
         return np.stack([x, y, d], -1).reshape(-1, 3), _PIXELS
     if baseline is None or focal_length is None or pixel_pitch is None:
         raise ValueError(
             "Points in metres need baseline=, focal_length= and pixel_pitch= together (and "
             "focus_distance= of cameras that are not focused at infinity)."
         )
-    for length in (*lengths, focus_distance):
-        if length is not None and not length > 0:
-            raise ValueError(f"The lengths of the camera are positive metres, not {length}.")
-    nearness = d * pixel_pitch / (baseline * focal_length)
-    nearness += 0 if focus_distance is None else 1 / focus_distance
-    z = 1 / np.where(nearness > 0, nearness, np.nan)
+    z = metric_depth(
+        d,
+        baseline=baseline,
+        focal_length=focal_length,
+        pixel_pitch=pixel_pitch,
+        focus_distance=focus_distance,
+    )
+    z[~np.isfinite(z)] = np.nan
     scale = z * pixel_pitch / focal_length
     across, down = (np.array(n) - 1 for n in (d.shape[1], d.shape[0]))
     places = [(x - across / 2) * scale, (y - down / 2) * scale, z]

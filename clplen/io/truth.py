@@ -1,4 +1,4 @@
-"""True disparity that lies beside a light field in one HDF5 file."""
+"""True disparity of a scene: in the HDF5 file of its light field, or in a folder beside it."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from clplen.errors import FormatError
 from clplen.files import PathLike
+from clplen.io import hci
 from clplen.io.bounds import require_bytes
 from clplen.io.hdf5_foreign import is_matlab
 from clplen.io.hdf5_reading import attributes_of, contents, dataset_of, number, opened, storage
@@ -28,13 +29,15 @@ def read_truth(
     Of HCI 2013 (Wanner, Meister, Goldluecke 2013), d = dH focalLength / depth - shift with the
     attributes of the file, from the centre view of ``GT_DEPTH`` (v, u, y, x). One view axis of that
     set is reversed against the set of 2016: read its light field with ``flip_v`` or ``flip_u``;
-    ``clplen info`` tells which. Of HCI 2016 in HDF5, the dataset ``disp_lowres``.
+    ``clplen info`` tells which. Of HCI 2016 in HDF5, the dataset ``disp_lowres``; of a folder of
+    that set, what `clplen.io.hci.read_truth` gives.
 
     Parameters
     ----------
     path : path-like
+        An HDF5 file, or the folder of a scene of the HCI 4D benchmark.
     dataset : str, optional
-        Another dataset (y, x) of disparity, such as "disp_highres".
+        Another dataset (y, x) of disparity, such as "disp_highres"; of files only.
     max_bytes : int, optional
         Largest allocation that the file may ask for; default half of the free memory.
 
@@ -49,8 +52,15 @@ def read_truth(
         If there is none, or the file is damaged.
     """
     path = Path(path)
+    if path.is_dir():
+        if dataset is not None:
+            raise FormatError(
+                f"{path} is a folder, which has no dataset {dataset!r}: name a file, or use "
+                "clplen.io.hci.read_truth(folder, high=True) for the large maps."
+            )
+        return hci.read_truth(path)
     if not path.is_file():
-        raise FormatError(f"There is no file {path}.")
+        raise FormatError(f"There is no file or folder {path}.")
     with opened(path) as file:
         if dataset is not None:
             return _picture(dataset_of(file, dataset, path), (), path, max_bytes)

@@ -114,9 +114,9 @@ def read(
             known = attributes.known_of(found, path, layout)
             known |= _arrays_beside(root, path, source.views)
             known["camera"] = _camera(root, path, device)
-        decode = attributes.decode_in(found, path)
+        words = attributes.words_in(found, path)
         lf, took = light_field(source, device=device, layout=layout, progress=progress, known=known)
-    return replace(lf, decode=decode), took
+    return replace(lf, **words), took
 
 
 def _package() -> Any:

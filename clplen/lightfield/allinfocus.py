@@ -10,11 +10,10 @@ import pyopencl.array as cla
 from clplen.compute.image import Image
 from clplen.errors import ShapeError
 from clplen.lightfield.depth import DEFAULT_DISPARITIES
-from clplen.lightfield.focus import HighPass
-from clplen.lightfield.gaussian import GaussianBlur
-from clplen.lightfield.interpolation import EvenBlur
+from clplen.lightfield.detail import LocalEnergy
 from clplen.lightfield.rays import checked_disparity
 from clplen.lightfield.refocus import FocalStack, focal_stack, refocus
+from clplen.lightfield.smoothing import Smoother, gaussian_taps
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     from clplen.lightfield.lightfield import LightField
 
 _HIGH_PASS, _WINDOW = 1.5, 4.0  # pixels, as for depth
+_AT_ONCE = 8  # planes whose energy is held before it is smoothed
 _DOUBLINGS = 5  # energy to the power of 32: planes next to the sharpest share, others do not
 
 
@@ -107,17 +107,16 @@ def _blended(stack: FocalStack) -> cla.Array:
     """The planes by their local energy."""
     count, ny, nx = stack.shape[:3]
     device = stack.device
-    maps = 4 * ny * nx * (count + 4 * (stack.data.size // (count * ny * nx)))
+    maps = 4 * ny * nx * (count + _AT_ONCE)
     device.require_memory(stack.data.nbytes + maps, "This stack with its sharpness")
     energies = device.empty((count, ny, nx), np.float32)
-    energy = device.empty((ny, nx), np.float32)
-    gather = GaussianBlur(_WINDOW, (ny, nx), device=device)
-    even = EvenBlur(stack.shape[1:], device=device)
-    high_pass = HighPass(_HIGH_PASS, stack.shape[1:], device=device)
-    for index in range(count):
-        high_pass(energy, even(stack, index))
-        gather(energy, energy)
-        device.copy_into(energies, energy, index * energy.nbytes)
+    some = device.empty((min(_AT_ONCE, count), ny, nx), np.float32)
+    gather = Smoother(gaussian_taps(_WINDOW), device=device)
+    measure = LocalEnergy(_HIGH_PASS, stack.shape[1:], device=device)
+    for start in range(0, count, _AT_ONCE):
+        planes = min(_AT_ONCE, count - start)
+        measure(some, stack, start=start, count=planes)
+        gather(energies, some, start=start, count=planes)
     return _launch("blend", stack, stack.data, energies, np.int32(_DOUBLINGS))
 
 

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.lightfield.focus import HighPass
-from clplen.lightfield.interpolation import EvenBlur
+from clplen.lightfield.detail import LocalEnergy
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.refocus import focal_stack
 from clplen.lightfield.samples import plane
@@ -172,9 +171,8 @@ class _Pictures:
 
     def __init__(self, lf: LightField, data: Any, weights: Any) -> None:
         self._device, self._data, self._weights = lf.device, lf.device.upload(data), weights
-        self._high_pass = HighPass(_HIGH_PASS, data.shape[2:], device=lf.device)
-        self._even = EvenBlur(data.shape[2:], device=lf.device)
-        self._energy = lf.device.empty(data.shape[2:], np.float32)
+        self._measure = LocalEnergy(_HIGH_PASS, data.shape[2:], device=lf.device)
+        self._energy = lf.device.empty((_AT_ONCE, *data.shape[2:]), np.float32)
         steps = max(max(weights.shape) - 1, 1) / 2
         self._limit = min(LIMIT, _SHARED * min(data.shape[2:]) / steps)
         border = math.ceil(self._limit * steps) + _BORDER
@@ -206,9 +204,9 @@ class _Pictures:
         blocks = []
         for first in range(0, len(planes), _AT_ONCE):
             stack = focal_stack(lf, disparities=planes[first : first + _AT_ONCE])
-            for index in range(stack.shape[0]):
-                self._high_pass(self._energy, self._even(stack, index))
-                blocks.append(_in_blocks(self._device.download(self._energy)[self._inside]))
+            self._measure(self._energy, stack, start=0, count=stack.shape[0])
+            for energy in self._device.download(self._energy)[: stack.shape[0]]:
+                blocks.append(_in_blocks(energy[self._inside]))
         return np.array(blocks)
 
 

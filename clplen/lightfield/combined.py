@@ -8,7 +8,6 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.lightfield.cues import energy_disparity
-from clplen.lightfield.gaussian import GaussianBlur
 from clplen.lightfield.matching import (
     Tables,
     Views,
@@ -18,6 +17,7 @@ from clplen.lightfield.matching import (
     thresholds,
 )
 from clplen.lightfield.samples import C_TYPE
+from clplen.lightfield.smoothing import Smoother, gaussian_taps
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
@@ -41,7 +41,7 @@ _MOST_STEP = 0.1
 _RIDGE = 0.3  # pixels^2
 _PRIOR = 270.0  # of the matched disparity, in levels^2 a channel for noise of a level
 _BLOCK = 64  # pixels of a row that an item of a CPU takes
-_LOST = 0.9  # of the truncation: where the least cost is higher the views do not agree
+_LOST = 0.8  # of the truncation: where the least cost is higher the views do not agree
 _SURE = 0.05  # pixels a view step: standard deviation of a confidence of one half
 
 
@@ -135,9 +135,10 @@ def _noise(costs: cla.Array, channels: int, device: Device) -> Map:
     least = np.full(costs.shape[1:], np.inf, np.float32)
     for p in range(int(costs.shape[0])):
         np.minimum(least, device.download(costs[p]), out=least)
-    blurred = device.upload(least)
-    GaussianBlur(_NOISE_BLUR, costs.shape[1:], device=device)(blurred, blurred)
-    return np.asarray(device.download(blurred) / (channels * _COST_PER_NOISE), np.float32)
+    blurred = device.empty((1, *least.shape), np.float32)
+    smooth = Smoother(gaussian_taps(_NOISE_BLUR), device=device)
+    smooth(blurred, device.upload(least[None]), start=0, count=1)
+    return np.asarray(device.download(blurred)[0] / (channels * _COST_PER_NOISE), np.float32)
 
 
 def _alike(level: float, noise: Map, channels: int) -> Map:

@@ -5,52 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyopencl.array as cla
 
 from clplen.lightfield.shifts import view_shifts
 
 if TYPE_CHECKING:
-    from clplen.compute.device import Device
     from clplen.lightfield.refocus import FocalStack
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 _VARIANCE, _FOURTH = 1 / 4, 1 / 16  # moments, in pixels, of the mean of two neighbours
 NO_TAPS = np.array([1.0, 0.0, 0.0])
-
-
-class EvenBlur:
-    """Pictures of focal stacks, each blurred until it is as blurred as by half a pixel.
-
-    Views moved by whole pixels keep all their detail and others lose some, so that the sharpness
-    of a focal stack has false peaks at whole disparities. After `evening_taps` every plane has
-    lost the same, whatever the spectrum of the picture and its noise.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        (y, x) or (y, x, c) of one picture.
-    device : Device
-    """
-
-    def __init__(self, shape: tuple[int, ...], *, device: Device) -> None:
-        self._size = (*shape, 1)[:3]
-        self._device = device
-        self._picture = device.empty(shape, np.float32)
-
-    def __call__(self, stack: FocalStack, index: int) -> cla.Array:
-        """One picture, valid until the next call; not blurred if the stack has no weights."""
-        taps_y, taps_x = stack_taps(stack, slice(index, index + 1))[0]
-        ny, nx, channels = self._size
-        self._device.launch_rows(
-            self._device.kernel("sharpness.cl", "even"),
-            (ny, nx * channels),
-            self._picture,
-            stack.data,
-            *(np.float32(tap) for tap in (*taps_y, *taps_x)),
-            *(np.int32(n) for n in (index, *self._size)),
-        )
-        return self._picture
 
 
 def stack_taps(stack: FocalStack, planes: slice) -> Vector:

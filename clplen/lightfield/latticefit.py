@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _LEAST = 32  # pixels a side
 _STEPS = 3  # refinements, each from the last
+_DEPTH = 0.05  # of the brightest pixel, below which logarithms see no difference
 _SHARE = 0.6  # of the peaks' strength that the lattice explains
 _EXPLAINED = 0.6  # of the contrast
 _AGREEING = 0.9  # of the windows
@@ -118,22 +119,40 @@ def _prepared(white: Any, dark: Any, bayer: str | None) -> Values:
 
 
 def _find(picture: Values, pitches: tuple[float, float]) -> _Found | None:
-    basis, share = coarse(picture, pitches)
+    """The lattice that explains more contrast: from the picture, or else from its logarithm.
+
+    Logarithms see the gaps between lenslets of unequal light better than their light.
+    """
+    found = _followed(picture, *coarse(picture, pitches), pitches)
+    if found is not None and found.explained >= _EXPLAINED:
+        return found
+    top = max(float(picture.max()), 1e-30)
+    gaps = np.log(np.maximum(picture, 0) + np.float32(_DEPTH * top))
+    other = _followed(picture, *coarse(gaps - gaps.min(), pitches), pitches)
+    both = [one for one in (found, other) if one is not None]
+    return max(both, key=lambda one: one.explained, default=None)
+
+
+def _followed(
+    picture: Values, basis: Basis | None, share: float, pitches: tuple[float, float]
+) -> _Found | None:
+    """What becomes of rough base vectors."""
     if basis is None:
         return None
     fit, explained = _refined(picture, basis)
     for _ in range(4):
-        if fit is None:
-            return None
         closer = denser(fold(picture, fit.basis, fit.phase), fit.basis)
         if closer is None or 1 / np.hypot(*reduced(closer).T).max() < pitches[0] / 1.2:
             break
         fit, explained = _refined(picture, closer)
-    if not np.isfinite(fit.rms):
+    if not np.isfinite(fit.rms) or np.hypot(*fit.cell.T).max() > max(picture.shape) / 2:
         return None
     margin = min(int(np.hypot(*fit.cell.T).max()), min(picture.shape) // 6)
     for _ in range(2):
-        fit = refine(equalised(picture, fit.cell, fit.origin), fit.basis, margin=margin)
+        even = equalised(picture, fit.cell, fit.origin)
+        fit = refine(even, fit.basis, margin=margin)
+    self_ = fold(even, fit.basis, fit.phase).explained
+    print('EQ', round(explained,3), round(self_,3))
     return _Found(fit, explained, share)
 
 

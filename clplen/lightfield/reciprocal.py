@@ -18,6 +18,7 @@ _CLEAR = 6.0  # times the median of its ring; noise reaches 5
 _LEAST = 0.03  # of the strongest peak: below are side lobes
 _MOST = 40
 _PAIRS = 14  # strongest peaks that may be base vectors
+_ENOUGH = 0.92  # of the best share, for a denser lattice
 _NEAR = 1.0  # bins: how far a sum of base vectors may lie from its peak
 
 
@@ -56,10 +57,11 @@ def coarse(picture: Values, pitches: tuple[float, float] = PITCHES) -> tuple[Bas
         area = abs(np.linalg.det(basis))
         lengths = np.hypot(*basis.T)
         if area > 0.4 * lengths.prod() and lengths.min() > 1 / (2 * pitches[1]):
+            basis = _settled(found, basis)
             best.append((_explained(found, basis), area, basis))
     if not best:
         return None, 0.0
-    enough = 0.92 * max(share for share, _, _ in best)
+    enough = _ENOUGH * max(share for share, _, _ in best)
     share, _, basis = max((entry for entry in best if entry[0] >= enough), key=lambda e: e[1])
     return basis, share
 
@@ -112,13 +114,27 @@ def reduced(basis: Basis) -> Basis:
         b = b - n * a
 
 
+def _on_lattice(found: Peaks, basis: Basis) -> tuple[Values, Values]:
+    """Integer multiples of the base vectors nearest to every peak, and which lie near enough."""
+    counts = np.rint(found.at @ np.linalg.inv(basis))
+    away = (found.at - counts @ basis) / found.bin
+    return counts, np.hypot(*away.T) < _NEAR * (1 + 0.1 * np.abs(counts).sum(1))
+
+
+def _settled(found: Peaks, basis: Basis) -> Basis:
+    """The base vectors by least squares on the peaks near them and their multiples."""
+    for _ in range(2):
+        counts, near = _on_lattice(found, basis)
+        weight = (found.strength * near)[:, None]
+        if np.linalg.matrix_rank(counts[near]) < 2:
+            break
+        basis = np.linalg.lstsq(counts * weight, found.at * weight, rcond=None)[0]
+    return basis
+
+
 def _explained(found: Peaks, basis: Basis) -> float:
     """Share of the peaks' strength on the lattice of a basis, chance taken off."""
-    counts = found.at @ np.linalg.inv(basis)
-    away = (found.at - np.rint(counts) @ basis) / found.bin
-    near = _NEAR * (1 + 0.1 * np.abs(np.rint(counts)).sum(1))
-    weight = found.strength
-    share = float(weight[np.hypot(*away.T) < near].sum() / weight.sum())
+    share = float(found.strength[_on_lattice(found, basis)[1]].sum() / found.strength.sum())
     chance = float(np.pi * _NEAR**2 * found.bin.prod() / abs(np.linalg.det(basis)))
     return (share - chance) / max(1 - chance, 1e-9) if chance < 1 else 0.0
 

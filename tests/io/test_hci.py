@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from clplen import io
 from clplen.errors import FormatError
 from clplen.io import HciParameters, hci, read_parameters, write_pfm
 
@@ -146,6 +147,9 @@ def test_truth(folder: Path):
     write_pfm(folder / "gt_disp_highres.pfm", 2 * disparity)
     np.testing.assert_array_equal(hci.read_truth(folder), disparity)
     np.testing.assert_array_equal(hci.read_truth(folder, high=True), 2 * disparity)
+    np.testing.assert_array_equal(io.read_truth(folder), disparity)
+    with pytest.raises(FormatError, match="is a folder, which has no dataset 'disp_highres'"):
+        io.read_truth(folder, dataset="disp_highres")
     (folder / "gt_disp_lowres.pfm").unlink()
     (folder / "parameters.cfg").write_text("[meta]\nscene = a\n")
     with pytest.raises(FormatError, match=r"parameters\.cfg: Depth in metres needs baseline_mm"):

@@ -91,7 +91,9 @@ def test_half_a_camera():
         points_of(d, baseline=1)
     with pytest.raises(ValueError, match="need baseline="):
         points_of(d, focus_distance=1)
-    with pytest.raises(ValueError, match="positive metres, not 0"):
+    with pytest.raises(
+        ValueError, match="focal_length is a length in metres, positive and finite, not 0"
+    ):
         points_of(d, baseline=1, focal_length=0, pixel_pitch=1)
     with pytest.raises(ShapeError, match=r"\(y, x\), not \(3,\)"):
         points_of(np.zeros(3))

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from reference_matching import centre_shares, costs, membership, smooth
-from tolerance import relative_max
+from reference_matching import bell_taps, centre_shares, costs, membership
 
 from clplen.lightfield import matching
 from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.matching import match_costs, smoothed, sorted_views, thresholds
+from clplen.lightfield.matching import match_costs, sorted_views, tables, thresholds
 from clplen.lightfield.shifts import unit_steps
 
-BLUR = 0.1065
 PLANES = np.array([-3.3, -0.9, -0.25, 0.0, 0.4, 1.0, 2.7, 50.0])  # the last leaves the views
 
 
@@ -37,10 +35,10 @@ def light_field(device, shape, **more):
     return LightField.from_array(samples(shape), device=device, weights=weights, **more)
 
 
-def wanted(lf, planes, channels):
+def wanted(lf, planes, channels, gain=1.0):
     """The costs of a light field by the twin, its views in their own order."""
     lit = lf.weights.ravel() > 0
-    S = lf.to_numpy().reshape(-1, *lf.shape[2:4], channels)[lit].astype(float)
+    S = gain * lf.to_numpy().reshape(-1, *lf.shape[2:4], channels)[lit].astype(float)
     every = unit_steps(lf).reshape(-1, 2)
     steps = every[lit]
     down = 1 if lf.spacing is None else lf.spacing[0] / lf.spacing[1]
@@ -48,24 +46,30 @@ def wanted(lf, planes, channels):
     return costs(S, steps, membership(steps, every), centre, planes, thresholds(channels))
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
-@pytest.mark.parametrize("shape", [(2, 3, 7, 13, 3), (1, 2, 11, 17), (2, 1, 1, 5, 2), (1, 1, 3, 1)])
-def test_smooth(device, shape, dtype):
-    field = samples(shape, dtype)
-    lf = LightField.from_array(field, device=device)
-    got = device.download(smoothed(lf, 0.37))
-    want = smooth(field.reshape(-1, *(*shape, 1)[2:5]), 0.37, BLUR).reshape(shape)
-    assert got.dtype == np.float32
-    # positive terms: 3 products and 2 sums an axis, b and 1 - 2b rounded, the gain
-    assert relative_max(want, got) <= 14 * 2.0**-24
+def found_costs(lf, planes, gain=1.0):
+    views = sorted_views(lf)
+    moved = tables(views, planes, gain, device=lf.device)
+    return lf.device.download(match_costs(lf, views, moved))
 
 
-# Differences of values up to `top` after two cubics, whose taps and roundings sum to 1.27^2 times
-# 8 each, and of the centre; the mean over K views adds K roundings of e <= tau.
+@pytest.mark.parametrize("part", [0, 1e-9, 0.1, 0.25, 0.5, 0.8, 1 - 1e-9])
+def test_taps(part):
+    taps = matching.bell_taps(np.array(part))
+    np.testing.assert_allclose(taps, bell_taps(part), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(taps @ np.ones(4), 1, atol=1e-15)
+    np.testing.assert_allclose(taps @ np.arange(-1, 3), part, atol=1e-15)
+    # the same from the other side: no picture is better than its mirror image
+    np.testing.assert_allclose(matching.bell_taps(1 - np.array(part))[::-1], taps, atol=1e-9)
+    # blurred, and noise passed, alike for all fractions
+    assert 0.449 < (taps**2).sum() < 0.458
+
+
+# Differences of values up to 230 after two sums of four positive taps, 8 roundings each, and of the
+# centre; the mean over K views adds K roundings of e <= tau.
 def tolerance(lf, channels):
     top, tau = 230.0, thresholds(channels)[0]
     views = lf.weights.size
-    return (2 * 16 * 1.27**2 * channels * top + (views + 4) * tau) * 2.0**-24
+    return (2 * 16 * channels * top + (views + 4) * tau) * 2.0**-24
 
 
 @pytest.mark.parametrize(
@@ -85,11 +89,21 @@ def test_match(device, shape):
     lf = light_field(device, shape)
     channels = (*shape, 1)[4]
     planes = PLANES[::3] if device.platform == "Oclgrind" else PLANES
-    got = device.download(match_costs(lf.data, sorted_views(lf), planes, device=device))
+    got = found_costs(lf, planes)
     want = wanted(lf, planes, channels)
     assert got.dtype == np.float32
     assert got.shape == (planes.size, *shape[2:4])
     assert np.abs(got - want).max() <= tolerance(lf, channels) < 2e-3 * thresholds(channels)[0]
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("shape", [(3, 3, 7, 13), (2, 3, 9, 11, 3)])
+def test_integers_and_gain(device, shape, dtype):
+    lf = LightField.from_array(samples(shape, dtype), device=device)
+    planes = np.array([-0.6, 0.0, 1.25])
+    channels = (*shape, 1)[4]
+    got = found_costs(lf, planes, gain=0.37)
+    assert np.abs(got - wanted(lf, planes, channels, gain=0.37)).max() <= tolerance(lf, channels)
 
 
 @pytest.mark.parametrize("counts", [(3, 3), (2, 4)])
@@ -97,7 +111,7 @@ def test_views_on_no_grid(device, counts):
     positions = np.random.default_rng(5).uniform(-1.5, 1.5, (*counts, 2))
     lf = light_field(device, (*counts, 9, 11), positions=positions)
     planes = np.array([-0.7, 0.35, 1.9])
-    got = device.download(match_costs(lf.data, sorted_views(lf), planes, device=device))
+    got = found_costs(lf, planes)
     assert np.abs(got - wanted(lf, planes, 1)).max() <= tolerance(lf, 1)
 
 
@@ -106,20 +120,18 @@ def test_rows_twice_as_far_apart(device, counts):
     """Steps along y are twice as long; who makes the centre is a matter of views, not of pixels."""
     lf = light_field(device, (*counts, 9, 11), spacing=(-2e-3, -1e-3, 5e-4, 5e-4))
     planes = np.array([-0.7, 0.35, 1.3])
-    got = device.download(match_costs(lf.data, sorted_views(lf), planes, device=device))
+    got = found_costs(lf, planes)
     assert np.abs(got - wanted(lf, planes, 1)).max() <= tolerance(lf, 1)
 
 
 def test_on_a_plane_of_the_scene_the_views_agree(device):
-    """Shifts of one picture by whole pixels: no cost on its plane, wherever a view sees it."""
+    """Shifts of one picture by whole pixels: no cost on its plane, away from the views' edges."""
     random = np.random.default_rng(1).uniform(0, 200, (40, 40)).astype(np.float32)
     v, u = np.arange(3) - 1, np.arange(5) - 2
     views = [[random[15 - 2 * -a : 26 - 2 * -a, 10 + 2 * b : 25 + 2 * b] for b in u] for a in v]
     lf = LightField.from_array(np.array(views), device=device)
-    found = device.download(
-        match_costs(lf.data, sorted_views(lf), np.array([-2.0, 2.0]), device=device)
-    )
-    assert found[1].max() == 0
+    found = found_costs(lf, np.array([-2.0, 2.0]))
+    assert found[1, 3:-3, 5:-5].max() < 1e-3
     assert np.median(found[0]) > 5
 
 

@@ -8,11 +8,13 @@ from reference_matching import centre_shares, fit, membership, normal
 from tolerance import relative_max
 
 from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.matching import sorted_views
+from clplen.lightfield.matching import sorted_views, tables
+from clplen.lightfield.samples import C_TYPE
 from clplen.lightfield.shifts import unit_steps
 
 EPS = 2.0**-24
 LIMITS = (60.0, 1.2, 0.5)  # tau, ratio, margin
+BLOCK = 5  # pixels of an item: several a row, the last one not whole
 
 
 def views(shape, seed=2):
@@ -30,37 +32,60 @@ def light_field(device, shape, **more):
     return LightField.from_array(views(shape), device=device, weights=weights, **more)
 
 
-def compared(device, lf, disparity, limits=LIMITS):
-    """(A, B) of the kernel and of the twin."""
+def compared(device, lf, start, limits=LIMITS, gain=1.0):
+    """(A, B) of the kernel and of the twin; start: disparities, numbers of planes, planes."""
+    disparity, nearest, planes = start
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
     sorted_ = sorted_views(lf)
+    moved = tables(sorted_, planes, gain, device=device)
     A, B = (device.empty((ny, nx), np.float32) for _ in "AB")
     device.launch_rows(
-        device.kernel("refine.cl", "normal", CHANNELS=channels),
+        device.kernel("refine.cl", "normal", SAMPLE=C_TYPE[lf.dtype], CHANNELS=channels),
         (ny, nx),
         A,
         B,
         lf.data,
-        device.upload(disparity),
+        device.upload(disparity.astype(np.float32)),
+        device.upload(nearest.astype(np.int32)),
+        moved.planes,
         device.upload(sorted_.view),
         device.upload(sorted_.step.astype(np.float32)),
+        moved.at,
+        moved.part,
+        moved.slopes,
+        moved.reach,
         *sorted_.on(device),
+        *(np.int32(n) for n in (len(sorted_.view), ny, nx)),
         *(np.float32(t) for t in limits),
-        *(np.int32(n) for n in (ny, nx)),
     )
     lit = lf.weights.ravel() > 0
-    S = lf.to_numpy().reshape(-1, ny, nx, channels)[lit].astype(float)
+    S = gain * lf.to_numpy().reshape(-1, ny, nx, channels)[lit].astype(float)
     every = unit_steps(lf).reshape(-1, 2)
     steps = every[lit]
     share = membership(steps, every)
-    want = normal(S, disparity.astype(float), steps, share, centre_shares(steps), limits)
+    want = normal(S, start, steps, share, centre_shares(steps), limits)
     return (device.download(A), device.download(B)), want
 
 
-def disparities(shape, seed=6):
-    """Multiples of 1/64: places are exact in float32, so that both sides see the same views."""
-    random = np.random.default_rng(seed).integers(-100, 100, shape)
-    return (random / 64).astype(np.float32)
+PLANES = np.array([-1.5, -0.625, 0.0, 0.4, 1.25])
+
+
+def some_start(shape, seed=6):
+    """Any plane at every pixel, and a disparity near it."""
+    random = np.random.default_rng(seed)
+    nearest = random.integers(0, len(PLANES), shape)
+    return PLANES[nearest] + random.uniform(-0.2, 0.2, shape), nearest, PLANES
+
+
+def on_plane(shape, d, more=0.0):
+    return np.full(shape, d + more), np.zeros(shape, int), np.array([d])
+
+
+def close(want, got):
+    """Both A and B: sums of K views and channels, less their means, which are no larger."""
+    for one, other in zip(want, got, strict=True):
+        assert other.dtype == np.float32
+        assert relative_max(one, other) <= 1e-5
 
 
 @pytest.mark.parametrize(
@@ -77,28 +102,23 @@ def disparities(shape, seed=6):
 )
 def test_normal(device, shape):
     lf = light_field(device, shape)
-    got, want = compared(device, lf, disparities(shape[2:4]))
-    for one, other in zip(got, want, strict=True):
-        # sums of K views and the channels less their means: both as large as the result's largest
-        assert one.dtype == np.float32
-        assert relative_max(other, one) <= 1e-5
+    got, want = compared(device, lf, some_start(shape[2:4]))
+    close(want, got)
 
 
 def test_normal_of_views_on_no_grid(device):
     positions = np.random.default_rng(5).integers(-12, 13, (3, 3, 2)) / 8
     lf = light_field(device, (3, 3, 9, 11), positions=positions)
-    got, want = compared(device, lf, disparities((9, 11)))
-    for one, other in zip(got, want, strict=True):
-        assert relative_max(other, one) <= 1e-5
+    got, want = compared(device, lf, some_start((9, 11)))
+    close(want, got)
 
 
 @pytest.mark.parametrize("limits", [(5.0, 1.2, 0.5), (60.0, 1e3, 0.0), (60.0, 0.5, -1.0)])
 def test_normal_within_other_limits(device, limits):
     """Most samples out of range; only the whole aperture; only halves."""
     lf = light_field(device, (3, 4, 9, 11))
-    got, want = compared(device, lf, disparities((9, 11)), limits)
-    for one, other in zip(got, want, strict=True):
-        assert relative_max(other, one) <= 1e-5
+    got, want = compared(device, lf, some_start((9, 11)), limits)
+    close(want, got)
 
 
 def test_a_brighter_centre_moves_nothing(device):
@@ -108,7 +128,7 @@ def test_a_brighter_centre_moves_nothing(device):
     L = np.tile(picture, (3, 3, 1, 1, 1))
     L[1, 1] += np.float32([4, -7])
     lf = LightField.from_array(L, device=device)
-    (A, B), _ = compared(device, lf, np.zeros((7, 12), np.float32), (60.0, 1e3, 0.0))
+    (A, B), _ = compared(device, lf, on_plane((7, 12), 0.0), (60.0, 1e3, 0.0))
     inner = (slice(None), slice(1, -1))
     # 8 of 9 views at slopes +-3 and +-2 for u = +-1, and weights of almost one
     assert 5 < np.median(A[inner]) < 9
@@ -120,22 +140,25 @@ def test_a_step_leads_to_the_plane(device):
     places = np.arange(15)[None] + 0.5 * (np.arange(5) - 2)[:, None]
     L = np.broadcast_to(20 + 3 * places[None, :, None], (3, 5, 9, 15)).astype(np.float32)
     lf = LightField.from_array(L, device=device)
-    (A, B), _ = compared(device, lf, np.full((9, 15), 0.375, np.float32))
-    np.testing.assert_allclose((-B / A)[:, 2:-2], 0.125, rtol=1e-4)
+    for beside in (0.0, 0.0625, -0.0625):  # the plane is not where the disparity is
+        (A, B), _ = compared(device, lf, on_plane((9, 15), 0.375 - beside, beside))
+        np.testing.assert_allclose((-B / A)[:, 4:-4], 0.125, rtol=1e-4)
 
 
 def fitted(device, maps, picture, scales, prior, *, ridge, most, radius):
     shape = maps[0].shape
     out, known = (device.empty(shape, np.float32) for _ in "ok")
     alike, near, level = scales
-    device.launch_rows(
-        device.kernel("refine.cl", "fit", CHANNELS=picture.shape[2], RADIUS=radius),
-        shape,
+    block = BLOCK if device.rows else 1
+    device.launch(
+        device.kernel("refine.cl", "fit", CHANNELS=picture.shape[2], RADIUS=radius, BLOCK=block),
+        (-(-shape[1] // block), shape[0]),
         out,
         known,
         *(device.upload(a) for a in (*maps, picture, alike, near, prior)),
         *(np.float32(t) for t in (level, ridge, most)),
         *(np.int32(n) for n in shape),
+        group=(1, 1),
     )
     return device.download(out), device.download(known)
 

@@ -18,6 +18,8 @@ EPS = 2.0**-24
         ((3, 7, 75), box_taps(9)),  # more than one chunk of 64, a whole one and a part
         ((1, 3, 64), np.array([0.5, -0.25, 0.5])),
         ((1, 40, 1), box_taps(5)),
+        ((2, 2, 1), gaussian_taps(4.0)),  # reflected more than once
+        ((1, 1, 1), gaussian_taps(4.0)),
         ((2, 2, 261), gaussian_taps(1.5)),  # two stretches of a GPU
         ((1, 2, 1040), gaussian_taps(2.0)),  # two of a CPU, the second one short
     ],

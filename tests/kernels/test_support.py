@@ -65,7 +65,8 @@ def test_only_what_is_alike_is_gathered(device):
 
 def lowest(device, cost, planes):
     count, ny, nx = cost.shape
-    maps = [device.empty((ny, nx), np.float32) for _ in range(4)]
+    kinds = (np.float32, np.int32, np.float32, np.float32, np.float32)
+    maps = [device.empty((ny, nx), kind) for kind in kinds]
     device.launch_rows(
         device.kernel("support.cl", "valley", CHANNELS=1),
         (ny, nx),
@@ -83,14 +84,15 @@ UNEVEN = np.array([-1.5, -1.25, -0.5, 0.0, 0.125, 1.0, 1.5, 3.0])
 @pytest.mark.parametrize("planes", [UNEVEN, UNEVEN[:3], np.linspace(-2, 2, 17)])
 def test_valley(device, planes):
     cost = np.random.default_rng(4).uniform(1, 9, (len(planes), 11, 13)).astype(np.float32)
-    place, least, second, mean = lowest(device, cost, planes)
+    place, number, least, second, mean = lowest(device, cost, planes)
     want = valley(cost.astype(float), planes)
     # the parabola lies within half a step; its rises are exact to a rounding, and so is their ratio
     assert np.abs(place - want[0]).max() <= 16 * EPS * np.abs(planes).max()
-    np.testing.assert_array_equal(least, want[1])
-    np.testing.assert_array_equal(second, want[2])
-    assert len(planes) > 3 or np.isinf(second).all()
-    assert relative_max(want[3], mean) <= (len(planes) + 1) * EPS
+    np.testing.assert_array_equal(number, want[1])
+    np.testing.assert_array_equal(least, want[2])
+    np.testing.assert_array_equal(second, want[3])
+    assert len(planes) > 3 or np.isinf(second).any()
+    assert relative_max(want[4], mean) <= (len(planes) + 1) * EPS
 
 
 def test_valley_of_a_parabola(device):
@@ -108,8 +110,11 @@ def test_valley_of_a_parabola(device):
 
 def test_valley_without_one(device):
     cost = np.stack([np.full((2, 3), 4.0), np.full((2, 3), 4.0), np.full((2, 3), 4.0)])
-    place, least, second, mean = lowest(device, cost.astype(np.float32), np.array([-1.0, 0, 2]))
+    place, number, least, second, mean = lowest(
+        device, cost.astype(np.float32), np.array([-1.0, 0, 2])
+    )
     assert np.isfinite(place).all()
+    assert ((number >= 0) & (number < 3)).all()
     np.testing.assert_array_equal(least, 4)
     np.testing.assert_array_equal(mean, 4)
     assert np.isinf(second).all()

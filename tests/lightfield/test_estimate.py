@@ -298,7 +298,7 @@ def plain(device, **options) -> LightField:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"method": "sharpest"}, r"'compensated', 'energy', 'thesis'.*'sharpest'"),
+        ({"method": "sharpest"}, r"'compensated', 'energy', 'slope', 'thesis'.*'sharpest'"),
         ({"method": "compensated"}, r"spacing.*camera"),
         ({"method": "thesis"}, r"raw image"),
         ({"near": (27, 3)}, r"x_index < 27.*\(27, 3\)"),

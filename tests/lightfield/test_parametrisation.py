@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from clplen.io import read_lightfield, write_lightfield
 from clplen.lightfield.depth import depth_map
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.refocus import focal_stack, refocus
@@ -138,6 +139,16 @@ def test_the_camera_gives_f_and_everything_else_stays(device):
         np.testing.assert_array_equal(
             fewer.to_numpy(), middle[rows : rows + 3, columns : columns + 5]
         )
+
+
+@pytest.mark.parametrize("name", ["angles.h5", "angles.zarr"])
+def test_a_file_keeps_the_parametrisation(device, tmp_path, name):
+    lf = LightField.from_array(point(0.9), device=device, spacing=SPACING)
+    angles = lf.resample("point-angle", **OPTIONS)
+    write_lightfield(tmp_path / name, angles)
+    found = read_lightfield(tmp_path / name, device=device)
+    assert found.parametrisation == "point-angle"
+    np.testing.assert_allclose(found.spacing, angles.spacing)
 
 
 def test_focusing_refuses_directions(device):
