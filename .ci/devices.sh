@@ -72,7 +72,7 @@ planted() {
     echo "planted fault '$1': $(reports) report(s)"
 }
 
-run_pocl() { "$python" -m pytest --device pocl -q; }
+run_pocl() { "$python" -m pytest -n auto --dist loadfile --device pocl -q; }
 
 run_vkfft() {
     need_vkfft
@@ -81,7 +81,7 @@ run_vkfft() {
 
 run_intel() {
     need_intel
-    "$python" -m pytest --device intel --device-tests-only -m "not slow and not many" -q
+    "$python" -m pytest -n auto --dist loadfile --device intel --device-tests-only -m "not slow and not many" -q
 }
 
 run_oclgrind() {

@@ -49,7 +49,9 @@ inline void sheared(float *value, float *column, __global const SAMPLE *view, co
                    + across.z * column[i + 2 * CHANNELS] + across.w * column[i + 3 * CHANNELS];
 }
 
+#if BLOCK > 1
 __attribute__((reqd_work_group_size(1, 1, 1)))
+#endif
 __kernel void match(__global float *restrict out, __global const SAMPLE *restrict L,
                     __global const int *restrict view, __global const int2 *restrict at,
                     __global const float4 *restrict part, __global const int2 *restrict reach,
@@ -60,6 +62,8 @@ __kernel void match(__global float *restrict out, __global const SAMPLE *restric
                     const float margin)
 {
     const int x0 = get_global_id(0) * BLOCK, y = get_global_id(1), p = get_global_id(2);
+    if (x0 >= nx)
+        return;
     const int n = min(BLOCK, nx - x0);
     const size_t size = (size_t)ny * nx * CHANNELS;
     float centre[BLOCK * CHANNELS], value[BLOCK * CHANNELS], column[(BLOCK + 3) * CHANNELS];

@@ -158,7 +158,9 @@ __kernel void normal(__global float *restrict A, __global float *restrict B,
 #endif
 
 #ifdef RADIUS
+#if BLOCK > 1
 __attribute__((reqd_work_group_size(1, 1, 1)))
+#endif
 __kernel void fit(__global float *restrict out, __global float *restrict known,
                   __global const float *restrict A, __global const float *restrict B,
                   __global const float *restrict disparity, __global const float *restrict I,
@@ -167,6 +169,8 @@ __kernel void fit(__global float *restrict out, __global float *restrict known,
                   const float most, const int ny, const int nx)
 {
     const int x0 = get_global_id(0) * BLOCK, y = get_global_id(1);
+    if (x0 >= nx)
+        return;
     const int n = min(BLOCK, nx - x0);
     const size_t i = row_start(0, y, ny, nx) + x0;
     float m[10 * BLOCK]; /* sums of w: 1, s, t, s^2, s t, t^2, v, v s, v t; of what is known */

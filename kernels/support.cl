@@ -24,13 +24,17 @@ inline float bell(const float q)
     return r4 * r4;
 }
 
+#if BLOCK > 1
 __attribute__((reqd_work_group_size(1, 1, 1)))
+#endif
 __kernel void gather(__global float *restrict out, __global const float *restrict cost,
                      __global const float *restrict I, __global const float *restrict near,
                      __global const float *restrict alike, const int planes, const int ny,
                      const int nx)
 {
     const int x0 = get_global_id(0) * BLOCK, y = get_global_id(1);
+    if (x0 >= nx)
+        return;
     const int n = min(BLOCK, nx - x0);
     float w[SIDE * SIDE * BLOCK], sum[BLOCK], total[BLOCK];
     __global const float *here = I + (row_start(0, y, ny, nx) + x0) * CHANNELS;

@@ -18,6 +18,7 @@ from clplen import (
     Coherence,
     Field,
     Grid,
+    Lattice,
     LightField,
     MicrolensArray,
     Plane,
@@ -31,6 +32,7 @@ from clplen import (
     Spectrum,
     SurfaceScene,
     aperture,
+    decode_raw,
     depth_map,
     focal_stack,
     propagate,
@@ -242,6 +244,14 @@ def views(device: Device) -> None:
     rendered(lf)
 
 
+def captured(device: Device) -> None:
+    """Every kernel that decodes the raw frame of a real camera."""
+    frame = np.random.default_rng(3).random((30, 36))
+    lattice = Lattice("rectangular", (14.3, 15.1), (6.2, 0.1), (-0.1, 6.1))
+    for bayer in (None, "GRBG"):
+        decode_raw(frame, lattice, device=device, white=frame + 1, bayer=bayer)
+
+
 def work(device: Device) -> None:
     """A small workload that reaches every kernel of one mapping, through public functions."""
     waves(device)
@@ -250,6 +260,7 @@ def work(device: Device) -> None:
     if device.precision == "single":
         for one in (raw, exposed(device, "square")):
             refocus(LightField.from_raw(one), alpha=0.9, rescale=True)
+        captured(device)
         views(device)
         scene = SurfaceScene(Plane(0.5))
         scene.light_field((2, 3), (6, 9), device=device)

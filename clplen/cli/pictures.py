@@ -53,14 +53,27 @@ def pixel_of(lf: LightField, point: tuple[float, ...]) -> tuple[int, int]:
     return y, x
 
 
-def write(output: Path, values: np.ndarray[Any, Any], lf: LightField, *, srgb: bool) -> str:
-    """Write a picture, and say what is in the file."""
-    from clplen.io import write_picture
+def write(
+    output: Path,
+    values: np.ndarray[Any, Any],
+    lf: LightField,
+    *,
+    srgb: bool,
+    upsample: int | None = 1,
+) -> str:
+    """Write a picture, and say what is in the file.
+
+    ``upsample`` is how many of its pixels lie on one of a view; None where its axes are others.
+    """
+    from clplen.io import write_image, write_picture
     from clplen.io.shown import to_look_at, white_of
 
     values = drawable(values)
     if output.suffix.lower() != ".png":
-        write_picture(output, values.astype(np.float32), description="linear values")
+        sizes = None
+        if lf.spacing is not None and upsample is not None:
+            sizes = (*lf.spacing[:2], lf.spacing[2] / upsample, lf.spacing[3] / upsample)
+        write_image(output, values, spacing=sizes, description="linear values")
         return "linear float32"
     white = white_of(values, lf.dtype, srgb=srgb)
     write_picture(output, to_look_at(values, white, srgb=srgb))

@@ -95,7 +95,7 @@ def refocus(
     else:
         d, where = _surface(lf, disparity, at, tilt, disparities, alphas)
         picture = focused(lf, disparity=d, **more)
-    said = write(output, picture.to_numpy(), lf, srgb=layout["srgb"])
+    said = write(output, picture.to_numpy(), lf, srgb=layout["srgb"], upsample=upsample)
     click.echo(f"{output}: focused on {where}, {said}.")
 
 

@@ -20,6 +20,7 @@ from clplen.io.ome import write_image
 from clplen.io.pfm import read_pfm, write_pfm
 from clplen.io.picture import read_picture, write_picture
 from clplen.io.ply import points_of, write_ply
+from clplen.io.positions import NAMES
 from clplen.io.raw import read_raw
 from clplen.io.raytrix import read_raytrix, write_raytrix
 from clplen.io.stack import write_depth, write_stack
@@ -182,10 +183,11 @@ def files_of(path: PathLike, **layout: Any) -> list[Path]:
     """
     path = Path(path)
     words = Layout(**layout)
-    beside = [Path(file) for file in (words.white, words.dark, words.grid) if file is not None]
+    named = (words.white, words.dark, words.grid, words.positions)
+    beside = [Path(file) for file in named if file is not None and str(file) != NAMES]
     if not path.is_dir() or kind_of(path).module != "clplen.io.views":
         return [path, *beside]
-    return [path / name for name in find_views(path, words)[2].values()]
+    return [*(path / name for name in find_views(path, words)[2].values()), *beside]
 
 
 def write_lightfield(path: PathLike, lf: LightField) -> None:

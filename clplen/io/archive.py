@@ -66,8 +66,9 @@ def read(
         shown = views_only(members, pattern=layout.pattern)
         pictures = [name for name in shown if name.lower().endswith(SUFFIXES)]
         inside = posixpath.commonpath([posixpath.dirname(name) for name in pictures] or [""])
-        cut = len(inside) + 1 if inside else 0
-        names = [name[cut:] for name in shown if name.startswith(inside)]
+        root = f"{inside}/" if inside else ""
+        cut = len(root)
+        names = [name[cut:] for name in shown if name.startswith(root)]
         found = arranged(names, [name[cut:] for name in pictures], layout, str(path))
 
         def load(name: str) -> np.ndarray[Any, Any]:

@@ -87,10 +87,21 @@ def axes_in(attributes: dict[str, Any]) -> str | None:
     return None if axes is None else "".join(str(axes).split(":"))
 
 
-def known_of(attributes: dict[str, Any], path: Path, layout: Layout) -> dict[str, Any]:
+def known_of(
+    attributes: dict[str, Any], path: Path, layout: Layout, *, placed: bool
+) -> dict[str, Any]:
     """What `LightField.from_array` takes of the attributes of the samples.
 
     A view axis that the layout reverses or swaps takes its signed spacing along.
+
+    Parameters
+    ----------
+    attributes : dict
+    path : pathlib.Path
+    layout : Layout
+    placed : bool
+        Whether the views have positions: these stay where they are, and so does the spacing, which
+        is their unit.
 
     Raises
     ------
@@ -106,6 +117,8 @@ def known_of(attributes: dict[str, Any], path: Path, layout: Layout) -> dict[str
             f"{path}: spacing is (dv, du, dy, dx) in metres, none of them 0, not {spacing!r}."
         )
     dv, du, dy, dx = spacing
+    if placed:
+        return {"spacing": (dv, du, dy, dx)}
     if layout.swap_uv:
         dv, du = du, dv
     return {"spacing": (-dv if layout.flip_v else dv, -du if layout.flip_u else du, dy, dx)}

@@ -94,8 +94,9 @@ def read(
             return light_field(source, device=device, layout=layout, progress=progress)
         found = attributes_of(dataset, attributes.NAMES, path)
         source = source_of(dataset, path, layout)
-        known = attributes.known_of(found, path, layout)
-        known |= _arrays_beside(file, path, source.views)
+        known = _arrays_beside(file, path, source.views)
+        placed = "positions" in known or layout.positions is not None
+        known |= attributes.known_of(found, path, layout, placed=placed)
         known["camera"] = _camera(file, path, device)
         words = attributes.words_in(found, path)
         lf, took = light_field(source, device=device, layout=layout, progress=progress, known=known)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from clplen.compute.device import Device
-from clplen.errors import FormatError, SamplingWarning, ShapeError
+from clplen.errors import FormatError, SamplingWarning
 from clplen.files import PathLike, naming
 from clplen.io.layout import Layout, linear
 from clplen.io.positions import positions_of
@@ -105,10 +105,10 @@ def _lattice(
     """The lattice and where it comes from."""
     if layout.grid is not None:
         given = read_lattice(layout.grid, (int(frame.shape[0]), int(frame.shape[1])))
-        if white is not None:
+        if white is not None and layout.white is not None:
             _require_same(given, _estimated(white, dark, layout.white, layout), layout)
         return given, f"of {layout.grid}"
-    if white is not None:
+    if white is not None and layout.white is not None:
         found = _estimated(white, dark, layout.white, layout)
         if found.trust == "low":
             warnings.warn(f"{layout.white}: {found.verdict}", SamplingWarning, stacklevel=2)
@@ -122,13 +122,9 @@ def _lattice(
     return found, "of the frame itself, without a white image"
 
 
-def _estimated(
-    picture: Frame, dark: Frame | None, source: PathLike | None, layout: Layout
-) -> Lattice:
-    try:
+def _estimated(picture: Frame, dark: Frame | None, source: PathLike, layout: Layout) -> Lattice:
+    with naming(source):
         return estimate_lattice(picture, dark=dark, kind=layout.lattice, bayer=layout.bayer)
-    except (ValueError, ShapeError) as error:
-        raise type(error)(f"{source}: {error}") from error
 
 
 def _require_same(given: Lattice, found: Lattice, layout: Layout) -> None:

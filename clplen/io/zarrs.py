@@ -110,11 +110,13 @@ def read(
         found = attributes_of(array)
         source = _source(array, found, path, layout)
         known: dict[str, Any] = {}
+        words: dict[str, Any] = {}
         if _name(array) == SAMPLES:
-            known = attributes.known_of(found, path, layout)
-            known |= _arrays_beside(root, path, source.views)
+            known = _arrays_beside(root, path, source.views)
+            placed = "positions" in known or layout.positions is not None
+            known |= attributes.known_of(found, path, layout, placed=placed)
             known["camera"] = _camera(root, path, device)
-        words = attributes.words_in(found, path)
+            words = attributes.words_in(found, path)
         lf, took = light_field(source, device=device, layout=layout, progress=progress, known=known)
     return replace(lf, **words), took
 

@@ -8,13 +8,30 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
+from clplen.compute.finite import count_bad
 from clplen.errors import DeviceError, ShapeError
 from clplen.lightfield.raw import Spacing
 from clplen.lightfield.samples import C_TYPE, lit_views
 
 
-def adopt(a: Any, device: Device) -> cla.Array:
-    """The samples on the device in a storage type of the light field."""
+def checked_samples(a: Any, device: Device) -> cla.Array:
+    """The samples on the device in a storage type of the light field, all of them finite."""
+    data = _adopt(a, device)
+    if data.ndim not in (4, 5) or 0 in data.shape:
+        raise ShapeError(
+            "A light field has shape (v, u, y, x) or (v, u, y, x, c), none of them empty, not "
+            f"{tuple(data.shape)}."
+        )
+    bad = count_bad(data, device)
+    if bad:
+        raise ValueError(
+            f"The light field has {bad} samples that are NaN or infinite, which interpolation "
+            "would spread: replace them by 0 and give their views weight 0 (weights=)."
+        )
+    return data
+
+
+def _adopt(a: Any, device: Device) -> cla.Array:
     if isinstance(a, cla.Array):
         return _adopt_device(a, device)
     values = np.asarray(a)

@@ -167,7 +167,6 @@ def _gather(
         device.upload(_near(noise)),
         device.upload(_alike(_ALIKE, noise, channels)),
         *(np.int32(n) for n in (planes, ny, nx)),
-        group=(1, 1),
     )
 
 
@@ -207,7 +206,37 @@ def _refined(
     """Disparity moved by one step of least squares, and what the views know of it, A."""
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
-    A, B, out, known = (device.empty((ny, nx), np.float32) for _ in range(4))
+    A, B = _normal(lf, views, moved, disparity, nearest)
+    out, known = (device.empty((ny, nx), np.float32) for _ in range(2))
+    prior = _PRIOR * channels * np.maximum(noise, 1) ** 2
+    block = _BLOCK if device.rows else 1
+    device.launch(
+        device.kernel("refine.cl", "fit", CHANNELS=channels, RADIUS=_WINDOW, BLOCK=block),
+        (-(-nx // block), ny),
+        out,
+        known,
+        A,
+        B,
+        disparity,
+        picture,
+        device.upload(_alike(_FIT_ALIKE, noise, channels)),
+        device.upload(_near(noise)),
+        device.upload(prior.astype(np.float32)),
+        np.float32(0.5 / _SAME_SURFACE**2),
+        np.float32(_RIDGE),
+        np.float32(_MOST_STEP),
+        *(np.int32(n) for n in (ny, nx)),
+    )
+    return device.download(out), device.download(known)
+
+
+def _normal(
+    lf: LightField, views: Views, moved: Tables, disparity: cla.Array, nearest: cla.Array
+) -> tuple[cla.Array, cla.Array]:
+    """A and B of kernels/refine.cl at every pixel."""
+    device = lf.device
+    ny, nx, channels = (*lf.shape[2:], 1)[:3]
+    A, B = (device.empty((ny, nx), np.float32) for _ in range(2))
     device.launch_rows(
         device.kernel("refine.cl", "normal", SAMPLE=C_TYPE[lf.dtype], CHANNELS=channels),
         (ny, nx),
@@ -227,24 +256,4 @@ def _refined(
         *(np.int32(n) for n in (len(views.view), ny, nx)),
         *(np.float32(t) for t in thresholds(channels)),
     )
-    prior = _PRIOR * channels * np.maximum(noise, 1) ** 2
-    block = _BLOCK if device.rows else 1
-    device.launch(
-        device.kernel("refine.cl", "fit", CHANNELS=channels, RADIUS=_WINDOW, BLOCK=block),
-        (-(-nx // block), ny),
-        out,
-        known,
-        A,
-        B,
-        disparity,
-        picture,
-        device.upload(_alike(_FIT_ALIKE, noise, channels)),
-        device.upload(_near(noise)),
-        device.upload(prior.astype(np.float32)),
-        np.float32(0.5 / _SAME_SURFACE**2),
-        np.float32(_RIDGE),
-        np.float32(_MOST_STEP),
-        *(np.int32(n) for n in (ny, nx)),
-        group=(1, 1),
-    )
-    return device.download(out), device.download(known)
+    return A, B

@@ -104,15 +104,23 @@ def saturated(frame: Any) -> Mask:
     if frame.dtype.kind != "u":
         return np.zeros(frame.shape, bool)
     top = int(frame.max())
-    return np.asarray(frame == top) if top in [2**n - 1 for n in _LEVELS] else _none(frame)
+    if top not in [2**n - 1 for n in _LEVELS]:
+        return np.zeros(frame.shape, bool)
+    return np.asarray(frame == top)
 
 
 def hot(dark: Any) -> Mask:
-    """Pixels of a dark frame far above its median."""
-    values = np.asarray(dark, np.float32)
+    """Pixels of a dark frame far above its median: 12 robust standard deviations.
+
+    These are one level at least of integers, and the plain one of others if they are 0.
+    """
+    given = np.asarray(dark)
+    values = np.asarray(given, np.float32)
     middle = np.median(values)
     spread = 1.4826 * float(np.median(np.abs(values - middle)))
-    return np.asarray(values > middle + _HOT * max(spread, 1.0))
+    if given.dtype.kind != "f":
+        spread = max(spread, 1.0)
+    return np.asarray(values > middle + _HOT * (spread or float(values.std())))
 
 
 def filled(picture: Frame, bad: Mask, *, step: int = 1) -> Frame:
@@ -138,7 +146,3 @@ def filled(picture: Frame, bad: Mask, *, step: int = 1) -> Frame:
     enough = count >= 4
     out[y[enough], x[enough]] = (total[enough] / count[enough]).astype(np.float32)
     return out
-
-
-def _none(frame: Any) -> Mask:
-    return np.zeros(frame.shape, bool)

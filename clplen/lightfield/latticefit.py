@@ -12,7 +12,7 @@ from clplen.errors import ShapeError
 from clplen.lightfield.equalise import equalised
 from clplen.lightfield.lattice import KINDS, Lattice
 from clplen.lightfield.localphase import Fit, refine
-from clplen.lightfield.reciprocal import PITCHES, Basis, Values, coarse, reduced
+from clplen.lightfield.reciprocal import PITCHES, Basis, Values, coarse, middle, reduced
 from clplen.lightfield.unitcell import denser, fold
 
 if TYPE_CHECKING:
@@ -20,11 +20,12 @@ if TYPE_CHECKING:
 
 _LEAST = 32  # pixels a side
 _STEPS = 3  # refinements, each from the last
-_DEPTH = 0.05  # of the brightest pixel, below which logarithms see no difference
+_DEPTH = 0.05  # of the brightest pixel: what is darker is no brighter or darker gap
+_GAP = 5  # pixels: a gap that is narrower than a lenslet of 5 px and its gap
 _SHARE = 0.6  # of the peaks' strength that the lattice explains
-_EXPLAINED = 0.6  # of the contrast
+_EXPLAINED = 0.9  # of the contrast that is no noise
 _AGREEING = 0.9  # of the windows
-_SPREAD = 0.06  # pitches rms
+_SPREAD = 0.025  # pitches rms
 _ANGLE = 4.0  # degrees off 90 or 60
 _LONGER = 1.5  # sides of a rectangle
 _UNEVEN = 1.1  # sides of a hexagonal cell
@@ -75,8 +76,8 @@ def estimate_lattice(
     -------
     Lattice
         With its ``residual``, ``trust`` and ``verdict``. Trust is low where nothing repeats, where
-        local lattices disagree, or where the pattern explains less than 60 % of the contrast: then
-        the picture is no white image, and the pitch may be that of a texture.
+        local lattices disagree, or where equal lenslets explain less than 90 % of the contrast
+        that is no noise: then the picture is no white image, and the pitch may be a texture's.
 
     Raises
     ------
@@ -119,18 +120,29 @@ def _prepared(white: Any, dark: Any, bayer: str | None) -> Values:
 
 
 def _find(picture: Values, pitches: tuple[float, float]) -> _Found | None:
-    """The lattice that explains more contrast: from the picture, or else from its logarithm.
+    """The lattice that explains most, from the picture or else from the gaps between lenslets."""
+    best: _Found | None = None
+    for seen in (lambda part: part, _dark_gaps, _narrow_gaps):
+        found = _followed(picture, *coarse(seen(middle(picture)), pitches), pitches)
+        if found is not None and (best is None or found.explained > best.explained):
+            best = found
+        if best is not None and best.explained >= _EXPLAINED:
+            break
+    return best
 
-    Logarithms see the gaps between lenslets of unequal light better than their light.
-    """
-    found = _followed(picture, *coarse(picture, pitches), pitches)
-    if found is not None and found.explained >= _EXPLAINED:
-        return found
+
+def _dark_gaps(picture: Values) -> Values:
+    """Logarithms: lenslets of unequal light are more alike in them."""
     top = max(float(picture.max()), 1e-30)
-    gaps = np.log(np.maximum(picture, 0) + np.float32(_DEPTH * top))
-    other = _followed(picture, *coarse(gaps - gaps.min(), pitches), pitches)
-    both = [one for one in (found, other) if one is not None]
-    return max(both, key=lambda one: one.explained, default=None)
+    return np.asarray(np.log1p(np.maximum(picture, 0) / (_DEPTH * top)))
+
+
+def _narrow_gaps(picture: Values) -> Values:
+    """Light over that of the brighter surroundings: dim lenslets are as bright as others."""
+    from scipy.ndimage import grey_closing
+
+    top = max(float(picture.max()), 1e-30)
+    return np.asarray(picture / np.maximum(grey_closing(picture, _GAP), _DEPTH * top))
 
 
 def _followed(
@@ -139,28 +151,26 @@ def _followed(
     """What becomes of rough base vectors."""
     if basis is None:
         return None
-    fit, explained = _refined(picture, basis)
+    fit = _refined(picture, basis)
     for _ in range(4):
         closer = denser(fold(picture, fit.basis, fit.phase), fit.basis)
         if closer is None or 1 / np.hypot(*reduced(closer).T).max() < pitches[0] / 1.2:
             break
-        fit, explained = _refined(picture, closer)
+        fit = _refined(picture, closer)
     if not np.isfinite(fit.rms) or np.hypot(*fit.cell.T).max() > max(picture.shape) / 2:
         return None
     margin = min(int(np.hypot(*fit.cell.T).max()), min(picture.shape) // 6)
     for _ in range(2):
         even = equalised(picture, fit.cell, fit.origin)
         fit = refine(even, fit.basis, margin=margin)
-    self_ = fold(even, fit.basis, fit.phase).explained
-    print('EQ', round(explained,3), round(self_,3))
-    return _Found(fit, explained, share)
+    return _Found(fit, fold(even, fit.basis, fit.phase).explained, share)
 
 
-def _refined(picture: Values, basis: Basis) -> tuple[Fit, float]:
+def _refined(picture: Values, basis: Basis) -> Fit:
     fit = refine(picture, reduced(basis))
     for _ in range(_STEPS - 1):
         fit = refine(picture, fit.basis)
-    return fit, fold(picture, fit.basis, fit.phase).explained
+    return fit
 
 
 def _nothing(shape: tuple[int, ...], kind: str, pitch: float | None) -> Lattice:
@@ -259,7 +269,7 @@ def _doubts(lattice: Lattice, found: _Found, count: int, pitch: float | None) ->
             found.fit.agreeing < _AGREEING
         ),
         f"local lattices lie {lattice.residual:.2g} px rms off": lattice.residual > _SPREAD * near,
-        f"it explains only {100 * max(found.explained, 0):.0f} % of the contrast": (
+        f"equal lenslets explain only {100 * max(found.explained, 0):.0f} % of the contrast": (
             found.explained < _EXPLAINED
         ),
         f"the nominal pitch is {pitch} px": pitch is not None and not 0.8 < near / pitch < 1.25,

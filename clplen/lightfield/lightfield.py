@@ -9,16 +9,14 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device, require_device
-from clplen.compute.finite import count_bad
 from clplen.compute.image import Image
-from clplen.errors import ShapeError
 from clplen.lightfield import decode as decoding
 from clplen.lightfield import flatten as flattening
 from clplen.lightfield import parametrisation as parametrising
 from clplen.lightfield import render as rendering
 from clplen.lightfield.checks import (
-    adopt,
     checked_positions,
+    checked_samples,
     checked_spacing,
     checked_weights,
     weights_of_lit,
@@ -94,8 +92,8 @@ class LightField:
         spacing : tuple of float, optional
             Signed (dv, du, dy, dx) in metres; needed for ``alpha``.
         weights : array_like, optional
-            Shape (V, U), finite, not negative, not all 0. By default 0 for views that are black
-            throughout, 1 for the others (1 for all when all are black).
+            Shape (V, U), finite, not negative, not all 0. By default 0 for black views, 1 for the
+            others (1 for all when all are black).
         camera : CameraModel, optional
             Needed for depth in metres.
         positions : array_like, optional
@@ -119,29 +117,10 @@ class LightField:
             If it is larger than the device's memory, or an array of another device.
         """
         require_device(device)
-        data = adopt(a, device)
-        if data.ndim not in (4, 5) or 0 in data.shape:
-            raise ShapeError(
-                "A light field has shape (v, u, y, x) or (v, u, y, x, c), none of them empty, not "
-                f"{tuple(data.shape)}."
-            )
-        bad = count_bad(data, device)
-        if bad:
-            raise ValueError(
-                f"The light field has {bad} samples that are NaN or infinite, which interpolation "
-                "would spread: replace them by 0 and give their views weight 0 (weights=)."
-            )
-        checked = (
-            weights_of_lit(data, device) if weights is None else checked_weights(weights, data)
-        )
-        return cls(
-            data,
-            device,
-            checked_spacing(spacing),
-            checked,
-            camera,
-            positions=checked_positions(positions, data),
-        )
+        data = checked_samples(a, device)
+        known = weights_of_lit(data, device) if weights is None else checked_weights(weights, data)
+        places = checked_positions(positions, data)
+        return cls(data, device, checked_spacing(spacing), known, camera, positions=places)
 
     @classmethod
     def from_raw(cls, raw: RawImage, *, decode: str = "calibrated") -> LightField:
@@ -152,10 +131,9 @@ class LightField:
         raw : RawImage
         decode : {"calibrated", "naive"}
             "calibrated" samples the sub-images of the main lens' pupil about their true centres,
-            x_k (1 + f_mu/F), by separable cubic convolution (Keys 1981, a = -1/2): pixel j of a
-            sub-image is one position u on the main lens. "naive" cuts the lenslets' own cells, a
-            permutation of the pixels: it samples direction, not position. The odd rows of a
-            hexagonal array are interpolated to a rectangular lattice by the same cubic.
+            x_k (1 + f_mu/F), as `clplen.lightfield.decode.resample` does: pixel j of a sub-image is
+            one position u on the main lens. "naive" cuts the lenslets' own cells, a permutation of
+            the pixels: it samples direction, not position.
 
         Returns
         -------
@@ -198,8 +176,7 @@ class LightField:
     def disparity(self, alpha: ArrayLike) -> np.ndarray[Any, np.dtype[np.float64]]:
         """Disparity, in pixels a view step, of the plane alpha = F/F'.
 
-        d = -(1 - alpha) du/dx with the signed du of ``spacing``; for naive cells
-        d = -(1/alpha - 1) du/dx.
+        d = -(1 - alpha) du/dx with the signed du of ``spacing``; naive cells: -(1/alpha - 1) du/dx.
 
         Raises
         ------
@@ -231,9 +208,8 @@ class LightField:
         """The view at (v, u), between views too (bilinear in the aperture, by `weights`).
 
         A view of weight 0 is shown as it is stored, but not mixed into others. Between views,
-        what is not in focus is seen as often as there are views round (v, u), unless its
-        ``disparity`` is given: then each of them is shifted by its own distance from (v, u)
-        times d, so that samples of the same ray meet.
+        what is not in focus is seen several times, unless its ``disparity`` is given: then each
+        view is shifted by its own distance from (v, u) times d.
 
         Parameters
         ----------
@@ -243,8 +219,7 @@ class LightField:
             Of the scene, pixels a view step: one number, or one of every pixel of the centre view,
             shape (y, x), as of a `DepthMap`; the map is carried to (v, u).
         interpolation : {"cubic", "linear", "nearest"}
-            How views are shifted, as in `flatten`. Cubic by default: with four views at most, the
-            blur of linear interpolation is as large as what the shift mends for |d| < 1.
+            How views are shifted, as in `flatten`.
 
         Returns
         -------
@@ -253,10 +228,8 @@ class LightField:
 
         Raises
         ------
-        ValueError
-            If (v, u) lies outside the views, or a disparity is not finite.
-        ShapeError
-            If the disparities are neither one number nor one of every pixel.
+        ValueError, ShapeError
+            If (v, u) lies outside the views, a disparity is not finite, or they have another shape.
         """
         return rendering.view(self, v, u, disparity=disparity, interpolation=interpolation)
 
@@ -329,17 +302,14 @@ class LightField:
     ) -> Image:
         """What the views see of one plane or surface, as one picture registered to the centre view.
 
-        The samples of a pixel are those of the same point by (D3), weighted with the aperture
-        times `weights` times the share of their interpolation that lies inside the view and the
-        mask. The median sees around thin things in front of the surface; the variance is small
-        where the surface is one.
+        Samples of the same point are weighted with the aperture times `weights` times the share of
+        their interpolation that lies inside the view and the mask. The median sees around thin
+        things in front of the surface; the variance is small where the surface is one.
 
         Parameters
         ----------
         statistic : {"mean", "median", "max", "min", "variance"}
-            Weighted; "max" and "min" take every sample that has a weight. The median is the mean
-            of the lowest values whose weight with those below is at least half, and more than
-            half, of all: for equal weights the usual one.
+            Weighted, as in `clplen.lightfield.rays.along_rays`.
         disparity : float or array_like
             d in pixels a view step, or one of every pixel, shape (y, x).
         aperture, viewpoint
@@ -386,8 +356,7 @@ class LightField:
         A ray through u on the main lens and x on the image plane has theta = (x - u)/F, along y
         alike (paraxial; thesis, sections 1.2 and 1.4.2), both from the axis, which lies in the
         middle of the views and of the pixels. A point of alpha = F/F' is a line of slope
-        dx/du = 1 - alpha in (x, u), and dx/dtheta = F - F' in (x, theta). Steps of theta are
-        -du/F, so that only the fraction by which a column is interpolated depends on x.
+        dx/du = 1 - alpha in (x, u), and dx/dtheta = F - F' in (x, theta). Steps of theta are -du/F.
 
         Parameters
         ----------

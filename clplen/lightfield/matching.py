@@ -213,7 +213,6 @@ def match_costs(lf: LightField, views: Views, moved: Tables) -> cla.Array:
         *views.on(device),
         *(np.int32(n) for n in (len(views.view), ny, nx)),
         *(np.float32(t) for t in thresholds(channels)),
-        group=(1, 1, 1),
     )
     return out
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -109,15 +110,14 @@ def decode_raw(
     """
     require_device(device)
     frame = frames.as_frame(raw, "raw frame")
-    _check(views, step, demosaic, devignette, white, pixel_pitch)
+    _check(views, step, bayer, demosaic, devignette, white, pixel_pitch)
     lattice = _fitting(lattice, frame.shape)
     divide = white is not None if devignette is None else devignette
-    pixels = _cleaned(frame, white if divide else None, dark, bayer)
     chosen = lattice.views() if views is None else (int(views[0]), int(views[1]))
     grid = lattice.grid(chosen, step=step, complete=complete, square=True)
-    channels = 1 if bayer is None else 3
-    size = 4 * channels * math.prod(grid.shape)
-    device.require_memory(size, "This light field")
+    arrays = (1 if white is None else 3) if bayer is None else 10  # of one channel, at once
+    device.require_memory(4 * arrays * math.prod(grid.shape), "Decoding this light field")
+    pixels = _cleaned(frame, white if divide else None, dark, bayer)
     kept = _raw_image(pixels.picture, grid, device, pixel_pitch, lattice)
     if bayer is None:
         data, level = _grey(kept, pixels, grid, device)
@@ -128,16 +128,24 @@ def decode_raw(
 
 
 def _check(
-    views: Any, step: Any, demosaic: str, devignette: Any, white: Any, pixel_pitch: Any
+    views: Any,
+    step: Any,
+    bayer: str | None,
+    demosaic: str,
+    devignette: Any,
+    white: Any,
+    pixel_pitch: Any,
 ) -> None:
-    if views is not None and (len(views) != 2 or min(views) < 1):
-        raise ValueError(f"views is (V, U), both at least 1, not {views!r}.")
+    if views is not None and (len(views) != 2 or not all(n >= 1 and n == int(n) for n in views)):
+        raise ValueError(f"views is (V, U), two whole numbers from 1 on, not {views!r}.")
     if step is not None and not 0 < step < math.inf:
         raise ValueError(f"step is a positive number of pixels, not {step!r}.")
     if pixel_pitch is not None and not 0 < pixel_pitch < math.inf:
         raise ValueError(f"pixel_pitch is positive, in metres, not {pixel_pitch!r}.")
     if demosaic not in _DEMOSAIC:
         raise ValueError(f"demosaic is 'after' or 'before', not {demosaic!r}.")
+    if bayer is not None:
+        frames.require_bayer(bayer)
     if devignette and white is None:
         raise ValueError("devignette=True divides by the white image: give white=.")
 
@@ -169,12 +177,9 @@ def _cleaned(frame: Any, white: Any, dark: Any, bayer: str | None) -> _Pixels:
             "image of this camera."
         )
     level = frames.filled(frames.without_dark(flat, dark), hot | frames.saturated(flat), step=apart)
-    places = [(slice(None), slice(None))]
-    if bayer is not None:
-        places = [(slice(y, None, 2), slice(x, None, 2)) for y in (0, 1) for x in (0, 1)]
-    for place in places:
-        level[place] /= _bright(level[place])
-    return _Pixels(picture, np.maximum(level, _FLOOR), name)
+    for y, x in itertools.product(range(apart), repeat=2):
+        level[y::apart, x::apart] /= _bright(level[y::apart, x::apart])
+    return _Pixels(picture, level, name)
 
 
 def _bright(values: Frame) -> float:
@@ -219,7 +224,8 @@ def _coloured(
     white = np.ones_like(pixels.picture) if pixels.white is None else pixels.white
     level = None if pixels.white is None else _sliced(white, grid, device)
     if demosaic == "after":
-        return views_of_colours(pixels.picture, white, grid, bayer, device=device), level
+        lit = np.maximum(white, np.float32(_FLOOR))
+        return views_of_colours(pixels.picture, lit, grid, bayer, device=device), level
     data = device.empty((*grid.shape, 3), np.float32)
     planes = zip(interpolated(pixels.picture, bayer), interpolated(white, bayer), strict=True)
     for channel, (picture, flat) in enumerate(planes):

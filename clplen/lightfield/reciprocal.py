@@ -70,7 +70,7 @@ def peaks(picture: Values, pitches: tuple[float, float]) -> Peaks:
     """Maxima of the windowed spectrum that stand out of their ring, in half of the plane."""
     from scipy import fft, ndimage
 
-    flat = flattened(middle(picture, _CROP), int(2 * pitches[1]))
+    flat = flattened(middle(picture), int(2 * pitches[1]))
     ny, nx = flat.shape
     window = np.hanning(ny + 2)[1:-1, None] * np.hanning(nx + 2)[None, 1:-1]
     spectrum = np.abs(fft.rfft2((flat * window).astype(np.float32)))
@@ -86,7 +86,7 @@ def peaks(picture: Values, pitches: tuple[float, float]) -> Peaks:
     return Peaks(at, spectrum[y, x], 1 / np.array([ny, nx]))
 
 
-def middle(picture: Values, size: int) -> Values:
+def middle(picture: Values, size: int = _CROP) -> Values:
     """The middle of a picture, at most so many pixels a side."""
     starts = [(n - min(n, size)) // 2 for n in picture.shape]
     return picture[tuple(slice(s, s + size) for s in starts)]

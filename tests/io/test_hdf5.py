@@ -9,12 +9,14 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from tolerance import relative_max
 
 from clplen.cameras.camera import PlenopticCamera
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import read_lightfield, write_lightfield
 from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.refocus import refocus
 from clplen.wave.lenslets import MicrolensArray
 
 SHAPE = (3, 4, 5, 7, 2)
@@ -104,7 +106,15 @@ def test_words_of_layout_turn_everything(tmp_path: Path, device: Device):
         kept = getattr(lf, name).swapaxes(0, 1)[::-1]
         np.testing.assert_array_equal(getattr(again, name), kept)
     np.testing.assert_array_equal(again.to_numpy(), lf.to_numpy().swapaxes(0, 1)[::-1])
+    assert again.spacing == lf.spacing  # the unit of the positions, which stay
+    want = refocus(lf, disparity=0.7).to_numpy()
+    assert relative_max(want, refocus(again, disparity=0.7).to_numpy()) <= 1e-6
+    write_lightfield(tmp_path / "b.h5", replace(lf, positions=None))
+    again = read_lightfield(tmp_path / "b.h5", device=device, swap_uv=True, flip_v=True)
     assert again.spacing == (2e-4, -1e-4, 3e-5, 4e-5)  # the file's u, reversed, then its v
+    again = read_lightfield(tmp_path / "b.h5", device=device, flip_v=True)
+    want = refocus(replace(lf, positions=None), disparity=0.7).to_numpy()
+    assert relative_max(want, refocus(again, disparity=0.7).to_numpy()) <= 1e-6
 
 
 def test_positions_of_a_table_replace_those_of_the_file(tmp_path: Path, device: Device):

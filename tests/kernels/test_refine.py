@@ -158,7 +158,6 @@ def fitted(device, maps, picture, scales, prior, *, ridge, most, radius):
         *(device.upload(a) for a in (*maps, picture, alike, near, prior)),
         *(np.float32(t) for t in (level, ridge, most)),
         *(np.int32(n) for n in shape),
-        group=(1, 1),
     )
     return device.download(out), device.download(known)
 

@@ -22,7 +22,6 @@ def gathered(device, cost, picture, near, alike, radius, block):
         out,
         *(device.upload(a) for a in (cost, picture, near, alike)),
         *(np.int32(n) for n in (planes, ny, nx)),
-        group=(1, 1),
     )
     return device.download(out)
 

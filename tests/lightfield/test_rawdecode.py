@@ -1,0 +1,444 @@
+"""Raw frames to light fields: against float64 twins, and the law that views obey."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from reference_lattice import Drawn, white
+from reference_lattice import lattice as drawn_lattice
+from reference_lightfield import keys_kernel
+
+from clplen import (
+    LightField,
+    MicrolensArray,
+    Plane,
+    PlenopticCamera,
+    PointSources,
+    SurfaceScene,
+    refocus,
+)
+from clplen.errors import DeviceError, ShapeError
+from clplen.lightfield.calibration import Lattice, decode_raw, estimate_lattice
+
+RANDOM = np.random.default_rng(11)
+# float32 positions within 2^-24 px and 4 x 4 taps, as derived in tests/kernels/test_decode.py; once
+# more where rows of lenslets are interpolated
+TOLERANCE = 2 * (2 * 16 * 1.25 + 16 * 1.25**2 + 2 * 2 * 2.5) * 2.0**-24
+
+KINDS = ("rectangular", "hexagonal", "turned")
+
+
+def of_drawn(true: Drawn, kind: str, shape: tuple[int, int]) -> Lattice:
+    """The lattice that was drawn, as the package describes it."""
+    first, second = true.first, true.second
+    row, column = {
+        "rectangular": (second, first),
+        "hexagonal": (second - first / 2, first),
+        "turned": (second, first - second / 2),
+    }[kind]
+    name = "rectangular" if kind == "rectangular" else "hexagonal"
+    return Lattice(name, tuple(true.origin), tuple(row), tuple(column), shape)
+
+
+def keys_at(frame: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Cubic convolution at (..., 2) places, pixels off the sensor 0, float64."""
+    ny, nx = frame.shape
+    padded = np.pad(frame.astype(np.float64), 4)
+    out = np.zeros(at.shape[:-1])
+    whole = np.floor(at).astype(int)
+    for a, b in itertools.product(range(-1, 3), repeat=2):
+        p = whole + (a, b)
+        weight = keys_kernel(at[..., 0] - p[..., 0]) * keys_kernel(at[..., 1] - p[..., 1])
+        y, x = (np.clip(p[..., i], -4, n + 3) + 4 for i, n in enumerate((ny, nx)))
+        out += weight * padded[y, x]
+    return out
+
+
+def twin(frame, lattice, rows, columns, views, steps, unit=None):
+    """Views of the lenslets of those rows and columns, by definition; ``unit`` of new columns."""
+    V, U = views
+    down, right = (np.array(step) for step in steps)
+    v = (np.arange(V) - (V - 1) / 2)[:, None, None, None, None]
+    u = (np.arange(U) - (U - 1) / 2)[None, :, None, None, None]
+    i, k = np.array(rows)[:, None, None], np.array(columns)[None, :, None]
+    odd = i % 2 / 2 if lattice.kind == "hexagonal" else 0 * i
+    centres = np.array(lattice.origin) + i * np.array(lattice.row)
+    centres = centres + (k + odd) * np.array(lattice.column)
+    sampled = keys_at(frame, centres + v * down + u * right)
+    if unit is None:
+        return sampled
+    start = odd[0, 0, 0]
+    n = len(columns)
+    wanted = np.arange(int((n - 1) / unit) + 1) * unit
+    out = np.zeros((*sampled.shape[:3], wanted.size))
+    for row, moved in enumerate(odd[:, 0, 0] - start):
+        at = wanted - moved
+        for a in range(-1, 3):
+            p = np.floor(at).astype(int) + a
+            out[:, :, row] += keys_kernel(at - p) * sampled[:, :, row, np.clip(p, 0, n - 1)]
+    return out
+
+
+def span(lattice: Lattice, lf: LightField) -> tuple[range, range]:
+    """Rows and columns of the lattice that were kept, from the first centre."""
+    grid = lf.raw.sub_images
+    away = np.array(grid.first) - lattice.origin
+    i, k = np.linalg.solve(np.array([lattice.row, lattice.column]).T, away)
+    i = round(i)
+    k = round(k - (i % 2 / 2 if lattice.kind == "hexagonal" else 0))
+    return range(i, i + grid.count[0]), range(k, k + grid.count[1])
+
+
+RECTANGULAR = Lattice("rectangular", (31.3, 36.6), (9.41, 0.7), (-0.6, 8.87), (67, 83))
+HEXAGONAL = Lattice("hexagonal", (31.3, 36.6), (7.9, 0.4), (-0.5, 9.2), (67, 83))
+
+
+@pytest.mark.parametrize("complete", [True, False])
+@pytest.mark.parametrize(
+    ("views", "step"), [(None, None), ((5, 4), None), ((6, 3), 1), ((1, 1), 0.7), ((4, 5), 1.3)]
+)
+def test_any_rectangular_lattice(device, views, step, complete):
+    frame = RANDOM.random((67, 83)).astype(np.float32)
+    lf = decode_raw(frame, RECTANGULAR, device=device, views=views, step=step, complete=complete)
+    V, U = views or (9, 9)
+    row, column = np.array(RECTANGULAR.row), np.array(RECTANGULAR.column)
+    across, along = np.hypot(*row), np.hypot(*column)
+    steps = (row / across * (step or across / V), column / along * (step or along / U))
+    rows, columns = span(RECTANGULAR, lf)
+    want = twin(frame, RECTANGULAR, rows, columns, (V, U), steps)
+    assert lf.shape == want.shape
+    assert np.abs(lf.to_numpy() - want).max() <= TOLERANCE
+    assert (lf.weights == 1).all()
+
+    def fits(rows, columns):
+        i, k = np.meshgrid(rows, columns, indexing="ij")
+        at = RECTANGULAR.origin + i[..., None] * row + k[..., None] * column
+        reach = (V - 1) / 2 * np.abs(steps[0]) + (U - 1) / 2 * np.abs(steps[1])
+        reach = reach if complete else 0
+        return ((at - reach >= -0.5) & (at + reach < np.array([67, 83]) - 0.5)).all()
+
+    assert fits(rows, columns)
+    a, b = len(rows), len(columns)
+    for more in ((-1, a, 0, b), (0, a + 1, 0, b), (0, a, -1, b), (0, a, 0, b + 1)):
+        larger = range(rows[0] + more[0], rows[0] + more[1])
+        assert not fits(larger, range(columns[0] + more[2], columns[0] + more[3]))
+
+
+@pytest.mark.parametrize(("views", "step"), [(None, None), ((4, 5), 1.1)])
+@pytest.mark.parametrize("origin", [(31.3, 36.6), (23.4, 36.2)])  # the first row kept: even, odd
+def test_hexagonal_lattice(device, views, step, origin):
+    lattice = replace(HEXAGONAL, origin=origin)
+    frame = RANDOM.random((67, 83)).astype(np.float32)
+    lf = decode_raw(frame, lattice, device=device, views=views, step=step)
+    V, U = views or (9, 9)
+    units = [np.array(s) / np.hypot(*s) for s in (lattice.row, lattice.column)]
+    steps = [unit * (step or lattice.neighbour / n) for unit, n in zip(units, (V, U), strict=True)]
+    unit = np.hypot(*lattice.row) / np.hypot(*lattice.column)
+    want = twin(frame, lattice, *span(lattice, lf), (V, U), steps, unit)
+    assert lf.shape == want.shape
+    assert np.abs(lf.to_numpy() - want).max() <= TOLERANCE
+
+
+def test_rows_along_y_are_columns_along_x_of_the_transposed_picture(device):
+    lattice = replace(HEXAGONAL, shape=(83, 67))
+    lattice = replace(
+        lattice, origin=lattice.origin[::-1], row=lattice.column[::-1], column=lattice.row[::-1]
+    )
+    assert lattice.turned
+    frame = RANDOM.random((67, 83)).astype(np.float32)
+    straight = decode_raw(frame, HEXAGONAL, device=device, views=(5, 7), white=frame + 1)
+    got = decode_raw(frame.T, lattice, device=device, views=(7, 5), white=frame.T + 1)
+    want = straight.to_numpy().transpose(1, 0, 3, 2)
+    assert np.abs(got.to_numpy() - want).max() <= 2 * TOLERANCE
+    np.testing.assert_allclose(got.weights, straight.weights.T, rtol=1e-5)
+
+
+def waves(at: np.ndarray) -> np.ndarray:
+    """A scene, by places (..., 2) on the sensor in pixels: a wave 25 lenslets long."""
+    return 2 + np.cos(0.021 * at[..., 0] - 0.014 * at[..., 1] + 0.3)
+
+
+def captured(true: Drawn, shape: tuple[int, int], slope: float, scene=waves) -> np.ndarray:
+    """What lies under lenslets: the scene at centre + slope (place - centre)."""
+    y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
+    _, _, dy, dx = true.nearest(y, x)
+    return scene(np.stack([y + (slope - 1) * dy, x + (slope - 1) * dx], -1))
+
+
+def pixels_of(lattice: Lattice, lf: LightField) -> tuple[np.ndarray, float]:
+    """Places (y, x, 2) on the sensor of the centre view's pixels, and their distance."""
+    grid = lf.raw.sub_images
+    unit = min(lattice.pitch)
+    steps = [np.array(s) / np.hypot(*s) * unit for s in (lattice.row, lattice.column)]
+    if lattice.kind == "rectangular":
+        steps = [np.array(lattice.row), np.array(lattice.column)]
+    i, k = np.indices(lf.shape[2:])[..., None]
+    return np.array(grid.first) + i * steps[0] + k * steps[1], unit
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("degrees", [0.0, -7.0])
+@pytest.mark.parametrize("d", [0.0, 0.8, -0.5])
+def test_views_obey_the_law_of_disparity(device, kind, degrees, d):
+    """L[v, u](y, x) = T(y + d (v - vc), x + d (u - uc)), T as the middle of the lenslets has it."""
+    true = drawn_lattice(kind, 14.0, degrees=degrees, origin=(83.2, 88.9))
+    lattice = of_drawn(true, kind, (167, 181))
+    unit = 14.0 if kind == "rectangular" else 14.0 * np.sqrt(0.75)
+    frame = captured(true, (167, 181), d * unit)  # a pixel of the sub-image is a view
+    lf = decode_raw(frame, lattice, device=device, views=(7, 6), step=1)
+    at, distance = pixels_of(lattice, lf)
+    assert distance == pytest.approx(unit)
+    down, right = (np.array(s) / np.hypot(*s) for s in (lattice.row, lattice.column))
+    v = (np.arange(7) - 3)[:, None, None, None, None]
+    u = (np.arange(6) - 2.5)[:, None, None, None]
+    want = waves(at + d * unit * (v * down + u * right))
+    inner = (..., slice(2, -2), slice(2, -2))  # hexagonal rows end where their last lenslet does
+    # Keys' error is below .008 h^3 f''': .35 a lenslet, 28 times less a pixel but for the jumps
+    # at the borders of the cells, which views within 3.5 pixels do not reach
+    assert np.abs(lf.to_numpy() - want)[inner].max() <= 1e-3
+    picture = refocus(lf, disparity=d).to_numpy()
+    # linear interpolation: h^2 f''/8
+    assert np.abs(picture - waves(at))[4:-4, 4:-4].max() <= 0.35**2 / 8 + 1e-3
+
+
+def flat(kind: str = "rectangular", shape=(120, 131), **more) -> tuple[Lattice, np.ndarray]:
+    """A lattice of 11 pixels and its white image."""
+    true = drawn_lattice(kind, 11.0, degrees=2.0, stretch=1.002, origin=(60.3, 65.8))
+    return of_drawn(true, kind, shape), white(shape, true, **more)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_devignetting_restores_a_flat(device, kind):
+    lattice, even = flat(kind)
+    dark = RANDOM.normal(100, 2, even.shape)
+    lf = decode_raw(70 * even + dark, lattice, device=device, white=300 * even + dark, dark=dark)
+    level = decode_raw(even, lattice, device=device).to_numpy()
+    lit = level > 0.06
+    assert 0.5 < lit.mean() < 1
+    bright = np.quantile(even, 0.995)
+    # values near 100 in float32, less 100, over the least white of 6 %
+    np.testing.assert_allclose(lf.to_numpy()[lit], 70 * bright, rtol=100 * 2**-22 / (70 * 0.06))
+    means = level.mean((2, 3), dtype=np.float64)
+    np.testing.assert_allclose(lf.weights, np.maximum(means / means.max(), 0), atol=2e-4)
+    assert lf.weights.max() == 1
+    dim = lf.to_numpy()[level < 0.04 * bright]
+    np.testing.assert_allclose(dim, 70 * level[level < 0.04 * bright] / 0.05, atol=0.01)
+
+
+def test_devignetting_can_be_left_out(device):
+    lattice, even = flat()
+    frame = 70 * even
+    plain = decode_raw(frame, lattice, device=device).to_numpy()
+    lf = decode_raw(frame, lattice, device=device, white=even, devignette=False)
+    np.testing.assert_array_equal(lf.to_numpy(), plain)
+    assert (lf.weights == 1).all()
+    assert lf.raw.lattice == lattice
+    np.testing.assert_array_equal(LightField.from_raw(lf.raw).to_numpy(), plain)
+
+
+def test_devignetted_views_of_a_scene(device):
+    true = drawn_lattice("rectangular", 14.0, degrees=3.0, origin=(83.2, 88.9))
+    lattice = of_drawn(true, "rectangular", (167, 181))
+    even = white((167, 181), true, name="gauss")
+    scene = captured(true, (167, 181), 14.0 * 0.4)
+    clean = decode_raw(scene, lattice, device=device, views=(9, 9), step=1).to_numpy()
+    lf = decode_raw(scene * even, lattice, device=device, white=even, views=(9, 9), step=1)
+    # what lies between pixels of the product is not the product of what lies between
+    bright = np.quantile(even, 0.995)
+    np.testing.assert_allclose(lf.to_numpy() / bright, clean, rtol=0.01)
+
+
+def test_spacing_by_the_pitch_of_pixels(device):
+    lf = decode_raw(np.ones((67, 83)), RECTANGULAR, device=device, pixel_pitch=2e-6)
+    dv, du, dy, dx = lf.spacing
+    assert np.isnan([dv, du]).all()
+    assert (dy, dx) == pytest.approx([2e-6 * np.hypot(9.41, 0.7), 2e-6 * np.hypot(0.6, 8.87)])
+    lf = decode_raw(np.ones((67, 83)), HEXAGONAL, device=device, pixel_pitch=2e-6)
+    assert lf.spacing[2:] == pytest.approx([2e-6 * np.hypot(7.9, 0.4)] * 2)
+
+
+# Colours --------------------------------------------------------------------------------------
+
+
+def colours(at: np.ndarray) -> np.ndarray:
+    """Three different waves, (..., 3)."""
+    y, x = at[..., 0], at[..., 1]
+    phases = (0.02 * y, 0.016 * x + 1, 0.012 * (x - y))
+    return np.stack([(3 - c) * (2 + np.cos(phase)) for c, phase in enumerate(phases)], -1)
+
+
+def mosaic(picture: np.ndarray, bayer: str) -> np.ndarray:
+    """What a sensor behind Bayer filters has of a picture of three colours."""
+    out = np.zeros(picture.shape[:2])
+    for n, colour in enumerate(bayer):
+        place = (slice(n // 2, None, 2), slice(n % 2, None, 2))
+        out[place] = picture[(*place, "RGB".index(colour))]
+    return out
+
+
+@pytest.mark.parametrize("bayer", ["RGGB", "BGGR", "GRBG", "gbrg"])
+@pytest.mark.parametrize("demosaic", ["after", "before"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_colours_of_a_mosaic(device, bayer, demosaic, kind):
+    true = drawn_lattice(kind, 14.3, degrees=3.0, origin=(83.2, 88.9))
+    lattice = of_drawn(true, kind, (167, 181))
+    scene = captured(true, (167, 181), 3.0, colours)
+    even = white((167, 181), true, name="gauss")[..., None] * np.array([0.5, 1, 0.7])
+    words = {"device": device, "views": (9, 9), "step": 1}
+    want = np.stack(
+        [decode_raw(scene[..., c], lattice, **words).to_numpy() for c in range(3)], axis=-1
+    )
+    lf = decode_raw(
+        mosaic(scene * even, bayer.upper()),
+        lattice,
+        white=mosaic(even, bayer.upper()),
+        bayer=bayer,
+        demosaic=demosaic,
+        **words,
+    )
+    assert lf.shape == want.shape
+    bright = np.array([0.5, 1, 0.7]) * np.quantile(even[..., 1], 0.995)
+    error = (lf.to_numpy() / bright - want) / want.mean()
+    # red changes by up to .05 a pixel and .2 a lenslet; "after" takes what it misses from there
+    limit = {"after": 0.04, "before": 0.012}[demosaic]
+    assert np.sqrt((error**2).mean()) < limit
+    assert np.abs(error).max() < 6 * limit
+    assert lf.weights.max() == 1
+    assert 0 < lf.weights.min() < 0.5
+
+
+def test_after_mixes_no_directions(device):
+    """Light from the left half of the pupil is red, from the right half blue."""
+    true = drawn_lattice("rectangular", 14.3, origin=(83.2, 88.9))
+    lattice = of_drawn(true, "rectangular", (167, 181))
+    y, x = np.mgrid[:167, :181].astype(np.float64)
+    right = true.nearest(y, x)[3] > 0
+    scene = np.stack([1.0 * ~right, np.full(right.shape, 0.5), 1.0 * right], -1)
+    found = {
+        how: decode_raw(
+            mosaic(scene, "GRBG"), lattice, device=device, views=(9, 10), step=1, bayer="GRBG",
+            demosaic=how,
+        ).to_numpy()
+        for how in ("after", "before")
+    }  # fmt: skip
+    truth = np.array([[1, 0.5, 0], [0, 0.5, 1]])
+    wrong = {}
+    for how, views in found.items():
+        wrong[how] = np.abs(views[:, 4] - truth[0]).mean() + np.abs(views[:, 5] - truth[1]).mean()
+        assert np.abs(views[:, :2] - truth[0]).max() < 1e-5
+        assert np.abs(views[:, 8:] - truth[1]).max() < 1e-5
+    assert wrong["after"] < 0.7 * wrong["before"]
+
+
+# Bad pixels -----------------------------------------------------------------------------------
+
+
+def test_hot_pixels_are_replaced(device):
+    true = drawn_lattice("rectangular", 14.0, origin=(83.2, 88.9))
+    lattice = of_drawn(true, "rectangular", (167, 181))
+    scene = 1000 * captured(true, (167, 181), 1.0)
+    clean = decode_raw(scene, lattice, device=device).to_numpy()
+    dark = np.full(scene.shape, 100, np.uint16)
+    hot = RANDOM.random(scene.shape) < 2e-3
+    dark[hot] = 3000
+    frame = np.where(hot, 60000, scene + 100).astype(np.uint16)
+    lf = decode_raw(frame, lattice, device=device, dark=dark)
+    # numbers were cut to integers; a mean of eight neighbours lies off where the scene is curved
+    assert np.abs(lf.to_numpy() - clean).max() < 0.05 * clean.mean()
+    unmended = decode_raw(frame, lattice, device=device).to_numpy()
+    assert np.abs(unmended - clean).max() > 10 * clean.mean()
+
+
+def test_single_saturated_pixels_are_replaced_and_highlights_stay(device):
+    lattice = Lattice("rectangular", (30.0, 40.0), (10.0, 0.0), (0.0, 10.0))
+    frame = np.full((61, 81), 200, np.uint16)
+    frame[20, 30] = frame[33, 47] = 4095
+    frame[38:44, 58:64] = 4095
+    views = decode_raw(frame, lattice, device=device, views=(9, 9), step=1).to_numpy()
+    assert (views[..., 1, 2] == 200).all()
+    assert (views[..., 2, 3] == 200).all()
+    assert (views == 4095).sum() == 6 * 6 - 4  # its corners have five good neighbours
+    assert (views[3:7, 3:7, 3, 5] == 4095).all()
+
+
+def test_hot_pixels_of_a_mosaic_take_their_own_colour(device):
+    lattice = Lattice("rectangular", (30.0, 40.0), (10.3, 0.0), (0.0, 10.1))
+    picture = np.broadcast_to(np.array([9000.0, 3000.0, 1000.0]), (61, 81, 3))
+    frame, dark = mosaic(picture, "RGGB").astype(np.uint16), np.zeros((61, 81), np.uint16)
+    for y, x in ((20, 30), (33, 45), (40, 51)):
+        frame[y, x], dark[y, x] = 60000, 500
+    lf = decode_raw(frame, lattice, device=device, dark=dark, bayer="RGGB")
+    np.testing.assert_allclose(lf.to_numpy(), np.broadcast_to(picture[0, 0], lf.shape), rtol=1e-5)
+
+
+# What is refused ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "error", "text"),
+    [
+        ({"views": (0, 3)}, ValueError, r"views is \(V, U\)"),
+        ({"views": (2.5, 3)}, ValueError, r"views is \(V, U\)"),
+        ({"step": 0}, ValueError, "step is a positive number"),
+        ({"step": np.nan}, ValueError, "step is a positive number"),
+        ({"pixel_pitch": -1e-6}, ValueError, "pixel_pitch is positive"),
+        ({"demosaic": "never"}, ValueError, "'after' or 'before'"),
+        ({"bayer": "RGBG"}, ValueError, "bayer is one of RGGB"),
+        ({"devignette": True}, ValueError, "give white="),
+        ({"white": np.ones((67, 82))}, ShapeError, "white image has shape"),
+        ({"dark": np.ones((66, 83))}, ShapeError, "dark frame has shape"),
+        ({"white": np.zeros((67, 83))}, ValueError, "dark throughout"),
+        ({"white": np.full((67, 83), np.inf)}, ValueError, "white image has 5561 pixels that are"),
+        ({"dark": np.full((67, 83), np.nan)}, ValueError, "dark frame has 5561 pixels that are"),
+        ({"views": (80, 80), "step": 1}, ShapeError, "No lenslet"),
+    ],
+)
+def test_what_is_refused(device, words, error, text):
+    with pytest.raises(error, match=text):
+        decode_raw(np.ones((67, 83)), RECTANGULAR, device=device, **words)
+
+
+@pytest.mark.parametrize(
+    ("frame", "error", "text"),
+    [
+        (np.ones((67, 83, 3)), ShapeError, r"not \(ny, nx\)"),
+        (np.ones((67, 84)), ShapeError, "give the lattice of this camera"),
+        (np.ones((67, 83), complex), ValueError, "is real"),
+        (np.full((67, 83), np.nan), ValueError, "5561 pixels that are NaN"),
+    ],
+)
+def test_frames_that_are_refused(device, frame, error, text):
+    with pytest.raises(error, match=text):
+        decode_raw(frame, RECTANGULAR, device=device)
+
+
+def test_memory_is_asked_for_first(device, monkeypatch):
+    monkeypatch.setattr(device, "memory_bytes", 1000)
+    with pytest.raises(DeviceError, match="Decoding this light field needs"):
+        decode_raw(np.ones((67, 83)), RECTANGULAR, device=device)
+
+
+# A camera of this package ----------------------------------------------------------------------
+
+
+def test_a_simulated_frame_by_its_white_image(device):
+    """What is found on a white image decodes as the camera's own geometry does."""
+    array = MicrolensArray(150e-6, 10e-3, count=27, fill="full")
+    camera = PlenopticCamera.type1(
+        focal_length=0.12, mla=array, wavelength=532e-9, pixels_per_lenslet=12, device=device
+    )
+    even = camera.expose(SurfaceScene(Plane(0.0)), model="rays").to_numpy()
+    points = [(-5e-4, -3e-4, -0.02), (0, 0, 0), (4e-4, 6e-4, 0.03)]
+    raw = camera.expose(PointSources(points, diameter=1e-5))
+    geometric = LightField.from_raw(raw).to_numpy()
+    lattice = estimate_lattice(even)
+    assert lattice.trust == "high"
+    assert lattice.pitch == pytest.approx([12.5] * 2, rel=2e-4)
+    words = {"views": (12, 12), "step": 1, "devignette": False, "complete": False}
+    lf = decode_raw(raw.to_numpy(), lattice, device=device, white=even, **words)
+    inside = geometric[:, :, 1:-1, 1:-1]  # the centres of the others lie off the sensor
+    assert lf.shape == inside.shape == (12, 12, 25, 25)
+    assert np.corrcoef(lf.to_numpy().ravel(), inside.ravel())[0, 1] >= 0.999
