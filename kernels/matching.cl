@@ -1,8 +1,10 @@
 /* How well the views agree with the centre on every plane, seen past what hides it.
  *
- *   e_k = min(sum_c |L_k(y + at_y, x + at_x) - C|, tau)
- *   m_j = mean of e_k over the views of group j that see the place
- *   cost[p, y, x] = min(m_0, ratio min_j m_j + margin),    m_0 over all views
+ *   match        e_k = min(sum_c |L_k(y + at_y, x + at_x) - C|, tau)
+ *                m_j = mean of e_k over the views of group j that see the place
+ *                cost[p, y, x] = min(m_0, ratio min_j m_j + margin),    m_0 over all views
+ *
+ *   brightness   out[k, y] = sum_xc L[k, y, x, c]; an item a row of a view
  *
  * C is the mean of the reference views, which lie round the middle of the aperture, on the same
  * plane. Views are sorted by the groups that they belong to: the views first[i] .. first[i + 1] - 1
@@ -11,7 +13,7 @@
  * and four along x, from -1 on, which interpolate and scale; reach[p, k] 1 where the shift has a
  * fraction, along y and x.
  *
- * An item is BLOCK pixels of a row on one plane.
+ * match: an item is BLOCK pixels of a row on one plane.
  * -DSAMPLE=uchar | ushort | float   what the light field stores
  * -DCHANNELS=n, -DBLOCK=n
  */
@@ -125,4 +127,17 @@ __kernel void match(__global float *restrict out, __global const SAMPLE *restric
         }
         out[x] = least;
     }
+}
+
+__kernel void brightness(__global float *restrict out, __global const SAMPLE *restrict L,
+                         const int rows, const int samples)
+{
+    const int row = get_global_id(0);
+    if (row >= rows)
+        return;
+    __global const SAMPLE *from = L + (size_t)row * samples;
+    float sum = 0;
+    for (int i = 0; i < samples; ++i)
+        sum += from[i];
+    out[row] = sum;
 }

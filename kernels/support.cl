@@ -104,18 +104,19 @@ __kernel void valley(__global float *restrict place, __global int *restrict near
                 next = fmin(next, e);
             }
         }
-        float found = d[best];
+        float found = d[best], bottom = isfinite(lowest) ? lowest : cost[i];
         if (best > 0 && best < planes - 1) {
+            const float before = cost[(best - 1) * step + i], after = cost[(best + 1) * step + i];
             const float h0 = d[best] - d[best - 1], h1 = d[best + 1] - d[best];
-            const float s0 = (cost[(best - 1) * step + i] - lowest) / h0;
-            const float s1 = (cost[(best + 1) * step + i] - lowest) / h1;
+            const float s0 = (before - lowest) / h0, s1 = (after - lowest) / h1;
             const float bend = s0 + s1;
             const float off = bend > 0 ? 0.5f * (s0 * h1 - s1 * h0) / bend : 0.0f;
             found += clamp(off, -0.5f * h0, 0.5f * h1);
+            bottom = fmax(lowest - 0.5f * fabs(before - after), 0.0f);
         }
         place[i] = found;
         nearest[i] = best;
-        least[i] = isfinite(lowest) ? lowest : cost[i];
+        least[i] = bottom;
         second[i] = next;
         mean[i] = sum / planes;
     }

@@ -152,6 +152,7 @@ def valley(cost: Real, planes: Real) -> tuple[Real, Real, Real, Real, Real]:
         if 0 < best < count - 1:
             a, b, _ = np.polyfit(planes[best - 1 : best + 2] - planes[best], e[best : best + 3], 2)
             place[n] -= b / (2 * a)
+            least[n] = max(least[n] - abs(e[best] - e[best + 2]) / 2, 0)
     return place, number, least, second, cost.mean(axis=0)
 
 

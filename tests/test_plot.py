@@ -221,6 +221,8 @@ def test_depth_has_units_and_says_what_it_cuts():
     assert left.images[0].norm.vmax < 5
     assert left.images[0].colorbar.extend == "both"
     assert not left.texts
+    assert (left.images[0].get_alpha() == 1).all()
+    assert not figure.get_supxlabel()
     assert "disparity / pixel per view step" in left.images[0].colorbar.ax.get_ylabel()
     assert (right.images[0].norm.vmin, right.images[0].norm.vmax) == (0, 1)
 
@@ -239,9 +241,43 @@ def test_the_unsure_do_not_set_the_colours_of_depth():
     confidence[:3] = 0.3
     disparity = np.where(np.arange(30) < 14, -0.5, 0.5) * np.ones((20, 1))
     disparity[:3] = 7
-    drawn = image_axes(plot.depth(SimpleNamespace(disparity=disparity, confidence=confidence)))[0]
-    assert (drawn.images[0].norm.vmin, drawn.images[0].norm.vmax) == (-0.5, 0.5)
-    assert drawn.images[0].colorbar.extend == "max"
+    disparity[3, 4] = np.nan
+    figure = plot.depth(SimpleNamespace(disparity=disparity, confidence=confidence))
+    drawn = image_axes(figure)[0].images[0]
+    assert (drawn.norm.vmin, drawn.norm.vmax) == (-0.5, 0.5)
+    assert drawn.colorbar.extend == "max"
+    assert drawn.get_alpha()[0, 0] == pytest.approx(0.6)  # of 0.5
+    assert (drawn.get_alpha()[3:] == 1).all()
+    assert "grey: confidence below 0.5" in figure.get_supxlabel()
+
+
+def test_few_sure_pixels_do_not_set_the_colours_of_depth():
+    disparity = np.linspace(0, 1, 1000).reshape(20, 50)
+    confidence = np.where(disparity < 0.5, 0.1, 0.4)
+    confidence[0, :9] = 0.7  # 0.9 %
+    found = SimpleNamespace(disparity=disparity, confidence=confidence)
+    norm = image_axes(plot.depth(found))[0].images[0].norm
+    assert norm.vmax > 0.98
+    confidence[0, 9] = 0.7  # 1 %: 10 values from 0 to 9/999, their 98th percentile
+    norm = image_axes(plot.depth(found))[0].images[0].norm
+    assert (norm.vmin, norm.vmax) == pytest.approx((0.18 / 999, 8.82 / 999))
+
+
+def test_unsure_pixels_are_drawn_grey(tmp_path: Path):
+    disparity = np.tile(np.linspace(-1, 1, 40), (40, 1))
+    confidence = np.where(np.arange(40)[:, None] < 20, 0.0, 1.0) * np.ones(40)
+    title = "disparity of " + "a very long name of a file " * 4
+    figure = plot.depth(SimpleNamespace(disparity=disparity, confidence=confidence), title=title)
+    plot.save(figure, tmp_path / "depth.png", dpi=100)
+    shown = imageio.imread(tmp_path / "depth.png")[..., :3].astype(int)
+    box = image_axes(figure)[0].get_window_extent()
+    across = slice(int(box.x0) + 10, int(box.x1) - 10)
+    upper, lower = (len(shown) - int(box.y0 + part * box.height) for part in (0.75, 0.25))
+    assert np.ptp(shown[upper, across], axis=1).max() == 0
+    assert np.ptp(shown[lower, across], axis=1).max() > 100
+    assert (shown[:8] == 255).all()
+    assert (shown[:, :8] == 255).all()
+    assert (shown[:, -8:] == 255).all()
 
 
 def test_depth_has_no_arrows_where_nothing_is_cut():

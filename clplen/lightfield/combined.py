@@ -11,6 +11,7 @@ from clplen.lightfield.cues import energy_disparity
 from clplen.lightfield.matching import (
     Tables,
     Views,
+    brightness,
     match_costs,
     sorted_views,
     tables,
@@ -39,9 +40,13 @@ _FIT_ALIKE = 8.0
 _SAME_SURFACE = 0.2  # pixels a view step
 _MOST_STEP = 0.1
 _RIDGE = 0.3  # pixels^2
-_PRIOR = 270.0  # of the matched disparity, in levels^2 a channel for noise of a level
+_PRIOR = 100.0  # of the matched disparity, in levels^2 a channel for noise of a level
 _BLOCK = 64  # pixels of a row that an item of a CPU takes
-_LOST = 0.8  # of the truncation: where the least cost is higher the views do not agree
+_LOST = 0.8  # of the truncation: where the least cost is higher the views do not agree,
+_SHALLOW = 0.02  # unless what they say is this sure
+_STEP = 0.15  # pixels a view step: planes farther apart get others between them
+_EVEN = 4.0  # times brighter or darker: views that differ more are left as they are
+_VIGNETTED = 0.02  # fall of brightness from the middle to the rim that is evened
 _SURE = 0.05  # pixels a view step: standard deviation of a confidence of one half
 
 
@@ -85,19 +90,24 @@ def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     centre = _centre(lf, views)
     gain = _gain(centre)
     picture = device.upload(_smoothed(centre * np.float32(gain)))
-    moved = tables(views, planes, gain, device=device)
+    planes = _dense(planes)
+    moved = tables(views, planes, gain * _evened(lf, views), device=device)
     costs = match_costs(lf, views, moved)
-    noise = _noise(costs, channels, device)
+    noise = _noise(costs, moved, channels, device)
     gathered = device.empty(costs.shape, np.float32)
     _gather(gathered, costs, picture, noise, device)
     disparity, nearest, least, margin = _valley(gathered, moved, device)
     refined, known = _refined(lf, views, moved, disparity, nearest, picture, noise)
     sure = known * len(views.view) / np.maximum(noise, 1) ** 2
     confidence = margin * sure / (sure + 1 / _SURE**2)
-    lost = least > _LOST * thresholds(channels)[0]
+    lost = (least > _LOST * thresholds(channels)[0]) & (confidence < _SHALLOW)
     if lost.any():
         sharpest, clear = energy_disparity(lf, planes)
+        usual = np.median(confidence[~lost]) if not lost.all() else 0.0
+        if usual > _SHALLOW:  # what was matched is surer
+            clear = clear * usual
         refined, confidence = np.where(lost, sharpest, refined), np.where(lost, clear, confidence)
+    refined = np.where(margin > 0, refined, planes[np.argmin(np.abs(planes))])
     low, high = planes[0], planes[-1]
     return np.clip(refined, low, high).astype(np.float32), confidence.astype(np.float32)
 
@@ -130,11 +140,40 @@ def _smoothed(picture: Map) -> Map:
     return np.ascontiguousarray(picture, np.float32)
 
 
-def _noise(costs: cla.Array, channels: int, device: Device) -> Map:
+def _evened(lf: LightField, views: Views) -> Vector:
+    """What undoes vignetting: views that get darker, or brighter, from the middle outwards.
+
+    Their brightness is fitted by 1 + b r^2. What else makes views differ, content that moves
+    across their edges for one, is odd or random over the aperture, and harmless.
+    """
+    means = brightness(lf, views)
+    target = means[views.reference] @ views.share
+    even = np.ones_like(means)
+    if not (target > 0 and (means > target / _EVEN).all() and (means < target * _EVEN).all()):
+        return even
+    square = (views.step**2).sum(axis=1)
+    away, ratio = square - square.mean(), means / target
+    if not away.any():
+        return even
+    b = (away @ ratio) / (away @ away)
+    left = ratio - ratio.mean() - b * away
+    is_clear = b**2 * (away @ away) > left @ left and abs(b) * square.max() > _VIGNETTED
+    return np.asarray(1 / np.maximum(1 + b * square, 1 / _EVEN)) if is_clear else even
+
+
+def _dense(planes: Vector) -> Vector:
+    """Planes with others between those that lie far apart."""
+    steps = np.diff(planes)
+    parts = np.maximum(np.ceil(steps / _STEP - 1e-9), 1).astype(int)
+    between = [
+        low + step * np.arange(n) / n for low, step, n in zip(planes, steps, parts, strict=False)
+    ]
+    return np.concatenate([*between, planes[-1:]])
+
+
+def _noise(costs: cla.Array, moved: Tables, channels: int, device: Device) -> Map:
     """Standard deviation of the samples in levels, from the least cost round every pixel."""
-    least = np.full(costs.shape[1:], np.inf, np.float32)
-    for p in range(int(costs.shape[0])):
-        np.minimum(least, device.download(costs[p]), out=least)
+    least = _valley(costs, moved, device)[2]
     blurred = device.empty((1, *least.shape), np.float32)
     smooth = Smoother(gaussian_taps(_NOISE_BLUR), device=device)
     smooth(blurred, device.upload(least[None]), start=0, count=1)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from clplen.errors import FormatError, ShapeError
-from clplen.files import PathLike
+from clplen.files import PathLike, replacing
+from clplen.lightfield import latticefile
 from clplen.lightfield.raw import LensletGrid
 
 Pair = tuple[float, float]
@@ -242,9 +244,7 @@ class Lattice:
 
     def to_json(self) -> str:
         """The lattice as JSON (``format``: "clplen lattice", ``version``: 1)."""
-        from clplen.lightfield.latticefile import write
-
-        return write(self)
+        return latticefile.write(self)
 
     @classmethod
     def from_json(cls, text: str, *, source: str = "The lattice") -> Lattice:
@@ -261,9 +261,11 @@ class Lattice:
         FormatError
             If it is neither, or a number in it is missing or no lattice.
         """
-        from clplen.lightfield.latticefile import parse
-
-        return parse(text, source)
+        fields = latticefile.parse(text, source)
+        try:
+            return cls(**fields)
+        except ValueError as error:
+            raise FormatError(f"{source}: {error}") from error
 
     def save(self, path: PathLike) -> None:
         """Write `to_json` to a file.
@@ -273,8 +275,6 @@ class Lattice:
         OSError
             If it cannot be written.
         """
-        from clplen.files import replacing
-
         with replacing(path) as temporary:
             temporary.write_text(self.to_json() + "\n", encoding="utf-8")
 
@@ -287,8 +287,6 @@ class Lattice:
         FormatError
             If the file is missing, unreadable, or describes no lattice.
         """
-        from pathlib import Path
-
         try:
             text = Path(path).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:

@@ -37,8 +37,8 @@ def write(lattice: Lattice) -> str:
     )
 
 
-def parse(text: str, source: str) -> Lattice:
-    """A lattice from JSON of either form.
+def parse(text: str, source: str) -> dict[str, Any]:
+    """What `Lattice` takes, by name, from JSON of either form.
 
     Raises
     ------
@@ -60,15 +60,10 @@ def parse(text: str, source: str) -> Lattice:
             f"{source} describes no lattice of lenslets: give the JSON that Lattice.save writes, "
             "or a CalInfo.json of LFToolbox."
         )
-    try:
-        return read(model, source)
-    except ValueError as error:
-        raise FormatError(f"{source}: {error}") from error
+    return read(model, source)
 
 
-def _own(model: dict[str, Any], source: str) -> Lattice:
-    from clplen.lightfield.lattice import Lattice
-
+def _own(model: dict[str, Any], source: str) -> dict[str, Any]:
     if model.get("version") != _VERSION:
         raise FormatError(
             f"{source} has version {model.get('version')!r} of the lattice format, clplen reads "
@@ -83,29 +78,24 @@ def _own(model: dict[str, Any], source: str) -> Lattice:
     residual = math.nan
     if model.get("residual") is not None:
         (residual,) = _numbers(model, "residual", 1, source)
-    pairs = {}
-    for name in ("origin", "row", "column"):
-        y, x = _numbers(model, name, 2, source)
-        pairs[name] = (y, x)
-    return Lattice(
-        str(model.get("kind")),
+    pairs = {name: tuple(_numbers(model, name, 2, source)) for name in ("origin", "row", "column")}
+    return {
+        "kind": str(model.get("kind")),
         **pairs,
-        shape=shape,
-        residual=residual,
-        trust=str(model.get("trust")),
-        verdict=str(model.get("verdict", "")),
-    )
+        "shape": shape,
+        "residual": residual,
+        "trust": str(model.get("trust")),
+        "verdict": str(model.get("verdict", "")),
+    }
 
 
-def _toolbox(model: dict[str, Any], source: str) -> Lattice:
+def _toolbox(model: dict[str, Any], source: str) -> dict[str, Any]:
     """Lenslet (row i, column j) of LFToolbox, one-based pixels and rows, y and x from 0 here.
 
     (x, y) = (HOffset, VOffset) + R(Rot) (j HSpacing + h, i VSpacing) with h = HSpacing/2 on rows
     FirstPosShiftRow, FirstPosShiftRow + 2, ... (LFToolbox 0.5, LFBuildHexGrid); Orientation "vert"
     means that the picture was transposed first.
     """
-    from clplen.lightfield.lattice import Lattice
-
     names = ("HSpacing", "VSpacing", "HOffset", "VOffset", "Rot", "FirstPosShiftRow")
     h, v, x, y, turn, first = (_numbers(model, name, 1, source)[0] for name in names)
     if first not in (1, 2) or not (h > 0 and v > 0):
@@ -124,7 +114,14 @@ def _toolbox(model: dict[str, Any], source: str) -> Lattice:
             f"{source}: HSpacing {h} and VSpacing {v} make no hexagonal lattice, whose ratio is "
             "0.866."
         )
-    return Lattice("hexagonal", origin, row, column, verdict="from a calibration of LFToolbox")
+    verdict = "from a calibration of LFToolbox"
+    return {
+        "kind": "hexagonal",
+        "origin": origin,
+        "row": row,
+        "column": column,
+        "verdict": verdict,
+    }
 
 
 def _numbers(model: dict[str, Any], name: str, count: int, source: str) -> list[float]:

@@ -22,7 +22,7 @@ _LEAST = 32  # pixels a side
 _STEPS = 3  # refinements, each from the last
 _DEPTH = 0.05  # of the brightest pixel: what is darker is no brighter or darker gap
 _GAP = 5  # pixels: a gap that is narrower than a lenslet of 5 px and its gap
-_SHARE = 0.6  # of the peaks' strength that the lattice explains
+_SHARE = 0.7  # of the energy of the peaks that the lattice explains
 _EXPLAINED = 0.9  # of the contrast that is no noise
 _AGREEING = 0.9  # of the windows
 _SPREAD = 0.025  # pitches rms
@@ -142,7 +142,7 @@ def _narrow_gaps(picture: Values) -> Values:
     from scipy.ndimage import grey_closing
 
     top = max(float(picture.max()), 1e-30)
-    return np.asarray(picture / np.maximum(grey_closing(picture, _GAP), _DEPTH * top))
+    return np.asarray(picture / np.maximum(grey_closing(picture, (_GAP, _GAP)), _DEPTH * top))
 
 
 def _followed(

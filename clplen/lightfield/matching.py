@@ -131,7 +131,7 @@ class Tables:
     count: int
 
 
-def tables(views: Views, planes: Vector, gain: float, *, device: Device) -> Tables:
+def tables(views: Views, planes: Vector, gain: Vector, *, device: Device) -> Tables:
     """Whole shifts, taps and their derivatives of every view on every plane.
 
     The taps are samples of the bell (1 - t^2/4)^4, near to a Gaussian of 0.7 pixels and 0 from two
@@ -143,8 +143,8 @@ def tables(views: Views, planes: Vector, gain: float, *, device: Device) -> Tabl
     views : Views
     planes : numpy.ndarray
         Disparities, shape (P,).
-    gain : float
-        Levels a unit of the samples.
+    gain : numpy.ndarray
+        Levels a unit of the samples, of each view, shape (K,).
     device : Device
 
     Returns
@@ -156,7 +156,7 @@ def tables(views: Views, planes: Vector, gain: float, *, device: Device) -> Tabl
     part = shift - whole
     taps = bell_taps(part)
     change = (bell_taps(part + _DELTA) - bell_taps(part - _DELTA)) / (2 * _DELTA)
-    scale = np.array([gain, 1.0])[:, None]
+    scale = np.stack((gain, np.ones_like(gain)), axis=-1)[..., None]
     return Tables(
         device.upload(whole.astype(np.int32)),
         device.upload((taps * scale).astype(np.float32)),
@@ -175,6 +175,25 @@ def bell_taps(part: Vector) -> Vector:
     mean = (taps * t).sum(axis=-1, keepdims=True)
     spread = (taps * (t - mean) ** 2).sum(axis=-1, keepdims=True)
     return taps * (1 + (part[..., None] - mean) / spread * (t - mean))
+
+
+def brightness(lf: LightField, views: Views) -> Vector:
+    """Mean sample of each view.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (K,).
+    """
+    V, U, ny, nx, channels = (*lf.shape, 1)[:5]
+    sums = lf.device.empty((V * U, ny), np.float32)
+    rows, samples = np.int32(V * U * ny), np.int32(nx * channels)
+    kernel = lf.device.kernel(
+        "matching.cl", "brightness", SAMPLE=C_TYPE[lf.dtype], CHANNELS=channels, BLOCK=1
+    )
+    lf.device.launch(kernel, (int(rows),), sums, lf.data, rows, samples)
+    means = lf.device.download(sums).sum(axis=1, dtype=np.float64) / (ny * nx * channels)
+    return np.asarray(means[views.view])
 
 
 def match_costs(lf: LightField, views: Views, moved: Tables) -> cla.Array:

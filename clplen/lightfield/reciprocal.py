@@ -18,7 +18,7 @@ _CLEAR = 6.0  # times the median of its ring; noise reaches 5
 _LEAST = 0.03  # of the strongest peak: below are side lobes
 _MOST = 40
 _PAIRS = 14  # strongest peaks that may be base vectors
-_ENOUGH = 0.92  # of the best share, for a denser lattice
+_ENOUGH = 0.95  # of the best share, for a denser lattice
 _NEAR = 1.0  # bins: how far a sum of base vectors may lie from its peak
 
 
@@ -45,7 +45,7 @@ def coarse(picture: Values, pitches: tuple[float, float] = PITCHES) -> tuple[Bas
     -------
     tuple
         Two reciprocal vectors (y, x) in cycles a pixel, good to a tenth of a bin, as rows, and the
-        share of the peaks' strength that they explain (0 to 1, chance taken off). None and 0
+        share of the peaks' energy that they explain (0 to 1, chance taken off). None and 0
         without two clear peaks.
     """
     found = peaks(picture, pitches)
@@ -133,8 +133,9 @@ def _settled(found: Peaks, basis: Basis) -> Basis:
 
 
 def _explained(found: Peaks, basis: Basis) -> float:
-    """Share of the peaks' strength on the lattice of a basis, chance taken off."""
-    share = float(found.strength[_on_lattice(found, basis)[1]].sum() / found.strength.sum())
+    """Share of the peaks' energy on the lattice of a basis, chance taken off."""
+    energy = found.strength**2
+    share = float(energy[_on_lattice(found, basis)[1]].sum() / energy.sum())
     chance = float(np.pi * _NEAR**2 * found.bin.prod() / abs(np.linalg.det(basis)))
     return (share - chance) / max(1 - chance, 1e-9) if chance < 1 else 0.0
 

@@ -45,7 +45,13 @@ def structure_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     tuple of numpy.ndarray
         (disparity, confidence), float32, shape (y, x). Confidence is the coherence less the
         highest one of another orientation; 0 without texture.
+
+    Raises
+    ------
+    ValueError
+        If the views have ``positions`` that lie in no rows and columns.
     """
+    _require_rows(lf)
     device = lf.device
     ny, nx = lf.shape[2:4]
     require_maps(lf, 9 + (6 if len(lf.shape) == 5 else 0), 6)
@@ -66,6 +72,20 @@ def structure_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     sure = device.download(best) - device.download(second)
     found = np.clip(device.download(place), planes[0], planes[-1])
     return found.astype(np.float32), sure.clip(0, 1)
+
+
+def _require_rows(lf: LightField) -> None:
+    """Refuse views whose neighbours in a row, or in a column, are not neighbours."""
+    if lf.positions is None:
+        return
+    for axis in (0, 1):
+        step = np.diff(lf.positions, axis=axis)
+        along, across = step[..., axis], step[..., 1 - axis]
+        if not ((np.sign(along) == np.sign(along.sum())) & (np.abs(across) < np.abs(along))).all():
+            raise ValueError(
+                "cue='structure-tensor' compares neighbouring views of rows and columns, and these "
+                "positions lie in none: take another cue."
+            )
 
 
 def epi_tensors(lf: LightField, shear: float) -> cla.Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from clplen.lightfield.reciprocal import Basis, Values, flattened, reduced
 
-_PATCH = 768  # px: the cell is taken from at most nine patches of the picture
+_PATCH = 384  # px: the cell is taken from at most nine patches of the picture
 _LIT = 0.15  # of the brightest mean
 _RISE = 0.025  # of the cell's range, by which a lenslet rises over the gaps around it
 _WIDTH = 0.35  # px: standard deviation of the smoothing of the cell
@@ -34,7 +34,7 @@ class MeanCell:
 
     ``values`` (n, n) is the mean of the picture over its local mean, less one, at the fractions
     (k/n, l/n) of the two base vectors from a lenslet's centre, slightly smoothed; ``error`` its
-    standard error; ``explained`` one less the variance that is left over the whole variance.
+    standard error; ``explained`` the share of the contrast, noise taken off, that it explains.
     """
 
     values: Values
@@ -62,28 +62,44 @@ def fold(picture: Values, basis: Basis, phase: Values) -> MeanCell:
 
     pitch = float(np.hypot(*np.linalg.inv(basis)).max())
     n = int(np.clip(round(3 * pitch), 24, 60))
-    bins, values = [], []
-    for start, patch in _patches(picture):
-        flat = flattened(patch, round(3 * pitch))
-        lit = _lit(patch, round(pitch))
-        y, x = (np.arange(size) + at for size, at in zip(patch.shape, start, strict=True))
-        index = [
-            np.rint(n * ((g[0] * y[:, None] + g[1] * x + p) % 1)).astype(np.int32) % n
-            for g, p in zip(basis, phase, strict=True)
-        ]
-        bins.append((index[0] * n + index[1])[lit])
-        values.append(flat[lit])
-    where, what = np.concatenate(bins), np.concatenate(values).astype(np.float64)
+    parts = [_indexed(at, patch, basis, phase, n, pitch) for at, patch in _patches(picture, pitch)]
+    where = np.concatenate([index[lit] for index, _, lit in parts])
+    what = np.concatenate([flat[lit] for _, flat, lit in parts]).astype(np.float64)
     count = np.bincount(where, minlength=n * n)
     total = np.bincount(where, what, n * n)
-    whole = float(what.var())
-    left = float((what - (total / np.maximum(count, 1))[where]).var())
+    mean = total / np.maximum(count, 1)
+    left = float((what - mean[where]).var())
+    structure = _neighbouring(parts, mean)
+    seen = float(what.var()) - (left - structure)
     width = max(_WIDTH * n / pitch, 0.5)
     total, weight = (
         gaussian_filter(a.reshape(n, n).astype(float), width, mode="wrap") for a in (total, count)
     )
     error = (left / max(4 * np.pi * width**2 * len(what) / n**2, 1)) ** 0.5
-    return MeanCell(total / np.maximum(weight, 1e-9), error, 1 - left / whole if whole > 0 else 0.0)
+    explained = 1 - structure / seen if seen > 0 else 0.0
+    return MeanCell(total / np.maximum(weight, 1e-9), error, explained)
+
+
+def _indexed(
+    at: tuple[int, int], patch: Values, basis: Basis, phase: Values, n: int, pitch: float
+) -> tuple[Values, Values, Values]:
+    """Which sample of the cell each pixel of a patch belongs to, its contrast, and if it is lit."""
+    y, x = (np.arange(size) + start for size, start in zip(patch.shape, at, strict=True))
+    index = [
+        np.rint(n * ((g[0] * y[:, None] + g[1] * x + p) % 1)).astype(np.int32) % n
+        for g, p in zip(basis, phase, strict=True)
+    ]
+    return index[0] * n + index[1], flattened(patch, round(3 * pitch)), _lit(patch, round(pitch))
+
+
+def _neighbouring(parts: list[tuple[Values, Values, Values]], mean: Values) -> float:
+    """Covariance of what neighbouring pixels deviate from the cell: structure, but not noise."""
+    products, count = 0.0, 0
+    for index, flat, lit in parts:
+        left = np.where(lit, flat - mean[index], 0.0)
+        products += float((left[:, 1:] * left[:, :-1]).sum() + (left[1:] * left[:-1]).sum())
+        count += int((lit[:, 1:] & lit[:, :-1]).sum() + (lit[1:] & lit[:-1]).sum())
+    return max(products / max(count, 1), 0.0)
 
 
 def denser(cell: MeanCell, basis: Basis) -> Basis | None:
@@ -135,11 +151,11 @@ def _at(cell: Values, places: Any) -> Values:
     return np.asarray(map_coordinates(cell, where, order=1, mode="grid-wrap"))
 
 
-def _patches(picture: Values) -> list[tuple[tuple[int, int], Values]]:
+def _patches(picture: Values, pitch: float) -> list[tuple[tuple[int, int], Values]]:
     """Up to three by three patches that spread over a picture, with their corners."""
     axes = []
     for n in picture.shape:
-        size = min(n, _PATCH)
+        size = min(n, max(_PATCH, round(12 * pitch)))
         count = min(3, -(-n // size))
         axes.append([(round(s), size) for s in np.linspace(0, n - size, count)])
     return [

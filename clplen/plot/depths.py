@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,7 @@ import numpy as np
 from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
 
-from clplen.plot.base import LIGHT, bar, coordinates, cut, new_figure, styled
+from clplen.plot.base import LIGHT, Array, bar, coordinates, cut, new_figure, styled
 
 if TYPE_CHECKING:
     from clplen.lightfield.depth import DepthMap
@@ -18,6 +19,11 @@ if TYPE_CHECKING:
     from clplen.lightfield.raw import CameraModel
 
 _ROUNDING = 1e-3  # of a confidence
+_SURE = 0.5  # confidence from which on a pixel counts as sure, as in `clplen depth`
+_ENOUGH = 0.01  # share of sure pixels that sets the colours
+_GREY = "0.7"
+_MARGIN = 0.1  # inches round a panel
+_LINE = 48  # letters over one panel
 _COLOURS = ("#0072b2", "#009e73", "#e69f00", "#cc3311")  # told apart by the colour-blind too
 
 
@@ -137,31 +143,55 @@ def phase_space(
 def depth(found: DepthMap, *, title: str = "") -> Figure:
     """A disparity map and its confidence, with colour bars.
 
-    Disparities outside the range of the pixels that are at least half as sure as the surest are
-    cut in the colours (the arrows of the bar say so), never in the data. Where the confidence is 0
-    throughout (but for rounding), the picture says that there is nothing to tell depth by.
+    The colours span the 2nd to the 98th percentile of the sure pixels, of confidence 0.5 or more
+    (where they are less than 1 % of all, of those at least half as sure as the surest). What lies
+    outside is cut in the colours (the arrows of the bar say so), never in the data. Pixels less
+    sure than 0.5 fade to grey in proportion, and those without a disparity are grey. Where the
+    confidence is 0 throughout (but for rounding), the picture says that there is nothing to tell
+    depth by.
 
     Parameters
     ----------
     found : DepthMap
     title : str
     """
-    sure = found.confidence >= found.confidence.max() / 2
-    low, high = np.nanpercentile(found.disparity[sure], [1, 99])
-    norm = Normalize(low, high)
+    norm = _range_of_sure(found.disparity, found.confidence)
     height, width = found.disparity.shape
-    figure = new_figure(9.6, 4.0 * min(1.6, height / width) + 0.4)
+    figure = new_figure(9.6, 4.0 * min(1.6, height / width) + 0.8)
     left, right = figure.subplots(1, 2)
-    drawn = left.imshow(found.disparity, cmap="viridis", norm=norm)
+    left.set_facecolor(_GREY)
+    shown = np.clip(found.confidence / _SURE, 0, 1)
+    drawn = left.imshow(found.disparity, cmap="viridis", norm=norm, alpha=shown)
     if found.confidence.max() > _ROUNDING:
         label = "disparity / pixel per view step (nearer: larger)"
         bar(figure, drawn, left, label, extend=cut(found.disparity, norm))
     else:
-        drawn.set_alpha(0)
+        drawn.set_visible(False)
         words = "no texture between the planes:\nnothing to tell depth by"
         left.text(0.5, 0.5, words, ha="center", va="center", transform=left.transAxes)
+    if (shown < 1).any():
+        words = f"grey: confidence below {_SURE:g} (the greyer, the less)"
+        figure.supxlabel(words, fontsize=8, color="0.3")
     drawn = right.imshow(found.confidence, cmap=LIGHT, vmin=0, vmax=1)
     bar(figure, drawn, right, "confidence")
-    left.set(title=title or "disparity", xlabel="x / pixel", ylabel="y / pixel")
-    right.set(title="confidence", xlabel="x / pixel", yticks=[])
+    left.set(xlabel="x / pixel", ylabel="y / pixel")
+    left.set_title(_wrapped(title or "disparity"), pad=8)
+    right.set(xlabel="x / pixel", yticks=[])
+    right.set_title("confidence", pad=8)
+    figure.get_layout_engine().set(w_pad=_MARGIN, h_pad=_MARGIN)
     return figure
+
+
+def _wrapped(title: str) -> str:
+    """A title in lines that fit over one panel."""
+    return "\n".join(textwrap.wrap(title, _LINE))
+
+
+def _range_of_sure(disparity: Array, confidence: Array) -> Normalize:
+    """The colours of a disparity map, from its sure pixels."""
+    known = np.isfinite(disparity)
+    sure = known & (confidence >= _SURE)
+    if sure.mean() < _ENOUGH:
+        sure = known & (confidence >= confidence.max() / 2)
+    values = disparity[sure] if sure.any() else np.zeros(1)
+    return Normalize(*np.percentile(values, [2, 98]))

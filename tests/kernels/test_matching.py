@@ -8,7 +8,7 @@ from reference_matching import bell_taps, centre_shares, costs, membership
 
 from clplen.lightfield import matching
 from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.matching import match_costs, sorted_views, tables, thresholds
+from clplen.lightfield.matching import brightness, match_costs, sorted_views, tables, thresholds
 from clplen.lightfield.shifts import unit_steps
 
 PLANES = np.array([-3.3, -0.9, -0.25, 0.0, 0.4, 1.0, 2.7, 50.0])  # the last leaves the views
@@ -104,6 +104,26 @@ def test_integers_and_gain(device, shape, dtype):
     channels = (*shape, 1)[4]
     got = found_costs(lf, planes, gain=0.37)
     assert np.abs(got - wanted(lf, planes, channels, gain=0.37)).max() <= tolerance(lf, channels)
+
+
+def test_views_are_evened_one_by_one(device):
+    lf = light_field(device, (3, 4, 9, 13))
+    views, planes = sorted_views(lf), np.array([-0.8, 0.3, 1.4])
+    gain = np.random.default_rng(8).uniform(0.5, 2, 12)
+    moved = tables(views, planes, gain[views.view], device=device)
+    got = device.download(match_costs(lf, views, moved))
+    want = wanted(lf, planes, 1, gain=gain[lf.weights.ravel() > 0][:, None, None, None])
+    assert np.abs(got - want).max() <= 2 * tolerance(lf, 1)  # samples twice as large
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+def test_brightness(device, dtype):
+    values = samples((3, 4, 7, 11, 3), dtype)
+    lf = LightField.from_array(values, device=device)
+    views = sorted_views(lf)
+    want = values.reshape(12, -1).mean(axis=1, dtype=float)[views.view]
+    # a row is a sum of 33 positive terms
+    np.testing.assert_allclose(brightness(lf, views), want, rtol=33 * 2.0**-24)
 
 
 @pytest.mark.parametrize("counts", [(3, 3), (2, 4)])

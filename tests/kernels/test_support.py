@@ -88,7 +88,7 @@ def test_valley(device, planes):
     # the parabola lies within half a step; its rises are exact to a rounding, and so is their ratio
     assert np.abs(place - want[0]).max() <= 16 * EPS * np.abs(planes).max()
     np.testing.assert_array_equal(number, want[1])
-    np.testing.assert_array_equal(least, want[2])
+    assert np.abs(least - want[2]).max() <= 4 * EPS * cost.max()  # two differences
     np.testing.assert_array_equal(second, want[3])
     assert len(planes) > 3 or np.isinf(second).any()
     assert relative_max(want[4], mean) <= (len(planes) + 1) * EPS

@@ -266,3 +266,28 @@ def test_blocks_do_not_show(device, monkeypatch):
     monkeypatch.setattr(matching, "_BLOCK", 7)
     monkeypatch.setattr(combined, "_BLOCK", 7)
     np.testing.assert_allclose(combined_disparity(lf, PLANES)[0], want, atol=1e-4)
+
+
+@pytest.mark.parametrize("fall", [0.12, -0.1])
+def test_vignetted_views(device, fall):
+    """Views that get darker, or brighter, towards the rim leave the map as it is."""
+    v, u = (np.linspace(-1, 1, n) for n in VIEWS)
+    gain = 1 - fall * (v[:, None] ** 2 + u**2) / 2
+    e, sure, _ = errors(front(0.37, contrast=0.3), device, gain=gain)
+    assert np.median(e) < 0.01
+    assert (e > 0.07).mean() < 0.01
+    assert np.median(sure) > 0.3
+
+
+def test_planes_far_apart_get_others_between_them(device):
+    e, _, _ = errors(BAR, device, planes=np.linspace(-1.5, 1.5, 4))
+    assert (e > 0.07).mean() < 0.08
+    np.testing.assert_allclose(
+        combined._dense(np.array([0.0, 0.1, 0.5])), [0, 0.1, 7 / 30, 11 / 30, 0.5]
+    )
+
+
+def test_the_surer_half_is_better_in_noise(device):
+    e, sure, _ = errors(BAR, device, noise=0.05)
+    bad = e > 0.07
+    assert bad[sure >= np.median(sure)].mean() < 0.5 * bad.mean()

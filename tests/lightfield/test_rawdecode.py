@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import tifffile
 from reference_lattice import Drawn, white
 from reference_lattice import lattice as drawn_lattice
 from reference_lightfield import keys_kernel
@@ -18,6 +19,7 @@ from clplen import (
     PlenopticCamera,
     PointSources,
     SurfaceScene,
+    focal_stack,
     refocus,
 )
 from clplen.errors import DeviceError, ShapeError
@@ -50,7 +52,7 @@ def keys_at(frame: np.ndarray, at: np.ndarray) -> np.ndarray:
     out = np.zeros(at.shape[:-1])
     whole = np.floor(at).astype(int)
     for a, b in itertools.product(range(-1, 3), repeat=2):
-        p = whole + (a, b)
+        p = whole + np.array([a, b])
         weight = keys_kernel(at[..., 0] - p[..., 0]) * keys_kernel(at[..., 1] - p[..., 1])
         y, x = (np.clip(p[..., i], -4, n + 3) + 4 for i, n in enumerate((ny, nx)))
         out += weight * padded[y, x]
@@ -327,10 +329,24 @@ def test_after_mixes_no_directions(device):
     truth = np.array([[1, 0.5, 0], [0, 0.5, 1]])
     wrong = {}
     for how, views in found.items():
-        wrong[how] = np.abs(views[:, 4] - truth[0]).mean() + np.abs(views[:, 5] - truth[1]).mean()
-        assert np.abs(views[:, :2] - truth[0]).max() < 1e-5
-        assert np.abs(views[:, 8:] - truth[1]).max() < 1e-5
-    assert wrong["after"] < 0.7 * wrong["before"]
+        wrong[how] = np.abs(views[:, 3] - truth[0]).mean() + np.abs(views[:, 6] - truth[1]).mean()
+        # three pixels off every border, as far as both reach
+        assert np.abs(views[:, 1] - truth[0]).max() < 1e-5
+        assert np.abs(views[:, 8] - truth[1]).max() < 1e-5
+    assert wrong["after"] < 0.1 * wrong["before"]  # a pixel and a half off
+
+
+def test_lenslets_an_even_number_of_pixels_apart(device):
+    """A view has the same colour under all of them: the others come from the pixels around."""
+    lattice = Lattice("rectangular", (30.0, 40.0), (10.0, 0.0), (0.0, 10.0))
+    frame = mosaic(np.broadcast_to(np.array([7.0, 3.0, 1.0]), (61, 81, 3)), "GRBG")
+    frame[1::2, 1::2] = 5  # the other green
+    lf = decode_raw(frame, lattice, device=device, views=(9, 9), step=1, bayer="GRBG")
+    views = lf.to_numpy()
+    np.testing.assert_allclose(views[..., 0], 7, rtol=1e-6)
+    np.testing.assert_allclose(views[..., 2], 1, rtol=1e-6)
+    for v, u, green in ((4, 4, 3), (3, 3, 5), (4, 3, 4), (3, 4, 4)):  # the centre lies on (0, 0)
+        np.testing.assert_allclose(views[v, u, ..., 1], green, atol=0.005)  # 1/512 from around
 
 
 # Bad pixels -----------------------------------------------------------------------------------
@@ -419,6 +435,41 @@ def test_memory_is_asked_for_first(device, monkeypatch):
     monkeypatch.setattr(device, "memory_bytes", 1000)
     with pytest.raises(DeviceError, match="Decoding this light field needs"):
         decode_raw(np.ones((67, 83)), RECTANGULAR, device=device)
+
+
+# A real frame ---------------------------------------------------------------------------------
+
+SCALE = 0.069 * 100 / 60  # of d, by depth in lenslets: 0.069 a um, 100 um a lenslet, 60 times
+
+
+def test_a_vesicle_is_sharp_on_both_sides(data_folder, device):
+    """Rings of the shell at both depths of a sphere, and what lies on the glass below it."""
+    names = ("Lightfield", "Radiometry", "DarkFrame")
+    frame, even, dark = (
+        tifffile.imread(data_folder / "lfm_guv" / f"{name}_GUVExperim1.tif") for name in names
+    )
+    lf = decode_raw(frame, estimate_lattice(even, dark=dark), device=device, white=even, dark=dark)
+    assert lf.shape == (15, 15, 28, 28)
+    assert lf.weights[7, 7] > 0.95
+    assert lf.weights[0, 0] < 0.15  # the corners of square lenslets behind a round pupil
+    d = np.linspace(-1.5, 1.5, 61)
+    stack = device.download(focal_stack(lf, disparities=d).data)
+    y, x = np.indices((28, 28))
+    radius = np.hypot(y - 14, x - 13)
+    equator = [stack[30][np.abs(radius - r) < 0.6].mean() for r in np.arange(6, 11, 0.1)]
+    R = 6 + 0.1 * int(np.argmax(equator))
+    assert pytest.approx(7.9, abs=0.3) == R
+    for r in (6, 7):
+        light = stack[:, np.abs(radius - r) < 0.7].mean(1)
+        expected = SCALE * np.sqrt(R**2 - r**2)
+        far, near = d[:30][light[:30].argmax()], d[31:][light[31:].argmax()]
+        assert -far == pytest.approx(expected, abs=0.25)
+        assert near == pytest.approx(expected, abs=0.25)
+    for y0, x0 in ((5, 5), (19, 3)):  # it rests on the glass, R nearer to the objective
+        spot = stack[:, y0 - 1 : y0 + 3, x0 - 1 : x0 + 2]
+        about = np.hypot(y - y0, x - x0)
+        contrast = spot.max((1, 2)) - np.median(stack[:, (about > 2) & (about < 4)], axis=1)
+        assert d[contrast.argmax()] == pytest.approx(SCALE * R, abs=0.15)
 
 
 # A camera of this package ----------------------------------------------------------------------

@@ -1,0 +1,244 @@
+"""Raw lenslet frames in files: read, calibrated and decoded by the words of layout."""
+
+from __future__ import annotations
+
+import json
+import logging
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from click.testing import CliRunner
+from reference_lattice import lattice as drawn_lattice
+from reference_lattice import white
+
+from clplen.cli import main
+from clplen.compute.device import Device
+from clplen.errors import FormatError, SamplingWarning, ShapeError
+from clplen.io import read_lightfield
+from clplen.lightfield.calibration import Lattice, decode_raw, estimate_lattice
+from clplen.lightfield.refocus import refocus
+
+SHAPE = (163, 171)
+PITCH = 11.2
+DARK = 200
+
+
+def waves(y, x):
+    return 1 + 0.4 * np.cos(0.035 * y - 0.3) * np.cos(0.05 * x)
+
+
+def frames(
+    kind: str = "rectangular", pitch: float = PITCH, *, left: float = 85.2
+) -> dict[str, np.ndarray]:
+    """Raw frame, white image, dark frame: uint16."""
+    true = drawn_lattice(kind, pitch, degrees=1.5, origin=(81.4, left))
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
+    _, _, dy, dx = true.nearest(y, x)
+    even = white(SHAPE, true, vignetting=0.2)
+    scene = waves(y + 4 * dy, x + 4 * dx)
+    dark = np.full(SHAPE, DARK) + np.random.default_rng(1).integers(0, 3, SHAPE)
+    dark[50, 60] = 9000
+    values = {"raw": 2e4 * even * scene + dark, "white": 3e4 * even + dark, "dark": dark}
+    return {name: np.round(array).astype(np.uint16) for name, array in values.items()}
+
+
+@pytest.fixture(scope="module")
+def values() -> dict[str, np.ndarray]:
+    return frames()
+
+
+@pytest.fixture
+def folder(tmp_path: Path, values: dict[str, np.ndarray]) -> Path:
+    for name, array in values.items():
+        tifffile.imwrite(tmp_path / f"{name}.tif", array)
+    return tmp_path
+
+
+def words_of(folder: Path, *names: str) -> dict[str, Path]:
+    return {name: folder / f"{name}.tif" for name in names}
+
+
+def test_a_frame_with_its_white_image_and_dark_frame(
+    folder: Path, values: dict[str, np.ndarray], device: Device, caplog: pytest.LogCaptureFixture
+):
+    with caplog.at_level(logging.INFO, logger="clplen.io"):
+        lf = read_lightfield(folder / "raw.tif", device=device, **words_of(folder, "white", "dark"))
+    assert lf.shape[:2] == (11, 11)
+    lattice = estimate_lattice(values["white"], dark=values["dark"])
+    own = decode_raw(
+        values["raw"], lattice, device=device, white=values["white"], dark=values["dark"]
+    )
+    np.testing.assert_array_equal(lf.to_numpy(), own.to_numpy())
+    np.testing.assert_array_equal(lf.weights, own.weights)
+    assert lf.raw.lattice == lattice
+    at = lattice.at(*np.indices(lf.shape[2:]))  # the law: sharp at d = 5 pixels of 11.2 a lenslet
+    at = at - at[0, 0] + lf.raw.sub_images.first
+    sharp = refocus(lf, disparity=5 * lattice.view_steps((11, 11))[0][0] / PITCH).to_numpy()
+    want = waves(at[..., 0], at[..., 1])
+    assert np.corrcoef(sharp[3:-3, 3:-3].ravel(), want[3:-3, 3:-3].ravel())[0, 1] > 0.99
+    said = caplog.messages[-1]
+    assert "11 x 11 views (V x U)" in said
+    for text in ("divided by the white image", "white.tif", "pitch 11.2", "rotation 1.5", "px rms"):
+        assert text in said
+
+
+@pytest.mark.parametrize("kind", ["rectangular", "hexagonal"])
+def test_a_lattice_is_kept_for_the_next_frame(
+    folder: Path, values: dict[str, np.ndarray], device: Device, kind: str
+):
+    for name, array in frames(kind).items():
+        tifffile.imwrite(folder / f"{name}.tif", array)
+    beside = words_of(folder, "white", "dark")
+    first = read_lightfield(folder / "raw.tif", device=device, lattice=kind, **beside)
+    first.raw.lattice.save(folder / "grid.json")
+    again = read_lightfield(folder / "raw.tif", device=device, grid=folder / "grid.json", **beside)
+    np.testing.assert_array_equal(again.to_numpy(), first.to_numpy())
+    alone = read_lightfield(
+        folder / "raw.tif", device=device, grid=folder / "grid.json", dark=beside["dark"]
+    )
+    assert alone.shape == first.shape
+    assert (alone.weights == 1).all()
+    assert alone.raw.lattice == first.raw.lattice
+
+
+def test_words_of_layout(folder: Path, values: dict[str, np.ndarray], device: Device):
+    beside = words_of(folder, "white", "dark")
+    raw = folder / "raw.tif"
+    plain = read_lightfield(raw, device=device, views=(7, 5), step=1.2, **beside)
+    own = decode_raw(
+        values["raw"],
+        plain.raw.lattice,
+        device=device,
+        white=values["white"],
+        dark=values["dark"],
+        views=(7, 5),
+        step=1.2,
+    )
+    np.testing.assert_array_equal(plain.to_numpy(), own.to_numpy())
+    data = plain.to_numpy()
+    turned = read_lightfield(
+        raw, device=device, views=(7, 5), step=1.2, swap_uv=True, flip_u=True, **beside
+    )
+    np.testing.assert_array_equal(turned.to_numpy(), data.swapaxes(0, 1)[:, ::-1])
+    np.testing.assert_array_equal(turned.weights, plain.weights.T[:, ::-1])
+    dim = read_lightfield(raw, device=device, views=(7, 5), step=1.2, devignette=False, **beside)
+    assert (dim.weights == 1).all()
+    assert dim.to_numpy().max() > 1000
+    assert data.max() < 40000
+    for demosaic in ("after", "before"):
+        lf = read_lightfield(
+            raw, device=device, bayer="GRBG", demosaic=demosaic, lattice="rectangular", **beside
+        )
+        assert lf.shape[4:] == (3,)
+    with pytest.raises(ValueError, match=r"raw\.tif: .*'after' or 'before'"):
+        read_lightfield(raw, device=device, bayer="GRBG", demosaic="not at all", **beside)
+    with pytest.raises(ValueError, match="order= does not apply"):
+        read_lightfield(raw, device=device, order="vuyx", **beside)
+    with pytest.raises(ValueError, match=r"white\.tif: .*rectangular or hexagonal"):
+        read_lightfield(raw, device=device, lattice="round", **beside)
+
+
+def test_pictures_that_do_not_belong(folder: Path, values: dict[str, np.ndarray], device: Device):
+    tifffile.imwrite(folder / "small.tif", values["white"][:-1])
+    for word in ("white", "dark"):
+        given = words_of(folder, "white") | {word: folder / "small.tif"}
+        with pytest.raises(FormatError, match=r"small\.tif has shape \(162, 171\).* of another"):
+            read_lightfield(folder / "raw.tif", device=device, **given)
+        given[word] = folder / "none.tif"
+        with pytest.raises(FormatError, match=r"none\.tif"):
+            read_lightfield(folder / "raw.tif", device=device, **given)
+    tifffile.imwrite(folder / "colour.tif", np.stack([values["raw"]] * 3, -1))
+    with pytest.raises(FormatError, match="3 channels; a raw lenslet image has one"):
+        read_lightfield(folder / "colour.tif", device=device, **words_of(folder, "white"))
+
+
+@pytest.mark.parametrize("other", ["a hexagonal one", "another pitch", "moved"])
+def test_a_white_image_of_another_camera(
+    folder: Path, values: dict[str, np.ndarray], device: Device, other: str
+):
+    lattice = estimate_lattice(values["white"], dark=values["dark"])
+    lattice.save(folder / "grid.json")
+    flat = {
+        "a hexagonal one": lambda: frames("hexagonal")["white"],
+        "another pitch": lambda: frames(pitch=11.6)["white"],
+        "moved": lambda: frames(left=89.2)["white"],
+    }[other]()
+    tifffile.imwrite(folder / "white.tif", flat)
+    with pytest.raises(FormatError, match=r"grid\.json and the white image .*different cameras"):
+        read_lightfield(
+            folder / "raw.tif",
+            device=device,
+            grid=folder / "grid.json",
+            **words_of(folder, "white", "dark"),
+        )
+
+
+def test_a_frame_without_white_image(
+    folder: Path, values: dict[str, np.ndarray], device: Device, caplog: pytest.LogCaptureFixture
+):
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    scene = 2000 + 1500 * np.sin(y / 5) * np.sin(x / 7 + y / 30) + 300 * ((x // 23 + y // 17) % 2)
+    tifffile.imwrite(folder / "scene.tif", scene.astype(np.uint16))
+    with pytest.raises(FormatError, match=r"scene\.tif does not tell .*give white=.*grid="):
+        read_lightfield(folder / "scene.tif", device=device)
+    with caplog.at_level(logging.INFO, logger="clplen.io"):
+        lf = read_lightfield(folder / "white.tif", device=device)  # even light on a plain object
+    assert lf.shape[:2] == (11, 11)
+    assert "of the frame itself, without a white image" in caplog.messages[-1]
+
+
+def test_a_white_image_that_cannot_be_trusted_warns(
+    folder: Path, values: dict[str, np.ndarray], device: Device
+):
+    y = np.arange(SHAPE[0])[:, None]
+    noise = np.random.default_rng(4).normal(0, 400, SHAPE)
+    tifffile.imwrite(folder / "white.tif", (9000 + 5 * y + noise).astype(np.uint16))
+    with pytest.warns(SamplingWarning, match=r"white\.tif: .*(not to be trusted|[Nn]o lattice)"):
+        read_lightfield(folder / "raw.tif", device=device, **words_of(folder, "white"))
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ("{", "is no JSON"),
+        ("[1, 2]", "describes no lattice"),
+        ({"version": 7}, "version 7"),
+        ({"row": [1]}, "'row' is 2 numbers"),
+        ({"row": [0, 0]}, "rows of a lattice"),
+        ({"origin": [None, 1]}, "'origin' is 2 numbers"),
+        ({"kind": "round"}, "rectangular or hexagonal"),
+        ({"shape": [160, 171]}, r"of shape \(160, 171\)"),
+    ],
+)
+def test_a_bad_lattice_is_refused(
+    folder: Path, values: dict[str, np.ndarray], device: Device, content, text: str
+):
+    good = json.loads(Lattice("rectangular", (81.4, 85.2), (11, 0), (0, 11), SHAPE, 0.1).to_json())
+    written = content if isinstance(content, str) else json.dumps(good | content)
+    (folder / "grid.json").write_text(written)
+    with pytest.raises(FormatError, match=text) as caught:
+        read_lightfield(folder / "raw.tif", device=device, grid=folder / "grid.json")
+    assert "grid.json" in str(caught.value)
+
+
+def test_lenslets_larger_than_the_picture(folder: Path, device: Device):
+    lattice = Lattice("rectangular", (81.4, 85.2), (400, 0), (0, 400), SHAPE)
+    lattice.save(folder / "grid.json")
+    with pytest.raises(ShapeError, match=r"raw\.tif: No lenslet of pitch 400"):
+        read_lightfield(folder / "raw.tif", device=device, grid=folder / "grid.json")
+
+
+def test_info_keeps_the_lattice(folder: Path, values: dict[str, np.ndarray], device: Device):
+    raw, flat, dark = (folder / f"{name}.tif" for name in ("raw", "white", "dark"))
+    words = ["info", raw, "--white", flat, "--dark", dark, "--save-grid", folder / "grid.json"]
+    result = CliRunner().invoke(main, [str(word) for word in [*words, "--device", device.place]])
+    assert result.exit_code == 0, result.output
+    assert "rectangular, pitch 11.2" in result.stdout
+    lattice = Lattice.load(folder / "grid.json")
+    found = estimate_lattice(values["white"], dark=values["dark"])
+    assert lattice == found
+    assert (lattice.shape, lattice.trust) == (SHAPE, "high")
+    true = drawn_lattice("rectangular", PITCH, degrees=1.5, origin=(81.4, 85.2))
+    assert np.sqrt((true.off(lattice.centres()) ** 2).sum(1).mean()) < 0.05
