@@ -10,11 +10,14 @@ import pytest
 import tifffile
 from click.testing import CliRunner, Result
 
+from clplen.cameras.camera import PlenopticCamera
 from clplen.cli import main
 from clplen.compute.device import Device
-from clplen.io import read_lightfield, read_pfm
+from clplen.io import read_lightfield, read_pfm, write_lightfield
 from clplen.lightfield.depth import depth_map
+from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.metric import metric_depth
+from clplen.wave.lenslets import MicrolensArray
 
 D = 1.2
 PLANES = ("--disparities", "0.6:1.8:7")
@@ -87,9 +90,8 @@ def test_metres_and_points(device: Device, tmp_path: Path, views: Path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--baseline-mm", 2, "--pixel-um", 3), "which need --baseline-mm, --focal-mm, --pixel-um"),
-        (("--ply", "p.ply"), "--ply ask for metres"),
-        (("--focus-m", 3), "give --baseline-mm and --focal-mm and --pixel-um"),
+        (("--baseline-mm", 2, "--pixel-um", 3), "together; --focal-mm is missing."),
+        (("--focus-m", 3), "--baseline-mm and --focal-mm and --pixel-um are missing."),
         ((*LENGTHS[:4], "--pixel-um", 0), "--pixel-um is a length, positive and finite, not 0"),
         ((*LENGTHS, "--focus-m", -2), "--focus-m is a length"),
         ((*LENGTHS, "--ply", "p.obj"), "ends in .ply"),
@@ -109,3 +111,80 @@ def test_wrong_words(
     assert said in " ".join(result.stderr.split())
     assert "Traceback" not in result.output
     assert [file.name for file in tmp_path.iterdir()] == ["views"]
+
+
+def test_points_without_a_camera_are_pixels_and_disparity(
+    device: Device, tmp_path: Path, views: Path
+):
+    out, ply, sure = tmp_path / "d.pfm", tmp_path / "p.ply", tmp_path / "c.pfm"
+    words = ("-o", out, "--cue", "energy", "--ply", ply, "--confidence", sure, *PLANES)
+    text = done(run(device, views, *words))
+    for file in (out, ply, sure, tmp_path / "d.png"):
+        assert str(file) in text
+    assert "in pixels, with the disparity as z" in text
+    d = read_pfm(out)
+    head, body = ply.read_bytes().split(b"end_header\n", 1)
+    assert b"no camera: x and y in pixels" in head
+    vertices = np.frombuffer(body, np.dtype([("p", "<f4", 3), ("c", "u1", 3)])).reshape(d.shape)
+    np.testing.assert_array_equal(vertices["p"][3, 7], [7, 3, d[3, 7]])
+    result = run(device, views, "-o", out, "--metric", tmp_path / "z.pfm", *PLANES)
+    assert result.exit_code == 2
+    assert "--metric needs lengths, as this light field knows no camera" in result.stderr
+    assert not (tmp_path / "z.pfm").exists()
+
+
+def test_metres_of_a_known_camera(device: Device, tmp_path: Path, views: Path):
+    """By the lens law, as from lengths of the camera that are typed."""
+    camera = PlenopticCamera.type1(
+        focal_length=0.1,
+        mla=MicrolensArray(150e-6, 10e-3, count=47, fill="full"),
+        wavelength=532e-9,
+        pixels_per_lenslet=10,
+        device=device,
+        object_distance=1.35,
+    )
+    values = read_lightfield(views, device=device).to_numpy()
+    spacing = (-2e-4, 2e-4, 1.5e-4, -1.5e-4)
+    lf = LightField.from_array(values, device=device, spacing=spacing, camera=camera)
+    write_lightfield(tmp_path / "a.h5", lf)
+    out, metric, ply = tmp_path / "d.pfm", tmp_path / "z.npy", tmp_path / "p.ply"
+    words = ("-o", out, "--cue", "energy", "--metric", metric, "--ply", ply, *PLANES)
+    text = done(run(device, tmp_path / "a.h5", *words))
+    assert f"{metric} the distances in metres from the plane in focus" in text
+    Z = metric_depth(
+        read_pfm(out),
+        baseline=2e-4,
+        focal_length=camera.image_distance,
+        pixel_pitch=1.5e-4,
+        focus_distance=1.35,
+    )
+    z = np.load(metric)
+    np.testing.assert_allclose(z, Z - 1.35, rtol=1e-4, atol=1e-6)
+    head, body = ply.read_bytes().split(b"end_header\n", 1)
+    assert b"z from the plane in focus" in head
+    corner = np.frombuffer(body, np.dtype([("p", "<f4", 3), ("c", "u1", 3)])).reshape(z.shape)
+    scale = 1.5e-4 * Z[0, -1] / camera.image_distance
+    expected = [23 * scale, -18.5 * scale, z[0, -1]]
+    np.testing.assert_allclose(corner["p"][0, -1], expected, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("planes", "said"),
+    [
+        ("-1:0.5:7", "last of those tried: the scene may lie above disparity 0.5"),
+        ("3:2:5", "last of those tried: the scene may lie below disparity 2"),
+        ("1.9:3:5", "first of those tried: the scene may lie below disparity 1.9"),
+        ("0.6:1.8:7", ""),
+    ],
+)
+def test_planes_that_end_before_the_scene(
+    device: Device, tmp_path: Path, views: Path, planes: str, said: str
+):
+    result = run(
+        device, views, "-o", tmp_path / "d.pfm", "--cue", "energy", "--disparities", planes
+    )
+    done(result)
+    if said:
+        assert f"for more than half of the pixels the sharpest plane is the {said}" in result.stderr
+        assert "'clplen info' finds its range" in result.stderr
+    assert ("Note:" in result.stderr) == bool(said)

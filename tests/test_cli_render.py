@@ -17,7 +17,7 @@ from clplen.io.animation import write_animation
 from clplen.io.layout import encoded
 from clplen.io.shown import to_look_at, white_of
 from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.refocus import refocus
+from clplen.lightfield.refocus import focal_stack, refocus
 from clplen.lightfield.surface import plane_through
 
 D = 1.0
@@ -163,6 +163,45 @@ def test_all_in_focus(tmp_path: Path, views: Path, device: Device):
     assert np.abs(tifffile.imread(out) - centre)[4:-4, 4:-4].mean() < 3
 
 
+@pytest.mark.parametrize("target", [("--at", "14,20"), ("--all-in-focus",)])
+def test_the_scene_beyond_the_planes_is_noted(
+    tmp_path: Path, views: Path, device: Device, target: tuple[str, ...]
+):
+    out = tmp_path / "out.tif"
+    for planes, note in (("-1:0.5:7", "the last of"), ("1.6:3:5", "the first of"), ("0:2:9", "")):
+        result = run(device, "refocus", views, "-o", out, *target, "--disparities", planes)
+        done(result)
+        assert ("the sharpest plane is" in result.stderr) == bool(note)
+        assert note in result.stderr
+    result = run(device, "stack", views, "-o", out, "--disparities", "-1:0.5:7")
+    done(result)
+    assert "the scene may lie above disparity 0.5; 'clplen info'" in result.stderr
+
+
+def test_refocusing_through_a_part_of_the_lens(tmp_path: Path, views: Path, device: Device):
+    out = tmp_path / "part.tif"
+    words = ("--disparity", 0.5, "--aperture", 3, "--interpolation", "cubic")
+    done(run(device, "refocus", views, "-o", out, *words))
+    lf = light_field(views, device)
+    want = focal_stack(lf, disparities=[0.5], aperture=3, interpolation="cubic").to_numpy()[0]
+    np.testing.assert_array_equal(tifffile.imread(out), want)
+    assert np.abs(want - refocus(lf, disparity=0.5, interpolation="cubic").to_numpy()).max() > 1
+
+
+def test_an_image_is_an_array(views: Path, device: Device):
+    image = light_field(views, device).view(1, 2)
+    np.testing.assert_array_equal(np.asarray(image), image.to_numpy())
+    assert np.asarray(image).shape == (30, 37, 3)
+    assert np.asarray(image, dtype=np.float64).dtype == np.float64
+    with pytest.raises(ValueError, match="only by a copy"):
+        image.__array__(copy=False)
+
+
+def test_a_sweep_has_32_frames(tmp_path: Path, views: Path, device: Device):
+    said = done(run(device, "render", views, "-o", tmp_path / "s.gif", "--sweep", "focus"))
+    assert "32 frames" in said
+
+
 def test_epipolar_slices(tmp_path: Path, views: Path, device: Device):
     lf = light_field(views, device)
     out = tmp_path / "epi.tif"
@@ -188,10 +227,15 @@ def test_epipolar_slices(tmp_path: Path, views: Path, device: Device):
         (("refocus", "--at", "3,40"), 2, "X from 0 to 36"),
         (("refocus", "--tilt", "3,4,1"), 2, "given three times, for three pixels, not 1"),
         (("refocus", *("--tilt", "3,4,1") * 3), 1, "lie on one line"),
-        (("refocus", "--disparity", 1, "--upsample", 99), 1, "a whole number from 1 to 16"),
+        (("refocus", "--disparity", 1, "--upsample", 99), 2, "a whole number from 1 to 16"),
+        (("refocus", "--disparity", 1, "--upsample", 0), 2, "a whole number from 1 to 16, not 0"),
+        (("refocus", "--disparity", "nan"), 2, "'nan' is no finite number"),
+        (("render", "--disparity", "inf"), 2, "'inf' is no finite number"),
+        (("refocus", *("--tilt", "3,4,1") * 2), 2, "given three times, for three pixels, not 2"),
+        (("refocus", *("--tilt", "3,4,1") * 3, "--aperture", 3), 2, "neither with --tilt"),
         (("refocus", "--disparity", 1, "--disparities", "0:1:3"), 2, "look through"),
         (("refocus", "--all-in-focus", "--upsample", 2), 2, "goes with one plane"),
-        (("refocus", "--alpha", 0.9), 1, "spacing of views and pixels in metres"),
+        (("refocus", "--alpha", 0.9), 1, "does not have: use --disparity."),
         (("epi", "--y", 1), 2, "Give --y and --v, or --x and --u"),
         (("epi", "--y", 99, "--v", 0), 1, "y is a whole number from 0 to 29"),
     ],
@@ -219,6 +263,10 @@ def test_what_is_white():
     assert white_of(values, np.dtype(np.float32)) == 2
     assert white_of(values, np.dtype(np.uint16), srgb=True) == 1
     assert white_of(0 * values, np.dtype(np.float32)) == 1
+    glint = np.append(np.linspace(0, 1, 9999), 3.1)
+    assert white_of(glint, np.dtype(np.float32)) == pytest.approx(0.999, abs=1e-3)
+    assert white_of(np.append(glint[:-1], 2.9), np.dtype(np.uint16)) == 2.9
+    assert white_of(np.append(np.zeros(9999), 7.0), np.dtype(np.float32)) == 7
     np.testing.assert_array_equal(to_look_at(values, 2.0), [[64, 255]])
     want = np.rint(255 * encoded(np.array([[0.25, 1.0]])))
     np.testing.assert_array_equal(to_look_at(values, 2.0, srgb=True), want)
@@ -237,3 +285,18 @@ def test_animations_that_are_refused(tmp_path: Path):
     with pytest.raises(ValueError, match="at least"):
         write_animation(tmp_path / "a.gif", [grey], seconds=0)
     assert not list(tmp_path.iterdir())
+
+
+def test_smooth_slopes_are_dithered(tmp_path: Path):
+    """More colours than a GIF keeps: their means over 4 x 4 pixels stay within a level or two."""
+    y, x = np.mgrid[:32, :48]
+    slope = np.stack([100 + x, 150 + y, 90 + x // 2 + y], -1).astype(np.uint8)
+    write_animation(tmp_path / "a.gif", [slope, slope[::-1]])
+    got = imageio.imread(tmp_path / "a.gif", plugin="pillow").astype(float)
+    means = (got - [slope, slope[::-1]]).reshape(2, 8, 4, 12, 4, 3).mean((2, 4))
+    assert np.abs(means).max() < 2.5
+    assert np.abs(got[0] - slope).max() <= 255 / 31 + 1
+    grey = np.arange(256, dtype=np.uint8).reshape(8, 32)
+    write_animation(tmp_path / "g.gif", [grey])
+    got = np.squeeze(imageio.imread(tmp_path / "g.gif", plugin="pillow"))
+    np.testing.assert_array_equal(got if got.ndim == 2 else got[..., 0], grey)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -46,6 +49,23 @@ def reach(bar: tqdm[Any], done: int, total: int) -> None:
     bar.update(done - bar.n)
 
 
+@contextmanager
+def listening() -> Iterator[list[str]]:
+    """What the readers say, kept instead of being shown."""
+    said: list[str] = []
+    logger = logging.getLogger("clplen.io")
+    handler = logging.Handler()
+    handler.emit = lambda record: said.append(record.getMessage())  # type: ignore[method-assign]
+    propagated = logger.propagate
+    logger.addHandler(handler)
+    logger.propagate = False
+    try:
+        yield said
+    finally:
+        logger.propagate = propagated
+        logger.removeHandler(handler)
+
+
 def size_of(lf: LightField) -> str:
     return "(v, u, y, x) = (" + ", ".join(str(n) for n in lf.shape) + ")"
 
@@ -64,18 +84,44 @@ def check_planes(disparities: Any, alphas: Any) -> None:
         raise click.UsageError("Give --disparities or --alphas, not both.")
 
 
-def planes_of(lf: LightField, disparities: Any, alphas: Any) -> dict[str, Any]:
-    """The planes that were asked for, else those that suit the light field."""
+def note_end(disparities: Any, found: Any, what: str = "the sharpest plane is") -> bool:
+    """Say that the best of several planes is the first or the last one, if it is.
+
+    ``found`` is its disparity, or those of many pixels, of which more than half count.
+    """
+    planes = np.asarray(disparities, np.float64)
+    if planes.size < 3:
+        return False
+    ends = np.sort(planes)[[0, 1, -2, -1]]
+    if np.mean(found < (ends[0] + ends[1]) / 2) > 0.5:
+        end, side = ends[0], "below"
+    elif np.mean(found > (ends[2] + ends[3]) / 2) > 0.5:
+        end, side = ends[3], "above"
+    else:
+        return False
+    which = "first" if end == planes[0] else "last"
+    note(
+        f"{what} the {which} of those tried: the scene may lie {side} disparity {end:g}; "
+        "'clplen info' finds its range."
+    )
+    return True
+
+
+def planes_of(
+    lf: LightField, disparities: Any, alphas: Any, *, count: int | None = None
+) -> dict[str, Any]:
+    """The planes that were asked for, else those that suit the light field, `count` of them."""
     from clplen.lightfield.shifts import shifts
 
     if disparities is None and alphas is None:
         if np.isfinite(lf.alpha(0.0)):
-            low, high, count = options.DEFAULT_ALPHAS
+            low, high, many = options.DEFAULT_ALPHAS
             if lf.camera is not None:
                 high = min(high, lf.camera.alpha(_FAR))
-            alphas = np.linspace(low, high, count)
+            alphas = np.linspace(low, high, count or many)
         else:
-            disparities = np.linspace(*options.DEFAULT_DISPARITIES)
+            low, high, many = options.DEFAULT_DISPARITIES
+            disparities = np.linspace(low, high, count or many)
     chosen = lf.disparity(alphas) if disparities is None else disparities
     moved = [np.abs(along).reshape(len(along), -1).max(axis=1) for along in shifts(lf, chosen)]
     beyond = (moved[0] >= lf.shape[2]) | (moved[1] >= lf.shape[3])
@@ -87,12 +133,19 @@ def planes_of(lf: LightField, disparities: Any, alphas: Any) -> dict[str, Any]:
     return {"alphas": alphas} if disparities is None else {"disparities": disparities}
 
 
+def tried_by(lf: LightField, planes: dict[str, Any]) -> Any:
+    """The disparities of `planes_of`."""
+    return planes["disparities"] if "disparities" in planes else lf.disparity(planes["alphas"])
+
+
 def check_outputs(source: Path, layout: dict[str, Any], *outputs: Path) -> None:
     """Refuse outputs that cannot be written, or would replace what is read."""
     from clplen.io import check_writable, files_of
 
     there = [path for path in map(check_writable, outputs) if path.exists()]
-    for file in files_of(source, **layout) if there else []:
+    with listening():  # reading says it again
+        files = files_of(source, **layout) if there else []
+    for file in files:
         for output in there:
             if file.exists() and file.samefile(output):
                 raise click.UsageError(

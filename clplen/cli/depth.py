@@ -9,7 +9,15 @@ import click
 import numpy as np
 
 from clplen.cli import metres, options
-from clplen.cli.common import check_outputs, check_planes, check_suffix, planes_of, read
+from clplen.cli.common import (
+    check_outputs,
+    check_planes,
+    check_suffix,
+    note_end,
+    planes_of,
+    read,
+    tried_by,
+)
 
 if TYPE_CHECKING:
     from clplen.lightfield.depth import DepthMap
@@ -70,7 +78,10 @@ def depth(
     picture = output.with_suffix(".png")
     _check_names(source, words, (output, confidence), picture, lengths)
     lf = read(source, selector, words)
-    found = depth_map(lf, cue=cue, **planes_of(lf, disparities, alphas))
+    if lengths is not None:
+        metres.check_camera(lf, lengths)
+    planes = planes_of(lf, disparities, alphas)
+    found = depth_map(lf, cue=cue, **planes)
     if output.suffix.lower() == ".npy":
         metres.write_map(output, found.disparity)
     else:
@@ -78,10 +89,15 @@ def depth(
     if confidence is not None:
         metres.write_map(confidence, found.confidence)
     plot.save(plot.depth(found, title=f"disparity of {source.name}"), picture)
-    click.echo(f"{output} holds the disparities, {picture} shows them with their confidence.")
+    known = found.disparity[np.isfinite(found.disparity)]
+    note_end(tried_by(lf, planes), known, "for more than half of the pixels the sharpest plane is")
+    said = metres.write(lf, found, lengths) if lengths is not None else metres.Said("", ())
+    sure = "" if confidence is None else f", {confidence} holds their confidence"
+    shown = f"{picture} shows them" + (" with their confidence" if confidence is None else "")
+    click.echo(f"{output} holds the disparities, {shown}{sure}{''.join(said.files)}.")
     click.echo(_summary(found))
-    if lengths is not None:
-        click.echo(metres.write(lf, found, lengths))
+    if said.distances:
+        click.echo(said.distances)
 
 
 def _check_names(

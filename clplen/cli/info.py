@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import json
-import logging
 import math
 import textwrap
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +13,7 @@ import click
 import numpy as np
 
 from clplen.cli import options
-from clplen.cli.common import read
+from clplen.cli.common import listening, read
 from clplen.cli.messages import typed
 
 if TYPE_CHECKING:
@@ -140,12 +137,13 @@ def _of_lightfield(
     from clplen.lightfield.check import after, check
 
     kind = kind_of(source).name
-    with _listening() as said:
+    with listening() as said:
         lf = read(source, selector, layout)
     report = check(lf, farthest=farthest)
     took = said[-1].removeprefix("read ")
     data: dict[str, Any] = {"file": source, "kind": kind, "read": took}
     rows = [("File", f"{source}, {kind}"), ("Read", took)]
+    rows += [("Also", text) for text in said[:-1]]
     rows += _of_samples(report)
     data |= asdict(report)
     lattice = _lattice(lf, source, layout)
@@ -169,23 +167,6 @@ def _of_lightfield(
     for order, entry in zip(report.orders, data["orders"], strict=True):
         entry["words"] = _typed(after(read_with, order.words)).split()
     return rows + _of_orders(report, read_with, data["sentence"]), data
-
-
-@contextmanager
-def _listening() -> Iterator[list[str]]:
-    """What the readers say, kept for the table instead of being shown."""
-    said: list[str] = []
-    logger = logging.getLogger("clplen.io")
-    handler = logging.Handler()
-    handler.emit = lambda record: said.append(record.getMessage())  # type: ignore[method-assign]
-    propagated = logger.propagate
-    logger.addHandler(handler)
-    logger.propagate = False
-    try:
-        yield said
-    finally:
-        logger.propagate = propagated
-        logger.removeHandler(handler)
 
 
 def _of_samples(report: Report) -> Rows:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 import numpy as np
@@ -17,6 +17,8 @@ Values = np.ndarray[Any, Any]
 
 _NEEDED = {"baseline_mm": "--baseline-mm", "focal_mm": "--focal-mm", "pixel_um": "--pixel-um"}
 _ALSO = {"focus_m": "--focus-m", "metric": "--metric", "ply": "--ply"}
+_LENGTHS = (*_NEEDED, "focus_m")
+_FROM_FOCUS = "metres: x right, y down from the axis, z from the plane in focus, farther positive"
 
 _OPTIONS = (
     click.option(
@@ -29,37 +31,36 @@ _OPTIONS = (
         "--metric",
         metavar="FILE",
         type=click.Path(path_type=Path),
-        help="Distances in metres, as .pfm, .tif or .npy.",
+        help="Distances in metres, as .pfm, .tif or .npy; from the plane in focus where the light "
+        "field knows its camera and no lengths are given.",
     ),
     click.option(
         "--ply",
         metavar="FILE.ply",
         type=click.Path(path_type=Path),
-        help="Points in metres with their colours.",
+        help="Points with their colours, in metres; pixels and disparity if nothing tells metres.",
     ),
 )
 
 
 @dataclass(frozen=True)
 class Lengths:
-    """Of a camera, in metres: what distances are computed from, and where they go."""
+    """What distances are computed from, and where they go.
 
-    baseline: float
-    focal_length: float
-    pixel_pitch: float
-    focus_distance: float | None
+    ``camera`` holds lengths in metres, as `metric_depth` and `points_of` take them; None where they
+    are not given.
+    """
+
+    camera: dict[str, Any] | None
     metric: Path | None
     ply: Path | None
 
-    @property
-    def camera(self) -> dict[str, Any]:
-        """The lengths alone, as `metric_depth` and `points_of` take them."""
-        return {
-            "baseline": self.baseline,
-            "focal_length": self.focal_length,
-            "pixel_pitch": self.pixel_pitch,
-            "focus_distance": self.focus_distance,
-        }
+
+class Said(NamedTuple):
+    """What to say of metres: of the distances, and of each file."""
+
+    distances: str
+    files: tuple[str, ...]
 
 
 def lengths(command: Any) -> Any:
@@ -75,44 +76,94 @@ def lengths_of(words: dict[str, Any]) -> Lengths | None:
     given = {key: value for key in names if (value := words.pop(key)) is not None}
     if not given:
         return None
+    some = [name for name in _LENGTHS if name in given]
     missing = [name for key, name in _NEEDED.items() if key not in given]
-    if missing:
+    if some and missing:
         raise click.UsageError(
-            f"{' and '.join(names[key] for key in given)} ask for metres, which need "
-            f"{', '.join(_NEEDED.values())} too: give {' and '.join(missing)}."
+            "Distances in metres need --baseline-mm, --focal-mm and --pixel-um together; "
+            f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing."
         )
     for key, value in given.items():
         if isinstance(value, float) and not (np.isfinite(value) and value > 0):
             raise click.UsageError(f"{names[key]} is a length, positive and finite, not {value:g}.")
-    return Lengths(
-        given["baseline_mm"] * 1e-3,
-        given["focal_mm"] * 1e-3,
-        given["pixel_um"] * 1e-6,
-        given.get("focus_m"),
-        given.get("metric"),
-        given.get("ply"),
-    )
+    camera = None
+    if some:
+        camera = {
+            "baseline": given["baseline_mm"] * 1e-3,
+            "focal_length": given["focal_mm"] * 1e-3,
+            "pixel_pitch": given["pixel_um"] * 1e-6,
+            "focus_distance": given.get("focus_m"),
+        }
+    return Lengths(camera, given.get("metric"), given.get("ply"))
 
 
-def write(lf: LightField, found: DepthMap, lengths: Lengths) -> str:
+def check_camera(lf: LightField, lengths: Lengths) -> None:
+    """Refuse a map in metres of a light field that knows no camera, without lengths."""
+    if lengths.metric is not None and lengths.camera is None and not _knows_camera(lf):
+        raise click.UsageError(
+            "--metric needs lengths, as this light field knows no camera: give --baseline-mm, "
+            "--focal-mm and --pixel-um."
+        )
+
+
+def _knows_camera(lf: LightField) -> bool:
+    return lf.camera is not None and lf.spacing is not None
+
+
+def write(lf: LightField, found: DepthMap, lengths: Lengths) -> Said:
     """Write distances and points where they are asked for; what to say of them."""
     from clplen.io import points_of, write_ply
     from clplen.lightfield.metric import metric_depth
 
-    Z = metric_depth(found.disparity, **lengths.camera)
-    if lengths.metric is not None:
-        write_map(lengths.metric, Z.astype(np.float32))
-    if lengths.ply is not None:
+    where, unit = "", "in metres"
+    z: Values | None = None
+    if lengths.camera is not None:
+        z = metric_depth(found.disparity, **lengths.camera)
         points, words = points_of(found.disparity, **lengths.camera)
+    elif _knows_camera(lf):
+        z, where = found.z, " from the plane in focus, farther positive"
+        points, words = _points_of_camera(lf, found.z)
+    else:
+        unit = "in pixels, with the disparity as z, for want of a camera or lengths"
+        points, words = points_of(found.disparity)
+    files = []
+    if lengths.metric is not None and z is not None:
+        write_map(lengths.metric, z.astype(np.float32))
+        files.append(f", {lengths.metric} the distances in metres{where}")
+    if lengths.ply is not None:
         write_ply(lengths.ply, points, colours_of(lf), comment=words)
-    known = np.isfinite(Z)
+        files.append(f", {lengths.ply} the points {unit}")
+    return Said("" if z is None else _distances(z, where), tuple(files))
+
+
+def _distances(z: Values, where: str) -> str:
+    known = np.isfinite(z)
     if not known.any():
-        return "No pixel lies at a finite distance: check the lengths and --focus-m."
-    low, middle, high = np.percentile(Z[known], [5, 50, 95])
+        ask = "look among larger disparities" if where else "check the lengths and --focus-m"
+        return f"No pixel lies at a finite distance: {ask}."
+    low, middle, high = np.percentile(z[known], [5, 50, 95])
     return (
-        f"Distances: median {middle:.4g} m, 90 % of them from {low:.4g} to {high:.4g} m; "
+        f"Distances{where}: median {middle:.4g} m, 90 % of them from {low:.4g} to {high:.4g} m; "
         f"{100 * known.mean():.0f} % of the pixels lie at a finite distance."
     )
+
+
+def _points_of_camera(lf: LightField, z: Values) -> tuple[Values, str]:
+    """Points (x, y, z) as the camera of a light field images them, and what they are.
+
+    By the lens law 1/f = 1/a + 1/F the plane in focus lies at a = F/(F/f - 1) from the lens, where
+    F/f is alpha of what is infinitely far; a picture is F/(a + z) of the object's size.
+    """
+    if lf.camera is None or lf.spacing is None:
+        raise ValueError("This light field knows no camera.")
+    F = lf.camera.image_distance
+    rest = float(lf.camera.alpha(np.inf)) - 1
+    y, x = np.indices(z.shape, dtype=np.float64)
+    scale = np.where(np.isfinite(z), (np.inf if rest <= 0 else F / rest) + z, np.nan) / F
+    down, across = ((n - 1) / 2 for n in z.shape)
+    dy, dx = np.abs(lf.spacing[2:])
+    points = np.stack([(x - across) * dx * scale, (y - down) * dy * scale, z], -1)
+    return points.reshape(-1, 3), _FROM_FOCUS
 
 
 def write_map(path: Path, values: Values) -> None:

@@ -50,6 +50,24 @@ def planes(count: int) -> str:
     return f"{count:,} plane" + ("" if count == 1 else "s")
 
 
+class Finite(click.ParamType):
+    """A number that is neither NaN nor infinite."""
+
+    name = "FLOAT"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> float:
+        try:
+            number = float(value)
+        except ValueError:
+            number = float("nan")
+        if not np.isfinite(number):
+            self.fail(f"{value!r} is no finite number.", param, ctx)
+        return number
+
+
+FINITE = Finite()
+
+
 class Aperture(click.ParamType):
     """A number of views, a fraction of the full diameter, or an f-number."""
 

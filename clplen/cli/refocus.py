@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from clplen.cli import options
-from clplen.cli.common import check_planes, planes_of, read
+from clplen.cli.common import check_planes, note_end, planes_of, read, tried_by
 from clplen.cli.messages import note
 from clplen.cli.pictures import PICTURES, Point, check_output, pixel_of, write
 
@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from clplen.lightfield.depth import DepthMap
     from clplen.lightfield.lightfield import LightField
 
+Values = np.ndarray[Any, Any]
+
+_MOST = 16  # of --upsample
 _SURE = 1e-3  # of a confidence: below it there is nothing to tell depth by
 
 
@@ -30,8 +33,10 @@ _SURE = 1e-3  # of a confidence: below it there is nothing to tell depth by
     type=click.Path(path_type=Path),
     help="TIFF holds linear float32; PNG is scaled, to look at.",
 )
-@click.option("--disparity", type=float, help="Plane in focus, pixels a view step, nearer larger.")
-@click.option("--alpha", type=float, help="Plane in focus, alpha = F/F'.")
+@click.option(
+    "--disparity", type=options.FINITE, help="Plane in focus, pixels a view step, nearer larger."
+)
+@click.option("--alpha", type=options.FINITE, help="Plane in focus, alpha = F/F'.")
 @click.option("--at", type=Point(), help="Focus on this pixel; its depth is told by sharpness.")
 @click.option(
     "--tilt",
@@ -50,6 +55,12 @@ _SURE = 1e-3  # of a confidence: below it there is nothing to tell depth by
     default="linear",
     show_default=True,
 )
+@click.option(
+    "--aperture",
+    type=options.Aperture(),
+    help="Part of the main lens to use: views across (9), fraction of the diameter (0.5) or "
+    "f-number (f/66); default: all.",
+)
 @options.plane_range
 @options.layout
 @options.device
@@ -63,6 +74,7 @@ def refocus(
     all_in_focus: bool,
     upsample: int,
     interpolation: str,
+    aperture: Any,
     disparities: Any,
     alphas: Any,
     selector: str | None,
@@ -80,22 +92,29 @@ def refocus(
       clplen refocus flower -o tilted.tif --tilt 40,128,-0.8 --tilt 230,20,-0.5 --tilt 230,230,-0.5
       clplen refocus flower -o sharp.tif --all-in-focus --disparities -1:0:41
     """
-    from clplen.lightfield.refocus import refocus as focused
-
     check_planes(disparities, alphas)
     _check_target(disparity, alpha, at, tilt, all_in_focus)
     _check_words(bool(at or tilt or all_in_focus), disparities, alphas, upsample, all_in_focus)
+    _check_tilt(tilt)
+    if aperture is not None and (tilt or upsample != 1):
+        raise click.UsageError("--aperture goes neither with --tilt nor with --upsample.")
     check_output(source, output, layout, PICTURES)
     lf = read(source, selector, layout)
-    more: dict[str, Any] = {"upsample": upsample, "interpolation": interpolation}
     if all_in_focus:
-        picture, where = _sharp(lf, planes_of(lf, disparities, alphas))
-    elif alpha is not None:
-        picture, where = focused(lf, alpha=alpha, **more), f"alpha = {alpha:g}"
+        picture, where = _sharp(lf, planes_of(lf, disparities, alphas), aperture)
     else:
-        d, where = _surface(lf, disparity, at, tilt, disparities, alphas)
-        picture = focused(lf, disparity=d, **more)
-    said = write(output, picture.to_numpy(), lf, srgb=layout["srgb"], upsample=upsample)
+        if alpha is None:
+            d, where = _surface(lf, disparity, at, tilt, disparities, alphas)
+            plane = {"disparity": d}
+        elif np.isfinite(lf.alpha(0.0)):
+            plane, where = {"alpha": alpha}, f"alpha = {alpha:g}"
+        else:
+            raise ValueError(
+                "--alpha needs the spacing of views and pixels in metres, which this light field "
+                "does not have: use --disparity."
+            )
+        picture = _focused(lf, plane, aperture, upsample, interpolation)
+    said = write(output, picture, lf, srgb=layout["srgb"], upsample=upsample)
     click.echo(f"{output}: focused on {where}, {said}.")
 
 
@@ -114,16 +133,39 @@ def _check_words(
             "--disparities and --alphas are the planes that --at, --tilt and --all-in-focus look "
             "through; for one plane use --disparity or --alpha."
         )
+    if not 1 <= upsample <= _MOST:
+        raise click.UsageError(f"--upsample is a whole number from 1 to {_MOST}, not {upsample}.")
     if all_in_focus and upsample != 1:
         raise click.UsageError("--upsample goes with one plane, not with --all-in-focus.")
 
 
-def _sharp(lf: LightField, planes: dict[str, Any]) -> tuple[Any, str]:
+def _check_tilt(tilt: Any) -> None:
+    if tilt and len(tilt) != 3:
+        raise click.UsageError(f"--tilt is given three times, for three pixels, not {len(tilt)}.")
+
+
+def _focused(
+    lf: LightField, plane: dict[str, Any], aperture: Any, upsample: int, interpolation: str
+) -> Values:
+    from clplen.lightfield.refocus import focal_stack, refocus
+
+    if aperture is None:
+        picture = refocus(lf, **plane, upsample=upsample, interpolation=interpolation)
+        return picture.to_numpy()
+    many = {"alpha": "alphas", "disparity": "disparities"}
+    planes: dict[str, Any] = {many[name]: [value] for name, value in plane.items()}
+    return focal_stack(lf, **planes, aperture=aperture, interpolation=interpolation).to_numpy()[0]
+
+
+def _sharp(lf: LightField, planes: dict[str, Any], aperture: Any) -> tuple[Values, str]:
     from clplen.lightfield.allinfocus import all_in_focus
+    from clplen.lightfield.depth import sharpness_curve
     from clplen.lightfield.refocus import focal_stack
 
-    stack = focal_stack(lf, **planes)
-    return all_in_focus(stack), f"the sharpest of {options.planes(len(stack.disparities))}"
+    stack = focal_stack(lf, aperture=aperture, **planes)
+    note_end(stack.disparities, stack.disparities[sharpness_curve(stack).argmax()])
+    count = options.planes(len(stack.disparities))
+    return all_in_focus(stack).to_numpy(), f"the sharpest of {count}"
 
 
 def _surface(
@@ -136,14 +178,13 @@ def _surface(
     if disparity is not None:
         return disparity, f"d = {disparity:g}"
     points = [at] if at else list(tilt)
-    if tilt and len(tilt) != 3:
-        raise click.UsageError(f"--tilt is given three times, for three pixels, not {len(tilt)}.")
     pixels = [pixel_of(lf, point) for point in points]
-    found = None
+    found, tried = None, np.array([])
     if any(len(point) == 2 for point in points):
-        found = depth_map(lf, **planes_of(lf, disparities, alphas))
+        planes = planes_of(lf, disparities, alphas)
+        found, tried = depth_map(lf, **planes), tried_by(lf, planes)
     depths = [
-        point[2] if len(point) == 3 else _depth_at(found, pixel)
+        point[2] if len(point) == 3 else _depth_at(found, pixel, tried)
         for point, pixel in zip(points, pixels, strict=True)
     ]
     if at:
@@ -153,12 +194,14 @@ def _surface(
     return plane, f"the plane of d = {words} at the three pixels"
 
 
-def _depth_at(found: DepthMap | None, pixel: tuple[int, int]) -> float:
+def _depth_at(found: DepthMap | None, pixel: tuple[int, int], tried: Values) -> float:
     if found is None:
         raise ValueError("No depth was looked for.")
-    if not found.confidence[pixel] > _SURE:
+    d = float(found.disparity[pixel])
+    at_end = note_end(tried, d, f"at {pixel[0]},{pixel[1]} the sharpest plane is")
+    if not at_end and not found.confidence[pixel] > _SURE:
         note(
             f"At {pixel[0]},{pixel[1]} there is hardly any texture to tell depth by, or it lies "
             "beyond the planes: the picture may be out of focus there."
         )
-    return float(found.disparity[pixel])
+    return d

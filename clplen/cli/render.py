@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from clplen.lightfield.lightfield import LightField
 
 _FRAMES = 24
+_PLANES = 17  # there and back: 32 frames
 _ROUND = 0.8  # of the way to the outermost views
 
 
@@ -31,7 +32,11 @@ _ROUND = 0.8  # of the way to the outermost views
     help="TIFF holds linear float32; PNG and GIF are scaled, to look at.",
 )
 @click.option(
-    "--viewpoint", type=float, nargs=2, metavar="V U", help="Also between views; default: centre."
+    "--viewpoint",
+    type=options.FINITE,
+    nargs=2,
+    metavar="V U",
+    help="Also between views; default: centre.",
 )
 @click.option(
     "--aperture",
@@ -47,13 +52,13 @@ _ROUND = 0.8  # of the way to the outermost views
 )
 @click.option(
     "--disparity",
-    type=float,
+    type=options.FINITE,
     help="Of the scene, pixels a view step: views are combined in focus on it.",
 )
 @click.option(
     "--sweep",
     type=click.Choice(["views", "focus"]),
-    help="A GIF that goes round the viewpoints, or through the planes and back.",
+    help="A GIF that goes round the viewpoints, or through the planes (default 17) and back.",
 )
 @options.plane_range
 @options.layout
@@ -128,7 +133,7 @@ def _views(lf: LightField, disparity: float | None) -> np.ndarray[Any, Any]:
 def _planes(lf: LightField, disparities: Any, alphas: Any) -> np.ndarray[Any, Any]:
     from clplen.lightfield.refocus import focal_stack
 
-    stack = focal_stack(lf, **planes_of(lf, disparities, alphas)).to_numpy()
+    stack = focal_stack(lf, **planes_of(lf, disparities, alphas, count=_PLANES)).to_numpy()
     return np.concatenate((stack, stack[-2:0:-1]))
 
 

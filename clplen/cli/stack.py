@@ -10,7 +10,14 @@ import click
 import numpy as np
 
 from clplen.cli import options
-from clplen.cli.common import check_outputs, check_planes, check_suffix, planes_of, read
+from clplen.cli.common import (
+    check_outputs,
+    check_planes,
+    check_suffix,
+    note_end,
+    planes_of,
+    read,
+)
 
 
 @click.command()
@@ -36,8 +43,9 @@ def stack(
 ) -> None:
     """Refocus a light field on many planes, into one TIFF of linear float32 pictures.
 
-    INPUT is a folder with one picture a view, or an .h5 file of 'clplen simulate'. START:STOP:N
-    is N planes, both ends included; without it the planes suit what the light field knows.
+    INPUT is a light field of any kind: a folder or a zip of views, a mosaic, a raw lenslet image
+    or a Lytro container with its --white, HDF5, Zarr, MATLAB or NumPy. START:STOP:N is N planes,
+    both ends included; without it the planes suit what the light field knows.
 
     \b
     Example:
@@ -54,6 +62,7 @@ def stack(
     lf = read(source, selector, layout)
     made = focal_stack(lf, aperture=aperture, **planes_of(lf, disparities, alphas))
     best = int(sharpness_curve(made).argmax())
+    note_end(made.disparities, made.disparities[best])
     write_stack(output, made, progress=sys.stderr.isatty())
     alpha = made.alphas[best]
     also = f", alpha = {alpha:.4f}" if np.isfinite(alpha) else ""

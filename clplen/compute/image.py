@@ -38,3 +38,16 @@ class Image:
     def to_numpy(self) -> np.ndarray[Any, Any]:
         """The values on the host, same shape and dtype."""
         return self.device.download(self.data)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray[Any, Any]:
+        """What ``numpy.asarray`` takes: the values on the host, always a copy.
+
+        Raises
+        ------
+        ValueError
+            If ``copy`` is False.
+        """
+        if copy is False:
+            raise ValueError("An image on a device is an array only by a copy: leave out copy.")
+        values = self.to_numpy()
+        return values if dtype is None else values.astype(dtype, copy=False)

@@ -11,6 +11,10 @@ import numpy as np
 
 from clplen.files import PathLike, replacing
 
+# Thresholds of ordered dithering (Bayer 1973), in sixteenths.
+_BAYER = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]])
+_STEPS = 31  # of a colour, from black to full
+
 
 def write_animation(
     path: PathLike, pictures: Iterable[np.ndarray[Any, Any]], *, seconds: float = 0.1
@@ -22,7 +26,8 @@ def write_animation(
     path : path-like
         ``.gif``.
     pictures : iterable of numpy.ndarray
-        uint8, all of one shape (y, x) or (y, x, 3), at least one. A GIF keeps 256 colours.
+        uint8, all of one shape (y, x) or (y, x, 3), at least one. A GIF keeps 256
+        colours a picture: colours are dithered to 32 levels of each first, greys stay.
     seconds : float
         For each picture, at least 0.02.
 
@@ -45,9 +50,17 @@ def write_animation(
     with replacing(path) as temporary:
         imageio.imwrite(
             temporary,
-            np.stack(frames),
+            np.stack([_dithered(frame) if frame.ndim == 3 else frame for frame in frames]),
             plugin="pillow",
             extension=".gif",
             duration=1000 * seconds,
             loop=0,
         )
+
+
+def _dithered(frame: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """A picture of few colours, whose palette is found soon; smooth slopes keep their means."""
+    rows, columns = (np.arange(n) % 4 for n in frame.shape[:2])
+    thresholds = (_BAYER[rows[:, None], columns] + 0.5) / 16
+    levels = np.floor(frame * (_STEPS / 255) + thresholds[..., None])
+    return np.rint(levels * (255 / _STEPS)).astype(np.uint8)

@@ -6,7 +6,6 @@ says in one sentence what was taken for what.
 
 from __future__ import annotations
 
-import json
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -117,6 +116,17 @@ def _hdf5_after_user_block(path: Path) -> bool:
         return file.read(8) == b"\x89HDF\r\n\x1a\n"
 
 
+def _beginning(head: bytes) -> str:
+    """The first bytes of a file in words."""
+    if not head:
+        return "it is a folder"
+    text = head.decode("ascii", errors="replace")
+    if all(character.isprintable() or character.isspace() for character in text) and head.isascii():
+        start = " ".join(text.split())[:24]
+        return f"it is text: {start!r}" if start else "it is text"
+    return f"it begins with the bytes {head[:8].hex(' ')}"
+
+
 def kind_of(path: Path) -> Kind:
     """What a file or folder is.
 
@@ -141,10 +151,15 @@ def kind_of(path: Path) -> Kind:
             head = file.read(_HEAD)
         if not head:
             raise FormatError(f"{path} is empty.")
+    if head and path.suffix.lower() == ".npz":
+        raise FormatError(
+            f"{path} is an archive of NumPy arrays (.npz), which clplen does not read: save the "
+            "light field alone as .npy with numpy.save."
+        )
     for kind in KINDS:
         if kind.recognises(path, head):
             return kind
     raise FormatError(
-        f"{path} is no light field that clplen reads (it begins with {json.dumps(str(head[:8]))}): "
+        f"{path} is no light field that clplen reads ({_beginning(head)}): "
         f"give {', '.join(kind.name for kind in KINDS[:-1])} or {KINDS[-1].name}."
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import re
 from collections import Counter
@@ -27,7 +28,10 @@ _OTHER = re.compile(
     r"(?![a-z])",
     re.IGNORECASE,
 )
+logger = logging.getLogger("clplen.io")
+
 _LISTED = 10  # how many names a message lists
+_FEW = 3  # views, too few to tell a counter
 _ROW = 2  # digits; a longer constant number is a date or a serial number, no row
 _MOST = 10**6  # views
 
@@ -221,35 +225,86 @@ def guess(names: Sequence[str], *, where: str = "the folder") -> Pattern:
     """The pattern of a folder's names: a known one, else the most frequent form.
 
     Two numbers that vary are taken for v and u in this order, also where one of the two is the same
-    everywhere and below 100 (one row or column of views). One number alone is i.
+    everywhere and below 100 (one row or column of views). One number alone is i. Pictures of other
+    names are left out, and counted in the log.
 
     Raises
     ------
     FormatError
         If the names do not show what is what.
     """
+    pattern = _guessed(names, where)
+    left_out = len(names) - sum(len(files) for files in pattern.numbers(names).values())
+    if left_out:
+        logger.info(
+            "%d of %d pictures in %s are left out: they do not fit the pattern %r that was guessed "
+            "from the names",
+            left_out,
+            len(names),
+            where,
+            pattern.text,
+        )
+    return pattern
+
+
+def _guessed(names: Sequence[str], where: str) -> Pattern:
     for text in _KNOWN:
         if len(Pattern(text).numbers(names)) > 1:
             return Pattern(text)
     forms = Counter(_NUMBER.sub("{}", name) for name in names)
-    ask = "give a pattern, for example pattern='view_{v}_{u}.png'"
     if not forms:
-        raise FormatError(f"There is no picture in {where}: name the folder of views, or {ask}.")
+        raise FormatError(
+            f"There is no picture in {where}: name the folder of views, or give a pattern, for "
+            "example pattern='view_{v}_{u}.png'."
+        )
     form, count = forms.most_common(1)[0]
     same = [_NUMBER.findall(name) for name in names if _NUMBER.sub("{}", name) == form]
     columns = [sorted(set(column)) for column in zip(*same, strict=True)]
     varying = [index for index, column in enumerate(columns) if len(column) > 1]
     if len(columns) == 2 and len(varying) == 1 and len(columns[1 - varying[0]][0]) <= _ROW:
         varying = [0, 1]
-    if len(varying) not in (1, 2) or count < 2:
+    if not varying or count < 2:
+        raise FormatError(
+            f"No number varies in the names in {where} ({listed(sorted(names)[:3])}): these are no "
+            "views of a light field. Give a raw frame as a file, not its folder; for views give a "
+            "pattern, for example pattern='view_{v}_{u}.png'."
+        )
+    fields = dict(zip(varying, ("{v}", "{u}") if len(varying) == 2 else ("{i}",), strict=False))
+    counters = [index for index in varying if len(columns[index]) == count]
+    one_counts = min(len(columns[index]) for index in varying) > 1 and counters and count > _FEW
+    if len(varying) > 2 or (len(varying) == 2 and one_counts):
         raise FormatError(
             f"{len(varying)} numbers vary in the names in {where} ({listed(sorted(names)[:3])}), "
-            f"which does not tell row and column of the view: {ask}."
+            "which does not tell row and column of the view: "
+            + _proposed(form, columns, varying, counters)
         )
-    fields = dict(zip(varying, ("{v}", "{u}") if len(varying) == 2 else ("{i}",), strict=True))
-    pieces = form.split("{}")
+    return Pattern(_filled(form, columns, fields))
+
+
+def _filled(form: str, columns: Sequence[Sequence[str]], fields: dict[int, str]) -> str:
+    """A form of names with fields for some of its numbers; the others as they are."""
     values = [fields.get(index, column[0]) for index, column in enumerate(columns)] + [""]
-    return Pattern("".join(a + b for a, b in zip(pieces, values, strict=True)))
+    return "".join(a + b for a, b in zip(form.split("{}"), values, strict=True))
+
+
+def _proposed(
+    form: str, columns: Sequence[Sequence[str]], varying: Sequence[int], counters: Sequence[int]
+) -> str:
+    """A pattern that may suit: the two numbers with the fewest values are row and column."""
+    fields = dict.fromkeys(varying, "{n}")
+    if len(varying) == 2:  # one of them differs in every name: it counts the views
+        counter = min(counters, key=lambda index: max(map(len, columns[index])))
+        fields[counter] = "{i}"
+        return (
+            f"give a pattern, perhaps pattern='{_filled(form, columns, fields)}' ({{i}} counts "
+            "views row by row, {n} is ignored)."
+        )
+    row, column = sorted(sorted(varying, key=lambda index: (len(columns[index]), -index))[:2])
+    fields |= {row: "{v}", column: "{u}"}
+    return (
+        f"give a pattern, perhaps pattern='{_filled(form, columns, fields)}', with {{v}} and {{u}} "
+        "exchanged if columns come first ({n} is ignored)."
+    )
 
 
 def listed(items: Sequence[str]) -> str:

@@ -10,6 +10,9 @@ from clplen.io.layout import encoded
 
 Array = np.ndarray[Any, Any]
 
+_MOST = 99.9  # per cent of the values
+_GLINT = 3  # times that percentile: a larger maximum is cut
+
 
 def white_of(values: Array, dtype: np.dtype[Any], *, srgb: bool = False) -> float:
     """The value that is shown as white.
@@ -19,21 +22,24 @@ def white_of(values: Array, dtype: np.dtype[Any], *, srgb: bool = False) -> floa
     values : numpy.ndarray
         All pictures that are shown alike.
     dtype : dtype
-        Of the light field: 255 is white for uint8, so that its views look as their files do.
+        Of the light field: 255 is white for uint8, so that its views look as their files do. Give
+        float32 for what is no brightness, such as a variance.
     srgb : bool
         Whether its values were decoded from sRGB: 1 is white then.
 
     Returns
     -------
     float
-        Otherwise the largest value, or 1 where none is positive.
+        Otherwise the largest value; where that is more than 3 times the 99.9th percentile of the
+        values, this percentile, so that a few glints do not darken all. 1 where none is positive.
     """
     if srgb:
         return 1.0
     if dtype == np.uint8:
         return 255.0
-    largest = float(np.max(values))
-    return largest if largest > 0 else 1.0
+    largest, most = float(np.max(values)), float(np.percentile(values, _MOST))
+    white = most if 0 < _GLINT * most < largest else largest
+    return white if white > 0 else 1.0
 
 
 def to_look_at(values: Array, white: float, *, srgb: bool = False) -> Array:

@@ -90,8 +90,9 @@ def _smooth(at: Values, mean: Values, full: Values, shape: Any) -> tuple[Values,
     step = np.concatenate([(mean[a] - mean[b])[ok] for (a, b), ok in zip(pairs, both, strict=True)])
     found: Values = np.zeros(len(terms))
     for _ in range(_ROUNDS if len(step) > 2 * len(terms) else 0):
-        weight = 1 / np.hypot(1, (step - matrix @ found) / _STEP)
-        found = np.linalg.lstsq(matrix * weight[:, None], step * weight, rcond=None)[0]
+        weight = 1 / (1 + ((step - matrix @ found) / _STEP) ** 2)
+        weighted = (matrix * weight[:, None]).T
+        found = np.linalg.pinv(weighted @ matrix, hermitian=True) @ (weighted @ step)
     return found, terms
 
 

@@ -22,10 +22,12 @@ _LEAST = 32  # pixels a side
 _STEPS = 3  # refinements, each from the last
 _DEPTH = 0.05  # of the brightest pixel: what is darker is no brighter or darker gap
 _GAP = 5  # pixels: a gap that is narrower than a lenslet of 5 px and its gap
-_SHARE = 0.7  # of the energy of the peaks that the lattice explains
+_SHARE = 0.6  # of the peaks' strength that the lattice explains
 _EXPLAINED = 0.9  # of the contrast that is no noise
 _AGREEING = 0.9  # of the windows
 _SPREAD = 0.025  # pitches rms
+_SPREAD_PX = 0.25  # pixels, below which a spread is no doubt
+_TURN = 16.0  # degrees
 _ANGLE = 4.0  # degrees off 90 or 60
 _LONGER = 1.5  # sides of a rectangle
 _UNEVEN = 1.1  # sides of a hexagonal cell
@@ -268,11 +270,15 @@ def _doubts(lattice: Lattice, found: _Found, count: int, pitch: float | None) ->
         f"only {100 * found.fit.agreeing:.0f} % of the picture agrees with it": (
             found.fit.agreeing < _AGREEING
         ),
-        f"local lattices lie {lattice.residual:.2g} px rms off": lattice.residual > _SPREAD * near,
+        f"local lattices lie {lattice.residual:.2g} px rms off": lattice.residual
+        > max(_SPREAD * near, _SPREAD_PX),
         f"equal lenslets explain only {100 * max(found.explained, 0):.0f} % of the contrast": (
             found.explained < _EXPLAINED
         ),
         f"the nominal pitch is {pitch} px": pitch is not None and not 0.8 < near / pitch < 1.25,
+        f"it is turned by {math.degrees(lattice.rotation):.0f} degrees": (
+            abs(lattice.rotation) > math.radians(_TURN)
+        ),
         "the pitch is out of the range of 5 to 60 px": not 4.8 <= near <= 63,
     }
     return [reason for reason, failed in tests.items() if failed]

@@ -45,8 +45,7 @@ def coarse(picture: Values, pitches: tuple[float, float] = PITCHES) -> tuple[Bas
     -------
     tuple
         Two reciprocal vectors (y, x) in cycles a pixel, good to a tenth of a bin, as rows, and the
-        share of the peaks' energy that they explain (0 to 1, chance taken off). None and 0
-        without two clear peaks.
+        share of the peaks' strength that they explain, 0 to 1. None and 0 without two clear peaks.
     """
     found = peaks(picture, pitches)
     order = np.argsort(-found.strength)[:_MOST]
@@ -62,8 +61,8 @@ def coarse(picture: Values, pitches: tuple[float, float] = PITCHES) -> tuple[Bas
     if not best:
         return None, 0.0
     enough = _ENOUGH * max(share for share, _, _ in best)
-    share, _, basis = max((entry for entry in best if entry[0] >= enough), key=lambda e: e[1])
-    return basis, share
+    basis = max((entry for entry in best if entry[0] >= enough), key=lambda entry: entry[1])[2]
+    return basis, _share(found, basis, 1)
 
 
 def peaks(picture: Values, pitches: tuple[float, float]) -> Peaks:
@@ -134,10 +133,15 @@ def _settled(found: Peaks, basis: Basis) -> Basis:
 
 def _explained(found: Peaks, basis: Basis) -> float:
     """Share of the peaks' energy on the lattice of a basis, chance taken off."""
-    energy = found.strength**2
-    share = float(energy[_on_lattice(found, basis)[1]].sum() / energy.sum())
+    share = _share(found, basis, 2)
     chance = float(np.pi * _NEAR**2 * found.bin.prod() / abs(np.linalg.det(basis)))
     return (share - chance) / max(1 - chance, 1e-9) if chance < 1 else 0.0
+
+
+def _share(found: Peaks, basis: Basis, power: int) -> float:
+    """Share of a power of the peaks' strength that lies on the lattice of a basis."""
+    weight = found.strength**power
+    return float(weight[_on_lattice(found, basis)[1]].sum() / weight.sum())
 
 
 def _ring_median(spectrum: Values, ring: Values) -> Values:

@@ -23,7 +23,7 @@ _SURE = 0.5  # confidence from which on a pixel counts as sure, as in `clplen de
 _ENOUGH = 0.01  # share of sure pixels that sets the colours
 _GREY = "0.7"
 _MARGIN = 0.1  # inches round a panel
-_LINE = 48  # letters over one panel
+_LINE, _ROW = 48, 0.2  # letters over one panel, inches a line of them
 _COLOURS = ("#0072b2", "#009e73", "#e69f00", "#cc3311")  # told apart by the colour-blind too
 
 
@@ -157,7 +157,9 @@ def depth(found: DepthMap, *, title: str = "") -> Figure:
     """
     norm = _range_of_sure(found.disparity, found.confidence)
     height, width = found.disparity.shape
-    figure = new_figure(9.6, 4.0 * min(1.6, height / width) + 0.8)
+    lines = textwrap.wrap(title or "disparity", _LINE)
+    tall = 4.0 * min(1.6, height / width) + 0.6 + _ROW * len(lines)
+    figure = new_figure(9.6, tall)
     left, right = figure.subplots(1, 2)
     left.set_facecolor(_GREY)
     shown = np.clip(found.confidence / _SURE, 0, 1)
@@ -175,16 +177,11 @@ def depth(found: DepthMap, *, title: str = "") -> Figure:
     drawn = right.imshow(found.confidence, cmap=LIGHT, vmin=0, vmax=1)
     bar(figure, drawn, right, "confidence")
     left.set(xlabel="x / pixel", ylabel="y / pixel")
-    left.set_title(_wrapped(title or "disparity"), pad=8)
+    left.set_title("\n".join(lines), pad=8)
     right.set(xlabel="x / pixel", yticks=[])
     right.set_title("confidence", pad=8)
-    figure.get_layout_engine().set(w_pad=_MARGIN, h_pad=_MARGIN)
+    figure.set_layout_engine("constrained", w_pad=_MARGIN, h_pad=_MARGIN)
     return figure
-
-
-def _wrapped(title: str) -> str:
-    """A title in lines that fit over one panel."""
-    return "\n".join(textwrap.wrap(title, _LINE))
 
 
 def _range_of_sure(disparity: Array, confidence: Array) -> Normalize:

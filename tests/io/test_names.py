@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from clplen.errors import FormatError
+from clplen.io.kinds import kind_of
 from clplen.io.names import Pattern, arrange, guess, views_only
 
 
@@ -111,6 +114,43 @@ def test_a_counter_beside_row_and_column_cannot_be_guessed():
     names = [f"IMG_{v + u}_{v}_{u}.png" for v in range(2) for u in range(2)]
     with pytest.raises(FormatError, match=r"3 numbers vary .*IMG_0_0_0\.png.*give a pattern"):
         guess(names)
+
+
+def test_a_pattern_is_proposed():
+    names = [f"IMG_0001_{3 * u + v + 1:03d}_{u}_{v}.png" for v in range(3) for u in range(4)]
+    with pytest.raises(FormatError, match=r"perhaps pattern='IMG_0001_\{n\}_\{v\}_\{u\}\.png'"):
+        guess(names)
+    names = [f"t{20240131 + 7 * i}-{i}.png" for i in range(9)]
+    with pytest.raises(FormatError, match=r"perhaps pattern='t\{n\}-\{i\}\.png'"):
+        guess(names)
+
+
+@pytest.mark.parametrize("names", [["raw7.png"], ["white.png", "raw.png"]])
+def test_pictures_that_are_no_views(names: list[str]):
+    with pytest.raises(FormatError, match=r"No number varies .* raw frame as a file"):
+        guess(names)
+
+
+def test_pictures_left_out_are_counted(caplog: pytest.LogCaptureFixture):
+    with caplog.at_level("INFO", logger="clplen.io"):
+        guess([f"IMG_{i}.png" for i in range(4)])
+        assert not caplog.text
+        guess([*(f"IMG_{i}.png" for i in range(4)), "cover.png", "a_b.png"], where="D")
+    assert "2 of 6 pictures in D are left out: they do not fit the pattern 'IMG_{i}" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("a.npz", b"PK\3\4 and more", "archive of NumPy arrays .* save .* as .npy"),
+        ("a.txt", b"hello\nworld", r"\(it is text: 'hello world'\)"),
+        ("a.bin", b"\x00\xff12", r"\(it begins with the bytes 00 ff 31 32\)"),
+    ],
+)
+def test_files_of_no_kind(tmp_path: Path, name: str, content: bytes, said: str):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(FormatError, match=said):
+        kind_of(tmp_path / name)
 
 
 def test_no_picture_to_guess_from():
