@@ -60,10 +60,12 @@ def write(
     *,
     srgb: bool,
     upsample: int | None = 1,
+    brightness: bool = True,
 ) -> str:
     """Write a picture, and say what is in the file.
 
     ``upsample`` is how many of its pixels lie on one of a view; None where its axes are others.
+    ``brightness`` says that the values are those of the views, not a variance.
     """
     from clplen.io import write_image, write_picture
     from clplen.io.shown import to_look_at, white_of
@@ -75,9 +77,11 @@ def write(
             sizes = (*lf.spacing[:2], lf.spacing[2] / upsample, lf.spacing[3] / upsample)
         write_image(output, values, spacing=sizes, description="linear values")
         return "linear float32"
-    white = white_of(values, lf.dtype, srgb=srgb)
+    srgb = srgb and brightness
+    white = white_of(values, lf.dtype if brightness else np.dtype(np.float32), srgb=srgb)
     write_picture(output, to_look_at(values, white, srgb=srgb))
-    return scaled(white, srgb)
+    above = np.count_nonzero(values > white)
+    return scaled(white, srgb) + (f"; {above} samples are brighter" if above else "")
 
 
 def scaled(white: float, srgb: bool) -> str:

@@ -97,7 +97,7 @@ def render(
         said = _animate(output, frames, lf, srgb=layout["srgb"])
     else:
         picture = _picture(lf, viewpoint, aperture, flatten, disparity)
-        said = write(output, picture, lf, srgb=layout["srgb"])
+        said = write(output, picture, lf, srgb=layout["srgb"], brightness=flatten != "variance")
     click.echo(f"{output}: {said}.")
 
 
