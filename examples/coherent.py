@@ -65,10 +65,8 @@ class Young:
         |h1|^2 + |h2|^2 + 2 mu Re(h1* h2), h1 and h2 the fields of either pinhole.
         """
         fine = Grid((1, self.columns * 8), self.pitch / 8)
-        u = [
-            np.exp(-(((fine.x + side * samples * self.pitch / 2) / self.pitch) ** 2) * 4)
-            for side in (1, -1)
-        ]
+        u = [np.exp(-(((fine.x + side * samples * self.pitch / 2) / self.pitch) ** 2) * 4)
+             for side in (1, -1)]
         pair = Field.from_array(np.array(u)[:, None], fine, wavelength=LAM, device=device)
         screen, light = Grid((1, self.columns * 8), self.width / self.columns / 8), []
         for z in places:
@@ -80,12 +78,8 @@ class Young:
     def _screens(self, field: Field) -> Field:
         """Every row propagated by itself, as between walls."""
         rows = field.data.reshape(-1, 1, self.columns)
-        lit = propagate(
-            Field(rows, Grid((1, self.columns), self.pitch), LAM, field.device),
-            self.distance,
-            method="fresnel-1fft",
-            pad=1,
-        )
+        lit = propagate(Field(rows, Grid((1, self.columns), self.pitch), LAM, field.device),
+                        self.distance, method="fresnel-1fft", pad=1)
         grid = Grid(field.shape, (field.grid.pitch[0], lit.grid.pitch[1]))
         return Field(lit.data.reshape(field.shape), grid, LAM, field.device)
 
@@ -126,13 +120,8 @@ def show(axes: Axes, values: np.ndarray, grid: Grid, **options: Any) -> Any:
     """An image over (x, y) in millimetres."""
     (ny, nx), (dy, dx) = grid.shape, grid.pitch
     x, y = (grid.x[0] - dx / 2) * 1e3, (grid.y[0] - dy / 2) * 1e3
-    return axes.imshow(
-        values,
-        extent=(x, x + nx * dx * 1e3, y, y + ny * dy * 1e3),
-        origin="lower",
-        interpolation="nearest",
-        **options,
-    )
+    return axes.imshow(values, extent=(x, x + nx * dx * 1e3, y, y + ny * dy * 1e3), origin="lower",
+                       interpolation="nearest", **options)
 
 
 def show_phase(axes: Axes, u: np.ndarray, grid: Grid) -> Any:
@@ -145,17 +134,8 @@ def show_points(axes: Axes, points: np.ndarray, window: float, size: float) -> A
     middles = ((np.arange(len(points)) + 0.5) / len(points) - 0.5) * window * 1e3
     x, y = np.meshgrid(middles, middles)
     axes.set(xlim=(-window * 500, window * 500), ylim=(-window * 500, window * 500), aspect="equal")
-    return axes.scatter(
-        x,
-        y,
-        size,
-        np.angle(points),
-        cmap=PHASES,
-        vmin=-np.pi,
-        vmax=np.pi,
-        edgecolors="0.5",
-        linewidths=0.4,
-    )
+    return axes.scatter(x, y, size, np.angle(points), cmap=PHASES, vmin=-np.pi, vmax=np.pi,
+                        edgecolors="0.5", linewidths=0.4)
 
 
 def phase_bar(figure: Any, drawn: Any, axes: Any, **options: Any) -> None:

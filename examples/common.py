@@ -49,21 +49,12 @@ class Example(Run):
 def begin(text: str, script: str, *, quick: str = "less to compute") -> Run:
     """Read the command line of a script, given its docstring, its path and what --quick means."""
     parser = argparse.ArgumentParser(description=text)
-    parser.add_argument(
-        "-o",
-        "--output",
-        default=FOLDER,
-        metavar="FOLDER",
-        help="folder for the picture (default: %(default)s)",
-    )
+    parser.add_argument("-o", "--output", default=FOLDER, metavar="FOLDER",
+                        help="folder for the picture (default: %(default)s)")
     parser.add_argument("--device", help="as for Device.open, for example cpu, gpu, pocl or 0:1")
     parser.add_argument("--quick", action="store_true", help=quick)
-    parser.add_argument(
-        "--format",
-        choices=("png", "pdf", "svg"),
-        default="png",
-        help="of the picture (default: %(default)s)",
-    )
+    parser.add_argument("--format", choices=("png", "pdf", "svg"), default="png",
+                        help="of the picture (default: %(default)s)")
     given = parser.parse_args()
     try:
         folder, device = check_folder(given.output), Device.open(given.device)
@@ -79,9 +70,8 @@ def begin(text: str, script: str, *, quick: str = "less to compute") -> Run:
 
 def start(text: str, script: str) -> Example:
     """As `begin`, with the camera of section 1.5."""
-    run = begin(
-        text, script, quick=f"less to compute; a camera of {QUICK_COUNT} x {QUICK_COUNT} lenslets"
-    )
+    run = begin(text, script,
+                quick=f"less to compute; a camera of {QUICK_COUNT} x {QUICK_COUNT} lenslets")
     camera = demo.camera(run.device, count=QUICK_COUNT) if run.quick else demo.camera(run.device)
     return Example(run.device, run.quick, run.picture, camera)
 

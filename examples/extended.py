@@ -30,13 +30,8 @@ def camera(run: Run, *, count: int = 75, pixels: int = 20) -> Plenoptic1:
     """The camera, or a smaller one."""
     count, pixels = (25, 14) if run.quick else (count, pixels)
     lenslets = MicrolensArray(150e-6, 10e-3, count=count, fill="full")
-    return PlenopticCamera.type1(
-        focal_length=0.120,
-        mla=lenslets,
-        wavelength=532e-9,
-        pixels_per_lenslet=pixels,
-        device=run.device,
-    )
+    return PlenopticCamera.type1(focal_length=0.120, mla=lenslets, wavelength=532e-9,
+                                 pixels_per_lenslet=pixels, device=run.device)
 
 
 def card(cam: Plenoptic1) -> PicturePlane:
@@ -54,9 +49,8 @@ def card(cam: Plenoptic1) -> PicturePlane:
     left = 4 + 2 / 3
     for pitch, bars in ((6, 3), (4, 3), (3, 3), (2, 4)):  # lenslets
         for n in range(bars):
-            axes.add_patch(
-                Rectangle(((left + n * pitch) / wide, 0.27), pitch / 2 / wide, 0.15, fc="w", lw=0)
-            )
+            axes.add_patch(Rectangle(((left + n * pitch) / wide, 0.27), pitch / 2 / wide, 0.15,
+                                     fc="w", lw=0))
         left += bars * pitch
     for n in range(8):
         axes.add_patch(Rectangle((0.06 + 0.11 * n, 0.07), 0.111, 0.13, fc=str((n + 1) / 8), lw=0))
@@ -93,9 +87,8 @@ def ideal(cam: Plenoptic1, plane: PicturePlane) -> np.ndarray:
     window = (cam.mla.count[0] + 2) * p
     f = np.arange(-int(cutoff * window), int(cutoff * window) + 1) / window
     scale = -cam.image_distance / (cam.object_distance + plane.dz)
-    there_y, there_x = (
-        np.exp(-2j * np.pi * scale * np.outer(f, axis)) for axis in (plane.y, plane.x)
-    )
+    there_y, there_x = (np.exp(-2j * np.pi * scale * np.outer(f, axis))
+                        for axis in (plane.y, plane.x))
     s = np.minimum(np.hypot(f[:, None], f) / cutoff, 1)
     transfer = 2 / np.pi * (np.arccos(s) - s * np.sqrt(1 - s**2))
     spectrum = there_y @ plane.image @ there_x.T * transfer * np.outer(*[np.sinc(f * p)] * 2)
@@ -118,15 +111,9 @@ def compare(cam: Plenoptic1, plane: PicturePlane, rendering: np.ndarray) -> None
 def show(axes: Axes, values: np.ndarray, pitch: float, largest: float | None = None) -> AxesImage:
     """An image from 0 on, in mm from its middle, turned by 180 degrees."""
     right, top = (n * pitch * 500 for n in values.shape[::-1])
-    drawn = axes.imshow(
-        values,
-        cmap=LIGHT,
-        vmin=0,
-        vmax=largest,
-        extent=centred(values.shape, pitch * 1e3),
-        interpolation="antialiased",
-        interpolation_stage="data",
-    )
+    drawn = axes.imshow(values, cmap=LIGHT, vmin=0, vmax=largest,
+                        extent=centred(values.shape, pitch * 1e3), interpolation="antialiased",
+                        interpolation_stage="data")
     axes.set(xlim=(right, -right), ylim=(-top, top), xlabel="x / mm", ylabel="y / mm")
     return drawn
 
@@ -134,13 +121,8 @@ def show(axes: Axes, values: np.ndarray, pitch: float, largest: float | None = N
 def show_object(axes: Axes, plane: PicturePlane) -> AxesImage:
     """A picture as it stands before the camera: y down."""
     axes.set(xlabel="x / mm", ylabel="y / mm", title="the object")
-    return axes.imshow(
-        plane.image,
-        cmap=LIGHT,
-        vmin=0,
-        interpolation="antialiased",
-        extent=centred(plane.image.shape, plane.pitch * 1e3),
-    )
+    return axes.imshow(plane.image, cmap=LIGHT, vmin=0, interpolation="antialiased",
+                       extent=centred(plane.image.shape, plane.pitch * 1e3))
 
 
 def mosaic(lf: LightField, rows: slice, columns: slice) -> np.ndarray:

@@ -17,10 +17,8 @@ compare(cam, scene, pixels(LightField.from_raw(raw).render()))
 figure = new_figure(11, 7.2)
 left, right = figure.subplots(1, 2, width_ratios=[2.6, 1])
 drawn = show(left, values, cam.pixel_pitch)
-left.set(
-    title=f"raw image: {cam.mla.count[0]} x {cam.mla.count[1]} lenslets of "
-    f"{cam.pixels_per_lenslet:.0f} x {cam.pixels_per_lenslet:.0f} pixels, axes turned"
-)
+left.set(title=f"raw image: {cam.mla.count[0]} x {cam.mla.count[1]} lenslets of "
+         f"{cam.pixels_per_lenslet:.0f} x {cam.pixels_per_lenslet:.0f} pixels, axes turned")
 bar(figure, drawn, left, "energy of a pixel")
 show_object(right, scene)
 run.save(figure)

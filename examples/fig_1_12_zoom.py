@@ -30,13 +30,8 @@ moved = np.einsum("vuyx,u->x", views, place) / np.maximum(energy, 1e-9)
 weight = np.where(energy > 0.05 * energy.max(), energy, 0)
 slope = np.polyfit(np.arange(energy.size), moved, 1, w=np.sqrt(weight))[0]
 pitch = 1e3 * raw.pixel_pitch * np.array(raw.sub_images.column_step)[1]
-number(
-    "pitch of the sub-images / um",
-    pitch * 1e3 + slope * raw.pixel_pitch * 1e6,
-    cam.lenslet_pitch * (1 + cam.lenslet_focal_length / cam.image_distance) * 1e6,
-    0.1,
-    ".2f",
-)
+number("pitch of the sub-images / um", pitch * 1e3 + slope * raw.pixel_pitch * 1e6,
+       cam.lenslet_pitch * (1 + cam.lenslet_focal_length / cam.image_distance) * 1e6, 0.1, ".2f")
 
 nearest = np.rint(np.array(PLACE) * cam.mla.count) * pitch
 figure = new_figure(11, 5.6)

@@ -20,23 +20,14 @@ number("middle of the views: correlation with the ideal", like(ideal(cam, scene)
 
 figure = new_figure(10.6, 9.6)
 axes = figure.subplots()
-drawn = axes.imshow(
-    whole,
-    cmap=LIGHT,
-    vmin=0,
-    interpolation="antialiased",
-    interpolation_stage="data",
-    extent=(count, 0, 0, count),
-)
+drawn = axes.imshow(whole, cmap=LIGHT, vmin=0, interpolation="antialiased",
+                    interpolation_stage="data", extent=(count, 0, 0, count))
 ends = cam.aperture_diameter * 500
 ticks = np.linspace(-ends, ends, 7)
 places = count / 2 - ticks / (abs(lf.spacing[1]) * 1e3)
 axes.set_xticks(places, [f"{tick:.1f}" for tick in ticks])
 axes.set_yticks(places, [f"{tick:.1f}" for tick in ticks])
-axes.set(
-    xlabel="u on the main lens / mm",
-    ylabel="v on the main lens / mm",
-    title=f"{count} x {count} views of {lf.shape[3]} x {lf.shape[2]} pixels, each turned",
-)
+axes.set(xlabel="u on the main lens / mm", ylabel="v on the main lens / mm",
+         title=f"{count} x {count} views of {lf.shape[3]} x {lf.shape[2]} pixels, each turned")
 bar(figure, drawn, axes, "value of a sample")
 run.save(figure)

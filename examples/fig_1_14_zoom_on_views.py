@@ -20,24 +20,15 @@ figure = new_figure(11, 5.9)
 panels = figure.subplots(1, 2)
 for axes, first, name in zip(panels, (start, edge), ("the middle", "the corner"), strict=True):
     some = slice(first, first + ACROSS)
-    drawn = axes.imshow(
-        mosaic(lf, some, some),
-        cmap=LIGHT,
-        vmin=0,
-        vmax=0.9 * left.max(),
-        interpolation="antialiased",
-        interpolation_stage="data",
-    )
+    drawn = axes.imshow(mosaic(lf, some, some), cmap=LIGHT, vmin=0, vmax=0.9 * left.max(),
+                        interpolation="antialiased", interpolation_stage="data")
     for n in range(1, ACROSS):
         axes.axhline(n * height - 0.5, color="w", lw=0.6)
         axes.axvline(n * width - 0.5, color="w", lw=0.6)
     names = range(first + ACROSS - 1, first - 1, -1)
     axes.set_xticks([(n + 0.5) * width for n in range(ACROSS)], names)
     axes.set_yticks([(n + 0.5) * height for n in range(ACROSS)], names)
-    axes.set(
-        xlabel="column u of the view",
-        ylabel="row v of the view",
-        title=f"{name} of the {count} x {count} views",
-    )
+    axes.set(xlabel="column u of the view", ylabel="row v of the view",
+             title=f"{name} of the {count} x {count} views")
 bar(figure, drawn, panels, "value of a sample", extend="max")
 run.save(figure)

@@ -13,10 +13,8 @@ raw = expose(cam, scene)
 rendering, expected = pixels(LightField.from_raw(raw).render()), ideal(cam, scene)
 rendering, expected = rendering / rendering.max(), expected / expected.max()
 number("correlation with the ideal image", like(expected, rendering), 1, 0.02)
-print(
-    f"  with the ideal image upside down {like(expected[::-1], rendering):.2f}, "
-    f"mirrored {like(expected[:, ::-1], rendering):.2f}"
-)
+print(f"  with the ideal image upside down {like(expected[::-1], rendering):.2f}, "
+      f"mirrored {like(expected[:, ::-1], rendering):.2f}")
 
 figure = new_figure(11.4, 3.9)
 first, *others = figure.subplots(1, 3)

@@ -40,20 +40,11 @@ for panel, (name, (R1, R2, colour, width)) in zip("ab", LENSES.items(), strict=T
     axes = panels[panel]
     axes.fill_betweenx(mm, left, right, color=colour, alpha=0.25, lw=0)
     axes.plot(left, mm, right, mm, color=colour)
-    axes.annotate(
-        "",
-        (left[400], 0.6),
-        (right[400], 0.6),
-        arrowprops={"arrowstyle": "<->", "shrinkA": 0, "shrinkB": 0},
-    )
+    axes.annotate("", (left[400], 0.6), (right[400], 0.6),
+                  arrowprops={"arrowstyle": "<->", "shrinkA": 0, "shrinkB": 0})
     axes.text((left + right)[400] / 2, 0.68, rf"$\Delta$ = {delta[400] * 1e6:.1f} µm", ha="center")
-    axes.set(
-        xlim=(-36, 24),
-        ylim=(-2, 2),
-        xlabel="z / µm",
-        ylabel="x / mm",
-        title=f"{name}: R1, R2 = {R1 * 1e3:g}, {R2 * 1e3:g} mm".replace("inf", r"$\infty$"),
-    )
+    axes.set(xlim=(-36, 24), ylim=(-2, 2), xlabel="z / µm", ylabel="x / mm",
+             title=f"{name}: R1, R2 = {R1 * 1e3:g}, {R2 * 1e3:g} mm".replace("inf", r"$\infty$"))
     panels["c"].plot(mm, paraxial + beyond, color=colour, lw=width, label=f"exact, {name}")
     panels["d"].plot(mm, beyond * 1e3, color=colour, label=name)
 panels["c"].plot(mm, paraxial, color="0.8", lw=8, zorder=0, label=r"paraxial, $-k r^2/(2f)$")

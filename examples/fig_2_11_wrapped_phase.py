@@ -31,15 +31,8 @@ panels = figure.subplot_mosaic("ab;cc", height_ratios=[2.2, 1], width_ratios=[1.
 edges = np.array([-N / 2 - 0.5, N / 2 - 0.5]) * PITCH * 1e3  # sample N/2 lies at 0
 for panel, how in (("a", "hanning"), ("b", "nearest")):
     drawn = panels[panel].imshow(
-        np.where(inside, phase, np.nan),
-        cmap="twilight",
-        vmin=-np.pi,
-        vmax=np.pi,
-        origin="lower",
-        extent=(*edges, *edges),
-        interpolation=how,
-        interpolation_stage="rgba",
-    )
+        np.where(inside, phase, np.nan), cmap="twilight", vmin=-np.pi, vmax=np.pi, origin="lower",
+        extent=(*edges, *edges), interpolation=how, interpolation_stage="rgba")
     panels[panel].set(xlabel="x / mm", ylabel="y / mm")
 panels["a"].set(xlim=(-2, 2), ylim=(-2, 2), title="f = 120 mm, D = 3.6 mm, 550 nm")
 panels["b"].set(xlim=RIM[:2], ylim=RIM[2:], title="at the rim: samples of 6.6 µm")
@@ -57,14 +50,9 @@ for ring, radius in zip(rings, radii * 1e3, strict=True):
     if 1.22 < radius < 1.79:
         axes.text(radius, 3.6, ring, ha="center", fontsize=7)
 last = LAM * F / (D / 2)
-axes.set(
-    xlim=(1.2, D * 500),
-    ylim=(-4.9, 4.4),
-    xlabel="x / mm",
-    ylabel="phase / rad",
-    title=r"cut; ring $m$ at $r^2 = 2 m \lambda f$, spacing at the rim $\lambda f/r$ = "
-    f"{last * 1e6:.1f} µm = {last / PITCH:.1f} samples",
-)
+axes.set(xlim=(1.2, D * 500), ylim=(-4.9, 4.4), xlabel="x / mm", ylabel="phase / rad",
+         title=r"cut; ring $m$ at $r^2 = 2 m \lambda f$, spacing at the rim $\lambda f/r$ = "
+         f"{last * 1e6:.1f} µm = {last / PITCH:.1f} samples")
 axes.set_yticks(*TICKS)
 axes.legend(loc="lower center", ncols=2)
 run.save(figure)

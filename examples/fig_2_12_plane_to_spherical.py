@@ -34,7 +34,7 @@ for f, (colour, half) in BEAMS.items():
     over = (R - gaussian(f, PLACES * f)) * 1e6
     number(f"f = {f * 1e3:g} mm: radius at the lens / mm", R[0] * 1e3, f * 1e3, 1e-3)
     number(f"f = {f * 1e3:g} mm: radius at z = f/2 / mm", R[2] * 1e3, half, 5e-3)
-    number(f"f = {f * 1e3:g} mm: beyond the Gaussian beam / um", over[2], -(W**2) / f * 2.5e5, 0.05)
+    number(f"f = {f * 1e3:g} mm: beyond the Gaussian beam / um", over[2], -W**2 / f * 2.5e5, 0.05)
     above.plot(fine, gaussian(f, fine * f) / f, color=colour, lw=1)
     above.plot(PLACES, R / f, "o", color=colour, ms=4, label=f"f = {f * 1e3:g} mm")
     below.plot(PLACES, over, "o", fine, -fine * W**2 / f * 5e5, color=colour, ms=4, lw=1)
@@ -46,19 +46,14 @@ below.set(xlabel="z/f", ylabel="points - lines above / µm", title=r"lines: $-z 
 planes, x = 24 if run.quick else 96, grid.x * 1e3
 z, lens = np.append(-F / 4, np.arange(planes) * 1.5 * F / planes), thin_lens(plane, F)
 rows = [u[N // 2], *(propagate(lens, place, pad=1).to_numpy()[N // 2] for place in z[1:])]
-drawn = left.pcolormesh(
-    z * 1e3, x, np.abs(rows).T ** 2, cmap=LIGHT, norm="log", vmin=1e-3, vmax=1e3, shading="gouraud"
-)
+drawn = left.pcolormesh(z * 1e3, x, np.abs(rows).T ** 2, cmap=LIGHT, norm="log", vmin=1e-3,
+                        vmax=1e3, shading="gouraud")
 bar(figure, drawn, left, "intensity (logarithmic)", extend="min")
 left.vlines((-22, -15, -8), -1.5, 1.5, color="w", lw=1)
 for place, row in list(zip(z, rows, strict=True))[1 :: planes // 8]:
     lit = np.abs(row) > 0.06 * np.abs(row).max()
     ahead = -np.unwrap(np.angle(row[lit])) * LAM / (2 * np.pi) * 1000
     left.plot((place + ahead - ahead[lit.sum() // 2]) * 1e3, x[lit], color="w", lw=1)
-left.set(
-    xlabel="z behind the lens / mm",
-    ylabel="x / mm",
-    ylim=(-1.8, 1.8),
-    title="f = 120 mm; wavefronts drawn 1000 times deeper",
-)
+left.set(xlabel="z behind the lens / mm", ylabel="x / mm", ylim=(-1.8, 1.8),
+         title="f = 120 mm; wavefronts drawn 1000 times deeper")
 run.save(figure)

@@ -39,29 +39,20 @@ phase.vlines((-1.2, 1.2), -640, 0, color="0.6", ls=":", label=rf"{MAX} = $\lambd
 phase.set(xlabel="x / mm", ylabel="phase / rad", title=f"$f$ = 28.8 mm: $R$ = 1.5 {MAX}")
 z = np.linspace(0, 1.6, 41 if run.quick else 161) * f
 rows = [np.abs(propagate(lens, place).to_numpy()[0]) ** 2 for place in z]
-drawn = along.pcolormesh(
-    z * 1e3, x, np.transpose(rows), cmap=LIGHT, norm="log", vmin=1e-2, vmax=1e2, shading="gouraud"
-)
+drawn = along.pcolormesh(z * 1e3, x, np.transpose(rows), cmap=LIGHT, norm="log", vmin=1e-2,
+                         vmax=1e2, shading="gouraud")
 bar(figure, drawn, along, "intensity (logarithmic)", extend="both")
 along.axvline(f * 1e3, color="w", lw=0.6, ls=":")
 along.set(xlabel="z / mm", ylabel="x / mm", title=f"beyond {MAX} the light goes to ghost foci")
 for ratio, colour in {0.8: GREEN, 1.5: RED}.items():
     cut.semilogy(x, focus(ratio) ** 2, color=colour, lw=0.8, label=f"$R$ = {ratio} {MAX}")
-cut.set(
-    xlabel="x / mm",
-    ylabel="intensity in the focal plane / ideal peak",
-    ylim=(1e-7, 30),
-    title=r"ghost foci at $\pm\lambda f/dx$ = $\pm$2.4 mm",
-)
+cut.set(xlabel="x / mm", ylabel="intensity in the focal plane / ideal peak", ylim=(1e-7, 30),
+        title=r"ghost foci at $\pm\lambda f/dx$ = $\pm$2.4 mm")
 ratios = np.linspace(0.5, 2, 61)
 peak.plot(ratios, np.minimum(1, 1 / ratios), color=ORANGE, label=f"min(1, {MAX}/$R$)")
 peak.plot(ratios, [focus(ratio).max() for ratio in ratios], ".", color=BLUE, label="measured")
-peak.set(
-    xlabel=f"$R$/{MAX}",
-    ylabel="peak amplitude / ideal",
-    ylim=(0, 1.1),
-    title=r"$D$ = 3.6 mm, $dx$ = 6.6 µm, 550 nm: $f_\mathrm{min}$ = 43.2 mm",
-)
+peak.set(xlabel=f"$R$/{MAX}", ylabel="peak amplitude / ideal", ylim=(0, 1.1),
+         title=r"$D$ = 3.6 mm, $dx$ = 6.6 µm, 550 nm: $f_\mathrm{min}$ = 43.2 mm")
 for axes, place in ((phase, "lower center"), (cut, "upper right"), (peak, "lower left")):
     axes.legend(loc=place)
 run.save(figure)

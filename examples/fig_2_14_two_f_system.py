@@ -17,8 +17,7 @@ grid = Grid((N, 1), PITCH)  # nothing varies along x: the lens is cylindrical
 points = np.zeros((2, N, 1))
 points[0, N // 2], points[1, N // 2 + BESIDE] = 1 / PITCH, 1 / PITCH
 (_, _, _), (at, _, behind), (end, _, image) = system.trace(
-    Field.from_array(points, grid, wavelength=LAM, device=run.device)
-)
+    Field.from_array(points, grid, wavelength=LAM, device=run.device))
 
 height = BESIDE * PITCH
 rays = rays_through(system, height=height)
@@ -41,27 +40,13 @@ before = thin_lens(behind, -F)  # what passes the lens, without its phase
 light = [propagate(before if z < at else behind, z - at).to_numpy()[:, shown, 0] for z in places]
 light = np.moveaxis(np.abs(light) ** 2, 0, 2)  # [point, y, z]
 light = 0.28 * np.sqrt(light / light.max(axis=(0, 1)))  # of a colour, in each plane the brightest
-paper = 1 - sum(
-    layer[..., None] * (1 - np.array(to_rgb(colour)))
-    for layer, colour in zip(light, (BLUE, RED), strict=True)
-)
-axes.imshow(
-    paper.clip(0, 1),
-    extent=(0, end, y[shown][0], y[shown][-1]),
-    origin="lower",
-    aspect="auto",
-    interpolation="antialiased",
-    zorder=0,
-)
+paper = 1 - sum(layer[..., None] * (1 - np.array(to_rgb(colour)))
+                for layer, colour in zip(light, (BLUE, RED), strict=True))
+axes.imshow(paper.clip(0, 1), extent=(0, end, y[shown][0], y[shown][-1]), origin="lower",
+            aspect="auto", interpolation="antialiased", zorder=0)
 axes.axis(limits)
 for filled in [part for part in axes.collections if part.get_alpha() == 0.1]:  # the light instead
     filled.remove()
-axes.text(
-    0.006,
-    0.97 * limits[3],
-    "shading: the computed light,\ngrey where it is of both points",
-    va="top",
-    size=8,
-    color="0.35",
-)
+axes.text(0.006, 0.97 * limits[3], "shading: the computed light,\ngrey where it is of both points",
+          va="top", size=8, color="0.35")
 run.save(figure)

@@ -14,6 +14,7 @@ HALF, SMALL = (1.3, 2.3, 2.3, 1.3), (0.035, 1, 1, 0.15)  # half widths / mm
 NAMES = "a point", "in front of the lens", "behind the lens", "image (log)"
 
 
+
 def radius(u: np.ndarray) -> float:
     """Radius of a wave (positive: diverging): its phase steps along x grow by k dx^2/R."""
     middle = slice(N // 2 - 150, N // 2 + 150)
@@ -40,48 +41,19 @@ panels = figure.subplots(2, 4)
 for k, ((above, below), (z, part, _)) in enumerate(zip(panels.T, trace, strict=True)):
     intensity, label = (size[k] / size[k].max()).clip(1e-4) ** 2, "" if k else "y / mm"
     for axes in (above,) if k else (above, below):
-        axes.imshow(
-            intensity,
-            extent=EXTENT,
-            origin="lower",
-            cmap=LIGHT,
-            norm="log" if k == 3 else "linear",
-            vmin=1e-7,
-            vmax=1,
-        )
+        axes.imshow(intensity, extent=EXTENT, origin="lower", cmap=LIGHT,
+                    norm="log" if k == 3 else "linear", vmin=1e-7, vmax=1)
     if k:
-        below.imshow(
-            np.angle(fields[k]),
-            extent=EXTENT,
-            origin="lower",
-            cmap="twilight",
-            interpolation="nearest" if k == 3 else "hanning",
-            interpolation_stage="rgba",
-        )
+        below.imshow(np.angle(fields[k]), extent=EXTENT, origin="lower", cmap="twilight",
+                     interpolation="nearest" if k == 3 else "hanning", interpolation_stage="rgba")
         text = f"{label_of(part)}\n{text_of(part)}".replace(", ", "\n")
         above.annotate(text, (-0.27, 0.97), xycoords="axes fraction", ha="center", va="top", size=7)
-        above.annotate(
-            "",
-            (-0.09, 0.6),
-            (-0.47, 0.6),
-            xycoords="axes fraction",
-            arrowprops={"arrowstyle": "-|>", "color": RED},
-        )
+        above.annotate("", (-0.09, 0.6), (-0.47, 0.6), xycoords="axes fraction",
+                       arrowprops={"arrowstyle": "-|>", "color": RED})
     x, y = np.array((COLUMN, ROW)) * PITCH * MM * (1, 0, 0, -1)[k]  # the middle below
     above.plot(x, y, "o", mfc="none", mec="w", ms=14 if x else 0)
-    above.set(
-        xlim=(-HALF[k], HALF[k]),
-        ylim=(-HALF[k], HALF[k]),
-        xticks=(-1, 0, 1),
-        ylabel=label,
-        yticks=(-1, 0, 1),
-        title=f"{NAMES[k]}: z = {z * MM:g} mm",
-    )
-    below.set(
-        xlim=(x - SMALL[k], x + SMALL[k]),
-        ylim=(y - SMALL[k], y + SMALL[k]),
-        xlabel="x / mm",
-        ylabel=label,
-        title="phase" if k else "its one sample of 6.6 µm",
-    )
+    above.set(xlim=(-HALF[k], HALF[k]), ylim=(-HALF[k], HALF[k]), xticks=(-1, 0, 1), ylabel=label,
+              yticks=(-1, 0, 1), title=f"{NAMES[k]}: z = {z * MM:g} mm")
+    below.set(xlim=(x - SMALL[k], x + SMALL[k]), ylim=(y - SMALL[k], y + SMALL[k]),
+              xlabel="x / mm", ylabel=label, title="phase" if k else "its one sample of 6.6 µm")
 run.save(figure)

@@ -10,15 +10,10 @@ from clplen.plot.base import LIGHT, bar, new_figure
 
 TABLE = {  # SNR / dB: window, r < 0.5 mm; peak: by independent float64; colour of what is drawn
     "multi-step, pad 1": (0.51, 0.51, 5.37067, "C0--"),
-    "multi-step, pad 2": (51.13, 80.02, 1, "C0"),
-    "AS, pad 1": (0.51, 0.51, 4.57883, "C1--"),
-    "AS, pad 2": (41.61, 61.57, 0.99981, "C1"),
-    "BLAS, pad 1": (25.10, 56.24, 1.00013, "C2--"),
-    "BLAS, pad 2": (52.17, 63.42, 0.99985, ""),
-    "corrected BLAS": (52.67, 63.58, 0.99989, ""),
-    "auto": (52.67, 63.58, 0.99989, "k"),
-    "Fresnel IR, pad 2": (56.25, 83.27, 1, "C4"),
-}
+    "multi-step, pad 2": (51.13, 80.02, 1, "C0"), "AS, pad 1": (0.51, 0.51, 4.57883, "C1--"),
+    "AS, pad 2": (41.61, 61.57, 0.99981, "C1"), "BLAS, pad 1": (25.10, 56.24, 1.00013, "C2--"),
+    "BLAS, pad 2": (52.17, 63.42, 0.99985, ""), "corrected BLAS": (52.67, 63.58, 0.99989, ""),
+    "auto": (52.67, 63.58, 0.99989, "k"), "Fresnel IR, pad 2": (56.25, 83.27, 1, "C4")}
 SHOWN, TICKS = (-0.5, 0.5), (-0.4, 0, 0.4)  # mm
 
 
@@ -37,15 +32,8 @@ images, (cut, off) = upper.subplots(2, 5, sharex=True, sharey=True), lower.subpl
 for axes, name in zip(images.flat, ("Airy", *METHODS), strict=True):
     u = image(name, run.device) if name in METHODS else airy
     intensity = np.abs(u / PEAK) ** 2
-    drawn = axes.imshow(
-        intensity.clip(1e-9),
-        cmap=LIGHT,
-        norm="log",
-        vmin=1e-7,
-        vmax=1,
-        extent=EXTENT,
-        origin="lower",
-    )
+    drawn = axes.imshow(intensity.clip(1e-9), cmap=LIGHT, norm="log", vmin=1e-7, vmax=1,
+                        extent=EXTENT, origin="lower")
     axes.set(xlim=SHOWN, ylim=SHOWN, xticks=TICKS, title=name, xlabel="x / mm", ylabel="y / mm")
     axes.label_outer()
     row = np.abs(resample(u[N // 2], 8 * N) / PEAK) ** 2  # eight values a sample
@@ -62,20 +50,10 @@ for axes, name in zip(images.flat, ("Airy", *METHODS), strict=True):
     if style:
         off.semilogy(far, mean_at_radius(np.abs((u - airy) / PEAK) ** 2), style, lw=1, label=name)
 bar(upper, drawn, images, "intensity / Airy's peak", extend="both")
-cut.set(
-    xlim=(-0.25, 0.25),
-    ylim=(1e-7, 20),
-    xlabel="x / mm",
-    ylabel="intensity / Airy's peak",
-    title="cut through the middle; the other six: as auto",
-)
-off.set(
-    xlim=(0, 3.3),
-    ylim=(1e-13, 1e6),
-    xlabel="r / mm",
-    ylabel="mean over a ring / Airy's peak",
-    title="|u - Airy|$^2$; corrected BLAS: as auto; BLAS, pad 2: within 5 dB of it",
-)
+cut.set(xlim=(-0.25, 0.25), ylim=(1e-7, 20), xlabel="x / mm", ylabel="intensity / Airy's peak",
+        title="cut through the middle; the other six: as auto")
+off.set(xlim=(0, 3.3), ylim=(1e-13, 1e6), xlabel="r / mm", ylabel="mean over a ring / Airy's peak",
+        title="|u - Airy|$^2$; corrected BLAS: as auto; BLAS, pad 2: within 5 dB of it")
 cut.legend(loc="upper right")
 off.legend(ncols=3, loc="upper right")
 run.save(figure)

@@ -24,15 +24,8 @@ show_points(a, sources(CELLS, run.device), WINDOW, 28)
 z = np.linspace(0, d_c, 25 if run.quick else 161)
 planes = [snapshot(RandomPhaseMask(p, distance=at, jitter=False), grid, run.device) for at in z]
 cut = np.abs([u[:, N // 2 + N // CELLS // 2] for u in planes]) ** 2
-drawn = b.imshow(
-    cut.T,
-    extent=(0, d_c, -WINDOW * 500, WINDOW * 500),
-    cmap=LIGHT,
-    origin="lower",
-    aspect="auto",
-    vmin=0,
-    vmax=4,
-)
+drawn = b.imshow(cut.T, extent=(0, d_c, -WINDOW * 500, WINDOW * 500), cmap=LIGHT, origin="lower",
+                 aspect="auto", vmin=0, vmax=4)
 phase_bar(figure, show_phase(c, planes[-1], grid), c, shrink=0.9)
 bar(figure, drawn, b, "intensity / mean", extend="max")
 
@@ -45,32 +38,17 @@ for times, reference in CONTRASTS.items():
     e.plot(times, contrast, "o", color=RED, ms=4)
 d.hist(phases.ravel(), BINS, density=True, color=BLUE, alpha=0.6)
 d.axhline(0.5 / np.pi, color="k", lw=1)
-d.set(
-    title="phases of 200 x 200 sources",
-    xlabel="phase / rad",
-    ylabel="density / rad$^{-1}$",
-    ylim=(0, 0.2),
-    xticks=(-np.pi, 0, np.pi),
-    xticklabels=("-π", "0", "π"),
-)
-e.set(
-    title="contrast of the intensity; grey: independent float64 simulation",
-    ylim=(-0.04, 1.1),
-    xlabel=r"distance / ($p^2/\lambda$)",
-    ylabel="standard deviation / mean",
-)
+d.set(title="phases of 200 x 200 sources", xlabel="phase / rad", ylabel="density / rad$^{-1}$",
+      ylim=(0, 0.2), xticks=(-np.pi, 0, np.pi), xticklabels=("-π", "0", "π"))
+e.set(title="contrast of the intensity; grey: independent float64 simulation", ylim=(-0.04, 1.1),
+      xlabel=r"distance / ($p^2/\lambda$)", ylabel="standard deviation / mean")
 e.axvspan(4, 8.4, color=BLUE, alpha=0.1, lw=0)
 e.text(6.2, 0.15, r"$d_c \geq 4 p^2/\lambda$: speckle", ha="center")
 even = np.linspace(0, 8, 33)
 f.hist(intensity(8, run.device, masks).ravel(), even, density=True, color=BLUE, alpha=0.6, log=True)
 f.plot(even, np.exp(-even), color="k", lw=1)
-f.set(
-    title="intensity at 8 $p^2/\\lambda$; line: exp(-I)",
-    xlabel="intensity I / mean",
-    ylabel="density",
-    xlim=(0, 8),
-    ylim=(3e-4, 1.5),
-)
+f.set(title="intensity at 8 $p^2/\\lambda$; line: exp(-I)", xlabel="intensity I / mean",
+      ylabel="density", xlim=(0, 8), ylim=(3e-4, 1.5))
 for axes in (a, b, c):
     axes.set(ylabel="y / mm", yticks=TICKS, xlabel="z / m" if axes is b else "x / mm")
 a.set_title(f"{CELLS} x {CELLS} sources, p = {p * 1e3:g} mm")

@@ -24,10 +24,8 @@ def apart(paraxial: np.ndarray, exact: np.ndarray, inside: np.ndarray) -> float:
 
 run = begin(__doc__, __file__)
 wide, far = slit(Grid((1, 2048), 1e-6), 500e-6, run.device), slit(SETUP_A, S / 2, run.device)
-for what, field, u in (
-    ("Fresnel, slit 0.5 mm, 0.1 m", fresnel(wide, 0.1), 1.13282 + 0.25616j),
-    ("exact, set-up A, 64 S", propagate(far, 64 * S), 0.83167 - 0.14483j),
-):
+for what, field, u in (("Fresnel, slit 0.5 mm, 0.1 m", fresnel(wide, 0.1), 1.13282 + 0.25616j),
+                       ("exact, set-up A, 64 S", propagate(far, 64 * S), 0.83167 - 0.14483j)):
     for part in ("real", "imag"):
         middle = getattr(field.to_numpy()[0, field.shape[1] // 2], part)
         number(f"{what}: U(0), {part}", middle, getattr(u, part), 5e-4)
@@ -37,16 +35,8 @@ z, x = np.geomspace(8e-6, 2e-3, 24 if run.quick else 240), GRID.x[280:721]
 exact = np.transpose([exact_slit(x, d, width=WIDTH) for d in z])
 beyond = exact - np.transpose([fresnel_slit(x, d, width=WIDTH) for d in z])
 for axes, values, what in ((left, exact, "abs(exact)"), (right, beyond, "abs(Fresnel - exact)")):
-    drawn = axes.pcolormesh(
-        z * 1e6,
-        x * 1e6,
-        np.abs(values),
-        cmap=LIGHT,
-        norm="log",
-        vmin=1e-3,
-        vmax=1.5,
-        shading="gouraud",
-    )
+    drawn = axes.pcolormesh(z * 1e6, x * 1e6, np.abs(values), cmap=LIGHT, norm="log", vmin=1e-3,
+                            vmax=1.5, shading="gouraud")
     bar(figure, drawn, axes, "amplitude (logarithmic)", extend="min")
     axes.set(xscale="log", xlabel="z / µm", ylabel="x / µm", title=f"{what}: slit of 40 µm, 550 nm")
 x = np.linspace(0, 28e-6, 1001)
@@ -62,11 +52,8 @@ for w, colour in WIDTHS.items():
     error.loglog(fine * 1e6, closed, color=colour, lw=1)
     error.loglog(z * 1e6, found, "o", color=colour, ms=4, label=f"w = {w * 1e6:g} µm")
     error.axvline((np.pi * w**4 / (4 * LAM)) ** (1 / 3) * 1e6, color=colour, lw=1, ls=":")
-error.set(
-    xlabel="z / µm",
-    ylabel="relative error of Fresnel's field, -w < x < w",
-    title=r"lines: closed forms; dots: clplen; dotted: $z^3 = \pi w^4/(4\lambda)$",
-)
+error.set(xlabel="z / µm", ylabel="relative error of Fresnel's field, -w < x < w",
+          title=r"lines: closed forms; dots: clplen; dotted: $z^3 = \pi w^4/(4\lambda)$")
 cut.legend()
 error.legend()
 run.save(figure)

@@ -29,16 +29,8 @@ for axes, z in zip(panels[1:, 0], (0, d_c), strict=True):
 phase_bar(figure, phases, panels[:, 0], location="bottom", shrink=0.7, aspect=15, pad=0.02)
 for axes, light in zip(panels[:, 1], lights, strict=True):
     drawn = show(axes, light, PART, cmap=LIGHT, vmin=0, vmax=4)
-figure.colorbar(
-    drawn,
-    ax=panels[:, 1],
-    location="bottom",
-    label="intensity / mean",
-    extend="max",
-    shrink=0.7,
-    aspect=15,
-    pad=0.02,
-)
+figure.colorbar(drawn, ax=panels[:, 1], location="bottom", label="intensity / mean", extend="max",
+                shrink=0.7, aspect=15, pad=0.02)
 for kernel, colour in KERNELS.items():
     profile = np.abs(um) <= 16 if kernel == "square" else 2.0 ** -((um / 16) ** 2)
     panels[0, 2].plot(um, profile, color=colour, label=kernel)
@@ -52,15 +44,8 @@ for kernel, colour in KERNELS.items():
 panels[0, 2].set(title="kernel K: amplitude of a cell", xlabel="x / µm", xlim=(-64, 64))
 panels[0, 2].legend(loc="upper right")
 panels[1, 2].text(-61, 0.88, f"dots: measured\nfrom {masks} masks")
-for row, words in zip(
-    panels,
-    (
-        "points of random phase",
-        "convolved with the square K",
-        f"propagated by $d_c$ = {d_c * 1e3:.2f} mm",
-    ),
-    strict=True,
-):
+for row, words in zip(panels, ("points of random phase", "convolved with the square K",
+                               f"propagated by $d_c$ = {d_c * 1e3:.2f} mm"), strict=True):
     row[0].set_title(f"{words}: phase")
     row[1].set_title("intensity")
     for axes in row[:2]:

@@ -41,11 +41,8 @@ for (whole, part, law), (cells, (samples, masks)) in zip(panels.T, MASKS.items()
     for axes, half in ((whole, 10), (part, 1)):
         ticks = (-half, 0, half)
         axes.set(xlabel="x / mm", ylabel="y / mm", xticks=ticks, yticks=ticks)
-    law.set(
-        title=f"degree of coherence\nmeasured from {masks} mask" + "s" * (masks > 1),
-        xlabel="displacement / p",
-        ylabel="$\\mu$",
-    )
+    law.set(title=f"degree of coherence\nmeasured from {masks} mask" + "s" * (masks > 1),
+            xlabel="displacement / p", ylabel="$\\mu$")
 panels[2, 0].legend(title="mask:")
 phase_bar(figure, drawn, panels[:2], shrink=0.5)
 run.save(figure)

@@ -9,14 +9,8 @@ from clplen.wave.spectrum import Spectrum
 C, LAM, FWHM = 299792458.0, 550e-9, 30e-9
 NM = np.linspace(380, 780, 4001)
 HUE = {  # red, green, blue by wavelength
-    380: (0.5, 0, 0.7),
-    440: (0, 0, 1),
-    490: (0, 0.9, 1),
-    510: (0, 0.85, 0),
-    580: (1, 0.9, 0),
-    645: (1, 0, 0),
-    700: (0.8, 0, 0),
-    780: (0.3, 0, 0),
+    380: (0.5, 0, 0.7), 440: (0, 0, 1), 490: (0, 0.9, 1), 510: (0, 0.85, 0), 580: (1, 0.9, 0),
+    645: (1, 0, 0), 700: (0.8, 0, 0), 780: (0.3, 0, 0),
 }
 
 
@@ -30,20 +24,11 @@ lit = NM[led.density(C / NM * 1e9) >= led.density(C / LAM) / 2]
 samples = led.sample(9, span=1.5)
 number("LED: wavelength of its mean frequency / nm", led.centre * 1e9, 550, 1e-4)
 number("LED: width at half of the maximum / nm", np.ptp(lit), 30.02, 0.2, ".2f")
-number(
-    "LED: step of 9 samples over +-1.5 FWHM / THz",
-    samples.step / 1e12,
-    3 / 8 * C * FWHM / LAM**2 / 1e12,
-    1e-4,
-)
+number("LED: step of 9 samples over +-1.5 FWHM / THz", samples.step / 1e12,
+       3 / 8 * C * FWHM / LAM**2 / 1e12, 1e-4)
 model = np.exp(-4 * np.log(2) * (NM[:, None] / [445, 560] - 1) ** 2 * [17.8**2, 4.48**2]) @ [1, 0.5]
-number(
-    "white LED: wavelength of its mean frequency / nm",
-    white.centre * 1e9,
-    model.sum() / (model / NM).sum(),
-    0.05,
-    ".2f",
-)
+number("white LED: wavelength of its mean frequency / nm", white.centre * 1e9,
+       model.sum() / (model / NM).sum(), 0.05, ".2f")
 
 figure = new_figure(9, 7)
 panels = figure.subplots(3, sharex=True)
@@ -67,14 +52,8 @@ panels[2].vlines(nm, 0, weights, colors=colours(nm), lw=2.5)
 for x, y, side in zip(nm, weights, (-1, 1, 1, 1, -1, 1), strict=True):
     panels[2].text(x + 3 * side, y, f"{x:.1f}", ha="left" if side > 0 else "right", va="center")
 panels[2].set(xlabel="wavelength in vacuum / nm", ylabel="power / greatest")
-for axes, title in zip(
-    panels,
-    (
-        "LED of the simulations: Gaussian of frequency, 550 nm, FWHM 30 nm",
-        "white LED: blue die and yellow phosphor",
-        "low-pressure mercury lamp: visible lines",
-    ),
-    strict=True,
-):
+for axes, title in zip(panels, ("LED of the simulations: Gaussian of frequency, 550 nm, FWHM 30 nm",
+        "white LED: blue die and yellow phosphor", "low-pressure mercury lamp: visible lines"),
+        strict=True):
     axes.set(title=title, xlim=(380, 780), ylim=(0, 1.12))
 run.save(figure)

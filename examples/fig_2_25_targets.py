@@ -7,12 +7,8 @@ from common import begin, number
 from clplen.plot.base import bar, new_figure
 
 TABLE = {  # contrast of elements 3-4, 4-1, 4-3 (11.3, 16.0, 20.2 /mm): independent, float64
-    "coherent": (0.973, 0.296, -0.042),
-    "16": (0.957, 0.41, 0.025),
-    "56": (0.885, 0.526, 0.163),
-    "224": (0.696, 0.439, 0.224),
-    "incoherent": (0.656, 0.396, 0.208),
-}
+    "coherent": (0.973, 0.296, -0.042), "16": (0.957, 0.41, 0.025), "56": (0.885, 0.526, 0.163),
+    "224": (0.696, 0.439, 0.224), "incoherent": (0.656, 0.396, 0.208)}
 COLOURS = {"coherent": "k", "16": "C0", "56": "C1", "224": "C3", "incoherent": "0.6"}
 
 run = begin(__doc__, __file__)
@@ -36,33 +32,18 @@ for (whole, close), (name, expected) in zip(panels.T, TABLE.items(), strict=True
     close.set(**t.CLOSE_UP)
     for key, value in zip(((3, 4), (4, 1), (4, 3)), expected, strict=True):
         found = t.contrast(mean, thing.grid, named[key])
-        number(
-            f"{title}: contrast of element {key[0]}-{key[1]}",
-            found,
-            value,
-            (0.15 if run.quick else 0.05) if name.isdigit() else 0.008,
-            ".3f",
-        )
+        number(f"{title}: contrast of element {key[0]}-{key[1]}", found, value,
+               (0.15 if run.quick else 0.05) if name.isdigit() else 0.008, ".3f")
     seen = [t.contrast(mean, thing.grid, bar) for bar in bars]
-    curves.plot(
-        frequency / 1e3,
-        seen,
-        "o-" if name.isdigit() else "--",
-        ms=3,
-        color=COLOURS[name],
-        label=title,
-    )
+    curves.plot(frequency / 1e3, seen, "o-" if name.isdigit() else "--", ms=3,
+                color=COLOURS[name], label=title)
 for row, image_of in zip(panels, (drawn, near), strict=True):
     bar(upper, image_of, row, "intensity / clear field", extend="max")
 for at, word in ((t.FC, "$f_c$"), (2 * t.FC, "$2 f_c$")):
     curves.axvline(at / 1e3, color="0.5", ls=":")
     curves.text(at / 1e3, 0.9, f" {word}")
 curves.axhline(0, color="0.8", lw=0.6, zorder=0)
-curves.set(
-    xlabel="line pairs / mm",
-    ylabel="contrast of the vertical bars",
-    ylim=(-0.2, 1.05),
-    title="below 0 the gaps are brighter than the bars",
-)
+curves.set(xlabel="line pairs / mm", ylabel="contrast of the vertical bars", ylim=(-0.2, 1.05),
+           title="below 0 the gaps are brighter than the bars")
 curves.legend(loc="lower left")
 run.save(figure)

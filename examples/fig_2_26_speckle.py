@@ -29,37 +29,23 @@ for axes, kind in zip(panels, ONE, strict=False):
     contrast = found.std() / found.mean()
     number(f"clear field, {kind} masks: mean", found.mean(), 1.0, 0.05, ".3f")
     number(f"clear field, {kind} masks: contrast", contrast, ONE[kind] / np.sqrt(M), 0.03, ".3f")
-    law.hist(
-        found,
-        np.linspace(0, 3.5, 71),
-        density=True,
-        color=COLOURS[kind],
-        alpha=0.5,
-        label=f"{kind} masks: contrast {contrast:.2f}",
-    )
+    law.hist(found, np.linspace(0, 3.5, 71), density=True, color=COLOURS[kind], alpha=0.5,
+             label=f"{kind} masks: contrast {contrast:.2f}")
     shape, t = M / ONE[kind] ** 2, np.linspace(0, 3.5, 351)
     law.plot(t, gamma.pdf(t, shape, scale=1 / shape), color=COLOURS[kind])
     if kind == "field":
         dark = gamma.cdf(0.5, shape, scale=1 / shape)
-        number(
-            "share of a clear field below half its mean", np.mean(found < 0.5), dark, 0.02, ".3f"
-        )
+        number("share of a clear field below half its mean", np.mean(found < 0.5), dark, 0.02,
+               ".3f")
 exact = image(thing, light) / level
 show(panels[2], exact, thing.grid, 2)
 panels[2].set_title("sum over the source of phase masks: no speckle")
 close.plot(x, exact[row], "k", lw=1, label="sum over the source")
 bar(upper, drawn, panels, "intensity / that of a clear field", extend="max")
-close.set(
-    xlabel="x / mm",
-    ylabel="intensity / that of a clear field",
-    xlim=(-1.79, 1.79),
-    title=rf"cut at y = 1.18 mm; $\iota$ = {iota_of(thing, CELLS):.2g}",
-)
-law.set(
-    xlabel="intensity / mean",
-    ylabel="probability density",
-    title="clear field; lines: gamma distributions of that contrast",
-)
+close.set(xlabel="x / mm", ylabel="intensity / that of a clear field", xlim=(-1.79, 1.79),
+          title=rf"cut at y = 1.18 mm; $\iota$ = {iota_of(thing, CELLS):.2g}")
+law.set(xlabel="intensity / mean", ylabel="probability density",
+        title="clear field; lines: gamma distributions of that contrast")
 for axes in (close, law):
     axes.legend()
 run.save(figure)

@@ -26,10 +26,8 @@ for kind, factor in FACTOR.items():
     means = averages(thing, light, counts)
     for (whole, close), (count, mean) in zip(panels.T, means.items(), strict=True):
         if kind == "field":
-            drawn, near = (
-                show(axes, mean.to_numpy() / level, thing.grid, most)
-                for axes, most in ((whole, 2), (close, 0.8))
-            )
+            drawn, near = (show(axes, mean.to_numpy() / level, thing.grid, most)
+                           for axes, most in ((whole, 2), (close, 0.8)))
             whole.set(title=f"M = {count}: {snr(thing, mean.to_numpy()):.1f} dB", xlabel="")
             close.set(**CLOSE_UP)
     done, reported = means[counts[-1]].convergence.T
@@ -37,13 +35,8 @@ for kind, factor in FACTOR.items():
     curve.loglog(done, law, color="0.8", lw=5, label=LAW if kind == "field" else None)
     curve.loglog(done, reported, color=COLOURS[kind], label=f"{kind} masks: reported")
     errors = {n: mean.to_numpy() - exact for n, mean in means.items()}
-    curve.loglog(
-        counts,
-        [np.sqrt(np.mean(e**2)) / exact.mean() for e in errors.values()],
-        "o",
-        color=COLOURS[kind],
-        label=f"{kind} masks: true",
-    )
+    curve.loglog(counts, [np.sqrt(np.mean(e**2)) / exact.mean() for e in errors.values()], "o",
+                 color=COLOURS[kind], label=f"{kind} masks: true")
     number(f"{kind} masks: reported error over the law", reported[-1] / law[-1], 1.0, 0.1, ".3f")
     off = (errors[100] / means[100].standard_error.to_numpy())[exact > 0.1 * level]
     off = np.sqrt(np.mean(off**2))
@@ -51,28 +44,16 @@ for kind, factor in FACTOR.items():
     if kind == "field":
         x, row = thing.grid.x * 1e3, np.argmin(np.abs(thing.grid.y - 1.18e-3))
         for n, colour in ((25, "C1"), (counts[-1], "C3")):
-            mean, error = (
-                v.to_numpy()[row] / level for v in (means[n].intensity, means[n].standard_error)
-            )
-            cut.fill_between(
-                x,
-                mean - error,
-                mean + error,
-                color=colour,
-                alpha=0.5,
-                lw=0,
-                label=f"M = {n}: mean and standard error",
-            )
+            mean, error = (v.to_numpy()[row] / level
+                           for v in (means[n].intensity, means[n].standard_error))
+            cut.fill_between(x, mean - error, mean + error, color=colour, alpha=0.5, lw=0,
+                             label=f"M = {n}: mean and standard error")
         cut.plot(x, exact[row] / level, "k", lw=1, label="sum over the source")
 for values, row in zip((drawn, near), panels, strict=True):
     bar(upper, values, row, "intensity / clear field", extend="max")
 curve.set(xlabel="snapshots M", ylabel="standard error / mean")
-cut.set(
-    xlabel="x / mm",
-    ylabel="intensity / clear field",
-    xlim=(0, 1.79),
-    title=rf"cut at y = 1.18 mm, field masks, $\iota$ = {iota_of(thing, CELLS):.2g}",
-)
+cut.set(xlabel="x / mm", ylabel="intensity / clear field", xlim=(0, 1.79),
+        title=rf"cut at y = 1.18 mm, field masks, $\iota$ = {iota_of(thing, CELLS):.2g}")
 curve.legend()
 cut.legend()
 run.save(figure)

@@ -15,12 +15,8 @@ run = begin(__doc__, __file__)
 field = star(run.device)
 found = stages(field, Z, "as")
 sine = LAM / (2 * STEP)
-number(
-    "H is sampled up to z / mm",
-    found.plan.report.fully_sampled_to * 1e3,
-    field.grid.extent[1] * np.sqrt(1 / sine**2 - 1) * 1e3,
-    1e-4,
-)
+number("H is sampled up to z / mm", found.plan.report.fully_sampled_to * 1e3,
+       field.grid.extent[1] * np.sqrt(1 / sine**2 - 1) * 1e3, 1e-4)
 energy = found.plan.energy(field)
 number("power at z / power at 0", (energy.window + energy.outside) / energy.into, 1, 1e-5)
 back = propagate(propagate(field, Z, method="as", pad=1), -Z, method="as", pad=1).to_numpy()
@@ -38,11 +34,6 @@ for times, decibels in EVANESCENT.items():
     u = propagate(narrow, times * LAM, method="as", pad=1).to_numpy()[0]
     exact = exact_slit(fine.x, times * LAM, width=2 * LAM)
     number(f"slit of 2 lam, z = {times} lam: SNR / dB", snr_db(exact, u), decibels, 0.5, ".1f")
-names = {
-    "U(0)": "U(x, y; 0)",
-    "A": "A = FFT of U(0)",
-    "H": "H, z = 3 mm",
-    "A H": "A H",
-    "U(z)": "U(x, y; z): inverse FFT",
-}
+names = {"U(0)": "U(x, y; 0)", "A": "A = FFT of U(0)", "H": "H, z = 3 mm", "A H": "A H",
+         "U(z)": "U(x, y; z): inverse FFT"}
 run.save(draw(found, names, 0))

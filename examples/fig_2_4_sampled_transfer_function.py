@@ -34,51 +34,25 @@ for top, middle, times, colour in zip("abc", "def", (0.5, 1, 4), (GREEN, BLUE, R
     number(f"z = {times} z_lim: steps of pi from f / (1/mm)", found / 1e3, closed / 1e3, 0.5, ".2f")
     number("  limit of band-limited AS / (1/mm)", limit / 1e3, closed / 1e3, 1e-2, ".2f")
     ends = np.array([-64.5, 63.5]) * DF / 1e3
-    drawn = axes.imshow(
-        np.angle(H),
-        cmap="twilight",
-        vmin=-np.pi,
-        vmax=np.pi,
-        origin="lower",
-        extent=(*ends, *ends),
-        interpolation="nearest",
-    )
-    axes.add_patch(
-        Rectangle(
-            (-limit / 1e3,) * 2, *(limit / 500,) * 2, fill=False, ec=colour, lw=2, clip_on=False
-        )
-    )
+    drawn = axes.imshow(np.angle(H), cmap="twilight", vmin=-np.pi, vmax=np.pi, origin="lower",
+                        extent=(*ends, *ends), interpolation="nearest")
+    axes.add_patch(Rectangle((-limit / 1e3,) * 2, *(limit / 500,) * 2, fill=False, ec=colour, lw=2,
+                             clip_on=False))
     axes.set(xlabel="$f_x$ / (1/mm)", title=f"z = {times} $z_{{lim}}$ = {z * 1e3:.2f} mm")
     panels[middle].plot(FINE / 1e3, np.cos(phase(FINE, z)), color="0.75", lw=0.8)
     panels[middle].plot(F / 1e3, cut.real, "o", color=colour, ms=2.8)
     panels[middle].set(xlabel="$f_x$ / (1/mm)", xlim=(0, 460))
     true = np.abs(phase(F[1:], z) - phase(F[:-1], z)) / np.pi
     panels["g"].plot((F[1:] - DF / 2) / 1e3, true, color=colour, lw=1)
-    panels["g"].plot(
-        (F[1:] - DF / 2) / 1e3,
-        np.abs(steps),
-        "o",
-        color=colour,
-        ms=4,
-        label=f"z = {times} $z_{{lim}}$",
-    )
+    panels["g"].plot((F[1:] - DF / 2) / 1e3, np.abs(steps), "o", color=colour, ms=4,
+                     label=f"z = {times} $z_{{lim}}$")
 panels["a"].set(ylabel="$f_y$ / (1/mm)")
 panels["d"].set(ylabel="Re H at $f_y$ = 0")
-figure.colorbar(
-    drawn,
-    ax=[panels[p] for p in "abc"],
-    label="phase of the samples of H / rad",
-    shrink=0.8,
-    pad=0.01,
-)
+figure.colorbar(drawn, ax=[panels[p] for p in "abc"], label="phase of the samples of H / rad",
+                shrink=0.8, pad=0.01)
 panels["g"].axhline(1, color="0.6", ls=":")
-panels["g"].set(
-    xlabel="$f_x$ / (1/mm)",
-    ylabel="step from sample to sample / π",
-    ylim=(0, 2.5),
-    xlim=(0, 460),
-    title="lines: H; dots: its samples. Frames above: steps up to π, "
-    r"$f_x \leq 1/(\lambda\sqrt{(2 z/W)^2 + 1})$, the band of figure 2.6",
-)
+panels["g"].set(xlabel="$f_x$ / (1/mm)", ylabel="step from sample to sample / π", ylim=(0, 2.5),
+                xlim=(0, 460), title="lines: H; dots: its samples. Frames above: steps up to π, "
+                r"$f_x \leq 1/(\lambda\sqrt{(2 z/W)^2 + 1})$, the band of figure 2.6")
 panels["g"].legend(loc="upper right")
 run.save(figure)

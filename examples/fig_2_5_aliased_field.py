@@ -29,23 +29,16 @@ ends = np.array([-n / 2 - 0.5, n / 2 - 0.5]) * grid.pitch[1] * 1e3
 for panel, (name, (options, reference, colour)) in zip("abc", WAYS.items(), strict=True):
     found = fitted(exact, propagate(line, Z, **options).to_numpy()[0].astype(complex))
     number(f"slit, {name}: SNR / dB", snr_db(exact, found), reference, 0.5, ".2f")
-    panels["d"].semilogy(
-        x, np.abs(found) ** 2, color=colour, lw=1.3, label=f"{name}: {reference} dB"
-    )
+    panels["d"].semilogy(x, np.abs(found) ** 2, color=colour, lw=1.3,
+                         label=f"{name}: {reference} dB")
     picture = propagate(square, Z, **options).intensity().to_numpy()
-    drawn = panels[panel].imshow(
-        picture, cmap=LIGHT, norm="log", vmin=1e-5, vmax=2, origin="lower", extent=(*ends, *ends)
-    )
+    drawn = panels[panel].imshow(picture, cmap=LIGHT, norm="log", vmin=1e-5, vmax=2,
+                                 origin="lower", extent=(*ends, *ends))
     panels[panel].set(xlabel="x / mm", title=name)
 panels["a"].set(ylabel="y / mm")
 bar(figure, drawn, [panels[p] for p in "abc"], "intensity (logarithmic)", extend="both")
 panels["d"].semilogy(x, np.abs(exact) ** 2, "k:", lw=1.3, label="exact")
-panels["d"].set(
-    xlim=(0, S * 500),
-    ylim=(8e-4, 3),
-    xlabel="x / mm",
-    ylabel="intensity",
-    title="slit S/2 = 0.5632 mm, z = 64 S = 72.1 mm, 550 nm; exact: by quadrature",
-)
+panels["d"].set(xlim=(0, S * 500), ylim=(8e-4, 3), xlabel="x / mm", ylabel="intensity",
+                title="slit S/2 = 0.5632 mm, z = 64 S = 72.1 mm, 550 nm; exact: by quadrature")
 panels["d"].legend(ncols=2, loc="lower left")
 run.save(figure)

@@ -22,11 +22,6 @@ number("power beyond the limit / power at 0", cut, closed, 1e-5, ".5f")
 asked = propagate(field, Z, method="blas").to_numpy()
 chain = found.arrays["U(z)"][inner(found.window, field.grid)]
 number("propagate less the stages by NumPy", np.abs(asked - chain).max(), 0, 1e-5, ".5f")
-names = {
-    "U(0)": "U(x, y; 0)",
-    "A": "A = FFT of U(0)",
-    "H": "H, z = 12 mm",
-    "A H": "A H",
-    "U(z)": "U(x, y; z): inverse FFT",
-}
+names = {"U(0)": "U(x, y; 0)", "A": "A = FFT of U(0)", "H": "H, z = 12 mm", "A H": "A H",
+         "U(z)": "U(x, y; z): inverse FFT"}
 run.save(draw(found, names, limit / 500))

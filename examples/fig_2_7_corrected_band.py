@@ -37,11 +37,8 @@ for name, (options, width, guard, colour) in WAYS.items():
     closed = reach / (LAM * r) + guard * Z / np.sqrt(LAM * r**3)
     number(f"{name}: band ends at / (1/mm)", end / 1e3, closed / 1e3, 0.01, ".3f")
     f, weights = lines(plan)
-    panels["a"].plot(
-        [0, Z * 1e3],
-        (np.array([0, Z * np.tan(np.arcsin(LAM * end))]) - width * S / 2) * 1e3,
-        color=colour,
-    )
+    panels["a"].plot([0, Z * 1e3], (np.array([0, Z * np.tan(np.arcsin(LAM * end))])
+                                    - width * S / 2) * 1e3, color=colour)
     panels["b"].step(np.append(f, end) / 1e3, np.append(weights, 0), where="mid", color=colour)
     h = np.exp(2j * np.pi * x[:, None] * f + 1j * phase(f, Z)) @ weights * (f[1] - f[0])
     panels["c"].semilogy(x / S, np.abs(h / line_source(x, Z) - 1), color=colour, lw=1, label=name)
@@ -50,24 +47,13 @@ for n, count in LINES.items():
     number(f"z = {n} S: frequencies of the band", lines(plan)[0].size, count, 2, ".0f")
 panels["a"].vlines(0, -S * 250, S * 250, color="0.7", lw=8)
 panels["a"].vlines([0, Z * 1e3], -S * 500, S * 500, color="k", lw=2.5)
-panels["a"].set(
-    xlabel="z / mm",
-    ylabel="x / mm",
-    ylim=(-1, 1.9),
-    title="steepest rays; black: input and output, S; grey: slit, S/2",
-)
-panels["b"].set(
-    xlabel="$f_x$ / (1/mm)",
-    ylabel="weight",
-    xlim=(0, 80),
-    title=r"$X/(\lambda\sqrt{X^2+z^2}) + g\sqrt{\cos^3\theta/\lambda z}$; grey: slit",
-)
+panels["a"].set(xlabel="z / mm", ylabel="x / mm", ylim=(-1, 1.9),
+                title="steepest rays; black: input and output, S; grey: slit, S/2")
+panels["b"].set(xlabel="$f_x$ / (1/mm)", ylabel="weight", xlim=(0, 80),
+                title=r"$X/(\lambda\sqrt{X^2+z^2}) + g\sqrt{\cos^3\theta/\lambda z}$; grey: slit")
 panels["c"].vlines((0.75, 1), 1e-11, 5, color=(ORANGE, "0.5"), ls=":")
-panels["c"].set(
-    xlim=(0, 1.25),
-    ylabel="relative error of the wave from one point",
-    xlabel="sideways displacement X / S; dotted: the largest from input to output",
-    title="z = 64 S = 72.1 mm, S = 1.1264 mm, 550 nm; reference: Rayleigh-Sommerfeld",
-)
+panels["c"].set(xlim=(0, 1.25), ylabel="relative error of the wave from one point",
+                xlabel="sideways displacement X / S; dotted: the largest from input to output",
+                title="z = 64 S = 72.1 mm, S = 1.1264 mm, 550 nm; reference: Rayleigh-Sommerfeld")
 panels["c"].legend(loc="center left")
 run.save(figure)

@@ -36,24 +36,13 @@ for name, (options, reference, colour) in WAYS.items():
     panels["c"].semilogy(x, error, color=colour, lw=0.9, label=f"{name}, {decibels:.2f} dB")
 panels["a"].axvspan(-S * 250, S * 250, color="0.95", zorder=0)
 panels["a"].text(0, 0.06, "slit", ha="center")
-panels["a"].set(
-    xlabel="x / mm",
-    ylabel="intensity",
-    xlim=(-S * 500, S * 500),
-    ylim=(0, 1.9),
-    title="slit S/2 = 0.5632 mm, z = 64 S = 72.1 mm, 550 nm",
-)
+panels["a"].set(xlabel="x / mm", ylabel="intensity", xlim=(-S * 500, S * 500), ylim=(0, 1.9),
+                title="slit S/2 = 0.5632 mm, z = 64 S = 72.1 mm, 550 nm")
 panels["a"].legend(loc="upper center", ncols=3)
-panels["b"].set(
-    xlabel="x / mm",
-    ylabel="intensity / 0.001",
-    xlim=(0.4, S * 500),
-    ylim=(0, 60),
-    title="the same at the edge of the window",
-)
-panels["c"].set(
-    xlabel="x / mm", ylabel="error of the amplitude", xlim=(-S * 500, S * 500), ylim=(1e-7, 1)
-)
+panels["b"].set(xlabel="x / mm", ylabel="intensity / 0.001", xlim=(0.4, S * 500), ylim=(0, 60),
+                title="the same at the edge of the window")
+panels["c"].set(xlabel="x / mm", ylabel="error of the amplitude", xlim=(-S * 500, S * 500),
+                ylim=(1e-7, 1))
 panels["c"].grid(color="0.93", lw=0.6)
 panels["c"].legend(loc="lower center", ncols=4)
 run.save(figure)

@@ -45,21 +45,12 @@ for name, (options, colour, width, size) in METHODS.items():
     for z, decibels in zip(SHOWN, TABLE[name], strict=True):
         number(f"{name}: z = {z:g} S / dB", found[places == z][0], decibels, 0.5, ".2f")
 axes.text(20, 84, "what the sampled edge\nof the slit allows", ha="right")
-axes.text(
-    900,
-    58,
-    "tops: the band ends on a zero\nof the slit's spectrum;\ndips: on a maximum",
-    ha="right",
-)
+axes.text(900, 58, "tops: the band ends on a zero\nof the slit's spectrum;\ndips: on a maximum",
+          ha="right")
 axes.text(0.13, 12, "kernel aliased")
 axes.text(8, 4, "transfer function aliased\nor light wrapped around")
-axes.set(
-    xlabel="z / S",
-    ylabel="SNR / dB",
-    xlim=(0.09, 1150),
-    ylim=(0, 130),
-    title="S = 1024 samples of 2λ, slit S/2, 550 nm; dots: independent float64 values",
-)
+axes.set(xlabel="z / S", ylabel="SNR / dB", xlim=(0.09, 1150), ylim=(0, 130),
+         title="S = 1024 samples of 2λ, slit S/2, 550 nm; dots: independent float64 values")
 metres = axes.secondary_xaxis("top", functions=(lambda a: a * S * 1e3, lambda b: b / S / 1e3))
 metres.set_xlabel("z / mm")
 axes.grid(color="0.93", lw=0.6)

@@ -31,23 +31,10 @@ for name, position in demo.POINTS.items():
     x, y, z = (length * 1e3 for length in position)
     axes.plot([z, z, z], [0, x, x], [0, 0, y], color=COLOURS[name], lw=1.2, ls=":")
     axes.plot([z], [x], [y], "o", color=COLOURS[name], ms=7)
-    axes.text(
-        z,
-        x,
-        y + (2 if y >= 0 else -4),
-        f"{name} ({x:g}, {y:g}, {z:g}) mm",
-        ha="center",
-        color=COLOURS[name],
-        bbox=PAPER,
-    )
-axes.set(
-    xlabel="dz / mm, away from the lens",
-    ylabel="x / mm",
-    zlabel="y / mm",
-    xticks=(-DEEP, 0, DEEP),
-    yticks=(-HALF, 0, HALF),
-    zticks=(-HALF, 0, HALF),
-)
+    axes.text(z, x, y + (2 if y >= 0 else -4), f"{name} ({x:g}, {y:g}, {z:g}) mm", ha="center",
+              color=COLOURS[name], bbox=PAPER)
+axes.set(xlabel="dz / mm, away from the lens", ylabel="x / mm", zlabel="y / mm",
+         xticks=(-DEEP, 0, DEEP), yticks=(-HALF, 0, HALF), zticks=(-HALF, 0, HALF))
 axes.xaxis.labelpad = 10
 axes.grid(False)
 axes.view_init(elev=20, azim=-62)

@@ -15,14 +15,9 @@ SHOWN = 6.2  # mm to either side of the axis
 def show(axes: Axes, values: np.ndarray, decades: int, pitch: float) -> AxesImage:
     """An image on a logarithmic scale, in mm from its middle."""
     norm = base.norm_of(values, "log", decades)
-    return axes.imshow(
-        base.for_display(values, norm),
-        cmap=base.LIGHT,
-        norm=norm,
-        extent=base.centred(values.shape, pitch * 1e3),
-        interpolation="antialiased",
-        interpolation_stage="data",
-    )
+    return axes.imshow(base.for_display(values, norm), cmap=base.LIGHT, norm=norm,
+                       extent=base.centred(values.shape, pitch * 1e3),
+                       interpolation="antialiased", interpolation_stage="data")
 
 
 example = start(__doc__, __file__)
@@ -35,10 +30,8 @@ figure = base.new_figure(9, 7.4)
 above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=[1.2, 1])[:, 0]
 left, right = above.subplots(1, 2)
 shown = min(SHOWN, camera.grid.extent[0] * 500)
-bars = [
-    (left, show(left, values, 5, camera.pixel_pitch), "energy per pixel"),
-    (right, show(right, rendering, 3, camera.lenslet_pitch), "mean of the views"),
-]
+bars = [(left, show(left, values, 5, camera.pixel_pitch), "energy per pixel"),
+        (right, show(right, rendering, 3, camera.lenslet_pitch), "mean of the views")]
 for axes, drawn, label in bars:
     base.bar(figure, drawn, axes, f"{label} (logarithmic)", extend="min")
     axes.set(xlim=(-shown, shown), ylim=(shown, -shown), xlabel="x / mm", ylabel="y / mm")
@@ -52,21 +45,14 @@ for panel, (name, reference) in zip(below.subplots(1, 3), MAXIMA.items(), strict
     x, y = centre * magnified
     left.text(x + reach, y - reach, name, color="w")
     show(panel, values, 5, camera.pixel_pitch)
-    panel.set(
-        xlim=(x - reach, x + reach),
-        ylim=(y + reach, y - reach),
-        xlabel="x / mm",
-        ylabel="y / mm",
-        title=f"raw image at {name}",
-    )
+    panel.set(xlim=(x - reach, x + reach), ylim=(y + reach, y - reach), xlabel="x / mm",
+              ylabel="y / mm", title=f"raw image at {name}")
     panel.locator_params(nbins=5)
     for edge in pitch * (np.arange(camera.mla.count[0] + 1) - camera.mla.count[0] / 2):
         panel.axhline(edge, color="w", lw=0.5, alpha=0.6)
         panel.axvline(edge, color="w", lw=0.5, alpha=0.6)
-    rows, columns = (
-        np.abs(base.coordinates(n, camera.pixel_pitch) - c) < reach
-        for n, c in zip(raw.shape, (y, x), strict=True)
-    )
+    rows, columns = (np.abs(base.coordinates(n, camera.pixel_pitch) - c) < reach
+                     for n, c in zip(raw.shape, (y, x), strict=True))
     number(f"{name}: largest pixel", values[np.ix_(rows, columns)].max(), reference, 3e-6, ".3e")
 below.supxlabel("lines: borders between lenslets; colours as above")
 example.save(figure)

@@ -20,10 +20,8 @@ for name, references in PEAKS.items():
         peak = pixels(image)[y - 8 : y + 9, x - 8 : x + 9].max() / highest
         number(f"{name}: peak at alpha = {alpha:.4f}", peak, reference, 2e-3)
 
-titles = [
-    rf"$\alpha$ = {alpha:.4f}: {name} in focus"
-    for name, alpha in zip(PEAKS, demo.REFOCUS_ALPHAS, strict=True)
-]
+titles = [rf"$\alpha$ = {alpha:.4f}: {name} in focus"
+          for name, alpha in zip(PEAKS, demo.REFOCUS_ALPHAS, strict=True)]
 places = np.array([demo.place(camera, name) for name in PEAKS])
 part = slice(round(places.min()) - 11, round(places.max()) + 12)
 figure = plot.refocused(images, titles, scale="log", region=(part, part))

@@ -33,12 +33,8 @@ for axes, (dz, reference) in zip(panels, GAINS.items(), strict=True):
     axes.semilogy(frequency, blurred, color=BLUE, label=r"as taken, $\alpha$ = 1")
     axes.semilogy(frequency, sharp, color=RED, label=rf"refocused, $\alpha$ = {alpha:.4f}")
     axes.axvspan(0, CUT, color="0.92", zorder=0, label="left out by focus measures")
-    axes.set(
-        xlabel="spatial frequency / cycles per lenslet",
-        title=f"dz = {mm(dz)}",
-        xlim=(0, 0.5),
-        ylim=(1e-5, 15),
-    )
+    axes.set(xlabel="spatial frequency / cycles per lenslet", title=f"dz = {mm(dz)}",
+             xlim=(0, 0.5), ylim=(1e-5, 15))
     above = axes.secondary_xaxis("top", functions=(lambda k: k / pitch, lambda f: f * pitch))
     above.set_xlabel("cycles per mm on the lenslets")
     axes.legend(loc="upper right")

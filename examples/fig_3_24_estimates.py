@@ -8,12 +8,8 @@ example = start(__doc__, __file__)
 camera = example.camera
 found = [demo.estimates(camera, dz) for dz in demo.DEPTHS]
 for dz, methods in zip(demo.DEPTHS, found, strict=True):
-    number(
-        f"method 'compensated', alpha at {mm(dz)}",
-        methods["compensated"].alpha,
-        camera.alpha(dz),
-        0.01,
-    )
+    number(f"method 'compensated', alpha at {mm(dz)}", methods["compensated"].alpha,
+           camera.alpha(dz), 0.01)
 
 estimates = {"the thesis' own": list(zip(demo.DEPTHS, demo.THESIS_ALPHAS, strict=True))}
 for method in demo.METHODS:

@@ -31,37 +31,16 @@ dz = np.linspace(-0.062, 0.062, 201)
 near = [camera.dz(1 + sign * camera.describe()["focus tolerance"]) * 1e3 for sign in (-1, 1)]
 axes.axvspan(*near, color="0.92", label=r"in focus: $|1 - \alpha|$ < p/D")
 axes.axhline(0, color="0.3", lw=1)
-axes.plot(
-    dz * 1e3,
-    (KAPPA - 1) * (camera.alpha(dz) - 1),
-    "--",
-    color=ORANGE,
-    lw=1,
-    label=r"bias of the energy, $(\kappa - 1)(\alpha - 1)$",
-)
+axes.plot(dz * 1e3, (KAPPA - 1) * (camera.alpha(dz) - 1), "--", color=ORANGE, lw=1,
+          label=r"bias of the energy, $(\kappa - 1)(\alpha - 1)$")
 axes.plot(np.array(demo.DEPTHS) * 1e3, own, "s", color=BLUE, mfc="none", label="the thesis' own")
 for method, (marker, colour) in STYLE.items():
     errors = np.array([methods[method].alpha for methods in found]) - true
-    number(
-        f"method '{method}', rms error at four depths",
-        rms(errors[np.isin(depths, demo.DEPTHS)]),
-        RMS[method],
-        0.0022,
-    )
-    axes.plot(
-        depths * 1e3,
-        errors,
-        marker=marker,
-        color=colour,
-        mfc="none",
-        ls="-",
-        lw=0.7,
-        label=f"method '{method}'",
-    )
-axes.set(
-    xlabel="dz / mm (positive: farther from the lens)",
-    ylabel=r"error of $\alpha$",
-    title="points on the axis",
-)
+    number(f"method '{method}', rms error at four depths",
+           rms(errors[np.isin(depths, demo.DEPTHS)]), RMS[method], 0.0022)
+    axes.plot(depths * 1e3, errors, marker=marker, color=colour, mfc="none", ls="-", lw=0.7,
+              label=f"method '{method}'")
+axes.set(xlabel="dz / mm (positive: farther from the lens)", ylabel=r"error of $\alpha$",
+         title="points on the axis")
 axes.legend()
 example.save(figure)

@@ -27,24 +27,13 @@ def draw_slice(axes: Axes, camera: Plenoptic1, kept: int) -> None:
     axes.add_collection(PatchCollection(middle, facecolor=BLUE, edgecolor="0.2", alpha=0.6))
     for end in u[inside][[0, -1]] + np.array([0, du]):
         axes.axhline(end, color="C1", ls="--", lw=1)
-    axes.annotate(
-        "one pixel of\nthe rendering",
-        (0, 1.02 * u[0]),
-        (0, 1.3 * u[0]),
-        ha="center",
-        va="top",
-        color=BLUE,
-        arrowprops={"arrowstyle": "<-", "color": BLUE},
-    )
+    axes.annotate("one pixel of\nthe rendering", (0, 1.02 * u[0]), (0, 1.3 * u[0]), ha="center",
+                  va="top", color=BLUE, arrowprops={"arrowstyle": "<-", "color": BLUE})
     width = kept * du
-    axes.set(
-        xlim=(1.02 * x[0], -1.02 * x[0]),
-        ylim=(1.55 * u[0], -1.1 * u[0]),
-        xlabel="x on the array / um",
-        yticks=np.linspace(-1.8, 1.8, 7),
-        title=f"N' = {kept}: {width:.2f} mm of the main lens, f/"
-        f"{camera.image_distance * 1e3 / width:.0f}",
-    )
+    axes.set(xlim=(1.02 * x[0], -1.02 * x[0]), ylim=(1.55 * u[0], -1.1 * u[0]),
+             xlabel="x on the array / um", yticks=np.linspace(-1.8, 1.8, 7),
+             title=f"N' = {kept}: {width:.2f} mm of the main lens, f/"
+             f"{camera.image_distance * 1e3 / width:.0f}")
 
 
 example = start(__doc__, __file__)

@@ -35,13 +35,8 @@ for axes, n in zip(panels, (count, 2), strict=True):
     bar(figure, drawn, axes, "mean of the views")
 right.plot(KEPT, GEOMETRY, "k-", lw=1, label="pupil's disc in a square")
 right.plot(KEPT, np.array(totals) / totals[0], "o", color=BLUE, label="three points, N = 30")
-right.plot(
-    np.array(kept) * 30 / count,
-    np.array(seen) / seen[0],
-    "x",
-    color=ORANGE,
-    label=f"the card, N = {count}",
-)
+right.plot(np.array(kept) * 30 / count, np.array(seen) / seen[0], "x", color=ORANGE,
+           label=f"the card, N = {count}")
 right.set(xlabel="30 N'/N", ylabel="total / total of the full aperture", yscale="log")
 right.legend()
 example.save(figure)

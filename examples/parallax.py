@@ -24,22 +24,15 @@ def draw(run: Run, axis: int, names: tuple[str, str]) -> None:
     across_lens = (ends[0] - ends[1]) * lf.spacing[axis] / cam.lenslet_pitch  # in lenslets
     for (name, dz), image in zip(DEPTHS.items(), _images(cam), strict=True):
         moved = _place(low, axis, image, reach) - _place(high, axis, image, reach)
-        number(
-            f"{name}, dz = {mm(dz)}: d{'yx'[axis]}/d{'vu'[axis]} on the lens",
-            moved / across_lens,
-            1 - cam.alpha(dz),
-            0.06 if run.quick else 0.04,
-            ".3f",
-        )
+        number(f"{name}, dz = {mm(dz)}: d{'yx'[axis]}/d{'vu'[axis]} on the lens",
+               moved / across_lens, 1 - cam.alpha(dz), 0.06 if run.quick else 0.04, ".3f")
     figure = new_figure(11.4, 3.9)
     panels = figure.subplots(1, 3)
     # Pixels of a sub-image run against u: the first views are those of the largest u.
     for axes, view, name, n in zip(panels, (high, low), names, ends[::-1], strict=False):
         drawn = show(axes, view, cam.lenslet_pitch, high.max())
-        axes.set_title(
-            f"from the {name} of the lens, {'vu'[axis]} = "
-            f"{(n - middle) * lf.spacing[axis] * 1e3:+.2f} mm"
-        )
+        axes.set_title(f"from the {name} of the lens, {'vu'[axis]} = "
+                       f"{(n - middle) * lf.spacing[axis] * 1e3:+.2f} mm")
     bar(figure, drawn, panels[:2], "value of a sample", extend="max")
     _show_slice(panels[2], cam, lf, axis)
     for axes in panels:

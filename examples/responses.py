@@ -13,7 +13,7 @@ FC = D / (2 * LAM * Z)
 PUPIL = OpticalSystem([Pupil(D, Z)])  # as a filter of frequencies
 LENS = imaging_system(F, diameter=D, koehler=True)  # space, lens, space
 PLANE = Grid((1024, 1024), 6.6e-6)  # of the lens
-SOFT = np.exp(-((np.hypot(PLANE.y[:, None], PLANE.x) / 1.5e-3) ** 8))  # where the object ends
+SOFT = np.exp(-(np.hypot(PLANE.y[:, None], PLANE.x) / 1.5e-3) ** 8)  # where the object ends
 MIDDLE = 512
 
 

@@ -57,10 +57,8 @@ def stages(field: Field, z: float, method: str) -> Stages:
 
 def inner(window: Grid, grid: Grid) -> tuple[slice, slice]:
     """Where a grid lies in a padded window: centre upon centre."""
-    y, x = (
-        slice(L // 2 - n // 2, L // 2 - n // 2 + n)
-        for L, n in zip(window.shape, grid.shape, strict=True)
-    )
+    y, x = (slice(L // 2 - n // 2, L // 2 - n // 2 + n)
+            for L, n in zip(window.shape, grid.shape, strict=True))
     return y, x
 
 

@@ -107,14 +107,8 @@ def show(axes: Axes, intensity: np.ndarray, grid: Grid, largest: float = 1.0) ->
     """Draw an image, its axes in mm."""
     side = grid.extent[1] * 5e2
     axes.set(xlabel="x / mm", ylabel="y / mm" if axes.get_subplotspec().is_first_col() else "")
-    return axes.imshow(
-        intensity,
-        cmap=LIGHT,
-        vmin=0,
-        vmax=largest,
-        interpolation="antialiased",
-        extent=(-side, side, side, -side),
-    )
+    return axes.imshow(intensity, cmap=LIGHT, vmin=0, vmax=largest, interpolation="antialiased",
+                       extent=(-side, side, side, -side))
 
 
 def elements() -> tuple[Element, ...]:
@@ -127,8 +121,6 @@ def contrast(intensity: np.ndarray, grid: Grid, element: Element) -> float:
     y, x = element.upright
     rows = np.abs(grid.y - y) < 1.25 * element.width
     cut = np.mean(intensity[rows], axis=0)
-    bars, gaps = (
-        np.interp(x + np.array(at) * element.width, grid.x, cut).mean()
-        for at in ((-2, 0, 2), (-1, 1))
-    )
+    bars, gaps = (np.interp(x + np.array(at) * element.width, grid.x, cut).mean()
+                  for at in ((-2, 0, 2), (-1, 1)))
     return float((bars - gaps) / (bars + gaps))
