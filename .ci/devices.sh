@@ -7,8 +7,8 @@
 #
 #   pocl      the whole suite on PoCL, which `pip install clplen` brings
 #   vkfft     the FFT tests on PoCL with VkFFT, built here for OpenCL
-#   intel     the tests that depend on the device, less the slow ones and those of many snapshots,
-#             on Intel's CPU runtime (which is installed here from PyPI and runs on AMD processors
+#   intel     the tests that depend on the device, less the slow ones, those of many snapshots and
+#             those of files, on Intel's CPU runtime (which is installed here from PyPI and runs on AMD processors
 #             too). clplen shows it to the OpenCL loader by itself.
 #   oclgrind  tests/kernels on Debian's simulator Oclgrind, with no report of an access out of
 #             bounds or of a data race
@@ -81,7 +81,8 @@ run_vkfft() {
 
 run_intel() {
     need_intel
-    "$python" -m pytest -n auto --dist loadfile --device intel --device-tests-only -m "not slow and not many" -q
+    "$python" -m pytest -n auto --dist loadfile --device intel --device-tests-only \
+        -m "not slow and not many" --ignore=tests/io -q
 }
 
 run_oclgrind() {

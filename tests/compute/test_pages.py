@@ -92,6 +92,7 @@ def test_what_is_let_go_is_used_again_within_bounds(
     gc.collect()  # what other tests left comes back now, not later
     spare.free_held()
     before = spare.managed_bytes
+    rounding = before - spare.active_bytes  # of what other tests keep
     del_me = device.empty((LARGE,), np.uint8)
     taken = spare.managed_bytes
     assert before + LARGE <= taken <= before + LARGE * 9 // 8
@@ -103,7 +104,7 @@ def test_what_is_let_go_is_used_again_within_bounds(
     del again
     monkeypatch.setattr(device, "memory_bytes", 16 * LARGE // 2)
     other = device.empty((pages.LEAST_BYTES,), np.uint8)  # more than half of LARGE would be held
-    assert spare.managed_bytes - spare.active_bytes <= LARGE // 2
+    assert spare.managed_bytes - spare.active_bytes - rounding <= LARGE // 2
     assert small.nbytes + 1 == other.nbytes
 
 
