@@ -29,7 +29,7 @@ Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 _LEVELS = 255.0  # between the darkest and the brightest of the centre view
 _OUTLIERS = 0.2  # per cent of its samples left out at either end
-_WINDOW = 8  # pixels: half the window of costs and of planes
+_WINDOW = 7  # pixels: half the window of costs and of planes
 _NARROW, _WIDE, _WIDENING = 3.0, 6.0, 0.4  # its Gaussian, in pixels, and its growth with noise
 _QUIET = 2.0  # levels of noise up to which it is narrow
 _BESIDE = 0.2  # taps beside the middle when the guiding picture is smoothed

@@ -22,7 +22,7 @@ GROUPS = 9  # all views, and eight half apertures
 RATIO, MARGIN = 1.2, 0.17  # how much better a half must agree; the margin in levels a channel
 TRUNCATION = 10.0  # levels a channel: worse agreement than this is none
 _DELTA = 1e-4  # pixels: for its derivative
-_BLOCK = 256  # pixels of a row that an item of a CPU takes
+_BLOCK = 512  # pixels of a row that an item of a CPU takes
 _ALMOST = 1e-6  # of a view step: on the line between two halves
 
 
