@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 import tifffile
 
-from clplen import config
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
-from clplen.config import EXAMPLE, CameraFile, read_camera_file
+from clplen.config import EXAMPLE, CameraFile, CoherenceTable, read_camera_file
+from clplen.config.camera import CameraTable, MicrolensTable, SensorTable
 from clplen.config.light import KEYS, SPECTRA
+from clplen.config.scene import PictureTable, SceneTable
+from clplen.config.tables import Table
 from clplen.errors import FormatError
 from clplen.wave import average, coherence
 from clplen.wave.extended import ExtendedSource
@@ -51,6 +53,14 @@ def test_the_example_is_the_camera_of_the_demo(tmp_path: Path, device: Device):
     assert file.sensor.build().exposure is None
 
 
+TABLES: dict[str, type[Table]] = {
+    "camera": CameraTable,
+    "microlenses": MicrolensTable,
+    "scene": SceneTable,
+    "pictures": PictureTable,
+    "coherence": CoherenceTable,
+    "sensor": SensorTable,
+}
 NO_DEFAULT = "default:", "needed"  # what comments of such keys say
 
 
@@ -63,7 +73,7 @@ def shown(line: str) -> tuple[str, str]:
 def test_the_example_shows_every_key_and_its_default(tmp_path: Path, device: Device):
     """What is commented out, taken in, changes nothing, unless its comment says otherwise."""
     lines = [line for line in EXAMPLE.splitlines() if " = " in line]
-    known = [name for table in config._TABLES.values() for name in table.model_fields]
+    known = [name for table in TABLES.values() for name in table.model_fields]
     known = [name for name in known if name not in ("microlenses", "pictures")]
     assert sorted(shown(line)[0] for line in lines) == sorted(known)
     camera = read(tmp_path, EXAMPLE).camera.build(device)
@@ -79,7 +89,7 @@ def test_the_example_shows_every_key_and_its_default(tmp_path: Path, device: Dev
             table = header[1].split(".")[-1]
         elif " = " in line and line.startswith("# ") and not any(n in line for n in NO_DEFAULT):
             key, value = shown(line)
-            fields = config._TABLES[table].model_fields
+            fields = TABLES[table].model_fields
             default = effective.get(key, fields[key].default)
             says = tomllib.loads(f"value = {value}")["value"]
             assert np.array_equal(np.atleast_1d(says), np.atleast_1d(default)), key

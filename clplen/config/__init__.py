@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-import difflib
-import sys
 from pathlib import Path
-from typing import Any
 
-from pydantic import ValidationError, model_validator
+from pydantic import model_validator
 
-from clplen.config.camera import CameraTable, MicrolensTable, SensorTable
+from clplen.config.camera import CameraTable, SensorTable
 from clplen.config.example import EXAMPLE
 from clplen.config.light import CoherenceTable
-from clplen.config.scene import PictureTable, SceneTable
+from clplen.config.reading import read_toml, validated
+from clplen.config.scene import SceneTable
 from clplen.config.tables import Table
-from clplen.errors import FormatError
 from clplen.files import PathLike
 from clplen.wave.coherence import Coherence
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 __all__ = ["EXAMPLE", "CameraFile", "CoherenceTable", "read_camera_file"]
 
@@ -84,58 +76,5 @@ def read_camera_file(path: PathLike) -> CameraFile:
         one), missing or out of range, or does not fit the others.
     """
     path = Path(path)
-    if not path.is_file():
-        raise FormatError(
-            f"There is no camera file {path}; 'clplen simulate --example' prints one."
-        )
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FormatError(f"{path} is not TOML: {error}.") from error
-    try:
-        return CameraFile.model_validate(content, context={"folder": path.parent})
-    except ValidationError as error:
-        problems = dict.fromkeys(_problem(problem) for problem in error.errors())
-        raise FormatError(f"{path}: {'; '.join(problems)}.") from error
-
-
-def _problem(error: Any) -> str:
-    """One of pydantic's findings in words."""
-    path = [str(part) for part in error["loc"]]
-    key = ".".join(path)
-    if error["type"] == "missing":
-        return f"{key} is missing"
-    if error["type"] != "extra_forbidden":
-        return _wrong_value(error)
-    tables = [part for part in path[:-1] if not part.isdigit()]
-    table = _TABLES[tables[-1]] if tables else CameraFile
-    known = list(table.model_fields)
-    near = difflib.get_close_matches(path[-1], known, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]}?" if near else f"known here are {', '.join(known)}"
-    return f"unknown key {key}; {hint}"
-
-
-def _wrong_value(error: Any) -> str:
-    """A value, or values of a whole table that do not go together."""
-    said = error["msg"].removeprefix("Value error, ").replace("Input should", "must", 1)
-    sentence = f"{_key(error)} {said[0].lower()}{said[1:]}".lstrip()
-    is_table = error["type"] == "value_error" and isinstance(error["input"], dict)
-    return sentence if is_table else f"{sentence} (found {error['input']!r})"
-
-
-def _key(error: Any) -> str:
-    """Where it was found: without the place in a pair of numbers, where the value tells enough."""
-    path = list(error["loc"])
-    if path and isinstance(path[-1], int) and error["type"] != "value_error":
-        path.pop()
-    return ".".join(map(str, path))
-
-
-_TABLES: dict[str, type[Table]] = {
-    "camera": CameraTable,
-    "microlenses": MicrolensTable,
-    "scene": SceneTable,
-    "pictures": PictureTable,
-    "coherence": CoherenceTable,
-    "sensor": SensorTable,
-}
+    content = read_toml(path, f"camera file {path}; 'clplen simulate --example' prints one")
+    return validated(CameraFile, content, path)
