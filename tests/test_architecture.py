@@ -27,6 +27,7 @@ STOREYS = (
     {"plot", "config"},
     {"batch", "demo"},
     {"cli"},
+    {"__main__"},
 )
 HEIGHT = {unit: height for height, units in enumerate(STOREYS) for unit in units}
 # Who may import what is not in the Python standard library.

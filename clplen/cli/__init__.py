@@ -8,6 +8,7 @@ import sys
 import click
 
 from clplen import __version__
+from clplen.cli.batch import batch, worker
 from clplen.cli.demo import demo
 from clplen.cli.depth import depth
 from clplen.cli.devices import devices
@@ -36,5 +37,20 @@ def main() -> None:
     logger.setLevel(logging.INFO)
 
 
-for command in (demo, depth, devices, epi, info, refocus, render, sampling, score, simulate, stack):
+_COMMANDS = (
+    batch,
+    demo,
+    depth,
+    devices,
+    epi,
+    info,
+    refocus,
+    render,
+    sampling,
+    score,
+    simulate,
+    stack,
+    worker,
+)
+for command in _COMMANDS:
     main.add_command(command)

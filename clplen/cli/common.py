@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from clplen.compute.device import Device
     from clplen.lightfield.lightfield import LightField
 
-_FAR = 1e3  # metres: as good as infinity, and still a place
-
 
 def opened(selector: str | None) -> Device:
     """The device and its way to transform, named before anything is computed."""
@@ -111,17 +109,12 @@ def planes_of(
     lf: LightField, disparities: Any, alphas: Any, *, count: int | None = None
 ) -> dict[str, Any]:
     """The planes that were asked for, else those that suit the light field, `count` of them."""
+    from clplen.lightfield.planes import suitable_planes
     from clplen.lightfield.shifts import shifts
 
     if disparities is None and alphas is None:
-        if np.isfinite(lf.alpha(0.0)):
-            low, high, many = options.DEFAULT_ALPHAS
-            if lf.camera is not None:
-                high = min(high, lf.camera.alpha(_FAR))
-            alphas = np.linspace(low, high, count or many)
-        else:
-            low, high, many = options.DEFAULT_DISPARITIES
-            disparities = np.linspace(low, high, count or many)
+        suitable = suitable_planes(lf, count=count)
+        disparities, alphas = suitable.get("disparities"), suitable.get("alphas")
     chosen = lf.disparity(alphas) if disparities is None else disparities
     moved = [np.abs(along).reshape(len(along), -1).max(axis=1) for along in shifts(lf, chosen)]
     beyond = (moved[0] >= lf.shape[2]) | (moved[1] >= lf.shape[3])

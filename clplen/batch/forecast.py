@@ -1,0 +1,154 @@
+"""What a job will do, before it does it: items, sizes, and time from a measured sample."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clplen import io
+from clplen.batch.items import layout_in, tasks_of
+from clplen.batch.job import Job
+from clplen.batch.manifest import NAME, Manifest
+from clplen.batch.products import bytes_in_core, bytes_written
+from clplen.batch.runner import plan_of
+from clplen.batch.stamps import stamp
+from clplen.batch.task import Task
+from clplen.batch.work import perform
+from clplen.batch.workshop import Workshop
+from clplen.errors import ClplenError
+
+_OPENED = 200  # items whose sizes are looked at; of more, those of the others are extrapolated
+
+
+@dataclass(frozen=True)
+class Line:
+    """One item that is to be done.
+
+    Attributes
+    ----------
+    name : str
+    read, written : int
+        Bytes; 0 where they are not known.
+    streamed : bool
+        Whether it is larger than the memory.
+    problem : str
+        Why it will fail; empty if nothing is wrong so far.
+    """
+
+    name: str
+    read: int
+    written: int
+    streamed: bool
+    problem: str
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What there is to do.
+
+    Attributes
+    ----------
+    lines : list of Line
+        Of the items to do, at most 200.
+    todo, skipped : int
+        Items to do and items that are done.
+    read, written : float
+        Bytes of all items to do.
+    seconds : float
+        Of all items to do, by one worker; nan without a sample.
+    sample : str
+        What was measured.
+    """
+
+    lines: list[Line]
+    todo: int
+    skipped: int
+    read: float
+    written: float
+    seconds: float
+    sample: str
+
+
+def forecast_of(
+    job: Job, *, selector: str | None = None, memory: int | None = None, sample: bool = True
+) -> Forecast:
+    """Look at what a job will do; nothing is written to its output.
+
+    Parameters
+    ----------
+    job : Job
+    selector : str, optional
+        As for `Device.open`.
+    memory : int, optional
+        As in `Job`.
+    sample : bool
+        Whether to do the item of middle size, in a temporary folder, to know how long it takes.
+
+    Returns
+    -------
+    Forecast
+    """
+    tasks = tasks_of(job)
+    known = {}
+    if (job.output_folder / NAME).exists():
+        with Manifest(job.output_folder) as manifest:
+            known = manifest.reports()
+    plan = plan_of(tasks, known)
+    scratch = Path(tempfile.mkdtemp(prefix="clplen-sample-"))
+    try:
+        shop = Workshop(scratch, selector=selector, memory=memory)
+        lines = [_line(task, shop) for task in plan.todo[:_OPENED]]
+        share = len(plan.todo) / max(len(lines), 1)
+        read, written = (share * sum(getattr(x, n) for x in lines) for n in ("read", "written"))
+        seconds, said = float("nan"), "not measured"
+        chosen = _middle(plan.todo, lines) if sample else None
+        if chosen is not None:
+            task, line = chosen
+            seconds, said = _measured(replace(task, folder=str(scratch)), shop)
+            size = max(line.read + line.written, 1)
+            seconds *= (read + written) / size if read + written else len(plan.todo)
+        shop.close()
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+    return Forecast(lines, len(plan.todo), len(plan.current), read, written, seconds, said)
+
+
+def _line(task: Task, shop: Workshop) -> Line:
+    try:
+        read = sum(stamp(Path(task.base, name))[0] for name in task.files)
+        if task.source["kind"] != "file":
+            return Line(task.name, read, 0, False, "")
+        layout = layout_in(task.source["layout"], task.base)
+        path = Path(task.base, task.source["path"])
+        with io.open_lightfield(path, device=shop.device, **layout) as stored:
+            streamed = bytes_in_core(stored, task.work) > shop.memory
+            return Line(task.name, read, bytes_written(stored, task.work), streamed, "")
+    except (ClplenError, ValueError, OSError) as error:
+        return Line(task.name, 0, 0, False, str(error))
+
+
+def _middle(tasks: Sequence[Task], lines: Sequence[Line]) -> tuple[Task, Line] | None:
+    """The item of middle size among those that nothing is wrong with."""
+    good = [pair for pair in zip(tasks, lines, strict=False) if not pair[1].problem]
+    if not good:
+        return None
+    order = np.argsort([line.read + line.written for _, line in good], kind="stable")
+    return good[int(order[len(order) // 2])]
+
+
+def _measured(task: Task, shop: Workshop) -> tuple[float, str]:
+    report = perform(task, shop)
+    if report.state != "done":
+        return float("nan"), f"{task.name} failed: {report.error}"
+    slowest: Any = max(
+        (name for name in report.seconds if name not in ("total", "waiting")),
+        key=lambda name: report.seconds[name],
+    )
+    total = report.seconds["total"]
+    return total, f"{task.name} took {total:.3g} s, most of it to {slowest}"

@@ -1,0 +1,177 @@
+"""The manifest: what was done with every item of a job, in one SQLite file."""
+
+from __future__ import annotations
+
+import errno
+import json
+import sqlite3
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from clplen import __version__
+from clplen.batch.task import Report
+from clplen.errors import FormatError
+
+NAME = "manifest.sqlite"
+VERSION = 1  # of the tables
+_TABLES = f"""
+BEGIN;
+CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE items (
+    name TEXT PRIMARY KEY, state TEXT NOT NULL, started REAL NOT NULL, seconds REAL,
+    device TEXT, worker TEXT, error TEXT, report TEXT NOT NULL
+);
+INSERT INTO meta VALUES ('version', '{VERSION}'), ('software', '"clplen {__version__}"');
+COMMIT;
+"""
+
+
+class Manifest:
+    """States of items; each change is on the disk when its method returns.
+
+    Written by one process at a time, which holds the job; others may read.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Of the job's output.
+    create : bool
+        Whether to make one where there is none.
+
+    Raises
+    ------
+    FormatError
+        If there is none, it is of a newer version, or no manifest.
+    """
+
+    def __init__(self, folder: Path, *, create: bool = False) -> None:
+        self._path = folder / NAME
+        self._lock = threading.Lock()
+        if not self._path.exists() and not create:
+            raise FormatError(f"There is no manifest {self._path}: run the job first.")
+        self._open()
+
+    def _open(self) -> None:
+        with _said(self._path):
+            self._connection = sqlite3.connect(self._path, check_same_thread=False)
+            self._connection.execute("PRAGMA synchronous = FULL")
+            count = self._connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+            if not count:
+                self._connection.executescript(_TABLES)
+            self._inode = self._path.stat().st_ino
+            version = self._get("version")
+        if not isinstance(version, int):
+            raise FormatError(f"{self._path} is no manifest of clplen: move it away.")
+        if version > VERSION:
+            raise FormatError(
+                f"{self._path} is of version {version}, and this clplen {__version__} knows up to "
+                f"{VERSION}: use a newer clplen, or give the job another output."
+            )
+
+    def close(self) -> None:
+        """Close the file."""
+        self._connection.close()
+
+    def __enter__(self) -> Manifest:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def job(self) -> dict[str, Any] | None:
+        """What the job was when it ran last (`Job.what`)."""
+        with self._lock, _said(self._path):
+            found = self._get("job")
+        return found if isinstance(found, dict) else None
+
+    @job.setter
+    def job(self, content: dict[str, Any]) -> None:
+        with self._lock, _said(self._path), self._connection:
+            self._set("job", content)
+
+    def reports(self) -> dict[str, Report]:
+        """The last report of each item."""
+        with self._lock, _said(self._path):
+            rows = self._connection.execute("SELECT report FROM items").fetchall()
+            found = [Report.from_json(row[0]) for row in rows]
+        return {report.name: report for report in found}
+
+    def put(self, *reports: Report) -> None:
+        """Take in what became of items.
+
+        Raises
+        ------
+        OSError
+            If the disk is full, or refuses for another reason; nothing is lost but these.
+        """
+        rows = [
+            (
+                one.name,
+                one.state,
+                one.started,
+                one.seconds.get("total"),
+                one.device,
+                one.worker,
+                one.error,
+                one.to_json(),
+            )
+            for one in reports
+        ]
+        with self._lock, _said(self._path), self._connection:
+            self._connection.executemany(
+                "INSERT OR REPLACE INTO items VALUES (?, ?, ?, ?, ?, ?, ?, ?)", rows
+            )
+
+    def is_there(self) -> bool:
+        """Whether the file is still the one that was opened."""
+        try:
+            return self._path.stat().st_ino == self._inode
+        except OSError:
+            return False
+
+    def renew(self, job: dict[str, Any], reports: dict[str, Report]) -> None:
+        """Write it anew where it vanished, with what is known."""
+        with self._lock, _said(self._path):
+            self._connection.close()
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._open()
+        self.job = job
+        self.put(*reports.values())
+
+    def _get(self, key: str) -> Any:
+        try:
+            row = self._connection.execute(
+                "SELECT value FROM meta WHERE key = ?", (key,)
+            ).fetchone()
+        except sqlite3.OperationalError:  # no such table
+            return None
+        return None if row is None else json.loads(row[0])
+
+    def _set(self, key: str, value: Any) -> None:
+        self._connection.execute(
+            "INSERT OR REPLACE INTO meta VALUES (?, ?)", (key, json.dumps(value))
+        )
+
+
+@contextmanager
+def _said(path: Path) -> Iterator[None]:
+    """Errors of SQLite as ours."""
+    try:
+        yield
+    except (sqlite3.OperationalError, sqlite3.InternalError) as error:
+        full = "full" in str(error)
+        raise OSError(
+            errno.ENOSPC if full else errno.EIO,
+            f"The manifest cannot be written ({error}): "
+            + ("make room on the disk and run again" if full else "see to its folder"),
+            str(path),
+        ) from error
+    except (sqlite3.DatabaseError, ValueError) as error:
+        raise FormatError(
+            f"{path} is damaged or no manifest of clplen ({error}): move it away; what it says is "
+            "also in the item.json of every item."
+        ) from error

@@ -1,0 +1,83 @@
+"""What a file or folder was like when it was read: size, time of change, digest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from clplen.io.digest import digest, size_of
+
+Stamp = tuple[int, int]  # bytes, time of change in nanoseconds
+
+
+def stamp(path: Path) -> Stamp:
+    """Size and latest change; of a folder, of all files in it.
+
+    Raises
+    ------
+    OSError
+        If it is not there.
+    """
+    if not path.is_dir():
+        found = path.stat()
+        return found.st_size, found.st_mtime_ns
+    inside = [file.stat() for file in path.rglob("*") if file.is_file()]
+    return (
+        sum(one.st_size for one in inside),
+        max((one.st_mtime_ns for one in inside), default=path.stat().st_mtime_ns),
+    )
+
+
+def stamps(base: str, files: Iterable[str]) -> dict[str, Stamp]:
+    """The stamp of each file, by its name as seen from ``base``."""
+    return {name: stamp(Path(base, name)) for name in files}
+
+
+def is_unchanged(base: str, files: Iterable[str], known: dict[str, list[Any]]) -> bool:
+    """Whether files are those that were read: by size and time of change, else by digest.
+
+    Parameters
+    ----------
+    base : str
+        From where the names are seen.
+    files : iterable of str
+    known : dict
+        Of each file: size, time of change, digest.
+    """
+    names = tuple(files)
+    if set(names) != set(known):
+        return False
+    for name in names:
+        path = Path(base, name)
+        try:
+            size, changed = stamp(path)
+            if [size, changed] == list(known[name][:2]):
+                continue
+            if size != known[name][0] or digest(path) != known[name][2]:
+                return False
+        except OSError:
+            return False
+    return True
+
+
+def is_whole(folder: Path, outputs: dict[str, list[Any]], *, thorough: bool = False) -> str:
+    """What is wrong with written files, in words; empty if nothing is.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+    outputs : dict
+        Of each file or folder: size and digest.
+    thorough : bool
+        Whether to compare digests too.
+    """
+    for name, (size, known) in outputs.items():
+        path = folder / name
+        if not path.exists():
+            return f"{name} is missing"
+        if size_of(path) != size:
+            return f"{name} has {size_of(path):,} bytes, not {size:,}"
+        if thorough and digest(path) != known:
+            return f"{name} is not what was written (its digest differs)"
+    return ""

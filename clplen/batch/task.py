@@ -1,0 +1,103 @@
+"""One item of a job as it travels to a worker, and what comes back: no arrays."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Task:
+    """One light field and what is made of it.
+
+    Attributes
+    ----------
+    name : str
+        Of the item: its folder below the job's output.
+    folder : str
+        Of the job's output, absolute.
+    source : dict
+        Where the light field comes from: ``kind`` "file" with ``path`` and ``layout``, "camera" or
+        "scene" with what `clplen.batch.simulated` makes them of.
+    work : dict
+        What is made, by the names of the job's tables; and ``formats``.
+    base : str
+        Folder of the job file, from where names of files are seen.
+    files : tuple of str
+        Files and folders that are read, seen from ``base``.
+    """
+
+    name: str
+    folder: str
+    source: dict[str, Any]
+    work: dict[str, Any]
+    base: str = "."
+    files: tuple[str, ...] = ()
+
+    @property
+    def parameters(self) -> str:
+        """A digest of what decides the result, but for the content of the files."""
+        text = json.dumps([self.source, self.work], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Report:
+    """What became of a task.
+
+    Attributes
+    ----------
+    name : str
+    state : {"done", "failed"}
+    parameters : str
+        As of the task.
+    inputs : dict
+        Of each file: size, time of change in nanoseconds, digest.
+    outputs : dict
+        Of each file or folder, by its name in the item's folder: size and digest.
+    seconds : dict
+        By stage; ``total`` is all.
+    started : float
+        Seconds since 1970.
+    device, software, worker : str
+    settings : dict
+        Source and work of the task.
+    error : str
+        One sentence, if it failed.
+    passing : bool
+        Whether trying again may help.
+    """
+
+    name: str
+    state: str
+    parameters: str
+    started: float
+    inputs: dict[str, list[Any]] = field(default_factory=dict)
+    outputs: dict[str, list[Any]] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    device: str = ""
+    software: str = ""
+    worker: str = ""
+    settings: dict[str, Any] = field(default_factory=dict)
+    error: str = ""
+    passing: bool = False
+
+    def to_json(self) -> str:
+        """As text."""
+        return json.dumps(asdict(self), sort_keys=True, indent=1)
+
+    @classmethod
+    def from_json(cls, text: str) -> Report:
+        """The inverse of `to_json`.
+
+        Raises
+        ------
+        ValueError
+            If it is none.
+        """
+        try:
+            return cls(**json.loads(text))
+        except TypeError as error:
+            raise ValueError(str(error)) from error

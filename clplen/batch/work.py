@@ -1,0 +1,184 @@
+"""One item, from its files to its results: read, compute, write; whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import logging
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from clplen import __version__
+from clplen.batch.products import compute, read, write
+from clplen.batch.stamps import is_unchanged, is_whole, stamps
+from clplen.batch.task import Report, Task
+from clplen.batch.workshop import StoppedError, Workshop
+from clplen.errors import ClplenError, FormatError
+from clplen.files import clear_temporaries, replacing
+from clplen.io.digest import digest, size_of
+
+RECORD = "item.json"
+# Errors of the system that trying again does not mend.
+_LASTING = (errno.ENOSPC, errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOENT, errno.EDQUOT)
+logger = logging.getLogger(__name__)
+
+Advance = Callable[[int, int], None]
+
+
+def perform(task: Task, shop: Workshop, *, advance: Advance | None = None) -> Report:
+    """Do one item and write its record.
+
+    Another process that works on it is waited for, and what it did is taken over.
+
+    Parameters
+    ----------
+    task : Task
+    shop : Workshop
+    advance : callable, optional
+        (done, all) of the parts of a light field that is streamed, or of a simulation.
+
+    Returns
+    -------
+    Report
+        "done", or "failed" with one sentence.
+
+    Raises
+    ------
+    StoppedError
+        If the job was told to stop; nothing half-written is left.
+    """
+    started, began = time.time(), time.perf_counter()
+    seconds: dict[str, float] = {}
+    try:
+        with shop.locks.hold(task.name) as waited:
+            known = record_of(task) if waited else None
+            if known is not None and known.started >= started and is_current(task, known):
+                return known
+            inputs, outputs = _results(task, shop, seconds, advance or (lambda *_: None))
+            seconds["total"] = time.perf_counter() - began
+            report = Report(
+                task.name,
+                "done",
+                task.parameters,
+                started,
+                inputs,
+                outputs,
+                seconds,
+                repr(shop.device),
+                f"clplen {__version__}",
+                f"{socket.gethostname()}:{os.getpid()}",
+                {"source": task.source, "work": task.work},
+            )
+            _write_record(task, report)
+            return report
+    except StoppedError:
+        raise
+    except Exception as error:
+        seconds["total"] = time.perf_counter() - began
+        return _failed(task, started, seconds, error)
+
+
+def folder_of(task: Task) -> Path:
+    """Where the results of an item lie."""
+    return Path(task.folder, task.name)
+
+
+def record_of(task: Task) -> Report | None:
+    """The record beside the results of an item, if there is a whole one."""
+    try:
+        return Report.from_json((folder_of(task) / RECORD).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+
+
+def is_current(task: Task, known: Report) -> bool:
+    """Whether what is known of an item is what the task asks for, with its files in place."""
+    return (
+        known.state == "done"
+        and known.parameters == task.parameters
+        and not is_whole(folder_of(task), known.outputs)
+        and is_unchanged(task.base, task.files, known.inputs)
+    )
+
+
+def _results(
+    task: Task, shop: Workshop, seconds: dict[str, float], advance: Advance
+) -> tuple[dict[str, list[Any]], dict[str, list[Any]]]:
+    """Stamps of inputs and outputs, when everything is written."""
+    folder = folder_of(task)
+    before = _stamps(task)
+    folder.mkdir(parents=True, exist_ok=True)
+    clear_temporaries(folder)
+    with read(task, shop, seconds, advance) as light:
+        products = compute(task, light, shop, seconds, advance)
+        with _clocked("digest", seconds):
+            inputs = {
+                name: [*found, digest(Path(task.base, name))] for name, found in before.items()
+            }
+        _check_unchanged(task, before)
+        names = write(folder, products, shop, seconds)
+    with _clocked("digest", seconds):
+        outputs = {name: [size_of(folder / name), digest(folder / name)] for name in names}
+    return inputs, outputs
+
+
+def _stamps(task: Task) -> dict[str, tuple[int, int]]:
+    try:
+        return stamps(task.base, task.files)
+    except FileNotFoundError as error:
+        raise FormatError(f"There is no file {error.filename} any more.") from error
+
+
+def _check_unchanged(task: Task, before: dict[str, tuple[int, int]]) -> None:
+    after = _stamps(task)
+    changed = [name for name, found in before.items() if after[name] != found]
+    if changed:
+        raise FormatError(
+            f"{Path(task.base, changed[0])} was changed while it was read: run the job again when "
+            "it is written."
+        )
+
+
+def _write_record(task: Task, report: Report) -> None:
+    with replacing(folder_of(task) / RECORD, durable=True) as temporary:
+        temporary.write_text(report.to_json(), encoding="utf-8")
+
+
+@contextmanager
+def _clocked(name: str, seconds: dict[str, float]) -> Iterator[None]:
+    began = time.perf_counter()
+    yield
+    seconds[name] = seconds.get(name, 0.0) + time.perf_counter() - began
+
+
+def _failed(task: Task, started: float, seconds: dict[str, float], error: Exception) -> Report:
+    logger.debug("%s failed", task.name, exc_info=error)
+    passing = isinstance(error, MemoryError) or (
+        isinstance(error, OSError) and error.errno not in _LASTING
+    )
+    return Report(
+        task.name,
+        "failed",
+        task.parameters,
+        started,
+        seconds=seconds,
+        software=f"clplen {__version__}",
+        worker=f"{socket.gethostname()}:{os.getpid()}",
+        settings={"source": task.source, "work": task.work},
+        error=sentence(error),
+        passing=passing,
+    )
+
+
+def sentence(error: BaseException) -> str:
+    """What went wrong, in one line."""
+    if isinstance(error, MemoryError):
+        return "This computer has not enough memory for it: lower memory= or workers=."
+    text = str(error.args[0]) if error.args and not isinstance(error, OSError) else str(error)
+    text = " ".join(text.split())
+    known = isinstance(error, ClplenError | ValueError | OSError)
+    return text if known and text else f"unexpected {type(error).__name__}: {text}"

@@ -1,0 +1,277 @@
+"""``clplen batch`` and ``clplen worker``."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from tqdm import tqdm
+
+from clplen.cli import options
+
+if TYPE_CHECKING:
+    from clplen.batch import Job
+    from clplen.batch.forecast import Forecast
+    from clplen.batch.runner import Summary
+    from clplen.batch.task import Report
+
+_SHOWN = 20  # items of a list
+
+
+class _RunFirst(click.Group):
+    """``clplen batch JOB.toml`` is ``clplen batch run JOB.toml``."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if args and args[0] not in self.commands:
+            args = ["run", *args]
+        return super().parse_args(ctx, args)
+
+
+@click.group(cls=_RunFirst)
+def batch() -> None:
+    """Make stacks, depth maps and pictures of many light fields: 'clplen batch JOB.toml'."""
+
+
+def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        from clplen.batch.example import EXAMPLE
+
+        click.echo(EXAMPLE, nl=False)
+        ctx.exit()
+
+
+@batch.command()
+@click.argument("path", metavar="JOB.toml", type=click.Path(path_type=Path))
+@click.option(
+    "--example",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_example,
+    help="Print a commented job file and stop.",
+)
+@click.option(
+    "--dry-run",
+    is_flag=True,
+    help="Show items, sizes, what is done already, and the time that one measured item tells.",
+)
+@click.option("--workers", type=click.IntRange(1), help="Processes here; default: as the job says.")
+@click.option(
+    "--scheduler", metavar="ADDRESS", help="A Dask scheduler whose workers do it: tcp://host:8786."
+)
+@click.option("--memory", metavar="SIZE", help='Of each worker, "4 GiB"; default: as the job says.')
+@click.option("--force", is_flag=True, help="Go on although the job was changed.")
+@options.device
+def run(
+    path: Path,
+    dry_run: bool,
+    workers: int | None,
+    scheduler: str | None,
+    memory: str | None,
+    force: bool,
+    selector: str | None,
+) -> None:
+    """Do what a job file says, and only what is missing, changed or failed.
+
+    Each item has a folder in the job's output, with a record (item.json) of what it was made of;
+    manifest.sqlite there says what is done. 'clplen batch status JOB.toml' shows it.
+
+    \b
+    Example:
+      clplen batch --example > job.toml
+      clplen batch job.toml --dry-run
+      clplen batch job.toml
+    """
+    from clplen.batch import Job
+    from clplen.batch.runner import run_job
+
+    job = _with_options(Job.read(path), workers, memory, selector)
+    if dry_run:
+        _forecast(job)
+        return
+    with _Bar() as bar:
+        summary = run_job(job, _executor(job, scheduler, bar), watcher=bar, force=force)
+    _tell(summary, job, path)
+
+
+def _with_options(job: Job, workers: int | None, memory: str | None, selector: str | None) -> Job:
+    from clplen.batch.quantities import bytes_of
+
+    given: dict[str, Any] = {}
+    if workers is not None:
+        given["workers"] = workers
+    if memory is not None:
+        try:
+            given["memory"] = bytes_of(memory)
+        except ValueError as error:
+            raise click.UsageError(f"--memory {error}, not {memory!r}.") from error
+    if selector is not None:
+        given["device"] = [selector]
+    return job.model_copy(update=given).within(job.folder)
+
+
+def _executor(job: Job, scheduler: str | None, bar: _Bar) -> Any:
+    """Who does the items: this process, others on this computer, or a Dask cluster."""
+    if scheduler is not None:
+        from clplen.batch.cluster import workers_of
+
+        return partial(workers_of, scheduler=scheduler, memory=job.memory)
+    if job.workers > 1:
+        from clplen.batch.cluster import workers_here
+
+        return partial(
+            workers_here,
+            workers=job.workers,
+            devices=job.device,
+            memory=job.memory,
+            retries=job.retries,
+        )
+    from clplen.batch.local import here
+
+    selector = job.device[0] if job.device else None
+    return partial(here, selector=selector, memory=job.memory, running=bar.running)
+
+
+class _Bar(contextlib.AbstractContextManager["_Bar"]):
+    """Progress of the items, and of the one that is under way."""
+
+    def __init__(self) -> None:
+        self._bar: tqdm[Any] | None = None
+        self._failed = 0
+
+    def begin(self, *, total: int, skipped: int) -> None:
+        """How many items there are, and how many of them are done already."""
+        if skipped:
+            click.echo(f"{skipped} of {total} items are done already.", err=True)
+        self._bar = tqdm(
+            total=total - skipped, unit="item", disable=not sys.stderr.isatty(), dynamic_ncols=True
+        )
+
+    def running(self, name: str, done: int, total: int) -> None:
+        """How far one item has come."""
+        if self._bar is not None:
+            self._bar.set_postfix_str(f"{name} {100 * done // max(total, 1)} %")
+
+    def report(self, report: Report) -> None:
+        """One is done or has failed."""
+        assert self._bar is not None
+        if report.state == "failed":
+            self._failed += 1
+            with tqdm.external_write_mode(sys.stderr):
+                click.echo(f"{report.name} failed: {report.error}", err=True)
+        words = f"{self._failed} failed" if self._failed else report.name
+        self._bar.set_postfix_str(words, refresh=False)
+        self._bar.update()
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+
+def _tell(summary: Summary, job: Job, path: Path) -> None:
+    """What became of the job; the exit status too."""
+    parts = [f"{summary.done} items done"]
+    if summary.skipped:
+        parts.append(f"{summary.skipped} done before")
+    if summary.failed:
+        parts.append(f"{len(summary.failed)} failed")
+    click.echo(f"{', '.join(parts)}; the results are in {job.output_folder}.")
+    if summary.unsaved:
+        click.echo(f"Error: {summary.unsaved}", err=True)
+    if summary.failed:
+        click.echo(
+            f"'clplen batch status {path}' shows what failed; the next run tries it again.",
+            err=True,
+        )
+    if not summary.is_good:
+        click.get_current_context().exit(1)
+
+
+def _forecast(job: Job) -> None:
+    from clplen.batch.forecast import forecast_of
+
+    selector = job.device[0] if job.device else None
+    found = forecast_of(job, selector=selector, memory=job.memory)
+    for line in found.lines[:_SHOWN]:
+        how = f"fails: {line.problem}" if line.problem else _sizes(line.read, line.written)
+        click.echo(f"  {line.name}: {how}{', streamed' if line.streamed else ''}")
+    if found.todo > _SHOWN:
+        click.echo(f"  and {found.todo - _SHOWN} more")
+    click.echo(
+        f"{found.todo} items to do ({_sizes(found.read, found.written)}), {found.skipped} done "
+        f"already; the results go to {job.output_folder}."
+    )
+    click.echo(_time(found, job.workers))
+
+
+def _time(found: Forecast, workers: int) -> str:
+    if not found.todo:
+        return "Nothing is to be done."
+    if math.isnan(found.seconds):
+        return f"Time: {found.sample}."
+    shared = f", {_clock(found.seconds / workers)} by {workers} workers" if workers > 1 else ""
+    return f"Time: about {_clock(found.seconds)}{shared}, for {found.sample}."
+
+
+def _sizes(read: float, written: float) -> str:
+    return f"{_size(read)} to read, {_size(written)} to write"
+
+
+def _size(count: float) -> str:
+    return str(tqdm.format_sizeof(count, suffix="B", divisor=1000))
+
+
+def _clock(seconds: float) -> str:
+    return f"{seconds:.2g} s" if seconds < 60 else str(tqdm.format_interval(int(seconds)))
+
+
+@batch.command()
+@click.argument("path", metavar="JOB.toml", type=click.Path(path_type=Path))
+@click.option("--verify", is_flag=True, help="Read outputs and inputs again and compare digests.")
+def status(path: Path, verify: bool) -> None:
+    """Show what is done, failed, changed, damaged or missing of a job; nothing is changed.
+
+    The exit status is 1 unless everything is done.
+
+    \b
+    Example:
+      clplen batch status job.toml --verify
+    """
+    from clplen.batch import Job
+    from clplen.batch.runner import counted, status_of
+
+    states = []
+    for task, state, why in status_of(Job.read(path), verify=verify):
+        states.append(state)
+        if state != "done":
+            click.echo(f"{task.name}: {state}: {why}")
+    click.echo(f"{len(states)} items: {counted(states)}.")
+    if set(states) - {"done"}:
+        click.get_current_context().exit(1)
+
+
+@click.command()
+@click.argument("scheduler", metavar="ADDRESS")
+@options.device
+def worker(scheduler: str, selector: str | None) -> None:
+    """Start a worker for 'clplen batch JOB.toml --scheduler ADDRESS'; it runs until it is stopped.
+
+    It is 'dask worker ADDRESS --preload clplen.batch.preload' with as many threads as items
+    overlap (one is read, one computed, one written); start one for each device.
+
+    \b
+    Example:
+      dask scheduler --port 8786
+      clplen worker tcp://localhost:8786 --device 0:0
+    """
+    from clplen.batch.cluster import require_dask, worker_command
+
+    require_dask()
+    arguments, environment = worker_command(scheduler, selector)
+    click.get_current_context().exit(subprocess.call(arguments, env=environment))

@@ -1,0 +1,42 @@
+"""Planes that suit a light field of which nothing was said."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+DISPARITIES = (-2.0, 2.0, 33)  # first, last, how many
+ALPHAS = (0.65, 1.35, 33)
+_FAR = 1e3  # metres: as good as infinity, and still a place
+
+
+class _Known(Protocol):
+    @property
+    def camera(self) -> Any: ...
+
+    def alpha(self, disparity: Any) -> Any: ...
+
+
+def suitable_planes(lf: _Known, *, count: int | None = None) -> dict[str, Any]:
+    """Planes that suit what a light field knows, as ``alphas`` or ``disparities`` of `focal_stack`.
+
+    Parameters
+    ----------
+    lf : LightField
+    count : int, optional
+        How many; default 33.
+
+    Returns
+    -------
+    dict
+        ``alphas`` from .65 to 1.35, at most up to infinity, where the spacing is known, else
+        ``disparities`` from -2 to 2.
+    """
+    if np.isfinite(lf.alpha(0.0)):
+        low, high, many = ALPHAS
+        if lf.camera is not None:
+            high = min(high, lf.camera.alpha(_FAR))
+        return {"alphas": np.linspace(low, high, count or many)}
+    low, high, many = DISPARITIES
+    return {"disparities": np.linspace(low, high, count or many)}

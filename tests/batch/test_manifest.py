@@ -1,0 +1,86 @@
+"""The manifest: kept across processes, versions, full disks and folders that vanish."""
+
+from __future__ import annotations
+
+import errno
+import shutil
+import sqlite3
+from pathlib import Path
+
+import pytest
+
+from clplen.batch.manifest import NAME, Manifest
+from clplen.batch.task import Report
+from clplen.errors import FormatError
+
+
+def report(name: str, state: str = "done") -> Report:
+    return Report(name, state, "p", 1.5, {"a": [1, 2, "x"]}, {"o": [3, "y"]}, {"total": 0.25})
+
+
+def test_reports_come_back(tmp_path: Path):
+    with Manifest(tmp_path, create=True) as manifest:
+        assert manifest.job is None
+        manifest.job = {"output": "o"}
+        manifest.put(report("a"), report("b", "failed"))
+        manifest.put(report("b"))
+    with Manifest(tmp_path) as manifest:
+        assert manifest.job == {"output": "o"}
+        assert manifest.reports() == {"a": report("a"), "b": report("b")}
+    rows = sqlite3.connect(tmp_path / NAME).execute("SELECT name, state, seconds FROM items")
+    assert sorted(rows) == [("a", "done", 0.25), ("b", "done", 0.25)]
+
+
+def test_there_is_none(tmp_path: Path):
+    with pytest.raises(FormatError, match="no manifest .*run the job first"):
+        Manifest(tmp_path)
+
+
+def test_a_newer_version_is_refused(tmp_path: Path):
+    Manifest(tmp_path, create=True).close()
+    with sqlite3.connect(tmp_path / NAME) as file:
+        file.execute("UPDATE meta SET value = '2' WHERE key = 'version'")
+    with pytest.raises(FormatError, match="of version 2, .* up to 1: use a newer clplen"):
+        Manifest(tmp_path, create=True)
+
+
+@pytest.mark.parametrize("content", [b"no database at all" * 100, b"SQLite format 3\0garbage" * 50])
+def test_another_file_is_refused(tmp_path: Path, content: bytes):
+    (tmp_path / NAME).write_bytes(content)
+    with pytest.raises(FormatError, match="damaged or no manifest"):
+        Manifest(tmp_path, create=True)
+    assert (tmp_path / NAME).read_bytes() == content
+
+
+def test_another_database_is_refused(tmp_path: Path):
+    with sqlite3.connect(tmp_path / NAME) as file:
+        file.execute("CREATE TABLE other (x)")
+    with pytest.raises(FormatError, match="no manifest of clplen: move it away"):
+        Manifest(tmp_path, create=True)
+
+
+def test_a_full_disk_is_said(tmp_path: Path):
+    with Manifest(tmp_path, create=True) as manifest:
+        manifest.put(report("a"))
+        pages = manifest._connection.execute("PRAGMA page_count").fetchone()[0]
+        manifest._connection.execute(f"PRAGMA max_page_count = {pages}")
+        with pytest.raises(OSError, match="make room on the disk") as caught:
+            manifest.put(*(report(f"item {i}") for i in range(1000)))
+        assert caught.value.errno == errno.ENOSPC
+        manifest._connection.execute("PRAGMA max_page_count = 100000")
+        manifest.put(report("b"))
+        assert manifest.reports().keys() == {"a", "b"}
+
+
+def test_a_folder_that_vanishes(tmp_path: Path):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    with Manifest(folder, create=True) as manifest:
+        manifest.put(report("a"))
+        assert manifest.is_there()
+        shutil.rmtree(folder)
+        assert not manifest.is_there()
+        manifest.renew({"output": "o"}, {"a": report("a"), "b": report("b")})
+        assert manifest.is_there()
+        assert manifest.reports().keys() == {"a", "b"}
+        assert manifest.job == {"output": "o"}

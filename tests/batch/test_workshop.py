@@ -1,0 +1,130 @@
+"""Locks, gates and memory that items share."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from clplen.batch.cores import environment_of, share_of, usable_cores
+from clplen.batch.locks import ItemLocks, job_lock
+from clplen.batch.workshop import Room, StoppedError, Workshop
+from clplen.compute.device import Device
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from clplen.batch.locks import ItemLocks, job_lock
+folder = Path(sys.argv[1])
+if sys.argv[2] == "job":
+    lock = job_lock(folder)
+else:
+    lock = ItemLocks(folder).hold(sys.argv[2])
+with lock:
+    print("held", flush=True)
+    time.sleep(30)
+"""
+
+
+def holding(folder: Path, what: str) -> subprocess.Popen[str]:
+    """Another process that holds a lock."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(folder), what], stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "held\n"
+    return process
+
+
+def test_a_second_job_is_refused_until_the_first_dies(tmp_path: Path):
+    process = holding(tmp_path, "job")
+    try:
+        with (
+            pytest.raises(BlockingIOError, match=f"process {process.pid} on .* is at work"),
+            job_lock(tmp_path),
+        ):
+            pass
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()  # type: ignore[union-attr]
+    with job_lock(tmp_path):
+        pass
+
+
+def test_an_item_is_waited_for(tmp_path: Path):
+    process = holding(tmp_path, "one")
+    locks = ItemLocks(tmp_path)
+    try:
+        with locks.hold("another") as waited:
+            assert not waited
+        threading.Timer(0.3, process.kill).start()
+        with locks.hold("one") as waited:
+            assert waited
+    finally:
+        locks.close()
+        process.kill()
+        process.wait()
+        process.stdout.close()  # type: ignore[union-attr]
+
+
+def test_room_is_given_in_turn():
+    room, order = Room(100), []
+
+    def take(name: str, size: int, seconds: float) -> None:
+        with room.of(size):
+            order.append(name)
+            time.sleep(seconds)
+
+    threads = []
+    for name, size, seconds in (("a", 60, 0.2), ("b", 80, 0.0), ("c", 10, 0.0), ("d", 500, 0.0)):
+        threads.append(threading.Thread(target=take, args=(name, size, seconds)))
+        threads[-1].start()
+        time.sleep(0.05)
+    for thread in threads:
+        thread.join(5)
+    assert order == ["a", "b", "c", "d"]  # c would fit beside a, but b came first
+    with room.of(100):
+        pass
+
+
+def test_one_item_in_a_stage(tmp_path: Path, device: Device):
+    shop = Workshop(tmp_path, selector=device.place, memory=1000)
+    inside, most = [0], [0]
+
+    def visit() -> None:
+        with shop.stage("read", {}):
+            inside[0] += 1
+            most[0] = max(most[0], inside[0])
+            time.sleep(0.01)
+            inside[0] -= 1
+
+    threads = [threading.Thread(target=visit) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert most == [1]
+    seconds: dict[str, float] = {}
+    with shop.stage("compute", seconds):
+        time.sleep(0.02)
+    assert seconds["compute"] >= 0.02
+    shop.stop()
+    with pytest.raises(StoppedError), shop.stage("read", {}):
+        pass
+    shop.close()
+
+
+def test_cores_are_shared_out():
+    cores = usable_cores()
+    for workers in range(1, len(cores) + 1):
+        shares = [share_of(i, workers) for i in range(workers)]
+        assert sorted(core for share in shares for core in share) == cores
+        assert max(map(len, shares)) - min(map(len, shares)) <= 1
+    assert len(share_of(len(cores) + 3, 2 * len(cores) + 5)) == 1
+    assert environment_of([3, 5])["CLPLEN_CORES"] == "3,5"
+    assert environment_of([3, 5])["POCL_MAX_PTHREAD_COUNT"] == "2"
