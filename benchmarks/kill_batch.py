@@ -11,6 +11,7 @@ The seed of a round that fails is printed; the exit status says whether one did.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import random
@@ -142,10 +143,8 @@ def round_of(seed: int, folder: Path, items: int, device: Device) -> list[str]:
     wrong += [f"after the kill: {text}" for text in half_written(out, right)]
     for one in outside:
         for pid in [*children(one.pid), one.pid]:
-            try:
+            with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
-            except ProcessLookupError:
-                pass
         one.wait()
     again = finish(job, log, [] if seed % 2 else ["--workers", "2"])
     if again != 0:

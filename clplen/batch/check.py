@@ -6,7 +6,7 @@ from pathlib import Path
 
 from clplen.batch.stamps import is_unchanged, is_whole
 from clplen.batch.task import Report, Task
-from clplen.batch.work import folder_of, record_of
+from clplen.batch.work import RECORD, folder_of, record_of
 from clplen.io.digest import digest
 
 STATES = ("done", "failed", "changed", "damaged", "missing")
@@ -23,12 +23,16 @@ def state_of(task: Task, report: Report | None, *, verify: bool = False) -> tupl
     verify : bool
         Whether digests are compared, of outputs and of inputs.
     """
-    if report is None or report.state != "done":
-        report = record_of(task) or report
-    if report is None:
-        return "missing", "not done yet"
-    if report.state != "done":
+    record = record_of(task)
+    if record is None:
+        if report is None:
+            return "missing", "not done yet"
+        if report.state == "failed":
+            return "failed", report.error
+        return "damaged", f"{RECORD} is missing"
+    if report is not None and report.state == "failed" and report.started > record.started:
         return "failed", report.error
+    report = record
     if report.parameters != task.parameters:
         return "changed", "the job asks for something else now"
     wrong = is_whole(folder_of(task), report.outputs, thorough=verify)
@@ -38,6 +42,6 @@ def state_of(task: Task, report: Report | None, *, verify: bool = False) -> tupl
         return "changed", "its input was changed, moved or removed"
     if verify:
         for name, known in report.inputs.items():
-            if digest(Path(task.base, name)) != known[2]:
+            if digest(Path(task.base, name)) != known["sha256"]:
                 return "changed", f"{name} is not what was read (its digest differs)"
     return "done", ", ".join(report.outputs)

@@ -24,10 +24,15 @@ class Here:
     shop : Workshop
     running : callable, optional
         (name, done, all) of the parts of an item under way.
+    lanes : int
+        Items under way at a time.
     """
 
-    def __init__(self, shop: Workshop, running: Running | None = None) -> None:
+    def __init__(
+        self, shop: Workshop, running: Running | None = None, *, lanes: int = LANES
+    ) -> None:
         self._shop = shop
+        self._lanes = lanes
         self._running = running
 
     def run(self, tasks: Iterable[Task]) -> Iterator[Report]:
@@ -38,13 +43,13 @@ class Here:
             waiting.put(task)
         threads = [
             threading.Thread(target=self._lane, args=(waiting, found), name=f"lane-{i}")
-            for i in range(LANES)
+            for i in range(self._lanes)
         ]
         for thread in threads:
             waiting.put(None)
             thread.start()
         try:
-            yield from _reports(found)
+            yield from _reports(found, self._lanes)
         except BaseException:
             self._shop.stop()
             raise
@@ -73,9 +78,11 @@ class Here:
             self._running(name, done, total)
 
 
-def _reports(found: queue.SimpleQueue[Report | BaseException | None]) -> Iterator[Report]:
+def _reports(
+    found: queue.SimpleQueue[Report | BaseException | None], lanes: int
+) -> Iterator[Report]:
     ended = 0
-    while ended < LANES:
+    while ended < lanes:
         report = found.get()
         if report is None:
             ended += 1
@@ -87,7 +94,12 @@ def _reports(found: queue.SimpleQueue[Report | BaseException | None]) -> Iterato
 
 @contextmanager
 def here(
-    folder: Path, *, selector: str | None, memory: int | None, running: Running | None = None
+    folder: Path,
+    *,
+    selector: str | None,
+    memory: int | None,
+    running: Running | None = None,
+    lanes: int = LANES,
 ) -> Iterator[Here]:
     """An executor in this process.
 
@@ -99,11 +111,11 @@ def here(
         As for `Device.open`.
     memory : int or None
         As in `Job`.
-    running : callable, optional
+    running, lanes
         As for `Here`.
     """
     shop = Workshop(folder, selector=selector, memory=memory)
     try:
-        yield Here(shop, running)
+        yield Here(shop, running, lanes=lanes)
     finally:
         shop.close()

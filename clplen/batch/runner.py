@@ -14,6 +14,7 @@ from clplen.batch.items import tasks_of
 from clplen.batch.job import Job
 from clplen.batch.locks import job_lock
 from clplen.batch.manifest import Manifest
+from clplen.batch.stamps import is_whole
 from clplen.batch.task import Report, Task
 from clplen.batch.work import is_current, record_of, sentence
 from clplen.errors import FormatError
@@ -83,7 +84,7 @@ class Plan:
 
 
 def plan_of(tasks: list[Task], known: dict[str, Report]) -> Plan:
-    """Which tasks are to be done: those that are missing, changed, failed or damaged.
+    """Which tasks are to be done: those without a record beside whole results that fits them.
 
     Parameters
     ----------
@@ -93,14 +94,13 @@ def plan_of(tasks: list[Task], known: dict[str, Report]) -> Plan:
     """
     plan = Plan([], {}, [])
     for task in tasks:
-        report = known.get(task.name)
-        if report is None or not is_current(task, report):
-            report = record_of(task)  # done by a worker whose word did not arrive
-            if report is None or report.name != task.name or not is_current(task, report):
-                plan.todo.append(task)
-                continue
-            plan.found.append(report)
-        plan.current[task.name] = report
+        record = record_of(task)
+        if record is None or not is_current(task, record):
+            plan.todo.append(task)
+            continue
+        plan.current[task.name] = record
+        if known.get(task.name) != record:  # by a worker whose word did not arrive
+            plan.found.append(record)
     return plan
 
 
@@ -158,8 +158,10 @@ class _Book:
 
     def __init__(self, job: Job, manifest: Manifest, plan: Plan) -> None:
         self._job, self._manifest = job, manifest
+        self._folder = job.output_folder
         self._all = dict(plan.current)
         self._unsaved: list[Report] = []
+        self._vanished = False
         self.summary = Summary(skipped=len(plan.current))
 
     def take(self, report: Report) -> None:
@@ -173,13 +175,21 @@ class _Book:
         self._save()
 
     def close(self) -> None:
-        """Try once more what could not be written."""
-        if self._unsaved:
+        """Try once more what could not be written, and look for what was lost."""
+        if self._unsaved or not self._manifest.is_there():
             self._save()
+        if self._vanished:
+            for name, report in self._all.items():
+                if report.state == "done" and is_whole(Path(self._folder, name), report.outputs):
+                    self.summary.done -= 1
+                    self.summary.failed[name] = (
+                        "its results vanished after they were written: run the job again."
+                    )
 
     def _save(self) -> None:
         try:
             if not self._manifest.is_there():
+                self._vanished = True
                 self._manifest.renew(self._job.what(), self._all)
             else:
                 self._manifest.put(*self._unsaved)

@@ -30,6 +30,7 @@ from clplen.files import PathLike
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.raw import RawImage
 from clplen.wave.average import Progress
+from clplen.wave.lens import check_lens_sampling
 
 STEEPEST = 8.0  # |gy| + |gx| of a sample scene's planes, below this over half the shorter side
 
@@ -288,8 +289,24 @@ def _check_camera(file: CameraFile, extent: list[PointSources], device: Device) 
     light = file.light()
     lines = [(camera.wavelength, 1.0)] if light is None else light.lines(camera.wavelength)
     for wavelength, _ in lines:
+        coloured = replace(camera, wavelength=wavelength)
         for part in extent:
-            replace(camera, wavelength=wavelength).check_scene(part)
+            coloured.check_scene(part)
+        _check_lenses(file, coloured)
+
+
+def _check_lenses(file: CameraFile, camera: Plenoptic1) -> None:
+    """Refuse lenses, before slides and at the array, whose phase the pixels do not sample."""
+    lenses: list[tuple[float, float | None]] = []  # focal length, radius
+    if camera.field_lens:
+        lenses.append((camera.image_distance, None))
+    for number in file.scene.slides():
+        if file.coherence is None or file.coherence.koehler:
+            z = camera.object_distance + file.scene.pictures[number].dz_mm / 1e3
+            lenses.append((z, None))
+        lenses.append((camera.focal_length, camera.aperture_diameter / 2))
+    for f, radius in lenses:
+        check_lens_sampling(camera.grid, f, radius, camera.wavelength, "raise")
 
 
 def _built(file: CameraFile | InstrumentFile, device: Device) -> Plenoptic1:

@@ -34,7 +34,7 @@ def stamps(base: str, files: Iterable[str]) -> dict[str, Stamp]:
     return {name: stamp(Path(base, name)) for name in files}
 
 
-def is_unchanged(base: str, files: Iterable[str], known: dict[str, list[Any]]) -> bool:
+def is_unchanged(base: str, files: Iterable[str], known: dict[str, dict[str, Any]]) -> bool:
     """Whether files are those that were read: by size and time of change, else by digest.
 
     Parameters
@@ -43,7 +43,7 @@ def is_unchanged(base: str, files: Iterable[str], known: dict[str, list[Any]]) -
         From where the names are seen.
     files : iterable of str
     known : dict
-        Of each file: size, time of change, digest.
+        As in `Report`.
     """
     names = tuple(files)
     if set(names) != set(known):
@@ -52,32 +52,33 @@ def is_unchanged(base: str, files: Iterable[str], known: dict[str, list[Any]]) -
         path = Path(base, name)
         try:
             size, changed = stamp(path)
-            if [size, changed] == list(known[name][:2]):
+            then = known[name]
+            if (size, changed) == (then["bytes"], then["changed"]):
                 continue
-            if size != known[name][0] or digest(path) != known[name][2]:
+            if size != then["bytes"] or digest(path) != then["sha256"]:
                 return False
         except OSError:
             return False
     return True
 
 
-def is_whole(folder: Path, outputs: dict[str, list[Any]], *, thorough: bool = False) -> str:
+def is_whole(folder: Path, outputs: dict[str, dict[str, Any]], *, thorough: bool = False) -> str:
     """What is wrong with written files, in words; empty if nothing is.
 
     Parameters
     ----------
     folder : pathlib.Path
     outputs : dict
-        Of each file or folder: size and digest.
+        As in `Report`.
     thorough : bool
         Whether to compare digests too.
     """
-    for name, (size, known) in outputs.items():
-        path = folder / name
+    for name, known in outputs.items():
+        path, size = folder / name, known["bytes"]
         if not path.exists():
             return f"{name} is missing"
         if size_of(path) != size:
             return f"{name} has {size_of(path):,} bytes, not {size:,}"
-        if thorough and digest(path) != known:
+        if thorough and digest(path) != known["sha256"]:
             return f"{name} is not what was written (its digest differs)"
     return ""

@@ -54,9 +54,9 @@ class Report:
     parameters : str
         As of the task.
     inputs : dict
-        Of each file: size, time of change in nanoseconds, digest.
+        Of each file: ``bytes``, ``changed`` (time, nanoseconds) and ``sha256``.
     outputs : dict
-        Of each file or folder, by its name in the item's folder: size and digest.
+        Of each file or folder, by its name in the item's folder: ``bytes`` and ``sha256``.
     seconds : dict
         By stage; ``total`` is all.
     started : float
@@ -74,8 +74,8 @@ class Report:
     state: str
     parameters: str
     started: float
-    inputs: dict[str, list[Any]] = field(default_factory=dict)
-    outputs: dict[str, list[Any]] = field(default_factory=dict)
+    inputs: dict[str, dict[str, Any]] = field(default_factory=dict)
+    outputs: dict[str, dict[str, Any]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     device: str = ""
     software: str = ""

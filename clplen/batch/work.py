@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import logging
 import os
+import shutil
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -107,7 +108,7 @@ def is_current(task: Task, known: Report) -> bool:
 
 def _results(
     task: Task, shop: Workshop, seconds: dict[str, float], advance: Advance
-) -> tuple[dict[str, list[Any]], dict[str, list[Any]]]:
+) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
     """Stamps of inputs and outputs, when everything is written."""
     folder = folder_of(task)
     before = _stamps(task)
@@ -117,13 +118,30 @@ def _results(
         products = compute(task, light, shop, seconds, advance)
         with _clocked("digest", seconds):
             inputs = {
-                name: [*found, digest(Path(task.base, name))] for name, found in before.items()
+                name: {"bytes": size, "changed": changed, "sha256": digest(Path(task.base, name))}
+                for name, (size, changed) in before.items()
             }
         _check_unchanged(task, before)
+        old = record_of(task)
+        (folder / RECORD).unlink(missing_ok=True)  # from here on old and new results mix
         names = write(folder, products, shop, seconds)
+    _remove(folder, set(old.outputs if old else ()) - set(names))
     with _clocked("digest", seconds):
-        outputs = {name: [size_of(folder / name), digest(folder / name)] for name in names}
+        outputs = {
+            name: {"bytes": size_of(folder / name), "sha256": digest(folder / name)}
+            for name in names
+        }
     return inputs, outputs
+
+
+def _remove(folder: Path, names: set[str]) -> None:
+    """What an earlier run made and this one does not."""
+    for name in names:
+        path = folder / name
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def _stamps(task: Task) -> dict[str, tuple[int, int]]:
@@ -144,7 +162,8 @@ def _check_unchanged(task: Task, before: dict[str, tuple[int, int]]) -> None:
 
 
 def _write_record(task: Task, report: Report) -> None:
-    with replacing(folder_of(task) / RECORD, durable=True) as temporary:
+    """Whole, but not waited for: after a loss of power the manifest knows it."""
+    with replacing(folder_of(task) / RECORD) as temporary:
         temporary.write_text(report.to_json(), encoding="utf-8")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 import subprocess
 import sys
@@ -91,6 +92,7 @@ def run(
     from clplen.batch import Job
     from clplen.batch.runner import run_job
 
+    logging.getLogger("clplen.io").setLevel(logging.WARNING)  # not a line for each item
     job = _with_options(Job.read(path), workers, memory, selector)
     if dry_run:
         _forecast(job)

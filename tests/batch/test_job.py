@@ -75,7 +75,7 @@ def test_a_wrong_job_gets_one_sentence(tmp_path: Path, text: str, said: str):
 
 
 def test_no_job_file(tmp_path: Path):
-    with pytest.raises(FormatError, match="no job file .* 'clplen batch --example'"):
+    with pytest.raises(FormatError, match=r"no job file .* 'clplen batch --example'"):
         Job.read(tmp_path / "job.toml")
 
 

@@ -15,7 +15,7 @@ from clplen.errors import FormatError
 
 
 def report(name: str, state: str = "done") -> Report:
-    return Report(name, state, "p", 1.5, {"a": [1, 2, "x"]}, {"o": [3, "y"]}, {"total": 0.25})
+    return Report(name, state, "p", 1.5, {"a": {"bytes": 1}}, {"o": {"bytes": 3}}, {"total": 0.25})
 
 
 def test_reports_come_back(tmp_path: Path):
@@ -32,7 +32,7 @@ def test_reports_come_back(tmp_path: Path):
 
 
 def test_there_is_none(tmp_path: Path):
-    with pytest.raises(FormatError, match="no manifest .*run the job first"):
+    with pytest.raises(FormatError, match=r"no manifest .*run the job first"):
         Manifest(tmp_path)
 
 
@@ -40,7 +40,7 @@ def test_a_newer_version_is_refused(tmp_path: Path):
     Manifest(tmp_path, create=True).close()
     with sqlite3.connect(tmp_path / NAME) as file:
         file.execute("UPDATE meta SET value = '2' WHERE key = 'version'")
-    with pytest.raises(FormatError, match="of version 2, .* up to 1: use a newer clplen"):
+    with pytest.raises(FormatError, match=r"of version 2, .* up to 1: use a newer clplen"):
         Manifest(tmp_path, create=True)
 
 
