@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,16 @@ _FULL = 0.6  # of the usual number of pixels: a lenslet that the picture does no
 _STEP = 0.03  # logarithm, where a difference begins to count less
 _ROUNDS = 12
 _MOST = 4.0  # times brighter or darker at most
+_UNLIKE = 0.02  # of the light, by which lenslets differ where a pixel of both is told apart
+# Places in a pixel (y, x), every one of another row and column.
+_INSIDE = ((-0.375, -0.125), (-0.125, 0.375), (0.125, -0.375), (0.375, 0.125))
 
 
 def equalised(picture: Values, cell: Basis, origin: Values) -> Values:
     """Every lenslet scaled to the same mean, and the fall of brightness within it taken off.
 
-    The fall is the exponential of a polynomial of degree 4, fitted to the lenslets' means.
+    The fall is the exponential of a polynomial of degree 4, fitted to the lenslets' means. A pixel
+    on the border of two lenslets is scaled by the light of both, each by its share of the pixel.
 
     Parameters
     ----------
@@ -46,13 +51,13 @@ def equalised(picture: Values, cell: Basis, origin: Values) -> Values:
     light: Values = np.zeros(shape[0] * shape[1])
     count: Values = np.zeros(shape[0] * shape[1])
     blocks = range(0, picture.shape[0], _BLOCK)
-    labels = []
+    lenslets = _Lenslets(short, origin, low, shape)
+    columns = np.arange(picture.shape[1])
     for at in blocks:
         block = picture[at : at + _BLOCK]
-        label, core = _labels(block.shape, at, short, origin, low, shape)
+        label, core = lenslets.nearest(np.arange(at, at + len(block))[:, None], columns)
         light += np.bincount(label[core], block[core], light.size)
         count += np.bincount(label[core], minlength=light.size)
-        labels.append(label)
     light, count = light.reshape(shape), count.reshape(shape)
     full = count > _FULL * np.median(count[count > 0])
     mean = np.log(np.maximum(light, 1e-30) / np.maximum(count, 1))
@@ -60,14 +65,59 @@ def equalised(picture: Values, cell: Basis, origin: Values) -> Values:
     smooth, terms = _smooth(at, mean, full, picture.shape)
     own = _model(at, terms, picture.shape) @ smooth - mean
     own -= np.median(own[full])
-    own = np.clip(own, -np.log(_MOST), np.log(_MOST)).astype(np.float32).ravel()
+    bright = np.exp(np.clip(-own, -np.log(_MOST), np.log(_MOST))).astype(np.float32).ravel()
     out = np.empty(picture.shape, np.float32)
-    for start, label in zip(blocks, labels, strict=True):
+    for start in blocks:
         block = picture[start : start + _BLOCK]
-        y, x = np.arange(start, start + len(block)), np.arange(picture.shape[1])
-        fall = _surface(y, x, smooth, terms, picture.shape)
-        out[start : start + _BLOCK] = block * np.exp(own[label] - fall)
+        y = np.arange(start, start + len(block))
+        fall = _surface(y, columns, smooth, terms, picture.shape)
+        out[y] = block / (_of_pixels(y, columns, bright, lenslets) * np.exp(fall))
     return out
+
+
+@dataclass(frozen=True)
+class _Lenslets:
+    """Numbers of lenslets, row by row: the first has the place ``low`` on the lattice."""
+
+    cell: Basis
+    origin: Values
+    low: Values
+    shape: tuple[int, ...]
+
+    def nearest(self, y: Values, x: Values) -> tuple[Values, Values]:
+        """Number of the lenslet nearest to (y, x), int32, and whether its border is far."""
+        inverse = np.linalg.inv(self.cell)
+        y, x = y - self.origin[0], x - self.origin[1]
+        a = (y * inverse[0, 0] + x * inverse[1, 0]).astype(np.float32)
+        b = (y * inverse[0, 1] + x * inverse[1, 1]).astype(np.float32)
+        i, k = np.rint(a), np.rint(b)
+        first, second = self.cell
+        if abs(first @ second) > 0.25 * (first @ first):  # hexagons: three axes that add to 0
+            third = np.rint(a + b)
+            off = np.abs(i - a), np.abs(k - b), np.abs(third - a - b)
+            along = (off[0] > off[1]) & (off[0] > off[2])
+            across = ~along & (off[1] > off[2])
+            i, k = np.where(along, third - k, i), np.where(across, third - i, k)
+        core = (np.abs(a - i) < _CORE) & (np.abs(b - k) < _CORE)
+        label = (i.astype(np.int32) - self.low[0]) * self.shape[1] + k.astype(np.int32)
+        return (label - self.low[1]).astype(np.int32), core
+
+
+def _of_pixels(y: Values, x: Values, bright: Values, lenslets: _Lenslets) -> Values:
+    """Brightness of the lenslets in all pixels of rows y and columns x, means over a pixel."""
+    rows = np.concatenate([y[:1] - 1, y, y[-1:] + 1])
+    light = bright[lenslets.nearest(rows[:, None], x)[0]]
+    steps = np.abs(np.diff(light[:, 1:-1], axis=0)), np.abs(np.diff(light[1:-1], axis=1))
+    light = light[1:-1]
+    step = np.zeros_like(light)
+    step[:, 1:-1] = np.maximum(steps[0][1:], steps[0][:-1])
+    step[:, 1:] = np.maximum(step[:, 1:], steps[1])
+    step[:, :-1] = np.maximum(step[:, :-1], steps[1])
+    of_two = step > _UNLIKE * light
+    i, k = np.nonzero(of_two)
+    parts = [bright[lenslets.nearest(y[i] + dy, x[k] + dx)[0]] for dy, dx in _INSIDE]
+    light[of_two] = np.mean(parts, axis=0)
+    return light
 
 
 def _smooth(at: Values, mean: Values, full: Values, shape: Any) -> tuple[Values, list[Any]]:
@@ -111,29 +161,3 @@ def _surface(y: Values, x: Values, smooth: Values, terms: list[Any], shape: Any)
     rows = (2 * y[:, None] / shape[0] - 1) ** np.arange(degree + 1)
     columns = (2 * x[:, None] / shape[1] - 1) ** np.arange(degree + 1)
     return np.asarray((rows @ factors @ columns.T).astype(np.float32))
-
-
-def _labels(
-    block: tuple[int, ...],
-    at: int,
-    cell: Basis,
-    origin: Values,
-    low: Values,
-    shape: tuple[int, ...],
-) -> tuple[Values, Values]:
-    """Number of every pixel's nearest lenslet, int32, for a block of rows; who is well inside."""
-    inverse = np.linalg.inv(cell)
-    y = np.arange(at, at + block[0])[:, None] - origin[0]
-    x = np.arange(block[1])[None, :] - origin[1]
-    a = (y * inverse[0, 0] + x * inverse[1, 0]).astype(np.float32)
-    b = (y * inverse[0, 1] + x * inverse[1, 1]).astype(np.float32)
-    i, k = np.rint(a), np.rint(b)
-    if abs(cell[0] @ cell[1]) > 0.25 * (cell[0] @ cell[0]):  # hexagons: three axes that add to 0
-        third = np.rint(a + b)
-        off = np.abs(i - a), np.abs(k - b), np.abs(third - a - b)
-        first = (off[0] > off[1]) & (off[0] > off[2])
-        second = ~first & (off[1] > off[2])
-        i, k = np.where(first, third - k, i), np.where(second, third - i, k)
-    core = (np.abs(a - i) < _CORE) & (np.abs(b - k) < _CORE)
-    label = (i.astype(np.int32) - low[0]) * shape[1] + k.astype(np.int32) - low[1]
-    return label.astype(np.int32), core

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ from clplen.lightfield.equalise import equalised
 from clplen.lightfield.lattice import KINDS, Lattice
 from clplen.lightfield.localphase import Fit, refine
 from clplen.lightfield.reciprocal import PITCHES, Basis, Values, coarse, middle, reduced
-from clplen.lightfield.unitcell import denser, fold
+from clplen.lightfield.unitcell import denser, fold, off_centre
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -32,6 +33,7 @@ _ANGLE = 4.0  # degrees off 90 or 60
 _LONGER = 1.5  # sides of a rectangle
 _UNEVEN = 1.1  # sides of a hexagonal cell
 _COUNT = 25  # lenslets
+_CHESSBOARD = np.array([[1, 1], [1, -1]])
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,8 @@ def estimate_lattice(
     them is made denser where the mean cell shows several lenslets (bright and dim ones). Least
     squares on the local phases of both base frequencies (`clplen.lightfield.localphase`) then fit
     an affine lattice, first in the middle, then over the whole picture, once more with the
-    lenslets' light made equal.
+    lenslets' light made equal. Where small pitches of whole pixels alias the phases, the profile of
+    the mean lenslet tells its centre.
 
     Parameters
     ----------
@@ -91,7 +94,7 @@ def estimate_lattice(
     _check(kind, pitch)
     picture = _prepared(white, dark, bayer)
     pitches = PITCHES if pitch is None else (0.75 * pitch, 1.3 * pitch)
-    found = _find(picture, pitches)
+    found = _find(picture, kind, pitches)
     if found is None:
         return _nothing(picture.shape, kind or "rectangular", pitch)
     lattice = _oriented(found.fit, kind, picture.shape)
@@ -121,16 +124,43 @@ def _prepared(white: Any, dark: Any, bayer: str | None) -> Values:
     return np.clip(picture, min(0.0, top), top)
 
 
-def _find(picture: Values, pitches: tuple[float, float]) -> _Found | None:
+def _find(picture: Values, kind: str | None, pitches: tuple[float, float]) -> _Found | None:
     """The lattice that explains most, from the picture or else from the gaps between lenslets."""
     best: _Found | None = None
     for seen in (lambda part: part, _dark_gaps, _narrow_gaps):
-        found = _followed(picture, *coarse(seen(middle(picture)), pitches), pitches)
-        if found is not None and (best is None or found.explained > best.explained):
-            best = found
-        if best is not None and best.explained >= _EXPLAINED:
-            break
+        basis, share = coarse(seen(middle(picture)), pitches)
+        for found in _tried(picture, basis, share, kind, pitches):
+            if found.explained >= _EXPLAINED and _is_upright(found, kind, picture.shape):
+                return found
+            if best is None or found.explained > best.explained:
+                best = found
     return best
+
+
+def _tried(
+    picture: Values,
+    basis: Basis | None,
+    share: float,
+    kind: str | None,
+    pitches: tuple[float, float],
+) -> Iterator[_Found]:
+    """The lattice of rough base vectors; if it is turned far, the one of which it is a chessboard.
+
+    The dim squares may be too small to rise over the gaps of the bright ones (`denser`); whether
+    they are lenslets tells the share of the contrast that is explained once they are made equal.
+    """
+    found = _followed(picture, basis, share, pitches)
+    if found is None:
+        return
+    yield found
+    if not _is_upright(found, kind, picture.shape):
+        closer = _followed(picture, _CHESSBOARD @ found.fit.basis, share, pitches)
+        if closer is not None:
+            yield closer
+
+
+def _is_upright(found: _Found, kind: str | None, shape: tuple[int, ...]) -> bool:
+    return abs(_oriented(found.fit, kind, shape).rotation) <= math.radians(_TURN)
 
 
 def _dark_gaps(picture: Values) -> Values:
@@ -165,7 +195,11 @@ def _followed(
     for _ in range(2):
         even = equalised(picture, fit.cell, fit.origin)
         fit = refine(even, fit.basis, margin=margin)
-    return _Found(fit, fold(even, fit.basis, fit.phase).explained, share)
+    # lenslets that the picture cuts are not equal
+    whole = even[margin : even.shape[0] - margin, margin : even.shape[1] - margin]
+    phase = fit.phase + margin * fit.basis.sum(axis=1)
+    moved = replace(fit, phase=fit.phase - fit.basis @ off_centre(whole, fit.basis, phase))
+    return _Found(moved, fold(whole, fit.basis, phase).explained, share)
 
 
 def _refined(picture: Values, basis: Basis) -> Fit:

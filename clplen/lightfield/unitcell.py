@@ -13,6 +13,15 @@ _PATCH = 384  # px: the cell is taken from at most nine patches of the picture
 _LIT = 0.15  # of the brightest mean
 _RISE = 0.025  # of the cell's range, by which a lenslet rises over the gaps around it
 _WIDTH = 0.35  # px: standard deviation of the smoothing of the cell
+_SMALL = 12.0  # px: a pitch beyond which nothing is too fine for the pixels
+_GROUP = 0.2  # px: places in a cell that are told apart
+_EVEN = 0.5  # of the places that can be: if pixels have fewer, they lie alike in the lenslets
+_KNOT = 0.5  # px between the knots of a profile
+_STIFF = 0.01  # weight of its bends
+_FINE = 5  # points a side, over which a pixel is integrated
+_ROUNDS = 4
+_MISFIT = 0.03  # of the brightest pixel, that a profile may leave
+_FAR = 0.5  # px: no aliasing moves a centre further
 # Sublattices of index 2 and 3: every denser lattice of lenslets is reached by steps of them.
 _DENSER = tuple(
     np.array(rows)
@@ -170,3 +179,79 @@ def _lit(patch: Values, pitch: int) -> Values:
 
     mean = uniform_filter(patch, 2 * pitch + 1)
     return np.asarray(mean > _LIT * mean.max())
+
+
+def off_centre(picture: Values, basis: Basis, phase: Values) -> Values:
+    """How far the lenslets' centres lie from where the phases say, if these are aliased.
+
+    Where the pitch is a small whole number of pixels and the lattice is not turned, all lenslets
+    are sampled alike, and what is too fine for the pixels moves the phases. There a profile, a
+    piecewise linear function of the distance from the centre, integrated over the pixels, is fitted
+    to the mean lenslet with its centre, by least squares.
+
+    Parameters
+    ----------
+    picture, basis, phase
+        As for `fold`, the lenslets made equal.
+
+    Returns
+    -------
+    numpy.ndarray
+        (y, x) in pixels; 0 where pixels lie anywhere in the lenslets, or these are not round.
+    """
+    cell = reduced(np.linalg.inv(basis).T)
+    if np.hypot(*cell.T).max() > _SMALL:
+        return np.zeros(2)
+    at, value, count, of = _distinct(picture, cell, -phase @ np.linalg.inv(basis).T)
+    if len(at) > _EVEN * of:
+        return np.zeros(2)
+    weight = np.sqrt(count / count.mean())
+    value = value / max(float(value.max()), 1e-30)
+    centre, misfit = _profiled(at, value, weight, cell)
+    return centre if misfit < _MISFIT and np.hypot(*centre) < _FAR else np.zeros(2)
+
+
+def _distinct(picture: Values, cell: Basis, origin: Values) -> tuple[Values, Values, Values, int]:
+    """Places (n, 2) that pixels have in a cell, their means and numbers, and how many can be."""
+    start = [max(0, n - _PATCH) // 2 for n in picture.shape]
+    patch = picture[start[0] : start[0] + _PATCH, start[1] : start[1] + _PATCH]
+    lit = _lit(patch, round(float(np.hypot(*cell.T).max())))
+    away = np.stack(np.nonzero(lit), axis=1) + start - origin
+    places = away @ np.linalg.inv(cell) % 1
+    n = [max(1, round(side / _GROUP)) for side in np.hypot(*cell.T)]
+    index = np.minimum((places * n).astype(int), np.array(n) - 1) @ [n[1], 1]
+    count = np.bincount(index, minlength=n[0] * n[1])
+    seen = count > 0
+    sums = [np.bincount(index, what, len(count))[seen] for what in (*places.T, patch[lit])]
+    means = np.array(sums) / count[seen]
+    return means[:2].T @ cell, means[2], count[seen], len(count)
+
+
+def _profiled(at: Values, value: Values, weight: Values, cell: Basis) -> tuple[Values, float]:
+    """The centre (y, x) of the profile that fits best, and the rms of what is left."""
+    knots = int(np.ceil(0.75 * np.hypot(*cell.T).max() / _KNOT)) + 2
+    bends = _STIFF * len(at) ** 0.5 * np.diff(np.eye(knots), 2, axis=0)
+    values = np.concatenate([value * weight, np.zeros(len(bends))])
+
+    def left(centre: Values) -> Values:
+        hats = _hats(at - centre, cell, knots) * weight[:, None]
+        model = np.concatenate([hats, bends])
+        return np.asarray(values - model @ np.linalg.lstsq(model, values, rcond=None)[0])
+
+    centre = np.zeros(2)
+    for _ in range(_ROUNDS):
+        slopes = [(left(centre + step) - left(centre - step)) / 0.02 for step in 0.01 * np.eye(2)]
+        centre = centre - np.linalg.lstsq(np.transpose(slopes), left(centre), rcond=None)[0]
+    return centre, float(np.sqrt((left(centre)[: len(at)] ** 2).mean()))
+
+
+def _hats(away: Values, cell: Basis, knots: int) -> Values:
+    """What every knot of a profile gives to pixels ``away`` from a centre, (n, knots)."""
+    inside = (np.arange(_FINE) + 0.5) / _FINE - 0.5
+    fine = np.stack(np.meshgrid(inside, inside, indexing="ij"), axis=-1).reshape(-1, 1, 2)
+    places = (away + fine) @ np.linalg.inv(cell)
+    corners = np.array([(0, 0), (0, 1), (1, 0), (1, 1)])[:, None, None]
+    ways = (places - np.floor(places) - corners) @ cell
+    r = np.hypot(ways[..., 0], ways[..., 1]).min(axis=0)
+    steps = np.abs(r[..., None] / _KNOT - np.arange(knots))
+    return np.asarray(np.maximum(1 - steps, 0).mean(axis=0))

@@ -61,7 +61,7 @@ CASES = [
         ("turned", ("disc", "gauss")),
     )
     for name in names
-    # Not 5.00 px: rims sharper than a pixel alias where pixels lie alike in every lenslet.
+    # Square lenslets of small whole pitches alias: 5.00 px, unturned, leaves .26 px.
     for pitch, degrees, dim in (
         (5.03 if name != "square" else 7.1, 3, "none"),
         (9.3, 0, "random"),
@@ -106,6 +106,61 @@ def test_white_images_are_trusted(name, dim):
     assert found.trust == "high", found.verdict
     assert found.verdict.startswith("Rectangular lattice, pitch 9.")
     assert found.residual < 0.1
+
+
+@pytest.mark.parametrize(
+    ("kind", "pitch", "degrees", "dim"),
+    [("rectangular", 14.0, 0, "random"), ("hexagonal", 9.3, 0, "random"),
+     ("hexagonal", 9.3, -9, "second"), ("hexagonal", 14.0, 3, "random")],
+)  # fmt: skip
+def test_sharp_borders_of_bright_and_dim_lenslets_are_trusted(kind, pitch, degrees, dim):
+    """Pixels of two lenslets are of neither's brightness; lenslets that the picture cuts of none"""
+    true = lattice(kind, pitch, degrees=degrees, origin=(100.3, 105))
+    clean = white((200, 231), true, dim=dim)
+    noise = 0.1 * np.random.default_rng(7).standard_normal(clean.shape)
+    found = estimate_lattice(clean)
+    check(found, true, clean.shape, within=CLEAN)
+    noisy = estimate_lattice(clean + noise)
+    assert rms(true.off(noisy.centres())) <= NOISY
+    for one in (found, noisy):
+        assert one.trust == "high", one.verdict
+        assert one.neighbour == pytest.approx(pitch, rel=PITCH)
+
+
+@pytest.mark.parametrize("kind", ["rectangular", "hexagonal", "turned"])
+@pytest.mark.parametrize("pitch", [5.0, 6.0])
+@pytest.mark.parametrize("name", ["disc", "gauss"])
+def test_small_pitches_of_whole_pixels(kind, pitch, name):
+    """All lenslets are sampled alike, which moves the phases of discs by up to .05 px."""
+    shape = (110, 131)
+    true = lattice(kind, pitch, origin=(55.3, 65.8))
+    picture = white(shape, true, name=name, samples=7)
+    found = estimate_lattice(picture)
+    check(found, true, shape, within=CLEAN)
+    assert found.trust == "high", found.verdict
+
+
+@pytest.mark.parametrize(("pitch", "level"), [(5.0, 0.4), (5.0, 0.25), (8.0, 0.25), (10.0, 0.4)])
+@pytest.mark.parametrize("noise", [0, 0.1])
+def test_chessboards_of_lenslets(pitch, level, noise):
+    """The bright lenslets alone make a lattice that is turned by 45 degrees."""
+    shape = (120, 131)
+    true = lattice("rectangular", pitch, origin=(60.3, 65))
+    clean = white(shape, true, dim="second", level=level, samples=5)
+    found = estimate_lattice(clean + noise * np.random.default_rng(4).standard_normal(shape))
+    assert rms(true.off(found.centres())) <= (NOISY if noise else CLEAN)
+    assert found.neighbour == pytest.approx(pitch, rel=2 * PITCH)  # of 12 lenslets, with noise
+    assert found.trust == "high", found.verdict
+
+
+@pytest.mark.parametrize("pitch", [7.07, 14])
+@pytest.mark.parametrize("name", ["disc", "gauss", "square"])
+def test_gaps_are_no_dim_lenslets(name, pitch):
+    """A lattice that is turned by 45 degrees is no chessboard if its gaps are dark."""
+    true = lattice("rectangular", pitch, degrees=45, origin=(60.3, 65))
+    found = estimate_lattice(white((120, 131), true, name=name))
+    assert found.trust == "low"
+    assert found.neighbour == pytest.approx(pitch, rel=PITCH)
 
 
 def test_a_stretched_lattice_is_no_square_one():
