@@ -160,6 +160,7 @@ class _Book:
         self._job, self._manifest = job, manifest
         self._folder = job.output_folder
         self._all = dict(plan.current)
+        self._skipped = frozenset(plan.current)
         self._unsaved: list[Report] = []
         self._vanished = False
         self.summary = Summary(skipped=len(plan.current))
@@ -181,7 +182,8 @@ class _Book:
         if self._vanished:
             for name, report in self._all.items():
                 if report.state == "done" and is_whole(Path(self._folder, name), report.outputs):
-                    self.summary.done -= 1
+                    self.summary.done -= name not in self._skipped
+                    self.summary.skipped -= name in self._skipped
                     self.summary.failed[name] = (
                         "its results vanished after they were written: run the job again."
                     )

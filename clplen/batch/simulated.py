@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -10,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from clplen.batch.job import EVERY, SceneTable, SimulationTable
@@ -24,7 +24,9 @@ from clplen.compute.device import Device
 from clplen.config import CameraFile, CoherenceTable
 from clplen.config.camera import CameraTable, SensorTable
 from clplen.config.reading import problems_of, read_toml
-from clplen.config.tables import Table
+from clplen.config.scene import PictureTable
+from clplen.config.scene import SceneTable as SceneKeys
+from clplen.config.tables import Table, value_of
 from clplen.errors import ClplenError, FormatError
 from clplen.files import PathLike
 from clplen.lightfield.lightfield import LightField
@@ -88,14 +90,14 @@ def simulations_of(table: SimulationTable, folder: Path) -> list[Source]:
     """
     path = folder / table.camera
     content, device = _content(path), _any_device()
-    known: dict[str, list[PointSources]] = {}
+    known: dict[PictureTable, PointSources] = {}
     found = []
     for settings in combinations(table.sweep):
         name = _joined(table.name or path.stem, label(settings))
         with _said_of(path, name, settings):
             changed = with_values(content, settings)
             file = _validated(CameraFile, changed, path.parent)
-            _check_camera(file, _extent(file, changed, known), device)
+            _check_camera(file, _extent(file.scene, known), device)
         words = {"kind": "camera", "content": changed, "folder": str(Path(table.camera).parent)}
         files = tuple(os.path.relpath(one, folder) for one in _files(file))
         found.append(Source(name, words, files))
@@ -270,17 +272,17 @@ def _files(file: CameraFile) -> list[Path]:
     return list(dict.fromkeys(pictures if lamp is None else [*pictures, lamp]))
 
 
-def _extent(
-    file: CameraFile, content: dict[str, Any], known: dict[str, list[PointSources]]
-) -> list[PointSources]:
-    """Points, and the corners of pictures; pictures are read once for all combinations."""
-    key = json.dumps(content["scene"], sort_keys=True)
-    if key not in known:
-        known[key] = [
-            part if isinstance(part, PointSources) else part.corners()
-            for part in file.scene.build()
-        ]
-    return known[key]
+def _extent(scene: SceneKeys, known: dict[PictureTable, PointSources]) -> list[PointSources]:
+    """Points, and the corners of pictures; a picture is read once for all depths."""
+    found: list[Any] = scene.model_copy(update={"pictures": []}).build()
+    for number, picture in enumerate(scene.pictures):
+        flat = picture.model_copy(update={"dz_mm": 0.0})
+        if flat not in known:
+            with value_of(f"scene.pictures.{number}.file"):
+                known[flat] = flat.build().corners()
+        moved = np.array([0, 0, picture.dz_mm / 1e3])
+        found.append(PointSources(known[flat].positions + moved))
+    return found
 
 
 def _check_camera(file: CameraFile, extent: list[PointSources], device: Device) -> None:

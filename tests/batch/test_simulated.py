@@ -181,10 +181,26 @@ def test_pictures_are_read_once_for_all_combinations(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ):
     camera_file(tmp_path, SMALL + PICTURE)
+    pixels = {"key": "camera.pixels_per_lenslet", "values": [12, 13, 14]}
+    depths = {"key": "scene.pictures.0.dz_mm", "values": [0, 1.5]}
     with caplog.at_level("INFO", logger="clplen.config.scene"):
-        found = items(tmp_path, {"key": "camera.pixels_per_lenslet", "values": [12, 13, 14]})
-    assert len(found) == 3
+        assert len(items(tmp_path, pixels, depths)) == 6
     assert caplog.text.count("read ") == 1
+    depths["values"] = [0, 1.5, -60.5]
+    with pytest.raises(FormatError, match=r"dz_mm = -60\.5\): The point .* lies behind the main"):
+        items(tmp_path, depths)
+    (tmp_path / "L.png").write_text("L")
+    with pytest.raises(FormatError, match=r"item 'small': scene\.pictures\.0\.file: The picture "):
+        items(tmp_path)
+
+
+def test_a_picture_beyond_the_array(tmp_path: Path):
+    """Columns 2 to 6 of 8 are lit, rows 1 to 6 of 9, and the array is 3 mm high."""
+    camera_file(tmp_path, (SMALL + PICTURE).replace("= 12", "= 20").replace("0.6", "3.0"))
+    depths = {"key": "scene.pictures.0.dz_mm", "values": [0, -30]}
+    place = r"\(-0\.00075, -0\.001125, -0\.03\) m is imaged at \(0\.0015, 0\.00225\) m, beyond"
+    with pytest.raises(FormatError, match=rf"dz_mm = -30\): The point .* = {place}"):
+        items(tmp_path, depths)
 
 
 # What is computed

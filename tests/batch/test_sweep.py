@@ -62,6 +62,11 @@ def test_keys_with_the_same_last_word_are_told_apart(keys: list[str], expected: 
     assert found == "_".join(f"{name}=1" for name in expected)
 
 
+def test_a_given_name_stays_as_it_is():
+    swept = [SweepTable(key="a.x", values=[1]), SweepTable(key="b.y", values=[2], name="x")]
+    assert [label(chosen) for chosen in combinations(swept)] == ["a.x=1_x=2"]
+
+
 @pytest.mark.parametrize(
     ("values", "expected"),
     [
