@@ -1,0 +1,144 @@
+"""``clplen batch`` and ``clplen worker`` on the command line."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import batchworks
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from clplen.batch import Job
+from clplen.cli import main
+from clplen.compute.device import Device
+
+
+def clplen(*arguments: object) -> Any:
+    """The command, in this process."""
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def job(tmp_path: Path, device: Device) -> Path:
+    """A job over four small light fields."""
+    batchworks.write_inputs(tmp_path / "in", 4)
+    return batchworks.write_job(tmp_path, more=f'device = "{device.place}"')
+
+
+def test_a_job_from_end_to_end(job: Path, device: Device):
+    before = clplen("batch", job, "--dry-run")
+    assert before.exit_code == 0, before.output
+    assert "4 items to do" in before.output
+    assert "Time: about" in before.output
+    assert not (job.parent / "out").exists()
+    done = clplen("batch", job)
+    assert done.exit_code == 0, done.output
+    assert "4 items done; the results are in" in done.output
+    assert clplen("batch", "status", job, "--verify").output == "4 items: 4 done.\n"
+    again = clplen("batch", "run", job)
+    assert "0 items done, 4 done before" in again.output
+    nothing = clplen("batch", job, "--dry-run")
+    assert "0 items to do" in nothing.output
+    assert "Nothing is to be done." in nothing.output
+
+
+def test_a_failure_is_said_and_told_by_the_status(job: Path):
+    (job.parent / "in" / "bad.npy").write_bytes(b"no array")
+    done = clplen("batch", job)
+    assert done.exit_code == 1
+    assert "4 items done, 1 failed" in done.output
+    assert "bad failed: " in done.output
+    status = clplen("batch", "status", job)
+    assert status.exit_code == 1
+    assert "bad: failed: " in status.output
+    assert "5 items: 4 done, 1 failed." in status.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["none.toml"], "There is no job file none.toml"),
+        (["status", "none.toml"], "There is no job file none.toml"),
+        (["JOB", "--memory", "lots"], "--memory must be"),
+        (["JOB", "--workers", "0"], "--workers"),
+        (["status", "JOB"], "run the job first"),
+        (["JOB", "--scheduler", "nowhere"], "No Dask scheduler answers at nowhere"),
+    ],
+)
+def test_wrong_words_get_one_sentence(
+    job: Path, arguments: list[str], said: str, monkeypatch: pytest.MonkeyPatch
+):
+    pytest.importorskip("distributed", reason="the extra batch is not installed")
+    monkeypatch.setattr("clplen.batch.cluster._ANSWER", 0.5)
+    done = clplen("batch", *(str(job) if word == "JOB" else word for word in arguments))
+    assert done.exit_code in (1, 2)
+    assert said in done.output
+    assert "Traceback" not in done.output
+
+
+def test_options_stand_above_the_file(job: Path, device: Device):
+    done = clplen("batch", job, "--memory", "1 GiB", "--workers", "1", "--device", device.place)
+    assert done.exit_code == 0, done.output
+
+
+def test_without_dask_one_process_does_it(job: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    several = clplen("batch", job, "--workers", "2")
+    assert several.exit_code == 1
+    assert 'pip install "clplen[batch]"' in several.output
+    assert clplen("batch", job).exit_code == 0
+    worker = clplen("worker", "tcp://localhost:1")
+    assert 'pip install "clplen[batch]"' in worker.output
+
+
+def test_a_second_run_at_the_same_time_is_refused(tmp_path: Path, device: Device):
+    """Nothing is done twice; the first goes on undisturbed, also when it is interrupted."""
+    random = np.random.default_rng(1)
+    (tmp_path / "in").mkdir()
+    for i in range(40):
+        np.save(
+            tmp_path / "in" / f"f{i:02d}.npy", random.integers(0, 9, (7, 7, 160, 160), np.uint8)
+        )
+    path = tmp_path / "job.toml"
+    path.write_text(
+        f'output = "out"\ndevice = "{device.place}"\n[[inputs]]\nfiles = "in/*"\n'
+        '[stack]\ndisparities = "-1:1:21"\n[depth]\n'
+    )
+    first = subprocess.Popen(
+        [sys.executable, "-m", "clplen", "batch", str(path)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        until = time.monotonic() + 60
+        while not list((tmp_path / "out").glob("*/item.json")) and time.monotonic() < until:
+            time.sleep(0.02)
+        second = clplen("batch", path)
+        assert second.exit_code == 1
+        assert f"The process {first.pid} on" in second.output
+        assert "is at work on" in second.output
+        first.send_signal(signal.SIGINT)
+        said, _ = first.communicate(timeout=60)
+    finally:
+        first.kill()
+        first.wait()
+    assert "Interrupted" in said
+    assert first.returncode == 130
+    assert "Traceback" not in said
+    records = list((tmp_path / "out").glob("*/item.json"))
+    assert 1 <= len(records) < 40
+    assert [json.loads(record.read_text())["state"] for record in records] == ["done"] * len(
+        records
+    )
+    assert [p for p in (tmp_path / "out").glob("*/*") if p.name.startswith(".")] == []
+    assert Job.read(path).output == "out"
