@@ -40,7 +40,15 @@ from clplen.lightfield.phasespace import PhaseSpace, phase_space
 from clplen.lightfield.raw import LensletGrid, RawImage
 from clplen.lightfield.refocus import FocalStack, focal_stack, refocus
 from clplen.lightfield.sensor import Sensor
+from clplen.lightfield.stored import StoredLightField
+from clplen.lightfield.streaming import (
+    StackTiles,
+    stream_all_in_focus,
+    stream_depth,
+    stream_stack,
+)
 from clplen.lightfield.surface import plane_through
+from clplen.lightfield.tiles import StreamPlan
 from clplen.wave.average import MeanIntensity
 from clplen.wave.coherence import Coherence
 from clplen.wave.degree import measured_degree, speckle_contrast
@@ -115,7 +123,10 @@ __all__ = [
     "Space",
     "Spectrum",
     "Sphere",
+    "StackTiles",
     "Stop",
+    "StoredLightField",
+    "StreamPlan",
     "SurfaceScene",
     "Texture",
     "Truth",
@@ -135,6 +146,7 @@ __all__ = [
     "imaging_system",
     "measured_degree",
     "metric_depth",
+    "open_lightfield",
     "phase_plate",
     "phase_space",
     "plane_through",
@@ -150,6 +162,9 @@ __all__ = [
     "siemens_star",
     "speckle_contrast",
     "spherical_wave",
+    "stream_all_in_focus",
+    "stream_depth",
+    "stream_stack",
     "thin_lens",
     "tilt",
     "transparency",
@@ -159,8 +174,8 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """What needs more than NumPy, SciPy and pyopencl is imported when it is asked for."""
-    if name == "read_lightfield":
-        return import_module("clplen.io").read_lightfield
+    if name in ("open_lightfield", "read_lightfield"):
+        return getattr(import_module("clplen.io"), name)
     if name in ("io", "plot"):
         return import_module(f"clplen.{name}")
     raise AttributeError(f"module 'clplen' has no attribute {name!r}")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import secrets
 import shutil
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -14,6 +16,13 @@ from clplen.errors import ShapeError
 
 PathLike = str | os.PathLike[str]
 _ERRNO = re.compile(r"errno = (\d+)")  # as HDF5 says it, in the midst of other things
+_TEMPORARY = re.compile(
+    r"\.(?P<stem>.+)-[0-9a-f]{12}\.(?P<state>partial|replaced)(?P<suffix>(\.[^.]*)?)", re.DOTALL
+)
+_REPLACED = "replaced"
+_OCCUPIED = (errno.ENOTEMPTY, errno.EEXIST)
+_THERE = "is there already and not empty: name a new folder."
+_SYNCS = 8  # files that wait for the disk at a time
 
 
 def check_writable(path: PathLike) -> Path:
@@ -133,22 +142,104 @@ def _remove(file: Path) -> None:
         file.unlink()
 
 
-def _beside(path: Path) -> Path:
+def _beside(path: Path, state: str = "partial") -> Path:
     """Name a hidden file that nobody else uses, with the same suffix in the same folder."""
-    return path.with_name(f".{path.stem}-{secrets.token_hex(6)}{path.suffix}")
+    return path.with_name(f".{path.stem}-{secrets.token_hex(6)}.{state}{path.suffix}")
+
+
+def is_temporary(name: PathLike) -> bool:
+    """Whether a name is one that `replacing` or `filling` gives to what is not finished.
+
+    Parameters
+    ----------
+    name : path-like
+        Of a file or folder: ``.NAME-XXXXXXXXXXXX.partial.SUFFIX``, X a digit of 16, or ``replaced``
+        in place of ``partial`` for a folder that is being exchanged.
+
+    Returns
+    -------
+    bool
+    """
+    return _TEMPORARY.fullmatch(Path(name).name) is not None
+
+
+def clear_temporaries(folder: PathLike) -> list[Path]:
+    """Remove what killed processes left in a folder, and mend an exchange that they did not end.
+
+    A folder that `filling` had moved aside takes its own name again if nothing has it. Call this
+    while nobody writes there: the files of a living process look the same.
+
+    Parameters
+    ----------
+    folder : path-like
+        Folders in it are not looked into.
+
+    Returns
+    -------
+    list of pathlib.Path
+        What was removed or took its own name again, by its temporary name.
+
+    Raises
+    ------
+    OSError
+        If there is no such folder, or something in it cannot be removed.
+    """
+    cleared = []
+    for path in sorted(Path(folder).iterdir()):
+        match = _TEMPORARY.fullmatch(path.name)
+        if match is None:
+            continue
+        target = path.with_name(match["stem"] + match["suffix"])
+        if match["state"] == _REPLACED and not target.exists():
+            os.replace(path, target)
+        elif path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+        cleared.append(path)
+    return cleared
+
+
+def check_space(path: PathLike, nbytes: int) -> None:
+    """Find out whether a disk has room for a file, before anything is computed for it.
+
+    Parameters
+    ----------
+    path : path-like
+        The file or folder that will be written.
+    nbytes : int
+        Its size in bytes.
+
+    Raises
+    ------
+    OSError
+        If there is less room, or its folder does not exist or takes no files.
+    """
+    target = Path(path)
+    _check_takes_files(target.parent, target)
+    free = shutil.disk_usage(target.parent).free
+    if nbytes > free:
+        raise OSError(
+            f"{path} takes {nbytes:,} bytes, of which the disk has {free:,} free: make room on it "
+            "or choose another folder."
+        )
 
 
 @contextmanager
-def replacing(path: PathLike) -> Iterator[Path]:
+def replacing(path: PathLike, durable: bool = False) -> Iterator[Path]:
     """Write a file under a temporary name; it takes its own name when the block ends well.
 
     After any exception, an interrupt included, neither the temporary file nor a part of the
-    wanted one is left, and a file that was there before is untouched.
+    wanted one is left, and a file that was there before is untouched. What a killed process
+    leaves, `clear_temporaries` removes.
 
     Parameters
     ----------
     path : path-like
         The file to write.
+    durable : bool
+        Whether to wait until the disk has the file before it takes its name, and then the name
+        (fsync): after a loss of power it is whole, or the old one.
 
     Yields
     ------
@@ -163,15 +254,29 @@ def replacing(path: PathLike) -> Iterator[Path]:
     target = check_writable(path)
     temporary = _beside(target)
     try:
-        yield temporary
-        os.replace(temporary, target)
+        with _said_of(target):
+            yield temporary
+            if durable:
+                _sync(temporary)
+            os.replace(temporary, target)
+            if durable:
+                _sync(target.parent)
+    finally:
+        _remove(temporary)
+
+
+@contextmanager
+def _said_of(target: Path) -> Iterator[None]:
+    """Say in one sentence what a disk refused."""
+    try:
+        yield
+    except FileExistsError:
+        raise
     except OSError as error:
         raise type(error)(
             f"{target} cannot be written ({_reason(error)}): if the disk is full, make room on it "
             "or choose another folder."
         ) from error
-    finally:
-        _remove(temporary)
 
 
 def _reason(error: OSError) -> str:
@@ -181,13 +286,22 @@ def _reason(error: OSError) -> str:
 
 
 @contextmanager
-def filling(path: PathLike) -> Iterator[Path]:
+def filling(path: PathLike, durable: bool = False, replace: bool = False) -> Iterator[Path]:
     """Fill a new folder under a temporary name, as `replacing` does with a file.
+
+    With ``replace`` a folder of this name is exchanged as a whole: it is moved aside, the new one
+    takes its name, and the old one is removed. A crash between the first two leaves the old folder
+    under a temporary name only; `clear_temporaries` brings it back, or removes it where the new
+    one has come. Of several writers of one folder the last one stays.
 
     Parameters
     ----------
     path : path-like
         A folder that does not exist yet, or is empty.
+    durable : bool
+        As in `replacing`, for every file in it.
+    replace : bool
+        Whether it may exist and hold something.
 
     Yields
     ------
@@ -197,18 +311,78 @@ def filling(path: PathLike) -> Iterator[Path]:
     Raises
     ------
     FileExistsError
-        If there is a file, or a folder that holds something: old and new files would mix.
+        If there is a file, or a folder that holds something and is not to be replaced: old and
+        new files would mix.
+    OSError
+        If the disk is full or refuses the folder for another reason.
     """
     target = Path(path)
-    if target.exists() and not (target.is_dir() and not any(target.iterdir())):
-        raise FileExistsError(f"{target} is there already and not empty: name a new folder.")
+    _check_free(target, replace)
     _check_takes_files(target.parent, target)
     temporary = _beside(target)
-    temporary.mkdir()
     try:
-        yield temporary
-        if target.is_dir():
-            target.rmdir()
-        os.replace(temporary, target)
+        with _said_of(target):
+            temporary.mkdir()
+            yield temporary
+            if durable:
+                _sync_all(temporary)
+        with _said_of(target):
+            if replace:
+                _exchange(temporary, target)
+            elif not _moved(temporary, target):
+                raise FileExistsError(f"{target} {_THERE}")
+            if durable:
+                _sync(target.parent)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _check_free(target: Path, replace: bool) -> None:
+    """Refuse a name that a file has, or a folder that holds something and is to stay."""
+    if target.is_file() or (not replace and target.is_dir() and any(target.iterdir())):
+        raise FileExistsError(f"{target} {_THERE}")
+
+
+def _exchange(new: Path, target: Path) -> None:
+    """Give a folder its name, whoever else does the same with another one."""
+    aside: list[Path] = []
+    try:
+        while not _moved(new, target):
+            old = _beside(target, _REPLACED)
+            with suppress(FileNotFoundError):  # another writer has just moved it
+                os.replace(target, old)
+                aside.append(old)
+    except BaseException:
+        if aside and not target.exists():
+            os.replace(aside.pop(), target)
+        raise
+    finally:
+        for old in aside:
+            shutil.rmtree(old, ignore_errors=True)
+
+
+def _moved(new: Path, target: Path) -> bool:
+    """Give a folder its name, if no folder that holds something has it."""
+    try:
+        os.replace(new, target)
+    except OSError as error:
+        if error.errno in _OCCUPIED:
+            return False
+        raise
+    return True
+
+
+def _sync_all(folder: Path) -> None:
+    """Wait until the disk has everything in a folder, several files at a time."""
+    with ThreadPoolExecutor(_SYNCS) as pool:
+        list(pool.map(_sync, (item for item in folder.rglob("*"))))
+    _sync(folder)
+
+
+def _sync(path: Path) -> None:
+    """Wait until the disk has a file, or the names in a folder."""
+    number = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)

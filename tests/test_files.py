@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import errno
+import os
+import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -14,9 +17,20 @@ from matplotlib.figure import Figure
 
 from clplen import plot
 from clplen.compute.device import Device
-from clplen.files import check_folder, check_writable, filling, output_folder, replacing
+from clplen.files import (
+    check_folder,
+    check_space,
+    check_writable,
+    clear_temporaries,
+    filling,
+    is_temporary,
+    output_folder,
+    replacing,
+)
 from clplen.io import write_lightfield, write_pfm, write_picture
 from clplen.lightfield.lightfield import LightField
+
+ROOT = Path(__file__).parents[1]
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
@@ -154,3 +168,166 @@ def test_trying_leaves_nothing(tmp_path: Path):
     check_writable(tmp_path / "a.tif")
     check_folder(tmp_path / "new" / "folder")
     assert [file.name for file in tmp_path.rglob("*")] == ["new", "folder"]
+
+
+USERS = (".a-0123456789ab.tif", "a-0123456789ab.partial.tif", ".a-0123.partial.tif", "b.partial")
+
+
+@pytest.mark.parametrize("name", ["a.tif", "a", "a.ome.zarr", ".hidden", "a b-c.x", "a.partial"])
+def test_temporary_names_are_known(tmp_path: Path, name: str):
+    with replacing(tmp_path / name) as temporary:
+        assert temporary.name.startswith(".")
+        assert temporary.suffix == (Path(name).suffix or ".partial")
+        assert is_temporary(temporary)
+        temporary.touch()
+    for other in (*USERS, name):
+        assert not is_temporary(other)
+
+
+KILLED = """
+import os, sys
+from clplen.files import filling, replacing
+how, target = sys.argv[1:]
+with (filling(target, replace=True) if how == "folder" else replacing(target)) as temporary:
+    (temporary / "new" if how == "folder" else temporary).write_text("half of the n")
+    os._exit(9)
+"""
+
+
+@pytest.mark.parametrize("how", ["file", "folder"])
+def test_what_a_killed_process_leaves(tmp_path: Path, how: str):
+    target = tmp_path / "a.b.zarr"
+    for name in USERS:
+        (tmp_path / name).touch()
+    if how == "folder":
+        target.mkdir()
+        (target / "old").touch()
+    kept = sorted(tmp_path.rglob("*"))
+    command = [sys.executable, "-c", KILLED, how, str(target)]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
+    assert subprocess.run(command, env=environment, timeout=60, check=False).returncode == 9
+    (left,) = (path for path in tmp_path.iterdir() if is_temporary(path))
+    assert clear_temporaries(tmp_path) == [left]
+    assert sorted(tmp_path.rglob("*")) == kept
+    assert clear_temporaries(tmp_path) == []
+
+
+def fill(target: Path, name: str, **words: bool) -> None:
+    with filling(target, **words) as folder:
+        (folder / "deep").mkdir()
+        (folder / "deep" / name).write_text("x")
+
+
+def names_in(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.rglob("*") if path.is_file())
+
+
+def test_a_folder_is_exchanged_as_a_whole(tmp_path: Path):
+    target = tmp_path / "a.zarr"
+    fill(target, "old", replace=True)
+    fill(target, "new", replace=True)
+    assert names_in(tmp_path) == ["new"]
+    with pytest.raises(FileExistsError, match=r"a\.zarr is there already and not empty"):
+        fill(target, "third")
+    (tmp_path / "file.zarr").touch()
+    with pytest.raises(FileExistsError, match=r"file\.zarr is there already"):
+        fill(tmp_path / "file.zarr", "third", replace=True)
+    assert names_in(tmp_path) == ["file.zarr", "new"]
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.parametrize("step", [1, 2, 3])
+def test_an_exchange_that_breaks_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: int):
+    """The old folder is back at once; after a crash, by clear_temporaries."""
+    target = tmp_path / "a.b.zarr"
+    fill(target, "old")
+    rename, calls = os.replace, []
+
+    def refuse(source: Path, new: Path) -> None:
+        calls.append(source)
+        if len(calls) == step:
+            raise OSError(errno.EIO, "Input/output error")
+        rename(source, new)
+
+    monkeypatch.setattr(os, "replace", refuse)
+    with pytest.raises(OSError, match=r"a\.b\.zarr cannot be written \(Input/output error\)"):
+        fill(target, "new", replace=True)
+    assert names_in(tmp_path) == ["old"]
+    assert list(tmp_path.iterdir()) == [target]
+    monkeypatch.undo()
+    aside = tmp_path / ".a.b-0123456789ab.replaced.zarr"
+    os.replace(target, aside)
+    fill(tmp_path / ".a.b-0123456789ac.partial.zarr", "new")
+    clear_temporaries(tmp_path)
+    assert names_in(target) == ["old"]
+    fill(aside, "older")
+    clear_temporaries(tmp_path)
+    assert names_in(tmp_path) == ["old"]
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_many_writers_of_one_name(tmp_path: Path):
+    def write(number: int) -> None:
+        for _ in range(20):
+            fill(tmp_path / "a.zarr", f"{number}", replace=True)
+            with replacing(tmp_path / "a.txt") as temporary:
+                temporary.write_text(f"{number}" * 1000)
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(write, range(4)))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.txt", "a.zarr"]
+    assert len(names_in(tmp_path / "a.zarr")) == 1
+    text = (tmp_path / "a.txt").read_text()
+    assert text == text[0] * 1000
+
+
+def test_of_two_writers_of_a_new_folder_the_first_wins(tmp_path: Path):
+    def second() -> None:
+        with filling(tmp_path / "a") as folder:
+            (folder / "second").touch()
+            fill(tmp_path / "a", "first")
+
+    with pytest.raises(FileExistsError, match="there already"):
+        second()
+    assert names_in(tmp_path) == ["first"]
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def test_durable_files_reach_the_disk_before_their_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    done, rename, sync = [], os.replace, os.fsync
+
+    def note_sync(number: int) -> None:
+        done.append(Path(os.readlink(f"/proc/self/fd/{number}")).name)
+        sync(number)
+
+    def note_rename(source: Path, new: Path) -> None:
+        done.append("rename")
+        rename(source, new)
+
+    if not Path("/proc/self/fd").is_dir():
+        pytest.skip("this system does not tell the names of open files")
+    monkeypatch.setattr(os, "fsync", note_sync)
+    monkeypatch.setattr(os, "replace", note_rename)
+    with replacing(tmp_path / "a.txt", durable=True) as temporary:
+        temporary.write_text("new")
+    assert done == [temporary.name, "rename", tmp_path.name]
+    done.clear()
+    with filling(tmp_path / "a.zarr", durable=True) as folder:
+        (folder / "deep").mkdir()
+        (folder / "deep" / "one").touch()
+        (folder / "two").touch()
+    assert sorted(done[:3]) == ["deep", "one", "two"]
+    assert done[3:] == [folder.name, "rename", tmp_path.name]
+    done.clear()
+    fill(tmp_path / "b", "one")
+    assert done == ["rename"]
+
+
+def test_room_on_a_disk(tmp_path: Path):
+    check_space(tmp_path / "a.tif", 1000)
+    with pytest.raises(OSError, match=r"a\.tif takes 1(,000)+ bytes, of which the disk has .* fre"):
+        check_space(tmp_path / "a.tif", 10**18)
+    with pytest.raises(FileNotFoundError, match=r"no folder .*nowhere"):
+        check_space(tmp_path / "nowhere" / "a.tif", 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +19,7 @@ from clplen.cli.messages import note
 if TYPE_CHECKING:
     from clplen.compute.device import Device
     from clplen.lightfield.lightfield import LightField
+    from clplen.lightfield.stored import StoredLightField
 
 
 def opened(selector: str | None) -> Device:
@@ -77,6 +78,26 @@ def read(source: Path, selector: str | None, layout: dict[str, Any]) -> LightFie
     )
 
 
+@contextmanager
+def stored(
+    source: Path, selector: str | None, layout: dict[str, Any]
+) -> Iterator[tuple[StoredLightField, Device]]:
+    """A light field that is read part by part, and the device for it."""
+    from clplen.compute.device import Device
+    from clplen.io import open_lightfield
+
+    device = Device.open(selector)
+    with open_lightfield(source, device=device, **layout) as found:
+        yield found, device
+
+
+@contextmanager
+def tiles_shown() -> Iterator[Callable[[int, int], None]]:
+    """What shows how many tiles are done."""
+    with bar_of(0, "tile") as bar:
+        yield lambda done, total: reach(bar, done, total)
+
+
 def check_planes(disparities: Any, alphas: Any) -> None:
     if disparities is not None and alphas is not None:
         raise click.UsageError("Give --disparities or --alphas, not both.")
@@ -106,7 +127,7 @@ def note_end(disparities: Any, found: Any, what: str = "the sharpest plane is") 
 
 
 def planes_of(
-    lf: LightField, disparities: Any, alphas: Any, *, count: int | None = None
+    lf: LightField | StoredLightField, disparities: Any, alphas: Any, *, count: int | None = None
 ) -> dict[str, Any]:
     """The planes that were asked for, else those that suit the light field, `count` of them."""
     from clplen.lightfield.planes import suitable_planes
@@ -126,7 +147,7 @@ def planes_of(
     return {"alphas": alphas} if disparities is None else {"disparities": disparities}
 
 
-def tried_by(lf: LightField, planes: dict[str, Any]) -> Any:
+def tried_by(lf: LightField | StoredLightField, planes: dict[str, Any]) -> Any:
     """The disparities of `planes_of`."""
     return planes["disparities"] if "disparities" in planes else lf.disparity(planes["alphas"])
 

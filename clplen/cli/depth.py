@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,11 +18,16 @@ from clplen.cli.common import (
     note_end,
     planes_of,
     read,
+    stored,
+    tiles_shown,
     tried_by,
 )
 
 if TYPE_CHECKING:
+    from clplen.compute.device import Device
     from clplen.lightfield.depth import DepthMap
+    from clplen.lightfield.lightfield import LightField
+    from clplen.lightfield.stored import StoredLightField
 
 Values = np.ndarray[Any, Any]
 
@@ -51,6 +58,7 @@ _SURE = 0.5  # confidence above which a pixel counts as sure
 )
 @options.plane_range
 @metres.lengths
+@options.memory
 @options.layout
 @options.device
 def depth(
@@ -60,6 +68,7 @@ def depth(
     confidence: Path | None,
     disparities: Any,
     alphas: Any,
+    memory: int | None,
     selector: str | None,
     **words: Any,
 ) -> None:
@@ -71,17 +80,17 @@ def depth(
     """
     from clplen import plot
     from clplen.io import write_depth
-    from clplen.lightfield.depth import depth_map
 
     check_planes(disparities, alphas)
     lengths = metres.lengths_of(words)
     picture = output.with_suffix(".png")
     _check_names(source, words, (output, confidence), picture, lengths)
-    lf = read(source, selector, words)
-    if lengths is not None:
-        metres.check_camera(lf, lengths)
-    planes = planes_of(lf, disparities, alphas)
-    found = depth_map(lf, cue=cue, **planes)
+    with _opened(source, selector, words, memory) as (lf, device):
+        if lengths is not None:
+            metres.check_camera(lf, lengths)
+        planes = planes_of(lf, disparities, alphas)
+        found = _found(lf, device, cue, memory, planes)
+        said = metres.write(lf, found, lengths) if lengths is not None else metres.Said("", ())
     if output.suffix.lower() == ".npy":
         metres.write_map(output, found.disparity)
     else:
@@ -91,13 +100,42 @@ def depth(
     plot.save(plot.depth(found, title=f"disparity of {source.name}"), picture)
     known = found.disparity[np.isfinite(found.disparity)]
     note_end(tried_by(lf, planes), known, "for more than half of the pixels the sharpest plane is")
-    said = metres.write(lf, found, lengths) if lengths is not None else metres.Said("", ())
     sure = "" if confidence is None else f", {confidence} holds their confidence"
     shown = f"{picture} shows them" + (" with their confidence" if confidence is None else "")
     click.echo(f"{output} holds the disparities, {shown}{sure}{''.join(said.files)}.")
     click.echo(_summary(found))
     if said.distances:
         click.echo(said.distances)
+
+
+@contextmanager
+def _opened(
+    source: Path, selector: str | None, words: dict[str, Any], memory: int | None
+) -> Iterator[tuple[LightField | StoredLightField, Device]]:
+    """The light field, in core or, with a budget of memory, part by part; and the device."""
+    if memory is None:
+        lf = read(source, selector, words)
+        yield lf, lf.device
+    else:
+        with stored(source, selector, words) as opened:
+            yield opened
+
+
+def _found(
+    lf: LightField | StoredLightField,
+    device: Device,
+    cue: str | None,
+    memory: int | None,
+    planes: dict[str, Any],
+) -> DepthMap:
+    from clplen.lightfield.depth import depth_map
+    from clplen.lightfield.stored import StoredLightField
+    from clplen.lightfield.streaming import stream_depth
+
+    if not isinstance(lf, StoredLightField):
+        return depth_map(lf, cue=cue, **planes)
+    with tiles_shown() as progress:
+        return stream_depth(lf, cue=cue, memory=memory, device=device, progress=progress, **planes)
 
 
 def _check_names(

@@ -12,6 +12,7 @@ import numpy as np
 if TYPE_CHECKING:
     from clplen.lightfield.depth import DepthMap
     from clplen.lightfield.lightfield import LightField
+    from clplen.lightfield.stored import StoredLightField
 
 Values = np.ndarray[Any, Any]
 
@@ -97,7 +98,7 @@ def lengths_of(words: dict[str, Any]) -> Lengths | None:
     return Lengths(camera, given.get("metric"), given.get("ply"))
 
 
-def check_camera(lf: LightField, lengths: Lengths) -> None:
+def check_camera(lf: LightField | StoredLightField, lengths: Lengths) -> None:
     """Refuse a map in metres of a light field that knows no camera, without lengths."""
     if lengths.metric is not None and lengths.camera is None and not _knows_camera(lf):
         raise click.UsageError(
@@ -106,11 +107,11 @@ def check_camera(lf: LightField, lengths: Lengths) -> None:
         )
 
 
-def _knows_camera(lf: LightField) -> bool:
+def _knows_camera(lf: LightField | StoredLightField) -> bool:
     return lf.camera is not None and lf.spacing is not None
 
 
-def write(lf: LightField, found: DepthMap, lengths: Lengths) -> Said:
+def write(lf: LightField | StoredLightField, found: DepthMap, lengths: Lengths) -> Said:
     """Write distances and points where they are asked for; what to say of them."""
     from clplen.io import points_of, write_ply
     from clplen.lightfield.metric import metric_depth
@@ -148,7 +149,7 @@ def _distances(z: Values, where: str) -> str:
     )
 
 
-def _points_of_camera(lf: LightField, z: Values) -> tuple[Values, str]:
+def _points_of_camera(lf: LightField | StoredLightField, z: Values) -> tuple[Values, str]:
     """Points (x, y, z) as the camera of a light field images them, and what they are.
 
     By the lens law 1/f = 1/a + 1/F the plane in focus lies at a = F/(F/f - 1) from the lens, where
@@ -180,10 +181,18 @@ def write_map(path: Path, values: Values) -> None:
         write_picture(path, values)
 
 
-def colours_of(lf: LightField) -> Values:
+def colours_of(lf: LightField | StoredLightField) -> Values:
     """The centre view as uint8 colours, shape (n, 3); floats by their largest value."""
+    from clplen.lightfield.stored import StoredLightField
+
     V, U = lf.shape[:2]
-    picture = lf.view((V - 1) / 2, (U - 1) / 2).to_numpy().astype(np.float64)
+    if isinstance(lf, StoredLightField):  # the same, of the views around the middle
+        v, u = (slice((n - 1) // 2, n // 2 + 1) for n in (V, U))
+        middle = (v, u, slice(0, lf.shape[2]), slice(0, lf.shape[3]))
+        share = lf.weights[v, u] if lf.weights[v, u].any() else np.ones_like(lf.weights[v, u])
+        picture = np.tensordot(share / share.sum(), lf.read(middle), 2).astype(np.float64)
+    else:
+        picture = lf.view((V - 1) / 2, (U - 1) / 2).to_numpy().astype(np.float64)
     top = np.iinfo(lf.dtype).max if lf.dtype.kind == "u" else max(float(picture.max()), 1e-30)
     grey = picture.reshape(*picture.shape[:2], -1)
     three = grey if grey.shape[2] == 3 else np.repeat(grey[..., :1], 3, axis=2)

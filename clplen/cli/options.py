@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,8 @@ from typing import Any
 import click
 import numpy as np
 
-DEFAULT_DISPARITIES = (-2.0, 2.0, 33)
-DEFAULT_ALPHAS = (0.65, 1.35, 33)
+from clplen.lightfield import planes as planes_default
+
 _MOST_PLANES = 10**6
 _PATH = click.Path(path_type=Path)
 
@@ -88,6 +89,23 @@ class Aperture(click.ParamType):
             )
 
 
+class Size(click.ParamType):
+    """A number of bytes, with a unit or without."""
+
+    name = "SIZE"
+    _pattern = re.compile(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*([kmgt]?)(i?)b?\s*", re.IGNORECASE)
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> int:
+        found = self._pattern.fullmatch(str(value))
+        size = 0
+        if found is not None and (found[2] or not found[3]):
+            base = 1024 if found[3] else 1000
+            size = int(float(found[1]) * base ** " kmgt".index(found[2].lower() or " "))
+        if size < 1:
+            self.fail(f"{value!r} is no size: give bytes, or 512MiB, 4GB and so on.", param, ctx)
+        return size
+
+
 def _with_options(*options: Any) -> Callable[[Any], Any]:
     def add(command: Any) -> Any:
         for option in reversed(options):
@@ -108,6 +126,12 @@ device = click.option(
     default=None,
     help="cpu, gpu, platform:device (0:1) or part of a name; default: $CLPLEN_DEVICE, else the "
     "first GPU, else the first CPU. See 'clplen devices'.",
+)
+memory = click.option(
+    "--memory",
+    type=Size(),
+    help="Read the light field part by part, in so many bytes (512MiB, 4GB) on host and device "
+    "together; for those that do not fit.",
 )
 layout = _with_options(
     click.option(
@@ -180,12 +204,12 @@ plane_range = _with_options(
         "--disparities",
         type=Planes(),
         help="Planes by disparity, pixels a view step, nearer is larger; default "
-        f"{_range(DEFAULT_DISPARITIES)} where the spacing is not known.",
+        f"{_range(planes_default.DISPARITIES)} where the spacing is not known.",
     ),
     click.option(
         "--alphas",
         type=Planes(),
         help="Planes by alpha = F/F', where the light field knows its spacing; there the default "
-        f"is {_range(DEFAULT_ALPHAS)}, at most up to infinity.",
+        f"is {_range(planes_default.ALPHAS)}, at most up to infinity.",
     ),
 )

@@ -17,6 +17,8 @@ from clplen.cli.common import (
     note_end,
     planes_of,
     read,
+    stored,
+    tiles_shown,
 )
 
 
@@ -30,6 +32,7 @@ from clplen.cli.common import (
     help="Part of the main lens to use: views across "
     "(9), fraction of the diameter (0.5) or f-number (f/66); default: all.",
 )
+@options.memory
 @options.layout
 @options.device
 def stack(
@@ -38,6 +41,7 @@ def stack(
     disparities: Any,
     alphas: Any,
     aperture: Any,
+    memory: int | None,
     selector: str | None,
     **layout: Any,
 ) -> None:
@@ -59,6 +63,9 @@ def stack(
     check_planes(disparities, alphas)
     check_suffix(output, (".tif", ".tiff"))
     check_outputs(source, layout, output)
+    if memory is not None:
+        _stream(source, output, (disparities, alphas), aperture, memory, selector, layout)
+        return
     lf = read(source, selector, layout)
     made = focal_stack(lf, aperture=aperture, **planes_of(lf, disparities, alphas))
     best = int(sharpness_curve(made).argmax())
@@ -70,3 +77,30 @@ def stack(
         f"{output} holds {options.planes(len(made.disparities))}; the sharpest is number {best} "
         f"(from 0), d = {made.disparities[best]:.4f}{also}."
     )
+
+
+def _stream(
+    source: Path,
+    output: Path,
+    ends: tuple[Any, Any],
+    aperture: Any,
+    memory: int,
+    selector: str | None,
+    layout: dict[str, Any],
+) -> None:
+    """The same tile by tile; nothing is said of the sharpest plane."""
+    from clplen.io import write_stack
+    from clplen.lightfield.streaming import stream_stack
+
+    with stored(source, selector, layout) as (lf, device), tiles_shown() as progress:
+        made = stream_stack(
+            lf,
+            aperture=aperture,
+            memory=memory,
+            device=device,
+            progress=progress,
+            **planes_of(lf, *ends),
+        )
+        click.echo(made.plan, err=True)
+        write_stack(output, made)
+    click.echo(f"{output} holds {options.planes(len(made.disparities))}.")

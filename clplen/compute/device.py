@@ -252,6 +252,10 @@ class Device:
         """Large buffers that were let go, for the next one of their size: fresh ones cost time."""
         return MemoryPool(ImmediateAllocator(self.queue))
 
+    def free_spare(self) -> None:
+        """Give back the large buffers that are kept for use again."""
+        self._spare.free_held()
+
     def zeros(self, shape: Sequence[int], dtype: Any) -> cla.Array:
         """An array of zeros on the device."""
         array = self.empty(shape, dtype)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
@@ -16,28 +18,30 @@ from clplen.io.hdf5 import write_hdf5
 from clplen.io.kinds import kind_of
 from clplen.io.layout import Layout
 from clplen.io.mosaic import write_mosaic
-from clplen.io.ome import write_image
 from clplen.io.pfm import read_pfm, write_pfm
 from clplen.io.picture import read_picture, write_picture
 from clplen.io.ply import points_of, write_ply
 from clplen.io.positions import NAMES
 from clplen.io.raw import read_raw
 from clplen.io.raytrix import read_raytrix, write_raytrix
-from clplen.io.stack import write_depth, write_stack
-from clplen.io.truth import read_truth
+from clplen.io.stack import write_depth, write_image, write_stack
+from clplen.io.truth import read_masks, read_truth, write_truth
 from clplen.io.views import find_views, write_views
 from clplen.io.zarrs import write_zarr
 from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.stored import StoredLightField
 
 __all__ = [
     "HciParameters",
     "check_folder",
     "check_writable",
     "files_of",
+    "open_lightfield",
     "output_folder",
     "points_of",
     "read_disparity",
     "read_lightfield",
+    "read_masks",
     "read_parameters",
     "read_pfm",
     "read_picture",
@@ -53,6 +57,7 @@ __all__ = [
     "write_ply",
     "write_raytrix",
     "write_stack",
+    "write_truth",
     "write_views",
 ]
 
@@ -161,6 +166,48 @@ def read_lightfield(
     lf, took = module.read(path, device=device, layout=layout, progress=progress)
     logger.info("read %s", took)
     return cast(LightField, lf)
+
+
+@contextmanager
+def open_lightfield(
+    path: PathLike, *, device: Device | None = None, **layout: Any
+) -> Iterator[StoredLightField]:
+    """Open a light field of any kind without reading it all, for the ``stream_`` functions.
+
+    Arrays (HDF5, Zarr, NumPy, MATLAB 7.3), folders and archives of views are read part by part
+    while the file is open. What is one raw picture, and MATLAB up to 7.2, is read as a whole.
+
+    Parameters
+    ----------
+    path : path-like
+    device : Device, optional
+        Default ``Device.open()``; what is read as a whole lies there.
+    **layout
+        Words of layout as for `read_lightfield`; ``max_bytes`` bounds what is unpacked at once.
+
+    Yields
+    ------
+    StoredLightField
+
+    Raises
+    ------
+    FormatError, ValueError, ShapeError
+        As `read_lightfield`; samples that are damaged or NaN are found when they are read.
+    """
+    words, path = Layout(**layout), Path(path)
+    kind = kind_of(path)
+    words.require(kind.words, kind.name)
+    module = import_module(kind.module)
+    device = device or Device.open()
+    with ExitStack() as held:
+        if kind.parts:
+            opened = module.open_parts(path, device=device, layout=words)
+            stored, took = held.enter_context(opened)
+        else:
+            lf, took = module.read(path, device=device, layout=words)
+            stored = StoredLightField.from_light_field(lf)
+        logger.info("opened %s", took)
+        yield stored
 
 
 def files_of(path: PathLike, **layout: Any) -> list[Path]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import posixpath
 import re
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +20,9 @@ from clplen.io.layout import Layout
 from clplen.io.loading import UNREADABLE
 from clplen.io.names import views_only
 from clplen.io.picture import SUFFIXES, decode_picture, without_alpha
-from clplen.io.viewset import ViewSet, arranged, assemble
+from clplen.io.viewset import ViewSet, arranged, assemble, stored_views
 from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.stored import StoredLightField
 
 _RATIO = {zipfile.ZIP_STORED: 1.0, zipfile.ZIP_DEFLATED: DEFLATE}
 _ENCRYPTED = 1  # bit of the flags
@@ -56,29 +59,63 @@ def read(
         If a sample is NaN or infinite.
     """
     path = Path(path)
-    size = path.stat().st_size
+    with _opened(path) as archive:
+        views = _views(archive, path, layout)
+        return assemble(views, device=device, layout=layout, progress=progress)
+
+
+@contextmanager
+def open_parts(
+    path: PathLike, *, device: Device, layout: Layout
+) -> Iterator[tuple[StoredLightField, str]]:
+    """What `read` reads, view by view while the archive is open.
+
+    Parameters
+    ----------
+    path : path-like
+    device : Device
+        Not used.
+    layout : Layout
+
+    Yields
+    ------
+    StoredLightField, str
+
+    Raises
+    ------
+    FormatError, ValueError
+        As `read` and `stored_views`.
+    """
+    path = Path(path)
+    with _opened(path) as archive:
+        yield stored_views(_views(archive, path, layout), layout=layout)
+
+
+def _opened(path: Path) -> zipfile.ZipFile:
     try:
-        archive = zipfile.ZipFile(path)
+        return zipfile.ZipFile(path)
     except _UNREADABLE as error:
         raise FormatError(f"{path} is no zip archive that can be read ({error}).") from error
-    with archive:
-        members = _members(archive, path)
-        shown = views_only(members, pattern=layout.pattern)
-        pictures = [name for name in shown if name.lower().endswith(SUFFIXES)]
-        inside = posixpath.commonpath([posixpath.dirname(name) for name in pictures] or [""])
-        root = f"{inside}/" if inside else ""
-        cut = len(root)
-        names = [name[cut:] for name in shown if name.startswith(root)]
-        found = arranged(names, [name[cut:] for name in pictures], layout, str(path))
 
-        def load(name: str) -> np.ndarray[Any, Any]:
-            info, where = members[posixpath.join(inside, name)], path / inside / name
-            content = _content(archive, info, where, size, layout.max_bytes)
-            picture = decode_picture(content, where, max_bytes=layout.max_bytes)
-            return without_alpha(picture, where)
 
-        views = ViewSet(path / inside, *found, load)
-        return assemble(views, device=device, layout=layout, progress=progress)
+def _views(archive: zipfile.ZipFile, path: Path, layout: Layout) -> ViewSet:
+    members = _members(archive, path)
+    size = path.stat().st_size
+    shown = views_only(members, pattern=layout.pattern)
+    pictures = [name for name in shown if name.lower().endswith(SUFFIXES)]
+    inside = posixpath.commonpath([posixpath.dirname(name) for name in pictures] or [""])
+    root = f"{inside}/" if inside else ""
+    cut = len(root)
+    names = [name[cut:] for name in shown if name.startswith(root)]
+    found = arranged(names, [name[cut:] for name in pictures], layout, str(path))
+
+    def load(name: str) -> np.ndarray[Any, Any]:
+        info, where = members[posixpath.join(inside, name)], path / inside / name
+        content = _content(archive, info, where, size, layout.max_bytes)
+        picture = decode_picture(content, where, max_bytes=layout.max_bytes)
+        return without_alpha(picture, where)
+
+    return ViewSet(path / inside, *found, load)
 
 
 def _members(archive: zipfile.ZipFile, path: Path) -> dict[str, zipfile.ZipInfo]:

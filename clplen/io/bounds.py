@@ -2,29 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
+from clplen.compute.hostmemory import free_memory
 from clplen.errors import FormatError
 
 DEFLATE = 1032.0  # largest ratio of zlib, gzip, zip and PNG (RFC 1951: 258 bytes from 2 bits)
 SLACK = 1 << 20  # bytes that any file may ask for
-_UNKNOWN = 4 << 30  # where a system does not say how much memory is free
-
-
-def free_memory() -> int:
-    """Bytes of host memory that are free now."""
-    try:
-        with Path("/proc/meminfo").open(encoding="ascii") as file:
-            for line in file:
-                if line.startswith("MemAvailable:"):
-                    return 1024 * int(line.split()[1])
-    except (OSError, ValueError):
-        pass
-    try:
-        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, OSError, ValueError):
-        return _UNKNOWN
 
 
 def require_bytes(

@@ -6,7 +6,8 @@ of other programs are in `clplen.io.hdf5_foreign`.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,9 @@ from clplen.io import attributes
 from clplen.io.hdf5_foreign import find, source_of
 from clplen.io.hdf5_reading import attributes_of, dataset_of, opened, require_size
 from clplen.io.layout import Layout
-from clplen.io.loading import light_field
+from clplen.io.loading import Found, light_field, reading, stored_light_field
 from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.stored import StoredLightField
 
 
 def write_hdf5(path: PathLike, lf: LightField) -> None:
@@ -87,20 +89,50 @@ def read(
     """
     path = Path(path)
     with opened(path) as file:
-        dataset = find(file, path, layout.dataset)
-        name = str(dataset.name).strip("/")
-        if name != attributes.SAMPLES:
-            source = source_of(dataset, path, layout)
-            return light_field(source, device=device, layout=layout, progress=progress)
-        found = attributes_of(dataset, attributes.NAMES, path)
-        source = source_of(dataset, path, layout)
-        known = _arrays_beside(file, path, source.views)
-        placed = "positions" in known or layout.positions is not None
-        known |= attributes.known_of(found, path, layout, placed=placed)
-        known["camera"] = _camera(file, path, device)
-        words = attributes.words_in(found, path)
-        lf, took = light_field(source, device=device, layout=layout, progress=progress, known=known)
-    return replace(lf, **words), took
+        found = _found(file, path, device, layout)
+        return light_field(found, device=device, layout=layout, progress=progress)
+
+
+@contextmanager
+def open_parts(
+    path: PathLike, *, device: Device, layout: Layout
+) -> Iterator[tuple[StoredLightField, str]]:
+    """What `read` reads, part by part while the file is open.
+
+    Parameters
+    ----------
+    path : path-like
+    device : Device
+    layout : Layout
+
+    Yields
+    ------
+    StoredLightField, str
+
+    Raises
+    ------
+    FormatError
+        As `read`; what is damaged or NaN, when it is read.
+    """
+    path = Path(path)
+    with ExitStack() as held:
+        with reading(path):
+            file = held.enter_context(h5py.File(path, "r"))
+            stored = stored_light_field(_found(file, path, device, layout), layout)
+        yield stored
+
+
+def _found(file: h5py.File, path: Path, device: Device, layout: Layout) -> Found:
+    dataset = find(file, path, layout.dataset)
+    source = source_of(dataset, path, layout)
+    if str(dataset.name).strip("/") != attributes.SAMPLES:
+        return Found(source)
+    found = attributes_of(dataset, attributes.NAMES, path)
+    known = _arrays_beside(file, path, source.views)
+    placed = "positions" in known or layout.positions is not None
+    known |= attributes.known_of(found, path, layout, placed=placed)
+    known["camera"] = _camera(file, path, device)
+    return Found(source, known, attributes.words_in(found, path))
 
 
 def _arrays_beside(

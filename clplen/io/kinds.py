@@ -1,7 +1,8 @@
 """The kinds of light-field file: how each is recognised and which module reads it.
 
 The module of a kind has ``read(path, *, device, layout, progress) -> (LightField, str)``; the text
-says in one sentence what was taken for what.
+says in one sentence what was taken for what. Where parts can be read alone (``parts``), it has
+``open_parts(path, *, device, layout)`` too, a context of (StoredLightField, str).
 """
 
 from __future__ import annotations
@@ -33,12 +34,15 @@ class Kind:
         Words of layout that apply.
     recognises : callable
         (path, first bytes) -> bool; the bytes are empty for a folder.
+    parts : bool
+        Whether the samples of some rows and columns can be read alone.
     """
 
     name: str
     module: str
     words: tuple[str, ...]
     recognises: Callable[[Path, bytes], bool]
+    parts: bool = False
 
 
 def _is_zarr(path: Path, head: bytes) -> bool:
@@ -59,14 +63,21 @@ def _is_described(path: Path, head: bytes) -> bool:
 
 
 KINDS = (
-    Kind("Zarr", "clplen.io.zarrs", (*_VIEWS, "order", "dataset"), _is_zarr),
-    Kind("a folder of views", "clplen.io.views", _NAMES, lambda path, _: path.is_dir()),
-    Kind("an archive of views", "clplen.io.archive", _NAMES, lambda _, head: head[:4] == b"PK\3\4"),
+    Kind("Zarr", "clplen.io.zarrs", (*_VIEWS, "order", "dataset"), _is_zarr, parts=True),
+    Kind("a folder of views", "clplen.io.views", _NAMES, lambda path, _: path.is_dir(), parts=True),
+    Kind(
+        "an archive of views",
+        "clplen.io.archive",
+        _NAMES,
+        lambda _, head: head[:4] == b"PK\3\4",
+        parts=True,
+    ),
     Kind(
         "HDF5",
         "clplen.io.hdf5",
         (*_VIEWS, "order", "dataset"),
         lambda path, head: head[:8] == b"\x89HDF\r\n\x1a\n" or _hdf5_after_user_block(path),
+        parts=True,
     ),
     Kind(
         "a MATLAB file",
@@ -79,6 +90,7 @@ KINDS = (
         "clplen.io.arrays",
         (*_VIEWS, "order", "srgb"),
         lambda _, head: head[:6] == b"\x93NUMPY",
+        parts=True,
     ),
     Kind(
         "a Lytro container",

@@ -78,6 +78,15 @@ class Layout:
         array = array[:: -1 if self.flip_v else 1, :: -1 if self.flip_u else 1]
         return array.swapaxes(0, 1) if self.swap_uv else array
 
+    def selected(self, wanted: tuple[slice, slice], views: View) -> tuple[slice, slice]:
+        """Where views (v, u) of the final light field lie in the file, whose (V, U) is `views`."""
+        flips = (self.flip_v, self.flip_u)
+        v, u = (
+            slice(n - part.stop, n - part.start) if flip else part
+            for part, n, flip in zip(wanted, self.shape(views), flips, strict=True)
+        )
+        return (u, v) if self.swap_uv else (v, u)
+
     def shape(self, views: View) -> View:
         """(V, U) of the light field whose file has these."""
         return (views[1], views[0]) if self.swap_uv else views

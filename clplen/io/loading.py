@@ -5,11 +5,12 @@ from __future__ import annotations
 import itertools
 import math
 import struct
+import sys
 import tokenize
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,15 @@ from clplen.errors import FormatError, ShapeError
 from clplen.io.bounds import require_bytes
 from clplen.io.layout import Array, Layout, View, axes_of, in_order
 from clplen.io.positions import positions_of
+from clplen.lightfield.checks import (
+    checked_positions,
+    checked_spacing,
+    checked_weights,
+    require_finite,
+)
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.samples import C_TYPE, lit_views
+from clplen.lightfield.stored import StoredLightField
 
 Selection = tuple[slice, ...]
 
@@ -152,25 +160,37 @@ def axes_known(
     return axes, f"axes {':'.join(axes)} ({how})"
 
 
+@dataclass(frozen=True)
+class Found:
+    """A light field found in a file that is open.
+
+    Attributes
+    ----------
+    source : Source
+    known : dict
+        What `LightField.from_array` takes beside the samples; weights and positions for the views
+        of the file.
+    words : dict
+        ``decode`` and ``parametrisation``, where the file says them.
+    """
+
+    source: Source
+    known: dict[str, Any] = field(default_factory=dict)
+    words: dict[str, Any] = field(default_factory=dict)
+
+
 def light_field(
-    source: Source,
-    *,
-    device: Device,
-    layout: Layout,
-    progress: bool,
-    known: dict[str, Any] | None = None,
+    found: Found, *, device: Device, layout: Layout, progress: bool
 ) -> tuple[LightField, str]:
     """Read the samples of a source and make them a light field.
 
     Parameters
     ----------
-    source : Source
+    found : Found
     device : Device
     layout : Layout
     progress : bool
         Whether to show a bar on standard error.
-    known : dict, optional
-        What else `LightField.from_array` takes; weights and positions for the views of the file.
 
     Returns
     -------
@@ -183,22 +203,84 @@ def light_field(
         If the file cannot hold what it declares, is damaged, or holds values that make no light
         field.
     """
-    words = dict(known or {})
-    for name in ("weights", "positions"):
-        if words.get(name) is not None:
-            words[name] = _fitting(np.asarray(words[name]), name, source, layout)
-    places = positions_of(layout, source.views)
-    if places is not None:
-        words["positions"] = places
+    source = found.source
+    known = _known(found, layout)
     data = samples(source, device=device, layout=layout, progress=progress)
     if source.weighted:
         lit = lit_views(data, device)
-        words["weights"] = layout.oriented(_mean_weights(source)) * (lit if lit.any() else 1)
+        known["weights"] = layout.oriented(_mean_weights(source)) * (lit if lit.any() else 1)
+    with _making(source.path):
+        lf = LightField.from_array(data, device=device, **known)
+    return replace(lf, **found.words), _sentence(source, lf, layout)
+
+
+def stored_light_field(found: Found, layout: Layout) -> tuple[StoredLightField, str]:
+    """A source as a light field that is read part by part.
+
+    Parameters
+    ----------
+    found : Found
+    layout : Layout
+
+    Returns
+    -------
+    StoredLightField, str
+        The light field, and what was taken for what, in one sentence.
+
+    Raises
+    ------
+    FormatError
+        As `light_field`; what is damaged or NaN, when it is read.
+    """
+    source = found.source
+    known = _known(found, layout)
+    require_samples(source, replace(layout, max_bytes=sys.maxsize))  # it is not read as a whole
+    at_once = dict(zip(source.axes, source.chunks or (1,) * len(source.shape), strict=True))
+    dtype = _kept(source.dtype)
+    copies = 2 if source.ratio == 1 else 4  # packed, unpacked and turned, with what is left over
+    stored = StoredLightField(
+        _shape(source, layout),
+        dtype,
+        lambda block, out: _fill_checked(source, layout, block, out),
+        np.ones(layout.shape(source.views), np.float32),
+        (at_once["y"], at_once["x"] if source.chunks else source.shape[source.axes.index("x")]),
+        layout.shape((at_once["v"], at_once["u"])),
+        copies * max(_BLOCK, math.prod(at_once.values()) * source.dtype.itemsize),
+    )
+    with _making(source.path):
+        places = checked_positions(known.get("positions"), stored)
+        spacing = checked_spacing(known.get("spacing"))
+        stored = replace(stored, spacing=spacing, positions=places, camera=known.get("camera"))
+        weights = _stored_weights(source, layout, stored, known.get("weights"))
+        stored = replace(stored, weights=checked_weights(weights, stored), **found.words)
+    return stored, _sentence(source, stored, layout)
+
+
+def _stored_weights(source: Source, layout: Layout, stored: StoredLightField, known: Any) -> Array:
+    if not source.weighted:
+        return stored.lit_weights() if known is None else np.asarray(known)
+    return layout.oriented(_mean_weights(source)) * stored.lit_weights()
+
+
+@contextmanager
+def _making(path: Path) -> Iterator[None]:
+    """Make a FormatError of values in a file that make no light field."""
     try:
-        lf = LightField.from_array(data, device=device, **words)
+        yield
     except (TypeError, ValueError, ShapeError) as error:
-        raise FormatError(f"{source.path}: {error}") from error
-    return lf, _sentence(source, lf, layout)
+        raise FormatError(f"{path}: {error}") from error
+
+
+def _known(found: Found, layout: Layout) -> dict[str, Any]:
+    """What is known beside the samples, for the final order of views."""
+    known = dict(found.known)
+    for name in ("weights", "positions"):
+        if known.get(name) is not None:
+            known[name] = _fitting(np.asarray(known[name]), name, found.source, layout)
+    places = positions_of(layout, found.source.views)
+    if places is not None:
+        known["positions"] = places
+    return known
 
 
 def _fitting(values: Array, name: str, source: Source, layout: Layout) -> Array:
@@ -229,20 +311,45 @@ def samples(source: Source, *, device: Device, layout: Layout, progress: bool) -
     FormatError
     """
     require_samples(source, layout)
-    dtype = _kept(source.dtype)
-    inside = tuple(source.shape[source.axes.index(letter)] for letter in "yx")
-    shape = (*layout.shape(source.views), *inside, *source.colours)
-    array = device.empty(shape, dtype)
+    shape = _shape(source, layout)
+    array = device.empty(shape, _kept(source.dtype))
     whole = math.prod(shape) * source.dtype.itemsize
     bar = tqdm(total=whole, desc="reading", unit="B", unit_scale=True, disable=not progress)
+    everything = tuple(slice(0, n) for n in shape[:4])
     with device.on_host(array) as host, bar:
-        target = _as_stored(layout.stored(host), source)
-        for block in blocks(target.shape, source.chunks, source.dtype.itemsize):
-            with reading(source.path), np.errstate(all="ignore"):
-                values = source.read(block)
-                target[block] = values
-            bar.update(values.nbytes)
+        for nbytes in _filled(source, layout, everything, host):
+            bar.update(nbytes)
     return array
+
+
+def _shape(source: Source, layout: Layout) -> tuple[int, ...]:
+    """Of the final light field."""
+    inside = tuple(source.shape[source.axes.index(letter)] for letter in "yx")
+    return (*layout.shape(source.views), *inside, *source.colours)
+
+
+def _filled(source: Source, layout: Layout, wanted: Selection, out: Array) -> Iterator[int]:
+    """Write a block (v, u, y, x) of the final light field into an array; bytes read, by and by."""
+    target = _as_stored(layout.stored(out), source)
+    views = layout.selected((wanted[0], wanted[1]), source.views)
+    places = dict(zip("vuyx", (*views, *wanted[2:]), strict=True)) | {"c": slice(0, None)}
+    first = [places[letter].start for letter in source.axes]
+    for block in blocks(target.shape, source.chunks, source.dtype.itemsize, first=first):
+        there = tuple(slice(b.start + a, b.stop + a) for a, b in zip(first, block, strict=True))
+        with reading(source.path), np.errstate(all="ignore"):
+            values = source.read(there)
+            target[block] = values
+        yield values.nbytes
+
+
+def _fill_checked(source: Source, layout: Layout, wanted: Selection, out: Array) -> None:
+    """`_filled`, refusing NaN and infinite samples."""
+    for _ in _filled(source, layout, wanted, out):
+        pass
+    if out.dtype.kind == "f":
+        bad = sum(view.size - np.count_nonzero(np.isfinite(view)) for row in out for view in row)
+        with _making(source.path):
+            require_finite(bad)
 
 
 def require_samples(source: Source, layout: Layout) -> None:
@@ -283,7 +390,11 @@ def _as_stored(views: Array, source: Source) -> Array:
 
 
 def blocks(
-    shape: tuple[int, ...], chunks: tuple[int, ...] | None, itemsize: int
+    shape: tuple[int, ...],
+    chunks: tuple[int, ...] | None,
+    itemsize: int,
+    *,
+    first: Sequence[int] | None = None,
 ) -> Iterator[Selection]:
     """Cut an array into blocks of whole chunks, as near to `_BLOCK` bytes as they get.
 
@@ -294,20 +405,26 @@ def blocks(
         None where the order in the file is that of the axes.
     itemsize : int
         Bytes of a sample.
+    first : sequence of int, optional
+        Where the array begins in a larger one to whose chunks the blocks are cut; default its own
+        beginning.
 
     Yields
     ------
     tuple of slice
         In the order of the axes, the last one fastest.
     """
-    step = [min(a, n) for a, n in zip(chunks or (1,) * len(shape), shape, strict=True)]
+    whole = chunks or (1,) * len(shape)
+    over = [a % c for a, c in zip(first or (0,) * len(shape), whole, strict=True)]
+    sizes = [n + o for n, o in zip(shape, over, strict=True)]
+    step = [min(c, n) for c, n in zip(whole, sizes, strict=True)]
     for axis in reversed(range(len(shape))):
         more = max(_BLOCK // (math.prod(step) * itemsize), 1)
-        step[axis] = min(step[axis] * more, shape[axis])
-    starts = (range(0, n, s) for n, s in zip(shape, step, strict=True))
+        step[axis] = min(step[axis] * more, sizes[axis])
+    starts = (range(-o, n, s) for o, n, s in zip(over, shape, step, strict=True))
     for start in itertools.product(*starts):
         ends = (min(a + s, n) for a, s, n in zip(start, step, shape, strict=True))
-        yield tuple(slice(a, b) for a, b in zip(start, ends, strict=True))
+        yield tuple(slice(max(a, 0), b) for a, b in zip(start, ends, strict=True))
 
 
 def _mean_weights(source: Source) -> Array:
@@ -326,7 +443,7 @@ def _mean_weights(source: Source) -> Array:
     return np.asarray(total * total.size / math.prod(shape) / full)
 
 
-def _sentence(source: Source, lf: LightField, layout: Layout) -> str:
+def _sentence(source: Source, lf: LightField | StoredLightField, layout: Layout) -> str:
     size = " x ".join(str(n) for n in lf.shape[2:])
     stored = "" if lf.dtype == source.dtype.newbyteorder("=") else f" (stored as {source.dtype})"
     parts = [

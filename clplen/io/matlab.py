@@ -13,7 +13,7 @@ from clplen.files import PathLike
 from clplen.io.bounds import DEFLATE
 from clplen.io.hdf5_foreign import LF, has_weights
 from clplen.io.layout import Array, Layout
-from clplen.io.loading import Selection, Source, axes_known, light_field, reading
+from clplen.io.loading import Found, Selection, Source, axes_known, light_field, reading
 from clplen.io.mat5 import Samples, Variable, variables
 from clplen.io.names import listed
 from clplen.lightfield.lightfield import LightField
@@ -55,7 +55,7 @@ def read(
         found = variables(file, path)
         variable = _chosen(found, path, layout.dataset)
         source = _source(variable, Samples(file, variable), path, layout)
-        return light_field(source, device=device, layout=layout, progress=progress)
+        return light_field(Found(source), device=device, layout=layout, progress=progress)
 
 
 def _chosen(found: list[Variable], path: Path, name: str | None) -> Variable:

@@ -6,17 +6,18 @@ OME data model 2016-06 (Goldberg et al., Genome Biology 6, R47, 2005); the descr
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tifffile
 
-from clplen.files import PathLike, replacing
+from clplen.files import PathLike, check_space, replacing
+from clplen.io.blocks import Block, checked, put
 from clplen.lightfield.raw import Spacing
-
-Array = np.ndarray[Any, Any]
 
 SUFFIXES = (".tif", ".tiff")
 _BIG = (1 << 32) - (1 << 25)  # bytes from which on BigTIFF is written; the rest is for the heads
@@ -24,95 +25,72 @@ _BIG = (1 << 32) - (1 << 25)  # bytes from which on BigTIFF is written; the rest
 
 def write_ome(
     path: PathLike,
-    planes: Iterable[Array],
+    blocks: Iterable[Block],
     *,
     shape: tuple[int, ...],
     axes: str,
     description: dict[str, Any],
     spacing: Spacing | None,
     channels: tuple[str, ...] = (),
+    durable: bool = False,
 ) -> None:
     """Write pictures as one series of OME-TIFF, float32; BigTIFF from 4 GB on.
+
+    The file is laid out first, without compression, and each block then goes to its place, so that
+    no more than one plane of one block is held besides the block.
 
     Parameters
     ----------
     path : path-like
         ``.tif`` or ``.tiff``.
-    planes : iterable of numpy.ndarray
-        float32, (y, x) or (y, x, 3), one after the other.
+    blocks : iterable of Block
+        In any order.
     shape : tuple of int
-        Of all of them together.
+        (n, y, x) or (n, y, x, c) of all of them together.
     axes : str
-        A letter a dimension: Z planes, C channels, S samples of a colour.
+        A letter a dimension: Z planes, C channels, S samples of a colour; without Z and C n is 1.
     description : dict
         What the values are; written as JSON.
     spacing : tuple of float or None
         Signed (dv, du, dy, dx) in metres.
     channels : tuple of str, optional
         Names of the channels.
+    durable : bool
+        Whether to wait until the disk has the file, as in `clplen.files.replacing`.
 
     Raises
     ------
-    ValueError
-        If the suffix is another one.
+    ValueError, ShapeError
+        If the suffix is another one, or the blocks are not the whole.
     OSError
         If the file cannot be written.
     """
     if Path(path).suffix.lower() not in SUFFIXES:
         raise ValueError(f"OME-TIFF is written as .tif, not as {Path(path).name}.")
+    stored = shape if axes[0] in "ZC" else shape[1:]
+    if shape[3:] == (1,):  # TIFF knows no axis of one sample
+        stored, axes = stored[:-1], axes.removesuffix("S")
     metadata: dict[str, Any] = {"axes": axes, "Description": json.dumps(description)}
     if spacing is not None:
         for axis, step in zip("YX", spacing[2:], strict=True):
             metadata |= {f"PhysicalSize{axis}": abs(step) * 1e6, f"PhysicalSize{axis}Unit": "µm"}
     if channels:
         metadata["Channel"] = {"Name": list(channels)}
-    colour = axes.endswith("S")
-    big = 4 * int(np.prod(shape, dtype=np.int64)) > _BIG
-    with (
-        replacing(path) as temporary,
-        tifffile.TiffWriter(temporary, ome=True, bigtiff=big) as writer,
-    ):
-        writer.write(
-            iter(planes),
-            shape=shape,
-            dtype=np.float32,
-            photometric="rgb" if colour else "minisblack",
-            planarconfig="contig" if colour else None,
-            metadata=metadata,
-        )
-
-
-def write_image(
-    path: PathLike, image: Any, *, spacing: Spacing | None = None, description: str = ""
-) -> None:
-    """Write one linear picture, such as all-in-focus, as OME-TIFF with the size of its pixels.
-
-    Parameters
-    ----------
-    path : path-like
-        ``.tif`` or ``.tiff``.
-    image : Image or numpy.ndarray
-        Shape (y, x) or (y, x, 3); stored as float32.
-    spacing : tuple of float, optional
-        That of the light field, signed (dv, du, dy, dx) in metres.
-    description : str, optional
-        What the values are.
-
-    Raises
-    ------
-    ValueError
-        If the suffix or the shape is another one.
-    OSError
-        If the file cannot be written.
-    """
-    values = np.asarray(image.to_numpy() if hasattr(image, "to_numpy") else image, np.float32)
-    if values.ndim not in (2, 3) or values.shape[2:] not in ((), (3,)):
-        raise ValueError(f"A picture has shape (y, x) or (y, x, 3), not {values.shape}.")
-    write_ome(
-        path,
-        [values],
-        shape=values.shape,
-        axes="YXS" if values.ndim == 3 else "YX",
-        description={"values": description} if description else {},
-        spacing=spacing,
-    )
+    nbytes = 4 * math.prod(shape)
+    check_space(path, nbytes)
+    with replacing(path, durable) as temporary:
+        with tifffile.TiffWriter(temporary, ome=True, bigtiff=nbytes > _BIG) as writer:
+            start, _ = writer.write(
+                shape=stored,
+                dtype=np.float32,
+                photometric="rgb" if shape[3:] == (3,) else "minisblack",
+                planarconfig="contig" if math.prod(shape[3:]) > 1 else None,
+                metadata=metadata,
+                returnoffset=True,
+            )
+        with temporary.open("r+b") as file, closing(checked(blocks, shape)) as parts:
+            sample = 4 * math.prod(shape[3:])
+            for planes, rows, columns, values in parts:
+                for plane, picture in zip(range(planes.start, planes.stop), values, strict=True):
+                    before = (plane * shape[1] + rows.start) * shape[2] + columns.start
+                    put(file, picture, start=start + sample * before, step=sample * shape[2])

@@ -72,7 +72,7 @@ def read_pfm(path: PathLike) -> np.ndarray[Any, np.dtype[np.float32]]:
     return rows[::-1].astype(np.float32)
 
 
-def write_pfm(path: PathLike, values: np.ndarray[Any, Any]) -> None:
+def write_pfm(path: PathLike, values: np.ndarray[Any, Any], *, durable: bool = False) -> None:
     """Write a PFM file, little endian.
 
     Parameters
@@ -80,6 +80,8 @@ def write_pfm(path: PathLike, values: np.ndarray[Any, Any]) -> None:
     path : path-like
     values : numpy.ndarray
         Shape (y, x) or (y, x, 3), row 0 at the top; written as float32.
+    durable : bool
+        Whether to wait until the disk has the file, as in `clplen.files.replacing`.
 
     Raises
     ------
@@ -90,6 +92,6 @@ def write_pfm(path: PathLike, values: np.ndarray[Any, Any]) -> None:
         raise ShapeError(f"PFM holds (y, x) or (y, x, 3), not {values.shape}.")
     kind = "Pf" if values.ndim == 2 else "PF"
     height, width = values.shape[:2]
-    with replacing(path) as temporary, temporary.open("wb") as file:
+    with replacing(path, durable) as temporary, temporary.open("wb") as file:
         file.write(f"{kind}\n{width} {height}\n-1\n".encode())
         file.write(values[::-1].astype("<f4").tobytes())

@@ -183,7 +183,9 @@ def without_alpha(values: Array, name: PathLike) -> Array:
     return values[..., 0] if values.shape[2] == 2 else values[..., :-1]
 
 
-def write_picture(path: PathLike, values: Array, *, description: str = "") -> None:
+def write_picture(
+    path: PathLike, values: Array, *, description: str = "", durable: bool = False
+) -> None:
     """Write one picture with its own values.
 
     Parameters
@@ -194,6 +196,8 @@ def write_picture(path: PathLike, values: Array, *, description: str = "") -> No
         Shape (y, x) or (y, x, 3).
     description : str, optional
         What the values are, in ASCII; kept by TIFF only.
+    durable : bool
+        Whether to wait until the disk has the file, as in `clplen.files.replacing`.
 
     Raises
     ------
@@ -204,7 +208,7 @@ def write_picture(path: PathLike, values: Array, *, description: str = "") -> No
     suffix = path.suffix.lower()
     if suffix in _TIFF:
         colour = "rgb" if values.ndim == 3 else "minisblack"
-        with replacing(path) as temporary:
+        with replacing(path, durable) as temporary:
             tifffile.imwrite(
                 temporary, values, photometric=colour, description=description, metadata=None
             )
@@ -215,5 +219,5 @@ def write_picture(path: PathLike, values: Array, *, description: str = "") -> No
             f"{path.name} cannot hold {values.dtype} of shape {values.shape}: PNG takes uint8 and "
             "grey uint16, .tif takes everything."
         )
-    with replacing(path) as temporary:
+    with replacing(path, durable) as temporary:
         imageio.imwrite(temporary, values, plugin="pillow", extension=".png")

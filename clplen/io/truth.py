@@ -1,4 +1,8 @@
-"""True disparity of a scene: in the HDF5 file of its light field, or in a folder beside it."""
+"""True disparity of a scene: in a file of its own, in that of its light field, or in a folder.
+
+Our own files are HDF5 with the datasets ``disparity``, ``surface`` and ``masks/NAME``, and ``z``
+where it is known, all of shape (y, x); their attributes ``units`` and ``meaning`` describe them.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +13,97 @@ from typing import Any
 import h5py
 import numpy as np
 
+from clplen.cameras.truth import Truth
 from clplen.errors import FormatError
-from clplen.files import PathLike
+from clplen.files import PathLike, replacing
 from clplen.io import hci
 from clplen.io.bounds import require_bytes
 from clplen.io.hdf5_foreign import is_matlab
 from clplen.io.hdf5_reading import attributes_of, contents, dataset_of, number, opened, storage
 
-_DISPARITY = ("disp_lowres", "LF/disp_lowres")  # convert2hdf5.py; a MATLAB struct
+# convert2hdf5.py; a MATLAB struct; ours
+_DISPARITY = ("disp_lowres", "LF/disp_lowres", "disparity")
 _DEPTH = "GT_DEPTH"
 _NUMBERS = ("dH", "focalLength", "shift")
+_MASKS = "masks"
+_MEANINGS = {  # units, meaning
+    "disparity": ("pixels a view step", "of the centre view, nearer is larger; NaN: no surface"),
+    "z": ("m", "from the focused plane, > 0 farther from the lens; NaN: no surface"),
+    "surface": ("", "place of the surface in the scene, from 0; -1: none"),
+    "edges": ("", "1: beside an edge of depth"),
+    "near": ("", "1: beside an edge of depth, on the nearer surface"),
+    "far": ("", "1: beside an edge of depth, on the farther surface"),
+    "planes": ("", "1: on a plane, away from edges of depth"),
+    "smooth": ("", "1: on a curved surface, away from edges of depth"),
+}
+
+
+def write_truth(path: PathLike, truth: Truth, *, durable: bool = False) -> None:
+    """Write what is exactly so in a synthetic scene, as HDF5.
+
+    Parameters
+    ----------
+    path : path-like
+    truth : Truth
+        ``disparity`` and ``z`` are kept as float32, ``surface`` as int32, masks as 0 and 1 of
+        uint8; a ``z`` without a number is left out.
+    durable : bool
+        Whether to wait until the disk has it, as in `clplen.files.replacing`.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    maps = {"disparity": truth.disparity, "surface": truth.surface}
+    if np.isfinite(truth.z).any():
+        maps["z"] = truth.z
+    maps |= {f"{_MASKS}/{name}": mask.astype(np.uint8) for name, mask in truth.masks.items()}
+    with replacing(path, durable=durable) as temporary:
+        try:
+            with h5py.File(temporary, "w") as file:
+                file.attrs["view"] = "centre, (V - 1)/2, (U - 1)/2"
+                for name, values in maps.items():
+                    units, meaning = _MEANINGS.get(name.rpartition("/")[2], ("", ""))
+                    file.create_dataset(name, data=values)
+                    file[name].attrs.update({"units": units, "meaning": meaning})
+        except RuntimeError as error:  # a full disk, found when the file is closed
+            raise OSError(str(error)) from error
+
+
+def read_masks(
+    path: PathLike, *, max_bytes: int | None = None
+) -> dict[str, np.ndarray[Any, np.dtype[np.bool_]]]:
+    """The masks of a file that `write_truth` wrote.
+
+    Parameters
+    ----------
+    path : path-like
+    max_bytes : int, optional
+        Largest allocation that the file may ask for; default half of the free memory.
+
+    Returns
+    -------
+    dict of numpy.ndarray
+        bool, shape (y, x), by the names of `clplen.cameras.truth.Truth`.
+
+    Raises
+    ------
+    FormatError
+        If it has none, or is damaged.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FormatError(f"There is no file {path}.")
+    with opened(path) as file:
+        group = file.get(_MASKS)
+        if not isinstance(group, h5py.Group) or len(group) == 0:
+            raise FormatError(
+                f"{path} has no masks: no dataset in a group {_MASKS!r}; it holds {contents(file)}."
+            )
+        names = [f"{_MASKS}/{name}" for name in group]
+        maps = [_picture(dataset_of(file, name, path), (), path, max_bytes) for name in names]
+        return {name: values > 0 for name, values in zip(group, maps, strict=True)}
 
 
 def read_truth(
@@ -30,7 +115,7 @@ def read_truth(
     attributes of the file, from the centre view of ``GT_DEPTH`` (v, u, y, x). One view axis of that
     set is reversed against the set of 2016: read its light field with ``flip_v`` or ``flip_u``;
     ``clplen info`` tells which. Of HCI 2016 in HDF5, the dataset ``disp_lowres``; of a folder of
-    that set, what `clplen.io.hci.read_truth` gives.
+    that set, what `clplen.io.hci.read_truth` gives. Of a file of `write_truth`, its ``disparity``.
 
     Parameters
     ----------

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,8 +16,9 @@ from clplen.files import PathLike, filling
 from clplen.io.layout import Layout, View
 from clplen.io.names import DEFAULT_PATTERN, Pattern, views_only
 from clplen.io.picture import SUFFIXES, read_picture, write_picture
-from clplen.io.viewset import ViewSet, arranged, assemble
+from clplen.io.viewset import ViewSet, arranged, assemble, stored_views
 from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.stored import StoredLightField
 
 _PATTERNS = {"hci": "input_Cam{i:03d}", "stanford": "out_{v:02d}_{u:02d}_{y:.6f}_{x:.6f}_"}
 
@@ -47,14 +50,42 @@ def read(
     ValueError
         If a sample is NaN or infinite.
     """
-    folder = Path(path)
+    views = _views(Path(path), layout)
+    return assemble(views, device=device, layout=layout, progress=progress)
+
+
+@contextmanager
+def open_parts(
+    path: PathLike, *, device: Device, layout: Layout
+) -> Iterator[tuple[StoredLightField, str]]:
+    """What `read` reads, view by view when it is asked for.
+
+    Parameters
+    ----------
+    path : path-like
+    device : Device
+        Not used.
+    layout : Layout
+
+    Yields
+    ------
+    StoredLightField, str
+
+    Raises
+    ------
+    FormatError, ValueError
+        As `stored_views`.
+    """
+    yield stored_views(_views(Path(path), layout), layout=layout)
+
+
+def _views(folder: Path, layout: Layout) -> ViewSet:
     pattern, shape, files = find_views(folder, layout)
 
     def load(name: str) -> np.ndarray[Any, Any]:
         return read_picture(folder / name, max_bytes=layout.max_bytes)
 
-    views = ViewSet(folder, pattern, shape, files, load)
-    return assemble(views, device=device, layout=layout, progress=progress)
+    return ViewSet(folder, pattern, shape, files, load)
 
 
 def find_views(folder: Path, layout: Layout) -> tuple[Pattern, View, dict[View, str]]:

@@ -7,7 +7,7 @@ import os
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +22,12 @@ from clplen.io.bounds import require_bytes
 from clplen.io.layout import Layout, View, linear
 from clplen.io.names import Pattern, arrange, guess, listed
 from clplen.io.positions import positions_of
+from clplen.lightfield.checks import checked_positions, require_finite
 from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.stored import StoredLightField
 
 Array = np.ndarray[Any, Any]
+Selection = tuple[slice, ...]
 
 _THREADS = 16
 _CAUSES = 10  # how many a message tells
@@ -126,6 +129,87 @@ def assemble(
         return LightField.from_array(data, device=device, positions=places), took
 
 
+def stored_views(views: ViewSet, *, layout: Layout) -> tuple[StoredLightField, str]:
+    """The same views read when they are asked for, each unpacked as a whole.
+
+    Parameters
+    ----------
+    views : ViewSet
+    layout : Layout
+
+    Returns
+    -------
+    StoredLightField, str
+        The light field, and what was taken for what, in one sentence. Reading a view that is
+        damaged or of another size than the first one raises a FormatError that names it.
+
+    Raises
+    ------
+    FormatError
+        If views are missing.
+    ValueError
+        If a sample is NaN or infinite.
+    """
+    missing = _missing(views, layout.allow_missing)
+    places = positions_of(layout, views.shape, names=views.files)
+    first = _first_readable(views)[1]
+    form, dtype = (first.shape, first.dtype), _kept(first.dtype, layout)
+    threads = min(_THREADS, os.cpu_count() or 1)
+    V, U = layout.shape(views.shape)
+
+    def fill(block: Selection, out: Array) -> None:
+        _fill_part(views, layout, form, block, out)
+
+    stored = StoredLightField(
+        (V, U, *first.shape),
+        dtype,
+        fill,
+        np.ones((V, U), np.float32),
+        (first.shape[0], first.shape[1]),
+        overhead=2 * threads * first.size * max(dtype.itemsize, first.itemsize),
+    )
+    took = _sentence(stored, views, layout, len(missing))
+    with naming(views.where):
+        places = checked_positions(places, stored)
+        return replace(stored, positions=places, weights=stored.lit_weights()), took
+
+
+def _fill_part(
+    views: ViewSet, layout: Layout, form: tuple[Any, ...], block: Selection, out: Array
+) -> None:
+    """Some rows and columns of some views, unpacked by several threads."""
+    v, u = layout.selected((block[0], block[1]), views.shape)
+    target = layout.stored(out)
+    problems: dict[str, str] = {}
+
+    def read(index: View) -> None:
+        view = (v.start + index[0], u.start + index[1])
+        name = views.files.get(view)
+        if name is None:
+            target[index] = 0
+            return
+        try:
+            picture = views.load(name)
+        except FormatError as error:
+            problems[name] = _cause(error, views.where / name)
+            return
+        if (picture.shape, picture.dtype) != form:
+            found = form_of(picture.shape, picture.dtype)
+            problems[name] = f"is {found}, most are {form_of(*form)}."
+            return
+        part = picture[block[2], block[3]]
+        with np.errstate(all="ignore"):
+            target[index] = linear(part) if layout.srgb else part
+
+    with ThreadPoolExecutor(min(_THREADS, os.cpu_count() or 1)) as pool:
+        list(pool.map(read, np.ndindex(*target.shape[:2])))
+    if problems:
+        raise _unusable(views, problems, len(views.files))
+    if out.dtype.kind == "f":
+        with naming(views.where):
+            require_finite(out.size - int(np.count_nonzero(np.isfinite(out))))
+
+
 def _missing(views: ViewSet, allowed: bool) -> list[View]:
     """The views without a file."""
     missing = [view for view in np.ndindex(*views.shape) if view not in views.files]
@@ -191,7 +275,7 @@ def filled(
     FormatError
         If it would be larger than ``max_bytes``.
     """
-    kept = np.dtype(dtype) if dtype in _KEPT and not layout.srgb else np.dtype(np.float32)
+    kept = _kept(dtype, layout)
     nbytes = math.prod(shape) * kept.itemsize
     device.require_memory(nbytes, "This light field")
     require_bytes(
@@ -211,6 +295,11 @@ def filled(
     with device.on_host(data) as mapped:
         fill(layout.stored(mapped))
     return data
+
+
+def _kept(dtype: Any, layout: Layout) -> np.dtype[Any]:
+    """The type on the device."""
+    return np.dtype(dtype) if dtype in _KEPT and not layout.srgb else np.dtype(np.float32)
 
 
 def _fill(
@@ -290,7 +379,7 @@ def form_of(shape: tuple[int, ...], dtype: Any) -> str:
     return f"{' x '.join(str(n) for n in shape)} {dtype}"
 
 
-def _sentence(data: cla.Array, views: ViewSet, layout: Layout, missing: int) -> str:
+def _sentence(data: Any, views: ViewSet, layout: Layout, missing: int) -> str:
     parts = [
         f"{data.shape[0]} x {data.shape[1]} views (V x U) of {form_of(data.shape[2:], data.dtype)} "
         f"from {views.where}",

@@ -10,8 +10,7 @@ import math
 import warnings
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +23,17 @@ from clplen.io import attributes
 from clplen.io.attributes import SAMPLES
 from clplen.io.bounds import DEFLATE, require_bytes
 from clplen.io.layout import Layout, View
-from clplen.io.loading import Source, axes_known, light_field, reading
+from clplen.io.loading import (
+    Found,
+    Source,
+    axes_known,
+    light_field,
+    reading,
+    stored_light_field,
+)
 from clplen.io.names import listed
 from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.stored import StoredLightField
 
 _RATIO = 32768.0  # of Zstandard, blocks of 128 KiB in 4 bytes (RFC 8878); others pack less
 _SPARSE = 4  # chunks that are not there hold the fill value: a quarter has to be there
@@ -105,20 +112,53 @@ def read(
         several, its axes or camera are none, or its values make no light field.
     """
     path = Path(path)
-    with _opened(path) as root:
-        array = _find(root, path, layout.dataset)
-        found = attributes_of(array)
-        source = _source(array, found, path, layout)
-        known: dict[str, Any] = {}
-        words: dict[str, Any] = {}
-        if _name(array) == SAMPLES:
-            known = _arrays_beside(root, path, source.views)
-            placed = "positions" in known or layout.positions is not None
-            known |= attributes.known_of(found, path, layout, placed=placed)
-            known["camera"] = _camera(root, path, device)
-            words = attributes.words_in(found, path)
-        lf, took = light_field(source, device=device, layout=layout, progress=progress, known=known)
-    return replace(lf, **words), took
+    with ExitStack() as held:
+        root = _opened(path, held)
+        with reading(path):
+            found = _found(root, path, device, layout)
+            return light_field(found, device=device, layout=layout, progress=progress)
+
+
+@contextmanager
+def open_parts(
+    path: PathLike, *, device: Device, layout: Layout
+) -> Iterator[tuple[StoredLightField, str]]:
+    """What `read` reads, part by part while the store is open.
+
+    Parameters
+    ----------
+    path : path-like
+    device : Device
+    layout : Layout
+
+    Yields
+    ------
+    StoredLightField, str
+
+    Raises
+    ------
+    FormatError
+        As `read`; what is damaged or NaN, when it is read.
+    """
+    path = Path(path)
+    with ExitStack() as held:
+        root = _opened(path, held)
+        with reading(path):
+            stored = stored_light_field(_found(root, path, device, layout), layout)
+        yield stored
+
+
+def _found(root: Any, path: Path, device: Device, layout: Layout) -> Found:
+    array = _find(root, path, layout.dataset)
+    found = attributes_of(array)
+    source = _source(array, found, path, layout)
+    if _name(array) != SAMPLES:
+        return Found(source)
+    known: dict[str, Any] = dict(_arrays_beside(root, path, source.views))
+    placed = "positions" in known or layout.positions is not None
+    known |= attributes.known_of(found, path, layout, placed=placed)
+    known["camera"] = _camera(root, path, device)
+    return Found(source, known, attributes.words_in(found, path))
 
 
 def _package() -> Any:
@@ -131,19 +171,16 @@ def _package() -> Any:
     return zarr
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """The root of a store to read: a group or an array."""
+def _opened(path: Path, held: ExitStack) -> Any:
+    """The root of a store to read, a group or an array; `held` closes an archive."""
     zarr = _package()
     metadata_error = getattr(zarr.errors, "MetadataError", ValueError)  # no ValueError in zarr 2
     with reading(path):
         try:
             if path.is_dir():
-                yield _root(str(path))
-            else:
-                _bound_members(path)
-                with zarr.storage.ZipStore(str(path), mode="r") as store:
-                    yield _root(store)
+                return _root(str(path))
+            _bound_members(path)
+            return _root(held.enter_context(zarr.storage.ZipStore(str(path), mode="r")))
         except (zipfile.BadZipFile, metadata_error) as error:
             raise ValueError(str(error)) from error
 

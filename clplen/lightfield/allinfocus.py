@@ -14,6 +14,7 @@ from clplen.lightfield.detail import LocalEnergy
 from clplen.lightfield.rays import checked_disparity
 from clplen.lightfield.refocus import FocalStack, focal_stack, refocus
 from clplen.lightfield.smoothing import Smoother, gaussian_taps
+from clplen.lightfield.stored import require_loaded
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -64,22 +65,40 @@ def all_in_focus(
     DeviceError
         If the stack is larger than the device's memory.
     """
-    if disparities is not None and (isinstance(source, FocalStack) or depth is not None):
-        raise ValueError(
-            "all_in_focus takes disparities= only for a light field without a depth map: leave "
-            "them out."
-        )
+    require_loaded(source, "stream_all_in_focus")
+    check_planes(depth if not isinstance(source, FocalStack) else source, disparities)
     if isinstance(source, FocalStack):
         if depth is None:
             return Image(_blended(source), source.device)
-        return Image(_between(source, _disparity_of(depth, source.shape[1:3])), source.device)
+        return Image(_between(source, disparity_of(depth, source.shape[1:3])), source.device)
     if depth is not None:
-        return refocus(source, disparity=_disparity_of(depth, source.shape[2:4]))
+        return refocus(source, disparity=disparity_of(depth, source.shape[2:4]))
     planes = DEFAULT_DISPARITIES if disparities is None else disparities
     return Image(_blended(focal_stack(source, disparities=planes)), source.device)
 
 
-def _disparity_of(depth: Any, size: tuple[int, ...]) -> np.ndarray[Any, Any]:
+def check_planes(known: Any, disparities: Any) -> None:
+    """Refuse planes where a depth map or a stack is given already.
+
+    Raises
+    ------
+    ValueError
+    """
+    if disparities is not None and known is not None:
+        raise ValueError(
+            "all_in_focus takes disparities= only for a light field without a depth map: leave "
+            "them out."
+        )
+
+
+def disparity_of(depth: Any, size: tuple[int, ...]) -> np.ndarray[Any, Any]:
+    """Disparity of every pixel, of a depth map or by itself; float64.
+
+    Raises
+    ------
+    ShapeError, ValueError
+        If it is not one of every pixel, or not finite.
+    """
     d = checked_disparity(getattr(depth, "disparity", depth), (size[0], size[1]))
     if d.ndim == 0:
         raise ShapeError(

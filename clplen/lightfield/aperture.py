@@ -25,6 +25,7 @@ from clplen.lightfield.shapes import (
 
 if TYPE_CHECKING:
     from clplen.lightfield.lightfield import LightField
+    from clplen.lightfield.stored import StoredLightField
 
 __all__ = [
     "annulus",
@@ -48,7 +49,7 @@ Pair = tuple[float, float]
 _F_NUMBER = re.compile(r"\s*f\s*/\s*(\d+\.?\d*|\.\d+)\s*", re.IGNORECASE)
 
 
-def aperture_weights(lf: LightField, aperture: Any, viewpoint: Any) -> Weights:
+def aperture_weights(lf: LightField | StoredLightField, aperture: Any, viewpoint: Any) -> Weights:
     """Weights of an aperture, without the light field's own.
 
     A rim that crosses a view gives it the covered fraction of its cell, one view step wide and
@@ -170,7 +171,7 @@ def _fraction_diameter(views: tuple[int, int], fraction: float) -> Pair:
     return fraction * views[0], fraction * views[1]
 
 
-def _f_number_diameter(lf: LightField, text: str) -> Pair:
+def _f_number_diameter(lf: LightField | StoredLightField, text: str) -> Pair:
     """Diameter, in view steps along v and u, of the main lens stopped down to an f-number."""
     match = _F_NUMBER.fullmatch(text)
     if match is None or float(match[1]) == 0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pyopencl.array as cla
@@ -14,31 +14,52 @@ from clplen.lightfield.raw import Spacing
 from clplen.lightfield.samples import C_TYPE, lit_views
 
 
+class Shaped(Protocol):
+    """What has the shape of a light field."""
+
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+
+
 def checked_samples(a: Any, device: Device) -> cla.Array:
     """The samples on the device in a storage type of the light field, all of them finite."""
     data = _adopt(a, device)
-    if data.ndim not in (4, 5) or 0 in data.shape:
+    check_shape(data.shape)
+    require_finite(count_bad(data, device))
+    return data
+
+
+def check_shape(shape: Any) -> None:
+    """Refuse what is no shape of a light field."""
+    if len(shape) not in (4, 5) or 0 in shape:
         raise ShapeError(
             "A light field has shape (v, u, y, x) or (v, u, y, x, c), none of them empty, not "
-            f"{tuple(data.shape)}."
+            f"{tuple(shape)}."
         )
-    bad = count_bad(data, device)
+
+
+def require_finite(bad: int) -> None:
+    """Refuse a light field with so many samples that are NaN or infinite."""
     if bad:
         raise ValueError(
             f"The light field has {bad} samples that are NaN or infinite, which interpolation "
             "would spread: replace them by 0 and give their views weight 0 (weights=)."
         )
-    return data
+
+
+def kept_dtype(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """The type in which samples of a real type are kept: their own, or float32."""
+    if dtype.kind not in "buif":
+        raise TypeError(f"A light field is real, not {dtype}.")
+    native = dtype.newbyteorder("=")
+    return native if native in C_TYPE else np.dtype(np.float32)
 
 
 def _adopt(a: Any, device: Device) -> cla.Array:
     if isinstance(a, cla.Array):
         return _adopt_device(a, device)
     values = np.asarray(a)
-    if values.dtype.kind not in "buif":
-        raise TypeError(f"A light field is real, not {values.dtype}.")
-    native = values.dtype.newbyteorder("=")
-    dtype = native if native in C_TYPE else np.dtype(np.float32)
+    dtype = kept_dtype(values.dtype)
     device.require_memory(values.size * dtype.itemsize, "This light field")
     return device.upload(values.astype(dtype, copy=False))
 
@@ -71,9 +92,7 @@ def checked_spacing(spacing: Any) -> Spacing | None:
     return values
 
 
-def checked_positions(
-    positions: Any, data: cla.Array
-) -> np.ndarray[Any, np.dtype[np.float64]] | None:
+def checked_positions(positions: Any, data: Shaped) -> np.ndarray[Any, np.dtype[np.float64]] | None:
     """(y, x) of each view, float64, or None."""
     if positions is None:
         return None
@@ -91,11 +110,17 @@ def checked_positions(
 
 def weights_of_lit(data: cla.Array, device: Device) -> np.ndarray[Any, np.dtype[np.float32]]:
     """0 for views that are black throughout, if there are others, else 1."""
-    lit = lit_views(data, device)
+    return weights_where(lit_views(data, device))
+
+
+def weights_where(
+    lit: np.ndarray[Any, np.dtype[np.bool_]],
+) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """1 for the views with light, 0 for the others; 1 for all if none has any."""
     return (lit if lit.any() else ~lit).astype(np.float32)
 
 
-def checked_weights(weights: Any, data: cla.Array) -> np.ndarray[Any, np.dtype[np.float32]]:
+def checked_weights(weights: Any, data: Shaped) -> np.ndarray[Any, np.dtype[np.float32]]:
     """One of each view, float32, not negative."""
     values = np.array(weights, np.float32)
     views = (int(data.shape[0]), int(data.shape[1]))

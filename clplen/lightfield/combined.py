@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,8 +12,8 @@ from clplen.lightfield.cues import energy_disparity
 from clplen.lightfield.matching import (
     Tables,
     Views,
-    brightness,
     match_costs,
+    row_sums,
     sorted_views,
     tables,
     thresholds,
@@ -47,6 +48,7 @@ _SHALLOW = 0.02  # unless what they say is this sure
 _STEP = 0.15  # pixels a view step: planes farther apart get others between them
 _EVEN = 4.0  # times brighter or darker: views that differ more are left as they are
 _VIGNETTED = 0.02  # fall of brightness from the middle to the rim that is evened
+REACH = _WINDOW + gaussian_taps(_NOISE_BLUR).size - 1  # pixels of its costs that a pixel needs
 _SURE = 0.05  # pixels a view step: standard deviation of a confidence of one half
 
 
@@ -80,6 +82,110 @@ def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     DeviceError
         If what is needed is larger than the device's memory.
     """
+    views = sorted_views(lf)
+    levels = levels_of(lf.shape, views, centre_picture(lf, views), row_sums(lf))
+    found = matched(lf, planes, levels)
+    return found.disparity, merged(found.confidence, found.lost)
+
+
+@dataclass(frozen=True)
+class Levels:
+    """What the whole light field says of its samples.
+
+    Attributes
+    ----------
+    gain : float
+        Levels a unit of the samples.
+    even : numpy.ndarray
+        float64, shape (K,): what undoes the vignetting of each view that is compared.
+    """
+
+    gain: float
+    even: Vector
+
+
+@dataclass(frozen=True)
+class Matched:
+    """What is found at every pixel, shape (y, x).
+
+    Attributes
+    ----------
+    disparity, confidence : numpy.ndarray
+        float32.
+    lost : numpy.ndarray
+        bool: where the views agree on no plane, and both are those of the sharpest plane.
+    """
+
+    disparity: Map
+    confidence: Map
+    lost: np.ndarray[Any, np.dtype[np.bool_]]
+
+
+def levels_of(shape: tuple[int, ...], views: Views, centre: Map, sums: Map) -> Levels:
+    """Gain and evenness of a whole light field.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        (v, u, y, x[, c]).
+    views : Views
+    centre : numpy.ndarray
+        `centre_picture`.
+    sums : numpy.ndarray
+        `row_sums`.
+    """
+    means = sums.sum(axis=1, dtype=np.float64) / int(np.prod(shape[2:], dtype=np.int64))
+    return Levels(_gain(centre), _evened(means[views.view], views))
+
+
+def centre_picture(lf: LightField, views: Views) -> Map:
+    """The picture whose likeness guides: the mean of the views round the middle."""
+    pictures = [
+        share * lf.device.download(lf.data[divmod(int(views.view[k]), lf.shape[1])])
+        for k, share in zip(views.reference, views.share, strict=True)
+    ]
+    return np.sum(pictures, axis=0, dtype=np.float32)
+
+
+def planes_tried(planes: Vector) -> int:
+    """How many planes there are with those between them."""
+    return int(_dense(planes).size)
+
+
+def matched(
+    lf: LightField, planes: Vector, levels: Levels, *, inside: tuple[slice, ...] = ()
+) -> Matched:
+    """Disparity of each pixel from its neighbourhood, `REACH` pixels wide, in the views.
+
+    Parameters
+    ----------
+    lf : LightField
+        All, or a part of its rows and columns.
+    planes : numpy.ndarray
+        Disparities, rising, at least three.
+    levels : Levels
+        Of the whole light field.
+    inside : tuple of slice
+        Rows and columns that are wanted; default all.
+
+    Returns
+    -------
+    Matched
+        Of the whole of ``lf``.
+    """
+    planes = _dense(planes)
+    found, margin = _matched(lf, planes, levels)
+    if found.lost[inside].any():
+        sharpest, clear = energy_disparity(lf, planes)
+        disparity = np.where(found.lost, sharpest, found.disparity)
+        found = Matched(disparity, np.where(found.lost, clear, found.confidence), found.lost)
+    disparity = np.where(margin > 0, found.disparity, planes[np.argmin(np.abs(planes))])
+    disparity = np.clip(disparity, planes[0], planes[-1]).astype(np.float32)
+    return Matched(disparity, found.confidence.astype(np.float32), found.lost)
+
+
+def _matched(lf: LightField, planes: Vector, levels: Levels) -> tuple[Matched, Map]:
+    """What matching finds, and how deep the valley of its costs is."""
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
     device.require_memory(
@@ -87,11 +193,8 @@ def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
         "This depth map with its light field",
     )
     views = sorted_views(lf)
-    centre = _centre(lf, views)
-    gain = _gain(centre)
-    picture = device.upload(_smoothed(centre * np.float32(gain)))
-    planes = _dense(planes)
-    moved = tables(views, planes, gain * _evened(lf, views), device=device)
+    picture = device.upload(_smoothed(centre_picture(lf, views) * np.float32(levels.gain)))
+    moved = tables(views, planes, levels.gain * levels.even, device=device)
     costs = match_costs(lf, views, moved)
     noise = _noise(costs, moved, channels, device)
     gathered = device.empty(costs.shape, np.float32)
@@ -101,24 +204,13 @@ def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     sure = known * len(views.view) / np.maximum(noise, 1) ** 2
     confidence = margin * sure / (sure + 1 / _SURE**2)
     lost = (least > _LOST * thresholds(channels)[0]) & (confidence < _SHALLOW)
-    if lost.any():
-        sharpest, clear = energy_disparity(lf, planes)
-        usual = np.median(confidence[~lost]) if not lost.all() else 0.0
-        if usual > _SHALLOW:  # what was matched is surer
-            clear = clear * usual
-        refined, confidence = np.where(lost, sharpest, refined), np.where(lost, clear, confidence)
-    refined = np.where(margin > 0, refined, planes[np.argmin(np.abs(planes))])
-    low, high = planes[0], planes[-1]
-    return np.clip(refined, low, high).astype(np.float32), confidence.astype(np.float32)
+    return Matched(refined, confidence, lost), margin
 
 
-def _centre(lf: LightField, views: Views) -> Map:
-    """The picture whose likeness guides: the mean of the views round the middle."""
-    pictures = [
-        share * lf.device.download(lf.data[divmod(int(views.view[k]), lf.shape[1])])
-        for k, share in zip(views.reference, views.share, strict=True)
-    ]
-    return np.sum(pictures, axis=0, dtype=np.float32)
+def merged(confidence: Map, lost: np.ndarray[Any, np.dtype[np.bool_]]) -> Map:
+    """Confidence of the whole map: what was matched is surer than what is only sharpest."""
+    usual = np.median(confidence[~lost]) if lost.any() and not lost.all() else 0.0
+    return np.where(lost, confidence * usual, confidence) if usual > _SHALLOW else confidence
 
 
 def _gain(centre: Map) -> float:
@@ -140,13 +232,12 @@ def _smoothed(picture: Map) -> Map:
     return np.ascontiguousarray(picture, np.float32)
 
 
-def _evened(lf: LightField, views: Views) -> Vector:
+def _evened(means: Vector, views: Views) -> Vector:
     """What undoes vignetting: views that get darker, or brighter, from the middle outwards.
 
     Their brightness is fitted by 1 + b r^2. What else makes views differ, content that moves
     across their edges for one, is odd or random over the aperture, and harmless.
     """
-    means = brightness(lf, views)
     target = means[views.reference] @ views.share
     even = np.ones_like(means)
     if not (target > 0 and (means > target / _EVEN).all() and (means < target * _EVEN).all()):

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 _BOX = 9  # pixels: over which the variance is gathered
+REACH = _BOX // 2  # pixels that one depends on
 
 
 @dataclass(frozen=True)

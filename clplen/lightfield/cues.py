@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.lightfield.detail import LocalEnergy
+from clplen.lightfield.detail import LocalEnergy, reach_of
 from clplen.lightfield.peaks import Map, PeakTracker
 from clplen.lightfield.refocus import FocalStack, focal_stack
 from clplen.lightfield.smoothing import Smoother, gaussian_taps
@@ -21,6 +21,7 @@ AT_ONCE = 8  # planes in one pass over the light field
 
 _HIGH_PASS = 1.5  # pixels: what a wider Gaussian leaves is no detail
 _WINDOW = 4.0  # pixels: Gaussian over which the energy is gathered
+REACH = reach_of(_HIGH_PASS) + gaussian_taps(_WINDOW).size - 1  # pixels that one depends on
 
 
 def energy_disparity(source: LightField | FocalStack, planes: Vector) -> tuple[Map, Map]:

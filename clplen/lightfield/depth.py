@@ -13,6 +13,7 @@ from clplen.lightfield.cues import energy_disparity
 from clplen.lightfield.detail import LocalEnergy
 from clplen.lightfield.peaks import Map
 from clplen.lightfield.refocus import FocalStack
+from clplen.lightfield.stored import StoredLightField, require_loaded
 from clplen.lightfield.structure_tensor import structure_disparity
 
 if TYPE_CHECKING:
@@ -100,19 +101,37 @@ def depth_map(
     DeviceError
         If what is needed is larger than the device's memory.
     """
+    require_loaded(source, "stream_depth")
     if cue is None:
         cue = "energy" if isinstance(source, FocalStack) else "combined"
+    checked_cue(cue)
+    planes = distinct_planes(source, alphas, disparities)
+    return depth_of(source, *maps_of(source, planes, cue))
+
+
+def checked_cue(cue: str) -> str:
+    """One of the cues.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
     if cue not in CUES:
         raise ValueError(f"The cues of depth_map are {', '.join(map(repr, CUES))}, not {cue!r}.")
-    planes = _distinct(source, alphas, disparities)
+    return cue
+
+
+def maps_of(source: LightField | FocalStack, planes: Vector, cue: str) -> tuple[Map, Map]:
+    """(disparity, confidence) by a cue, from rising planes."""
     if cue == "energy":
-        return _depth_map(source, *energy_disparity(source, planes))
+        return energy_disparity(source, planes)
     if isinstance(source, FocalStack):
         raise ValueError(
             f"cue={cue!r} compares views, which a focal stack does not have: give the light field, "
             "or cue='energy'."
         )
-    return _depth_map(source, *_compare_views(cue)(source, planes))
+    return _compare_views(cue)(source, planes)
 
 
 def _compare_views(cue: str) -> Callable[[LightField, Vector], tuple[Map, Map]]:
@@ -152,7 +171,9 @@ def sharpness_curve(stack: FocalStack) -> Vector:
     return np.array(curve)
 
 
-def _distinct(source: LightField | FocalStack, alphas: Any, disparities: Any) -> Vector:
+def distinct_planes(
+    source: LightField | FocalStack | StoredLightField, alphas: Any, disparities: Any
+) -> Vector:
     """The disparities to try, rising, each once."""
     options = {"alphas": alphas, "disparities": disparities}
     given = [name for name, value in options.items() if value is not None]
@@ -177,8 +198,10 @@ def _distinct(source: LightField | FocalStack, alphas: Any, disparities: Any) ->
     return np.unique(values)
 
 
-def _depth_map(source: LightField | FocalStack, disparity: Map, confidence: Map) -> DepthMap:
-    """Alpha and z that follow from the disparity."""
+def depth_of(
+    source: LightField | FocalStack | StoredLightField, disparity: Map, confidence: Map
+) -> DepthMap:
+    """With alpha and z that follow from the disparity."""
     if isinstance(source, FocalStack):
         known, first = np.unique(source.disparities, return_index=True)
         alpha = np.interp(disparity, known, source.alphas[first])

@@ -71,6 +71,11 @@ class LocalEnergy:
         )
 
 
+def reach_of(sigma: float) -> int:
+    """Pixels on every side that `LocalEnergy` depends on."""
+    return int(gaussian_taps(sigma).size + NO_TAPS.size - 2)
+
+
 def _convolved(a: Vector, b: Vector) -> Vector:
     """Taps at distance 0, 1, ... of one symmetric filter after another."""
     first, second = (np.concatenate((taps[:0:-1], taps)) for taps in (a, b))

@@ -21,6 +21,7 @@ from clplen.lightfield.checks import (
     checked_weights,
     weights_of_lit,
 )
+from clplen.lightfield.law import AlphaLaw
 from clplen.lightfield.raw import CameraModel, RawImage, Spacing
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LightField:
+class LightField(AlphaLaw):
     """Radiance along rays, L[v, u, y, x] or L[v, u, y, x, c]. Made by a ``from_`` method.
 
     v, u are row and column of the view; y, x row and column inside a view. A plane of disparity d
@@ -172,30 +173,6 @@ class LightField:
     def to_numpy(self) -> np.ndarray[Any, Any]:
         """The samples on the host, same shape and dtype."""
         return self.device.download(self.data)
-
-    def disparity(self, alpha: ArrayLike) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """Disparity, in pixels a view step, of the plane alpha = F/F'.
-
-        d = -(1 - alpha) du/dx with the signed du of ``spacing``; naive cells: -(1/alpha - 1) du/dx.
-
-        Raises
-        ------
-        ValueError
-            If the light field has no spacing or an alpha is not positive.
-        """
-        ratio = self._view_ratio()
-        values = np.asarray(alpha, np.float64)
-        if not (np.isfinite(values).all() and (values > 0).all()):
-            raise ValueError(f"alpha = F/F' is positive and finite, not {alpha!r}.")
-        return -ratio * ((1 / values - 1) if self.decode == "naive" else (1 - values))
-
-    def alpha(self, disparity: ArrayLike) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """The inverse of `disparity`; NaN without spacing."""
-        values = np.asarray(disparity, np.float64)
-        if self.spacing is None or not np.isfinite(self.spacing).all():
-            return np.full_like(values, np.nan)
-        scaled = -values / self._view_ratio()
-        return 1 / (1 + scaled) if self.decode == "naive" else 1 - scaled
 
     def view(
         self,
@@ -387,13 +364,3 @@ class LightField:
         return parametrising.resample(
             self, parametrisation, focal=focal, views=views, interpolation=interpolation
         )
-
-    def _view_ratio(self) -> float:
-        """du/dx, signed."""
-        parametrising.require_two_plane(self, "alpha")
-        if self.spacing is None or not np.isfinite(self.spacing).all():
-            raise ValueError(
-                "alpha needs the spacing of views and pixels in metres, which this light field "
-                "does not have: give spacing=(dv, du, dy, dx), or use disparity."
-            )
-        return self.spacing[1] / self.spacing[3]

@@ -14,6 +14,7 @@ from clplen.lightfield.shifts import row_ratio, unit_steps
 if TYPE_CHECKING:
     from clplen.compute.device import Device
     from clplen.lightfield.lightfield import LightField
+    from clplen.lightfield.stored import StoredLightField
 
 Table = np.ndarray[Any, Any]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
@@ -64,7 +65,7 @@ class Views:
         ]
 
 
-def sorted_views(lf: LightField) -> Views:
+def sorted_views(lf: LightField | StoredLightField) -> Views:
     """The views with a weight and their groups.
 
     The eight half apertures are bounded by lines through the middle, 45 degrees apart; a view on
@@ -177,13 +178,13 @@ def bell_taps(part: Vector) -> Vector:
     return taps * (1 + (part[..., None] - mean) / spread * (t - mean))
 
 
-def brightness(lf: LightField, views: Views) -> Vector:
-    """Mean sample of each view.
+def row_sums(lf: LightField) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """Sum of the samples of every row of every view.
 
     Returns
     -------
     numpy.ndarray
-        float64, shape (K,).
+        float32, shape (V U, y).
     """
     V, U, ny, nx, channels = (*lf.shape, 1)[:5]
     sums = lf.device.empty((V * U, ny), np.float32)
@@ -192,8 +193,7 @@ def brightness(lf: LightField, views: Views) -> Vector:
         "matching.cl", "brightness", SAMPLE=C_TYPE[lf.dtype], CHANNELS=channels, BLOCK=1
     )
     lf.device.launch(kernel, (int(rows),), sums, lf.data, rows, samples)
-    means = lf.device.download(sums).sum(axis=1, dtype=np.float64) / (ny * nx * channels)
-    return np.asarray(means[views.view])
+    return lf.device.download(sums)
 
 
 def match_costs(lf: LightField, views: Views, moved: Tables) -> cla.Array:

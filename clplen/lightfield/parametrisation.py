@@ -11,6 +11,7 @@ import numpy as np
 from clplen.lightfield.samples import C_TYPE
 
 if TYPE_CHECKING:
+    from clplen.lightfield.law import AlphaLaw
     from clplen.lightfield.lightfield import LightField
 
 Real = np.ndarray[Any, np.dtype[np.float64]]
@@ -22,7 +23,7 @@ INTERPOLATIONS = ("linear", "cubic")
 _COVERED = 1e-6  # of a ray: what is less was not seen
 
 
-def require_two_plane(lf: LightField, what: str) -> None:
+def require_two_plane(lf: LightField | AlphaLaw, what: str) -> None:
     """Refuse a light field of directions.
 
     Raises

@@ -18,6 +18,7 @@ from clplen.lightfield.rays import INTERPOLATIONS, along_rays
 from clplen.lightfield.render import view_weights
 from clplen.lightfield.shear import shear_sum
 from clplen.lightfield.shifts import shifts, unit_steps
+from clplen.lightfield.stored import StoredLightField, require_loaded
 from clplen.lightfield.upsample import upsampled
 
 if TYPE_CHECKING:
@@ -183,6 +184,7 @@ def focal_stack(
     DeviceError
         If the stack and the light field together are larger than the device's memory.
     """
+    require_loaded(lf, "stream_stack")
     planes, ratios = planes_of(lf, alphas=alphas, disparities=disparities)
     _check_options(0, False, interpolation, 1)
     weights = view_weights(lf, aperture, None)
@@ -194,7 +196,10 @@ def focal_stack(
 
 
 def planes_of(
-    lf: LightField, *, alphas: ArrayLike | None, disparities: ArrayLike | None
+    lf: LightField | StoredLightField,
+    *,
+    alphas: ArrayLike | None,
+    disparities: ArrayLike | None,
 ) -> tuple[Vector, Vector]:
     """(disparities, alphas) of the planes of a stack, given as one of them.
 
@@ -237,7 +242,9 @@ def _one_of(**given: Any) -> Any:
     return values[0]
 
 
-def _planes(lf: LightField, given: Any, are_alphas: bool) -> tuple[Vector, Vector]:
+def _planes(
+    lf: LightField | StoredLightField, given: Any, are_alphas: bool
+) -> tuple[Vector, Vector]:
     """(disparities, alphas) of planes given as one of them."""
     values = np.asarray(given, np.float64)
     if not np.isfinite(values).all():

@@ -17,6 +17,7 @@ from clplen.lightfield.surface import carried
 
 if TYPE_CHECKING:
     from clplen.lightfield.lightfield import LightField
+    from clplen.lightfield.stored import StoredLightField
 
 
 def view(lf: LightField, v: float, u: float, *, disparity: Any, interpolation: str) -> Image:
@@ -34,7 +35,7 @@ def render(lf: LightField, *, aperture: Any, viewpoint: Any, total: bool) -> Ima
     return _sum(lf, weights) if total else _mean(lf, weights)
 
 
-def view_weights(lf: LightField, aperture: Any, viewpoint: Any) -> Weights:
+def view_weights(lf: LightField | StoredLightField, aperture: Any, viewpoint: Any) -> Weights:
     """Weights of an aperture times the light field's own.
 
     Parameters

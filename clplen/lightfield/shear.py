@@ -330,7 +330,9 @@ def _norm(views: _Views, pitch: int) -> Table:
     x = np.arange(views.nx) + views.right[..., None]
     left, right = ((x + step >= 0) & (x + step < views.nx) for step in (0, 1))
     inside = left * (1 - views.beside[..., None]) + right * views.beside[..., None]
-    used = w @ inside if inside.ndim == 3 else (w[:, None] @ inside)[..., 0, :]
+    used = np.zeros((views.planes, len(w), views.nx))
+    for u in range(w.shape[1]):  # in one order for every pixel, which a product of matrices is not
+        used += w[:, u, None] * inside[..., u, :].reshape(views.planes, -1, views.nx)
     here[:, :-1] = used[..., None]
     here[:, -1] = used.sum(axis=1)[..., None]
     return norm

@@ -11,11 +11,12 @@ from clplen.lightfield.parametrisation import require_two_plane
 if TYPE_CHECKING:
     from clplen.lightfield.lightfield import LightField
     from clplen.lightfield.raw import Spacing
+    from clplen.lightfield.stored import StoredLightField
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 
-def shifts(lf: LightField, disparities: Vector) -> tuple[Vector, Vector]:
+def shifts(lf: LightField | StoredLightField, disparities: Vector) -> tuple[Vector, Vector]:
     """`view_shifts` of a light field; a ValueError where its views are directions."""
     require_two_plane(lf, "Focusing")
     return view_shifts(lf.spacing, lf.weights.shape, disparities, positions=lf.positions)
@@ -66,7 +67,7 @@ def row_ratio(spacing: Spacing | None) -> float:
     return (dv / du if np.isfinite([dv, du]).all() else 1.0) * dx / dy
 
 
-def unit_steps(lf: LightField) -> Vector:
+def unit_steps(lf: LightField | StoredLightField) -> Vector:
     """Pixels (y, x) from a point's place in the centre view to its sample in each, for d = 1.
 
     Parameters

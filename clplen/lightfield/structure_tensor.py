@@ -21,6 +21,7 @@ Table = np.ndarray[Any, Any]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 _WINDOW = 2.0  # pixels: Gaussian over which the tensor is gathered
+REACH = gaussian_taps(_WINDOW).size  # pixels that one depends on: the window, and a gradient
 _STEP = 0.25  # pixels a view step, between shears, at most
 _REACH = 0.75  # of a step: how far from its shear an orientation is believed
 

@@ -14,11 +14,14 @@ from clplen.batch.job import EVERY, Job, SceneTable, SimulationTable
 from clplen.batch.simulated import STEEPEST, Simulated, scenes_of, simulate, simulations_of
 from clplen.batch.source import Source
 from clplen.cameras.gallery import SCENES, sample_scenes
+from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.cameras.scene import PointSources
 from clplen.cameras.surfaces import Plane
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, read_camera_file
 from clplen.errors import FormatError
 from clplen.lightfield.lightfield import LightField
+from clplen.wave.masks import RandomPhaseMask
 
 SMALL = """
 [camera]
@@ -244,6 +247,27 @@ def test_a_slide_in_random_light_is_the_same_each_time(tmp_path: Path, device: D
     same(first.light_field, run(source, tmp_path, device).light_field)
 
 
+def test_what_a_camera_file_says_of_light_is_passed_on(
+    tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch
+):
+    given: dict[str, Any] = {}
+    expose = Plenoptic1.expose
+
+    def spy(self: Plenoptic1, scene: Any, **words: Any) -> Any:
+        given.update(words, scene=scene)
+        return expose(self, PointSources((0, 0, 0)), sensor=words["sensor"])
+
+    monkeypatch.setattr(Plenoptic1, "expose", spy)
+    light = '[coherence]\nspatial = "mask"\ncell_um = 50\nsnapshots = 4\nrtol = 0.2\n'
+    slide = SMALL + PICTURE + 'mode = "transmission"\n'
+    camera_file(tmp_path, slide + light + "koehler = false\n" + SENSOR)
+    run(items(tmp_path)[0], tmp_path, device)
+    assert (given["koehler"], given["snapshots"], given["rtol"]) == (False, 4, 0.2)
+    assert given["coherence"].spatial == RandomPhaseMask((50e-6, 50e-6))
+    assert given["sensor"].seed == 3
+    assert [part.mode for part in given["scene"]] == ["transmission"]
+
+
 def test_scenes_without_a_camera(tmp_path: Path, device: Device):
     found = scenes(
         tmp_path,
@@ -329,6 +353,21 @@ def test_scenes_that_cannot_be_seen(tmp_path: Path, words: dict[str, Any], said:
     camera_file(tmp_path, SMALL)
     with pytest.raises(FormatError, match=said):
         scenes(tmp_path, kind="pyramids", **words)
+
+
+@pytest.mark.parametrize("lattice", ["square", "hexagonal"])
+def test_a_camera_refuses_a_steep_scene_in_the_same_words(
+    tmp_path: Path, device: Device, lattice: str
+):
+    text = SMALL + f'lattice = "{lattice}"\n'
+    camera_file(tmp_path, text)
+    camera = read_camera_file(camera_file(tmp_path, text + POINTS, "whole.toml")).camera
+    sample = next(one for one in sample_scenes(0, (20, 24)) if one.name == "pyramids")
+    with pytest.raises(ValueError, match="edge-on") as said:
+        camera.build(device).expose(sample.scene, model="rays")
+    with pytest.raises(FormatError, match="edge-on") as caught:
+        scenes(tmp_path, kind="pyramids", camera="small.toml")
+    assert str(caught.value).endswith(str(said.value))
 
 
 @pytest.mark.parametrize("seed", [0, 7])

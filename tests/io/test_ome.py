@@ -73,7 +73,7 @@ def test_pictures_of_arrays_and_what_is_none(tmp_path: Path):
     np.testing.assert_array_equal(again, [[0, 1, 2], [3, 4, 5]])
     with pytest.raises(ValueError, match=r"\(y, x, 3\), not \(2, 3, 4\)"):
         write_image(tmp_path / "a.tif", np.zeros((2, 3, 4)))
-    with pytest.raises(ValueError, match=r"as \.tif, not as a\.png"):
+    with pytest.raises(ValueError, match=r"as \.tif or \.zarr, not as a\.png"):
         write_image(tmp_path / "a.png", np.zeros((2, 3)))
 
 

@@ -73,7 +73,7 @@ def test_unknown_alphas_are_null(tmp_path: Path, device: Device):
 
 
 def test_a_stack_in_another_format(tmp_path: Path, device: Device):
-    with pytest.raises(ValueError, match=r"written as \.tif, not as s\.png"):
+    with pytest.raises(ValueError, match=r"written as \.tif or \.zarr, not as s\.png"):
         write_stack(tmp_path / "s.png", a_stack(device, (2, 4, 5)))
 
 
@@ -120,7 +120,7 @@ def test_depth_is_written_as_disparity(tmp_path: Path, suffix: str):
 
 
 def test_depth_in_another_format(tmp_path: Path):
-    with pytest.raises(ValueError, match=r"\.pfm or \.tif, not as d\.png"):
+    with pytest.raises(ValueError, match=r"\.pfm, \.tif or \.zarr, not as d\.png"):
         write_depth(tmp_path / "d.png", SimpleNamespace(disparity=np.zeros((2, 2), np.float32)))
 
 

@@ -1,0 +1,58 @@
+"""How disparity and alpha = F/F' belong together: one law for every form of a light field."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clplen.lightfield.parametrisation import require_two_plane
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from clplen.lightfield.raw import Spacing
+
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+
+
+class AlphaLaw:
+    """Methods of what has ``spacing``, ``decode`` and ``parametrisation``."""
+
+    spacing: Spacing | None
+    decode: str
+    parametrisation: str
+
+    def disparity(self, alpha: ArrayLike) -> Vector:
+        """Disparity, in pixels a view step, of the plane alpha = F/F'.
+
+        d = -(1 - alpha) du/dx with the signed du of ``spacing``; naive cells: -(1/alpha - 1) du/dx.
+
+        Raises
+        ------
+        ValueError
+            If the light field has no spacing or an alpha is not positive.
+        """
+        ratio = self._view_ratio()
+        values = np.asarray(alpha, np.float64)
+        if not (np.isfinite(values).all() and (values > 0).all()):
+            raise ValueError(f"alpha = F/F' is positive and finite, not {alpha!r}.")
+        return -ratio * ((1 / values - 1) if self.decode == "naive" else (1 - values))
+
+    def alpha(self, disparity: ArrayLike) -> Vector:
+        """The inverse of `disparity`; NaN without spacing."""
+        values = np.asarray(disparity, np.float64)
+        if self.spacing is None or not np.isfinite(self.spacing).all():
+            return np.full_like(values, np.nan)
+        scaled = -values / self._view_ratio()
+        return 1 / (1 + scaled) if self.decode == "naive" else 1 - scaled
+
+    def _view_ratio(self) -> float:
+        """du/dx, signed."""
+        require_two_plane(self, "alpha")
+        if self.spacing is None or not np.isfinite(self.spacing).all():
+            raise ValueError(
+                "alpha needs the spacing of views and pixels in metres, which this light field "
+                "does not have: give spacing=(dv, du, dy, dx), or use disparity."
+            )
+        return self.spacing[1] / self.spacing[3]

@@ -1,0 +1,216 @@
+"""OME-TIFF of stacks that come in parts, in any order."""
+
+from __future__ import annotations
+
+import json
+import os
+import tracemalloc
+import xml.etree.ElementTree as ET
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import tifffile
+from stack_tiles import Tiles, full_disk, random_values
+
+from clplen.compute.device import Device
+from clplen.errors import ShapeError
+from clplen.io import ome, write_depth, write_image, write_stack
+from clplen.io.blocks import checked
+from clplen.lightfield.refocus import FocalStack
+
+SPACING = (-1e-3, -1e-3, -2e-6, 3e-6)
+CAMERA = SimpleNamespace(dz=lambda alpha: (alpha - 1) / 10)
+
+
+@pytest.mark.parametrize(
+    ("shape", "parts", "axes"),
+    [
+        ((5, 7, 11), (5, 3, 11), "ZYX"),
+        ((5, 7, 11), (2, 3, 4), "ZYX"),
+        ((3, 11, 7, 3), (3, 4, 5), "ZYXS"),
+        ((3, 11, 7, 3), (1, 2, 7), "ZYXS"),
+        ((2, 5, 4, 2), (2, 5, 3), "ZYXS"),
+        ((4, 5, 6, 1), (1, 2, 6), "ZYX"),
+    ],
+)
+def test_parts_come_to_their_places(
+    tmp_path: Path, shape: tuple[int, ...], parts: tuple[int, int, int], axes: str
+):
+    values = random_values(*shape)
+    path = tmp_path / "s.ome.tif"
+    write_stack(path, Tiles(values, parts, SPACING, CAMERA), durable=True)
+    again = tifffile.imread(path)
+    assert again.dtype == np.float32
+    np.testing.assert_array_equal(again, values.reshape(again.shape))
+    with tifffile.TiffFile(path) as file:
+        assert file.is_ome
+        (series,) = file.series
+        assert series.axes == axes
+        assert series.dataoffset is not None  # contiguous
+        assert len(file.pages) == shape[0]
+    assert [file.name for file in tmp_path.iterdir()] == ["s.ome.tif"]
+
+
+def test_what_parts_are_is_said(tmp_path: Path):
+    write_stack(tmp_path / "s.tif", Tiles(random_values(3, 4, 5), (3, 2, 5), SPACING, CAMERA))
+    root = ET.fromstring(tifffile.tiffcomment(tmp_path / "s.tif"))
+    said = json.loads(root.findtext("{*}Image/{*}Description"))
+    assert said["disparities"] == [-1.0, 0.5, 2.0]
+    assert said["alphas"] == [1.25, 0.875, None]
+    assert said["dz_m"] == pytest.approx([0.025, -0.0125, None])
+    assert "nearer" in said["disparity"]
+    assert "metres" in said["dz"]
+    pixels = root.find("{*}Image/{*}Pixels").attrib
+    assert {axis: int(pixels[f"Size{axis}"]) for axis in "XYZCT"} == {
+        "X": 5,
+        "Y": 4,
+        "Z": 3,
+        "C": 1,
+        "T": 1,
+    }
+    assert float(pixels["PhysicalSizeX"]) == pytest.approx(3)
+    assert float(pixels["PhysicalSizeY"]) == pytest.approx(2)
+
+
+def test_a_stack_on_a_device_and_its_parts_make_the_same_file(tmp_path: Path, device: Device):
+    values = random_values(4, 6, 5, 3)
+    tiles = Tiles(values, (3, 2, 2), SPACING)
+    known = (tiles.disparities, tiles.alphas, SPACING)
+    write_stack(tmp_path / "a.tif", FocalStack(device.upload(values), device, *known))
+    write_stack(tmp_path / "b.tif", tiles)
+    a, b = ((tmp_path / name).read_bytes() for name in ("a.tif", "b.tif"))
+    uuid = 36 + len("urn:uuid:")  # drawn anew for every file
+    assert len(a) == len(b)
+    assert sum(x != y for x, y in zip(a, b, strict=True)) <= 6 * uuid
+    np.testing.assert_array_equal(tifffile.imread(tmp_path / "b.tif"), values)
+
+
+def test_large_ones_are_bigtiff(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    values = random_values(3, 7, 5, 3)
+    for limit, is_big in ((4 * values.size, False), (4 * values.size - 1, True)):
+        monkeypatch.setattr(ome, "_BIG", limit)
+        write_stack(tmp_path / "s.tif", Tiles(values, (2, 3, 4)))
+        with tifffile.TiffFile(tmp_path / "s.tif") as file:
+            assert file.is_bigtiff == is_big
+            np.testing.assert_array_equal(file.asarray(), values)
+
+
+@pytest.mark.parametrize("suffix", [".tif", ".zarr"])
+def test_parts_that_are_no_stack(tmp_path: Path, suffix: str):
+    if suffix == ".zarr":
+        pytest.importorskip("zarr")
+
+    class Odd(Tiles):
+        def __iter__(self):
+            blocks = list(super().__iter__())
+            yield from (blocks[1:] if self.fails_at == -2 else blocks + blocks[-1:])
+
+    class Wrong(Tiles):
+        def __iter__(self):
+            yield slice(0, 2), slice(0, 3), slice(0, 4), self.values[:, :3, :5]
+
+    path, values = tmp_path / f"s{suffix}", random_values(2, 5, 7)
+    with pytest.raises(ValueError, match=r"hold 56 samples of the 70 of \(2, 5, 7\): give each"):
+        write_stack(path, Odd(values, (2, 4, 7), fails_at=-2))
+    with pytest.raises(ValueError, match=r"hold 98 samples of the 70 of"):
+        write_stack(path, Odd(values, (2, 2, 7)))
+    with pytest.raises(ShapeError, match=r"has shape \(2, 3, 4\), not \(2, 3, 5\)"):
+        write_stack(path, Wrong(values, (2, 5, 7)))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_writer_that_is_interrupted_leaves_nothing(tmp_path: Path):
+    path = tmp_path / "s.tif"
+    write_stack(path, Tiles(np.ones((2, 3, 4), np.float32), (2, 3, 4)))
+    tiles = Tiles(random_values(4, 6, 5), (4, 2, 5), fails_at=2)
+    with pytest.raises(KeyboardInterrupt):
+        write_stack(path, tiles)
+    assert tiles.closed == [True]
+    assert [file.name for file in tmp_path.iterdir()] == ["s.tif"]
+    assert (tifffile.imread(path) == np.ones((2, 3, 4))).all()
+
+
+def test_a_full_disk_stops_the_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    tiles = Tiles(random_values(4, 160, 160), (4, 16, 160))
+    with full_disk(tmp_path / "disk", monkeypatch) as disk:
+        said = r"s\.tif cannot be written \(No space left on device\): if the disk is full"
+        with pytest.raises(OSError, match=said):
+            write_stack(disk / "s.tif", tiles)
+        assert list(disk.iterdir()) == []
+    assert tiles.closed == [True]
+
+
+def test_no_room_is_found_out_before_the_first_part(tmp_path: Path):
+    class Never(Tiles):
+        @property
+        def shape(self) -> tuple[int, ...]:
+            return (10**6, 10**4, 10**4)
+
+        def __iter__(self):
+            raise AssertionError("asked for a part")
+
+    with pytest.raises(OSError, match=r"s\.tif takes 400,000,000,000,000 bytes"):
+        write_stack(tmp_path / "s.tif", Never(random_values(2, 3, 4), (2, 3, 4)))
+
+
+def test_memory_does_not_grow_with_the_stack(tmp_path: Path):
+    class Same(Tiles):
+        def __iter__(self):
+            for i in range(0, 256, 16):
+                yield slice(None), slice(i, i + 16), slice(None), self.values
+
+        @property
+        def shape(self) -> tuple[int, ...]:
+            return (30, 256, 256)
+
+    tiles = Same(random_values(30, 16, 256), (30, 16, 256))
+    tracemalloc.start()
+    write_stack(tmp_path / "s.tif", tiles)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1 << 20  # of 7.5 MiB; tifffile's own and one row
+    assert os.path.getsize(tmp_path / "s.tif") > 30 * 256 * 256 * 4
+
+
+def test_many_writers_of_one_file(tmp_path: Path):
+    stacks = [Tiles(np.full((3, 8, 9), i, np.float32), (3, 4, 9)) for i in range(4)]
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda tiles: write_stack(tmp_path / "s.tif", tiles), 3 * stacks))
+    again = tifffile.imread(tmp_path / "s.tif")
+    assert (again == again[0, 0, 0]).all()
+    assert [file.name for file in tmp_path.iterdir()] == ["s.tif"]
+
+
+def test_durable_reaches_every_kind_of_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    synced = []
+    monkeypatch.setattr("clplen.files._sync", synced.append)
+    picture = random_values(4, 5)
+    depth = SimpleNamespace(disparity=picture, confidence=picture, alpha=picture, z=picture)
+    for name in ("d.pfm", "d.tif", "d.ome.tif"):
+        synced.clear()
+        write_depth(tmp_path / name, depth, durable=True)
+        assert len(synced) == 2
+    write_image(tmp_path / "a.tif", picture, durable=True)
+    assert len(synced) == 4
+    write_image(tmp_path / "a.tif", picture)
+    write_depth(tmp_path / "d.pfm", depth)
+    assert len(synced) == 4
+
+
+def test_parts_are_told_that_no_more_are_wanted(tmp_path: Path):
+    """Even where something else still holds the iterator, as a frame of a traceback may."""
+
+    class Kept(Tiles):
+        def __iter__(self):
+            self.kept = super().__iter__()
+            return self.kept
+
+    tiles = Kept(random_values(4, 6, 5), (4, 2, 5))
+    with closing(checked(tiles, (4, 6, 5))) as parts:
+        next(parts)
+        assert tiles.closed == []
+    assert tiles.closed == [True]
