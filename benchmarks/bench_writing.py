@@ -94,9 +94,11 @@ def main(planes: int, side: int, rows: int, folder: str | None) -> None:
     megabytes = 4 * planes * side**2 / 1e6
     click.echo(f"{planes} x {side} x {side} float32, {megabytes:.0f} MB, bands of {rows} rows")
     for way in WAYS:
-        with tempfile.TemporaryDirectory(dir=folder) as name:
-            with multiprocessing.get_context("spawn").Pool(1) as pool:
-                held, seconds = pool.apply(measure, (way, name, shape, rows))
+        with (
+            tempfile.TemporaryDirectory(dir=folder) as name,
+            multiprocessing.get_context("spawn").Pool(1) as pool,
+        ):
+            held, seconds = pool.apply(measure, (way, name, shape, rows))
         speed = megabytes / seconds
         click.echo(f"{way:15} {held / 1e6:7.1f} MB held {seconds:7.2f} s {speed:7.0f} MB/s")
 

@@ -37,7 +37,7 @@ GUESTS = {
     "io": {"h5py", "imageio", "tifffile", "tqdm", "zarr"},
     "plot": {"matplotlib"},
     "config": {"pydantic", "tomli"},
-    "batch": {"distributed", "pydantic", "tqdm"},
+    "batch": {"dask", "distributed", "pydantic"},
     "cli": {"click", "tqdm"},
 }
 

@@ -94,7 +94,7 @@ def read(
     """The light field of a task, on the host, or open to be streamed."""
     if task.source["kind"] != "file":
         with shop.room.of(shop.memory), shop.stage("compute", seconds):
-            made = simulate(task.source, device=shop.device, progress=advance)
+            made = simulate(task.source, device=shop.device, base=task.base, progress=advance)
         yield Light(made=made.light_field, raw=made.raw, truth=made.truth)
         return
     path = Path(task.base, task.source["path"])
@@ -227,7 +227,7 @@ def _in_core(lf: LightField, work: dict[str, Any]) -> list[Product]:
 def _streamed(task: Task, stored: Any, shop: Workshop, advance: Advance) -> list[Product]:
     """The same of a light field that does not fit, each streamed when it is written."""
     work, formats = task.work, task.work["formats"]
-    how = {"memory": shop.memory, "device": shop.device, "progress": advance}
+    how: dict[str, Any] = {"memory": shop.memory, "device": shop.device, "progress": advance}
     found: list[Product] = []
     if "light_field" in work:
         raise DeviceError(

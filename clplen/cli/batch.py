@@ -92,7 +92,8 @@ def run(
     from clplen.batch import Job
     from clplen.batch.runner import run_job
 
-    logging.getLogger("clplen.io").setLevel(logging.WARNING)  # not a line for each item
+    for name in ("clplen.io", "clplen.config"):
+        logging.getLogger(name).setLevel(logging.WARNING)  # not a line for each item
     job = _with_options(Job.read(path), workers, memory, selector)
     if dry_run:
         _forecast(job)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _LEAST = 16  # rows and columns that a tile writes, at least
 _ALIGNED = 16  # columns: where vectors of a row begin
 _RESERVE = 16  # one part in so many of the budget for tables, programs and what is not counted
-_AGAIN = 3.0  # how often all may be read before a copy of plain samples pays
+_AGAIN = 2.0  # how often all may be read before a copy of plain samples pays
 _ROUNDED = 1.5  # how much more than the tiles themselves makes a source slow in bands
 
 

@@ -10,6 +10,7 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 
+from clplen.batch.items import tasks_of
 from clplen.batch.job import EVERY, Job, SceneTable, SimulationTable
 from clplen.batch.simulated import STEEPEST, Simulated, scenes_of, simulate, simulations_of
 from clplen.batch.source import Source
@@ -81,8 +82,9 @@ def test_the_example_camera_over_depths_and_pitches(tmp_path: Path):
         'name = "dz_mm"\n'
         '[[simulations.sweep]]\nkey = "camera.microlenses.pitch_um"\nvalues = [100, 150]\n'
     )
-    (table,) = Job.read(tmp_path / "job.toml").simulations
-    found = simulations_of(table, tmp_path)
+    job = Job.read(tmp_path / "job.toml")
+    found = simulations_of(job.simulations[0], tmp_path)
+    assert [task.name for task in tasks_of(job)] == [one.name for one in found]
     assert len({one.name.casefold() for one in found}) == 10
     assert [found[0].name, found[1].name] == [
         "depths_dz_mm=-50_pitch_um=100",

@@ -17,7 +17,7 @@ from clplen.lightfield import stored
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.refocus import focal_stack
 from clplen.lightfield.stored import StoredLightField
-from clplen.lightfield.streaming import stream_depth, stream_stack
+from clplen.lightfield.streaming import stream_stack
 
 SPACING = (-1e-3, 1.2e-3, 2e-5, 3e-5)
 PARTS = [
@@ -160,7 +160,7 @@ def test_streams_of_files(device, tmp_path):
     lf = read_lightfield(folder(tmp_path / "lf", values), device=device)
     whole = focal_stack(lf, disparities=[-0.7, 0.4]).to_numpy()
     with open_lightfield(tmp_path / "lf", device=device) as found:
-        memory = found.overhead + 500_000
+        memory = (found.overhead + 500_000) * 16 // 15
         tiles = stream_stack(found, disparities=[-0.7, 0.4], memory=memory, device=device)
         assert len(tiles.plan.tiles) > 2
         assert tiles.plan.bytes_scratch
@@ -170,15 +170,18 @@ def test_streams_of_files(device, tmp_path):
 
 def test_damage_in_the_middle(device, tmp_path, monkeypatch):
     monkeypatch.setattr(stored, "_BAND", 1)  # so that light is found before the damage
-    values = samples(np.float32)
-    values[2, 1, 38, 4, 0] = np.inf
+    values = np.concatenate([samples(np.float32)] * 3, axis=2)
+    values[2, 1, 120, 4, 0] = np.inf
     np.save(tmp_path / "lf.npy", values)
     with pytest.raises(FormatError) as info:
         read_lightfield(tmp_path / "lf.npy", device=device)
     with open_lightfield(tmp_path / "lf.npy", device=device) as found:
         found.read(PARTS[1])
+        memory = (found.overhead + 300_000) * 16 // 15
+        tiles = iter(stream_stack(found, disparities=[0.5], memory=memory, device=device))
+        next(tiles)
         with pytest.raises(FormatError) as streamed:
-            stream_depth(found, cue="energy", memory=found.overhead + 900_000, device=device)
+            list(tiles)
     assert str(streamed.value) == str(info.value)
 
 
