@@ -4,44 +4,47 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from clplen.batch.manifest import Known
 from clplen.batch.stamps import is_unchanged, is_whole
-from clplen.batch.task import Report, Task
+from clplen.batch.task import Task
 from clplen.batch.work import RECORD, folder_of, record_of
 from clplen.io.digest import digest
 
 STATES = ("done", "failed", "changed", "damaged", "missing")
 
 
-def state_of(task: Task, report: Report | None, *, verify: bool = False) -> tuple[str, str]:
+def state_of(task: Task, known: Known | None, *, verify: bool = False) -> tuple[str, str]:
     """One of `STATES`, and why.
 
     Parameters
     ----------
     task : Task
-    report : Report or None
-        Of the manifest.
+    known : Known or None
+        By the manifest.
     verify : bool
         Whether digests are compared, of outputs and of inputs.
     """
     record = record_of(task)
     if record is None:
-        if report is None:
+        if known is None:
             return "missing", "not done yet"
-        if report.state == "failed":
-            return "failed", report.error
+        if known.state == "failed":
+            return "failed", known.error
         return "damaged", f"{RECORD} is missing"
-    if report is not None and report.state == "failed" and report.started > record.started:
-        return "failed", report.error
-    report = record
-    if report.parameters != task.parameters:
+    if known is not None and known.state == "failed" and known.started > record.started:
+        return "failed", known.error
+    if record.parameters != task.parameters:
         return "changed", "the job asks for something else now"
-    wrong = is_whole(folder_of(task), report.outputs, thorough=verify)
+    wrong = is_whole(folder_of(task), record.outputs, thorough=verify)
     if wrong:
         return "damaged", wrong
-    if not is_unchanged(task.base, task.files, report.inputs):
+    if not is_unchanged(task.base, task.files, record.inputs):
         return "changed", "its input was changed, moved or removed"
     if verify:
-        for name, known in report.inputs.items():
-            if digest(Path(task.base, name)) != known["sha256"]:
-                return "changed", f"{name} is not what was read (its digest differs)"
-    return "done", ", ".join(report.outputs)
+        for name, then in record.inputs.items():
+            if digest(Path(task.base, name)) != then["sha256"]:
+                return "changed", (
+                    f"{name} is not what was read (its digest differs, its size and time do not): "
+                    "touch it and run again"
+                )
+    return "done", ", ".join(record.outputs)

@@ -6,13 +6,15 @@ so, and its items are done again by another.
 
 from __future__ import annotations
 
+import asyncio
 import itertools
 import os
 import secrets
 import sys
 import time
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -20,11 +22,14 @@ from typing import Any
 from clplen import __version__
 from clplen.batch.cores import environment_of, share_of
 from clplen.batch.task import Report, Task
+from clplen.batch.work import sentence
 from clplen.batch.workshop import LANES
 from clplen.errors import DeviceError, FormatError
 
 _IN_FLIGHT = 4 * LANES  # tasks of each worker that the scheduler knows of
 _ANSWER = 20.0  # seconds
+_LOOK = 1.0  # seconds after which workers are counted again
+_LATE = (TimeoutError, asyncio.TimeoutError)  # two of them in Python 3.10
 
 
 class Cluster:
@@ -33,41 +38,72 @@ class Cluster:
     Parameters
     ----------
     client : distributed.Client
-    how : dict
-        Output folder, memory of each worker, and how many workers share this computer.
+    folder : pathlib.Path
+        Of the job's output.
+    memory : int or None
+        Bytes for each worker.
+    sharing : int
+        How many workers share a computer.
     """
 
-    def __init__(self, client: Any, how: dict[str, Any]) -> None:
+    def __init__(self, client: Any, folder: Path, *, memory: int | None, sharing: int) -> None:
         self._client = client
-        self._how = how
         self._run = secrets.token_hex(4)
+        self._how = {
+            "run": self._run,
+            "folder": str(folder),
+            "memory": memory,
+            "sharing": sharing,
+        }
+        self._workers = 0
+        self._looked = -_LOOK
 
     def run(self, tasks: Iterable[Task]) -> Iterator[Report]:
-        """Do tasks, each once, and give their reports as they come."""
+        """Do tasks, each once, and give their reports as they come.
+
+        A worker that dies takes with it all that it was given: what was lost so is done again
+        alone, so that only what kills its worker fails.
+        """
+        lost: list[Task] = []
+        for task, future in self._ended(iter(tasks), self._window):
+            if _was_killed(future):
+                lost.append(task)
+            else:
+                yield self._report(task, future)
+        for task, future in self._ended(iter(lost), lambda: 1):
+            yield self._report(task, future)
+
+    def _ended(self, left: Iterator[Task], window: Callable[[], int]) -> Iterator[tuple[Task, Any]]:
+        """Tasks with their futures as they end; so many at a time are known to the scheduler."""
         from distributed import as_completed
 
-        left = iter(tasks)
-        names: dict[Any, Task] = {}
-        window = max(1, len(self._client.scheduler_info()["workers"])) * _IN_FLIGHT
-        futures = as_completed(raise_errors=False)
-        for task in itertools.islice(left, window):
-            self._submit(task, futures, names)
-        while names:
+        under_way: dict[Any, Task] = {}
+        futures = as_completed(loop=self._client.loop, raise_errors=False)
+        while True:
+            for task in itertools.islice(left, max(0, window() - len(under_way))):
+                future = self._submitted(task)
+                under_way[future.key] = task
+                futures.add(future)
+            if not under_way:
+                return
             future = next(futures)
-            task = names.pop(future.key)
-            yield self._report(task, future)
-            for more in itertools.islice(left, 1):
-                self._submit(more, futures, names)
+            yield under_way.pop(future.key), future
 
-    def _submit(self, task: Task, futures: Any, names: dict[Any, Task]) -> None:
+    def _window(self) -> int:
+        """How many tasks keep the workers busy that are there now."""
+        if time.monotonic() >= self._looked + _LOOK:
+            self._looked = time.monotonic()
+            with suppress(OSError, *_LATE):  # a scheduler that is lost cancels all tasks
+                self._workers = len(self._client.nthreads())
+        return max(1, self._workers) * _IN_FLIGHT
+
+    def _submitted(self, task: Task) -> Any:
         from clplen.batch.remote import perform_here
 
         key = f"clplen-{self._run}-{secrets.token_hex(4)}-{task.name}"
-        future = self._client.submit(
+        return self._client.submit(
             perform_here, asdict(task), self._how, __version__, key=key, pure=False
         )
-        names[future.key] = task
-        futures.add(future)
 
     def _report(self, task: Task, future: Any) -> Report:
         if future.status == "finished":
@@ -77,18 +113,19 @@ class Cluster:
                 "The Dask scheduler no longer answers: start it and run the job again; what is "
                 "done stays done."
             )
-        return _lost(task, future.exception())
+        if _was_killed(future):
+            text = "the workers that took it died (too little memory?): see their logs"
+        else:
+            text = f"the worker could not do it ({sentence(future.exception())})"
+        passing = not _was_killed(future)  # it was tried again already
+        return Report(
+            task.name, "failed", task.parameters, time.time(), error=text, passing=passing
+        )
 
 
-def _lost(task: Task, error: Any) -> Report:
-    """A task that killed its workers, or that they could not take."""
-    killed = type(error).__name__ == "KilledWorker"
-    text = (
-        "the workers that took it died (too little memory?): see their logs"
-        if killed
-        else f"the worker could not do it ({' '.join(str(error).split())})"
-    )
-    return Report(task.name, "failed", task.parameters, time.time(), error=text, passing=True)
+def _was_killed(future: Any) -> bool:
+    """Whether the workers of a task died, by itself or by another one."""
+    return future.status == "error" and type(future.exception()).__name__ == "KilledWorker"
 
 
 @contextmanager
@@ -113,10 +150,12 @@ def workers_here(
     ------
     FormatError
         If the extra ``batch`` is not installed.
+    DeviceError
+        If they do not start, or one has no device.
     """
     dask, distributed = require_dask()
     settings = {
-        "distributed.scheduler.allowed-failures": max(retries, 1),
+        "distributed.scheduler.allowed-failures": retries,
         "distributed.worker.daemon": False,
         "distributed.logging": {"distributed": "critical"},
     }
@@ -124,22 +163,21 @@ def workers_here(
         i: {"cls": distributed.Nanny, "options": _options(i, workers, devices)}
         for i in range(workers)
     }
-    with (
-        dask.config.set(settings),
-        distributed.SpecCluster(
-            workers=specification,
-            scheduler={
-                "cls": distributed.Scheduler,
-                "options": {"dashboard": False, "dashboard_address": None, "host": "127.0.0.1"},
-            },
-            silence_logs=50,
-        ) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        share = memory if memory is not None else None
-        yield Cluster(
-            client, {"folder": str(folder), "selector": None, "memory": share, "workers": workers}
-        )
+    options = {"dashboard": False, "dashboard_address": None, "host": "127.0.0.1"}
+    scheduler = {"cls": distributed.Scheduler, "options": options}
+    with ExitStack() as stack:
+        stack.enter_context(dask.config.set(settings))
+        try:
+            cluster = stack.enter_context(
+                distributed.SpecCluster(workers=specification, scheduler=scheduler, silence_logs=50)
+            )
+            client = stack.enter_context(distributed.Client(cluster))
+        except (OSError, RuntimeError, *_LATE) as error:
+            raise DeviceError(
+                f"The {workers} workers did not start ({' '.join(str(error).split())}): try fewer."
+            ) from error
+        check_workers(client, "this computer")
+        yield Cluster(client, folder, memory=memory, sharing=workers)
 
 
 def _options(number: int, workers: int, devices: list[str] | None) -> dict[str, Any]:
@@ -184,14 +222,17 @@ def workers_of(folder: Path, *, scheduler: str, memory: int | None) -> Iterator[
             "'dask scheduler', or mend the address."
         ) from error
     with client:
-        check_workers(client, scheduler)
-        yield Cluster(
-            client, {"folder": str(folder), "selector": None, "memory": memory, "workers": 1}
-        )
+        sharing = check_workers(client, scheduler)
+        yield Cluster(client, folder, memory=memory, sharing=sharing)
 
 
-def check_workers(client: Any, scheduler: str) -> None:
+def check_workers(client: Any, scheduler: str) -> int:
     """Refuse workers that cannot do the job.
+
+    Returns
+    -------
+    int
+        How many are on one computer, at most.
 
     Raises
     ------
@@ -202,16 +243,18 @@ def check_workers(client: Any, scheduler: str) -> None:
 
     try:
         client.wait_for_workers(1, timeout=_ANSWER)
-    except TimeoutError as error:
+    except _LATE as error:
         raise DeviceError(
             f"The scheduler at {scheduler} has no workers: start some with 'clplen worker "
             f"{scheduler}'."
         ) from error
-    wrong = []
+    wrong, hosts = [], Counter[str]()
     for address, found in client.run(describe, on_error="return").items():
         if isinstance(found, Exception):
-            wrong.append(f"{address} has no clplen that answers ({' '.join(str(found).split())})")
-        elif found["version"] != __version__:
+            wrong.append(f"{address} has no clplen that answers ({sentence(found)})")
+            continue
+        hosts[found["host"]] += 1
+        if found["version"] != __version__:
             wrong.append(f"{address} has clplen {found['version']}, this is {__version__}")
         elif found["error"]:
             wrong.append(f"{address} has no OpenCL device ({found['error']})")
@@ -220,6 +263,7 @@ def check_workers(client: Any, scheduler: str) -> None:
             f"{len(wrong)} workers of {scheduler} cannot do the job: {'; '.join(wrong[:4])}. Mend "
             "or stop them."
         )
+    return max(hosts.values(), default=1)
 
 
 def worker_command(scheduler: str, selector: str | None) -> tuple[list[str], dict[str, str]]:

@@ -14,14 +14,12 @@ import numpy as np
 from clplen import io
 from clplen.batch.items import layout_in, tasks_of
 from clplen.batch.job import Job
-from clplen.batch.manifest import NAME, Manifest
 from clplen.batch.products import bytes_in_core, bytes_written
 from clplen.batch.runner import plan_of
 from clplen.batch.stamps import stamp
 from clplen.batch.task import Task
-from clplen.batch.work import perform
+from clplen.batch.work import perform, sentence
 from clplen.batch.workshop import Workshop
-from clplen.errors import ClplenError
 
 _OPENED = 200  # items whose sizes are looked at; of more, those of the others are extrapolated
 
@@ -75,18 +73,12 @@ class Forecast:
     sample: str
 
 
-def forecast_of(
-    job: Job, *, selector: str | None = None, memory: int | None = None, sample: bool = True
-) -> Forecast:
+def forecast_of(job: Job, *, sample: bool = True) -> Forecast:
     """Look at what a job will do; nothing is written to its output.
 
     Parameters
     ----------
     job : Job
-    selector : str, optional
-        As for `Device.open`.
-    memory : int, optional
-        As in `Job`.
     sample : bool
         Whether to do the item of middle size, in a temporary folder, to know how long it takes.
 
@@ -94,15 +86,11 @@ def forecast_of(
     -------
     Forecast
     """
-    tasks = tasks_of(job)
-    known = {}
-    if (job.output_folder / NAME).exists():
-        with Manifest(job.output_folder) as manifest:
-            known = manifest.reports()
-    plan = plan_of(tasks, known)
+    plan = plan_of(tasks_of(job))
     scratch = Path(tempfile.mkdtemp(prefix="clplen-sample-"))
     try:
-        shop = Workshop(scratch, selector=selector, memory=memory)
+        selector = job.device[0] if job.device else None
+        shop = Workshop(scratch, selector=selector, memory=job.memory)
         lines = [_line(task, shop) for task in plan.todo[:_OPENED]]
         share = len(plan.todo) / max(len(lines), 1)
         read, written = (share * sum(getattr(x, n) for x in lines) for n in ("read", "written"))
@@ -111,8 +99,9 @@ def forecast_of(
         if chosen is not None:
             task, line = chosen
             seconds, said = _measured(replace(task, folder=str(scratch)), shop)
-            size = max(line.read + line.written, 1)
-            seconds *= (read + written) / size if read + written else len(plan.todo)
+            known = all(one.written for one in lines if not one.problem)
+            size = line.read + line.written
+            seconds *= (read + written) / size if known else len(plan.todo)
         shop.close()
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
@@ -129,8 +118,8 @@ def _line(task: Task, shop: Workshop) -> Line:
         with io.open_lightfield(path, device=shop.device, **layout) as stored:
             streamed = bytes_in_core(stored, task.work) > shop.memory
             return Line(task.name, read, bytes_written(stored, task.work), streamed, "")
-    except (ClplenError, ValueError, OSError) as error:
-        return Line(task.name, 0, 0, False, str(error))
+    except Exception as error:  # as in `perform`: a bug in one item is said of that one
+        return Line(task.name, 0, 0, False, sentence(error))
 
 
 def _middle(tasks: Sequence[Task], lines: Sequence[Line]) -> tuple[Task, Line] | None:

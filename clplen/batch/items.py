@@ -67,12 +67,19 @@ def _named(sources: list[Source], key: str) -> list[Source]:
 def _files(inputs: InputTable, job: Job, key: str) -> Iterator[Source]:
     layout = _layout(inputs, job.folder, key)
     found: dict[str, None] = {}
+    output = Path(os.path.realpath(job.output_folder))
     for pattern in inputs.files:
         matches = sorted(glob.glob(pattern, root_dir=job.folder, recursive=True))
-        outside = [path for path in matches if not _is_inside(job.folder / path, job.output_folder)]
+        real = (Path(os.path.realpath(job.folder / path)) for path in matches)
+        outside = [
+            path for path, at in zip(matches, real, strict=True) if not _is_inside(at, output)
+        ]
         if not outside:
             raise FormatError(
                 f"{key}.files: {pattern!r} names no file in {job.folder}: mend the pattern."
+                if not matches
+                else f"{key}.files: {pattern!r} names only what lies in the output {output}: give "
+                "the job another output."
             )
         found |= dict.fromkeys(outside)
     for index, path in enumerate(found):
@@ -127,7 +134,7 @@ def _name(template: str, path: str, index: int, key: str) -> str:
     }
     try:
         name = template.format(**words)
-    except (KeyError, IndexError, ValueError) as error:
+    except (KeyError, IndexError, ValueError, AttributeError, TypeError) as error:
         raise FormatError(
             f"{key}.name: {template!r} is no name: it may hold "
             f"{', '.join('{' + word + '}' for word in words)}, such as '{{parent}}_{{stem}}'."

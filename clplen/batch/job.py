@@ -4,16 +4,27 @@ from __future__ import annotations
 
 import difflib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PrivateAttr,
+    ValidationError,
+    model_validator,
+)
 
 from clplen.batch.quantities import Aperture, Planes, Size
 from clplen.batch.sweep import distinct, swept_once
 from clplen.cameras.gallery import SCENES
-from clplen.config.reading import read_toml, validated
+from clplen.config.reading import problems_of, read_toml, validated
 from clplen.config.tables import Count, NotNegative, Seed, Switch, Table, listed
+from clplen.errors import FormatError
 from clplen.files import PathLike
+
+if TYPE_CHECKING:
+    from clplen.batch.runner import Summary, Watcher
 
 Format = Literal["ome-tiff", "ome-zarr"]
 Pair = tuple[Count, Count]
@@ -158,7 +169,16 @@ class RawTable(Table):
 WORK = ("stack", "depth", "all_in_focus", "views", "light_field", "raw")
 
 
-class Job(Table):
+class HowTable(Table):
+    """How a job is done; it decides no result."""
+
+    device: Annotated[list[str], BeforeValidator(listed)] | None = None
+    memory: Size | None = None
+    workers: Count = 1
+    retries: Annotated[int, Field(ge=0, le=100, strict=True)] = 1
+
+
+class Job(HowTable):
     """Many light fields, and what is made of each. See ``clplen batch --example``.
 
     Attributes
@@ -195,10 +215,6 @@ class Job(Table):
     views: ViewsTable | None = None
     light_field: LightFieldTable | None = None
     raw: RawTable | None = None
-    device: Annotated[list[str], BeforeValidator(listed)] | None = None
-    memory: Size | None = None
-    workers: Count = 1
-    retries: Annotated[int, Field(ge=0, le=100, strict=True)] = 1
 
     _folder: Path = PrivateAttr(default_factory=Path.cwd)
 
@@ -241,8 +257,81 @@ class Job(Table):
 
     def within(self, folder: PathLike) -> Job:
         """The same job with the names of files seen from another folder than the current one."""
-        self._folder = Path(folder).absolute()
-        return self
+        job = self.model_copy()
+        job._folder = Path(folder).absolute()
+        return job
+
+    def done_by(
+        self,
+        *,
+        workers: int | None = None,
+        device: str | list[str] | None = None,
+        memory: int | str | None = None,
+    ) -> Job:
+        """The same job done otherwise; see `run`."""
+        given = {"workers": workers, "device": device, "memory": memory}
+        given = {name: value for name, value in given.items() if value is not None}
+        try:
+            how = HowTable.model_validate(given)
+        except ValidationError as error:
+            raise FormatError(f"{problems_of(HowTable, error)}.") from error
+        return self.model_copy(update={name: getattr(how, name) for name in given})
+
+    def run(
+        self,
+        *,
+        workers: int | None = None,
+        scheduler: str | None = None,
+        device: str | list[str] | None = None,
+        memory: int | str | None = None,
+        force: bool = False,
+        watcher: Watcher | None = None,
+    ) -> Summary:
+        """Do what is missing, changed or failed.
+
+        Parameters
+        ----------
+        workers : int, optional
+            Processes on this computer, at least 1; default: as the job says. With more than one, a
+            script must call this below ``if __name__ == "__main__":``, as its workers import it.
+        scheduler : str, optional
+            Address of a Dask scheduler whose workers do it, ``tcp://host:8786``.
+        device : str or list of str, optional
+            As for `Device.open`, a list for each worker its own; default: as the job says. Workers
+            of a scheduler have theirs.
+        memory : int or str, optional
+            Bytes or a size such as "4 GiB" of each worker; default: as the job says.
+        force : bool
+            Whether a job that differs from the one that ran before may go on in its output.
+        watcher : Watcher, optional
+            Is told how it goes on; see `clplen.batch.runner.Watcher`.
+
+        Returns
+        -------
+        Summary
+            ``failed`` has a sentence for each item that failed; the others are done.
+
+        Raises
+        ------
+        FormatError
+            If a value is out of range, the items cannot be told, the job differs from the one that
+            ran before, or the extra ``batch`` is needed and not installed.
+        DeviceError
+            If there is no such device, or the workers cannot do the job.
+        BlockingIOError
+            If another process is at work on the output.
+        OSError
+            If the output takes no files.
+        """
+        from clplen.batch.executors import executor_of
+        from clplen.batch.runner import Silent, run_job
+
+        job, watcher = (
+            self.done_by(workers=workers, device=device, memory=memory),
+            watcher or Silent(),
+        )
+        executor = executor_of(job, scheduler=scheduler, running=watcher.running)
+        return run_job(job, executor, watcher=watcher, force=force)
 
     @property
     def folder(self) -> Path:
@@ -256,7 +345,7 @@ class Job(Table):
 
     def what(self) -> dict[str, Any]:
         """What decides the results, without how they are computed: for comparing jobs."""
-        how = {"device", "memory", "workers", "retries"}
+        how = set(HowTable.model_fields)
         return self.model_dump(mode="json", exclude=how, exclude_defaults=True)
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import os
+import platform
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
@@ -16,6 +18,7 @@ except ImportError:  # no such locks on Windows
     fcntl = None  # type: ignore[assignment]
 
 HIDDEN = ".clplen"
+_ITEMS = "items.lock"
 _POLL = 0.1  # seconds
 
 
@@ -40,7 +43,7 @@ def job_lock(folder: Path) -> Iterator[None]:
                     "another output."
                 ) from None
         file.truncate(0)
-        file.write(f"The process {os.getpid()} on {os.uname().nodename}".encode())
+        file.write(f"The process {os.getpid()} on {platform.node()}".encode())
         file.flush()
         yield
 
@@ -49,7 +52,8 @@ class ItemLocks:
     """Locks on the items of a folder, for one process: byte ranges of one file.
 
     They exclude other processes, on other machines too where the file system knows such locks
-    (POSIX record locks), and not the threads of this one.
+    (POSIX record locks), and the other threads that use this object. Have one for each folder in a
+    process: to close a second one would let go of the locks of the first.
 
     Parameters
     ----------
@@ -59,37 +63,61 @@ class ItemLocks:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._file = _opened(folder, "items.lock")
+        self._files = [_opened(folder, _ITEMS)]  # the last one is in use
+        self._held: set[int] = set()
+        self._lock = threading.Lock()
 
     @contextmanager
-    def hold(self, name: str) -> Iterator[bool]:
-        """Hold one item; wait while another process does.
+    def hold(self, name: str, *, check: Callable[[], None] = lambda: None) -> Iterator[None]:
+        """Hold one item; wait while another process or thread does.
 
-        Yields
-        ------
-        bool
-            Whether it had to wait.
+        Parameters
+        ----------
+        name : str
+        check : callable
+            Called while it waits; what it raises ends the wait.
         """
-        if fcntl is None:
-            yield False
-            return
         at = int.from_bytes(hashlib.sha256(name.encode()).digest()[:7], "big")
-        waited = False
-        while True:
-            try:
-                fcntl.lockf(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, at)
-                break
-            except BlockingIOError:
-                waited = True
-                time.sleep(_POLL)
+        while (file := self._taken(at)) is None:
+            check()
+            time.sleep(_POLL)
         try:
-            yield waited
+            yield
         finally:
-            fcntl.lockf(self._file, fcntl.LOCK_UN, 1, at)
+            with self._lock:
+                self._held.remove(at)
+                if fcntl is not None:
+                    fcntl.lockf(file, fcntl.LOCK_UN, 1, at)
+
+    def _taken(self, at: int) -> IO[bytes] | None:
+        """The file that holds a lock from now on; None if someone else has it."""
+        with self._lock:
+            if at in self._held:
+                return None
+            file = self._current()
+            if fcntl is not None:
+                try:
+                    fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, at)
+                except BlockingIOError:
+                    return None
+            self._held.add(at)
+            return file
+
+    def _current(self) -> IO[bytes]:
+        """The file that other processes use: a new one if the folder was removed meanwhile."""
+        file = self._files[-1]
+        try:
+            there = (self._folder / HIDDEN / _ITEMS).stat()
+        except FileNotFoundError:
+            there = None
+        if there is None or not os.path.samestat(there, os.fstat(file.fileno())):
+            self._files.append(_opened(self._folder, _ITEMS))
+        return self._files[-1]
 
     def close(self) -> None:
         """Let go of everything."""
-        self._file.close()
+        for file in self._files:
+            file.close()
 
 
 def _opened(folder: Path, name: str) -> IO[bytes]:

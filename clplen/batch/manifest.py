@@ -9,7 +9,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from clplen import __version__
 from clplen.batch.task import Report
@@ -27,6 +27,14 @@ CREATE TABLE items (
 INSERT INTO meta VALUES ('version', '{VERSION}'), ('software', '"clplen {__version__}"');
 COMMIT;
 """
+
+
+class Known(NamedTuple):
+    """What the manifest knows of an item: as in its last `Report`."""
+
+    state: str
+    started: float
+    error: str
 
 
 class Manifest:
@@ -52,13 +60,15 @@ class Manifest:
         self._lock = threading.Lock()
         if not self._path.exists() and not create:
             raise FormatError(f"There is no manifest {self._path}: run the job first.")
-        self._open()
+        self._open(create)
 
-    def _open(self) -> None:
+    def _open(self, create: bool) -> None:
         with _said(self._path):
             self._connection = sqlite3.connect(self._path, check_same_thread=False)
             self._connection.execute("PRAGMA synchronous = FULL")
             count = self._connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+            if not count and not create:  # its maker has not come to the tables
+                raise FormatError(f"The manifest {self._path} is empty: run the job first.")
             if not count:
                 self._connection.executescript(_TABLES)
             self._inode = self._path.stat().st_ino
@@ -93,12 +103,11 @@ class Manifest:
         with self._lock, _said(self._path), self._connection:
             self._set("job", content)
 
-    def reports(self) -> dict[str, Report]:
-        """The last report of each item."""
+    def known(self) -> dict[str, Known]:
+        """What became of each item last; their whole reports are in the column ``report``."""
         with self._lock, _said(self._path):
-            rows = self._connection.execute("SELECT report FROM items").fetchall()
-            found = [Report.from_json(row[0]) for row in rows]
-        return {report.name: report for report in found}
+            rows = self._connection.execute("SELECT name, state, started, error FROM items")
+            return {name: Known(*rest) for name, *rest in rows}
 
     def put(self, *reports: Report) -> None:
         """Take in what became of items.
@@ -133,14 +142,13 @@ class Manifest:
         except OSError:
             return False
 
-    def renew(self, job: dict[str, Any], reports: dict[str, Report]) -> None:
-        """Write it anew where it vanished, with what is known."""
+    def renew(self, job: dict[str, Any]) -> None:
+        """Begin it anew where it vanished."""
         with self._lock, _said(self._path):
             self._connection.close()
             self._path.parent.mkdir(parents=True, exist_ok=True)
-            self._open()
+            self._open(create=True)
         self.job = job
-        self.put(*reports.values())
 
     def _get(self, key: str) -> Any:
         try:

@@ -1,7 +1,7 @@
 """Makes a Dask worker one of clplen: ``dask worker ADDRESS --preload clplen.batch.preload``.
 
-It keeps to the cores of ``$CLPLEN_CORES``, opens the device of ``$CLPLEN_DEVICE`` before it takes
-any item, and does not start without one.
+It keeps to the cores of ``$CLPLEN_CORES`` and opens the device of ``$CLPLEN_DEVICE`` before it
+takes any item. A job refuses a worker without one.
 """
 
 from __future__ import annotations
@@ -15,6 +15,4 @@ from clplen.compute.device import Device
 def dask_setup(worker: Any) -> None:
     """Called by Dask when the worker starts."""
     keep_to()
-    device = Device.open()
-    device.ensure_usable()
-    worker.clplen_device = repr(device)
+    Device.open().ensure_usable()

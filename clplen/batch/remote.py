@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 from dataclasses import asdict
 from pathlib import Path
@@ -14,18 +15,18 @@ from clplen.batch.workshop import Workshop, default_memory
 from clplen.compute.device import Device
 from clplen.errors import ClplenError, DeviceError
 
-_SHOPS = "clplen_shops"  # attribute of the worker that keeps its workshops
+_SHOPS = "clplen_shops"  # attribute of the worker that keeps its workshops, with their run
 _opening = threading.Lock()
 
 
 def describe() -> dict[str, str]:
-    """Version and device of this worker."""
+    """Version and computer of this worker, and what is wrong with its device."""
+    known = {"version": __version__, "host": socket.gethostname(), "error": ""}
     try:
-        device = Device.open()
-        device.ensure_usable()
+        Device.open().ensure_usable()
     except ClplenError as error:
-        return {"version": __version__, "device": "", "error": str(error)}
-    return {"version": __version__, "device": repr(device), "error": ""}
+        return known | {"error": " ".join(str(error).split())}
+    return known
 
 
 def perform_here(words: dict[str, Any], how: dict[str, Any], version: str) -> dict[str, Any]:
@@ -36,7 +37,8 @@ def perform_here(words: dict[str, Any], how: dict[str, Any], version: str) -> di
     words : dict
         Of a `Task`.
     how : dict
-        ``folder``, ``memory`` and ``workers``, the number that share this computer.
+        ``folder``, ``memory``, ``sharing``, the number of workers of a computer, and ``run``, a
+        word of its own for each run of a job.
     version : str
         Of clplen where the job runs.
 
@@ -58,12 +60,18 @@ def perform_here(words: dict[str, Any], how: dict[str, Any], version: str) -> di
 
 
 def _shop(worker: Any, how: dict[str, Any]) -> Workshop:
-    """The workshop of this worker for an output folder, made at its first item."""
+    """The workshop of this worker for an output folder; its memory is that of the latest run."""
     with _opening:
-        shops: dict[str, Workshop] = worker.__dict__.setdefault(_SHOPS, {})
-        if how["folder"] not in shops:
-            memory = how["memory"]
-            if memory is None:
-                memory = default_memory(Device.open()) // how["workers"]
-            shops[how["folder"]] = Workshop(Path(how["folder"]), selector=None, memory=memory)
-        return shops[how["folder"]]
+        shops: dict[str, tuple[str, Workshop]] = worker.__dict__.setdefault(_SHOPS, {})
+        run, shop = shops.get(how["folder"], ("", None))
+        if shop is not None and run == how["run"]:
+            return shop
+        memory = how["memory"]
+        if memory is None:
+            memory = max(1, default_memory(Device.open()) // how["sharing"])
+        if shop is None:
+            shop = Workshop(Path(how["folder"]), selector=None, memory=memory)
+        else:
+            shop.limit(memory)
+        shops[how["folder"]] = (how["run"], shop)
+        return shop

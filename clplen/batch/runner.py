@@ -13,12 +13,12 @@ from typing import Any, Protocol
 from clplen.batch.items import tasks_of
 from clplen.batch.job import Job
 from clplen.batch.locks import job_lock
-from clplen.batch.manifest import Manifest
+from clplen.batch.manifest import Known, Manifest
 from clplen.batch.stamps import is_whole
 from clplen.batch.task import Report, Task
-from clplen.batch.work import is_current, record_of, sentence
+from clplen.batch.work import folder_of, is_current, record_of, sentence
 from clplen.errors import FormatError
-from clplen.files import check_folder
+from clplen.files import check_folder, clear_temporaries
 
 _DIFFERENCES = 6  # how many a message tells
 
@@ -38,6 +38,22 @@ class Watcher(Protocol):
 
     def report(self, report: Report) -> None:
         """One is done or has failed."""
+
+    def running(self, name: str, done: int, total: int) -> None:
+        """How far one has come that is streamed or simulated; from another thread."""
+
+
+class Silent:
+    """A watcher that does nothing."""
+
+    def begin(self, *, total: int, skipped: int) -> None:
+        """As `Watcher`."""
+
+    def report(self, report: Report) -> None:
+        """As `Watcher`."""
+
+    def running(self, name: str, done: int, total: int) -> None:
+        """As `Watcher`."""
 
 
 @dataclass
@@ -71,36 +87,35 @@ class Plan:
 
     Attributes
     ----------
-    todo : list of Task
-    current : dict
-        Reports of the items that are done, by name.
+    todo, current : list of Task
+        Items to do, and items that are done.
     found : list of Report
-        Those of them that were done and not in the manifest yet.
+        Of items that are done and of which the manifest does not know.
     """
 
     todo: list[Task]
-    current: dict[str, Report]
+    current: list[Task]
     found: list[Report]
 
 
-def plan_of(tasks: list[Task], known: dict[str, Report]) -> Plan:
+def plan_of(tasks: list[Task], known: dict[str, Known] | None = None) -> Plan:
     """Which tasks are to be done: those without a record beside whole results that fits them.
 
     Parameters
     ----------
     tasks : list of Task
-    known : dict
-        Reports of the manifest.
+    known : dict, optional
+        Of the manifest; without it ``found`` stays empty.
     """
-    plan = Plan([], {}, [])
+    plan = Plan([], [], [])
     for task in tasks:
         record = record_of(task)
         if record is None or not is_current(task, record):
             plan.todo.append(task)
             continue
-        plan.current[task.name] = record
-        if known.get(task.name) != record:  # by a worker whose word did not arrive
-            plan.found.append(record)
+        plan.current.append(task)
+        if known is not None and known.get(task.name, ())[:2] != ("done", record.started):
+            plan.found.append(record)  # of a worker whose word did not arrive
     return plan
 
 
@@ -140,7 +155,8 @@ def run_job(
     with job_lock(folder), Manifest(folder, create=True) as manifest:
         check_same(manifest.job, job, force=force, where=folder)
         manifest.job = job.what()
-        plan = plan_of(tasks, manifest.reports())
+        clear_temporaries(folder)
+        plan = plan_of(tasks, manifest.known())
         manifest.put(*plan.found)
         watcher.begin(total=len(tasks), skipped=len(plan.current))
         book = _Book(job, manifest, plan)
@@ -157,21 +173,19 @@ class _Book:
     """Keeps the manifest, also on a disk that is full or gone for a while."""
 
     def __init__(self, job: Job, manifest: Manifest, plan: Plan) -> None:
-        self._job, self._manifest = job, manifest
-        self._folder = job.output_folder
-        self._all = dict(plan.current)
-        self._skipped = frozenset(plan.current)
+        self._job, self._manifest, self._plan = job, manifest, plan
+        self._failed: dict[str, Report] = {}
         self._unsaved: list[Report] = []
         self._vanished = False
         self.summary = Summary(skipped=len(plan.current))
 
     def take(self, report: Report) -> None:
         """Write a report down, and those that could not be before."""
-        self._all[report.name] = report
         if report.state == "done":
             self.summary.done += 1
         else:
             self.summary.failed[report.name] = report.error
+            self._failed[report.name] = report
         self._unsaved.append(report)
         self._save()
 
@@ -180,25 +194,40 @@ class _Book:
         if self._unsaved or not self._manifest.is_there():
             self._save()
         if self._vanished:
-            for name, report in self._all.items():
-                if report.state == "done" and is_whole(Path(self._folder, name), report.outputs):
-                    self.summary.done -= name not in self._skipped
-                    self.summary.skipped -= name in self._skipped
-                    self.summary.failed[name] = (
-                        "its results vanished after they were written: run the job again."
-                    )
+            done = [task for task in self._plan.todo if task.name not in self._failed]
+            self.summary.skipped -= self._missing(self._plan.current)
+            self.summary.done -= self._missing(done)
+
+    def _missing(self, tasks: list[Task]) -> int:
+        """How many have lost their results; they are said to have failed."""
+        lost = [task.name for task in tasks if _has_vanished(task)]
+        said = "its results vanished after they were written: run the job again."
+        self.summary.failed.update(dict.fromkeys(lost, said))
+        return len(lost)
 
     def _save(self) -> None:
         try:
             if not self._manifest.is_there():
                 self._vanished = True
-                self._manifest.renew(self._job.what(), self._all)
-            else:
-                self._manifest.put(*self._unsaved)
+                self._manifest.renew(self._job.what())
+                self._unsaved = [*self._failed.values(), *self._records()]
+            self._manifest.put(*self._unsaved)
             self._unsaved.clear()
             self.summary.unsaved = ""
         except OSError as error:
             self.summary.unsaved = sentence(error)
+
+    def _records(self) -> Iterator[Report]:
+        """What lies beside results that are there still."""
+        for task in (*self._plan.current, *self._plan.todo):
+            record = record_of(task)
+            if record is not None and task.name not in self._failed:
+                yield record
+
+
+def _has_vanished(task: Task) -> bool:
+    record = record_of(task)
+    return record is None or bool(is_whole(folder_of(task), record.outputs))
 
 
 def _with_retries(works: Executor, tasks: list[Task], retries: int) -> Iterator[Report]:
@@ -233,8 +262,8 @@ def check_same(known: dict[str, Any] | None, job: Job, *, force: bool, where: Pa
     more = len(found) - _DIFFERENCES
     said = "; ".join(found[:_DIFFERENCES]) + (f"; and {more} more" if more > 0 else "")
     raise FormatError(
-        f"The job was changed since it ran last in {where}: {said}. Use --force to go on and make "
-        "anew what that changes, or give the job another output."
+        f"The job was changed since it ran last in {where}: {said}. Use --force (force=True) to go on "
+        "and make anew what that changes, or give the job another output."
     )
 
 

@@ -80,5 +80,8 @@ def is_whole(folder: Path, outputs: dict[str, dict[str, Any]], *, thorough: bool
         if size_of(path) != size:
             return f"{name} has {size_of(path):,} bytes, not {size:,}"
         if thorough and digest(path) != known["sha256"]:
-            return f"{name} is not what was written (its digest differs)"
+            return (
+                f"{name} is not what was written (its digest differs, its size does not): remove "
+                "it and run again"
+            )
     return ""

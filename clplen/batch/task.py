@@ -98,6 +98,11 @@ class Report:
             If it is none.
         """
         try:
-            return cls(**json.loads(text))
-        except TypeError as error:
-            raise ValueError(str(error)) from error
+            found = cls(**json.loads(text))
+            for stamp in (*found.inputs.values(), *found.outputs.values()):
+                int(stamp["bytes"]), str(stamp["sha256"])
+            for stamp in found.inputs.values():
+                int(stamp["changed"])
+        except (TypeError, KeyError, AttributeError) as error:
+            raise ValueError(f"It is no report: {error!r}.") from error
+        return found

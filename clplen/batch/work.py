@@ -33,7 +33,8 @@ Advance = Callable[[int, int], None]
 def perform(task: Task, shop: Workshop, *, advance: Advance | None = None) -> Report:
     """Do one item and write its record.
 
-    Another process that works on it is waited for, and what it did is taken over.
+    Another process that works on it is waited for, and what it did is taken over, as is what a
+    worker did that was lost before it could say so.
 
     Parameters
     ----------
@@ -55,10 +56,10 @@ def perform(task: Task, shop: Workshop, *, advance: Advance | None = None) -> Re
     started, began = time.time(), time.perf_counter()
     seconds: dict[str, float] = {}
     try:
-        with shop.locks.hold(task.name) as waited:
-            known = record_of(task) if waited else None
-            if known is not None and known.started >= started and is_current(task, known):
-                return known
+        with shop.locks.hold(task.name, check=shop.check):
+            known = record_of(task)
+            if known is not None and is_current(task, known):
+                return known  # by a worker whose word did not arrive
             inputs, outputs = _results(task, shop, seconds, advance or (lambda *_: None))
             seconds["total"] = time.perf_counter() - began
             report = Report(
@@ -177,7 +178,7 @@ def _clocked(name: str, seconds: dict[str, float]) -> Iterator[None]:
 def _failed(task: Task, started: float, seconds: dict[str, float], error: Exception) -> Report:
     logger.debug("%s failed", task.name, exc_info=error)
     passing = isinstance(error, MemoryError) or (
-        isinstance(error, OSError) and error.errno not in _LASTING
+        isinstance(error, OSError) and _errno(error) not in _LASTING
     )
     return Report(
         task.name,
@@ -193,6 +194,15 @@ def _failed(task: Task, started: float, seconds: dict[str, float], error: Except
     )
 
 
+def _errno(error: BaseException | None) -> int | None:
+    """The number of an error of the system, also of one that was said in other words."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno:
+            return error.errno
+        error = error.__cause__
+    return None
+
+
 def sentence(error: BaseException) -> str:
     """What went wrong, in one line."""
     if isinstance(error, MemoryError):
@@ -200,4 +210,6 @@ def sentence(error: BaseException) -> str:
     text = str(error.args[0]) if error.args and not isinstance(error, OSError) else str(error)
     text = " ".join(text.split())
     known = isinstance(error, ClplenError | ValueError | OSError)
-    return text if known and text else f"unexpected {type(error).__name__}: {text}"
+    if known and text:
+        return text
+    return f"unexpected {type(error).__name__}" + (f": {text}" if text else "")

@@ -42,11 +42,15 @@ class Workshop:
     def __init__(self, folder: Path, *, selector: str | None, memory: int | None) -> None:
         self.device = Device.open(selector)
         self.device.ensure_usable()
-        self.memory = memory or default_memory(self.device)
         self.locks = ItemLocks(folder)
-        self.room = Room(self.memory)
+        self.limit(memory or default_memory(self.device))
         self._gates = {name: threading.Lock() for name in STAGES}
         self._stop = threading.Event()
+
+    def limit(self, memory: int) -> None:
+        """Set what the items that begin from now on may take together, in bytes."""
+        self.memory = memory
+        self.room = Room(memory)
 
     @contextmanager
     def stage(self, name: str, seconds: dict[str, float]) -> Iterator[None]:

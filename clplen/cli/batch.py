@@ -7,7 +7,6 @@ import logging
 import math
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -90,55 +89,16 @@ def run(
       clplen batch job.toml
     """
     from clplen.batch import Job
-    from clplen.batch.runner import run_job
 
     for name in ("clplen.io", "clplen.config"):
         logging.getLogger(name).setLevel(logging.WARNING)  # not a line for each item
-    job = _with_options(Job.read(path), workers, memory, selector)
+    job = Job.read(path).done_by(workers=workers, device=selector, memory=memory)
     if dry_run:
         _forecast(job)
         return
     with _Bar() as bar:
-        summary = run_job(job, _executor(job, scheduler, bar), watcher=bar, force=force)
+        summary = job.run(scheduler=scheduler, force=force, watcher=bar)
     _tell(summary, job, path)
-
-
-def _with_options(job: Job, workers: int | None, memory: str | None, selector: str | None) -> Job:
-    from clplen.batch.quantities import bytes_of
-
-    given: dict[str, Any] = {}
-    if workers is not None:
-        given["workers"] = workers
-    if memory is not None:
-        try:
-            given["memory"] = bytes_of(memory)
-        except ValueError as error:
-            raise click.UsageError(f"--memory {error}, not {memory!r}.") from error
-    if selector is not None:
-        given["device"] = [selector]
-    return job.model_copy(update=given).within(job.folder)
-
-
-def _executor(job: Job, scheduler: str | None, bar: _Bar) -> Any:
-    """Who does the items: this process, others on this computer, or a Dask cluster."""
-    if scheduler is not None:
-        from clplen.batch.cluster import workers_of
-
-        return partial(workers_of, scheduler=scheduler, memory=job.memory)
-    if job.workers > 1:
-        from clplen.batch.cluster import workers_here
-
-        return partial(
-            workers_here,
-            workers=job.workers,
-            devices=job.device,
-            memory=job.memory,
-            retries=job.retries,
-        )
-    from clplen.batch.local import here
-
-    selector = job.device[0] if job.device else None
-    return partial(here, selector=selector, memory=job.memory, running=bar.running)
 
 
 class _Bar(contextlib.AbstractContextManager["_Bar"]):
@@ -199,8 +159,7 @@ def _tell(summary: Summary, job: Job, path: Path) -> None:
 def _forecast(job: Job) -> None:
     from clplen.batch.forecast import forecast_of
 
-    selector = job.device[0] if job.device else None
-    found = forecast_of(job, selector=selector, memory=job.memory)
+    found = forecast_of(job)
     for line in found.lines[:_SHOWN]:
         how = f"fails: {line.problem}" if line.problem else _sizes(line.read, line.written)
         click.echo(f"  {line.name}: {how}{', streamed' if line.streamed else ''}")
@@ -274,7 +233,9 @@ def worker(scheduler: str, selector: str | None) -> None:
       clplen worker tcp://localhost:8786 --device 0:0
     """
     from clplen.batch.cluster import require_dask, worker_command
+    from clplen.compute.device import Device
 
     require_dask()
+    Device.open(selector).ensure_usable()
     arguments, environment = worker_command(scheduler, selector)
     click.get_current_context().exit(subprocess.call(arguments, env=environment))

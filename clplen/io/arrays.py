@@ -13,14 +13,8 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike
 from clplen.io.layout import Layout, linear
-from clplen.io.loading import (
-    Found,
-    Source,
-    axes_known,
-    light_field,
-    reading,
-    stored_light_field,
-)
+from clplen.io.loading import Source, axes_known, reading
+from clplen.io.opening import Found, light_field, stored_light_field
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.scratch import RawSamples
 from clplen.lightfield.stored import StoredLightField

@@ -20,7 +20,8 @@ from clplen.io import attributes
 from clplen.io.hdf5_foreign import find, source_of
 from clplen.io.hdf5_reading import attributes_of, dataset_of, opened, require_size
 from clplen.io.layout import Layout
-from clplen.io.loading import Found, light_field, reading, stored_light_field
+from clplen.io.loading import reading
+from clplen.io.opening import Found, light_field, stored_light_field
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.stored import StoredLightField
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import itertools
 import math
 import struct
-import sys
 import tokenize
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,17 +20,11 @@ from tqdm import tqdm
 from clplen.compute.device import Device
 from clplen.errors import FormatError, ShapeError
 from clplen.io.bounds import require_bytes
-from clplen.io.layout import Array, Layout, View, axes_of, in_order
-from clplen.io.positions import positions_of
+from clplen.io.layout import Array, Layout, View, axes_of
 from clplen.lightfield.checks import (
-    checked_positions,
-    checked_spacing,
-    checked_weights,
     require_finite,
 )
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.samples import C_TYPE, lit_views
-from clplen.lightfield.stored import StoredLightField
+from clplen.lightfield.samples import C_TYPE
 
 Selection = tuple[slice, ...]
 
@@ -160,135 +153,13 @@ def axes_known(
     return axes, f"axes {':'.join(axes)} ({how})"
 
 
-@dataclass(frozen=True)
-class Found:
-    """A light field found in a file that is open.
-
-    Attributes
-    ----------
-    source : Source
-    known : dict
-        What `LightField.from_array` takes beside the samples; weights and positions for the views
-        of the file.
-    words : dict
-        ``decode`` and ``parametrisation``, where the file says them.
-    """
-
-    source: Source
-    known: dict[str, Any] = field(default_factory=dict)
-    words: dict[str, Any] = field(default_factory=dict)
-
-
-def light_field(
-    found: Found, *, device: Device, layout: Layout, progress: bool
-) -> tuple[LightField, str]:
-    """Read the samples of a source and make them a light field.
-
-    Parameters
-    ----------
-    found : Found
-    device : Device
-    layout : Layout
-    progress : bool
-        Whether to show a bar on standard error.
-
-    Returns
-    -------
-    LightField, str
-        The light field, and what was taken for what, in one sentence.
-
-    Raises
-    ------
-    FormatError
-        If the file cannot hold what it declares, is damaged, or holds values that make no light
-        field.
-    """
-    source = found.source
-    known = _known(found, layout)
-    data = samples(source, device=device, layout=layout, progress=progress)
-    if source.weighted:
-        lit = lit_views(data, device)
-        known["weights"] = layout.oriented(_mean_weights(source)) * (lit if lit.any() else 1)
-    with _making(source.path):
-        lf = LightField.from_array(data, device=device, **known)
-    return replace(lf, **found.words), _sentence(source, lf, layout)
-
-
-def stored_light_field(found: Found, layout: Layout) -> tuple[StoredLightField, str]:
-    """A source as a light field that is read part by part.
-
-    Parameters
-    ----------
-    found : Found
-    layout : Layout
-
-    Returns
-    -------
-    StoredLightField, str
-        The light field, and what was taken for what, in one sentence.
-
-    Raises
-    ------
-    FormatError
-        As `light_field`; what is damaged or NaN, when it is read.
-    """
-    source = found.source
-    known = _known(found, layout)
-    require_samples(source, replace(layout, max_bytes=sys.maxsize))  # it is not read as a whole
-    at_once = dict(zip(source.axes, source.chunks or (1,) * len(source.shape), strict=True))
-    dtype = _kept(source.dtype)
-    copies = 2 if source.ratio == 1 else 4  # packed, unpacked and turned, with what is left over
-    stored = StoredLightField(
-        _shape(source, layout),
-        dtype,
-        lambda block, out: _fill_checked(source, layout, block, out),
-        np.ones(layout.shape(source.views), np.float32),
-        (at_once["y"], at_once["x"] if source.chunks else source.shape[source.axes.index("x")]),
-        layout.shape((at_once["v"], at_once["u"])),
-        copies * max(_BLOCK, math.prod(at_once.values()) * source.dtype.itemsize),
-    )
-    with _making(source.path):
-        places = checked_positions(known.get("positions"), stored)
-        spacing = checked_spacing(known.get("spacing"))
-        stored = replace(stored, spacing=spacing, positions=places, camera=known.get("camera"))
-        weights = _stored_weights(source, layout, stored, known.get("weights"))
-        stored = replace(stored, weights=checked_weights(weights, stored), **found.words)
-    return stored, _sentence(source, stored, layout)
-
-
-def _stored_weights(source: Source, layout: Layout, stored: StoredLightField, known: Any) -> Array:
-    if not source.weighted:
-        return stored.lit_weights() if known is None else np.asarray(known)
-    return layout.oriented(_mean_weights(source)) * stored.lit_weights()
-
-
 @contextmanager
-def _making(path: Path) -> Iterator[None]:
+def making(path: Path) -> Iterator[None]:
     """Make a FormatError of values in a file that make no light field."""
     try:
         yield
     except (TypeError, ValueError, ShapeError) as error:
         raise FormatError(f"{path}: {error}") from error
-
-
-def _known(found: Found, layout: Layout) -> dict[str, Any]:
-    """What is known beside the samples, for the final order of views."""
-    known = dict(found.known)
-    for name in ("weights", "positions"):
-        if known.get(name) is not None:
-            known[name] = _fitting(np.asarray(known[name]), name, found.source, layout)
-    places = positions_of(layout, found.source.views)
-    if places is not None:
-        known["positions"] = places
-    return known
-
-
-def _fitting(values: Array, name: str, source: Source, layout: Layout) -> Array:
-    if values.shape[:2] != source.views:
-        raise FormatError(
-            f"{source.path}: the {name} have shape {values.shape}, the views {source.views}."
-        )
-    return layout.oriented(values)
 
 
 def samples(source: Source, *, device: Device, layout: Layout, progress: bool) -> cla.Array:
@@ -311,8 +182,8 @@ def samples(source: Source, *, device: Device, layout: Layout, progress: bool) -
     FormatError
     """
     require_samples(source, layout)
-    shape = _shape(source, layout)
-    array = device.empty(shape, _kept(source.dtype))
+    shape = shape_of(source, layout)
+    array = device.empty(shape, kept(source.dtype))
     whole = math.prod(shape) * source.dtype.itemsize
     bar = tqdm(total=whole, desc="reading", unit="B", unit_scale=True, disable=not progress)
     everything = tuple(slice(0, n) for n in shape[:4])
@@ -322,7 +193,7 @@ def samples(source: Source, *, device: Device, layout: Layout, progress: bool) -
     return array
 
 
-def _shape(source: Source, layout: Layout) -> tuple[int, ...]:
+def shape_of(source: Source, layout: Layout) -> tuple[int, ...]:
     """Of the final light field."""
     inside = tuple(source.shape[source.axes.index(letter)] for letter in "yx")
     return (*layout.shape(source.views), *inside, *source.colours)
@@ -342,13 +213,13 @@ def _filled(source: Source, layout: Layout, wanted: Selection, out: Array) -> It
         yield values.nbytes
 
 
-def _fill_checked(source: Source, layout: Layout, wanted: Selection, out: Array) -> None:
+def fill_checked(source: Source, layout: Layout, wanted: Selection, out: Array) -> None:
     """`_filled`, refusing NaN and infinite samples."""
     for _ in _filled(source, layout, wanted, out):
         pass
     if out.dtype.kind == "f":
         bad = sum(view.size - np.count_nonzero(np.isfinite(view)) for row in out for view in row)
-        with _making(source.path):
+        with making(source.path):
             require_finite(bad)
 
 
@@ -365,7 +236,7 @@ def require_samples(source: Source, layout: Layout) -> None:
         )
     if 0 in source.shape:
         raise FormatError(f"{source.path}: {source.what} of shape {source.shape} is empty.")
-    wider = max(_kept(source.dtype).itemsize / source.dtype.itemsize, 1)
+    wider = max(kept(source.dtype).itemsize / source.dtype.itemsize, 1)
     require_bytes(
         int(math.prod(source.shape) * source.dtype.itemsize * wider),
         path=source.path,
@@ -376,7 +247,7 @@ def require_samples(source: Source, layout: Layout) -> None:
     )
 
 
-def _kept(dtype: np.dtype[Any]) -> np.dtype[Any]:
+def kept(dtype: np.dtype[Any]) -> np.dtype[Any]:
     """The type on the device."""
     native = dtype.newbyteorder("=")
     return native if native in C_TYPE else np.dtype(np.float32)
@@ -425,33 +296,3 @@ def blocks(
     for start in itertools.product(*starts):
         ends = (min(a + s, n) for a, s, n in zip(start, step, shape, strict=True))
         yield tuple(slice(max(a, 0), b) for a, b in zip(start, ends, strict=True))
-
-
-def _mean_weights(source: Source) -> Array:
-    """Mean of the last channel over each view of the file, of its type's range if integer."""
-    axis = source.axes.index("c")
-    last = source.shape[axis] - 1
-    shape = (*source.shape[:axis], 1, *source.shape[axis + 1 :])
-    total = np.zeros(source.views, np.float64)
-    for block in blocks(shape, source.chunks, source.dtype.itemsize):
-        chosen = (*block[:axis], slice(last, last + 1), *block[axis + 1 :])
-        with reading(source.path), np.errstate(all="ignore"):
-            values = in_order(source.read(chosen), source.axes)
-            v, u = (block[source.axes.index(letter)] for letter in "vu")
-            total[v, u] += values.sum(axis=(2, 3, 4), dtype=np.float64)
-    full = np.iinfo(source.dtype).max if source.dtype.kind in "ui" else 1
-    return np.asarray(total * total.size / math.prod(shape) / full)
-
-
-def _sentence(source: Source, lf: LightField | StoredLightField, layout: Layout) -> str:
-    size = " x ".join(str(n) for n in lf.shape[2:])
-    stored = "" if lf.dtype == source.dtype.newbyteorder("=") else f" (stored as {source.dtype})"
-    parts = [
-        f"{lf.shape[0]} x {lf.shape[1]} views (V x U) of {size} {lf.dtype}{stored} "
-        f"from {source.path}",
-        f"{source.what} with {source.known}",
-        *layout.said(),
-    ]
-    if source.weighted:
-        parts.append("its last channel taken for weights, their mean for each view")
-    return ", ".join(parts)

@@ -13,9 +13,10 @@ from clplen.files import PathLike
 from clplen.io.bounds import DEFLATE
 from clplen.io.hdf5_foreign import LF, has_weights
 from clplen.io.layout import Array, Layout
-from clplen.io.loading import Found, Selection, Source, axes_known, light_field, reading
+from clplen.io.loading import Selection, Source, axes_known, reading
 from clplen.io.mat5 import Samples, Variable, variables
 from clplen.io.names import listed
+from clplen.io.opening import Found, light_field
 from clplen.lightfield.lightfield import LightField
 
 

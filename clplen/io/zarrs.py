@@ -23,15 +23,9 @@ from clplen.io import attributes
 from clplen.io.attributes import SAMPLES
 from clplen.io.bounds import DEFLATE, require_bytes
 from clplen.io.layout import Layout, View
-from clplen.io.loading import (
-    Found,
-    Source,
-    axes_known,
-    light_field,
-    reading,
-    stored_light_field,
-)
+from clplen.io.loading import Source, axes_known, reading
 from clplen.io.names import listed
+from clplen.io.opening import Found, light_field, stored_light_field
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.stored import StoredLightField
 

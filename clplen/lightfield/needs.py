@@ -20,6 +20,7 @@ _TAPS = 2  # pixels beyond a shift that interpolations reach
 _FLOAT = 4.5  # bytes of one on the device: its spare buffers are up to an eighth larger
 _HOST = 4
 _MAPS = 16  # bytes of a pixel of a depth map
+_MERGED = _MAPS + 13  # while its confidence is merged
 _REACH = {
     "energy": cues.REACH,
     "correspondence": correspondence.REACH,
@@ -62,15 +63,16 @@ def depth_work(source: StoredLightField, planes: Vector, cue: str) -> Work:
         tried = combined.planes_tried(planes)
         floats["combined"] = 2 * tried + 4 * channels + 24 + floats["energy"]
         largest = max(tried, largest)
-    kept = _MAPS + 5 * (cue == "combined")
+    both = cue == "combined"
     return Work(
         f"A depth map (cue={cue!r})",
         (slice(0, size),),
         halo_of(source, planes, _REACH[cue]),
-        int(_FLOAT * floats[cue]) + _HOST * (18 + 3 * channels if cue == "combined" else 4),
+        int(_FLOAT * floats[cue]) + _HOST * (18 + 3 * channels if both else 4),
         4 * largest,
-        max(kept, 3 * _HOST * channels if cue == "combined" else 0),
-        2 if cue == "combined" else 1,
+        _MAPS + both,
+        max(_MERGED, 3 * _HOST * channels) if both else 0,
+        2 if both else 1,
     )
 
 

@@ -363,7 +363,6 @@ def _levels(source: StoredLightField, plan: StreamPlan, device: Device) -> combi
         sums[:, tile.rows] = row_sums(lf)
         yield None
 
-    rows = max(plan.outer_shape[0] * plan.outer_shape[1] // source.shape[3], 1)
-    for _ in _tiles(source, bands(source.shape[2:4], rows), make, device, None):
+    for _ in _tiles(source, bands(source.shape[2:4], plan.band_rows), make, device, None):
         pass
     return combined.levels_of(source.shape, views, centre, sums)

@@ -61,6 +61,8 @@ class Work:
         Those of the largest array among them.
     kept : int
         Bytes a pixel of the whole picture that are held until the end.
+    before : int
+        Those that are held, at most, before and after the pass over the tiles.
     passes : int
         How often all samples are read.
     """
@@ -71,6 +73,7 @@ class Work:
     per_pixel: int
     largest: int
     kept: int = 0
+    before: int = 0
     passes: int = 1
 
 
@@ -94,6 +97,8 @@ class StreamPlan:
         Largest need of memory, on the host and the device together.
     bytes_scratch : int
         Of the temporary file that the views are copied to first; 0 for none.
+    band_rows : int
+        Full rows that a pass before that over the tiles reads at a time; 0 without one.
     memory : int
         The budget in bytes.
     """
@@ -105,6 +110,7 @@ class StreamPlan:
     bytes_read: int
     bytes_peak: int
     bytes_scratch: int
+    band_rows: int
     memory: int
 
     @property
@@ -187,6 +193,8 @@ class _Budget:
     fixed: int
     pixel: int
     largest: int
+    before: int  # bytes before and after the pass over the tiles
+    row: int  # bytes of a row in those passes
     whole: int  # fixed bytes and bytes a pixel if everything is one tile
     limit: int  # bytes of one array on the device
     on_device: int
@@ -196,13 +204,16 @@ class _Budget:
         pixels = source.shape[2] * source.shape[3]
         samples = source.bytes_per_pixel
         copies = 1 if device.is_cpu else 2
+        most = max(work.per_pixel + work.kept, work.before)
         limit = min(device.memory_bytes, int(device.cl_device.max_mem_alloc_size))
         return cls(
             memory,
             work.kept * pixels + source.overhead,
             2 * samples + work.per_pixel,
             max(samples, work.largest),
-            source.overhead + pixels * (copies * samples + work.per_pixel + work.kept),
+            work.before * pixels + source.overhead,
+            2 * samples * source.shape[3] if work.passes > 1 else 0,
+            source.overhead + pixels * (copies * samples + most),
             limit,
             device.memory_bytes,
         )
@@ -212,7 +223,13 @@ class _Budget:
         return self.memory - -(-self.memory // _RESERVE)
 
     def need(self, pixels: int) -> int:
-        return self.fixed + pixels * self.pixel
+        return max(self.fixed + pixels * self.pixel, self.before + self.row)
+
+    @property
+    def band_rows(self) -> int:
+        """Full rows that a pass before may read at a time; 0 if none fits, or there is no such."""
+        room = min(self.usable - self.before, self.on_device)
+        return max(min(room, self.limit), 0) // self.row if self.row else 0
 
     def pixels(self) -> int:
         """Pixels that a tile may read."""
@@ -237,7 +254,7 @@ def _planned(source: StoredLightField, work: Work, budget: _Budget) -> StreamPla
             found = [tiles]
             break
         found.append(tiles)
-    if not found:
+    if not found or (work.passes > 1 and budget.band_rows < 1):
         return None
     best = min(found, key=_area)
     largest = max(math.prod(tile.outer_shape) for tile in best)
@@ -262,6 +279,7 @@ def _plan(
         scratch or read,
         peak,
         scratch,
+        min(budget.band_rows, source.shape[2]),
         budget.memory,
     )
 

@@ -101,7 +101,7 @@ class Client:
         return self._found
 
 
-GOOD = {"version": __version__, "device": "d", "error": ""}
+GOOD = {"version": __version__, "host": "h", "error": ""}
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,8 @@ GOOD = {"version": __version__, "device": "d", "error": ""}
 def test_workers_that_cannot_do_it(found: dict[str, Any], said: str):
     with pytest.raises(DeviceError, match=said):
         check_workers(Client(found), "tcp://x")
-    check_workers(Client({"a": GOOD}), "tcp://x")
+    found = {"a": GOOD, "b": GOOD, "c": {**GOOD, "host": "i"}}
+    assert check_workers(Client(found), "tcp://x") == 2
 
 
 def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch):
@@ -136,7 +137,7 @@ class Future:
 
 
 def test_a_scheduler_that_is_lost_is_said(tmp_path: Path):
-    cluster = Cluster(None, {})
+    cluster = Cluster(None, tmp_path, memory=None, sharing=1)
     np.save(tmp_path / "a.npy", np.ones((2, 2, 9, 9)))
     from clplen.batch.items import tasks_of
 

@@ -5,11 +5,16 @@ from __future__ import annotations
 import zipfile
 from contextlib import suppress
 
+import click
 import h5py
 import imageio.v3 as iio
 import numpy as np
 import pytest
+import tifffile
+from click.testing import CliRunner
 
+from clplen.cli import main
+from clplen.cli.options import Size
 from clplen.errors import FormatError
 from clplen.io import loading, open_lightfield, read_lightfield, write_lightfield
 from clplen.io.loading import blocks
@@ -238,3 +243,38 @@ def test_larger_than_may_be_read_whole(device, tmp_path):
         read_lightfield(tmp_path / "lf.npy", device=device, max_bytes=1 << 20)
     with open_lightfield(tmp_path / "lf.npy", device=device, max_bytes=1 << 20) as found:
         assert found.nbytes == values.nbytes
+
+
+def run(*words):
+    done = CliRunner().invoke(main, [str(word) for word in words])
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_commands_with_a_budget(device, tmp_path):
+    values = np.random.default_rng(3).integers(0, 255, (3, 4, 300, 160, 3)).astype(np.uint8)
+    np.save(tmp_path / "lf.npy", values)
+    planes = ("--disparities=-0.5:0.5:4", "--device", device.place)
+    for name, words in (("whole", ()), ("part", ("--memory", "8MiB"))):
+        run("stack", tmp_path / "lf.npy", "-o", tmp_path / f"{name}.tif", *planes, *words)
+        words = (*words, "--cue", "correspondence", "--ply", tmp_path / f"{name}.ply")
+        run("depth", tmp_path / "lf.npy", "-o", tmp_path / f"{name}.npy", *planes, *words)
+    for suffix in ("npy", "ply"):
+        part, whole = (tmp_path / f"{name}.{suffix}" for name in ("part", "whole"))
+        assert part.read_bytes() == whole.read_bytes()
+    part, whole = (tifffile.imread(tmp_path / f"{name}.tif") for name in ("part", "whole"))
+    np.testing.assert_array_equal(part, whole)
+
+
+@pytest.mark.parametrize(
+    ("text", "size"),
+    [("512MiB", 512 << 20), ("4 GB", 4 * 10**9), ("1.5k", 1500), ("77", 77), ("2GiB", 2 << 30)],
+)
+def test_sizes(text, size):
+    assert Size().convert(text, None, None) == size
+
+
+@pytest.mark.parametrize("text", ["", "MiB", "-3MB", "3x", "0", "nan", "5iB"])
+def test_no_sizes(text):
+    with pytest.raises(click.BadParameter, match="512MiB"):
+        Size().convert(text, None, None)

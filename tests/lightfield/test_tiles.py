@@ -29,7 +29,7 @@ def source(shape=(3, 4, 211, 307), chunks=None, views_at_once=(1, 1), overhead=0
 
 def work(halo=(7, 11), per_pixel=100, largest=20, kept=0, passes=1, planes=1):
     groups = tuple(slice(i, i + 1) for i in range(planes))
-    return Work("A test", groups, halo, per_pixel, largest, kept, passes)
+    return Work("A test", groups, halo, per_pixel, largest, kept, passes=passes)
 
 
 def covered(plan, size):
@@ -136,6 +136,16 @@ def test_fewer_planes_only_where_all_do_not_fit(device):
     assert len(plan_tiles(source(), works, memory=1_000_000, device=device).planes) == 1
     small = work(halo=(0, 0), per_pixel=100), work(halo=(0, 0), per_pixel=10, planes=2)
     assert len(plan_tiles(source(), small, memory=22_000, device=device).planes) == 2
+
+
+def test_a_pass_before_reads_full_rows(device):
+    two = Work("A test", (slice(0, 1),), (7, 11), 100, 20, kept=3, before=40, passes=2)
+    plan = plan_tiles(source(), [two], memory=3_400_000, device=device)
+    room = 3_400_000 * 15 // 16 - 40 * 211 * 307
+    assert plan.band_rows == room // (2 * 12 * 307)
+    assert 0 < plan.band_rows < 211
+    with pytest.raises(ValueError, match="does not fit"):  # the tiles alone would
+        plan_tiles(source(), [two], memory=2_700_000, device=device)
 
 
 @pytest.mark.parametrize("memory", [0, -5, 1.5, True])

@@ -1,0 +1,49 @@
+"""Who does the items of a job: this process, others on this computer, or a Dask cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from clplen.batch.local import Running, here
+
+if TYPE_CHECKING:
+    from clplen.batch.job import Job
+
+
+def executor_of(
+    job: Job, *, scheduler: str | None = None, running: Running | None = None
+) -> Callable[[Path], AbstractContextManager[Any]]:
+    """What `run_job` takes, as a job says.
+
+    Parameters
+    ----------
+    job : Job
+        Its ``workers``, ``device``, ``memory`` and ``retries``.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers do it.
+    running : callable, optional
+        As for `Here`; other processes do not say how far they have come.
+
+    Returns
+    -------
+    callable
+        Output folder -> what does tasks, as a context.
+    """
+    if scheduler is None and job.workers == 1:
+        selector = job.device[0] if job.device else None
+        return partial(here, selector=selector, memory=job.memory, running=running)
+    from clplen.batch.cluster import workers_here, workers_of
+
+    if scheduler is not None:
+        return partial(workers_of, scheduler=scheduler, memory=job.memory)
+    return partial(
+        workers_here,
+        workers=job.workers,
+        devices=job.device,
+        memory=job.memory,
+        retries=job.retries,
+    )
