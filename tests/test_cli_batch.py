@@ -67,7 +67,7 @@ def test_a_failure_is_said_and_told_by_the_status(job: Path):
     [
         (["none.toml"], "There is no job file none.toml"),
         (["status", "none.toml"], "There is no job file none.toml"),
-        (["JOB", "--memory", "lots"], "--memory must be"),
+        (["JOB", "--memory", "lots"], "memory must be a whole number of bytes"),
         (["JOB", "--workers", "0"], "--workers"),
         (["status", "JOB"], "run the job first"),
         (["JOB", "--scheduler", "nowhere"], "No Dask scheduler answers at nowhere"),

@@ -262,8 +262,8 @@ def check_same(known: dict[str, Any] | None, job: Job, *, force: bool, where: Pa
     more = len(found) - _DIFFERENCES
     said = "; ".join(found[:_DIFFERENCES]) + (f"; and {more} more" if more > 0 else "")
     raise FormatError(
-        f"The job was changed since it ran last in {where}: {said}. Use --force (force=True) to go on "
-        "and make anew what that changes, or give the job another output."
+        f"The job was changed since it ran last in {where}: {said}. Use --force (force=True) to "
+        "go on and make anew what that changes, or give the job another output."
     )
 
 
@@ -308,7 +308,7 @@ def status_of(job: Job, *, verify: bool = False) -> Iterator[tuple[Task, str, st
 
     tasks = tasks_of(job)
     with Manifest(job.output_folder) as manifest:
-        known = manifest.reports()
+        known = manifest.known()
     for task in tasks:
         yield (task, *state_of(task, known.get(task.name), verify=verify))
 

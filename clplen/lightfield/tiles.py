@@ -17,6 +17,7 @@ _LEAST = 16  # rows and columns that a tile writes, at least
 _ALIGNED = 16  # columns: where vectors of a row begin
 _RESERVE = 16  # one part in so many of the budget for tables, programs and what is not counted
 _AGAIN = 2.0  # how often all may be read before a copy of plain samples pays
+_WORTH = 1.15  # times the pixels of the best tiles: below it, wide tiles are taken
 _ROUNDED = 1.5  # how much more than the tiles themselves makes a source slow in bands
 
 
@@ -142,7 +143,7 @@ class StreamPlan:
 def plan_tiles(
     source: StoredLightField, works: Sequence[Work], *, memory: int | None, device: Device
 ) -> StreamPlan:
-    """The largest tiles that fit: bands of full rows, or, where none fits, parts of rows.
+    """The largest tiles that fit: bands of full rows, or parts of rows where their halos cost less.
 
     Parameters
     ----------
@@ -249,14 +250,12 @@ def _planned(source: StoredLightField, work: Work, budget: _Budget) -> StreamPla
         rows = _row_cuts(ny, work.halo[0], budget.pixels() // width)
         if rows is None:
             continue
-        tiles = tuple(Tile(y, x, oy, ox) for y, oy in rows for x, ox in columns)
-        if len(columns) == 1:
-            found = [tiles]
-            break
-        found.append(tiles)
+        found.append(tuple(Tile(y, x, oy, ox) for y, oy in rows for x, ox in columns))
     if not found or (work.passes > 1 and budget.band_rows < 1):
         return None
     best = min(found, key=_area)
+    if _area(found[0]) < _WORTH * _area(best):  # the widest, full rows if they fit at all
+        best = found[0]
     largest = max(math.prod(tile.outer_shape) for tile in best)
     plan = _plan(source, work, best, budget, budget.need(largest))
     return None if plan.bytes_scratch and _to_copy(source) > budget.usable else plan

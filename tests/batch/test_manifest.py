@@ -26,7 +26,7 @@ def test_reports_come_back(tmp_path: Path):
         manifest.put(report("b"))
     with Manifest(tmp_path) as manifest:
         assert manifest.job == {"output": "o"}
-        assert manifest.reports() == {"a": report("a"), "b": report("b")}
+        assert manifest.known() == {"a": ("done", 1.0, ""), "b": ("done", 1.0, "")}
     rows = sqlite3.connect(tmp_path / NAME).execute("SELECT name, state, seconds FROM items")
     assert sorted(rows) == [("a", "done", 0.25), ("b", "done", 0.25)]
 
@@ -69,7 +69,7 @@ def test_a_full_disk_is_said(tmp_path: Path):
         assert caught.value.errno == errno.ENOSPC
         manifest._connection.execute("PRAGMA max_page_count = 100000")
         manifest.put(report("b"))
-        assert manifest.reports().keys() == {"a", "b"}
+        assert manifest.known().keys() == {"a", "b"}
 
 
 def test_a_folder_that_vanishes(tmp_path: Path):
@@ -80,7 +80,7 @@ def test_a_folder_that_vanishes(tmp_path: Path):
         assert manifest.is_there()
         shutil.rmtree(folder)
         assert not manifest.is_there()
-        manifest.renew({"output": "o"}, {"a": report("a"), "b": report("b")})
+        manifest.renew({"output": "o"})
         assert manifest.is_there()
-        assert manifest.reports().keys() == {"a", "b"}
+        assert manifest.known() == {}
         assert manifest.job == {"output": "o"}

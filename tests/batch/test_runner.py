@@ -156,7 +156,7 @@ def test_what_a_dead_process_did_is_found(small: tuple[Path, list[Path]], device
     summary, _ = run(job, device)
     assert (summary.done, summary.skipped) == (0, 6)
     with Manifest(job.parent / "out") as manifest:
-        assert len(manifest.reports()) == 6
+        assert len(manifest.known()) == 6
 
 
 def test_bad_inputs_fail_alone(small: tuple[Path, list[Path]], device: Device):
@@ -315,7 +315,7 @@ def test_a_full_disk(tmp_path: Path, device: Device):
             picture = tifffile.imread(out / f"field_{i}" / "stack.ome.tif")
             assert np.array_equal(picture, np.full((side, side), i + 1, np.float32))
         with Manifest(out) as manifest:
-            assert len(manifest.reports()) == 5
+            assert len(manifest.known()) == 5
     finally:
         subprocess.run(["umount", str(disk)], check=True)
 
