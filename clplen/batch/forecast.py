@@ -7,19 +7,21 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from clplen import io
 from clplen.batch.items import layout_in, tasks_of
-from clplen.batch.job import Job
 from clplen.batch.products import bytes_in_core, bytes_written
 from clplen.batch.runner import plan_of
 from clplen.batch.stamps import stamp
 from clplen.batch.task import Task
 from clplen.batch.work import perform, sentence
 from clplen.batch.workshop import Workshop
+
+if TYPE_CHECKING:
+    from clplen.batch.job import Job
 
 _OPENED = 200  # items whose sizes are looked at; of more, those of the others are extrapolated
 

@@ -6,14 +6,17 @@ import glob
 import os
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from clplen.batch.job import WORK, InputTable, Job
 from clplen.batch.simulated import scenes_of, simulations_of
 from clplen.batch.source import Source
+from clplen.batch.tables import WORK, InputTable
 from clplen.batch.task import Task
 from clplen.errors import ClplenError, FormatError
 from clplen.io import files_of
+
+if TYPE_CHECKING:
+    from clplen.batch.job import Job
 
 _BESIDE = ("white", "dark", "grid", "positions")  # words of layout that may name files
 _NAMES = "names"  # the one word of positions that is no file

@@ -8,10 +8,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from clplen.batch.items import tasks_of
-from clplen.batch.job import Job
 from clplen.batch.locks import job_lock
 from clplen.batch.manifest import Known, Manifest
 from clplen.batch.stamps import is_whole
@@ -19,6 +18,9 @@ from clplen.batch.task import Report, Task
 from clplen.batch.work import folder_of, is_current, record_of, sentence
 from clplen.errors import FormatError
 from clplen.files import check_folder, clear_temporaries
+
+if TYPE_CHECKING:
+    from clplen.batch.job import Job
 
 _DIFFERENCES = 6  # how many a message tells
 

@@ -12,9 +12,9 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from clplen.batch.job import EVERY, SceneTable, SimulationTable
 from clplen.batch.source import Source
 from clplen.batch.sweep import Setting, combinations, label, with_values
+from clplen.batch.tables import EVERY, SceneTable, SimulationTable
 from clplen.cameras.gallery import SCENES, SampleScene, sample_scenes
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.scene import PointSources

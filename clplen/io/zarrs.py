@@ -1,7 +1,8 @@
 """Light fields in Zarr (formats 2 and 3, a folder or a zip archive), laid out as in HDF5.
 
 A group with the array ``lightfield`` and what `clplen.io.attributes` names, or one array. Chunks
-are rows of views, (1, U, ny, nx, c), so that a set larger than memory can be read row by row.
+are rows of views, (1, U, ny, nx, c), or bands of them, so that a set larger than memory can be read
+part by part.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from clplen.lightfield.stored import StoredLightField
 _RATIO = 32768.0  # of Zstandard, blocks of 128 KiB in 4 bytes (RFC 8878); others pack less
 _SPARSE = 4  # chunks that are not there hold the fill value: a quarter has to be there
 _FEW = 1000  # chunks that any array may lack
+_CHUNK = 64 << 20  # bytes of the largest chunk that is written: it is unpacked as a whole
 _DEPTH = 4  # groups in groups that are looked into
 
 
@@ -43,8 +45,8 @@ def write_zarr(path: PathLike, lf: LightField) -> None:
     path : path-like
         A folder that does not exist yet, or is empty.
     lf : LightField
-        Its samples are stored as they are (uint8, uint16 or float32), a chunk a row of views. The
-        raw image that it was decoded from is not stored.
+        Its samples are stored as they are (uint8, uint16 or float32), a chunk a row of views, or as
+        many lines of it as make up 64 MiB. The raw image that it was decoded from is not stored.
 
     Raises
     ------
@@ -58,7 +60,7 @@ def write_zarr(path: PathLike, lf: LightField) -> None:
     with filling(path) as folder:
         store = str(folder)
         group = zarr.open_group(store, mode="w", **form)
-        chunks = (1, *lf.shape[1:])
+        chunks = _chunks(lf)
         data = zarr.create(
             lf.shape, chunks=chunks, dtype=lf.dtype, store=store, path=SAMPLES, **form
         )
@@ -153,6 +155,11 @@ def _found(root: Any, path: Path, device: Device, layout: Layout) -> Found:
     known |= attributes.known_of(found, path, layout, placed=placed)
     known["camera"] = _camera(root, path, device)
     return Found(source, known, attributes.words_in(found, path))
+
+
+def _chunks(lf: LightField) -> tuple[int, ...]:
+    line = math.prod((lf.shape[1], *lf.shape[3:])) * lf.dtype.itemsize
+    return (1, lf.shape[1], min(lf.shape[2], max(_CHUNK // line, 1)), *lf.shape[3:])
 
 
 def _package() -> Any:

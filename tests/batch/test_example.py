@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from clplen.batch.example import EXAMPLE
-from clplen.batch.job import (
+from clplen.batch.tables import (
     AllInFocusTable,
     DepthTable,
     InputTable,

@@ -26,7 +26,7 @@ def test_reports_come_back(tmp_path: Path):
         manifest.put(report("b"))
     with Manifest(tmp_path) as manifest:
         assert manifest.job == {"output": "o"}
-        assert manifest.known() == {"a": ("done", 1.0, ""), "b": ("done", 1.0, "")}
+        assert manifest.known() == {"a": ("done", 1.5, ""), "b": ("done", 1.5, "")}
     rows = sqlite3.connect(tmp_path / NAME).execute("SELECT name, state, seconds FROM items")
     assert sorted(rows) == [("a", "done", 0.25), ("b", "done", 0.25)]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 import threading
@@ -60,11 +61,63 @@ def test_an_item_is_waited_for(tmp_path: Path):
     process = holding(tmp_path, "one")
     locks = ItemLocks(tmp_path)
     try:
-        with locks.hold("another") as waited:
-            assert not waited
+        with locks.hold("another"):
+            pass
+        checks: list[int] = []
         threading.Timer(0.3, process.kill).start()
-        with locks.hold("one") as waited:
-            assert waited
+        with locks.hold("one", check=lambda: checks.append(1)):
+            assert checks
+    finally:
+        locks.close()
+        process.kill()
+        process.wait()
+        process.stdout.close()  # type: ignore[union-attr]
+
+
+def test_who_waits_can_be_told_to_stop(tmp_path: Path):
+    """Also while a process that hangs holds the item."""
+    process = holding(tmp_path, "one")
+    locks = ItemLocks(tmp_path)
+    try:
+        with pytest.raises(KeyError), locks.hold("one", check=lambda: {}["stop"]):
+            pass
+    finally:
+        locks.close()
+        process.kill()
+        process.wait()
+        process.stdout.close()  # type: ignore[union-attr]
+
+
+def test_an_item_is_held_by_one_thread(tmp_path: Path):
+    """A worker may be given an item again while a run that ended still does it there."""
+    locks, inside, most = ItemLocks(tmp_path), [0], [0]
+
+    def visit() -> None:
+        with locks.hold("one"):
+            inside[0] += 1
+            most[0] = max(most[0], inside[0])
+            time.sleep(0.02)
+            inside[0] -= 1
+
+    threads = [threading.Thread(target=visit) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(5)
+    locks.close()
+    assert most == [1]
+
+
+def test_locks_in_a_folder_that_was_removed(tmp_path: Path):
+    """Who opened them before and who did after exclude each other."""
+    locks = ItemLocks(tmp_path / "out")
+    shutil.rmtree(tmp_path / "out")
+    process = holding(tmp_path / "out", "one")
+    try:
+        with pytest.raises(KeyError), locks.hold("one", check=lambda: {}["held"]):
+            pass
+        with locks.hold("another"):
+            pass
     finally:
         locks.close()
         process.kill()

@@ -1,0 +1,170 @@
+"""The tables of a job file."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from clplen.batch.quantities import Aperture, Planes, Size
+from clplen.batch.sweep import distinct, swept_once
+from clplen.cameras.gallery import SCENES
+from clplen.config.tables import Count, NotNegative, Seed, Switch, Table, listed
+
+Format = Literal["ome-tiff", "ome-zarr"]
+Pair = tuple[Count, Count]
+EVERY = "all"  # kinds of sample scenes
+SEEN = ("shape", "views", "noise")  # of scenes without a camera
+
+
+class LayoutTable(Table):
+    """``[inputs.layout]``: the words of `clplen.read_lightfield`."""
+
+    pattern: str | None = None
+    views: Pair | None = None
+    flip_v: Switch = False
+    flip_u: Switch = False
+    swap_uv: Switch = False
+    order: str | None = None
+    white: str | None = None
+    dark: str | None = None
+    grid: str | None = None
+    allow_missing: Switch = False
+    positions: str | None = None
+    srgb: Switch = False
+    step: float | None = None
+    lattice: Literal["rectangular", "hexagonal"] | None = None
+    bayer: Literal["RGGB", "BGGR", "GRBG", "GBRG"] | None = None
+    demosaic: Literal["after", "before"] | None = None
+    devignette: Switch | None = None
+    dataset: str | None = None
+    max_bytes: Size | None = None
+
+
+class InputTable(Table):
+    """``[[inputs]]``: files or folders that hold light fields."""
+
+    files: Annotated[list[str], BeforeValidator(listed), Field(min_length=1)]
+    name: str = "{stem}"
+    layout: LayoutTable = LayoutTable()
+
+
+class SweepTable(Table):
+    """``[[simulations.sweep]]``: one key of the camera file, or of a scene, with its values."""
+
+    key: Annotated[str, Field(pattern=r"^[^.]+(\.[^.]+)*$")]
+    values: Annotated[list[Any], BeforeValidator(distinct)]
+    name: Annotated[str, Field(min_length=1)] | None = None
+
+
+class SimulationTable(Table):
+    """``[[simulations]]``: a camera file, its keys swept."""
+
+    camera: str
+    name: str | None = None
+    sweep: Annotated[list[SweepTable], AfterValidator(swept_once)] = Field(default=[])
+
+
+def _known(kinds: list[str]) -> list[str]:
+    """Refuse what is no kind of sample scene."""
+    for kind in kinds:
+        if kind not in (EVERY, *SCENES):
+            near = difflib.get_close_matches(kind, SCENES, n=1, cutoff=0.5)
+            hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(SCENES)}"
+            raise ValueError(f"knows no scene {kind!r}; {hint}")
+    return kinds
+
+
+class SceneTable(Table):
+    """``[[scenes]]``: synthetic scenes of exact depth, as light fields or through a camera."""
+
+    kind: Annotated[list[str], AfterValidator(_known), BeforeValidator(listed), Field(min_length=1)]
+    name: str | None = None
+    seeds: Annotated[list[Seed], BeforeValidator(listed), Field(min_length=1)] = Field(default=[0])
+    shape: Pair = (512, 512)
+    views: Pair = (9, 9)
+    noise: NotNegative | None = None
+    camera: str | None = None
+    sweep: Annotated[list[SweepTable], AfterValidator(swept_once)] = Field(default=[])
+
+    @model_validator(mode="after")
+    def _seen_by(self) -> SceneTable:
+        swept = [one.key.split(".")[0] for one in self.sweep]
+        strange = [one.key for one in self.sweep if one.key.split(".")[0] not in SEEN]
+        if self.camera is None and strange:
+            raise ValueError(
+                f"sweeps {strange[0]}, but without a camera only {', '.join(SEEN)} can be swept"
+            )
+        stray = [key for key in SEEN if key in self.model_fields_set or key in swept]
+        if self.camera is not None and stray:
+            raise ValueError(
+                f"has {stray[0]} and a camera, which decides that by its lenslets and its "
+                "[sensor]: leave one out"
+            )
+        return self
+
+
+class StackTable(Table):
+    """``[stack]``: the focal stack."""
+
+    alphas: Planes | None = None
+    disparities: Planes | None = None
+    aperture: Aperture | None = None
+    interpolation: Literal["linear", "nearest", "cubic", "fourier"] = "linear"
+
+    @model_validator(mode="after")
+    def _one_of(self) -> StackTable:
+        return _not_both(self)
+
+
+class DepthTable(Table):
+    """``[depth]``: the depth map."""
+
+    alphas: Planes | None = None
+    disparities: Planes | None = None
+    cue: Literal["energy", "correspondence", "structure-tensor", "combined"] = "combined"
+
+    @model_validator(mode="after")
+    def _one_of(self) -> DepthTable:
+        return _not_both(self)
+
+
+class AllInFocusTable(Table):
+    """``[all_in_focus]``: a picture sharp everywhere; by the depth map where there is one."""
+
+    disparities: Planes | None = None
+
+
+class ViewsTable(Table):
+    """``[views]``: single views, (v, u) from 0, fractions too; without ``at`` the centre view."""
+
+    at: list[tuple[float, float]] | None = None
+
+
+class LightFieldTable(Table):
+    """``[light_field]``: the light field itself, as decoded or simulated."""
+
+    format: Literal["hdf5", "zarr"] = "hdf5"
+
+
+class RawTable(Table):
+    """``[raw]``: the raw image of simulations."""
+
+
+WORK = ("stack", "depth", "all_in_focus", "views", "light_field", "raw")
+
+
+class HowTable(Table):
+    """How a job is done; it decides no result."""
+
+    device: Annotated[list[str], BeforeValidator(listed)] | None = None
+    memory: Size | None = None
+    workers: Count = 1
+    retries: Annotated[int, Field(ge=0, le=100, strict=True)] = 1
+
+
+def _not_both(table: Any) -> Any:
+    if table.alphas is not None and table.disparities is not None:
+        raise ValueError("has alphas and disparities: give one of them")
+    return table
