@@ -153,10 +153,14 @@ def tried_by(lf: LightField | StoredLightField, planes: dict[str, Any]) -> Any:
 
 
 def check_outputs(source: Path, layout: dict[str, Any], *outputs: Path) -> None:
-    """Refuse outputs that cannot be written, or would replace what is read."""
+    """Refuse outputs that cannot be written, or would replace what is read.
+
+    A Zarr that is there already is looked at by its writer, which replaces none of another kind.
+    """
     from clplen.io import check_writable, files_of
 
-    there = [path for path in map(check_writable, outputs) if path.exists()]
+    files_only = [path for path in outputs if not (path.suffix == ".zarr" and path.is_dir())]
+    there = [path for path in map(check_writable, files_only) if path.exists()]
     with listening():  # reading says it again
         files = files_of(source, **layout) if there else []
     for file in files:

@@ -27,6 +27,7 @@ _TYPED = (
     (r"\bmethod='([\w-]+)'(?: or '([\w-]+)')", r"--method \1 or \2"),
     (r"\bmethod='([\w-]+)'", r"--method \1"),
     (r"\bor 'auto'", "or auto"),
+    (r"\breplace it \(replace=True\)", "remove it"),
     (r"\ba larger pad\b", "a larger --pad"),
     (r"\bby support=", "by --support"),
 )

@@ -24,7 +24,9 @@ from clplen.cli.common import (
 
 @click.command()
 @click.argument("source", metavar="INPUT", type=click.Path(path_type=Path))
-@click.option("-o", "--output", required=True, metavar="OUT.tif", type=click.Path(path_type=Path))
+@click.option(
+    "-o", "--output", required=True, metavar="OUT.tif|OUT.zarr", type=click.Path(path_type=Path)
+)
 @options.plane_range
 @click.option(
     "--aperture",
@@ -45,7 +47,7 @@ def stack(
     selector: str | None,
     **layout: Any,
 ) -> None:
-    """Refocus a light field on many planes, into one TIFF of linear float32 pictures.
+    """Refocus a light field on many planes, into one OME-TIFF (or OME-Zarr) of linear float32.
 
     INPUT is a light field of any kind: a folder or a zip of views, a mosaic, a raw lenslet image
     or a Lytro container with its --white, HDF5, Zarr, MATLAB or NumPy. START:STOP:N is N planes,
@@ -61,7 +63,7 @@ def stack(
     from clplen.lightfield.refocus import focal_stack
 
     check_planes(disparities, alphas)
-    check_suffix(output, (".tif", ".tiff"))
+    check_suffix(output, (".tif", ".tiff", ".zarr"))
     check_outputs(source, layout, output)
     if memory is not None:
         _stream(source, output, (disparities, alphas), aperture, memory, selector, layout)

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from clplen.errors import FormatError
 from clplen.files import PathLike, check_space, filling
 from clplen.io.blocks import Array, Block, checked, put
+from clplen.io.zarrpackage import format_2, zarr_package
 from clplen.lightfield.raw import Spacing
 
 SUFFIX = ".zarr"
@@ -84,7 +84,7 @@ def write_omezarr(
     """
     if Path(path).suffix.lower() != SUFFIX:
         raise ValueError(f"OME-Zarr is written as .zarr, not as {Path(path).name}.")
-    _package()
+    _zarr()
     sizes = _sizes(shape, axes)
     _require_replaceable(Path(path), sizes[0], replace)
     check_space(path, 4 * sum(map(math.prod, sizes)))
@@ -95,7 +95,7 @@ def write_omezarr(
         for finer, coarser in pairwise(levels):
             _halve(finer, coarser)
         names = channels or _names(shape)
-        group = _package().open_group(str(folder), mode="a", **_format())
+        group = _zarr().open_group(str(folder), mode="a", **format_2(_zarr()))
         group.attrs.update(
             {
                 "multiscales": [_multiscales(Path(path), sizes, axes, spacing)],
@@ -103,21 +103,6 @@ def write_omezarr(
                 "clplen": description,
             }
         )
-
-
-def _package() -> Any:
-    try:
-        import zarr
-    except ImportError as error:
-        raise FormatError(
-            'OME-Zarr needs the package zarr: pip install "clplen[zarr]", or write .tif.'
-        ) from error
-    return zarr
-
-
-def _format() -> dict[str, Any]:
-    """Format 2, which zarr 2 knows alone."""
-    return {} if _package().__version__.startswith("2.") else {"zarr_format": 2}
 
 
 def _require_replaceable(target: Path, size: tuple[int, ...], replace: bool) -> None:
@@ -148,7 +133,7 @@ def _number(target: Path) -> int | None:
 def _size_of(target: Path) -> tuple[int, ...] | None:
     """The shape of an OME-Zarr at full size, None if it is none."""
     try:
-        group = _package().open_group(str(target), mode="r")
+        group = _zarr().open_group(str(target), mode="r")
         attributes = dict(group.attrs)
         (first, *_) = attributes.get("ome", attributes)["multiscales"]
         return tuple(int(n) for n in group[first["datasets"][0]["path"]].shape)
@@ -170,7 +155,7 @@ def _sizes(shape: tuple[int, ...], axes: str) -> list[tuple[int, ...]]:
 def _array(folder: Path, name: str, size: tuple[int, ...]) -> Any:
     """A new array of one plane a chunk, whose chunks are equal, not full and a rest."""
     sides = (-(-n // -(-n // _CHUNK)) for n in size[-2:])
-    return _package().create(
+    return _zarr().create(
         size,
         chunks=(*(1 for _ in size[:-2]), *sides),
         dtype="<f4",
@@ -179,7 +164,7 @@ def _array(folder: Path, name: str, size: tuple[int, ...]) -> Any:
         compressor=None,
         fill_value=0,
         dimension_separator="/",
-        **_format(),
+        **format_2(_zarr()),
     )
 
 
@@ -322,3 +307,7 @@ def _omero(names: tuple[str, ...], limits: Limits, *, colour: bool) -> dict[str,
             }
         )
     return {"channels": channels, "rdefs": {"model": "color" if colour else "greyscale"}}
+
+
+def _zarr() -> Any:
+    return zarr_package("write .tif")

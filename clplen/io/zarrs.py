@@ -27,6 +27,7 @@ from clplen.io.layout import Layout, View
 from clplen.io.loading import Source, axes_known, reading
 from clplen.io.names import listed
 from clplen.io.opening import Found, light_field, stored_light_field
+from clplen.io.zarrpackage import format_2, zarr_package
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.stored import StoredLightField
 
@@ -55,8 +56,8 @@ def write_zarr(path: PathLike, lf: LightField) -> None:
     OSError
         If the folder holds something, or cannot be written.
     """
-    zarr = _package()
-    form = {} if zarr.__version__.startswith("2.") else {"zarr_format": 2}
+    zarr = _zarr()
+    form = format_2(zarr)
     with filling(path) as folder:
         store = str(folder)
         group = zarr.open_group(store, mode="w", **form)
@@ -162,19 +163,9 @@ def _chunks(lf: LightField) -> tuple[int, ...]:
     return (1, lf.shape[1], min(lf.shape[2], max(_CHUNK // line, 1)), *lf.shape[3:])
 
 
-def _package() -> Any:
-    try:
-        import zarr
-    except ImportError as error:
-        raise FormatError(
-            'Zarr needs the package zarr: pip install "clplen[zarr]", or use .h5.'
-        ) from error
-    return zarr
-
-
 def _opened(path: Path, held: ExitStack) -> Any:
     """The root of a store to read, a group or an array; `held` closes an archive."""
-    zarr = _package()
+    zarr = _zarr()
     metadata_error = getattr(zarr.errors, "MetadataError", ValueError)  # no ValueError in zarr 2
     with reading(path):
         try:
@@ -189,7 +180,7 @@ def _opened(path: Path, held: ExitStack) -> Any:
 def _root(store: Any) -> Any:
     with warnings.catch_warnings():  # about types and extensions that no light field has
         warnings.simplefilter("ignore")
-        return _package().open(store, mode="r")
+        return _zarr().open(store, mode="r")
 
 
 def _bound_members(path: Path) -> None:
@@ -227,7 +218,7 @@ def _name(array: Any) -> str:
 
 
 def _is_array(item: Any) -> bool:
-    return isinstance(item, _package().Array)
+    return isinstance(item, _zarr().Array)
 
 
 def _find(root: Any, path: Path, name: str | None) -> Any:
@@ -322,3 +313,7 @@ def _camera(root: Any, path: Path, device: Device) -> Any:
     if attributes.CAMERA not in root or _is_array(root[attributes.CAMERA]):
         return None
     return attributes.read_camera(attributes_of(root[attributes.CAMERA]), path, device)
+
+
+def _zarr() -> Any:
+    return zarr_package("use .h5")
