@@ -163,7 +163,7 @@ def workers_here(
         i: {"cls": distributed.Nanny, "options": _options(i, workers, devices)}
         for i in range(workers)
     }
-    options = {"dashboard": False, "dashboard_address": None, "host": "127.0.0.1"}
+    options = {"dashboard": False, "dashboard_address": "127.0.0.1:0", "host": "127.0.0.1"}
     scheduler = {"cls": distributed.Scheduler, "options": options}
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(settings))

@@ -30,6 +30,8 @@ def job_lock(folder: Path) -> Iterator[None]:
     ------
     BlockingIOError
         If another one holds it.
+    OSError
+        If the disk knows no locks.
     """
     with _opened(folder, "job.lock") as file:
         if fcntl is not None:
@@ -42,6 +44,8 @@ def job_lock(folder: Path) -> Iterator[None]:
                     f"{who} is at work on {folder}: wait until it has ended, or give this job "
                     "another output."
                 ) from None
+            except OSError as error:
+                raise _no_locks(folder, error) from error
         file.truncate(0)
         file.write(f"The process {os.getpid()} on {platform.node()}".encode())
         file.flush()
@@ -98,8 +102,10 @@ class ItemLocks:
             if fcntl is not None:
                 try:
                     fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, at)
-                except BlockingIOError:
+                except (BlockingIOError, PermissionError):  # systems differ
                     return None
+                except OSError as error:
+                    raise _no_locks(self._folder, error) from error
             self._held.add(at)
             return file
 
@@ -118,6 +124,13 @@ class ItemLocks:
         """Let go of everything."""
         for file in self._files:
             file.close()
+
+
+def _no_locks(folder: Path, error: OSError) -> OSError:
+    return OSError(
+        f"Files in {folder} cannot be locked ({error.strerror}), so that two processes could write "
+        "one output: choose a disk that knows locks."
+    )
 
 
 def _opened(folder: Path, name: str) -> IO[bytes]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from clplen.batch.job import Job
 
 _DIFFERENCES = 6  # how many a message tells
+_SAVE = 0.5  # seconds between two writings of the manifest: each waits for the disk
 
 
 class Executor(Protocol):
@@ -162,12 +164,14 @@ def run_job(
         manifest.put(*plan.found)
         watcher.begin(total=len(tasks), skipped=len(plan.current))
         book = _Book(job, manifest, plan)
-        if plan.todo:
-            with executor(folder) as works:
-                for report in _with_retries(works, plan.todo, job.retries):
-                    book.take(report)
-                    watcher.report(report)
-        book.close()
+        try:
+            if plan.todo:
+                with executor(folder) as works:
+                    for report in _with_retries(works, plan.todo, job.retries):
+                        book.take(report)
+                        watcher.report(report)
+        finally:
+            book.close()
         return book.summary
 
 
@@ -179,20 +183,22 @@ class _Book:
         self._failed: dict[str, Report] = {}
         self._unsaved: list[Report] = []
         self._vanished = False
+        self._saved = time.monotonic()
         self.summary = Summary(skipped=len(plan.current))
 
     def take(self, report: Report) -> None:
-        """Write a report down, and those that could not be before."""
+        """Write a report down, now or soon; what a kill loses is in the records."""
         if report.state == "done":
             self.summary.done += 1
         else:
             self.summary.failed[report.name] = report.error
             self._failed[report.name] = report
         self._unsaved.append(report)
-        self._save()
+        if time.monotonic() >= self._saved + _SAVE:
+            self._save()
 
     def close(self) -> None:
-        """Try once more what could not be written, and look for what was lost."""
+        """Write the rest, and look for what was lost."""
         if self._unsaved or not self._manifest.is_there():
             self._save()
         if self._vanished:
@@ -218,6 +224,7 @@ class _Book:
             self.summary.unsaved = ""
         except OSError as error:
             self.summary.unsaved = sentence(error)
+        self._saved = time.monotonic()
 
     def _records(self) -> Iterator[Report]:
         """What lies beside results that are there still."""

@@ -24,7 +24,7 @@ from clplen.io.digest import digest, size_of
 
 RECORD = "item.json"
 # Errors of the system that trying again does not mend.
-_LASTING = (errno.ENOSPC, errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOENT, errno.EDQUOT)
+_LASTING = (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS)
 logger = logging.getLogger(__name__)
 
 Advance = Callable[[int, int], None]

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from clplen import __version__
-from clplen.batch import Job
+from clplen.batch import Job, cluster, remote
 from clplen.batch.cluster import Cluster, check_workers, require_dask, workers_here, workers_of
 from clplen.batch.runner import run_job
 from clplen.batch.task import Report
@@ -66,6 +66,86 @@ def test_two_workers_and_one_that_is_killed(tmp_path: Path, device: Device):
     workers = {report.worker for report in watcher.reports}
     assert len(workers) >= 2
     assert killed
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_an_item_that_kills_its_workers_fails_alone(tmp_path: Path, device: Device):
+    """What was lost with it is done again."""
+    files = batchworks.write_inputs(tmp_path / "in", 8)
+    deadly = tmp_path / "deadly.py"
+    deadly.write_text(
+        "import os\n"
+        "from clplen.batch import work\n"
+        "read = work.read\n"
+        "def deadly(task, *rest):\n"
+        "    if task.name == 'field_002':\n"
+        "        os._exit(9)\n"
+        "    return read(task, *rest)\n"
+        "def dask_setup(worker):\n"
+        "    work.read = deadly\n"
+    )
+    job = Job.read(batchworks.write_job(tmp_path))
+    with pytest.MonkeyPatch.context() as patch:
+        options = cluster._options
+
+        def with_deadly(*words: Any) -> dict[str, Any]:
+            known = options(*words)
+            return known | {"preload": [*known["preload"], str(deadly)]}
+
+        patch.setattr(cluster, "_options", with_deadly)
+        executor = partial(workers_here, workers=1, devices=[device.place], memory=None, retries=0)
+        summary = run_job(job, executor, watcher=Watcher())
+    assert summary.done == 7
+    assert summary.failed.keys() == {"field_002"}
+    assert "the workers that took it died" in summary.failed["field_002"]
+    whole = [file for file in files if file.stem != "field_002"]
+    assert batchworks.wrong_outputs(tmp_path / "out", whole, device) == []
+
+
+def test_a_worker_without_a_device_is_refused(tmp_path: Path):
+    """Before it fails one item after the other."""
+    executor = workers_here(tmp_path, workers=1, devices=["no such"], memory=None, retries=0)
+    with pytest.raises(DeviceError, match=r"1 workers of this computer cannot.*No OpenCL device"):
+        executor.__enter__()
+
+
+class Counting:
+    """A client whose workers come and go."""
+
+    workers = 1
+
+    def nthreads(self) -> dict[str, int]:
+        return dict.fromkeys(map(str, range(self.workers)), 3)
+
+
+def test_workers_that_join_late_get_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(cluster, "_LOOK", 0.0)
+    client = Counting()
+    works = Cluster(client, tmp_path, memory=None, sharing=1)
+    first = works._window()
+    client.workers = 7
+    assert works._window() == 7 * first
+    client.workers = 0
+    assert works._window() == first  # waits for others
+
+
+class Worker:
+    """Keeps attributes."""
+
+
+def test_memory_is_that_of_the_latest_run(tmp_path: Path, device: Device, monkeypatch: Any):
+    monkeypatch.setenv("CLPLEN_DEVICE", device.place)
+    worker = Worker()
+    how = {"run": "a", "folder": str(tmp_path), "memory": 5000, "sharing": 1}
+    shop = remote._shop(worker, how)
+    assert remote._shop(worker, how) is shop
+    assert shop.memory == 5000
+    assert remote._shop(worker, how | {"run": "b", "memory": 7000}) is shop  # with its locks
+    assert shop.memory == 7000
+    one = remote._shop(worker, how | {"run": "c", "memory": None}).memory
+    half = remote._shop(worker, how | {"run": "d", "memory": None, "sharing": 2}).memory
+    assert 0.4 * one < half < 0.6 * one  # free memory changes meanwhile
+    shop.close()
 
 
 def test_a_scheduler_that_does_not_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -137,15 +217,15 @@ class Future:
 
 
 def test_a_scheduler_that_is_lost_is_said(tmp_path: Path):
-    cluster = Cluster(None, tmp_path, memory=None, sharing=1)
+    works = Cluster(None, tmp_path, memory=None, sharing=1)
     np.save(tmp_path / "a.npy", np.ones((2, 2, 9, 9)))
     from clplen.batch.items import tasks_of
 
     (task,) = tasks_of(Job(output="o", inputs=[{"files": "*"}], stack={}).within(tmp_path))
     for status in ("cancelled", "lost"):
         with pytest.raises(DeviceError, match=r"no longer answers: .* what is done stays done"):
-            cluster._report(task, Future("k", status))
-    report = cluster._report(task, Future("k", "error"))
+            works._report(task, Future("k", status))
+    report = works._report(task, Future("k", "error"))
     assert report.state == "failed"
     assert "it has another version" in report.error
 

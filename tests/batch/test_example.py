@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from clplen.batch import Job
 from clplen.batch.example import EXAMPLE
 from clplen.batch.tables import (
     AllInFocusTable,
     DepthTable,
     InputTable,
-    Job,
     LayoutTable,
     LightFieldTable,
     RawTable,

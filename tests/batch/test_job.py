@@ -95,7 +95,9 @@ def test_two_inputs_of_one_name_are_refused(tmp_path: Path):
     assert names == ["one_a", "two_a"]
 
 
-@pytest.mark.parametrize("name", ["../{stem}", "/tmp/{stem}", ".{stem}", "{what}", "{0}", ""])
+@pytest.mark.parametrize(
+    "name", ["../{stem}", "/tmp/{stem}", ".{stem}", "{what}", "{0}", "", "{stem.no}", "{index[0]}"]
+)
 def test_a_name_stays_in_the_output(tmp_path: Path, name: str):
     inputs(tmp_path, "a.npy")
     with pytest.raises(FormatError, match=r"inputs\.0\.name"):
@@ -116,6 +118,37 @@ def test_the_outputs_are_no_inputs(tmp_path: Path):
     (tmp_path / "in/out").mkdir()
     np.save(tmp_path / "in/out/c.npy", np.ones(3))
     assert [task.name for task in tasks_of(read(tmp_path, text))] == ["a", "b"]
+
+
+def test_the_outputs_are_no_inputs_by_another_way(tmp_path: Path):
+    """The folder of the job with .. in it, and an output behind a link."""
+    inputs(tmp_path, "a.npy", "out/c.npy")
+    (tmp_path / "link").symlink_to(tmp_path / "in" / "out")
+    for output in (tmp_path / "in" / "out", tmp_path / "link"):
+        job = Job(output=str(output), inputs=[{"files": "in/**/*.npy"}], stack={})
+        within = tmp_path / "in" / ".."
+        assert [task.name for task in tasks_of(job.within(within))] == ["a"]
+    job = Job(output=".", inputs=[{"files": "in/*.npy"}], stack={})
+    with pytest.raises(FormatError, match="names only what lies in the output"):
+        tasks_of(job.within(tmp_path))
+
+
+def test_a_job_seen_from_elsewhere_is_another(tmp_path: Path):
+    job = Job(output="out", inputs=[{"files": "*"}], stack={})
+    one, two = job.within(tmp_path / "one"), job.within(tmp_path / "two")
+    assert one.output_folder == tmp_path / "one" / "out"
+    assert two.output_folder == tmp_path / "two" / "out"
+
+
+def test_how_a_job_is_done_is_no_other_job(tmp_path: Path):
+    job = Job(output="out", inputs=[{"files": "*"}], stack={}, workers=2).within(tmp_path)
+    other = job.done_by(memory="2 kB", device="cpu")
+    assert (other.workers, other.memory, other.device) == (2, 2000, ["cpu"])
+    assert (other.folder, other.what()) == (job.folder, job.what())
+    assert job.memory is None
+    for how, said in (({"workers": 0}, "workers must be"), ({"memory": "much"}, "memory must be")):
+        with pytest.raises(FormatError, match=said):
+            job.done_by(**how)
 
 
 def test_a_white_image_has_to_be_there(tmp_path: Path):

@@ -36,6 +36,14 @@ def test_there_is_none(tmp_path: Path):
         Manifest(tmp_path)
 
 
+def test_one_that_is_being_made_is_left_alone(tmp_path: Path):
+    """As the status of a job that has just begun may find it."""
+    (tmp_path / NAME).touch()
+    with pytest.raises(FormatError, match="is empty: run the job first"):
+        Manifest(tmp_path)
+    assert (tmp_path / NAME).stat().st_size == 0
+
+
 def test_a_newer_version_is_refused(tmp_path: Path):
     Manifest(tmp_path, create=True).close()
     with sqlite3.connect(tmp_path / NAME) as file:

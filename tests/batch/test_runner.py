@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import json
 import os
-import shutil
 import subprocess
 import time
 from functools import partial
@@ -23,8 +24,10 @@ from clplen.batch.local import here
 from clplen.batch.manifest import Manifest
 from clplen.batch.runner import Summary, run_job, status_of
 from clplen.batch.task import Report
+from clplen.batch.work import perform
+from clplen.batch.workshop import Workshop
 from clplen.compute.device import Device
-from clplen.errors import FormatError
+from clplen.errors import DeviceError, FormatError
 
 
 class Watcher:
@@ -39,6 +42,9 @@ class Watcher:
 
     def report(self, report: Report) -> None:
         self.reports.append(report)
+
+    def running(self, name: str, done: int, total: int) -> None:
+        pass
 
 
 def run(job: Job | Path, device: Device, **how: Any) -> tuple[Summary, Watcher]:
@@ -214,18 +220,17 @@ def test_an_output_folder_that_vanishes(
 ):
     job, files = small
     out = job.parent / "out"
-    in_core, calls = making._in_core, []
+    in_core, aside = making._in_core, job.parent / "aside"
 
     def vanishing(lf: Any, work: Any) -> Any:
-        calls.append(1)
-        if len(calls) == 3:
-            shutil.rmtree(out)
+        if not aside.exists() and list(out.glob("*/item.json")):
+            out.rename(aside)
         return in_core(lf, work)
 
     monkeypatch.setattr(making, "_in_core", vanishing)
     summary, _ = run(job, device)
     assert summary.done + len(summary.failed) == 6
-    assert len(summary.failed) >= 1
+    assert len(summary.failed) >= 1  # what was done before
     assert summary.unsaved == ""
     for said in summary.failed.values():
         assert "cannot be written" in said or "vanished" in said
@@ -253,6 +258,101 @@ def test_what_may_pass_is_tried_again(
     assert (summary.done, summary.failed) == (6, {})
     assert len(watcher.reports) == 6
     assert len(calls) == 8
+
+
+def test_what_does_not_pass_is_not_tried_again(
+    small: tuple[Path, list[Path]], device: Device, monkeypatch: pytest.MonkeyPatch
+):
+    """A full disk, also where it is said in other words."""
+    job, _ = small
+    calls = []
+
+    def full(*_: Any, **__: Any) -> None:
+        calls.append(1)
+        try:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        except OSError as error:
+            raise OSError("out.tif cannot be written: make room on the disk.") from error
+
+    monkeypatch.setattr(making.io, "write_stack", full)
+    summary, _ = run(job, device)
+    assert set(summary.failed.values()) == {"out.tif cannot be written: make room on the disk."}
+    assert len(calls) == len(summary.failed) == 6
+
+
+def test_what_was_done_by_a_worker_that_was_lost_is_not_done_again(
+    small: tuple[Path, list[Path]], device: Device
+):
+    """Its record is there, its report never came."""
+    job, _ = small
+    task = tasks_of(Job.read(job))[0]
+    shop = Workshop(job.parent / "out", selector=device.place, memory=None)
+    report = perform(task, shop)
+    path = job.parent / "out" / task.name / "stack.ome.tif"
+    inode = path.stat().st_ino
+    assert perform(task, shop) == report
+    assert path.stat().st_ino == inode
+    path.unlink()
+    assert perform(task, shop).started > report.started
+    shop.close()
+
+
+@pytest.mark.parametrize(
+    "content", ["", "[]", "{}", "\0", {"outputs": {"a": 1}}, {"inputs": {"in/a": {}}}]
+)
+def test_a_damaged_record_is_none(small: tuple[Path, list[Path]], device: Device, content: Any):
+    job, files = small
+    for file in files[1:]:
+        file.unlink()
+    run(job, device)
+    record = job.parent / "out" / "field_000" / "item.json"
+    if isinstance(content, dict):
+        content = json.dumps(json.loads(record.read_text()) | content)
+    record.write_text(content)
+    assert [state for _, state, _ in status_of(Job.read(job))] == ["damaged"]
+    assert run(job, device)[0].done == 1
+
+
+def test_the_manifest_is_not_written_for_each_item(
+    small: tuple[Path, list[Path]], device: Device, monkeypatch: pytest.MonkeyPatch
+):
+    """Each writing waits for the disk, which takes longer than a small item."""
+    job, _ = small
+    puts, put = [], Manifest.put
+
+    def counted(manifest: Manifest, *reports: Report) -> None:
+        puts.append(len(reports))
+        put(manifest, *reports)
+
+    monkeypatch.setattr(Manifest, "put", counted)
+    monkeypatch.setattr("clplen.batch.runner._SAVE", 1e3)
+    run(job, device)
+    assert puts == [0, 6]
+    with Manifest(job.parent / "out") as manifest:
+        assert len(manifest.known()) == 6
+
+
+def test_temporary_files_of_the_output_are_removed(small: tuple[Path, list[Path]], device: Device):
+    job, _ = small
+    out = job.parent / "out"
+    out.mkdir()
+    (out / ".probe-0123456789ab.partial").touch()
+    run(job, device)
+    assert not list(out.glob(".probe*"))
+
+
+def test_a_job_is_run_from_python(small: tuple[Path, list[Path]], device: Device):
+    path, files = small
+    job = Job.read(path)
+    summary = job.run(device=device.place, memory="1 GiB")
+    assert (summary.done, summary.is_good) == (6, True)
+    assert batchworks.wrong_outputs(path.parent / "out", files, device) == []
+    watcher = Watcher()
+    assert job.run(device=device.place, watcher=watcher).skipped == watcher.skipped == 6
+    with pytest.raises(DeviceError, match="No OpenCL device fits 'none such'"):
+        Job(output="new", inputs=[{"files": "in/*"}], stack={}).within(path.parent).run(
+            device="none such"
+        )
 
 
 def test_a_bug_stops_one_item(
@@ -286,6 +386,8 @@ def test_an_interrupt_leaves_nothing_half_done(small: tuple[Path, list[Path]], d
         run_job(Job.read(job), executor, watcher=watcher)
     out = job.parent / "out"
     assert batchworks.strays(out) == []
+    with Manifest(out) as manifest:
+        assert len(manifest.known()) == 1  # what was reported before
     summary, _ = run(job, device)
     assert summary.skipped >= 1
     assert batchworks.wrong_outputs(out, files, device) == []
