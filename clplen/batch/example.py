@@ -70,8 +70,9 @@ files = ["captures/*.h5"]       # needed; * and ** as in a shell; also folders o
 # [[scenes]], whose raw image, light field and truth are always written
 
 [stack]                         # pictures refocused at many planes
-alphas = "0.8:1.2:41"           # START:STOP:N or a list; default: planes that suit the light field
-# disparities = "-2:2:41"       # default: as alphas say; pixels a view step, give one of the two
+disparities = "-2:2:41"         # START:STOP:N or a list, pixels a view step, nearer is larger;
+                                # default: planes that suit the light field
+# alphas = "0.8:1.2:41"         # default: as disparities say; F/F', where the spacing is known
 # aperture = 9                  # default: all; views across, 0.5 of the diameter, or "f/66"
 # interpolation = "linear"      # or "nearest", "cubic" or "fourier"
 

@@ -91,8 +91,8 @@ def test_the_example_is_a_job(tmp_path: Path):
     assert job.output_folder == tmp_path / "results"
     assert [one.files for one in job.inputs] == [["captures/*.h5"]]
     assert job.stack is not None
-    assert job.stack.alphas is not None
-    assert len(job.stack.alphas) == 41
+    assert job.stack.disparities is not None
+    assert len(job.stack.disparities) == 41
     assert job.depth is None
     assert not job.simulations
 
