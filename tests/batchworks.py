@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,10 @@ import numpy as np
 import tifffile
 
 from clplen import Device, LightField, all_in_focus, depth_map, focal_stack, read_lightfield
+from clplen.batch import Job
+from clplen.batch.local import here
+from clplen.batch.runner import Summary, run_job
+from clplen.batch.task import Report
 
 PLANES = np.linspace(-1, 1, 5)
 WORK = """
@@ -95,3 +100,28 @@ def strays(out: Path) -> list[Path]:
         and ".clplen" not in path.parts
         and path.name not in known
     ]
+
+
+class Watcher:
+    """Keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.reports: list[Report] = []
+        self.skipped = -1
+
+    def begin(self, *, total: int, skipped: int) -> None:
+        self.skipped = skipped
+
+    def report(self, report: Report) -> None:
+        self.reports.append(report)
+
+    def running(self, name: str, done: int, total: int) -> None:
+        pass
+
+
+def run(job: Job | Path, device: Device, **how: Any) -> tuple[Summary, Watcher]:
+    """Run a job in this process."""
+    watcher = Watcher()
+    executor = partial(here, selector=device.place, memory=how.pop("memory", None))
+    chosen = job if isinstance(job, Job) else Job.read(job)
+    return run_job(chosen, executor, watcher=watcher, **how), watcher
