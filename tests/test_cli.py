@@ -74,6 +74,7 @@ def camera_file(tmp_path: Path) -> Path:
 def test_help_has_an_example_of_each_command():
     assert "Begin with 'clplen demo'" in run("-h").output
     assert sorted(main.commands) == [
+        "batch",
         "demo",
         "depth",
         "devices",
@@ -85,10 +86,14 @@ def test_help_has_an_example_of_each_command():
         "score",
         "simulate",
         "stack",
+        "worker",
     ]
     for name, command in main.commands.items():
-        output = run(name, "-h").output
+        words = (name, "run") if name == "batch" else (name,)
+        output = run(*words, "-h").output
         assert f"Example:\n    clplen {name}" in output
+        if isinstance(command, click.Group):
+            command = command.commands["run"]
         options = [name for param in command.params for name in param.opts]
         assert ("--device" in options) == (name not in ("sampling", "score"))  # need none
 

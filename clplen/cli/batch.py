@@ -225,11 +225,11 @@ def worker(scheduler: str, selector: str | None) -> None:
     """Start a worker for 'clplen batch JOB.toml --scheduler ADDRESS'; it runs until it is stopped.
 
     It is 'dask worker ADDRESS --preload clplen.batch.preload' with as many threads as items
-    overlap (one is read, one computed, one written); start one for each device.
+    overlap (one is read, one computed, one written); start one for each
+    device, after 'dask scheduler'.
 
     \b
     Example:
-      dask scheduler --port 8786
       clplen worker tcp://localhost:8786 --device 0:0
     """
     from clplen.batch.cluster import require_dask, worker_command
