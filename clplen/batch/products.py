@@ -69,13 +69,14 @@ class Product:
 
 @dataclass(frozen=True)
 class HostStack:
-    """A focal stack on the host, in one tile."""
+    """A focal stack on the host, in one tile; ``held`` keeps the memory of the device mapped."""
 
     pictures: Values
     disparities: Values
     alphas: Values
     spacing: Any
     camera: Any
+    held: Any = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -293,7 +294,10 @@ def _disparities(lf: Any, table: dict[str, Any]) -> dict[str, Any]:
 
 
 def _on_host(stack: FocalStack) -> HostStack:
-    return HostStack(stack.to_numpy(), stack.disparities, stack.alphas, stack.spacing, stack.camera)
+    """Without a copy on a CPU: what is held ends with the stack, when it is written."""
+    held = stack.device.on_host(stack.data, write=False)
+    pictures = held.__enter__()
+    return HostStack(pictures, stack.disparities, stack.alphas, stack.spacing, stack.camera, held)
 
 
 def _places(shape: tuple[int, ...], table: dict[str, Any]) -> list[tuple[float, float]]:
