@@ -229,6 +229,7 @@ def main(
     if only in (None, "overlap"):
         overlap(device, large, side, planes, None)
         overlap(device, large, side, planes, "energy")
+        overlap(device, max(large // 4, 4), side, planes, "combined")
     if only in (None, "workers"):
         workers(device, large, side, planes)
 
