@@ -274,9 +274,14 @@ def _said_of(target: Path) -> Iterator[None]:
         raise
     except OSError as error:
         raise type(error)(
-            f"{target} cannot be written ({_reason(error)}): if the disk is full, make room on it "
-            "or choose another folder."
+            f"{target} cannot be written ({_reason(error)}): {_advice(error)}."
         ) from error
+
+
+def _advice(error: OSError) -> str:
+    if isinstance(error, FileNotFoundError):
+        return "its folder is gone; make it again, or choose another"
+    return "if the disk is full, make room on it or choose another folder"
 
 
 def _reason(error: OSError) -> str:

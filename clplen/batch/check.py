@@ -30,7 +30,8 @@ def state_of(task: Task, known: Known | None, *, verify: bool = False) -> tuple[
             return "missing", "not done yet"
         if known.state == "failed":
             return "failed", known.error
-        return "damaged", f"{RECORD} is missing"
+        is_there = (folder_of(task) / RECORD).exists()
+        return "damaged", f"{RECORD} is {'no record' if is_there else 'missing'}"
     if known is not None and known.state == "failed" and known.started > record.started:
         return "failed", known.error
     if record.parameters != task.parameters:

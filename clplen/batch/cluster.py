@@ -106,13 +106,13 @@ class Cluster:
         )
 
     def _report(self, task: Task, future: Any) -> Report:
-        if future.status == "finished":
-            return Report(**future.result())
+        try:
+            if future.status == "finished":
+                return Report(**future.result())
+        except (OSError, *_LATE) as error:
+            raise _gone() from error
         if future.status in ("cancelled", "lost"):
-            raise DeviceError(
-                "The Dask scheduler no longer answers: start it and run the job again; what is "
-                "done stays done."
-            )
+            raise _gone()
         if _was_killed(future):
             text = "the workers that took it died (too little memory?): see their logs"
         else:
@@ -121,6 +121,13 @@ class Cluster:
         return Report(
             task.name, "failed", task.parameters, time.time(), error=text, passing=passing
         )
+
+
+def _gone() -> DeviceError:
+    return DeviceError(
+        "The Dask scheduler no longer answers: run the job again (start a scheduler of your own "
+        "first); what is done stays done."
+    )
 
 
 def _was_killed(future: Any) -> bool:
@@ -182,6 +189,7 @@ def workers_here(
 
 def _options(number: int, workers: int, devices: list[str] | None) -> dict[str, Any]:
     environment = environment_of(share_of(number, workers))
+    environment["PYTHONWARNINGS"] = "ignore"  # said once by the process that runs the job
     if devices:
         environment["CLPLEN_DEVICE"] = devices[number % len(devices)]
     return {

@@ -197,5 +197,5 @@ class Job(HowTable):
 
     def what(self) -> dict[str, Any]:
         """What decides the results, without how they are computed: for comparing jobs."""
-        how = set(HowTable.model_fields)
+        how = {*HowTable.model_fields, "output"}
         return self.model_dump(mode="json", exclude=how, exclude_defaults=True)

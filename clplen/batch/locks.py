@@ -134,5 +134,11 @@ def _no_locks(folder: Path, error: OSError) -> OSError:
 
 
 def _opened(folder: Path, name: str) -> IO[bytes]:
-    (folder / HIDDEN).mkdir(parents=True, exist_ok=True)
-    return (folder / HIDDEN / name).open("a+b")
+    try:
+        (folder / HIDDEN).mkdir(parents=True, exist_ok=True)
+        return (folder / HIDDEN / name).open("a+b")
+    except OSError as error:
+        raise type(error)(
+            f"The output {folder} takes no files ({error.strerror}): make room on its disk, or "
+            "give the job another output."
+        ) from error

@@ -290,7 +290,7 @@ def _stack_words(lf: Any, table: dict[str, Any]) -> dict[str, Any]:
 
 def _disparities(lf: Any, table: dict[str, Any]) -> dict[str, Any]:
     planes = _planes(lf, table)
-    return {"disparities": planes.get("disparities", lf.disparity(planes.get("alphas", 1.0)))}
+    return {"disparities": lf.disparity(planes["alphas"])} if "alphas" in planes else planes
 
 
 def _on_host(stack: FocalStack) -> HostStack:

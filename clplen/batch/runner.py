@@ -19,6 +19,7 @@ from clplen.batch.task import Report, Task
 from clplen.batch.work import folder_of, is_current, record_of, sentence
 from clplen.errors import FormatError
 from clplen.files import check_folder, clear_temporaries
+from clplen.io.zarrpackage import zarr_package
 
 if TYPE_CHECKING:
     from clplen.batch.job import Job
@@ -154,6 +155,7 @@ def run_job(
     OSError
         If the output takes no files.
     """
+    _require_packages(job)
     tasks = tasks_of(job)
     folder = check_folder(job.output_folder)
     with job_lock(folder), Manifest(folder, create=True) as manifest:
@@ -173,6 +175,12 @@ def run_job(
         finally:
             book.close()
         return book.summary
+
+
+def _require_packages(job: Job) -> None:
+    """What every item needs is missed before the first."""
+    if "ome-zarr" in job.formats or (job.light_field and job.light_field.format == "zarr"):
+        zarr_package("take ome-tiff and hdf5")
 
 
 class _Book:

@@ -19,7 +19,7 @@ from clplen.batch.stamps import is_unchanged, is_whole, stamps
 from clplen.batch.task import Report, Task
 from clplen.batch.workshop import StoppedError, Workshop
 from clplen.errors import ClplenError, FormatError
-from clplen.files import clear_temporaries, replacing
+from clplen.files import check_folder, clear_temporaries, replacing
 from clplen.io.digest import digest, size_of
 
 RECORD = "item.json"
@@ -113,7 +113,7 @@ def _results(
     """Stamps of inputs and outputs, when everything is written."""
     folder = folder_of(task)
     before = _stamps(task)
-    folder.mkdir(parents=True, exist_ok=True)
+    check_folder(folder)
     clear_temporaries(folder)
     with read(task, shop, seconds, advance) as light:
         products = compute(task, light, shop, seconds, advance)

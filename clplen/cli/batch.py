@@ -92,6 +92,8 @@ def run(
 
     for name in ("clplen.io", "clplen.config"):
         logging.getLogger(name).setLevel(logging.WARNING)  # not a line for each item
+    for name in ("distributed", "tornado", "asyncio"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what is lost is said in our words
     job = Job.read(path).done_by(workers=workers, device=selector, memory=memory)
     if dry_run:
         _forecast(job)

@@ -69,7 +69,8 @@ def validated(model: type[Model], content: dict[str, Any], path: Path) -> Model:
     try:
         return model.model_validate(content, context={"folder": path.parent})
     except ValidationError as error:
-        raise FormatError(f"{path}: {problems_of(model, error)}.") from error
+        said = problems_of(model, error)
+        raise FormatError(f"{path}: {said}{'' if said.endswith('?') else '.'}") from error
 
 
 def problems_of(model: type[BaseModel], error: ValidationError) -> str:

@@ -222,7 +222,7 @@ def write_image(
     path : path-like
         ``.tif`` or ``.tiff``, OME-TIFF; ``.zarr``, OME-Zarr (a folder).
     image : Image or numpy.ndarray
-        Shape (y, x) or (y, x, 3); stored as float32.
+        Shape (y, x) or (y, x, c); stored as float32.
     spacing : tuple of float, optional
         That of the light field, signed (dv, du, dy, dx) in metres.
     description : str, optional
@@ -244,8 +244,8 @@ def write_image(
     if not _is_series(path):
         raise ValueError(f"A picture is written as .tif or .zarr, not as {Path(path).name}.")
     values = np.asarray(image.to_numpy() if hasattr(image, "to_numpy") else image, np.float32)
-    if values.ndim not in (2, 3) or values.shape[2:] not in ((), (3,)):
-        raise ValueError(f"A picture has shape (y, x) or (y, x, 3), not {values.shape}.")
+    if values.ndim not in (2, 3):
+        raise ValueError(f"A picture has shape (y, x) or (y, x, c), not {values.shape}.")
     _write(
         path,
         whole(values[None]),

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from clplen.lightfield.raw import CameraModel
 
 _ROUNDING = 1e-3  # of a confidence
+_DRAWN = (
+    800  # pixels along the longer side that a map is drawn with, at least; larger ones take memory
+)
 _SURE = 0.5  # confidence from which on a pixel counts as sure, as in `clplen depth`
 _ENOUGH = 0.01  # share of sure pixels that sets the colours
 _GREY = "0.7"
@@ -157,13 +160,16 @@ def depth(found: DepthMap, *, title: str = "") -> Figure:
     """
     norm = _range_of_sure(found.disparity, found.confidence)
     height, width = found.disparity.shape
+    every = max(1, max(height, width) // _DRAWN)
+    disparity, confidence = (a[::every, ::every] for a in (found.disparity, found.confidence))
+    place = {"extent": (-0.5, width - 0.5, height - 0.5, -0.5)}
     lines = textwrap.wrap(title or "disparity", _LINE)
     tall = 4.0 * min(1.6, height / width) + 0.6 + _ROW * len(lines)
     figure = new_figure(9.6, tall)
     left, right = figure.subplots(1, 2)
     left.set_facecolor(_GREY)
-    shown = np.clip(found.confidence / _SURE, 0, 1)
-    drawn = left.imshow(found.disparity, cmap="viridis", norm=norm, alpha=shown)
+    shown = np.clip(confidence / _SURE, 0, 1)
+    drawn = left.imshow(disparity, cmap="viridis", norm=norm, alpha=shown, **place)
     if found.confidence.max() > _ROUNDING:
         label = "disparity / pixel per view step (nearer: larger)"
         bar(figure, drawn, left, label, extend=cut(found.disparity, norm))
@@ -174,7 +180,7 @@ def depth(found: DepthMap, *, title: str = "") -> Figure:
     if (shown < 1).any():
         words = f"grey: confidence below {_SURE:g} (the greyer, the less)"
         figure.supxlabel(words, fontsize=8, color="0.3")
-    drawn = right.imshow(found.confidence, cmap=LIGHT, vmin=0, vmax=1)
+    drawn = right.imshow(confidence, cmap=LIGHT, vmin=0, vmax=1, **place)
     bar(figure, drawn, right, "confidence")
     left.set(xlabel="x / pixel", ylabel="y / pixel")
     left.set_title("\n".join(lines), pad=8)

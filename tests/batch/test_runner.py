@@ -12,6 +12,7 @@ import pytest
 import tifffile
 from batchworks import Watcher, run
 
+from clplen import LightField, all_in_focus
 from clplen.batch import Job
 from clplen.batch.check import state_of
 from clplen.batch.items import tasks_of
@@ -210,3 +211,26 @@ def test_what_is_missing_is_said(tmp_path: Path):
     assert state_of(task, None) == ("missing", "not done yet")
     with pytest.raises(FormatError, match="run the job first"):
         list(status_of(job))
+
+
+@pytest.mark.parametrize("channels", [1, 2, 4])
+def test_other_channels_than_colours(tmp_path: Path, device: Device, channels: int):
+    values = np.random.default_rng(1).random((3, 4, 30, 22, channels), np.float32)
+    (tmp_path / "in").mkdir()
+    np.save(tmp_path / "in" / "a.npy", values)
+    planes = {"disparities": [-1.0, 0.0, 1.0]}
+    job = Job(output="o", inputs=[{"files": "in/*"}], stack=planes, all_in_focus=planes, views={})
+    summary, _ = run(job.within(tmp_path), device)
+    assert summary.failed == {}
+    lf = LightField.from_array(values, device=device)
+    found = tifffile.imread(tmp_path / "o" / "a" / "all_in_focus.ome.tif")
+    expected = all_in_focus(lf, disparities=[-1.0, 0.0, 1.0]).to_numpy()
+    assert np.array_equal(found.reshape(expected.shape), expected)
+
+
+def test_results_may_be_moved(small: tuple[Path, list[Path]], device: Device):
+    job, _ = small
+    run(job, device)
+    (job.parent / "out").rename(job.parent / "elsewhere")
+    job.write_text(job.read_text().replace('output = "out"', 'output = "elsewhere"'))
+    assert run(job, device)[0].skipped == 6

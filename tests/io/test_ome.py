@@ -71,8 +71,8 @@ def test_pictures_of_arrays_and_what_is_none(tmp_path: Path):
     again = tifffile.imread(tmp_path / "a.tif")
     assert again.dtype == np.float32
     np.testing.assert_array_equal(again, [[0, 1, 2], [3, 4, 5]])
-    with pytest.raises(ValueError, match=r"\(y, x, 3\), not \(2, 3, 4\)"):
-        write_image(tmp_path / "a.tif", np.zeros((2, 3, 4)))
+    with pytest.raises(ValueError, match=r"\(y, x, c\), not \(2, 3, 4, 5\)"):
+        write_image(tmp_path / "a.tif", np.zeros((2, 3, 4, 5)))
     with pytest.raises(ValueError, match=r"as \.tif or \.zarr, not as a\.png"):
         write_image(tmp_path / "a.png", np.zeros((2, 3)))
 
