@@ -276,5 +276,6 @@ def test_large_rows_of_views_are_cut(
     monkeypatch.setattr(zarrs, "_CHUNK", 3 * 5 * 13 * 2 + 1)
     values = np.random.default_rng(1).integers(0, 999, (2, 3, 11, 13), np.uint16)
     write_lightfield(tmp_path / "lf.zarr", LightField.from_array(values, device=device))
-    assert zarr.open_group(str(tmp_path / "lf.zarr"), mode="r")["lightfield"].chunks == (1, 3, 5, 13)
+    root = zarr.open_group(str(tmp_path / "lf.zarr"), mode="r")
+    assert root["lightfield"].chunks == (1, 3, 5, 13)
     assert np.array_equal(read_lightfield(tmp_path / "lf.zarr", device=device).to_numpy(), values)
