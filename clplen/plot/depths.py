@@ -19,9 +19,7 @@ if TYPE_CHECKING:
     from clplen.lightfield.raw import CameraModel
 
 _ROUNDING = 1e-3  # of a confidence
-_DRAWN = (
-    800  # pixels along the longer side that a map is drawn with, at least; larger ones take memory
-)
+_DRAWN = 800  # pixels along the longer side that are drawn, at least: more only take memory
 _SURE = 0.5  # confidence from which on a pixel counts as sure, as in `clplen depth`
 _ENOUGH = 0.01  # share of sure pixels that sets the colours
 _GREY = "0.7"
