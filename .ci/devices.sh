@@ -7,9 +7,10 @@
 #
 #   pocl      the whole suite on PoCL, which `pip install clplen` brings
 #   vkfft     the FFT tests on PoCL with VkFFT, built here for OpenCL
-#   intel     the tests that depend on the device, less the slow ones, those of many snapshots and
-#             those of files, on Intel's CPU runtime (which is installed here from PyPI and runs on AMD processors
-#             too). clplen shows it to the OpenCL loader by itself.
+#   intel     the tests that depend on the device, less the slow ones, those of many snapshots, of
+#             files, of jobs and of the physics that kernels add up to, on Intel's CPU runtime (which
+#             is installed here from PyPI and runs on AMD processors too). clplen shows it to the
+#             OpenCL loader by itself.
 #   oclgrind  tests/kernels on Debian's simulator Oclgrind, with no report of an access out of
 #             bounds or of a data race
 #
@@ -82,7 +83,8 @@ run_vkfft() {
 run_intel() {
     need_intel
     "$python" -m pytest -n auto --dist loadfile --device intel --device-tests-only \
-        -m "not slow and not many" --ignore=tests/io -q
+        -m "not slow and not many" -q --ignore=tests/io --ignore=tests/physics \
+        --ignore=tests/batch --ignore=tests/test_kernel_sources.py
 }
 
 run_oclgrind() {

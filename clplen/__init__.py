@@ -4,7 +4,8 @@ compute/      devices, programs, Fourier transforms
 wave/         fields, propagation, optical elements, systems of them
 lightfield/   calibrate, decode, views, refocus, focal stacks, depth
 cameras/      scenes and plenoptic cameras: where the two towers meet
-io/           files in and out (imported when asked for, as is plot)
+io/           files in and out (imported when asked for, as are plot and batch)
+batch/        many light fields: jobs, their items, workers
 """
 
 from importlib import import_module
@@ -176,11 +177,11 @@ def __getattr__(name: str) -> Any:
     """What needs more than NumPy, SciPy and pyopencl is imported when it is asked for."""
     if name in ("open_lightfield", "read_lightfield"):
         return getattr(import_module("clplen.io"), name)
-    if name in ("io", "plot"):
+    if name in ("batch", "io", "plot"):
         return import_module(f"clplen.{name}")
     raise AttributeError(f"module 'clplen' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
     """The public names."""
-    return sorted([*__all__, "io", "plot"])
+    return sorted([*__all__, "batch", "io", "plot"])

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import importlib
+import multiprocessing
 import os
 import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
+from figure_scripts import Done, run_script
 from matplotlib.image import imread
 
 ROOT = Path(__file__).parents[1]
@@ -62,7 +64,7 @@ def test_all_figures_are_there() -> None:
 @pytest.fixture(scope="module")
 def runs(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[dict[Path, tuple[Path, Future[subprocess.CompletedProcess[str]]]]]:
+) -> Iterator[dict[Path, tuple[Path, Future[Done]]]]:
     """The scripts that are tested, in their folders, as many at a time as there are cores."""
     devices = request.config.getoption("--device") or []
     chosen = ["--device", devices[0]] if devices else []
@@ -71,20 +73,19 @@ def runs(
         for item in request.session.items
         if isinstance(item, pytest.Function) and item.originalname == "test_a_figure_script"
     ]
-    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+    fresh = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(max_workers=os.cpu_count(), mp_context=fresh) as pool:
         started = {}
         for script in wanted:
             folder = tmp_path_factory.mktemp(script.stem)
-            done = pool.submit(run, script, "--quick", "-o", "out", *chosen, folder=folder)
+            done = pool.submit(run_script, script, ("--quick", "-o", "out", *chosen), folder)
             started[script] = (folder, done)
         yield started
         pool.shutdown(cancel_futures=True)
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_a_figure_script(
-    script: Path, runs: dict[Path, tuple[Path, Future[subprocess.CompletedProcess[str]]]]
-) -> None:
+def test_a_figure_script(script: Path, runs: dict[Path, tuple[Path, Future[Done]]]) -> None:
     folder, started = runs[script]
     done = started.result()
     assert done.returncode == 0, done.stderr
