@@ -26,8 +26,8 @@ def state_of(task: Task, known: Known | None, *, verify: bool = False) -> tuple[
     """
     record = record_of(task)
     if record is None:
-        if known is None:
-            return "missing", "not done yet"
+        if known is None or not folder_of(task).exists():
+            return "missing", "not done yet" if known is None else "its folder is gone"
         if known.state == "failed":
             return "failed", known.error
         is_there = (folder_of(task) / RECORD).exists()

@@ -71,6 +71,7 @@ def _files(inputs: InputTable, job: Job, key: str) -> Iterator[Source]:
     layout = _layout(inputs, job.folder, key)
     found: dict[str, None] = {}
     output = Path(os.path.realpath(job.output_folder))
+    beside = {os.path.realpath(job.folder / layout[word]) for word in _BESIDE if word in layout}
     for pattern in inputs.files:
         matches = sorted(glob.glob(pattern, root_dir=job.folder, recursive=True))
         real = (Path(os.path.realpath(job.folder / path)) for path in matches)
@@ -84,7 +85,9 @@ def _files(inputs: InputTable, job: Job, key: str) -> Iterator[Source]:
                 else f"{key}.files: {pattern!r} names only what lies in the output {output}: give "
                 "the job another output."
             )
-        found |= dict.fromkeys(outside)
+        found |= dict.fromkeys(
+            path for path in outside if os.path.realpath(job.folder / path) not in beside
+        )
     for index, path in enumerate(found):
         words = {"kind": "file", "path": path, "layout": layout}
         name = _name(inputs.name, path, index, key)

@@ -58,9 +58,9 @@ class Job(HowTable):
     formats: Annotated[list[Format], BeforeValidator(listed)] = Field(
         default=["ome-tiff"], min_length=1
     )
-    inputs: list[InputTable] = Field(default=[])
-    simulations: list[SimulationTable] = Field(default=[])
-    scenes: list[SceneTable] = Field(default=[])
+    inputs: Annotated[list[InputTable], BeforeValidator(listed)] = Field(default=[])
+    simulations: Annotated[list[SimulationTable], BeforeValidator(listed)] = Field(default=[])
+    scenes: Annotated[list[SceneTable], BeforeValidator(listed)] = Field(default=[])
     stack: StackTable | None = None
     depth: DepthTable | None = None
     all_in_focus: AllInFocusTable | None = None

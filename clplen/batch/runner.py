@@ -159,7 +159,8 @@ def run_job(
     tasks = tasks_of(job)
     folder = check_folder(job.output_folder)
     with job_lock(folder), Manifest(folder, create=True) as manifest:
-        check_same(manifest.job, job, force=force, where=folder)
+        some = any(one.state == "done" for one in manifest.known().values())
+        check_same(manifest.job if some else None, job, force=force, where=folder)
         manifest.job = job.what()
         clear_temporaries(folder)
         plan = plan_of(tasks, manifest.known())

@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import logging
 import math
+import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -90,17 +92,30 @@ def run(
     """
     from clplen.batch import Job
 
-    for name in ("clplen.io", "clplen.config"):
-        logging.getLogger(name).setLevel(logging.WARNING)  # not a line for each item
-    for name in ("distributed", "tornado", "asyncio"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # what is lost is said in our words
-    job = Job.read(path).done_by(workers=workers, device=selector, memory=memory)
-    if dry_run:
-        _forecast(job)
-        return
-    with _Bar() as bar:
-        summary = job.run(scheduler=scheduler, force=force, watcher=bar)
-    _tell(summary, job, path)
+    with _quiet():
+        job = Job.read(path).done_by(workers=workers, device=selector, memory=memory)
+        if dry_run:
+            _forecast(job)
+            return
+        with _Bar() as bar:
+            summary = job.run(scheduler=scheduler, force=force, watcher=bar)
+        _tell(summary, job, path)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Not a line for each item, and none of Dask's: what is lost is said in our words."""
+    levels = dict.fromkeys(("clplen.io", "clplen.config"), logging.WARNING)
+    levels |= dict.fromkeys(("distributed", "tornado", "asyncio"), logging.CRITICAL)
+    loggers = {logging.getLogger(name): level for name, level in levels.items()}
+    before = {logger: logger.level for logger in loggers}
+    for logger, level in loggers.items():
+        logger.setLevel(level)
+    try:
+        yield
+    finally:
+        for logger, level in before.items():
+            logger.setLevel(level)
 
 
 class _Bar(contextlib.AbstractContextManager["_Bar"]):
@@ -164,6 +179,7 @@ def _forecast(job: Job) -> None:
     found = forecast_of(job)
     for line in found.lines[:_SHOWN]:
         how = f"fails: {line.problem}" if line.problem else _sizes(line.read, line.written)
+        how = how if line.problem or line.written else "simulated, its size is not known"
         click.echo(f"  {line.name}: {how}{', streamed' if line.streamed else ''}")
     if found.todo > _SHOWN:
         click.echo(f"  and {found.todo - _SHOWN} more")
@@ -178,7 +194,7 @@ def _time(found: Forecast, workers: int) -> str:
     if not found.todo:
         return "Nothing is to be done."
     if math.isnan(found.seconds):
-        return f"Time: {found.sample}."
+        return f"Time: not known, {found.sample.rstrip('.')}."
     shared = f", {_clock(found.seconds / workers)} by {workers} workers" if workers > 1 else ""
     return f"Time: about {_clock(found.seconds)}{shared}, for {found.sample}."
 
@@ -240,4 +256,6 @@ def worker(scheduler: str, selector: str | None) -> None:
     require_dask()
     Device.open(selector).ensure_usable()
     arguments, environment = worker_command(scheduler, selector)
+    if os.name == "posix":  # signals reach the worker itself
+        os.execve(arguments[0], arguments, environment)
     click.get_current_context().exit(subprocess.call(arguments, env=environment))

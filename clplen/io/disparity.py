@@ -9,12 +9,16 @@ import numpy as np
 
 from clplen.errors import FormatError
 from clplen.files import PathLike
+from clplen.io.ome import read_ome_page
+from clplen.io.omezarr import read_omezarr_channel
 from clplen.io.pfm import read_pfm
 from clplen.io.picture import SUFFIXES, read_picture
+from clplen.io.truth import read_truth
 
 Array = np.ndarray[Any, Any]
 
-_NUMPY = b"\x93NUMPY"
+_NUMPY, _HDF5 = b"\x93NUMPY", b"\x89HDF\r\n\x1a\n"
+_HEAD = 8
 
 
 def read_disparity(
@@ -25,7 +29,8 @@ def read_disparity(
     Parameters
     ----------
     path : path-like
-        PFM (``.pfm``), a TIFF of floats, or ``.npy``, of one channel.
+        PFM (``.pfm``), a TIFF of floats or ``.npy`` of one channel; OME-TIFF and OME-Zarr of
+        `write_depth`; HDF5 with a truth, as `read_truth` takes it.
     shape : tuple of int, optional
         (y, x) that it must have.
     max_bytes : int, optional
@@ -43,18 +48,7 @@ def read_disparity(
         or 16 bits do not say which disparity their levels mean.
     """
     path = Path(path)
-    if not path.is_file():
-        raise FormatError(f"There is no disparity map {path}.")
-    with path.open("rb") as file:
-        head = file.read(len(_NUMPY))
-    if head == _NUMPY:
-        values = _npy(path)
-    elif head[:2] in (b"Pf", b"PF"):
-        values = read_pfm(path)
-    elif path.suffix.lower() in SUFFIXES:
-        values = read_picture(path, max_bytes=max_bytes)
-    else:
-        raise FormatError(f"{path} is no disparity map: give PFM, a TIFF of floats or .npy.")
+    values = _values(path, max_bytes)
     if values.dtype.kind != "f":
         raise FormatError(
             f"{path} holds {values.dtype}, whose levels are no disparities in pixels: give PFM, a "
@@ -69,6 +63,30 @@ def read_disparity(
         )
     with np.errstate(over="ignore"):
         return values.astype(np.float32)
+
+
+def _values(path: Path, max_bytes: int | None) -> Array:
+    """What a file of any of the kinds holds."""
+    if path.suffix.lower() == ".zarr" and path.is_dir():
+        return read_omezarr_channel(path, 0, max_bytes=max_bytes)
+    if not path.is_file():
+        raise FormatError(f"There is no disparity map {path}.")
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+    if head.startswith(_NUMPY):
+        return _npy(path)
+    if head[:2] in (b"Pf", b"PF"):
+        return read_pfm(path)
+    if head.startswith(_HDF5):
+        return read_truth(path, max_bytes=max_bytes)
+    if [suffix.lower() for suffix in path.suffixes][-2:-1] == [".ome"]:
+        return read_ome_page(path, 0, max_bytes=max_bytes)
+    if path.suffix.lower() in SUFFIXES:
+        return read_picture(path, max_bytes=max_bytes)
+    raise FormatError(
+        f"{path} is no disparity map: give PFM, a TIFF of floats, .npy, what write_depth wrote, or "
+        "HDF5 with a truth."
+    )
 
 
 def _npy(path: Path) -> Array:

@@ -22,7 +22,7 @@ import numpy as np
 
 from clplen.errors import FormatError
 from clplen.files import PathLike
-from clplen.io.disparity import read_disparity
+from clplen.io.pfm import read_pfm
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -260,11 +260,18 @@ def read_truth(folder: PathLike, *, high: bool = False) -> np.ndarray[Any, np.dt
     size = "highres" if high else "lowres"
     disparity, depth = (folder / f"gt_{what}_{size}.pfm" for what in ("disp", "depth"))
     if disparity.is_file():
-        return read_disparity(disparity)
+        return _map(disparity)
     if not depth.is_file():
         raise FormatError(f"There is no true disparity in {folder}: {disparity.name} is missing.")
     parameters = read_parameters(folder)
     try:
-        return parameters.disparity(read_disparity(depth)).astype(np.float32)
+        return parameters.disparity(_map(depth)).astype(np.float32)
     except ValueError as error:
         raise FormatError(f"{folder / _FILE}: {error}") from error
+
+
+def _map(path: Path) -> np.ndarray[Any, np.dtype[np.float32]]:
+    values = read_pfm(path)
+    if values.ndim != 2:
+        raise FormatError(f"{path} has shape {values.shape}; a disparity map has (y, x).")
+    return values.astype(np.float32)

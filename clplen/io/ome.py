@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import struct
 from collections.abc import Iterable
 from contextlib import closing
 from pathlib import Path
@@ -15,8 +16,10 @@ from typing import Any
 import numpy as np
 import tifffile
 
+from clplen.errors import FormatError
 from clplen.files import PathLike, check_space, replacing
-from clplen.io.blocks import Block, checked, put
+from clplen.io.blocks import Array, Block, checked, put
+from clplen.io.bounds import require_bytes
 from clplen.lightfield.raw import Spacing
 
 SUFFIXES = (".tif", ".tiff")
@@ -94,3 +97,40 @@ def write_ome(
                 for plane, picture in zip(range(planes.start, planes.stop), values, strict=True):
                     before = (plane * shape[1] + rows.start) * shape[2] + columns.start
                     put(file, picture, start=start + sample * before, step=sample * shape[2])
+
+
+def read_ome_page(path: PathLike, index: int, *, max_bytes: int | None = None) -> Array:
+    """One picture of an OME-TIFF, as stored.
+
+    Parameters
+    ----------
+    path : path-like
+    index : int
+        Of the page, from 0.
+    max_bytes : int, optional
+        Largest allocation; default half of the free memory.
+
+    Returns
+    -------
+    numpy.ndarray
+
+    Raises
+    ------
+    FormatError
+        If it is damaged, or has no such page.
+    """
+    path = Path(path)
+    try:
+        with tifffile.TiffFile(path) as file:
+            page = file.pages[index]
+            require_bytes(
+                int(page.nbytes),
+                path=path,
+                what="a picture",
+                stored=path.stat().st_size,
+                ratio=1,
+                max_bytes=max_bytes,
+            )
+            return np.asarray(page.asarray())
+    except (OSError, ValueError, LookupError, RuntimeError, struct.error) as error:
+        raise FormatError(f"{path} cannot be read ({str(error)[:200]}).") from error

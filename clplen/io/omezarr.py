@@ -15,8 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from clplen.errors import FormatError
 from clplen.files import PathLike, check_space, filling
 from clplen.io.blocks import Array, Block, checked, put
+from clplen.io.bounds import require_bytes
 from clplen.io.zarrpackage import format_2, zarr_package
 from clplen.lightfield.raw import Spacing
 
@@ -307,6 +309,42 @@ def _omero(names: tuple[str, ...], limits: Limits, *, colour: bool) -> dict[str,
             }
         )
     return {"channels": channels, "rdefs": {"model": "color" if colour else "greyscale"}}
+
+
+def read_omezarr_channel(path: PathLike, index: int, *, max_bytes: int | None = None) -> Array:
+    """One channel (y, x) of an OME-Zarr (c, y, x), at full size.
+
+    Parameters
+    ----------
+    path : path-like
+        The folder.
+    index : int
+        Of the channel, from 0.
+    max_bytes : int, optional
+        Largest allocation; default half of the free memory.
+
+    Returns
+    -------
+    numpy.ndarray
+
+    Raises
+    ------
+    FormatError
+        If the package zarr is not installed; if it is damaged, or no such OME-Zarr.
+    """
+    path = Path(path)
+    zarr = _zarr()
+    try:
+        level = zarr.open_group(str(path), mode="r")["0"]
+        if len(level.shape) != 3:
+            raise ValueError(f"its full size has shape {level.shape}, not (c, y, x)")
+        nbytes = math.prod(level.shape[1:]) * level.dtype.itemsize
+        require_bytes(
+            nbytes, path=path, what="a channel", stored=nbytes, ratio=1, max_bytes=max_bytes
+        )
+        return np.asarray(level[index])
+    except (OSError, ValueError, LookupError, RuntimeError, TypeError) as error:
+        raise FormatError(f"{path} is no depth map in OME-Zarr ({str(error)[:200]}).") from error
 
 
 def _zarr() -> Any:

@@ -200,3 +200,15 @@ def test_sizes_and_planes():
     for wrong in ([], ["a"], [True], [float("nan")], "0:1:1", 3):
         with pytest.raises(ValueError, match=r"must|needs"):
             planes_of(wrong)
+
+
+def test_a_white_image_is_no_light_field(tmp_path: Path):
+    inputs(tmp_path, "a.npy", "white.npy")
+    text = f'{BASE}[inputs.layout]\nwhite = "in/white.npy"\n[stack]\n'
+    assert [task.name for task in tasks_of(read(tmp_path, text))] == ["a"]
+
+
+def test_single_brackets_are_one_table(tmp_path: Path):
+    inputs(tmp_path, "a.npy")
+    job = read(tmp_path, BASE.replace("[[inputs]]", "[inputs]") + "[stack]\n")
+    assert [task.name for task in tasks_of(job)] == ["a"]

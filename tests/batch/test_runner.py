@@ -234,3 +234,15 @@ def test_results_may_be_moved(small: tuple[Path, list[Path]], device: Device):
     (job.parent / "out").rename(job.parent / "elsewhere")
     job.write_text(job.read_text().replace('output = "out"', 'output = "elsewhere"'))
     assert run(job, device)[0].skipped == 6
+
+
+def test_a_job_of_which_nothing_was_done_may_change(small: tuple[Path, list[Path]], device: Device):
+    job, files = small
+    whole = {file: file.read_bytes() for file in files}
+    for file in files:
+        file.write_bytes(b"nothing")
+    assert len(run(job, device)[0].failed) == 6
+    for file, content in whole.items():
+        file.write_bytes(content)
+    job.write_text(job.read_text().replace("[all_in_focus]", ""))
+    assert run(job, device)[0].done == 6

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 import tifffile
 
+from clplen.cameras.truth import Truth
 from clplen.errors import FormatError
-from clplen.io import read_disparity, read_pfm, write_pfm
+from clplen.io import read_disparity, read_pfm, write_depth, write_pfm, write_truth
+from clplen.lightfield.depth import DepthMap
 
 SHAPE = (5, 7)
 
@@ -107,3 +109,19 @@ def test_no_such_file(tmp_path: Path):
         read_disparity(tmp_path / "a.pfm")
     with pytest.raises(FormatError, match="There is no file"):
         read_pfm(tmp_path / "a.pfm")
+
+
+def test_what_write_depth_and_write_truth_wrote(tmp_path: Path):
+    values = np.random.default_rng(2).normal(size=(3, 13, 17)).astype(np.float32)
+    depth = DepthMap(values[0], np.full((13, 17), np.nan, np.float32), values[1], values[2])
+    write_depth(tmp_path / "d.ome.tif", depth)
+    assert np.array_equal(read_disparity(tmp_path / "d.ome.tif"), values[0])
+    truth = Truth(values[0], values[1], np.zeros((13, 17), np.int32), {})
+    write_truth(tmp_path / "t.h5", truth)
+    assert np.array_equal(read_disparity(tmp_path / "t.h5"), values[0])
+    pytest.importorskip("zarr", reason="the extra zarr is not installed")
+    write_depth(tmp_path / "d.ome.zarr", depth)
+    assert np.array_equal(read_disparity(tmp_path / "d.ome.zarr"), values[0])
+    (tmp_path / "e.zarr").mkdir()
+    with pytest.raises(FormatError, match=r"e\.zarr is no depth map in OME-Zarr"):
+        read_disparity(tmp_path / "e.zarr")
