@@ -7,10 +7,9 @@
 #
 #   pocl      the whole suite on PoCL, which `pip install clplen` brings
 #   vkfft     the FFT tests on PoCL with VkFFT, built here for OpenCL
-#   intel     the tests that depend on the device, less the slow ones, those of many snapshots, of
-#             files, of jobs and of the physics that kernels add up to, on Intel's CPU runtime (which
-#             is installed here from PyPI and runs on AMD processors too). clplen shows it to the
-#             OpenCL loader by itself.
+#   intel     the tests of kernels, devices, towers and cameras, less the slow ones and those of
+#             many snapshots, on Intel's CPU runtime (which is installed here from PyPI and runs on
+#             AMD processors too). clplen shows it to the OpenCL loader by itself.
 #   oclgrind  tests/kernels on Debian's simulator Oclgrind, with no report of an access out of
 #             bounds or of a data race
 #
@@ -83,8 +82,8 @@ run_vkfft() {
 run_intel() {
     need_intel
     "$python" -m pytest -n auto --dist loadfile --device intel --device-tests-only \
-        -m "not slow and not many" -q --ignore=tests/io --ignore=tests/physics \
-        --ignore=tests/batch --ignore=tests/test_kernel_sources.py
+        -m "not slow and not many" -q \
+        tests/kernels tests/compute tests/wave tests/lightfield tests/cameras
 }
 
 run_oclgrind() {
