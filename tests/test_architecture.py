@@ -26,6 +26,7 @@ STOREYS = (
     {"analysis", "io"},
     {"plot", "config"},
     {"batch", "demo"},
+    {"bench"},
     {"cli"},
     {"__main__"},
 )
@@ -38,6 +39,7 @@ GUESTS = {
     "plot": {"matplotlib"},
     "config": {"pydantic", "tomli"},
     "batch": {"dask", "distributed", "pydantic"},
+    "bench": {"cv2", "numba", "torch"},
     "cli": {"click", "tqdm"},
 }
 

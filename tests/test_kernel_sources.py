@@ -39,6 +39,7 @@ from clplen import (
     refocus,
     thin_lens,
 )
+from clplen.bench import ceilings
 from clplen.cameras.pictures import PicturePlane
 from clplen.compute.device import Device
 from clplen.lightfield.allinfocus import all_in_focus
@@ -254,6 +255,7 @@ def captured(device: Device) -> None:
 
 def work(device: Device) -> None:
     """A small workload that reaches every kernel of one mapping, through public functions."""
+    ceilings.multiply_add(device, rounds=3).run()
     waves(device)
     raw = exposed(device, "hexagonal")
     pictured(device)

@@ -9,6 +9,7 @@ import click
 
 from clplen import __version__
 from clplen.cli.batch import batch, worker
+from clplen.cli.bench import bench
 from clplen.cli.demo import demo
 from clplen.cli.depth import depth
 from clplen.cli.devices import devices
@@ -39,6 +40,7 @@ def main() -> None:
 
 _COMMANDS = (
     batch,
+    bench,
     demo,
     depth,
     devices,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cached_property
 from threading import Lock, RLock
 from typing import Any, Literal, cast
@@ -19,6 +19,7 @@ from clplen.compute import pocl
 from clplen.compute.cache import PlanCache
 from clplen.compute.fft import FFTRoute, choose_route
 from clplen.compute.pages import LEAST_BYTES, ask_for_large_pages
+from clplen.compute.profile import Profile, bytes_of, label
 from clplen.compute.program import build_program
 from clplen.compute.selection import find_devices, select
 from clplen.compute.workspace import Workspace
@@ -69,6 +70,8 @@ class Device:
         self.note = ""
         self._programs: dict[tuple[Any, ...], cl.Program] = {}
         self._kernels: dict[tuple[Any, ...], cl.Kernel] = {}
+        self._labels: dict[cl.Kernel, str] = {}
+        self._profile: Profile | None = None
         self._lock = RLock()
         self._usable = False
         self._context: cl.Context | None = None
@@ -163,6 +166,45 @@ class Device:
             if self._queue is None:
                 self._queue = cl.CommandQueue(self.context)
             return self._queue
+
+    @contextmanager
+    def profiling(self) -> Iterator[Profile]:
+        """Time everything that is enqueued in this block, by the device's own clock.
+
+        Yields
+        ------
+        Profile
+            Its ``runs`` are complete when the block is left.
+        """
+        properties = cl.command_queue_properties.PROFILING_ENABLE
+        with self._lock:
+            self.queue.finish()
+            plain, before = self.queue, self._profile
+            profile = self._profile = Profile()
+            self._queue = cl.CommandQueue(self.context, properties=properties)
+        try:
+            yield profile
+        finally:
+            with self._lock:
+                self.queue.finish()
+                self._queue, self._profile = plain, before
+
+    def timed(
+        self, what: str, *, nbytes: int, operations: float = 0.0
+    ) -> AbstractContextManager[None]:
+        """Work of the host that belongs into a profile; nothing happens where none is kept.
+
+        Parameters
+        ----------
+        what : str
+        nbytes : int
+            That have to be moved at least.
+        operations : float
+            Additions and multiplications.
+        """
+        if self._profile is None:
+            return nullcontext()
+        return self._profile.on_host(what, self.queue, nbytes, operations)
 
     @cached_property
     def fft(self) -> FFTRoute:
@@ -269,7 +311,8 @@ class Device:
         values = np.asarray(values, order="C")
         array = self.empty(values.shape, values.dtype)
         if values.nbytes:
-            cl.enqueue_copy(self.queue, _buffer(array), values, is_blocking=True)
+            done = cl.enqueue_copy(self.queue, _buffer(array), values, is_blocking=True)
+            self._note("upload", done, values.nbytes)
         return array
 
     def download(self, array: cla.Array) -> np.ndarray[Any, Any]:
@@ -277,15 +320,20 @@ class Device:
         _require_contiguous(array)
         values = np.empty(array.shape, array.dtype)
         if values.nbytes:
-            cl.enqueue_copy(
+            done = cl.enqueue_copy(
                 self.queue, values, _buffer(array), src_offset=array.offset, is_blocking=True
             )
+            self._note("download", done, values.nbytes)
         return values
+
+    def _note(self, what: str, event: Any, nbytes: int, operations: float = 0.0) -> None:
+        if self._profile is not None:
+            self._profile.add_event(what, event, nbytes, operations)
 
     def copy_into(self, target: cla.Array, source: cla.Array, offset: int) -> None:
         """Copy a whole device array into another one, from a byte of that on."""
         if source.nbytes:
-            cl.enqueue_copy(
+            done = cl.enqueue_copy(
                 self.queue,
                 _buffer(target),
                 _buffer(source),
@@ -293,6 +341,7 @@ class Device:
                 dst_offset=target.offset + offset,
                 byte_count=source.nbytes,
             )
+            self._note("copy", done, 2 * source.nbytes)
 
     @contextmanager
     def on_host(self, array: cla.Array, *, write: bool = True) -> Iterator[np.ndarray[Any, Any]]:
@@ -338,6 +387,7 @@ class Device:
             if key not in self._kernels:
                 program = self._program(file, tuple(sorted(defines.items())))
                 self._kernels[key] = cl.Kernel(program, name)
+                self._labels[self._kernels[key]] = label(name, key[2])
             return self._kernels[key]
 
     def _program(self, file: str, defines: tuple[tuple[str, Any], ...]) -> cl.Program:
@@ -356,6 +406,8 @@ class Device:
         size: Sequence[int],
         *args: Any,
         group: Sequence[int] | None = None,
+        nbytes: int | None = None,
+        operations: float = 0.0,
     ) -> None:
         """Enqueue a kernel.
 
@@ -369,6 +421,10 @@ class Device:
             NumPy scalars, `pyopencl.array.Array` (without offset) or buffers, in order.
         group : sequence of int, optional
             Work-group; by default one item, or 64 along the first axis where ``rows`` is off.
+        nbytes : int, optional
+            For a profile: bytes that have to be moved at least; by default every array once.
+        operations : float
+            For a profile: additions and multiplications.
         """
         if group is None:
             group = (1 if self.rows else _GPU_GROUP, *(1 for _ in size[1:]))
@@ -377,13 +433,18 @@ class Device:
             return
         plain: list[Any] = [arg.data if isinstance(arg, cla.Array) else arg for arg in args]
         with self._lock:
-            kernel(self.queue, total, tuple(group), *plain)
+            done = kernel(self.queue, total, tuple(group), *plain)
+            if self._profile is not None:
+                moved = bytes_of(args) if nbytes is None else nbytes
+                self._note(self._labels.get(kernel, kernel.function_name), done, moved, operations)
 
-    def launch_rows(self, kernel: cl.Kernel, shape: Sequence[int], *args: Any) -> None:
+    def launch_rows(
+        self, kernel: cl.Kernel, shape: Sequence[int], *args: Any, operations: float = 0.0
+    ) -> None:
         """Enqueue a kernel written with ``FOR_X`` over (..., ny, nx): see common.cl."""
         *batch, ny, nx = (int(n) for n in shape)
         count = int(np.prod(batch, dtype=np.int64))
-        self.launch(kernel, (1 if self.rows else nx, ny, count), *args)
+        self.launch(kernel, (1 if self.rows else nx, ny, count), *args, operations=operations)
 
     def finish(self) -> None:
         """Wait until everything enqueued is done."""

@@ -7,6 +7,7 @@ a device; ``$CLPLEN_FFT`` forces one.
 
 from __future__ import annotations
 
+import math
 import os
 import warnings
 from collections.abc import Callable
@@ -81,11 +82,13 @@ class FFTRoute:
             Of -2 and -1.
         forward : bool
         """
-        if self.name == "vkfft":
-            _vkfft(array, device, axes, forward)
-            return
-        with device.on_host(array) as values:
-            _HOST[self.name](values, values, axes, forward, self.threads)
+        operations = array.size * sum(5 * math.log2(array.shape[axis]) for axis in axes)
+        with device.timed(f"FFT, {self.name}", nbytes=2 * array.nbytes, operations=operations):
+            if self.name == "vkfft":
+                _vkfft(array, device, axes, forward)
+                return
+            with device.on_host(array) as values:
+                _HOST[self.name](values, values, axes, forward, self.threads)
 
     def lines(
         self, values: Array, out: Array, axis: int, forward: bool, *, careful: bool = False

@@ -1,0 +1,79 @@
+"""Where a benchmark ran."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from clplen import __version__
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+
+PACKAGES = (
+    "numpy",
+    "scipy",
+    "pyopencl",
+    "pocl-binary-distribution",
+    "intel-opencl-rt",
+    "ducc0",
+    "pyvkfft",
+    "torch",
+    "numba",
+    "opencv-python-headless",
+    "opencv-python",
+)
+
+
+def environment(device: Device) -> dict[str, Any]:
+    """Device, driver, processor and versions, for the head of a table and for JSON."""
+    return {
+        "clplen": __version__,
+        "device": device.name,
+        "driver": device.driver,
+        "precision": device.precision,
+        "fft": device.fft.name,
+        "note": device.note,
+        "processor": processor(),
+        "cores": device.fft.threads,
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "packages": _versions(),
+    }
+
+
+def processor() -> str:
+    """Its name, with family and model where Linux tells them."""
+    try:
+        text = Path("/proc/cpuinfo").read_text()
+    except OSError:
+        return platform.processor() or platform.machine()
+    found: dict[str, str] = {}
+    for line in text.split("\n\n")[0].splitlines():
+        key, _, value = line.partition(":")
+        found[key.strip()] = value.strip()
+    name = found.get("model name", platform.machine())
+    return f"{name}, family {found.get('cpu family', '?')}, model {found.get('model', '?')}"
+
+
+def _versions() -> dict[str, str]:
+    found = {}
+    for name in PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def quiet_enough() -> str:
+    """A sentence where other programs use the processor, else nothing."""
+    if not hasattr(os, "getloadavg"):
+        return ""
+    load, cores = os.getloadavg()[0], os.cpu_count() or 1
+    if load < cores / 2:
+        return ""
+    return f"Other programs ran beside (load {load:.1f} on {cores} cores): only ratios count."

@@ -1,0 +1,97 @@
+"""Times of several things taken in turn, so that a machine that slows down slows all of them."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+
+
+@dataclass(frozen=True)
+class Case:
+    """Something to time.
+
+    Attributes
+    ----------
+    name : str
+    run : callable
+        Does it once and returns when it is done.
+    work : float
+        How much one run does, in ``unit``.
+    unit : str
+        "rays", "samples", "bytes", "operations", ...
+    """
+
+    name: str
+    run: Callable[[], object]
+    work: float = 1.0
+    unit: str = "runs"
+
+
+@dataclass(frozen=True)
+class Times:
+    """Seconds of the repeats of one case, in the order in which they were taken."""
+
+    case: Case
+    seconds: tuple[float, ...]
+
+    @property
+    def median(self) -> float:
+        """Of the seconds."""
+        return statistics.median(self.seconds)
+
+    @property
+    def spread(self) -> float:
+        """Distance of the quartiles over the median."""
+        if len(self.seconds) < 2:
+            return 0.0
+        low, _, high = statistics.quantiles(self.seconds, n=4, method="inclusive")
+        return (high - low) / self.median
+
+    @property
+    def rate(self) -> float:
+        """Work a second."""
+        return self.case.work / self.median
+
+    def over(self, other: Times) -> float:
+        """Median of the ratios of runs of the same round: this one's time over the other's."""
+        pairs = zip(self.seconds, other.seconds, strict=True)
+        return statistics.median(mine / theirs for mine, theirs in pairs)
+
+
+def in_turn(cases: Sequence[Case], repeats: int) -> list[Times]:
+    """Run every case once uncounted, then `repeats` rounds of all of them.
+
+    Parameters
+    ----------
+    cases : sequence of Case
+    repeats : int
+        At least 1.
+
+    Returns
+    -------
+    list of Times
+        In the order of the cases.
+    """
+    seconds: list[list[float]] = [[] for _ in cases]
+    for _ in range(repeats + 1):
+        for case, taken in zip(cases, seconds, strict=True):
+            start = perf_counter()
+            case.run()
+            taken.append(perf_counter() - start)
+    return [Times(case, tuple(taken[1:])) for case, taken in zip(cases, seconds, strict=True)]
+
+
+def finished(run: Callable[[], object], device: Device) -> Callable[[], Any]:
+    """``run``, then a wait until the device is done."""
+
+    def both() -> None:
+        run()
+        device.finish()
+
+    return both

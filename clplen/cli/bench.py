@@ -1,0 +1,106 @@
+"""``clplen bench``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from clplen.cli import options
+from clplen.cli.messages import note
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+
+
+@click.command()
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@options.device
+@click.option("--list", "listed", is_flag=True, help="Say which benchmarks there are.")
+@click.option("--size", "sizes", multiple=True, help="Instead of the benchmark's own; repeatable.")
+@click.option("--repeats", default=5, show_default=True, type=click.IntRange(1))
+@click.option("--quick", is_flag=True, help="Small sizes: whether everything works, not how fast.")
+@click.option("--profile", "profiled", is_flag=True, help="Time every kernel, beside the ceilings.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON: save it for --compare.")
+@click.option(
+    "--compare",
+    "saved",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Compare the ratios with those of a saved run.",
+)
+def bench(
+    names: tuple[str, ...],
+    selector: str | None,
+    listed: bool,
+    sizes: tuple[str, ...],
+    repeats: int,
+    quick: bool,
+    profiled: bool,
+    as_json: bool,
+    saved: Path | None,
+) -> None:
+    """Measure the device, beside what is written by hand and beside what the machine can do.
+
+    Without a NAME every benchmark is run. Only ratios mean something on another machine.
+
+    \b
+    Example:
+      clplen bench stack
+      clplen bench propagation --profile
+      clplen bench --json > before.json
+      clplen bench --compare before.json
+    """
+    from clplen.bench import registry, table
+    from clplen.bench import saved as files
+    from clplen.bench.environment import environment, quiet_enough
+    from clplen.compute.device import Device
+
+    chosen = names or registry.NAMES
+    found = {name: registry.find(name) for name in chosen}
+    if listed:
+        for name, benchmark in found.items():
+            click.echo(f"{name:12s} {benchmark.SUMMARY}")
+        return
+    if sizes and len(chosen) != 1:
+        raise click.UsageError("--size belongs to one benchmark: name it.")
+    before = files.read(saved) if saved else None
+    device = Device.open(selector)
+    where = environment(device)
+    if not as_json:
+        click.echo(f"{table.place(where)}\n")
+    reports = []
+    for name, benchmark in found.items():
+        for size in sizes or ((benchmark.QUICK,) if quick else benchmark.SIZES):
+            with _profile(device, profiled) as lines:
+                report = registry.run(name, device, size=size, repeats=repeats, say=note)
+            if report is None:
+                continue
+            reports.append(report)
+            if not as_json:
+                click.echo("\n".join([table.text(report), *lines, ""]))
+    if as_json:
+        click.echo(files.as_json(reports, where))
+    if before is not None:
+        click.echo(files.compared(reports, before), err=as_json)
+    busy = quiet_enough()
+    if busy:
+        note(busy)
+
+
+@contextmanager
+def _profile(device: Device, wanted: bool) -> Iterator[list[str]]:
+    """Lines of a profile of the block, there when it is left; none if it is not wanted."""
+    from clplen.bench import ceilings, table
+
+    lines: list[str] = []
+    if not wanted:
+        yield lines
+        return
+    limits = ceilings.measure(device)
+    with device.profiling() as profile:
+        yield lines
+    lines.append(table.profile_text(profile.runs, limits))

@@ -1,0 +1,85 @@
+"""What ran on a device and how long it took, by the device's own clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import pyopencl as cl
+
+NANOSECOND = 1e-9
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of a kernel, a copy, or a piece of work on the host.
+
+    Attributes
+    ----------
+    name : str
+        The kernel with its definitions, or what the host did.
+    seconds : float
+        From start to end.
+    nbytes : int
+        Bytes that have to be moved at least: every array once.
+    operations : float
+        Additions and multiplications; 0 where they were not counted.
+    """
+
+    name: str
+    seconds: float
+    nbytes: int
+    operations: float
+
+
+class Profile:
+    """Runs in the order in which they were enqueued. Made by `Device.profiling`."""
+
+    def __init__(self) -> None:
+        self._runs: list[Run | tuple[str, cl.Event, int, float]] = []
+
+    def add_event(self, name: str, event: cl.Event, nbytes: int, operations: float = 0.0) -> None:
+        """Something that was enqueued; its times are read when it is over."""
+        self._runs.append((name, event, nbytes, operations))
+
+    @contextmanager
+    def on_host(
+        self, name: str, queue: cl.CommandQueue, nbytes: int, operations: float = 0.0
+    ) -> Iterator[None]:
+        """A piece of work that the host does or waits for, by the host's clock."""
+        queue.finish()
+        start = perf_counter()
+        yield
+        queue.finish()
+        self._runs.append(Run(name, perf_counter() - start, nbytes, operations))
+
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        """All of them; waits for those that are not over."""
+        return tuple(run if isinstance(run, Run) else _timed(*run) for run in self._runs)
+
+
+def _timed(name: str, event: cl.Event, nbytes: int, operations: float) -> Run:
+    event.wait()
+    times = event.profile
+    return Run(name, (times.end - times.start) * NANOSECOND, nbytes, operations)
+
+
+def label(name: str, defines: Sequence[tuple[str, Any]]) -> str:
+    """A kernel's name with what it was specialised by."""
+    told = (key if value is True else f"{key}={value}" for key, value in defines if key != "ROWS")
+    return " ".join((name, *told))
+
+
+def bytes_of(arrays: Sequence[Any]) -> int:
+    """Bytes of the arrays among a kernel's arguments, each buffer once."""
+    sizes: dict[Any, int] = {}
+    for array in arrays:
+        if isinstance(array, cl.Buffer):
+            sizes[array] = max(sizes.get(array, 0), array.size)
+        elif hasattr(array, "nbytes") and hasattr(array, "base_data"):
+            sizes[array.base_data] = max(sizes.get(array.base_data, 0), array.nbytes)
+    return sum(sizes.values())
