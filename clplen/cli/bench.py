@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -67,6 +68,7 @@ def bench(
         return
     if sizes and len(chosen) != 1:
         raise click.UsageError("--size belongs to one benchmark: name it.")
+    logging.getLogger("clplen").setLevel(logging.WARNING)  # what is read is no news here
     before = files.read(saved) if saved else None
     device = Device.open(selector)
     where = environment(device)

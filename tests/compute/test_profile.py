@@ -1,0 +1,101 @@
+"""What ran on a device, and for how long."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from clplen.compute.device import Device
+from clplen.compute.profile import Profile, label
+
+
+def multiply(device: Device, n: int, operations: float = 0.0) -> None:
+    """A product of two complex fields of n x n samples."""
+    fields = [device.zeros((n, n), device.complex) for _ in range(3)]
+    kernel = device.kernel("multiply.cl", "multiply", **device.wave_defines())
+    sizes = (np.int32(n), np.int32(n))
+    device.launch_rows(kernel, (n, n), *fields, *sizes, operations=operations)
+
+
+def test_a_kernel_is_noted_with_its_bytes_and_operations(device: Device) -> None:
+    n = 40
+    with device.profiling() as profile:
+        multiply(device, n, operations=6.0 * n * n)
+    (run,) = (run for run in profile.runs if run.name.startswith("multiply"))
+    assert run.nbytes == 3 * n * n * device.complex.itemsize
+    assert run.operations == 6 * n * n
+    assert 0 < run.seconds < 60
+
+
+def test_an_array_given_twice_counts_once(device: Device) -> None:
+    n = 24
+    field = device.zeros((n, n), device.complex)
+    kernel = device.kernel("multiply.cl", "multiply", **device.wave_defines())
+    with device.profiling() as profile:
+        device.launch_rows(kernel, (n, n), field, field, field, np.int32(n), np.int32(n))
+    assert profile.runs[-1].nbytes == field.nbytes
+
+
+def test_copies_are_noted(device: Device) -> None:
+    values = np.arange(12.0, dtype=np.float32)
+    with device.profiling() as profile:
+        there = device.upload(values)
+        twin = device.empty(there.shape, there.dtype)
+        device.copy_into(twin, there, 0)
+        assert np.array_equal(device.download(twin), values)
+    found = {run.name: run.nbytes for run in profile.runs}
+    assert found == {"upload": 48, "copy": 96, "download": 48}
+
+
+def test_a_transform_is_noted_with_its_operations(device: Device) -> None:
+    field = device.zeros((16, 32), device.complex)
+    with device.profiling() as profile:
+        device.fft.forward(field, device)
+    (run,) = (run for run in profile.runs if run.name.startswith("FFT"))
+    assert run.operations == 5 * 16 * 32 * (4 + 5)  # 5 N log2 N along each axis
+    assert run.nbytes == 2 * field.nbytes
+
+
+def test_nothing_is_noted_outside(device: Device) -> None:
+    with device.profiling() as profile:
+        pass
+    multiply(device, 8)
+    with device.timed("something", nbytes=8):
+        pass
+    assert profile.runs == ()
+
+
+def test_the_plain_queue_comes_back(device: Device) -> None:
+    before = device.queue
+    with device.profiling():
+        assert device.queue is not before
+    assert device.queue is before
+    with pytest.raises(ZeroDivisionError), device.profiling():
+        raise ZeroDivisionError
+    assert device.queue is before
+
+
+def test_profiles_within_each_other(device: Device) -> None:
+    with device.profiling() as outer:
+        multiply(device, 8)
+        with device.profiling() as inner:
+            multiply(device, 8)
+    assert len(inner.runs) == 1
+    assert len(outer.runs) == 1
+
+
+def test_work_of_the_host_is_timed(device: Device) -> None:
+    profile = Profile()
+    with profile.on_host("waiting", device.queue, nbytes=3, operations=4.0):
+        time.sleep(0.01)
+    (run,) = profile.runs
+    assert (run.name, run.nbytes, run.operations) == ("waiting", 3, 4.0)
+    assert run.seconds >= 0.01
+
+
+def test_labels_tell_what_a_kernel_was_specialised_by() -> None:
+    assert (
+        label("shear", (("LANES", 16), ("ROWS", True), ("CLAMP", True))) == "shear LANES=16 CLAMP"
+    )
