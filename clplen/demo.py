@@ -24,6 +24,7 @@ from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.raw import RawImage
 from clplen.lightfield.refocus import focal_stack, refocus
 from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.statistics import add_scaled
 
 SOURCE_DIAMETER = 10e-6
 POINTS = {"A": (-3e-3, -3e-3, -50e-3), "B": (0.0, 0.0, 0.0), "C": (3e-3, 3e-3, 50e-3)}
@@ -62,12 +63,13 @@ def expose_point(cam: Plenoptic1, position: Sequence[float]) -> RawImage:
 
 def scene(cam: Plenoptic1) -> RawImage:
     """Raw image of A, B and C, each divided by its own sum and then added, as in the thesis."""
-    raws = [expose_point(cam, position) for position in POINTS.values()]
-    total = np.zeros(raws[0].shape)
-    for raw in raws:
-        values = raw.to_numpy()
-        total += values / values.sum(dtype=np.float64)
-    return replace(raws[0], data=cam.device.upload(total.astype(np.float32)))
+    total = cam.device.zeros(cam.grid.shape, np.float32)
+    for position in POINTS.values():
+        raw = expose_point(cam, position)
+        with cam.device.on_host(raw.data, write=False) as values:
+            energy = float(values.sum(dtype=np.float64))
+        add_scaled(total, raw.data, 1 / energy, cam.device)
+    return replace(raw, data=total)
 
 
 def place(cam: Plenoptic1, name: str) -> tuple[float, float]:

@@ -1,10 +1,11 @@
-/* Intensity of a complex field, its sum and its accumulation.
+/* Intensity of a complex field, its sum and its accumulation, and that of real pictures.
  *
  *   intensity    I[b, y, x]  = |u[b, y, x]|^2
  *   accumulate   I[y, x]    += sum_b w[b] |u[b, y, x]|^2     mutually incoherent fields
+ *   add_scaled   I[y, x]    += w J[y, x]
  *   row_power    P[b, y]     = sum_x |u[b, y, x]|^2          compensated (Kahan 1965)
  *
- * Mapping: FOR_X of common.cl (accumulate: no batch axis); row_power: one item a row.
+ * Mapping: FOR_X of common.cl (accumulate, add_scaled: no batch axis); row_power: one item a row.
  * -DROWS, -DDOUBLE: see common.cl.
  */
 #include "common.cl"
@@ -34,6 +35,14 @@ __kernel void accumulate(__global real *restrict out, __global const cplx *restr
         FOR_X(x, nx)
             out[row + x] += w * norm2(u[from + x]);
     }
+}
+
+__kernel void add_scaled(__global real *restrict out, __global const real *restrict in, const real w,
+                         const int ny, const int nx)
+{
+    const size_t row = row_start(0, get_global_id(1), ny, nx);
+    FOR_X(x, nx)
+        out[row + x] += w * in[row + x];
 }
 
 __kernel void row_power(__global real *restrict out, __global const cplx *restrict u,

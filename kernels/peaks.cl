@@ -34,45 +34,50 @@ typedef float vec;
 #define SIGN 1.0f
 #endif
 
-/* Planes `first` ... `first + count - 1` of `curve`; places[k] = (d, h0, h1), a step of 0 at an
- * end. */
+/* Planes `first` ... `first + count - 1` of `curve`; places[k] = (d, h0, h1), a step of 0 at an end.
+ * `fresh`: nothing is tracked yet, and `start` is what is found where there is no peak. */
 __kernel void track_peaks(__global float *restrict best, __global float *restrict second,
                           __global float *restrict place, __global float *restrict curvature,
                           __global const float *restrict curve, __global const float *restrict places,
-                          const int first, const int count, const int size, const int length)
+                          const int first, const int count, const int fresh, const float start,
+                          const int size, const int length)
 {
     const int begin = get_global_id(0) * length;
     for (int i = begin; i < min(begin + length, size); i += STEP) {
-        vec high = LOAD(best + i), next = LOAD(second + i);
-        vec where = LOAD(place + i), bend = LOAD(curvature + i);
+        const vec before = fresh ? (vec)(-INFINITY) : LOAD(best + i);
+        vec high = before, next = fresh ? (vec)(-INFINITY) : LOAD(second + i);
+        vec d = 0, h0 = 0, h1 = 0, rise = 0, fall = 0; /* of the highest so far */
         __global const float *plane = curve + (size_t)first * size + i;
         vec below = SIGN * LOAD(plane - (places[1] > 0.0f ? size : 0));
         vec at = SIGN * LOAD(plane);
         for (int k = 0; k < count; ++k) {
-            const float d = places[3 * k], h0 = places[3 * k + 1], h1 = places[3 * k + 2];
-            const bool inside = h0 > 0.0f && h1 > 0.0f;
+            const float down = places[3 * k + 1], up = places[3 * k + 2];
             plane += size;
-            const vec above = h1 > 0.0f ? SIGN * LOAD(plane) : below;
-            const vec rise = at - (h0 > 0.0f ? below : above);
-            const vec fall = at - above;
-            const vec s0 = inside ? rise / h0 : (vec)(0.0f);
-            const vec s1 = inside ? fall / h1 : (vec)(0.0f);
-            const vec sum = s0 + s1;
-            const vec off = sum > 0.0f ? 0.5f * (s0 * h1 - s1 * h0) / sum : (vec)(0.0f);
-            const vec top = rise >= 0.0f && fall > 0.0f ? at : (vec)(-INFINITY);
-            const vec level = rise == 0.0f && fall == 0.0f ? at : top;
+            const vec above = up > 0.0f ? SIGN * LOAD(plane) : below;
+            const vec left = at - (down > 0.0f ? below : above);
+            const vec right = at - above;
+            const vec top = left >= 0.0f && right > 0.0f ? at : (vec)(-INFINITY);
+            const vec level = left == 0.0f && right == 0.0f ? at : top;
             const vec other = top > high ? high : level;
             next = other > next ? other : next;
-            where = top > high ? d + off : where;
-            bend = top > high ? sum * (inside ? 2.0f / (h0 + h1) : 0.0f) : bend;
+            d = top > high ? (vec)(places[3 * k]) : d;
+            h0 = top > high ? (vec)(down) : h0;
+            h1 = top > high ? (vec)(up) : h1;
+            rise = top > high ? left : rise;
+            fall = top > high ? right : fall;
             high = top > high ? top : high;
             below = at;
             at = above;
         }
+        const vec s0 = rise / (h0 > 0.0f ? h0 : (vec)(1.0f));
+        const vec s1 = fall / (h1 > 0.0f ? h1 : (vec)(1.0f));
+        const vec sum = h0 > 0.0f && h1 > 0.0f ? s0 + s1 : (vec)(0.0f);
+        const vec off = sum > 0.0f ? 0.5f * (s0 * h1 - s1 * h0) / sum : (vec)(0.0f);
+        const vec bend = sum > 0.0f ? sum * 2.0f / (h0 + h1) : (vec)(0.0f);
         STORE(best + i, high);
         STORE(second + i, next);
-        STORE(place + i, where);
-        STORE(curvature + i, bend);
+        STORE(place + i, high > before ? d + off : fresh ? (vec)(start) : LOAD(place + i));
+        STORE(curvature + i, high > before ? bend : fresh ? (vec)(0.0f) : LOAD(curvature + i));
     }
 }
 

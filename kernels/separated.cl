@@ -6,8 +6,10 @@
  * i is a sample of a row, channels fastest; beyond the edges the picture is reflected:
  * d c b a | a b c d | d c b a.
  *
- * A group of items owns `length` samples of a row; its local memory holds them with `halo` samples
- * on either side. -DROWS: the group is one item, which takes 16 samples at a time.
+ * A group of items owns `length` samples of LINES rows; its local memory holds them with `halo`
+ * samples on either side, row after row. w points at the weight at distance 0 of a table of all
+ * distances, with LINES - 1 zeros at either end, so that a row that is read once serves all rows.
+ * -DLINES=n; -DROWS: the group is one item, which takes 16 samples at a time. Otherwise LINES is 1.
  * Included only.
  */
 #ifndef CLPLEN_SEPARATED
@@ -16,12 +18,15 @@
 #include "lanes.cl"
 
 #define VECTORS 4
+#define DOWN 2 /* vectors of a row of the LINES that are filtered at a time */
 #define CHUNK (16 * VECTORS)
 #define UNROLLED(j) _Pragma("unroll") for (int j = 0; j < VECTORS; ++j)
+#define EACH_LINE(r) _Pragma("unroll") for (int r = 0; r < LINES; ++r)
+#define EACH_DOWN(j) _Pragma("unroll") for (int j = 0; j < DOWN; ++j)
 /* Chunks of begin <= i < end, the last one over part of the one before; none if it is shorter. */
-#define FOR_CHUNKS(i, begin, end) \
-    for (int i = (begin); i < (end) && (end) - (begin) >= CHUNK; \
-         i = i + CHUNK < (end) && i + 2 * CHUNK > (end) ? (end) - CHUNK : i + CHUNK)
+#define FOR_CHUNKS(i, begin, end, chunk) \
+    for (int i = (begin); i < (end) && (end) - (begin) >= (chunk); \
+         i = i + (chunk) < (end) && i + 2 * (chunk) > (end) ? (end) - (chunk) : i + (chunk))
 #define FOR_ITEMS(i, n) for (int i = get_local_id(0); i < (n); i += get_local_size(0))
 
 inline int reflected(int i, const int n)
@@ -36,30 +41,32 @@ inline int reflected(int i, const int n)
 inline float column(__global const float *in, const int y, const int i, __global const float *w,
                     const int radius, const int ny, const int n)
 {
-    float sum = w[0] * in[row_start(0, y, ny, n) + i];
-    for (int t = 1; t <= radius; ++t)
-        sum += w[t] * (in[row_start(0, reflected(y - t, ny), ny, n) + i]
-                       + in[row_start(0, reflected(y + t, ny), ny, n) + i]);
+    float sum = 0.0f;
+    for (int t = -radius; t <= radius; ++t)
+        sum += w[t] * in[row_start(0, reflected(y + t, ny), ny, n) + i];
     return sum;
 }
 
 #ifdef ROWS
-/* The same for CHUNK samples from i on. */
-inline void column_chunk(__local float *to, __global const float *in, const int y, const int i,
-                         __global const float *w, const int radius, const int ny, const int n)
+/* The same for rows y ... y + LINES - 1, `apart` samples apart in `to`, and 16 DOWN samples from i
+ * on. */
+inline void column_chunk(__local float *to, const int apart, __global const float *in, const int y,
+                         const int i, __global const float *w, const int radius, const int ny,
+                         const int n)
 {
-    float16 sum[VECTORS];
-    __global const float *at = in + row_start(0, y, ny, n) + i;
-    UNROLLED(j)
-        sum[j] = w[0] * load16(at + 16 * j);
-    for (int t = 1; t <= radius; ++t) {
-        __global const float *above = in + row_start(0, reflected(y - t, ny), ny, n) + i;
-        __global const float *below = in + row_start(0, reflected(y + t, ny), ny, n) + i;
-        UNROLLED(j)
-            sum[j] += w[t] * (load16(above + 16 * j) + load16(below + 16 * j));
+    float16 sum[LINES][DOWN];
+    EACH_LINE(r) EACH_DOWN(j)
+        sum[r][j] = (float16)(0.0f);
+    for (int t = -radius; t < LINES + radius; ++t) {
+        __global const float *at = in + row_start(0, reflected(y + t, ny), ny, n) + i;
+        float16 v[DOWN];
+        EACH_DOWN(j)
+            v[j] = load16(at + 16 * j);
+        EACH_LINE(r) EACH_DOWN(j)
+            sum[r][j] += w[t - r] * v[j];
     }
-    UNROLLED(j)
-        store16_local(to + 16 * j, sum[j]);
+    EACH_LINE(r) EACH_DOWN(j)
+        store16_local(to + r * apart + 16 * j, sum[r][j]);
 }
 #endif
 
@@ -70,24 +77,27 @@ inline int reflected_sample(const int i, const int nx, const int channels)
     return reflected(x, nx) * channels + (i - x * channels);
 }
 
-/* column(first - halo) ... column(first + count + halo - 1). */
-inline void columns(__local float *to, __global const float *in, const int y, const int first,
-                    const int count, const int halo, __global const float *w, const int radius,
-                    const int ny, const int nx, const int channels)
+/* column(first - halo) ... column(first + count + halo - 1) of LINES rows, `apart` apart in `to`. */
+inline void columns(__local float *to, const int apart, __global const float *in, const int y,
+                    const int first, const int count, const int halo, __global const float *w,
+                    const int radius, const int ny, const int nx, const int channels)
 {
     const int n = nx * channels;
     const int start = first - halo;
 #ifdef ROWS
     const int begin = max(start, 0), end = min(first + count + halo, n);
-    FOR_CHUNKS(i, begin, end)
-        column_chunk(to + i - start, in, y, i, w, radius, ny, n);
-    if (end - begin < CHUNK)
-        for (int i = begin; i < end; ++i)
-            to[i - start] = column(in, y, i, w, radius, ny, n);
-    for (int i = start; i < begin; ++i)
-        to[i - start] = to[reflected_sample(i, nx, channels) - start];
-    for (int i = end; i < first + count + halo; ++i)
-        to[i - start] = to[reflected_sample(i, nx, channels) - start];
+    FOR_CHUNKS(i, begin, end, 16 * DOWN)
+        column_chunk(to + i - start, apart, in, y, i, w, radius, ny, n);
+    for (int r = 0; r < LINES; ++r) {
+        __local float *line = to + r * apart;
+        if (end - begin < 16 * DOWN)
+            for (int i = begin; i < end; ++i)
+                line[i - start] = column(in, y + r, i, w, radius, ny, n);
+        for (int i = start; i < begin; ++i)
+            line[i - start] = line[reflected_sample(i, nx, channels) - start];
+        for (int i = end; i < first + count + halo; ++i)
+            line[i - start] = line[reflected_sample(i, nx, channels) - start];
+    }
 #else
     FOR_ITEMS(k, count + 2 * halo)
         to[k] = column(in, y, reflected_sample(start + k, nx, channels), w, radius, ny, n);

@@ -14,7 +14,7 @@
  * views 2 n and 2 n + 1 are a pair.
  * Mapping: epi_tensor: an item = LANES VECTORS samples of a row, in the order of
  * sheared.cl.
- * -DSAMPLE=uchar | ushort | float, -DLANES=1 | 4 | 8 | 16, -DVECTORS=n: see sheared.cl. -DROWS.
+ * -DSAMPLE=uchar | ushort | half | float, -DLANES=1 | 4 | 8 | 16, -DVECTORS=n: see sheared.cl. -DROWS.
  */
 #include "sheared.cl"
 
@@ -36,16 +36,19 @@ inline gradient along(const view_rows rows[3], const int s, const int right, con
     return out;
 }
 
-/* The products of one pair of views, added to the sums. */
+/* The products of one pair of views, added to the sums. `all_within`: of every vector. */
 inline void add_pair(vec xx[VECTORS], vec xu[VECTORS], vec uu[VECTORS], const view_rows m[3],
                      const view_rows n[3], const float weight, const float link, const int s,
-                     const int right, const view_size size, const bool within)
+                     const int right, const view_size size, const bool all_within)
 {
-    EACH_VECTOR(j) {
-        const int i = s + LANES * j;
-        const gradient a = along(m, i, right, size, within), b = along(n, i, right, size, within);
-        const vec share = within ? (vec)(m[1].share * n[1].share)
-                                 : inside(m[1], i, size) * inside(n[1], i, size);
+    for (int j = 0; j < VECTORS; ++j) { /* not unrolled: half as quick again */
+        const int i = s + LANES * j, count = LANES + 2 * right;
+        const bool here = all_within || (within(m[1], i - right, count, size)
+                                         && within(n[1], i - right, count, size));
+        const gradient a = here ? along(m, i, right, size, true) : along(m, i, right, size, false);
+        const gradient b = here ? along(n, i, right, size, true) : along(n, i, right, size, false);
+        const vec share = here ? (vec)(m[1].share * n[1].share)
+                               : inside(m[1], i, size) * inside(n[1], i, size);
         const vec w = weight * share;
         const vec mean = 0.5f * (a.slope + b.slope);
         const vec Lx = mean * mean > ROUNDING * a.smooth * a.smooth ? mean : (vec)(0.0f);

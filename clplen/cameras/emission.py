@@ -22,7 +22,7 @@ from clplen.errors import SamplingWarning
 from clplen.lightfield.raw import Exposure, Transforms
 from clplen.wave.average import Progress
 from clplen.wave.field import row_powers
-from clplen.wave.statistics import accumulate
+from clplen.wave.statistics import accumulate, add_scaled
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic1 import Plenoptic1
@@ -120,7 +120,7 @@ def _add_points(
     )
     for start in range(0, len(points), step):
         chosen = slice(start, min(start + step, len(points)))
-        pupil = camera.pupil(points, chosen)
+        pupil = camera.pupil(points, chosen, whole=False)
         energy = row_powers(pupil).sum(axis=-1)
         at_array = camera.array_field(pupil, pad=to_array)
         fields = camera.sensor_field(at_array, pad=to_sensor)
@@ -149,7 +149,7 @@ def _add_picture(
     probes = np.zeros(plane.image.shape)
     probes.ravel()[chosen] = 1
     picture, seen = raw_patterns(camera, plane, how, probes=probes, batch=step, progress=progress)
-    total += picture
+    add_scaled(total, picture, 1.0, camera.device)
     points = PointSources(plane.positions()[chosen])
     exact = camera.device.zeros(camera.grid.shape, camera.device.real)
     once = _add_points(camera, points, exact, None)

@@ -19,6 +19,7 @@ from clplen.wave.checks import average_of
 from clplen.wave.coherence import Coherence
 from clplen.wave.random import LARGEST_SEED
 from clplen.wave.reach import Opening, check_opening
+from clplen.wave.statistics import add_scaled
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic1 import Plenoptic1
@@ -70,21 +71,32 @@ def expose_scene(
     for part in members:
         for one in cameras:
             one.check_scene(part if isinstance(part, PointSources) else part.corners())
-    total = camera.device.zeros(camera.grid.shape, camera.device.real)
+    pictures: list[tuple[cla.Array, float]] = []
     reports = []
     for number, slide in enumerate(slides):
         assert coherence is not None
         light = replace(coherence, seed=(coherence.seed + number * APART) % (LARGEST_SEED + 1))
         found, report = _light_slide(camera, slide, light, koehler, how, progress)
-        total += found.intensity.data
+        pictures.append((found.intensity.data, 1.0))
         reports.append(report)
     if shining:
         for one, (_, share) in zip(cameras, lines, strict=True):
             image, report = emit(one, shining, method=method, progress=progress)
-            total += image.dtype.type(share) * image
+            pictures.append((image, share))
             reports.append(report)
+    total = _sum(camera, pictures)
     camera.device.finish()
     return total, together(reports)
+
+
+def _sum(camera: Plenoptic1, pictures: list[tuple[cla.Array, float]]) -> cla.Array:
+    """Pictures times their shares, added up; one that is all of it is taken as it is."""
+    if len(pictures) == 1 and pictures[0][1] == 1:
+        return pictures[0][0]
+    total = camera.device.zeros(camera.grid.shape, camera.device.real)
+    for picture, share in pictures:
+        add_scaled(total, picture, share, camera.device)
+    return total
 
 
 def _check_light(coherence: Coherence | None, slides: list[Any], how: Averaging) -> None:

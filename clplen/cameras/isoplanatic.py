@@ -186,7 +186,8 @@ def _fields(
     camera: Plenoptic1, plane: PicturePlane, patch: Patch, offsets: Vector, how: Layout
 ) -> tuple[Field, Vector]:
     """Fields on the sensor of points imaged about a lenslet, and their factors to energy 1."""
-    pupil = camera.pupil(_imaged_at(camera, plane, np.asarray(patch.centre) + offsets))
+    points = _imaged_at(camera, plane, np.asarray(patch.centre) + offsets)
+    pupil = camera.pupil(points, whole=False)
     gains = 1 / row_powers(pupil).sum(axis=-1)
     to_array, to_sensor = how.padding
     fields = camera.sensor_field(camera.array_field(pupil, pad=to_array), pad=to_sensor)

@@ -13,6 +13,7 @@ from clplen.cameras import geometry
 from clplen.cameras.describe import Description, Row
 from clplen.cameras.emission import Method
 from clplen.cameras.exposing import expose_scene
+from clplen.cameras.part import aperture_grid, from_part
 from clplen.cameras.pictures import PicturePlane
 from clplen.cameras.pupil import pupil_fields
 from clplen.cameras.rays import expose_rays, is_rays
@@ -224,7 +225,9 @@ class Plenoptic1:
         raw = replace(geometry.raw_image(self, data), exposure=exposure)
         return raw if sensor is None else sensor.record(raw)
 
-    def pupil(self, scene: PointSources, chosen: slice = slice(None)) -> Field:
+    def pupil(
+        self, scene: PointSources, chosen: slice = slice(None), *, whole: bool = True
+    ) -> Field:
         """Fields of sources right behind the main lens.
 
         Parameters
@@ -232,6 +235,8 @@ class Plenoptic1:
         scene : PointSources
         chosen : slice
             Which of them.
+        whole : bool
+            On the whole grid, or only on those of its samples that the aperture touches.
 
         Returns
         -------
@@ -241,7 +246,7 @@ class Plenoptic1:
         return pupil_fields(
             scene,
             chosen,
-            grid=self.grid,
+            grid=self.grid if whole else aperture_grid(self.grid, self.aperture_diameter),
             object_distance=self.object_distance,
             focal_length=self.focal_length,
             aperture_diameter=self.aperture_diameter,
@@ -255,16 +260,16 @@ class Plenoptic1:
         Parameters
         ----------
         pupil : Field
-            Shape (..., ny, nx).
+            Shape (..., ny, nx), on the camera's grid or a part of it about the same centre.
         pad : int
             Zero padding, see `padding`.
 
         Returns
         -------
         Field
-            Same shape.
+            On the camera's grid.
         """
-        return self.propagator(self.image_distance, "blas", pad)(pupil)
+        return from_part(self.propagator(self.image_distance, "blas", pad), pupil)
 
     def sensor_field(self, at_array: Field, *, pad: int = 1) -> Field:
         """Fields at the array sent through it and on to the sensor.
@@ -317,6 +322,7 @@ class Plenoptic1:
         """Derived parameters; see `Description`."""
         p, f_mu, lam = self.mla.pitch, self.mla.f, self.wavelength
         D, F = self.aperture_diameter, self.image_distance
+        ny, nx = self.grid.shape
         limit = math.sqrt(2.44 * lam * f_mu)
         met = "met" if self.mla.diameter > limit else "not met"
         rows = (
@@ -329,12 +335,7 @@ class Plenoptic1:
             Row("lenslets", self.mla.count[1], "", f"a row, {self.mla.count[0]} rows"),
             Row("lenslet pitch", p, "m", f"{self.pixels_per_lenslet:.6g} pixels"),
             Row("lenslet focal length", f_mu, "m", "f_mu, array to sensor"),
-            Row(
-                "pixel pitch",
-                self.pixel_pitch,
-                "m",
-                f"sensor {self.grid.shape[0]} x {self.grid.shape[1]}",
-            ),
+            Row("pixel pitch", self.pixel_pitch, "m", f"sensor {ny} x {nx}"),
             Row("angle a pixel", self.pixel_pitch / f_mu, "rad", "angular sampling"),
             Row("aperture a pixel", self.pixel_pitch * F / f_mu, "m", "du on the main lens"),
             Row("views", geometry.views(self), "", "across, one a pixel of a lenslet"),
@@ -388,7 +389,7 @@ def scene_energy(camera: Plenoptic1, scene: PointSources) -> Sequence[tuple[floa
     rows = []
     to_array, to_sensor = camera.padding(scene)
     for n in range(len(scene)):
-        pupil = camera.pupil(scene, slice(n, n + 1))
+        pupil = camera.pupil(scene, slice(n, n + 1), whole=False)
         at_array = camera.array_field(pupil, pad=to_array)
         at_sensor = camera.sensor_field(at_array, pad=to_sensor)
         energies = [float(row_powers(f).sum()) for f in (pupil, at_array, at_sensor)]

@@ -22,6 +22,7 @@ from clplen.compute.pages import LEAST_BYTES, ask_for_large_pages
 from clplen.compute.profile import Profile, bytes_of, label
 from clplen.compute.program import build_program
 from clplen.compute.selection import find_devices, select
+from clplen.compute.tuning import Tuning
 from clplen.compute.workspace import Workspace
 from clplen.errors import DeviceError, ShapeError
 
@@ -129,8 +130,7 @@ class Device:
 
     def __repr__(self) -> str:
         parts = [self.name, self.driver, self.precision, f"FFT {self.fft.name}"]
-        if self.note:
-            parts.append(self.note)
+        parts += [note for note in (self.note, self.tuning.note) if note]
         return f"<Device {', '.join(parts)}>"
 
     def ensure_usable(self) -> None:
@@ -215,6 +215,11 @@ class Device:
     def plans(self) -> PlanCache:
         """Plans of this device (transfer functions, arrays of lenslets), bounded in bytes."""
         return PlanCache(self.memory_bytes // _PLAN_SHARE)
+
+    @cached_property
+    def tuning(self) -> Tuning:
+        """Which forms of kernels are fastest here, and which cannot be run."""
+        return Tuning(self)
 
     @cached_property
     def workspace(self) -> Workspace:

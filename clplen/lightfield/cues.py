@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
-AT_ONCE = 8  # planes in one pass over the light field
+AT_ONCE = 8  # planes whose curve is held at a time
+PICTURES = 32  # planes in one pass over the light field, at most
 
 _HIGH_PASS = 1.5  # pixels: what a wider Gaussian leaves is no detail
 _WINDOW = 4.0  # pixels: Gaussian over which the energy is gathered
@@ -53,7 +54,8 @@ def energy_disparity(source: LightField | FocalStack, planes: Vector) -> tuple[M
     device = source.device
     shape = source.shape[1:] if isinstance(source, FocalStack) else source.shape[2:]
     size = (shape[0], shape[1])
-    require_maps(source, AT_ONCE + AT_ONCE + 7, 0 if isinstance(source, FocalStack) else AT_ONCE)
+    pictures = 0 if isinstance(source, FocalStack) else min(PICTURES, planes.size)
+    require_maps(source, AT_ONCE + AT_ONCE + 7, pictures)
     gather = Smoother(gaussian_taps(_WINDOW), device=device)
     measure = LocalEnergy(_HIGH_PASS, shape, device=device)
     tracker = PeakTracker(size, device=device, start=nearest_zero(planes), most=AT_ONCE)
@@ -86,6 +88,7 @@ def _focused(
         for index in np.unique(source.disparities, return_index=True)[1]:
             yield source, int(index), source.disparities[index : index + 1]
         return
-    for start in range(0, planes.size, AT_ONCE):
-        stack = focal_stack(source, disparities=planes[start : start + AT_ONCE])
-        yield stack, 0, stack.disparities
+    for start in range(0, planes.size, PICTURES):
+        stack = focal_stack(source, disparities=planes[start : start + PICTURES])
+        for first in range(0, stack.disparities.size, AT_ONCE):
+            yield stack, first, stack.disparities[first : first + AT_ONCE]

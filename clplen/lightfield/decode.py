@@ -10,11 +10,10 @@ import pyopencl.array as cla
 from clplen.compute.finite import count_bad
 from clplen.errors import ShapeError
 from clplen.lightfield.raw import LensletGrid, RawImage
+from clplen.lightfield.upright import FRACTION, is_upright, upright
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
-
-_FRACTION = 2.0**24  # positions are multiples of 2^-24 pixel, which float32 holds exactly
 
 
 def resample(raw: RawImage, grid: LensletGrid, *, linear: bool = False) -> cla.Array:
@@ -53,6 +52,9 @@ def resample(raw: RawImage, grid: LensletGrid, *, linear: bool = False) -> cla.A
     device = raw.device
     device.require_memory(4 * int(np.prod(grid.shape, dtype=np.int64)), "This light field")
     views = device.empty(grid.shape, np.float32)
+    if device.rows and is_upright(grid):
+        upright(views, raw, grid, linear=linear)
+        return views
     (V, U), (rows, lenslets), (ny, nx) = grid.views, grid.count, raw.shape
     columns = lenslets if grid.columns is None else grid.columns[0]
     strides = [int(n) // views.dtype.itemsize for n in views.strides]
@@ -128,7 +130,7 @@ def _tables(
     positions: np.ndarray[Any, np.dtype[np.float64]], device: Device
 ) -> tuple[cla.Array, cla.Array]:
     """Integers and fractions of positions, int32 and float32."""
-    rounded = np.round(positions * _FRACTION) / _FRACTION
+    rounded = np.round(positions * FRACTION) / FRACTION
     whole = np.floor(rounded)
     part = (rounded - whole).astype(np.float32)
     return device.upload(whole.astype(np.int32)), device.upload(part)

@@ -8,7 +8,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.lightfield.interpolation import NO_TAPS, stack_taps
-from clplen.lightfield.smoothing import gaussian_taps, launch_stretches
+from clplen.lightfield.smoothing import gaussian_taps, launch_stretches, whole_taps
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
@@ -42,7 +42,9 @@ class LocalEnergy:
         self._size = (*shape, 1)[:3]
         self._device = device
         self._low = gaussian_taps(sigma)
-        self._defines = {"LUMA": True} if luma and self._size[2] == 3 else {}
+        self._known: tuple[FocalStack, cla.Array, cla.Array] | None = None
+        self._defines: dict[str, Any] = {"CHANNELS": self._size[2]}
+        self._defines |= {"LUMA": True} if luma and self._size[2] == 3 else {}
 
     def __call__(self, out: cla.Array, stack: FocalStack, *, start: int, count: int) -> None:
         """Energies of some pictures of a stack.
@@ -57,18 +59,31 @@ class LocalEnergy:
             Which pictures.
         """
         ny, nx, channels = self._size
-        even = stack_taps(stack, slice(start, start + count))
-        low = np.array([[_convolved(taps, self._low) for taps in plane] for plane in even])
-        tables = [self._device.upload(table.astype(np.float32)) for table in (even, low)]
-        radius = low.shape[-1] - 1
+        radius = self._low.size - 1 + NO_TAPS.size - 1
         launch_stretches(
             self._device,
-            self._device.kernel("detail.cl", "detail_energy", **self._defines),
+            ("detail.cl", "detail_energy"),
             (count, ny, nx * channels),
-            (out, stack.data, *tables, *(np.int32(n) for n in (radius, start, *self._size))),
+            (
+                out,
+                stack.data,
+                *self._tables(stack),
+                *(np.int32(n) for n in (radius, start, ny, nx)),
+            ),
             halos=((NO_TAPS.size - 1) * channels, radius * channels, 0),
             channels=channels,
+            **self._defines,
         )
+
+    def _tables(self, stack: FocalStack) -> tuple[cla.Array, cla.Array]:
+        """Both filters of every picture, kept until another stack comes."""
+        known = self._known
+        if known is None or known[0] is not stack:
+            even = stack_taps(stack, slice(None))
+            low = np.array([[_convolved(taps, self._low) for taps in plane] for plane in even])
+            tables = [self._device.upload(whole_taps(one, self._device)) for one in (even, low)]
+            known = self._known = (stack, tables[0], tables[1])
+        return known[1:]
 
 
 def reach_of(sigma: float) -> int:

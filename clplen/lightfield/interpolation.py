@@ -72,8 +72,9 @@ def evening_taps(shift: Vector, weights: np.ndarray[Any, Any]) -> Vector:
     """
     part = shift - np.floor(shift)
     spread = part * (1 - part)
-    variance = np.average(spread, weights=weights)
-    fourth = np.average(spread * (1 - 3 * spread), weights=weights)
+    total = weights.sum(dtype=np.float64)
+    variance = (spread * weights).sum() / total
+    fourth = (spread * (1 - 3 * spread) * weights).sum() / total
     n2 = _VARIANCE - variance
     n4 = _FOURTH - fourth - 6 * variance * n2
     second = (n4 - n2) / 24

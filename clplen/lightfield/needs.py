@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen.lightfield import combined, correspondence, cues, structure_tensor
-from clplen.lightfield.cues import AT_ONCE
+from clplen.lightfield.cues import AT_ONCE, PICTURES
 from clplen.lightfield.shifts import shifts
 from clplen.lightfield.tiles import Work
 
@@ -52,13 +52,13 @@ def stack_works(source: StoredLightField, planes: Vector) -> list[Work]:
 def depth_work(source: StoredLightField, planes: Vector, cue: str) -> Work:
     """A depth map by one of the cues."""
     channels, size = _channels(source), planes.size
-    most = min(AT_ONCE, size)
+    most, pictures = min(AT_ONCE, size), min(PICTURES, size)
     floats = {
-        "energy": 2 * most * channels + 2 * most + 9,
+        "energy": (1 + (size > PICTURES)) * pictures * channels + 2 * most + 9,
         "correspondence": 3 * most * channels + 2 * most + 9,
         "structure-tensor": 6 * channels + 19,
     }
-    largest = most * channels
+    largest = (pictures if cue in ("energy", "combined") else most) * channels
     if cue == "combined":
         tried = combined.planes_tried(planes)
         floats["combined"] = 2 * tried + 4 * channels + 24 + floats["energy"]

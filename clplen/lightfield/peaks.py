@@ -45,9 +45,9 @@ class PeakTracker:
         self._size = shape[0] * shape[1]
         self._device = device
         self._defines = {"LOWEST": True} if lowest else {}
-        filled = (-np.inf, -np.inf, start, 0.0)
-        self._state = [device.upload(np.full(self._padded(1), v, np.float32)) for v in filled]
-        self.curve = device.zeros((self._padded(most + 2),), np.float32)
+        self._state = [device.empty((self._padded(1),), np.float32) for _ in range(4)]
+        self._start, self._fresh = start, True
+        self.curve = device.empty((self._padded(most + 2),), np.float32)
         self.held = 0
         self._values: list[float] = []
 
@@ -85,8 +85,10 @@ class PeakTracker:
         some = slice(index, index + count)
         places = np.stack((self._values[some], steps[:-1][some], steps[1:][some]), axis=1)
         table = self._device.upload(places.astype(np.float32))
-        args = (*self._state, self.curve, table, np.int32(first), np.int32(count))
+        numbers = (np.int32(first), np.int32(count), np.int32(self._fresh))
+        args = (*self._state, self.curve, table, *numbers, np.float32(self._start))
         self._launch("track_peaks", args)
+        self._fresh = False
 
     def _launch(self, name: str, args: tuple[Any, ...]) -> None:
         length = _LENGTH if self._device.rows else 1

@@ -15,7 +15,8 @@ Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 _TRUNCATE = 4.0  # standard deviations
 _GROUP = 64  # items of a GPU that share a stretch
-_STRETCH = {True: 1024, False: 256}  # samples of a row in one group: on CPUs, on GPUs
+_STRETCH = {True: 512, False: 256}  # samples of a row in one group: on CPUs, on GPUs
+_LINES = {True: 8, False: 1}  # rows of one group
 
 
 class Smoother:
@@ -32,7 +33,8 @@ class Smoother:
 
     def __init__(self, taps: Vector, *, device: Device) -> None:
         self._device = device
-        self._taps = device.upload(taps.astype(np.float32))
+        self._radius = taps.size - 1
+        self._taps = device.upload(whole_taps(taps, device))
 
     def __call__(self, out: cla.Array, maps: cla.Array, *, start: int, count: int) -> None:
         """Smooth maps into another array.
@@ -47,32 +49,33 @@ class Smoother:
             How many maps, and the first of ``out``.
         """
         ny, nx = (int(n) for n in maps.shape[1:])
-        radius = self._taps.size - 1
         launch_stretches(
             self._device,
-            self._device.kernel("smooth.cl", "smooth"),
+            ("smooth.cl", "smooth"),
             (count, ny, nx),
-            (out, maps, self._taps, *(np.int32(n) for n in (radius, start, ny, nx))),
-            halos=(radius,),
+            (out, maps, self._taps, *(np.int32(n) for n in (self._radius, start, ny, nx))),
+            halos=(self._radius,),
         )
 
 
 def launch_stretches(
     device: Device,
-    kernel: cl.Kernel,
+    name: tuple[str, str],
     shape: tuple[int, int, int],
     args: tuple[Any, ...],
     *,
     halos: tuple[int, ...],
     channels: int = 1,
+    **defines: Any,
 ) -> None:
     """Launch a kernel written with separated.cl over (n, y, samples of a row).
 
     Parameters
     ----------
     device : Device
-    kernel : pyopencl.Kernel
-        Its last arguments are the length of a stretch, whole pixels, and the lines of local memory.
+    name : tuple of str
+        Kernel file and kernel. Its last arguments are the length of a stretch, whole pixels, and
+        the lines of local memory.
     shape : tuple of int
     args : tuple
         What comes before.
@@ -80,19 +83,35 @@ def launch_stretches(
         One for each line: a stretch with so many samples on either side.
     channels : int
         Samples of a pixel.
+    **defines
+        Of the kernel, beside ``LINES``.
     """
     batch, ny, samples = shape
     most = max(_STRETCH[device.rows] // channels, 1) * channels
     length = min(most, samples)
-    group = 1 if device.rows else _GROUP
+    group, lines = 1 if device.rows else _GROUP, _LINES[device.rows]
     device.launch(
-        kernel,
-        (-(-samples // length) * group, ny, batch),
+        device.kernel(*name, LINES=lines, **defines),
+        (-(-samples // length) * group, -(-ny // lines), batch),
         *args,
         np.int32(length),
-        *(cl.LocalMemory(4 * (length + 2 * halo)) for halo in halos),
+        *(cl.LocalMemory(4 * lines * (length + 2 * halo)) for halo in halos),
         group=(group, 1, 1),
     )
+
+
+def whole_taps(taps: Vector, device: Device) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """Weights at all distances, as separated.cl reads them, from those at 0, 1, ...
+
+    Parameters
+    ----------
+    taps : numpy.ndarray
+        Shape (..., n).
+    device : Device
+    """
+    both = np.concatenate((taps[..., :0:-1], taps), axis=-1)
+    beside = [(0, 0)] * (taps.ndim - 1) + [(_LINES[device.rows] - 1,) * 2]
+    return np.pad(both, beside).astype(np.float32)
 
 
 def gaussian_taps(sigma: float) -> Vector:

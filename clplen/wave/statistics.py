@@ -66,6 +66,15 @@ def accumulate(total: cla.Array, fields: cla.Array, weights: Any, device: Device
     device.launch_rows(kernel, (ny, nx), total, fields, device.upload(factors), *sizes)
 
 
+def add_scaled(total: cla.Array, picture: cla.Array, weight: float, device: Device) -> None:
+    """total[y, x] += weight picture[y, x], on the device; both real, of one shape."""
+    ny, nx = total.shape
+    defines = {"DOUBLE": True} if total.dtype == np.float64 else {}
+    kernel = device.kernel("intensity.cl", "add_scaled", **defines)
+    sizes = (np.int32(ny), np.int32(nx))
+    device.launch_rows(kernel, (ny, nx), total, picture, total.dtype.type(weight), *sizes)
+
+
 class Statistics:
     """Mean and variance of snapshots' intensities, pixel by pixel (Welford 1962).
 
