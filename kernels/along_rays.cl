@@ -15,12 +15,13 @@
  * One item = one sample of a row (y, x channels + c), or with -DROWS a row in blocks of 16 samples;
  * axis 1 = y.
  *
- * -DSAMPLE=uchar | ushort | float   what the light field stores
+ * -DSAMPLE=uchar | ushort | half | float   what the light field stores
  * -DMAP, -DNEAREST, -DCUBIC         see above
  * -DMASK                            samples whose mask[view, y, x] is 0 are not known (not CUBIC)
  * -DVIEWS=n                         median: room for so many views
  */
 #include "common.cl"
+#include "stored.cl"
 
 #ifdef ROWS
 #define BLOCK 16
@@ -66,7 +67,7 @@ inline float one_sample(__global const SAMPLE *from, __global const uchar *known
         for (int a = 0; a < TAPS; ++a) {
             __global const SAMPLE *row = from + ((i + a + FIRST) * nx + j + FIRST) * channels + c;
             for (int b = 0; b < TAPS; ++b)
-                sum += wy[a] * wx[b] * (float)row[b * channels];
+                sum += wy[a] * wx[b] * stored(row, b * channels);
         }
         *share = 1.0f;
         return sum;
@@ -80,8 +81,8 @@ inline float one_sample(__global const SAMPLE *from, __global const uchar *known
         for (int a = 0; a < TAPS; ++a)
             for (int b = 0; b < TAPS; ++b)
                 sum += wy[a] * wx[b] *
-                       (float)from[(clamp(i + a + FIRST, 0, ny - 1) * nx +
-                                    clamp(j + b + FIRST, 0, nx - 1)) * channels + c];
+                       stored(from, (clamp(i + a + FIRST, 0, ny - 1) * nx +
+                                    clamp(j + b + FIRST, 0, nx - 1)) * channels + c);
 #else
     for (int a = 0; a < TAPS; ++a)
         for (int b = 0; b < TAPS; ++b) {
@@ -92,7 +93,7 @@ inline float one_sample(__global const SAMPLE *from, __global const uchar *known
             good = good && known[y * nx + x];
 #endif
             if (good) {
-                sum += w * (float)from[(y * nx + x) * channels + c];
+                sum += w * stored(from, (y * nx + x) * channels + c);
                 used += w;
             } else if (w > 0.0f)
                 whole = false;
@@ -131,7 +132,7 @@ inline void take(float *value, float *share, __global const SAMPLE *restrict L,
                     from + (top + a) * nx * channels + left + b * channels;
                 const float w = wy[a] * wx[b];
                 for (int i = 0; i < BLOCK; ++i)
-                    value[i] += w * (float)row[i];
+                    value[i] += w * stored(row, i);
             }
         return;
     }

@@ -2,7 +2,7 @@
  *
  *   bad[i] = #{j in [i length, (i + 1) length) : not isfinite(a[j])}
  *
- * Mapping: one item a stretch. -DDOUBLE: float64. A complex sample is two reals.
+ * Mapping: one item a stretch. -DDOUBLE: float64, -DHALF: float16. A complex sample is two reals.
  */
 #include "common.cl"
 
@@ -11,6 +11,9 @@
 #ifdef DOUBLE
 typedef ulong bits;
 #define EXPONENT 0x7ff0000000000000UL
+#elif defined(HALF)
+typedef ushort bits;
+#define EXPONENT 0x7c00
 #else
 typedef uint bits;
 #define EXPONENT 0x7f800000u

@@ -14,11 +14,12 @@
  * Mapping: FOR_X over x (n of transform_views); axis 1 = y (or i), axis 2 = k, b or p; ramp_sum and
  * oblique take one plane p an item.
  *
- * -DSAMPLE=uchar | ushort | float   what the light field stores (take_views)
+ * -DSAMPLE=uchar | ushort | half | float   what the light field stores (take_views)
  * -DWIDTH=n                         oblique: taps along each axis of views
  * -DROWS                            see common.cl; transform_views in blocks of 256 samples
  */
 #include "common.cl"
+#include "stored.cl"
 
 #ifdef ROWS
 #define BLOCK 256
@@ -42,7 +43,7 @@ __kernel void take_views(__global float2 *restrict out, __global const SAMPLE *r
     const size_t to = row_start(k, y, ny, nx);
     const size_t from = row_start(view[k], y, ny, nx);
     FOR_X(x, nx)
-        out[to + x] = (float2)(weight[k] * (float)L[(from + x) * channels + channel], 0.0f);
+        out[to + x] = (float2)(weight[k] * stored(L, (from + x) * channels + channel), 0.0f);
 }
 #endif
 

@@ -14,10 +14,11 @@
  * fraction, along y and x.
  *
  * match: an item is BLOCK pixels of a row on one plane.
- * -DSAMPLE=uchar | ushort | float   what the light field stores
+ * -DSAMPLE=uchar | ushort | half | float   what the light field stores
  * -DCHANNELS=n, -DBLOCK=n
  */
 #include "common.cl"
+#include "stored.cl"
 
 #define GROUPS 9
 
@@ -35,15 +36,16 @@ inline void sheared(float *value, float *column, __global const SAMPLE *view, co
     if (first >= 0 && first + wide <= nx) {
         const int from = first * CHANNELS;
         for (int i = 0; i < wide * CHANNELS; ++i)
-            column[i] = down.x * rows[0][from + i] + down.y * rows[1][from + i]
-                        + down.z * rows[2][from + i] + down.w * rows[3][from + i];
+            column[i] = down.x * stored(rows[0], from + i) + down.y * stored(rows[1], from + i)
+                        + down.z * stored(rows[2], from + i) + down.w * stored(rows[3], from + i);
     } else {
         for (int x = 0; x < wide; ++x) {
             const int from = clamp(first + x, 0, nx - 1) * CHANNELS;
             for (int c = 0; c < CHANNELS; ++c)
-                column[x * CHANNELS + c] = down.x * rows[0][from + c] + down.y * rows[1][from + c]
-                                           + down.z * rows[2][from + c]
-                                           + down.w * rows[3][from + c];
+                column[x * CHANNELS + c] = down.x * stored(rows[0], from + c)
+                                           + down.y * stored(rows[1], from + c)
+                                           + down.z * stored(rows[2], from + c)
+                                           + down.w * stored(rows[3], from + c);
         }
     }
     for (int i = 0; i < n * CHANNELS; ++i)
@@ -138,6 +140,6 @@ __kernel void brightness(__global float *restrict out, __global const SAMPLE *re
     __global const SAMPLE *from = L + (size_t)row * samples;
     float sum = 0;
     for (int i = 0; i < samples; ++i)
-        sum += from[i];
+        sum += stored(from, i);
     out[row] = sum;
 }

@@ -10,9 +10,10 @@
  *
  * FOR_X over (x, c); get_global_id(1) is y, (2) the view of the result.
  *
- * -DSAMPLE=uchar | ushort | float: what the light field stores. -DROWS: see common.cl.
+ * -DSAMPLE=uchar | ushort | half | float: what the light field stores. -DROWS: see common.cl.
  */
 #include "common.cl"
+#include "stored.cl"
 
 inline float part(const float4 taps, const int a)
 {
@@ -50,7 +51,7 @@ __kernel void parametrise(__global float *restrict out, __global const SAMPLE *r
                 const float k = part(taps_v[y], a) * part(taps_u[x], b);
                 const bool inside = v >= 0 && v < V && u >= 0 && u < U;
                 if (inside && lit[v * U + u]) {
-                    const float sample = L[row_start(v * U + u, y, ny, width) + s];
+                    const float sample = stored(L, row_start(v * U + u, y, ny, width) + s);
                     sum = mad(w, sample, sum);
                     cubic = mad(k, sample, cubic);
                     used += w;

@@ -13,10 +13,11 @@
  * (y, x) of a view for disparity 1. A step is at most `most`; slopes are held by a ridge.
  * Beyond the edges of a view the nearest; views that do not see the place do not count.
  *
- * normal: FOR_X over x, -DSAMPLE=uchar | ushort | float; fit: an item is BLOCK pixels of a row,
- * -DRADIUS=n, -DBLOCK=n; both: -DCHANNELS=n; -DROWS: see common.cl
+ * normal: FOR_X over x, -DSAMPLE=uchar | ushort | half | float; fit: an item is BLOCK pixels of a
+ * row, -DRADIUS=n, -DBLOCK=n; both: -DCHANNELS=n; -DROWS: see common.cl
  */
 #include "common.cl"
+#include "stored.cl"
 
 #define GROUPS 9
 #define TERMS (5 + 2 * CHANNELS) /* seen, cost, sum w, sum w g^2, sum w g r; w g and w r */
@@ -44,12 +45,13 @@ inline void along(float *value, float *slope, __global const SAMPLE *view, const
             float4 samples;
             if (inside) {
                 row += (place.y - 1) * CHANNELS;
-                samples = (float4)(row[0], row[CHANNELS], row[2 * CHANNELS], row[3 * CHANNELS]);
+                samples = (float4)(stored(row, 0), stored(row, CHANNELS), stored(row, 2 * CHANNELS),
+                                   stored(row, 3 * CHANNELS));
             } else {
-                samples = (float4)(row[clamp(place.y - 1, 0, nx - 1) * CHANNELS],
-                                   row[clamp(place.y, 0, nx - 1) * CHANNELS],
-                                   row[clamp(place.y + 1, 0, nx - 1) * CHANNELS],
-                                   row[clamp(place.y + 2, 0, nx - 1) * CHANNELS]);
+                samples = (float4)(stored(row, clamp(place.y - 1, 0, nx - 1) * CHANNELS),
+                                   stored(row, clamp(place.y, 0, nx - 1) * CHANNELS),
+                                   stored(row, clamp(place.y + 1, 0, nx - 1) * CHANNELS),
+                                   stored(row, clamp(place.y + 2, 0, nx - 1) * CHANNELS));
             }
             const float a = s == 0 ? down.x : s == 1 ? down.y : s == 2 ? down.z : down.w;
             const float b = s == 0   ? down_slope.x

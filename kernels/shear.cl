@@ -25,14 +25,18 @@
  * shear_blocks    one item = (width - channels) samples of `height` rows of all planes; for CPUs.
  *                 A row of views is copied to local memory once, as float and with its edges, and
  *                 then read for every plane; each sample is read once for both taps.
- * shear_samples   one item = one sample of HEIGHT rows of PLANES planes; for GPUs.
+ * shear_samples   one item = one sample of HEIGHT rows of PLANES planes; for GPUs. With -DGROUP=n
+ *                 its n neighbours read what they see of a view to local memory first.
  *
- * -DSAMPLE=uchar | ushort | float   what the light field stores
+ * -DSAMPLE=uchar | ushort | half | float   what the light field stores
  * -DCLAMP                           see above
  * -DLANES=4 | 8 | 16, -DVECTORS=n   shear_blocks: vector type, and vectors summed in registers
- * -DHEIGHT=n, -DPLANES=n            shear_samples
+ * -DAHEAD                          shear_blocks: prefetch, where the compiler has it
+ * -DCHANNELS=1 | 3                  shear_blocks: channels, where their number is one of these
+ * -DHEIGHT=n, -DPLANES=n, -DGROUP=n  shear_samples
  */
 #include "common.cl"
+#include "stored.cl"
 
 /* Share of a row of views that lies inside for the picture's row y: 1, a part, or 0. */
 static float row_weight(const int y, const int down, const float blend, const int ny)
@@ -57,9 +61,8 @@ static bool all_inside(const int y, __global const int *down, __global const flo
 }
 
 #ifdef LANES
-#define JOIN_(a, b) a##b
-#define JOIN(a, b) JOIN_(a, b)
 #define CHUNK (LANES * VECTORS)
+#define LINE_BYTES 64
 typedef JOIN(float, LANES) vec;
 
 /* Vectors at any float, in place of vloadn, which PoCL does not inline. */
@@ -80,6 +83,26 @@ static void store(__local float *to, const vec value)
     ((__local loose *)to)->v = value;
 }
 
+#ifdef CHANNELS
+/* The vector that starts CHANNELS samples further right, from two neighbouring ones. */
+#define NEXT_16_1(a, b) (vec)(a.s12345678, a.s9abc, a.sdef, b.s0)
+#define NEXT_16_3(a, b) (vec)(a.s3456789a, a.sbcde, a.sf, b.s012)
+#define NEXT_8_1(a, b) (vec)(a.s1234, a.s567, b.s0)
+#define NEXT_8_3(a, b) (vec)(a.s3456, a.s7, b.s012)
+#define NEXT_4_1(a, b) (vec)(a.s123, b.s0)
+#define NEXT_4_3(a, b) (vec)(a.s3, b.s012)
+#define NEXT(a, b) JOIN(JOIN(JOIN(NEXT_, LANES), _), CHANNELS)(a, b)
+#endif
+
+/* Ask for samples that are copied next; of a stretch that may lie outside, which does no harm. */
+#ifdef AHEAD
+static void fetch_row(__global const SAMPLE *row, const int n)
+{
+    for (int i = 0; i < n; i += LINE_BYTES / (int)sizeof(SAMPLE))
+        __builtin_prefetch(row + i);
+}
+#endif
+
 /* n samples of a row of a view from `first` on, which may lie outside. */
 static void copy_row(__local float *to, __global const SAMPLE *row,
                      const int first, const int n, const int samples, const int channels)
@@ -88,17 +111,20 @@ static void copy_row(__local float *to, __global const SAMPLE *row,
     const int end = clamp(samples - first, begin, n);
 #ifdef CLAMP
     for (int i = 0; i < begin; ++i)
-        to[i] = row[((first + i) % channels + channels) % channels];
+        to[i] = stored(row, ((first + i) % channels + channels) % channels);
     for (int i = end; i < n; ++i)
-        to[i] = row[samples - channels + (first + i) % channels];
+        to[i] = stored(row, samples - channels + (first + i) % channels);
 #else
     for (int i = 0; i < begin; ++i)
         to[i] = 0.0f;
     for (int i = end; i < n; ++i)
         to[i] = 0.0f;
 #endif
-    for (int i = begin; i < end; ++i)
-        to[i] = row[first + i];
+    const int whole = end - (end - begin) % LANES;
+    for (int i = begin; i < whole; i += LANES)
+        store(to + i, stored_vec(row + first + i));
+    for (int i = whole; i < end; ++i)
+        to[i] = stored(row, first + i);
 }
 
 /* R_v of CHUNK samples for one plane, added to the two rows of the picture that it belongs to
@@ -122,12 +148,20 @@ static void sum_chunk(__local float *upper, __local float *lower, __local const 
         }
     }
     /* Chunks go from right to left, so `second` already holds what follows this one. */
+#ifdef CHANNELS
+    const vec after = load(second + CHUNK);
+    store(second, b[0]);
+#pragma unroll
+    for (int i = 0; i < VECTORS; ++i)
+        a[i] += NEXT(b[i], (i + 1 < VECTORS ? b[i + 1] : after));
+#else
 #pragma unroll
     for (int i = 0; i < VECTORS; ++i)
         store(second + i * LANES, b[i]);
 #pragma unroll
     for (int i = 0; i < VECTORS; ++i)
         a[i] += load(second + i * LANES + channels);
+#endif
     if (lower)
 #pragma unroll
         for (int i = 0; i < VECTORS; ++i)
@@ -174,7 +208,7 @@ __kernel void shear_blocks(__global float *restrict out, __global const SAMPLE *
     const int rows = min(height, ny - y0);
     for (int i = 0; i < planes * height * width; i += LANES)
         store(sums + i, (vec)(0.0f));
-    for (int i = 0; i < channels; ++i)
+    for (int i = 0; i < max(channels, LANES); ++i)
         second[width + i] = 0.0f;  /* right of the block: summed, but not part of the picture */
 
     for (int v = 0; v < V; ++v) {
@@ -195,7 +229,16 @@ __kernel void shear_blocks(__global float *restrict out, __global const SAMPLE *
                 copy_row(views + k * pitch, L + row_start(v * U + u, y, ny, samples),
                          s0 + span[v * U + k].x, width + span[v * U + k].y, samples, channels);
             }
+            /* While this row is summed, the next one is asked for, some views a plane. */
+#ifdef AHEAD
+            const int next = t < bottom + rows ? clamp(y0 + t + 1, 0, ny - 1) : y;
+#endif
             for (int p = 0; p < planes; ++p) {
+#ifdef AHEAD
+                for (int k = p * n / planes; k < (p + 1) * n / planes && next != y; ++k)
+                    fetch_row(L + row_start(v * U + order[v * U + k], next, ny, samples) + s0
+                              + span[v * U + k].x, width + span[v * U + k].y);
+#endif
                 const int r = t - down[v * planes + p];
                 if (r < 0 || r > rows)
                     continue;
@@ -229,11 +272,25 @@ static float tap(__global const SAMPLE *row, const int s, const int samples, con
 {
 #ifdef CLAMP
     const int channel = (s % channels + channels) % channels;
-    return row[s < 0 ? channel : s < samples ? s : samples - channels + channel];
+    return stored(row, s < 0 ? channel : s < samples ? s : samples - channels + channel);
 #else
-    return s >= 0 && s < samples ? (float)row[s] : 0.0f;
+    return s >= 0 && s < samples ? stored(row, s) : 0.0f;
 #endif
 }
+
+#ifdef GROUP
+/* What a work-group sees of one view for its planes, read by all its items together. */
+static void copy_tile(__local float *tile, __global const SAMPLE *view, const int top,
+                      const int rows, const int first, const int wide, const int pitch,
+                      const int ny, const int samples, const int channels)
+{
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int i = get_local_id(0); i < rows * wide; i += GROUP)
+        tile[i / wide * pitch + i % wide] = tap(view + (size_t)clamp(top + i / wide, 0, ny - 1)
+                                                * samples, first + i % wide, samples, channels);
+    barrier(CLK_LOCAL_MEM_FENCE);
+}
+#endif
 
 __kernel void shear_samples(__global float *restrict out, __global const SAMPLE *restrict L,
                             __global const int *restrict count, __global const int *restrict order,
@@ -242,50 +299,82 @@ __kernel void shear_samples(__global float *restrict out, __global const SAMPLE 
                             __global const float *restrict blend,
                             __global const float *restrict norm, const int V, const int U,
                             const int ny, const int samples, const int channels, const int planes,
-                            const int plane0, const int norm_pitch, const int total)
+                            const int plane0, const int norm_pitch, const int total,
+                            const int pitch, __local float *tile)
 {
     const int s = get_global_id(0);
     const int p0 = get_global_id(1) * PLANES;
     const int y0 = get_global_id(2) * HEIGHT;
+#ifndef GROUP
     if (s >= samples)
         return;
-    float sums[PLANES * HEIGHT];
-    for (int i = 0; i < PLANES * HEIGHT; ++i)
-        sums[i] = 0.0f;
+#endif
+    float sums[PLANES][HEIGHT];
+    for (int q = 0; q < PLANES; ++q)
+        for (int r = 0; r < HEIGHT; ++r)
+            sums[q][r] = 0.0f;
 
-    for (int v = 0; v < V; ++v)
+    for (int v = 0; v < V; ++v) {
+        int at[PLANES], top[PLANES], highest = INT_MAX, lowest = INT_MIN;
+        float row[PLANES][HEIGHT + 1];
         for (int q = 0; q < PLANES; ++q) {
-            const int p = min(p0 + q, planes - 1);
-            const int table = (v * planes + p) * U;
-            const int top = y0 + down[v * planes + p];
-            float row[HEIGHT + 1];
-            int place[HEIGHT + 1];
-            for (int r = 0; r <= HEIGHT; ++r) {
-                row[r] = 0.0f;
-                place[r] = clamp(top + r, 0, ny - 1) * samples;
+            at[q] = v * planes + min(p0 + q, planes - 1);
+            top[q] = y0 + down[at[q]];
+            highest = min(highest, top[q]);
+            lowest = max(lowest, top[q]);
+            for (int r = 0; r <= HEIGHT; ++r)
+                row[q][r] = 0.0f;
+        }
+        for (int k = 0; k < count[v]; ++k) {
+            const int first = s + span[v * U + k].x;
+            __global const SAMPLE *view = L + row_start(v * U + order[v * U + k], 0, ny, samples);
+#ifdef GROUP
+            int left = INT_MAX, right = INT_MIN;
+            for (int q = 0; q < PLANES; ++q) {
+                left = min(left, slide[at[q] * U + k]);
+                right = max(right, slide[at[q] * U + k]);
             }
-            for (int k = 0; k < count[v]; ++k) {
-                const int u = order[v * U + k];
-                const int from = s + span[v * U + k].x + slide[table + k];
-                const float2 w = taps[table + k];
-                __global const SAMPLE *view = L + row_start(v * U + u, 0, ny, samples);
+            copy_tile(tile, view, highest, lowest - highest + HEIGHT + 1,
+                      first - (int)get_local_id(0) + left, right - left + GROUP + channels, pitch,
+                      ny, samples, channels);
+#endif
+            for (int q = 0; q < PLANES; ++q) {
+                const float2 w = taps[at[q] * U + k];
+#ifdef GROUP
+                __local const float *from = tile + (top[q] - highest) * pitch
+                                            + (int)get_local_id(0) + slide[at[q] * U + k] - left;
                 for (int r = 0; r <= HEIGHT; ++r)
-                    row[r] += w.x * tap(view + place[r], from, samples, channels)
-                              + w.y * tap(view + place[r], from + channels, samples, channels);
+                    row[q][r] += w.x * from[r * pitch] + w.y * from[r * pitch + channels];
+#else
+                const int from = first + slide[at[q] * U + k];
+                for (int r = 0; r <= HEIGHT; ++r) {
+                    __global const SAMPLE *line =
+                        view + (size_t)clamp(top[q] + r, 0, ny - 1) * samples;
+                    row[q][r] += w.x * tap(line, from, samples, channels)
+                                 + w.y * tap(line, from + channels, samples, channels);
+                }
+#endif
             }
+        }
+        for (int q = 0; q < PLANES; ++q) {
+            const float b = blend[at[q]];
 #ifndef CLAMP
             for (int r = 0; r <= HEIGHT; ++r)
-                row[r] = top + r >= 0 && top + r < ny ? row[r] : 0.0f;
+                row[q][r] = top[q] + r >= 0 && top[q] + r < ny ? row[q][r] : 0.0f;
 #endif
-            const float b = blend[v * planes + p];
             for (int r = 0; r < HEIGHT; ++r)
-                sums[q * HEIGHT + r] += (1.0f - b) * row[r] + b * row[r + 1];
+                sums[q][r] += (1.0f - b) * row[q][r] + b * row[q][r + 1];
         }
+    }
 
+#ifdef GROUP
+    if (s >= samples)
+        return;
+#endif
     for (int p = p0; p < min(p0 + PLANES, planes); ++p)
         for (int r = 0; r < min(HEIGHT, ny - y0); ++r) {
             const int y = y0 + r;
-            float value = sums[(p - p0) * HEIGHT + r];
+            float value = sums[p - p0][r];
             if (!total) {
                 __global const float *used = norm + (size_t)p * (V + 1) * norm_pitch + s;
                 float weight = 0.0f;

@@ -9,7 +9,7 @@
  * Mapping of the kernels: axis 0 = samples, axis 1 = planes, axis 2 = y; -DROWS: axes 0 and 1 the other
  * way round, so that planes share a row of the light field in cache.
  *
- * -DSAMPLE=uchar | ushort | float   what the light field stores
+ * -DSAMPLE=uchar | ushort | half | float   what the light field stores
  * -DLANES=1 | 4 | 8 | 16            samples of a vector
  * -DVECTORS=n                      vectors of an item
  * Included only.
@@ -17,24 +17,22 @@
 #ifndef CLPLEN_SHEARED
 #define CLPLEN_SHEARED
 #include "common.cl"
+#include "stored.cl"
 
 #ifdef ROWS
 #define SAMPLE_AXIS 1
 #else
 #define SAMPLE_AXIS 0
 #endif
-#define JOIN_(a, b) a##b
-#define JOIN(a, b) JOIN_(a, b)
 #define EACH_VECTOR(j) _Pragma("unroll") for (int j = 0; j < VECTORS; ++j)
 #if LANES == 1
 typedef float vec;
-#define LOAD(from) ((float)*(from))
+#define LOAD(from) stored(from, 0)
 #define LANE(v, k) (v)
 #else
 typedef JOIN(float, LANES) vec;
-typedef struct __attribute__((packed)) { JOIN(SAMPLE, LANES) v; } loose;
 typedef struct __attribute__((packed)) { vec v; } loose_vec;
-#define LOAD(from) JOIN(convert_float, LANES)(((__global const loose *)(from))->v)
+#define LOAD(from) stored_vec(from)
 #define LANE(v, k) ((float *)&(v))[k]
 #endif
 
@@ -106,10 +104,10 @@ inline vec value(const view_rows rows, const int s, const view_size size)
     for (int k = 0; k < LANES; ++k) {
         const int left = size.edge[rows.from + s + k].x;
         const int right = size.edge[rows.from + s + k + size.channels].x;
-        LANE(a, k) = rows.upper[left];
-        LANE(b, k) = rows.upper[right];
-        LANE(c, k) = rows.lower[left];
-        LANE(d, k) = rows.lower[right];
+        LANE(a, k) = stored(rows.upper, left);
+        LANE(b, k) = stored(rows.upper, right);
+        LANE(c, k) = stored(rows.lower, left);
+        LANE(d, k) = stored(rows.lower, right);
     }
     return mixed(rows, a, b, c, d);
 }

@@ -9,9 +9,10 @@
  * comes near. Samples outside a view do not count.
  *
  * One item = one fine sample (X, c) of row Y, or with -DROWS the row, phase by phase in blocks of 16
- * samples of the views; axis 1 = Y. -DSAMPLE=uchar | ushort | float: what the light field stores.
+ * samples of the views; axis 1 = Y. -DSAMPLE=uchar | ushort | half | float: what the light field stores.
  */
 #include "common.cl"
+#include "stored.cl"
 
 #ifdef ROWS
 #define BLOCK 16
@@ -45,12 +46,12 @@ inline void block(__global float *out, __global const SAMPLE *L, __global const 
                 const int begin = clamp(-s, 0, n), end = clamp(samples - s, 0, n);
                 if (end - begin == BLOCK)
                     for (int i = 0; i < BLOCK; ++i) {
-                        sum[i] += w * (float)row[s + i];
+                        sum[i] += w * stored(row, s + i);
                         used[i] += w;
                     }
                 else
                     for (int i = begin; i < end; ++i) {
-                        sum[i] += w * (float)row[s + i];
+                        sum[i] += w * stored(row, s + i);
                         used[i] += w;
                     }
             }

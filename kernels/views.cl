@@ -4,9 +4,10 @@
  *   extremes   out[row] = smallest and largest sample of a row; one item a row
  *   slice      out[r, k, c] = L[start + r row_step + k column_step + c], as float32; FOR_X over (k, c)
  *
- * -DSAMPLE=uchar | ushort | float: what the light field stores. -DROWS: see common.cl.
+ * -DSAMPLE=uchar | ushort | half | float: what the light field stores. -DROWS: see common.cl.
  */
 #include "common.cl"
+#include "stored.cl"
 
 __kernel void lit(__global int *restrict lit, __global const SAMPLE *restrict L, const int views,
                   const long samples)
@@ -16,7 +17,7 @@ __kernel void lit(__global int *restrict lit, __global const SAMPLE *restrict L,
         return;
     __global const SAMPLE *from = L + view * samples;
     long s = 0;
-    while (s < samples && from[s] == 0)
+    while (s < samples && stored(from, s) == 0)
         ++s;
     lit[view] = s < samples;
 }
@@ -28,10 +29,10 @@ __kernel void extremes(__global float2 *restrict out, __global const SAMPLE *res
     if (row >= rows)
         return;
     __global const SAMPLE *from = L + row * samples;
-    float low = from[0], high = from[0];
+    float low = stored(from, 0), high = low;
     for (int s = 1; s < samples; ++s) {
-        low = fmin(low, (float)from[s]);
-        high = fmax(high, (float)from[s]);
+        low = fmin(low, stored(from, s));
+        high = fmax(high, stored(from, s));
     }
     out[row] = (float2)(low, high);
 }
@@ -44,5 +45,5 @@ __kernel void slice(__global float *restrict out, __global const SAMPLE *restric
     const int width = columns * channels;
     FOR_X(s, width)
         out[(long)r * width + s] =
-            L[start + r * row_step + s / channels * column_step + s % channels];
+            stored(L, start + r * row_step + s / channels * column_step + s % channels);
 }

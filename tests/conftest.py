@@ -20,10 +20,22 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
     parser.addoption(
+        "--variant",
+        default=None,
+        help="form of shear.cl that is forced: blocks, staged or samples (as CLPLEN_SHEAR does)",
+    )
+
+    parser.addoption(
         "--device-tests-only",
         action="store_true",
         help="leave out what does not depend on the device: references, files, scripts",
     )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    os.environ["CLPLEN_TUNING"] = "off"  # tests neither time kernels nor write the user's cache
+    if config.getoption("--variant"):
+        os.environ["CLPLEN_SHEAR"] = config.getoption("--variant")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -25,7 +25,19 @@ from clplen.errors import ClplenError, DeviceError
 if TYPE_CHECKING:
     from clplen.compute.device import Device
 
-NAMES = ("transfers", "batch", "growth")
+NAMES = (
+    "stack",
+    "transfers",
+    "batch",
+    "growth",
+    "propagation",
+    "fields",
+    "automatic",
+    "depth",
+    "camera",
+    "demo",
+    "start",
+)
 _SHARE = 0.8  # of the memory that is free
 _REFUSED = ("needs", "largest that")  # what a DeviceError says of memory that does not suffice
 

@@ -145,7 +145,7 @@ def read_lightfield(
     Returns
     -------
     LightField
-        uint8, uint16 or float32 as in the file (other types become float32).
+        uint8, uint16, float16 or float32 as in the file (other types become float32).
 
     Raises
     ------

@@ -175,7 +175,7 @@ def samples(source: Source, *, device: Device, layout: Layout, progress: bool) -
     Returns
     -------
     pyopencl.array.Array
-        (v, u, y, x[, c]); uint8, uint16 and float32 as stored, other types as float32.
+        (v, u, y, x[, c]); uint8, uint16, float16 and float32 as stored, other types as float32.
 
     Raises
     ------

@@ -71,7 +71,9 @@ def _adopt_device(a: cla.Array, device: Device) -> cla.Array:
             f"The array lives in another OpenCL context than {device!r}: make it on device.queue."
         )
     if np.dtype(a.dtype) not in C_TYPE:
-        raise TypeError(f"On the device a light field is uint8, uint16 or float32, not {a.dtype}.")
+        raise TypeError(
+            f"On the device a light field is uint8, uint16, float16 or float32, not {a.dtype}."
+        )
     if not a.flags.c_contiguous:
         raise ShapeError(
             f"On the device a light field is C-contiguous, not of strides {a.strides}: copy it "

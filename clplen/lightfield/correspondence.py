@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyopencl as cl
 import pyopencl.array as cla
 
 from clplen.lightfield.cues import AT_ONCE, nearest_zero, require_maps
 from clplen.lightfield.peaks import Map, PeakTracker
-from clplen.lightfield.sheared import launch_sheared, view_tables
+from clplen.lightfield.samples import C_TYPE
+from clplen.lightfield.sheared import edge_table, launch_sheared, vectors_of, view_tables
 from clplen.lightfield.shifts import unit_steps
 from clplen.lightfield.smoothing import Smoother, box_taps
 
@@ -22,6 +24,7 @@ Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 _BOX = 9  # pixels: over which the variance is gathered
 REACH = _BOX // 2  # pixels that one depends on
+_HEIGHT, _VECTORS = 4, 8  # rows and vectors of a block, on CPUs
 
 
 @dataclass(frozen=True)
@@ -71,8 +74,47 @@ def shear_moments(lf: LightField, planes: Vector) -> Moments:
     grid = unit_steps(lf).reshape(-1, 2)[views]
     middle = views[np.argmin(np.hypot(*grid.T))]
     args = (mean, variance, lf.data, *tables, np.int32(views.size), np.int32(middle))
-    launch_sheared(lf, ("moments.cl", "moments"), planes.size, args)
+    if not (device.rows and _launch_blocks(lf, args, planes.size, device.download(tables[0]))):
+        launch_sheared(lf, ("moments.cl", "moments"), planes.size, args)
     return Moments(mean, variance)
+
+
+def _launch_blocks(
+    lf: LightField, args: tuple[Any, ...], planes: int, place: np.ndarray[Any, Any]
+) -> bool:
+    """Enqueue moments_blocks, unless local memory does not suffice for planes so far apart."""
+    device = lf.device
+    ny, nx, channels = (*lf.shape[2:], 1)[:3]
+    lanes = vectors_of(device)[0]
+    chunk = lanes * _VECTORS
+    low = place[..., 1:3].min(axis=0)
+    span = place[..., 1:3].max(axis=0) - low
+    pitch = -(-(chunk + (int(span[:, 1].max()) + 1) * channels) // lanes) * lanes
+    sums = (3 * planes + 1) * _HEIGHT * chunk + chunk
+    rows = (_HEIGHT + 1 + int(span[:, 0].max())) * pitch
+    if 4 * (sums + rows) > int(device.cl_device.local_mem_size) // 2:
+        return False
+    edge, reach = edge_table(nx, channels, chunk)
+    kernel = device.kernel(
+        "moments.cl",
+        "moments_blocks",
+        SAMPLE=C_TYPE[lf.dtype],
+        LANES=lanes,
+        VECTORS=_VECTORS,
+        HEIGHT=_HEIGHT,
+    )
+    device.launch(
+        kernel,
+        (-(-nx * channels // chunk), -(-ny // _HEIGHT)),
+        *args,
+        *(device.upload(table.astype(np.int32)) for table in (low, span)),
+        *(np.int32(n) for n in (planes, pitch)),
+        *(cl.LocalMemory(4 * n) for n in (sums, rows)),
+        device.upload(edge),
+        *(np.int32(n) for n in (reach, ny, nx, channels)),
+        group=(1, 1),
+    )
+    return True
 
 
 def correspondence_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:

@@ -38,7 +38,7 @@ class LightField(AlphaLaw):
     Attributes
     ----------
     data : pyopencl.array.Array
-        uint8, uint16 or float32, C-contiguous.
+        uint8, uint16, float16 or float32, C-contiguous.
     device : Device
     spacing : tuple of float or None
         Signed (dv, du, dy, dx) in metres: step between views on the main lens and between pixels
@@ -85,9 +85,10 @@ class LightField(AlphaLaw):
         Parameters
         ----------
         a : array_like or pyopencl.array.Array
-            Shape (v, u, y, x) or (v, u, y, x, c). uint8, uint16 and float32 are kept as they are
-            (integers stay integers on the device); other real types become float32. A contiguous
-            array of this device is taken without a copy, a NumPy array is copied once.
+            Shape (v, u, y, x) or (v, u, y, x, c). uint8, uint16, float16 and float32 are kept
+            as they are on the device; other real types become float32. Pictures and maps are
+            float32 in any case. A contiguous array of this device is taken without a copy, a
+            NumPy array is copied once.
         device : Device
             Where the light field will live.
         spacing : tuple of float, optional
@@ -113,7 +114,7 @@ class LightField(AlphaLaw):
             If a sample is NaN or infinite: refused here, because interpolation would spread it;
             if spacing, weights or positions are out of range.
         TypeError
-            If the samples are complex, or on the device and of none of the three types.
+            If the samples are complex, or on the device and of none of the four types.
         DeviceError
             If it is larger than the device's memory, or an array of another device.
         """
@@ -167,7 +168,7 @@ class LightField(AlphaLaw):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """uint8, uint16 or float32."""
+        """uint8, uint16, float16 or float32."""
         return np.dtype(self.data.dtype)
 
     def to_numpy(self) -> np.ndarray[Any, Any]:

@@ -42,7 +42,7 @@ def along_rays(
     Parameters
     ----------
     data : pyopencl.array.Array
-        Shape (v, u, y, x[, c]), C-contiguous, uint8, uint16 or float32.
+        Shape (v, u, y, x[, c]), C-contiguous, uint8, uint16, float16 or float32.
     statistic : {"mean", "variance", "median", "max", "min"}
         Weighted; "max" and "min" take every sample of a weight. The median is the mean of the
         lowest values whose weight with those below is at least, and more than, half of all.

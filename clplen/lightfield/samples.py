@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 C_TYPE = {
     np.dtype(np.uint8): "uchar",
     np.dtype(np.uint16): "ushort",
+    np.dtype(np.float16): "half",
     np.dtype(np.float32): "float",
 }
 
@@ -23,7 +24,7 @@ def lit_views(data: cla.Array, device: Device) -> np.ndarray[Any, np.dtype[np.bo
     Parameters
     ----------
     data : pyopencl.array.Array
-        Shape (v, u, ...), uint8, uint16 or float32.
+        Shape (v, u, ...), uint8, uint16, float16 or float32.
     device : Device
 
     Returns
@@ -47,7 +48,7 @@ def extremes(
     Parameters
     ----------
     data : pyopencl.array.Array
-        Shape (v, u, y, ...), C-contiguous, uint8, uint16 or float32.
+        Shape (v, u, y, ...), C-contiguous, uint8, uint16, float16 or float32.
     device : Device
 
     Returns
@@ -72,7 +73,7 @@ def plane(
     Parameters
     ----------
     data : pyopencl.array.Array
-        Shape (v, u, y, x) or (v, u, y, x, c), C-contiguous, uint8, uint16 or float32.
+        Shape (v, u, y, x) or (v, u, y, x, c), C-contiguous, uint8, uint16, float16 or float32.
     fixed : dict
         Index along each of the other two of the first four axes.
     axes : tuple of int

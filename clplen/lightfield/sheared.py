@@ -51,10 +51,10 @@ def launch_sheared(
     """
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
-    lanes, vectors = _vectors(device)
+    lanes, vectors = vectors_of(device)
     kernel = device.kernel(*name, SAMPLE=C_TYPE[lf.dtype], LANES=lanes, VECTORS=vectors, **defines)
     columns = -(-nx * channels // (lanes * vectors))
-    edge, reach = _edge(nx, channels, lanes * vectors)
+    edge, reach = edge_table(nx, channels, lanes * vectors)
     device.launch(
         kernel,
         (planes, columns, ny) if device.rows else (columns, planes, ny),
@@ -64,7 +64,7 @@ def launch_sheared(
     )
 
 
-def _edge(nx: int, channels: int, further: int) -> tuple[Table, int]:
+def edge_table(nx: int, channels: int, further: int) -> tuple[Table, int]:
     """(nearest sample inside, pixel) of every sample that a shifted row may ask for.
 
     Views are shifted by nx + 1 pixels at most; an item takes up to `further` samples too many.
@@ -75,7 +75,7 @@ def _edge(nx: int, channels: int, further: int) -> tuple[Table, int]:
     return np.stack((np.clip(x, 0, nx - 1) * channels + channel, x), axis=1).astype(np.int32), reach
 
 
-def _vectors(device: Device) -> tuple[int, int]:
+def vectors_of(device: Device) -> tuple[int, int]:
     """Floats of a vector of the device, and vectors of an item; one sample on GPUs."""
     if not device.rows:
         return 1, 1

@@ -43,7 +43,7 @@ class StoredLightField(AlphaLaw):
     shape : tuple of int
         (v, u, y, x[, c]).
     dtype : numpy.dtype
-        uint8, uint16 or float32, as kept on a device.
+        uint8, uint16, float16 or float32, as kept on a device.
     fill : callable
         (block, out): writes the samples of a block, slices over (v, u, y, x), into an array of
         its shape and this dtype. Called by one thread at a time.

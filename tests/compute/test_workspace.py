@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from threading import Barrier, Event
+from types import SimpleNamespace
 
 import numpy as np
 import pyopencl as cl
@@ -15,12 +16,10 @@ from tolerance import fft_tolerance, relative_max
 
 from clplen.compute import columns
 from clplen.compute.blocks import Spectrum, run
-from clplen.compute.columns import Factors
 from clplen.compute.device import Device
 from clplen.compute.fft import FFTRoute
 from clplen.compute.lines import Separable, padded_spectrum
 from clplen.compute.workspace import Slots, Workspace
-from clplen.errors import DeviceError
 
 BYTE, COMPLEX = np.dtype(np.uint8), np.dtype(np.complex64)
 
@@ -116,10 +115,11 @@ class Watched(Workspace):
             self.given_back.set()
 
 
+@pytest.mark.parametrize("failing", [0, 1], ids=["the caller", "the other"])
 def test_a_failing_thread_stops_the_others_before_their_memory_is_lent_again(
-    device: Device, monkeypatch: pytest.MonkeyPatch
+    device: Device, monkeypatch: pytest.MonkeyPatch, failing: int
 ) -> None:
-    """Of two threads the first fails while the other is in the midst of its first block."""
+    """Of two threads one fails while the other is in the midst of its first block."""
     on = Device(device.cl_device)
     on.fft = FFTRoute("scipy", 2)
     maps = Separable((padded_spectrum(6, 13),), (padded_spectrum(7, 10),))
@@ -130,11 +130,11 @@ def test_a_failing_thread_stops_the_others_before_their_memory_is_lent_again(
         slots.append(Slots())
         return slots[-1]
 
-    def first_fails(*arguments: object) -> int:
+    def one_fails(worker: columns._Worker, *arguments: object, **options: object) -> int:
         parts.append(arguments)
         if len(parts) <= 2:  # each thread's first block
             both.wait()
-            if arguments[4] is slots[0]:
+            if worker.slots is slots[failing]:
                 at_work.pop()
                 raise MemoryError("no room for a block")
             workspace.given_back.wait(0.3)  # in this time nothing may come back
@@ -146,7 +146,7 @@ def test_a_failing_thread_stops_the_others_before_their_memory_is_lent_again(
         patch.setattr(columns, "BLOCK_BYTES", 1)
         patch.setattr(columns, "FEWEST", 1)
         patch.setattr(columns, "Slots", numbered)
-        patch.setattr(columns, "_apply", first_fails)
+        patch.setattr(columns._Worker, "apply", one_fails)
         patch.setattr(on, "workspace", workspace)
         with pytest.raises(MemoryError, match="no room"):
             run(on.upload(u), maps, [], [], on)
@@ -157,26 +157,30 @@ def test_a_failing_thread_stops_the_others_before_their_memory_is_lent_again(
     assert relative_max(apply(u, maps.y, maps.x), on.download(result)) <= tolerance
 
 
-def test_two_threads_take_factors_to_the_host_once(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    first, second, cut = Event(), Event(), Factors.cut
+def test_two_threads_take_factors_to_the_host_once() -> None:
+    """From a device that is no CPU."""
+    first, second = Event(), Event()
+    values = np.arange(20.0).reshape(4, 5)
 
-    def slow(values: np.ndarray, shape: tuple[int, int]) -> Factors:
+    def slow(array: np.ndarray) -> np.ndarray:
         (second if first.is_set() else first).set()
         second.wait(0.2)  # time enough for another thread to come here, too
-        return cut(values, shape)
+        return array.copy()
 
-    monkeypatch.setattr(Factors, "cut", slow)
-    spectrum = Spectrum(device.zeros((4, 5), device.complex), (6, 8))
+    gpu = SimpleNamespace(is_cpu=False, download=slow)
+    spectrum = Spectrum(values, (8, 6), turned=True)
+
+    def taken() -> np.ndarray:
+        with spectrum.on_host(gpu) as factors:
+            return factors.values
+
     with ThreadPoolExecutor(2) as pool:
-        one = pool.submit(spectrum.on_host, device)
+        one = pool.submit(taken)
         assert first.wait(10)
-        other = pool.submit(spectrum.on_host, device)
+        other = pool.submit(taken)
         assert one.result() is other.result()
     assert not second.is_set()
-    with pytest.raises(DeviceError, match="factors were taken to the host: make them again"):
-        _ = spectrum.values
+    np.testing.assert_array_equal(one.result(), values)
 
 
 def test_parts_of_arrays_are_copied_where_they_belong(device: Device) -> None:

@@ -63,7 +63,7 @@ def everything(lf: LightField) -> tuple[object, ...]:
     return lf.shape, lf.dtype, lf.spacing, lf.decode, lf.camera
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float16, np.float32])
 def test_everything_comes_back(tmp_path: Path, device: Device, dtype: type):
     lf = replace(light_field(device, dtype), camera=a_camera(device), decode="naive")
     write_lightfield(tmp_path / "a.h5", lf)

@@ -72,7 +72,7 @@ def group(path: Path, form: int) -> None:
     zarr.open_group(str(path), mode="a", **({"zarr_format": form} if NEWER else {}))
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float16, np.float32])
 def test_everything_comes_back(tmp_path: Path, device: Device, dtype: type):
     lf = light_field(device, dtype)
     write_lightfield(tmp_path / "a.zarr", lf)

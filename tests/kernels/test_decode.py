@@ -1,4 +1,4 @@
-"""decode.cl against a float64 twin: any lattice, exact where positions are whole pixels."""
+"""decode.cl and upright.cl against a float64 twin: any lattice, exact where pixels are whole."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from reference_lightfield import decode_calibrated, decode_naive, keys_kernel
 from clplen.errors import DeviceError, ShapeError
 from clplen.lightfield.decode import resample
 from clplen.lightfield.raw import LensletGrid, RawImage
+from clplen.lightfield.upright import is_upright
 
 # Round-off in units of 2^-24 of the largest pixel. Keys' four weights add up to at most 1.25 in
 # magnitude and each is off by at most 4 units; a value is a sum of 4 x 4 products, so at most
@@ -176,3 +177,43 @@ def test_too_large_is_refused_before_anything_is_made(device, monkeypatch):
     monkeypatch.setattr(device, "memory_bytes", needed - 1)
     with pytest.raises(DeviceError, match=f"This light field needs {needed:,} bytes"):
         resample(raw, grid)
+
+
+UPRIGHT = {
+    "fractions": GRIDS["square"],
+    "steps of views": replace(
+        GRIDS["square"], row_view_step=(0.83, 0.0), column_view_step=(0.0, 1.21)
+    ),
+    "exchanged": replace(GRIDS["square"], exchanged=True),
+    "past all edges": LensletGrid((5, 7), (6, 5), (-1.4, -3.3), (9.41, 0.0), (0.0, 6.87)),
+    "off the sensor": LensletGrid((3, 2), (3, 4), (-40.0, 90.0), (20.5, 0.0), (0.0, 30.25)),
+}
+
+
+@pytest.mark.parametrize("linear", [False, True])
+@pytest.mark.parametrize("name", UPRIGHT)
+def test_both_ways_of_an_upright_lattice_agree(device, name, linear, monkeypatch):
+    grid = UPRIGHT[name]
+    assert is_upright(grid)
+    raw = raw_image(device, picture(47, 53), grid)
+    quick = device.download(resample(raw, grid, linear=linear))
+    monkeypatch.setattr("clplen.lightfield.decode.is_upright", lambda _: False)
+    general = device.download(resample(raw, grid, linear=linear))
+    assert quick.shape == general.shape == grid.shape
+    assert np.abs(quick - general).max() <= 2 * TOLERANCE
+    assert name == "off the sensor" or quick.any()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"odd_row_shift": 0.5},
+        {"columns": (5, 0.9)},
+        {"row_step": (9.4, 0.1)},
+        {"column_step": (0.1, 9.8)},
+        {"row_view_step": (1.0, 0.1)},
+        {"column_view_step": (0.1, 1.0)},
+    ],
+)
+def test_other_lattices_are_not_upright(change):
+    assert not is_upright(replace(GRIDS["square"], **change))

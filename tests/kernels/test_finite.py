@@ -7,7 +7,7 @@ from clplen.compute import finite
 from clplen.compute.finite import count_bad
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.complex64, np.float64, np.complex128])
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.complex64, np.float64, np.complex128])
 def test_counts_each_bad_part(device, dtype):
     if dtype in (np.float64, np.complex128) and not device.has_fp64:
         pytest.skip(f"{device.name} has no double precision")

@@ -13,7 +13,7 @@ from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.ramps import phase_ramps
 from clplen.lightfield.spectra import mix
 
-TYPES = (np.uint8, np.uint16, np.float32)
+TYPES = (np.uint8, np.uint16, np.float16, np.float32)
 SHAPES = [(3, 4, 7, 10), (2, 3, 12, 5, 3), (1, 5, 6, 11)]
 SPACING = (-3e-4, -2e-4, 1e-4, 1.5e-4)  # d along y is 2.25 times d along x
 D = (0.0, -0.65, 1.0, 1.9)

@@ -13,7 +13,7 @@ from clplen.lightfield.lightfield import LightField
 SPACING = (-3e-4, -2e-4, 1e-4, 1.5e-4)
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float16, np.float32])
 @pytest.mark.parametrize("shape", [(3, 4, 7, 10), (2, 3, 8, 5, 3)])
 @pytest.mark.parametrize("ends", [(-0.7, -0.5), (0.0, 1.3), (1.0, 1.0)])
 def test_gains(device, dtype, shape, ends):

@@ -5,6 +5,7 @@ import pytest
 from tolerance import relative_max
 
 from clplen.wave.field import Field, Grid, row_powers
+from clplen.wave.statistics import add_scaled
 
 SHAPES = [(1, 13), (13, 1), (5, 67), (16, 64)]
 
@@ -45,6 +46,18 @@ def test_accumulate_adds_weighted_intensities(wave, shape):
     )
     expected = start + np.tensordot(weights, np.abs(u) ** 2, axes=1)
     assert relative_max(expected, wave.download(total)) <= 8 * np.finfo(wave.real).eps
+
+
+@pytest.mark.parametrize("wave", ["single", "double"], indirect=True)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_add_scaled(wave, shape):
+    rng = np.random.default_rng(sum(shape))
+    start, picture = rng.normal(size=(2, *shape)).astype(wave.real)
+    total = wave.upload(start)
+    add_scaled(total, wave.upload(picture), -0.375, wave)
+    expected = start.astype(np.float64) - 0.375 * picture.astype(np.float64)
+    # the product and the sum are rounded once each
+    assert relative_max(expected, wave.download(total)) <= 2 * np.finfo(wave.real).eps
 
 
 @pytest.mark.parametrize("wave", ["single", "double"], indirect=True)

@@ -96,7 +96,7 @@ def test_match(device, shape):
     assert np.abs(got - want).max() <= tolerance(lf, channels) < 2e-3 * thresholds(channels)[0]
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float16])
 @pytest.mark.parametrize("shape", [(3, 3, 7, 13), (2, 3, 9, 11, 3)])
 def test_integers_and_gain(device, shape, dtype):
     lf = LightField.from_array(samples(shape, dtype), device=device)

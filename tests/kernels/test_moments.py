@@ -23,7 +23,7 @@ def field(shape, dtype, seed=1):
     return values.astype(dtype)
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float16, np.float32])
 @pytest.mark.parametrize("shape", [(3, 2, 5, 37), (1, 4, 6, 19, 3), (4, 1, 7, 5), (2, 3, 2, 40, 2)])
 def test_moments(device, shape, dtype):
     L = field(shape, dtype)

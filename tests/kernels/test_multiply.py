@@ -30,7 +30,7 @@ def test_multiply(wave, shape):
 
 
 @pytest.mark.parametrize("wave", ["single", "double"], indirect=True)
-@pytest.mark.parametrize("shape", [(5, 7), (1, 67), (8, 1)])
+@pytest.mark.parametrize("shape", [(5, 7), (1, 67), (8, 1), (3, 32)])
 def test_multiply_separable(wave, shape):
     u, field = fields(wave, shape)
     ty, tx = table(shape[0], 2), table(shape[1], 3)

@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 from tolerance import relative_max
 
+from clplen.compute.blocks import lanes_defines
+
 
 @pytest.mark.parametrize("wave", ["single", "double"], indirect=True)
-@pytest.mark.parametrize("shape", [(5, 7), (8, 6), (1, 9), (6, 1), (7, 67)])
+@pytest.mark.parametrize(
+    "shape", [(5, 7), (8, 6), (1, 9), (6, 1), (7, 67), (4, 64), (2, 65), (3, 79)]
+)
 def test_mirrors_the_quadrant(wave, shape):
     rng = np.random.default_rng(3)
     u = rng.normal(size=(2, *shape)) + 1j * rng.normal(size=(2, *shape))
@@ -19,7 +23,7 @@ def test_mirrors_the_quadrant(wave, shape):
         ]
     )
     data = wave.upload(u.astype(wave.complex))
-    kernel = wave.kernel("spectral_filter.cl", "filter_spectrum", **wave.wave_defines())
+    kernel = wave.kernel("spectral_filter.cl", "filter_spectrum", **lanes_defines(wave))
     wave.launch_rows(
         kernel,
         data.shape,

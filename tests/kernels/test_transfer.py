@@ -5,7 +5,7 @@ import pytest
 import reference
 
 from clplen.wave.band import blas_limit
-from clplen.wave.transfer import Transfer, fft_frequencies
+from clplen.wave.transfer import Sommerfeld, Transfer, fft_frequencies
 
 # shape, pitch, z, wavelength
 CASES = [
@@ -14,6 +14,7 @@ CASES = [
     ((1, 37), (5e-6, 5e-6), 0.01, 550e-9),
     ((16, 16), (0.5e-6, 0.7e-6), 1e-3, 550e-9),
     ((14, 9), (6.6e-6, 5e-6), -0.12, 532e-9),
+    ((5, 76), (4e-6, 5e-6), 0.15, 550e-9),  # 39 columns: two vectors and a rest
 ]
 
 
@@ -105,3 +106,35 @@ def test_weights_and_any_frequencies(device, precise):
         spectrum = transfer.on_device(d, "tables")
         assert not spectrum.is_quadrant
         assert np.abs(d.download(spectrum.values) - H).max() <= bound
+
+
+def test_beyond_the_band_waves_may_be_evanescent(device):
+    """The band propagates, the frequencies beside it do not: weight 0, among others in vectors."""
+    shape, z, wavelength = (4, 80), 1e-4, 550e-9
+    f = tuple(fft_frequencies(n, 0.2e-6) for n in shape)
+    weights = tuple((a < 1.2e6).astype(float) for a in f)
+    s = (wavelength * f[0][:, None]) ** 2 + (wavelength * f[1]) ** 2
+    inside = np.outer(*weights) > 0
+    assert (s > 1).any()
+    assert (s[inside] < 1).all()
+    turns = -z / wavelength * s / (1 + np.sqrt(np.maximum(1 - s, 0)))
+    expected = np.where(inside, np.exp(2j * np.pi * turns), 0)
+    transfer = Transfer(shape, f, weights, z, wavelength)
+    got = on_device(device, transfer, "tables")
+    # the residual of some turns rounded to a few eps of itself
+    assert np.abs(got - expected).max() <= 6e-7 + 4e-6 * transfer.residual_turns()
+
+
+@pytest.mark.parametrize("kind", ["transfer", "sommerfeld"])
+def test_turned(device, kind):
+    """The same samples with x and y exchanged, bit for bit where the phase is the same sum."""
+    shape, pitch, z, wavelength = (12, 70), (6.6e-6, 5e-6), 0.02, 532e-9
+    factor = transfer_of(shape, pitch, z, wavelength, (3e4, 5e4))
+    if kind == "sommerfeld":
+        factor = Sommerfeld(shape, pitch, z, wavelength)
+    plain = device.download(factor.on_device(device, "tables").values)
+    turned = factor.turned()
+    assert turned.shape == (70, 12)
+    got = device.download(turned.on_device(device, "tables").values)
+    assert got.shape == plain.shape[::-1]
+    np.testing.assert_allclose(got.T, plain, atol=2e-6 * np.abs(plain).max())  # float32

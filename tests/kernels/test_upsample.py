@@ -17,6 +17,7 @@ from clplen.lightfield.upsample import BASE, upsampled
     [
         (np.uint8, (3, 4, 7, 11)),
         (np.uint16, (2, 5, 5, 18, 3)),
+        (np.float16, (2, 5, 5, 18, 3)),
         (np.float32, (2, 5, 6, 5, 3)),
         (np.float32, (1, 3, 4, 35)),
     ],

@@ -7,7 +7,7 @@ import pytest
 
 from clplen.lightfield.samples import lit_views, plane
 
-TYPES = (np.uint8, np.uint16, np.float32)
+TYPES = (np.uint8, np.uint16, np.float16, np.float32)
 
 
 def light_field(dtype, *shape: int) -> np.ndarray:

@@ -20,7 +20,7 @@ def samples(dtype=np.float32, shape=(2, 3, 5, 7)) -> np.ndarray:
     return np.random.default_rng(11).integers(1, 250, shape).astype(dtype)
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float16, np.float32])
 @pytest.mark.parametrize("shape", [(2, 3, 5, 7), (3, 2, 4, 5, 3)])
 def test_storage_stays(device, dtype, shape):
     values = samples(dtype, shape)
@@ -91,7 +91,7 @@ def test_array_of_another_context_is_refused(device):
 
 def test_device_array_of_another_type_is_refused(device):
     array = cla.to_device(device.queue, samples(np.int32))
-    with pytest.raises(TypeError, match="uint8, uint16 or float32, not int32"):
+    with pytest.raises(TypeError, match="uint8, uint16, float16 or float32, not int32"):
         LightField.from_array(array, device=device)
 
 

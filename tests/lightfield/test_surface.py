@@ -56,7 +56,7 @@ def test_no_plane(points, error, words):
         plane_through(points, (9, 9))
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float16, np.float32])
 @pytest.mark.parametrize("shape", [(5, 4, 9, 14), (3, 4, 5, 7, 3)])
 def test_on_a_surface(device, dtype, shape):
     a, w, lf = light_field(device, shape, dtype, spacing=SPACING)

@@ -1,0 +1,115 @@
+"""float16 storage: the same bits as a float32 copy of the same samples, everywhere."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import clplen.io
+from clplen.lightfield.depth import depth_map
+from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.refocus import focal_stack, refocus
+from clplen.lightfield.stored import StoredLightField
+from clplen.lightfield.streaming import stream_stack
+
+PLANES = np.linspace(-0.6, 0.8, 5)
+
+
+def samples(*shape: int) -> np.ndarray:
+    """Numbers that float16 has and uint8 has not, some of them subnormal."""
+    values = np.random.default_rng(7).uniform(-2, 3, shape).astype(np.float16)
+    values.ravel()[::7] = np.float16(5e-7)
+    return values
+
+
+@pytest.fixture
+def pair(device) -> tuple[LightField, LightField]:
+    values = samples(3, 4, 31, 45, 3)
+    wide = LightField.from_array(values.astype(np.float32), device=device)
+    return LightField.from_array(values, device=device), wide
+
+
+def same(of, pair):
+    half, single = (of(lf).to_numpy() for lf in pair)
+    assert half.dtype == np.float32
+    assert np.ptp(half) > 0
+    np.testing.assert_array_equal(half, single)
+
+
+def test_kept_as_it_is(pair):
+    half, single = pair
+    assert half.dtype == np.float16
+    assert 2 * half.data.nbytes == single.data.nbytes
+    np.testing.assert_array_equal(half.to_numpy(), samples(3, 4, 31, 45, 3))
+    assert half.to_numpy().dtype == np.float16
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "nearest", "cubic", "fourier"])
+def test_stacks(pair, interpolation):
+    same(lambda lf: focal_stack(lf, disparities=PLANES, interpolation=interpolation), pair)
+
+
+@pytest.mark.parametrize("statistic", ["mean", "median", "max", "variance"])
+def test_flattened(pair, statistic):
+    same(lambda lf: lf.flatten(statistic, disparity=0.3), pair)
+
+
+def test_pictures(pair):
+    same(lambda lf: refocus(lf, disparity=0.5, upsample=2), pair)
+    same(lambda lf: lf.view(1, 2.4), pair)
+    same(lambda lf: lf.epi(y=3, v=1), pair)
+    same(lambda lf: lf.render(aperture=0.7), pair)
+
+
+@pytest.mark.parametrize("cue", ["energy", "correspondence", "structure-tensor", "combined"])
+def test_depth(pair, cue):
+    maps = [depth_map(lf, disparities=PLANES, cue=cue) for lf in pair]
+    np.testing.assert_array_equal(maps[0].disparity, maps[1].disparity)
+    np.testing.assert_array_equal(maps[0].confidence, maps[1].confidence)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_is_not_finite_is_refused(device, bad):
+    values = samples(2, 2, 5, 7)
+    values[1, 0, 2, 3] = bad
+    with pytest.raises(ValueError, match="1 samples that are NaN or infinite"):
+        LightField.from_array(values, device=device)
+
+
+def test_black_views_have_no_weight(device):
+    values = samples(2, 3, 5, 7)
+    values[1, 2] = 0
+    values[0, 1] = 0
+    values[0, 1, 4, 6] = np.float16(6e-8)  # the least that float16 has
+    lf = LightField.from_array(values, device=device)
+    np.testing.assert_array_equal(lf.weights, [[1, 1, 1], [1, 1, 0]])
+
+
+def test_streamed(device):
+    values = samples(3, 4, 61, 150)
+    source = StoredLightField.from_array(values)
+    assert source.dtype == np.float16
+    assert source.nbytes == values.nbytes
+    whole = focal_stack(LightField.from_array(values, device=device), disparities=PLANES)
+    got = np.full(whole.shape, np.nan, np.float32)
+    blocks = 0
+    for planes, rows, columns, some in stream_stack(
+        source, disparities=PLANES, device=device, memory=4 * 2**17
+    ):
+        got[planes, rows, columns] = some
+        blocks += 1
+    assert blocks > 1
+    np.testing.assert_array_equal(got, whole.to_numpy())
+
+
+@pytest.mark.parametrize("suffix", ["h5", "zarr", "npy"])
+def test_files_keep_it(pair, device, tmp_path, suffix):
+    path = tmp_path / f"half.{suffix}"
+    values = pair[0].to_numpy()
+    if suffix == "npy":
+        np.save(path, values)
+    else:
+        clplen.io.write_lightfield(path, pair[0])
+    found = clplen.io.read_lightfield(path, device=device)
+    assert found.dtype == np.float16
+    np.testing.assert_array_equal(found.to_numpy(), values)
