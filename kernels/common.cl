@@ -27,8 +27,10 @@ typedef float2 real2;
 
 #ifdef ROWS
 #define FOR_X(x, nx) for (int x = 0; x < (nx); ++x)
+#define FROM_X(x, nx) for (; x < (nx); ++x) /* the rest of a row, after steps of several samples */
 #else
 #define FOR_X(x, nx) for (int x = get_global_id(0); x < (nx); x = (nx))
+#define FROM_X(x, nx) for (x = get_global_id(0); x < (nx); x = (nx))
 #endif
 
 /* Index of sample (batch, y, x), 64 bits because a batch may pass 2^31 samples. */

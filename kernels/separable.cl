@@ -3,9 +3,13 @@
  *   out[b, y, x] = in[b, y, x] ty[y] tx[x]
  *
  * The tables are made in double on the host, so that a lens keeps its phase in float32.
- * Mapping: FOR_X of common.cl. in and out may be the same array. -DROWS, -DDOUBLE: see common.cl.
+ * Mapping: FOR_X of common.cl. in and out may be the same array. -DROWS, -DDOUBLE: see common.cl;
+ * -DLANES: sixteen samples at a time (with -DROWS, in float32).
  */
 #include "common.cl"
+#ifdef LANES
+#include "lanes_complex.cl"
+#endif
 
 __kernel void multiply_separable(__global cplx *out, __global const cplx *in,
                                  __global const cplx *restrict ty,
@@ -14,6 +18,15 @@ __kernel void multiply_separable(__global cplx *out, __global const cplx *in,
     const int y = get_global_id(1);
     const size_t row = row_start(get_global_id(2), y, ny, nx);
     const cplx t = ty[y];
-    FOR_X(x, nx)
+    int x = 0;
+#ifdef LANES
+    for (; x + 16 <= nx; x += 16) {
+        float16 re, im;
+        deal((__global const float *)(tx + x), &re, &im);
+        times16((__global float *)(out + row + x), (__global const float *)(in + row + x),
+                t.x * re - t.y * im, t.x * im + t.y * re);
+    }
+#endif
+    FROM_X(x, nx)
         out[row + x] = cmul(in[row + x], cmul(t, tx[x]));
 }

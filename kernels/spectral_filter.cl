@@ -2,9 +2,25 @@
  *
  *   u[b, ky, kx] *= H[min(ky, Ly - ky), min(kx, Lx - kx)]
  *
- * Mapping: FOR_X of common.cl over the spectrum, FFT order. -DROWS, -DDOUBLE: see common.cl.
+ * Mapping: FOR_X of common.cl over the spectrum, FFT order. -DROWS, -DDOUBLE: see common.cl;
+ * -DLANES: sixteen samples at a time (with -DROWS, in float32).
  */
 #include "common.cl"
+#ifdef LANES
+#include "lanes_complex.cl"
+
+/* Sixteen samples times as many factors, the last of these first where they mirror. */
+inline void lanes(__global float *u, __global const float *H, const int mirror)
+{
+    float16 re, im;
+    deal(H, &re, &im);
+    if (mirror) {
+        re = re.sfedcba9876543210;
+        im = im.sfedcba9876543210;
+    }
+    times16(u, u, re, im);
+}
+#endif
 
 __kernel void filter_spectrum(__global cplx *restrict u, __global const cplx *restrict H,
                               const int ny, const int nx)
@@ -12,6 +28,19 @@ __kernel void filter_spectrum(__global cplx *restrict u, __global const cplx *re
     const int y = get_global_id(1);
     const size_t row = row_start(get_global_id(2), y, ny, nx);
     const size_t quadrant = (size_t)min(y, ny - y) * (nx / 2 + 1);
-    FOR_X(x, nx)
+    int x = 0;
+#ifdef LANES
+    for (; x + 16 <= nx; x += 16) {
+        const int mirror = x > nx / 2; /* sixteen samples about the middle are taken one by one */
+        const int from = mirror ? nx - x - 15 : x;
+        if (x <= nx / 2 && x + 15 > nx / 2)
+            for (int k = x; k < x + 16; ++k)
+                u[row + k] = cmul(u[row + k], H[quadrant + min(k, nx - k)]);
+        else
+            lanes((__global float *)(u + row + x), (__global const float *)(H + quadrant + from),
+                  mirror);
+    }
+#endif
+    FROM_X(x, nx)
         u[row + x] = cmul(u[row + x], H[quadrant + min(x, nx - x)]);
 }

@@ -10,6 +10,7 @@
  *                   double on the host, the second a small residual in turns
  * -DPHASE_FP64      the phase in double, reduced, then float32 sincos
  * -DPHASE_TWOFLOAT  the phase in pairs of float32 (Dekker 1971), for devices without fp64
+ * -DLANES           sixteen samples at a time (with -DROWS and -DPHASE_TABLES, in float32)
  * -DROWS, -DDOUBLE  see common.cl
  *
  * ey, ex: tables of exp(i pi y^2/(lam z)); ay, ax: (high, low) parts of (y/z)^2; zl: of z/lam.
@@ -18,6 +19,9 @@
 #include "common.cl"
 #ifdef PHASE_TWOFLOAT
 #include "twofloat.cl"
+#endif
+#ifdef LANES
+#include "lanes_complex.cl"
 #endif
 #ifdef PHASE_FP64
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
@@ -40,6 +44,28 @@ inline cplx spherical(cplx ey, cplx ex, real2 ay, real2 ax, real2 zl)
 #endif
 }
 
+#ifdef LANES
+/* Sixteen samples. ex, ax: their parts of the tables; ey, ay: of the row. */
+inline void lanes(__global float *out, __global const float *in, __global const float *ex,
+                  __global const float *ax, const cplx ey, const real2 ay, const real2 zl,
+                  const real per_z)
+{
+    float16 re, im, s, low, cr, ci;
+    deal(ax, &s, &low);
+    s += ay.x;
+    const float16 root = sqrt(1 + s);
+    const float16 q = s / (1 + root);
+    cis16(-(zl.x / 2 * q) * q, &cr, &ci);
+    deal(ex, &re, &im);
+    float16 tr = re * ey.x - im * ey.y, ti = re * ey.y + im * ey.x;
+#ifdef SOURCE
+    tr *= per_z / root;
+    ti *= per_z / root;
+#endif
+    times16(out, in, tr * cr - ti * ci, tr * ci + ti * cr);
+}
+#endif
+
 __kernel void sphere(__global cplx *out, __global const cplx *in, __global const cplx *restrict ey,
                      __global const cplx *restrict ex, __global const real2 *restrict ay,
                      __global const real2 *restrict ax, const real2 zl, const real per_z,
@@ -47,7 +73,14 @@ __kernel void sphere(__global cplx *out, __global const cplx *in, __global const
 {
     const int y = get_global_id(1);
     const size_t row = row_start(get_global_id(2), y, ny, nx);
-    FOR_X(x, nx) {
+    int x = 0;
+#ifdef LANES
+    for (; x + 16 <= nx; x += 16)
+        lanes((__global float *)(out + row + x), (__global const float *)(in + row + x),
+              (__global const float *)(ex + x), (__global const float *)(ax + x), ey[y], ay[y], zl,
+              per_z);
+#endif
+    FROM_X(x, nx) {
         cplx t = spherical(ey[y], ex[x], ay[y], ax[x], zl);
 #ifdef SOURCE
         t *= per_z / sqrt(1 + (ax[x].x + ay[y].x));

@@ -12,11 +12,16 @@
  *                   phasor tables made in double on the host, the second a small residual in turns
  * -DPHASE_FP64      the phase in double, reduced, then float32 sincos
  * -DPHASE_TWOFLOAT  the phase in pairs of float32 (Dekker 1971), for devices without fp64
+ * -DLANES           sixteen samples at a time (with -DROWS and -DPHASE_TABLES, in float32), where all
+ *                   waves of the band propagate: s <= 1 wherever a weight is not 0
  * -DROWS, -DDOUBLE  see common.cl
  *
  * Mapping: FOR_X of common.cl over the frequencies.
  */
 #include "common.cl"
+#ifdef LANES
+#include "lanes_complex.cl"
+#endif
 #ifdef PHASE_TWOFLOAT
 #include "twofloat.cl"
 #endif
@@ -47,6 +52,25 @@ inline cplx propagating(cplx ex, cplx ey, real2 ax, real2 ay, real2 zl)
 #endif
 }
 
+#ifdef LANES
+/* Sixteen samples. ex, ax, wx: their parts of the tables; ey, ay, wy: of the row. */
+inline void lanes(__global float *H, __global const float *ex, __global const float *ax,
+                  __global const float *wx, const cplx ey, const real2 ay, const real wy,
+                  const real2 zl)
+{
+    float16 re, im, s, low, cr, ci;
+    deal(ax, &s, &low);
+    s += ay.x;
+    s = s < 1 ? s : 1; /* beyond the band, where the weight is 0 */
+    const float16 q = s / (1 + sqrt(1 - s));
+    cis16(-(zl.x / 2 * q) * q, &cr, &ci);
+    deal(ex, &re, &im);
+    const float16 weight = load16(wx) * wy;
+    const float16 tr = weight * (re * ey.x - im * ey.y), ti = weight * (re * ey.y + im * ey.x);
+    merge(H, tr * cr - ti * ci, tr * ci + ti * cr);
+}
+#endif
+
 __kernel void transfer(__global cplx *restrict H, __global const cplx *restrict ex,
                        __global const cplx *restrict ey, __global const real2 *restrict ax,
                        __global const real2 *restrict ay, __global const real *restrict wx,
@@ -55,7 +79,13 @@ __kernel void transfer(__global cplx *restrict H, __global const cplx *restrict 
 {
     const int y = get_global_id(1);
     const size_t row = row_start(0, y, ny, nx);
-    FOR_X(x, nx) {
+    int x = 0;
+#ifdef LANES
+    for (; x + 16 <= nx; x += 16)
+        lanes((__global float *)(H + row + x), (__global const float *)(ex + x),
+              (__global const float *)(ax + x), wx + x, ey[y], ay[y], wy[y], zl);
+#endif
+    FROM_X(x, nx) {
         const wide s = ((wide)ax[x].x + ay[y].x) + ((wide)ax[x].y + ay[y].y);
         const real weight = wx[x] * wy[y];
         cplx h = (cplx)(0);

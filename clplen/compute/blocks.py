@@ -6,8 +6,8 @@ device.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from itertools import zip_longest
 from threading import Lock
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,6 @@ import numpy as np
 
 from clplen.compute.columns import Factors, Product, run_on_host
 from clplen.compute.lines import Line, Separable, still
-from clplen.errors import DeviceError
 
 if TYPE_CHECKING:
     import pyopencl.array as cla
@@ -35,30 +34,28 @@ class Spectrum:
         Complex, shape (my, mx); or, even in both axes, the quadrant (my//2 + 1, mx//2 + 1).
     shape : tuple of int
         (my, mx).
+    turned : bool
+        Whether the axes of ``values`` are (x, y), the order in which the host reads them.
     """
 
-    def __init__(self, values: cla.Array, shape: tuple[int, int]) -> None:
+    def __init__(self, values: cla.Array, shape: tuple[int, int], *, turned: bool = False) -> None:
         self.shape = shape
-        self.is_quadrant = tuple(values.shape) != shape
-        self._values: cla.Array | None = values
-        self._factors: Factors | None = None
+        self.is_quadrant = tuple(values.shape) != (shape[::-1] if turned else shape)
+        self.values, self.turned = values, turned
+        self._copy: Array | None = None
         self._lock = Lock()
 
-    @property
-    def values(self) -> cla.Array:
-        """The factors on the device, as long as `on_host` has not taken them."""
-        if self._values is None:
-            raise DeviceError("These factors were taken to the host: make them again.")
-        return self._values
-
-    def on_host(self, device: Device) -> Factors:
-        """The same in blocks on the host, taken there once."""
+    @contextmanager
+    def on_host(self, device: Device) -> Iterator[Factors]:
+        """The same on the host: a CPU device's own memory, else a copy made once."""
+        if device.is_cpu:
+            with device.on_host(self.values, write=False) as values:
+                yield Factors(values if self.turned else values.T, self.shape)
+            return
         with self._lock:
-            if self._factors is None:
-                with device.on_host(self.values, write=False) as values:
-                    self._factors = Factors.cut(values, self.shape)
-                self._values = None
-            return self._factors
+            if self._copy is None:
+                self._copy = device.download(self.values)
+        yield Factors(self._copy if self.turned else self._copy.T, self.shape)
 
 
 def run(
@@ -98,7 +95,8 @@ def run(
             held.enter_context(device.on_host(result)).reshape(count, *last) for result in results
         ]
         products = [
-            Product(one.on_host(device), way) for one, way in zip(spectra, back, strict=True)
+            Product(held.enter_context(one.on_host(device)), way)
+            for one, way in zip(spectra, back, strict=True)
         ]
         run_on_host(source, into, products, targets, device)
     return results
@@ -165,7 +163,7 @@ def _factors(work: cla.Array, y: Array | None, x: Array | None, device: Device) 
     ny, nx = work.shape[-2:]
     ty = np.ones(ny, device.complex) if y is None else y.astype(device.complex)
     tx = np.ones(nx, device.complex) if x is None else x.astype(device.complex)
-    kernel = device.kernel("separable.cl", "multiply_separable", **device.wave_defines())
+    kernel = device.kernel("separable.cl", "multiply_separable", **lanes_defines(device))
     tables = (device.upload(ty), device.upload(tx))
     device.launch_rows(kernel, work.shape, work, work, *tables, np.int32(ny), np.int32(nx))
 
@@ -174,12 +172,11 @@ def multiplied(work: cla.Array, spectrum: Spectrum, device: Device, *, copy: boo
     """Spectra (..., my, mx) times their factors; in place unless ``copy``."""
     out = window(work, work.shape, device) if copy else work
     ny, nx = (np.int32(n) for n in spectrum.shape)
-    defines = device.wave_defines()
     if spectrum.is_quadrant:
-        kernel = device.kernel("spectral_filter.cl", "filter_spectrum", **defines)
+        kernel = device.kernel("spectral_filter.cl", "filter_spectrum", **lanes_defines(device))
         device.launch_rows(kernel, out.shape, out, spectrum.values, ny, nx)
     else:
-        kernel = device.kernel("multiply.cl", "multiply", **defines)
+        kernel = device.kernel("multiply.cl", "multiply", **device.wave_defines())
         device.launch_rows(kernel, out.shape, out, out, spectrum.values, ny, nx)
     return out
 
@@ -211,3 +208,9 @@ def window(
     numbers = (ny, nx, in_ny, in_nx, -place[0], -place[1])
     device.launch_rows(kernel, shape, out, data, *(np.int32(n) for n in numbers))
     return out
+
+
+def lanes_defines(device: Device) -> dict[str, Any]:
+    """Those of `wave_defines`, and sixteen samples at a time where a row is an item's."""
+    lanes = device.rows and device.precision == "single"
+    return {"LANES": True} if lanes else device.wave_defines()

@@ -1,13 +1,13 @@
 """Maps along both axes on the host, in blocks that stay in the cache.
 
-The lines along x run a few rows at a time; then, for a few columns at a time, everything that
-happens along y with the product in its midst; then the lines along x again. Zeros are not
-transformed along x, and the padded array never exists.
+The lines along x run a few rows at a time and leave the array turned, columns as rows; then, for a
+few columns at a time, everything that happens along y with the product in its midst; then the
+lines along x again, which turn it back. Every transform but those two then has its samples side by
+side. Zeros are not transformed along x, and the padded array never exists.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -27,49 +27,39 @@ if TYPE_CHECKING:
 Array = np.ndarray[Any, Any]
 
 BLOCK_BYTES = 2**21  # of a block of rows or columns, about what a core's cache holds
-FEWEST, MOST = 8, 64  # rows or columns of a block
+SMALL_BYTES = 2**17  # of a block that is worth a thread's while
+FEWEST, MOST = 8, 32  # rows or columns of a block, more of them where they are short
 APART = 16  # samples between rows, so that a column does not meet the same cache lines everywhere
-INTO, BACK = (0, 1), (2, 3)  # scratch arrays of the lines before and after the product
+INTO, BACK = (0, 1), (2, 3)  # slots of windows and of their transforms, before the product, after
+FACTORS = 4  # first slot of the factors of a block
 
 
 @dataclass(frozen=True, eq=False)
 class Factors:
-    """Factors of a 2-D spectrum on the host, cut into blocks of columns.
+    """Factors of a 2-D spectrum on the host, turned: columns are rows.
 
     Attributes
     ----------
-    blocks : tuple of numpy.ndarray
-        Complex, contiguous, all columns from the first on: all rows, or those up to the middle
-        of what is even.
+    values : numpy.ndarray
+        Complex, shape (mx, my); or, even in both axes, the quadrant (mx//2 + 1, my//2 + 1).
     shape : tuple of int
         (my, mx).
     """
 
-    blocks: tuple[Array, ...]
+    values: Array
     shape: tuple[int, int]
 
-    @classmethod
-    def cut(cls, values: Array, shape: tuple[int, int]) -> Factors:
-        """Copy factors (my, mx), or their quadrant (my//2 + 1, mx//2 + 1), into blocks."""
-        mx, stored = shape[1], values.shape[1]
-        size = _size(shape[0] * values.itemsize)
-        # column k of an even spectrum is also column mx - k
-        columns = np.where(np.arange(mx) < stored, np.arange(mx), mx - np.arange(mx))
-        starts = range(0, mx, size)
-        blocks = (np.take(values, columns[start : start + size], axis=1) for start in starts)
-        return cls(tuple(blocks), shape)
-
     @property
-    def nbytes(self) -> int:
-        """Bytes held."""
-        return sum(block.nbytes for block in self.blocks)
+    def is_mirrored(self) -> bool:
+        """Whether columns are stored up to the middle only: column k is also column mx - k."""
+        return self.values.shape[0] < self.shape[1]
 
-    def multiply(self, values: Array, index: int) -> None:
-        """The columns of a block, (my, columns), times their factors, in place."""
-        factors = self.blocks[index]
-        stored = len(factors)
-        values[:stored] *= factors
-        values[stored:] *= factors[1 : self.shape[0] - stored + 1][::-1]
+    def load(self, chosen: slice, out: Array) -> None:
+        """Some of the stored columns, unfolded along y: (columns, my)."""
+        stored = self.values[chosen]
+        rows = stored.shape[1]
+        out[:, :rows] = stored
+        out[:, rows:] = stored[:, 1 : self.shape[0] - rows + 1][:, ::-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,56 +90,64 @@ def run_on_host(
     device : Device
         Its FFT route and its workspace are used.
     """
+    count, ny, _ = source.shape
     width = into.shape_after(source.shape[-2:])[1]
     # The threads end first: what they write to is lent until then.
-    with ExitStack() as held, ThreadPoolExecutor(device.fft.threads) as pool:
+    helpers = max(device.fft.threads - 1, 1)  # beside the calling thread
+    with ExitStack() as held, ThreadPoolExecutor(helpers) as pool:
 
         def borrow(rows: int) -> Array:
-            shape = (len(source), rows, width + APART)
-            return held.enter_context(device.workspace.borrow(shape, source.dtype))[..., :width]
+            """Turned: the columns of all fields' rows, (width, n rows)."""
+            shape = (width, count * rows + APART)
+            return held.enter_context(device.workspace.borrow(shape, source.dtype))[:, :-APART]
 
         team = _Team(pool, device.fft)
-        first = borrow(source.shape[1])
-        team.rows(source, into.x, first)
+        first = borrow(ny)
+        team.rows(source.reshape(count * ny, -1), into.x, first.T, ny)
         if not products:
-            team.columns(first, into.y, targets[0])
+            team.columns(_by_field(first, count), into.y, targets[0])
             return
         heights = [one.back.shape_after(one.factors.shape)[0] for one in products]
         between = [borrow(height) for height in heights[:-1]]
-        between.append(first if heights[-1] == source.shape[1] else borrow(heights[-1]))
-        team.filtered(first, into.y, products, between)
-        for made, product, target in zip(between, products, targets, strict=True):
-            team.rows(made, product.back.x, target)
+        between.append(first if heights[-1] == ny else borrow(heights[-1]))
+        team.filtered(
+            _by_field(first, count), into.y, products, [_by_field(one, count) for one in between]
+        )
+        for made, product, target, height in zip(between, products, targets, heights, strict=True):
+            out = target.reshape(count * height, -1)
+            team.rows(made.T, product.back.x, out, height)
+
+
+def _by_field(turned: Array, count: int) -> Array:
+    """A view (width, n, rows) of (width, n rows)."""
+    return turned.reshape(len(turned), count, turned.shape[1] // count)
 
 
 class _Team:
     """Threads that share the blocks of an array."""
 
     def __init__(self, pool: ThreadPoolExecutor, fft: FFTRoute) -> None:
-        self.pool, self.fft = pool, fft
-        self.slots = [Slots() for _ in range(fft.threads)]
+        self.pool = pool
+        self.workers = [_Worker(fft) for _ in range(fft.threads)]
 
-    def rows(self, source: Array, lines: tuple[Line, ...], target: Array) -> None:
-        """``lines`` along the last axis."""
-        rows, out = source.reshape(-1, source.shape[-1]), target.reshape(-1, target.shape[-1])
+    def rows(self, source: Array, lines: tuple[Line, ...], target: Array, ny: int) -> None:
+        """``lines`` along x of fields of ny rows each, (n ny, nx) to (n ny, mx)."""
         longest = max((line.length for line in lines), default=1)
 
-        def some(part: tuple[int, int], slots: Slots) -> None:
-            chosen = slice(*part)
-            out[chosen] = _apply(rows[chosen], lines, 1, self.fft, slots, INTO)
+        def some(chosen: slice, worker: _Worker) -> None:
+            worker.apply(source[chosen], lines, INTO, target=target[chosen])
 
-        self._share(some, _row_ranges(source.shape, longest * source.itemsize))
+        self._share(some, _row_ranges(len(source), ny, longest * source.itemsize))
 
     def columns(self, source: Array, lines: tuple[Line, ...], target: Array) -> None:
-        """``lines`` along the axis before the last."""
+        """``lines`` along y of turned fields, (mx, n, ny) to (n, my, mx)."""
         longest = max((line.length for line in lines), default=1)
 
-        def some(part: tuple[int, int], slots: Slots) -> None:
-            chosen = slice(*part)
-            for one, out in zip(source, target, strict=True):
-                out[:, chosen] = _apply(one[:, chosen], lines, 0, self.fft, slots, INTO)
+        def some(chosen: slice, worker: _Worker) -> None:
+            for place, out in enumerate(target):
+                worker.apply(source[chosen, place], lines, INTO, target=out.T[chosen])
 
-        self._share(some, _ranges(source.shape[-1], longest * source.itemsize))
+        self._share(some, _ranges(len(source), longest * source.itemsize))
 
     def filtered(
         self,
@@ -158,127 +156,176 @@ class _Team:
         products: Sequence[Product],
         targets: Sequence[Array],
     ) -> None:
-        """Along the axis before the last: ``lines``, each product, and its way back."""
-        fft, last = self.fft, len(products) - 1
+        """Along y of turned fields, (mx, n, ny): ``lines``, each product, and its way back.
 
-        size = products[0].factors.blocks[0].shape[1]
+        ``source`` is lost; the last target may be the same memory.
+        """
+        factors = [product.factors for product in products]
 
-        def some(index: int, slots: Slots) -> None:
-            chosen = slice(index * size, (index + 1) * size)
-            for place, one in enumerate(source):
-                block = _apply(one[:, chosen], lines, 0, fft, slots, INTO)
+        def block(chosen: slice, loaded: Sequence[Array], worker: _Worker) -> None:
+            for place in range(source.shape[1]):
+                values = worker.apply(source[chosen, place], lines, INTO)
                 for which, (product, target) in enumerate(zip(products, targets, strict=True)):
-                    made = block
-                    if which < last or not _is_scratch(lines):
-                        made = slots.take(BACK[1], block.shape, block.dtype)
-                        made[...] = block
-                    product.factors.multiply(made, index)
-                    target[place, :, chosen] = _apply(
-                        made, product.back.y, 0, fft, slots, BACK, own=True
-                    )
+                    made = values
+                    if which < len(products) - 1:
+                        made = worker.take(BACK[1], values.shape, values.dtype)
+                    np.multiply(values, loaded[which], out=made)
+                    out = target[chosen, place]
+                    worker.apply(made, product.back.y, BACK, own=True, target=out)
 
-        self._share(some, range(len(products[0].factors.blocks)))
+        def some(part: list[slice], worker: _Worker) -> None:
+            own, *mirrored = part
+            loaded = [worker.load(one, own, FACTORS + i) for i, one in enumerate(factors)]
+            block(own, loaded, worker)
+            for chosen in mirrored:
+                first = factors[0].shape[1] - chosen.stop + 1 - own.start
+                same = slice(first, first + chosen.stop - chosen.start)
+                again = [
+                    made[same][::-1] if one.is_mirrored else worker.load(one, chosen, FACTORS + i)
+                    for i, (one, made) in enumerate(zip(factors, loaded, strict=True))
+                ]
+                block(chosen, again, worker)
 
-    def _share(self, work: Callable[[Any, Slots], None], parts: Sequence[Any]) -> None:
-        """``work`` on every part, each thread taking the next one."""
+        self._share(some, _column_ranges(factors, source.itemsize))
+
+    def _share(self, work: Callable[[Any, _Worker], None], parts: Sequence[Any]) -> None:
+        """``work`` on every part, this thread and the others taking the next one."""
         if len(parts) == 1:
-            work(parts[0], self.slots[0])
+            work(parts[0], self.workers[0])
             return
         left, failed = iter(parts), Event()
 
-        def worker(slots: Slots) -> None:
+        def run(worker: _Worker) -> None:
             for part in left:
                 if failed.is_set():
                     return
                 try:
-                    work(part, slots)
+                    work(part, worker)
                 except BaseException:
                     failed.set()
                     raise
 
-        list(self.pool.map(worker, self.slots))
+        others = [self.pool.submit(run, worker) for worker in self.workers[1:]]
+        run(self.workers[0])
+        for other in others:
+            other.result()
+
+
+class _Worker:
+    """What one thread does to a block of lines, in its own scratch memory."""
+
+    def __init__(self, fft: FFTRoute) -> None:
+        self.fft, self.slots = fft, Slots()
+        self.framed: dict[int, tuple[Line, int]] = {}  # zeros that a window has already
+
+    def take(self, slot: int, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Array:
+        """A slot's array, its lines apart."""
+        lines, length = shape
+        return self.slots.take(slot, (lines, length + APART), dtype)[:, :length]
+
+    def load(self, factors: Factors, chosen: slice, slot: int) -> Array:
+        """The factors of some columns in a slot."""
+        shape = (chosen.stop - chosen.start, factors.shape[0])
+        out = self.take(slot, shape, factors.values.dtype)
+        factors.load(chosen, out)
+        return out
+
+    def apply(
+        self,
+        values: Array,
+        lines: tuple[Line, ...],
+        places: tuple[int, int],
+        *,
+        own: bool = False,
+        target: Array | None = None,
+    ) -> Array:
+        """``lines`` along the last axis of a block, into ``target`` or a slot.
+
+        Samples go from windows in the slot ``places[0]`` to transforms in ``places[1]``, where
+        ``values`` lie that are a thread's ``own``: nothing else is overwritten.
+        """
+        done = [line for line in lines if line.kind != "none"]
+        for line in done:
+            whole = line.place == 0 and line.n == line.length and line.pre is None
+            source = values if whole else self._window(values, line, places[0])
+            if target is not None and line is done[-1] and _is_bare(line):
+                out = target
+            elif whole and own:
+                out = values
+            else:
+                out = self.take(places[1], source.shape, source.dtype)
+            values, own = _transform(source, line, out, self.fft), True
+        if target is not None and not (done and _is_bare(done[-1])):
+            target[...] = values
+        return values
+
+    def _window(self, values: Array, line: Line, slot: int) -> Array:
+        """The samples times ``pre`` in a window of zeros, which stay for the next block."""
+        stop = line.place + line.n
+        window = self.take(slot, (len(values), line.length), values.dtype)
+        if self.framed.get(slot) != (line, len(values)):
+            window[:, : line.place] = 0
+            window[:, stop:] = 0
+            self.framed[slot] = (line, len(values))
+        if line.pre is None:
+            window[:, line.place : stop] = values
+        else:
+            np.multiply(values, line.pre, out=window[:, line.place : stop])
+        return window
+
+
+def _is_bare(line: Line) -> bool:
+    """Whether a transform's result is the line's, as it is."""
+    return line.m == line.length and line.kernel is None and line.post is None
 
 
 def _size(line_bytes: int) -> int:
     """How many lines of so many bytes make a block."""
-    return max(FEWEST, min(MOST, BLOCK_BYTES // line_bytes))
+    return max(FEWEST, min(max(MOST, SMALL_BYTES // line_bytes), BLOCK_BYTES // line_bytes))
 
 
-def _ranges(count: int, line_bytes: int) -> list[tuple[int, int]]:
+def _ranges(count: int, line_bytes: int) -> list[slice]:
     """Ranges that make up range(count), a block each."""
     size = _size(line_bytes)
-    return [(start, min(start + size, count)) for start in range(0, count, size)]
+    return [slice(start, min(start + size, count)) for start in range(0, count, size)]
 
 
-def _row_ranges(shape: tuple[int, ...], line_bytes: int) -> list[tuple[int, int]]:
-    """Blocks of the rows of a batch, across fields only where a field has too few for a block.
+def _row_ranges(count: int, ny: int, line_bytes: int) -> list[slice]:
+    """Blocks of rows of fields of ny each, across fields only where one has too few for a block.
 
     A field's blocks are then those that it has alone, and so is its rounding.
     """
-    ny = shape[-2]
-    count = math.prod(shape[:-2])
     if ny < _size(line_bytes):
-        return _ranges(count * ny, line_bytes)
+        return _ranges(count, line_bytes)
     own = _ranges(ny, line_bytes)
-    return [(one * ny + start, one * ny + stop) for one in range(count) for start, stop in own]
+    return [slice(k + one.start, k + one.stop) for k in range(0, count, ny) for one in own]
 
 
-def _is_scratch(lines: tuple[Line, ...]) -> bool:
-    """Whether ``lines`` leave a block in a thread's own memory."""
-    return any(line.kind != "none" for line in lines)
+def _column_ranges(factors: Sequence[Factors], itemsize: int) -> list[list[slice]]:
+    """Blocks of the columns of a product, beside each the columns that mirror it.
+
+    The factors of both are then read from memory once.
+    """
+    my, mx = factors[0].shape
+    if not any(one.is_mirrored for one in factors):
+        return [[chosen] for chosen in _ranges(mx, my * itemsize)]
+    parts = []
+    for chosen in _ranges(mx // 2 + 1, my * itemsize):
+        low, high = max(chosen.start, 1), min(chosen.stop, (mx + 1) // 2)
+        mirrored = slice(mx - high + 1, mx - low + 1)
+        parts.append([chosen, mirrored] if low < high else [chosen])
+    return parts
 
 
-def _apply(
-    values: Array,
-    lines: tuple[Line, ...],
-    axis: int,
-    fft: FFTRoute,
-    slots: Slots,
-    places: tuple[int, int],
-    *,
-    own: bool = False,
-) -> Array:
-    """``lines`` along one axis of a 2-D block, in scratch memory; ``own``: it is there already."""
-    taken = 0
-    for line in lines:
-        if line.kind == "none":
-            continue
-        whole = line.place == 0 and line.n == line.length and line.pre is None
-        window = values
-        if not (own and whole):
-            shape = list(values.shape)
-            shape[axis] = line.length
-            window = slots.take(places[taken % 2], shape, values.dtype)
-            taken += 1  # what is read from lies in the other one
-        if not whole:
-            _place(values, line, axis, window)
-        values = _transform(values if whole else window, line, axis, window, fft)
-        own = True
-    return values
-
-
-def _place(values: Array, line: Line, axis: int, window: Array) -> None:
-    """The samples times ``pre`` in a window of zeros."""
-    along, source = (window, values) if axis == 0 else (window.T, values.T)
-    stop = line.place + line.n
-    along[: line.place] = 0
-    along[stop:] = 0
-    if line.pre is None:
-        along[line.place : stop] = source
-    else:
-        np.multiply(source, line.pre[:, None], out=along[line.place : stop])
-
-
-def _transform(source: Array, line: Line, axis: int, window: Array, fft: FFTRoute) -> Array:
-    """The transform of a line from ``source`` into ``window``, cut out and times ``post``."""
-    along = window if axis == 0 else window.T
+def _transform(source: Array, line: Line, out: Array, fft: FFTRoute) -> Array:
+    """The transform of a line from ``source`` into ``out``, cut out and times ``post``."""
     # Padding makes lengths that nobody chose; they may be awkward.
     careful = line.n < line.length or line.m < line.length
-    fft.lines(source, window, axis, line.kind != "inverse", careful=careful)
+    fft.lines(source, out, 1, line.kind != "inverse", careful=careful)
     if line.kernel is not None:
-        along *= line.kernel[:, None]
-        fft.lines(window, window, axis, False, careful=careful)
-    kept = along[line.start : line.start + line.m]
+        out *= line.kernel
+        fft.lines(out, out, 1, False, careful=careful)
+    kept = out[:, line.start : line.start + line.m]
     if line.post is not None:
-        kept *= line.post[:, None]
-    return kept if axis == 0 else kept.T
+        kept *= line.post
+    return kept

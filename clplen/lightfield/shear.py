@@ -11,7 +11,6 @@ import numpy as np
 import pyopencl as cl
 import pyopencl.array as cla
 
-from clplen.compute.tuning import tuning_of
 from clplen.errors import KernelBuildError, ShapeError
 from clplen.lightfield.samples import C_TYPE
 from clplen.lightfield.shearblocks import Blocks, all_blocks, lanes_of, worth_timing
@@ -121,7 +120,7 @@ class _Sum:
 
 def _in_the_first_form_that_runs(work: _Sum) -> None:
     """Enqueue everything; a form that the device cannot run is left and remembered."""
-    tuning = tuning_of(work.device)
+    tuning = work.device.tuning
     forms = [form for form in _forms(work.device) if f"shear {form}" not in tuning.set_aside]
     for form in forms:
         try:
@@ -158,7 +157,7 @@ def _enqueue_blocks(work: _Sum) -> bool:
 
 def _fastest(work: _Sum, blocks: list[Blocks]) -> Blocks:
     """The blocks that were found fastest, else those of least expected cost."""
-    views, tuning = work.views, tuning_of(work.device)
+    views, tuning = work.views, work.device.tuning
     V, U = work.lf_data.shape[:2]
     sizes = [int(n).bit_length() for n in (views.ny, views.nx, views.planes)]
     problem = f"{work.defines['SAMPLE']} {V}x{U} views of {views.channels}, {sizes}, {views.clamp}"

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.blocks import lanes_defines
 from clplen.wave.field import Field, Grid
 
 Vector = np.ndarray[Any, np.dtype[np.floating[Any]]]
@@ -28,7 +29,7 @@ def multiply_separable(field: Field, ty: np.ndarray, tx: np.ndarray) -> Field:
     """``field`` times the product of two 1-D complex tables over y and x."""
     device, (ny, nx) = field.device, field.grid.shape
     out = device.empty(field.shape, device.complex)
-    kernel = device.kernel("separable.cl", "multiply_separable", **device.wave_defines())
+    kernel = device.kernel("separable.cl", "multiply_separable", **lanes_defines(device))
     device.launch_rows(
         kernel,
         field.shape,

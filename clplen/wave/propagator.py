@@ -22,6 +22,7 @@ from clplen.wave.report import Report, report
 from clplen.wave.request import BORDER, Request
 from clplen.wave.spectral import corrected
 from clplen.wave.together import together
+from clplen.wave.transfer import made_for
 
 PHASES = ("tables", "fp64", "twofloat")
 
@@ -156,8 +157,6 @@ class Propagator:
         made, samples = self.description, table_samples(self.description)
         if made.factor is not None:
             rows, columns = made.factor.stored
-            if self.device.fft.name != "vkfft":
-                columns = made.factor.shape[1]  # on the host all columns
             samples += rows * columns
         return samples * self.device.complex.itemsize
 
@@ -166,7 +165,7 @@ class Propagator:
         """The factor on the device, made at first use; None where the method has none."""
         with self._lock:
             if self._spectrum is None and self.description.factor is not None:
-                self._spectrum = self.description.factor.on_device(self.device, self.phase)
+                self._spectrum = made_for(self.description.factor, self.device, self.phase)
             return self._spectrum
 
     def __call__(self, field: Field) -> Field:

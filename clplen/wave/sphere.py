@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.blocks import lanes_defines
 from clplen.compute.device import Device
 from clplen.wave.field import Field, Grid
 from clplen.wave.multiply import offsets
@@ -58,7 +59,8 @@ def multiply_sphere(
     places = offsets(field.grid, centre)
     tables = [phasor(t**2 / (2 * field.wavelength * z), device.complex) for t in places]
     squares = [split((t / z) ** 2, device.real) for t in places]
-    defines = {f"PHASE_{phase.upper()}": True, **device.wave_defines()}
+    defines = lanes_defines(device) if phase == "tables" else device.wave_defines()
+    defines[f"PHASE_{phase.upper()}"] = True
     if fades:
         defines["SOURCE"] = True
     device.launch_rows(

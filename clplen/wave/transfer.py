@@ -4,12 +4,12 @@ sampled impulse response."""
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from clplen.compute.blocks import Spectrum, window
+from clplen.compute.blocks import Spectrum, lanes_defines, window
 from clplen.wave import sommerfeld
 from clplen.wave.phase import phasor, split
 
@@ -33,6 +33,9 @@ class Factor(Protocol):
 
     def on_device(self, device: Device, phase: str) -> Spectrum:
         """The samples, the phase formed as said."""
+
+    def turned(self) -> Factor:
+        """The same with x and y exchanged."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -79,9 +82,13 @@ class Transfer:
         )
         return (y, x)
 
+    def _corner(self) -> float:
+        """s at the corner of the band."""
+        return sum((self.wavelength * f) ** 2 for f in self.highest())
+
     def residual_turns(self) -> float:
         """Rt = (z/lam) q^2/2 with q = 1 - sqrt(1 - s) at the corner of the band."""
-        s = min(sum((self.wavelength * f) ** 2 for f in self.highest()), 1.0)
+        s = min(self._corner(), 1.0)
         q = s / (1 + math.sqrt(1 - s))
         return abs(self.z) / self.wavelength * q * q / 2
 
@@ -107,7 +114,9 @@ class Transfer:
         squares = [split((self.wavelength * f) ** 2, device.real) for f in (fx, fy)]
         carrier = phasor(np.array([-self.z / self.wavelength]), device.complex)
         H = device.empty(self.stored, device.complex)
-        defines = {f"PHASE_{phase.upper()}": True, **device.wave_defines()}
+        smooth = phase == "tables" and self._corner() < 1
+        defines = lanes_defines(device) if smooth else device.wave_defines()
+        defines[f"PHASE_{phase.upper()}"] = True
         device.launch_rows(
             device.kernel("transfer.cl", "transfer", **defines),
             self.stored,
@@ -120,6 +129,15 @@ class Transfer:
             *(np.int32(n) for n in self.stored),
         )
         return Spectrum(H, self.shape)
+
+    def turned(self) -> Transfer:
+        """The same with x and y exchanged."""
+        return replace(
+            self,
+            shape=self.shape[::-1],
+            frequencies=self.frequencies[::-1],
+            weights=self.weights[::-1],
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +185,25 @@ class Sommerfeld:
         )
         device.fft.forward(h, device)
         return Spectrum(window(h, self.stored, device, place=(0, 0)), self.shape)
+
+    def turned(self) -> Sommerfeld:
+        """The same with x and y exchanged."""
+        return replace(self, shape=self.shape[::-1], pitch=self.pitch[::-1])
+
+
+def made_for(factor: Factor, device: Device, phase: str) -> Spectrum:
+    """A factor's samples in the order in which `run` of blocks.py reads them on a device.
+
+    Parameters
+    ----------
+    factor : Factor
+    device : Device
+    phase : {"tables", "fp64", "twofloat"}
+    """
+    if device.fft.name == "vkfft":
+        return factor.on_device(device, phase)
+    values = factor.turned().on_device(device, phase).values
+    return Spectrum(values, factor.shape, turned=True)
 
 
 def fft_frequencies(n: int, d: float) -> Vector:
