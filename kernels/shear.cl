@@ -32,6 +32,7 @@
  * -DCLAMP                           see above
  * -DLANES=4 | 8 | 16, -DVECTORS=n   shear_blocks: vector type, and vectors summed in registers
  * -DAHEAD                          shear_blocks: prefetch, where the compiler has it
+ * -DDIRECT                         shear_blocks: one plane, whose views are read once, in place
  * -DCHANNELS=1 | 3                  shear_blocks: channels, where their number is one of these
  * -DHEIGHT=n, -DPLANES=n, -DGROUP=n  shear_samples
  */
@@ -129,6 +130,21 @@ static void copy_row(__local float *to, __global const SAMPLE *row,
 
 /* R_v of CHUNK samples for one plane, added to the two rows of the picture that it belongs to
  * (`upper` with b_v, `lower` with 1 - b_v; null outside the block). */
+static void add_rows(__local float *upper, __local float *lower, const vec R[VECTORS],
+                     const float blend)
+{
+    if (lower)
+#pragma unroll
+        for (int i = 0; i < VECTORS; ++i)
+            store(lower + i * LANES, load(lower + i * LANES) + R[i] * (vec)(1.0f - blend));
+    if (upper)
+#pragma unroll
+        for (int i = 0; i < VECTORS; ++i)
+            store(upper + i * LANES, load(upper + i * LANES) + R[i] * (vec)(blend));
+}
+
+#ifndef DIRECT
+/* A chunk of one of several planes, from copied rows of the views. */
 static void sum_chunk(__local float *upper, __local float *lower, __local const float *views,
                       __local float *second, const int n, const int pitch, const int channels,
                       __global const int *slide, __global const float2 *taps, const float blend)
@@ -162,15 +178,65 @@ static void sum_chunk(__local float *upper, __local float *lower, __local const 
     for (int i = 0; i < VECTORS; ++i)
         a[i] += load(second + i * LANES + channels);
 #endif
-    if (lower)
-#pragma unroll
-        for (int i = 0; i < VECTORS; ++i)
-            store(lower + i * LANES, load(lower + i * LANES) + a[i] * (vec)(1.0f - blend));
-    if (upper)
-#pragma unroll
-        for (int i = 0; i < VECTORS; ++i)
-            store(upper + i * LANES, load(upper + i * LANES) + a[i] * (vec)(blend));
+    add_rows(upper, lower, a, blend);
 }
+
+#else
+/* The chunk from s0 on of the only plane, inside all views, from the light field itself: from row
+ * (v, y) of view u = 0, that of the next one `view` samples on. Both taps are read: the second time
+ * from the nearest cache. The same stretch of the row that follows, `ahead` samples on, is asked
+ * for. The sums have the bits of `sum_chunk`. */
+static void sum_stored(__local float *upper, __local float *lower, __global const SAMPLE *row,
+                       const int n, const size_t view, const int ahead, const int channels,
+                       __global const int *order, __global const int2 *span,
+                       __global const float2 *taps, const float blend)
+{
+    vec a[VECTORS], b[VECTORS];
+#pragma unroll
+    for (int i = 0; i < VECTORS; ++i)
+        a[i] = b[i] = (vec)(0.0f);
+    for (int k = 0; k < n; ++k) {
+        __global const SAMPLE *from = row + order[k] * view + span[k].x;
+        const vec first = (vec)(taps[k].x), next = (vec)(taps[k].y);
+#ifdef AHEAD
+        fetch_row(from + ahead, CHUNK);
+#endif
+#pragma unroll
+        for (int i = 0; i < VECTORS; ++i) {
+            a[i] += stored_vec(from + i * LANES) * first;
+            b[i] += stored_vec(from + i * LANES + channels) * next;
+        }
+    }
+#pragma unroll
+    for (int i = 0; i < VECTORS; ++i)
+        a[i] += b[i];
+    add_rows(upper, lower, a, blend);
+}
+
+/* The same of a chunk that is not inside all views, from copies of CHUNK + channels samples. */
+static void sum_copied(__local float *upper, __local float *lower, __local const float *views,
+                       const int n, const int pitch, const int channels,
+                       __global const float2 *taps, const float blend)
+{
+    vec a[VECTORS], b[VECTORS];
+#pragma unroll
+    for (int i = 0; i < VECTORS; ++i)
+        a[i] = b[i] = (vec)(0.0f);
+    for (int k = 0; k < n; ++k) {
+        __local const float *from = views + k * pitch;
+        const vec first = (vec)(taps[k].x), next = (vec)(taps[k].y);
+#pragma unroll
+        for (int i = 0; i < VECTORS; ++i) {
+            a[i] += load(from + i * LANES) * first;
+            b[i] += load(from + i * LANES + channels) * next;
+        }
+    }
+#pragma unroll
+    for (int i = 0; i < VECTORS; ++i)
+        a[i] += b[i];
+    add_rows(upper, lower, a, blend);
+}
+#endif
 
 /* sums /= W for one row of one plane, 0 where W is 0. */
 static void divide_row(__local float *sums, __global const float *norm, const int norm_pitch,
@@ -222,6 +288,34 @@ __kernel void shear_blocks(__global float *restrict out, __global const SAMPLE *
         top = max(top, -y0);
         bottom = min(bottom, ny - 1 - y0 - rows);
 #endif
+#ifdef DIRECT
+        int begin = 0, end = INT_MAX;  /* of the block's samples that lie inside all views */
+        for (int k = 0; k < n; ++k) {
+            begin = max(begin, -(s0 + span[v * U + k].x));
+            end = min(end, samples - (s0 + span[v * U + k].x));
+        }
+        top = max(top, down[v]);
+        for (int t = top; n > 0 && t <= bottom + rows; ++t) {
+            const int y = clamp(y0 + t, 0, ny - 1);
+            const int r = t - down[v];
+            const int ahead = y + 1 < ny ? samples : 0;
+            for (int i = 0; i < width; i += CHUNK) {
+                __local float *upper = r > 0 ? sums + (r - 1) * width + i : 0;
+                __local float *lower = r < rows ? sums + r * width + i : 0;
+                if (i >= begin && i + CHUNK + channels <= end) {
+                    sum_stored(upper, lower, L + row_start(v * U, y, ny, samples) + s0 + i, n,
+                               (size_t)ny * samples, ahead, channels, order + v * U, span + v * U,
+                               taps + v * U, blend[v]);
+                    continue;
+                }
+                for (int k = 0; k < n; ++k)
+                    copy_row(views + k * pitch,
+                             L + row_start(v * U + order[v * U + k], y, ny, samples),
+                             s0 + span[v * U + k].x + i, CHUNK + channels, samples, channels);
+                sum_copied(upper, lower, views, n, pitch, channels, taps + v * U, blend[v]);
+            }
+        }
+#else
         for (int t = top; n > 0 && t <= bottom + rows; ++t) {
             const int y = clamp(y0 + t, 0, ny - 1);
             for (int k = 0; k < n; ++k) {
@@ -250,6 +344,7 @@ __kernel void shear_blocks(__global float *restrict out, __global const SAMPLE *
                               blend[v * planes + p]);
             }
         }
+#endif
     }
 
     const int n = min(width - channels, samples - s0);

@@ -193,6 +193,8 @@ def _launch_blocks(
         defines["AHEAD"] = True
     if views.channels in (1, 3):
         defines["CHANNELS"] = views.channels
+    if views.planes == 1:
+        defines["DIRECT"] = True
     kernel = device.kernel("shear.cl", "shear_blocks", LANES=lanes, VECTORS=vectors, **defines)
     columns = -(-views.samples // (blocks.width - views.channels))
     floats = (
