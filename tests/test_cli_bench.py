@@ -80,6 +80,8 @@ def test_wrong_words(device: Device, args: list[str], words: str) -> None:
         ("no json", "holds no JSON"),
         ("[1]", "no saved run"),
         ('{"format": "clplen bench", "version": 99}', "version 99"),
+        ('{"format": "clplen bench", "version": 1}', "is damaged"),
+        ('{"format": "clplen bench", "version": 1, "reports": [3]}', "is damaged"),
     ],
 )
 def test_files_that_are_no_saved_run(

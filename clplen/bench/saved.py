@@ -36,8 +36,8 @@ def read(path: Path) -> dict[str, Any]:
         If the file holds something else.
     """
     try:
-        found = json.loads(path.read_text())
-    except (ValueError, UnicodeDecodeError) as error:
+        found = json.loads(path.read_text("utf-8"))
+    except (ValueError, RecursionError) as error:
         raise FormatError(f"{path} holds no JSON: save a run by 'clplen bench --json'.") from error
     if not isinstance(found, dict) or found.get("format") != FORMAT:
         raise FormatError(f"{path} is no saved run of 'clplen bench --json'.")
@@ -46,6 +46,10 @@ def read(path: Path) -> dict[str, Any]:
             f"{path} is version {found.get('version')} of a saved run, and {VERSION} is read: "
             "save the run again."
         )
+    try:
+        compared([], found)
+    except (KeyError, TypeError) as error:
+        raise FormatError(f"{path} is damaged: save it by 'clplen bench --json' again.") from error
     return found
 
 

@@ -23,6 +23,7 @@ from clplen.wave.statistics import add_scaled
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic1 import Plenoptic1
+    from clplen.compute.device import Device
 
 APART = 2**40  # seeds of the light on two slides of a scene
 MASK_TRANSFORMS = 2  # of the field of a random source
@@ -71,31 +72,31 @@ def expose_scene(
     for part in members:
         for one in cameras:
             one.check_scene(part if isinstance(part, PointSources) else part.corners())
-    pictures: list[tuple[cla.Array, float]] = []
+    total: cla.Array | None = None
     reports = []
     for number, slide in enumerate(slides):
         assert coherence is not None
         light = replace(coherence, seed=(coherence.seed + number * APART) % (LARGEST_SEED + 1))
         found, report = _light_slide(camera, slide, light, koehler, how, progress)
-        pictures.append((found.intensity.data, 1.0))
+        total = _added(total, found.intensity.data, 1.0, camera.device)
         reports.append(report)
     if shining:
         for one, (_, share) in zip(cameras, lines, strict=True):
             image, report = emit(one, shining, method=method, progress=progress)
-            pictures.append((image, share))
+            total = _added(total, image, share, camera.device)
             reports.append(report)
-    total = _sum(camera, pictures)
+    assert total is not None  # `parts` refuses an empty scene
     camera.device.finish()
     return total, together(reports)
 
 
-def _sum(camera: Plenoptic1, pictures: list[tuple[cla.Array, float]]) -> cla.Array:
-    """Pictures times their shares, added up; one that is all of it is taken as it is."""
-    if len(pictures) == 1 and pictures[0][1] == 1:
-        return pictures[0][0]
-    total = camera.device.zeros(camera.grid.shape, camera.device.real)
-    for picture, share in pictures:
-        add_scaled(total, picture, share, camera.device)
+def _added(total: cla.Array | None, picture: cla.Array, share: float, device: Device) -> cla.Array:
+    """A sum of pictures times their shares with one more; the first is taken as it is if whole."""
+    if total is None and share == 1:
+        return picture
+    if total is None:
+        total = device.zeros(picture.shape, picture.dtype)
+    add_scaled(total, picture, share, device)
     return total
 
 

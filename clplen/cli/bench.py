@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +12,7 @@ from clplen.cli import options
 from clplen.cli.messages import note
 
 if TYPE_CHECKING:
+    from clplen.bench.report import Report
     from clplen.compute.device import Device
 
 
@@ -63,8 +62,7 @@ def bench(
     chosen = names or registry.NAMES
     found = {name: registry.find(name) for name in chosen}
     if listed:
-        for name, benchmark in found.items():
-            click.echo(f"{name:12s} {benchmark.SUMMARY}")
+        click.echo("\n".join(f"{name:12s} {one.SUMMARY}" for name, one in found.items()))
         return
     if sizes and len(chosen) != 1:
         raise click.UsageError("--size belongs to one benchmark: name it.")
@@ -75,14 +73,11 @@ def bench(
     if not as_json:
         click.echo(f"{table.place(where)}\n")
     reports = []
-    for name, benchmark in found.items():
-        for size in sizes or ((benchmark.QUICK,) if quick else benchmark.SIZES):
-            with _profile(device, profiled) as lines:
-                report = registry.run(name, device, size=size, repeats=repeats, say=note)
-            if report is None:
-                continue
-            reports.append(report)
-            if not as_json:
+    for name, one in found.items():
+        for size in sizes or ((one.QUICK,) if quick else one.SIZES):
+            report, lines = _measured(device, name, size, repeats, profiled)
+            reports += [report] if report else []
+            if report and not as_json:
                 click.echo("\n".join([table.text(report), *lines, ""]))
     if as_json:
         click.echo(files.as_json(reports, where))
@@ -93,16 +88,15 @@ def bench(
         note(busy)
 
 
-@contextmanager
-def _profile(device: Device, wanted: bool) -> Iterator[list[str]]:
-    """Lines of a profile of the block, there when it is left; none if it is not wanted."""
-    from clplen.bench import ceilings, table
+def _measured(
+    device: Device, name: str, size: str, repeats: int, profiled: bool
+) -> tuple[Report | None, list[str]]:
+    """One benchmark at one size, and the lines of its profile, none if it is not wanted."""
+    from clplen.bench import ceilings, registry, table
 
-    lines: list[str] = []
-    if not wanted:
-        yield lines
-        return
+    if not profiled:
+        return registry.run(name, device, size=size, repeats=repeats, say=note), []
     limits = ceilings.measure(device)
     with device.profiling() as profile:
-        yield lines
-    lines.append(table.profile_text(profile.runs, limits))
+        report = registry.run(name, device, size=size, repeats=repeats, say=note)
+    return report, [table.profile_text(profile.runs, limits)]

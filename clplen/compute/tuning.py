@@ -86,7 +86,7 @@ class Tuning:
     def fastest(
         self, file: str, problem: str, labels: Sequence[str], run: Callable[[str], float]
     ) -> str:
-        """Time every form, in turn, remember the fastest.
+        """The fastest form: what is known, else every form is timed, in turn, and it is kept.
 
         Parameters
         ----------
@@ -104,6 +104,9 @@ class Tuning:
         if not self.enabled or len(labels) < 2:
             return labels[0]
         with self._lock:
+            known = self.found(file, problem, labels)
+            if known is not None:  # by another thread, which this one waited for
+                return known
             start, best = perf_counter(), dict.fromkeys(labels, float("inf"))
             for _ in range(_ROUNDS):
                 for label in labels:
@@ -131,15 +134,14 @@ class Tuning:
         known = {**_read(path, warn=False), **(self._known or {}), key: label}
         self._known = known
         temporary = path.with_name(f"{FILE}.{secrets.token_hex(6)}")
-        with suppress(OSError):
+        text = json.dumps({"format": _FORMAT, "found": known}, indent=1)
+        try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            temporary.write_text(json.dumps({"format": _FORMAT, "found": known}, indent=1), "utf-8")
+            temporary.write_text(text, "utf-8")
             os.replace(temporary, path)
-
-
-def tuning_of(device: Device) -> Tuning:
-    """The one `Tuning` of a device."""
-    return device.__dict__.setdefault("tuning", Tuning(device))
+        except OSError:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
 
 
 def _read(path: Path, *, warn: bool = True) -> dict[str, str]:
@@ -151,7 +153,7 @@ def _read(path: Path, *, warn: bool = True) -> dict[str, str]:
             raise TypeError
     except OSError:
         return {}
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         if warn:
             message = f"{path} is no tuning cache of this version: ignored, and later written anew."
             warnings.warn(message, RuntimeWarning, stacklevel=2)

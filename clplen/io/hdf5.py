@@ -33,8 +33,8 @@ def write_hdf5(path: PathLike, lf: LightField) -> None:
     ----------
     path : path-like
     lf : LightField
-        Its samples are stored as they are (uint8, uint16, float16 or float32). The raw image that it was
-        decoded from is not stored.
+        Its samples are stored as they are (uint8, uint16, float16 or float32). The raw image that
+        it was decoded from is not stored.
 
     Raises
     ------

@@ -46,8 +46,9 @@ def write_zarr(path: PathLike, lf: LightField) -> None:
     path : path-like
         A folder that does not exist yet, or is empty.
     lf : LightField
-        Its samples are stored as they are (uint8, uint16, float16 or float32), a chunk a row of views, or as
-        many lines of it as make up 64 MiB. The raw image that it was decoded from is not stored.
+        Its samples are stored as they are (uint8, uint16, float16 or float32), a chunk a row of
+        views, or as many lines of it as make up 64 MiB. The raw image that it was decoded from is
+        not stored.
 
     Raises
     ------

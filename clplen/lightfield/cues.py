@@ -54,7 +54,8 @@ def energy_disparity(source: LightField | FocalStack, planes: Vector) -> tuple[M
     device = source.device
     shape = source.shape[1:] if isinstance(source, FocalStack) else source.shape[2:]
     size = (shape[0], shape[1])
-    pictures = 0 if isinstance(source, FocalStack) else min(PICTURES, planes.size)
+    pictures = min(PICTURES, planes.size) * (1 + (planes.size > PICTURES))  # two stacks, in turn
+    pictures = 0 if isinstance(source, FocalStack) else pictures
     require_maps(source, AT_ONCE + AT_ONCE + 7, pictures)
     gather = Smoother(gaussian_taps(_WINDOW), device=device)
     measure = LocalEnergy(_HIGH_PASS, shape, device=device)

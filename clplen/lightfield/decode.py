@@ -10,7 +10,7 @@ import pyopencl.array as cla
 from clplen.compute.finite import count_bad
 from clplen.errors import ShapeError
 from clplen.lightfield.raw import LensletGrid, RawImage
-from clplen.lightfield.upright import FRACTION, is_upright, upright
+from clplen.lightfield.upright import FRACTION, has_room, is_upright, upright
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
@@ -52,7 +52,7 @@ def resample(raw: RawImage, grid: LensletGrid, *, linear: bool = False) -> cla.A
     device = raw.device
     device.require_memory(4 * int(np.prod(grid.shape, dtype=np.int64)), "This light field")
     views = device.empty(grid.shape, np.float32)
-    if device.rows and is_upright(grid):
+    if device.rows and is_upright(grid) and has_room(raw):
         upright(views, raw, grid, linear=linear)
         return views
     (V, U), (rows, lenslets), (ny, nx) = grid.views, grid.count, raw.shape

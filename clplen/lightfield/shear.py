@@ -11,7 +11,7 @@ import numpy as np
 import pyopencl as cl
 import pyopencl.array as cla
 
-from clplen.errors import KernelBuildError, ShapeError
+from clplen.errors import DeviceError, KernelBuildError, ShapeError
 from clplen.lightfield.samples import C_TYPE
 from clplen.lightfield.shearblocks import Blocks, all_blocks, lanes_of, worth_timing
 from clplen.lightfield.shearviews import Table, Views, split_views, tables_of
@@ -24,7 +24,8 @@ Edge = Literal["normalised", "clamp"]
 FORMS = ("blocks", "staged", "samples")
 _NORM_FLOATS = 1 << 23  # of the weights that samples use, in one launch
 _MOST_PLANES = 64  # of one launch without blocks
-_PREFETCH = ("Portable Computing Language", "Intel(R) OpenCL")  # their compilers have it
+_INTEL = "Intel(R) OpenCL"  # whose compiler takes minutes to read integers in place
+_PREFETCH = ("Portable Computing Language", _INTEL)  # their compilers have it
 _GPU_PLANES, _GPU_HEIGHT, _GPU_GROUP = 4, 4, 64  # what a GPU's work-item and group do
 _SLOW = 1.5e10  # samples of a plane that a core adds in a second, at least
 _WORTH, _TRIAL = 0.1, 0.06  # seconds of work that is worth timing, and of one trial
@@ -79,7 +80,7 @@ def shear_sum(
     ValueError
         If a weight or shift is not finite, or ``edge`` is neither.
     DeviceError
-        If the pictures need more memory than the device has.
+        If the pictures need more memory than the device has, or no form of the kernel runs.
     """
     shape = tuple(int(n) for n in lf_data.shape)
     views = split_views(shape, weights, shift_y, shift_x, edge)
@@ -132,6 +133,10 @@ def _in_the_first_form_that_runs(work: _Sum) -> None:
             if form == forms[-1]:
                 raise
             tuning.leave(f"shear {form}", error)
+    raise DeviceError(
+        f"{work.device!r} runs no form of shear.cl that sums these views: unset CLPLEN_SHEAR, or "
+        "use another device."
+    )
 
 
 def _forms(device: Device) -> tuple[str, ...]:
@@ -159,8 +164,11 @@ def _fastest(work: _Sum, blocks: list[Blocks]) -> Blocks:
     """The blocks that were found fastest, else those of least expected cost."""
     views, tuning = work.views, work.device.tuning
     V, U = work.lf_data.shape[:2]
-    sizes = [int(n).bit_length() for n in (views.ny, views.nx, views.planes)]
-    problem = f"{work.defines['SAMPLE']} {V}x{U} views of {views.channels}, {sizes}, {views.clamp}"
+    sizes = [int(n).bit_length() for n in (views.ny, views.nx)]
+    problem = (
+        f"{work.defines['SAMPLE']} {V}x{U} views of {views.channels}, {sizes}, "
+        f"{views.planes} planes, {views.clamp}"
+    )
     by_label = {b.label: b for b in reversed(blocks)}
     found = tuning.found("shear.cl", problem, list(by_label))
     if found is not None:
@@ -193,7 +201,7 @@ def _launch_blocks(
         defines["AHEAD"] = True
     if views.channels in (1, 3):
         defines["CHANNELS"] = views.channels
-    if views.planes == 1:
+    if views.planes == 1 and (work.lf_data.dtype.kind == "f" or device.platform != _INTEL):
         defines["DIRECT"] = True
     kernel = device.kernel("shear.cl", "shear_blocks", LANES=lanes, VECTORS=vectors, **defines)
     columns = -(-views.samples // (blocks.width - views.channels))

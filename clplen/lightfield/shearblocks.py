@@ -56,7 +56,7 @@ def all_blocks(views: Views, device: Device) -> list[Blocks]:
     for planes in sorted({-(-views.planes // n) for n in passes}):
         spread = _spread(views, planes)
         for width in range(first * chunk, last * chunk + 1, chunk):
-            found.append(_blocks(views, planes, width, spread, room, items, lanes, chunk))
+            found.append(_blocks(views, planes, width, spread, room, items, lanes))
     return sorted((b for b in found if b), key=lambda b: b.cost)
 
 
@@ -89,7 +89,6 @@ def _blocks(
     room: int,
     items: int,
     lanes: int,
-    chunk: int,
 ) -> Blocks | None:
     """Blocks of a width as high as local memory (room, in floats) and enough items allow.
 
@@ -97,8 +96,7 @@ def _blocks(
     from the light field costs about 8, and the start of a row 40 (measured on two cores with
     512-bit vectors).
     """
-    # of a copied row: with all that several planes see, or one chunk of a single plane
-    pitch = -(-(width + spread[1] if planes > 1 else chunk + views.channels) // lanes) * lanes
+    pitch = -(-(width + max(spread[1], views.channels)) // lanes) * lanes
     columns = -(-views.samples // (width - views.channels))
     second = width + max(views.channels, lanes)
     highest = (room - views.weights.shape[1] * pitch - second) // (planes * width)

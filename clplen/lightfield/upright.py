@@ -23,6 +23,15 @@ def is_upright(grid: LensletGrid) -> bool:
     return not any((*across, *down, grid.odd_row_shift)) and grid.columns is None
 
 
+def has_room(raw: RawImage) -> bool:
+    """Whether local memory holds a row of the sensor."""
+    return _line_bytes(raw) <= int(raw.device.cl_device.local_mem_size)
+
+
+def _line_bytes(raw: RawImage) -> int:
+    return 4 * (raw.shape[1] + 2 * _MARGIN)
+
+
 def upright(views: cla.Array, raw: RawImage, grid: LensletGrid, *, linear: bool) -> None:
     """Fill the views of such a grid, as `clplen.lightfield.decode.resample` describes."""
     device, (ny, nx) = raw.device, raw.shape
@@ -40,7 +49,7 @@ def upright(views: cla.Array, raw: RawImage, grid: LensletGrid, *, linear: bool)
         *(device.upload(table) for table in (above, down, left + _MARGIN, across)),
         *(np.int32(n) for n in (ny, nx, V, U, rows, columns)),
         *(np.int64(strides[axis]) for axis in order),
-        cl.LocalMemory(4 * (nx + 2 * _MARGIN)),
+        cl.LocalMemory(_line_bytes(raw)),
         group=(1,),
     )
 

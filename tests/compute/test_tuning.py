@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tolerance import relative_max
 
-from clplen.compute.tuning import FILE, Tuning, tuning_of
+from clplen.compute.tuning import FILE, Tuning
 from clplen.errors import KernelBuildError
 from clplen.lightfield import shear
 from clplen.lightfield.shear import FORMS, shear_sum
@@ -184,7 +184,9 @@ def test_a_form_that_does_not_run_is_left(device, rows, monkeypatch):
     for _ in range(2):
         assert relative_max(want, sums(device)) <= 24 * 2.0**-24
     assert len(tried) == 1
-    assert tuning_of(device).note == f"without shear {first} (The compiler gave up.)"
+    note = f"without shear {first} (The compiler gave up.)"
+    assert device.tuning.note == note
+    assert repr(device).endswith(f", {note}>")
 
 
 def test_the_last_form_says_why(device, monkeypatch):
