@@ -96,30 +96,36 @@ __kernel void shear_blocks(__global float *restrict out, __global const SAMPLE *
         bottom = min(bottom, ny - 1 - y0 - rows);
 #endif
 #ifdef DIRECT
-        int begin = 0, end = INT_MAX;  /* of the block's samples that lie inside all views */
+        /* The block's samples [begin, end) lie inside all views; `begin` at a whole vector. */
+        int begin = 0, end = min(width, samples - s0);
         for (int k = 0; k < n; ++k) {
             begin = max(begin, -(s0 + span[v * U + k].x));
-            end = min(end, samples - (s0 + span[v * U + k].x));
+            end = min(end, samples - channels - (s0 + span[v * U + k].x));
         }
+        begin = (begin + LANES - 1) / LANES * LANES;
         top = max(top, down[v]);
         for (int t = top; n > 0 && t <= bottom + rows; ++t) {
             const int y = clamp(y0 + t, 0, ny - 1);
             const int r = t - down[v];
             const int ahead = y + 1 < ny ? samples : 0;
-            for (int i = 0; i < width; i += CHUNK) {
-                __local float *upper = r > 0 ? sums + (r - 1) * width + i : 0;
-                __local float *lower = r < rows ? sums + r * width + i : 0;
-                if (i >= begin && i + CHUNK + channels <= end) {
-                    sum_stored(upper, lower, L + row_start(v * U, y, ny, samples) + s0 + i, n,
-                               (size_t)ny * samples, ahead, channels, order + v * U, span + v * U,
-                               taps + v * U, blend[v]);
-                    continue;
-                }
-                for (int k = 0; k < n; ++k)
-                    copy_row(views + k * pitch,
-                             L + row_start(v * U + order[v * U + k], y, ny, samples),
-                             s0 + span[v * U + k].x + i, CHUNK + channels, samples, channels);
-                sum_copied(upper, lower, views, n, pitch, channels, taps + v * U, blend[v]);
+            __global const SAMPLE *row = L + row_start(v * U, y, ny, samples);
+            __local float *upper = sums + (r - 1) * width, *lower = sums + r * width;
+            const size_t view = (size_t)ny * samples;
+            int step;
+            for (int i = 0; i < min(width, samples - s0); i += step) {
+                __local float *above = r > 0 ? upper + i : 0, *below = r < rows ? lower + i : 0;
+                const bool many = i >= begin && i + CHUNK <= end;
+                const bool few = i >= begin && i + FEW * LANES <= end;
+                step = many ? CHUNK : few ? FEW * LANES : LANES;
+                if (many)
+                    sum_many(above, below, row + s0 + i, n, view, ahead, channels, order + v * U,
+                             span + v * U, taps + v * U, blend[v]);
+                else if (few)
+                    sum_few(above, below, row + s0 + i, n, view, ahead, channels, order + v * U,
+                            span + v * U, taps + v * U, blend[v]);
+                else
+                    sum_edge(above, below, row, views, n, view, s0 + i, samples, channels,
+                             order + v * U, span + v * U, taps + v * U, blend[v]);
             }
         }
 #else

@@ -77,18 +77,18 @@ static void copy_row(__local float *to, __global const SAMPLE *row,
         to[i] = stored(row, first + i);
 }
 
-/* R_v of CHUNK samples for one plane, added to the two rows of the picture that it belongs to
+/* Some vectors of R_v for one plane, added to the two rows of the picture that they belong to
  * (`upper` with b_v, `lower` with 1 - b_v; null outside the block). */
-static void add_rows(__local float *upper, __local float *lower, const vec R[VECTORS],
+static void add_rows(__local float *upper, __local float *lower, const vec *R, const int vectors,
                      const float blend)
 {
     if (lower)
 #pragma unroll
-        for (int i = 0; i < VECTORS; ++i)
+        for (int i = 0; i < vectors; ++i)
             store(lower + i * LANES, load(lower + i * LANES) + R[i] * (vec)(1.0f - blend));
     if (upper)
 #pragma unroll
-        for (int i = 0; i < VECTORS; ++i)
+        for (int i = 0; i < vectors; ++i)
             store(upper + i * LANES, load(upper + i * LANES) + R[i] * (vec)(blend));
 }
 
@@ -127,63 +127,66 @@ static void sum_chunk(__local float *upper, __local float *lower, __local const 
     for (int i = 0; i < VECTORS; ++i)
         a[i] += load(second + i * LANES + channels);
 #endif
-    add_rows(upper, lower, a, blend);
+    add_rows(upper, lower, a, VECTORS, blend);
 }
 
 #else
-/* The chunk from s0 on of the only plane, inside all views, from the light field itself: from row
- * (v, y) of view u = 0, that of the next one `view` samples on. Both taps are read: the second time
- * from the nearest cache. The same stretch of the row that follows, `ahead` samples on, is asked
- * for. The sums have the bits of `sum_chunk`. */
-static void sum_stored(__local float *upper, __local float *lower, __global const SAMPLE *row,
-                       const int n, const size_t view, const int ahead, const int channels,
-                       __global const int *order, __global const int2 *span,
-                       __global const float2 *taps, const float blend)
-{
-    vec a[VECTORS], b[VECTORS];
-#pragma unroll
-    for (int i = 0; i < VECTORS; ++i)
-        a[i] = b[i] = (vec)(0.0f);
-    for (int k = 0; k < n; ++k) {
-        __global const SAMPLE *from = row + order[k] * view + span[k].x;
-        const vec first = (vec)(taps[k].x), next = (vec)(taps[k].y);
+/* Vectors of the only plane, inside all views, from the light field itself: from row (v, y) of view
+ * u = 0, that of the next one `view` samples on. Both taps are read: the second time from the
+ * nearest cache. The same stretch of the row that follows, `ahead` samples on, is asked for. The
+ * sums have the bits of `sum_chunk`. */
 #ifdef AHEAD
-        fetch_row(from + ahead, CHUNK);
+#define FETCH(row, n) fetch_row(row, n)
+#else
+#define FETCH(row, n)
 #endif
-#pragma unroll
-        for (int i = 0; i < VECTORS; ++i) {
-            a[i] += stored_vec(from + i * LANES) * first;
-            b[i] += stored_vec(from + i * LANES + channels) * next;
-        }
-    }
-#pragma unroll
-    for (int i = 0; i < VECTORS; ++i)
-        a[i] += b[i];
-    add_rows(upper, lower, a, blend);
+#define FEW 2
+#define SUM_STORED(name, N) \
+static void name(__local float *upper, __local float *lower, __global const SAMPLE *row, \
+                 const int n, const size_t view, const int ahead, const int channels, \
+                 __global const int *order, __global const int2 *span, \
+                 __global const float2 *taps, const float blend) \
+{ \
+    vec a[N], b[N]; \
+    _Pragma("unroll") for (int i = 0; i < N; ++i) \
+        a[i] = b[i] = (vec)(0.0f); \
+    for (int k = 0; k < n; ++k) { \
+        __global const SAMPLE *from = row + order[k] * view + span[k].x; \
+        const vec first = (vec)(taps[k].x), next = (vec)(taps[k].y); \
+        FETCH(from + ahead, N * LANES); \
+        _Pragma("unroll") for (int i = 0; i < N; ++i) { \
+            a[i] += stored_vec(from + i * LANES) * first; \
+            b[i] += stored_vec(from + i * LANES + channels) * next; \
+        } \
+    } \
+    _Pragma("unroll") for (int i = 0; i < N; ++i) \
+        a[i] += b[i]; \
+    add_rows(upper, lower, a, N, blend); \
 }
+SUM_STORED(sum_many, VECTORS)
+SUM_STORED(sum_few, FEW)
 
-/* The same of a chunk that is not inside all views, from copies of CHUNK + channels samples. */
-static void sum_copied(__local float *upper, __local float *lower, __local const float *views,
-                       const int n, const int pitch, const int channels,
-                       __global const float2 *taps, const float blend)
+/* The same of one vector, which may lie outside of some views: those are copied. */
+static void sum_edge(__local float *upper, __local float *lower, __global const SAMPLE *row,
+                     __local float *copy, const int n, const size_t view, const int s,
+                     const int samples, const int channels, __global const int *order,
+                     __global const int2 *span, __global const float2 *taps, const float blend)
 {
-    vec a[VECTORS], b[VECTORS];
-#pragma unroll
-    for (int i = 0; i < VECTORS; ++i)
-        a[i] = b[i] = (vec)(0.0f);
+    vec a = (vec)(0.0f), b = (vec)(0.0f);
     for (int k = 0; k < n; ++k) {
-        __local const float *from = views + k * pitch;
-        const vec first = (vec)(taps[k].x), next = (vec)(taps[k].y);
-#pragma unroll
-        for (int i = 0; i < VECTORS; ++i) {
-            a[i] += load(from + i * LANES) * first;
-            b[i] += load(from + i * LANES + channels) * next;
+        __global const SAMPLE *from = row + order[k] * view;
+        const int first = s + span[k].x;
+        if (first >= 0 && first + LANES + channels <= samples) {
+            a += stored_vec(from + first) * (vec)(taps[k].x);
+            b += stored_vec(from + first + channels) * (vec)(taps[k].y);
+        } else {
+            copy_row(copy, from, first, LANES + channels, samples, channels);
+            a += load(copy) * (vec)(taps[k].x);
+            b += load(copy + channels) * (vec)(taps[k].y);
         }
     }
-#pragma unroll
-    for (int i = 0; i < VECTORS; ++i)
-        a[i] += b[i];
-    add_rows(upper, lower, a, blend);
+    a += b;
+    add_rows(upper, lower, &a, 1, blend);
 }
 #endif
 

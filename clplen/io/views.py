@@ -126,8 +126,8 @@ def find_views(folder: Path, layout: Layout) -> tuple[Pattern, View, dict[View, 
 def write_views(path: PathLike, lf: LightField, *, pattern: str = DEFAULT_PATTERN) -> None:
     """Write a light field as a new folder of pictures.
 
-    uint8 becomes PNG; uint16 and float32 become TIFF, which keeps them. Spacing, weights and
-    camera have no place in pictures: HDF5 keeps them.
+    uint8 becomes PNG; uint16, float16 and float32 become TIFF, which keeps them; float16 is read
+    back as float32. Spacing, weights and camera have no place in pictures: HDF5 keeps them.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ import pytest
 from tolerance import relative_max
 
 from clplen.compute.tuning import FILE, Tuning
-from clplen.errors import KernelBuildError
+from clplen.errors import DeviceError, KernelBuildError
 from clplen.lightfield import shear
 from clplen.lightfield.shear import FORMS, shear_sum
 
@@ -113,6 +113,21 @@ def test_a_folder_that_cannot_be_written(device, tmp_path, monkeypatch):
     assert label == tuning.found("shear.cl", "x", LABELS) == "second"
 
 
+def test_a_file_that_cannot_be_replaced(device, folder):
+    (folder / FILE).mkdir(parents=True)
+    tuning = Tuning(device)
+    tuning.fastest("shear.cl", "x", LABELS, waiting(SECOND))
+    assert tuning.found("shear.cl", "x", LABELS) == "second"
+    assert [file.name for file in folder.iterdir()] == [FILE]
+
+
+def test_what_another_thread_found_meanwhile_is_taken(device):
+    tuning, log = Tuning(device), []
+    tuning.fastest("shear.cl", "x", LABELS, waiting(SECOND))
+    assert tuning.fastest("shear.cl", "x", LABELS, waiting(SECOND, log)) == "second"
+    assert log == []
+
+
 def sums(device, shape=(3, 4, 45, 301, 3), planes=5):
     rng = np.random.default_rng(1)
     data = device.upload(rng.uniform(20, 250, shape).astype(np.float32))
@@ -187,6 +202,13 @@ def test_a_form_that_does_not_run_is_left(device, rows, monkeypatch):
     note = f"without shear {first} (The compiler gave up.)"
     assert device.tuning.note == note
     assert repr(device).endswith(f", {note}>")
+
+
+def test_no_form_that_sums(device, monkeypatch):
+    for form in FORMS:
+        monkeypatch.setitem(shear._ENQUEUE, form, lambda work: False)
+    with pytest.raises(DeviceError, match="runs no form of shear"):
+        sums(device)
 
 
 def test_the_last_form_says_why(device, monkeypatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from reference_lightfield import decode_calibrated, decode_naive, keys_kernel
 from clplen.errors import DeviceError, ShapeError
 from clplen.lightfield.decode import resample
 from clplen.lightfield.raw import LensletGrid, RawImage
-from clplen.lightfield.upright import is_upright
+from clplen.lightfield.upright import has_room, is_upright
 
 # Round-off in units of 2^-24 of the largest pixel. Keys' four weights add up to at most 1.25 in
 # magnitude and each is off by at most 4 units; a value is a sum of 4 x 4 products, so at most
@@ -202,6 +203,18 @@ def test_both_ways_of_an_upright_lattice_agree(device, name, linear, monkeypatch
     assert quick.shape == general.shape == grid.shape
     assert np.abs(quick - general).max() <= 2 * TOLERANCE
     assert name == "off the sensor" or quick.any()
+
+
+def test_a_row_that_local_memory_does_not_hold_is_decoded_all_the_same(device, monkeypatch):
+    grid = UPRIGHT["fractions"]
+    raw = raw_image(device, picture(47, 53), grid)
+    room = SimpleNamespace(cl_device=SimpleNamespace(local_mem_size=4 * 61))
+    assert has_room(SimpleNamespace(device=room, shape=(47, 53)))
+    assert not has_room(SimpleNamespace(device=room, shape=(47, 54)))
+    quick = device.download(resample(raw, grid))
+    monkeypatch.setattr("clplen.lightfield.decode.has_room", lambda _: False)
+    monkeypatch.setattr("clplen.lightfield.decode.upright", None)
+    assert np.abs(quick - device.download(resample(raw, grid))).max() <= 2 * TOLERANCE
 
 
 @pytest.mark.parametrize(
