@@ -22,14 +22,14 @@ from clplen.wave.reach import Opening, check_opening
 from clplen.wave.statistics import add_scaled
 
 if TYPE_CHECKING:
-    from clplen.cameras.plenoptic1 import Plenoptic1
+    from clplen.cameras.plenoptic import Plenoptic
 
 APART = 2**40  # seeds of the light on two slides of a scene
 MASK_TRANSFORMS = 2  # of the field of a random source
 
 
 def expose_scene(
-    camera: Plenoptic1,
+    camera: Plenoptic,
     scene: Any,
     *,
     coherence: Coherence | None,
@@ -38,11 +38,11 @@ def expose_scene(
     how: Averaging,
     progress: Progress | None,
 ) -> tuple[cla.Array, Exposure]:
-    """Energy on the sensor, and how it was found; see `Plenoptic1.expose`.
+    """Energy on the sensor, and how it was found; see `Plenoptic.expose`.
 
     Parameters
     ----------
-    camera : Plenoptic1
+    camera : Plenoptic
     scene : PointSources, PicturePlane or list of them
     coherence : Coherence or None
     koehler : bool
@@ -89,7 +89,7 @@ def expose_scene(
     return total, together(reports)
 
 
-def _sum(camera: Plenoptic1, pictures: list[tuple[cla.Array, float]]) -> cla.Array:
+def _sum(camera: Plenoptic, pictures: list[tuple[cla.Array, float]]) -> cla.Array:
     """Pictures times their shares, added up; one that is all of it is taken as it is."""
     if len(pictures) == 1 and pictures[0][1] == 1:
         return pictures[0][0]
@@ -123,7 +123,7 @@ def _check_light(coherence: Coherence | None, slides: list[Any], how: Averaging)
 
 
 def _light_slide(
-    camera: Plenoptic1,
+    camera: Plenoptic,
     slide: PicturePlane,
     light: Coherence,
     koehler: bool,
