@@ -164,12 +164,41 @@ def test_chief_rays(device: Device) -> None:
     x, y = camera.image_of([place])[0]
     assert (x, y) == pytest.approx((-4e-4 * 0.24 / 0.26, 1e-4 * 0.24 / 0.26))
     assert camera.on_array([place])[0] == pytest.approx(np.array([x, y]) * 0.29 / 0.24)
+    image = 1 / (1 / 0.12 - 1 / 0.26)
+    assert camera.alpha(0.02) == pytest.approx(0.24 / image)
+    assert camera.array_alpha(0.02) == pytest.approx(0.29 / image)
+    assert camera.dz(0.24 / image) == pytest.approx(0.02)
     raw = camera.expose(PointSources((0, 0, 0)))
     step = raw.sub_images.column_step[1]
     assert step == pytest.approx(15 * (1 + 12.5e-3 / 0.29))
     assert raw.cells.column_step[1] == pytest.approx(15)
     assert raw.spacing is None  # alpha is not the light field's
     assert raw.camera is camera
+
+
+@pytest.mark.parametrize("field_lens", [None, False, True])
+@pytest.mark.parametrize("dz", [-4e-3, 0.0, 0.03])
+def test_the_spread_of_light_on_the_sensor(
+    dz: float, field_lens: bool | None, device: Device
+) -> None:
+    """Rays from both rims of the main lens through both edges of a lenslet, one after the other."""
+    camera: Any = focused(device, 0.25, f=(10e-3, 9e-3))
+    if field_lens is not None:
+        camera = PlenopticCamera.type1(
+            focal_length=0.12, mla=MicrolensArray(150e-6, 9e-3, count=31), wavelength=LAM,
+            pixels_per_lenslet=15, device=device, aperture_diameter=2e-3, field_lens=field_lens,
+        )  # fmt: skip
+    z2, z3, X = camera.array_distance, camera.sensor_distance, 7e-4
+    image = 1 / (1 / 0.12 - 1 / (0.24 + dz))
+    reached = []
+    for u in (-camera.aperture_diameter / 2, camera.aperture_diameter / 2):
+        slope = (X * image / z2 - u) / image
+        x = u + slope * z2
+        for edge in (-75e-6, 75e-6):
+            behind = slope - edge / 9e-3 - (x / z2 if field_lens else 0)
+            chief = X if field_lens else X * (1 + z3 / z2)
+            reached.append(abs(x + z3 * behind - chief))
+    assert max(reached) == pytest.approx(camera.spread(dz), rel=1e-9)
 
 
 @pytest.mark.parametrize(

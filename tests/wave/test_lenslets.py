@@ -89,6 +89,8 @@ def test_neighbours_differ_in_focal_length_and_kinds_are_as_many(lattice, kinds)
     apart = np.hypot(*(place[:, None] - place[None]).transpose(2, 0, 1))
     near = (apart > 0) & (apart < 1.01)
     assert (kind[:, None] != kind[None])[near].all()
+    alike = apart[(kind[:, None] == kind[None]) & (apart > 0)].min()
+    assert alike > {2: 1.4, 3: 1.4, 4: 1.9, 5: 2.2}[kinds] * (1.2 if lattice == "hexagonal" else 1)
     assert np.ptp(np.bincount(kind)) <= 0.1 * 400 / kinds
     # a type's own lattice: the same steps lead from any of its lenslets to others of it
     mine = place[kind == 1]
