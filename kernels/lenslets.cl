@@ -1,6 +1,7 @@
 /* Transmission of a microlens array in closed form at real coordinates.
  *
  *   t(y, x) = A(y, x) exp(-i pi r^2/(lam f)),  r = distance to the nearest lenslet's centre,
+ *   f = that of the lenslet's kind, turns[kind] = pitch^2/(2 lam f)
  *   A = fraction of the sample's cell that the lenslets' apertures cover
  *
  * Coordinates are in pitches along the array's own columns (a) and rows (b): the contributions of x
@@ -9,11 +10,14 @@
  *
  * -DHEXAGONAL       rows sqrt(3)/2 pitch apart, odd rows shifted by +1/2; square lattice otherwise
  * -DFULL            the aperture is the lattice cell (square or hexagon); a disc otherwise
+ * -DTYPES=n         kinds of lenslets; their order on the lattice: lens_types.cl
+ * -DTYPE_STEP=s     see lens_types.cl
  * -DROWS, -DDOUBLE  see common.cl
  *
  * Mapping: FOR_X of common.cl.
  */
 #include "coverage.cl"
+#include "lens_types.cl"
 
 #ifdef HEXAGONAL
 #define ROW_HEIGHT ((real)sqrt((real)3) / 2)
@@ -96,7 +100,7 @@ inline real coverage(Lenslet l, real radius, real2 turn, real angle, real hx, re
 __kernel void lenslets(__global cplx *restrict t, __global const real2 *restrict a_of_y,
                        __global const real2 *restrict b_of_y,
                        __global const real2 *restrict a_of_x,
-                       __global const real2 *restrict b_of_x, const real turns, const real radius,
+                       __global const real2 *restrict b_of_x, __global const real *restrict turns, const real radius,
                        const real2 turn, const real angle, const real hy, const real hx,
                        const int rows, const int columns, const int ny, const int nx)
 {
@@ -118,6 +122,6 @@ __kernel void lenslets(__global cplx *restrict t, __global const real2 *restrict
         const real room = radius - reach;
         if (!inner && !(room > 0 && r2 < room * room))
             amplitude = coverage(l, radius, turn, angle, hx, hy, rows, columns);
-        t[row + x] = amplitude * cis_turns(-turns * r2);
+        t[row + x] = amplitude * cis_turns(-turns[lens_type(l.row, l.column)] * r2);
     }
 }

@@ -1,10 +1,15 @@
-/* What a plenoptic 1.0 camera records of a scene of surfaces, by geometrical rays.
+/* What a plenoptic camera records of a scene of surfaces, by geometrical rays.
  *
  * The ray from u on the main lens through x on the array, under lenslet k at x_k, meets the sensor
- * at s = f_mu (x - u)/F from x_k (with a field lens at -f_mu u/F). Turned round, the pixel at e from
- * the centre of the sub-image of lenslet k, x_k (1 + f_mu/F), sees with xi = x - x_k
+ * at s = z3 (x - u)/z2 - (x - x_k) z3/f from x (with a field lens at -z3 u/z2 - ...). Turned round,
+ * the pixel at e from the centre of the sub-image of lenslet k, x_k (1 + z3/z2), sees with
+ * xi = x - x_k and |du| = pixel z2/z3
  *
- *   u = xi - F e/f_mu        and as a view of the light field   b = -u/|du| = e/pixel - xi/|du|
+ *   u = g xi - z2 e/z3,  g = 1 + z2/z3 - z2/f     and as a view   b = -u/|du| = e/pixel - g xi/|du|
+ *
+ * g = 1 for a 1.0 camera (z3 = f), -F/a for a 2.0 camera (1/a + 1/z3 = 1/f, z2 = F + a); with a field
+ * lens less by 1. blur[kind] is g over |du|, in steps of the views for a pitch of rows and columns;
+ * kinds as in lens_types.cl. widest is the largest of them.
  *   raw = sum over lenslets of the mean over the pixel and the lenslet of what rays see,  (surfaces.cl)
  *         0 where they miss the main lens, a^2 + b^2 > radius^2
  *
@@ -15,8 +20,10 @@
  *
  * bounds[i]   rows y0 <= k <= y1 and columns x0 <= k <= x1 of lenslets that see surface i
  *
- * Mapping: FOR_X of common.cl. -DROWS: see common.cl.
+ * Mapping: FOR_X of common.cl. -DROWS: see common.cl. -DHEXAGONAL, -DTYPES=, -DTYPE_STEP=: see
+ * lens_types.cl.
  */
+#include "lens_types.cl"
 #include "surfaces.cl"
 
 /* Sum over the samples of what lenslet (i, k) shows at (down, right) pixels from its sub-image. */
@@ -61,14 +68,15 @@ __kernel void expose(__global float *restrict out, __global const float *restric
                      __global const int4 *restrict bounds, __global const int2 *restrict row_at,
                      __global const float2 *restrict row_part, __global const int2 *restrict column_at,
                      __global const float2 *restrict column_part, __global const float4 *restrict samples,
-                     const float2 size, const float2 blur, const float radius, const float aspect,
+                     const float2 size, __global const float2 *restrict blur,
+                     const float2 widest, const float radius, const float aspect,
                      const float odd_shift, const float background, const int reach,
                      const int count, const int rows, const int columns, const int n, const int ny,
                      const int nx, const int channels)
 {
     const Scene scene = {shape, which, edges, spots, texels, channels};
     const int y = get_global_id(1);
-    const float2 limit = radius + 1 + blur;
+    const float2 limit = radius + 1 + widest;
     FOR_X(x, nx) {
         const float2 part = row_part[y] + column_part[x];
         const int2 near = row_at[y] + column_at[x] + convert_int2(rint(part));
@@ -85,7 +93,8 @@ __kernel void expose(__global float *restrict out, __global const float *restric
                     mask |= (ulong)(bounds[one].x <= i && i <= bounds[one].y && bounds[one].z <= k
                                     && k <= bounds[one].w) << one;
                 const float2 place = {i - 0.5f * (rows - 1), k + shift - 0.5f * (columns - 1)};
-                sum += lenslet(&scene, mask, samples, count, place, at, blur, radius, aspect, background);
+                sum += lenslet(&scene, mask, samples, count, place, at, blur[lens_type(i, k)], radius,
+                               aspect, background);
             }
         }
         out[y * nx + x] = sum;

@@ -131,12 +131,12 @@ def brightness(one: Any, y: Real, x: Real, d: Real, a: float, b: float) -> Real:
 
 
 def camera_image(camera: Any, scene: Any, samples: Real) -> Real:
-    """Raw image of a plenoptic 1.0 camera: rays from the sensor through all of its lenslets.
+    """Raw image of a plenoptic camera: rays from the sensor through all of its lenslets.
 
     samples: (y, x) in a lenslet, along the lattice in row pitches and pitches, and (y, x) in a
     pixel, along the lattice in pixels; shape (n, 4).
     """
-    mla, F = camera.mla, camera.image_distance
+    mla, z2, z3 = camera.mla, camera.array_distance, camera.sensor_distance
     cos, sin = np.cos(mla.rotation), np.sin(mla.rotation)
     turn = np.array([[cos, sin], [-sin, cos]])  # (y, x) of the lattice to those of the sensor
     in_lens = (samples[:, :2] * (mla.row_pitch, mla.pitch)) @ turn.T
@@ -150,11 +150,13 @@ def camera_image(camera: Any, scene: Any, samples: Real) -> Real:
         ),
         axis=-1,
     )[:, :, None] + in_pixel  # fmt: skip
-    step = camera.pixel_pitch * F / mla.f
+    step = camera.pixel_pitch * z2 / z3
+    lengths = np.asarray(mla.focal_lengths)[mla.types()].ravel()
     out = np.zeros(grid.shape)
-    for centre in mla.centres().reshape(-1, 2):
+    for centre, f in zip(mla.centres().reshape(-1, 2), lengths, strict=True):
         x = centre + in_lens
-        u = (0 if camera.field_lens else x) - F / mla.f * (sensor - centre)
+        slope = (sensor - x) / z3 + in_lens / f  # before the lenslet
+        u = (0 if camera.field_lens else x) - z2 * slope
         passes = (u**2).sum(axis=-1) <= (camera.aperture_diameter / 2) ** 2
         place = (x - mla.offset) @ turn / (mla.row_pitch, mla.pitch)  # lenslets from the middle
         b = -(u @ turn) / step

@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 import tifffile
 
+from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, CameraFile, CoherenceTable, read_camera_file
+from clplen.config.camera import KEYS as CAMERA_KEYS
 from clplen.config.camera import CameraTable, MicrolensTable, SensorTable
 from clplen.config.light import KEYS, SPECTRA
 from clplen.config.scene import PictureTable, SceneTable
@@ -94,7 +96,7 @@ def test_the_example_shows_every_key_and_its_default(tmp_path: Path, device: Dev
             says = tomllib.loads(f"value = {value}")["value"]
             assert np.array_equal(np.atleast_1d(says), np.atleast_1d(default)), key
             found.append(key)
-    assert len(found) == 19, found
+    assert len(found) == 21, found
 
 
 @pytest.mark.parametrize("spatial", ["mask", "source", "incoherent"])
@@ -103,6 +105,7 @@ def test_what_the_example_has_in_comments_is_valid(tmp_path: Path, spatial: str,
     """All at once, but for keys that exclude each other."""
     other = {key for name, keys in KEYS.items() if name != spatial for key in keys}
     other |= {key for key in SPECTRA if key != spectrum}
+    other |= set(CAMERA_KEYS["plenoptic2"])
     other |= {"wavelengths"} if spectrum == "lines_nm" else {"line_powers"}
     taken = "\n".join(
         line.removeprefix("# ") if " = " in line or "# [" in line else line
@@ -286,6 +289,59 @@ def test_what_is_said_about_a_wrong_file(tmp_path: Path, old: str, new: str, sai
         read(tmp_path, EXAMPLE.replace(old, new, 1))
     assert "camera.toml" in str(caught.value)
     assert "pydantic" not in str(caught.value)
+
+
+FOCUSED = """
+    [camera]
+    kind = "plenoptic2"
+    focal_length_mm = 120
+    wavelength_nm = 532
+    pixels_per_lenslet = 20
+    a_mm = -30
+    match = "cone"
+    [camera.microlenses]
+    pitch_um = 150
+    focal_length_mm = [10, 11.5, 9]
+    count = [41, 43]
+    lattice = "hexagonal"
+    [scene]
+    points_mm = [[0.1, 0.2, 3.0]]
+"""
+
+
+def test_every_key_reaches_a_focused_camera(tmp_path: Path, device: Device):
+    camera = read(tmp_path, FOCUSED).camera.build(device)
+    assert isinstance(camera, Plenoptic2)
+    assert camera.m == pytest.approx(-0.25)
+    assert (camera.a, camera.b) == pytest.approx((-30e-3, 7.5e-3))
+    assert camera.mla.focal_lengths == (10e-3, 11.5e-3, 9e-3)
+    assert camera.aperture_diameter == pytest.approx(150e-6 * 240 / 7.5)
+    by_m = read(tmp_path, FOCUSED.replace("a_mm = -30", "m = -0.25")).camera.build(device)
+    assert by_m.a == pytest.approx(camera.a)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("a_mm = -30", "", "camera needs one of m and a_mm .* and has neither"),
+        ("a_mm = -30", "a_mm = -30\n m = -0.25", "needs one of m and a_mm .* and has both"),
+        ("a_mm = -30", "m = nan", "m must be a finite number"),
+        ('match = "cone"', "field_lens = true", "has field_lens, which belongs to kind = .*1'"),
+        ('kind = "plenoptic2"', "", "has a_mm, which belongs to kind = 'plenoptic2'"),
+        (
+            'kind = "plenoptic2"\n    focal_length_mm = 120\n    wavelength_nm = 532\n'
+            '    pixels_per_lenslet = 20\n    a_mm = -30\n    match = "cone"',
+            "focal_length_mm = 120\n    wavelength_nm = 532\n    pixels_per_lenslet = 20",
+            "several focal lengths, which need kind = 'plenoptic2'",
+        ),
+        ('"plenoptic2"', '"plenoptic3"', "kind must be 'plenoptic1' or 'plenoptic2'"),
+        ("[10, 11.5, 9]", "[]", r"focal_length_mm must have at least 1 item|at least 1 item"),
+    ],
+)
+def test_what_is_said_about_a_wrong_focused_camera(tmp_path: Path, old: str, new: str, said: str):
+    assert old in FOCUSED
+    with pytest.raises(FormatError, match=said):
+        read(tmp_path, FOCUSED.replace(old, new, 1))
 
 
 POINTS = EXAMPLE[EXAMPLE.index("points_mm") : EXAMPLE.index("# [[scene.pictures]]")]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +44,12 @@ from clplen.cameras.pictures import PicturePlane
 from clplen.compute.device import Device
 from clplen.lightfield.allinfocus import all_in_focus
 from clplen.lightfield.depth import sharpness_curve
+from clplen.lightfield.focused import render_focused
+from clplen.lightfield.focused_depth import focused_depth
+from clplen.lightfield.focused_spots import point_m
 from clplen.lightfield.fourier import fourier_stack
 from clplen.lightfield.hyperfan import hyperfan
+from clplen.lightfield.raw import LensType
 from clplen.lightfield.samples import extremes
 from clplen.wave.abbe import abbe_image
 from clplen.wave.extended import ExtendedSource
@@ -253,6 +257,22 @@ def captured(device: Device) -> None:
         decode_raw(frame, lattice, device=device, white=frame + 1, bayer=bayer)
 
 
+def focused(device: Device) -> None:
+    """Every kernel that renders and compares the sub-images of a focused camera."""
+    frame = np.random.default_rng(4).random((50, 52, 3), np.float32)
+    lattice = Lattice("rectangular", (24.3, 25.1), (12.2, 0.1), (-0.1, 12.1), frame.shape[:2])
+    grid = lattice.grid(lattice.views())
+    types = tuple(LensType((0, 12.1 * k), (3 + k, 4 + k), ((12.2, 0.1), (0, 24.2))) for k in (0, 1))
+    for data, kinds in ((frame, types), (frame[..., 0], ())):
+        values = device.upload(np.ascontiguousarray(data))
+        raw = RawImage(values, device, np.nan, grid, grid, lattice=lattice, lens_types=kinds)
+        render_focused(raw, method="basic", m=0.3, interpolation="linear")
+        render_focused(raw, m=0.3, white=frame[..., 1])
+        depth = focused_depth(raw, ms=(0.1, 0.4))
+        render_focused(raw, method="depth", m=0.3, depth=replace(depth, sure=0.0))
+        point_m(raw)
+
+
 def work(device: Device) -> None:
     """A small workload that reaches every kernel of one mapping, through public functions."""
     ceilings.multiply_add(device, rounds=3).run()
@@ -263,6 +283,7 @@ def work(device: Device) -> None:
         for one in (raw, exposed(device, "square")):
             refocus(LightField.from_raw(one), alpha=0.9, rescale=True)
         captured(device)
+        focused(device)
         views(device)
         scene = SurfaceScene(Plane(0.5))
         scene.light_field((2, 3), (6, 9), device=device)

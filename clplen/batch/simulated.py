@@ -16,7 +16,8 @@ from clplen.batch.source import Source
 from clplen.batch.sweep import Setting, combinations, label, with_values
 from clplen.batch.tables import EVERY, SceneTable, SimulationTable
 from clplen.cameras.gallery import SCENES, SampleScene, sample_scenes
-from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.cameras.plenoptic import Plenoptic
+from clplen.cameras.rays import view_reach
 from clplen.cameras.scene import PointSources
 from clplen.cameras.surfaces import EDGE_ON
 from clplen.cameras.truth import Truth
@@ -159,7 +160,7 @@ def simulate(
     base : path-like
         Folder of the job file, from where the folder of a camera file is seen.
     progress : callable, optional
-        Called as ``progress(done, total)``; see `Plenoptic1.expose`.
+        Called as ``progress(done, total)``; see `Plenoptic.expose`.
 
     Returns
     -------
@@ -170,7 +171,7 @@ def simulate(
     FormatError
         If the words make no camera, or a picture cannot be read.
     ValueError, SamplingError, DeviceError
-        As `Plenoptic1.expose` and `SurfaceScene.light_field`.
+        As `Plenoptic.expose` and `SurfaceScene.light_field`.
     """
     if words["kind"] == "camera":
         return _by_waves(words, Path(base, words["folder"]), device, progress)
@@ -286,7 +287,7 @@ def _extent(scene: SceneKeys, known: dict[PictureTable, PointSources]) -> list[P
 
 
 def _check_camera(file: CameraFile, extent: list[PointSources], device: Device) -> None:
-    """Refuse what `Plenoptic1.expose` would refuse before it computes."""
+    """Refuse what `Plenoptic.expose` would refuse before it computes."""
     camera = _built(file, device)
     light = file.light()
     lines = [(camera.wavelength, 1.0)] if light is None else light.lines(camera.wavelength)
@@ -297,11 +298,11 @@ def _check_camera(file: CameraFile, extent: list[PointSources], device: Device) 
         _check_lenses(file, coloured)
 
 
-def _check_lenses(file: CameraFile, camera: Plenoptic1) -> None:
+def _check_lenses(file: CameraFile, camera: Plenoptic) -> None:
     """Refuse lenses, before slides and at the array, whose phase the pixels do not sample."""
     lenses: list[tuple[float, float | None]] = []  # focal length, radius
     if camera.field_lens:
-        lenses.append((camera.image_distance, None))
+        lenses.append((camera.array_distance, None))
     for number in file.scene.slides():
         if file.coherence is None or file.coherence.koehler:
             z = camera.object_distance + file.scene.pictures[number].dz_mm / 1e3
@@ -311,7 +312,7 @@ def _check_lenses(file: CameraFile, camera: Plenoptic1) -> None:
         check_lens_sampling(camera.grid, f, radius, camera.wavelength, "raise")
 
 
-def _built(file: CameraFile | InstrumentFile, device: Device) -> Plenoptic1:
+def _built(file: CameraFile | InstrumentFile, device: Device) -> Plenoptic:
     if file.sensor is not None:
         file.sensor.build()
     return file.camera.build(device)
@@ -327,15 +328,8 @@ def _seen(
         _check_steepness(words, known.shape, ((V - 1) / 2, (U - 1) / 2))
         return _own_content(known)
     camera = _built(_validated(InstrumentFile, content, folder), device)
-    _check_steepness(words, camera.mla.count, _reach(camera))
+    _check_steepness(words, camera.mla.count, view_reach(camera))
     return {"content": content}
-
-
-def _reach(camera: Plenoptic1) -> tuple[float, float]:
-    """How far from the centre view rays through a camera go, (down, right), in view steps."""
-    step = camera.pixel_pitch * camera.image_distance / camera.mla.f
-    widest = camera.aperture_diameter / 2 / step + 1 + camera.mla.pitch / step
-    return widest * camera.mla.pitch / camera.mla.row_pitch, widest
 
 
 def _check_steepness(

@@ -70,7 +70,7 @@ def _versions() -> dict[str, str]:
 
 
 def quiet_enough() -> str:
-    """A sentence where other programs use the processor, else nothing."""
+    """A sentence where other programs use the processor now, else nothing; ask before measuring."""
     if not hasattr(os, "getloadavg"):
         return ""
     load, cores = os.getloadavg()[0], os.cpu_count() or 1

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any, Literal
+
 from clplen.cameras import geometry
 from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.cameras.plenoptic2 import Plenoptic2, magnification, matched_aperture
 from clplen.compute.device import Device, require_device
 from clplen.wave.lenslets import MicrolensArray
 from clplen.wave.spectra import check_wavelength
 
 
 class PlenopticCamera:
-    """Plenoptic cameras simulated by wave optics; see `type1`."""
+    """Plenoptic cameras simulated by wave optics; see `type1` and `type2`."""
 
     @staticmethod
     def type1(
@@ -54,36 +57,152 @@ class PlenopticCamera:
         Raises
         ------
         ValueError
-            For a length that is not positive, or distances that contradict the lens law.
+            For a length that is not positive, distances that contradict the lens law, or lenslets
+            of several focal lengths.
         SamplingError
             If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
         """
-        require_device(device)
-        geometry.require_lengths(
-            focal_length=focal_length,
-            wavelength=wavelength,
-            object_distance=object_distance,
-            image_distance=image_distance,
-            aperture_diameter=aperture_diameter,
-        )
-        check_wavelength(wavelength)
-        if mla.f <= 0:
-            raise ValueError(f"The lenslets of a camera converge: f > 0, not {mla.f!r}.")
-        z_obj, F = geometry.lens_law(focal_length, object_distance, image_distance)
+        z_obj, F = _distances(
+            device, mla, wavelength, focal_length, object_distance, image_distance,
+            aperture_diameter,
+        )  # fmt: skip
+        if len(mla.focal_lengths) > 1:
+            raise ValueError(
+                f"The sensor of a 1.0 camera lies f_mu behind its lenslets, which here have "
+                f"{len(mla.focal_lengths)} focal lengths: give one, or use PlenopticCamera.type2."
+            )
         D = mla.pitch * F / mla.f if aperture_diameter is None else aperture_diameter
-        grid = geometry.sensor_grid(mla, pixels_per_lenslet)
+        shared = _shared(focal_length, wavelength, mla, pixels_per_lenslet, device)
         camera = Plenoptic1(
-            focal_length=float(focal_length),
             object_distance=z_obj,
             image_distance=F,
             aperture_diameter=float(D),
-            mla=mla,
-            wavelength=float(wavelength),
-            pixels_per_lenslet=float(pixels_per_lenslet),
-            pixel_pitch=grid.pitch[1],
-            grid=grid,
             field_lens=bool(field_lens),
-            device=device,
+            **shared,
         )
         geometry.check_sampling(camera, 0.0, 1.0)
         return camera
+
+    @staticmethod
+    def type2(
+        *,
+        focal_length: float,
+        mla: MicrolensArray,
+        wavelength: float,
+        pixels_per_lenslet: float,
+        device: Device,
+        m: float | None = None,
+        a: float | None = None,
+        object_distance: float | None = None,
+        image_distance: float | None = None,
+        aperture_diameter: float | None = None,
+        match: Literal["pupil", "cone"] = "pupil",
+    ) -> Plenoptic2:
+        """A focused plenoptic camera: its lenslets image the main lens' image onto the sensor.
+
+        1/a + 1/b = 1/f_mu and m = b/a, so that a = f_mu (1 + 1/m) and b = f_mu (1 + m) (Lumsdaine
+        and Georgiev 2009). Keplerian, m > 0: the array lies a behind the image at F, b > f_mu.
+        Galilean, -1 < m < 0: abs(a) before it, b < f_mu.
+
+        Parameters
+        ----------
+        focal_length : float
+            Of the main lens in metres.
+        mla : MicrolensArray
+            Brings pitch, f_mu, count, lattice, fill, offset and rotation. With several focal
+            lengths the first one's m and a are given; the others are in focus at
+            1/a = 1/f_mu - 1/b.
+        wavelength : float
+            In metres.
+        pixels_per_lenslet : float
+            At least 2; may be fractional.
+        device : Device
+            Where the simulation runs.
+        m, a : float, optional
+            Exactly one of them: magnification of the lenslets, or the distance from the main
+            lens' image to the array in metres (above f_mu or negative).
+        object_distance, image_distance : float, optional
+            Main lens to focused object plane, and to its image (not to the array), in metres.
+            Neither: 2f and 2f. One: the other by the lens law.
+        aperture_diameter : float, optional
+            Of the main lens in metres; None: by ``match``.
+        match : {"pupil", "cone"}
+            D = p z2/b, z2 = F + a, so that the image of the pupil fills a cell; or p F/b.
+
+        Returns
+        -------
+        Plenoptic2
+
+        Raises
+        ------
+        ValueError
+            For a length that is not positive, distances that contradict the lens law, m = 0 or
+            m <= -1, a within f_mu, both or none of m and a, an array before the main lens, or
+            another match.
+        SamplingError
+            If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
+        """
+        z_obj, F = _distances(
+            device, mla, wavelength, focal_length, object_distance, image_distance,
+            aperture_diameter,
+        )  # fmt: skip
+        m = magnification(mla.f, m, a)
+        z2, b = F + mla.f * (1 + 1 / m), mla.f * (1 + m)
+        D = matched_aperture(match, pitch=mla.pitch, F=F, z2=z2, b=b)
+        shared = _shared(focal_length, wavelength, mla, pixels_per_lenslet, device)
+        camera = Plenoptic2(
+            object_distance=z_obj,
+            image_distance=F,
+            aperture_diameter=float(D if aperture_diameter is None else aperture_diameter),
+            field_lens=False,
+            m=float(m),
+            **shared,
+        )
+        geometry.check_sampling(camera, 0.0, max(1.0, z2 / F))
+        return camera
+
+
+def _distances(
+    device: Device,
+    mla: MicrolensArray,
+    wavelength: float,
+    focal_length: float,
+    object_distance: float | None,
+    image_distance: float | None,
+    aperture_diameter: float | None,
+) -> tuple[float, float]:
+    """Object and image distance, after a look at everything that both cameras are given."""
+    require_device(device)
+    geometry.require_lengths(
+        focal_length=focal_length,
+        wavelength=wavelength,
+        object_distance=object_distance,
+        image_distance=image_distance,
+        aperture_diameter=aperture_diameter,
+    )
+    check_wavelength(wavelength)
+    if min(mla.focal_lengths) <= 0:
+        raise ValueError(
+            f"The lenslets of a camera converge: f > 0, not {min(mla.focal_lengths)!r}."
+        )
+    return geometry.lens_law(focal_length, object_distance, image_distance)
+
+
+def _shared(
+    focal_length: float,
+    wavelength: float,
+    mla: MicrolensArray,
+    pixels_per_lenslet: float,
+    device: Device,
+) -> dict[str, Any]:
+    """Fields of both cameras that are as given, and the sensor's."""
+    grid = geometry.sensor_grid(mla, pixels_per_lenslet)
+    return {
+        "focal_length": float(focal_length),
+        "mla": mla,
+        "wavelength": float(wavelength),
+        "pixels_per_lenslet": float(pixels_per_lenslet),
+        "pixel_pitch": grid.pitch[1],
+        "grid": grid,
+        "device": device,
+    }

@@ -25,7 +25,7 @@ from clplen.wave.field import row_powers
 from clplen.wave.statistics import accumulate, add_scaled
 
 if TYPE_CHECKING:
-    from clplen.cameras.plenoptic1 import Plenoptic1
+    from clplen.cameras.plenoptic import Plenoptic
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Method = Literal["auto", "points", "isoplanatic"]
@@ -37,13 +37,13 @@ BATCH_BYTES = 2**28  # of fields that travel through the camera together
 
 
 def emit(
-    camera: Plenoptic1, scene: Any, *, method: Method = "auto", progress: Progress | None = None
+    camera: Plenoptic, scene: Any, *, method: Method = "auto", progress: Progress | None = None
 ) -> tuple[cla.Array, Exposure]:
     """Energy on the sensor of a scene of points and self-luminous pictures, and how it was found.
 
     Parameters
     ----------
-    camera : Plenoptic1
+    camera : Plenoptic
     scene : PointSources, PicturePlane or list of them
     method : {"auto", "points", "isoplanatic"}
         Route of the pictures; "auto" leaves the exact one, "points", where it is not affordable and
@@ -60,7 +60,7 @@ def emit(
     Raises
     ------
     SamplingError, ValueError, TypeError, DeviceError
-        As `Plenoptic1.expose`, whose scene has been checked.
+        As `Plenoptic.expose`, whose scene has been checked.
     """
     members = parts(scene)
     ways = [_way(camera, part, method) for part in members]
@@ -76,16 +76,14 @@ def emit(
     return total, together(reports)
 
 
-def _way(camera: Plenoptic1, part: PointSources | PicturePlane, method: Method) -> Layout | None:
+def _way(camera: Plenoptic, part: PointSources | PicturePlane, method: Method) -> Layout | None:
     """The layout of a picture's patterns, or None for one field a point."""
     if isinstance(part, PointSources) or method == "points":
         return None
-    if camera.mla.rotation != 0:
+    obstacle = _no_isoplanatic(camera)
+    if obstacle:
         if method == "isoplanatic":
-            raise ValueError(
-                f"The array is turned by {camera.mla.rotation:g} rad; method='isoplanatic' needs "
-                "rows along x: use method='points'."
-            )
+            raise ValueError(f"{obstacle}: use method='points'.")
         return None
     how = layout(camera, part)
     exact = _operations(
@@ -93,6 +91,18 @@ def _way(camera: Plenoptic1, part: PointSources | PicturePlane, method: Method) 
     )
     saved = exact > max(AFFORDABLE, WORTH * _operations(how.transforms(camera.grid.shape)))
     return how if saved or method == "isoplanatic" else None
+
+
+def _no_isoplanatic(camera: Plenoptic) -> str:
+    """Why patterns do not repeat from lenslet to lenslet along rows; empty where they do."""
+    mla = camera.mla
+    if mla.rotation != 0:
+        return (
+            f"The array is turned by {mla.rotation:g} rad; method='isoplanatic' needs rows along x"
+        )
+    if len(mla.focal_lengths) > 1:
+        return "The lenslets differ in focal length; method='isoplanatic' needs equal ones"
+    return ""
 
 
 def _operations(transforms: Transforms) -> float:
@@ -103,12 +113,12 @@ def _operations(transforms: Transforms) -> float:
     )
 
 
-def _point_transforms(camera: Plenoptic1, points: PointSources, count: int) -> Transforms:
+def _point_transforms(camera: Plenoptic, points: PointSources, count: int) -> Transforms:
     return tuple((2 * count, padded(camera.grid.shape, pad)) for pad in camera.padding(points))
 
 
 def _add_points(
-    camera: Plenoptic1, points: PointSources, total: cla.Array, progress: Progress | None
+    camera: Plenoptic, points: PointSources, total: cla.Array, progress: Progress | None
 ) -> Exposure:
     """One field a point."""
     to_array, to_sensor = camera.padding(points)
@@ -130,13 +140,13 @@ def _add_points(
     return Exposure("points", _point_transforms(camera, points, len(points)), 0.0)
 
 
-def _batch(camera: Plenoptic1, widest: int) -> int:
+def _batch(camera: Plenoptic, widest: int) -> int:
     field_bytes = math.prod(camera.grid.shape) * camera.device.complex.itemsize
     return max(1, int(BATCH_BYTES / (field_bytes * widest)))
 
 
 def _add_picture(
-    camera: Plenoptic1,
+    camera: Plenoptic,
     plane: PicturePlane,
     how: Layout,
     total: cla.Array,

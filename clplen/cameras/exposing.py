@@ -22,7 +22,7 @@ from clplen.wave.reach import Opening, check_opening
 from clplen.wave.statistics import add_scaled
 
 if TYPE_CHECKING:
-    from clplen.cameras.plenoptic1 import Plenoptic1
+    from clplen.cameras.plenoptic import Plenoptic
     from clplen.compute.device import Device
 
 APART = 2**40  # seeds of the light on two slides of a scene
@@ -30,7 +30,7 @@ MASK_TRANSFORMS = 2  # of the field of a random source
 
 
 def expose_scene(
-    camera: Plenoptic1,
+    camera: Plenoptic,
     scene: Any,
     *,
     coherence: Coherence | None,
@@ -39,11 +39,11 @@ def expose_scene(
     how: Averaging,
     progress: Progress | None,
 ) -> tuple[cla.Array, Exposure]:
-    """Energy on the sensor, and how it was found; see `Plenoptic1.expose`.
+    """Energy on the sensor, and how it was found; see `Plenoptic.expose`.
 
     Parameters
     ----------
-    camera : Plenoptic1
+    camera : Plenoptic
     scene : PointSources, PicturePlane or list of them
     coherence : Coherence or None
     koehler : bool
@@ -124,7 +124,7 @@ def _check_light(coherence: Coherence | None, slides: list[Any], how: Averaging)
 
 
 def _light_slide(
-    camera: Plenoptic1,
+    camera: Plenoptic,
     slide: PicturePlane,
     light: Coherence,
     koehler: bool,

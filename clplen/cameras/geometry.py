@@ -9,12 +9,12 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.errors import SamplingError
-from clplen.lightfield.raw import LensletGrid, RawImage
+from clplen.lightfield.raw import LensletGrid, LensType, RawImage
 from clplen.wave.field import Grid
 from clplen.wave.lenslets import SMALLEST_PITCH, MicrolensArray
 
 if TYPE_CHECKING:
-    from clplen.cameras.plenoptic1 import Plenoptic1
+    from clplen.cameras.plenoptic import Plenoptic
     from clplen.cameras.scene import PointSources
 
 LENS_LAW_TOLERANCE = 1e-6  # relative, of 1/f = 1/object + 1/image
@@ -85,43 +85,46 @@ def sensor_grid(mla: MicrolensArray, pixels_per_lenslet: float) -> Grid:
     return Grid((ny, nx), pitch, origin=origin)
 
 
-def views(camera: Plenoptic1) -> int:
+def views(camera: Plenoptic) -> int:
     """Views across: the pixels of a lenslet, rounded."""
     return max(1, round(camera.pixels_per_lenslet))
 
 
-def check_sampling(camera: Plenoptic1, reach: float, alpha: float) -> None:
+def check_sampling(camera: Plenoptic, reach: float, alpha: float) -> None:
     """Refuse light that the pixels cannot sample.
 
-    [(alpha D/2 + abs(X))/F + d/(2 f_mu)]/lam < 1/(2 dx): a ray from u on the lens to a point's
-    image X, at F' = F/alpha, has the slope (X - alpha u)/F; and the window holds the main lens'
-    aperture.
+    [(beta D/2 + abs(X))/z2 + d/(2 f)]/lam < 1/(2 dx). A ray from u on the lens to X + u (1 - beta)
+    on the array has the slope (X - beta u)/z2, and a lenslet adds -(x - c)/f, x - c up to d/2.
+    For a 2.0 camera with its image in focus, beta = z2/F, this is (X/z2 + D/(2 F)) + d/(2 f):
+    about the chief ray of a lenslet, slope (c - X)/a, light converges within d/(2 b) only, but
+    lenslets at the rim of the blur, abs(c - X) up to a D/(2 F) + d/2, bring that to d/(2 f),
+    1/f = 1/a + 1/b. The steepest of several f counts. And the window holds the main lens' aperture.
 
     Parameters
     ----------
-    camera : Plenoptic1
+    camera : Plenoptic
     reach : float
-        abs(X), largest along x or y, in metres.
+        abs(X) on the array, largest along x or y, in metres.
     alpha : float
-        F/F' of the point, at least 1.
+        beta = z2/F' of the point (for a 1.0 camera alpha = F/F'), at least 1.
 
     Raises
     ------
     SamplingError
         With both sides of the rule and what would do.
     """
-    D, F, d, f_mu = (
+    D, z2, d, f_mu = (
         camera.aperture_diameter,
-        camera.image_distance,
+        camera.array_distance,
         camera.mla.diameter,
-        camera.mla.f,
+        min(camera.mla.focal_lengths),
     )
-    slope = (alpha * D / 2 + reach) / F + d / (2 * f_mu)
+    slope = (alpha * D / 2 + reach) / z2 + d / (2 * f_mu)
     if 2 * camera.pixel_pitch * slope >= camera.wavelength:
         fitting = camera.wavelength / (2 * slope)
         raise SamplingError(
             f"Light reaches the sensor at up to {slope / camera.wavelength:.4g} cycles/m "
-            f"((alpha D/2 + |X|)/F + d/(2 f_mu), |X| = {reach:.4g} m), but pixels of "
+            f"((alpha D/2 + |X|)/z2 + d/(2 f_mu), |X| = {reach:.4g} m), but pixels of "
             f"{camera.pixel_pitch:.4g} m sample {1 / (2 * camera.pixel_pitch):.4g}: pixels below "
             f"{fitting:.4g} m would do (pixels_per_lenslet = {camera.mla.pitch / fitting:.4g}), or "
             "a longer f_mu, or a smaller aperture."
@@ -133,8 +136,8 @@ def check_sampling(camera: Plenoptic1, reach: float, alpha: float) -> None:
         )
 
 
-def check_place(camera: Plenoptic1, scene: PointSources) -> None:
-    """Refuse sources behind the lens, or imaged beyond the array.
+def check_place(camera: Plenoptic, scene: PointSources) -> None:
+    """Refuse sources behind the lens, or whose chief ray misses the array.
 
     Raises
     ------
@@ -148,7 +151,7 @@ def check_place(camera: Plenoptic1, scene: PointSources) -> None:
             f"The point (x, y, dz) = ({x:g}, {y:g}, {dz:g}) m lies behind the main lens, which "
             f"is {camera.object_distance:g} m from the focused plane."
         )
-    images, extent = camera.image_of(scene.positions), camera.grid.extent
+    images, extent = camera.on_array(scene.positions), camera.grid.extent
     outside = (np.abs(images) > np.asarray(extent)[::-1] / 2).any(axis=1)
     if outside.any():
         (x, y, dz), (X, Y) = scene.positions[outside][0], images[outside][0]
@@ -158,23 +161,62 @@ def check_place(camera: Plenoptic1, scene: PointSources) -> None:
         )
 
 
-def raw_image(camera: Plenoptic1, data: cla.Array) -> RawImage:
-    """Intensity on the sensor with the places of sub-images and cells on it."""
-    magnification = 1.0 if camera.field_lens else 1 + camera.mla.f / camera.image_distance
-    step = camera.pixel_pitch * camera.image_distance / camera.mla.f
-    spacing = (-step, -step, camera.mla.row_pitch, camera.mla.pitch)
+def view_step(camera: Plenoptic) -> float:
+    """du = dx z2/z3: how far apart on the main lens two pixels of a lenslet look, in metres."""
+    return camera.pixel_pitch * camera.array_distance / camera.sensor_distance
+
+
+def raw_image(camera: Plenoptic, data: cla.Array) -> RawImage:
+    """Intensity on the sensor with the places of sub-images and cells on it.
+
+    Where the array does not lie on the main lens' image there is no spacing: what a lenslet sees
+    is a picture, and alpha is not that of the light field on the array.
+    """
+    step = view_step(camera)
+    on_image = camera.array_distance == camera.image_distance
     return RawImage(
         data,
         camera.device,
         camera.pixel_pitch,
-        lenslet_grid(camera, magnification),
+        lenslet_grid(camera, camera.sub_image_scale),
         lenslet_grid(camera, 1.0),
-        spacing,
+        (-step, -step, camera.mla.row_pitch, camera.mla.pitch) if on_image else None,
         camera,
+        lens_types=lens_types(camera),
     )
 
 
-def lenslet_grid(camera: Plenoptic1, magnification: float) -> LensletGrid:
+def lens_types(camera: Plenoptic) -> tuple[LensType, ...]:
+    """Where the lenslets of each focal length have their sub-images, and what they see sharply.
+
+    A type is in focus at the virtual depth a/b, 1/a = 1/f - 1/b. Its range ends where the next
+    one is as sharp: blur on the sensor is d abs(b/a' - b/a), so in the middle between their b/a;
+    the outermost go as far beyond.
+    """
+    mla, b = camera.mla, camera.sensor_distance
+    if len(mla.focal_lengths) == 1:
+        return ()
+    focus = np.array([b / f - 1 for f in mla.focal_lengths])  # b/a
+    order = np.argsort(focus)
+    steps = np.diff(focus[order]) / 2
+    low, high = np.empty_like(focus), np.empty_like(focus)
+    low[order] = focus[order] - np.concatenate([steps[:1], steps])
+    high[order] = focus[order] + np.concatenate([steps, steps[-1:]])
+    grid = lenslet_grid(camera, camera.sub_image_scale)
+    shift = np.array(grid.row_step) + grid.odd_row_shift * np.array(grid.column_step)
+    base = np.array([shift, grid.column_step])
+    found = []
+    for number, sharp in enumerate(focus):
+        side = (0, math.inf) if sharp > 0 else (-math.inf, 0)
+        ends = np.clip((low[number], high[number]), *side)
+        depths = sorted(float(1 / end) if end else math.copysign(math.inf, sharp) for end in ends)
+        vectors = np.array([(0, number), (1, -mla.type_step), (0, len(focus))]) @ base
+        offset, *steps_of = ((float(y), float(x)) for y, x in vectors)
+        found.append(LensType(offset, (depths[0], depths[1]), (steps_of[0], steps_of[1])))
+    return tuple(found)
+
+
+def lenslet_grid(camera: Plenoptic, magnification: float) -> LensletGrid:
     """Centres of the lenslets, projected by ``magnification`` from the axis, in pixels."""
     mla, n = camera.mla, views(camera)
     first = mla.centres()[0, 0]

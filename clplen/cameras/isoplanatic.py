@@ -25,7 +25,7 @@ from clplen.wave.average import Progress
 from clplen.wave.field import Field, row_powers
 
 if TYPE_CHECKING:
-    from clplen.cameras.plenoptic1 import Plenoptic1
+    from clplen.cameras.plenoptic import Plenoptic
     from clplen.compute.device import Device
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
@@ -70,7 +70,7 @@ class Layout:
             counts += [(self.patterns, shape), (self.patterns, fine)]
         return (*counts, (2 * self.patterns + 1, self.window))
 
-    def memory(self, camera: Plenoptic1, batch: int) -> int:
+    def memory(self, camera: Plenoptic, batch: int) -> int:
         """Bytes on the device."""
         field = math.prod(camera.grid.shape)
         fields = (2 * max(self.padding) ** 2 + 2 + self.finer**2) * field * batch
@@ -85,7 +85,7 @@ def padded(shape: tuple[int, int], pad: int) -> tuple[int, int]:
     return (round(factor * shape[0]), round(factor * shape[1]))
 
 
-def layout(camera: Plenoptic1, plane: PicturePlane) -> Layout:
+def layout(camera: Plenoptic, plane: PicturePlane) -> Layout:
     """Places, patches and windows for a picture of a camera whose array is not turned."""
     grid = places(camera)
     parts = patches(camera, plane, grid, powers(camera, plane))
@@ -95,20 +95,15 @@ def layout(camera: Plenoptic1, plane: PicturePlane) -> Layout:
     window = []
     for axis, pitch in enumerate((grid.height, grid.pitch)):
         ends = [abs(end) for p in parts for end in (p.first[axis], p.first[axis] + p.count[axis])]
-        shift = (max(ends) + 1) * pitch * magnification(camera) / pixel
+        shift = (max(ends) + 1) * pitch * camera.sub_image_scale / pixel
         own = finer * camera.grid.shape[axis] + math.ceil(beyond[axis] / pixel)
         window.append(smooth_length(max(own, math.ceil(2 * shift) + 2 * TEETH)))
     padding = camera.padding(plane.corners())
     return Layout(grid, parts, finer, (window[0], window[1]), padding)
 
 
-def magnification(camera: Plenoptic1) -> float:
-    """m: how much farther apart than the lenslets their patterns lie."""
-    return 1.0 if camera.field_lens else 1 + camera.mla.f / camera.image_distance
-
-
 def raw_patterns(
-    camera: Plenoptic1,
+    camera: Plenoptic,
     plane: PicturePlane,
     how: Layout,
     *,
@@ -120,7 +115,7 @@ def raw_patterns(
 
     Parameters
     ----------
-    camera : Plenoptic1
+    camera : Plenoptic
     plane : PicturePlane
     how : Layout
     probes : numpy.ndarray
@@ -155,24 +150,24 @@ def raw_patterns(
     return _finished(total, camera, how, unit, 1 / level)
 
 
-def _band(camera: Plenoptic1) -> float:
-    """Highest frequency of a pattern: twice that of its field, D/(2 F) + d/(2 f_mu) over lam m."""
-    slopes = camera.aperture_diameter / camera.image_distance + camera.mla.diameter / camera.mla.f
-    return slopes / (camera.wavelength * magnification(camera))
+def _band(camera: Plenoptic) -> float:
+    """Highest frequency of a pattern: twice that of its field, D/(2 z2) + d/(2 f_mu) over lam m."""
+    slopes = camera.aperture_diameter / camera.array_distance + camera.mla.diameter / camera.mla.f
+    return slopes / (camera.wavelength * camera.sub_image_scale)
 
 
-def _beyond(camera: Plenoptic1, plane: PicturePlane) -> tuple[float, float]:
+def _beyond(camera: Plenoptic, plane: PicturePlane) -> tuple[float, float]:
     """How far light reaches past the sensor's edge along y and x, in metres."""
-    blur = abs(1 - camera.alpha(plane.dz)) * camera.aperture_diameter / 2 + camera.mla.pitch
-    places = np.abs(camera.image_of(plane.corners().positions)).max(axis=0)[::-1]
-    past = places * magnification(camera) + blur - np.asarray(camera.grid.extent) / 2
+    places = np.abs(camera.on_array(plane.corners().positions)).max(axis=0)[::-1]
+    past = places * camera.sub_image_scale + camera.spread(plane.dz)
+    past -= np.asarray(camera.grid.extent) / 2
     y, x = np.maximum(past, 0)
     return float(y), float(x)
 
 
-def _imaged_at(camera: Plenoptic1, plane: PicturePlane, images: Vector) -> PointSources:
-    """Sources in the picture's plane that are imaged at (y, x) on the array."""
-    scale = -(camera.object_distance + plane.dz) / camera.image_distance
+def _imaged_at(camera: Plenoptic, plane: PicturePlane, images: Vector) -> PointSources:
+    """Sources in the picture's plane whose chief rays meet the array at (y, x)."""
+    scale = 1 / camera.array_scale(plane.dz)
     flat = np.full(len(images), plane.dz)
     return PointSources(np.stack([images[:, 1] * scale, images[:, 0] * scale, flat], axis=-1))
 
@@ -183,7 +178,7 @@ def _batches(offsets: Vector, batch: int) -> Iterator[Vector]:
 
 
 def _fields(
-    camera: Plenoptic1, plane: PicturePlane, patch: Patch, offsets: Vector, how: Layout
+    camera: Plenoptic, plane: PicturePlane, patch: Patch, offsets: Vector, how: Layout
 ) -> tuple[Field, Vector]:
     """Fields on the sensor of points imaged about a lenslet, and their factors to energy 1."""
     points = _imaged_at(camera, plane, np.asarray(patch.centre) + offsets)
@@ -228,9 +223,9 @@ class Teeth:
     across: cla.Array
 
 
-def _teeth(patch: Patch, camera: Plenoptic1, how: Layout) -> Teeth:
+def _teeth(patch: Patch, camera: Plenoptic, how: Layout) -> Teeth:
     device, grid = camera.device, how.grid
-    per_pixel = magnification(camera) * how.finer / camera.pixel_pitch
+    per_pixel = camera.sub_image_scale * how.finer / camera.pixel_pitch
     row, down = _meets(how.window[0], patch.first[0], grid.height * per_pixel, 0.0)
     pairs = [
         _meets(how.window[1], patch.first[1], grid.pitch * per_pixel, kind / 2)
@@ -282,7 +277,7 @@ def _add_product(total: cla.Array, a: cla.Array, b: cla.Array, device: Device) -
 
 
 def _finished(
-    total: cla.Array, camera: Plenoptic1, how: Layout, unit: float, probe: float
+    total: cla.Array, camera: Plenoptic, how: Layout, unit: float, probe: float
 ) -> tuple[cla.Array, cla.Array]:
     """Divide by the spreading kernel's spectrum, transform, and take the pixels' samples."""
     device, (ny, nx) = camera.device, camera.grid.shape

@@ -1,12 +1,13 @@
 """Where on a camera's array the pattern behind the lenslets repeats, and how often to sample it.
 
-A point imaged at X puts U(x) = G(x - X) exp(i pi x^2/(lam F)) on the array (paraxially), G with
-frequencies up to f_c = D/(2 lam F). The quadratic phase magnifies what follows by m = 1 + f_mu/F,
-so that X moved by a vector a of the lattice moves the raw pattern by m a. And the raw intensity at
-a pixel is, as a function of X, band-limited to 2 f_c: patterns for q x q places of X in one cell,
-q > 4 f_c p, hold those of every place (Whittaker 1915, Shannon 1949). A picture is resampled onto
-these places on every lenslet, and its raw image is the sum over the q^2 places of pattern times
-weight, moved by m a.
+A point whose chief ray meets the array at X puts U(x) = G(x - X) exp(i pi x^2/(lam z2)) there
+(paraxially; z2 from the main lens to the array), G with frequencies up to f_c = D/(2 lam z2). The
+quadratic phase magnifies what follows by m = 1 + z3/z2, z3 to the sensor, so that X moved by a
+vector a of the lattice moves the raw pattern by m a. And the raw intensity at a pixel is, as a
+function of X, band-limited to 2 f_c: patterns for q x q places of X in one cell, q > 4 f_c p, hold
+those of every place (Whittaker 1915, Shannon 1949). A picture is resampled onto these places on
+every lenslet, and its raw image is the sum over the q^2 places of pattern times weight, moved by
+m a.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import numpy as np
 from clplen.cameras.pictures import PicturePlane
 
 if TYPE_CHECKING:
-    from clplen.cameras.plenoptic1 import Plenoptic1
+    from clplen.cameras.plenoptic import Plenoptic
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
@@ -83,10 +84,10 @@ class Places:
         return np.sinc(t) * window
 
 
-def places(camera: Plenoptic1) -> Places:
-    """The places of a camera; their number follows from 4 f_c p = 2 D p/(lam F)."""
+def places(camera: Plenoptic) -> Places:
+    """The places of a camera; their number follows from 4 f_c p = 2 D p/(lam z2)."""
     mla = camera.mla
-    least = 2 * camera.aperture_diameter * mla.pitch / (camera.wavelength * camera.image_distance)
+    least = 2 * camera.aperture_diameter * mla.pitch / (camera.wavelength * camera.array_distance)
     count = math.ceil(SPARE * least)
     kinds = 2 if mla.lattice == "hexagonal" else 1
     return Places(mla.row_pitch, mla.pitch, kinds, count, count / least)
@@ -133,19 +134,21 @@ class Patch:
         return out
 
 
-def aberrations(camera: Plenoptic1, plane: PicturePlane, distance: float) -> tuple[float, float]:
+def aberrations(camera: Plenoptic, plane: PicturePlane, distance: float) -> tuple[float, float]:
     """Coma and astigmatism in radians at the rim of the main lens, of a point at ``distance``.
+
+    The distance X is that of the chief ray from the axis on the array, F here stands for z2.
 
     The terms X u^3 and X^2 u^2 of both spherical waves' fourth order, k r^4/(8 z^3) (Goodman 2005,
     sec. 4.2), u = D/2: k X u^3/(2 F) (1/z^2 - 1/F^2) and (3/4) k X^2 u^2/F^2 (1/z + 1/F).
     """
-    F, u = camera.image_distance, camera.aperture_diameter / 2
+    F, u = camera.array_distance, camera.aperture_diameter / 2
     z, k = camera.object_distance + plane.dz, 2 * math.pi / camera.wavelength
     coma = k * distance * u**3 / (2 * F) * abs(1 / z**2 - 1 / F**2)
     return coma, 0.75 * k * (distance * u / F) ** 2 * (1 / z + 1 / F)
 
 
-def powers(camera: Plenoptic1, plane: PicturePlane) -> Powers:
+def powers(camera: Plenoptic, plane: PicturePlane) -> Powers:
     """Exponents of y and x by which to interpolate the pattern across a picture.
 
     Coma grows with X, astigmatism with X^2; what changes little from the middle of the picture on
@@ -164,23 +167,21 @@ def powers(camera: Plenoptic1, plane: PicturePlane) -> Powers:
     return QUADRATIC if coma > limit else EVEN
 
 
-def lit_axes(camera: Plenoptic1, plane: PicturePlane) -> tuple[Vector, Vector]:
+def lit_axes(camera: Plenoptic, plane: PicturePlane) -> tuple[Vector, Vector]:
     """Where the rows and columns that hold light are imaged on the array, y and x in metres."""
-    scale = -camera.image_distance / (camera.object_distance + plane.dz)
+    scale = float(camera.array_scale(plane.dz))
     lit = plane.image > 0
     return plane.y[lit.any(axis=1)] * scale, plane.x[lit.any(axis=0)] * scale
 
 
-def patches(
-    camera: Plenoptic1, plane: PicturePlane, grid: Places, monomials: Powers
-) -> list[Patch]:
+def patches(camera: Plenoptic, plane: PicturePlane, grid: Places, monomials: Powers) -> list[Patch]:
     """The picture as patches, one for each of the lenslets whose patterns are simulated.
 
     The pattern changes slowly with X (aberrations): it is interpolated by ``monomials`` through the
     patterns at as many lenslets, the best of 5 x 5 across the picture (approximate Fekete points:
     Sommariva and Vianello 2009).
     """
-    scale = -camera.image_distance / (camera.object_distance + plane.dz)
+    scale = float(camera.array_scale(plane.dz))
     y, x = plane.y * scale, plane.x * scale
     ys, xs = lit_axes(camera, plane)
     steps = np.zeros(1) if monomials == CONSTANT else np.linspace(-OUTERMOST, OUTERMOST, 5)
@@ -234,7 +235,7 @@ def _patch(
     return Patch(centre, (first[0], first[1]), (count[0], count[1]), y, x, share)
 
 
-def _lenslets(camera: Plenoptic1, axis: int, coordinates: Vector) -> Vector:
+def _lenslets(camera: Plenoptic, axis: int, coordinates: Vector) -> Vector:
     """Coordinates of the lenslets nearest to some along an axis, each once.
 
     On a hexagonal lattice those of an even row.

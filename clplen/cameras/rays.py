@@ -1,4 +1,4 @@
-"""Raw images of a plenoptic 1.0 camera by geometrical rays: occlusion, and exact truth."""
+"""Raw images of a plenoptic camera by geometrical rays: occlusion, and exact truth."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from clplen.cameras.truth import Truth
 if TYPE_CHECKING:
     import pyopencl.array as cla
 
-    from clplen.cameras.plenoptic1 import Plenoptic1
+    from clplen.cameras.plenoptic import Plenoptic
     from clplen.lightfield.raw import LensletGrid, RawImage
     from clplen.wave.average import Averaging
     from clplen.wave.coherence import Coherence
@@ -31,20 +31,21 @@ ALL_RAYS = 2**23  # of a scene of points, shared among them
 BATCH = 2**20
 
 
-def expose_rays(camera: Plenoptic1, scene: Any) -> RawImage:
+def expose_rays(camera: Plenoptic, scene: Any) -> RawImage:
     """The raw image of a scene by geometrical optics.
 
-    A ray from u on the main lens through x on the array meets the sensor f_mu (x - u)/F from the
-    centre of its lenslet; with a field lens, at -f_mu u/F. No diffraction, no wavelength.
+    A ray from u on the main lens through x on the array meets the sensor at z3 (x - u)/z2 -
+    (x - c) z3/f from x, c the centre of its lenslet; with a field lens at -z3 u/z2 - (x - c) z3/f.
+    No diffraction, no wavelength.
 
     Parameters
     ----------
-    camera : Plenoptic1
+    camera : Plenoptic
     scene : SurfaceScene, PointSources, PicturePlane or list of the latter two
         Of a `SurfaceScene`, Y and X count rows and columns of lenslets from the middle of the
         array and d is the disparity of the light field that the raw image decodes to; its
         brightness 1, seen through the whole lenslet and within the main lens, is 1 in the raw
-        image. Points and pictures have the energies of `Plenoptic1.expose`.
+        image. Points and pictures have the energies of `Plenoptic.expose`.
 
     Returns
     -------
@@ -107,43 +108,68 @@ def is_rays(model: str, scene: Any, coherence: Coherence | None, how: Averaging)
 # Surfaces: every pixel looks back through its lenslets
 
 
-def _surfaces(camera: Plenoptic1, scene: SurfaceScene) -> RawImage:
+def _surfaces(camera: Plenoptic, scene: SurfaceScene) -> RawImage:
     """The raw image and the truth of a scene of surfaces."""
     device, mla = camera.device, camera.mla
     raw = geometry.raw_image(camera, device.empty(camera.grid.shape, np.float32))
-    step = abs(raw.spacing[1]) if raw.spacing else math.nan
+    step = geometry.view_step(camera)
     radius, aspect = camera.aperture_diameter / 2 / step, mla.pitch / mla.row_pitch
-    widest = radius + 1 + mla.pitch / step
-    scene.check_views(widest * aspect, widest)
+    blurs = _gains(camera)[:, None] * (mla.row_pitch / step, mla.pitch / step)
+    blur = np.abs(blurs).max(axis=0)
+    scene.check_views(*view_reach(camera))
     tables = tracing.tables(scene, device)
     grid = raw.sub_images
     size = (math.hypot(*grid.row_step), math.hypot(*grid.column_step))  # pixels a sub-image
-    blur = (0.0, 0.0) if camera.field_lens else (mla.row_pitch / step, mla.pitch / step)
     samples = sample_rays(mla, count=SAMPLES)
-    reach = math.ceil((radius + 1 + max(blur)) / min(size) + 0.5)
-    pairs = (np.array(pair, np.float32) for pair in (size, blur))
+    reach = math.ceil((radius + 1 + float(blur.max())) / min(size) + 0.5)
+    defines = {"TYPES": len(blurs), "TYPE_STEP": mla.type_step}
+    defines |= {"HEXAGONAL": True} if mla.lattice == "hexagonal" else {}
     numbers = (radius, aspect, grid.odd_row_shift, scene.background)
     counts = (reach, len(samples), *mla.count, tables.count, *camera.grid.shape, scene.channels)
     device.launch_rows(
-        device.kernel("rays.cl", "expose"),
+        device.kernel("rays.cl", "expose", **defines),
         camera.grid.shape,
         raw.data,
         *tables.all(),
-        device.upload(lenslet_bounds(scene, mla.count, widest, aspect)),
+        device.upload(lenslet_bounds(scene, mla.count, view_reach(camera)[1], aspect)),
         *_pixel_tables(camera, grid),
         device.upload(samples),
-        *pairs,
+        np.array(size, np.float32),
+        device.upload(blurs.astype(np.float32)),
+        blur.astype(np.float32),
         *(np.float32(number) for number in numbers),
         *(np.int32(number) for number in counts),
     )
-    return replace(raw, truth=_truth(camera, tables, raw))
+    return replace(raw, truth=_truth(camera, tables))
 
 
-def _truth(camera: Plenoptic1, tables: tracing.Tables, raw: RawImage) -> Truth:
+def view_reach(camera: Plenoptic) -> tuple[float, float]:
+    """How far from the centre view rays through a camera go, (down, right), in view steps.
+
+    Those of a pixel and a lenslet that pass the main lens, and those beside it, which are traced.
+    """
+    mla, step = camera.mla, geometry.view_step(camera)
+    lenslet = mla.pitch / step * max(1.0, float(np.abs(_gains(camera)).max()))
+    widest = camera.aperture_diameter / 2 / step + 1 + lenslet
+    return widest * mla.pitch / mla.row_pitch, widest
+
+
+def _gains(camera: Plenoptic) -> Vector:
+    """g of each kind of lenslets: how u on the main lens moves with the place in a lenslet.
+
+    From the pixel e of a sub-image u = g xi - z2 e/z3, g = 1 + z2/z3 - z2/f, 1 less with a field
+    lens; 1 for a 1.0 camera and -F/a for a 2.0 camera.
+    """
+    z2, z3 = camera.array_distance, camera.sensor_distance
+    bent = z2 * (1 / z3 - 1 / np.array(camera.mla.focal_lengths))
+    return np.asarray(bent if camera.field_lens else 1 + bent)
+
+
+def _truth(camera: Plenoptic, tables: tracing.Tables) -> Truth:
     """On the lattice of the lenslets, with z by the camera."""
     found = tracing.truth(tables, camera.mla.count)
-    assert raw.spacing is not None
-    alpha = 1 + found.disparity * (raw.spacing[3] / raw.spacing[1])
+    beta = 1 - found.disparity * (camera.mla.pitch / geometry.view_step(camera))
+    alpha = beta * (camera.image_distance / camera.array_distance)
     return replace(found, z=np.asarray(camera.dz(alpha), np.float32))
 
 
@@ -200,7 +226,7 @@ def lenslet_bounds(
     return np.clip(found, -tracing.FAR, tracing.FAR).astype(np.int32)
 
 
-def _pixel_tables(camera: Plenoptic1, grid: LensletGrid) -> tuple[cla.Array, ...]:
+def _pixel_tables(camera: Plenoptic, grid: LensletGrid) -> tuple[cla.Array, ...]:
     """(row, column) among the sub-images that y and x of a pixel add, as whole and part."""
     to_index = np.linalg.inv(np.column_stack([grid.row_step, grid.column_step]))
     ny, nx = camera.grid.shape
@@ -216,29 +242,30 @@ def _pixel_tables(camera: Plenoptic1, grid: LensletGrid) -> tuple[cla.Array, ...
 # Points: rays from each of them to the sensor
 
 
-def _add_points(image: Vector, camera: Plenoptic1, source: PointSources, count: int) -> None:
+def _add_points(image: Vector, camera: Plenoptic, source: PointSources, count: int) -> None:
     """Add the rays of points, ``count`` each, to an image."""
     spread = _spread(count, 4)
     turns = _spread(len(source), 4)
-    images = camera.image_of(source.positions)[:, ::-1]  # (y, x)
-    scale = camera.image_distance / (camera.object_distance + source.positions[:, 2])
-    alpha = np.atleast_1d(camera.alpha(source.positions[:, 2]))
+    places = camera.on_array(source.positions)[:, ::-1]  # (y, x)
+    scale = np.abs(camera.array_scale(source.positions[:, 2]))
+    beta = np.atleast_1d(camera.array_alpha(source.positions[:, 2]))
     step = max(1, BATCH // count)
     for first in range(0, len(source), step):
         part = slice(first, first + step)
         sample = (spread[None] + turns[part, None]) % 1
         u = _disc(sample[..., :2]) * camera.aperture_diameter / 2
         moved = _disc(sample[..., 2:]) * (source.diameter / 2 * scale[part])[:, None, None]
-        x = images[part, None] + moved + u * (1 - alpha[part])[:, None, None]
+        x = places[part, None] + moved + u * (1 - beta[part])[:, None, None]
         energy = np.broadcast_to((source.power[part] / count)[:, None], u.shape[:2])
         _deposit(image, camera, x.reshape(-1, 2), u.reshape(-1, 2), energy.ravel())
 
 
-def _deposit(image: Vector, camera: Plenoptic1, x: Vector, u: Vector, energy: Vector) -> None:
+def _deposit(image: Vector, camera: Plenoptic, x: Vector, u: Vector, energy: Vector) -> None:
     """Add rays from u on the lens to x on the array to the pixels that they meet, in place."""
-    centre, passes = _nearest_lenslet(camera, x)
-    ratio = camera.mla.f / camera.image_distance
-    at = centre + ratio * ((0.0 if camera.field_lens else x) - u)
+    centre, f, passes = _nearest_lenslet(camera, x)
+    z3 = camera.sensor_distance
+    slope = ((0.0 if camera.field_lens else x) - u) / camera.array_distance
+    at = centre + z3 * slope + (1 - z3 / f)[:, None] * (x - centre)
     ny, nx = camera.grid.shape
     place = np.rint((at - camera.grid.origin) / camera.grid.pitch).astype(np.int64)
     place += (ny // 2, nx // 2)
@@ -247,15 +274,16 @@ def _deposit(image: Vector, camera: Plenoptic1, x: Vector, u: Vector, energy: Ve
     image += np.bincount(index, energy[passes], ny * nx).reshape(ny, nx)
 
 
-def _nearest_lenslet(camera: Plenoptic1, x: Vector) -> tuple[Vector, Any]:
-    """Centre of the lenslet of each place (y, x) on the array, and whether light passes it."""
+def _nearest_lenslet(camera: Plenoptic, x: Vector) -> tuple[Vector, Vector, Any]:
+    """Centre and f of the lenslet of each place (y, x) on the array; whether light passes it."""
     mla = camera.mla
     cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
     turned = np.array([[cos, -sin], [sin, cos]])  # (y, x) of the array from those of the lattice
     local = (x - mla.offset) @ turned.T
     ny, nx = mla.count
     best, off = np.zeros_like(local), np.full(len(local), np.inf)
-    inside = np.zeros(len(local), bool)
+    inside, lengths = np.zeros(len(local), bool), np.asarray(mla.focal_lengths)
+    f = np.full(len(local), mla.f)
     near = np.floor(local[:, 0] / mla.row_pitch + (ny - 1) / 2)
     for row in (near, near + 1):
         shift = 0.5 * (row % 2) if mla.lattice == "hexagonal" else 0.0
@@ -268,8 +296,11 @@ def _nearest_lenslet(camera: Plenoptic1, x: Vector) -> tuple[Vector, Any]:
         best[closer], off[closer] = centre[closer], distance[closer]
         there = (row >= 0) & (row < ny) & (column >= 0) & (column < nx)
         inside[closer] = there[closer]
+        q = column - row // 2 if mla.lattice == "hexagonal" else column
+        kind = (q + mla.type_step * row).astype(np.int64) % len(lengths)
+        f[closer] = lengths[kind[closer]]
     passes = inside & _in_aperture(mla, local - best)
-    return best @ turned + mla.offset, passes
+    return best @ turned + mla.offset, f, passes
 
 
 def _in_aperture(mla: Any, from_centre: Vector) -> Any:

@@ -12,7 +12,7 @@ from clplen.wave.elements import thin_lens, transparency
 from clplen.wave.field import Field
 
 if TYPE_CHECKING:
-    from clplen.cameras.plenoptic1 import Plenoptic1
+    from clplen.cameras.plenoptic import Plenoptic
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class SlideWay:
 
     Attributes
     ----------
-    camera : Plenoptic1
+    camera : Plenoptic
     dz : float
         Of the slide, in metres from the focused plane.
     koehler : bool
@@ -31,7 +31,7 @@ class SlideWay:
         stays in the window, else 2.
     """
 
-    camera: Plenoptic1
+    camera: Plenoptic
     dz: float
     koehler: bool
     padding: tuple[int, int]
@@ -52,12 +52,12 @@ class SlideWay:
         return camera.sensor_field(at_array, pad=self.padding[1])
 
 
-def slide_way(camera: Plenoptic1, plane: PicturePlane, koehler: bool) -> SlideWay:
+def slide_way(camera: Plenoptic, plane: PicturePlane, koehler: bool) -> SlideWay:
     """The way of a slide's light, padded where it would leave the window."""
     return SlideWay(camera, plane.dz, koehler, camera.padding(plane.corners()))
 
 
-def slide_field(camera: Plenoptic1, plane: PicturePlane) -> Field:
+def slide_field(camera: Plenoptic, plane: PicturePlane) -> Field:
     """The amplitude transmission of a slide on the grid of a camera.
 
     Its square root is scaled so that a clear sample of the slide, lit by unit intensity, has the
@@ -65,7 +65,7 @@ def slide_field(camera: Plenoptic1, plane: PicturePlane) -> Field:
 
     Parameters
     ----------
-    camera : Plenoptic1
+    camera : Plenoptic
     plane : PicturePlane
 
     Returns

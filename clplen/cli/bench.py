@@ -66,10 +66,12 @@ def bench(
         return
     if sizes and len(chosen) != 1:
         raise click.UsageError("--size belongs to one benchmark: name it.")
+    if profiled and as_json:
+        raise click.UsageError("--profile prints a table, --json is for programs: give one of them.")
     logging.getLogger("clplen").setLevel(logging.WARNING)  # what is read is no news here
     before = files.read(saved) if saved else None
     device = Device.open(selector)
-    where = environment(device)
+    where, busy = environment(device), quiet_enough()
     if not as_json:
         click.echo(f"{table.place(where)}\n")
     reports = []
@@ -83,9 +85,10 @@ def bench(
         click.echo(files.as_json(reports, where))
     if before is not None:
         click.echo(files.compared(reports, before), err=as_json)
-    busy = quiet_enough()
     if busy:
         note(busy)
+    if not reports:
+        raise click.ClickException("Nothing was measured: the memory does not suffice.")
 
 
 def _measured(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
 
 from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.compute.device import Device
 from clplen.config.tables import (
     Count,
@@ -19,18 +20,22 @@ from clplen.config.tables import (
     Switch,
     Table,
     divided,
+    listed,
     of,
     twice,
 )
 from clplen.lightfield.sensor import Sensor
 from clplen.wave.lenslets import MicrolensArray
 
+# What only one kind of camera has.
+KEYS = {"plenoptic1": ("field_lens",), "plenoptic2": ("m", "a_mm", "match")}
+
 
 class MicrolensTable(Table):
     """``[camera.microlenses]``."""
 
     pitch_um: Positive
-    focal_length_mm: Positive
+    focal_length_mm: Annotated[list[Positive], Field(min_length=1), BeforeValidator(listed)]
     count: Annotated[
         tuple[Count, Count], of(2, "one number or [rows, columns]"), BeforeValidator(twice)
     ]
@@ -44,7 +49,7 @@ class MicrolensTable(Table):
         """The array, in SI units."""
         return MicrolensArray(
             self.pitch_um / 1e6,
-            self.focal_length_mm / 1e3,
+            [value / 1e3 for value in self.focal_length_mm],
             count=self.count,
             lattice=self.lattice,
             fill=self.fill,
@@ -57,6 +62,7 @@ class MicrolensTable(Table):
 class CameraTable(Table):
     """``[camera]``."""
 
+    kind: Literal["plenoptic1", "plenoptic2"] = "plenoptic1"
     focal_length_mm: Positive
     wavelength_nm: Positive
     pixels_per_lenslet: Positive
@@ -65,19 +71,41 @@ class CameraTable(Table):
     image_distance_mm: Positive | None = None
     aperture_diameter_mm: Positive | None = None
     field_lens: Switch = False
+    m: Finite | None = None
+    a_mm: Finite | None = None
+    match: Literal["pupil", "cone"] = "pupil"
 
-    def build(self, device: Device) -> Plenoptic1:
+    @model_validator(mode="after")
+    def _keys_of_its_kind(self) -> CameraTable:
+        for kind, keys in KEYS.items():
+            stray = [key for key in keys if key in self.model_fields_set]
+            if stray and self.kind != kind:
+                raise ValueError(f"has {stray[0]}, which belongs to kind = {kind!r}")
+        if self.kind == "plenoptic2" and (self.m is None) == (self.a_mm is None):
+            found = "neither" if self.m is None else "both"
+            raise ValueError(f"needs one of m and a_mm for kind = 'plenoptic2', and has {found}")
+        if self.kind == "plenoptic1" and len(self.microlenses.focal_length_mm) > 1:
+            raise ValueError(
+                "has microlenses of several focal lengths, which need kind = 'plenoptic2'"
+            )
+        return self
+
+    def build(self, device: Device) -> Plenoptic1 | Plenoptic2:
         """The camera, in SI units, on a device."""
-        return PlenopticCamera.type1(
-            focal_length=self.focal_length_mm / 1e3,
-            mla=self.microlenses.build(),
-            wavelength=self.wavelength_nm / 1e9,
-            pixels_per_lenslet=self.pixels_per_lenslet,
-            device=device,
-            object_distance=divided(self.object_distance_mm, 1e3),
-            image_distance=divided(self.image_distance_mm, 1e3),
-            aperture_diameter=divided(self.aperture_diameter_mm, 1e3),
-            field_lens=self.field_lens,
+        shared: dict[str, Any] = {
+            "focal_length": self.focal_length_mm / 1e3,
+            "mla": self.microlenses.build(),
+            "wavelength": self.wavelength_nm / 1e9,
+            "pixels_per_lenslet": self.pixels_per_lenslet,
+            "device": device,
+            "object_distance": divided(self.object_distance_mm, 1e3),
+            "image_distance": divided(self.image_distance_mm, 1e3),
+            "aperture_diameter": divided(self.aperture_diameter_mm, 1e3),
+        }
+        if self.kind == "plenoptic1":
+            return PlenopticCamera.type1(field_lens=self.field_lens, **shared)
+        return PlenopticCamera.type2(
+            m=self.m, a=divided(self.a_mm, 1e3), match=self.match, **shared
         )
 
 

@@ -1,21 +1,28 @@
 """A camera file with comments."""
 
 EXAMPLE = """\
-# A plenoptic camera of type 1, a scene and a sensor: clplen simulate camera.toml -o OUT
+# A plenoptic camera, a scene and a sensor: clplen simulate camera.toml -o OUT
 # A key that begins with # shows its default; a table that begins with # is left out.
 
 [camera]
+# kind = "plenoptic1"           # the array on the main image; or "plenoptic2", a focused camera
 focal_length_mm = 120.0         # main lens
 wavelength_nm = 532.0
 pixels_per_lenslet = 30         # may be fractional
 # object_distance_mm = 240.0    # to the focused plane; default: twice the focal length, or by
-# image_distance_mm = 240.0     # the lens law from the other one; main lens to microlens array
+# image_distance_mm = 240.0     # the lens law from the other one; main lens to its image, where
+                                # the microlens array of a plenoptic1 lies
 # aperture_diameter_mm = 3.6    # default: f-number matched to the lenslets
-# field_lens = false            # a lens at the array that centres every sub-image
+# field_lens = false            # of a plenoptic1: a lens at the array that centres every sub-image
+# m = 0.2                       # needed by a plenoptic2, b/a, < 0: array before the image; or
+# a_mm = 60.0                   # needed by a plenoptic2 without m, from the main image to the array
+# match = "pupil"               # of a plenoptic2, the aperture's: its image, or a lenslet's "cone",
+                                # fills a cell
 
 [camera.microlenses]
 pitch_um = 150.0
-focal_length_mm = 10.0          # also the distance from the array to the sensor
+focal_length_mm = 10.0          # of a plenoptic1 also the distance from the array to the sensor;
+                                # several, [10.0, 11.0], make a multi-focus plenoptic2
 count = 101                     # or [rows, columns]
 fill = "full"                   # or "circular" (default)
 # lattice = "square"            # or "hexagonal"

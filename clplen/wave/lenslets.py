@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -32,8 +33,10 @@ class MicrolensArray:
     ----------
     pitch : float
         Between neighbours of a row, in metres.
-    f : float
-        Focal length of a lenslet in metres, not 0.
+    f : float or sequence of float
+        Focal length of a lenslet in metres, not 0. Several make a multi-focus array: kind
+        (k + s i) mod n on a square lattice of n kinds, s = 1 for 2 and 3 of them, else 2, and
+        (k - i//2 + 2 i) mod 3 on a hexagonal one, which has 3 or 1; neighbours differ.
     count : int or tuple of int
         Lenslets, (ny, nx) or one number for both.
     lattice : {"square", "hexagonal"}
@@ -46,6 +49,13 @@ class MicrolensArray:
     rotation : float
         In radians; positive turns +x towards +y (y down).
 
+    Attributes
+    ----------
+    f : float
+        The focal length, or the first of several.
+    focal_lengths : tuple of float
+        Of the kinds of lenslets, all different.
+
     Raises
     ------
     ValueError
@@ -54,6 +64,7 @@ class MicrolensArray:
 
     pitch: float
     f: float
+    focal_lengths: tuple[float, ...]
     count: tuple[int, int]
     lattice: str
     fill: str
@@ -64,7 +75,7 @@ class MicrolensArray:
     def __init__(
         self,
         pitch: float,
-        f: float,
+        f: float | Sequence[float],
         *,
         count: int | tuple[int, int],
         lattice: Literal["square", "hexagonal"] = "square",
@@ -78,12 +89,11 @@ class MicrolensArray:
         counts = np.broadcast_to(np.asarray(count), (2,))
         if not (math.isfinite(pitch) and pitch > 0):
             raise ValueError(f"The pitch of lenslets is positive, in metres, not {pitch!r}.")
-        if not math.isfinite(f) or f == 0:
-            raise ValueError(f"The focal length of lenslets is finite and not 0, not {f!r}.")
         if any(int(n) != n or n < 1 for n in counts):
             raise ValueError(f"The count of lenslets is positive integers (ny, nx), not {count!r}.")
         if lattice not in ("square", "hexagonal"):
             raise ValueError(f"lattice is 'square' or 'hexagonal', not {lattice!r}.")
+        lengths = _focal_lengths(f, lattice)
         if fill not in ("circular", "full"):
             raise ValueError(f"fill is 'circular' or 'full', not {fill!r}.")
         if not (np.isfinite(offset).all() and np.shape(offset) == (2,) and math.isfinite(rotation)):
@@ -99,7 +109,8 @@ class MicrolensArray:
             )
         values = {
             "pitch": float(pitch),
-            "f": float(f),
+            "f": lengths[0],
+            "focal_lengths": lengths,
             "count": (int(counts[0]), int(counts[1])),
             "lattice": lattice,
             "fill": fill,
@@ -123,6 +134,20 @@ class MicrolensArray:
             return (ny * self.pitch, nx * self.pitch)
         height = (ny - 1) * self.row_pitch + 2 * self.pitch / math.sqrt(3)
         return (height, (nx + (0.5 if ny > 1 else 0.0)) * self.pitch)
+
+    @property
+    def type_step(self) -> int:
+        """s: by how much the kind changes from a lenslet to its neighbour below (hexagonal: right).
+
+        Lenslet (i, k) is of the kind (q + s i) mod n, q = k, or k - i//2 on a hexagonal lattice.
+        """
+        return 2 if self.lattice == "hexagonal" or len(self.focal_lengths) > 3 else 1
+
+    def types(self) -> np.ndarray:
+        """The kind of every lenslet, an index into ``focal_lengths``, shape (ny, nx)."""
+        i, k = np.indices(self.count)
+        q = k - i // 2 if self.lattice == "hexagonal" else k
+        return np.asarray((q + self.type_step * i) % len(self.focal_lengths))
 
     def centres(self) -> np.ndarray:
         """Centres (y, x) of the lenslets in metres, shape (ny, nx, 2)."""
@@ -161,7 +186,8 @@ class MicrolensArray:
                 f"The lenslets' pitch of {self.pitch:g} m is {self.pitch / largest:.3g} samples of "
                 f"{largest:g} m; at least {SMALLEST_PITCH} are needed: sample more finely."
             )
-        check_lens_sampling(field.grid, self.f, self.diameter / 2, field.wavelength, aliasing)
+        steepest = min(self.focal_lengths, key=abs)
+        check_lens_sampling(field.grid, steepest, self.diameter / 2, field.wavelength, aliasing)
         return multiply(field, self.transmission(field.grid, field.wavelength, field.device))
 
     def transmission(self, grid: Grid, wavelength: float, device: Device) -> cla.Array:
@@ -178,6 +204,8 @@ class MicrolensArray:
         defines = device.wave_defines()
         defines |= {"HEXAGONAL": True} if self.lattice == "hexagonal" else {}
         defines |= {"FULL": True} if self.fill == "full" else {}
+        defines |= {"TYPES": len(self.focal_lengths), "TYPE_STEP": self.type_step}
+        turns = self.pitch**2 / (2 * wavelength * np.asarray(self.focal_lengths))
         kernel = device.kernel("lenslets.cl", "lenslets", **defines)
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         device.launch_rows(
@@ -185,7 +213,7 @@ class MicrolensArray:
             grid.shape,
             out,
             *(device.upload(t) for t in self._lattice_tables(grid, device)),
-            real(self.pitch**2 / (2 * wavelength * self.f)),
+            device.upload(turns.astype(device.real)),
             real(self.diameter / self.pitch / 2),
             np.array([cos, sin], device.real),
             real(self.rotation),
@@ -211,3 +239,18 @@ class MicrolensArray:
             -x * sin / self.row_pitch,
         )
         return [whole_and_part(v, device.real) for v in values]
+
+
+def _focal_lengths(f: float | Sequence[float], lattice: str) -> tuple[float, ...]:
+    """The focal lengths of an array, checked."""
+    lengths = tuple(float(one) for one in np.atleast_1d(np.asarray(f, np.float64)).ravel())
+    if not lengths or not all(math.isfinite(one) and one != 0 for one in lengths):
+        raise ValueError(f"The focal length of lenslets is finite and not 0, not {f!r}.")
+    if len(set(lengths)) < len(lengths):
+        raise ValueError(f"The focal lengths of a multi-focus array differ, unlike {f!r}.")
+    if lattice == "hexagonal" and len(lengths) not in (1, 3):
+        raise ValueError(
+            f"A hexagonal array has lenslets of one kind or of three, not {len(lengths)}: its "
+            "neighbours would be alike."
+        )
+    return lengths

@@ -65,3 +65,31 @@ def test_gaps_and_oblong_samples(device, lattice, fill):
 def test_double_precision(precise, lattice):
     got, expected = both(precise, shape=(33, 46), count=(3, 4), lattice=lattice, rotation=0.1)
     check(got, expected, phase=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("lattice", "lengths"),
+    [
+        ("square", (2.5e-3, -3e-3)),
+        ("square", (2.5e-3, 2.2e-3, 3e-3, 4e-3)),
+        ("hexagonal", (2.5e-3, 3.5e-3, 2.8e-3)),
+    ],
+)
+def test_several_focal_lengths(device, lattice, lengths):
+    """Every sample has the phase of a whole array of its nearest lenslet's kind."""
+    grid = Grid((40, 39), DX, origin=(DX / 2, 0))
+    p, lay = 9.37 * DX, {"count": (4, 3), "lattice": lattice, "fill": "full", "rotation": 0.2}
+    array = MicrolensArray(p, lengths, **lay)
+    one = Field.from_array(np.ones(grid.shape), grid, wavelength=WAVELENGTH, device=device)
+    got = array.apply(one).to_numpy()
+    y, x = np.meshgrid(grid.y, grid.x, indexing="ij")
+    away = [(y - cy) ** 2 + (x - cx) ** 2 for cy, cx in array.centres().reshape(-1, 2)]
+    kind = array.types().ravel()[np.argmin(away, axis=0)]
+    assert set(kind.ravel()) == set(range(len(lengths)))
+    each = [
+        reference.microlens_array(
+            grid.shape, grid.pitch, pitch=p, f=f, wavelength=WAVELENGTH, origin=grid.origin, **lay
+        )
+        for f in lengths
+    ]
+    check(got, np.choose(kind, each), phase=1e-5)

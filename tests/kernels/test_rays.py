@@ -41,7 +41,34 @@ def test_a_raw_image_is_that_of_all_rays(words: Any, device: Device) -> None:
         focal_length=0.01, mla=mla, wavelength=700e-9, pixels_per_lenslet=6.3, device=device,
         field_lens=field_lens, aperture_diameter=0.26e-3,
     )  # fmt: skip
+    check(camera)
+
+
+@pytest.mark.parametrize(
+    ("f", "words"),
+    [
+        (10e-3, {"m": 0.5, "fill": "full"}),
+        (10e-3, {"m": -0.3, "lattice": "hexagonal", "rotation": 0.07}),
+        ((10e-3, 12e-3), {"m": -0.4, "fill": "full", "offset": (2e-5, -3e-5)}),
+        ((10e-3, 8e-3, 13e-3), {"m": 0.9, "lattice": "hexagonal", "rotation": -0.2}),
+    ],
+)
+def test_a_focused_raw_image_is_that_of_all_rays(f: Any, words: Any, device: Device) -> None:
+    mla = MicrolensArray(
+        150e-6, f, count=(3, 4), **{name: value for name, value in words.items() if name != "m"}
+    )
+    check(
+        PlenopticCamera.type2(
+            focal_length=0.05, mla=mla, wavelength=700e-9, pixels_per_lenslet=6.3, device=device,
+            aperture_diameter=0.4e-3, m=words["m"],
+        )
+    )  # fmt: skip
+
+
+def check(camera: Any) -> None:
+    mla = camera.mla
     raw = camera.expose(SCENE, model="rays").to_numpy()
+    assert raw.max() > 0.04
     samples = sample_rays(mla, count=SAMPLES).astype(np.float64)
     expected = reference.camera_image(camera, SCENE, samples)
     error = np.abs(raw - expected)

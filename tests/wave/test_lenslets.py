@@ -46,6 +46,10 @@ def test_aliased_lenslets(device):
         ({"diameter": 2e-4}, "between 0 and its pitch"),
         ({"count": (3, 3, 3)}, "one number or"),
         ({"rotation": np.nan}, "all finite"),
+        ({"f": ()}, "focal length of lenslets is finite"),
+        ({"f": (1e-2, 0)}, "focal length of lenslets is finite"),
+        ({"f": (1e-2, 2e-2, 1e-2)}, "multi-focus array differ"),
+        ({"f": (1e-2, 2e-2), "lattice": "hexagonal"}, "one kind or of three, not 2"),
         ({"offset": (np.nan, 0)}, "all finite"),
     ],
 )
@@ -71,3 +75,39 @@ def test_transmission_is_kept(device):
     hits = device.plans.hits
     array.apply(ones(grid, device))
     assert device.plans.hits == hits + 1
+
+
+@pytest.mark.parametrize(
+    ("lattice", "kinds"),
+    [("square", 2), ("square", 3), ("square", 4), ("square", 5), ("hexagonal", 3)],
+)
+def test_neighbours_differ_in_focal_length_and_kinds_are_as_many(lattice, kinds):
+    lengths = tuple(1e-2 * (1 + n) for n in range(kinds))
+    array = MicrolensArray(1.0, lengths, count=(20, 20), lattice=lattice)
+    assert (array.f, array.focal_lengths) == (1e-2, lengths)
+    kind, place = array.types().ravel(), array.centres().reshape(-1, 2)
+    apart = np.hypot(*(place[:, None] - place[None]).transpose(2, 0, 1))
+    near = (apart > 0) & (apart < 1.01)
+    assert (kind[:, None] != kind[None])[near].all()
+    alike = apart[(kind[:, None] == kind[None]) & (apart > 0)].min()
+    assert alike > {2: 1.4, 3: 1.4, 4: 1.9, 5: 2.2}[kinds] * (1.2 if lattice == "hexagonal" else 1)
+    assert np.ptp(np.bincount(kind)) <= 0.1 * 400 / kinds
+    # a type's own lattice: the same steps lead from any of its lenslets to others of it
+    mine = place[kind == 1]
+    middle = mine[np.hypot(*(mine - place.mean(0)).T).argmin()]
+    steps = mine[np.hypot(*(mine - middle).T) < 4] - middle
+    for start in mine[np.abs(mine - place.mean(0)).max(1) < 4]:
+        reached = np.hypot(*(mine[None] - (start + steps)[:, None]).transpose(2, 0, 1)).min(1)
+        assert reached.max() < 1e-9
+
+
+def test_one_focal_length_in_a_sequence_is_one():
+    assert MicrolensArray(1e-4, [1e-2], count=3) == MicrolensArray(1e-4, 1e-2, count=3)
+
+
+def test_the_shortest_focal_length_counts_for_aliasing(device):
+    grid = Grid((64, 64), 5e-6)
+    fine = 2 * 75e-6 * 5e-6 / LAM * 1.01
+    MicrolensArray(150e-6, (fine, 2 * fine), count=2).apply(ones(grid, device))
+    with pytest.raises(SamplingError, match="R_max"):
+        MicrolensArray(150e-6, (2 * fine, 0.9 * fine), count=2).apply(ones(grid, device))

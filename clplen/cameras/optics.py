@@ -1,0 +1,223 @@
+"""Lengths and rays of the plenoptic cameras: a main lens, an array of lenslets, a sensor.
+
+They differ in two distances: z2, main lens to array, and z3, array to sensor. A point at dz whose
+image through the main lens lies at F' puts a ray from u on the lens to
+
+    x = X + u (1 - beta),   beta = z2/F' = alpha z2/F,   X = -(x, y) z2/(object distance + dz)
+
+on the array, with the slope (X - beta u)/z2; X is where the chief ray, u = 0, meets the array. The
+lenslet centred at c sends the ray on to s = x + z3 ((x - u)/z2 - (x - c)/f) on the sensor, and the
+chief ray of a lenslet (x = c, u = 0) to c (1 + z3/z2).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clplen.cameras.describe import Description
+from clplen.compute.device import Device
+from clplen.wave.field import Grid
+from clplen.wave.lenslets import MicrolensArray
+
+
+@dataclass(frozen=True)
+class Optics(ABC):
+    """A plenoptic camera as lengths and rays.
+
+    Attributes
+    ----------
+    focal_length, object_distance, image_distance, aperture_diameter : float
+        Main lens: f, lens to focused object plane, F (lens to that plane's image), D; in metres.
+    mla : MicrolensArray
+    wavelength : float
+        In metres.
+    pixels_per_lenslet : float
+    pixel_pitch : float
+        In metres.
+    grid : Grid
+        Of the sensor, and of every plane of the simulation.
+    field_lens : bool
+        Whether a lens of focal length z2 lies at the array (exit pupil at infinity).
+    device : Device
+    """
+
+    focal_length: float
+    object_distance: float
+    image_distance: float
+    aperture_diameter: float
+    mla: MicrolensArray
+    wavelength: float
+    pixels_per_lenslet: float
+    pixel_pitch: float
+    grid: Grid
+    field_lens: bool
+    device: Device
+
+    @property
+    @abstractmethod
+    def array_distance(self) -> float:
+        """z2 in metres, from the main lens to the array."""
+
+    @property
+    @abstractmethod
+    def sensor_distance(self) -> float:
+        """z3 in metres, from the array to the sensor."""
+
+    @abstractmethod
+    def describe(self) -> Description:
+        """Derived parameters; see `Description`."""
+
+    @property
+    def lenslet_pitch(self) -> float:
+        """p in metres."""
+        return self.mla.pitch
+
+    @property
+    def lenslet_diameter(self) -> float:
+        """d in metres."""
+        return self.mla.diameter
+
+    @property
+    def lenslet_focal_length(self) -> float:
+        """f_mu in metres; of several kinds of lenslets the first."""
+        return self.mla.f
+
+    @property
+    def lenslet_fill(self) -> str:
+        """Aperture of a lenslet: "circular", a disc, or "full", the cell of the lattice."""
+        return self.mla.fill
+
+    @property
+    def lenslet_lattice(self) -> str:
+        """Lattice of the lenslets, "square" or "hexagonal"."""
+        return self.mla.lattice
+
+    def alpha(self, dz: Any) -> Any:
+        """alpha = F/F' = F (1/f - 1/(object distance + dz)) of an object at dz.
+
+        Parameters
+        ----------
+        dz : float or array_like
+            In metres, > 0 farther from the lens than the focused plane.
+
+        Returns
+        -------
+        float or numpy.ndarray
+
+        Raises
+        ------
+        ValueError
+            If the object does not lie in front of the lens.
+        """
+        z = self.object_distance + np.asarray(dz, np.float64)
+        if not (z > 0).all():
+            raise ValueError(
+                f"dz = {dz!r} m lies behind the lens, {self.object_distance:g} m from the plane."
+            )
+        alpha = self.image_distance * (1 / self.focal_length - 1 / z)
+        return float(alpha) if alpha.ndim == 0 else alpha
+
+    def dz(self, alpha: Any) -> Any:
+        """The inverse of `alpha`, in metres; infinite at F/f, NaN beyond."""
+        rest = 1 / self.focal_length - np.asarray(alpha, np.float64) / self.image_distance
+        with np.errstate(divide="ignore", invalid="ignore"):
+            z = np.where(rest >= 0, 1 / np.maximum(rest, 0), np.nan) - self.object_distance
+        return float(z) if z.ndim == 0 else z
+
+    def array_alpha(self, dz: Any) -> Any:
+        """beta = z2/F', the ratio `alpha` of an object at dz on the array's plane in place of F."""
+        return self.alpha(dz) * (self.array_distance / self.image_distance)
+
+    def image_of(self, positions: Any) -> np.ndarray[Any, Any]:
+        """Where points are imaged on the plane F, (x, y) = -(x, y) F/(object distance + dz).
+
+        Parameters
+        ----------
+        positions : array_like
+            (x, y, dz) in metres, shape (n, 3).
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (n, 2), metres. Along the chief ray, where a point is not focused there.
+        """
+        return self.on_array(positions) * (self.image_distance / self.array_distance)
+
+    def on_array(self, positions: Any) -> np.ndarray[Any, Any]:
+        """Where chief rays of points meet the array, X = -(x, y) z2/(object distance + dz).
+
+        Parameters
+        ----------
+        positions : array_like
+            (x, y, dz) in metres, shape (n, 3).
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (n, 2), metres.
+        """
+        places = np.atleast_2d(np.asarray(positions, np.float64))
+        return np.asarray(places[:, :2] * self.array_scale(places[:, 2])[:, None])
+
+    def array_scale(self, dz: Any) -> Any:
+        """-z2/(object distance + dz): a place on the array over that of its object."""
+        return -self.array_distance / (self.object_distance + np.asarray(dz, np.float64))
+
+    @property
+    def sub_image_scale(self) -> float:
+        """1 + z3/z2, how much farther apart than the lenslets their sub-images lie."""
+        return 1.0 if self.field_lens else 1 + self.sensor_distance / self.array_distance
+
+    def spread(self, dz: Any) -> Any:
+        """How far a point's light reaches on the sensor from X `sub_image_scale`, in metres.
+
+        s - X (1 + z3/z2) = u (1 - beta (1 + z3/z2)) - z3 (x - c)/f, u up to D/2 and x - c to d/2;
+        with a field lens u (1 - beta - z3/z2) in the first place.
+        """
+        behind = self.sensor_distance / self.array_distance
+        beta = self.array_alpha(dz)
+        moved = np.abs(1 - beta - behind * (1 if self.field_lens else beta))
+        steepest = self.mla.diameter / (2 * min(self.mla.focal_lengths))
+        return moved * self.aperture_diameter / 2 + self.sensor_distance * steepest
+
+    def ray_matrix(self, dz: float = 0.0, *, lens_type: int = 0) -> np.ndarray[Any, Any]:
+        """ABCD matrix of a lenslet, from the image of the plane dz to the sensor.
+
+        Of (place from the lenslet's axis in metres, slope): free space b after a thin lens after
+        free space a' (Georgiev and Lumsdaine 2010, "Focused plenoptic camera and rendering"),
+
+            [[1 - b/f, a' + b - a' b/f], [-1/f, 1 - a'/f]],    a' = z2 - F', b = z3.
+
+        In focus (1/a' + 1/b = 1/f) it is [[-m, 0], [-1/f, -1/m]], m = b/a'; a 1.0 camera in focus
+        has [[0, f], [-1/f, 1]]. The determinant is 1.
+
+        Parameters
+        ----------
+        dz : float
+            Of the object in metres from the focused plane.
+        lens_type : int
+            Which of the array's focal lengths.
+
+        Returns
+        -------
+        numpy.ndarray
+            float64, shape (2, 2).
+
+        Raises
+        ------
+        ValueError
+            If the array has no such lens type, or dz lies behind the main lens or at its focus.
+        """
+        kinds = self.mla.focal_lengths
+        if not 0 <= lens_type < len(kinds):
+            raise ValueError(f"The array has lens types 0 to {len(kinds) - 1}, not {lens_type!r}.")
+        alpha = self.alpha(dz)
+        if abs(alpha) < 1e-12:
+            raise ValueError(f"An object at dz = {dz:g} m is imaged at infinity: move it.")
+        f, b = kinds[lens_type], self.sensor_distance
+        a = self.array_distance - self.image_distance / alpha
+        return np.array([[1 - b / f, a + b - a * b / f], [-1 / f, 1 - a / f]])

@@ -1,0 +1,180 @@
+"""The focused plenoptic camera (2.0): every lenslet takes a small picture of the main image.
+
+A lenslet of focal length f images the main lens' image, a before the array (a > 0, Keplerian) or
+behind it (a < 0, Galilean, a virtual object), onto the sensor b behind the array, 1/a + 1/b = 1/f,
+magnified by m = b/a:  a = f (1 + 1/m), b = f (1 + m)  (Lumsdaine and Georgiev 2009, "The focused
+plenoptic camera"). The point X of the main image appears under the lenslet at c at c + m (c - X).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from clplen.cameras.describe import Description, Row
+from clplen.cameras.plenoptic import Plenoptic
+from clplen.wave.lenslets import MicrolensArray
+
+
+@dataclass(frozen=True)
+class Plenoptic2(Plenoptic):
+    """A plenoptic 2.0 camera. Made by `PlenopticCamera.type2`.
+
+    Attributes
+    ----------
+    m : float
+        b/a, magnification of the lenslets (of the first kind in a multi-focus array): > 0
+        Keplerian, < 0 Galilean.
+    others
+        Those of `Optics`; ``image_distance`` is F, main lens to its image of the focused plane.
+    """
+
+    m: float
+
+    @property
+    def a(self) -> float:
+        """f (1 + 1/m) in metres, from the main lens' image to the array; < 0: Galilean."""
+        return self.mla.f * (1 + 1 / self.m)
+
+    @property
+    def b(self) -> float:
+        """f (1 + m) in metres, from the array to the sensor."""
+        return self.mla.f * (1 + self.m)
+
+    @property
+    def array_distance(self) -> float:
+        """z2 = F + a in metres, from the main lens to the array."""
+        return self.image_distance + self.a
+
+    @property
+    def sensor_distance(self) -> float:
+        """z3 = b in metres, from the array to the sensor."""
+        return self.b
+
+    @property
+    def patch_size(self) -> float:
+        """abs(m) p F/(z2 dx): pixels of each sub-image that tile the main image without a seam.
+
+        Neighbours' chief rays, p apart on the array, are p F/z2 apart on the image.
+        """
+        seen = self.mla.pitch * self.image_distance / self.array_distance
+        return abs(self.m) * seen / self.pixel_pitch
+
+    @property
+    def views(self) -> float:
+        """D abs(a)/(F p): lenslets in a row that see a point in focus.
+
+        1/abs(m) where the aperture is matched to the cone, p F/b, and abs(1 + a/F) times that where
+        it is matched to the pupil, p z2/b.
+        """
+        blur = self.aperture_diameter * abs(self.a) / self.image_distance
+        return blur / self.mla.pitch
+
+    def describe(self) -> Description:
+        """Derived parameters; see `Description`."""
+        p, d, lam = self.mla.pitch, self.mla.diameter, self.wavelength
+        kind = "Keplerian" if self.m > 0 else "Galilean"
+        where = "behind" if self.m > 0 else "before"
+        ny, nx = self.grid.shape
+        rows = (
+            Row("focal length", self.focal_length, "m", "main lens"),
+            Row("object distance", self.object_distance, "m", "focused plane to main lens"),
+            Row("image distance", self.image_distance, "m", "F, main lens to its image"),
+            Row("array distance", self.array_distance, "m", f"z2 = F + a, {where} the image"),
+            Row("a", self.a, "m", "image to array"),
+            Row("b", self.b, "m", "array to sensor"),
+            Row("m", self.m, "", "b/a, magnification of a lenslet"),
+            Row("aperture", self.aperture_diameter, "m", "D, main lens"),
+            Row("f-number", self.focal_length / self.aperture_diameter, "", "f/D"),
+            Row(
+                "working f-number",
+                self.array_distance / self.aperture_diameter,
+                "",
+                f"z2/D; a lenslet has b/p = {self.b / p:.6g}",
+            ),
+            Row("lenslets", self.mla.count[1], "", f"a row, {self.mla.count[0]} rows"),
+            Row("lenslet pitch", p, "m", f"{self.pixels_per_lenslet:.6g} pixels"),
+            *_focal_rows(self.mla),
+            Row("pixel pitch", self.pixel_pitch, "m", f"sensor {ny} x {nx}"),
+            Row("pixel on the image", self.pixel_pitch / abs(self.m), "m", "dx/m"),
+            Row("patch size", self.patch_size, "", "pixels, abs(m) p F/(z2 dx)"),
+            Row("views", self.views, "", "lenslets in a row that see a point, D abs(a)/(F p)"),
+            Row("spot width", 0.886 * lam * self.b / d, "m", "on the sensor, .886 lam b/d"),
+            Row("cut-off", d / (lam * abs(self.a)), "1/m", "of the main image, d/(lam a)"),
+        )
+        return Description(f"Plenoptic 2.0 camera, {kind}", rows)
+
+
+def _focal_rows(mla: MicrolensArray) -> tuple[Row, ...]:
+    """The focal length, or those of all kinds."""
+    if len(mla.focal_lengths) == 1:
+        return (Row("lenslet focal length", mla.f, "m", "f_mu"),)
+    return tuple(
+        Row(f"lenslet focal length {n}", f, "m", "f_mu of one kind")
+        for n, f in enumerate(mla.focal_lengths)
+    )
+
+
+def magnification(f: float, m: float | None, a: float | None) -> float:
+    """m of a 2.0 camera of which m or a is given.
+
+    Parameters
+    ----------
+    f : float
+        Of the lenslets in metres.
+    m, a : float or None
+        One of them.
+
+    Returns
+    -------
+    float
+        Above -1, not 0.
+
+    Raises
+    ------
+    ValueError
+        If both or none are given, or no real image falls on the sensor.
+    """
+    if (m is None) == (a is None):
+        raise ValueError(
+            f"A 2.0 camera has either m or a, and m = {m!r}, a = {a!r}: give exactly one of them."
+        )
+    if a is not None:
+        if not math.isfinite(a) or 0 <= a <= f:
+            raise ValueError(
+                f"a = {a!r} m lies within the lenslets' focal length of {f:g} m, where they form "
+                "no real image: use a > f (Keplerian) or a < 0 (Galilean)."
+            )
+        return f / (a - f)
+    assert m is not None
+    if not math.isfinite(m) or m == 0:
+        raise ValueError(
+            f"m = b/a is finite and not 0, not {m!r}: use m > 0 (Keplerian) or -1 < m < 0."
+        )
+    if m <= -1:
+        raise ValueError(
+            f"m = {m!r} puts the sensor at b = f (1 + m) = {f * (1 + m):g} m, not behind the "
+            "array: use m > -1."
+        )
+    return m
+
+
+def matched_aperture(match: str, *, pitch: float, F: float, z2: float, b: float) -> float:
+    """D of the main lens in metres.
+
+    "pupil": p z2/b, the image of the pupil fills a cell of the array. "cone": p F/b, a lenslet's
+    cone as seen from the main image.
+
+    Raises
+    ------
+    ValueError
+        For another match, or an array that would lie before the main lens.
+    """
+    if match not in ("pupil", "cone"):
+        raise ValueError(f"match is 'pupil' or 'cone', not {match!r}.")
+    if not z2 > 0:
+        raise ValueError(
+            f"a = {z2 - F:g} m puts the array {-z2:g} m before the main lens, whose image lies at "
+            f"{F:g} m: use a larger abs(m), or lenslets of a shorter focal length."
+        )
+    return pitch * (z2 if match == "pupil" else F) / b

@@ -1,0 +1,218 @@
+"""Point spread functions against the closed forms of circular and square apertures."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from reference_closed import airy
+from scipy.optimize import brentq
+from scipy.special import j0, j1
+
+from clplen.analysis.psf import PSF
+from clplen.errors import ShapeError
+from clplen.wave.field import Grid
+
+UNIT = 3e-6  # lam F/D in metres; the incoherent Nyquist pitch is half of it
+CENTRE = (4.1e-6, -2.7e-6)
+# (shape, pitch in units, origin in metres): odd, even, prime, rectangular, dy != dx, off-centre
+WINDOWS = [
+    ((201, 163), (0.31, 0.42), (0.5e-6, -0.3e-6)),
+    ((160, 240), (0.45, 0.23), (-1.7e-6, 0.0)),
+]
+Window = tuple[tuple[int, int], tuple[float, float], tuple[float, float]]
+
+
+def grid_of(window: Window) -> Grid:
+    shape, (dy, dx), origin = window
+    return Grid(shape, (dy * UNIT, dx * UNIT), origin=origin)
+
+
+def airy_psf(window: Window) -> PSF:
+    """(2 J1(v)/v)^2, v = pi r/UNIT, about CENTRE; its integral is 4/pi UNIT^2."""
+    grid = grid_of(window)
+    r = np.hypot.outer(grid.y - CENTRE[0], grid.x - CENTRE[1]) / UNIT
+    return PSF(7 * airy(np.pi * r) ** 2, grid.pitch, grid.origin)
+
+
+def square_psf(window: Window) -> PSF:
+    """sinc^2 along both axes; its integral is UNIT^2."""
+    grid = grid_of(window)
+    y, x = (np.sinc((c - m) / UNIT) ** 2 for c, m in zip((grid.y, grid.x), CENTRE, strict=True))
+    return PSF(np.multiply.outer(y, x), grid.pitch, grid.origin)
+
+
+def gaussian(window: Window, sigma: tuple[float, float]) -> PSF:
+    grid = grid_of(window)
+    lines = [
+        np.exp(-((c - m) ** 2) / (2 * s**2))
+        for c, m, s in zip((grid.y, grid.x), CENTRE, sigma, strict=True)
+    ]
+    return PSF(np.multiply.outer(*lines), grid.pitch, grid.origin)
+
+
+@pytest.mark.parametrize("window", WINDOWS)
+def test_the_centroid_of_the_intensity_squared_is_the_centre(window: Window) -> None:
+    for psf in (airy_psf(window), square_psf(window)):  # tails end with the window: 1e-5 of UNIT
+        np.testing.assert_allclose(psf.centroid(), CENTRE, atol=1e-4 * UNIT)
+    wide = gaussian(window, (1.9 * UNIT, 1.1 * UNIT))
+    np.testing.assert_allclose(wide.centroid(1), CENTRE, atol=1e-9 * UNIT)
+    np.testing.assert_allclose(wide.centroid(), CENTRE, atol=1e-9 * UNIT)
+
+
+def test_plain_moments_follow_the_tails_and_squares_do_not() -> None:
+    shape, pitch, _ = WINDOWS[0]
+    near, far = (airy_psf((shape, pitch, (o, 0.0))) for o in (0.0, 20 * UNIT))
+    assert abs(far.centroid(1)[0] - near.centroid(1)[0]) > 0.02 * UNIT
+    assert abs(far.centroid()[0] - near.centroid()[0]) < 1e-4 * UNIT
+
+
+@pytest.mark.parametrize("window", WINDOWS)
+def test_the_peak_lies_between_samples(window: Window) -> None:
+    assert airy_psf(window).peak == pytest.approx(7, rel=1e-5)  # 1/512 sample, and the window
+    assert square_psf(window).peak == pytest.approx(1, rel=1e-5)
+    assert airy_psf(window).values.max() < 6.97
+
+
+@pytest.mark.parametrize("window", WINDOWS)
+@pytest.mark.parametrize("axis", [0, 1])
+def test_widths_at_half_maximum(window: Window, axis: int) -> None:
+    # straight lines between 16 samples for one: 5e-4 at the coarsest pitch of .45
+    assert airy_psf(window).fwhm(axis) == pytest.approx(1.028994 * UNIT, rel=6e-4)
+    assert square_psf(window).fwhm(axis) == pytest.approx(0.885893 * UNIT, rel=6e-4)
+    sigma = (1.9 * UNIT, 1.1 * UNIT)
+    width = 2 * math.sqrt(2 * math.log(2)) * sigma[axis]
+    assert gaussian(window, sigma).fwhm(axis) == pytest.approx(width, rel=2e-4)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("oversampling", [1, 5])
+def test_profiles_and_line_spreads_of_a_gaussian(axis: int, oversampling: int) -> None:
+    sigma = (1.9 * UNIT, 1.1 * UNIT)
+    psf = gaussian(WINDOWS[0], sigma)
+    x, line = psf.profile(axis, oversampling=oversampling)
+    expected = np.exp(-((x - CENTRE[axis]) ** 2) / (2 * sigma[axis] ** 2))
+    np.testing.assert_allclose(line, expected, atol=1e-9)
+    assert x.size == (psf.values.shape[axis] - 1) * oversampling + 1
+    again, spread = psf.line_spread(axis, oversampling=oversampling)
+    np.testing.assert_array_equal(again, x)
+    other = math.sqrt(2 * math.pi) * sigma[1 - axis]
+    np.testing.assert_allclose(spread, other * expected, atol=1e-9 * other)
+    beside = (CENTRE[0] + sigma[0], CENTRE[1] + sigma[1])
+    _, lower = psf.profile(axis, centre=beside, oversampling=oversampling)
+    np.testing.assert_allclose(lower, math.exp(-0.5) * expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("window", WINDOWS)
+def test_encircled_energy_of_airy_s_pattern(window: Window) -> None:
+    # 1 - J0^2 - J1^2 (Born and Wolf 1999, section 8.5, eq. 18), its tails cut by the window
+    psf, total = airy_psf(window), 7 * 4 / np.pi * UNIT**2
+    r = np.array([[0.0, 0.3, 0.6], [1.2197, 2.0, 6.1]])
+    held = psf.encircled_energy(r * UNIT, total=total)
+    v = np.pi * r
+    np.testing.assert_allclose(held, 1 - j0(v) ** 2 - j1(v) ** 2, atol=3e-6)
+    assert psf.energy / total == pytest.approx(0.993, abs=5e-3)
+    of_window = psf.encircled_energy(UNIT)
+    assert of_window == pytest.approx((1 - j0(np.pi) ** 2 - j1(np.pi) ** 2) * total / psf.energy)
+    assert isinstance(of_window, float)
+
+
+def test_the_radius_holds_its_share() -> None:
+    psf, total = airy_psf(WINDOWS[0]), 7 * 4 / np.pi * UNIT**2
+    for share in (0.5, 0.8378, 0.9):
+        r = brentq(lambda r, s=share: 1 - j0(np.pi * r) ** 2 - j1(np.pi * r) ** 2 - s, 0.01, 5)
+        assert psf.radius(share, total=total) == pytest.approx(r * UNIT, rel=1e-4)
+
+
+def test_ensquared_energy_of_a_gaussian_and_of_a_square_aperture() -> None:
+    sigma = (1.9 * UNIT, 1.1 * UNIT)
+    psf = gaussian(WINDOWS[1], sigma)
+    widths = np.array([0.0, 2.0, 4.7]) * UNIT
+    inside = [math.erf(w / (8**0.5 * sigma[0])) * math.erf(w / (8**0.5 * sigma[1])) for w in widths]
+    np.testing.assert_allclose(psf.ensquared_energy(widths), inside, atol=1e-9)
+    moved = (CENTRE[0] + sigma[0], CENTRE[1])
+    w = 2 * sigma[0]
+    of_y = math.erf(2 / 2**0.5) / 2  # from the Gaussian's middle to 2 sigma
+    of_x = math.erf(w / (8**0.5 * sigma[1]))
+    assert psf.ensquared_energy(w, centre=moved) == pytest.approx(of_y * of_x, abs=1e-9)
+    square = square_psf(WINDOWS[0])  # 0.9028 of a sinc^2 lies in its main lobe, per axis
+    held = square.ensquared_energy(2 * UNIT, total=UNIT**2)
+    assert held == pytest.approx(0.902823**2, abs=1e-5)
+
+
+def test_strehl_is_the_ratio_of_peaks_of_equal_energy() -> None:
+    sharp = gaussian(WINDOWS[0], (1.2 * UNIT, 0.8 * UNIT))
+    blunt = gaussian(WINDOWS[1], (1.8 * UNIT, 1.0 * UNIT))
+    brighter = PSF(3.7 * blunt.values, blunt.pitch, blunt.origin)
+    # a Gaussian of these widths goes through half a cycle a sample with less than 1e-6
+    assert brighter.strehl(sharp) == pytest.approx(1.2 * 0.8 / (1.8 * 1.0), rel=1e-5)
+
+
+@pytest.mark.parametrize("shape", [(9, 12), (14, 7)])
+def test_a_window_keeps_its_coordinates(shape: tuple[int, int]) -> None:
+    psf = gaussian(WINDOWS[0], (1.9 * UNIT, 1.1 * UNIT))
+    part = psf.cut(CENTRE, shape)
+    assert part.values.shape == shape
+    for axis in (0, 1):
+        middle = part.coordinates(axis)[shape[axis] // 2]
+        assert abs(middle - CENTRE[axis]) <= psf.pitch[axis] / 2
+    y, x = np.meshgrid(part.coordinates(0), part.coordinates(1), indexing="ij")
+    expected = np.exp(
+        -((y - CENTRE[0]) ** 2) / (2 * (1.9 * UNIT) ** 2)
+        - (x - CENTRE[1]) ** 2 / (2 * (1.1 * UNIT) ** 2)
+    )
+    np.testing.assert_allclose(part.values, expected, rtol=1e-9)
+
+
+def test_one_number_is_a_pitch_and_values_are_kept_apart() -> None:
+    values = np.ones((5, 7), np.float32)
+    psf = PSF(values, 2e-6)
+    values[:] = 0
+    assert psf.pitch == (2e-6, 2e-6)
+    assert psf.energy == pytest.approx(35 * 4e-12)
+    assert psf.values.dtype == np.float64
+    with pytest.raises(ValueError, match="read-only"):
+        psf.values[0, 0] = 1
+
+
+def test_bad_input_is_told() -> None:
+    good = np.ones((8, 8))
+    with pytest.raises(ShapeError, match=r"at least 4 samples a side, not \(3, 9\)"):
+        PSF(np.ones((3, 9)), 1e-6)
+    with pytest.raises(ShapeError, match="shape"):
+        PSF(np.ones((8, 8, 3)), 1e-6)
+    with pytest.raises(ValueError, match="1 samples that are NaN"):
+        PSF(np.where(np.eye(8) * np.arange(8) == 5, np.nan, 1), 1e-6)
+    with pytest.raises(ValueError, match="positive sum"):
+        PSF(-good, 1e-6)
+    with pytest.raises(ValueError, match=r"abs\(amplitude\)"):
+        PSF(good * 1j, 1e-6)
+    with pytest.raises(ValueError, match="pitch is positive"):
+        PSF(good, (1e-6, 0.0))
+    psf = gaussian(WINDOWS[0], (1.9 * UNIT, 1.1 * UNIT))
+    with pytest.raises(ValueError, match="axis is 0"):
+        psf.fwhm(2)
+    with pytest.raises(ValueError, match="does not fall to half"):
+        PSF(good, 1e-6).fwhm(0)
+    with pytest.raises(ValueError, match="wider window"):
+        psf.encircled_energy([UNIT, 1.0])
+    with pytest.raises(ValueError, match="between 0 and"):
+        psf.ensquared_energy(-UNIT)
+    for place in ((0, 80), (200, 80), (100, 0), (100, 162)):  # samples at all four borders
+        centre = (psf.coordinates(0)[place[0]], psf.coordinates(1)[place[1]])
+        assert psf.encircled_energy(0.1 * UNIT, centre=centre) < 1e-6
+        with pytest.raises(ValueError, match="wider window"):
+            psf.encircled_energy(0.3 * UNIT, centre=centre)
+    with pytest.raises(ValueError, match="largest circle"):
+        psf.radius(0.5, total=1.0)
+    with pytest.raises(ValueError, match="between 0 and 1"):
+        psf.radius(1.5)
+    with pytest.raises(ValueError, match="does not lie within"):
+        psf.cut((1.0, 0.0), (5, 5))
+    with pytest.raises(ValueError, match="centre is finite"):
+        psf.profile(0, centre=(math.nan, 0.0))
+    with pytest.raises(ValueError, match="oversampling"):
+        psf.profile(0, oversampling=0)
+    with pytest.raises(ValueError, match="power"):
+        psf.centroid(0)

@@ -1,0 +1,341 @@
+"""Pictures of focused cameras against the texture that rays saw: place, scale, sign, seams."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reference_focused import Rig, waves
+from setups_focused import (
+    HEXAGONAL_RANGES,
+    PITCH,
+    PIXEL,
+    Z2,
+    exposed,
+    lens_types,
+    raw_of,
+    slanted,
+    square,
+    whites,
+)
+
+from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources
+from clplen.compute.device import Device
+from clplen.errors import DeviceError, ShapeError
+from clplen.io import read_raw, write_raytrix
+from clplen.io.raytrix_calibration import FocusType, RaytrixCalibration
+from clplen.lightfield.focused import focused_stack, render_focused
+from clplen.lightfield.focused_depth import FocusedDepth, focused_depth
+from clplen.lightfield.focused_geometry import FocusedGeometry
+from clplen.lightfield.focused_picture import FocusedImage, seam
+from clplen.lightfield.raw import RawImage
+
+BORDER = 8  # samples that lenslets beyond the array would have to help with
+
+
+def wrong(got: np.ndarray, true: np.ndarray, border: int = BORDER) -> float:
+    """rms difference over the contrast of the truth, without a border."""
+    inside = np.s_[border:-border, border:-border]
+    return float((got[inside] - true[inside]).std() / true[inside].std())
+
+
+def truth_of(picture: FocusedImage, rig: Rig, texture, distance: float, slope=(0.0, 0.0)):
+    return rig.picture(texture, *picture.grid.axes(), distance, slope)
+
+
+@pytest.fixture
+def raw(device: Device) -> RawImage:
+    rig, image, _ = exposed("square", 0.2)
+    return raw_of(device, rig, image, m=0.2)
+
+
+@pytest.mark.parametrize("m", [0.2, 0.3, -0.3, 0.1])
+def test_the_patch_has_the_size_that_the_pupil_gives_it(device: Device, m: float) -> None:
+    rig, image, _ = exposed("square", m)
+    geometry = FocusedGeometry.of(raw_of(device, rig, image, m=m))
+    main = Z2 - rig.b / m  # F
+    assert geometry.patch(m) == pytest.approx(abs(m) * PITCH * main / Z2, rel=1e-9)
+    assert geometry.m(geometry.ratio(m)) == pytest.approx(m, rel=1e-12)
+    assert geometry.axis == pytest.approx(rig.axis, abs=1e-6)
+    assert geometry.count == 90
+
+
+@pytest.mark.parametrize("method", ["basic", "blended", "depth"])
+@pytest.mark.parametrize("m", [0.2, 0.3, -0.3])
+def test_a_picture_in_focus_is_the_texture(device: Device, method: str, m: float) -> None:
+    rig, image, texture = exposed("square", m)
+    raw = raw_of(device, rig, image, m=m)
+    picture = render_focused(raw, method=method, white=whites("square", m))
+    values, true = picture.to_numpy(), truth_of(picture, rig, texture, rig.b / m)
+    patch = round(picture.geometry.patch(m))
+    assert picture.shape == (9 * patch, 10 * patch)
+    # Measured .002 to .01; moved by one sample .1 to .3, a mirror image above 1.
+    assert wrong(values, true) < 0.015
+    y, x = picture.places()
+    plane = texture(y[:, None] / PIXEL, x[None, :] / PIXEL)
+    assert wrong(values, plane) < 0.015
+    main = (Z2 - rig.b / m) * PIXEL
+    assert picture.pitch == pytest.approx(
+        PITCH * PIXEL * main / (Z2 * PIXEL * patch), rel=1e-9 if method != "depth" else 1e-4
+    )
+
+
+def test_only_the_right_patch_joins(raw: RawImage) -> None:
+    mu = FocusedGeometry.of(raw).patch(0.2)
+    assert mu == pytest.approx(5.5814, abs=1e-4)
+    right = seam(render_focused(raw, method="basic"))
+    textbook = seam(render_focused(raw, method="basic", patch=0.2 * PITCH))
+    small = seam(render_focused(raw, method="basic", patch=5.2))
+    assert 0.7 < right < 1.4
+    assert min(textbook, small) > 4
+
+
+def test_seams_of_flat_pictures_and_of_few_samples_are_not_known(raw: RawImage) -> None:
+    picture = render_focused(raw, method="basic")
+    flat = replace(picture, data=raw.device.zeros(picture.shape, np.float32))
+    assert math.isnan(seam(flat))
+    assert math.isnan(seam(render_focused(raw, method="basic", step=PITCH / 3)))
+
+
+@pytest.mark.parametrize("method", ["basic", "blended"])
+def test_another_viewpoint_moves_what_is_not_in_focus(device: Device, method: str) -> None:
+    rig, image, texture = exposed("square", 0.2, 0.17)
+    raw = raw_of(device, rig, image, m=0.2)
+    geometry = FocusedGeometry.of(raw)
+    slope = 1 / geometry.ratio(0.17) - 1 / geometry.ratio(0.2)
+    still = render_focused(raw, method=method, aperture=0.2, step=2.0)
+    y, x = still.grid.axes()
+    for view in ((6.0, 0.0), (0.0, -7.0)):
+        picture = render_focused(raw, method=method, view=view, aperture=0.2, step=2.0)
+        moved = rig.picture(texture, y - view[0] * slope, x - view[1] * slope, rig.b / 0.17)
+        place = rig.picture(texture, y, x, rig.b / 0.17)
+        values = picture.to_numpy()
+        assert wrong(values, moved, 24) < 0.5 * wrong(values, place, 24)
+        assert wrong(values, moved, 24) < 1.5 * wrong(still.to_numpy(), place, 24) + 0.02
+
+
+def test_what_is_in_focus_stays_for_another_viewpoint(raw: RawImage) -> None:
+    rig, _, texture = exposed("square", 0.2)
+    for method in ("basic", "blended"):
+        picture = render_focused(raw, method=method, view=(5.0, -6.0), aperture=0.3)
+        true = truth_of(picture, rig, texture, rig.b / 0.2)
+        assert wrong(picture.to_numpy(), true, 12) < 0.015
+
+
+def test_a_stack_is_its_pictures_and_sharpest_where_it_should(device: Device) -> None:
+    rig, image, texture = exposed("square", 0.2, 0.17)
+    raw = raw_of(device, rig, image, m=0.2)
+    ms = [0.13, 0.15, 0.17, 0.19, 0.22]
+    stack = focused_stack(raw, ms=ms, white=whites("square"))
+    assert stack.shape == (5, 9 * 6, 10 * 6)
+    true = rig.picture(texture, *stack.grid.axes(), rig.b / 0.17)
+    errors = [wrong(plane, true) for plane in stack.to_numpy()]
+    assert np.argmin(errors) == 2
+    assert errors[2] < 0.3 * min(errors[1], errors[3])
+    camera = raw.camera
+    F = camera.image_distance
+    assert stack.alphas == pytest.approx(F / (F + camera.a - camera.b / np.array(ms)))
+    one = render_focused(raw, m=0.19, step=stack.grid.step, white=whites("square"))
+    assert np.array_equal(stack.to_numpy()[3], one.to_numpy())
+
+
+def test_colours_are_rendered_one_by_one(raw: RawImage) -> None:
+    grey = raw.to_numpy()
+    colours = np.stack([grey, 0.5 * grey[::-1], grey[:, ::-1] ** 2], -1)
+    coloured = replace(raw, data=raw.device.upload(np.ascontiguousarray(colours)))
+    for method in ("basic", "blended"):
+        picture = render_focused(coloured, method=method).to_numpy()
+        for c in range(3):
+            single = np.ascontiguousarray(colours[..., c])
+            one = render_focused(replace(raw, data=raw.device.upload(single)), method=method)
+            assert np.abs(picture[..., c] - one.to_numpy()).max() < 1e-6
+
+
+def test_a_white_image_takes_the_rims_out(raw: RawImage) -> None:
+    y, x = np.indices(raw.shape)
+    places = FocusedGeometry.of(raw).places.reshape(-1, 2)
+    near = np.min([np.hypot(y - a, x - b) for a, b in places], axis=0)
+    dimmed = np.maximum(0.05, 1 - (near / 20) ** 2).astype(np.float32)
+    dark = replace(raw, data=raw.device.upload(raw.to_numpy() * dimmed))
+    plain, even = render_focused(dark), render_focused(dark, white=dimmed)
+    clear = render_focused(raw, white=whites("square")).to_numpy()
+    assert wrong(even.to_numpy() * dimmed.max(), clear) < 0.1
+    assert wrong(plain.to_numpy(), clear) > 2 * wrong(even.to_numpy(), clear)
+
+
+# Several lens types
+
+
+@pytest.fixture
+def several(device: Device) -> RawImage:
+    rig, image, _ = exposed("slanted")
+    more = {"count": (20, 20), "start": (-8, -2), "lens_types": lens_types(rig)}
+    return raw_of(device, rig, image, m=0.2, **more)
+
+
+def test_depth_based_rendering_is_sharper_than_any_patch_size(several: RawImage) -> None:
+    rig, _, texture = exposed("slanted")
+    plane, white = slanted(rig), whites("hexagonal")
+    depth = focused_depth(several)
+    picture = render_focused(several, method="depth", depth=depth, white=white, step=5.0)
+    true = truth_of(picture, rig, texture, *plane)
+    best = wrong(picture.to_numpy(), true)
+    assert best < 0.05  # measured .028; single sizes .11 and more
+    for m in (0.14, 0.16, 0.18, 0.2, 0.24):
+        for method in ("basic", "blended"):
+            single = render_focused(several, method=method, m=m, white=white, step=5.0)
+            assert wrong(single.to_numpy(), true) > 2.5 * best
+
+
+def test_types_in_focus_are_sharper_than_all_types(device: Device, several: RawImage) -> None:
+    rig, _, texture = exposed("slanted")
+    depth = focused_depth(several)
+    all_types = replace(several, lens_types=())
+    errors = []
+    for raw in (several, all_types):
+        same = replace(depth, geometry=FocusedGeometry.of(raw))
+        picture = render_focused(raw, method="depth", depth=same, white=whites("hexagonal"))
+        errors.append(wrong(picture.to_numpy(), truth_of(picture, rig, texture, *slanted(rig))))
+    assert errors[0] < 0.8 * errors[1]
+
+
+def test_the_types_lie_where_the_array_has_them(several: RawImage) -> None:
+    rig, _, _ = exposed("slanted")
+    geometry = FocusedGeometry.of(several)
+    i, j = rig.owner(geometry.places[..., 0], geometry.places[..., 1])
+    there = geometry.kinds >= 0
+    assert np.array_equal(geometry.kinds[there], rig.kind(i, j)[there])
+    assert np.abs(geometry.places - rig.image(rig.lens(i, j))).max() < 1e-3
+    assert np.allclose(geometry.ranges, HEXAGONAL_RANGES)
+
+
+def test_a_captured_image_with_its_xml(device: Device, tmp_path: Path) -> None:
+    """From a file as a Raytrix camera's: no camera, hexagonal, three types, turned."""
+    shape, b, t = (250, 270), 70.0, 0.012
+    ranges = ((0.2, 0.4), (0.16, 0.26), (0.1, 0.19))
+    kinds = tuple(
+        FocusType(((-k) % 3, 0.0), (1 / high, 1 / low)) for k, (low, high) in enumerate(ranges)
+    )
+    calibration = RaytrixCalibration(
+        (3.2, -4.4),
+        34.9,
+        (1.0, 0.0),
+        (0.5, math.sqrt(3) / 2),
+        rotation=0.006,
+        sub_grid_base=(3.0, math.sqrt(3)),
+        lens_types=kinds,
+    )
+    write_raytrix(tmp_path / "shot.xml", calibration)
+    middle = (np.array(shape) - 1) / 2
+    images = np.array([calibration.on_sensor(v) for v in ((0.5, math.sqrt(3) / 2), (1.0, 0.0))])
+    base = images / (1 + t)
+    centre = middle + (np.array(calibration.origin(shape)) - middle) / (1 + t)
+    focal = tuple(b / (1 + m) for m in (0.3, 0.2, 0.13))
+    width = 34.9 / (1 + t)
+    rig = Rig(
+        shape,
+        tuple(map(tuple, base)),
+        tuple(centre),
+        b,
+        b / t,
+        focal,
+        0.98 * width,
+        34.0 / t,
+    )
+    texture, plane = waves(8, 25, 200), (385.0, (0.1, -0.6))
+    image, white = rig.expose(texture, *plane), rig.white()
+    np.save(tmp_path / "shot.npy", image)
+    pixels = np.round(image * 65535).astype(np.uint16)
+    from tifffile import imwrite
+
+    imwrite(tmp_path / "shot.tif", pixels)
+    raw = read_raw(tmp_path / "shot.xml", image=tmp_path / "shot.tif", device=device)
+    depth = focused_depth(raw)
+    geometry = depth.geometry
+    sure = depth.confidence >= depth.sure
+    true = (rig.m(geometry.places, *plane) - t) / (1 + t)
+    assert sure.sum() > 0.75 * geometry.count
+    assert np.abs(np.median(depth.m[sure] / true[sure]) - 1) < 0.01
+    assert np.std(depth.m[sure] / true[sure]) < 0.03
+    assert np.isnan(depth.z).all()
+    picture = render_focused(raw, method="depth", depth=depth, white=white)
+    right = truth_of(picture, rig, texture, *plane)
+    assert wrong(picture.to_numpy() / 65535, right, 10) < 0.12
+    assert math.isnan(picture.pitch)
+
+
+# Bad input
+
+
+def test_bad_input_is_refused_in_a_sentence(raw: RawImage) -> None:
+    for words, message in (
+        ({"m": 0.0}, "other than 0, not 0.0"),
+        ({"m": math.nan}, "finite number"),
+        ({"m": 1.0}, "seen by 1 lenslets on average"),
+        ({"m": -1.4}, "abs\\(m\\) is below 1"),
+        ({"m": 0.01396}, "main lens' pupil"),
+        ({"method": "patches"}, "method is one of 'basic', 'blended', 'depth'"),
+        ({"interpolation": "nearest"}, "interpolation is one of"),
+        ({"patch": 31.0}, "larger than a sub-image"),
+        ({"patch": -2.0}, "positive number of pixels"),
+        ({"method": "depth", "patch": 5.0}, "leave out patch"),
+        ({"depth": object()}, "belongs to method='depth'"),
+        ({"step": 0.0}, "step, pixels of the sensor"),
+        ({"step": 1e-12}, "give a larger one"),
+        ({"view": (14.0, 0.0)}, "leaves the sub-image"),
+        ({"view": (math.nan, 0.0)}, "two finite numbers"),
+        ({"aperture": 0.0}, "share of a sub-image's diameter"),
+        ({"white": np.zeros(raw.shape)}, "not dark throughout"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            render_focused(raw, **words)
+    with pytest.raises(ShapeError, match="white image of this camera"):
+        render_focused(raw, white=np.ones((3, 4)))
+    with pytest.raises(DeviceError, match="Pictures of shape"):
+        render_focused(raw, step=2e-4)
+    for ms in ([], 0.2, [[0.2]]):
+        with pytest.raises(ValueError, match="ms is a list of planes"):
+            focused_stack(raw, ms=ms)
+    with pytest.raises(ValueError, match="other than 0"):
+        focused_stack(raw, ms=[0.2, 0])
+
+
+def test_raw_images_that_cannot_be_rendered(device: Device, raw: RawImage) -> None:
+    values = raw.to_numpy()
+    values[7, 8] = np.inf
+    with pytest.raises(ValueError, match="1 pixels that are NaN or infinite"):
+        render_focused(replace(raw, data=device.upload(values)))
+    alone = replace(raw, sub_images=replace(raw.sub_images, count=(1, 10)))
+    with pytest.raises(ShapeError, match="give a raw image with its lattice"):
+        render_focused(alone)
+    types = lens_types(square(0.2))
+    with pytest.raises(ValueError, match="do not cover the lattice"):
+        render_focused(replace(raw, lens_types=types[:2]))
+    off = replace(types[0], offset=(14.0, 3.0))
+    with pytest.raises(ValueError, match="no part of the lattice"):
+        render_focused(replace(raw, lens_types=(off, *types[1:])))
+    camera = PlenopticCamera.type1(
+        focal_length=0.03,
+        mla=MicrolensArray(150e-6, 10e-3, count=9),
+        wavelength=532e-9,
+        pixels_per_lenslet=12,
+        device=device,
+    )
+    other = camera.expose(PointSources([(0, 0, 0)]))
+    with pytest.raises(ValueError, match=r"plenoptic 1\.0 camera"):
+        render_focused(other, m=0.2)
+    with pytest.raises(ValueError, match=r"plenoptic 1\.0 camera"):
+        focused_depth(other)
+    assert LightField.from_raw(other).shape[2:] == (9, 9)
+
+
+def test_words_of_pictures(raw: RawImage) -> None:
+    picture = render_focused(raw)
+    assert isinstance(picture, FocusedImage)
+    assert "54, 60" in repr(picture)
+    assert "5 planes" in repr(focused_stack(raw, ms=np.linspace(0.1, 0.3, 5)))
+    assert "90 lenslets" in repr(picture.geometry)
+    assert isinstance(focused_depth(raw), FocusedDepth)
