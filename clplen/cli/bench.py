@@ -67,7 +67,7 @@ def bench(
     if sizes and len(chosen) != 1:
         raise click.UsageError("--size belongs to one benchmark: name it.")
     if profiled and as_json:
-        raise click.UsageError("--profile prints a table, --json is for programs: give one of them.")
+        raise click.UsageError("--profile prints a table and --json none: give one of them.")
     logging.getLogger("clplen").setLevel(logging.WARNING)  # what is read is no news here
     before = files.read(saved) if saved else None
     device = Device.open(selector)
