@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 Array = np.ndarray[Any, Any]
+PLANES_TOGETHER = 8  # of `numba_planes`
 
 
 @dataclass(frozen=True)
@@ -142,12 +143,7 @@ def numba_taps(field: Array, disparity: float, *, threads: int) -> Callable[[], 
     margin, rows, columns = margins(field.shape, disparity)
     flat = field.reshape(*field.shape[:3], -1)
     channels = flat.shape[3] // field.shape[3]
-    vertical, horizontal = (steps(n, disparity) for n in field.shape[:2])
-    place = np.array([(d.whole, r.whole) for d in vertical for r in horizontal])
-    weights = np.array(
-        [[b * a for _, b in d.taps() for _, a in r.taps()] for d in vertical for r in horizontal],
-        np.float32,
-    )
+    place, weights = _taps(field, disparity)
     loops = _numba_loops()
 
     def run() -> Any:
@@ -181,6 +177,76 @@ def _numba_loops() -> Any:
                     out[s] += mixed + c * left_down[s] + d * right_down[s]
             for s in range(width):
                 out[s] /= np.float32(place.shape[0])
+
+    return loops
+
+
+def numba_planes(field: Array, disparities: Array, *, threads: int) -> Callable[[], Any]:
+    """The same for planes in blocks of `PLANES_TOGETHER`: every row of a view is read for all.
+
+    Returns pictures (planes, y, x[, c]) without the margins of the furthest plane.
+    """
+    import numba
+
+    furthest = float(np.abs(disparities).max())
+    margin, rows, columns = margins(field.shape, furthest)
+    flat = field.reshape(*field.shape[:3], -1)
+    channels = flat.shape[3] // field.shape[3]
+    place, weights = (
+        np.array(tables) for tables in zip(*(_taps(field, d) for d in disparities), strict=True)
+    )
+    loops = _numba_plane_loops()
+
+    def run() -> Any:
+        numba.set_num_threads(threads)
+        total = np.zeros((len(disparities), rows, columns * channels), np.float32)
+        for k in range(0, len(disparities), PLANES_TOGETHER):
+            some = slice(k, k + PLANES_TOGETHER)
+            loops(flat, place[some], weights[some], total[some], margin, channels)
+        return total.reshape(-1, rows, columns, *field.shape[4:])
+
+    return run
+
+
+def _taps(field: Array, disparity: float) -> tuple[Array, Array]:
+    """Whole shifts (V U, 2) and the four weights (V U, 4) of every view."""
+    vertical, horizontal = (steps(n, disparity) for n in field.shape[:2])
+    place = [(d.whole, r.whole) for d in vertical for r in horizontal]
+    weights = [
+        [b * a for _, b in d.taps() for _, a in r.taps()] for d in vertical for r in horizontal
+    ]
+    return np.array(place), np.array(weights, np.float32)
+
+
+def _numba_plane_loops() -> Any:
+    import numba
+
+    @numba.njit(parallel=True, fastmath=True)
+    def loops(
+        views: Array, place: Array, weights: Array, total: Array, margin: int, channels: int
+    ) -> None:
+        U, width = views.shape[1], total.shape[2]
+        for row in numba.prange(total.shape[1]):
+            for n in range(place.shape[1]):
+                for p in range(place.shape[0]):
+                    out = total[p, row]
+                    top = row + margin + place[p, n, 0]
+                    left = (margin + place[p, n, 1]) * channels
+                    upper, lower = views[n // U, n % U, top], views[n // U, n % U, top + 1]
+                    a, b, c, d = (
+                        weights[p, n, 0],
+                        weights[p, n, 1],
+                        weights[p, n, 2],
+                        weights[p, n, 3],
+                    )
+                    left_up, right_up = upper[left:], upper[left + channels :]
+                    left_down, right_down = lower[left:], lower[left + channels :]
+                    for s in range(width):
+                        mixed = a * left_up[s] + b * right_up[s]
+                        out[s] += mixed + c * left_down[s] + d * right_down[s]
+            for p in range(place.shape[0]):
+                for s in range(width):
+                    total[p, row, s] /= np.float32(place.shape[1])
 
     return loops
 

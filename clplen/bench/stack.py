@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.bench.byhand import ByHand, by_hand, margins, numpy_slices
+from clplen.bench.byhand import (
+    PLANES_TOGETHER,
+    ByHand,
+    by_hand,
+    margins,
+    numba_planes,
+    numpy_slices,
+)
 from clplen.bench.measure import Case, Times, finished, in_turn
 from clplen.bench.report import Goal, Report, rate_rows
 from clplen.bench.sizes import halved, numbers
@@ -52,6 +60,7 @@ def run(device: Device, size: str, repeats: int) -> Report:
     rays = float(math.prod(shape[:4]))
     lf = LightField.from_array(values, device=device)
     cases = [Case(one.name, one.run, rays, "rays") for one in hand]
+    cases += _planes_by_hand(values, rays, max(threads))
     cases += _bounds(lf, rays) + _own(lf, values, rays)
     times = in_turn(cases, repeats)
     by_name = {t.case.name: t for t in times}
@@ -65,6 +74,16 @@ def run(device: Device, size: str, repeats: int) -> Report:
     return Report(
         "stack", size, "rays/s over those of NumPy", rate_rows(times, times[0]), goals, notes
     )
+
+
+def _planes_by_hand(values: np.ndarray[Any, Any], rays: float, threads: int) -> list[Case]:
+    """A stack by Numba with planes in blocks, where it is installed."""
+    if importlib.util.find_spec("numba") is None:
+        return []
+    planes = np.linspace(-_RANGE, _RANGE, PLANES)
+    run = numba_planes(values, planes, threads=threads)
+    name = f"numba, four taps, {PLANES_TOGETHER} planes at a time, {threads} threads"
+    return [Case(name, run, PLANES * rays, "rays")]
 
 
 _COPY, _READ = "copy of the views", "reading the views (search for NaN)"
