@@ -75,6 +75,7 @@ def test_help_has_an_example_of_each_command():
     assert "Begin with 'clplen demo'" in run("-h").output
     assert sorted(main.commands) == [
         "batch",
+        "bench",
         "demo",
         "depth",
         "devices",
