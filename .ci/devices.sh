@@ -7,7 +7,7 @@
 #
 #   pocl      the whole suite on PoCL, which `pip install clplen` brings
 #   vkfft     the FFT tests on PoCL with VkFFT, built here for OpenCL
-#   intel     the tests of kernels, devices, towers and cameras, less the slow ones and those of
+#   intel     the tests of kernels, devices and both towers, less the slow ones and those of
 #             many snapshots, on Intel's CPU runtime (which is installed here from PyPI and runs on
 #             AMD processors too). clplen shows it to the OpenCL loader by itself.
 #   oclgrind  tests/kernels on Debian's simulator Oclgrind, with no report of an access out of
@@ -83,32 +83,38 @@ run_intel() {
     need_intel
     "$python" -m pytest -n auto --dist loadfile --device intel --device-tests-only \
         -m "not slow and not many" -q \
-        tests/kernels tests/compute tests/wave tests/lightfield tests/cameras
+        tests/kernels tests/compute tests/wave tests/lightfield
 }
 
 run_oclgrind() {
     need_oclgrind
     log=$(mktemp)
-    trap 'rm -f "$log" "$log".[01]' EXIT
+    trap 'rm -f "$log" "$log".[0-9]*' EXIT
     planted race "data race at global memory"
     planted bounds "Invalid read of size 4 at global memory"
     simulate "$python" tests/oclgrind/planted.py clean
     [ "$(reports)" -eq 0 ] || fail "Oclgrind reports a kernel without fault"
 
-    # One process simulates on one core: two of them share the files.
-    local files=(tests/kernels/test_*.py) half status=0 reported=0
-    for half in 0 1; do
-        local part=()
-        for ((n = half; n < ${#files[@]}; n += 2)); do part+=("${files[n]}"); done
-        (log=$log.$half; simulate "$python" -m pytest "${part[@]}" --device oclgrind -q --capture=sys) &
+    # A process simulates on one core: two at a time, each with some of the files and its own log.
+    local files=(tests/kernels/test_*.py) parts=6 part status=0 reported=0
+    for ((part = 0; part < parts; ++part)); do
+        local some=()
+        for ((n = part; n < ${#files[@]}; n += parts)); do some+=("${files[n]}"); done
+        [ "$part" -lt 2 ] || wait -n
+        (
+            log=$log.$part code=0
+            simulate "$python" -m pytest "${some[@]}" --device oclgrind -q --capture=sys || code=$?
+            echo "$code" >"$log.code"
+        ) &
     done
-    for half in $(jobs -p); do wait "$half" || status=$?; done
-    for half in 0 1; do
-        reported=$((reported + $(log=$log.$half; reports)))
+    wait
+    for ((part = 0; part < parts; ++part)); do
+        reported=$((reported + $(log=$log.$part; reports)))
+        [ "$(cat "$log.$part.code")" = 0 ] || status=1
     done
     echo "oclgrind: $reported report(s) over tests/kernels"
     if [ "$status" -ne 0 ] || [ "$reported" -ne 0 ]; then
-        head -n 60 "$log".[01] >&2
+        head -n 60 "$log".[0-9] >&2
         fail "tests/kernels under Oclgrind: pytest ended with $status, $reported report(s)"
     fi
 }
