@@ -1,15 +1,16 @@
 #!/usr/bin/env bash
 # The device matrix: the same tests on independent OpenCL implementations.
 #
-#   .ci/devices.sh [PYTHON] [pocl|vkfft|intel|oclgrind|all]...      (default: python, all)
+#   .ci/devices.sh [PYTHON] [pocl|vkfft|intel|intel-towers|oclgrind|all]...      (default: python, all)
 #
 # PYTHON is the interpreter in whose environment clplen and its test extra are installed.
 #
 #   pocl      the whole suite on PoCL, which `pip install clplen` brings
 #   vkfft     the FFT tests on PoCL with VkFFT, built here for OpenCL
-#   intel     the tests of kernels, devices and both towers, less the slow ones and those of
-#             many snapshots, on Intel's CPU runtime (which is installed here from PyPI and runs on
-#             AMD processors too). clplen shows it to the OpenCL loader by itself.
+#   intel     the tests of kernels and devices, less the slow ones and those of many snapshots, on
+#             Intel's CPU runtime (which is installed here from PyPI and runs on AMD processors too).
+#             clplen shows it to the OpenCL loader by itself.
+#   intel-towers  the same of the towers and the cameras; not part of CI, whose time is limited
 #   oclgrind  tests/kernels on Debian's simulator Oclgrind, with no report of an access out of
 #             bounds or of a data race
 #
@@ -79,12 +80,16 @@ run_vkfft() {
     "$python" -m pytest tests/compute/test_fft.py --device pocl -q
 }
 
-run_intel() {
+# on_intel TESTS...
+on_intel() {
     need_intel
     "$python" -m pytest -n auto --dist loadfile --device intel --device-tests-only \
-        -m "not slow and not many" -q \
-        tests/kernels tests/compute tests/wave tests/lightfield
+        -m "not slow and not many" -q "$@"
 }
+
+run_intel() { on_intel tests/kernels tests/compute; }
+
+run_intel-towers() { on_intel tests/wave tests/lightfield tests/cameras; }
 
 run_oclgrind() {
     need_oclgrind
@@ -121,10 +126,10 @@ run_oclgrind() {
 
 python=${1:-python}
 [ $# -gt 0 ] && shift
-[ "${*:-all}" != all ] || set -- pocl vkfft intel oclgrind
+[ "${*:-all}" != all ] || set -- pocl vkfft intel intel-towers oclgrind
 for mode in "$@"; do
     case $mode in
-    pocl | vkfft | intel | oclgrind) "run_$mode" ;;
-    *) fail "unknown mode '$mode': pocl, vkfft, intel, oclgrind or all" ;;
+    pocl | vkfft | intel | intel-towers | oclgrind) "run_$mode" ;;
+    *) fail "unknown mode '$mode': pocl, vkfft, intel, intel-towers, oclgrind or all" ;;
     esac
 done
