@@ -4,8 +4,6 @@
  *                m_j = mean of e_k over the views of group j that see the place
  *                cost[p, y, x] = min(m_0, ratio min_j m_j + margin),    m_0 over all views
  *
- *   brightness   out[k, y] = sum_xc L[k, y, x, c]; an item a row of a view
- *
  * C is the mean of the reference views, which lie round the middle of the aperture, on the same
  * plane. Views are sorted by the groups that they belong to: the views first[i] .. first[i + 1] - 1
  * belong to group j with the share pattern[i, j]. A group of which the place sees less than half
@@ -13,9 +11,9 @@
  * and four along x, from -1 on, which interpolate and scale; reach[p, k] 1 where the shift has a
  * fraction, along y and x.
  *
- * match: an item is BLOCK pixels of a row on one plane.
+ * match: an item is MATCH_BLOCK pixels of a row on one plane.
  * -DSAMPLE=uchar | ushort | half | float   what the light field stores
- * -DCHANNELS=n, -DBLOCK=n
+ * -DCHANNELS=n, -DMATCH_BLOCK=n
  */
 #include "common.cl"
 #include "stored.cl"
@@ -53,7 +51,7 @@ inline void sheared(float *value, float *column, __global const SAMPLE *view, co
                    + across.z * column[i + 2 * CHANNELS] + across.w * column[i + 3 * CHANNELS];
 }
 
-#if BLOCK > 1
+#if MATCH_BLOCK > 1
 __attribute__((reqd_work_group_size(1, 1, 1)))
 #endif
 __kernel void match(__global float *restrict out, __global const SAMPLE *restrict L,
@@ -65,13 +63,15 @@ __kernel void match(__global float *restrict out, __global const SAMPLE *restric
                     const int ny, const int nx, const float tau, const float ratio,
                     const float margin)
 {
-    const int x0 = get_global_id(0) * BLOCK, y = get_global_id(1), p = get_global_id(2);
+    const int x0 = get_global_id(0) * MATCH_BLOCK, y = get_global_id(1), p = get_global_id(2);
     if (x0 >= nx)
         return;
-    const int n = min(BLOCK, nx - x0);
+    const int n = min(MATCH_BLOCK, nx - x0);
     const size_t size = (size_t)ny * nx * CHANNELS;
-    float centre[BLOCK * CHANNELS], value[BLOCK * CHANNELS], column[(BLOCK + 3) * CHANNELS];
-    float sums[GROUPS * BLOCK], seen[GROUPS * BLOCK], part_sum[BLOCK], part_seen[BLOCK];
+    float centre[MATCH_BLOCK * CHANNELS], value[MATCH_BLOCK * CHANNELS];
+    float column[(MATCH_BLOCK + 3) * CHANNELS];
+    float sums[GROUPS * MATCH_BLOCK], seen[GROUPS * MATCH_BLOCK];
+    float part_sum[MATCH_BLOCK], part_seen[MATCH_BLOCK];
     float most[GROUPS];
 
     for (int i = 0; i < n * CHANNELS; ++i)
@@ -83,7 +83,7 @@ __kernel void match(__global float *restrict out, __global const SAMPLE *restric
         for (int i = 0; i < n * CHANNELS; ++i)
             centre[i] += share[r] * value[i];
     }
-    for (int i = 0; i < GROUPS * BLOCK; ++i)
+    for (int i = 0; i < GROUPS * MATCH_BLOCK; ++i)
         sums[i] = seen[i] = 0;
     for (int j = 0; j < GROUPS; ++j)
         most[j] = 0;
@@ -113,8 +113,8 @@ __kernel void match(__global float *restrict out, __global const SAMPLE *restric
             most[j] += w * (first[g + 1] - first[g]);
             if (w != 0)
                 for (int x = 0; x < n; ++x) {
-                    sums[j * BLOCK + x] += w * part_sum[x];
-                    seen[j * BLOCK + x] += w * part_seen[x];
+                    sums[j * MATCH_BLOCK + x] += w * part_sum[x];
+                    seen[j * MATCH_BLOCK + x] += w * part_seen[x];
                 }
         }
     }
@@ -123,23 +123,10 @@ __kernel void match(__global float *restrict out, __global const SAMPLE *restric
     for (int x = 0; x < n; ++x) {
         float least = seen[x] > 0 ? sums[x] / seen[x] : tau;
         for (int j = 1; j < GROUPS; ++j) {
-            const float count = seen[j * BLOCK + x];
+            const float count = seen[j * MATCH_BLOCK + x];
             if (count > 0 && count >= 0.5f * most[j])
-                least = fmin(least, ratio * sums[j * BLOCK + x] / count + margin);
+                least = fmin(least, ratio * sums[j * MATCH_BLOCK + x] / count + margin);
         }
         out[x] = least;
     }
-}
-
-__kernel void brightness(__global float *restrict out, __global const SAMPLE *restrict L,
-                         const int rows, const int samples)
-{
-    const int row = get_global_id(0);
-    if (row >= rows)
-        return;
-    __global const SAMPLE *from = L + (size_t)row * samples;
-    float sum = 0;
-    for (int i = 0; i < samples; ++i)
-        sum += stored(from, i);
-    out[row] = sum;
 }

@@ -18,19 +18,12 @@
  */
 #include "common.cl"
 #include "stored.cl"
+#include "bell.cl"
 
 #define GROUPS 9
 #define TERMS (5 + 2 * CHANNELS) /* seen, cost, sum w, sum w g^2, sum w g r; w g and w r */
 
-inline float bell(const float q)
-{
-    const float r = fmax(1 - q * 0.125f, 0.0f);
-    const float r2 = r * r;
-    const float r4 = r2 * r2;
-    return r4 * r4;
-}
-
-#ifndef RADIUS
+#ifdef SAMPLE
 /* Samples of a moved view and their derivative by disparity. */
 inline void along(float *value, float *slope, __global const SAMPLE *view, const int2 place,
                   const float4 down, const float4 across, const float4 down_slope,

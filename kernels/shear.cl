@@ -20,7 +20,8 @@
  *   slide[v, p, k]   samples from the first one to that of plane p
  *   taps[v, p, k]    (w (1 - b_u), w b_u)
  *   down[v, p], blend[v, p]   whole shift along y, and b_v
- *   norm[p, v, s]    W without the shifts along y, for each v; then their sum over v
+ *   norm[p, v, i]    W without the shifts along y, for each v; then their sum over v. Of sample s at
+ *                    i = norm_column(s): samples that all views hold are alike, and kept HELD times
  *
  * shear_blocks    one item = (width - channels) samples of `height` rows of all planes; for CPUs.
  *                 A row of views is copied to local memory once, as float and with its edges, and
@@ -38,6 +39,14 @@
  */
 #include "common.cl"
 #include "stored.cl"
+
+#define HELD 16
+
+/* Where a vector of up to HELD samples from s on lies in a row of norm. */
+static int norm_column(const int s, const int near, const int far)
+{
+    return s <= near ? s : s < far ? near : s - far + near + HELD;
+}
 
 /* Share of a row of views that lies inside for the picture's row y: 1, a part, or 0. */
 static float row_weight(const int y, const int down, const float blend, const int ny)
@@ -72,9 +81,9 @@ __kernel void shear_blocks(__global float *restrict out, __global const SAMPLE *
                            __global const float *restrict blend, __global const float *restrict norm,
                            const int V, const int U, const int ny, const int samples,
                            const int channels, const int planes, const int plane0,
-                           const int norm_pitch, const int total, const int height,
-                           const int width, const int pitch, __local float *views,
-                           __local float *sums, __local float *second)
+                           const int norm_pitch, const int near, const int far,
+                           const int total, const int height, const int width, const int pitch,
+                           __local float *views, __local float *sums, __local float *second)
 {
     const int s0 = get_global_id(0) * (width - channels);
     const int y0 = get_global_id(1) * height;
@@ -165,8 +174,8 @@ __kernel void shear_blocks(__global float *restrict out, __global const SAMPLE *
         for (int r = 0; r < rows; ++r) {
             __local float *from = sums + (p * height + r) * width;
             if (!total)
-                divide_row(from, norm + (size_t)p * (V + 1) * norm_pitch + s0, norm_pitch,
-                           down + p, blend + p, V, planes, y0 + r, ny, width);
+                divide_row(from, norm + (size_t)p * (V + 1) * norm_pitch, norm_pitch, near, far,
+                           down + p, blend + p, V, planes, y0 + r, ny, s0, width);
             __global float *to = out + row_start(plane0 + p, y0 + r, ny, samples) + s0;
             for (int i = 0; i < n; ++i)
                 to[i] = from[i];
@@ -207,8 +216,9 @@ __kernel void shear_samples(__global float *restrict out, __global const SAMPLE 
                             __global const float *restrict blend,
                             __global const float *restrict norm, const int V, const int U,
                             const int ny, const int samples, const int channels, const int planes,
-                            const int plane0, const int norm_pitch, const int total,
-                            const int pitch, __local float *tile)
+                            const int plane0, const int norm_pitch, const int near,
+                            const int far, const int total, const int pitch,
+                            __local float *tile)
 {
     const int s = get_global_id(0);
     const int p0 = get_global_id(1) * PLANES;
@@ -284,7 +294,8 @@ __kernel void shear_samples(__global float *restrict out, __global const SAMPLE 
             const int y = y0 + r;
             float value = sums[p - p0][r];
             if (!total) {
-                __global const float *used = norm + (size_t)p * (V + 1) * norm_pitch + s;
+                __global const float *used = norm + (size_t)p * (V + 1) * norm_pitch
+                                             + norm_column(s, near, far);
                 float weight = 0.0f;
                 if (all_inside(y, down + p, blend + p, V, planes, ny))
                     weight = used[V * norm_pitch];

@@ -6,7 +6,7 @@
  * CHUNK = LANES VECTORS samples of R_v are summed in registers. Every sum takes the views in the same
  * order and so has the same bits: from copied rows, and with -DDIRECT from the light field itself.
  * -DSAMPLE=, -DCLAMP, -DLANES=, -DVECTORS=, -DAHEAD, -DDIRECT, -DCHANNELS=: see shear.cl.
- * Included only, behind `row_weight` and `all_inside`.
+ * Included only, behind `norm_column`, `row_weight` and `all_inside`.
  */
 #ifndef CLPLEN_SHEAR_ROWS
 #define CLPLEN_SHEAR_ROWS
@@ -190,19 +190,21 @@ static void sum_edge(__local float *upper, __local float *lower, __global const 
 }
 #endif
 
-/* sums /= W for one row of one plane, 0 where W is 0. */
+/* sums /= W for one row of one plane from sample s0 on, 0 where W is 0. */
 static void divide_row(__local float *sums, __global const float *norm, const int norm_pitch,
-                       __global const int *down, __global const float *blend, const int V,
-                       const int planes, const int y, const int ny, const int width)
+                       const int near, const int far, __global const int *down,
+                       __global const float *blend, const int V, const int planes, const int y,
+                       const int ny, const int s0, const int width)
 {
     const bool inside = all_inside(y, down, blend, V, planes, ny);
     for (int i = 0; i < width; i += LANES) {
+        __global const float *here = norm + norm_column(s0 + i, near, far);
         vec used = (vec)(0.0f);
         if (inside)
-            used = load_global(norm + V * norm_pitch + i);
+            used = load_global(here + V * norm_pitch);
         else
             for (int v = 0; v < V; ++v)
-                used += load_global(norm + v * norm_pitch + i)
+                used += load_global(here + v * norm_pitch)
                         * (vec)(row_weight(y, down[v * planes], blend[v * planes], ny));
         const vec mean = load(sums + i) / used;
         store(sums + i, used != (vec)(0.0f) ? mean : (vec)(0.0f));

@@ -12,17 +12,10 @@
  * -DCHANNELS=n, -DRADIUS=n, -DBLOCK=n; -DROWS: see common.cl
  */
 #include "common.cl"
+#include "bell.cl"
 
 #ifdef RADIUS
 #define SIDE (2 * RADIUS + 1)
-
-inline float bell(const float q)
-{
-    const float r = fmax(1 - q * 0.125f, 0.0f);
-    const float r2 = r * r;
-    const float r4 = r2 * r2;
-    return r4 * r4;
-}
 
 #if BLOCK > 1
 __attribute__((reqd_work_group_size(1, 1, 1)))

@@ -2,6 +2,7 @@
  *
  *   lit        lit[view] = 1 if a sample of the view is not 0, else 0; one item a view
  *   extremes   out[row] = smallest and largest sample of a row; one item a row
+ *   brightness   out[row] = sum of the samples of a row; one item a row
  *   slice      out[r, k, c] = L[start + r row_step + k column_step + c], as float32; FOR_X over (k, c)
  *
  * -DSAMPLE=uchar | ushort | half | float: what the light field stores. -DROWS: see common.cl.
@@ -35,6 +36,19 @@ __kernel void extremes(__global float2 *restrict out, __global const SAMPLE *res
         high = fmax(high, stored(from, s));
     }
     out[row] = (float2)(low, high);
+}
+
+__kernel void brightness(__global float *restrict out, __global const SAMPLE *restrict L,
+                         const int rows, const int samples)
+{
+    const int row = get_global_id(0);
+    if (row >= rows)
+        return;
+    __global const SAMPLE *from = L + (size_t)row * samples;
+    float sum = 0;
+    for (int i = 0; i < samples; ++i)
+        sum += stored(from, i);
+    out[row] = sum;
 }
 
 __kernel void slice(__global float *restrict out, __global const SAMPLE *restrict L,

@@ -1,4 +1,4 @@
-"""One exposure of a plenoptic camera beside the transforms in it, and its decoding."""
+"""Exposures of plenoptic cameras beside the transforms in them, and decoding."""
 
 from __future__ import annotations
 
@@ -9,18 +9,23 @@ from typing import TYPE_CHECKING
 from clplen import demo
 from clplen.bench import ceilings
 from clplen.bench.measure import Case, finished, in_turn
-from clplen.bench.report import Report, time_rows
+from clplen.bench.report import Goal, Report, time_rows
 from clplen.bench.sizes import halved, numbers
+from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.scene import PointSources
 from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.raw import Transforms
+from clplen.lightfield.raw import RawImage, Transforms
+from clplen.wave.lenslets import MicrolensArray
 
 if TYPE_CHECKING:
+    from clplen.cameras.plenoptic2 import Plenoptic2
     from clplen.compute.device import Device
 
-SUMMARY = "one point through the demo's camera, beside the bare transforms in it; its decoding"
+SUMMARY = "one point through the demo's camera and a focused one, beside bare transforms; decoding"
 SIZES = ("101",)
 QUICK = "53"
 FORM = "a number of lenslets across"
+MOST = 1.7  # of the bare transforms' time, for a focused camera
 _FIELDS = 12  # of complex samples of the sensor that are held at a time, with all tables
 
 
@@ -44,19 +49,43 @@ def run(device: Device, size: str, repeats: int) -> Report:
     lf = LightField.from_raw(raw)
     pixels = float(math.prod(raw.shape))
     assert raw.exposure is not None
+    focused = focused_camera(device, count)
+    behind = _expose(focused)
+    assert behind.exposure is not None
     cases = [
         bare_ffts(raw.exposure.transforms, device),
         Case("exposure of a point", lambda: demo.expose_point(cam, point), pixels, "pixels"),
         ceilings.copy(device, int(lf.data.nbytes), "copy of the light field"),
         Case("decoding", finished(lambda: LightField.from_raw(raw), device), pixels, "pixels"),
+        bare_ffts(behind.exposure.transforms, device, "focused: "),
+        Case("focused: exposure of a point", lambda: _expose(focused), pixels, "pixels"),
     ]
     times = in_turn(cases, repeats)
     note = f"Decoding takes {times[3].over(times[2]):.2f} of a copy of the light field it makes."
-    rows = time_rows(times, times[0])
-    return Report("camera", size, "time over the bare transforms", rows, (), (note,))
+    rows = (*time_rows(times[:4], times[0]), *time_rows(times[4:], times[4]))
+    goal = Goal("focused: exposure over bare FFTs", times[5].over(times[4]), MOST, "at most")
+    return Report("camera", size, "time over the bare transforms", rows, (goal,), (note,))
 
 
-def bare_ffts(transforms: Transforms, device: Device) -> Case:
+def focused_camera(device: Device, count: int) -> Plenoptic2:
+    """A 2.0 camera of the demo's sensor: f = 120 mm, lenslets of f_mu = 3 mm, m = .2."""
+    lenslets = MicrolensArray(150e-6, 3e-3, count=count, fill="full")
+    return PlenopticCamera.type2(
+        focal_length=0.120,
+        mla=lenslets,
+        wavelength=532e-9,
+        pixels_per_lenslet=30,
+        m=0.2,
+        device=device,
+    )
+
+
+def _expose(cam: Plenoptic2) -> RawImage:
+    """One point of the demo's size on the axis, in focus."""
+    return cam.expose(PointSources([(0.0, 0.0, 0.0)], diameter=demo.SOURCE_DIAMETER))
+
+
+def bare_ffts(transforms: Transforms, device: Device, what: str = "") -> Case:
     """All the transforms of exposures, at their padded sizes, by the device's own route.
 
     Parameters
@@ -64,9 +93,11 @@ def bare_ffts(transforms: Transforms, device: Device) -> Case:
     transforms : tuple
         (count, (ny, nx)) each, as `Exposure` tells them.
     device : Device
+    what : str
+        What the name begins with.
     """
     parts = [ceilings.bare_fft(shape, device, count=count) for count, shape in transforms]
-    name = " + ".join(part.name for part in parts)
+    name = what + " + ".join(part.name for part in parts)
 
     def run() -> None:
         for part in parts:

@@ -89,7 +89,7 @@ def _series(device: Device, scale: int, points: int) -> list[Series]:
     return [
         Series("rows", float, lambda n: _stack(device, (9, 9, n, 640), 32), doubled(128)),
         Series("views", float, lambda n: _stack(device, (n // 8, 8, 256, 640), 32), doubled(32)),
-        Series("planes", float, lambda n: _stack(device, (9, 9, 512, 512), n), doubled(8)),
+        Series("planes", float, lambda n: _stack(device, (9, 9, 256, 256), n), doubled(32)),
         Series("samples a side", _transforms, lambda n: _step(device, n, 1), doubled(512)),
         Series("fields of a batch", float, lambda n: _step(device, 1024, n), doubled(1)),
     ]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from clplen.lightfield.lightfield import LightField
 
 SUMMARY = "import, and the first call with empty kernel caches, beside the second"
-SIZES = ("focal_stack", "depth_map", "propagate", "expose")
+SIZES = ("focal_stack", "depth_map", "depth_default", "propagate", "expose")
 QUICK = "focal_stack"
 MOST_BEYOND = 5.0  # seconds
 MOST_IMPORT = 0.5
@@ -136,6 +136,21 @@ def _depth(device: Device) -> Callable[[], object]:
     return lambda: depth_map(_light_field(device), disparities=planes, cue="energy")
 
 
+def _default(device: Device) -> Callable[[], object]:
+    import numpy as np
+
+    from clplen.lightfield import lightfield
+    from clplen.lightfield.depth import depth_map
+
+    values = np.random.default_rng(1).random((5, 5, 96, 128, 3), dtype=np.float32)
+
+    def call() -> object:
+        lf = lightfield.LightField.from_array(values, device=device)
+        return depth_map(lf, disparities=np.linspace(-1, 1, 9))
+
+    return call
+
+
 def _propagate(device: Device) -> Callable[[], object]:
     import numpy as np
 
@@ -167,4 +182,4 @@ def _light_field(device: Device) -> LightField:
     return lightfield.LightField.from_array(values, device=device)
 
 
-_CALLS = dict(zip(SIZES, (_stack, _depth, _propagate, _expose), strict=True))
+_CALLS = dict(zip(SIZES, (_stack, _depth, _default, _propagate, _expose), strict=True))

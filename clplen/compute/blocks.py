@@ -36,26 +36,45 @@ class Spectrum:
         (my, mx).
     turned : bool
         Whether the axes of ``values`` are (x, y), the order in which the host reads them.
+    lit : numpy.ndarray, optional
+        bool, one for each column (x) of ``values``: False where all its factors are zero, which
+        the host skips. None: all True.
     """
 
-    def __init__(self, values: cla.Array, shape: tuple[int, int], *, turned: bool = False) -> None:
+    def __init__(
+        self,
+        values: cla.Array,
+        shape: tuple[int, int],
+        *,
+        turned: bool = False,
+        lit: Array | None = None,
+    ) -> None:
         self.shape = shape
         self.is_quadrant = tuple(values.shape) != (shape[::-1] if turned else shape)
-        self.values, self.turned = values, turned
+        self.values, self.turned, self.lit = values, turned, lit
         self._copy: Array | None = None
         self._lock = Lock()
+
+    @classmethod
+    def of(cls, values: Array, device: Device) -> Spectrum:
+        """Factors of a host array (my, mx), FFT order, as `run` reads them on a device."""
+        shape = (values.shape[0], values.shape[1])
+        if device.fft.name == "vkfft":
+            return cls(device.upload(values.astype(device.complex)), shape)
+        turned = values.T.astype(device.complex, order="C")
+        return cls(device.upload(turned), shape, turned=True, lit=turned.any(axis=1))
 
     @contextmanager
     def on_host(self, device: Device) -> Iterator[Factors]:
         """The same on the host: a CPU device's own memory, else a copy made once."""
         if device.is_cpu:
             with device.on_host(self.values, write=False) as values:
-                yield Factors(values if self.turned else values.T, self.shape)
+                yield Factors(values if self.turned else values.T, self.shape, self.lit)
             return
         with self._lock:
             if self._copy is None:
                 self._copy = device.download(self.values)
-        yield Factors(self._copy if self.turned else self._copy.T, self.shape)
+        yield Factors(self._copy if self.turned else self._copy.T, self.shape, self.lit)
 
 
 def run(

@@ -8,16 +8,15 @@ side. Zeros are not transformed along x, and the padded array never exists.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from threading import Event
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from clplen.compute.lines import Line, Separable
+from clplen.compute.threads import share
 from clplen.compute.workspace import Slots
 
 if TYPE_CHECKING:
@@ -26,9 +25,9 @@ if TYPE_CHECKING:
 
 Array = np.ndarray[Any, Any]
 
-BLOCK_BYTES = 2**21  # of a block of rows or columns, about what a core's cache holds
+BLOCK_BYTES = 2**20  # of a block of rows or columns, about what a core's cache holds
 SMALL_BYTES = 2**17  # of a block that is worth a thread's while
-FEWEST, MOST = 8, 32  # rows or columns of a block, more of them where they are short
+FEWEST, MOST = 16, 48  # rows or columns of a block, more of them where they are short
 APART = 16  # samples between rows, so that a column does not meet the same cache lines everywhere
 INTO, BACK = (0, 1), (2, 3)  # slots of windows and of their transforms, before the product, after
 FACTORS = 4  # first slot of the factors of a block
@@ -44,15 +43,25 @@ class Factors:
         Complex, shape (mx, my); or, even in both axes, the quadrant (mx//2 + 1, my//2 + 1).
     shape : tuple of int
         (my, mx).
+    lit : numpy.ndarray, optional
+        bool, one for each stored column: False where all its factors are zero. None: all True.
     """
 
     values: Array
     shape: tuple[int, int]
+    lit: Array | None = None
 
     @property
     def is_mirrored(self) -> bool:
         """Whether columns are stored up to the middle only: column k is also column mx - k."""
         return self.values.shape[0] < self.shape[1]
+
+    def lit_columns(self) -> Array:
+        """Of all mx columns whether they are lit."""
+        if self.lit is None:
+            return np.ones(self.shape[1], np.bool_)
+        place = np.arange(self.shape[1])
+        return self.lit[np.minimum(place, self.shape[1] - place)] if self.is_mirrored else self.lit
 
     def load(self, chosen: slice, out: Array) -> None:
         """Some of the stored columns, unfolded along y: (columns, my)."""
@@ -92,16 +101,14 @@ def run_on_host(
     """
     count, ny, _ = source.shape
     width = into.shape_after(source.shape[-2:])[1]
-    # The threads end first: what they write to is lent until then.
-    helpers = max(device.fft.threads - 1, 1)  # beside the calling thread
-    with ExitStack() as held, ThreadPoolExecutor(helpers) as pool:
+    with ExitStack() as held:
 
         def borrow(rows: int) -> Array:
             """Turned: the columns of all fields' rows, (width, n rows)."""
             shape = (width, count * rows + APART)
             return held.enter_context(device.workspace.borrow(shape, source.dtype))[:, :-APART]
 
-        team = _Team(pool, device.fft)
+        team = _Team(device.fft)
         first = borrow(ny)
         team.rows(source.reshape(count * ny, -1), into.x, first.T, ny)
         if not products:
@@ -126,8 +133,7 @@ def _by_field(turned: Array, count: int) -> Array:
 class _Team:
     """Threads that share the blocks of an array."""
 
-    def __init__(self, pool: ThreadPoolExecutor, fft: FFTRoute) -> None:
-        self.pool = pool
+    def __init__(self, fft: FFTRoute) -> None:
         self.workers = [_Worker(fft) for _ in range(fft.threads)]
 
     def rows(self, source: Array, lines: tuple[Line, ...], target: Array, ny: int) -> None:
@@ -137,7 +143,7 @@ class _Team:
         def some(chosen: slice, worker: _Worker) -> None:
             worker.apply(source[chosen], lines, INTO, target=target[chosen])
 
-        self._share(some, _row_ranges(len(source), ny, longest * source.itemsize))
+        share(some, _row_ranges(len(source), ny, longest * source.itemsize), self.workers)
 
     def columns(self, source: Array, lines: tuple[Line, ...], target: Array) -> None:
         """``lines`` along y of turned fields, (mx, n, ny) to (n, my, mx)."""
@@ -147,7 +153,7 @@ class _Team:
             for place, out in enumerate(target):
                 worker.apply(source[chosen, place], lines, INTO, target=out.T[chosen])
 
-        self._share(some, _ranges(len(source), longest * source.itemsize))
+        share(some, _ranges(range(len(source)), longest * source.itemsize), self.workers)
 
     def filtered(
         self,
@@ -158,7 +164,8 @@ class _Team:
     ) -> None:
         """Along y of turned fields, (mx, n, ny): ``lines``, each product, and its way back.
 
-        ``source`` is lost; the last target may be the same memory.
+        ``source`` is lost; the last target may be the same memory. Columns whose factors are all
+        zero are not transformed.
         """
         factors = [product.factors for product in products]
 
@@ -186,29 +193,12 @@ class _Team:
                 ]
                 block(chosen, again, worker)
 
-        self._share(some, _column_ranges(factors, source.itemsize))
+        def dark(chosen: slice, _: _Worker) -> None:
+            for target in targets:
+                target[chosen] = 0
 
-    def _share(self, work: Callable[[Any, _Worker], None], parts: Sequence[Any]) -> None:
-        """``work`` on every part, this thread and the others taking the next one."""
-        if len(parts) == 1:
-            work(parts[0], self.workers[0])
-            return
-        left, failed = iter(parts), Event()
-
-        def run(worker: _Worker) -> None:
-            for part in left:
-                if failed.is_set():
-                    return
-                try:
-                    work(part, worker)
-                except BaseException:
-                    failed.set()
-                    raise
-
-        others = [self.pool.submit(run, worker) for worker in self.workers[1:]]
-        run(self.workers[0])
-        for other in others:
-            other.result()
+        share(dark, _dark_ranges(factors, source.itemsize), self.workers)
+        share(some, _column_ranges(factors, source.itemsize), self.workers)
 
 
 class _Worker:
@@ -280,14 +270,21 @@ def _is_bare(line: Line) -> bool:
 
 
 def _size(line_bytes: int) -> int:
-    """How many lines of so many bytes make a block."""
-    return max(FEWEST, min(max(MOST, SMALL_BYTES // line_bytes), BLOCK_BYTES // line_bytes))
+    """How many lines of so many bytes make a block, a multiple of ``FEWEST``."""
+    most = min(max(MOST, SMALL_BYTES // line_bytes), BLOCK_BYTES // line_bytes)
+    return max(most // FEWEST, 1) * FEWEST
 
 
-def _ranges(count: int, line_bytes: int) -> list[slice]:
-    """Ranges that make up range(count), a block each."""
+def _ranges(run: range, line_bytes: int) -> list[slice]:
+    """Ranges that make up a run, a block each."""
     size = _size(line_bytes)
-    return [slice(start, min(start + size, count)) for start in range(0, count, size)]
+    return [slice(start, min(start + size, run.stop)) for start in range(run.start, run.stop, size)]
+
+
+def _runs(chosen: Array) -> list[range]:
+    """Where a row of bools is True without a break."""
+    edges = np.flatnonzero(np.diff(chosen, prepend=False, append=False)).tolist()
+    return [range(*ends) for ends in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def _row_ranges(count: int, ny: int, line_bytes: int) -> list[slice]:
@@ -296,24 +293,42 @@ def _row_ranges(count: int, ny: int, line_bytes: int) -> list[slice]:
     A field's blocks are then those that it has alone, and so is its rounding.
     """
     if ny < _size(line_bytes):
-        return _ranges(count, line_bytes)
-    own = _ranges(ny, line_bytes)
+        return _ranges(range(count), line_bytes)
+    own = _ranges(range(ny), line_bytes)
     return [slice(k + one.start, k + one.stop) for k in range(0, count, ny) for one in own]
 
 
+def _lit(factors: Sequence[Factors]) -> Array:
+    """Columns of which some factor is not zero; with those that mirror them, where any is."""
+    if any(one.lit is None for one in factors):
+        return np.ones(factors[0].shape[1], np.bool_)
+    lit = np.logical_or.reduce([one.lit_columns() for one in factors])
+    if any(one.is_mirrored for one in factors):
+        lit = lit | np.roll(lit[::-1], 1)
+    return lit
+
+
+def _dark_ranges(factors: Sequence[Factors], itemsize: int) -> list[slice]:
+    """Blocks of the other columns."""
+    runs, line_bytes = _runs(~_lit(factors)), factors[0].shape[0] * itemsize
+    return [chosen for run in runs for chosen in _ranges(run, line_bytes)]
+
+
 def _column_ranges(factors: Sequence[Factors], itemsize: int) -> list[list[slice]]:
-    """Blocks of the columns of a product, beside each the columns that mirror it.
+    """Blocks of the lit columns of a product, beside each the columns that mirror it.
 
     The factors of both are then read from memory once.
     """
     my, mx = factors[0].shape
+    lit, line_bytes = _lit(factors), my * itemsize
     if not any(one.is_mirrored for one in factors):
-        return [[chosen] for chosen in _ranges(mx, my * itemsize)]
+        return [[chosen] for run in _runs(lit) for chosen in _ranges(run, line_bytes)]
     parts = []
-    for chosen in _ranges(mx // 2 + 1, my * itemsize):
-        low, high = max(chosen.start, 1), min(chosen.stop, (mx + 1) // 2)
-        mirrored = slice(mx - high + 1, mx - low + 1)
-        parts.append([chosen, mirrored] if low < high else [chosen])
+    for run in _runs(lit[: mx // 2 + 1]):
+        for chosen in _ranges(run, line_bytes):
+            low, high = max(chosen.start, 1), min(chosen.stop, (mx + 1) // 2)
+            mirrored = slice(mx - high + 1, mx - low + 1)
+            parts.append([chosen, mirrored] if low < high else [chosen])
     return parts
 
 

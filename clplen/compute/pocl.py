@@ -50,6 +50,12 @@ kernel void probe(global float16 *x)
 }
 """
 TRIAL_SECONDS = 120
+# Of the package only what the trial needs is imported: the whole takes as long as the trial.
+_CHILD = (
+    "import sys, types; package = types.ModuleType('clplen'); package.__path__ = [sys.argv[1]]; "
+    "sys.modules['clplen'] = package; from clplen.compute.pocl import try_name; "
+    "try_name(sys.argv[2])"
+)
 SEARCHED_BYTES = 4096
 INSTEAD = (
     "install another OpenCL driver for the CPU: `apt install pocl-opencl-icd` (Debian, Ubuntu) or "
@@ -192,7 +198,7 @@ def _survives(name: str, driver: str) -> bool:
 
 def _try_in_child(name: str) -> bool:
     """Run `try_name` in a child process, which a wrong name aborts."""
-    command = "import sys; from clplen.compute.pocl import try_name; try_name(sys.argv[1])"
+    package = str(Path(__file__).parents[1])
     paths = [os.environ.get("PYTHONPATH", ""), *sys.path]
     with tempfile.TemporaryDirectory(prefix="clplen-pocl-") as folder:
         environment = os.environ | {
@@ -202,7 +208,7 @@ def _try_in_child(name: str) -> bool:
         }
         try:
             child = subprocess.run(
-                [sys.executable, "-c", command, name],
+                [sys.executable, "-c", _CHILD, package, name],
                 env=environment,
                 capture_output=True,
                 timeout=TRIAL_SECONDS,

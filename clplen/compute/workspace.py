@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from threading import Lock
@@ -45,7 +46,7 @@ class Workspace:
         shape : sequence of int
         dtype : numpy.dtype
         """
-        wanted = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
+        wanted = math.prod(shape) * dtype.itemsize
         with self._lock:
             buffer, self._kept = self._kept, np.empty(0, np.uint8)
         if buffer.nbytes < wanted:
@@ -66,7 +67,7 @@ class Slots:
 
     def take(self, slot: int, shape: Sequence[int], dtype: np.dtype[Any]) -> Array:
         """The array of a slot, uninitialised; what it held before is lost."""
-        wanted = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
+        wanted = math.prod(shape) * dtype.itemsize
         if slot not in self._slots or self._slots[slot].nbytes < wanted:
             self._slots[slot] = np.empty(wanted, np.uint8)
         return self._slots[slot][:wanted].view(dtype).reshape(shape)

@@ -10,19 +10,20 @@ import pyopencl.array as cla
 
 from clplen.lightfield.cues import energy_disparity
 from clplen.lightfield.matching import (
+    WINDOW,
     Tables,
     Views,
+    depth_kernel,
     match_costs,
     row_sums,
     sorted_views,
+    support_block,
     tables,
     thresholds,
 )
-from clplen.lightfield.samples import C_TYPE
 from clplen.lightfield.smoothing import Smoother, gaussian_taps
 
 if TYPE_CHECKING:
-    from clplen.compute.device import Device
     from clplen.lightfield.lightfield import LightField
 
 Map = np.ndarray[Any, np.dtype[np.float32]]
@@ -30,7 +31,6 @@ Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 _LEVELS = 255.0  # between the darkest and the brightest of the centre view
 _OUTLIERS = 0.2  # per cent of its samples left out at either end
-_WINDOW = 7  # pixels: half the window of costs and of planes
 _NARROW, _WIDE, _WIDENING = 3.0, 6.0, 0.4  # its Gaussian, in pixels, and its growth with noise
 _QUIET = 2.0  # levels of noise up to which it is narrow
 _BESIDE = 0.2  # taps beside the middle when the guiding picture is smoothed
@@ -42,13 +42,12 @@ _SAME_SURFACE = 0.2  # pixels a view step
 _MOST_STEP = 0.1
 _RIDGE = 0.3  # pixels^2
 _PRIOR = 100.0  # of the matched disparity, in levels^2 a channel for noise of a level
-_BLOCK = 64  # pixels of a row that an item of a CPU takes
 _LOST = 0.8  # of the truncation: where the least cost is higher the views do not agree,
 _SHALLOW = 0.02  # unless what they say is this sure
 _STEP = 0.15  # pixels a view step: planes farther apart get others between them
 _EVEN = 4.0  # times brighter or darker: views that differ more are left as they are
 _VIGNETTED = 0.02  # fall of brightness from the middle to the rim that is evened
-REACH = _WINDOW + gaussian_taps(_NOISE_BLUR).size - 1  # pixels of its costs that a pixel needs
+REACH = WINDOW + gaussian_taps(_NOISE_BLUR).size - 1  # pixels of its costs that a pixel needs
 _SURE = 0.05  # pixels a view step: standard deviation of a confidence of one half
 
 
@@ -196,10 +195,10 @@ def _matched(lf: LightField, planes: Vector, levels: Levels) -> tuple[Matched, M
     picture = device.upload(_smoothed(centre_picture(lf, views) * np.float32(levels.gain)))
     moved = tables(views, planes, levels.gain * levels.even, device=device)
     costs = match_costs(lf, views, moved)
-    noise = _noise(costs, moved, channels, device)
+    noise = _noise(lf, costs, moved)
     gathered = device.empty(costs.shape, np.float32)
-    _gather(gathered, costs, picture, noise, device)
-    disparity, nearest, least, margin = _valley(gathered, moved, device)
+    _gather(lf, gathered, costs, picture, noise)
+    disparity, nearest, least, margin = _valley(lf, gathered, moved)
     refined, known = _refined(lf, views, moved, disparity, nearest, picture, noise)
     sure = known * len(views.view) / np.maximum(noise, 1) ** 2
     confidence = margin * sure / (sure + 1 / _SURE**2)
@@ -262,9 +261,10 @@ def _dense(planes: Vector) -> Vector:
     return np.concatenate([*between, planes[-1:]])
 
 
-def _noise(costs: cla.Array, moved: Tables, channels: int, device: Device) -> Map:
+def _noise(lf: LightField, costs: cla.Array, moved: Tables) -> Map:
     """Standard deviation of the samples in levels, from the least cost round every pixel."""
-    least = _valley(costs, moved, device)[2]
+    device, channels = lf.device, (*lf.shape, 1)[4]
+    least = _valley(lf, costs, moved)[2]
     blurred = device.empty((1, *least.shape), np.float32)
     smooth = Smoother(gaussian_taps(_NOISE_BLUR), device=device)
     smooth(blurred, device.upload(least[None]), start=0, count=1)
@@ -283,14 +283,13 @@ def _near(noise: Map) -> Map:
 
 
 def _gather(
-    out: cla.Array, costs: cla.Array, picture: cla.Array, noise: Map, device: Device
+    lf: LightField, out: cla.Array, costs: cla.Array, picture: cla.Array, noise: Map
 ) -> None:
+    device, channels = lf.device, (*lf.shape, 1)[4]
     planes, ny, nx = (int(n) for n in costs.shape)
-    channels = int(np.prod(picture.shape[2:], dtype=np.int64))
-    block = _BLOCK if device.rows else 1
     device.launch(
-        device.kernel("support.cl", "gather", CHANNELS=channels, RADIUS=_WINDOW, BLOCK=block),
-        (-(-nx // block), ny),
+        depth_kernel(lf, "gather"),
+        (-(-nx // support_block(device)), ny),
         out,
         costs,
         picture,
@@ -301,14 +300,15 @@ def _gather(
 
 
 def _valley(
-    costs: cla.Array, moved: Tables, device: Device
+    lf: LightField, costs: cla.Array, moved: Tables
 ) -> tuple[cla.Array, cla.Array, Map, Map]:
     """Disparity of the least cost, its plane, the cost, and its depth below the second, 0 to 1."""
+    device = lf.device
     _, ny, nx = (int(n) for n in costs.shape)
     place, least, second, mean = (device.empty((ny, nx), np.float32) for _ in range(4))
     nearest = device.empty((ny, nx), np.int32)
     device.launch_rows(
-        device.kernel("support.cl", "valley", CHANNELS=1),
+        depth_kernel(lf, "valley"),
         (ny, nx),
         place,
         nearest,
@@ -339,10 +339,9 @@ def _refined(
     A, B = _normal(lf, views, moved, disparity, nearest)
     out, known = (device.empty((ny, nx), np.float32) for _ in range(2))
     prior = _PRIOR * channels * np.maximum(noise, 1) ** 2
-    block = _BLOCK if device.rows else 1
     device.launch(
-        device.kernel("refine.cl", "fit", CHANNELS=channels, RADIUS=_WINDOW, BLOCK=block),
-        (-(-nx // block), ny),
+        depth_kernel(lf, "fit"),
+        (-(-nx // support_block(device)), ny),
         out,
         known,
         A,
@@ -368,7 +367,7 @@ def _normal(
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
     A, B = (device.empty((ny, nx), np.float32) for _ in range(2))
     device.launch_rows(
-        device.kernel("refine.cl", "normal", SAMPLE=C_TYPE[lf.dtype], CHANNELS=channels),
+        depth_kernel(lf, "normal"),
         (ny, nx),
         A,
         B,

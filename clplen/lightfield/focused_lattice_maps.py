@@ -6,7 +6,6 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import ndimage
 
 from clplen.lightfield.focused_geometry import FocusedGeometry, Values
 
@@ -66,12 +65,14 @@ def filled(values: Values, weights: Values, geometry: FocusedGeometry) -> Values
     numpy.ndarray
         Shape (lines, lenslets), finite.
     """
+    from scipy.ndimage import convolve  # here: slow to import
+
     out = np.full(values.shape, float(np.average(values, weights=weights)))
     missing = np.ones(values.shape, bool)
     for width in _WIDTHS:
         kernel = _gaussian(width, geometry)
-        level = ndimage.convolve(weights, kernel, mode="constant")
-        mean = ndimage.convolve(weights * values, kernel, mode="constant")
+        level = convolve(weights, kernel, mode="constant")
+        mean = convolve(weights * values, kernel, mode="constant")
         now = missing & (level > _ENOUGH)
         out[now] = mean[now] / level[now]
         missing &= ~now
@@ -93,10 +94,12 @@ def interpolated(values: Values, geometry: FocusedGeometry, grid: PictureGrid) -
     numpy.ndarray
         float64, shape (height, width).
     """
+    from scipy.ndimage import map_coordinates  # here: slow to import
+
     y, x = (axis - start for axis, start in zip(grid.axes(), geometry.origin, strict=True))
     inverse = np.linalg.inv(np.array([geometry.first, geometry.second]))
     at = [y[:, None] * inverse[0, n] + x[None, :] * inverse[1, n] for n in (0, 1)]
-    return np.asarray(ndimage.map_coordinates(values, at, order=1, mode="nearest"))
+    return np.asarray(map_coordinates(values, at, order=1, mode="nearest"))
 
 
 def _gaussian(width: float, geometry: FocusedGeometry) -> Values:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyopencl as cl
 import pyopencl.array as cla
 
 from clplen.lightfield.samples import C_TYPE
@@ -23,7 +24,8 @@ GROUPS = 9  # all views, and eight half apertures
 RATIO, MARGIN = 1.2, 0.17  # how much better a half must agree; the margin in levels a channel
 TRUNCATION = 10.0  # levels a channel: worse agreement than this is none
 _DELTA = 1e-4  # pixels: for its derivative
-_BLOCK = 512  # pixels of a row that an item of a CPU takes
+WINDOW = 7  # pixels: half the window of costs and of planes
+_BLOCK, _SUPPORT_BLOCK = 512, 64  # pixels of a row that an item of a CPU takes: match, others
 _ALMOST = 1e-6  # of a view step: on the line between two halves
 
 
@@ -189,9 +191,7 @@ def row_sums(lf: LightField) -> np.ndarray[Any, np.dtype[np.float32]]:
     V, U, ny, nx, channels = (*lf.shape, 1)[:5]
     sums = lf.device.empty((V * U, ny), np.float32)
     rows, samples = np.int32(V * U * ny), np.int32(nx * channels)
-    kernel = lf.device.kernel(
-        "matching.cl", "brightness", SAMPLE=C_TYPE[lf.dtype], CHANNELS=channels, BLOCK=1
-    )
+    kernel = lf.device.kernel("views.cl", "brightness", SAMPLE=C_TYPE[lf.dtype])
     lf.device.launch(kernel, (int(rows),), sums, lf.data, rows, samples)
     return lf.device.download(sums)
 
@@ -217,12 +217,9 @@ def match_costs(lf: LightField, views: Views, moved: Tables) -> cla.Array:
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
     out = device.empty((moved.count, ny, nx), np.float32)
-    block = _BLOCK if device.rows else 1
     device.launch(
-        device.kernel(
-            "matching.cl", "match", SAMPLE=C_TYPE[lf.dtype], CHANNELS=channels, BLOCK=block
-        ),
-        (-(-nx // block), ny, moved.count),
+        depth_kernel(lf, "match"),
+        (-(-nx // match_block(device)), ny, moved.count),
         out,
         lf.data,
         device.upload(views.view),
@@ -234,6 +231,29 @@ def match_costs(lf: LightField, views: Views, moved: Tables) -> cla.Array:
         *(np.float32(t) for t in thresholds(channels)),
     )
     return out
+
+
+def depth_kernel(lf: LightField, name: str) -> cl.Kernel:
+    """A kernel of kernels/combined.cl; all of them for one kind of light field are one program."""
+    return lf.device.kernel(
+        "combined.cl",
+        name,
+        SAMPLE=C_TYPE[lf.dtype],
+        CHANNELS=(*lf.shape, 1)[4],
+        RADIUS=WINDOW,
+        BLOCK=support_block(lf.device),
+        MATCH_BLOCK=match_block(lf.device),
+    )
+
+
+def support_block(device: Device) -> int:
+    """Pixels of a row that an item of gather and fit takes."""
+    return _SUPPORT_BLOCK if device.rows else 1
+
+
+def match_block(device: Device) -> int:
+    """Pixels of a row that an item of match takes."""
+    return _BLOCK if device.rows else 1
 
 
 def thresholds(channels: int) -> tuple[float, float, float]:

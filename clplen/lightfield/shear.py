@@ -14,7 +14,7 @@ import pyopencl.array as cla
 from clplen.errors import DeviceError, KernelBuildError, ShapeError
 from clplen.lightfield.samples import C_TYPE
 from clplen.lightfield.shearblocks import Blocks, all_blocks, lanes_of, worth_timing
-from clplen.lightfield.shearviews import Table, Views, split_views, tables_of
+from clplen.lightfield.shearviews import Norm, Table, Views, norm_of, split_views, tables_of
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
@@ -275,12 +275,20 @@ def _launch_samples(
     )
 
 
-def _arguments(work: _Sum, views: Views, first: int, norm_pitch: int) -> list[Any]:
-    """What every form takes."""
-    V, U = views.weights.shape
-    tables = [work.device.upload(table) for table in tables_of(views, norm_pitch)]
-    sizes = (V, U, views.ny, views.samples, views.channels, views.planes, first, norm_pitch)
-    return [work.out, work.lf_data, *tables, *(np.int32(n) for n in (*sizes, int(work.total)))]
+def _arguments(work: _Sum, views: Views, first: int, width: int) -> list[Any]:
+    """What every form takes, for rows of `width` samples."""
+    device = work.device
+
+    def made() -> tuple[list[cla.Array], Norm]:
+        norm = norm_of(views, width)
+        return [device.upload(table) for table in (*tables_of(views), norm.table)], norm
+
+    tables, norm = device.tables.get(
+        ("shear", width, views.key), made, lambda both: sum(2 * table.nbytes for table in both[0])
+    )
+    sizes = (*views.weights.shape, views.ny, views.samples, views.channels, views.planes, first)
+    numbers = (*sizes, norm.table.shape[2], norm.near, norm.far, int(work.total))
+    return [work.out, work.lf_data, *tables, *(np.int32(n) for n in numbers)]
 
 
 def _operations(views: Views) -> float:

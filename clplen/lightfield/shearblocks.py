@@ -73,12 +73,12 @@ def worth_timing(blocks: list[Blocks]) -> list[Blocks]:
 
 def _spread(views: Views, planes: int) -> tuple[float, int]:
     """Furthest that planes of one launch lie apart: in rows (mean over v) and in samples."""
-    rows, pixels = 0.0, 0
-    for first in range(0, views.planes, planes):
-        part = views.part(first, planes)
-        rows = max(rows, float(np.ptp(part.down, axis=0).mean()))
-        pixels = max(pixels, int(np.ptp(part.right, axis=0).max()))
-    return rows, pixels * views.channels
+    first = np.arange(0, views.planes, planes)
+    rows, pixels = (
+        np.maximum.reduceat(a, first) - np.minimum.reduceat(a, first)
+        for a in (views.down, views.right)
+    )
+    return float(rows.mean(axis=1).max()), int(pixels.max()) * views.channels
 
 
 def _blocks(

@@ -11,6 +11,8 @@ from clplen.errors import ShapeError
 
 Table = np.ndarray[Any, Any]
 
+HELD = 16  # samples: see shear.cl
+
 
 @dataclass(frozen=True)
 class Views:
@@ -34,6 +36,13 @@ class Views:
     def samples(self) -> int:
         """Samples of a row."""
         return self.nx * self.channels
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """What tells these views from all others."""
+        arrays = (self.weights, self.down, self.below, self.right, self.beside)
+        known = tuple((a.shape, a.tobytes()) for a in arrays)
+        return (*known, self.ny, self.nx, self.channels, self.clamp)
 
     def part(self, first: int, count: int) -> Views:
         """`count` planes (or as many as there are) from `first` on."""
@@ -82,8 +91,8 @@ def _split(shift: Table, size: int) -> tuple[Table, Table]:
     return np.clip(whole, -size - 1, size).astype(np.int32), shift - whole
 
 
-def tables_of(views: Views, norm_pitch: int) -> list[Table]:
-    """count, order, span, slide, taps, down, blend and norm of shear.cl."""
+def tables_of(views: Views) -> list[Table]:
+    """count, order, span, slide, taps, down and blend of shear.cl."""
     w = views.weights
     order = np.argsort(w == 0, axis=1, kind="stable")
     right, beside = (_in_order(a, order) for a in (views.right, views.beside))
@@ -102,7 +111,6 @@ def tables_of(views: Views, norm_pitch: int) -> list[Table]:
         *(a.astype(np.float32) for a in parts),
         views.down.T.astype(np.int32),
         views.below.T.astype(np.float32),
-        _norm(views, norm_pitch),
     ]
 
 
@@ -112,26 +120,41 @@ def _in_order(a: Table, order: Table) -> Table:
     return np.take_along_axis(rows, order[None], 2)
 
 
-def _norm(views: Views, pitch: int) -> Table:
-    """Weights that each sample of a row uses, by v, then in all. Shape (P, V + 1, pitch)."""
+@dataclass(frozen=True)
+class Norm:
+    """Weights that each sample of a row uses, by v, then in all, as shear.cl reads them."""
+
+    table: Table  # (P, V + 1, n) float32
+    near: int
+    far: int
+
+
+def norm_of(views: Views, width: int) -> Norm:
+    """Of rows of `width` samples, those beyond a view with weight 0."""
     w = views.weights
-    norm = np.zeros((views.planes, len(w) + 1, pitch), np.float32)
-    here = norm[..., : views.samples].reshape(*norm.shape[:2], views.nx, -1)
     if views.clamp:
-        here[:, :-1] = w.sum(axis=1)[:, None, None]
-        here[:, -1] = w.sum()
-        return norm
+        whole = np.append(w.sum(axis=1), w.sum()).astype(np.float32)
+        return Norm(np.broadcast_to(whole[:, None], (views.planes, whole.size, HELD)), 0, width)
     first = min(max(0, -int(views.right.min())), views.nx)
     last = max(min(views.nx - 1 - int(views.right.max()), views.nx), first + 1)
-    columns = np.r_[: min(first + 1, views.nx), last : views.nx]  # `first`: where all lie inside
+    used = _used(views, np.r_[: min(first + 1, views.nx), last : views.nx])
+    near, far, alike = first * views.channels, last * views.channels - HELD, 2 * HELD
+    if last > views.nx or far < near:  # too few samples lie inside all views: keep every one
+        near, far, alike = width, width, (last - first) * views.channels
+    sizes = (views.channels, alike, views.channels)
+    parts = zip(np.split(used, (first, first + 1), -1), sizes, strict=True)
+    kept = np.concatenate([np.repeat(part, size, -1) for part, size in parts], -1)
+    beyond = ((0, 0), (0, 0), (0, width - views.samples))
+    return Norm(np.pad(kept, beyond).astype(np.float32), near, far)
+
+
+def _used(views: Views, columns: Table) -> Table:
+    """Weights that pixels of some columns use, by v, then in all: (P, V + 1, n) float64."""
+    w = views.weights
     x = columns + views.right[..., None]
     left, right = ((x + step >= 0) & (x + step < views.nx) for step in (0, 1))
     inside = left * (1 - views.beside[..., None]) + right * views.beside[..., None]
     used = np.zeros((views.planes, len(w), columns.size))
     for u in range(w.shape[1]):  # in one order for every pixel, which a product of matrices is not
         used += w[:, u, None] * inside[..., u, :].reshape(views.planes, -1, columns.size)
-    both = np.concatenate((used, used.sum(axis=1, keepdims=True)), axis=1)[..., None]
-    here[:, :, :first] = both[:, :, :first]
-    here[:, :, first:last] = both[:, :, first : first + 1]
-    here[:, :, last:] = both[:, :, first + 1 :]
-    return norm
+    return np.concatenate((used, used.sum(axis=1, keepdims=True)), axis=1)

@@ -129,16 +129,11 @@ class Pupil:
 
     def apply(self, field: Field) -> Field:
         """The image of a field (or of each of a batch)."""
-        device, shape = field.device, field.grid.shape
-
-        def made() -> Spectrum:
-            H = self.transfer(field.grid, field.wavelength).astype(device.complex)
-            return Spectrum(device.upload(H), shape)
-
+        device = field.device
         spectrum = device.plans.get(
             ("pupil", self, field.grid, field.wavelength),
-            made,
-            lambda _: math.prod(shape) * device.complex.itemsize,
+            lambda: Spectrum.of(self.transfer(field.grid, field.wavelength), device),
+            lambda _: math.prod(field.grid.shape) * device.complex.itemsize,
         )
         return field.with_data(_filtered(field, spectrum, device))
 

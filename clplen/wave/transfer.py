@@ -45,6 +45,10 @@ class Factor(Protocol):
     def stored(self) -> tuple[int, int]:
         """Shape of the samples that are made."""
 
+    @property
+    def lit(self) -> Vector | None:
+        """Which columns of those samples are not all zero, bool; None: all of them."""
+
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
@@ -73,6 +77,12 @@ class Transfer:
     def stored(self) -> tuple[int, int]:
         """Shape of the samples that are made."""
         return (self.frequencies[0].size, self.frequencies[1].size)
+
+    @property
+    def lit(self) -> Vector | None:
+        """Which columns of those samples are inside the band, bool; None: all of them."""
+        lit = self.weights[1] != 0
+        return None if lit.all() else lit
 
     def highest(self) -> Pair:
         """Largest abs(fy), abs(fx) of any weight, in cycles a metre."""
@@ -164,6 +174,10 @@ class Sommerfeld:
         """Shape of the samples that are kept: one quadrant."""
         return (self.shape[0] // 2 + 1, self.shape[1] // 2 + 1)
 
+    @property
+    def lit(self) -> None:
+        """All columns."""
+
     def residual_turns(self) -> float:
         """Rk = (r_max - z)^2/(2 z lam) at the corner displacement."""
         return sommerfeld.residual_turns(self.shape, self.pitch, self.z, self.wavelength)
@@ -203,7 +217,7 @@ def made_for(factor: Factor, device: Device, phase: str) -> Spectrum:
     if device.fft.name == "vkfft":
         return factor.on_device(device, phase)
     values = factor.turned().on_device(device, phase).values
-    return Spectrum(values, factor.shape, turned=True)
+    return Spectrum(values, factor.shape, turned=True, lit=factor.lit)
 
 
 def fft_frequencies(n: int, d: float) -> Vector:

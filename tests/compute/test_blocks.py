@@ -263,6 +263,62 @@ def test_each_spectrum_has_its_own_way_back(on: Device) -> None:
         assert relative_max(expected, on.download(result)) <= tolerance((12, 15), on, 4)
 
 
+@pytest.mark.parametrize("quadrant", [True, False])
+@pytest.mark.parametrize(
+    "dark", [[slice(3, 6)], [slice(0, 1), slice(6, None)], [slice(0, None)]], ids=str
+)
+def test_columns_whose_factors_are_zero_are_not_read(
+    device: Device, quadrant: bool, dark: list[slice]
+) -> None:
+    """What lies there is no number."""
+    on, shape = with_route(device, "scipy"), (12, 15)
+    u = random_complex((2, 5, 9))
+    into = Separable((padded_spectrum(5, 12),), (padded_spectrum(9, 15),))
+    back = Separable((cropped_inverse(12, 7),), (cropped_inverse(15, 8),))
+    H = random_complex((7, 8) if quadrant else shape, 3)
+    lit = np.ones(H.shape[1], bool)
+    for chosen in dark:
+        H[:, chosen], lit[chosen] = 0, False
+    expected = apply(apply(u, into.y, into.x) * unfolded(H, shape), back.y, back.x)
+    whole = Spectrum.of(unfolded(H, shape), on)
+    poisoned = np.where(lit, H, np.nan).T.astype(on.complex, order="C")
+    made = Spectrum(on.upload(poisoned), shape, turned=True, lit=lit)
+    data = on.upload(u.astype(on.complex))
+    alone = run(data, into, [made], [back], on)
+    for got in (*alone, *run(data, into, [whole, whole], [back, back], on)):
+        if lit.any():
+            assert relative_max(expected, on.download(got)) <= tolerance(shape, on)
+        else:
+            assert not on.download(got).any()
+
+
+def test_spectra_of_the_host_know_their_zeros(on: Device) -> None:
+    """As the route reads them: rows and columns of zeros, in the middle and at the end."""
+    H = random_complex((5, 7))
+    H[:, [0, 3]], H[2] = 0, 0
+    made = Spectrum.of(H, on)
+    read = on.download(made.values)
+    np.testing.assert_array_equal(read.T if made.turned else read, H.astype(on.complex))
+    assert made.turned == (on.fft.name != "vkfft")
+    if made.turned:
+        assert made.lit is not None
+        assert made.lit.tolist() == [False, True, True, False, True, True, True]
+
+
+def test_of_two_spectra_either_lights_a_column(device: Device) -> None:
+    on, shape = with_route(device, "scipy"), (6, 8)
+    u, H = random_complex((6, 8)), random_complex((2, 6, 8), 5)
+    H[0][:, [1, 2, 6]], H[1][:, [2, 3]] = 0, 0
+    into = Separable((padded_spectrum(6, 6),), (padded_spectrum(8, 8),))
+    back = Separable((cropped_inverse(6, 6),), (cropped_inverse(8, 8),))
+    made = [Spectrum.of(one, on) for one in H]
+    for got, one in zip(
+        run(on.upload(u.astype(on.complex)), into, made, [back, back], on), H, strict=True
+    ):
+        expected = apply(apply(u, into.y, into.x) * one, back.y, back.x)
+        assert relative_max(expected, on.download(got)) <= tolerance(shape, on)
+
+
 def test_factors_alone(on: Device) -> None:
     """No map before or after: the product itself, the input kept."""
     u = random_complex((2, 4, 5), 1).astype(on.complex)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from reference_lines import unfolded
@@ -50,6 +52,24 @@ def test_the_second_range_of_a_block_mirrors_the_first(
             first = shape[1] - chosen.stop + 1 - own.start
             again = out[first : first + chosen.stop - chosen.start][::-1]
             np.testing.assert_array_equal(again, whole[chosen])
+
+
+@pytest.mark.parametrize("quadrant", [True, False])
+def test_blocks_meet_lit_columns_and_the_others(
+    monkeypatch: pytest.MonkeyPatch, quadrant: bool
+) -> None:
+    monkeypatch.setattr(columns, "BLOCK_BYTES", 1)
+    monkeypatch.setattr(columns, "FEWEST", 2)
+    whole = factors((4, 11), quadrant)
+    lit = np.array([True, True, True, False, False, True, False, True, False, False, True])
+    made = replace(whole, lit=lit[: len(whole.values)])
+    parts = columns._column_ranges([made], ITEM)
+    met = [k for part in parts for chosen in part for k in range(11)[chosen]]
+    dark = [k for chosen in columns._dark_ranges([made], ITEM) for k in range(11)[chosen]]
+    expected = [0, 1, 2, 5, 6, 9, 10] if quadrant else [0, 1, 2, 5, 7, 10]
+    assert sorted(met) == expected
+    assert sorted(met + dark) == list(range(11))
+    assert columns._dark_ranges([made, whole], ITEM) == []
 
 
 @pytest.mark.parametrize(("count", "ny"), [(3, 70), (40, 5), (1, 1), (2, 33)])

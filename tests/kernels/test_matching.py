@@ -1,4 +1,4 @@
-"""matching.cl against float64 twins."""
+"""matching.cl, and brightness of views.cl, against float64 twins."""
 
 from __future__ import annotations
 

@@ -110,6 +110,18 @@ def check(device, shape, dtype="float32", disparities=None, **options):
     assert relative_max(want, got) <= tolerance(shape) < 1e-5
 
 
+@pytest.mark.parametrize("shape", [(2, 3, 3, 40), (3, 2, 3, 14, 3), (2, 2, 3, 5, 20)])
+@pytest.mark.parametrize("disparities", [(-1.37, 0.5), (2.2,)])
+def test_weights_of_samples_that_all_views_hold(device, shape, disparities):
+    """Those weights are kept once for the whole middle of a row."""
+    check(device, shape, disparities=disparities)
+
+
+def test_tables_are_kept_for_equal_fractions_only(device):
+    for disparity in (0.2, 0.4, 0.2):  # alike in whole pixels
+        check(device, SHAPES[1], disparities=(disparity,))
+
+
 @pytest.mark.parametrize("edge", ["normalised", "clamp"])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_against_twin(device, shape, edge):

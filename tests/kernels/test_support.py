@@ -62,12 +62,12 @@ def test_only_what_is_alike_is_gathered(device):
     np.testing.assert_allclose(got, cost, rtol=1e-6)
 
 
-def lowest(device, cost, planes):
+def lowest(device, cost, planes, file="support.cl", **defines):
     count, ny, nx = cost.shape
     kinds = (np.float32, np.int32, np.float32, np.float32, np.float32)
     maps = [device.empty((ny, nx), kind) for kind in kinds]
     device.launch_rows(
-        device.kernel("support.cl", "valley", CHANNELS=1),
+        device.kernel(file, "valley", CHANNELS=1, **defines),
         (ny, nx),
         *maps,
         device.upload(cost),
@@ -92,6 +92,13 @@ def test_valley(device, planes):
     np.testing.assert_array_equal(second, want[3])
     assert len(planes) > 3 or np.isinf(second).any()
     assert relative_max(want[4], mean) <= (len(planes) + 1) * EPS
+
+
+def test_valley_in_the_program_of_its_cue(device):
+    cost = np.random.default_rng(4).uniform(1, 9, (len(UNEVEN), 3, 19)).astype(np.float32)
+    sizes = {"SAMPLE": "float", "RADIUS": 1, "BLOCK": 1, "MATCH_BLOCK": 1}
+    together = lowest(device, cost, UNEVEN, "combined.cl", **sizes)
+    np.testing.assert_array_equal(together, lowest(device, cost, UNEVEN))
 
 
 def test_valley_of_a_parabola(device):

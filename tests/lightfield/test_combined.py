@@ -264,7 +264,7 @@ def test_blocks_do_not_show(device, monkeypatch):
     lf, _ = BAR.light_field((3, 5), (30, 41), device=device)
     want = combined_disparity(lf, PLANES)[0]
     monkeypatch.setattr(matching, "_BLOCK", 7)
-    monkeypatch.setattr(combined, "_BLOCK", 7)
+    monkeypatch.setattr(matching, "_SUPPORT_BLOCK", 7)
     np.testing.assert_allclose(combined_disparity(lf, PLANES)[0], want, atol=1e-4)
 
 

@@ -378,3 +378,15 @@ def test_a_warning_is_said_once_a_plan_and_where_it_was_asked(device):
         plan(grid, 0.512345, wavelength=LAM, method="as", device=device)
     assert [one.category for one in said] == [SamplingWarning] * 3
     assert {one.filename for one in said} == {__file__}
+
+
+def test_columns_outside_the_band_are_known_to_be_zero(device):
+    """The band limits kx in the first grid, ky in both."""
+    for shape, z, narrow in (((64, 40), 0.02, True), ((40, 512), 8e-3, False)):
+        made = Propagator(Grid(shape, 5e-6), z, wavelength=LAM, method="blas", device=device)
+        spectrum = made.spectrum
+        found = device.download(spectrum.values)
+        lit = (found if spectrum.turned else found.T).any(axis=1)
+        known = made.description.factor.lit
+        assert (known is not None) == narrow
+        assert np.array_equal(lit, known if narrow else np.ones(shape[1] + 1, bool))

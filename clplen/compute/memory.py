@@ -1,0 +1,212 @@
+"""Arrays in the memory of a device: made, copied to and from the host, mapped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import cached_property
+from typing import Any, cast
+
+import numpy as np
+import pyopencl as cl
+import pyopencl.array as cla
+from pyopencl.tools import ImmediateAllocator, MemoryPool
+
+from clplen.compute.pages import LEAST_BYTES, ask_for_large_pages
+from clplen.compute.profile import Profile
+from clplen.errors import DeviceError, ShapeError
+
+_SPARE_SHARE = 16  # a sixteenth of the memory for buffers kept for use again
+_POOL_STEP = 8  # their sizes are rounded up by less than an eighth
+
+
+class Memory:
+    """The memory of a `Device`, which has the attributes that are named here."""
+
+    cl_device: cl.Device
+    name: str
+    is_cpu: bool
+    memory_bytes: int
+    _profile: Profile | None
+
+    @property
+    def context(self) -> cl.Context:
+        """The OpenCL context."""
+        raise NotImplementedError
+
+    @property
+    def queue(self) -> cl.CommandQueue:
+        """The in-order command queue."""
+        raise NotImplementedError
+
+    def require_memory(self, nbytes: int, what: str) -> None:
+        """Refuse what cannot fit, before anything is allocated.
+
+        Parameters
+        ----------
+        nbytes : int
+            Bytes that will be allocated.
+        what : str
+            What they are for, as the subject of the message.
+
+        Raises
+        ------
+        DeviceError
+            With the bytes needed and the bytes there are.
+        """
+        if nbytes > self.memory_bytes:
+            raise DeviceError(
+                f"{what} needs {_bytes(nbytes)}, but {self.name} has {_bytes(self.memory_bytes)}: "
+                "use fewer planes or samples at a time, integer instead of float storage, or a "
+                "device with more memory."
+            )
+
+    def empty(self, shape: Sequence[int], dtype: Any) -> cla.Array:
+        """An uninitialised C-contiguous array on the device.
+
+        Parameters
+        ----------
+        shape : sequence of int
+        dtype : dtype-like
+
+        Returns
+        -------
+        pyopencl.array.Array
+
+        Raises
+        ------
+        DeviceError
+            If it is larger than the device allows.
+        """
+        shape = tuple(int(n) for n in shape)
+        nbytes = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize
+        largest = min(self.memory_bytes, int(self.cl_device.max_mem_alloc_size))
+        if nbytes > largest:
+            raise DeviceError(
+                f"An array of shape {shape} ({np.dtype(dtype)}) needs {_bytes(nbytes)}, but the "
+                f"largest that {self.name} gives is {_bytes(largest)}: use fewer planes or samples "
+                "at a time, integer instead of float storage, or a device with more memory."
+            )
+        if nbytes < LEAST_BYTES or nbytes + nbytes // _POOL_STEP > largest:
+            return cla.empty(self.queue, shape, np.dtype(dtype))
+        held = self._spare.managed_bytes
+        array = cla.empty(self.queue, shape, np.dtype(dtype), allocator=self._spare)
+        if self.is_cpu and self._spare.managed_bytes > held:
+            ask_for_large_pages(self.queue, _buffer(array))
+        if self._spare.managed_bytes - self._spare.active_bytes > self.memory_bytes // _SPARE_SHARE:
+            self._spare.free_held()
+        return array
+
+    @cached_property
+    def _spare(self) -> MemoryPool:
+        """Large buffers that were let go, for the next one of their size: fresh ones cost time."""
+        return MemoryPool(ImmediateAllocator(self.queue))
+
+    def free_spare(self) -> None:
+        """Give back the large buffers that are kept for use again."""
+        self._spare.free_held()
+
+    def zeros(self, shape: Sequence[int], dtype: Any) -> cla.Array:
+        """An array of zeros on the device."""
+        array = self.empty(shape, dtype)
+        if array.nbytes:
+            zero = np.zeros(1, np.uint8)
+            cl.enqueue_fill_buffer(self.queue, _buffer(array), zero, 0, array.nbytes)
+        return array
+
+    def upload(self, values: np.ndarray[Any, Any]) -> cla.Array:
+        """A copy of a host array on the device, same shape and dtype.
+
+        A small one does not wait for what was enqueued before.
+        """
+        values = np.asarray(values, order="C")
+        small = 0 < values.nbytes < min(LEAST_BYTES, self.memory_bytes)
+        if small and self._profile is None:
+            flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
+            buffer = cl.Buffer(self.context, flags, hostbuf=values)
+            return cla.Array(self.queue, values.shape, values.dtype, data=buffer)
+        array = self.empty(values.shape, values.dtype)
+        if values.nbytes:
+            done = cl.enqueue_copy(self.queue, _buffer(array), values, is_blocking=True)
+            self._note("upload", done, values.nbytes)
+        return array
+
+    def download(self, array: cla.Array) -> np.ndarray[Any, Any]:
+        """A copy of a C-contiguous device array on the host, same shape and dtype."""
+        _require_contiguous(array)
+        values = np.empty(array.shape, array.dtype)
+        if values.nbytes:
+            done = cl.enqueue_copy(
+                self.queue, values, _buffer(array), src_offset=array.offset, is_blocking=True
+            )
+            self._note("download", done, values.nbytes)
+        return values
+
+    def _note(self, what: str, event: Any, nbytes: int, operations: float = 0.0) -> None:
+        if self._profile is not None:
+            self._profile.add_event(what, event, nbytes, operations)
+
+    def copy_into(self, target: cla.Array, source: cla.Array, offset: int) -> None:
+        """Copy a whole device array into another one, from a byte of that on."""
+        if source.nbytes:
+            done = cl.enqueue_copy(
+                self.queue,
+                _buffer(target),
+                _buffer(source),
+                src_offset=source.offset,
+                dst_offset=target.offset + offset,
+                byte_count=source.nbytes,
+            )
+            self._note("copy", done, 2 * source.nbytes)
+
+    @contextmanager
+    def on_host(self, array: cla.Array, *, write: bool = True) -> Iterator[np.ndarray[Any, Any]]:
+        """A C-contiguous array's values as a NumPy array, on a CPU device without a copy.
+
+        Parameters
+        ----------
+        array : pyopencl.array.Array
+        write : bool
+            Whether changes in place are kept: elsewhere than on a CPU, where the buffer itself is
+            mapped, they are written back.
+
+        Raises
+        ------
+        ShapeError
+            If the array is not C-contiguous.
+        """
+        _require_contiguous(array)
+        if not self.is_cpu:
+            values = self.download(array)
+            yield values
+            if write:
+                cl.enqueue_copy(
+                    self.queue, _buffer(array), values, dst_offset=array.offset, is_blocking=True
+                )
+            return
+        wanted = cl.map_flags.READ | cl.map_flags.WRITE if write else cl.map_flags.READ
+        flags = cast(cl.map_flags, wanted)
+        mapped, _ = cl.enqueue_map_buffer(
+            self.queue, _buffer(array), flags, array.offset, array.shape, array.dtype
+        )
+        try:
+            yield mapped
+        finally:
+            mapped.base.release(self.queue)
+
+
+def _require_contiguous(array: cla.Array) -> None:
+    if not array.flags.c_contiguous:
+        raise ShapeError(
+            f"A device array of strides {array.strides} is not C-contiguous: copy it into a new "
+            "array."
+        )
+
+
+def _buffer(array: cla.Array) -> cl.Buffer:
+    """The buffer that holds an array of at least one sample."""
+    return cast(cl.Buffer, array.base_data)
+
+
+def _bytes(count: int) -> str:
+    return f"{count:,} bytes ({count / 2**30:.2f} GiB)"

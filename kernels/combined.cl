@@ -1,0 +1,11 @@
+/* The kernels of the combined cue of depth in one program, which is built sooner than several.
+ *
+ *   match     cost of every plane at every pixel: matching.cl
+ *   gather, valley    costs gathered over neighbours, and the least one: support.cl
+ *   normal, fit       disparity refined by least squares: refine.cl
+ *
+ * -DSAMPLE=uchar | ushort | half | float, -DCHANNELS=n, -DRADIUS=n, -DBLOCK=n, -DMATCH_BLOCK=n; -DROWS
+ */
+#include "matching.cl"
+#include "support.cl"
+#include "refine.cl"

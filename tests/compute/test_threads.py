@@ -1,0 +1,63 @@
+"""Work shared by threads that are kept."""
+
+from __future__ import annotations
+
+from threading import Barrier, get_ident
+
+import pytest
+
+from clplen.compute.threads import share
+
+
+def test_every_part_is_done_once_by_whoever_is_free() -> None:
+    done: list[tuple[int, str]] = []
+    share(lambda part, own: done.append((part, own)), range(100), ["caller", "a", "b"])
+    assert sorted(part for part, _ in done) == list(range(100))
+    share(lambda part, own: done.append((part, own)), [], ["caller", "a"])
+    share(lambda part, own: done.append((part, own)), [7], ["caller", "a"])
+    assert done[100:] == [(7, "caller")]
+
+
+def together() -> set[int]:
+    """The two threads that are in the midst of a part at once."""
+    both, met = Barrier(2, timeout=10), set()
+
+    def meet(part: int, own: str) -> None:
+        both.wait()
+        met.add(get_ident())
+
+    share(meet, [0, 1], ["caller", "other"])
+    return met
+
+
+def test_threads_are_kept() -> None:
+    met = together()
+    assert get_ident() in met
+    assert together() == met
+
+
+def test_the_caller_does_everything_where_the_other_is_busy() -> None:
+    """Shares within a share: one waits for the thread that is at work on the outer one."""
+    done: list[int] = []
+
+    def inner(part: int, own: str) -> None:
+        share(lambda n, _: done.append(n), [10 * part, 10 * part + 1], ["caller", "other"])
+
+    share(inner, [1, 2, 3], ["caller", "other"])
+    assert sorted(done) == [10, 11, 20, 21, 30, 31]
+
+
+@pytest.mark.parametrize("failing", ["caller", "other"])
+def test_a_failure_of_either_thread_is_raised_when_both_have_ended(failing: str) -> None:
+    both, ended = Barrier(2, timeout=10), []
+
+    def fails(part: int, own: str) -> None:
+        both.wait()
+        if own == failing:
+            raise MemoryError("no room")
+        ended.append(part)
+
+    with pytest.raises(MemoryError, match="no room"):
+        share(fails, [0, 1], ["caller", "other"])
+    assert len(ended) == 1
+    assert len(together()) == 2  # and again
