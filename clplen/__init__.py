@@ -4,14 +4,17 @@ compute/      devices, programs, Fourier transforms
 wave/         fields, propagation, optical elements, systems of them
 lightfield/   calibrate, decode, views, refocus, focal stacks, depth
 cameras/      scenes and plenoptic cameras: where the two towers meet
-io/           files in and out (imported when asked for, as are plot and batch)
+analysis/     what a camera resolves; cameras compared
+io/           files in and out (imported when asked for, as are analysis, plot and batch)
 batch/        many light fields: jobs, their items, workers
 """
 
 from importlib import import_module
 from typing import Any
 
+from clplen.cameras.aberrations import Aberrations, LensletScatter
 from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.correction import correct_aberrations
 from clplen.cameras.gallery import sample_scenes
 from clplen.cameras.pictures import PicturePlane
 from clplen.cameras.scene import PointSources
@@ -33,6 +36,12 @@ from clplen.lightfield.allinfocus import all_in_focus
 from clplen.lightfield.calibration import Lattice, decode_raw, estimate_lattice
 from clplen.lightfield.depth import DepthMap, depth_map, sharpness_curve
 from clplen.lightfield.estimate import AlphaEstimate, estimate_alpha
+from clplen.lightfield.focused import focused_stack, render_focused
+from clplen.lightfield.focused_depth import focused_depth
+from clplen.lightfield.focused_geometry import FocusedGeometry
+from clplen.lightfield.focused_maps import FocusedMaps, focused_maps
+from clplen.lightfield.focused_picture import seam
+from clplen.lightfield.focused_spots import point_m
 from clplen.lightfield.fourier import fourier_stack
 from clplen.lightfield.hyperfan import hyperfan
 from clplen.lightfield.lightfield import LightField
@@ -84,11 +93,16 @@ from clplen.wave.system import OpticalSystem, imaging_system
 
 __version__ = "0.1.0"
 __all__ = [
+    "OTF",
+    "PSF",
+    "Aberrations",
     "AlphaEstimate",
     "ClplenError",
     "Coherence",
     "CoherencePlan",
+    "Comparison",
     "ConvergingLight",
+    "Curve",
     "DepthMap",
     "Device",
     "DeviceError",
@@ -96,6 +110,8 @@ __all__ = [
     "ExtendedSource",
     "Field",
     "FocalStack",
+    "FocusedGeometry",
+    "FocusedMaps",
     "FormatError",
     "Grid",
     "Image",
@@ -104,6 +120,7 @@ __all__ = [
     "Lattice",
     "Lens",
     "LensletGrid",
+    "LensletScatter",
     "LightField",
     "MeanIntensity",
     "MicrolensArray",
@@ -117,10 +134,12 @@ __all__ = [
     "Pupil",
     "RandomPhaseMask",
     "RawImage",
+    "Sampling",
     "SamplingError",
     "SamplingWarning",
     "Sensor",
     "ShapeError",
+    "SlantedEdge",
     "Space",
     "Spectrum",
     "Sphere",
@@ -131,15 +150,22 @@ __all__ = [
     "SurfaceScene",
     "Texture",
     "Truth",
+    "TwoPoints",
     "all_in_focus",
     "annular_aperture",
     "aperture",
     "axicon",
+    "compare",
+    "correct_aberrations",
+    "crosstalk",
     "decode_raw",
     "depth_map",
     "estimate_alpha",
     "estimate_lattice",
     "focal_stack",
+    "focused_depth",
+    "focused_maps",
+    "focused_stack",
     "fourier_stack",
     "gaussian_beam",
     "grating",
@@ -152,36 +178,64 @@ __all__ = [
     "phase_space",
     "plane_through",
     "plane_wave",
+    "point_m",
     "polygonal_aperture",
     "propagate",
     "propagate_wavelengths",
     "read_lightfield",
     "rectangular_aperture",
     "refocus",
+    "render_focused",
     "sample_scenes",
+    "sampling_of",
+    "sampling_table",
+    "seam",
     "sharpness_curve",
     "siemens_star",
+    "slanted_edge",
     "speckle_contrast",
     "spherical_wave",
     "stream_all_in_focus",
     "stream_depth",
     "stream_stack",
+    "strehl_of_rms",
     "thin_lens",
     "tilt",
     "transparency",
     "usaf1951",
+    "wavefront_strehl",
 ]
+
+
+_ANALYSIS = {
+    "Comparison": "comparison",
+    "Curve": "curve",
+    "OTF": "otf",
+    "PSF": "psf",
+    "Sampling": "sampling",
+    "SlantedEdge": "edge",
+    "TwoPoints": "twopoint",
+    "compare": "comparison",
+    "crosstalk": "crosstalk",
+    "sampling_of": "sampling",
+    "sampling_table": "sampling",
+    "slanted_edge": "edge",
+    "strehl_of_rms": "strehl",
+    "wavefront_strehl": "strehl",
+}  # the module of each name
 
 
 def __getattr__(name: str) -> Any:
     """What needs more than NumPy, SciPy and pyopencl is imported when it is asked for."""
     if name in ("open_lightfield", "read_lightfield"):
         return getattr(import_module("clplen.io"), name)
-    if name in ("batch", "io", "plot"):
+    if name in _ANALYSIS:
+        return getattr(import_module(f"clplen.analysis.{_ANALYSIS[name]}"), name)
+    if name in ("analysis", "batch", "io", "plot"):
         return import_module(f"clplen.{name}")
     raise AttributeError(f"module 'clplen' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
     """The public names."""
-    return sorted([*__all__, "batch", "io", "plot"])
+    return sorted([*__all__, "analysis", "batch", "io", "plot"])

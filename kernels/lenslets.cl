@@ -18,49 +18,13 @@
  */
 #include "coverage.cl"
 #include "lens_types.cl"
+#include "nearest_lenslet.cl"
 
 #ifdef HEXAGONAL
-#define ROW_HEIGHT ((real)sqrt((real)3) / 2)
 #define SIDES 6
 #else
-#define ROW_HEIGHT ((real)1)
 #define SIDES 4
 #endif
-
-/* Offset of the sample from lenslet (row, column), in pitches, and its place on the lattice. */
-typedef struct {
-    int row, column;
-    real a, b;
-} Lenslet;
-
-inline Lenslet in_row(int row, real2 a, real2 b, int columns)
-{
-    Lenslet l;
-    l.row = row;
-    l.b = ((b.x - row) + b.y) * ROW_HEIGHT;
-#ifdef HEXAGONAL
-    const real shift = (row & 1) * (real)0.5f;
-#else
-    const real shift = 0;
-#endif
-    l.column = clamp((int)a.x + (int)rint(a.y - shift), 0, columns - 1);
-    l.a = ((a.x - l.column) + a.y) - shift;
-    return l;
-}
-
-inline Lenslet nearest(real2 a, real2 b, int rows, int columns)
-{
-    const int row = clamp((int)b.x + (int)rint(b.y), 0, rows - 1);
-    Lenslet best = in_row(row, a, b, columns);
-#ifdef HEXAGONAL
-    for (int step = -1; step <= 1; step += 2) {
-        const Lenslet l = in_row(clamp(row + step, 0, rows - 1), a, b, columns);
-        if (l.a * l.a + l.b * l.b < best.a * best.a + best.b * best.b)
-            best = l;
-    }
-#endif
-    return best;
-}
 
 /* Aperture of the lenslet at offset (a, b) from the sample, turned into the sensor's axes. */
 inline real one_coverage(real a, real b, real radius, real2 turn, real angle, real hx, real hy)

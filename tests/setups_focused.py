@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from reference_focused import Array, Rig, waves
+from reference_focused import Array, Rig, Texture, waves
 
 from clplen.compute.device import Device
+from clplen.io.raytrix_calibration import FocusType, RaytrixCalibration
 from clplen.lightfield.raw import LensletGrid, LensType, RawImage
 
 PIXEL = 5e-6
@@ -133,3 +134,49 @@ def exposed(kind: str, m: float = 0.2, at: float | None = None) -> tuple[Rig, Ar
 def whites(kind: str, m: float = 0.2) -> Array:
     rig = square(m) if kind == "square" else hexagonal()
     return rig.white(rays=5)
+
+
+@dataclass(frozen=True, eq=False)
+class Captured:
+    """A frame as of a Raytrix camera: its calibration, the rig by which rays made it, its scene."""
+
+    calibration: RaytrixCalibration
+    rig: Rig
+    texture: Texture
+    plane: tuple[float, tuple[float, float]]
+    image: Array
+    white: Array
+
+    def ratio(self, places: Array) -> Array:
+        """What m is taken for where only sub-images are known, at their centres (y, x)."""
+        return (self.rig.m(places, *self.plane) - self.rig.t) / (1 + self.rig.t)
+
+
+@lru_cache
+def captured() -> Captured:
+    """Sub-images 34.9 px apart, hexagonal, turned, three types; a slanted plane, m .14 to .21."""
+    shape, b, t = (250, 270), 70.0, 0.012
+    ranges = ((0.2, 0.4), (0.16, 0.26), (0.1, 0.19))
+    kinds = tuple(
+        FocusType(((-k) % 3, 0.0), (1 / high, 1 / low)) for k, (low, high) in enumerate(ranges)
+    )
+    calibration = RaytrixCalibration(
+        (3.2, -4.4),
+        34.9,
+        (1.0, 0.0),
+        (0.5, math.sqrt(3) / 2),
+        rotation=0.006,
+        sub_grid_base=(3.0, math.sqrt(3)),
+        lens_types=kinds,
+    )
+    middle = (np.array(shape) - 1) / 2
+    images = np.array([calibration.on_sensor(v) for v in ((0.5, math.sqrt(3) / 2), (1.0, 0.0))])
+    base = images / (1 + t)
+    centre = middle + (np.array(calibration.origin(shape)) - middle) / (1 + t)
+    focal = tuple(b / (1 + m) for m in (0.3, 0.2, 0.13))
+    width = 0.98 * 34.9 / (1 + t)
+    rig = Rig(
+        shape, tuple(map(tuple, base)), tuple(centre), b, b / t, focal, width, 34.0 / t
+    )  # fmt: skip
+    texture, plane = waves(8, 25, 200), (385.0, (0.1, -0.6))
+    return Captured(calibration, rig, texture, plane, rig.expose(texture, *plane), rig.white())

@@ -74,6 +74,7 @@ def camera_file(tmp_path: Path) -> Path:
 def test_help_has_an_example_of_each_command():
     assert "Begin with 'clplen demo'" in run("-h").output
     assert sorted(main.commands) == [
+        "analyse",
         "batch",
         "bench",
         "demo",

@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 import tifffile
 
+from clplen.cameras.aberrations import LensletScatter
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, CameraFile, CoherenceTable, read_camera_file
+from clplen.config.aberrations import AberrationsTable
 from clplen.config.camera import KEYS as CAMERA_KEYS
 from clplen.config.camera import CameraTable, MicrolensTable, SensorTable
 from clplen.config.light import KEYS, SPECTRA
@@ -58,6 +60,7 @@ def test_the_example_is_the_camera_of_the_demo(tmp_path: Path, device: Device):
 TABLES: dict[str, type[Table]] = {
     "camera": CameraTable,
     "microlenses": MicrolensTable,
+    "aberrations": AberrationsTable,
     "scene": SceneTable,
     "pictures": PictureTable,
     "coherence": CoherenceTable,
@@ -76,7 +79,7 @@ def test_the_example_shows_every_key_and_its_default(tmp_path: Path, device: Dev
     """What is commented out, taken in, changes nothing, unless its comment says otherwise."""
     lines = [line for line in EXAMPLE.splitlines() if " = " in line]
     known = [name for table in TABLES.values() for name in table.model_fields]
-    known = [name for name in known if name not in ("microlenses", "pictures")]
+    known = [name for name in known if name not in ("microlenses", "aberrations", "pictures")]
     assert sorted(shown(line)[0] for line in lines) == sorted(known)
     camera = read(tmp_path, EXAMPLE).camera.build(device)
     effective = {
@@ -96,7 +99,7 @@ def test_the_example_shows_every_key_and_its_default(tmp_path: Path, device: Dev
             says = tomllib.loads(f"value = {value}")["value"]
             assert np.array_equal(np.atleast_1d(says), np.atleast_1d(default)), key
             found.append(key)
-    assert len(found) == 21, found
+    assert len(found) == 26, found
 
 
 @pytest.mark.parametrize("spatial", ["mask", "source", "incoherent"])
@@ -509,3 +512,34 @@ def test_a_length_keeps_its_digits(tmp_path: Path):
 def test_no_such_file(tmp_path: Path):
     with pytest.raises(FormatError, match=r"no camera file .*--example"):
         read_camera_file(tmp_path / "camera.toml")
+
+
+def test_aberrations_of_a_camera(tmp_path: Path, device: Device):
+    """Waves are of wavelength_nm; the camera carries what the table says."""
+    table = """
+        [camera.aberrations]
+        main_lens_waves = { 6 = 0.1, 8 = -0.05 }
+        main_lens_field_waves_per_mm = { 7 = [0.2, 0.1] }
+        lenslets_waves = { 11 = 0.02 }
+        lenslet_circle_um = 213
+        focal_length_scatter = 0.01
+        tilt_scatter_mrad = 0.2
+        position_scatter_um = 0.5
+        scatter_seed = 3
+        sensor_shift_um = -20
+        """
+    camera = read(tmp_path, EXAMPLE + table).camera.build(device)
+    found, wave = camera.aberrations, 532e-9
+    assert dict(found.main_lens) == pytest.approx({6: 0.1 * wave, 8: -0.05 * wave})
+    assert found.main_lens_field[0][1] == pytest.approx((200 * wave, 100 * wave))
+    assert dict(found.lenslets) == pytest.approx({11: 0.02 * wave})
+    assert found.lenslet_circle == pytest.approx(213e-6)
+    assert found.scatter == LensletScatter(0.01, 0.2e-3, 0.5e-6, 3)
+    assert camera.sensor_distance == pytest.approx(10e-3 - 20e-6)
+    for wrong, said in (
+        ("main_lens_waves = { a = 0.1 }", "Noll's indices"),
+        ("main_lens_waves = 0.1", "table of Noll's indices"),
+        ("sensor_shift_mm = 1", "did you mean sensor_shift_um"),
+    ):
+        with pytest.raises(FormatError, match=said):
+            read(tmp_path, EXAMPLE + "\n[camera.aberrations]\n" + wrong)

@@ -40,6 +40,7 @@ from clplen import (
     thin_lens,
 )
 from clplen.bench import ceilings
+from clplen.cameras.aberrations import Aberrations, LensletScatter
 from clplen.cameras.pictures import PicturePlane
 from clplen.compute.device import Device
 from clplen.lightfield.allinfocus import all_in_focus
@@ -92,6 +93,12 @@ def declared(source: str) -> dict[str, list[str]]:
     }
 
 
+def home(file: str, kernel: str) -> str:
+    """The file that declares a kernel: that of its program, or one that this includes."""
+    files = [file, *re.findall(r'#include "(.+)"', SOURCES[file])]
+    return next(one for one in files if kernel in declared(SOURCES[one]))
+
+
 KERNELS = {(file, name) for file, source in SOURCES.items() for name in declared(source)}
 
 
@@ -109,7 +116,8 @@ class Launch:
 
     @property
     def name(self) -> tuple[str, str]:
-        return (self.file, self.kernel.function_name)
+        kernel = self.kernel.function_name
+        return (home(self.file, kernel), kernel)
 
 
 def dtype_of(type_name: str, double: bool) -> tuple[np.dtype, int]:
@@ -169,9 +177,12 @@ def waves(device: Device) -> None:
     spherical_wave(grid, 0.1, wavelength=WAVELENGTH, device=device)
     for shape in ("circular", "square"):
         aperture(field, 120e-6, shape=shape)
+    bad = Aberrations(lenslets={4: 20e-9}, scatter=LensletScatter(focal_length=0.1))
     for lattice in ("square", "hexagonal"):
         for fill in ("circular", "full"):
             MicrolensArray(80e-6, 10e-3, count=2, lattice=lattice, fill=fill).apply(field)
+        array = MicrolensArray(80e-6, 10e-3, count=2, lattice=lattice)
+        bad.lenslet_errors(array).phase(array, grid, WAVELENGTH, device)
     coherent(device)
 
 

@@ -222,7 +222,7 @@ def sampling_of(camera: Any, *, axis: int = 1) -> Sampling:
         ) from error
 
 
-_ROWS = (
+ROWS = (
     ("places along the axis", "spatial_samples", 1.0, ""),
     ("share of the pixels", "spatial_share", 1.0, ""),
     ("pitch of places", "spatial_pitch", 1e6, "um"),
@@ -252,7 +252,7 @@ def sampling_table(cameras: Mapping[str, Sampling]) -> str:
         raise ValueError("A table of sampling needs at least one camera.")
     lines = [["", *cameras, ""]]
     lines.append(["type", *(one.kind for one in cameras.values()), ""])
-    for label, name, unit, text in _ROWS:
+    for label, name, unit, text in ROWS:
         values = (getattr(one, name) * unit for one in cameras.values())
         lines.append([label, *(f"{value:.4g}" for value in values), text])
     wide = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]

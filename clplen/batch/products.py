@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen import Device, LightField, all_in_focus, depth_map, focal_stack, io
+from clplen.batch.focused import focused_products, is_focused
 from clplen.batch.items import layout_in
 from clplen.batch.simulated import simulate
 from clplen.batch.task import Task
@@ -158,8 +159,11 @@ def compute(
     if light.made is None and light.values is None:
         return _streamed(task, light.stored, shop, advance)
     with shop.stage("compute", seconds):
+        if is_focused(light.raw):
+            made = focused_products(light.raw, task.work, SUFFIXES)
+            return [*_simulated(light), *(Product(*one) for one in made)]
         lf = light.made if light.made is not None else _loaded(light, shop)
-        return [*_simulated(light, task.work), *_in_core(lf, task.work)]
+        return [*_simulated(light), *_own_light(light, task.work), *_in_core(lf, task.work)]
 
 
 def write(
@@ -188,14 +192,19 @@ def _loaded(light: Light, shop: Workshop) -> LightField:
     return replace(lf, decode=stored.decode, parametrisation=stored.parametrisation)
 
 
-def _simulated(light: Light, work: dict[str, Any]) -> list[Product]:
-    """What a simulation knows: raw image, light field, truth; all of it, whatever else is made."""
+def _own_light(light: Light, work: dict[str, Any]) -> list[Product]:
+    """The light field of a simulation, unless it is asked for and so written anyhow."""
+    if light.made is None or "light_field" in work:
+        return []
+    return [_light_field(light.made, "hdf5")]
+
+
+def _simulated(light: Light) -> list[Product]:
+    """What a simulation knows besides: raw image and truth, whatever else is made."""
     found = []
     if light.raw is not None:
         raw = light.raw.to_numpy()
         found.append(Product("raw.tif", partial(_write_raw, raw)))
-    if light.made is not None and "light_field" not in work:
-        found.append(_light_field(light.made, "hdf5"))
     if light.truth is not None:
         found.append(
             Product("truth.h5", lambda path: io.write_truth(path, light.truth, durable=True))

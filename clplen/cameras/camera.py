@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from clplen.cameras import geometry
+from clplen.cameras.aberrations import NONE, Aberrations
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2, magnification, matched_aperture
 from clplen.compute.device import Device, require_device
@@ -27,6 +28,7 @@ class PlenopticCamera:
         image_distance: float | None = None,
         aperture_diameter: float | None = None,
         field_lens: bool = False,
+        aberrations: Aberrations = NONE,
     ) -> Plenoptic1:
         """A standard plenoptic camera: array on the main lens' image, sensor f_mu behind it.
 
@@ -49,6 +51,8 @@ class PlenopticCamera:
             Of the main lens in metres; None matches the f-numbers: pitch F/f_mu.
         field_lens : bool
             A lens of focal length F at the array puts the exit pupil at infinity.
+        aberrations : Aberrations
+            What departs from this design: wavefronts, lenslets out of place, a sensor moved.
 
         Returns
         -------
@@ -57,8 +61,8 @@ class PlenopticCamera:
         Raises
         ------
         ValueError
-            For a length that is not positive, distances that contradict the lens law, or lenslets
-            of several focal lengths.
+            For a length that is not positive, distances that contradict the lens law, lenslets
+            of several focal lengths, or aberrations that do not fit.
         SamplingError
             If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
         """
@@ -81,7 +85,7 @@ class PlenopticCamera:
             **shared,
         )
         geometry.check_sampling(camera, 0.0, 1.0)
-        return camera
+        return camera.with_aberrations(aberrations)
 
     @staticmethod
     def type2(
@@ -97,6 +101,7 @@ class PlenopticCamera:
         image_distance: float | None = None,
         aperture_diameter: float | None = None,
         match: Literal["pupil", "cone"] = "pupil",
+        aberrations: Aberrations = NONE,
     ) -> Plenoptic2:
         """A focused plenoptic camera: its lenslets image the main lens' image onto the sensor.
 
@@ -128,6 +133,8 @@ class PlenopticCamera:
             Of the main lens in metres; None: by ``match``.
         match : {"pupil", "cone"}
             D = p z2/b, z2 = F + a, so that the image of the pupil fills a cell; or p F/b.
+        aberrations : Aberrations
+            What departs from this design, as for `type1`.
 
         Returns
         -------
@@ -137,8 +144,8 @@ class PlenopticCamera:
         ------
         ValueError
             For a length that is not positive, distances that contradict the lens law, m = 0 or
-            m <= -1, a within f_mu, both or none of m and a, an array before the main lens, or
-            another match.
+            m <= -1, a within f_mu, both or none of m and a, an array before the main lens,
+            another match, or for aberrations that do not fit.
         SamplingError
             If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
         """
@@ -159,7 +166,7 @@ class PlenopticCamera:
             **shared,
         )
         geometry.check_sampling(camera, 0.0, max(1.0, z2 / F))
-        return camera
+        return camera.with_aberrations(aberrations)
 
 
 def _distances(

@@ -102,6 +102,10 @@ def _no_isoplanatic(camera: Plenoptic) -> str:
         )
     if len(mla.focal_lengths) > 1:
         return "The lenslets differ in focal length; method='isoplanatic' needs equal ones"
+    if not camera.aberrations.scatter.is_none:
+        return "The lenslets scatter; method='isoplanatic' needs equal ones"
+    if camera.aberrations.varies:
+        return "The main lens' wavefront changes over the field, as method='isoplanatic' cannot"
     return ""
 
 

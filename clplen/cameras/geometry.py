@@ -98,7 +98,8 @@ def check_sampling(camera: Plenoptic, reach: float, alpha: float) -> None:
     For a 2.0 camera with its image in focus, beta = z2/F, this is (X/z2 + D/(2 F)) + d/(2 f):
     about the chief ray of a lenslet, slope (c - X)/a, light converges within d/(2 b) only, but
     lenslets at the rim of the blur, abs(c - X) up to a D/(2 F) + d/2, bring that to d/(2 f),
-    1/f = 1/a + 1/b. The steepest of several f counts. And the window holds the main lens' aperture.
+    1/f = 1/a + 1/b. The steepest of several f counts, and aberrations add the slopes of their
+    wavefronts. And the window holds the main lens' aperture.
 
     Parameters
     ----------
@@ -119,15 +120,18 @@ def check_sampling(camera: Plenoptic, reach: float, alpha: float) -> None:
         camera.mla.diameter,
         min(camera.mla.focal_lengths),
     )
-    slope = (alpha * D / 2 + reach) / z2 + d / (2 * f_mu)
+    bent = camera.main_slope(reach * camera.image_distance / z2)
+    bent += camera.aberrations.lenslet_slope(camera.mla)
+    slope = (alpha * D / 2 + reach) / z2 + d / (2 * f_mu) + bent
     if 2 * camera.pixel_pitch * slope >= camera.wavelength:
         fitting = camera.wavelength / (2 * slope)
         raise SamplingError(
             f"Light reaches the sensor at up to {slope / camera.wavelength:.4g} cycles/m "
-            f"((alpha D/2 + |X|)/z2 + d/(2 f_mu), |X| = {reach:.4g} m), but pixels of "
+            f"((alpha D/2 + |X|)/z2 + d/(2 f_mu), |X| = {reach:.4g} m"
+            f"{f', aberrations {bent:.4g} rad' if bent else ''}), but pixels of "
             f"{camera.pixel_pitch:.4g} m sample {1 / (2 * camera.pixel_pitch):.4g}: pixels below "
             f"{fitting:.4g} m would do (pixels_per_lenslet = {camera.mla.pitch / fitting:.4g}), or "
-            "a longer f_mu, or a smaller aperture."
+            f"a longer f_mu, {'smaller aberrations, ' if bent else ''}or a smaller aperture."
         )
     if min(camera.grid.extent) < D:
         raise SamplingError(

@@ -151,8 +151,12 @@ def raw_patterns(
 
 
 def _band(camera: Plenoptic) -> float:
-    """Highest frequency of a pattern: twice that of its field, D/(2 z2) + d/(2 f_mu) over lam m."""
+    """Highest frequency of a pattern: twice that of its field, D/(2 z2) + d/(2 f_mu) over lam m.
+
+    The main lens' wavefront adds none: on the array D/(2 z2) is the angle of its pupil.
+    """
     slopes = camera.aperture_diameter / camera.array_distance + camera.mla.diameter / camera.mla.f
+    slopes += 2 * camera.aberrations.lenslet_slope(camera.mla)
     return slopes / (camera.wavelength * camera.sub_image_scale)
 
 

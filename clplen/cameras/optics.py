@@ -13,11 +13,12 @@ chief ray of a lenslet (x = c, u = 0) to c (1 + z3/z2).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from clplen.cameras.aberrations import NONE, Aberrations
 from clplen.cameras.describe import Description
 from clplen.compute.device import Device
 from clplen.wave.field import Grid
@@ -43,6 +44,8 @@ class Optics(ABC):
     field_lens : bool
         Whether a lens of focal length z2 lies at the array (exit pupil at infinity).
     device : Device
+    aberrations : Aberrations
+        What departs from this design; `Plenoptic.with_aberrations` sets it.
     """
 
     focal_length: float
@@ -56,6 +59,7 @@ class Optics(ABC):
     grid: Grid
     field_lens: bool
     device: Device
+    aberrations: Aberrations = field(default=NONE, kw_only=True)
 
     @property
     @abstractmethod
@@ -176,13 +180,25 @@ class Optics(ABC):
         """How far a point's light reaches on the sensor from X `sub_image_scale`, in metres.
 
         s - X (1 + z3/z2) = u (1 - beta (1 + z3/z2)) - z3 (x - c)/f, u up to D/2 and x - c to d/2;
-        with a field lens u (1 - beta - z3/z2) in the first place.
+        with a field lens u (1 - beta - z3/z2) in the first place. A wavefront of slope w on the
+        main lens adds up to w (z2 + z3), one on the lenslets w z3.
         """
         behind = self.sensor_distance / self.array_distance
         beta = self.array_alpha(dz)
         moved = np.abs(1 - beta - behind * (1 if self.field_lens else beta))
         steepest = self.mla.diameter / (2 * min(self.mla.focal_lengths))
-        return moved * self.aperture_diameter / 2 + self.sensor_distance * steepest
+        steepest += self.aberrations.lenslet_slope(self.mla)
+        bent = self.main_slope() * (self.array_distance + self.sensor_distance)
+        return moved * self.aperture_diameter / 2 + bent + self.sensor_distance * steepest
+
+    def main_slope(self, reach: float | None = None) -> float:
+        """At least the steepest slope of the main lens' wavefront, in radians.
+
+        For points imaged up to ``reach`` from the axis along y and x; None: up to the sensor's rim.
+        """
+        at_rim = max(self.grid.extent) / 2 * self.image_distance / self.array_distance
+        farthest = at_rim if reach is None else reach
+        return self.aberrations.main_slope(farthest, self.aperture_diameter / 2)
 
     def ray_matrix(self, dz: float = 0.0, *, lens_type: int = 0) -> np.ndarray[Any, Any]:
         """ABCD matrix of a lenslet, from the image of the plane dz to the sensor.

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
-from clplen.cameras import geometry
+from clplen.cameras import geometry, wavefronts
+from clplen.cameras.aberrations import Aberrations
 from clplen.cameras.emission import Method
 from clplen.cameras.exposing import expose_scene
 from clplen.cameras.optics import Optics
@@ -32,6 +33,7 @@ from clplen.wave.propagation import Propagator, plan
 from clplen.wave.statistics import Region
 
 Scene = SurfaceScene | PointSources | PicturePlane | Sequence[PointSources | PicturePlane]
+Kind = TypeVar("Kind", bound="Plenoptic")
 FRESNEL_WIDTHS = 2  # diffraction beyond the geometric edge that a window without padding holds
 
 
@@ -41,6 +43,39 @@ class Plenoptic(Optics):
 
     Attributes are those of `Optics`.
     """
+
+    def with_aberrations(self: Kind, aberrations: Aberrations) -> Kind:
+        """The same camera as it is built: with these in place of its aberrations.
+
+        Parameters
+        ----------
+        aberrations : Aberrations
+
+        Returns
+        -------
+        Plenoptic1 or Plenoptic2
+
+        Raises
+        ------
+        ValueError
+            If Zernike terms of lenslets reach beyond their circle, or the sensor would not lie
+            behind the array.
+        SamplingError
+            If the pixels cannot sample the light on the axis.
+        TypeError
+            If they are something else.
+        """
+        if not isinstance(aberrations, Aberrations):
+            raise TypeError(f"aberrations are Aberrations(...), not {type(aberrations).__name__}.")
+        found = replace(self, aberrations=aberrations)
+        aberrations.check_lenslets(self.mla)
+        if not found.sensor_distance > 0:
+            raise ValueError(
+                f"sensor_shift = {aberrations.sensor_shift:g} m puts the sensor at "
+                f"{found.sensor_distance:g} m, not behind the array."
+            )
+        geometry.check_sampling(found, 0.0, max(1.0, self.array_distance / self.image_distance))
+        return found
 
     def expose(
         self,
@@ -141,7 +176,7 @@ class Plenoptic(Optics):
         Field
             Shape (n, ny, nx); not normalised.
         """
-        return pupil_fields(
+        pupil = pupil_fields(
             scene,
             chosen,
             grid=self.grid if whole else aperture_grid(self.grid, self.aperture_diameter),
@@ -151,6 +186,8 @@ class Plenoptic(Optics):
             wavelength=self.wavelength,
             device=self.device,
         )
+        places = self.image_of(scene.positions[chosen])[:, ::-1]
+        return wavefronts.behind_main_lens(self, pupil, places)
 
     def array_field(self, pupil: Field, *, pad: int = 1) -> Field:
         """Fields behind the main lens propagated to the array, before its lenslets.
@@ -186,13 +223,15 @@ class Plenoptic(Optics):
         """
         if self.field_lens:
             at_array = thin_lens(at_array, self.array_distance)
-        return self.propagator(self.sensor_distance, "as", pad)(self.mla.apply(at_array))
+        behind = wavefronts.behind_lenslets(self, self.mla.apply(at_array))
+        return self.propagator(self.sensor_distance, "as", pad)(behind)
 
     def padding(self, scene: PointSources) -> tuple[int, int]:
         """Padding of the ways to the array and to the sensor: 1 where no light leaves the window.
 
-        A ray to the array moves sideways by up to abs(X) + abs(beta) D/2; diffraction adds a few
-        Fresnel widths sqrt(lam z2). Behind the array it stays within `spread` of X (1 + z3/z2).
+        A ray to the array moves sideways by up to abs(X) + abs(beta) D/2 and z2 times the slope of
+        the main lens' wavefront; diffraction adds a few Fresnel widths sqrt(lam z2). Behind the
+        array it stays within `spread` of X (1 + z3/z2).
 
         Returns
         -------
@@ -203,7 +242,7 @@ class Plenoptic(Optics):
         X = np.abs(self.on_array(scene.positions))[:, ::-1]  # (y, x)
         beta = np.abs(np.atleast_1d(self.array_alpha(scene.positions[:, 2])))[:, None]
         guard = FRESNEL_WIDTHS * math.sqrt(self.wavelength * z2)
-        moved = X + np.maximum(1, beta) * D / 2 + guard
+        moved = X + np.maximum(1, beta) * D / 2 + z2 * self.main_slope() + guard
         limit = np.array(
             [
                 blas_limit(n, d, z2, self.wavelength)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from clplen.cameras import geometry
+from clplen.cameras import aberrations, geometry
 from clplen.cameras.describe import Description, Row
 from clplen.cameras.plenoptic import Plenoptic
 from clplen.cameras.scene import PointSources
@@ -27,8 +27,8 @@ class Plenoptic1(Plenoptic):
 
     @property
     def sensor_distance(self) -> float:
-        """z3 = f_mu in metres, from the array to the sensor."""
-        return self.mla.f
+        """z3 = f_mu in metres, from the array to the sensor, and what this is moved by."""
+        return self.mla.f + self.aberrations.sensor_shift
 
     def describe(self) -> Description:
         """Derived parameters; see `Description`."""
@@ -48,8 +48,10 @@ class Plenoptic1(Plenoptic):
             Row("lenslet pitch", p, "m", f"{self.pixels_per_lenslet:.6g} pixels"),
             Row("lenslet focal length", f_mu, "m", "f_mu, array to sensor"),
             Row("pixel pitch", self.pixel_pitch, "m", f"sensor {ny} x {nx}"),
-            Row("angle a pixel", self.pixel_pitch / f_mu, "rad", "angular sampling"),
-            Row("aperture a pixel", self.pixel_pitch * F / f_mu, "m", "du on the main lens"),
+            Row(
+                "angle a pixel", self.pixel_pitch / self.sensor_distance, "rad", "angular sampling"
+            ),
+            Row("aperture a pixel", geometry.view_step(self), "m", "du on the main lens"),
             Row("views", geometry.views(self), "", "across, one a pixel of a lenslet"),
             Row(
                 "independent views",
@@ -65,6 +67,7 @@ class Plenoptic1(Plenoptic):
                 "",
                 "pixels a view step for 1 - alpha = 1",
             ),
+            *aberrations.rows(self.aberrations, lam),
         )
         return Description("Plenoptic 1.0 camera", rows)
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from clplen.cameras import aberrations
 from clplen.cameras.describe import Description, Row
 from clplen.cameras.plenoptic import Plenoptic
 from clplen.wave.lenslets import MicrolensArray
@@ -48,8 +49,8 @@ class Plenoptic2(Plenoptic):
 
     @property
     def sensor_distance(self) -> float:
-        """z3 = b in metres, from the array to the sensor."""
-        return self.b
+        """z3 = b in metres, from the array to the sensor, and what this is moved by."""
+        return self.b + self.aberrations.sensor_shift
 
     @property
     def patch_size(self) -> float:
@@ -101,6 +102,7 @@ class Plenoptic2(Plenoptic):
             Row("views", self.views, "", "lenslets in a row that see a point, D abs(a)/(F p)"),
             Row("spot width", 0.886 * lam * self.b / d, "m", "on the sensor, .886 lam b/d"),
             Row("cut-off", d / (lam * abs(self.a)), "1/m", "of the main image, d/(lam a)"),
+            *aberrations.rows(self.aberrations, lam),
         )
         return Description(f"Plenoptic 2.0 camera, {kind}", rows)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen.cameras import geometry, tracing
+from clplen.cameras.aberrations import slopes
 from clplen.cameras.pictures import PicturePlane, parts
 from clplen.cameras.scene import PointSources
 from clplen.cameras.surfaces import SurfaceScene
@@ -36,7 +37,9 @@ def expose_rays(camera: Plenoptic, scene: Any) -> RawImage:
 
     A ray from u on the main lens through x on the array meets the sensor at z3 (x - u)/z2 -
     (x - c) z3/f from x, c the centre of its lenslet; with a field lens at -z3 u/z2 - (x - c) z3/f.
-    No diffraction, no wavelength.
+    No diffraction, no wavelength. Of aberrations the slopes of the wavefronts: the main lens' moves
+    x by z2 dW/du, a lenslet's moves the place on the sensor by z3 dW/dx; a `SurfaceScene` takes a
+    moved sensor only.
 
     Parameters
     ----------
@@ -57,7 +60,8 @@ def expose_rays(camera: Plenoptic, scene: Any) -> RawImage:
     TypeError
         If the scene is none of these.
     ValueError
-        If a part of it is a slide, lies behind the lens, or is a plane seen edge-on.
+        If a part of it is a slide, lies behind the lens, or is a plane seen edge-on, or a
+        `SurfaceScene` is seen through lenses with wavefronts of their own.
     SamplingError
         If a point is imaged beyond the array.
     """
@@ -111,6 +115,11 @@ def is_rays(model: str, scene: Any, coherence: Coherence | None, how: Averaging)
 def _surfaces(camera: Plenoptic, scene: SurfaceScene) -> RawImage:
     """The raw image and the truth of a scene of surfaces."""
     device, mla = camera.device, camera.mla
+    if camera.aberrations.bends_main_lens or camera.aberrations.bends_lenslets:
+        raise ValueError(
+            "Rays of a SurfaceScene know no wavefronts of the lenses: of the camera's aberrations "
+            "keep sensor_shift only, or expose points and pictures."
+        )
     raw = geometry.raw_image(camera, device.empty(camera.grid.shape, np.float32))
     step = geometry.view_step(camera)
     radius, aspect = camera.aperture_diameter / 2 / step, mla.pitch / mla.row_pitch
@@ -249,23 +258,38 @@ def _add_points(image: Vector, camera: Plenoptic, source: PointSources, count: i
     places = camera.on_array(source.positions)[:, ::-1]  # (y, x)
     scale = np.abs(camera.array_scale(source.positions[:, 2]))
     beta = np.atleast_1d(camera.array_alpha(source.positions[:, 2]))
+    images = camera.image_of(source.positions)[:, ::-1]
     step = max(1, BATCH // count)
     for first in range(0, len(source), step):
         part = slice(first, first + step)
         sample = (spread[None] + turns[part, None]) % 1
-        u = _disc(sample[..., :2]) * camera.aperture_diameter / 2
+        on_disc = _disc(sample[..., :2])
+        u = on_disc * camera.aperture_diameter / 2
         moved = _disc(sample[..., 2:]) * (source.diameter / 2 * scale[part])[:, None, None]
         x = places[part, None] + moved + u * (1 - beta[part])[:, None, None]
+        x += camera.array_distance * _main_slopes(camera, on_disc, images[part])
         energy = np.broadcast_to((source.power[part] / count)[:, None], u.shape[:2])
         _deposit(image, camera, x.reshape(-1, 2), u.reshape(-1, 2), energy.ravel())
 
 
+def _main_slopes(camera: Plenoptic, on_disc: Vector, images: Vector) -> Any:
+    """Slopes (y, x) that the main lens' wavefront adds to rays, shape of ``on_disc`` or 0."""
+    aberrations = camera.aberrations
+    if not aberrations.bends_main_lens:
+        return 0.0
+    radius = camera.aperture_diameter / 2
+    found = [
+        np.stack(slopes(aberrations.main_terms(*place), *np.moveaxis(disc, -1, 0)), axis=-1)
+        for disc, place in zip(on_disc, images, strict=True)
+    ]
+    return np.stack(found) / radius
+
+
 def _deposit(image: Vector, camera: Plenoptic, x: Vector, u: Vector, energy: Vector) -> None:
     """Add rays from u on the lens to x on the array to the pixels that they meet, in place."""
-    centre, f, passes = _nearest_lenslet(camera, x)
-    z3 = camera.sensor_distance
+    bend, passes = _lenslet_bend(camera, x)
     slope = ((0.0 if camera.field_lens else x) - u) / camera.array_distance
-    at = centre + z3 * slope + (1 - z3 / f)[:, None] * (x - centre)
+    at = x + camera.sensor_distance * (slope + bend)
     ny, nx = camera.grid.shape
     place = np.rint((at - camera.grid.origin) / camera.grid.pitch).astype(np.int64)
     place += (ny // 2, nx // 2)
@@ -274,16 +298,28 @@ def _deposit(image: Vector, camera: Plenoptic, x: Vector, u: Vector, energy: Vec
     image += np.bincount(index, energy[passes], ny * nx).reshape(ny, nx)
 
 
-def _nearest_lenslet(camera: Plenoptic, x: Vector) -> tuple[Vector, Vector, Any]:
-    """Centre and f of the lenslet of each place (y, x) on the array; whether light passes it."""
+def _lenslet_bend(camera: Plenoptic, x: Vector) -> tuple[Vector, Any]:
+    """Slopes (y, x) that lenslets add at places (y, x) on the array; whether light passes there."""
     mla = camera.mla
     cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
     turned = np.array([[cos, -sin], [sin, cos]])  # (y, x) of the array from those of the lattice
-    local = (x - mla.offset) @ turned.T
+    lenslet, from_centre, inside = _nearest_lenslet(mla, (x - mla.offset) @ turned.T)
+    if camera.aberrations.bends_lenslets:
+        errors = camera.aberrations.lenslet_errors(mla)
+        bend = np.stack(errors.bend(lenslet, *from_centre.T), axis=-1)
+    else:
+        bend = -from_centre / np.asarray(mla.focal_lengths)[mla.types().ravel()[lenslet], None]
+    return bend @ turned, inside & _in_aperture(mla, from_centre)
+
+
+def _nearest_lenslet(mla: Any, local: Vector) -> tuple[Any, Vector, Any]:
+    """The lenslet nearest to places (y, x) along the lattice.
+
+    Its index, row times columns plus column; the places from its centre; and whether there is one.
+    """
     ny, nx = mla.count
     best, off = np.zeros_like(local), np.full(len(local), np.inf)
-    inside, lengths = np.zeros(len(local), bool), np.asarray(mla.focal_lengths)
-    f = np.full(len(local), mla.f)
+    inside, index = np.zeros(len(local), bool), np.zeros(len(local), np.int64)
     near = np.floor(local[:, 0] / mla.row_pitch + (ny - 1) / 2)
     for row in (near, near + 1):
         shift = 0.5 * (row % 2) if mla.lattice == "hexagonal" else 0.0
@@ -296,11 +332,8 @@ def _nearest_lenslet(camera: Plenoptic, x: Vector) -> tuple[Vector, Vector, Any]
         best[closer], off[closer] = centre[closer], distance[closer]
         there = (row >= 0) & (row < ny) & (column >= 0) & (column < nx)
         inside[closer] = there[closer]
-        q = column - row // 2 if mla.lattice == "hexagonal" else column
-        kind = (q + mla.type_step * row).astype(np.int64) % len(lengths)
-        f[closer] = lengths[kind[closer]]
-    passes = inside & _in_aperture(mla, local - best)
-    return best @ turned + mla.offset, f, passes
+        index[closer] = np.where(there, row * nx + column, 0)[closer]
+    return index, local - best, inside
 
 
 def _in_aperture(mla: Any, from_centre: Vector) -> Any:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from clplen.cameras import wavefronts
 from clplen.cameras.pictures import PicturePlane
 from clplen.wave.elements import thin_lens, transparency
 from clplen.wave.field import Field
@@ -48,12 +49,24 @@ class SlideWay:
             lit = thin_lens(lit, self.z)
         at_lens = camera.propagator(self.z, "blas", 1 if self.koehler else 2)(lit)
         pupil = thin_lens(at_lens, camera.focal_length, diameter=camera.aperture_diameter)
+        pupil = wavefronts.behind_main_lens(camera, pupil)
         at_array = camera.array_field(pupil, pad=self.padding[0])
         return camera.sensor_field(at_array, pad=self.padding[1])
 
 
 def slide_way(camera: Plenoptic, plane: PicturePlane, koehler: bool) -> SlideWay:
-    """The way of a slide's light, padded where it would leave the window."""
+    """The way of a slide's light, padded where it would leave the window.
+
+    Raises
+    ------
+    ValueError
+        If the main lens' wavefront changes over the field.
+    """
+    if camera.aberrations.varies:
+        raise ValueError(
+            "The light of a slide is one field, whose points have no wavefronts of their own: "
+            "leave main_lens_field out, or use mode='emission'."
+        )
     return SlideWay(camera, plane.dz, koehler, camera.padding(plane.corners()))
 
 

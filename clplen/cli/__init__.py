@@ -8,6 +8,7 @@ import sys
 import click
 
 from clplen import __version__
+from clplen.cli.analyse import analyse
 from clplen.cli.batch import batch, worker
 from clplen.cli.bench import bench
 from clplen.cli.demo import demo
@@ -39,6 +40,7 @@ def main() -> None:
 
 
 _COMMANDS = (
+    analyse,
     batch,
     bench,
     demo,

@@ -22,6 +22,9 @@ from clplen.cli.common import (
     tiles_shown,
     tried_by,
 )
+from clplen.cli.focused import check_kept, depth_words, is_meant, refuse
+from clplen.cli.focused import read as open_raw
+from clplen.cli.focused_depth import SUFFIXES, find_depth
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
@@ -56,6 +59,7 @@ _SURE = 0.5  # confidence above which a pixel counts as sure
     type=click.Path(path_type=Path),
     help="Confidence from 0 to 1, as .pfm, .tif or .npy.",
 )
+@depth_words
 @options.plane_range
 @metres.lengths
 @options.memory
@@ -66,6 +70,9 @@ def depth(
     output: Path,
     cue: str | None,
     confidence: Path | None,
+    ms: Any,
+    focused: bool,
+    image: Path | None,
     disparities: Any,
     alphas: Any,
     memory: int | None,
@@ -77,6 +84,10 @@ def depth(
     \b
     Example:
       clplen depth flower -o flower.pfm --pattern "IMG_0001_{n}_{u}_{v}.png" --disparities -1:0:41
+      clplen depth simulated/raw.h5 -o depth.ome.tif --metric z.pfm
+
+    Of a raw image of a focused camera: m = b/a, on its picture; .h5 holds it of every sub-image too
+    and .ome.tif the virtual depth, distances and confidence.
     """
     from clplen import plot
     from clplen.io import write_depth
@@ -84,7 +95,26 @@ def depth(
     check_planes(disparities, alphas)
     lengths = metres.lengths_of(words)
     picture = output.with_suffix(".png")
-    _check_names(source, words, (output, confidence), picture, lengths)
+    if is_meant(source, {"m": ms, "focused": focused, "image": image}):
+        refuse(cue=cue, disparities=disparities, alphas=alphas, memory=memory)
+        refuse(baseline_mm=lengths.camera if lengths else None)
+        maps, more = (confidence,), (output, picture)
+        _check_names(source, words, maps, lengths, *more)
+        check_suffix(output, SUFFIXES)
+        files = [path for path in (*more, confidence) if path is not None]
+        check_kept(source, image, *files)
+        find_depth(
+            open_raw(source, selector, words, image),
+            output,
+            ms=ms,
+            step=words["step"],
+            confidence=confidence,
+            metric=lengths.metric if lengths else None,
+            ply=lengths.ply if lengths else None,
+            title=source.name,
+        )
+        return
+    _check_names(source, words, (output, confidence), lengths, picture)
     with _opened(source, selector, words, memory) as (lf, device):
         if lengths is not None:
             metres.check_camera(lf, lengths)
@@ -142,15 +172,15 @@ def _check_names(
     source: Path,
     layout: dict[str, Any],
     maps: tuple[Path | None, ...],
-    picture: Path,
     lengths: metres.Lengths | None,
+    *more: Path,
 ) -> None:
-    """Refuse outputs of another kind, of the same name, or that cannot be written."""
+    """Refuse maps of another kind, outputs of the same name, or that cannot be written."""
     wanted = [*maps, lengths.metric if lengths else None]
     outputs = [path for path in wanted if path is not None]
     for path in outputs:
         check_suffix(path, _MAPS)
-    outputs.append(picture)
+    outputs += more
     if lengths is not None and lengths.ply is not None:
         check_suffix(lengths.ply, (".ply",))
         outputs.append(lengths.ply)

@@ -26,6 +26,7 @@ Rows = list[tuple[str, str]]
 _MAPS = (".pfm", ".npy", ".tif", ".tiff")
 _COLUMNS = 100  # of text beside the labels
 _LISTED = 12  # views that a line lists
+_FOCUSED = "focused camera (plenoptic 2.0): see 'clplen render', 'stack' and 'depth'"
 _AXIS_WORDS = ("swap_uv", "flip_v", "flip_u")
 
 
@@ -59,7 +60,8 @@ def info(
 
     For light fields: size, type and range of the samples, dark views, and the sharpness of the
     focal stack in each of the eight orders of the view axes, with the options that mend a wrong
-    one. For raw images: the lattice of their lenslets. For disparity maps: size and range.
+    one. For raw images: the lattice of their lenslets, and their camera where they tell
+    it. For disparity maps: size and range.
 
     \b
     Example:
@@ -67,12 +69,16 @@ def info(
       clplen info raw.tif --white flat.tif --save-grid grid.json
       clplen info truth.pfm --json
     """
+    from clplen.io import is_raw_file
+
     given = {name: value for name, value in layout.items() if value not in (None, False)}
     values = None if given or save_grid else _map(source)
     if values is not None:
         rows, data = _of_map(source, values)
     elif source.suffix.lower() == ".xml":
         rows, data = _of_calibration(source)
+    elif is_raw_file(source):
+        rows, data = _of_raw(source, selector)
     else:
         rows, data = _of_lightfield(source, selector, layout, farthest, save_grid)
     if as_json:
@@ -122,8 +128,56 @@ def _of_map(source: Path, values: np.ndarray[Any, Any]) -> tuple[Rows, dict[str,
 def _of_calibration(source: Path) -> tuple[Rows, dict[str, Any]]:
     from clplen.io import read_raytrix
 
-    data = {"file": source, "kind": "a Raytrix calibration", **asdict(read_raytrix(source))}
-    return [(name.replace("_", " ").capitalize(), str(value)) for name, value in data.items()], data
+    calibration = read_raytrix(source)
+    data = {"file": source, "kind": "a Raytrix calibration", **asdict(calibration)}
+    rows = [(name.replace("_", " ").capitalize(), str(value)) for name, value in data.items()]
+    picture = _picture_beside(source)
+    if picture is not None:
+        path, shape = picture
+        count = len(calibration.lattice(shape).centres())
+        text = f"{path}, {shape[0]} x {shape[1]} pixels, {count} lenslets, of a {_FOCUSED}"
+        rows.append(("Raw image", text))
+        data["raw_image"] = {"file": path, "shape": shape, "lenslets": count}
+    return rows, data
+
+
+def _picture_beside(source: Path) -> tuple[Path, tuple[int, int]] | None:
+    """The raw image of a calibration and its shape, where it is there."""
+    from clplen.errors import FormatError
+    from clplen.io.raw import picture_of, read_frame
+
+    try:
+        path = picture_of(source)
+    except FormatError:
+        return None
+    ny, nx = read_frame(path)[0].shape[:2]
+    return path, (int(ny), int(nx))
+
+
+def _of_raw(source: Path, selector: str | None) -> tuple[Rows, dict[str, Any]]:
+    from clplen.compute.device import Device
+    from clplen.io import read_raw
+
+    raw = read_raw(source, device=Device.open(selector))
+    camera: Any = raw.camera
+    described = camera.describe()
+    kind = f"a raw image of a {_FOCUSED}" if hasattr(camera, "m") else "a raw image"
+    values = raw.to_numpy()
+    low, high = float(np.min(values)), float(np.max(values))
+    ny, nx = raw.shape
+    rows = [
+        ("File", f"{source}, {kind}"),
+        ("Size", f"{ny} x {nx} pixels of {1e6 * raw.pixel_pitch:g} um"),
+        ("Samples", f"{values.dtype}, {low:g} to {high:g}"),
+        ("Camera", described.title),
+    ]
+    rows += [("", line) for line in str(described).splitlines()[1:]]
+    for number, one in enumerate(raw.lens_types):
+        near, far = one.depth_range
+        rows.append((f"Lens type {number}", f"virtual depth 1/m from {near:.4g} to {far:.4g}"))
+    data = {"file": source, "kind": kind, "shape": raw.shape, "low": low, "high": high}
+    lengths = {row.name: row.value for row in described.rows}
+    return rows, data | {"camera": lengths, "lens_types": raw.lens_types}
 
 
 def _of_lightfield(

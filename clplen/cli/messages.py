@@ -18,12 +18,13 @@ _TYPED = (
     (r"\bpattern=(?=')", "--pattern "),
     (
         r"\b(pattern|views|flip_v|flip_u|swap_uv|allow_missing|order|dataset|positions|srgb|white|"
-        r"dark|grid|step|lattice|bayer|demosaic|devignette|max_bytes)=",
+        r"dark|grid|image|step|lattice|bayer|demosaic|devignette|max_bytes)=",
         r"--\1",
     ),
     (r"give spacing=\(dv, du, dy, dx\), or use disparity", "use --disparities"),
     (r" and give their views weight 0 \(weights=\)", ""),
     (r"--(swap|flip|allow|max)_", r"--\1-"),
+    (r"\bms=(?=\W)", "--m"),
     (r"\bmethod='([\w-]+)'(?: or '([\w-]+)')", r"--method \1 or \2"),
     (r"\bmethod='([\w-]+)'", r"--method \1"),
     (r"\bor 'auto'", "or auto"),

@@ -134,10 +134,11 @@ def write(lf: LightField | StoredLightField, found: DepthMap, lengths: Lengths) 
     if lengths.ply is not None:
         write_ply(lengths.ply, points, colours_of(lf), comment=words)
         files.append(f", {lengths.ply} the points {unit}")
-    return Said("" if z is None else _distances(z, where), tuple(files))
+    return Said("" if z is None else distances(z, where), tuple(files))
 
 
-def _distances(z: Values, where: str) -> str:
+def distances(z: Values, where: str) -> str:
+    """The range of distances in metres, in a sentence."""
     known = np.isfinite(z)
     if not known.any():
         ask = "look among larger disparities" if where else "check the lengths and --focus-m"

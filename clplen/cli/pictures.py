@@ -67,8 +67,7 @@ def write(
     ``upsample`` is how many of its pixels lie on one of a view; None where its axes are others.
     ``brightness`` says that the values are those of the views, not a variance.
     """
-    from clplen.io import write_image, write_picture
-    from clplen.io.shown import to_look_at, white_of
+    from clplen.io import write_image
 
     values = drawable(values)
     if output.suffix.lower() != ".png":
@@ -77,11 +76,38 @@ def write(
             sizes = (*lf.spacing[:2], lf.spacing[2] / upsample, lf.spacing[3] / upsample)
         write_image(output, values, spacing=sizes, description="linear values")
         return "linear float32"
-    srgb = srgb and brightness
-    white = white_of(values, lf.dtype if brightness else np.dtype(np.float32), srgb=srgb)
+    dtype = lf.dtype if brightness else np.dtype(np.float32)
+    return write_shown(output, values, dtype, srgb=srgb and brightness)
+
+
+def write_shown(
+    output: Path, values: np.ndarray[Any, Any], dtype: np.dtype[Any], *, srgb: bool = False
+) -> str:
+    """Write a picture of 8 bits, to look at, and say how it was scaled.
+
+    ``dtype`` is that of the samples it was made of, float32 for what is no brightness.
+    """
+    from clplen.io import write_picture
+    from clplen.io.shown import to_look_at, white_of
+
+    white = white_of(values, dtype, srgb=srgb)
     write_picture(output, to_look_at(values, white, srgb=srgb))
     above = np.count_nonzero(values > white)
     return scaled(white, srgb) + (f"; {above} samples are brighter" if above else "")
+
+
+def animate(
+    output: Path, frames: np.ndarray[Any, Any], dtype: np.dtype[Any], *, srgb: bool = False
+) -> str:
+    """Write pictures (n, y, x[, c]) as a GIF, all scaled alike, and say how."""
+    from clplen.io.animation import write_animation
+    from clplen.io.shown import to_look_at, white_of
+
+    white = white_of(frames, dtype, srgb=srgb)
+    drawable(frames[0])
+    pictures = [drawable(to_look_at(frame, white, srgb=srgb)) for frame in frames]
+    write_animation(output, pictures)
+    return f"{len(pictures)} frames, {scaled(white, srgb)}"
 
 
 def scaled(white: float, srgb: bool) -> str:

@@ -10,7 +10,17 @@ import numpy as np
 
 from clplen.cli import options
 from clplen.cli.common import check_planes, planes_of, read
-from clplen.cli.pictures import PICTURES, check_output, drawable, scaled, write
+from clplen.cli.focused import (
+    Opened,
+    check_kept,
+    fraction,
+    is_meant,
+    picture_words,
+    refuse,
+    suitable_ms,
+)
+from clplen.cli.focused import read as open_raw
+from clplen.cli.pictures import PICTURES, animate, check_output, write, write_shown
 from clplen.lightfield.rays import STATISTICS
 
 if TYPE_CHECKING:
@@ -60,6 +70,7 @@ _ROUND = 0.8  # of the way to the outermost views
     type=click.Choice(["views", "focus"]),
     help="A GIF that goes round the viewpoints, or through the planes (default 17) and back.",
 )
+@picture_words
 @options.plane_range
 @options.layout
 @options.device
@@ -71,6 +82,12 @@ def render(
     flatten: str | None,
     disparity: float | None,
     sweep: str | None,
+    method: str | None,
+    ms: Any,
+    patch: float | None,
+    view: Any,
+    focused: bool,
+    image: Path | None,
     disparities: Any,
     alphas: Any,
     selector: str | None,
@@ -83,8 +100,21 @@ def render(
       clplen render flower -o left.tif --viewpoint 4.5 1.3 --disparity -0.65
       clplen render flower -o through.tif --flatten median --disparity -0.65
       clplen render flower -o around.gif --sweep views --disparity -0.65
+      clplen render simulated/raw.h5 -o sharp.tif --method depth
+      clplen render shot.xml -o patches.png --method basic --m 0.2
     """
     check_planes(disparities, alphas)
+    own = {"method": method, "m": ms, "patch": patch, "view": view}
+    if is_meant(source, own | {"focused": focused, "image": image}):
+        refuse(viewpoint=viewpoint, flatten=flatten, disparity=disparity)
+        refuse(disparities=disparities, alphas=alphas)
+        check_output(source, output, layout, (".gif",) if sweep else PICTURES)
+        check_kept(source, image, output)
+        opened = open_raw(source, selector, layout, image)
+        words = {"step": layout["step"], "aperture": fraction(aperture)}
+        said = _of_focused(opened, output, sweep, own | words)
+        click.echo(f"{output}: {said}.")
+        return
     _check_words(
         sweep,
         choice=any(word is not None for word in (viewpoint, aperture, flatten)),
@@ -94,7 +124,7 @@ def render(
     lf = read(source, selector, layout)
     if sweep:
         frames = _views(lf, disparity) if sweep == "views" else _planes(lf, disparities, alphas)
-        said = _animate(output, frames, lf, srgb=layout["srgb"])
+        said = animate(output, frames, lf.dtype, srgb=layout["srgb"])
     else:
         picture = _picture(lf, viewpoint, aperture, flatten, disparity)
         said = write(output, picture, lf, srgb=layout["srgb"], brightness=flatten != "variance")
@@ -137,12 +167,60 @@ def _planes(lf: LightField, disparities: Any, alphas: Any) -> np.ndarray[Any, An
     return np.concatenate((stack, stack[-2:0:-1]))
 
 
-def _animate(output: Path, frames: np.ndarray[Any, Any], lf: LightField, *, srgb: bool) -> str:
-    from clplen.io.animation import write_animation
-    from clplen.io.shown import to_look_at, white_of
+def _of_focused(opened: Opened, output: Path, sweep: str | None, words: dict[str, Any]) -> str:
+    """Write a picture of a focused raw image, or a sweep; what was made."""
+    from clplen.io import write_focused
+    from clplen.lightfield.focused import render_focused
 
-    white = white_of(frames, lf.dtype, srgb=srgb)
-    drawable(frames[0])
-    pictures = [drawable(to_look_at(frame, white, srgb=srgb)) for frame in frames]
-    write_animation(output, pictures)
-    return f"{len(pictures)} frames, {scaled(white, srgb)}"
+    method, ms = words.pop("method"), words.pop("m")
+    known = {name: value for name, value in words.items() if value is not None}
+    known["white"] = opened.white
+    if sweep:
+        if method not in (None, "blended") or "patch" in known or "view" in known:
+            raise click.UsageError(
+                "--sweep blends and chooses its own views or planes: leave out --method, --patch "
+                "and --view."
+            )
+        frames = _around(opened, ms, known) if sweep == "views" else _through(opened, ms, known)
+        return animate(output, frames, np.dtype(np.float32))
+    picture = render_focused(opened.raw, method=method or "blended", m=_single(ms), **known)
+    size = abs(picture.ratio) * picture.geometry.pitch
+    said = f"{method or 'blended'}, m = {picture.m:.4g}, patches of {size:.2f} px"
+    if output.suffix.lower() == ".png":
+        return f"{said}, {write_shown(output, picture.to_numpy(), np.dtype(np.float32))}"
+    write_focused(output, picture)
+    return f"{said}, linear float32"
+
+
+def _single(ms: Any) -> float | None:
+    if ms is not None and len(ms) != 1:
+        raise click.UsageError(
+            f"--m is one plane here, not {len(ms)}: give --sweep focus for several, or use "
+            "'clplen stack'."
+        )
+    return None if ms is None else float(ms[0])
+
+
+def _around(opened: Opened, ms: Any, known: dict[str, Any]) -> np.ndarray[Any, Any]:
+    """Places in the sub-images on a circle, through a small part of each."""
+    from clplen.lightfield.focused import render_focused
+
+    m = _single(ms)
+    first = render_focused(opened.raw, m=m, **known)
+    pitch = first.geometry.pitch
+    radius = _ROUND * (1 - abs(first.ratio)) * pitch / 2
+    aperture = min(known["aperture"], max(abs(first.ratio), 2 / pitch))
+    turn = 2 * np.pi * np.arange(_FRAMES) / _FRAMES
+    words = known | {"m": first.m, "aperture": aperture}
+    views = [(radius * float(np.sin(t)), radius * float(np.cos(t))) for t in turn]
+    frames = [render_focused(opened.raw, view=view, **words).to_numpy() for view in views]
+    return np.stack(frames)
+
+
+def _through(opened: Opened, ms: Any, known: dict[str, Any]) -> np.ndarray[Any, Any]:
+    """Planes there and back."""
+    from clplen.lightfield.focused import focused_stack
+
+    planes = suitable_ms(opened, _PLANES) if ms is None else ms
+    stack = focused_stack(opened.raw, ms=planes, **known).to_numpy()
+    return np.concatenate((stack, stack[-2:0:-1]))

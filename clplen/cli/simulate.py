@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from clplen.cli import options
 from clplen.cli.common import bar_of, opened, reach, size_of
+
+if TYPE_CHECKING:
+    from clplen.lightfield.raw import RawImage
 
 
 def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -25,7 +29,8 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
     "--output",
     required=True,
     metavar="FOLDER",
-    help="Folder for raw.tif, raw.png and lightfield.h5; made if it is not there.",
+    help="Folder for raw.tif, raw.png and lightfield.h5, or of a focused camera raw.h5; made if it "
+    "is not there.",
 )
 @click.option(
     "--example",
@@ -46,6 +51,9 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
 def simulate(camera: Path, output: str, checkpoint: Path | None, selector: str | None) -> None:
     """Simulate a camera and a scene of points and pictures: a raw image and its light field.
 
+    A focused camera (plenoptic 2.0) has no light field of directions: raw.h5 holds its raw image
+    with the camera, for 'clplen render', 'stack' and 'depth'.
+
     \b
     Example:
       clplen simulate --example > camera.toml
@@ -53,8 +61,7 @@ def simulate(camera: Path, output: str, checkpoint: Path | None, selector: str |
     """
     from clplen import plot
     from clplen.config import CoherenceTable, read_camera_file
-    from clplen.io import check_writable, output_folder, write_lightfield, write_picture
-    from clplen.lightfield.lightfield import LightField
+    from clplen.io import check_writable, output_folder, write_picture
 
     wanted = read_camera_file(camera)
     how = wanted.coherence or CoherenceTable()
@@ -82,11 +89,22 @@ def simulate(camera: Path, output: str, checkpoint: Path | None, selector: str |
                 rtol=how.rtol,
                 checkpoint=checkpoint,
             )
-        lf = LightField.from_raw(raw)
         write_picture(folder / "raw.tif", raw.to_numpy())
         plot.save(plot.raw_image(raw), folder / "raw.png")
-        write_lightfield(folder / "lightfield.h5", lf)
-    click.echo(
-        f"Exposure: {raw.exposure}\n{folder} holds raw.tif, raw.png and lightfield.h5, "
-        f"{size_of(lf)}."
-    )
+        more = _write_samples(folder, raw)
+    click.echo(f"Exposure: {raw.exposure}\n{folder} holds raw.tif, raw.png and {more}.")
+
+
+def _write_samples(folder: Path, raw: RawImage) -> str:
+    """The light field of a 1.0 camera, or the raw image of a focused one with its camera."""
+    from clplen.cameras.plenoptic2 import Plenoptic2
+    from clplen.io import write_lightfield, write_raw
+    from clplen.lightfield.lightfield import LightField
+
+    if isinstance(raw.camera, Plenoptic2):
+        write_raw(folder / "raw.h5", raw)
+        rows, columns = raw.sub_images.count
+        return f"raw.h5, {rows} x {columns} lenslets with their camera"
+    lf = LightField.from_raw(raw)
+    write_lightfield(folder / "lightfield.h5", lf)
+    return f"lightfield.h5, {size_of(lf)}"

@@ -20,6 +20,10 @@ from clplen.cli.common import (
     stored,
     tiles_shown,
 )
+from clplen.cli.focused import check_kept, fraction, is_meant, refuse, stack_words, suitable_ms
+from clplen.cli.focused import read as open_raw
+
+_MS = 11  # planes of a focused raw image where none are said
 
 
 @click.command()
@@ -34,6 +38,7 @@ from clplen.cli.common import (
     help="Part of the main lens to use: views across "
     "(9), fraction of the diameter (0.5) or f-number (f/66); default: all.",
 )
+@stack_words
 @options.memory
 @options.layout
 @options.device
@@ -43,6 +48,10 @@ def stack(
     disparities: Any,
     alphas: Any,
     aperture: Any,
+    ms: Any,
+    view: Any,
+    focused: bool,
+    image: Path | None,
     memory: int | None,
     selector: str | None,
     **layout: Any,
@@ -57,6 +66,7 @@ def stack(
     Example:
       clplen stack flower -o stack.tif --pattern "IMG_0001_{n}_{u}_{v}.png"
       clplen stack simulated/lightfield.h5 -o stack.tif --alphas 0.7:1.2:21
+      clplen stack shot.xml -o stack.tif --m 0.1:0.3:9
     """
     from clplen.io import write_stack
     from clplen.lightfield.depth import sharpness_curve
@@ -65,6 +75,11 @@ def stack(
     check_planes(disparities, alphas)
     check_suffix(output, (".tif", ".tiff", ".zarr"))
     check_outputs(source, layout, output)
+    if is_meant(source, {"m": ms, "view": view, "focused": focused, "image": image}):
+        refuse(disparities=disparities, alphas=alphas, memory=memory)
+        check_kept(source, image, output)
+        _of_focused(source, output, ms, view, aperture, image, selector, layout)
+        return
     if memory is not None:
         _stream(source, output, (disparities, alphas), aperture, memory, selector, layout)
         return
@@ -79,6 +94,36 @@ def stack(
         f"{output} holds {options.planes(len(made.disparities))}; the sharpest is number {best} "
         f"(from 0), d = {made.disparities[best]:.4f}{also}."
     )
+
+
+def _of_focused(
+    source: Path,
+    output: Path,
+    ms: Any,
+    view: Any,
+    aperture: Any,
+    image: Path | None,
+    selector: str | None,
+    layout: dict[str, Any],
+) -> None:
+    """Blended pictures of a focused raw image; which is sharpest says nothing of depth."""
+    from clplen.io import write_focused
+    from clplen.lightfield.focused import focused_stack
+
+    share = fraction(aperture)
+    opened = open_raw(source, selector, layout, image)
+    planes = suitable_ms(opened, _MS) if ms is None else ms
+    made = focused_stack(
+        opened.raw,
+        ms=planes,
+        step=layout["step"],
+        view=view or (0.0, 0.0),
+        aperture=share,
+        white=opened.white,
+    )
+    write_focused(output, made)
+    where = f"m = {planes[0]:.4g}" + (f" to {planes[-1]:.4g}" if len(planes) > 1 else "")
+    click.echo(f"{output} holds {options.planes(len(planes))}, {where}.")
 
 
 def _stream(

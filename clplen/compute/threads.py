@@ -30,19 +30,19 @@ def share(work: Callable[[Part, Own], None], parts: Sequence[Part], owned: Seque
     Raises
     ------
     BaseException
-        What ``work`` raised first, when all threads have ended.
+        What ``work`` raised, in the calling thread before the others, when all have ended.
     """
     left, failed = iter(parts), Event()
 
     def run(own: Own) -> None:
-        for part in left:
-            if failed.is_set():
-                return
-            try:
+        try:
+            for part in left:
+                if failed.is_set():
+                    return
                 work(part, own)
-            except BaseException:
-                failed.set()
-                raise
+        except BaseException:
+            failed.set()
+            raise
 
     helpers = owned[1 : len(parts)]
     others = [_kept(len(owned) - 1).submit(run, own) for own in helpers]
@@ -50,7 +50,12 @@ def share(work: Callable[[Part, Own], None], parts: Sequence[Part], owned: Seque
         run(owned[0])
     finally:
         begun = [other for other in others if not other.cancel()]
-        wait(begun)
+        try:
+            wait(begun)
+        except BaseException:  # an interrupt: what they work on is the caller's
+            failed.set()
+            wait(begun)
+            raise
     for other in begun:
         other.result()
 

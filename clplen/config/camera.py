@@ -7,10 +7,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from clplen.cameras.aberrations import NONE
 from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.compute.device import Device
+from clplen.config.aberrations import AberrationsTable
 from clplen.config.tables import (
     Count,
     Finite,
@@ -74,6 +76,7 @@ class CameraTable(Table):
     m: Finite | None = None
     a_mm: Finite | None = None
     match: Literal["pupil", "cone"] = "pupil"
+    aberrations: AberrationsTable | None = None
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> CameraTable:
@@ -92,15 +95,17 @@ class CameraTable(Table):
 
     def build(self, device: Device) -> Plenoptic1 | Plenoptic2:
         """The camera, in SI units, on a device."""
+        wavelength = self.wavelength_nm / 1e9
         shared: dict[str, Any] = {
             "focal_length": self.focal_length_mm / 1e3,
             "mla": self.microlenses.build(),
-            "wavelength": self.wavelength_nm / 1e9,
+            "wavelength": wavelength,
             "pixels_per_lenslet": self.pixels_per_lenslet,
             "device": device,
             "object_distance": divided(self.object_distance_mm, 1e3),
             "image_distance": divided(self.image_distance_mm, 1e3),
             "aperture_diameter": divided(self.aperture_diameter_mm, 1e3),
+            "aberrations": self.aberrations.build(wavelength) if self.aberrations else NONE,
         }
         if self.kind == "plenoptic1":
             return PlenopticCamera.type1(field_lens=self.field_lens, **shared)

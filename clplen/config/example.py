@@ -30,6 +30,18 @@ fill = "full"                   # or "circular" (default)
 # offset_um = [0.0, 0.0]        # y, x
 # rotation_deg = 0.0            # positive turns +x towards +y (y down)
 
+# [camera.aberrations]          # wavefronts: waves at wavelength_nm, rms on a disc, by Noll's index
+# main_lens_waves = { 6 = 0.1, 8 = -0.05 }              # default: none
+# main_lens_field_waves_per_mm = { 7 = [0.1, 0.0] }     # default: none. Added for each mm of the
+                                # image from the axis, along Y and along X
+# lenslets_waves = { 11 = 0.05 }                        # default: none. Of every lenslet
+# lenslet_circle_um = 212.2     # needed with fill = "full": the disc, about a lenslet's corners
+# focal_length_scatter = 0.0    # rms of what differs from lenslet to lenslet: f over its design - 1
+# tilt_scatter_mrad = 0.0       # slopes that lenslets add to rays, each axis
+# position_scatter_um = 0.0     # vertices from the centres of their apertures, each axis
+# scatter_seed = 0
+# sensor_shift_um = 0.0         # by how much farther from the array the sensor lies
+
 [scene]
 # x, y, dz of each point: from the axis point of the focused plane, dz > 0 farther from the lens
 points_mm = [[-3.0, -3.0, -50.0], [0.0, 0.0, 0.0], [3.0, 3.0, 50.0]]

@@ -13,6 +13,7 @@ from typing import Any, cast
 from clplen.compute.device import Device
 from clplen.files import PathLike, check_folder, check_writable, output_folder
 from clplen.io.disparity import read_disparity
+from clplen.io.focused import write_focused, write_focused_depth
 from clplen.io.hci import HciParameters, read_parameters
 from clplen.io.hdf5 import write_hdf5
 from clplen.io.kinds import kind_of
@@ -23,6 +24,7 @@ from clplen.io.picture import read_picture, write_picture
 from clplen.io.ply import points_of, write_ply
 from clplen.io.positions import NAMES
 from clplen.io.raw import read_raw
+from clplen.io.rawfile import is_raw_file, write_raw
 from clplen.io.raytrix import read_raytrix, write_raytrix
 from clplen.io.stack import write_depth, write_image, write_stack
 from clplen.io.truth import read_masks, read_truth, write_truth
@@ -36,6 +38,7 @@ __all__ = [
     "check_folder",
     "check_writable",
     "files_of",
+    "is_raw_file",
     "open_lightfield",
     "output_folder",
     "points_of",
@@ -49,12 +52,15 @@ __all__ = [
     "read_raytrix",
     "read_truth",
     "write_depth",
+    "write_focused",
+    "write_focused_depth",
     "write_image",
     "write_lightfield",
     "write_mosaic",
     "write_pfm",
     "write_picture",
     "write_ply",
+    "write_raw",
     "write_raytrix",
     "write_stack",
     "write_truth",

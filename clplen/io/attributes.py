@@ -13,8 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from clplen.cameras.aberrations import NONE, Aberrations
 from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.compute.device import Device
 from clplen.errors import ClplenError, FormatError
 from clplen.io.layout import Layout
@@ -23,6 +25,7 @@ from clplen.lightfield.lightfield import LightField
 from clplen.wave.lenslets import MicrolensArray
 
 SAMPLES = "lightfield"
+RAW = "raw"
 BESIDE = ("weights", "positions")
 CAMERA = "camera"
 NAMES = ("axes", "spacing", "decode", "parametrisation")  # attributes that are read again
@@ -33,10 +36,19 @@ _CAMERA = (
     "object_distance",
     "image_distance",
     "aperture_diameter",
-    "field_lens",
 )
+_OWN = {"type1": ("field_lens",), "type2": ("m",)}  # what only one kind of camera has
 _ARRAY = ("pitch", "f", "count", "lattice", "fill", "diameter", "offset", "rotation")
-CAMERA_NAMES = ("kind", *_CAMERA, *(f"mla_{name}" for name in _ARRAY))
+_ABERRATIONS = "aberrations"  # JSON, where there are any
+_LENSLETS = 10**7  # that may scatter: some bytes for each are allocated
+CAMERA_NAMES = (
+    "kind",
+    *_CAMERA,
+    "field_lens",
+    "m",
+    _ABERRATIONS,
+    *(f"mla_{name}" for name in _ARRAY),
+)
 _WORDS = {"decode": ("calibrated", "naive"), "parametrisation": ("two-plane", "point-angle")}
 
 
@@ -62,14 +74,21 @@ def arrays_beside(lf: LightField) -> dict[str, np.ndarray[Any, Any]]:
     return {name: array for name, array in found.items() if array is not None}
 
 
-def of_camera(lf: LightField) -> dict[str, Any] | None:
-    """The attributes of the group of the camera, as plain Python; None without one to keep."""
-    camera = lf.camera
-    if not isinstance(camera, Plenoptic1):
+def of_camera(camera: Any) -> dict[str, Any] | None:
+    """The attributes of the group of a camera, as plain Python; None without one to keep.
+
+    ``mla_f`` is a list where the lenslets have several focal lengths.
+    """
+    if not isinstance(camera, Plenoptic1 | Plenoptic2):
         return None
-    own = {name: getattr(camera, name) for name in _CAMERA}
-    array = {f"mla_{name}": getattr(camera.mla, name) for name in _ARRAY}
-    return {"kind": "type1"} | {name: plain(value) for name, value in (own | array).items()}
+    kind = "type2" if isinstance(camera, Plenoptic2) else "type1"
+    found = {name: getattr(camera, name) for name in (*_CAMERA, *_OWN[kind])}
+    found |= {f"mla_{name}": getattr(camera.mla, name) for name in _ARRAY}
+    if len(camera.mla.focal_lengths) > 1:
+        found["mla_f"] = camera.mla.focal_lengths
+    if camera.aberrations != NONE:
+        found[_ABERRATIONS] = camera.aberrations.to_json()
+    return {"kind": kind} | {name: plain(value) for name, value in found.items()}
 
 
 def plain(value: Any) -> Any:
@@ -147,8 +166,10 @@ def words_in(attributes: dict[str, Any], path: Path) -> dict[str, Any]:
     return found
 
 
-def read_camera(values: dict[str, Any], path: Path, device: Device) -> Plenoptic1 | None:
-    """The camera that took the light field; None where it is of a kind unknown here.
+def read_camera(
+    values: dict[str, Any], path: Path, device: Device
+) -> Plenoptic1 | Plenoptic2 | None:
+    """The camera of a light field or raw image; None where it is of a kind unknown here.
 
     Parameters
     ----------
@@ -162,16 +183,23 @@ def read_camera(values: dict[str, Any], path: Path, device: Device) -> Plenoptic
     FormatError
         If a parameter is missing or out of range.
     """
-    if values.get("kind") != "type1":
+    kind = str(values.get("kind"))
+    if kind not in _OWN:
         return None
     try:
         mla = {name: values[f"mla_{name}"] for name in _ARRAY}
-        camera = {name: values[name] for name in _CAMERA}
+        camera = {name: values[name] for name in (*_CAMERA, *_OWN[kind])}
     except KeyError as error:
         raise FormatError(f"The camera in {path} lacks {error}.") from error
     pitch, focal_length = mla.pop("pitch"), mla.pop("f")
     try:
-        array = MicrolensArray(pitch, focal_length, **mla)
-        return PlenopticCamera.type1(mla=array, device=device, **camera)
+        camera |= {"mla": MicrolensArray(pitch, focal_length, **mla), "device": device}
+        if _ABERRATIONS in values:
+            if not np.prod(mla["count"], dtype=np.float64) <= _LENSLETS:
+                raise ValueError(f"{mla['count']} lenslets are more than {_LENSLETS:,}")
+            camera[_ABERRATIONS] = Aberrations.from_json(str(values[_ABERRATIONS]))
+        if kind == "type2":
+            return PlenopticCamera.type2(**camera)
+        return PlenopticCamera.type1(**camera)
     except (*UNREADABLE, ClplenError) as error:
         raise FormatError(f"The camera in {path} is none: {error}") from error

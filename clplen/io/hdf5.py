@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 
 from clplen.compute.device import Device
+from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.io import attributes
 from clplen.io.hdf5_foreign import find, source_of
@@ -22,6 +23,7 @@ from clplen.io.hdf5_reading import attributes_of, dataset_of, opened, require_si
 from clplen.io.layout import Layout
 from clplen.io.loading import reading
 from clplen.io.opening import Found, light_field, stored_light_field
+from clplen.io.rawfile import is_raw
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.stored import StoredLightField
 
@@ -55,7 +57,7 @@ def _write(file: h5py.File, lf: LightField) -> None:
     data.attrs.update(attributes.of_samples(lf))
     for name, array in attributes.arrays_beside(lf).items():
         file.create_dataset(name, data=array)
-    camera = attributes.of_camera(lf)
+    camera = attributes.of_camera(lf.camera)
     if camera is not None:
         file.create_group(attributes.CAMERA).attrs.update(camera)
 
@@ -124,6 +126,11 @@ def open_parts(
 
 
 def _found(file: h5py.File, path: Path, device: Device, layout: Layout) -> Found:
+    if layout.dataset is None and is_raw(file):
+        raise FormatError(
+            f"{path} holds a raw image, not a light field: 'clplen render', 'stack' and 'depth' "
+            "take that of a focused camera; LightField.from_raw(read_raw(path)) decodes another."
+        )
     dataset = find(file, path, layout.dataset)
     source = source_of(dataset, path, layout)
     if str(dataset.name).strip("/") != attributes.SAMPLES:

@@ -19,6 +19,8 @@ from clplen.io.container import MAGIC, read_container
 from clplen.io.frames import SUFFIXES as TIFF
 from clplen.io.frames import read_tiff_frame
 from clplen.io.picture import SUFFIXES, read_picture
+from clplen.io.rawfile import SUFFIXES as HDF5
+from clplen.io.rawfile import read_raw_file
 from clplen.io.raytrix import read_raytrix
 from clplen.lightfield.lattice import Lattice
 from clplen.lightfield.latticefit import estimate_lattice
@@ -27,6 +29,7 @@ from clplen.lightfield.raw import LensType, RawImage
 Frame = np.ndarray[Any, Any]
 
 _DESCRIBED = (".raw", ".json", ".txt")
+_XML = (".xml", ".ray")
 
 
 def read_frame(
@@ -90,8 +93,9 @@ def read_raw(
     Parameters
     ----------
     path : path-like
-        The XML calibration of a Raytrix camera, whose lenses it tells; or a picture, a Lytro
-        container or a raw image with its JSON, with ``white`` or ``grid``.
+        The XML calibration of a Raytrix camera, whose lenses it tells; a file of `write_raw`, with
+        its camera; or a picture, a Lytro container or a raw image with its JSON, with ``white`` or
+        ``grid``.
     image : path-like, optional
         The picture that belongs to an XML; default the one of the same name beside it.
     device : Device, optional
@@ -103,7 +107,7 @@ def read_raw(
     dark : path-like, optional
         Dark frame, subtracted from the image and from the white one.
     grid : path-like, optional
-        Lenslet lattice: JSON of `Lattice.save`, or a Raytrix XML.
+        Lenslet lattice: JSON of `Lattice.save`, or a Raytrix XML, which tells its lens types too.
     frame : int, optional
         Which frame of a TIFF that holds several, as for `read_frame`.
 
@@ -111,32 +115,39 @@ def read_raw(
     -------
     RawImage
         float32, with the file's own values and `lattice`; ``sub_images`` and ``cells`` are its
-        lenslets of which a whole sub-image lies on the picture. The pixel pitch is NaN.
+        lenslets of which a whole sub-image lies on the picture. The pixel pitch is NaN. Of a file
+        of `write_raw`, what was written.
 
     Raises
     ------
     FormatError
-        If a file is missing, damaged or of another kind, or nothing tells where the lenslets lie.
+        If a file is missing, damaged or of another kind, nothing tells where the lenslets lie, or
+        an XML has no lens types.
     ValueError
-        If both white and grid are given, or words that do not apply to an XML.
+        If both white and grid are given, or words that do not apply to an XML or HDF5.
     ShapeError
         If not one lenslet lies on the picture.
     """
     path = Path(path)
     types: tuple[LensType, ...] = ()
-    if path.suffix.lower() in (".xml", ".ray"):
-        if not (white is None and dark is None and grid is None):
-            raise ValueError(f"{path.name} tells the lenses: white=, dark= and grid= do not apply.")
-        calibration = read_raytrix(path)
-        values, _ = read_frame(_picture_of(path) if image is None else image, frame=frame)
-        with _refusing(path):
-            lattice, types = calibration.lattice(_shape(values)), calibration.types()
+    beside = any(one is not None for one in (white, dark, grid))
+    if beside and path.suffix.lower() in (*_XML, *HDF5):
+        raise ValueError(f"{path.name} tells the lenses: white=, dark= and grid= do not apply.")
+    if path.suffix.lower() in HDF5:
+        if image is not None or frame is not None:
+            raise ValueError(f"{path.name} holds one raw image: image= and frame= do not apply.")
+        return read_raw_file(path, device=device)
+    if path.suffix.lower() in _XML:
+        values, _ = read_frame(picture_of(path) if image is None else image, frame=frame)
+        lattice, types = _calibrated(path, _shape(values))
     else:
         if image is not None:
             raise ValueError(f"image= belongs to an XML, {path.name} is an image itself.")
         values, _ = read_frame(path, frame=frame)
         black = None if dark is None else _like(dark, values, path)[0]
         lattice = _lattice(path, values, white, black, grid)
+        if grid is not None and Path(grid).suffix.lower() in _XML:
+            types = _calibrated(Path(grid), _shape(values))[1]
         values = values if black is None else values.astype(np.float32) - black
     device = device or Device.open()
     with naming(path):
@@ -171,7 +182,7 @@ def read_lattice(path: PathLike, shape: tuple[int, int]) -> Lattice:
         If the file is damaged, of another kind, or tells another shape.
     """
     path = Path(path)
-    if path.suffix.lower() in (".xml", ".ray"):
+    if path.suffix.lower() in _XML:
         calibration = read_raytrix(path)
         with _refusing(path):
             return calibration.lattice(shape)
@@ -184,6 +195,18 @@ def read_lattice(path: PathLike, shape: tuple[int, int]) -> Lattice:
     return replace(lattice, shape=shape)
 
 
+def _calibrated(path: Path, shape: tuple[int, int]) -> tuple[Lattice, tuple[LensType, ...]]:
+    """The lenses of a Raytrix XML and their kinds."""
+    calibration = read_raytrix(path)
+    if not calibration.lens_types:
+        raise FormatError(
+            f"{path} has no <lens_type>, which tells the depths at which a kind of lens is sharp: "
+            "add one for each kind, one in all if the lenses are alike."
+        )
+    with _refusing(path):
+        return calibration.lattice(shape), calibration.types()
+
+
 @contextmanager
 def _refusing(path: Path) -> Iterator[None]:
     """A value in a file that makes no lattice, as what is wrong with the file."""
@@ -193,7 +216,14 @@ def _refusing(path: Path) -> Iterator[None]:
         raise FormatError(f"{path}: {error}") from error
 
 
-def _picture_of(path: Path) -> Path:
+def picture_of(path: Path) -> Path:
+    """The picture of the same name beside a Raytrix XML.
+
+    Raises
+    ------
+    FormatError
+        If there is none.
+    """
     for suffix in SUFFIXES:
         for name in (path.with_suffix(suffix), path.with_suffix(suffix.upper())):
             if name.is_file():

@@ -75,10 +75,10 @@ def write_stack(
     OSError
         If it cannot be written.
     """
-    if not _is_series(path):
+    if not is_series(path):
         raise ValueError(f"A focal stack is written as .tif or .zarr, not as {Path(path).name}.")
     blocks: Iterable[Block] = _planes(stack) if isinstance(stack, FocalStack) else stack
-    _write(
+    write_series(
         path,
         _shown(blocks, stack.shape) if progress else blocks,
         shape=stack.shape,
@@ -90,11 +90,11 @@ def write_stack(
     )
 
 
-def _is_series(path: PathLike) -> bool:
+def is_series(path: PathLike) -> bool:
     return Path(path).suffix.lower() in (*SUFFIXES, SUFFIX)
 
 
-def _write(path: PathLike, blocks: Iterable[Block], *, replace: bool, **known: Any) -> None:
+def write_series(path: PathLike, blocks: Iterable[Block], *, replace: bool, **known: Any) -> None:
     """Write OME-TIFF or OME-Zarr, by the suffix."""
     if Path(path).suffix.lower() == SUFFIX:
         write_omezarr(path, blocks, replace=replace, **known)
@@ -122,18 +122,18 @@ def _shown(blocks: Iterable[Block], shape: tuple[int, ...]) -> Iterator[Block]:
 def _description(stack: FocalStack | Tiles) -> dict[str, Any]:
     """What is said about the planes."""
     description = {
-        "disparities": _numbers(stack.disparities),
-        "alphas": _numbers(stack.alphas),
+        "disparities": numbers(stack.disparities),
+        "alphas": numbers(stack.alphas),
         "disparity": _DISPARITY,
         "alpha": _ALPHA,
     }
     if stack.camera is not None:
-        description["dz_m"] = _numbers([stack.camera.dz(alpha) for alpha in stack.alphas])
+        description["dz_m"] = numbers([stack.camera.dz(alpha) for alpha in stack.alphas])
         description["dz"] = _DZ
     return description
 
 
-def _numbers(values: Any) -> list[float | None]:
+def numbers(values: Any) -> list[float | None]:
     return [float(value) if np.isfinite(value) else None for value in values]
 
 
@@ -176,7 +176,7 @@ def write_depth(
     elif suffixes[-1:] == [SUFFIX] or suffixes[-2:] in ([".ome", suffix] for suffix in SUFFIXES):
         maps = _known(depth)
         values = np.stack(list(maps.values()))
-        _write(
+        write_series(
             path,
             whole(values),
             shape=values.shape,
@@ -241,12 +241,12 @@ def write_image(
     OSError
         If it cannot be written.
     """
-    if not _is_series(path):
+    if not is_series(path):
         raise ValueError(f"A picture is written as .tif or .zarr, not as {Path(path).name}.")
     values = np.asarray(image.to_numpy() if hasattr(image, "to_numpy") else image, np.float32)
     if values.ndim not in (2, 3):
         raise ValueError(f"A picture has shape (y, x) or (y, x, c), not {values.shape}.")
-    _write(
+    write_series(
         path,
         whole(values[None]),
         shape=(1, *values.shape),

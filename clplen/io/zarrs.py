@@ -75,7 +75,7 @@ def write_zarr(path: PathLike, lf: LightField) -> None:
                 array.shape, chunks=array.shape, dtype=array.dtype, store=store, path=name, **form
             )
             beside[...] = array
-        camera = attributes.of_camera(lf)
+        camera = attributes.of_camera(lf.camera)
         if camera is not None:
             group.create_group(attributes.CAMERA).attrs.update(camera)
 

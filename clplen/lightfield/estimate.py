@@ -249,16 +249,38 @@ def _checked(
     return int(x), int(y)
 
 
-def _check_range(lf: LightField, window: int, c_max: float, optics: _Optics | None) -> None:
-    """Refuse a range where alpha, the window or the band would end."""
+def search_limit(lf: LightField, *, window: int = 21) -> float:
+    """What ``c_max`` of `estimate_alpha` has to stay below: there alpha, window or band would end.
+
+    Parameters
+    ----------
+    lf : LightField
+    window : int
+        As for `estimate_alpha`.
+
+    Returns
+    -------
+    float
+        Pixels a view step.
+    """
+    return _limit(lf, window, _optics(lf))
+
+
+def _limit(lf: LightField, window: int, optics: _Optics | None) -> float:
     limits = [2 * window / max(max(lf.shape[:2]) - 1, 1)]  # the outermost view leaves the window
     if optics is not None:
         limits.append(_UNFLOORED / (optics.blur.q * _NARROWEST * _BAND[0]))
     if lf.spacing is not None and np.isfinite(lf.spacing).all():
         limits.append(abs(lf.spacing[1] / lf.spacing[3]))  # alpha = 0, for naive cells infinity
-    if not 0 < c_max < min(limits):
+    return float(min(limits))
+
+
+def _check_range(lf: LightField, window: int, c_max: float, optics: _Optics | None) -> None:
+    """Refuse a range where alpha, the window or the band would end."""
+    limit = _limit(lf, window, optics)
+    if not 0 < c_max < limit:
         raise ValueError(
-            f"c_max lies between 0 and {min(limits):.3g} pixels a view step for this light field "
+            f"c_max lies between 0 and {limit:.3g} pixels a view step for this light field "
             f"and window, not at {c_max!r}."
         )
 

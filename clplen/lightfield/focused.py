@@ -15,7 +15,7 @@ from clplen.compute.finite import count_bad
 from clplen.errors import ShapeError
 from clplen.lightfield.focused_depth import FocusedDepth, focused_depth, reference_m
 from clplen.lightfield.focused_geometry import FocusedGeometry, Pair, Values, split
-from clplen.lightfield.focused_metric import alpha_of
+from clplen.lightfield.focused_metric import alpha_of, z_of
 from clplen.lightfield.focused_picture import FocusedImage, FocusedStack, PictureGrid
 
 if TYPE_CHECKING:
@@ -171,8 +171,8 @@ def focused_stack(
     grid = PictureGrid.over(gather.geometry, size, step)
     gather.require_room((len(planes), *grid.shape))
     data = gather(grid, ratios, "blend")
-    alphas = alpha_of(raw, planes)
-    return FocusedStack(data, raw.device, grid, planes, gather.geometry, alphas)
+    alphas, zs = alpha_of(raw, planes), z_of(raw, planes)
+    return FocusedStack(data, raw.device, grid, planes, gather.geometry, alphas, zs)
 
 
 def checked_ratio(geometry: FocusedGeometry, m: float) -> float:

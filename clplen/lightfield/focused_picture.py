@@ -130,6 +130,9 @@ class FocusedStack:
     geometry : FocusedGeometry
     alphas : numpy.ndarray
         float64, shape (n,): F/F' of each plane; NaN without a camera.
+    zs : numpy.ndarray
+        float64, shape (n,): dz of each plane in metres from the focused one, farther positive; NaN
+        without a camera.
     """
 
     data: cla.Array
@@ -138,6 +141,7 @@ class FocusedStack:
     ms: Values
     geometry: FocusedGeometry
     alphas: Values
+    zs: Values
 
     def __repr__(self) -> str:
         return f"<FocusedStack {self.shape} of {len(self.ms)} planes, {self.device.name}>"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -45,16 +44,17 @@ class SpotFit:
     residual: float
 
 
-def point_m(raw: RawImage, *, least: float = 0.05) -> SpotFit:
+def point_m(raw: RawImage, *, least: float = 0.25) -> SpotFit:
     """m of the only point in a raw image, by the pitch of its spots.
 
     The centroid of I^2 in every sub-image, and then within 0.3 pitches of itself, gives r_k. The
-    ratio and Y of r_k = s_k + ratio (s_k - Y) follow by least squares, weighted by the spots'
-    energies, the roots of the sums of I^2. Left out, in turns, are spots that lie off the law
-    because another lenslet's spot falls into their sub-image.
+    ratio and Y of r_k = s_k + ratio (s_k - Y) follow by least squares, weighted by the squares of
+    the sums of I^2. Left out, in turns, are spots that lie off the law because another lenslet's
+    spot falls into their sub-image.
 
-    Diffraction limits it: the light of lenslets side by side interferes, and lenslets at the rim of
-    the blur are partly lit, which moves spots by up to a tenth of their width.
+    Diffraction limits it: the rings at the rim of the blur turn the wave under the lenslets there,
+    and the rim crosses some of them. Of a lenslet that is lit by a share s the sum of I^2 is s^3
+    of the others'; those lit by less than 0.63 are left out, and the weights do the rest.
 
     Parameters
     ----------
@@ -75,37 +75,37 @@ def point_m(raw: RawImage, *, least: float = 0.05) -> SpotFit:
         If fewer than two by two lenslets lie on the sensor.
     """
     geometry = FocusedGeometry.of(raw)
-    energy, offset = _spots(raw, geometry)
-    centres = geometry.places.reshape(-1, 2)
-    use = energy > math.sqrt(least) * energy.max()
+    strength, offset = _spots(raw, geometry)
+    centres, weight = geometry.places.reshape(-1, 2), strength**2
+    use = strength > least * strength.max()
     for _ in range(_ROUNDS):
-        ratio, place = _line(centres[use], offset[use], energy[use])
+        ratio, place = _line(centres[use], offset[use], weight[use])
         far = np.hypot(*(offset - ratio * (centres - place)).T)
         agreeing = use & (far < max(_AGREE, 3 * float(np.median(far[use]))))
         if agreeing.sum() == use.sum():
             break
         use = agreeing
-    residual = float(np.sqrt(np.average(far[use] ** 2, weights=energy[use])))
+    residual = float(np.sqrt(np.average(far[use] ** 2, weights=weight[use])))
     m = float(geometry.m(ratio))
     found = (float(place[0]), float(place[1]))
     return SpotFit(m, float(z_of(raw, m)), found, int(use.sum()), residual)
 
 
-def _line(centres: Values, offset: Values, energy: Values) -> tuple[float, Values]:
+def _line(centres: Values, offset: Values, weight: Values) -> tuple[float, Values]:
     """Ratio and Y of offset = ratio (centre - Y)."""
     if len(centres) < _FEWEST:
         raise ValueError(
             f"{len(centres)} lenslets see the point, fewer than {_FEWEST}: its m is not "
             "known, too few views (abs(m) is large or the point dark)."
         )
-    middle, at = (np.average(v, axis=0, weights=energy) for v in (centres, offset))
+    middle, at = (np.average(v, axis=0, weights=weight) for v in (centres, offset))
     way = centres - middle
-    ratio = float((energy[:, None] * way * (offset - at)).sum() / (energy @ (way**2).sum(1)))
+    ratio = float((weight[:, None] * way * (offset - at)).sum() / (weight @ (way**2).sum(1)))
     return ratio, middle - at / ratio
 
 
 def _spots(raw: RawImage, geometry: FocusedGeometry) -> tuple[Values, Values]:
-    """Root of the sum of I^2 of each spot, and its centroid (y, x) from the sub-image's, in px."""
+    """Sum of I^2 of each spot over the largest, and its centroid (y, x) from the sub-image's."""
     device, count = raw.device, geometry.kinds.size
     defines = {"CHANNELS": 3} if len(raw.data.shape) == 3 else {}
     kernel = device.kernel("focused_depth.cl", "spots", **defines)
@@ -124,4 +124,4 @@ def _spots(raw: RawImage, geometry: FocusedGeometry) -> tuple[Values, Values]:
         centroid = np.divide(
             sums[:, 1:], sums[:, :1], out=np.zeros((count, 2)), where=sums[:, :1] > 0
         )
-    return np.sqrt(sums[:, 0]), centroid
+    return sums[:, 0] / max(sums[:, 0].max(), np.finfo(np.float64).tiny), centroid

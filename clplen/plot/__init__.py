@@ -5,7 +5,8 @@ unless the colour bar says otherwise.
 """
 
 from clplen.plot.base import Region, Scale, save
-from clplen.plot.depths import alpha_curve, depth, energy_curves, phase_space
+from clplen.plot.comparisons import comparison
+from clplen.plot.depths import alpha_curve, depth, energy_curves, magnification, phase_space
 from clplen.plot.fields import intensity, phase
 from clplen.plot.pictures import montage, picture, raw_image, refocused, views
 from clplen.plot.slices import epi
@@ -15,10 +16,12 @@ __all__ = [
     "Region",
     "Scale",
     "alpha_curve",
+    "comparison",
     "depth",
     "energy_curves",
     "epi",
     "intensity",
+    "magnification",
     "montage",
     "phase",
     "phase_space",

@@ -156,21 +156,39 @@ def depth(found: DepthMap, *, title: str = "") -> Figure:
     found : DepthMap
     title : str
     """
-    norm = _range_of_sure(found.disparity, found.confidence)
-    height, width = found.disparity.shape
+    label = "disparity / pixel per view step (nearer: larger)"
+    return _map(found.disparity, found.confidence, title or "disparity", label)
+
+
+@styled
+def magnification(m: Array, confidence: Array, *, title: str = "") -> Figure:
+    """A map of m = b/a of a focused camera and its confidence, drawn as `depth` is.
+
+    Parameters
+    ----------
+    m, confidence : numpy.ndarray
+        Shape (y, x), such as those of `clplen.lightfield.focused_maps.FocusedMaps`.
+    title : str
+    """
+    return _map(m, confidence, title or "m = b/a", "m = b/a (nearer: larger)")
+
+
+def _map(values: Array, confidence: Array, title: str, label: str) -> Figure:
+    """A map that fades where it is not sure, beside its confidence."""
+    norm = _range_of_sure(values, confidence)
+    height, width = values.shape
     every = max(1, max(height, width) // _DRAWN)
-    disparity, confidence = (a[::every, ::every] for a in (found.disparity, found.confidence))
+    drawn_values, drawn_sure = (a[::every, ::every] for a in (values, confidence))
     place = {"extent": (-0.5, width - 0.5, height - 0.5, -0.5)}
-    lines = textwrap.wrap(title or "disparity", _LINE)
+    lines = textwrap.wrap(title, _LINE)
     tall = 4.0 * min(1.6, height / width) + 0.6 + _ROW * len(lines)
     figure = new_figure(9.6, tall)
     left, right = figure.subplots(1, 2)
     left.set_facecolor(_GREY)
-    shown = np.clip(confidence / _SURE, 0, 1)
-    drawn = left.imshow(disparity, cmap="viridis", norm=norm, alpha=shown, **place)
-    if found.confidence.max() > _ROUNDING:
-        label = "disparity / pixel per view step (nearer: larger)"
-        bar(figure, drawn, left, label, extend=cut(found.disparity, norm))
+    shown = np.clip(drawn_sure / _SURE, 0, 1)
+    drawn = left.imshow(drawn_values, cmap="viridis", norm=norm, alpha=shown, **place)
+    if confidence.max() > _ROUNDING:
+        bar(figure, drawn, left, label, extend=cut(values, norm))
     else:
         drawn.set_visible(False)
         words = "no texture between the planes:\nnothing to tell depth by"
@@ -178,7 +196,7 @@ def depth(found: DepthMap, *, title: str = "") -> Figure:
     if (shown < 1).any():
         words = f"grey: confidence below {_SURE:g} (the greyer, the less)"
         figure.supxlabel(words, fontsize=8, color="0.3")
-    drawn = right.imshow(confidence, cmap=LIGHT, vmin=0, vmax=1, **place)
+    drawn = right.imshow(drawn_sure, cmap=LIGHT, vmin=0, vmax=1, **place)
     bar(figure, drawn, right, "confidence")
     left.set(xlabel="x / pixel", ylabel="y / pixel")
     left.set_title("\n".join(lines), pad=8)

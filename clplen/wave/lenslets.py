@@ -212,7 +212,7 @@ class MicrolensArray:
             kernel,
             grid.shape,
             out,
-            *(device.upload(t) for t in self._lattice_tables(grid, device)),
+            *(device.upload(t) for t in self.lattice_tables(grid, device)),
             device.upload(turns.astype(device.real)),
             real(self.diameter / self.pitch / 2),
             np.array([cos, sin], device.real),
@@ -226,7 +226,7 @@ class MicrolensArray:
         )
         return out
 
-    def _lattice_tables(self, grid: Grid, device: Device) -> list[np.ndarray]:
+    def lattice_tables(self, grid: Grid, device: Device) -> list[np.ndarray]:
         """What y and x add to the column and row coordinate: a(y), b(y), a(x), b(x)."""
         y, x = grid.y - self.offset[0], grid.x - self.offset[1]
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)

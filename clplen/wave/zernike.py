@@ -64,6 +64,88 @@ def zernike(n: int, m: int, rho: Any, theta: Any) -> Values:
     return math.sqrt(2 * (n + 1)) * radial * turned
 
 
+def zernike_gradient(n: int, m: int, y: Any, x: Any) -> tuple[Values, Values]:
+    """Slopes (d/dy, d/dx) of a Zernike polynomial, in units of its rms over the radius.
+
+    R = rho^m P(2 rho^2 - 1), P = P_k^(0,m), has R' = m R/rho + 4 rho^(m+1) P'(2 rho^2 - 1), with
+    P' = (k + m + 1)/2 P_(k-1)^(1,m+1) (DLMF 18.9.15); rho and theta are then turned into x and y.
+
+    Parameters
+    ----------
+    n, m : int
+        Orders, as in `zernike`.
+    y, x : array_like
+        Place from the centre as a fraction of the radius.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Both float64, of the broadcast shape of ``y`` and ``x``.
+
+    Raises
+    ------
+    ValueError
+        For orders that do not exist.
+    """
+    zernike(n, m, 0.0, 0.0)
+    y, x = np.broadcast_arrays(np.asarray(y, np.float64), np.asarray(x, np.float64))
+    from scipy.special import eval_jacobi  # here, because importing it takes half a second
+
+    order = abs(int(m))
+    k, rho, theta = (int(n) - order) // 2, np.hypot(y, x), np.arctan2(y, x)
+    t = 2 * rho**2 - 1
+    steep = (k + order + 1) / 2 * eval_jacobi(k - 1, 1, order + 1, t) if k else 0.0
+    if m == 0:
+        outward = math.sqrt(n + 1) * 4 * rho * steep * np.ones_like(theta)
+        return outward * np.sin(theta), outward * np.cos(theta)
+    over_rho = rho ** (order - 1) * eval_jacobi(k, 0, order, t)
+    outward = order * over_rho + 4 * rho ** (order + 1) * steep
+    cos, sin = np.cos(order * theta), np.sin(order * theta)
+    along, around = (cos, -sin) if m > 0 else (sin, cos)
+    outward, around = outward * along, order * over_rho * around
+    norm = math.sqrt(2 * (n + 1))
+    down = outward * np.sin(theta) + around * np.cos(theta)
+    right = outward * np.cos(theta) - around * np.sin(theta)
+    return norm * down, norm * right
+
+
+def zernike_monomials(n: int, m: int) -> Values:
+    """A Zernike polynomial as a sum of c[i, k] y^i x^k, y and x fractions of the radius.
+
+    R_n^m from Noll (1976), eq. 2; rho^2s as (x^2 + y^2)^s, and rho^m cos(m theta) and
+    rho^m sin(m theta) as the real and the imaginary part of (x + iy)^m.
+
+    Parameters
+    ----------
+    n, m : int
+        Orders, as in `zernike`.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (n + 1, n + 1).
+
+    Raises
+    ------
+    ValueError
+        For orders that do not exist.
+    """
+    zernike(n, m, 0.0, 0.0)
+    n, order = int(n), abs(int(m))
+    found = np.zeros((n + 1, n + 1))
+    for j in range(order + 1):  # (x + iy)^m: binomial (m, j) x^(m - j) (iy)^j
+        part = 1j**j * math.comb(order, j)
+        angular = part.imag if m < 0 else part.real
+        for s in range((n - order) // 2 + 1):
+            half = (n - order) // 2 - s  # of the exponent of rho^2 beside rho^m
+            radial = (-1) ** s * math.comb(n - s, s) * math.comb(n - 2 * s, half)
+            for i in range(half + 1):
+                found[j + 2 * i, order - j + 2 * (half - i)] += (
+                    angular * radial * math.comb(half, i)
+                )
+    return found * math.sqrt((n + 1) * (1 if m == 0 else 2))
+
+
 def noll(j: int) -> tuple[int, int]:
     """(n, m) of Noll's single index.
 
@@ -85,7 +167,7 @@ def noll(j: int) -> tuple[int, int]:
     ValueError
         For another j.
     """
-    if j != int(j) or j < 1:
+    if not _is_whole(j) or j < 1:
         raise ValueError(f"Noll's index is an integer of at least 1, not {j!r}.")
     j = int(j)
     n = (math.isqrt(8 * j - 7) - 1) // 2
@@ -115,11 +197,15 @@ def osa(j: int) -> tuple[int, int]:
     ValueError
         For another j.
     """
-    if j != int(j) or j < 0:
+    if not _is_whole(j) or j < 0:
         raise ValueError(f"The OSA index is an integer of at least 0, not {j!r}.")
     j = int(j)
     n = (math.isqrt(8 * j + 1) - 1) // 2
     return n, 2 * j - n * (n + 2)
+
+
+def _is_whole(j: Any) -> bool:
+    return isinstance(j, int | float | np.integer) and math.isfinite(j) and j == int(j)
 
 
 def phase_plate(
@@ -176,16 +262,45 @@ def phase_plate(
     if not (math.isfinite(diameter) and diameter > 0):
         raise ValueError(f"The diameter of a plate is positive, in metres, not {diameter!r}.")
     check_centre(centre, "a plate")
-    y, x = offsets(field.grid, centre)
-    on_plate = _cells_of_disc(field.grid, y, x, diameter / 2)
+    path, on_plate = wavefront(field.grid, terms, diameter=diameter, centre=centre)
+    turns = path / field.wavelength
+    act_on_aliasing(_aliased(turns, on_plate, field.grid), aliasing)
+    return apply_transmission(field, phasor(turns, field.device.complex))
+
+
+def wavefront(
+    grid: Grid,
+    terms: Mapping[tuple[int, int], float],
+    *,
+    diameter: float,
+    centre: tuple[float, float] = (0.0, 0.0),
+) -> tuple[Values, Values]:
+    """The path length of a plate, and which cells reach into its disc; see `phase_plate`.
+
+    Parameters
+    ----------
+    grid : Grid
+    terms : mapping of (int, int) to float
+        Orders (n, m) to metres, rms over the disc.
+    diameter : float
+        Of the disc, in metres.
+    centre : tuple of float
+        (y, x) in metres.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Metres, float64, 0 outside; and bool. Both of the grid's shape.
+    """
+    y, x = offsets(grid, centre)
+    on_plate = _cells_of_disc(grid, y, x, diameter / 2)
     rows, columns = np.nonzero(on_plate)
     rho = np.minimum(np.hypot(y[rows], x[columns]) / (diameter / 2), 1)
     theta = np.arctan2(y[rows], x[columns])
-    turns = np.zeros(field.grid.shape)
+    path = np.zeros(grid.shape)
     for (n, m), metres in terms.items():
-        turns[rows, columns] += metres / field.wavelength * zernike(n, m, rho, theta)
-    act_on_aliasing(_aliased(turns, on_plate, field.grid), aliasing)
-    return apply_transmission(field, phasor(turns, field.device.complex))
+        path[rows, columns] += metres * zernike(n, m, rho, theta)
+    return path, on_plate
 
 
 def _terms(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,19 @@ def test_a_raytrix_picture_with_its_lenses(
     views = device.download(resample(raw, raw.sub_images))
     y, x = (n // 2 for n in raw.sub_images.count)
     assert views[:, :, y, x].std() > 1000  # a sub-image lies there
+
+
+def test_a_calibration_without_lens_types(
+    tmp_path: Path, device: Device, frame: np.ndarray, calibration: RaytrixCalibration
+):
+    write_raytrix(tmp_path / "a.xml", replace(calibration, lens_types=()))
+    write_picture(tmp_path / "a.png", frame)
+    for words in ({"path": "a.xml"}, {"path": "a.png", "grid": tmp_path / "a.xml"}):
+        with pytest.raises(FormatError, match=r"a\.xml has no <lens_type>.*add one for each kind"):
+            read_raw(tmp_path / words.pop("path"), device=device, **words)
+    write_raytrix(tmp_path / "a.xml", calibration)
+    raw = read_raw(tmp_path / "a.png", grid=tmp_path / "a.xml", device=device)
+    assert raw.lens_types == calibration.types()
 
 
 def test_colour_pictures_are_read_but_not_sliced(

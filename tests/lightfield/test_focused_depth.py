@@ -16,12 +16,14 @@ from setups_focused import (
     raw_of,
     slanted,
     square,
+    whites,
 )
 
 from clplen.compute.device import Device
 from clplen.lightfield.focused import render_focused
 from clplen.lightfield.focused_depth import agreeing, focused_depth
 from clplen.lightfield.focused_geometry import FocusedGeometry
+from clplen.lightfield.focused_maps import focused_maps
 from clplen.lightfield.focused_matching import Matcher
 from clplen.lightfield.focused_metric import alpha_of, z_of
 from clplen.lightfield.focused_spots import point_m
@@ -45,6 +47,15 @@ def test_planes_are_found_within_a_percent(device: Device, m: float, at: float) 
     distance = 1 / (1 / camera.focal_length - 1 / image_at)
     z = distance - camera.object_distance
     assert np.abs(depth.z[sure] - z).max() < 0.002 * camera.object_distance
+
+
+def test_a_white_image_serves_where_rims_leave_nothing(device: Device) -> None:
+    rig, image, _ = exposed("square", 0.4)
+    raw = raw_of(device, rig, image, m=0.4)
+    assert not (focused_depth(raw).confidence > 0).any()
+    depth = focused_depth(raw, white=whites("square", 0.4))
+    assert (depth.confidence >= depth.sure).all()
+    assert np.abs(depth.m / 0.4 - 1).max() < 0.002  # measured .0004
 
 
 def test_distance_is_the_inverse_of_the_main_lens(device: Device) -> None:
@@ -80,6 +91,13 @@ def test_a_slanted_plane_under_three_types(device: Device, types: bool) -> None:
     here = rig.m(place, *slanted(rig))
     inside = np.s_[8:-8, 8:-8]
     assert np.abs(depth.on(picture.grid) / here - 1)[inside].mean() < 0.03
+    maps = focused_maps(raw, depth, grid=picture.grid)
+    assert np.array_equal(maps.m, depth.on(picture.grid))
+    assert np.abs(maps.virtual_depth * here - 1)[inside].mean() < 0.03
+    off = (maps.z - z_of(raw, here))[inside]
+    assert np.sqrt((off**2).mean()) < 0.003 * raw.camera.object_distance
+    assert maps.confidence[inside].mean() > 0.8
+    assert maps.confidence.min() >= 0
 
 
 def test_both_signs_are_tried_without_a_camera(device: Device) -> None:

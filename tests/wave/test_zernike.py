@@ -8,7 +8,14 @@ import pytest
 
 from clplen import Field, Grid, SamplingError, SamplingWarning
 from clplen.wave.lens import thin_lens
-from clplen.wave.zernike import noll, osa, phase_plate, zernike
+from clplen.wave.zernike import (
+    noll,
+    osa,
+    phase_plate,
+    zernike,
+    zernike_gradient,
+    zernike_monomials,
+)
 
 LAM = 532e-9
 R2, R3, R5, R6, R8, R10 = (np.sqrt(n) for n in (2, 3, 5, 6, 8, 10))
@@ -73,6 +80,27 @@ def test_high_orders_keep_their_digits(n):
         norm = np.sqrt((n + 1) * (1 if m == 0 else 2))
         got = zernike(n, m, [float(p) for p in points], 0.0) / norm
         np.testing.assert_allclose(got, [exact_radial(n, m, p) for p in points], atol=1e-14, rtol=0)
+
+
+@pytest.mark.parametrize(("name", "j", "osa_j", "polynomial"), NAMED, ids=[n[0] for n in NAMED])
+def test_slopes_of_named_terms(name, j, osa_j, polynomial):
+    """Central differences of the closed forms, whose third derivatives are below 600."""
+    x, y = np.random.default_rng(2).uniform(-0.7, 0.7, (2, 50))
+    x[0] = y[0] = 0
+    h = 1e-4
+    down, right = zernike_gradient(*noll(j), y, x)
+    by_y = (polynomial(x, y + h) - polynomial(x, y - h)) / (2 * h)
+    by_x = (polynomial(x + h, y) - polynomial(x - h, y)) / (2 * h)
+    np.testing.assert_allclose(down, by_y, atol=1e-6, rtol=0)
+    np.testing.assert_allclose(right, by_x, atol=1e-6, rtol=0)
+
+
+def test_monomials():
+    x, y = np.random.default_rng(3).uniform(-0.7, 0.7, (2, 50))
+    for j in range(1, 67):  # n up to 10
+        got = np.polynomial.polynomial.polyval2d(y, x, zernike_monomials(*noll(j)))
+        exact = zernike(*noll(j), np.hypot(x, y), np.arctan2(y, x))
+        np.testing.assert_allclose(got, exact, atol=1e-11, rtol=0)
 
 
 def disc_quadrature(order):

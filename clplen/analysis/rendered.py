@@ -1,0 +1,111 @@
+"""Pictures from the raw images of either camera, with their scale, on the host."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clplen.analysis.placing import is_focused
+from clplen.analysis.samples import Pair, Values
+from clplen.lightfield.focused import render_focused
+from clplen.lightfield.focused_geometry import FocusedGeometry
+from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.refocus import refocus
+
+if TYPE_CHECKING:
+    from clplen.lightfield.focused_picture import FocusedImage
+    from clplen.lightfield.raw import RawImage
+
+FINER = 4  # samples of a focused camera's picture for one that its light needs
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Rendered:
+    """A picture and its scale.
+
+    Attributes
+    ----------
+    values : numpy.ndarray
+        float64, shape (ny, nx).
+    pitch : tuple of float
+        (dy, dx) in metres on the main lens' image of the plane in focus.
+    origin : tuple of float
+        (y, x) of sample (ny//2, nx//2) in metres.
+    """
+
+    values: Values
+    pitch: Pair
+    origin: Pair = (0.0, 0.0)
+
+    def __repr__(self) -> str:
+        ny, nx = self.values.shape
+        return f"<Rendered {ny} x {nx}, pitch {self.pitch[0]:g} x {self.pitch[1]:g} m>"
+
+
+def local_m(camera: Any, dz: float) -> float:
+    """z3/(z2 - F') of a focused camera's lenslets for an object at dz; infinite on the array.
+
+    Parameters
+    ----------
+    camera : Plenoptic2
+    dz : float
+        In metres from the focused plane.
+    """
+    alpha = camera.alpha(dz)
+    a = camera.array_distance - camera.image_distance / alpha if alpha else -math.inf
+    return float(camera.sensor_distance / a) if a else math.inf
+
+
+def refocused(raw: RawImage, dz: float) -> Values:
+    """The picture of a 1.0 camera refocused on dz, one sample a lenslet, float64 (rows, columns).
+
+    In the unscaled form, so that places are those of chief rays on the array. Views are moved in
+    Fourier space: no interpolation is measured with them.
+    """
+    camera: Any = raw.camera
+    lf = LightField.from_raw(raw)
+    picture = refocus(lf, alpha=camera.alpha(dz), interpolation="fourier")
+    return np.asarray(picture.to_numpy(), np.float64)
+
+
+def blended(raw: RawImage, dz: float) -> Rendered:
+    """The blended picture of a 2.0 camera with dz in focus, finely sampled.
+
+    `FINER` samples in the place of one that either the lenslets' diffraction, lam a/(2 d), or the
+    pixels, dx/abs(m), call for.
+
+    Raises
+    ------
+    ValueError
+        If abs(m) at dz is 1 or more, where not every point is seen, or the main lens images dz at
+        infinity.
+    """
+    camera: Any = raw.camera
+    m = local_m(camera, dz)
+    if m == 0:
+        raise ValueError(f"An object at dz = {dz:g} m is imaged at infinity: no m focuses there.")
+    diffraction = camera.wavelength * abs(camera.sensor_distance / m) / (2 * camera.mla.diameter)
+    wanted = min(diffraction, camera.pixel_pitch / abs(m)) / FINER
+    ratio = float(FocusedGeometry.of(raw).ratio(m))
+    step = wanted / abs(camera.pixel_pitch * ratio / m) if ratio else None
+    return _on_host(render_focused(raw, m=m, step=step))
+
+
+def as_seen(raw: RawImage) -> Rendered:
+    """The picture focused on the camera's own plane, with the samples that its user gets.
+
+    A lenslet each (1.0), or abs(m) of the pixels along each axis (2.0), blended.
+    """
+    camera: Any = raw.camera
+    if is_focused(camera):
+        return _on_host(render_focused(raw, m=local_m(camera, 0.0)))
+    return Rendered(refocused(raw, 0.0), (camera.mla.row_pitch, camera.mla.pitch))
+
+
+def _on_host(image: FocusedImage) -> Rendered:
+    y, x = image.places()
+    origin = (float(y[len(y) // 2]), float(x[len(x) // 2]))
+    return Rendered(np.asarray(image.to_numpy(), np.float64), (image.pitch, image.pitch), origin)

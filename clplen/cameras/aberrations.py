@@ -1,0 +1,352 @@
+"""What departs from ideal in a plenoptic camera: wavefronts, lenslets out of place, a sensor moved.
+
+A wavefront W is a path length, positive where it retards, as exp(+ikW): rays turn by its slope, so
+that the ray from u on the main lens meets the array z2 dW/du beside its place (Born and Wolf 1999,
+section 5.1, whose W has the other sign).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clplen.cameras.describe import Row
+from clplen.wave.lenslet_errors import HIGHEST_ORDER, LensletErrors
+from clplen.wave.zernike import noll, zernike_gradient
+
+if TYPE_CHECKING:
+    from clplen.wave.lenslets import MicrolensArray
+
+Values = np.ndarray[Any, np.dtype[np.float64]]
+Orders = tuple[int, int]
+Pair = tuple[float, float]
+Terms = tuple[tuple[int, float], ...]
+FieldTerms = tuple[tuple[int, Pair], ...]
+WIDEST = 4.0  # rms: where the normal distribution of what scatters is cut off
+LARGEST_FOCAL_SCATTER = 0.2  # of f: four times it leaves f positive
+
+
+@dataclass(frozen=True)
+class LensletScatter:
+    """How the lenslets of an array scatter about their design, as manufacture leaves them.
+
+    Each quantity is normally distributed, cut off at four times its rms, independent from lenslet
+    to lenslet and along both axes.
+
+    Parameters
+    ----------
+    focal_length : float
+        rms of f/f_designed - 1, at most .2.
+    tilt : float
+        rms of the slope that a lenslet adds to all its rays (a wedge), along each axis, in radians.
+    position : float
+        rms of the vertex from the centre of its aperture, along each axis, in metres; the
+        apertures stay.
+    seed : int
+        Not negative; the same seed gives the same array.
+
+    Raises
+    ------
+    ValueError
+        If a number is negative, not finite, or too large.
+    """
+
+    focal_length: float = 0.0
+    tilt: float = 0.0
+    position: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("focal_length", "tilt", "position"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0):
+                raise ValueError(f"The scatter of {name} is an rms, 0 or more, not {value!r}.")
+            object.__setattr__(self, name, float(value))
+        if self.focal_length > LARGEST_FOCAL_SCATTER:
+            raise ValueError(
+                f"The scatter of focal_length is relative, at most {LARGEST_FOCAL_SCATTER}, not "
+                f"{self.focal_length!r}: some lenslets would have no focal length."
+            )
+        if self.seed != int(self.seed) or self.seed < 0:
+            raise ValueError(f"A seed is a whole number, 0 or more, not {self.seed!r}.")
+        object.__setattr__(self, "seed", int(self.seed))
+
+    @property
+    def is_none(self) -> bool:
+        """Whether nothing scatters."""
+        return self.focal_length == self.tilt == self.position == 0
+
+    def draw(self, count: tuple[int, int]) -> tuple[Values, Values, Values]:
+        """f/f_designed, tilt (y, x), position (y, x) of lenslets: shapes count, (*count, 2)."""
+        sizes = (count, (*count, 2), (*count, 2))
+        rms = (self.focal_length, self.tilt, self.position)
+        focal, tilt, position = (
+            one * np.clip(np.random.default_rng([self.seed, n]).normal(size=size), -WIDEST, WIDEST)
+            for n, (one, size) in enumerate(zip(rms, sizes, strict=True))
+        )
+        return 1 + focal, tilt, position
+
+
+@dataclass(frozen=True, init=False)
+class Aberrations:
+    """How a plenoptic camera departs from its design. All of it is optional.
+
+    Parameters
+    ----------
+    main_lens : mapping of int to float
+        Wavefront of the main lens: Noll's index to metres of path, rms over the aperture (one
+        wave is ``wavelength`` metres). See `clplen.wave.zernike.phase_plate`.
+    main_lens_field : mapping of int to tuple of float
+        What is added to that in proportion to the place of a point's image, (Y, X) on the main
+        lens' image plane: Noll's index to metres of path per metre of (Y, X). {7: (c, 0), 8: (0,
+        c)} is Seidel's coma, {4: (c, 0)} a tilted image plane.
+    lenslets : mapping of int to float
+        Wavefront of every lenslet, as ``main_lens``, over a circle about its centre; radial
+        orders up to 8.
+    lenslet_circle : float, optional
+        Diameter of that circle in metres, not smaller than the one about a lenslet's aperture.
+        None: that of a circular lenslet; square and hexagonal cells need it.
+    scatter : LensletScatter
+    sensor_shift : float
+        By how much farther from the array the sensor lies than designed, in metres.
+
+    Attributes
+    ----------
+    main_lens, main_lens_field, lenslets : tuple
+        Pairs of index and value, in the order of the index.
+
+    Raises
+    ------
+    ValueError
+        For an index that does not exist, or a number that is not finite or out of range.
+    TypeError
+        If coefficients are no mapping, or the scatter is none.
+    """
+
+    main_lens: Terms
+    main_lens_field: FieldTerms
+    lenslets: Terms
+    lenslet_circle: float | None
+    scatter: LensletScatter
+    sensor_shift: float
+
+    def __init__(
+        self,
+        *,
+        main_lens: Mapping[int, float] | Terms = (),
+        main_lens_field: Mapping[int, Pair] | FieldTerms = (),
+        lenslets: Mapping[int, float] | Terms = (),
+        lenslet_circle: float | None = None,
+        scatter: LensletScatter | None = None,
+        sensor_shift: float = 0.0,
+    ) -> None:
+        if lenslet_circle is not None and not (
+            math.isfinite(lenslet_circle) and lenslet_circle > 0
+        ):
+            raise ValueError(f"lenslet_circle is positive, in metres, not {lenslet_circle!r}.")
+        if not math.isfinite(sensor_shift):
+            raise ValueError(f"sensor_shift is finite, in metres, not {sensor_shift!r}.")
+        if not isinstance(scatter, LensletScatter | None):
+            raise TypeError(f"scatter is a LensletScatter, not {type(scatter).__name__}.")
+        values = {
+            "main_lens": _terms(main_lens, "main_lens"),
+            "main_lens_field": _field_terms(main_lens_field),
+            "lenslets": _terms(lenslets, "lenslets"),
+            "lenslet_circle": None if lenslet_circle is None else float(lenslet_circle),
+            "scatter": LensletScatter() if scatter is None else scatter,
+            "sensor_shift": float(sensor_shift),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+        highest = max((noll(j)[0] for j, _ in self.lenslets), default=0)
+        if highest > HIGHEST_ORDER:
+            raise ValueError(
+                f"The lenslets' terms have radial orders up to {HIGHEST_ORDER}, not {highest}."
+            )
+
+    @classmethod
+    def from_json(cls, text: str) -> Aberrations:
+        """What `to_json` wrote."""
+        values = json.loads(text)
+        return cls(**(values | {"scatter": LensletScatter(**values["scatter"])}))
+
+    def to_json(self) -> str:
+        """As text, all digits kept."""
+        return json.dumps(asdict(self))
+
+    @property
+    def bends_main_lens(self) -> bool:
+        """Whether the main lens has a wavefront of its own."""
+        return any(c for _, c in self.main_lens) or self.varies
+
+    @property
+    def varies(self) -> bool:
+        """Whether that wavefront changes over the field."""
+        return any(any(pair) for _, pair in self.main_lens_field)
+
+    @property
+    def bends_lenslets(self) -> bool:
+        """Whether the lenslets are other than thin lenses at their places."""
+        return any(c for _, c in self.lenslets) or not self.scatter.is_none
+
+    def main_terms(self, y: float = 0.0, x: float = 0.0) -> dict[Orders, float]:
+        """Orders (n, m) to metres of the main lens' wavefront for an image at (y, x)."""
+        found = {noll(j): metres for j, metres in self.main_lens}
+        for j, (down, right) in self.main_lens_field:
+            found[noll(j)] = found.get(noll(j), 0.0) + down * y + right * x
+        return found
+
+    def main_slope(self, reach: float, radius: float) -> float:
+        """The steepest slope of the main lens' wavefront or more, in radians, to .5 %.
+
+        Parameters
+        ----------
+        reach : float
+            Farthest place of an image along y or x, in metres.
+        radius : float
+            Of the aperture, in metres.
+        """
+        total = _steepest(self.main_lens)
+        for axis in (0, 1):
+            per_metre = tuple((j, pair[axis]) for j, pair in self.main_lens_field)
+            total += reach * _steepest(per_metre)
+        return total / radius
+
+    def lenslet_errors(self, mla: MicrolensArray) -> LensletErrors:
+        """How the lenslets of an array depart from thin lenses at their places."""
+        focal, tilt, position = self.scatter.draw(mla.count)
+        lengths = np.asarray(mla.focal_lengths)[mla.types()] * focal
+        terms = {noll(j): metres for j, metres in self.lenslets}
+        circle = self.lenslet_circle or circumscribed(mla)
+        return LensletErrors(terms, circle, lengths, tilt, position)
+
+    def lenslet_slope(self, mla: MicrolensArray) -> float:
+        """At least the steepest slope that they add to d/(2 f), in radians."""
+        return _lenslet_slope(self, mla) if self.bends_lenslets else 0.0
+
+    def check_lenslets(self, mla: MicrolensArray) -> None:
+        """Refuse Zernike terms on lenslets that reach beyond their circle.
+
+        Raises
+        ------
+        ValueError
+            With the diameter that would do.
+        """
+        if not self.lenslets:
+            return
+        needed, given = circumscribed(mla), self.lenslet_circle
+        if given is None and needed > mla.diameter * (1 + 1e-12):
+            raise ValueError(
+                f"Zernike terms are defined on a circle, and lenslets with fill='full' have "
+                f"corners: give lenslet_circle, {needed:.6g} m or more, or use fill='circular'."
+            )
+        if given is not None and given < needed * (1 - 1e-12):
+            raise ValueError(
+                f"The lenslets reach beyond the circle of their Zernike terms, lenslet_circle = "
+                f"{given:.6g} m: use {needed:.6g} m or more."
+            )
+
+
+def rows(aberrations: Aberrations, wavelength: float) -> tuple[Row, ...]:
+    """What departs from a camera's design, for its description; nothing where nothing does."""
+    scatter, found = aberrations.scatter, []
+    for name, terms in (("main lens", aberrations.main_lens), ("lenslets", aberrations.lenslets)):
+        rms = math.sqrt(sum(metres**2 for j, metres in terms if j > 1))
+        text = f"rms over the disc, {rms / wavelength:.4g} waves"
+        found.append(Row(f"wavefront of {name}", rms, "m", text))
+    grows = math.hypot(*(g for _, pair in aberrations.main_lens_field for g in pair))
+    per_mm = f"rms over the disc, {grows / wavelength / 1e3:.4g} waves a mm of the image"
+    found.insert(1, Row("its growth over the field", grows, "", per_mm))
+    found += [
+        Row("scatter of focal length", scatter.focal_length, "", "rms over the lenslets, of f"),
+        Row("scatter of tilt", scatter.tilt, "rad", "rms over the lenslets, each axis"),
+        Row("scatter of position", scatter.position, "m", "rms over the lenslets, each axis"),
+        Row("sensor shift", aberrations.sensor_shift, "m", "away from the array"),
+    ]
+    return tuple(row for row in found if row.value)
+
+
+def circumscribed(mla: MicrolensArray) -> float:
+    """Diameter of the circle about the aperture of a lenslet, in metres."""
+    if mla.fill == "circular":
+        return mla.diameter
+    return mla.diameter * (2 / math.sqrt(3) if mla.lattice == "hexagonal" else math.sqrt(2))
+
+
+@lru_cache(maxsize=16)
+def _lenslet_slope(aberrations: Aberrations, mla: MicrolensArray) -> float:
+    """`Aberrations.lenslet_slope`, which every point of a scene asks for."""
+    errors = aberrations.lenslet_errors(mla)
+    designed = np.asarray(mla.focal_lengths)[mla.types()]
+    bent = mla.diameter / 2 * np.abs(1 / errors.focal_lengths - 1 / designed)
+    moved = np.abs(errors.position).max(axis=-1) / errors.focal_lengths
+    own = bent + moved + np.abs(errors.tilt).max(axis=-1)
+    return float(own.max()) + _steepest(aberrations.lenslets) / (errors.circle / 2)
+
+
+@lru_cache(maxsize=16)
+def _steepest(terms: Terms) -> float:
+    """The largest slope along y or x of a wavefront over the unit disc, to .5 %."""
+    if not any(metres for _, metres in terms):
+        return 0.0
+    orders = {noll(j): metres for j, metres in terms}
+    finer = 32 * (1 + max(n for n, _ in orders))
+    radius, angle = np.linspace(0, 1, finer)[:, None], np.arange(finer) * (2 * np.pi / finer)
+    down, right = slopes(orders, radius * np.sin(angle), radius * np.cos(angle))
+    return float(max(np.abs(down).max(), np.abs(right).max()))
+
+
+def slopes(terms: Mapping[Orders, float], y: Any, x: Any) -> tuple[Values, Values]:
+    """(dW/dy, dW/dx) at places on the unit disc, in metres over its radius.
+
+    Parameters
+    ----------
+    terms : mapping of (int, int) to float
+        Orders (n, m) to metres.
+    y, x : array_like
+        Of one shape, as fractions of the radius.
+    """
+    down, right = np.zeros(np.shape(y)), np.zeros(np.shape(x))
+    for (n, m), metres in terms.items():
+        steps = zernike_gradient(n, m, y, x)
+        down, right = down + metres * steps[0], right + metres * steps[1]
+    return down, right
+
+
+def _pairs(given: Mapping[int, Any] | Iterable[Any], name: str) -> list[tuple[int, Any]]:
+    try:
+        found = sorted(dict(given).items())
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"{name} is {{Noll's index: metres}}, not {given!r}.") from error
+    for j, _ in found:
+        noll(j)
+    return [(int(j), value) for j, value in found]
+
+
+def _terms(given: Mapping[int, float] | Terms, name: str) -> Terms:
+    found = []
+    for j, metres in _pairs(given, name):
+        if not (np.ndim(metres) == 0 and math.isfinite(metres)):
+            raise ValueError(f"{name}[{j}] is finite, in metres, not {metres!r}.")
+        found.append((j, float(metres)))
+    return tuple(found)
+
+
+def _field_terms(given: Mapping[int, Pair] | FieldTerms) -> FieldTerms:
+    found = []
+    for j, pair in _pairs(given, "main_lens_field"):
+        if np.shape(pair) != (2,) or not np.isfinite(pair).all():
+            raise ValueError(
+                f"main_lens_field[{j}] is (along Y, along X), two finite numbers, not {pair!r}."
+            )
+        found.append((j, (float(pair[0]), float(pair[1]))))
+    return tuple(found)
+
+
+NONE = Aberrations()

@@ -1,0 +1,160 @@
+"""``clplen analyse``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from clplen.cli import options
+from clplen.cli.common import bar_of, opened, reach
+from clplen.cli.messages import note
+
+if TYPE_CHECKING:
+    from clplen.analysis.comparison import Comparison
+    from clplen.config import CameraFile
+
+_NAMES = ("standard", "focused")
+
+
+def _print_example(ctx: click.Context, _: click.Parameter, kind: str | None) -> None:
+    if kind:
+        from clplen.config.pair import pair
+
+        click.echo(pair()[kind], nl=False)
+        ctx.exit()
+
+
+@click.command()
+@click.argument(
+    "cameras", metavar="CAMERA.toml...", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="FOLDER",
+    type=click.Path(path_type=Path),
+    help="New folder for report.md, tables (CSV) and figures (PNG).",
+)
+@click.option(
+    "--only",
+    metavar="NAMES",
+    help="Analyses with commas between them: sampling, psf, mtf, two-points, strehl, energy, "
+    "crosstalk, transfer, depth, pictures; default: all.",
+)
+@click.option(
+    "--depths-mm",
+    type=options.Planes(),
+    help="Depths dz of transfer and depth, from the focused plane, farther positive; default: 7 up "
+    "to 15 % of the object distance on either side.",
+)
+@click.option("--quick", is_flag=True, help="Fewer places of the point, and three depths.")
+@click.option(
+    "--example",
+    type=click.Choice(_NAMES),
+    is_eager=True,
+    expose_value=False,
+    callback=_print_example,
+    help="Print the camera file of one of a pair with the same main lens, lenslets and sensor, and "
+    "stop.",
+)
+@options.device
+def analyse(
+    cameras: tuple[Path, ...],
+    output: Path,
+    only: str | None,
+    depths_mm: Any,
+    quick: bool,
+    selector: str | None,
+) -> None:
+    """Compare plenoptic cameras: resolution, samples, crosstalk, contrast and depth over depth.
+
+    The picture of a point is simulated by waves, tens of exposures for each camera; the scene of a
+    file is what its picture shows.
+
+    \b
+    Example:
+      clplen analyse --example standard > standard.toml
+      clplen analyse --example focused > focused.toml
+      clplen analyse standard.toml focused.toml -o compared
+    """
+    from clplen.analysis.comparison import ANALYSES, compare, known_analyses
+    from clplen.files import filling
+
+    names = known_analyses(_split(only)) if only is not None else ANALYSES
+    files = _read(cameras)
+    scenes = _scenes(files) if "pictures" in names else None
+    with filling(output) as folder:
+        device = opened(selector)
+        built = {name: file.camera.build(device) for name, file in files.items()}
+        for name, camera in built.items():
+            click.echo(f"{name}: {camera.describe()}\n")
+        with bar_of(0, "exposure") as bar:
+            found = compare(
+                built,
+                only=names,
+                depths=None if depths_mm is None else depths_mm / 1e3,
+                scenes=scenes,
+                quick=quick,
+                progress=lambda done, total: reach(bar, done, total),
+            )
+        text, written = _write(folder, found)
+    click.echo(text)
+    click.echo(f"{output} holds {written}.")
+
+
+def _split(only: str) -> list[str]:
+    return [name.strip() for name in only.split(",") if name.strip()]
+
+
+def _read(paths: tuple[Path, ...]) -> dict[str, CameraFile]:
+    """The camera files by their names without ending."""
+    from clplen.config import read_camera_file
+
+    found: dict[str, CameraFile] = {}
+    for path in paths:
+        if path.stem in found:
+            raise click.UsageError(
+                f"Two camera files are named {path.stem!r}: figures and tables tell cameras apart "
+                "by the names of their files; rename one."
+            )
+        found[path.stem] = read_camera_file(path)
+    return found
+
+
+def _scenes(files: dict[str, CameraFile]) -> dict[str, Any]:
+    """What shines by itself in each file's scene."""
+    for name, file in files.items():
+        if file.scene.slides():
+            raise click.UsageError(
+                f"{name} has a slide (mode = 'transmission'), and pictures are made of what shines "
+                "by itself: leave 'pictures' out of --only, or the slide out of the scene."
+            )
+        if file.sensor is not None or file.coherence is not None:
+            note(
+                f"[sensor] and [coherence] of {name} do not count here: pictures are without noise."
+            )
+    return {name: file.scene.build() for name, file in files.items()}
+
+
+def _write(folder: Path, found: Comparison) -> tuple[str, str]:
+    """The report, and what was written in words."""
+    from clplen import plot
+    from clplen.analysis.summary import report
+    from clplen.analysis.tables import tables
+
+    text = report(found)
+    (folder / "report.md").write_text(text)
+    csv = tables(found)
+    for name, table in csv.items():
+        table.write(folder / f"{name}.csv")
+    figures = plot.comparison(found)
+    for name, figure in figures.items():
+        plot.save(figure, folder / f"{name}.png")
+    return text, f"report.md, {_names(csv, 'csv')} and {_names(figures, 'png')}"
+
+
+def _names(found: dict[str, Any], ending: str) -> str:
+    return ", ".join(f"{name}.{ending}" for name in found) or f"no .{ending}"

@@ -1,0 +1,316 @@
+"""Simulated plenoptic cameras measured and compared, against closed forms and their geometry."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reference_closed import airy
+
+from clplen.analysis import camera_psf as of_camera
+from clplen.analysis.camera_psf import camera_psf, psf_exposures
+from clplen.analysis.comparison import ANALYSES, compare, known_analyses
+from clplen.analysis.curve import Curve
+from clplen.analysis.depthscan import default_depths, depth_scan
+from clplen.analysis.measured import Measured
+from clplen.analysis.otf import OTF, circular_mtf, square_mtf
+from clplen.analysis.psf import PSF
+from clplen.analysis.rendered import blended, local_m
+from clplen.analysis.sampling import sampling_of
+from clplen.analysis.straylight import camera_crosstalk, met
+from clplen.analysis.summary import report
+from clplen.analysis.tables import tables
+from clplen.analysis.transfer import DepthTransfer, line_curve, object_nyquist
+from clplen.analysis.verdicts import criteria, judged, over_depth, usable_limit, usable_mtf50
+from clplen.cameras.aberrations import Aberrations
+from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.cameras.plenoptic2 import Plenoptic2
+from clplen.cameras.scene import PointSources
+from clplen.compute.device import Device
+from clplen.wave.lenslets import MicrolensArray
+
+LAM, PITCH, D = 532e-9, 150e-6, 0.8e-3
+OBJECT, IMAGE = 60e-3, 20e-3  # f = 15 mm, magnification 1/3
+
+
+def standard(device: Device, **more: object) -> Plenoptic1:
+    given = {"count": (13, 15), "fill": "full"} | more
+    return PlenopticCamera.type1(
+        focal_length=0.015,
+        object_distance=OBJECT,
+        mla=MicrolensArray(PITCH, 3e-3, **given),
+        wavelength=LAM,
+        pixels_per_lenslet=30,
+        aperture_diameter=D,
+        device=device,
+    )
+
+
+def focused(device: Device, m: float = 0.2, **more: object) -> Plenoptic2:
+    given = {"count": (13, 15), "fill": "full"} | more
+    return PlenopticCamera.type2(
+        focal_length=0.015,
+        object_distance=OBJECT,
+        mla=MicrolensArray(PITCH, 3e-3, **given),
+        wavelength=LAM,
+        pixels_per_lenslet=30,
+        aperture_diameter=D,
+        m=m,
+        device=device,
+    )
+
+
+def box_of_airy(u: np.ndarray) -> np.ndarray:
+    """Light of Airy's pattern on a lenslet whose centre lies (0, u) from the pattern's, on 1 um."""
+    fine = (np.arange(1201) - 600) * 1e-6
+    r = np.hypot(fine[:, None], fine[None, :])
+    pattern = airy(np.pi * D * r / (LAM * IMAGE)) ** 2
+    rows = pattern[np.abs(fine) <= PITCH / 2].sum(axis=0)
+    return np.array([rows[np.abs(fine - one) <= PITCH / 2].sum() for one in u])
+
+
+@pytest.mark.parametrize("places", [5])
+def test_psf_of_a_standard_camera_is_the_light_that_falls_on_a_lenslet(
+    device: Device, places: int
+) -> None:
+    camera = standard(device)
+    psf = camera_psf(camera, places=places)
+    assert psf.values.shape == (13 * places, 15 * places)
+    assert psf.pitch == pytest.approx((PITCH / places, PITCH / places))
+    assert psf.centroid() == pytest.approx((0, 0), abs=1e-7)
+    f = np.linspace(0, 0.9 / PITCH, 10)
+    ideal = np.sinc(f * PITCH) * circular_mtf(f, wavelength=LAM, distance=IMAGE, width=D)
+    for axis in (0, 1):
+        x, line = psf.profile(axis, centre=(0.0, 0.0))
+        middle = np.abs(x) < 2.1 * PITCH
+        expected = box_of_airy(x[middle])
+        # 30 of a sub-image's 34.5 pixels are decoded, and lenslets pass some of their neighbours'
+        # light
+        shape = line[middle] / line.max()
+        np.testing.assert_allclose(shape, expected / expected.max(), atol=0.03)
+        np.testing.assert_allclose(OTF.of(psf).mtf(axis).contrast(f), ideal, atol=0.04)
+
+
+def test_mirrored_places_stand_for_each_other(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[int] = []
+    for count, few in (((9, 9), 3), ((9, 11), 4)):
+        camera = standard(device, count=count)
+        quick = camera_psf(camera, places=3, done=made.append)
+        assert (sum(made), psf_exposures(camera, 3)) == (few, few)
+        with monkeypatch.context() as patch:
+            patch.setattr(of_camera, "is_mirrored", lambda _: False)
+            whole = camera_psf(camera, places=3)
+            assert psf_exposures(camera, 3) == 9
+        np.testing.assert_allclose(quick.values, whole.values, atol=2e-5 * whole.peak)
+        made.clear()
+    tilted = camera.with_aberrations(Aberrations(main_lens={8: LAM / 8}))
+    assert psf_exposures(tilted, 3) == 9
+
+
+def test_psf_of_a_focused_camera_is_a_lenslet_s_diffraction(device: Device) -> None:
+    # Off the axis and with a lattice that the pixels do not fit.
+    camera = focused(device, offset=(21e-6, -34e-6))
+    psf, unit = camera_psf(camera), LAM * camera.a / PITCH
+    assert psf_exposures(camera) == 4
+    assert psf.centroid() == pytest.approx((0, 0), abs=2e-6)
+    for axis in (0, 1):
+        assert psf.fwhm(axis) == pytest.approx(0.886 * unit, rel=0.1)  # the main lens adds 13 um
+        mtf, f = OTF.of(psf).mtf(axis), np.linspace(0.1, 0.9, 9) / unit
+        ideal = square_mtf(f, wavelength=LAM, distance=camera.a, width=PITCH)
+        np.testing.assert_allclose(mtf.contrast(f), ideal, atol=0.08)
+        assert mtf.cutoff() == pytest.approx(1 / unit, rel=0.2)
+
+
+def test_depth_scan(device: Device) -> None:
+    shared = {
+        "focal_length": 0.030,
+        "mla": MicrolensArray(PITCH, 3e-3, count=25, fill="full"),
+        "wavelength": LAM,
+        "pixels_per_lenslet": 28,
+        "aperture_diameter": 2.5e-3,
+        "device": device,
+    }
+    dz = np.array([-9e-3, -1e-3, 9e-3])
+    transfer, depth = depth_scan(PlenopticCamera.type1(**shared), dz, places=3)
+    # 1.5 times the error of alpha that `estimate_alpha` says, .1 p/D; p/D in focus
+    alpha = np.array([0.15, 1.0, 0.15]) * PITCH / 2.5e-3
+    assert (np.abs(depth.errors.T) < alpha * (0.06 + dz) ** 2 / 0.06).all()
+    assert (transfer.mtf50 > (3e3, 3.5e3, 2e3)).all()
+    transfer, depth = depth_scan(PlenopticCamera.type2(m=0.2, **shared), dz, places=1)
+    assert np.isnan(depth.rms[0])
+    assert "too few views: at m = 0.7 a point is seen by 1.4 lenslets a row" in depth.notes[0]
+    assert (np.abs(depth.errors[1:, 0]) < 0.4e-3).all()  # 2 % of m at 9 mm
+    assert depth.notes[1:] == ("", "")
+    assert np.isfinite(transfer.mtf50).all()
+    assert transfer.best[0] == -9e-3  # where the image is nearest to the array
+
+
+def test_depth_scan_makes_what_is_asked_for(device: Device) -> None:
+    camera, made = standard(device, count=9), []
+    transfer, depth = depth_scan(camera, [0.0, 0.1], places=1, transfer=False, done=made.append)
+    assert (transfer, depth.errors.shape, sum(made)) == (None, (2, 1), 2)
+    far, depth = depth_scan(camera, [1.0], places=3, errors=False, done=made.append)
+    assert depth is None
+    assert sum(made) == 5
+    assert far.notes == ("",) or "pixels of" in far.notes[0]
+
+
+def test_contrast_over_depth_is_that_of_the_object(device: Device) -> None:
+    # Magnification 1/3: 1 cycle a metre on the image is 1/3 of one on the object.
+    camera = focused(device)
+    transfer, _ = depth_scan(camera, [0.0, 2e-3], places=1, errors=False)
+    mtf50 = OTF.of(camera_psf(camera)).mtf(1).at(0.5)
+    assert transfer.mtf50[0] == pytest.approx(mtf50 / 3, rel=0.08)
+    plain = standard(device, count=9)
+    coarse, _ = depth_scan(plain, [0.0], places=3, errors=False)
+    # sinc(f p) = .5 at f = .603/p; the main lens' share is a few percent
+    assert coarse.mtf50[0] == pytest.approx(0.603 / PITCH / 3, rel=0.06)
+    # Farther from the lens the image moves away from the array: cut-off d/(lam a').
+    a = camera.b / local_m(camera, 2e-3)
+    image = camera.array_distance - a
+    expected = PITCH / (LAM * a) * image / (OBJECT + 2e-3)
+    assert transfer.at(0.05)[1] == pytest.approx(0.95 * expected, rel=0.1)
+    assert object_nyquist(camera, 0.0) == pytest.approx(0.2 / (2 * camera.pixel_pitch) / 3)
+    raw = camera.expose(PointSources([(0.0, 0.0, 2e-3)]))
+    seen = blended(raw, 2e-3)
+    assert seen.pitch[1] <= min(LAM * a / (2 * PITCH), camera.pixel_pitch * a / camera.b) / 3.9
+
+
+def test_crosstalk_counts_the_lenslets_that_the_cone_meets(device: Device) -> None:
+    camera = focused(device)
+    cells = met(camera, (6, 7))
+    reach = D * camera.a / IMAGE / 2  # radius of the cone on the array: 2.4 lenslets
+    assert len({k for _, k in cells}) == 2 * math.floor(reach / PITCH + 0.5) + 1
+    assert (6, 7) in cells
+    assert (6 - 3, 7 - 3) not in cells
+    assert 0.005 < camera_crosstalk(camera) < 0.06
+    wide = standard(device, count=51, fill="circular")
+    assert 0 < camera_crosstalk(wide) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("width", "fill", "expected"),
+    [(70e-6, "full", 0.514), (100e-6, "circular", 0.180), (150e-6, "circular", 0.086)],
+)
+def test_crosstalk_over_the_width_of_lenslets(
+    device: Device, width: float, fill: str, expected: float
+) -> None:
+    # f_mu = 10 mm, matched f-numbers; a float64 simulation with Airy's closed form on the array.
+    # All widths: benchmarks/accuracy_resolution.py.
+    camera = PlenopticCamera.type1(
+        focal_length=0.120,
+        mla=MicrolensArray(width, 0.010, count=51, fill=fill),
+        wavelength=LAM,
+        pixels_per_lenslet=14,
+        device=device,
+    )
+    assert camera_crosstalk(camera) == pytest.approx(expected, abs=0.02)
+
+
+def test_compare_measures_what_is_asked_for(device: Device, tmp_path: Path) -> None:
+    cameras = {"one": standard(device, count=(9, 11)), "two": focused(device, count=(11, 13))}
+    points = PointSources([(0.2e-3, 0.0, 0.0)])
+    steps: list[tuple[int, int]] = []
+    found = compare(
+        cameras,
+        only=["crosstalk", "pictures", "sampling"],
+        scenes=dict.fromkeys(cameras, points),
+        progress=lambda done, total: steps.append((done, total)),
+    )
+    assert found.analyses == ("sampling", "crosstalk", "pictures")
+    assert steps == [(n, 4) for n in (1, 2, 3, 4)]
+    assert found["one"].psf is None
+    assert found["two"].transfer is None
+    for one in found.cameras:
+        picture = one.picture
+        _, x = np.unravel_index(np.argmax(picture.values), picture.values.shape)
+        place = (x - picture.values.shape[1] // 2) * picture.pitch[1] + picture.origin[1]
+        assert place == pytest.approx(-0.2e-3 / 3, abs=picture.pitch[1])  # inverted
+    assert set(tables(found)) == {"summary", "sampling"}
+    with pytest.raises(ValueError, match="was not measured: ask for 'psf'"):
+        found["one"].mtf()
+    with pytest.raises(KeyError, match="there are one, two"):
+        found["three"]
+
+
+def test_bad_comparisons_are_told(device: Device) -> None:
+    camera = standard(device, count=9)
+    with pytest.raises(ValueError, match="at least one camera"):
+        compare({})
+    with pytest.raises(ValueError, match=r"no analysis 'mft' of sampling.* Did you mean 'mtf'"):
+        compare({"one": camera}, only=["mft"])
+    with pytest.raises(ValueError, match="Name at least one analysis"):
+        known_analyses([])
+    assert known_analyses(reversed(ANALYSES)) == ANALYSES
+    with pytest.raises(ValueError, match="'pictures' give a scene of every camera; 'one'"):
+        compare({"one": camera}, only=["pictures"])
+    with pytest.raises(ValueError, match="finite numbers of metres"):
+        depth_scan(camera, [0.0, math.nan])
+    with pytest.raises(ValueError, match="behind the lens"):
+        depth_scan(camera, [-0.07])
+    with pytest.raises(ValueError, match="odd number"):
+        camera_psf(camera, places=4)
+    assert default_depths(camera, quick=True) == pytest.approx([-9e-3, 0, 9e-3])
+
+
+def gaussian(width: float, pitch: float) -> PSF:
+    x = (np.arange(101) - 50) * pitch
+    line = np.exp(-((x / width) ** 2))
+    return PSF(np.outer(line, line), pitch)
+
+
+def test_verdicts_follow_from_the_numbers(device: Device, tmp_path: Path) -> None:
+    one, two = standard(device, count=9), focused(device, count=9)
+    dz = np.array([-1e-3, 0.0])
+    curves = [line_curve(np.exp(-((np.arange(99) - 49) ** 2) / w), 10e-6) for w in (8, 2)]
+    known = (
+        Measured("wide", one, sampling_of(one), gaussian(100e-6, 12e-6), 0.10,
+                 DepthTransfer(dz, (curves[0], curves[1]), ("", ""))),
+        Measured("narrow", two, sampling_of(two), gaussian(30e-6, 6e-6), 0.02,
+                 DepthTransfer(dz, (None, curves[0]), ("too near", ""))),
+    )  # fmt: skip
+    from clplen.analysis.comparison import Comparison
+
+    names = ("sampling", "psf", "mtf", "two-points", "strehl", "energy", "crosstalk", "transfer")
+    found = Comparison(known, names)
+    said = {c.name: judged(c, known) for c in criteria(found)}
+    assert "`narrow` wins by a factor of 5:" in said["crosstalk"]
+    # exp(-(pi f w)^2) = .5
+    assert usable_mtf50(known[1]) == pytest.approx(math.sqrt(math.log(2)) / (math.pi * 30e-6), 1e-2)
+    assert usable_limit(known[0]) == 2 * PITCH
+    assert "two samples; its blur alone would allow" in said["two-point limit"]
+    assert "diffraction by a lenslet" in said["usable MTF50"]
+    assert "`wide` wins" in said["independent directions"]
+    thrice = (known[0], known[1], replace(known[1], name="same"))
+    by_name = {c.name: judged(c, thrice) for c in criteria(found)}
+    assert "`narrow`, `same` win alike:" in by_name["crosstalk"]
+    assert "`narrow`, `same`: a lenslet's Fresnel number" in by_name["crosstalk"]
+    assert "no difference" in judged(criteria(found)[0], thrice[1:])
+    lines = over_depth(found)
+    assert lines[0].startswith("at dz -1 mm: `wide`")
+    assert "`narrow` none" in lines[0]
+    text = report(found)
+    assert "| crosstalk | 0.1 | 0.02 |  |" in text
+    made = tables(found)
+    made["transfer"].write(tmp_path / "transfer.csv")
+    rows = list(csv.DictReader((tmp_path / "transfer.csv").read_text().splitlines()))
+    assert {row["camera"] for row in rows} == {"wide", "narrow"}
+    assert float(rows[0]["contrast"]) == 1
+    assert {row[2] for row in made["summary"].rows if row[1] == "crosstalk"} == {0.1, 0.02}
+
+
+def test_a_line_s_curve() -> None:
+    line = np.zeros(16)
+    line[3:6] = 1
+    curve = line_curve(line, 2e-6)
+    expected = np.abs(1 + 2 * np.cos(2 * np.pi * curve.frequency * 2e-6)) / 3
+    np.testing.assert_allclose(curve.value, expected, atol=1e-12)
+    assert isinstance(curve, Curve)
+    assert curve.frequency[-1] == pytest.approx(1 / 4e-6)

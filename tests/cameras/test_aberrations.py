@@ -1,0 +1,404 @@
+"""Aberrations: Strehl ratios, rays that turn by the slope of a wavefront, lenslets out of place."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import reference_camera as reference
+from reference_optics import propagate
+from tolerance import relative_max
+
+from clplen import (
+    Coherence,
+    LightField,
+    MicrolensArray,
+    PicturePlane,
+    Plane,
+    PlenopticCamera,
+    PointSources,
+    SamplingError,
+    SurfaceScene,
+    estimate_alpha,
+    refocus,
+)
+from clplen.analysis.psf import PSF
+from clplen.cameras.aberrations import Aberrations, LensletScatter
+from clplen.cameras.correction import correct_aberrations
+from clplen.cameras.isoplanatic import layout
+from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.cameras.slide import SlideWay, slide_field
+from clplen.compute.device import Device
+from clplen.lightfield.focused_spots import point_m
+from clplen.wave.elements import phase_plate, thin_lens
+
+LAM, F, R = 532e-9, 0.24, 1.8e-3
+MIDDLE = PointSources((0, 0, 0), diameter=10e-6)
+
+
+def camera_of(device: Device, *, count: Any = 35, pixels: int = 15, **change: Any) -> Plenoptic1:
+    """The thesis' camera, f = 120 mm in 2f-2f with D = 3.6 mm, on a smaller array."""
+    f, fill = change.pop("f", 10e-3), change.pop("fill", "full")
+    mla = change.pop("mla", MicrolensArray(150e-6, f, count=count, fill=fill))
+    values: dict[str, Any] = {"focal_length": 0.12, "wavelength": LAM, "aperture_diameter": 2 * R}
+    return PlenopticCamera.type1(
+        mla=mla, pixels_per_lenslet=pixels, device=device, **(values | change)
+    )
+
+
+def psf(camera: Plenoptic1) -> PSF:
+    """The main lens' image of a point on the axis."""
+    at_array = camera.array_field(camera.pupil(PointSources((0, 0, 0)))).to_numpy()[0]
+    intensity = np.abs(at_array).astype(np.float64) ** 2
+    return PSF(intensity / intensity.sum(), camera.pixel_pitch, camera.grid.origin)
+
+
+def test_strehl_ratio_of_each_low_term(device: Device) -> None:
+    camera = camera_of(device)
+    ideal = psf(camera)
+    for j, sigma in (*((j, 0.5) for j in range(4, 12)), (11, 0.25)):
+        wavefront = Aberrations(main_lens={j: sigma * LAM / (2 * np.pi)})
+        found = psf(camera.with_aberrations(wavefront)).strehl(ideal)
+        assert found == pytest.approx(math.exp(-(sigma**2)), abs=0.01), (sigma, j)
+
+
+def test_a_tilt_moves_the_image_by_the_slope(device: Device) -> None:
+    """Noll's j = 2 is 2 x/R, j = 3 is 2 y/R: the image lies F dW/du beside its place."""
+    tilted = camera_of(device, aberrations=Aberrations(main_lens={2: LAM, 3: -0.5 * LAM}))
+    assert tilted.padding(MIDDLE) == (2, 1)
+    assert camera_of(device).padding(MIDDLE) == (1, 1)
+    y, x = psf(tilted).centroid()
+    assert (y, x) == pytest.approx((-F * LAM / R, 2 * F * LAM / R), abs=5e-8)
+
+
+def test_raw_image_against_the_twin(device: Device, precise: Device) -> None:
+    """Coma and a sensor that has moved, off the axis and out of focus."""
+    point, shift = (0.3e-3, -0.2e-3, 4e-3), 0.7e-3
+    twin = reference.Camera(count=(31, 35), pixels_per_lenslet=15)
+    y, x = (axis / R for axis in twin.axes())
+    outside = np.maximum(np.hypot(y[:, None], x), 1)  # the rim's cells have the phase of the rim
+    y, x = y[:, None] / outside, x / outside
+    coma = math.sqrt(8) * (3 * (y**2 + x**2) - 2) * (0.3 * x - 0.2 * y)
+    u = reference.field_behind_lens(twin, *point) * np.exp(2j * np.pi * coma)
+    u = propagate(u, twin.pixel, F, LAM, method="blas", pad=2, workers=2)
+    u *= reference.array_phase(twin)
+    u = propagate(u, twin.pixel, twin.f_mu + shift, LAM, method="as", pad=1, workers=2)
+    bad = Aberrations(main_lens={7: -0.2 * LAM, 8: 0.3 * LAM}, sensor_shift=shift)
+    for where, tolerance in ((device, 1e-5), (precise, 1e-6)):  # as without aberrations, twice
+        camera = camera_of(where, count=(31, 35), aberrations=bad)
+        assert camera.padding(PointSources(point)) == (2, 1)
+        got = camera.expose(PointSources(point, diameter=10e-6)).to_numpy()
+        assert relative_max(np.abs(u) ** 2, got.astype(np.float64)) <= tolerance
+
+
+# Every lenslet is lit: a point 60 mm behind the focused plane, lenslets of 3 mm
+
+
+def spots(camera: Plenoptic1, raw: Any, power: int) -> tuple[Any, Any]:
+    """Light within half a pitch of each lenslet, and its centroid (y, x) by a power of it, metres.
+
+    As (n,) and (n, 2), lenslets row by row.
+    """
+    image, found = raw.to_numpy().astype(np.float64), []
+    half = camera.mla.pitch / 2
+    for cy, cx in camera.mla.centres().reshape(-1, 2):
+        y, x = camera.grid.y - cy, camera.grid.x - cx
+        rows, columns = np.abs(y) < half, np.abs(x) < half
+        y, x = y[rows], x[columns]
+        part = image[np.ix_(rows, columns)] * (np.hypot(y[:, None], x) < half)
+        w = part**power / max((part**power).sum(), 1e-30)  # 0 beyond the sensor
+        found.append((part.sum(), w.sum(axis=1) @ y, w.sum(axis=0) @ x))
+    energy, *place = np.transpose(found)
+    return energy, np.stack(place, axis=-1)
+
+
+SQUARE = MicrolensArray(150e-6, 3e-3, count=(27, 29), fill="full")
+TURNED = MicrolensArray(150e-6, 3e-3, count=(31, 27), lattice="hexagonal", rotation=0.3)
+
+
+@pytest.mark.parametrize(
+    ("bad", "mla"),
+    [
+        (Aberrations(scatter=LensletScatter(tilt=1e-3, seed=4)), TURNED),
+        (Aberrations(scatter=LensletScatter(position=4e-6, seed=5)), SQUARE),
+        (Aberrations(lenslets={2: 100e-9, 3: -60e-9}), TURNED),
+        (Aberrations(lenslets={2: 100e-9, 3: -60e-9}, lenslet_circle=213e-6), SQUARE),
+    ],
+    ids=["tilt", "position", "wavefront of a disc", "wavefront"],
+)
+def test_lenslets_out_of_place_move_their_sub_images(
+    bad: Aberrations, mla: MicrolensArray, device: Device
+) -> None:
+    """By f times the slope, and by the vertex's distance from its place; no light is lost."""
+    point = PointSources((1e-4, -2e-4, 60e-3))
+    ideal = camera_of(device, mla=mla, pixels=28)
+    camera = ideal.with_aberrations(bad)
+    errors = bad.lenslet_errors(mla)
+    slope = np.array([-60e-9, 100e-9]) * 4 / errors.circle if bad.lenslets else errors.tilt
+    local = np.broadcast_to(mla.f * slope + errors.position, (*mla.count, 2)).reshape(-1, 2)
+    cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
+    expected = local @ np.array([[cos, -sin], [sin, cos]])  # +x turns towards +y
+    raws = [one.expose(point) for one in (ideal, camera)]
+    (energy, before), (_, after) = (spots(camera, raw, 2) for raw in raws)
+    lit = energy > 0.5 * energy.max()
+    assert lit.sum() >= 12
+    assert np.abs(expected[lit]).max() > 0.4 * camera.pixel_pitch
+    rms = np.sqrt(np.mean((after - before - expected)[lit] ** 2))
+    assert rms <= 0.08 * camera.pixel_pitch
+    assert raws[1].to_numpy().sum() == pytest.approx(raws[0].to_numpy().sum(), rel=1e-6)
+    traced = [spots(one, one.expose(point, model="rays"), 1)[1] for one in (ideal, camera)]
+    by_rays = np.sqrt(np.mean((traced[1] - traced[0] - expected)[lit] ** 2))
+    assert by_rays <= 0.08 * camera.pixel_pitch  # rays are few
+
+
+def test_scatter_of_focal_lengths_widens_the_spots(device: Device) -> None:
+    """A lenslet of f' puts a geometric blur d abs(1 - f/f') over its sub-image."""
+    point = PointSources((1e-4, -2e-4, 60e-3))
+    bad = Aberrations(scatter=LensletScatter(focal_length=0.1, seed=1))
+    ideal = camera_of(device, count=27, pixels=30, f=3e-3)
+    raws = [one.expose(point).to_numpy() for one in (ideal, ideal.with_aberrations(bad))]
+    peaks = [raw.reshape(27, 30, 27, 30).max(axis=(1, 3)) for raw in raws]
+    factor = bad.scatter.draw((27, 27))[0]
+    lit = peaks[0] > 0.5 * peaks[0].max()
+    # a' = 40 mm behind the array: in focus at 1/f' = 1/z3 + 1/a', 7 % shorter than f
+    far = np.abs(1 / factor[lit] - (1 + 3 / 40))
+    gain = peaks[1][lit] / peaks[0][lit]
+    assert np.corrcoef(far, gain)[0, 1] < -0.9
+    assert raws[1].sum() == pytest.approx(raws[0].sum(), rel=1e-6)
+
+
+@pytest.mark.parametrize("shift", [-1e-3, 1e-3, 1.5e-3])
+def test_a_moved_sensor_widens_a_spot(shift: float, device: Device) -> None:
+    """Between a tenth and nine tenths of its light: geometry, and with waves diffraction too.
+
+    A lenslet spreads a point imaged a' before it over w = d abs(1 - z3/f + z3/a'); diffraction
+    over .8 of a sinc^2's light, 1.6 lam f/d; together the root of the sum of squares.
+    """
+    f, d, point = 3e-3, 150e-6, PointSources((0, 0, 60e-3))
+    camera = camera_of(
+        device, count=27, pixels=28, f=f, aberrations=Aberrations(sensor_shift=shift)
+    )
+    a = F - F / camera.alpha(60e-3)
+    z3 = camera.sensor_distance
+    assert z3 == pytest.approx(f + shift)
+    geometric = 0.8 * d * abs(1 - z3 / f + z3 / a)
+    together = math.hypot(geometric, 1.6 * LAM * f / d)
+    for model, expected, within in (("rays", geometric, 0.03), ("waves", together, 0.15)):
+        raw = camera.expose(point, model=model).to_numpy().astype(np.float64)
+        line = raw[13 * 28 : 14 * 28, 13 * 28 : 14 * 28].sum(axis=0)
+        share = np.concatenate([[0], np.cumsum(line)]) / line.sum()
+        low, high = np.interp([0.1, 0.9], share, np.arange(29) * camera.pixel_pitch)
+        assert high - low == pytest.approx(expected, rel=within), model
+
+
+# The main lens, by rays and in what is made of the raw image
+
+
+def test_rays_turn_by_the_slope_of_the_wavefront(device: Device) -> None:
+    """Astigmatism c sqrt(6) (x^2 - y^2)/R^2: rms F sqrt(6) c/R on the array along each axis.
+
+    And a tilt t 2 x/R, which moves the middle by 2 F t/R.
+    """
+    bad = Aberrations(main_lens={2: 0.5 * LAM, 6: LAM})
+    camera = camera_of(device, field_lens=True, aberrations=bad)
+    raw = camera.expose(MIDDLE, model="rays")  # with a field lens, light stays in its cell
+    energy = raw.to_numpy().astype(np.float64).reshape(35, 15, 35, 15).sum(axis=(1, 3))
+    place = (np.arange(35) - 17) * 150e-6
+    for axis, moved in ((0, 0.0), (1, F * LAM / R)):
+        share = energy.sum(axis=1 - axis) / energy.sum()
+        assert share @ place == pytest.approx(moved, abs=3e-6)
+        variance = share @ (place - share @ place) ** 2 - 150e-6**2 / 12
+        assert math.sqrt(variance) == pytest.approx(F * math.sqrt(6) * LAM / R, rel=0.02)
+
+
+def test_defocus_is_found_as_depth(device: Device) -> None:
+    """W = c sqrt(3) (2 rho^2 - 1) adds 4 sqrt(3) c F/R^2 u to x = X + u (1 - alpha)."""
+    camera = camera_of(device, aberrations=Aberrations(main_lens={4: 0.6 * LAM}))
+    alpha = 1 - 4 * math.sqrt(3) * 0.6 * LAM * F / R**2
+    lf = LightField.from_raw(camera.expose(MIDDLE))
+    assert estimate_alpha(lf).alpha == pytest.approx(alpha, abs=0.01)
+    sharp, flat = (refocus(lf, alpha=a).to_numpy().max() for a in (alpha, 1.0))
+    assert sharp > 4 * flat
+
+
+@pytest.mark.parametrize(
+    ("j", "peak", "energy"), [(6, 4.0, 1.0), (5, 4.0, 1.0), (8, 1.0, 1.5), (7, 1.0, 1.5)]
+)
+def test_correction_of_one_wave(j: int, peak: float, energy: float, device: Device) -> None:
+    """Peak, and energy in 3 x 3 lenslets, of the picture with and without the correction."""
+    lf = LightField.from_raw(
+        camera_of(device, aberrations=Aberrations(main_lens={j: LAM})).expose(MIDDLE)
+    )
+    found = [
+        one.render(total=True).to_numpy().astype(np.float64)
+        for one in (lf, correct_aberrations(lf, {j: LAM}))
+    ]
+    assert found[1].max() >= peak * found[0].max()
+    assert found[1][16:19, 16:19].sum() >= energy * found[0][16:19, 16:19].sum()
+    assert found[1].sum() == pytest.approx(found[0].sum(), rel=1e-5)
+
+
+def test_the_focused_camera(device: Device) -> None:
+    """Defocus of the main lens moves its image, and m = b/(z2 - F') with it."""
+    camera = PlenopticCamera.type2(
+        focal_length=0.12, mla=MicrolensArray(150e-6, 10e-3, count=43, fill="full"), wavelength=LAM,
+        pixels_per_lenslet=15, device=device, m=0.1,
+    )  # fmt: skip
+    z2, c = camera.array_distance, 0.5 * LAM
+    beta = z2 / F - 4 * math.sqrt(3) * c * z2 / (camera.aperture_diameter / 2) ** 2
+    raw = camera.with_aberrations(Aberrations(main_lens={4: c})).expose(MIDDLE)
+    expected = camera.b / (z2 - z2 / beta)
+    assert expected > 0.12
+    assert point_m(raw).m == pytest.approx(expected, rel=0.02)
+
+
+# Ways into the raw image
+
+
+def test_wavefronts_of_the_field(device: Device) -> None:
+    """Each point has that of its own image, (Y, X) = -(y, x) F/z; in one batch, and by rays."""
+    places = [(0.4e-3, -0.3e-3, 5e-3), (-0.2e-3, 0.5e-3, 0.0)]
+    camera = camera_of(device, count=27)
+    varying = Aberrations(main_lens={6: 0.1 * LAM}, main_lens_field={7: (3e-4, 0), 8: (0, 3e-4)})
+    for model in ("waves", "rays"):
+        total = np.zeros(camera.grid.shape)
+        for x, y, dz in places:
+            scale = -F / (F + dz)
+            own = {6: 0.1 * LAM, 7: 3e-4 * y * scale, 8: 3e-4 * x * scale}
+            one = camera.with_aberrations(Aberrations(main_lens=own))
+            total += one.expose(PointSources((x, y, dz)), model=model).to_numpy()
+        got = camera.with_aberrations(varying).expose(PointSources(places), model=model)
+        if model == "waves":
+            assert relative_max(total, got.to_numpy().astype(np.float64)) <= 5e-4  # padding
+        else:  # the second point's rays start elsewhere on the lens
+            cells = [
+                one.reshape(27, 15, 27, 15).sum(axis=(1, 3)) for one in (total, got.to_numpy())
+            ]
+            assert np.abs(cells[0] - cells[1]).max() <= 0.02 * cells[0].max()
+
+
+def test_pictures_by_both_routes(device: Device) -> None:
+    mla = MicrolensArray(150e-6, 10e-3, count=15, fill="full")
+    camera = PlenopticCamera.type1(
+        focal_length=0.03, mla=mla, wavelength=LAM, pixels_per_lenslet=16, device=device,
+        aperture_diameter=0.5e-3,
+        aberrations=Aberrations(main_lens={6: 0.2 * LAM, 7: 0.1 * LAM}),
+    )  # fmt: skip
+    picture = PicturePlane(np.array([[1, 0, 2], [0, 3, 1]]), 6e-4, 1e-3)
+    exact, quick = (camera.expose(picture, method=way) for way in ("points", "isoplanatic"))
+    assert relative_max(exact.to_numpy().astype(float), quick.to_numpy().astype(float)) <= 0.02
+    assert quick.exposure is not None
+    assert quick.exposure.route == "isoplanatic"
+    steep = camera.with_aberrations(
+        Aberrations(lenslets={2: 0.3 * LAM}, lenslet_circle=213e-6)
+    )  # wider patterns, whose intensity the pixels do not sample
+    assert (layout(camera, picture).finer, layout(steep, picture).finer) == (1, 2)
+    scattered = camera.with_aberrations(Aberrations(scatter=LensletScatter(tilt=1e-4)))
+    assert scattered.expose(picture).exposure.route == "points"  # type: ignore[union-attr]
+    with pytest.raises(ValueError, match="lenslets scatter"):
+        scattered.expose(picture, method="isoplanatic")
+
+
+def test_a_slide_step_by_step(device: Device) -> None:
+    camera = camera_of(device, count=27, aberrations=Aberrations(main_lens={8: 0.4 * LAM}))
+    values = np.zeros((9, 11))
+    values[2:7, 3:5] = 1
+    plane = PicturePlane(values, 11 * 4 * camera.pixel_pitch, mode="transmission")
+    got = camera.expose(plane, coherence=Coherence()).to_numpy()
+    lit = thin_lens(slide_field(camera, plane), camera.object_distance)
+    pupil = thin_lens(
+        camera.propagator(camera.object_distance, "blas", 1)(lit), 0.12, diameter=2 * R
+    )
+    bent = phase_plate(pupil, {8: 0.4 * LAM}, diameter=2 * R)
+    pads = SlideWay(camera, 0.0, True, camera.padding(plane.corners())).padding
+    expected = camera.sensor_field(camera.array_field(bent, pad=pads[0]), pad=pads[1])
+    assert relative_max(np.abs(expected.to_numpy().astype(np.complex128)) ** 2, got) <= 1e-5
+    assert relative_max(np.abs(expected.to_numpy()) ** 2, camera_of(device, count=27).expose(
+        plane, coherence=Coherence()).to_numpy()) > 0.1  # fmt: skip
+    varying = camera.with_aberrations(Aberrations(main_lens_field={4: (1e-4, 0)}))
+    with pytest.raises(ValueError, match="slide is one field"):
+        varying.expose(plane, coherence=Coherence())
+
+
+# What is kept, said and refused
+
+
+def test_what_is_kept(device: Device) -> None:
+    scatter = LensletScatter(focal_length=0.02, tilt=1e-3, position=1e-6, seed=7)
+    bad = Aberrations(main_lens={8: 2e-8, 5: 1e-8}, scatter=scatter, sensor_shift=1e-4)
+    assert bad.main_lens == ((5, 1e-8), (8, 2e-8))
+    assert replace(bad) == bad
+    bad = replace(bad, main_lens_field={7: (1e-4, -0.1)}, lenslets={4: 1e-9}, lenslet_circle=2.2e-4)
+    assert Aberrations.from_json(bad.to_json()) == bad
+    assert hash(replace(bad)) == hash(bad)
+    factor, tilt, position = scatter.draw((200, 201))
+    assert factor.std() == pytest.approx(0.02, rel=0.02)  # 1/sqrt(2 x 40200) is .0035
+    assert factor.mean() == pytest.approx(1, abs=5e-4)
+    for found, rms in ((tilt, 1e-3), (position, 1e-6)):
+        assert found.std(axis=(0, 1)) == pytest.approx([rms, rms], rel=0.02)
+    assert abs(np.corrcoef(tilt[..., 0].ravel(), position[..., 0].ravel())[0, 1]) < 0.02
+    text = str(camera_of(device, aberrations=bad).describe())
+    for line in ("wavefront of main lens", "scatter of tilt", "sensor shift"):
+        assert line in text
+    assert "sensor shift" not in str(camera_of(device).describe())
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "said"),
+    [
+        ({"main_lens": {0: 1e-8}}, ValueError, "at least 1"),
+        ({"main_lens": {4: math.nan}}, ValueError, r"main_lens\[4\] is finite"),
+        ({"main_lens": 3.0}, TypeError, "Noll's index"),
+        ({"main_lens_field": {4: 1e-8}}, ValueError, "two finite numbers"),
+        ({"lenslets": {46: 1e-8}}, ValueError, "orders up to 8, not 9"),
+        ({"lenslet_circle": 0.0}, ValueError, "lenslet_circle is positive"),
+        ({"sensor_shift": math.inf}, ValueError, "sensor_shift is finite"),
+        ({"scatter": 0.1}, TypeError, "LensletScatter"),
+    ],
+)
+def test_numbers_out_of_range(given: Any, error: type[Exception], said: str) -> None:
+    with pytest.raises(error, match=said):
+        Aberrations(**given)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [({"tilt": -1e-3}, "an rms"), ({"focal_length": 0.3}, "at most 0.2"), ({"seed": -1}, "seed")],
+)
+def test_scatter_out_of_range(given: Any, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        LensletScatter(**given)
+
+
+def test_aberrations_that_do_not_fit(device: Device) -> None:
+    square, round_ = camera_of(device, count=25), camera_of(device, count=25, fill="circular")
+    spherical = Aberrations(lenslets={11: 1e-8})
+    round_.with_aberrations(spherical)
+    for bad in (spherical, replace(spherical, lenslet_circle=200e-6)):
+        with pytest.raises(ValueError, match=r"0\.000212132 m or more"):
+            square.with_aberrations(bad)
+    square.with_aberrations(replace(spherical, lenslet_circle=212.14e-6))
+    with pytest.raises(ValueError, match="not behind the array"):
+        square.with_aberrations(Aberrations(sensor_shift=-10e-3))
+    with pytest.raises(SamplingError, match=r"aberrations 0\.0\d+ rad"):
+        camera_of(device, count=25, aberrations=Aberrations(main_lens={11: 3 * LAM}))
+    with pytest.raises(TypeError, match="not dict"):
+        square.with_aberrations({4: 1e-8})  # type: ignore[arg-type]
+    steep = square.with_aberrations(Aberrations(main_lens_field={2: (0, 5e-3)}))
+    with pytest.raises(SamplingError, match="smaller aberrations"):
+        steep.expose(PointSources((-1.5e-3, 0, 0)))
+    bent = square.with_aberrations(Aberrations(main_lens={4: 1e-8}))
+    with pytest.raises(ValueError, match="keep sensor_shift only"):
+        bent.expose(SurfaceScene(Plane(0.0)), model="rays")
+
+
+def test_a_correction_needs_metres(device: Device) -> None:
+    lf = LightField.from_array(np.ones((3, 3, 8, 8), np.float32), device=device)
+    with pytest.raises(ValueError, match="give camera="):
+        correct_aberrations(lf, {4: 1e-8})
+    naive = LightField.from_raw(camera_of(device, count=25).expose(MIDDLE), decode="naive")
+    with pytest.raises(ValueError, match="decode with 'calibrated'"):
+        correct_aberrations(naive, {4: 1e-8})

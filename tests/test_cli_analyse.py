@@ -1,0 +1,142 @@
+"""``clplen analyse``: a pair of small cameras, and what it says of bad input."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from clplen import cli
+from clplen.compute.device import Device
+from clplen.config import read_camera_file
+
+EXAMPLES = Path(__file__).parents[1] / "examples" / "cameras"
+SMALL = """
+[camera]
+{kind}
+focal_length_mm = 15
+object_distance_mm = 60
+wavelength_nm = 532
+aperture_diameter_mm = 0.8
+pixels_per_lenslet = 30
+[camera.microlenses]
+pitch_um = 150
+focal_length_mm = 3
+count = 9
+fill = "full"
+[scene]
+points_mm = [[0.1, 0.0, 0.0]]
+"""
+STANDARD, FOCUSED = 'kind = "plenoptic1"', 'kind = "plenoptic2"\nm = 0.2'
+Run = Callable[..., Result]
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    """The command on camera files of these kinds, into the folder ``out``."""
+
+    def call(*words: object, **kinds: str) -> Result:
+        files = []
+        for name, kind in kinds.items():
+            files.append(tmp_path / f"{name}.toml")
+            files[-1].write_text(SMALL.format(kind=kind))
+        typed = ["analyse", *files, "-o", tmp_path / "out", *words]
+        return CliRunner().invoke(cli.main, [str(word) for word in typed])
+
+    return call
+
+
+def said(result: Result, code: int = 1) -> str:
+    """What went to standard error: one sentence, and no traceback."""
+    assert result.exit_code == code, result.output
+    assert "Traceback" not in result.output
+    return result.stderr
+
+
+def test_a_pair_is_compared(run: Run, tmp_path: Path, device: Device) -> None:
+    result = run("--quick", "--depths-mm", "-4:0:2", "--device", device.place,
+                 standard=STANDARD, focused=FOCUSED)  # fmt: skip
+    assert result.exit_code == 0, result.output
+    out = tmp_path / "out"
+    figures = {"sampling", "psf", "mtf", "two-points", "energy", "transfer", "depth", "pictures"}
+    assert {file.stem for file in out.glob("*.png")} == figures
+    text = (out / "report.md").read_text()
+    assert "| `standard` | `focused` |" in text
+    assert "**usable MTF50**: `focused` wins" in text
+    assert text.strip() in result.output
+    assert (out / "depth.csv").read_text().startswith("camera,dz_m,place,error_m,note\nstandard,")
+    assert {file.stem for file in out.glob("*.csv")} == (figures - {"pictures"}) | {
+        "summary",
+        "transfer-mtf50",
+    }
+
+
+def test_only_some_of_one_camera(run: Run, tmp_path: Path, device: Device) -> None:
+    result = run("--only", "crosstalk, sampling", "--device", device.place, one=FOCUSED)
+    assert result.exit_code == 0, result.output
+    names = {file.name for file in (tmp_path / "out").iterdir()}
+    assert names == {"report.md", "summary.csv", "sampling.csv", "sampling.png"}
+    assert "What limits it" in result.output
+
+
+def test_the_example_is_a_pair(tmp_path: Path) -> None:
+    for name, kind in (("standard", "plenoptic1"), ("focused", "plenoptic2")):
+        shown = CliRunner().invoke(cli.main, ["analyse", "--example", name])
+        assert shown.exit_code == 0
+        assert shown.output == (EXAMPLES / f"{name}.toml").read_text()
+        file = read_camera_file(EXAMPLES / f"{name}.toml")
+        assert file.camera.kind == kind
+    assert "microlenses" in shown.output
+
+
+def test_bad_names_and_folders_are_told(run: Run, tmp_path: Path) -> None:
+    assert "no analysis 'mft'" in said(run("--only", "psf,mft", one=STANDARD))
+    assert "Did you mean 'mtf'?" in said(run("--only", "mft", one=STANDARD))
+    assert "Name at least one analysis" in said(run("--only", ",", one=STANDARD))
+    twice = ["analyse", "a/one.toml", "b/one.toml", "-o", str(tmp_path / "out")]
+    (tmp_path / "b").mkdir()
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir(exist_ok=True)
+        (tmp_path / folder / "one.toml").write_text(SMALL.format(kind=STANDARD))
+    twice[1:3] = [str(tmp_path / folder / "one.toml") for folder in ("a", "b")]
+    assert "Two camera files are named 'one'" in said(CliRunner().invoke(cli.main, twice), 2)
+    assert not (tmp_path / "out").exists()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.txt").touch()
+    assert "is there already and not empty" in said(run("--only", "sampling", one=STANDARD))
+    (tmp_path / "file").touch()
+    into = ["analyse", str(tmp_path / "one.toml"), "-o", str(tmp_path / "file" / "out")]
+    assert "file" in said(CliRunner().invoke(cli.main, into))
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ('kind = "plenoptic3"', "camera.kind"),
+        ('kind = "plenoptic2"\nm = 0.0', "m = b/a is finite and not 0, not 0.0"),
+        ('kind = "plenoptic2"\nm = 0.2\na_mm = 18.0', "needs one of m and a_mm"),
+        ('kind = "plenoptic2"\nm = -1.5', "not behind the array: use m > -1"),
+        ('kind = "plenoptic1"\nm = 0.2', "has m, which belongs to kind = 'plenoptic2'"),
+        ("kinds = 1", "kinds"),
+    ],
+)
+def test_bad_cameras_are_told(run: Run, tmp_path: Path, kind: str, words: str) -> None:
+    assert words in said(run("--only", "sampling", one=kind))
+    assert not (tmp_path / "out").exists()
+    assert not list(tmp_path.glob(".*"))  # nothing half-made
+
+
+def test_too_few_views_for_depth_are_told_in_the_tables(
+    run: Run, tmp_path: Path, device: Device
+) -> None:
+    wide = 'kind = "plenoptic2"\nm = 0.6'
+    result = run(
+        "--only", "depth,transfer", "--depths-mm", "-20:-20:1", "--device", device.place, one=wide
+    )
+    assert result.exit_code == 0, result.output
+    rows = (tmp_path / "out" / "depth.csv").read_text().splitlines()
+    assert rows[1].endswith("too few views: at m = 1.2 a point is seen by 0.83 lenslets a row")
+    assert rows[1].startswith("one,-0.02,0,,")
+    assert "no camera has one" in result.output
