@@ -29,6 +29,14 @@ class Camera:
     image_distance: float
     focal_length: float
 
+    @property
+    def array_distance(self) -> float:
+        return self.image_distance + self.a
+
+    @property
+    def sensor_distance(self) -> float:
+        return self.b
+
     def alpha(self, dz):
         return self.image_distance * (1 / self.focal_length - 1 / (self.object_distance + dz))
 

@@ -539,6 +539,7 @@ def test_aberrations_of_a_camera(tmp_path: Path, device: Device):
     for wrong, said in (
         ("main_lens_waves = { a = 0.1 }", "Noll's indices"),
         ("main_lens_waves = 0.1", "table of Noll's indices"),
+        ("main_lens_waves = { 5 = 0.1, 05 = 0.3 }", "an index twice, 5, 05"),
         ("sensor_shift_mm = 1", "did you mean sensor_shift_um"),
     ):
         with pytest.raises(FormatError, match=said):

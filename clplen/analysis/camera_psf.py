@@ -35,10 +35,11 @@ def camera_psf(camera: Plenoptic, *, places: int = PLACES, done: Done | None = N
 
     A 1.0 camera gives one sample a lenslet. The point is moved below the middle lenslet by
     pitch/places along both axes, and the samples of all pictures are put side by side: what a
-    lenslet shows of a point at each distance from its centre. A 2.0 camera's picture is blended on
-    a fine grid, and the mean taken over four places of the point on a pixel, dx/(4 m) apart along
-    both axes, by the middle lenslet. Both are means over where a point falls on the samples (Park,
-    Schowengerdt and Kaczynski 1984).
+    lenslet shows of a point at each distance from its centre (the odd rows of a hexagonal array as
+    `LightField.from_raw` interpolates them to the columns of the others). A 2.0 camera's picture is
+    blended on a fine grid, and the mean taken over four places of the point on a pixel, dx/(4 m)
+    apart along both axes, by the middle lenslet. Both are means over where a point falls on the
+    samples (Park, Schowengerdt and Kaczynski 1984).
 
     Parameters
     ----------

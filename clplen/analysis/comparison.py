@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ from clplen.analysis.sampling import sampling_of
 from clplen.analysis.straylight import camera_crosstalk
 from clplen.cameras.pictures import parts
 from clplen.cameras.scene import PointSources
+from clplen.errors import SamplingError
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic import Plenoptic
@@ -118,7 +120,8 @@ def compare(
     wanted = _wanted(only, cameras, scenes)
     if scenes is not None and "pictures" in wanted:
         for name, camera in cameras.items():
-            _check_scene(camera, scenes[name])
+            with told_of(name):
+                _check_scene(camera, scenes[name])
     if depths is None:
         depths = default_depths(next(iter(cameras.values())), quick=quick)
     plan = _Plan(wanted, np.asarray(depths, np.float64), QUICK if quick else PLACES)
@@ -131,11 +134,21 @@ def compare(
         if progress is not None:
             progress(count, total)
 
-    found = [
-        plan.measure(name, camera, None if scenes is None else scenes.get(name), done)
-        for name, camera in cameras.items()
-    ]
+    found = []
+    for name, camera in cameras.items():
+        with told_of(name):
+            scene = None if scenes is None else scenes.get(name)
+            found.append(plan.measure(name, camera, scene, done))
     return Comparison(tuple(found), wanted)
+
+
+@contextmanager
+def told_of(name: str) -> Iterator[None]:
+    """Put the name of a camera before what is said about it."""
+    try:
+        yield
+    except (ValueError, SamplingError) as error:
+        raise type(error)(f"{name}: {error}") from error
 
 
 def known_analyses(names: Iterable[str]) -> tuple[str, ...]:

@@ -33,7 +33,7 @@ class Rendered:
     pitch : tuple of float
         (dy, dx) in metres on the main lens' image of the plane in focus.
     origin : tuple of float
-        (y, x) of sample (ny//2, nx//2) in metres.
+        (y, x) of sample (ny//2, nx//2) in metres; of a 1.0 camera along its array's rows.
     """
 
     values: Values
@@ -102,7 +102,17 @@ def as_seen(raw: RawImage) -> Rendered:
     camera: Any = raw.camera
     if is_focused(camera):
         return _on_host(render_focused(raw, m=local_m(camera, 0.0)))
-    return Rendered(refocused(raw, 0.0), (camera.mla.row_pitch, camera.mla.pitch))
+    pitch = (camera.mla.row_pitch, camera.mla.pitch)
+    return Rendered(refocused(raw, 0.0), pitch, _middle(camera.mla))
+
+
+def _middle(mla: Any) -> Pair:
+    """(y, x) of lenslet (rows//2, columns//2), of a row that is not moved, along the array."""
+    cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
+    (down, right), (rows, columns) = mla.offset, mla.count
+    y = (rows // 2 - (rows - 1) / 2) * mla.row_pitch + down * cos - right * sin
+    x = (columns // 2 - (columns - 1) / 2) * mla.pitch + down * sin + right * cos
+    return y, x
 
 
 def _on_host(image: FocusedImage) -> Rendered:

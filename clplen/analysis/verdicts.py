@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from clplen.analysis.placing import is_focused
 from clplen.analysis.transfer import object_nyquist
+from clplen.cameras.aberrations import NONE
 
 if TYPE_CHECKING:
     from clplen.analysis.comparison import Comparison, Measured
@@ -199,9 +200,10 @@ def _why_places(one: Measured) -> str:
 
 
 def _why_views(one: Measured) -> str:
-    s = one.sampling
-    if is_focused(one.camera):
-        return f"1/abs(m) lenslets see a point, {s.angular_step * 1e3:.3g} mrad apart"
+    s, c = one.sampling, cast(Any, one.camera)
+    if is_focused(c):
+        lit = f"; the aperture lights {c.views:.3g}" if c.views < s.views / EQUAL else ""
+        return f"1/abs(m) lenslets see a point, {s.angular_step * 1e3:.3g} mrad apart{lit}"
     if s.independent_views < s.views:
         return f"{s.views:.3g} pixels a lenslet, blurred by its diffraction to d^2/(lam f_mu)"
     return f"one a pixel of a lenslet, {s.angular_step * 1e3:.3g} mrad apart"
@@ -222,7 +224,7 @@ def _why_limit(one: Measured) -> str:
 
 
 def _blur(one: Measured) -> str:
-    """The widest of what spreads a point: main lens, lenslet, sample."""
+    """The widest of what spreads a point: main lens, lenslet, sample; aberrations beside it."""
     c: Any = one.camera
     blurs = {"diffraction by the main lens": c.wavelength * c.image_distance / c.aperture_diameter}
     if is_focused(c):
@@ -231,7 +233,8 @@ def _blur(one: Measured) -> str:
     else:
         blurs["the width of a lenslet"] = c.mla.pitch
     widest = max(blurs, key=lambda name: blurs[name])
-    return f"{widest}, {blurs[widest] * 1e6:.4g} um on the main image"
+    more = "" if c.aberrations == NONE else ", and by its aberrations"
+    return f"{widest}, {blurs[widest] * 1e6:.4g} um on the main image{more}"
 
 
 def _why_crosstalk(one: Measured) -> str:

@@ -120,7 +120,8 @@ class Optics(ABC):
         z = self.object_distance + np.asarray(dz, np.float64)
         if not (z > 0).all():
             raise ValueError(
-                f"dz = {dz!r} m lies behind the lens, {self.object_distance:g} m from the plane."
+                f"dz = {np.min(dz):g} m lies behind the lens, {self.object_distance:g} m from the "
+                "plane."
             )
         alpha = self.image_distance * (1 / self.focal_length - 1 / z)
         return float(alpha) if alpha.ndim == 0 else alpha

@@ -80,7 +80,7 @@ def analyse(
       clplen analyse --example focused > focused.toml
       clplen analyse standard.toml focused.toml -o compared
     """
-    from clplen.analysis.comparison import ANALYSES, compare, known_analyses
+    from clplen.analysis.comparison import ANALYSES, compare, known_analyses, told_of
     from clplen.files import filling
 
     names = known_analyses(_split(only)) if only is not None else ANALYSES
@@ -88,9 +88,11 @@ def analyse(
     scenes = _scenes(files) if "pictures" in names else None
     with filling(output) as folder:
         device = opened(selector)
-        built = {name: file.camera.build(device) for name, file in files.items()}
-        for name, camera in built.items():
-            click.echo(f"{name}: {camera.describe()}\n")
+        built = {}
+        for name, file in files.items():
+            with told_of(name):
+                built[name] = file.camera.build(device)
+            click.echo(f"{name}: {built[name].describe()}\n")
         with bar_of(0, "exposure") as bar:
             found = compare(
                 built,

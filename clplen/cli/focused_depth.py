@@ -106,7 +106,7 @@ def _points(opened: Opened, maps: FocusedMaps) -> tuple[Values, str, str]:
 
         axis = FocusedGeometry.of(opened.raw).axis
         before = camera.object_distance + maps.z
-        slope = -opened.raw.pixel_pitch / (camera.image_distance + camera.a + camera.b)
+        slope = -opened.raw.pixel_pitch / (camera.array_distance + camera.sensor_distance)
         places = (
             (x[None, :] - axis[1]) * slope * before,
             (y[:, None] - axis[0]) * slope * before,

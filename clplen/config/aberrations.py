@@ -19,7 +19,10 @@ def _indices(value: object) -> object:
     bad = [key for key in value if not (str(key).isdecimal() and int(key) >= 1)]
     if bad:
         raise ValueError(f"has Noll's indices, 1 or more, for keys, not {bad[0]!r}")
-    return {int(key): number for key, number in value.items()}
+    found = {int(key): number for key, number in value.items()}
+    if len(found) < len(value):
+        raise ValueError(f"has an index twice, {', '.join(map(str, value))}")
+    return found
 
 
 class AberrationsTable(Table):

@@ -12,12 +12,16 @@ if TYPE_CHECKING:
 
 
 def alpha_of(raw: RawImage, m: Any) -> Values:
-    """alpha = F/F' of what the lenslets see with m = b/(z2 - F'), z2 = F + a.
+    """alpha = F/F' of what the lenslets see with m = z3/(z2 - F').
+
+    z2 is the distance from the main lens to the array, z3 that from there to the sensor, where this
+    has moved too.
 
     Parameters
     ----------
     raw : RawImage
-        Whose camera has ``image_distance`` (F), ``a`` and ``b`` in metres.
+        Whose camera has ``image_distance`` (F), ``array_distance`` (z2) and ``sensor_distance``
+        (z3) in metres.
     m : array_like
 
     Returns
@@ -30,7 +34,7 @@ def alpha_of(raw: RawImage, m: Any) -> Values:
     if camera is None:
         return np.full(m.shape, np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
-        image = camera.image_distance + camera.a - camera.b / m
+        image = camera.array_distance - camera.sensor_distance / m
         return np.where(image > 0, camera.image_distance / image, np.nan)
 
 

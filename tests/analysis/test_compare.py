@@ -6,6 +6,7 @@ import csv
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,11 +16,13 @@ from clplen.analysis import camera_psf as of_camera
 from clplen.analysis.camera_psf import camera_psf, psf_exposures
 from clplen.analysis.comparison import ANALYSES, compare, known_analyses
 from clplen.analysis.curve import Curve
+from clplen.analysis.deptherror import DepthErrors, depth_of, search_of
 from clplen.analysis.depthscan import default_depths, depth_scan
 from clplen.analysis.measured import Measured
 from clplen.analysis.otf import OTF, circular_mtf, square_mtf
+from clplen.analysis.placing import beside_lenslet, middle_lenslet
 from clplen.analysis.psf import PSF
-from clplen.analysis.rendered import blended, local_m
+from clplen.analysis.rendered import as_seen, blended, local_m
 from clplen.analysis.sampling import sampling_of
 from clplen.analysis.straylight import camera_crosstalk, met
 from clplen.analysis.summary import report
@@ -32,8 +35,10 @@ from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
+from clplen.errors import SamplingError
 from clplen.wave.lenslets import MicrolensArray
 
+NEAR = PointSources([(0.0, 0.0, 0.0)])
 LAM, PITCH, D = 532e-9, 150e-6, 0.8e-3
 OBJECT, IMAGE = 60e-3, 20e-3  # f = 15 mm, magnification 1/3
 
@@ -152,6 +157,39 @@ def test_depth_scan(device: Device) -> None:
     assert transfer.best[0] == -9e-3  # where the image is nearest to the array
 
 
+def test_depth_beyond_the_search_is_no_depth(device: Device) -> None:
+    camera = PlenopticCamera.type1(
+        focal_length=0.030, mla=MicrolensArray(PITCH, 3e-3, count=25, fill="full"), wavelength=LAM,
+        pixels_per_lenslet=28, aperture_diameter=2.5e-3, device=device,
+    )  # fmt: skip
+    raw = camera.expose(PointSources([(0.0, 0.0, 9e-3)]))  # .09 pixels a view step
+    with pytest.raises(ValueError, match=r"end of the search, 0\.05 pixels a view step"):
+        depth_of(raw, c_max=0.05)
+    whole = depth_of(raw, c_max=50.0)  # more than the light field allows: as far as it does
+    assert whole == pytest.approx(9e-3, abs=1e-3)
+
+
+def test_a_moved_sensor_counts(device: Device) -> None:
+    shift, dz = 0.5e-3, 2e-3
+    camera = focused(device).with_aberrations(Aberrations(sensor_shift=shift))
+    assert local_m(camera, 0.0) == pytest.approx((camera.b + shift) / camera.a)
+    a = (camera.b + shift) / local_m(camera, dz)
+    image = camera.array_distance - a
+    assert image == pytest.approx(1 / (1 / 0.015 - 1 / (OBJECT + dz)))
+    expected = (camera.b + shift) / a / (2 * camera.pixel_pitch) * image / (OBJECT + dz)
+    assert object_nyquist(camera, dz) == pytest.approx(expected)
+    # At the main lens' focus m is 0 and the image infinitely far: z3/z of the pixels
+    at_focus = (camera.b + shift) / 0.015 / (2 * camera.pixel_pitch)
+    assert object_nyquist(camera, 0.015 - OBJECT) == pytest.approx(at_focus)
+    plain = PlenopticCamera.type1(
+        focal_length=0.120, mla=MicrolensArray(PITCH, 3e-3, count=25), wavelength=LAM,
+        pixels_per_lenslet=28, aperture_diameter=2.5e-3, device=device,
+    )  # fmt: skip
+    moved = plain.with_aberrations(Aberrations(sensor_shift=shift))
+    far = np.array([0.0, 0.1])
+    assert search_of(moved, far) / search_of(plain, far) == pytest.approx(3 / 3.5)
+
+
 def test_depth_scan_makes_what_is_asked_for(device: Device) -> None:
     camera, made = standard(device, count=9), []
     transfer, depth = depth_scan(camera, [0.0, 0.1], places=1, transfer=False, done=made.append)
@@ -190,6 +228,12 @@ def test_crosstalk_counts_the_lenslets_that_the_cone_meets(device: Device) -> No
     assert len({k for _, k in cells}) == 2 * math.floor(reach / PITCH + 0.5) + 1
     assert (6, 7) in cells
     assert (6 - 3, 7 - 3) not in cells
+    turned = MicrolensArray(PITCH, 3e-3, count=9, rotation=math.pi / 4)
+    for reach, count in ((0.4, 1), (0.6, 5)):  # in pitches; neighbours' cells are half a one away
+        cone = SimpleNamespace(
+            mla=turned, a=IMAGE, image_distance=IMAGE, aperture_diameter=2 * reach * PITCH
+        )
+        assert len(met(cone, (4, 4))) == count
     assert 0.005 < camera_crosstalk(camera) < 0.06
     wide = standard(device, count=51, fill="circular")
     assert 0 < camera_crosstalk(wide) < 0.1
@@ -240,6 +284,21 @@ def test_compare_measures_what_is_asked_for(device: Device, tmp_path: Path) -> N
         found["three"]
 
 
+@pytest.mark.parametrize("rotation", [0.0, 0.2])
+def test_a_picture_lies_where_its_lenslets_do(device: Device, rotation: float) -> None:
+    offset = (25e-6, -40e-6)
+    camera = standard(device, count=(10, 13), offset=offset, rotation=rotation)
+    seen = as_seen(camera.expose(beside_lenslet(camera, (0.0, 0.0), 0.0)))
+    i, k = np.unravel_index(np.argmax(seen.values), seen.values.shape)
+    y, x = (
+        (n - size // 2) * d + at
+        for n, size, d, at in zip((i, k), seen.values.shape, seen.pitch, seen.origin, strict=True)
+    )
+    cos, sin = math.cos(rotation), math.sin(rotation)
+    place = camera.mla.centres()[middle_lenslet(camera)]
+    assert (y * cos + x * sin, x * cos - y * sin) == pytest.approx(tuple(place), abs=1e-9)
+
+
 def test_bad_comparisons_are_told(device: Device) -> None:
     camera = standard(device, count=9)
     with pytest.raises(ValueError, match="at least one camera"):
@@ -253,8 +312,11 @@ def test_bad_comparisons_are_told(device: Device) -> None:
         compare({"one": camera}, only=["pictures"])
     with pytest.raises(ValueError, match="finite numbers of metres"):
         depth_scan(camera, [0.0, math.nan])
-    with pytest.raises(ValueError, match="behind the lens"):
-        depth_scan(camera, [-0.07])
+    with pytest.raises(ValueError, match=r"dz = -0\.07 m lies behind the lens"):
+        depth_scan(camera, [0.0, -0.07])
+    far = PointSources([(0.1, 0.0, 0.0)])
+    with pytest.raises(SamplingError, match="two: The point"):
+        compare({"one": camera, "two": camera}, only=["pictures"], scenes={"one": NEAR, "two": far})
     with pytest.raises(ValueError, match="odd number"):
         camera_psf(camera, places=4)
     assert default_depths(camera, quick=True) == pytest.approx([-9e-3, 0, 9e-3])
@@ -288,11 +350,24 @@ def test_verdicts_follow_from_the_numbers(device: Device, tmp_path: Path) -> Non
     assert "two samples; its blur alone would allow" in said["two-point limit"]
     assert "diffraction by a lenslet" in said["usable MTF50"]
     assert "`wide` wins" in said["independent directions"]
+    assert "the aperture lights" not in said["independent directions"]
+    stopped = replace(known[1], camera=replace(two, aperture_diameter=0.5e-3))
+    assert "the aperture lights 3" in judged(criteria(found)[1], (stopped,))  # D abs(a)/(F p)
+    bad = replace(known[1], camera=two.with_aberrations(Aberrations(main_lens={8: LAM / 20})))
+    assert "and by its aberrations" in judged(criteria(found)[2], (bad,))
+    assert "aberrations" not in said["usable MTF50"]
     thrice = (known[0], known[1], replace(known[1], name="same"))
     by_name = {c.name: judged(c, thrice) for c in criteria(found)}
     assert "`narrow`, `same` win alike:" in by_name["crosstalk"]
     assert "`narrow`, `same`: a lenslet's Fresnel number" in by_name["crosstalk"]
     assert "no difference" in judged(criteria(found)[0], thrice[1:])
+    none = DepthErrors(dz, np.full((2, 1), math.nan), ("dark", "dark"))
+    some = DepthErrors(dz, np.array([[1e-3], [math.nan]]), ("", "dark"))
+    deep = Comparison((replace(known[0], depth=some), replace(known[1], depth=none)), ("depth",))
+    count, error = (judged(c, deep.cameras) for c in criteria(deep))
+    assert "`wide` wins: 1 of `wide`; 0 of `narrow`" in count
+    assert "no camera has one" in error
+    assert "no difference" in judged(criteria(deep)[0], deep.cameras[1:] * 2)
     lines = over_depth(found)
     assert lines[0].startswith("at dz -1 mm: `wide`")
     assert "`narrow` none" in lines[0]

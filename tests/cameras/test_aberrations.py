@@ -253,6 +253,11 @@ def test_the_focused_camera(device: Device) -> None:
     expected = camera.b / (z2 - z2 / beta)
     assert expected > 0.12
     assert point_m(raw).m == pytest.approx(expected, rel=0.02)
+    moved = camera.with_aberrations(Aberrations(sensor_shift=0.6e-3))
+    found = point_m(moved.expose(MIDDLE))
+    assert found.m == pytest.approx((camera.b + 0.6e-3) / camera.a, rel=0.01)
+    # 1 % of m is 1 % of a = 110 mm in F', and as much of dz at magnification 1; b for z3: 6 mm
+    assert found.z == pytest.approx(0, abs=1.1e-3)
 
 
 # Ways into the raw image
@@ -343,6 +348,8 @@ def test_what_is_kept(device: Device) -> None:
     text = str(camera_of(device, aberrations=bad).describe())
     for line in ("wavefront of main lens", "scatter of tilt", "sensor shift"):
         assert line in text
+    coma = Aberrations(main_lens_field={7: (LAM * 300, 0), 8: (0, LAM * 400)})
+    assert "0.5 waves a mm of the image" in str(camera_of(device, aberrations=coma).describe())
     assert "sensor shift" not in str(camera_of(device).describe())
 
 
@@ -350,6 +357,8 @@ def test_what_is_kept(device: Device) -> None:
     ("given", "error", "said"),
     [
         ({"main_lens": {0: 1e-8}}, ValueError, "at least 1"),
+        ({"main_lens": {math.nan: 1e-8}}, ValueError, "at least 1, not nan"),
+        ({"main_lens": {"4": 1e-8}}, ValueError, "at least 1, not '4'"),
         ({"main_lens": {4: math.nan}}, ValueError, r"main_lens\[4\] is finite"),
         ({"main_lens": 3.0}, TypeError, "Noll's index"),
         ({"main_lens_field": {4: 1e-8}}, ValueError, "two finite numbers"),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from threading import Barrier, get_ident
+from time import sleep
 
 import pytest
 
@@ -61,3 +63,39 @@ def test_a_failure_of_either_thread_is_raised_when_both_have_ended(failing: str)
         share(fails, [0, 1], ["caller", "other"])
     assert len(ended) == 1
     assert len(together()) == 2  # and again
+
+
+class Interrupted(list[int]):
+    """Parts that interrupt the calling thread when it asks for its second one."""
+
+    def __iter__(self) -> Iterator[int]:
+        caller, asked, left = get_ident(), 0, self[:]
+
+        class Steps:
+            def __iter__(self) -> Steps:
+                return self
+
+            def __next__(self) -> int:
+                nonlocal asked
+                asked += get_ident() == caller
+                if get_ident() == caller and asked == 2:
+                    raise KeyboardInterrupt
+                if not left:
+                    raise StopIteration
+                return left.pop()
+
+        return Steps()
+
+
+def test_an_interrupt_between_parts_ends_the_work_of_all() -> None:
+    both, done = Barrier(2, timeout=10), []
+
+    def work(part: int, own: str) -> None:
+        if part >= 98:
+            both.wait()
+        sleep(0.005)
+        done.append(part)
+
+    with pytest.raises(KeyboardInterrupt):
+        share(work, Interrupted(range(100)), ["caller", "other"])
+    assert len(done) < 50  # of 100, which the other would have gone on with

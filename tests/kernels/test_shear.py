@@ -122,6 +122,15 @@ def test_tables_are_kept_for_equal_fractions_only(device):
         check(device, SHAPES[1], disparities=(disparity,))
 
 
+def test_tables_of_one_axis_are_not_those_of_another(device):
+    field, weights = light_field(SHAPES[1]), view_weights(SHAPES[1])
+    for down, right in ((0.2, 0.2), (0.2, 0.4), (0.4, 0.4)):  # only one of them changes at a time
+        moves = (shifts(SHAPES[1], (down,))[0], shifts(SHAPES[1], (right,))[1])
+        got = sheared(device, field, weights, *moves)
+        want = twin(field, weights, *moves)
+        assert relative_max(want, got) <= tolerance(SHAPES[1])
+
+
 @pytest.mark.parametrize("edge", ["normalised", "clamp"])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_against_twin(device, shape, edge):
