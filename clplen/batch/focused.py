@@ -87,4 +87,6 @@ def _ms(raw: RawImage, table: dict[str, Any]) -> np.ndarray[Any, Any]:
             "for other cameras."
         )
     alphas = np.asarray(table["alphas"], np.float64)
-    return np.asarray(camera.sensor_distance / (camera.array_distance - camera.image_distance / alphas))
+    return np.asarray(
+        camera.sensor_distance / (camera.array_distance - camera.image_distance / alphas)
+    )
