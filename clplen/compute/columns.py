@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Array = np.ndarray[Any, Any]
 
 BLOCK_BYTES = 2**20  # of a block of rows or columns, about what a core's cache holds
-SMALL_BYTES = 2**17  # of a block that is worth a thread's while
+SMALL_BYTES = 2**19  # of a block that is worth a thread's while
 FEWEST, MOST = 16, 48  # rows or columns of a block, more of them where they are short
 APART = 16  # samples between rows, so that a column does not meet the same cache lines everywhere
 INTO, BACK = (0, 1), (2, 3)  # slots of windows and of their transforms, before the product, after

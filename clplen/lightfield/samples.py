@@ -36,7 +36,9 @@ def lit_views(data: cla.Array, device: Device) -> np.ndarray[Any, np.dtype[np.bo
     views = shape[0] * shape[1]
     lit = device.empty(shape, np.int32)
     kernel = device.kernel("views.cl", "lit", SAMPLE=C_TYPE[np.dtype(data.dtype)])
-    device.launch(kernel, (views,), lit, data, np.int32(views), np.int64(data.size // views))
+    read = views * data.dtype.itemsize + lit.nbytes  # at least: until the first that is not 0
+    samples = np.int64(data.size // views)
+    device.launch(kernel, (views,), lit, data, np.int32(views), samples, nbytes=read)
     return device.download(lit) != 0
 
 
