@@ -81,6 +81,12 @@ def test_only_some_of_one_camera(run: Run, tmp_path: Path, device: Device) -> No
     assert "What limits it" in result.output
 
 
+def test_depths_that_nothing_uses_are_told(run: Run) -> None:
+    result = run("--only", "sampling", "--depths-mm", "-4:0:2", one=FOCUSED)
+    assert result.exit_code == 0, result.output
+    assert "--depths-mm is not used: depths belong to transfer and depth." in result.stderr
+
+
 def test_the_example_is_a_pair(tmp_path: Path) -> None:
     for name, kind in (("standard", "plenoptic1"), ("focused", "plenoptic2")):
         shown = CliRunner().invoke(cli.main, ["analyse", "--example", name])

@@ -235,11 +235,31 @@ def test_a_raw_picture_needs_a_word_that_it_is_focused(
     lattice.save(tmp_path / "grid.json")
     words = ("-o", tmp_path / "d.npy", "--grid", tmp_path / "grid.json", "--focused")
     done(run(device, "depth", tmp_path / "raw.tif", *words))
+    words = ("-o", tmp_path / "s.tif", "--grid", tmp_path / "grid.json", "--m", "0.15,0.2,0.26")
+    for more in ((), ("--focused",)):  # --m says it too
+        assert "3 planes" in done(run(device, "stack", tmp_path / "raw.tif", *words, *more))
+    assert "none.tif" in refused(run(device, "stack", tmp_path / "none.tif", *words), 1)
     m = np.load(tmp_path / "d.npy")
     pupil = 12 / 120  # the lattice of sub-images alone: b/z2 is not known, m is the ratio
     expected = focused_depth(raw).geometry.ratio(focused_depth(raw).median)
     assert np.median(m) == pytest.approx(expected, rel=0.01)
     assert expected == pytest.approx((focused_depth(raw).median - pupil) / (1 + pupil))
+
+
+def test_info_names_what_was_written(tmp_path: Path, raw_file: Path, device: Device) -> None:
+    for command, name, words, kind, m in (
+        ("render", "a.tif", (), "a picture of a focused camera", "0.2"),
+        ("stack", "s.tif", ("--m", "0.15,0.2"), "a focal stack of a focused camera", "0.15, 0.2"),
+        ("depth", "d.h5", (), "depth of a focused camera", None),
+        ("depth", "d.ome.tif", (), "depth of a focused camera", None),
+        ("depth", "m.tif", (), "a map of m = b/a of a focused camera", None),
+    ):
+        done(run(device, command, raw_file, "-o", tmp_path / name, *words))
+        said = " ".join(done(run(device, "info", tmp_path / name)).split())
+        assert f"{name}, {kind}" in said
+        assert (f"m = b/a {m}" in said) == (m is not None)
+        known = json.loads(done(run(device, "info", tmp_path / name, "--json")))
+        assert len(known["shape"]) == 2 + (name in ("s.tif", "d.ome.tif"))
 
 
 BAD = [
@@ -258,6 +278,7 @@ BAD = [
     (("stack", "--disparities", "-1:1:3"), 2, "--disparities is for light fields"),
     (("stack", "--memory", "1GB"), 2, "--memory is for light fields"),
     (("stack", "--m", "0.1:0.5"), 2, "is not START:STOP:N"),
+    (("stack", "--m", "-0.1:0.3:9"), 2, "'-0.1:0.3:9' passes m = 0, where nothing is in focus"),
     (("depth", "--cue", "energy"), 2, "--cue is for light fields"),
     (("depth", "--m", "0.2"), 2, "is not LEAST:GREATEST"),
     (("depth", "--m", "0.2:0.6"), 1, "seen by 1.7 lenslets a row, which is too few"),

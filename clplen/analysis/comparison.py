@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,11 +19,9 @@ from clplen.analysis.samples import Values
 from clplen.analysis.sampling import sampling_of
 from clplen.analysis.straylight import camera_crosstalk
 from clplen.cameras.pictures import parts
+from clplen.cameras.plenoptic import Plenoptic
 from clplen.cameras.scene import PointSources
 from clplen.errors import SamplingError
-
-if TYPE_CHECKING:
-    from clplen.cameras.plenoptic import Plenoptic
 
 ANALYSES = (
     "sampling",
@@ -112,11 +110,12 @@ def compare(
     ValueError
         If there is no camera, an analysis is unknown (with the nearest known one), "pictures" is
         asked for without a scene for every camera, or a depth cannot be.
+    TypeError
+        If they are no mapping of names to cameras.
     SamplingError, DeviceError
         As `Plenoptic.expose`.
     """
-    if not cameras:
-        raise ValueError("A comparison needs at least one camera.")
+    _require_cameras(cameras)
     wanted = _wanted(only, cameras, scenes)
     if scenes is not None and "pictures" in wanted:
         for name, camera in cameras.items():
@@ -168,6 +167,19 @@ def known_analyses(names: Iterable[str]) -> tuple[str, ...]:
     if not asked:
         raise ValueError(f"Name at least one analysis of {', '.join(ANALYSES)}.")
     return tuple(name for name in ANALYSES if name in asked)
+
+
+def _require_cameras(cameras: Any) -> None:
+    if not isinstance(cameras, Mapping):
+        raise TypeError(f"Cameras are given as {{name: camera}}, not as {type(cameras).__name__}.")
+    if not cameras:
+        raise ValueError("A comparison needs at least one camera.")
+    for name, camera in cameras.items():
+        if not isinstance(camera, Plenoptic):
+            raise TypeError(
+                f"{name}: a camera is PlenopticCamera.type1(...) or type2(...), not "
+                f"{type(camera).__name__}."
+            )
 
 
 def _wanted(

@@ -16,10 +16,12 @@ from clplen.analysis.samples import Values
 from clplen.analysis.sampling import Sampling
 from clplen.analysis.transfer import DepthTransfer, line_curve
 from clplen.analysis.twopoint import SLIT, TwoPoints
+from clplen.cameras.aberrations import circumscribed
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic import Plenoptic
 
+HIGHEST = 1.05  # of the diffraction cut-off: where a cut-off that is measured may lie
 _STEPS = 61  # of separations and radii
 _WIDTHS = 4  # FWHM up to which they go
 
@@ -66,6 +68,18 @@ class Measured:
         """
         _, line = self._psf.line_spread(axis)
         return line_curve(line, self._psf.pitch[axis])
+
+    def mtf_cutoff(self, axis: int = 1) -> float:
+        """Cut-off of `mtf`, cycles a metre, as `Curve.cutoff`.
+
+        NaN where contrast stays above .01 beyond what diffraction passes: that is no signal, but
+        what pixels and their interpolation leave of it.
+        """
+        found = self.mtf(axis).cutoff()
+        mla, passed = self.camera.mla, self.sampling.diffraction_cutoff
+        if mla.lattice == "hexagonal" or mla.rotation:  # corners reach farther along the axes
+            passed *= circumscribed(mla) / mla.diameter
+        return found if found <= HIGHEST * passed else math.nan
 
     def fwhm(self, axis: int = 1) -> float:
         """`PSF.fwhm` in metres; NaN where the window is too narrow."""

@@ -4,7 +4,7 @@ Ng, Levoy, Bredif, Duval, Horowitz and Hanrahan 2005, for the standard camera (1
 sample a lenslet, one direction a pixel under it. Lumsdaine and Georgiev 2009 and Georgiev and
 Lumsdaine 2010 for the focused one (2.0), whose lenslets see the main lens' image at distance a and
 throw it on the sensor at distance b: with m = b/a, abs(m) of the sensor's resolution in place, and
-1/abs(m) views of every point.
+1/abs(m) views of every point where main lens and lenslets have the same f-number.
 """
 
 from __future__ import annotations
@@ -32,12 +32,13 @@ class Sampling:
     spatial_pitch : float
         Between places: the lenslets' pitch (1.0), a pixel over abs(m) (2.0).
     views : float
-        Directions in which a place is seen: pixels a lenslet (1.0), lenslets that see it, 1/abs(m)
-        for lenslets that fill their cells (2.0).
+        Directions in which a place is seen: pixels a lenslet (1.0), lenslets that its light meets,
+        D abs(a)/(F p), which is 1/abs(m) where the main lens has the lenslets' f-number b/p (2.0).
     angular_step : float
-        Between directions, in radians: pixel/f_mu (1.0), d/abs(a) (2.0).
+        Between directions, in radians: pixel/f_mu (1.0), p/abs(a) (2.0).
     angular_range : float
-        All directions that a lenslet takes, in radians: d/f_mu (1.0), d/b (2.0).
+        All directions, in radians: d/f_mu, those a lenslet takes (1.0); D/F, those that the main
+        lens passes (2.0).
     independent_views : float
         Directions that diffraction by the lenslet leaves independent: d^2/(lam f_mu), at most the
         pixels a lenslet (1.0); the views themselves (2.0), since other lenslets see them.
@@ -130,6 +131,8 @@ def type2_sampling(
     b: float,
     pixel_pitch: float,
     wavelength: float,
+    cone: float | None = None,
+    pixels: float | None = None,
 ) -> Sampling:
     """Sampling of a focused plenoptic camera along one axis.
 
@@ -147,6 +150,10 @@ def type2_sampling(
         In metres.
     wavelength : float
         In metres.
+    cone : float, optional
+        D/F of the main lens; default p/b, that of the lenslets.
+    pixels : float, optional
+        Of the sensor along the axis; default those of the lenslets' cells.
 
     Raises
     ------
@@ -164,15 +171,19 @@ def type2_sampling(
         wavelength=wavelength,
     )
     share = b / abs(a)
+    cone = pitch / b if cone is None else cone
+    pixels = lenslets * pitch / pixel_pitch if pixels is None else pixels
+    check_positive(cone=cone, pixels=pixels)
+    views = cone * abs(a) / pitch
     return Sampling(
         kind="2.0",
-        spatial_samples=lenslets * pitch / pixel_pitch * share,
+        spatial_samples=pixels * share,
         spatial_share=share,
         spatial_pitch=pixel_pitch / share,
-        views=1 / share,
-        angular_step=diameter / abs(a),
-        angular_range=diameter / b,
-        independent_views=1 / share,
+        views=views,
+        angular_step=pitch / abs(a),
+        angular_range=cone,
+        independent_views=views,
         nyquist=share / (2 * pixel_pitch),
         diffraction_cutoff=diameter / (wavelength * abs(a)),
     )
@@ -184,8 +195,8 @@ def sampling_of(camera: Any, *, axis: int = 1) -> Sampling:
     Parameters
     ----------
     camera : PlenopticCamera
-        Or anything with ``mla``, ``pixel_pitch`` and ``wavelength``, and with
-        ``a`` and ``b`` (2.0) or ``image_distance`` and ``aperture_diameter`` (1.0).
+        Or anything with ``mla``, ``pixel_pitch``, ``wavelength``, ``image_distance`` and
+        ``aperture_diameter``, and for a focused one ``a``, ``b`` and ``grid``.
     axis : int
         0 along y, where the rows of a hexagonal array count with the pitch and width of a row;
         1 along x.
@@ -209,7 +220,9 @@ def sampling_of(camera: Any, *, axis: int = 1) -> Sampling:
             "wavelength": camera.wavelength,
         }
         if hasattr(camera, "a"):
-            return type2_sampling(a=camera.a, b=camera.b, **given)
+            cone = camera.aperture_diameter / camera.image_distance
+            pixels = camera.grid.shape[axis]
+            return type2_sampling(a=camera.a, b=camera.b, cone=cone, pixels=pixels, **given)
         return type1_sampling(
             focal_length=mla.f,
             image_distance=camera.image_distance,

@@ -34,6 +34,7 @@ def report(comparison: Comparison) -> str:
     lines += [
         "",
         "Lengths and frequencies are those on the main lens' image, unless they are of the object.",
+        *_notes(comparison),
         "",
     ]
     if len(comparison.cameras) > 1:
@@ -46,6 +47,23 @@ def report(comparison: Comparison) -> str:
         lines.append("- **usable MTF50 over depth**, each picture focused on its depth:")
         lines += [f"  - {line}" for line in depths]
     return "\n".join(lines) + "\n"
+
+
+def _notes(comparison: Comparison) -> list[str]:
+    """What the table's numbers need to be understood."""
+    found = []
+    if "mtf" in comparison.analyses:
+        found.append(
+            "No MTF cut-off is given where contrast stays above .01 beyond the diffraction cut-off."
+        )
+    scanned = [one for one in comparison.cameras if one.transfer is not None]
+    ended = [f"`{one.name}`" for one in scanned if one.transfer and one.transfer.best_at_end]
+    if ended:
+        found.append(
+            f"The best focus of {', '.join(ended)} is at the end of the depths scanned: it may lie "
+            "beyond."
+        )
+    return found
 
 
 def _rows(comparison: Comparison) -> list[list[str]]:

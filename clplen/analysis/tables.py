@@ -99,7 +99,7 @@ def summary_of(one: Measured, analyses: tuple[str, ...]) -> dict[str, tuple[floa
             for name, value in (
                 ("MTF50", mtf.at(0.5)),
                 ("MTF10", mtf.at(0.1)),
-                ("MTF cut-off", mtf.cutoff()),
+                ("MTF cut-off", one.mtf_cutoff(axis)),
             ):
                 found[f"{name} {AXES[axis]}"] = (value, "cycles/m")
     if "two-points" in analyses:

@@ -60,6 +60,11 @@ class DepthTransfer:
         k = int(np.nanargmax(found))
         return float(self.dz[k]), float(found[k])
 
+    @property
+    def best_at_end(self) -> bool:
+        """Whether that dz is the first or last of all, so that the true one may lie beyond."""
+        return self.best[0] in (self.dz.min(), self.dz.max())
+
 
 def line_curve(line: Values, pitch: float) -> Curve:
     """Modulus of the transfer function of a line's image (Bracewell 1956).

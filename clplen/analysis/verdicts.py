@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.analysis.placing import is_focused
+from clplen.analysis import reasons
 from clplen.analysis.transfer import object_nyquist
-from clplen.cameras.aberrations import NONE
 
 if TYPE_CHECKING:
     from clplen.analysis.comparison import Comparison, Measured
@@ -35,7 +34,7 @@ class Criterion:
         From SI units to those shown.
     unit : str
     why : callable
-        What sets the number of a `Measured`, in words.
+        What sets the number of a `Measured`, in words; empty where nothing known does.
     """
 
     analysis: str
@@ -66,15 +65,17 @@ def criteria(comparison: Comparison) -> list[Criterion]:
 
     depth_name = "rms depth error where all measure"
     every = [
-        Criterion("sampling", "places along x", _places, True, 1.0, "", _why_places),
-        Criterion("sampling", "independent directions", _views, True, 1.0, "", _why_views),
-        Criterion("mtf", "usable MTF50", usable_mtf50, True, 1e-3, "cycles/mm", _why_frequency),
-        Criterion("two-points", "two-point limit", usable_limit, False, 1e6, "um", _why_limit),
-        Criterion("strehl", "Strehl ratio", _strehl, True, 1.0, "", _blur),
-        Criterion("energy", "radius of 80 % of the light", _radius, False, 1e6, "um", _blur),
-        Criterion("crosstalk", "crosstalk", _crosstalk, False, 100.0, "%", _why_crosstalk),
-        Criterion("depth", "depths measured", _depths, True, 1.0, "", _why_range),
-        Criterion("depth", depth_name, error, False, 1e3, "mm", _why_depth),
+        Criterion("sampling", "places along x", _places, True, 1.0, "", reasons.places),
+        Criterion("sampling", "independent directions", _views, True, 1.0, "", reasons.views),
+        Criterion("mtf", "usable MTF50", usable_mtf50, True, 1e-3, "cycles/mm", reasons.frequency),
+        Criterion("two-points", "two-point limit", usable_limit, False, 1e6, "um", reasons.limit),
+        Criterion("strehl", "Strehl ratio", _strehl, True, 1.0, "", reasons.peak),
+        Criterion(
+            "energy", "radius of 80 % of the light", _radius, False, 1e6, "um", reasons.radius
+        ),
+        Criterion("crosstalk", "crosstalk", _crosstalk, False, 100.0, "%", reasons.crosstalk),
+        Criterion("depth", "depths measured", _depths, True, 1.0, "", reasons.depth_range),
+        Criterion("depth", depth_name, error, False, 1e3, "mm", reasons.depth),
     ]
     return [one for one in every if one.analysis in comparison.analyses]
 
@@ -102,8 +103,8 @@ def judged(criterion: Criterion, cameras: Sequence[Measured]) -> str:
     said = "; ".join(f"{_number(value, criterion.unit)} of `{one.name}`" for value, one in order)
     missing = [f"none of `{one.name}`" for value, one in numbers if not math.isfinite(value)]
     said = "; ".join([said, *missing])
-    reasons = _reasons(criterion, [one for _, one in order])
-    return f"**{criterion.name}**: {_verdict(criterion, order)} {said}. {reasons}".rstrip()
+    why = _reasons(criterion, order)
+    return f"**{criterion.name}**: {_verdict(criterion, order)} {said}. {why}".rstrip()
 
 
 def over_depth(comparison: Comparison) -> list[str]:
@@ -156,11 +157,16 @@ def _ratio(more: float, less: float) -> float:
     return more / less if less else math.inf
 
 
-def _reasons(criterion: Criterion, order: list[Measured]) -> str:
-    told: dict[str, list[str]] = {}
-    for one in order:
-        told.setdefault(criterion.why(one), []).append(f"`{one.name}`")
-    said = [f"{', '.join(names)}: {reason}" for reason, names in told.items() if reason]
+def _reasons(criterion: Criterion, order: list[tuple[float, Measured]]) -> str:
+    """What makes the numbers; one reason cannot make two that differ."""
+    told: dict[str, list[tuple[float, str]]] = {}
+    for value, one in order:
+        told.setdefault(criterion.why(one), []).append((value, f"`{one.name}`"))
+    said = []
+    for reason, found in told.items():
+        values = [value for value, _ in found]
+        if reason and _ratio(max(values), min(values)) < EQUAL:
+            said.append(f"{', '.join(name for _, name in found)}: {reason}")
     return "; ".join(said) + "." if said else ""
 
 
@@ -190,85 +196,6 @@ def _crosstalk(one: Measured) -> float:
 
 def _depths(one: Measured) -> float:
     return math.nan if one.depth is None else float(np.isfinite(one.depth.rms).sum())
-
-
-def _why_places(one: Measured) -> str:
-    c: Any = one.camera
-    if is_focused(c):
-        return f"abs(m) = {abs(c.m):.3g} of {c.grid.shape[1]} pixels a row"
-    return f"one a lenslet, {one.sampling.views:.3g} pixels each"
-
-
-def _why_views(one: Measured) -> str:
-    s, c = one.sampling, cast(Any, one.camera)
-    if is_focused(c):
-        lit = f"; the aperture lights {c.views:.3g}" if c.views < s.views / EQUAL else ""
-        return f"1/abs(m) lenslets see a point, {s.angular_step * 1e3:.3g} mrad apart{lit}"
-    if s.independent_views < s.views:
-        return f"{s.views:.3g} pixels a lenslet, blurred by its diffraction to d^2/(lam f_mu)"
-    return f"one a pixel of a lenslet, {s.angular_step * 1e3:.3g} mrad apart"
-
-
-def _why_frequency(one: Measured) -> str:
-    mtf50, nyquist = one.mtf().at(0.5), one.sampling.nyquist
-    if not mtf50 < nyquist:
-        return f"limited by its samples, {one.sampling.spatial_pitch * 1e6:.4g} um apart"
-    return f"limited by {_blur(one)}"
-
-
-def _why_limit(one: Measured) -> str:
-    if 2 * one.sampling.spatial_pitch > one.two_point_limit():
-        limit = one.two_point_limit() * 1e6
-        return f"two samples; its blur alone would allow {limit:.4g} um"
-    return f"limited by {_blur(one)}"
-
-
-def _blur(one: Measured) -> str:
-    """The widest of what spreads a point: main lens, lenslet, sample; aberrations beside it."""
-    c: Any = one.camera
-    blurs = {"diffraction by the main lens": c.wavelength * c.image_distance / c.aperture_diameter}
-    if is_focused(c):
-        blurs["diffraction by a lenslet"] = c.wavelength * abs(c.a) / c.mla.diameter
-        blurs["a pixel"] = c.pixel_pitch / abs(c.m)
-    else:
-        blurs["the width of a lenslet"] = c.mla.pitch
-    widest = max(blurs, key=lambda name: blurs[name])
-    more = "" if c.aberrations == NONE else ", and by its aberrations"
-    return f"{widest}, {blurs[widest] * 1e6:.4g} um on the main image{more}"
-
-
-def _why_crosstalk(one: Measured) -> str:
-    c: Any = one.camera
-    number = c.mla.diameter**2 / (c.wavelength * c.sensor_distance)
-    edge = c.wavelength * c.image_distance / c.aperture_diameter / c.mla.pitch
-    return (
-        f"a lenslet's Fresnel number d^2/(lam b) is {number:.3g}, the main lens' blur lam F/D "
-        f"{edge:.2g} lenslets"
-    )
-
-
-def _why_depth(one: Measured) -> str:
-    c: Any = one.camera
-    if is_focused(c):
-        wide = c.aperture_diameter * abs(c.a) / c.image_distance / c.mla.pitch
-        where = "before" if c.a > 0 else "behind"
-        return (
-            f"a point's spots {wide:.2g} lenslets wide, its image {abs(c.a) * 1e3:.3g} mm {where} "
-            "the array"
-        )
-    return (
-        f"blur over {c.aperture_diameter * 1e3:.3g} mm of the main lens, in focus within p/D = "
-        f"{c.mla.pitch / c.aperture_diameter:.2g} of F/F'"
-    )
-
-
-def _why_range(one: Measured) -> str:
-    assert one.depth is not None
-    failed = [k for k, note in enumerate(one.depth.notes) if note]
-    if not failed:
-        return ""
-    where = ", ".join(f"{one.depth.dz[k] * 1e3:g}" for k in failed)
-    return f"not at dz = {where} mm ({one.depth.notes[failed[0]].rstrip('.')})"
 
 
 def _runs(names: list[str]) -> list[tuple[int, int]]:

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
+from clplen.batch.focused import is_focused
 from clplen.batch.source import Source
 from clplen.batch.sweep import Setting, combinations, label, with_values
 from clplen.batch.tables import EVERY, SceneTable, SimulationTable
@@ -202,7 +203,7 @@ def _by_waves(
         snapshots=how.snapshots,
         rtol=how.rtol,
     )
-    return Simulated(LightField.from_raw(raw), raw)
+    return Simulated(_decoded(raw), raw)
 
 
 def _by_rays(words: dict[str, Any], device: Device) -> Simulated:
@@ -213,7 +214,12 @@ def _by_rays(words: dict[str, Any], device: Device) -> Simulated:
         model="rays",
         sensor=None if file.sensor is None else file.sensor.build(),
     )
-    return Simulated(LightField.from_raw(raw), raw, raw.truth)
+    return Simulated(_decoded(raw), raw, raw.truth)
+
+
+def _decoded(raw: RawImage) -> LightField:
+    """The light field; of a focused camera, of which the raw image is used, its plain pixels."""
+    return LightField.from_raw(raw, decode="naive" if is_focused(raw) else "calibrated")
 
 
 def _sample(words: dict[str, Any], shape: tuple[int, ...]) -> SampleScene:

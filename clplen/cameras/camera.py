@@ -146,6 +146,8 @@ class PlenopticCamera:
             For a length that is not positive, distances that contradict the lens law, m = 0 or
             m <= -1, a within f_mu, both or none of m and a, an array before the main lens,
             another match, or for aberrations that do not fit.
+        TypeError
+            If m or a is no number.
         SamplingError
             If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
         """

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 
 from clplen.cameras import aberrations
 from clplen.cameras.describe import Description, Row
@@ -134,9 +135,14 @@ def magnification(f: float, m: float | None, a: float | None) -> float:
 
     Raises
     ------
+    TypeError
+        If one is no number.
     ValueError
         If both or none are given, or no real image falls on the sensor.
     """
+    for name, value in (("m", m), ("a", a)):
+        if value is not None and (isinstance(value, bool) or not isinstance(value, Real)):
+            raise TypeError(f"{name} is one real number, not {value!r}.")
     if (m is None) == (a is None):
         raise ValueError(
             f"A 2.0 camera has either m or a, and m = {m!r}, a = {a!r}: give exactly one of them."

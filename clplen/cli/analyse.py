@@ -80,10 +80,12 @@ def analyse(
       clplen analyse --example focused > focused.toml
       clplen analyse standard.toml focused.toml -o compared
     """
-    from clplen.analysis.comparison import ANALYSES, compare, known_analyses, told_of
+    from clplen.analysis.comparison import ANALYSES, OVER_DEPTH, compare, known_analyses, told_of
     from clplen.files import filling
 
     names = known_analyses(_split(only)) if only is not None else ANALYSES
+    if depths_mm is not None and not set(names) & set(OVER_DEPTH):
+        note(f"--depths-mm is not used: depths belong to {' and '.join(OVER_DEPTH)}.")
     files = _read(cameras)
     scenes = _scenes(files) if "pictures" in names else None
     with filling(output) as folder:

@@ -34,7 +34,15 @@ class Magnifications(click.ParamType):
     def convert(self, value: Any, param: Any, ctx: Any) -> Values:
         text = str(value)
         if ":" in text:
-            return options.Planes().convert(text, param, ctx)
+            planes = options.Planes().convert(text, param, ctx)
+            if (planes == 0).any():
+                self.fail(
+                    f"{text!r} passes m = 0, where nothing is in focus: give planes on one side "
+                    "of 0, or a count that leaves it out.",
+                    param,
+                    ctx,
+                )
+            return planes
         try:
             numbers = np.array([float(part) for part in text.split(",")])
         except ValueError:
@@ -149,7 +157,7 @@ def is_meant(source: Path, words: dict[str, Any]) -> bool:
 
     if tells(source):
         return True
-    given = [name for name, value in words.items() if value not in (None, False)]
+    given = [name for name, value in words.items() if value is not None and value is not False]
     if not given:
         return False
     kind = kind_of(source)

@@ -61,7 +61,8 @@ def info(
     For light fields: size, type and range of the samples, dark views, and the sharpness of the
     focal stack in each of the eight orders of the view axes, with the options that mend a wrong
     one. For raw images: the lattice of their lenslets, and their camera where they tell
-    it. For disparity maps: size and range.
+    it. For disparity maps: size and range. For pictures, stacks and depth of focused cameras: size
+    and m.
 
     \b
     Example:
@@ -70,10 +71,14 @@ def info(
       clplen info truth.pfm --json
     """
     from clplen.io import is_raw_file
+    from clplen.io.focused import found_in
 
     given = {name: value for name, value in layout.items() if value not in (None, False)}
-    values = None if given or save_grid else _map(source)
-    if values is not None:
+    focused = None if given or save_grid else found_in(source)
+    values = None if given or save_grid or focused is not None else _map(source)
+    if focused is not None:
+        rows, data = _of_focused(source, *focused)
+    elif values is not None:
         rows, data = _of_map(source, values)
     elif source.suffix.lower() == ".xml":
         rows, data = _of_calibration(source)
@@ -123,6 +128,16 @@ def _of_map(source: Path, values: np.ndarray[Any, Any]) -> tuple[Rows, dict[str,
     ]
     data = {"shape": values.shape, "low": low, "median": median, "high": high}
     return rows, {"file": source, "kind": "a disparity map", **data, "unknown": unknown}
+
+
+def _of_focused(source: Path, kind: str, found: dict[str, Any]) -> tuple[Rows, dict[str, Any]]:
+    size = " x ".join(map(str, found["shape"]))
+    rows = [("File", f"{source}, {kind}"), ("Size", f"{size} samples")]
+    if "lenslets" in found:
+        rows.append(("Lenslets", " x ".join(map(str, found["lenslets"]))))
+    if "m" in found:
+        rows.append(("m = b/a", ", ".join(f"{m:.6g}" for m in found["m"])))
+    return rows, {"file": source, "kind": kind, **found}
 
 
 def _of_calibration(source: Path) -> tuple[Rows, dict[str, Any]]:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import html
+import json
 import math
+import re
+import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
+import tifffile
 
 from clplen.files import PathLike, replacing
 from clplen.io.blocks import Block, whole
@@ -21,6 +26,8 @@ from clplen.lightfield.focused_picture import FocusedImage, FocusedStack, Pictur
 from clplen.lightfield.raw import Spacing
 
 _M = "b/a, magnification of the lenslets; > 0: they see an image before the array"
+_MAP = f"m, {_M}"
+_BY = "of a focused camera (plenoptic 2.0)"
 _DZ = "metres from the focused plane, farther is positive"
 _ALPHA = "F/F', F main lens to its image of the focused plane, F' to that of the plane"
 _GRID = "sample (i, k) is the chief ray that meets the sensor at first_px + step_px (i, k)"
@@ -175,6 +182,55 @@ def write_focused_depth(
         _write_map(path, np.asarray(maps.m, np.float32), durable)
 
 
+def found_in(path: PathLike) -> tuple[str, dict[str, Any]] | None:
+    """What `write_focused` or `write_focused_depth` wrote into an HDF5 or OME-TIFF.
+
+    Returns
+    -------
+    (str, dict) or None
+        In words, with the shape and the m = b/a of its planes where there are such; None of any
+        other file.
+    """
+    path = Path(path)
+    if not path.is_file():
+        return None
+    if path.suffix.lower() in (".h5", ".hdf5"):
+        return _found_in_hdf5(path) if h5py.is_hdf5(path) else None
+    return _found_in_tiff(path) if path.suffix.lower() in (".tif", ".tiff") else None
+
+
+def _found_in_hdf5(path: Path) -> tuple[str, dict[str, Any]] | None:
+    try:
+        with h5py.File(path) as file:
+            m = file.get("lenslets/m")
+            if m is None or "picture/m" not in file or m.attrs.get("meaning") != _M:
+                return None
+            shapes = {"lenslets": m.shape, "shape": file["picture/m"].shape}
+    except (OSError, RuntimeError, ValueError, AttributeError, KeyError):
+        return None
+    return f"depth {_BY}", shapes
+
+
+def _found_in_tiff(path: Path) -> tuple[str, dict[str, Any]] | None:
+    try:
+        with tifffile.TiffFile(path) as file:
+            if file.pages[0].description == _MAP:
+                return f"a map of m = b/a {_BY}", {"shape": tuple(file.pages[0].shape)}
+            text = re.search("<Description>(.*?)</Description>", file.ome_metadata or "", re.DOTALL)
+            said = json.loads(html.unescape(text[1])) if text else None
+            found: dict[str, Any] = {"shape": tuple(file.series[0].shape)}
+        if not isinstance(said, dict):
+            return None
+        if said.get("m") == _M:
+            return f"depth {_BY}", found
+        if said.get("magnification") != _M:
+            return None
+        found["m"] = [float(m) for m in said.get("ms", [said.get("m")])]
+    except (OSError, TypeError, ValueError, LookupError, RuntimeError, struct.error):
+        return None
+    return f"{'a focal stack' if 'ms' in said else 'a picture'} {_BY}", found
+
+
 def _write_map(path: Path, values: np.ndarray[Any, Any], durable: bool) -> None:
     suffix = path.suffix.lower()
     if suffix == ".npy":
@@ -183,7 +239,7 @@ def _write_map(path: Path, values: np.ndarray[Any, Any], durable: bool) -> None:
     elif suffix == ".pfm":
         write_pfm(path, values, durable=durable)
     elif suffix in (".tif", ".tiff"):
-        write_picture(path, values, description=f"m, {_M}", durable=durable)
+        write_picture(path, values, description=_MAP, durable=durable)
     else:
         raise ValueError(
             f"Depth of a focused camera is written as .h5, .tif, .zarr, .pfm or .npy, not as "

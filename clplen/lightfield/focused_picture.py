@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 
 _MOST = 2**24  # samples along an axis
+_EDGE = 1e-3  # pixels of a sub-image off the sensor that do not matter
 
 
 @dataclass(frozen=True)
@@ -162,7 +163,11 @@ def seam(picture: FocusedImage) -> float:
     A step between neighbouring samples is compared with the mean of the two steps beside it; the
     result is the mean deviation of the steps across borders of patches over that of the steps
     inside, whose neighbours do not cross either. A patch that is too large repeats what the next
-    one shows, one too small leaves some out: both make the step across deviate.
+    one shows, one too small leaves some out: both make the result deviate from 1.
+
+    Nearly always it is above 1. Below 1 patches are too large: the step across is then shorter
+    than those inside, and so the smoother one in textures of less than some eight samples a
+    period. Only lenslets count whose whole sub-image lies on the sensor.
 
     Parameters
     ----------
@@ -172,19 +177,20 @@ def seam(picture: FocusedImage) -> float:
     Returns
     -------
     float
-        inf where patches are flat and their borders are not; NaN where all is flat or patches have
-        fewer samples.
+        inf where patches are flat and their borders are not; NaN where all is flat, patches have
+        fewer samples, or no two neighbouring sub-images lie whole on the sensor.
     """
-    values, owner = np.asarray(picture.to_numpy(), np.float64), _owner(picture)
+    values, (owner, whole) = np.asarray(picture.to_numpy(), np.float64), _owner(picture)
     inside, across = [], []
     for axis in (0, 1):
         steps = np.moveaxis(np.diff(values, axis=axis), axis, 0)
         border = np.moveaxis(np.diff(owner, axis=axis) != 0, axis, 0)
+        whole_along = np.moveaxis(whole, axis, 0)
         size = np.abs(steps[1:-1] - (steps[:-2] + steps[2:]) / 2)
         size = size.mean(2) if size.ndim == 3 else size
-        beside = border[:-2] | border[2:]
-        across.append(size[border[1:-1] & ~beside])
-        inside.append(size[~border[1:-1] & ~beside])
+        counts = whole_along[1:-2] & whole_along[2:-1] & ~(border[:-2] | border[2:])
+        across.append(size[border[1:-1] & counts])
+        inside.append(size[~border[1:-1] & counts])
     found = [np.concatenate(sizes) for sizes in (across, inside)]
     if min(map(len, found)) == 0:
         return math.nan
@@ -192,18 +198,24 @@ def seam(picture: FocusedImage) -> float:
         return float(found[0].mean() / found[1].mean())
 
 
-def _owner(picture: FocusedImage) -> Values:
-    """A number of the lenslet nearest to each sample."""
+def _owner(picture: FocusedImage) -> tuple[Values, np.ndarray[Any, np.dtype[np.bool_]]]:
+    """A number of the lenslet nearest to each sample, and whether its sub-image is whole."""
     geometry = picture.geometry
     y, x = picture.grid.axes()
     place = np.stack(np.meshgrid(y, x, indexing="ij"), -1) - np.array(geometry.origin)
     base = np.array([geometry.first, geometry.second])
     low = np.floor(place @ np.linalg.inv(base))
     best, owner = np.full(place.shape[:2], np.inf), np.zeros(place.shape[:2])
+    centre = np.zeros_like(place)
     for corner in ((0, 0), (0, 1), (1, 0), (1, 1)):
         index = low + corner
-        far = ((place - index @ base) ** 2).sum(-1)
+        at = index @ base
+        far = ((place - at) ** 2).sum(-1)
         closer = far < best
         best[closer] = far[closer]
         owner[closer] = (index[..., 0] * 65536 + index[..., 1])[closer]
-    return owner
+        centre[closer] = at[closer]
+    room = geometry.pitch / 2 - _EDGE
+    low, high = room - 0.5, np.array(geometry.shape) - 0.5 - room
+    centre += geometry.origin
+    return owner, ((centre >= low) & (centre <= high)).all(-1)

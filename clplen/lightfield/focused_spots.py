@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from clplen.compute.finite import count_bad
 from clplen.lightfield.focused_geometry import FocusedGeometry, Pair, Values
 from clplen.lightfield.focused_metric import z_of
 
@@ -70,11 +71,17 @@ def point_m(raw: RawImage, *, least: float = 0.25) -> SpotFit:
     Raises
     ------
     ValueError
-        If fewer than three lenslets see the point.
+        If fewer than three lenslets see the point, or the raw image holds NaN or infinity.
     ShapeError
         If fewer than two by two lenslets lie on the sensor.
     """
     geometry = FocusedGeometry.of(raw)
+    bad = count_bad(raw.data, raw.device)
+    if bad:
+        raise ValueError(
+            f"The raw image has {bad} pixels that are NaN or infinite: replace them before looking "
+            "for the point, for example by the mean of their neighbours."
+        )
     strength, offset = _spots(raw, geometry)
     centres, weight = geometry.places.reshape(-1, 2), strength**2
     use = strength > least * strength.max()

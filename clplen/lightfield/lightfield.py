@@ -145,7 +145,8 @@ class LightField(AlphaLaw):
         Raises
         ------
         ValueError
-            If ``decode`` is neither, or the raw image holds NaN or infinity.
+            If ``decode`` is neither, or the raw image holds NaN or infinity; or is of a focused
+            camera, whose pixels hold no views, unless ``decode="naive"`` asks for them plainly.
         DeviceError
             If it is larger than the device's memory.
         """
@@ -154,6 +155,12 @@ class LightField(AlphaLaw):
         grids = {"calibrated": raw.sub_images, "naive": raw.cells}
         if decode not in grids:
             raise ValueError(f"decode is 'calibrated' or 'naive', not {decode!r}.")
+        if decode != "naive" and hasattr(raw.camera, "m"):
+            raise ValueError(
+                "This raw image is of a focused (plenoptic 2.0) camera, whose sub-images are "
+                "pictures and no sets of views: make pictures with render_focused, or take the "
+                "pixels as they are with decode='naive'."
+            )
         data = decoding.resample(raw, grids[decode])
         weights = np.ones(grids[decode].shape[:2], np.float32)
         return cls(data, raw.device, raw.spacing, weights, raw.camera, raw, decode)

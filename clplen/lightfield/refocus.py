@@ -124,9 +124,12 @@ def refocus(
     ValueError
         If both or neither of alpha and disparity are given, the value is not finite or alpha is
         not positive, what alpha needs is not known, or options do not go together.
+    TypeError
+        If it is stored and not on a device, or a raw image.
     ShapeError
         If disparities are not one of every pixel.
     """
+    require_loaded(lf, "stream_stack")
     given = _one_of(alpha=alpha, disparity=disparity)
     _check_options(np.ndim(given), rescale, interpolation, upsample)
     if np.ndim(given) == 1:

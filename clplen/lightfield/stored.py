@@ -19,7 +19,7 @@ from clplen.lightfield.checks import (
     weights_where,
 )
 from clplen.lightfield.law import AlphaLaw
-from clplen.lightfield.raw import CameraModel, Spacing
+from clplen.lightfield.raw import CameraModel, RawImage, Spacing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -259,13 +259,18 @@ class StoredLightField(AlphaLaw):
 
 
 def require_loaded(source: Any, function: str) -> None:
-    """Refuse a stored light field where one on a device is needed.
+    """Refuse a stored light field where one on a device is needed, and a raw image.
 
     Raises
     ------
     TypeError
-        Naming the function that streams it.
+        Naming the function that streams it, or those that decode it.
     """
+    if isinstance(source, RawImage):
+        raise TypeError(
+            "This is a raw image, not a light field: decode it with LightField.from_raw, or take "
+            "render_focused where its camera is a focused one."
+        )
     if isinstance(source, StoredLightField):
         raise TypeError(
             f"This light field is stored, not on a device: take {function}, or .load(device) "

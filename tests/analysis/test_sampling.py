@@ -74,7 +74,7 @@ def test_places_times_views_are_the_pixels() -> None:
         assert one.spatial_samples * one.views == pytest.approx(3030)
 
 
-def camera(**more: float) -> SimpleNamespace:
+def camera(**more: object) -> SimpleNamespace:
     mla = MicrolensArray(150e-6, 0.010, count=(61, 101), lattice="hexagonal", fill="full")
     return SimpleNamespace(mla=mla, pixel_pitch=5e-6, wavelength=532e-9, **more)
 
@@ -87,8 +87,25 @@ def test_cameras_are_told_apart() -> None:
     assert along_y.spatial_samples == 61
     assert along_y.spatial_pitch == pytest.approx(row)
     assert along_y.angular_range == pytest.approx(row / 0.010)
-    second = camera(image_distance=0.240, aperture_diameter=3.6e-3, a=0.018, b=0.0036)
-    assert sampling_of(second) == type2_sampling(**TYPE2)
+
+
+def test_a_focused_camera_s_main_lens_and_sensor_count() -> None:
+    # A hexagonal array's sensor is half a lenslet wider than a row.
+    given = {"image_distance": 0.240, "aperture_diameter": 4.8e-3, "a": -0.018, "b": 0.0036}
+    along_x, along_y = (
+        sampling_of(camera(grid=SimpleNamespace(shape=(1601, 3045)), **given), axis=axis)
+        for axis in (1, 0)
+    )
+    assert along_x == type2_sampling(**(TYPE2 | {"a": -0.018}), cone=0.02, pixels=3045)
+    assert along_x.spatial_samples == pytest.approx(0.2 * 3045)
+    assert along_y.spatial_samples == pytest.approx(0.2 * 1601)
+    assert along_x.views == along_x.independent_views == pytest.approx(2.4)  # D abs(a)/(F p)
+    assert along_x.angular_range == pytest.approx(0.02)  # D/F
+    for one in (along_x, along_y):
+        assert one.angular_range / one.angular_step == pytest.approx(one.views)
+    narrow = type2_sampling(**(TYPE2 | {"diameter": 100e-6}))
+    assert narrow.angular_step == pytest.approx(150e-6 / 0.018)  # lenslets are still a pitch apart
+    assert narrow.diffraction_cutoff == pytest.approx(100e-6 / (532e-9 * 0.018))
 
 
 def test_the_table_has_a_column_for_each_camera() -> None:
@@ -112,6 +129,8 @@ def test_numbers_must_be_positive(name: str) -> None:
 def test_bad_input_is_told() -> None:
     with pytest.raises(ValueError, match="a is finite and not 0"):
         type2_sampling(**(TYPE2 | {"a": 0.0}))
+    with pytest.raises(ValueError, match="cone is positive"):
+        type2_sampling(**TYPE2, cone=-0.1)
     with pytest.raises(ValueError, match="wider than its pitch"):
         type2_sampling(**(TYPE2 | {"diameter": 151e-6}))
     with pytest.raises(TypeError, match="Sampling is no plenoptic camera"):

@@ -226,6 +226,12 @@ def test_bad_cameras(change: dict[str, Any], message: str, device: Device) -> No
         focused(device, **change)
 
 
+@pytest.mark.parametrize("m", [True, "0.2", np.array([0.1, 0.2])])
+def test_m_is_a_number(m: Any, device: Device) -> None:
+    with pytest.raises(TypeError, match="m is one real number, not"):
+        focused(device, m)
+
+
 def test_pixels_too_coarse(device: Device) -> None:
     with pytest.raises(SamplingError, match=r"cycles/m .*pixels_per_lenslet = "):
         focused(device, f=3e-3)

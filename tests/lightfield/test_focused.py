@@ -32,7 +32,9 @@ from clplen.lightfield.focused import focused_stack, render_focused
 from clplen.lightfield.focused_depth import FocusedDepth, focused_depth
 from clplen.lightfield.focused_geometry import FocusedGeometry
 from clplen.lightfield.focused_picture import FocusedImage, seam
+from clplen.lightfield.focused_spots import point_m
 from clplen.lightfield.raw import RawImage
+from clplen.lightfield.refocus import refocus
 
 BORDER = 8  # samples that lenslets beyond the array would have to help with
 
@@ -92,6 +94,30 @@ def test_only_the_right_patch_joins(raw: RawImage) -> None:
     small = seam(render_focused(raw, method="basic", patch=5.2))
     assert 0.7 < right < 1.4
     assert min(textbook, small) > 4
+
+
+def test_sub_images_cut_by_the_border_are_no_seams(raw: RawImage) -> None:
+    """The sensor ends in the middle of the outer lenslets: .4 px of the patches is missing."""
+    cut = round(PITCH / 2) - 2
+    ny, nx = (n - cut for n in raw.shape)
+    values = np.ascontiguousarray(raw.to_numpy()[:ny, :nx])
+    half = replace(raw, data=raw.device.upload(values))
+    picture = render_focused(half, method="basic")
+    assert picture.shape == render_focused(raw, method="basic").shape
+    assert 0.7 < seam(picture) < 1.4
+
+
+def test_too_large_patches_show_by_less_than_1_in_fine_textures(raw: RawImage) -> None:
+    picture = render_focused(raw, method="basic", patch=0.2 * PITCH)
+    y, x = picture.grid.axes()
+    step = raw.sub_images.column_step[1]
+    near = np.round((x - raw.sub_images.first[1]) / step) * step + raw.sub_images.first[1]
+    seen = near + (x - near) * 6 / 5.58  # what patches of 6 px show
+    for period, below in ((6, True), (20, False)):
+        wave = np.cos(2 * np.pi / period * seen / picture.grid.step)
+        values = np.tile(wave.astype(np.float32), (len(y), 1))
+        found = seam(replace(picture, data=raw.device.upload(values)))
+        assert (found < 0.8) if below else (found > 1.5)
 
 
 def test_seams_of_flat_pictures_and_of_few_samples_are_not_known(raw: RawImage) -> None:
@@ -325,6 +351,23 @@ def test_raw_images_that_cannot_be_rendered(device: Device, raw: RawImage) -> No
     with pytest.raises(ValueError, match=r"plenoptic 1\.0 camera"):
         focused_depth(other)
     assert LightField.from_raw(other).shape[2:] == (9, 9)
+    with pytest.raises(TypeError, match=r"raw image, not a light field: decode it"):
+        refocus(other, disparity=1.0)
+
+
+def test_a_focused_camera_has_no_light_field(device: Device) -> None:
+    camera = PlenopticCamera.type2(
+        focal_length=0.03, mla=MicrolensArray(150e-6, 10e-3, count=11, fill="full"),
+        wavelength=532e-9, pixels_per_lenslet=20, device=device, m=0.2,
+    )  # fmt: skip
+    shot = camera.expose(PointSources([(0, 0, 0)]))
+    with pytest.raises(ValueError, match=r"focused .* camera.* render_focused"):
+        LightField.from_raw(shot)
+    assert LightField.from_raw(shot, decode="naive").shape == (20, 20, 11, 11)
+    values = shot.to_numpy()
+    values[3, 4:6] = np.nan
+    with pytest.raises(ValueError, match="2 pixels that are NaN or infinite"):
+        point_m(replace(shot, data=device.upload(values)))
 
 
 def test_words_of_pictures(raw: RawImage) -> None:
