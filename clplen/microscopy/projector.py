@@ -41,6 +41,9 @@ class _Group:
     count: int
 
 
+FRAME = _Group(0, 1)
+
+
 class Projector:
     """Forward and backward projection with the point images of a microscope.
 
@@ -197,8 +200,7 @@ class Projector:
         device = self.device
         total = self._rows(frames, n * n)
         for number, (group, matrix) in enumerate(self._matrices()):
-            part = self._planes_of(volumes, group)
-            spectra = self._packed(part, v, group.count)
+            spectra = self._packed(volumes, v, group)
             columns = group.count * v * v
             kernel = device.kernel(
                 "projector.cl", "forward", **self._form, **({"ADD": True} if number else {})
@@ -209,7 +211,9 @@ class Projector:
                 kernel, size, total, matrix, spectra, *(np.int32(k) for k in sizes),
                 operations=8.0 * frames * matrix.size,
             )  # fmt: skip
-        return self._pictures(total, n, 1, 0.0 if clamp else -math.inf)[:, 0]
+        out = device.empty((frames, *self.frame_shape), np.float32)
+        self._unpacked(out, total, n, FRAME, 1, 0.0 if clamp else -math.inf)
+        return out
 
     def back_project(self, frames: cla.Array) -> cla.Array:
         """`backward` on the device.
@@ -226,7 +230,7 @@ class Projector:
         """
         v, n, count = self.images.voxels, self.images.pixels, int(frames.shape[0])
         device = self.device
-        spectra = self._packed(frames, n, 1)
+        spectra = self._packed(frames, n, FRAME)
         out = device.empty((count, *self.volume_shape), np.float32)
         for group, matrix in self._matrices():
             columns = group.count * v * v
@@ -237,8 +241,7 @@ class Projector:
                 kernel, self._size(group.count), found, matrix, spectra,
                 *(np.int32(k) for k in sizes), operations=8.0 * count * matrix.size,
             )  # fmt: skip
-            part = self._pictures(found, v, group.count, -math.inf)
-            self._put(out, part, group)
+            self._unpacked(out, found, v, group, self.volume_shape[0], -math.inf)
         return out
 
     @property
@@ -256,24 +259,12 @@ class Projector:
         """Room for packed spectra."""
         return self.device.empty((frames, self._blocks, rows, 4, WIDTH), np.float32)
 
-    def _planes_of(self, volumes: cla.Array, group: _Group) -> cla.Array:
-        """Some planes of volumes, contiguous."""
-        if group.count == self.volume_shape[0]:
-            return volumes
-        part = self.device.empty((len(volumes), group.count, *self.volume_shape[1:]), np.float32)
-        for b in range(len(volumes)):
-            part[b] = volumes[b, group.first : group.first + group.count]
-        return part
-
-    def _put(self, volumes: cla.Array, part: cla.Array, group: _Group) -> None:
-        """Planes into their place in volumes."""
-        for b in range(len(volumes)):
-            volumes[b, group.first : group.first + group.count] = part[b]
-
-    def _packed(self, pictures: cla.Array, w: int, planes: int) -> cla.Array:
+    def _packed(self, pictures: cla.Array, w: int, group: _Group) -> cla.Array:
         """Spectra of pictures with w x w samples a lenslet, as lattice_spectra.cl packs them."""
-        frames = int(pictures.shape[0])
-        fields = self._fields(pictures, w, frames * planes, self.shape, 0)
+        frames, planes = int(pictures.shape[0]), group.count
+        total = pictures.shape[1] if pictures.ndim == 4 else 1
+        stack = (planes, group.first, int(total))
+        fields = self._fields(pictures, w, frames * planes, stack, self.shape, 0)
         out = self._rows(frames, planes * w * w)
         pairs, frequencies = (w * w + 1) // 2, self._blocks * WIDTH
         device = self.device
@@ -284,22 +275,29 @@ class Projector:
         return out
 
     def _fields(
-        self, pictures: cla.Array, w: int, count: int, shape: tuple[int, ...], first: int
+        self,
+        pictures: cla.Array,
+        w: int,
+        count: int,
+        stack: tuple[int, int, int],
+        shape: tuple[int, ...],
+        first: int,
     ) -> cla.Array:
         """Spectra of the pairs of samples; ``first`` > 0: of pictures about that lenslet."""
         device, pairs = self.device, (w * w + 1) // 2
         fields = device.empty((count * pairs, *self._window), np.complex64)
-        kernel = device.kernel(
-            "lattice.cl", "decimate", **({"CENTRED": True} if first else {})
-        )
-        sizes = (w, first, *shape, *self._window)
+        kernel = device.kernel("lattice.cl", "decimate", **({"CENTRED": True} if first else {}))
+        sizes = (w, first, *stack, *shape, *self._window)
         device.launch_rows(kernel, fields.shape, fields, pictures, *(np.int32(k) for k in sizes))
         device.fft.forward(fields, device)
         return fields
 
-    def _pictures(self, spectra: cla.Array, w: int, planes: int, least: float) -> cla.Array:
-        """Pictures from packed spectra, shape (frames, planes, rows w, columns w)."""
+    def _unpacked(
+        self, out: cla.Array, spectra: cla.Array, w: int, group: _Group, total: int, least: float
+    ) -> None:
+        """Pictures from packed spectra into some planes of stacks of ``total``."""
         device, pairs, frames = self.device, (w * w + 1) // 2, int(spectra.shape[0])
+        planes = group.count
         fields = device.empty((frames * planes * pairs, *self._window), np.complex64)
         sizes = (w, planes, *self._window)
         device.launch_rows(
@@ -308,13 +306,12 @@ class Projector:
         )  # fmt: skip
         device.fft.inverse(fields, device)
         rows, columns = self.shape
-        out = device.empty((frames, planes, rows * w, columns * w), np.float32)
-        sizes = (rows, columns, *self._window)
+        sizes = (planes, group.first, total, rows, columns, *self._window)
         device.launch_rows(
             device.kernel("lattice.cl", "interleave"),
-            out.shape, out, fields, np.int32(w), np.float32(least), *(np.int32(k) for k in sizes),
+            (frames * planes, rows * w, columns * w),
+            out, fields, np.int32(w), np.float32(least), *(np.int32(k) for k in sizes),
         )  # fmt: skip
-        return out
 
     def _matrices(self) -> Iterator[tuple[_Group, cla.Array]]:
         """The matrices of all planes, group by group; kept where there is room."""
@@ -338,7 +335,8 @@ class Projector:
             r = self.images.radii[plane]
             pictures = np.stack([self.images.image(plane, phase) for phase in phases])
             across = (2 * r + 1, 2 * r + 1)
-            fields = self._fields(device.upload(pictures), n, len(phases), across, r)
+            stack = (len(phases), 0, len(phases))
+            fields = self._fields(device.upload(pictures), n, len(phases), stack, across, r)
             sizes = (n, v, place * v * v, columns, *self._window)
             size = (1 if device.rows else self._blocks * WIDTH, pairs, len(phases))
             device.launch(kernel, size, matrix, fields, *(np.int32(k) for k in sizes))
