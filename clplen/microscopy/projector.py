@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Vector = np.ndarray[Any, Any]
 
 WIDTH = 16  # frequencies of a block: see lattice_spectra.cl
-HEIGHT = 4  # rows of a matrix in registers
+HEIGHT = 5  # rows of a matrix in registers
 GROUP_BYTES = 2**28  # of matrices of some planes together
 SHARE = 2  # matrices are kept where they take less than this part of the device's memory
 
