@@ -36,7 +36,8 @@ __kernel void decimate(__global float2 *restrict C, __global const float *restri
                        const int rows, const int columns, const int ny, const int nx)
 {
     const int y = get_global_id(1), batch = get_global_id(2), pairs = (w * w + 1) / 2;
-    const int b = picture(batch / pairs, planes, start, all), r = batch % pairs, my = r / w, mx = r % w;
+    const int b = picture(batch / pairs, planes, start, all);
+    const int r = batch % pairs, my = r / w, mx = r % w, last = w - 1;
     const int ly = lenslet(y, ny, first);
     const size_t to = row_start(batch, y, ny, nx);
     const size_t width = (size_t)columns * w;
@@ -45,8 +46,9 @@ __kernel void decimate(__global float2 *restrict C, __global const float *restri
             C[to + x] = (float2)(0, 0);
         return;
     }
-    __global const float *one = a + ((size_t)b * rows * w + ly * w + my) * width + mx;
-    __global const float *other = a + ((size_t)b * rows * w + ly * w + w - 1 - my) * width + w - 1 - mx;
+    __global const float *cells = a + ((size_t)b * rows + ly) * w * width;
+    __global const float *one = cells + my * width + mx;
+    __global const float *other = cells + (last - my) * width + last - mx;
     FOR_X(x, nx) {
         const int lx = lenslet(x, nx, first);
         const bool inside = lx >= 0 && lx < columns;

@@ -36,7 +36,7 @@ inline float4 parts(float2 c, float2 o)
     return (float4)(A, B);
 }
 
-/* The pair that the mirror y -> -y makes of r; negative (less one) where it turns the pair round. */
+/* The pair that the mirror y -> -y makes of r; -1 less it where it turns the pair round. */
 inline int mirrored(int r, int w)
 {
     const int t = (w - 1 - r / w) * w + r % w, last = w * w - 1;
@@ -103,9 +103,10 @@ __kernel void unpack(__global float2 *restrict C, __global const float *restrict
         __global const float *from = D + (row * 4 + (below ? 2 : 0)) * WIDTH + q % WIDTH;
         const float scale = single ? 1 : HALF_ROOT;
         const float2 alpha = (float2)(from[0], from[WIDTH]) * scale;
+        const float sign = below && turned < 0 ? -scale : scale;
         float2 beta = (float2)(0, 0);
         if (!single)
-            beta = (float2)(from[4 * WIDTH], from[5 * WIDTH]) * (below && turned < 0 ? -scale : scale);
+            beta = (float2)(from[4 * WIDTH], from[5 * WIDTH]) * sign;
         float2 A = (float2)(alpha.x - beta.y, alpha.y + beta.x);
         float2 B = (float2)(alpha.x + beta.y, alpha.y - beta.x);
         if (far) {

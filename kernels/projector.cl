@@ -24,8 +24,14 @@ typedef float vec;
 #endif
 #define STEP (16 / LANES) /* from one row of sixteen frequencies to the next, in vectors */
 
-__kernel void forward(__global vec *restrict g, __global const vec *restrict R,
-                      __global const vec *restrict f, const int rows, const int columns,
+/* A row of sixteen frequencies, from the item's own on. */
+inline __global const vec *row_of(__global const float *from, size_t row, int lane)
+{
+    return (__global const vec *)from + row * STEP + lane;
+}
+
+__kernel void forward(__global float *restrict g, __global const float *restrict R,
+                      __global const float *restrict f, const int rows, const int columns,
                       const int blocks, const int frames)
 {
 #ifdef ROWS
@@ -39,10 +45,11 @@ __kernel void forward(__global vec *restrict g, __global const vec *restrict R,
     __global const vec *matrix[HEIGHT];
 #pragma unroll
     for (int i = 0; i < HEIGHT; ++i)
-        matrix[i] = R + ((size_t)block * rows + min(first + i, rows - 1)) * columns * STEP + lane;
+        matrix[i] = row_of(R, ((size_t)block * rows + min(first + i, rows - 1)) * columns, lane);
     for (int b = 0; b < frames; ++b) {
-        __global const vec *in = f + ((size_t)b * blocks + block) * columns * 4 * STEP + lane;
-        __global vec *out = g + (((size_t)b * blocks + block) * rows + first) * 4 * STEP + lane;
+        const size_t where = (size_t)b * blocks + block;
+        __global const vec *in = row_of(f, where * columns * 4, lane);
+        __global vec *out = (__global vec *)row_of(g, (where * rows + first) * 4, lane);
         vec sum[HEIGHT][4];
 #pragma unroll
         for (int i = 0; i < HEIGHT; ++i)
@@ -75,8 +82,8 @@ __kernel void forward(__global vec *restrict g, __global const vec *restrict R,
 }
 
 /* Adds what HEIGHT rows i give to the STRETCH rows of f, or sets them. */
-__kernel void backward(__global vec *restrict f, __global const vec *restrict R,
-                       __global const vec *restrict g, const int rows, const int columns,
+__kernel void backward(__global float *restrict f, __global const float *restrict R,
+                       __global const float *restrict g, const int rows, const int columns,
                        const int stretch, const int blocks, const int frames)
 {
 #ifdef ROWS
@@ -90,15 +97,16 @@ __kernel void backward(__global vec *restrict f, __global const vec *restrict R,
     const int stop = min(start + stretch, columns);
     for (int first = 0; first < rows; first += HEIGHT)
         for (int b = 0; b < frames; ++b) {
-            __global const vec *in = g + ((size_t)b * blocks + block) * rows * 4 * STEP + lane;
-            __global vec *out = f + ((size_t)b * blocks + block) * columns * 4 * STEP + lane;
+            const size_t where = (size_t)b * blocks + block;
+            __global const vec *in = row_of(g, where * rows * 4, lane);
+            __global vec *out = (__global vec *)row_of(f, where * columns * 4, lane);
             __global const vec *matrix[HEIGHT];
             vec part[HEIGHT][4];
 #pragma unroll
             for (int i = 0; i < HEIGHT; ++i) {
                 const int row = min(first + i, rows - 1);
                 const float there = first + i < rows ? 1 : 0;
-                matrix[i] = R + ((size_t)block * rows + row) * columns * STEP + lane;
+                matrix[i] = row_of(R, ((size_t)block * rows + row) * columns, lane);
 #pragma unroll
                 for (int k = 0; k < 4; ++k)
                     part[i][k] = in[(4 * row + k) * STEP] * there;

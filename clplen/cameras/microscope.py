@@ -1,4 +1,4 @@
-"""The light-field microscope: lenslets on the native image plane of an infinity-corrected objective.
+"""The light-field microscope: lenslets on the native image plane of an objective with tube lens.
 
 Levoy, Ng, Adams, Footer and Horowitz 2006, "Light field microscopy"; wave optics after Broxton et
 al. 2013, "Wave optics theory and 3-D deconvolution for the light field microscope". The image side

@@ -20,7 +20,7 @@ import pyopencl.array as cla
 from clplen.compute.device import Device, require_device
 from clplen.compute.lines import smooth_length
 from clplen.errors import ShapeError
-from clplen.microscopy.psf import PointImages
+from clplen.microscopy.images import PointImages
 
 if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator

@@ -12,7 +12,7 @@ import numpy as np
 
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
-from clplen.microscopy.psf import PointImages
+from clplen.microscopy.images import PointImages
 
 FORMAT = "clplen point images 1"
 
