@@ -51,6 +51,7 @@ from clplen.lightfield.fourier import fourier_stack
 from clplen.lightfield.hyperfan import hyperfan
 from clplen.lightfield.raw import LensType
 from clplen.lightfield.samples import extremes
+from clplen.microscopy.deconvolution import deconvolve
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import point_images
 from clplen.wave.abbe import abbe_image
@@ -285,6 +286,8 @@ def microscopic(device: Device) -> None:
     memory = Projector(images, (2, 3), device=device).nbytes // 2
     projector = Projector(images, (2, 3), device=device, memory=memory)  # one plane at a time
     projector.backward(projector.forward(np.ones(projector.volume_shape, np.float32)))
+    small = point_images(camera, [1e-7], voxels_per_lenslet=1, cut=0.2)
+    deconvolve(np.ones((75, 75)), Projector(small, (5, 5), device=device), iterations=1)
 
 
 def work(device: Device) -> None:
