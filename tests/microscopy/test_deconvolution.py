@@ -60,7 +60,7 @@ def test_background_white_and_series(projector):
     series = np.stack([seen, 2 * seen])
     found = deconvolve(series, projector, iterations=10, background=5, white=white)
     assert found.volume.shape == (2, *projector.volume_shape)
-    assert found.volume[0, 2].sum() > 0.95 * found.volume[0].sum()
+    assert found.volume[0, 2].sum() > 0.93 * found.volume[0].sum()
     assert found.volume[0].sum(dtype=float) == pytest.approx(2e6, rel=0.05)
     without = deconvolve(seen, projector, iterations=10, white=white)
     assert without.volume[2].sum() < 0.9 * without.volume.sum()
