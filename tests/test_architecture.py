@@ -40,7 +40,7 @@ GUESTS = {
     "plot": {"matplotlib"},
     "config": {"pydantic", "tomli"},
     "batch": {"dask", "distributed", "pydantic"},
-    "bench": {"cv2", "numba", "torch"},
+    "bench": {"cv2", "ducc0", "numba", "torch"},
     "cli": {"click", "tqdm"},
 }
 
