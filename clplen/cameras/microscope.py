@@ -26,9 +26,12 @@ from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
 from clplen.compute.lines import smooth_length
 from clplen.errors import SamplingError
+from clplen.files import PathLike
 from clplen.lightfield.raw import Exposure, RawImage
 from clplen.lightfield.sensor import Sensor
 from clplen.wave.average import Progress
+from clplen.wave.checks import average_of
+from clplen.wave.coherence import Coherence
 from clplen.wave.field import Field, Grid
 from clplen.wave.lenslets import MicrolensArray
 from clplen.wave.propagation import plan
@@ -163,10 +166,15 @@ class Microscope:
 
     def expose(
         self,
-        scene: PointSources | Sequence[PointSources],
+        scene: PointSources | Sequence[Any],
         *,
+        coherence: Coherence | None = None,
         sensor: Sensor | None = None,
         progress: Progress | None = None,
+        koehler: bool = True,
+        snapshots: int | None = None,
+        rtol: float | None = None,
+        checkpoint: PathLike | None = None,
     ) -> RawImage:
         """Take a raw image of incoherent points, such as beads.
 
@@ -175,10 +183,15 @@ class Microscope:
         scene : PointSources or list of them
             (x, y, dz) from the axis point of the native plane, in the medium; their image lies at
             (M x, M y). A whole volume is quicker by `clplen.microscopy.Projector`.
+        coherence : Coherence, optional
+            Its spectrum is that of the fluorescence; it has no spatial model.
         sensor : Sensor, optional
             Photons, noise, bits; None keeps units of energy.
         progress : callable, optional
             Called as ``progress(done, total)`` after each batch of points.
+        koehler, snapshots, rtol, checkpoint
+            Of slides, as in `Plenoptic.expose`, so that programs call all cameras alike; a
+            microscope exposes none.
 
         Returns
         -------
@@ -190,6 +203,8 @@ class Microscope:
         ------
         SamplingError
             If a point is imaged beyond the array.
+        ValueError
+            If there is a spatial model of coherence, or anything that only slides have.
         TypeError
             If the scene is no points.
         DeviceError
@@ -198,15 +213,36 @@ class Microscope:
         parts = [scene] if isinstance(scene, PointSources) else list(scene)
         if not parts or not all(isinstance(one, PointSources) for one in parts):
             raise TypeError(f"A microscope exposes PointSources or a list of them, not {scene!r}.")
+        if {snapshots, rtol, checkpoint} != {None}:
+            raise ValueError(
+                "snapshots, rtol and checkpoint are for slides; fluorescent points have none."
+            )
         total = np.zeros(self.grid.shape)
         transforms: list[tuple[int, tuple[int, int]]] = []
-        for points in parts:
-            window = self.window(points)
-            total += self._exposed(points, window, progress)
-            transforms.append((3 * len(points), window.shape))
+        for wavelength, share in self._lines(coherence):
+            camera = replace(self, wavelength=wavelength)
+            for points in parts:
+                window = camera.window(points)
+                total += share * camera._exposed(points, window, progress)
+                transforms.append((4 * len(points), window.shape))
         data = self.device.upload(total.astype(np.float32))
         raw = replace(self.raw_image(data), exposure=Exposure("points", tuple(transforms), 0.0))
         return raw if sensor is None else sensor.record(raw)
+
+    def _lines(self, coherence: Coherence | None) -> Sequence[tuple[float, float]]:
+        """Wavelengths and their shares of the energy."""
+        if coherence is None:
+            return [(self.wavelength, 1.0)]
+        average_of(coherence)
+        if coherence.spatial is not None:
+            raise ValueError(
+                "Fluorescent points are incoherent already: leave the spatial model out, "
+                "Coherence(None, spectrum)."
+            )
+        lines = coherence.lines(self.wavelength)
+        for wavelength, _ in lines:
+            check_sampling(replace(self, wavelength=wavelength))
+        return lines
 
     def _exposed(self, points: PointSources, window: Grid, progress: Progress | None) -> Vector:
         """Energy on the sensor's pixels, in the device's precision."""

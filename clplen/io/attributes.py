@@ -14,12 +14,14 @@ from typing import Any
 import numpy as np
 
 from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.microscope import Microscope
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.compute.device import Device
 from clplen.errors import ClplenError, FormatError
 from clplen.io.layout import Layout
 from clplen.io.loading import UNREADABLE
 from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.raw import CameraModel
 from clplen.wave.lenslets import MicrolensArray
 
 SAMPLES = "lightfield"
@@ -36,7 +38,16 @@ _CAMERA = (
     "field_lens",
 )
 _ARRAY = ("pitch", "f", "count", "lattice", "fill", "diameter", "offset", "rotation")
-CAMERA_NAMES = ("kind", *_CAMERA, *(f"mla_{name}" for name in _ARRAY))
+_MICROSCOPE = (
+    "magnification",
+    "na",
+    "medium_index",
+    "tube_lens",
+    "wavelength",
+    "pixels_per_lenslet",
+)
+_OF_KIND = {"type1": _CAMERA, "microscope": _MICROSCOPE}
+CAMERA_NAMES = ("kind", *{*_CAMERA, *_MICROSCOPE}, *(f"mla_{name}" for name in _ARRAY))
 _WORDS = {"decode": ("calibrated", "naive"), "parametrisation": ("two-plane", "point-angle")}
 
 
@@ -65,11 +76,12 @@ def arrays_beside(lf: LightField) -> dict[str, np.ndarray[Any, Any]]:
 def of_camera(lf: LightField) -> dict[str, Any] | None:
     """The attributes of the group of the camera, as plain Python; None without one to keep."""
     camera = lf.camera
-    if not isinstance(camera, Plenoptic1):
+    if not isinstance(camera, Plenoptic1 | Microscope):
         return None
-    own = {name: getattr(camera, name) for name in _CAMERA}
+    kind = "type1" if isinstance(camera, Plenoptic1) else "microscope"
+    own = {name: getattr(camera, name) for name in _OF_KIND[kind]}
     array = {f"mla_{name}": getattr(camera.mla, name) for name in _ARRAY}
-    return {"kind": "type1"} | {name: plain(value) for name, value in (own | array).items()}
+    return {"kind": kind} | {name: plain(value) for name, value in (own | array).items()}
 
 
 def plain(value: Any) -> Any:
@@ -147,7 +159,7 @@ def words_in(attributes: dict[str, Any], path: Path) -> dict[str, Any]:
     return found
 
 
-def read_camera(values: dict[str, Any], path: Path, device: Device) -> Plenoptic1 | None:
+def read_camera(values: dict[str, Any], path: Path, device: Device) -> CameraModel | None:
     """The camera that took the light field; None where it is of a kind unknown here.
 
     Parameters
@@ -162,16 +174,19 @@ def read_camera(values: dict[str, Any], path: Path, device: Device) -> Plenoptic
     FormatError
         If a parameter is missing or out of range.
     """
-    if values.get("kind") != "type1":
+    kind = values.get("kind")
+    if kind not in _OF_KIND:
         return None
     try:
         mla = {name: values[f"mla_{name}"] for name in _ARRAY}
-        camera = {name: values[name] for name in _CAMERA}
+        camera = {name: values[name] for name in _OF_KIND[kind]}
     except KeyError as error:
         raise FormatError(f"The camera in {path} lacks {error}.") from error
     pitch, focal_length = mla.pop("pitch"), mla.pop("f")
     try:
         array = MicrolensArray(pitch, focal_length, **mla)
+        if kind == "microscope":
+            return PlenopticCamera.microscope(mla=array, device=device, **camera)
         return PlenopticCamera.type1(mla=array, device=device, **camera)
     except (*UNREADABLE, ClplenError) as error:
         raise FormatError(f"The camera in {path} is none: {error}") from error

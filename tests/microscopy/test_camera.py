@@ -8,9 +8,19 @@ import pytest
 from reference_microscope import Setup, axis, debye, native, sensor
 from tolerance import relative_max
 
-from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, SamplingError
+from clplen import (
+    Coherence,
+    LightField,
+    MicrolensArray,
+    PlenopticCamera,
+    PointSources,
+    RandomPhaseMask,
+    SamplingError,
+    Spectrum,
+)
 from clplen.cameras.objective import Objective
 from clplen.errors import SamplingWarning
+from clplen.io import read_lightfield, write_lightfield
 from clplen.lightfield.depth import depth_map
 from clplen.lightfield.estimate import estimate_alpha
 from clplen.lightfield.refocus import focal_stack
@@ -123,6 +133,28 @@ def test_both_decodes_coincide(device):
     raw = microscope(device, count=9).expose(PointSources([(3e-6, 1e-6, 5e-6)]))
     same = (LightField.from_raw(raw, decode=word).to_numpy() for word in ("calibrated", "naive"))
     assert np.array_equal(*same)
+
+
+def test_light_fields_in_files_keep_their_microscope(device, tmp_path):
+    camera = microscope(device, count=7)
+    write_lightfield(
+        tmp_path / "lf.h5", LightField.from_raw(camera.expose(PointSources([(0, 0, 0)])))
+    )
+    again = read_lightfield(tmp_path / "lf.h5", device=device)
+    assert again.camera == camera
+    assert np.isnan(again.alpha(0.1))
+
+
+def test_fluorescence_with_a_spectrum(device):
+    camera, point = microscope(device, count=7), PointSources([(2e-6, 0, 3e-6)])
+    lines = Coherence(None, Spectrum.lines([520e-9, 530e-9], [1, 3]))
+    blue, red = (replace(camera, wavelength=w).expose(point).to_numpy() for w in (520e-9, 530e-9))
+    found = camera.expose(point, coherence=lines).to_numpy()
+    assert relative_max(0.25 * blue + 0.75 * red, found) < 1e-6
+    with pytest.raises(ValueError, match="incoherent already"):
+        camera.expose(point, coherence=Coherence(RandomPhaseMask(40e-6)))
+    with pytest.raises(ValueError, match="are for slides"):
+        camera.expose(point, snapshots=3)
 
 
 def test_description(device):
