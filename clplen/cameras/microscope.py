@@ -224,7 +224,7 @@ class Microscope:
             for points in parts:
                 window = camera.window(points)
                 total += share * camera._exposed(points, window, progress)
-                transforms.append((4 * len(points), window.shape))
+                transforms.append((3 * len(points), window.shape))
         data = self.device.upload(total.astype(np.float32))
         raw = replace(self.raw_image(data), exposure=Exposure("points", tuple(transforms), 0.0))
         return raw if sensor is None else sensor.record(raw)
