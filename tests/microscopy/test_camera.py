@@ -133,6 +133,9 @@ def test_both_decodes_coincide(device):
     raw = microscope(device, count=9).expose(PointSources([(3e-6, 1e-6, 5e-6)]))
     same = (LightField.from_raw(raw, decode=word).to_numpy() for word in ("calibrated", "naive"))
     assert np.array_equal(*same)
+    # on the pupil f_tube behind it, where rays of a view meet; the first view is the last there
+    du = -5e-6 * 0.2 / 2.5e-3
+    assert raw.spacing == pytest.approx((du, du, 125e-6, 125e-6))
 
 
 def test_light_fields_in_files_keep_their_microscope(device, tmp_path):

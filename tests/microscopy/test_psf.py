@@ -40,6 +40,15 @@ def test_each_phase_is_simulated_or_a_mirror_image(device, voxels):
         assert expected[inner, inner].sum() < expected[kept, kept].sum()
 
 
+def test_cut_holds_for_every_image():
+    images = np.zeros((2, 10, 10))
+    images[0, 4, 5] = images[1, 5, 4] = 0.9
+    images[0, 5, 7] = images[1, 9, 0] = 0.1  # one and two lenslets of 2 x 2 pixels away
+    assert module._cut(images, 2, 0.05).shape == (2, 10, 10)
+    assert module._cut(images[:1], 2, 0.05).shape == (1, 6, 6)
+    assert np.array_equal(module._cut(images, 2, 0.2), images[:, 4:6, 4:6])
+
+
 def test_file_is_read_when_it_fits(device, tmp_path, monkeypatch):
     camera, path = microscope(device), tmp_path / "psf.h5"
     made = point_images(camera, Z, voxels_per_lenslet=3, cut=0.02, store="float16", path=path)
