@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from clplen.cameras import geometry
 from clplen.cameras import microscope as microscopes
+from clplen.cameras.objective import CoverGlass
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2, magnification, matched_aperture
 from clplen.compute.device import Device, require_device
@@ -176,6 +177,7 @@ class PlenopticCamera:
         device: Device,
         medium_index: float = 1.0,
         tube_lens: float = 0.200,
+        cover: CoverGlass | None = None,
     ) -> microscopes.Microscope:
         """A light-field microscope: array on the native image plane, sensor f_mu behind it.
 
@@ -200,6 +202,8 @@ class PlenopticCamera:
             Of the medium with the specimen, 1 (air) or more.
         tube_lens : float
             Its focal length in metres; that of the objective is tube_lens/M.
+        cover : CoverGlass, optional
+            A cover glass of another thickness or index than the objective is made for.
 
         Returns
         -------
@@ -222,6 +226,11 @@ class PlenopticCamera:
         geometry.require_lengths(wavelength=wavelength, tube_lens=tube_lens)
         check_wavelength(wavelength)
         _check_objective(magnification, na, medium_index, mla)
+        if cover is not None and na >= min(cover.index, cover.designed_index):
+            raise ValueError(
+                f"NA {na!r} does not pass a cover glass of index "
+                f"{min(cover.index, cover.designed_index)!r}."
+            )
         grid = geometry.sensor_grid(mla, pixels_per_lenslet)
         camera = microscopes.Microscope(
             magnification=float(magnification),
@@ -234,6 +243,7 @@ class PlenopticCamera:
             pixel_pitch=grid.pitch[1],
             grid=grid,
             device=device,
+            cover=cover,
         )
         microscopes.check_sampling(camera)
         if abs(camera.matched - 1) > microscopes.MISMATCH:

@@ -21,7 +21,7 @@ import pyopencl.array as cla
 
 from clplen.cameras import geometry
 from clplen.cameras.describe import Description, Row
-from clplen.cameras.objective import Objective
+from clplen.cameras.objective import CoverGlass, Objective
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
 from clplen.compute.lines import smooth_length
@@ -62,6 +62,8 @@ class Microscope:
     grid : Grid
         Of the sensor, and of the native plane.
     device : Device
+    cover : CoverGlass or None
+        Where it is not the one that the objective is made for.
     """
 
     magnification: float
@@ -74,13 +76,16 @@ class Microscope:
     pixel_pitch: float
     grid: Grid
     device: Device
+    cover: CoverGlass | None = None
 
     telecentric = True
 
     @property
     def objective(self) -> Objective:
         """The optics before the array."""
-        return Objective(self.magnification, self.na, self.medium_index, self.wavelength)
+        return Objective(
+            self.magnification, self.na, self.medium_index, self.wavelength, self.cover
+        )
 
     @property
     def focal_length(self) -> float:

@@ -27,6 +27,68 @@ Vector = np.ndarray[Any, Any]
 
 
 @dataclass(frozen=True)
+class CoverGlass:
+    """A cover glass that is not the one that the objective is made for.
+
+    With s = n sin(theta) its path differs by
+
+        W = t sqrt(g^2 - s^2) - t0 sqrt(g0^2 - s^2) - n (t/g - t0/g0) sqrt(n^2 - s^2)
+
+    (Gibson and Lanni 1991, eq. 3), where the last term is the refocusing that keeps the paraxial
+    focus where it is. To lowest order it is t (g^2 - 1) s^4/(8 g^3) for a surplus t in air.
+
+    Parameters
+    ----------
+    thickness, index : float
+        t in metres and g of the glass that is there; 0 thick: none.
+    designed_thickness, designed_index : float
+        t0 in metres and g0 of the one that the objective corrects.
+
+    Raises
+    ------
+    ValueError
+        For a negative or infinite thickness, or an index below 1.
+    """
+
+    thickness: float
+    index: float = 1.5255
+    designed_thickness: float = 170e-6
+    designed_index: float = 1.5255
+
+    def __post_init__(self) -> None:
+        lengths = (self.thickness, self.designed_thickness)
+        indices = (self.index, self.designed_index)
+        if not all(0 <= t < math.inf for t in lengths) or not all(1 <= g < 5 for g in indices):
+            raise ValueError(
+                f"A cover glass is 0 or more metres thick and has an index from 1 to 5, not "
+                f"{lengths} and {indices}."
+            )
+
+    def path(self, s: Vector, n: float) -> Vector:
+        """W in metres, 0 on the axis.
+
+        Parameters
+        ----------
+        s : numpy.ndarray
+            n sin(theta), below all indices.
+        n : float
+            Of the medium that refocuses.
+
+        Returns
+        -------
+        numpy.ndarray
+        """
+        moved = self.thickness / self.index - self.designed_thickness / self.designed_index
+        layers = (
+            (self.thickness, self.index),
+            (-self.designed_thickness, self.designed_index),
+            (-n * moved, n),
+        )
+        # sqrt(g^2 - s^2) - g without cancellation
+        return sum((-t * s**2 / (np.sqrt(g**2 - s**2) + g) for t, g in layers), np.zeros_like(s))
+
+
+@dataclass(frozen=True)
 class Objective:
     """An objective with its tube lens.
 
@@ -40,12 +102,15 @@ class Objective:
         n.
     wavelength : float
         In vacuum, in metres.
+    cover : CoverGlass or None
+        None: the one that it is made for.
     """
 
     magnification: float
     na: float
     medium_index: float
     wavelength: float
+    cover: CoverGlass | None = None
 
     @property
     def cutoff(self) -> float:
@@ -84,7 +149,11 @@ class Objective:
         longest = self.medium_index / self.wavelength
         sine2 = np.minimum((self.magnification * f / longest) ** 2, 1)
         cosine = np.sqrt(1 - sine2)
-        values = (f <= self.cutoff) * np.sqrt(cosine) * phasor(-z * longest * sine2 / (1 + cosine))
+        turns = -z * longest * sine2 / (1 + cosine)
+        if self.cover is not None:
+            s = self.medium_index * np.sqrt(sine2) * (f <= self.cutoff)
+            turns += self.cover.path(s, self.medium_index) / self.wavelength
+        values = (f <= self.cutoff) * np.sqrt(cosine) * phasor(turns)
         values *= _disc(np.pi * self.magnification * f * diameter)
         values *= np.sqrt(math.prod(grid.shape) / (np.abs(values) ** 2).sum())
         out = np.zeros(grid.shape, complex)

@@ -18,6 +18,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device, require_device
+from clplen.compute.hostmemory import free_memory
 from clplen.compute.lines import smooth_length
 from clplen.errors import ShapeError
 from clplen.microscopy.images import PointImages
@@ -30,7 +31,7 @@ Vector = np.ndarray[Any, Any]
 WIDTH = 16  # frequencies of a block: see lattice_spectra.cl
 HEIGHT = 5  # rows of a matrix in registers
 GROUP_BYTES = 2**28  # of matrices of some planes together
-SHARE = 2  # matrices are kept where they take less than this part of the device's memory
+SHARE = 2  # matrices are kept where they take less than this part of the memory
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class Projector:
     device : Device
     memory : int, optional
         Bytes for matrices; where they need more they are made anew for some planes at a time,
-        which is slower. Default: half of the device's memory.
+        which is slower. Default: half of the device's memory, of a CPU half of what is free.
 
     Attributes
     ----------
@@ -102,7 +103,7 @@ class Projector:
         self._blocks = -(-(self._window[0] // 2 + 1) * (self._window[1] // 2 + 1) // WIDTH)
         plane = 4 * self._blocks * WIDTH * (v * n) ** 2
         device.require_memory(2 * plane, "The projection of one plane")
-        allowed = device.memory_bytes // SHARE if memory is None else memory
+        allowed = _room(device) if memory is None else memory
         self.resident = plane * self.volume_shape[0] <= allowed
         together = max(1, min(GROUP_BYTES, allowed) // plane)
         planes = self.volume_shape[0]
@@ -351,3 +352,9 @@ class Projector:
                 f"not {given}."
             )
         return np.ascontiguousarray(values, np.float32).reshape(-1, *shape)
+
+
+def _room(device: Device) -> int:
+    """Bytes that matrices may take."""
+    there = min(device.memory_bytes, free_memory()) if device.is_cpu else device.memory_bytes
+    return int(there) // SHARE

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -115,6 +115,7 @@ def described(
         "na": camera.na,
         "medium_index": camera.medium_index,
         "wavelength": camera.wavelength,
+        "cover": None if camera.cover is None else asdict(camera.cover),
         "lenslet_pitch": mla.pitch,
         "lenslet_focal_length": mla.f,
         "lenslet_diameter": mla.diameter,

@@ -18,7 +18,7 @@ from clplen import (
     SamplingError,
     Spectrum,
 )
-from clplen.cameras.objective import Objective
+from clplen.cameras.objective import CoverGlass, Objective
 from clplen.errors import SamplingWarning
 from clplen.io import read_lightfield, write_lightfield
 from clplen.lightfield.depth import depth_map
@@ -158,6 +158,35 @@ def test_fluorescence_with_a_spectrum(device):
         camera.expose(point, coherence=Coherence(RandomPhaseMask(40e-6)))
     with pytest.raises(ValueError, match="are for slides"):
         camera.expose(point, snapshots=3)
+
+
+def test_cover_glass_aberrates_as_third_order_theory_says(device):
+    # W040 = t (g^2 - 1) s^4/(8 g^3) in air; the next order is s^2 (g^2 + 1)/(2 g^2) of it
+    objective = Objective(20, 0.2, 1, 525e-9, CoverGlass(250e-6, 1.5, 200e-6, 1.5))
+    grid = Grid((375, 375), 5e-6)
+    pupils = (one.pupil(grid, 3e-6)[0] for one in (objective, replace(objective, cover=None)))
+    aberrated, plain = pupils
+    s = 20 * 525e-9 * np.abs(grid.fx)
+    expected = 50e-6 * (1.5**2 - 1) * s**4 / (8 * 1.5**3) / 525e-9
+    inside = s < 0.19
+    phase = np.angle(aberrated[inside] / plain[inside]) / (2 * np.pi)
+    assert np.abs(phase).max() > 0.004
+    assert np.allclose(phase, expected[inside], atol=0.04 * expected[inside].max())
+    same = replace(objective, cover=CoverGlass(170e-6, 1.5255))
+    assert np.array_equal(same.pupil(grid, 0), replace(same, cover=None).pupil(grid, 0))
+
+
+def test_cover_glass_of_a_camera(device):
+    thick = microscope(device, count=7, cover=CoverGlass(300e-6))
+    plain = microscope(device, count=7)
+    point = PointSources([(0, 0, 0)])
+    fields = [cam.objective.fields(point, cam.grid, device).to_numpy() for cam in (thick, plain)]
+    assert np.abs(fields[0]).max() < 0.8 * np.abs(fields[1]).max()  # .7 waves of W040
+    assert relative_max(*(cam.expose(point).to_numpy() for cam in (thick, plain))) > 0.1
+    with pytest.raises(ValueError, match="0 or more metres thick"):
+        CoverGlass(-1e-4)
+    with pytest.raises(ValueError, match=r"NA 1\.1 does not pass a cover glass of index 1\.05"):
+        microscope(device, na=1.1, medium_index=1.33, cover=CoverGlass(1e-4, 1.05))
 
 
 def test_description(device):
