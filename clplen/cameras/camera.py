@@ -6,8 +6,8 @@ import math
 import warnings
 from typing import Any, Literal
 
-from clplen.cameras import geometry
-from clplen.cameras import microscope as microscopes
+from clplen.cameras import geometry, microscope_optics
+from clplen.cameras.microscope import Microscope
 from clplen.cameras.objective import CoverGlass
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2, magnification, matched_aperture
@@ -178,7 +178,7 @@ class PlenopticCamera:
         medium_index: float = 1.0,
         tube_lens: float = 0.200,
         cover: CoverGlass | None = None,
-    ) -> microscopes.Microscope:
+    ) -> Microscope:
         """A light-field microscope: array on the native image plane, sensor f_mu behind it.
 
         The objective obeys the sine condition; the image side is telecentric. It is matched where
@@ -232,7 +232,7 @@ class PlenopticCamera:
                 f"{min(cover.index, cover.designed_index)!r}."
             )
         grid = geometry.sensor_grid(mla, pixels_per_lenslet)
-        camera = microscopes.Microscope(
+        camera = Microscope(
             magnification=float(magnification),
             na=float(na),
             medium_index=float(medium_index),
@@ -245,8 +245,8 @@ class PlenopticCamera:
             device=device,
             cover=cover,
         )
-        microscopes.check_sampling(camera)
-        if abs(camera.matched - 1) > microscopes.MISMATCH:
+        microscope_optics.check_sampling(camera)
+        if abs(camera.matched - 1) > microscope_optics.MISMATCH:
             warnings.warn(
                 f"The f-numbers of objective and lenslets differ: M/(2 NA) = "
                 f"{magnification / (2 * na):.4g}, f_mu/d = {mla.f / mla.diameter:.4g}; sub-images "

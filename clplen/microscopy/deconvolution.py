@@ -53,7 +53,7 @@ class DeconvolutionResult:
         text = f"<DeconvolutionResult {self.volume.shape}, {self.iterations} iterations, residual "
         text += f"{last}"
         if self.degenerate:
-            planes = ", ".join(f"{z * 1e6:g}" for z in self.degenerate)
+            planes = ", ".join(f"{round(z * 1e6, 4) + 0.0:g}" for z in self.degenerate)
             text += f"; degenerate near the native plane: z = {planes} um"
         return text + ">"
 
