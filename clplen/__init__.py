@@ -16,6 +16,8 @@ from clplen.cameras.aberrations import Aberrations, LensletScatter
 from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.correction import correct_aberrations
 from clplen.cameras.gallery import sample_scenes
+from clplen.cameras.microscope import Microscope
+from clplen.cameras.objective import CoverGlass
 from clplen.cameras.pictures import PicturePlane
 from clplen.cameras.scene import PointSources
 from clplen.cameras.surfaces import Plane, Sphere, SurfaceScene
@@ -102,6 +104,7 @@ __all__ = [
     "CoherencePlan",
     "Comparison",
     "ConvergingLight",
+    "CoverGlass",
     "Curve",
     "DepthMap",
     "Device",
@@ -124,6 +127,7 @@ __all__ = [
     "LightField",
     "MeanIntensity",
     "MicrolensArray",
+    "Microscope",
     "OpticalSystem",
     "PhaseSpace",
     "PicturePlane",

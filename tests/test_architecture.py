@@ -23,7 +23,7 @@ STOREYS = (
     {"wave", "lightfield"},
     {"cameras"},
     {"clplen"},
-    {"analysis", "io"},
+    {"analysis", "io", "microscopy"},
     {"plot", "config"},
     {"batch", "demo"},
     {"bench"},
@@ -35,11 +35,12 @@ HEIGHT = {unit: height for height, units in enumerate(STOREYS) for unit in units
 ANYWHERE = {"numpy", "scipy", "pyopencl"}
 GUESTS = {
     "compute": {"ducc0", "pyvkfft"},
+    "microscopy": {"h5py"},
     "io": {"h5py", "imageio", "tifffile", "tqdm", "zarr"},
     "plot": {"matplotlib"},
     "config": {"pydantic", "tomli"},
     "batch": {"dask", "distributed", "pydantic"},
-    "bench": {"cv2", "numba", "torch"},
+    "bench": {"cv2", "ducc0", "numba", "torch"},
     "cli": {"click", "tqdm"},
 }
 

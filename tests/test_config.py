@@ -13,6 +13,7 @@ import pytest
 import tifffile
 
 from clplen.cameras.aberrations import LensletScatter
+from clplen.cameras.microscope import Microscope
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
@@ -99,7 +100,7 @@ def test_the_example_shows_every_key_and_its_default(tmp_path: Path, device: Dev
             says = tomllib.loads(f"value = {value}")["value"]
             assert np.array_equal(np.atleast_1d(says), np.atleast_1d(default)), key
             found.append(key)
-    assert len(found) == 26, found
+    assert len(found) == 28, found
 
 
 @pytest.mark.parametrize("spatial", ["mask", "source", "incoherent"])
@@ -108,7 +109,7 @@ def test_what_the_example_has_in_comments_is_valid(tmp_path: Path, spatial: str,
     """All at once, but for keys that exclude each other."""
     other = {key for name, keys in KEYS.items() if name != spatial for key in keys}
     other |= {key for key in SPECTRA if key != spectrum}
-    other |= set(CAMERA_KEYS["plenoptic2"])
+    other |= set(CAMERA_KEYS["plenoptic2"]) | set(CAMERA_KEYS["microscope"])
     other |= {"wavelengths"} if spectrum == "lines_nm" else {"line_powers"}
     taken = "\n".join(
         line.removeprefix("# ") if " = " in line or "# [" in line else line
@@ -337,7 +338,7 @@ def test_every_key_reaches_a_focused_camera(tmp_path: Path, device: Device):
             "focal_length_mm = 120\n    wavelength_nm = 532\n    pixels_per_lenslet = 20",
             "several focal lengths, which need kind = 'plenoptic2'",
         ),
-        ('"plenoptic2"', '"plenoptic3"', "kind must be 'plenoptic1' or 'plenoptic2'"),
+        ('"plenoptic2"', '"plenoptic3"', "kind must be 'plenoptic1', 'plenoptic2' or 'microscope'"),
         ("[10, 11.5, 9]", "[]", r"focal_length_mm must have at least 1 item|at least 1 item"),
     ],
 )
@@ -544,3 +545,49 @@ def test_aberrations_of_a_camera(tmp_path: Path, device: Device):
     ):
         with pytest.raises(FormatError, match=said):
             read(tmp_path, EXAMPLE + "\n[camera.aberrations]\n" + wrong)
+
+
+MICROSCOPE = """
+    [camera]
+    kind = "microscope"
+    magnification = 60
+    na = 1.2
+    medium_index = 1.33
+    tube_lens_mm = 180
+    wavelength_nm = 593
+    pixels_per_lenslet = 15
+    [camera.microlenses]
+    pitch_um = 100
+    focal_length_mm = 2.5
+    count = [5, 7]
+    fill = "full"
+    [scene]
+    points_mm = [[0.001, 0.002, -0.0005]]
+"""
+
+
+def test_every_key_reaches_a_microscope(tmp_path: Path, device: Device):
+    file = read(tmp_path, MICROSCOPE)
+    camera = file.camera.build(device)
+    assert isinstance(camera, Microscope)
+    assert (camera.magnification, camera.na, camera.medium_index) == (60, 1.2, 1.33)
+    assert camera.focal_length == pytest.approx(3e-3)
+    assert camera.wavelength == pytest.approx(593e-9)
+    assert camera.grid.shape == (75, 105)
+    (scene,) = file.scene.build()
+    assert camera.expose(scene).to_numpy().sum() == pytest.approx(1, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("na = 1.2", "", "camera needs na for kind = 'microscope'"),
+        ("na = 1.2", "na = 1.2\n m = 0.2", "has m, which belongs to kind = 'plenoptic2'"),
+        ("na = 1.2", "na = 1.2\n focal_length_mm = 3", "has focal_length_mm, for which kind"),
+        ('kind = "microscope"', "", "has magnification, which belongs to kind = 'microscope'"),
+    ],
+)
+def test_what_is_said_about_a_wrong_microscope(tmp_path: Path, old: str, new: str, said: str):
+    assert old in MICROSCOPE
+    with pytest.raises(FormatError, match=said):
+        read(tmp_path, MICROSCOPE.replace(old, new, 1))

@@ -52,6 +52,9 @@ from clplen.lightfield.fourier import fourier_stack
 from clplen.lightfield.hyperfan import hyperfan
 from clplen.lightfield.raw import LensType
 from clplen.lightfield.samples import extremes
+from clplen.microscopy.deconvolution import deconvolve
+from clplen.microscopy.projector import Projector
+from clplen.microscopy.psf import point_images
 from clplen.wave.abbe import abbe_image
 from clplen.wave.extended import ExtendedSource
 from clplen.wave.pupil import Pupil
@@ -284,6 +287,20 @@ def focused(device: Device) -> None:
         point_m(raw)
 
 
+def microscopic(device: Device) -> None:
+    """Every kernel that projects volumes to frames of a microscope and back."""
+    camera = PlenopticCamera.microscope(
+        magnification=60, na=1.2, medium_index=1.33, wavelength=593e-9, pixels_per_lenslet=15,
+        mla=MicrolensArray(100e-6, 2.5e-3, count=3, fill="full"), device=device,
+    )  # fmt: skip
+    images = point_images(camera, [0.0, 1e-7], voxels_per_lenslet=2, cut=0.2)
+    memory = Projector(images, (2, 3), device=device).nbytes // 2
+    projector = Projector(images, (2, 3), device=device, memory=memory)  # one plane at a time
+    projector.backward(projector.forward(np.ones(projector.volume_shape, np.float32)))
+    small = point_images(camera, [1e-7], voxels_per_lenslet=1, cut=0.2)
+    deconvolve(np.ones((75, 75)), Projector(small, (5, 5), device=device), iterations=1)
+
+
 def work(device: Device) -> None:
     """A small workload that reaches every kernel of one mapping, through public functions."""
     ceilings.multiply_add(device, rounds=3).run()
@@ -295,6 +312,7 @@ def work(device: Device) -> None:
             refocus(LightField.from_raw(one), alpha=0.9, rescale=True)
         captured(device)
         focused(device)
+        microscopic(device)
         views(device)
         scene = SurfaceScene(Plane(0.5))
         scene.light_field((2, 3), (6, 9), device=device)

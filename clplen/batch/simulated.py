@@ -17,6 +17,7 @@ from clplen.batch.source import Source
 from clplen.batch.sweep import Setting, combinations, label, with_values
 from clplen.batch.tables import EVERY, SceneTable, SimulationTable
 from clplen.cameras.gallery import SCENES, SampleScene, sample_scenes
+from clplen.cameras.microscope import Microscope
 from clplen.cameras.plenoptic import Plenoptic
 from clplen.cameras.rays import view_reach
 from clplen.cameras.scene import PointSources
@@ -208,7 +209,7 @@ def _by_waves(
 
 def _by_rays(words: dict[str, Any], device: Device) -> Simulated:
     file = _validated(InstrumentFile, words["content"], Path())
-    camera = file.camera.build(device)
+    camera = _by_main_lens(file.camera.build(device))
     raw = camera.expose(
         _sample(words, camera.mla.count).scene,
         model="rays",
@@ -220,6 +221,15 @@ def _by_rays(words: dict[str, Any], device: Device) -> Simulated:
 def _decoded(raw: RawImage) -> LightField:
     """The light field; of a focused camera, of which the raw image is used, its plain pixels."""
     return LightField.from_raw(raw, decode="naive" if is_focused(raw) else "calibrated")
+
+
+def _by_main_lens(camera: Plenoptic | Microscope) -> Plenoptic:
+    """A camera that rays are traced through."""
+    if isinstance(camera, Microscope):
+        raise ValueError(
+            "Rays are not traced through a microscope: give a plenoptic1 or plenoptic2, or points."
+        )
+    return camera
 
 
 def _sample(words: dict[str, Any], shape: tuple[int, ...]) -> SampleScene:
@@ -295,6 +305,10 @@ def _extent(scene: SceneKeys, known: dict[PictureTable, PointSources]) -> list[P
 def _check_camera(file: CameraFile, extent: list[PointSources], device: Device) -> None:
     """Refuse what `Plenoptic.expose` would refuse before it computes."""
     camera = _built(file, device)
+    if isinstance(camera, Microscope):
+        for part in extent:
+            camera.window(part)
+        return
     light = file.light()
     lines = [(camera.wavelength, 1.0)] if light is None else light.lines(camera.wavelength)
     for wavelength, _ in lines:
@@ -318,7 +332,7 @@ def _check_lenses(file: CameraFile, camera: Plenoptic) -> None:
         check_lens_sampling(camera.grid, f, radius, camera.wavelength, "raise")
 
 
-def _built(file: CameraFile | InstrumentFile, device: Device) -> Plenoptic:
+def _built(file: CameraFile | InstrumentFile, device: Device) -> Plenoptic | Microscope:
     if file.sensor is not None:
         file.sensor.build()
     return file.camera.build(device)
@@ -333,7 +347,7 @@ def _seen(
         V, U = known.views
         _check_steepness(words, known.shape, ((V - 1) / 2, (U - 1) / 2))
         return _own_content(known)
-    camera = _built(_validated(InstrumentFile, content, folder), device)
+    camera = _by_main_lens(_built(_validated(InstrumentFile, content, folder), device))
     _check_steepness(words, camera.mla.count, view_reach(camera))
     return {"content": content}
 

@@ -35,6 +35,7 @@ NAMES = (
     "automatic",
     "depth",
     "camera",
+    "microscope",
     "demo",
     "start",
 )

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import math
+import warnings
 from typing import Any, Literal
 
-from clplen.cameras import geometry
+from clplen.cameras import geometry, microscope_optics
 from clplen.cameras.aberrations import NONE, Aberrations
+from clplen.cameras.microscope import Microscope
+from clplen.cameras.objective import CoverGlass
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2, magnification, matched_aperture
 from clplen.compute.device import Device, require_device
+from clplen.errors import SamplingWarning
 from clplen.wave.lenslets import MicrolensArray
 from clplen.wave.spectra import check_wavelength
 
 
 class PlenopticCamera:
-    """Plenoptic cameras simulated by wave optics; see `type1` and `type2`."""
+    """Plenoptic cameras simulated by wave optics; see `type1`, `type2`, `microscope`."""
 
     @staticmethod
     def type1(
@@ -169,6 +174,113 @@ class PlenopticCamera:
         )
         geometry.check_sampling(camera, 0.0, max(1.0, z2 / F))
         return camera.with_aberrations(aberrations)
+
+    @staticmethod
+    def microscope(
+        *,
+        magnification: float,
+        na: float,
+        mla: MicrolensArray,
+        wavelength: float,
+        pixels_per_lenslet: float,
+        device: Device,
+        medium_index: float = 1.0,
+        tube_lens: float = 0.200,
+        cover: CoverGlass | None = None,
+    ) -> Microscope:
+        """A light-field microscope: array on the native image plane, sensor f_mu behind it.
+
+        The objective obeys the sine condition; the image side is telecentric. It is matched where
+        the f-numbers M/(2 NA) and f_mu/d agree (Levoy et al. 2006).
+
+        Parameters
+        ----------
+        magnification : float
+            M of objective and tube lens, at least 1.
+        na : float
+            Numerical aperture, below ``medium_index``.
+        mla : MicrolensArray
+            Brings pitch, f_mu, count, lattice, fill, offset and rotation.
+        wavelength : float
+            Of the fluorescence in vacuum, in metres.
+        pixels_per_lenslet : float
+            At least 2; may be fractional.
+        device : Device
+            Where the simulation runs.
+        medium_index : float
+            Of the medium with the specimen, 1 (air) or more.
+        tube_lens : float
+            Its focal length in metres; that of the objective is tube_lens/M.
+        cover : CoverGlass, optional
+            A cover glass of another thickness or index than the objective is made for.
+
+        Returns
+        -------
+        Microscope
+
+        Raises
+        ------
+        ValueError
+            For a length or number outside its range, NA at or above the index, or lenslets of
+            several focal lengths.
+        SamplingError
+            If a lenslet has less than 2 pixels, or the pixels cannot sample the light.
+
+        Warns
+        -----
+        SamplingWarning
+            If the two f-numbers differ by more than 10 %.
+        """
+        require_device(device)
+        geometry.require_lengths(wavelength=wavelength, tube_lens=tube_lens)
+        check_wavelength(wavelength)
+        _check_objective(magnification, na, medium_index, mla)
+        if cover is not None and na >= min(cover.index, cover.designed_index):
+            raise ValueError(
+                f"NA {na!r} does not pass a cover glass of index "
+                f"{min(cover.index, cover.designed_index)!r}."
+            )
+        grid = geometry.sensor_grid(mla, pixels_per_lenslet)
+        camera = Microscope(
+            magnification=float(magnification),
+            na=float(na),
+            medium_index=float(medium_index),
+            tube_lens=float(tube_lens),
+            mla=mla,
+            wavelength=float(wavelength),
+            pixels_per_lenslet=float(pixels_per_lenslet),
+            pixel_pitch=grid.pitch[1],
+            grid=grid,
+            device=device,
+            cover=cover,
+        )
+        microscope_optics.check_sampling(camera)
+        if abs(camera.matched - 1) > microscope_optics.MISMATCH:
+            warnings.warn(
+                f"The f-numbers of objective and lenslets differ: M/(2 NA) = "
+                f"{magnification / (2 * na):.4g}, f_mu/d = {mla.f / mla.diameter:.4g}; sub-images "
+                + ("overlap." if camera.matched < 1 else "leave part of their cells dark."),
+                SamplingWarning,
+                stacklevel=2,
+            )
+        return camera
+
+
+def _check_objective(magnification: float, na: float, index: float, mla: MicrolensArray) -> None:
+    """Refuse an objective that cannot be, and lenslets that do not converge."""
+    if not (math.isfinite(magnification) and magnification >= 1):
+        raise ValueError(f"The magnification is a finite number from 1 on, not {magnification!r}.")
+    if not (math.isfinite(index) and index >= 1):
+        raise ValueError(f"medium_index is a finite number from 1 (air) on, not {index!r}.")
+    if not (math.isfinite(na) and 0 < na < index):
+        raise ValueError(
+            f"NA = n sin(theta) lies between 0 and the index of the medium, {index!r}, not at "
+            f"{na!r}: give medium_index (water 1.33, oil 1.52) or another NA."
+        )
+    if len(mla.focal_lengths) > 1 or mla.f <= 0:
+        raise ValueError(
+            f"The lenslets of a microscope have one focal length > 0, not {mla.focal_lengths}."
+        )
 
 
 def _distances(

@@ -14,6 +14,7 @@ from clplen.wave.field import Grid
 from clplen.wave.lenslets import SMALLEST_PITCH, MicrolensArray
 
 if TYPE_CHECKING:
+    from clplen.cameras.microscope import Microscope
     from clplen.cameras.plenoptic import Plenoptic
     from clplen.cameras.scene import PointSources
 
@@ -85,7 +86,7 @@ def sensor_grid(mla: MicrolensArray, pixels_per_lenslet: float) -> Grid:
     return Grid((ny, nx), pitch, origin=origin)
 
 
-def views(camera: Plenoptic) -> int:
+def views(camera: Plenoptic | Microscope) -> int:
     """Views across: the pixels of a lenslet, rounded."""
     return max(1, round(camera.pixels_per_lenslet))
 
@@ -220,7 +221,7 @@ def lens_types(camera: Plenoptic) -> tuple[LensType, ...]:
     return tuple(found)
 
 
-def lenslet_grid(camera: Plenoptic, magnification: float) -> LensletGrid:
+def lenslet_grid(camera: Plenoptic | Microscope, magnification: float) -> LensletGrid:
     """Centres of the lenslets, projected by ``magnification`` from the axis, in pixels."""
     mla, n = camera.mla, views(camera)
     first = mla.centres()[0, 0]

@@ -13,6 +13,7 @@ from clplen.cli.messages import note
 
 if TYPE_CHECKING:
     from clplen.analysis.comparison import Comparison
+    from clplen.cameras.plenoptic import Plenoptic
     from clplen.config import CameraFile
 
 _NAMES = ("standard", "focused")
@@ -81,6 +82,7 @@ def analyse(
       clplen analyse standard.toml focused.toml -o compared
     """
     from clplen.analysis.comparison import ANALYSES, OVER_DEPTH, compare, known_analyses, told_of
+    from clplen.cameras.microscope import Microscope
     from clplen.files import filling
 
     names = known_analyses(_split(only)) if only is not None else ANALYSES
@@ -90,10 +92,16 @@ def analyse(
     scenes = _scenes(files) if "pictures" in names else None
     with filling(output) as folder:
         device = opened(selector)
-        built = {}
+        built: dict[str, Plenoptic] = {}
         for name, file in files.items():
             with told_of(name):
-                built[name] = file.camera.build(device)
+                camera = file.camera.build(device)
+            if isinstance(camera, Microscope):
+                raise click.UsageError(
+                    f"{name} is a microscope: cameras of kind 'plenoptic1' and 'plenoptic2' can be "
+                    "compared."
+                )
+            built[name] = camera
             click.echo(f"{name}: {built[name].describe()}\n")
         with bar_of(0, "exposure") as bar:
             found = compare(

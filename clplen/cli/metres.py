@@ -154,14 +154,20 @@ def _points_of_camera(lf: LightField | StoredLightField, z: Values) -> tuple[Val
     """Points (x, y, z) as the camera of a light field images them, and what they are.
 
     By the lens law 1/f = 1/a + 1/F the plane in focus lies at a = F/(F/f - 1) from the lens, where
-    F/f is alpha of what is infinitely far; a picture is F/(a + z) of the object's size.
+    F/f is alpha of what is infinitely far; a picture is F/(a + z) of the object's size. That of a
+    telecentric camera has the same size everywhere.
     """
+    from clplen.lightfield.law import is_telecentric
+
     if lf.camera is None or lf.spacing is None:
         raise ValueError("This light field knows no camera.")
-    F = lf.camera.image_distance
-    rest = float(lf.camera.alpha(np.inf)) - 1
     y, x = np.indices(z.shape, dtype=np.float64)
-    scale = np.where(np.isfinite(z), (np.inf if rest <= 0 else F / rest) + z, np.nan) / F
+    if is_telecentric(lf):
+        scale = np.where(np.isfinite(z), 1 / getattr(lf.camera, "magnification", 1.0), np.nan)
+    else:
+        F = lf.camera.image_distance
+        rest = float(lf.camera.alpha(np.inf)) - 1
+        scale = np.where(np.isfinite(z), (np.inf if rest <= 0 else F / rest) + z, np.nan) / F
     down, across = ((n - 1) / 2 for n in z.shape)
     dy, dx = np.abs(lf.spacing[2:])
     points = np.stack([(x - across) * dx * scale, (y - down) * dy * scale, z], -1)

@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from clplen.cameras.aberrations import NONE
 from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.microscope import Microscope
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.compute.device import Device
@@ -29,8 +30,20 @@ from clplen.config.tables import (
 from clplen.lightfield.sensor import Sensor
 from clplen.wave.lenslets import MicrolensArray
 
-# What only one kind of camera has.
-KEYS = {"plenoptic1": ("field_lens",), "plenoptic2": ("m", "a_mm", "match")}
+# What only one kind of camera has, what it needs, and what it has no use for.
+KEYS = {
+    "plenoptic1": ("field_lens",),
+    "plenoptic2": ("m", "a_mm", "match"),
+    "microscope": ("magnification", "na", "medium_index", "tube_lens_mm"),
+}
+NEEDED = {
+    "plenoptic1": ("focal_length_mm",),
+    "plenoptic2": ("focal_length_mm",),
+    "microscope": ("magnification", "na"),
+}
+OF_A_MAIN_LENS = (
+    "focal_length_mm", "object_distance_mm", "image_distance_mm", "aperture_diameter_mm",
+)  # fmt: skip
 
 
 class MicrolensTable(Table):
@@ -64,8 +77,8 @@ class MicrolensTable(Table):
 class CameraTable(Table):
     """``[camera]``."""
 
-    kind: Literal["plenoptic1", "plenoptic2"] = "plenoptic1"
-    focal_length_mm: Positive
+    kind: Literal["plenoptic1", "plenoptic2", "microscope"] = "plenoptic1"
+    focal_length_mm: Positive | None = None
     wavelength_nm: Positive
     pixels_per_lenslet: Positive
     microlenses: MicrolensTable
@@ -77,6 +90,10 @@ class CameraTable(Table):
     a_mm: Finite | None = None
     match: Literal["pupil", "cone"] = "pupil"
     aberrations: AberrationsTable | None = None
+    magnification: Positive | None = None
+    na: Positive | None = None
+    medium_index: Positive = 1.0
+    tube_lens_mm: Positive = 200.0
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> CameraTable:
@@ -84,24 +101,43 @@ class CameraTable(Table):
             stray = [key for key in keys if key in self.model_fields_set]
             if stray and self.kind != kind:
                 raise ValueError(f"has {stray[0]}, which belongs to kind = {kind!r}")
+        for key in NEEDED[self.kind]:
+            if getattr(self, key) is None:
+                raise ValueError(f"needs {key} for kind = {self.kind!r}")
+        without = OF_A_MAIN_LENS if self.kind == "microscope" else ()
+        stray = [key for key in without if key in self.model_fields_set]
+        if stray:
+            raise ValueError(f"has {stray[0]}, for which kind = 'microscope' has no use")
         if self.kind == "plenoptic2" and (self.m is None) == (self.a_mm is None):
             found = "neither" if self.m is None else "both"
             raise ValueError(f"needs one of m and a_mm for kind = 'plenoptic2', and has {found}")
-        if self.kind == "plenoptic1" and len(self.microlenses.focal_length_mm) > 1:
+        if self.kind != "plenoptic2" and len(self.microlenses.focal_length_mm) > 1:
             raise ValueError(
                 "has microlenses of several focal lengths, which need kind = 'plenoptic2'"
             )
         return self
 
-    def build(self, device: Device) -> Plenoptic1 | Plenoptic2:
+    def build(self, device: Device) -> Plenoptic1 | Plenoptic2 | Microscope:
         """The camera, in SI units, on a device."""
         wavelength = self.wavelength_nm / 1e9
         shared: dict[str, Any] = {
-            "focal_length": self.focal_length_mm / 1e3,
             "mla": self.microlenses.build(),
             "wavelength": wavelength,
             "pixels_per_lenslet": self.pixels_per_lenslet,
             "device": device,
+        }
+        if self.kind == "microscope":
+            assert self.magnification is not None
+            assert self.na is not None
+            return PlenopticCamera.microscope(
+                magnification=self.magnification,
+                na=self.na,
+                medium_index=self.medium_index,
+                tube_lens=self.tube_lens_mm / 1e3,
+                **shared,
+            )
+        shared |= {
+            "focal_length": divided(self.focal_length_mm, 1e3),
             "object_distance": divided(self.object_distance_mm, 1e3),
             "image_distance": divided(self.image_distance_mm, 1e3),
             "aperture_diameter": divided(self.aperture_diameter_mm, 1e3),

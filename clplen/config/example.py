@@ -5,7 +5,8 @@ EXAMPLE = """\
 # A key that begins with # shows its default; a table that begins with # is left out.
 
 [camera]
-# kind = "plenoptic1"           # the array on the main image; or "plenoptic2", a focused camera
+# kind = "plenoptic1"           # the array on the main image; or "plenoptic2", a focused camera;
+                                # or "microscope", without focal length, distances and aperture
 focal_length_mm = 120.0         # main lens
 wavelength_nm = 532.0
 pixels_per_lenslet = 30         # may be fractional
@@ -18,6 +19,10 @@ pixels_per_lenslet = 30         # may be fractional
 # a_mm = 60.0                   # needed by a plenoptic2 without m, from the main image to the array
 # match = "pupil"               # of a plenoptic2, the aperture's: its image, or a lenslet's "cone",
                                 # fills a cell
+# magnification = 20.0          # needed by a microscope, of objective and tube lens
+# na = 0.5                      # needed by a microscope
+# medium_index = 1.0            # of a microscope: air; water 1.33, oil 1.52
+# tube_lens_mm = 200.0          # of a microscope
 
 [camera.microlenses]
 pitch_um = 150.0

@@ -15,6 +15,7 @@ import numpy as np
 
 from clplen.cameras.aberrations import NONE, Aberrations
 from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.microscope import Microscope
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.compute.device import Device
@@ -37,15 +38,25 @@ _CAMERA = (
     "image_distance",
     "aperture_diameter",
 )
-_OWN = {"type1": ("field_lens",), "type2": ("m",)}  # what only one kind of camera has
 _ARRAY = ("pitch", "f", "count", "lattice", "fill", "diameter", "offset", "rotation")
+_MICROSCOPE = (
+    "magnification",
+    "na",
+    "medium_index",
+    "tube_lens",
+    "wavelength",
+    "pixels_per_lenslet",
+)
+_OF_KIND = {
+    "type1": (*_CAMERA, "field_lens"),
+    "type2": (*_CAMERA, "m"),
+    "microscope": _MICROSCOPE,
+}
 _ABERRATIONS = "aberrations"  # JSON, where there are any
 _LENSLETS = 10**7  # that may scatter: some bytes for each are allocated
 CAMERA_NAMES = (
     "kind",
-    *_CAMERA,
-    "field_lens",
-    "m",
+    *dict.fromkeys(name for names in _OF_KIND.values() for name in names),
     _ABERRATIONS,
     *(f"mla_{name}" for name in _ARRAY),
 )
@@ -79,16 +90,22 @@ def of_camera(camera: Any) -> dict[str, Any] | None:
 
     ``mla_f`` is a list where the lenslets have several focal lengths.
     """
-    if not isinstance(camera, Plenoptic1 | Plenoptic2):
+    if not isinstance(camera, Plenoptic1 | Plenoptic2 | Microscope):
         return None
-    kind = "type2" if isinstance(camera, Plenoptic2) else "type1"
-    found = {name: getattr(camera, name) for name in (*_CAMERA, *_OWN[kind])}
+    kind = _kind(camera)
+    found = {name: getattr(camera, name) for name in _OF_KIND[kind]}
     found |= {f"mla_{name}": getattr(camera.mla, name) for name in _ARRAY}
     if len(camera.mla.focal_lengths) > 1:
         found["mla_f"] = camera.mla.focal_lengths
-    if camera.aberrations != NONE:
+    if not isinstance(camera, Microscope) and camera.aberrations != NONE:
         found[_ABERRATIONS] = camera.aberrations.to_json()
     return {"kind": kind} | {name: plain(value) for name, value in found.items()}
+
+
+def _kind(camera: Plenoptic1 | Plenoptic2 | Microscope) -> str:
+    if isinstance(camera, Microscope):
+        return "microscope"
+    return "type2" if isinstance(camera, Plenoptic2) else "type1"
 
 
 def plain(value: Any) -> Any:
@@ -168,7 +185,7 @@ def words_in(attributes: dict[str, Any], path: Path) -> dict[str, Any]:
 
 def read_camera(
     values: dict[str, Any], path: Path, device: Device
-) -> Plenoptic1 | Plenoptic2 | None:
+) -> Plenoptic1 | Plenoptic2 | Microscope | None:
     """The camera of a light field or raw image; None where it is of a kind unknown here.
 
     Parameters
@@ -184,16 +201,18 @@ def read_camera(
         If a parameter is missing or out of range.
     """
     kind = str(values.get("kind"))
-    if kind not in _OWN:
+    if kind not in _OF_KIND:
         return None
     try:
         mla = {name: values[f"mla_{name}"] for name in _ARRAY}
-        camera = {name: values[name] for name in (*_CAMERA, *_OWN[kind])}
+        camera = {name: values[name] for name in _OF_KIND[kind]}
     except KeyError as error:
         raise FormatError(f"The camera in {path} lacks {error}.") from error
     pitch, focal_length = mla.pop("pitch"), mla.pop("f")
     try:
         camera |= {"mla": MicrolensArray(pitch, focal_length, **mla), "device": device}
+        if kind == "microscope":
+            return PlenopticCamera.microscope(**camera)
         if _ABERRATIONS in values:
             if not np.prod(mla["count"], dtype=np.float64) <= _LENSLETS:
                 raise ValueError(f"{mla['count']} lenslets are more than {_LENSLETS:,}")

@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 
 from clplen.cameras.geometry import raw_image
+from clplen.cameras.microscope import Microscope
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
@@ -124,6 +125,8 @@ def read_raw_file(
             max_bytes=max_bytes,
         )
         data = np.ascontiguousarray(dataset[...], np.float32)
+    if isinstance(camera, Microscope):
+        return camera.raw_image(device.upload(data))
     return raw_image(camera, device.upload(data))
 
 

@@ -15,6 +15,7 @@ from clplen.io.ome import SUFFIXES, write_ome
 from clplen.io.omezarr import SUFFIX, write_omezarr
 from clplen.io.pfm import write_pfm
 from clplen.io.picture import write_picture
+from clplen.lightfield.law import depth_at, is_telecentric
 from clplen.lightfield.raw import Spacing
 from clplen.lightfield.refocus import FocalStack
 
@@ -128,7 +129,9 @@ def _description(stack: FocalStack | Tiles) -> dict[str, Any]:
         "alpha": _ALPHA,
     }
     if stack.camera is not None:
-        description["dz_m"] = numbers([stack.camera.dz(alpha) for alpha in stack.alphas])
+        far = is_telecentric(stack)
+        z = depth_at(stack, stack.disparities) if far else stack.camera.dz(stack.alphas)
+        description["dz_m"] = numbers(z)
         description["dz"] = _DZ
     return description
 

@@ -11,6 +11,7 @@ import numpy as np
 from clplen.lightfield.correspondence import correspondence_disparity
 from clplen.lightfield.cues import energy_disparity
 from clplen.lightfield.detail import LocalEnergy
+from clplen.lightfield.law import depth_at, is_telecentric
 from clplen.lightfield.peaks import Map
 from clplen.lightfield.refocus import FocalStack
 from clplen.lightfield.stored import StoredLightField, require_loaded
@@ -207,5 +208,8 @@ def depth_of(
         alpha = np.interp(disparity, known, source.alphas[first])
     else:
         alpha = source.alpha(disparity)
-    z = np.full_like(alpha, np.nan) if source.camera is None else source.camera.dz(alpha)
+    if source.camera is None or is_telecentric(source):
+        z = depth_at(source, disparity)
+    else:
+        z = source.camera.dz(alpha)
     return DepthMap(disparity, alpha.astype(np.float32), np.float32(z), confidence)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clplen.lightfield import thesis
+from clplen.lightfield.law import depth_at, is_telecentric
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.parametrisation import require_two_plane
 from clplen.lightfield.slope import fit_slope
@@ -39,7 +40,7 @@ class AlphaEstimate:
     Attributes
     ----------
     alpha : float
-        F/F'; nan without spacing.
+        F/F'; nan without spacing, and for a telecentric camera (a microscope).
     z : float
         Metres from the focused plane, farther positive; nan without a camera.
     in_focus : bool
@@ -147,12 +148,12 @@ def estimate_alpha(
         c_max,
     )
     in_focus = all(
-        abs(lf.alpha(peak.position) - 1) < _IN_FOCUS * optics.tolerance
+        abs(lf.shear_alpha(peak.position) - 1) < _IN_FOCUS * optics.tolerance
         for peak in (energy, compensated)
     )
     if method == "energy":
         return _result(lf, method, place, energy, optics=optics, in_focus=in_focus)
-    alpha = 1 + float(lf.alpha(energy.position) - 1) / optics.kappa if in_focus else None
+    alpha = 1 + float(lf.shear_alpha(energy.position) - 1) / optics.kappa if in_focus else None
     return _result(lf, method, place, compensated, optics=optics, in_focus=in_focus, alpha=alpha)
 
 
@@ -296,20 +297,20 @@ def _result(
     alpha: float | None = None,
 ) -> AlphaEstimate:
     """Everything that follows from a peak, or from an alpha that takes its place."""
-    value = float(lf.alpha(peak.position)) if alpha is None else alpha
+    value = float(lf.shear_alpha(peak.position)) if alpha is None else alpha
+    disparity = peak.position if alpha is None else float(lf.disparity_of_shear(alpha))
     uncertainty = math.nan
     if optics is not None and peak.inside:
         uncertainty = optics.uncertainty(value, method, in_focus)
-    alphas = lf.alpha(peak.positions)
-    rising = np.argsort(alphas)
+    rising = np.argsort(lf.shear_alpha(peak.positions))
     return AlphaEstimate(
-        alpha=value,
-        z=_depth(lf, value),
+        alpha=math.nan if is_telecentric(lf) else value,
+        z=float(depth_at(lf, disparity)),
         in_focus=in_focus,
         uncertainty=uncertainty,
-        curve=(alphas[rising], peak.values[rising]),
+        curve=(lf.alpha(peak.positions)[rising], peak.values[rising]),
         method=method,
-        disparity=peak.position if alpha is None else float(lf.disparity(alpha)),
+        disparity=disparity,
         disparities=peak.positions[rising],
         near=near,
         blur=_blur(value, optics),
@@ -328,15 +329,15 @@ def _slope(
             "larger window."
         )
     found = fit_slope(samples, aspect=_aspect(lf.spacing))
-    alpha = float(lf.alpha(found.disparity))
+    alpha = float(lf.shear_alpha(found.disparity))
     uncertainty, in_focus = math.nan, False
     if optics is not None:
         in_focus = abs(alpha - 1) < _IN_FOCUS * optics.tolerance or found.spots == 1
         uncertainty = optics.uncertainty(alpha, "slope", in_focus)
     none = np.empty(0)
     return AlphaEstimate(
-        alpha=alpha,
-        z=_depth(lf, alpha),
+        alpha=math.nan if is_telecentric(lf) else alpha,
+        z=float(depth_at(lf, found.disparity)),
         in_focus=in_focus,
         uncertainty=uncertainty,
         curve=(none, none),
@@ -362,11 +363,11 @@ def _thesis(lf: LightField, near: tuple[int, int]) -> AlphaEstimate:
     naive = LightField.from_raw(lf.raw, decode="naive")
     energies = thesis.thesis_curve(read_window(naive, near, thesis.WINDOW, fill=True))
     best = int(np.argmax(energies))
-    disparities = lf.disparity(thesis.ALPHAS)
+    disparities = lf.disparity_of_shear(thesis.ALPHAS)
     alpha = float(thesis.ALPHAS[best])
     return AlphaEstimate(
         alpha=alpha,
-        z=_depth(lf, alpha),
+        z=float(depth_at(lf, float(disparities[best]))),
         in_focus=False,
         uncertainty=math.nan,
         curve=(thesis.ALPHAS.copy(), energies),
@@ -375,7 +376,3 @@ def _thesis(lf: LightField, near: tuple[int, int]) -> AlphaEstimate:
         disparities=disparities,
         near=near,
     )
-
-
-def _depth(lf: LightField, alpha: float) -> float:
-    return math.nan if lf.camera is None else float(lf.camera.dz(alpha))

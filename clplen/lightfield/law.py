@@ -1,4 +1,8 @@
-"""How disparity and alpha = F/F' belong together: one law for every form of a light field."""
+"""How disparity and alpha = F/F' belong together: one law for every form of a light field.
+
+A telecentric camera (`clplen.cameras.microscope`) has no F and so no alpha: it has disparities, and
+depths z that are proportional to them.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +15,16 @@ from clplen.lightfield.parametrisation import require_two_plane
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from clplen.lightfield.raw import Spacing
+    from clplen.lightfield.raw import CameraModel, Spacing
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 
 class AlphaLaw:
-    """Methods of what has ``spacing``, ``decode`` and ``parametrisation``."""
+    """Methods of what has ``spacing``, ``decode``, ``parametrisation`` and perhaps ``camera``."""
 
     spacing: Spacing | None
+    camera: CameraModel | None
     decode: str
     parametrisation: str
 
@@ -31,8 +36,18 @@ class AlphaLaw:
         Raises
         ------
         ValueError
-            If the light field has no spacing or an alpha is not positive.
+            If the light field has no spacing, its camera is telecentric, or an alpha is not
+            positive.
         """
+        if is_telecentric(self):
+            raise ValueError(
+                "A telecentric camera, such as a microscope, has no alpha = F/F': give disparity "
+                "(camera.disparity(z) is that of a plane)."
+            )
+        return self.disparity_of_shear(alpha)
+
+    def disparity_of_shear(self, alpha: ArrayLike) -> Vector:
+        """`disparity` of 1 minus a shear, whether there is an F or not."""
         ratio = self._view_ratio()
         values = np.asarray(alpha, np.float64)
         if not (np.isfinite(values).all() and (values > 0).all()):
@@ -40,7 +55,13 @@ class AlphaLaw:
         return -ratio * ((1 / values - 1) if self.decode == "naive" else (1 - values))
 
     def alpha(self, disparity: ArrayLike) -> Vector:
-        """The inverse of `disparity`; NaN without spacing."""
+        """The inverse of `disparity`; NaN without spacing and for a telecentric camera."""
+        if is_telecentric(self):
+            return np.full_like(np.asarray(disparity, np.float64), np.nan)
+        return self.shear_alpha(disparity)
+
+    def shear_alpha(self, disparity: ArrayLike) -> Vector:
+        """1 - dx/du of a plane, which is alpha where there is an F; NaN without spacing."""
         values = np.asarray(disparity, np.float64)
         if self.spacing is None or not np.isfinite(self.spacing).all():
             return np.full_like(values, np.nan)
@@ -56,3 +77,18 @@ class AlphaLaw:
                 "does not have: give spacing=(dv, du, dy, dx), or use disparity."
             )
         return self.spacing[1] / self.spacing[3]
+
+
+def is_telecentric(source: Any) -> bool:
+    """Whether what took a light field has its exit pupil at infinity."""
+    return bool(getattr(getattr(source, "camera", None), "telecentric", False))
+
+
+def depth_at(source: Any, disparity: ArrayLike) -> Vector:
+    """z of planes of a disparity in metres, farther positive; NaN without a camera."""
+    camera: Any = getattr(source, "camera", None)
+    if camera is None:
+        return np.full(np.shape(disparity), np.nan)
+    if is_telecentric(source):
+        return np.asarray(camera.z(disparity))
+    return np.asarray(camera.dz(source.alpha(disparity)))

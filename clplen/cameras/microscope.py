@@ -1,0 +1,229 @@
+"""The light-field microscope: lenslets on the native image plane of an objective with tube lens.
+
+Levoy, Ng, Adams, Footer and Horowitz 2006, "Light field microscopy"; wave optics after Broxton et
+al. 2013, "Wave optics theory and 3-D deconvolution for the light field microscope". The image side
+is telecentric: sub-images are centred under their lenslets, and a ray from z meets the array at
+
+    x = M x0 + (M^2 z/n) theta,
+
+so that there is no F and no alpha: a plane has the disparity d = -M^2 z dx/(n f_mu p).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.cameras import geometry
+from clplen.cameras.microscope_optics import MicroscopeOptics, check_sampling
+from clplen.cameras.scene import PointSources
+from clplen.compute.lines import smooth_length
+from clplen.errors import SamplingError
+from clplen.files import PathLike
+from clplen.lightfield.raw import Exposure, RawImage
+from clplen.lightfield.sensor import Sensor
+from clplen.wave.average import Progress
+from clplen.wave.checks import average_of
+from clplen.wave.coherence import Coherence
+from clplen.wave.field import Field, Grid
+from clplen.wave.propagation import plan
+from clplen.wave.statistics import accumulate
+
+Vector = np.ndarray[Any, Any]
+
+BATCH_BYTES = 2**27  # of fields that travel through the microscope together
+GUARD = 2  # lenslets of light around the geometrical blur
+
+
+@dataclass(frozen=True)
+class Microscope(MicroscopeOptics):
+    """A light-field microscope. Made by `PlenopticCamera.microscope`.
+
+    Attributes are those of `MicroscopeOptics`.
+    """
+
+    def expose(
+        self,
+        scene: PointSources | Sequence[Any],
+        *,
+        coherence: Coherence | None = None,
+        sensor: Sensor | None = None,
+        progress: Progress | None = None,
+        koehler: bool = True,
+        snapshots: int | None = None,
+        rtol: float | None = None,
+        checkpoint: PathLike | None = None,
+    ) -> RawImage:
+        """Take a raw image of incoherent points, such as beads.
+
+        Parameters
+        ----------
+        scene : PointSources or list of them
+            (x, y, dz) from the axis point of the native plane, in the medium; their image lies at
+            (M x, M y). A whole volume is quicker by `clplen.microscopy.Projector`.
+        coherence : Coherence, optional
+            Its spectrum is that of the fluorescence; it has no spatial model.
+        sensor : Sensor, optional
+            Photons, noise, bits; None keeps units of energy.
+        progress : callable, optional
+            Called as ``progress(done, total)`` after each batch of points.
+        koehler, snapshots, rtol, checkpoint
+            Of slides, as in `Plenoptic.expose`, so that programs call all cameras alike; a
+            microscope exposes none.
+
+        Returns
+        -------
+        RawImage
+            float32, shape of ``grid``; ``power`` of a point is the energy in the pupil, of which
+            the raw image holds what falls on the array.
+
+        Raises
+        ------
+        SamplingError
+            If a point is imaged beyond the array.
+        ValueError
+            If there is a spatial model of coherence, or anything that only slides have.
+        TypeError
+            If the scene is no points.
+        DeviceError
+            If the fields do not fit the device.
+        """
+        parts = [scene] if isinstance(scene, PointSources) else list(scene)
+        if not parts or not all(isinstance(one, PointSources) for one in parts):
+            raise TypeError(f"A microscope exposes PointSources or a list of them, not {scene!r}.")
+        if {snapshots, rtol, checkpoint} != {None}:
+            raise ValueError(
+                "snapshots, rtol and checkpoint are for slides; fluorescent points have none."
+            )
+        total = np.zeros(self.grid.shape)
+        transforms: list[tuple[int, tuple[int, int]]] = []
+        for wavelength, share in self._lines(coherence):
+            camera = replace(self, wavelength=wavelength)
+            for points in parts:
+                window = camera.window(points)
+                total += share * camera._exposed(points, window, progress)
+                transforms.append((3 * len(points), window.shape))
+        data = self.device.upload(total.astype(np.float32))
+        raw = replace(self.raw_image(data), exposure=Exposure("points", tuple(transforms), 0.0))
+        return raw if sensor is None else sensor.record(raw)
+
+    def _lines(self, coherence: Coherence | None) -> Sequence[tuple[float, float]]:
+        """Wavelengths and their shares of the energy."""
+        if coherence is None:
+            return [(self.wavelength, 1.0)]
+        average_of(coherence)
+        if coherence.spatial is not None:
+            raise ValueError(
+                "Fluorescent points are incoherent already: leave the spatial model out, "
+                "Coherence(None, spectrum)."
+            )
+        lines = coherence.lines(self.wavelength)
+        for wavelength, _ in lines:
+            check_sampling(replace(self, wavelength=wavelength))
+        return lines
+
+    def _exposed(self, points: PointSources, window: Grid, progress: Progress | None) -> Vector:
+        """Energy on the sensor's pixels, in the device's precision."""
+        step = self.batch(window)
+        total = self.device.zeros(window.shape, self.device.real)
+        for start in range(0, len(points), step):
+            stop = min(start + step, len(points))
+            fields = self.sensor_fields(_chosen(points, slice(start, stop)), window)
+            accumulate(total, fields.data, points.power[start:stop], self.device)
+            if progress is not None:
+                progress(stop, len(points))
+        rows, columns = (
+            slice((big - n) // 2, (big - n) // 2 + n)
+            for big, n in zip(window.shape, self.grid.shape, strict=True)
+        )
+        return np.asarray(self.device.download(total)[rows, columns])
+
+    def sensor_fields(self, points: PointSources, window: Grid | None = None) -> Field:
+        """Fields of points on the sensor, each of energy 1 in the pupil.
+
+        Parameters
+        ----------
+        points : PointSources
+        window : Grid, optional
+            Periodic, of the camera's pitch and about the axis, that holds all light; default
+            `window`.
+
+        Returns
+        -------
+        Field
+            Shape (n, ny, nx).
+        """
+        window = self.window(points) if window is None else window
+        at_array = self.objective.fields(points, window, self.device)
+        behind = self.mla.apply(at_array, aliasing="allow")  # checked with the whole camera
+        way = plan(
+            window, self.mla.f, wavelength=self.wavelength, method="as", pad=1, device=self.device
+        )
+        return way(behind)
+
+    def window(self, points: PointSources) -> Grid:
+        """The smallest grid about the sensor's that holds the blur of points on the array.
+
+        Raises
+        ------
+        SamplingError
+            If a point is imaged beyond the array.
+        """
+        places = np.abs(points.positions[:, 1::-1]) * self.magnification  # (y, x)
+        half = np.asarray(self.grid.extent) / 2
+        if (places > half).any():
+            x, y, z = points.positions[(places > half).any(axis=1)][0]
+            raise SamplingError(
+                f"The point (x, y, dz) = ({x:g}, {y:g}, {z:g}) m is imaged at "
+                f"({x * self.magnification:g}, {y * self.magnification:g}) m, beyond the array of "
+                f"{2 * half[1]:g} x {2 * half[0]:g} m: move it or use more lenslets."
+            )
+        blur = self.objective.blur(points.positions[:, 2])[:, None]
+        reach = (places + blur + GUARD * self.mla.pitch).max(axis=0)
+        shape = tuple(
+            n if 2 * r <= n * self.pixel_pitch else wider(n, 2 * r / self.pixel_pitch)
+            for n, r in zip(self.grid.shape, reach, strict=True)
+        )
+        return Grid((shape[0], shape[1]), self.grid.pitch, origin=self.grid.origin)
+
+    def batch(self, window: Grid) -> int:
+        """How many fields on a window travel together."""
+        nbytes = math.prod(window.shape) * self.device.complex.itemsize
+        count = max(1, BATCH_BYTES // nbytes)
+        self.device.require_memory(4 * count * nbytes, "This exposure")
+        return int(count)
+
+    def raw_image(self, data: cla.Array) -> RawImage:
+        """Intensity on the sensor with the places of the sub-images on it.
+
+        Parameters
+        ----------
+        data : pyopencl.array.Array
+            float32, shape of ``grid``.
+        """
+        step = self.pixel_pitch * self.tube_lens / self.mla.f  # du on the pupil
+        lenslets = geometry.lenslet_grid(self, 1.0)
+        spacing = (-step, -step, self.mla.row_pitch, self.mla.pitch)
+        return RawImage(data, self.device, self.pixel_pitch, lenslets, lenslets, spacing, self)
+
+
+def wider(n: int, least: float) -> int:
+    """The next quick length of a transform from ``least`` samples on, even or odd as ``n`` is."""
+    length = max(n, math.ceil(least))
+    if n % 2 == 0:
+        return 2 * smooth_length(-(-length // 2))
+    length += 1 - length % 2
+    while smooth_length(length) != length:
+        length += 2
+    return length
+
+
+def _chosen(points: PointSources, which: slice) -> PointSources:
+    return PointSources(
+        points.positions[which], diameter=points.diameter, power=points.power[which]
+    )

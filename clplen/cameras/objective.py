@@ -1,0 +1,206 @@
+"""Fields of points that an aplanatic objective and its tube lens image onto the native plane.
+
+The image side is telecentric (4f). A point at (x0, y0, z) from the axis point of the native plane
+in the medium has on the magnified native plane the field
+
+    U(x) = int P(f) exp(2 pi i f (x - M x0)) df,   M abs(f) <= NA/lam,
+    P(f) = cos^(1/2) exp(2 pi i z (sqrt((n/lam)^2 - (M f)^2) - n/lam)),   sin = lam M abs(f)/n
+
+(Gu 2000, "Advanced Optical Imaging Theory", section 6.2: the Debye integral of a lens that obeys
+the sine condition, written over spatial frequencies). z > 0 lies farther from the objective.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clplen.cameras.scene import PointSources
+from clplen.compute.device import Device
+from clplen.wave.field import Field, Grid
+from clplen.wave.phase import phasor
+
+Vector = np.ndarray[Any, Any]
+
+
+@dataclass(frozen=True)
+class CoverGlass:
+    """A cover glass that is not the one that the objective is made for.
+
+    With s = n sin(theta) its path differs by
+
+        W = t sqrt(g^2 - s^2) - t0 sqrt(g0^2 - s^2) - n (t/g - t0/g0) sqrt(n^2 - s^2)
+
+    (Gibson and Lanni 1991, eq. 3), where the last term is the refocusing that keeps the paraxial
+    focus where it is. To lowest order it is t (g^2 - 1) s^4/(8 g^3) for a surplus t in air.
+
+    Parameters
+    ----------
+    thickness, index : float
+        t in metres and g of the glass that is there; 0 thick: none.
+    designed_thickness, designed_index : float
+        t0 in metres and g0 of the one that the objective corrects.
+
+    Raises
+    ------
+    ValueError
+        For a negative or infinite thickness, or an index below 1.
+    """
+
+    thickness: float
+    index: float = 1.5255
+    designed_thickness: float = 170e-6
+    designed_index: float = 1.5255
+
+    def __post_init__(self) -> None:
+        lengths = (self.thickness, self.designed_thickness)
+        indices = (self.index, self.designed_index)
+        if not all(0 <= t < math.inf for t in lengths) or not all(1 <= g < 5 for g in indices):
+            raise ValueError(
+                f"A cover glass is 0 or more metres thick and has an index from 1 to 5, not "
+                f"{lengths} and {indices}."
+            )
+
+    def path(self, s: Vector, n: float) -> Vector:
+        """W in metres, 0 on the axis.
+
+        Parameters
+        ----------
+        s : numpy.ndarray
+            n sin(theta), below all indices.
+        n : float
+            Of the medium that refocuses.
+
+        Returns
+        -------
+        numpy.ndarray
+        """
+        moved = self.thickness / self.index - self.designed_thickness / self.designed_index
+        layers = (
+            (self.thickness, self.index),
+            (-self.designed_thickness, self.designed_index),
+            (-n * moved, n),
+        )
+        # sqrt(g^2 - s^2) - g without cancellation
+        return sum((-t * s**2 / (np.sqrt(g**2 - s**2) + g) for t, g in layers), np.zeros_like(s))
+
+
+@dataclass(frozen=True)
+class Objective:
+    """An objective with its tube lens.
+
+    Attributes
+    ----------
+    magnification : float
+        M > 0; the image is not inverted.
+    na : float
+        Numerical aperture, below the index.
+    medium_index : float
+        n.
+    wavelength : float
+        In vacuum, in metres.
+    cover : CoverGlass or None
+        None: the one that it is made for.
+    """
+
+    magnification: float
+    na: float
+    medium_index: float
+    wavelength: float
+    cover: CoverGlass | None = None
+
+    @property
+    def cutoff(self) -> float:
+        """NA/(M lam), the highest frequency on the image side in cycles a metre."""
+        return self.na / (self.magnification * self.wavelength)
+
+    def blur(self, z: Any) -> Any:
+        """M abs(z) tan(theta), how far the outermost rays lie from X on the array, in metres."""
+        tangent = self.na / np.sqrt(self.medium_index**2 - self.na**2)
+        return self.magnification * np.abs(z) * tangent
+
+    def pupil(self, grid: Grid, z: float, *, diameter: float = 0.0) -> Vector:
+        """P on the frequencies of a grid, such that the field's energy sum abs(U)^2 is 1.
+
+        The rim is hard: softened over a frequency sample the field departs more from the Debye
+        integral. A uniform coherent disc multiplies P by 2 J1(v)/v, v = pi M f diameter (Goodman
+        2005, eq. 2-35).
+
+        Parameters
+        ----------
+        grid : Grid
+            Of the image side.
+        z : float
+            In metres, farther positive.
+        diameter : float
+            Of the source in metres.
+
+        Returns
+        -------
+        numpy.ndarray
+            complex128, shape of the grid, frequencies in FFT order.
+        """
+        fy, fx = grid.fy, grid.fx
+        rows, columns = np.abs(fy) <= self.cutoff, np.abs(fx) <= self.cutoff
+        f = np.hypot(fy[rows, None], fx[None, columns])
+        longest = self.medium_index / self.wavelength
+        sine2 = np.minimum((self.magnification * f / longest) ** 2, 1)
+        cosine = np.sqrt(1 - sine2)
+        turns = -z * longest * sine2 / (1 + cosine)
+        if self.cover is not None:
+            s = self.medium_index * np.sqrt(sine2) * (f <= self.cutoff)
+            turns += self.cover.path(s, self.medium_index) / self.wavelength
+        values = (f <= self.cutoff) * np.sqrt(cosine) * phasor(turns)
+        values *= _disc(np.pi * self.magnification * f * diameter)
+        values *= np.sqrt(math.prod(grid.shape) / (np.abs(values) ** 2).sum())
+        out = np.zeros(grid.shape, complex)
+        out[np.ix_(rows, columns)] = values
+        return out
+
+    def fields(self, sources: PointSources, grid: Grid, device: Device) -> Field:
+        """Fields of points on the native plane, each of energy sum abs(U)^2 = 1 in the window.
+
+        Parameters
+        ----------
+        sources : PointSources
+        grid : Grid
+            On the magnified native plane; the window is periodic and holds the blur.
+        device : Device
+
+        Returns
+        -------
+        Field
+            Shape (n, ny, nx).
+        """
+        planes, plane = np.unique(sources.positions[:, 2], return_inverse=True)
+        pupils = np.stack([self.pupil(grid, z, diameter=sources.diameter) for z in planes])
+        ty, tx = (
+            phasor(f * (axis[0] - self.magnification * sources.positions[:, k : k + 1]))
+            for f, axis, k in ((grid.fy, grid.y, 1), (grid.fx, grid.x, 0))
+        )
+        out = device.empty((len(sources), *grid.shape), device.complex)
+        device.launch_rows(
+            device.kernel("objective.cl", "point_spectra", **device.wave_defines()),
+            out.shape,
+            out,
+            device.upload(pupils.astype(device.complex)),
+            device.upload(plane.ravel().astype(np.int32)),
+            device.upload(ty.astype(device.complex)),
+            device.upload(tx.astype(device.complex)),
+            *(np.int32(n) for n in grid.shape),
+        )
+        device.fft.inverse(out, device)
+        return Field(out, grid, self.wavelength, device)
+
+
+def _disc(v: Vector) -> Vector:
+    """2 J1(v)/v."""
+    if not v.any():
+        return np.ones_like(v)
+    from scipy import special  # here, because it takes a third of the package's import time
+
+    safe = np.where(v > 0, v, 1.0)
+    return np.where(v > 0, 2 * special.j1(safe) / safe, 1.0)

@@ -1,0 +1,1 @@
+"""Volumes from light-field microscopes: point images, projection."""

@@ -1,0 +1,208 @@
+"""Volumes from frames of a light-field microscope, by Richardson and Lucy's iteration.
+
+    V <- V H'(w I/(w H V + b)) / H'w
+
+raises the likelihood of Poisson counts I with the mean w H V + b in every step (Richardson 1972;
+Lucy 1974; Broxton et al. 2013, section 3.3): b a background, w the sensitivity of the pixels.
+
+The native plane is degenerate: within d^2/(2 M^2 lam) of it every lenslet sees its voxels as one,
+and what they hold comes out blurred to d/M and spread over neighbouring planes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.errors import ShapeError
+from clplen.microscopy.projector import Projector
+from clplen.wave.average import Progress
+
+Vector = np.ndarray[Any, Any]
+
+LEAST = 1e-6  # of the largest H'w: voxels that are seen less than that stay 0
+FEWEST = 5  # lenslets of a frame along an axis
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DeconvolutionResult:
+    """What `deconvolve` found.
+
+    Attributes
+    ----------
+    volume : numpy.ndarray
+        float32, shape (..., planes, rows v, columns v): energy of each voxel.
+    residuals : numpy.ndarray
+        float64, shape (..., iterations): sum (I - w H V - b)^2 / sum I^2 before each iteration.
+    iterations : int
+        How many were made.
+    degenerate : tuple of float
+        z of the planes in which the volume cannot be resolved beyond d/M.
+    """
+
+    volume: Vector
+    residuals: Vector
+    iterations: int
+    degenerate: tuple[float, ...]
+
+    def __repr__(self) -> str:
+        last = np.array2string(np.asarray(self.residuals[..., -1]), precision=3)
+        text = f"<DeconvolutionResult {self.volume.shape}, {self.iterations} iterations, residual "
+        text += f"{last}"
+        if self.degenerate:
+            planes = ", ".join(f"{round(z * 1e6, 4) + 0.0:g}" for z in self.degenerate)
+            text += f"; degenerate near the native plane: z = {planes} um"
+        return text + ">"
+
+
+def deconvolve(
+    frame: Any,
+    projector: Projector,
+    *,
+    iterations: int = 20,
+    background: float = 0.0,
+    white: Any = None,
+    start: Any = None,
+    residual: float | None = None,
+    progress: Progress | None = None,
+) -> DeconvolutionResult:
+    """The volume that explains frames best, by Richardson and Lucy's iteration.
+
+    Parameters
+    ----------
+    frame : array_like
+        Counts, not negative and finite, shape (..., rows n, columns n); leading axes are frames
+        of a series, which are found together.
+    projector : Projector
+    iterations : int
+        At most; each takes one projection and one back-projection.
+    background : float
+        b, counts of every pixel that come from nowhere in the volume.
+    white : array_like, optional
+        w, sensitivity of the pixels (a white frame over its mean), not negative, shape (rows n,
+        columns n); pixels of 0 are left out, as saturated ones should be.
+    start : array_like, optional
+        Volume to begin with, such as that of the frame before; default an even one.
+    residual : float, optional
+        Stop when the residual of every frame is below it.
+    progress : callable, optional
+        Called as ``progress(done, total)`` after each iteration.
+
+    Returns
+    -------
+    DeconvolutionResult
+
+    Raises
+    ------
+    ShapeError
+        If shapes do not fit, or the frame has fewer than five lenslets along an axis.
+    ValueError
+        If counts or sensitivities are negative or not finite, or a number is out of range.
+    """
+    if min(projector.shape) < FEWEST:
+        raise ShapeError(
+            f"The frame has {projector.shape[0]} x {projector.shape[1]} lenslets; at least "
+            f"{FEWEST} x {FEWEST} are needed to tell planes apart."
+        )
+    if iterations != int(iterations) or iterations < 1 or not background >= 0:
+        raise ValueError(
+            f"iterations is a whole number from 1 on and background is not negative, not "
+            f"{iterations!r} and {background!r}."
+        )
+    lead = np.shape(frame)[:-2]
+    counts = _positive(frame, projector.frame_shape, "A frame").reshape(-1, *projector.frame_shape)
+    weight = np.ones(projector.frame_shape) if white is None else white
+    weight = _positive(weight, projector.frame_shape, "A white frame")
+    found = _Iteration(projector, counts, weight, float(background), start)
+    history = []
+    for done in range(int(iterations)):
+        history.append(found.step())
+        if progress is not None:
+            progress(done + 1, int(iterations))
+        if residual is not None and (history[-1] < residual).all():
+            break
+    volume = projector.device.download(found.volumes).reshape(*lead, *projector.volume_shape)
+    residuals = np.stack(history, axis=-1).reshape(*lead, len(history))
+    return DeconvolutionResult(volume, residuals, len(history), degenerate_planes(projector))
+
+
+def degenerate_planes(projector: Projector) -> tuple[float, ...]:
+    """z of planes so near the native one that a lenslet sees its voxels alike.
+
+    A point's light there does not leave its lenslet and the next ones: M abs(z) tan(theta) below
+    half a pitch.
+    """
+    about = projector.images.parameters
+    tangent = about["na"] / np.sqrt(about["medium_index"] ** 2 - about["na"] ** 2)
+    reach = about["lenslet_pitch"] / (2 * about["magnification"] * tangent)
+    return tuple(float(z) for z in projector.images.planes if abs(z) < reach)
+
+
+class _Iteration:
+    """The volumes with everything that a step needs, on the device."""
+
+    def __init__(
+        self, projector: Projector, counts: Vector, white: Vector, background: float, start: Any
+    ) -> None:
+        self.projector, self.background = projector, background
+        device = self.device = projector.device
+        self.norms = (counts.astype(np.float64) ** 2).sum(axis=(1, 2))
+        if not self.norms.all():
+            raise ValueError("A frame is black: there is nothing to find.")
+        self.counts, self.white = device.upload(counts), device.upload(white)
+        self.seen = projector.back_project(device.upload(white[None]))
+        self.least = LEAST * float(device.download(self.seen).max())
+        shape = (len(counts), *projector.volume_shape)
+        if start is None:
+            light = np.maximum(counts.sum(axis=(1, 2), dtype=np.float64), 1e-30)
+            even = light / np.prod(projector.volume_shape) / max(float(white.mean()), 1e-30)
+            begin = np.broadcast_to(even[:, None, None, None], shape).astype(np.float32)
+        else:
+            begin = _positive(start, projector.volume_shape, "A start").reshape(-1, *shape[1:])
+            begin = np.broadcast_to(begin, shape)
+        self.volumes = device.upload(np.ascontiguousarray(begin, np.float32))
+
+    def step(self) -> Vector:
+        """One iteration; the residual of each frame before it."""
+        expected = self.projector.project(self.volumes)
+        _, ny, nx = expected.shape
+        self._launch("expected", expected, self.white, np.float32(self.background), ny, nx)
+        on_host = self.device.on_host
+        with on_host(expected, write=False) as means, on_host(self.counts, write=False) as counts:
+            residual = [
+                float(np.square(a - b).sum(dtype=np.float64))
+                for a, b in zip(means, counts, strict=True)
+            ]
+        ratio = self.device.empty(expected.shape, np.float32)
+        self._launch("ratio", ratio, self.counts, expected, self.white, ny, nx)
+        back = self.projector.back_project(ratio)
+        _, planes, rows, columns = back.shape
+        self._launch(
+            "update", self.volumes, back, self.seen, np.float32(self.least), planes * rows, columns
+        )
+        return np.asarray(residual) / self.norms
+
+    def _launch(self, name: str, out: cla.Array, *rest: Any) -> None:
+        *args, ny, nx = rest
+        kernel = self.device.kernel("richardson_lucy.cl", name)
+        sizes = (np.int32(ny), np.int32(nx))
+        self.device.launch_rows(kernel, (int(out.shape[0]), ny, nx), out, *args, *sizes)
+
+
+def _positive(values: Any, shape: tuple[int, ...], what: str) -> Vector:
+    """Values as float32 after a look at their shape and signs."""
+    found = np.asarray(values, np.float32)
+    if found.shape[-len(shape) :] != shape:
+        raise ShapeError(
+            f"{what} has shape (..., {', '.join(map(str, shape))}), not {found.shape}."
+        )
+    bad = int(np.count_nonzero(~(found >= 0) | ~np.isfinite(found)))
+    if bad:
+        raise ValueError(
+            f"{what} has {bad} negative or not finite samples: subtract less of the dark frame, "
+            "or give such pixels a white level of 0 and any count."
+        )
+    return np.ascontiguousarray(found)

@@ -1,0 +1,360 @@
+"""Volumes to frames of a light-field microscope and back, as exact adjoints.
+
+The point images of v x v voxels and n x n pixels a lenslet are n^2 v^2 small convolutions on the
+lattice of lenslets: at each of its frequencies a matrix of n^2 by v^2 for each plane. Transforms
+are those of the lattice, not of the frame; in the basis of lattice_spectra.cl the matrices are real
+and those of y and -y are the same, so that a quarter of the numbers is kept and every one that is
+read serves four columns.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute.device import Device, require_device
+from clplen.compute.hostmemory import free_memory
+from clplen.compute.lines import smooth_length
+from clplen.errors import ShapeError
+from clplen.microscopy.images import PointImages
+
+if TYPE_CHECKING:
+    from scipy.sparse.linalg import LinearOperator
+
+Vector = np.ndarray[Any, Any]
+
+WIDTH = 16  # frequencies of a block: see lattice_spectra.cl
+HEIGHT = 5  # rows of a matrix in registers
+GROUP_BYTES = 2**28  # of matrices of some planes together
+SHARE = 2  # matrices are kept where they take less than this part of the memory
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Some neighbouring planes whose matrices lie in one array."""
+
+    first: int
+    count: int
+
+
+FRAME = _Group(0, 1)
+
+
+class Projector:
+    """Forward and backward projection with the point images of a microscope.
+
+    A volume has shape (..., planes, rows v, columns v): voxel (z, i v + sy, k v + sx) is voxel
+    (sy, sx) of lenslet (i, k) in the plane ``images.planes[z]``; its frame has shape (..., rows n,
+    columns n). Nothing lies outside the volume. Leading axes are frames, projected together.
+
+    Parameters
+    ----------
+    images : PointImages
+    shape : tuple of int
+        (rows, columns) of lenslets.
+    device : Device
+    memory : int, optional
+        Bytes for matrices; where they need more they are made anew for some planes at a time,
+        which is slower. Default: half of the device's memory, of a CPU half of what is free.
+
+    Attributes
+    ----------
+    images, shape, device
+        As given.
+    volume_shape : tuple of int
+        (planes, rows v, columns v).
+    frame_shape : tuple of int
+        (rows n, columns n).
+    resident : bool
+        Whether the matrices of all planes are kept.
+
+    Raises
+    ------
+    ShapeError
+        If the shape is not two positive integers.
+    DeviceError
+        If the matrices of a single plane do not fit the device.
+    """
+
+    def __init__(
+        self,
+        images: PointImages,
+        shape: tuple[int, int],
+        *,
+        device: Device,
+        memory: int | None = None,
+    ) -> None:
+        require_device(device)
+        if np.shape(shape) != (2,) or any(int(n) != n or n < 1 for n in shape):
+            raise ShapeError(f"shape is (rows, columns) of lenslets, not {shape!r}.")
+        self.images = images
+        self.shape = (int(shape[0]), int(shape[1]))
+        self.device = device
+        v, n = images.voxels, images.pixels
+        self.volume_shape = (len(images.planes), self.shape[0] * v, self.shape[1] * v)
+        self.frame_shape = (self.shape[0] * n, self.shape[1] * n)
+        farthest = max(images.radii)
+        self._window = tuple(smooth_length(max(k + farthest, 2 * farthest + 1)) for k in self.shape)
+        self._blocks = -(-(self._window[0] // 2 + 1) * (self._window[1] // 2 + 1) // WIDTH)
+        plane = 4 * self._blocks * WIDTH * (v * n) ** 2
+        device.require_memory(2 * plane, "The projection of one plane")
+        allowed = _room(device) if memory is None else memory
+        self.resident = plane * self.volume_shape[0] <= allowed
+        together = max(1, min(GROUP_BYTES, allowed) // plane)
+        planes = self.volume_shape[0]
+        self._groups = [
+            _Group(first, min(together, planes - first)) for first in range(0, planes, together)
+        ]
+        self._kept: dict[_Group, cla.Array] = {}
+
+    def __repr__(self) -> str:
+        return f"<Projector of {self.volume_shape} to {self.frame_shape}, {self.device.name}>"
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the matrices of all planes."""
+        v, n = self.images.voxels, self.images.pixels
+        return 4 * self._blocks * WIDTH * (v * n) ** 2 * self.volume_shape[0]
+
+    def forward(self, volume: Any, *, clamp: bool = True) -> Vector:
+        """The frames of volumes.
+
+        Parameters
+        ----------
+        volume : array_like
+            Energy of every voxel, shape (..., planes, rows v, columns v).
+        clamp : bool
+            Whether pixels that rounding leaves below 0 are 0, as Poisson statistics need it.
+            A volume with negative voxels needs False.
+
+        Returns
+        -------
+        numpy.ndarray
+            float32, shape (..., rows n, columns n).
+
+        Raises
+        ------
+        ShapeError
+            If the volume has another shape.
+        """
+        values = self._taken(volume, self.volume_shape, "A volume")
+        frames = self.project(self.device.upload(values), clamp=clamp)
+        lead = np.shape(volume)[:-3]
+        return self.device.download(frames).reshape(*lead, *self.frame_shape)
+
+    def backward(self, frame: Any) -> Vector:
+        """The adjoint: what every voxel sees of frames through its image.
+
+        Parameters
+        ----------
+        frame : array_like
+            Shape (..., rows n, columns n).
+
+        Returns
+        -------
+        numpy.ndarray
+            float32, shape (..., planes, rows v, columns v).
+
+        Raises
+        ------
+        ShapeError
+            If the frame has another shape.
+        """
+        values = self._taken(frame, self.frame_shape, "A frame")
+        volumes = self.back_project(self.device.upload(values))
+        lead = np.shape(frame)[:-2]
+        return self.device.download(volumes).reshape(*lead, *self.volume_shape)
+
+    def as_linear_operator(self) -> LinearOperator:
+        """H for solvers of SciPy: vectors are raveled volumes and frames, float32, no clamping."""
+        from scipy.sparse.linalg import LinearOperator
+
+        def forward(x: Vector) -> Vector:
+            return self.forward(np.reshape(x, self.volume_shape), clamp=False).ravel()
+
+        def backward(y: Vector) -> Vector:
+            return self.backward(np.reshape(y, self.frame_shape)).ravel()
+
+        sizes = (math.prod(self.frame_shape), math.prod(self.volume_shape))
+        return LinearOperator(sizes, matvec=forward, rmatvec=backward, dtype=np.float32)
+
+    def project(self, volumes: cla.Array, *, clamp: bool = True) -> cla.Array:
+        """`forward` on the device.
+
+        Parameters
+        ----------
+        volumes : pyopencl.array.Array
+            float32, shape (frames, planes, rows v, columns v).
+        clamp : bool
+
+        Returns
+        -------
+        pyopencl.array.Array
+            float32, shape (frames, rows n, columns n).
+        """
+        v, n, frames = self.images.voxels, self.images.pixels, int(volumes.shape[0])
+        device = self.device
+        total = self._rows(frames, n * n)
+        for number, (group, matrix) in enumerate(self._matrices()):
+            spectra = self._packed(volumes, v, group)
+            columns = group.count * v * v
+            kernel = device.kernel(
+                "projector.cl", "forward", **self._form, **({"ADD": True} if number else {})
+            )
+            size = self._size(-(-n * n // HEIGHT))
+            sizes = (n * n, columns, self._blocks, frames)
+            device.launch(
+                kernel, size, total, matrix, spectra, *(np.int32(k) for k in sizes),
+                operations=8.0 * frames * matrix.size,
+            )  # fmt: skip
+        out = device.empty((frames, *self.frame_shape), np.float32)
+        self._unpacked(out, total, n, FRAME, 1, 0.0 if clamp else -math.inf)
+        return out
+
+    def back_project(self, frames: cla.Array) -> cla.Array:
+        """`backward` on the device.
+
+        Parameters
+        ----------
+        frames : pyopencl.array.Array
+            float32, shape (frames, rows n, columns n).
+
+        Returns
+        -------
+        pyopencl.array.Array
+            float32, shape (frames, planes, rows v, columns v).
+        """
+        v, n, count = self.images.voxels, self.images.pixels, int(frames.shape[0])
+        device = self.device
+        spectra = self._packed(frames, n, FRAME)
+        out = device.empty((count, *self.volume_shape), np.float32)
+        for group, matrix in self._matrices():
+            columns = group.count * v * v
+            found = self._rows(count, columns)
+            kernel = device.kernel("projector.cl", "backward", **self._form)
+            sizes = (n * n, columns, v * v, self._blocks, count)
+            device.launch(
+                kernel, self._size(group.count), found, matrix, spectra,
+                *(np.int32(k) for k in sizes), operations=8.0 * count * matrix.size,
+            )  # fmt: skip
+            self._unpacked(out, found, v, group, self.volume_shape[0], -math.inf)
+        return out
+
+    @property
+    def _form(self) -> dict[str, Any]:
+        """Definitions of the kernels of projector.cl."""
+        return {"LANES": WIDTH if self.device.rows else 1, "HEIGHT": HEIGHT}
+
+    def _size(self, stretches: int) -> tuple[int, int]:
+        """Work-items of the kernels of projector.cl."""
+        if self.device.rows:
+            return (stretches, self._blocks)
+        return (self._blocks * WIDTH, stretches)
+
+    def _rows(self, frames: int, rows: int) -> cla.Array:
+        """Room for packed spectra."""
+        return self.device.empty((frames, self._blocks, rows, 4, WIDTH), np.float32)
+
+    def _packed(self, pictures: cla.Array, w: int, group: _Group) -> cla.Array:
+        """Spectra of pictures with w x w samples a lenslet, as lattice_spectra.cl packs them."""
+        frames, planes = int(pictures.shape[0]), group.count
+        total = pictures.shape[1] if pictures.ndim == 4 else 1
+        stack = (planes, group.first, int(total))
+        fields = self._fields(pictures, w, frames * planes, stack, self.shape, 0)
+        out = self._rows(frames, planes * w * w)
+        pairs, frequencies = (w * w + 1) // 2, self._blocks * WIDTH
+        device = self.device
+        size = (1 if device.rows else frequencies, pairs, frames * planes)
+        kernel = device.kernel("lattice_spectra.cl", "pack")
+        sizes = (w, planes, *self._window)
+        device.launch(kernel, size, out, fields, *(np.int32(k) for k in sizes))
+        return out
+
+    def _fields(
+        self,
+        pictures: cla.Array,
+        w: int,
+        count: int,
+        stack: tuple[int, int, int],
+        shape: tuple[int, ...],
+        first: int,
+    ) -> cla.Array:
+        """Spectra of the pairs of samples; ``first`` > 0: of pictures about that lenslet."""
+        device, pairs = self.device, (w * w + 1) // 2
+        fields = device.empty((count * pairs, *self._window), np.complex64)
+        kernel = device.kernel("lattice.cl", "decimate", **({"CENTRED": True} if first else {}))
+        sizes = (w, first, *stack, *shape, *self._window)
+        device.launch_rows(kernel, fields.shape, fields, pictures, *(np.int32(k) for k in sizes))
+        device.fft.forward(fields, device)
+        return fields
+
+    def _unpacked(
+        self, out: cla.Array, spectra: cla.Array, w: int, group: _Group, total: int, least: float
+    ) -> None:
+        """Pictures from packed spectra into some planes of stacks of ``total``."""
+        device, pairs, frames = self.device, (w * w + 1) // 2, int(spectra.shape[0])
+        planes = group.count
+        fields = device.empty((frames * planes * pairs, *self._window), np.complex64)
+        sizes = (w, planes, *self._window)
+        device.launch_rows(
+            device.kernel("lattice_spectra.cl", "unpack"),
+            fields.shape, fields, spectra, *(np.int32(k) for k in sizes),
+        )  # fmt: skip
+        device.fft.inverse(fields, device)
+        rows, columns = self.shape
+        sizes = (planes, group.first, total, rows, columns, *self._window)
+        device.launch_rows(
+            device.kernel("lattice.cl", "interleave"),
+            (frames * planes, rows * w, columns * w),
+            out, fields, np.int32(w), np.float32(least), *(np.int32(k) for k in sizes),
+        )  # fmt: skip
+
+    def _matrices(self) -> Iterator[tuple[_Group, cla.Array]]:
+        """The matrices of all planes, group by group; kept where there is room."""
+        for group in self._groups:
+            matrix = self._kept.get(group)
+            if matrix is None:
+                matrix = self._assembled(group)
+                if self.resident:
+                    self._kept[group] = matrix
+            yield group, matrix
+
+    def _assembled(self, group: _Group) -> cla.Array:
+        """The matrices of some planes from their point images."""
+        v, n, device = self.images.voxels, self.images.pixels, self.device
+        columns, pairs = group.count * v * v, (n * n + 1) // 2
+        matrix = device.empty((self._blocks, n * n, columns, WIDTH), np.float32)
+        kernel = device.kernel("lattice_spectra.cl", "assemble")
+        phases = [divmod(t, v) for t in range((v * v + 1) // 2)]
+        for place in range(group.count):
+            plane = group.first + place
+            r = self.images.radii[plane]
+            pictures = np.stack([self.images.image(plane, phase) for phase in phases])
+            across = (2 * r + 1, 2 * r + 1)
+            stack = (len(phases), 0, len(phases))
+            fields = self._fields(device.upload(pictures), n, len(phases), stack, across, r)
+            sizes = (n, v, place * v * v, columns, *self._window)
+            size = (1 if device.rows else self._blocks * WIDTH, pairs, len(phases))
+            device.launch(kernel, size, matrix, fields, *(np.int32(k) for k in sizes))
+        return matrix
+
+    def _taken(self, values: Any, shape: Sequence[int], what: str) -> Vector:
+        """Values as float32 with one leading axis, after a look at their shape."""
+        given = np.shape(values)
+        if given[-len(shape) :] != tuple(shape):
+            raise ShapeError(
+                f"{what} for this projector has shape (..., {', '.join(map(str, shape))}), "
+                f"not {given}."
+            )
+        return np.ascontiguousarray(values, np.float32).reshape(-1, *shape)
+
+
+def _room(device: Device) -> int:
+    """Bytes that matrices may take."""
+    there = min(device.memory_bytes, free_memory()) if device.is_cpu else device.memory_bytes
+    return int(there) // SHARE

@@ -1,0 +1,122 @@
+"""Point images in HDF5: every plane a dataset of chunks, with all parameters and a digest."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from clplen.errors import FormatError
+from clplen.files import PathLike, replacing
+from clplen.microscopy.images import PointImages
+
+FORMAT = "clplen point images 1"
+
+
+def write(path: PathLike, images: PointImages) -> None:
+    """Write point images; the file appears whole or not at all.
+
+    Parameters
+    ----------
+    path : path-like
+    images : PointImages
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["parameters"] = json.dumps(images.parameters)
+        file.attrs["digest"] = digest(images)
+        file["scales"] = images.scales
+        for number, values in enumerate(images.stored):
+            file.create_dataset(
+                f"planes/{number:04d}",
+                data=values,
+                chunks=(1, *values.shape[1:]),
+                compression="gzip",
+                compression_opts=1,
+                shuffle=True,
+            )
+
+
+def read(path: PathLike) -> PointImages:
+    """Read point images.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    PointImages
+
+    Raises
+    ------
+    FormatError
+        If the file holds no point images, or was changed since it was written.
+    FileNotFoundError
+        If there is none.
+    """
+    place = Path(path)
+    if not place.is_file():
+        raise FileNotFoundError(f"There is no file {place}.")
+    try:
+        with h5py.File(place, "r") as file:
+            if file.attrs.get("format") != FORMAT:
+                raise FormatError(f"{place} holds no point images ({FORMAT!r}).")
+            parameters = json.loads(file.attrs["parameters"])
+            stored = tuple(file["planes"][name][()] for name in sorted(file["planes"]))
+            scales, expected = file["scales"][()], file.attrs["digest"]
+    except (OSError, KeyError, ValueError) as error:
+        raise FormatError(f"{place} is no whole file of point images: {error}") from error
+    parameters["planes"] = tuple(parameters["planes"])
+    images = PointImages(
+        parameters,
+        np.array(parameters["planes"]),
+        int(parameters["voxels_per_lenslet"]),
+        int(parameters["pixels_per_lenslet"]),
+        stored,
+        scales,
+    )
+    if digest(images) != expected:
+        raise FormatError(f"The point images in {place} are not those that were written: damaged.")
+    return images
+
+
+def read_if_there(path: PathLike, parameters: dict[str, Any]) -> PointImages | None:
+    """Point images of a file, None if there is no file.
+
+    Raises
+    ------
+    ValueError
+        If they have other parameters, naming the first that differs.
+    FormatError
+        As `read`.
+    """
+    if not Path(path).is_file():
+        return None
+    found = read(path)
+    for name, wanted in parameters.items():
+        there = found.parameters.get(name)
+        if there != wanted:
+            raise ValueError(
+                f"The point images in {path} were made with {name} = {there!r}, not "
+                f"{wanted!r}: give another path, or remove the file to have them made anew."
+            )
+    return found
+
+
+def digest(images: PointImages) -> str:
+    """SHA-256 of the parameters and all numbers."""
+    total = hashlib.sha256(json.dumps(images.parameters, sort_keys=True).encode())
+    for values in (images.scales, *images.stored):
+        total.update(str(values.shape).encode())
+        total.update(np.ascontiguousarray(values).tobytes())
+    return total.hexdigest()

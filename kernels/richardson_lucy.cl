@@ -1,0 +1,43 @@
+/* Steps of Richardson and Lucy's iteration V <- V H'(w I/(w H V + b)) / H'w.
+ *
+ *   expected   E = w E + b
+ *   ratio      out = w I/E, 0 where E or w is 0
+ *   update     V = V B/N, 0 where N <= least
+ *
+ * for arrays of (frames, size); w, N: (size), the same for all frames.
+ * Mapping: FOR_X of common.cl over (frames, ny, nx) with ny nx = size. -DROWS: see common.cl.
+ */
+#include "common.cl"
+
+__kernel void expected(__global float *restrict E, __global const float *restrict w, const float b,
+                       const int ny, const int nx)
+{
+    const int y = get_global_id(1);
+    const size_t row = row_start(get_global_id(2), y, ny, nx), same = row_start(0, y, ny, nx);
+    FOR_X(x, nx)
+        E[row + x] = w[same + x] * E[row + x] + b;
+}
+
+__kernel void ratio(__global float *restrict out, __global const float *restrict I,
+                    __global const float *restrict E, __global const float *restrict w,
+                    const int ny, const int nx)
+{
+    const int y = get_global_id(1);
+    const size_t row = row_start(get_global_id(2), y, ny, nx), same = row_start(0, y, ny, nx);
+    FOR_X(x, nx) {
+        const float e = E[row + x];
+        out[row + x] = e > 0 && w[same + x] > 0 ? w[same + x] * (I[row + x] / e) : 0;
+    }
+}
+
+__kernel void update(__global float *restrict V, __global const float *restrict B,
+                     __global const float *restrict N, const float least, const int ny,
+                     const int nx)
+{
+    const int y = get_global_id(1);
+    const size_t row = row_start(get_global_id(2), y, ny, nx), same = row_start(0, y, ny, nx);
+    FOR_X(x, nx) {
+        const float n = N[same + x];
+        V[row + x] = n > least ? V[row + x] * fmax(B[row + x], 0) / n : 0;
+    }
+}

@@ -1,0 +1,243 @@
+"""The light-field microscope against its float64 twin, the Debye integral, and its geometry."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from reference_microscope import Setup, axis, debye, native, sensor
+from tolerance import relative_max
+
+from clplen import (
+    Coherence,
+    LightField,
+    MicrolensArray,
+    PlenopticCamera,
+    PointSources,
+    RandomPhaseMask,
+    SamplingError,
+    Spectrum,
+)
+from clplen.cameras.objective import CoverGlass, Objective
+from clplen.errors import SamplingWarning
+from clplen.io import read_lightfield, write_lightfield
+from clplen.lightfield.depth import depth_map
+from clplen.lightfield.estimate import estimate_alpha
+from clplen.lightfield.refocus import focal_stack
+from clplen.wave.field import Grid
+
+S = Setup()
+
+
+def microscope(device, *, count=15, n=25, fill="full", **other):
+    values = {"magnification": 20, "na": 0.5, "wavelength": 525e-9, "pixels_per_lenslet": n}
+    mla = MicrolensArray(125e-6, 2.5e-3, count=count, fill=fill)
+    return PlenopticCamera.microscope(mla=mla, device=device, **(values | other))
+
+
+def cells(picture, n=25):
+    ny, nx = (k // n for k in picture.shape)
+    return picture.astype(float).reshape(ny, n, nx, n).sum(axis=(1, 3))
+
+
+@pytest.mark.parametrize(("z", "limit"), [(0, 1e-3), (10e-6, 8e-3), (-25e-6, 0.0235)])
+def test_native_field_is_the_debye_integral(precise, z, limit):
+    # what is left is the sampling of the pupil by a window of 375^2: 9e-4, 7.6e-3, .0225
+    grid = Grid((375, 375), 5e-6)
+    objective = Objective(20, 0.5, 1, 525e-9)
+    field = objective.fields(PointSources([(0, 0, z)]), grid, precise).to_numpy()[0, 187]
+    expected = debye(S, np.abs(grid.x), z, nodes=400)
+    inner = np.abs(grid.x) < 900e-6  # at its ends the window's neighbours count
+    field, expected = (u[inner] / u[187] for u in (field, expected))
+    assert np.abs(field - expected).max() / np.abs(expected).max() < limit
+
+
+def test_apodisation_and_index_shape_the_field(precise):
+    # the twin sums frequencies one by one; a rectangle, off the axis, in water
+    setup = Setup(M=60, na=1.1, p=100e-6, n=15, lam=593e-9, index=1.33)
+    point = (0.61e-6, -0.83e-6, 2.3e-6)
+    x = axis(setup, 9)
+    grid = Grid((135, 135), setup.dx)
+    found = Objective(60, 1.1, 1.33, 593e-9).fields(PointSources([point]), grid, precise)
+    assert np.allclose(grid.x, x)
+    assert relative_max(native(setup, point, 9), found.to_numpy()[0]) < 1e-10
+
+
+@pytest.mark.parametrize(("count", "n", "z"), [(9, 25, 8e-6), (8, 26, -6e-6)])
+def test_sensor_is_that_of_the_twin(device, count, n, z):
+    point = (2.3e-6, -4.1e-6, z)
+    found = microscope(device, count=count, n=n).expose(PointSources([point])).to_numpy()
+    # complex64 through three transforms, measured 9e-7 of the peak
+    assert relative_max(sensor(replace(S, n=n), point, count), found) < 3e-6
+
+
+@pytest.mark.parametrize(("z", "lit"), [(0, 1), (10e-6, 9), (-10e-6, 9), (-20e-6, 21), (20e-6, 25)])
+def test_energy_and_lenslets_of_a_point(device, z, lit):
+    picture = microscope(device).expose(PointSources([(0, 0, z)])).to_numpy()
+    assert picture.sum(dtype=float) == pytest.approx(1, abs=1e-6)
+    energy = cells(picture)
+    assert np.count_nonzero(energy > 0.01 * energy.max()) == lit
+
+
+def test_rms_radius_at_the_native_plane(device):
+    objective, grid = microscope(device).objective, Grid((375, 375), 5e-6)
+    for z, expected in ((0, 40e-6), (10e-6, 67e-6), (-20e-6, 115e-6)):
+        one = np.abs(objective.fields(PointSources([(0, 0, z)]), grid, device).to_numpy()[0]) ** 2
+        assert np.sqrt((one.sum(axis=0) * grid.x**2).sum()) == pytest.approx(expected, rel=0.02)
+
+
+def test_spots_lie_farther_apart_for_farther_points(device):
+    # theta = n X/(M^2 z) of the lenslets left and right of X
+    pitches = {}
+    for z in (-20e-6, 20e-6):
+        row = microscope(device).expose(PointSources([(0, 0, z)])).to_numpy()[175:200].sum(axis=0)
+        ends = (row[150:175], row[200:225])
+        left, right = (np.average(np.arange(25.0), weights=part**2) for part in ends)
+        pitches[z] = (right + 200 - left - 150) / 2
+    assert pitches[20e-6] > 25 + 1
+    assert pitches[-20e-6] < 25 - 1
+
+
+def test_image_is_not_inverted_and_energy_follows_power(device):
+    camera = microscope(device, count=(7, 9))
+    scene = PointSources([(12.5e-6, -6.25e-6, 0), (-18.75e-6, 0, 0)], power=(1, 3))
+    energy = cells(camera.expose(scene).to_numpy())
+    assert energy.sum() == pytest.approx(4, rel=2e-2)  # the Airy tails leave 7 lenslets
+    assert np.unravel_index(energy.argmax(), energy.shape) == (3, 1)
+    energy[:, :3] = 0
+    assert np.unravel_index(energy.argmax(), energy.shape) == (2, 6)
+
+
+@pytest.mark.parametrize("z", [-20e-6, 20e-6])
+def test_depth_by_disparity(device, z):
+    camera = microscope(device)
+    lf = LightField.from_raw(camera.expose(PointSources([(0, 0, z)])))
+    d = camera.disparity(z)
+    assert d == pytest.approx(-0.128 * z / 20e-6)
+    assert camera.z(d) == pytest.approx(z)
+    found = estimate_alpha(lf, window=15)
+    assert np.isnan(found.alpha)
+    assert found.disparity == pytest.approx(d, rel=0.12)
+    assert found.z == pytest.approx(z, rel=0.12)
+    stack = focal_stack(lf, disparities=d * np.linspace(0.5, 1.5, 21))
+    best = stack.to_numpy().max(axis=(1, 2)).argmax()
+    assert stack.disparities[best] == pytest.approx(d, rel=0.12)
+    assert np.isnan(stack.alphas).all()
+    depth = depth_map(stack)
+    assert depth.z[7, 7] == pytest.approx(camera.z(depth.disparity[7, 7]), rel=1e-5)
+    with pytest.raises(ValueError, match="has no alpha = F/F'"):
+        lf.disparity(0.9)
+
+
+def test_both_decodes_coincide(device):
+    raw = microscope(device, count=9).expose(PointSources([(3e-6, 1e-6, 5e-6)]))
+    same = (LightField.from_raw(raw, decode=word).to_numpy() for word in ("calibrated", "naive"))
+    assert np.array_equal(*same)
+    # on the pupil f_tube behind it, where rays of a view meet; the first view is the last there
+    du = -5e-6 * 0.2 / 2.5e-3
+    assert raw.spacing == pytest.approx((du, du, 125e-6, 125e-6))
+
+
+def test_light_fields_in_files_keep_their_microscope(device, tmp_path):
+    camera = microscope(device, count=7)
+    write_lightfield(
+        tmp_path / "lf.h5", LightField.from_raw(camera.expose(PointSources([(0, 0, 0)])))
+    )
+    again = read_lightfield(tmp_path / "lf.h5", device=device)
+    assert again.camera == camera
+    assert np.isnan(again.alpha(0.1))
+
+
+def test_fluorescence_with_a_spectrum(device):
+    camera, point = microscope(device, count=7), PointSources([(2e-6, 0, 3e-6)])
+    lines = Coherence(None, Spectrum.lines([520e-9, 530e-9], [1, 3]))
+    blue, red = (replace(camera, wavelength=w).expose(point).to_numpy() for w in (520e-9, 530e-9))
+    found = camera.expose(point, coherence=lines).to_numpy()
+    assert relative_max(0.25 * blue + 0.75 * red, found) < 1e-6
+    with pytest.raises(ValueError, match="incoherent already"):
+        camera.expose(point, coherence=Coherence(RandomPhaseMask(40e-6)))
+    with pytest.raises(ValueError, match="are for slides"):
+        camera.expose(point, snapshots=3)
+
+
+def test_cover_glass_aberrates_as_third_order_theory_says(device):
+    # W040 = t (g^2 - 1) s^4/(8 g^3) in air; the next order is s^2 (g^2 + 1)/(2 g^2) of it
+    objective = Objective(20, 0.2, 1, 525e-9, CoverGlass(250e-6, 1.5, 200e-6, 1.5))
+    grid = Grid((375, 375), 5e-6)
+    pupils = (one.pupil(grid, 3e-6)[0] for one in (objective, replace(objective, cover=None)))
+    aberrated, plain = pupils
+    s = 20 * 525e-9 * np.abs(grid.fx)
+    expected = 50e-6 * (1.5**2 - 1) * s**4 / (8 * 1.5**3) / 525e-9
+    inside = s < 0.19
+    phase = np.angle(aberrated[inside] / plain[inside]) / (2 * np.pi)
+    assert np.abs(phase).max() > 0.004
+    assert np.allclose(phase, expected[inside], atol=0.04 * expected[inside].max())
+    same = replace(objective, cover=CoverGlass(170e-6, 1.5255))
+    assert np.array_equal(same.pupil(grid, 0), replace(same, cover=None).pupil(grid, 0))
+
+
+def test_cover_glass_of_a_camera(device):
+    thick = microscope(device, count=7, cover=CoverGlass(300e-6))
+    plain = microscope(device, count=7)
+    point = PointSources([(0, 0, 0)])
+    fields = [cam.objective.fields(point, cam.grid, device).to_numpy() for cam in (thick, plain)]
+    assert np.abs(fields[0]).max() < 0.8 * np.abs(fields[1]).max()  # .7 waves of W040
+    assert relative_max(*(cam.expose(point).to_numpy() for cam in (thick, plain))) > 0.1
+    with pytest.raises(ValueError, match="0 or more metres thick"):
+        CoverGlass(-1e-4)
+    with pytest.raises(ValueError, match=r"NA 1\.1 does not pass a cover glass of index 1\.05"):
+        microscope(device, na=1.1, medium_index=1.33, cover=CoverGlass(1e-4, 1.05))
+
+
+def test_description(device):
+    about = microscope(device).describe()
+    expected = {
+        "lateral resolution": 6.25e-6, "Sparrow limit": 0.494e-6, "resolvable views": 12.66,
+        "depth of field": 2.1e-6, "light-field range": 170e-6, "band limit from": 37.2e-6,
+        "objective focal length": 10e-3, "pupil": 10e-3,
+    }  # fmt: skip
+    for name, value in expected.items():
+        assert about[name] == pytest.approx(value, rel=4e-3), name
+    assert "matched" in str(about)
+    # at its least depth nu(z) = M/(.47 d), half the period of a lenslet
+    assert microscope(device).band_limit(37.21e-6) == pytest.approx(1 / (0.47 * 6.25e-6), rel=1e-3)
+
+
+def test_discs_spread_what_points_do_not(device):
+    camera = microscope(device, count=7)
+    point, disc = (
+        cells(camera.expose(PointSources([(0, 0, 0)], diameter=d)).to_numpy()) for d in (0, 9e-6)
+    )
+    assert disc[3, 4] > 5 * point[3, 4]
+    assert disc[3, 4] == pytest.approx(disc[4, 3], rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "words"),
+    [
+        ({"na": 1.1}, ValueError, "NA = n sin"),
+        ({"n": 12}, SamplingError, "pixels_per_lenslet = 23.8"),
+        ({"medium_index": 0.9}, ValueError, "from 1 .air. on"),
+        ({"magnification": 0}, ValueError, "magnification is"),
+        ({"wavelength": -1}, ValueError, "wavelength is positive"),
+    ],
+)
+def test_bad_microscopes(device, change, error, words):
+    with pytest.raises(error, match=words):
+        microscope(device, **change)
+
+
+def test_unmatched_f_numbers_are_said_aloud(device):
+    with pytest.warns(SamplingWarning, match=r"M/\(2 NA\) = 25, f_mu/d = 20; sub-images leave"):
+        microscope(device, na=0.4)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        microscope(device, na=0.47)
+
+
+def test_scenes_that_are_none(device):
+    camera = microscope(device, count=7)
+    with pytest.raises(SamplingError, match="beyond the array"):
+        camera.expose(PointSources([(30e-6, 0, 0)]))
+    with pytest.raises(TypeError, match="exposes PointSources"):
+        camera.expose("beads")

@@ -1,0 +1,105 @@
+"""The projector against sums over voxels, and its two halves against each other."""
+
+import numpy as np
+import pytest
+from reference_microscope import placed
+from tolerance import relative_max
+
+from clplen import MicrolensArray, PlenopticCamera, PointSources, ShapeError
+from clplen.microscopy.projector import Projector
+from clplen.microscopy.psf import point_images
+
+Z = np.array([-2.0, 0.5, 1.0]) * 1e-6
+
+
+@pytest.fixture(scope="module")
+def images(device):
+    mla = MicrolensArray(100e-6, 2.5e-3, count=35, fill="full")
+    camera = PlenopticCamera.microscope(
+        magnification=60, na=1.2, medium_index=1.33, wavelength=593e-9, pixels_per_lenslet=15,
+        mla=mla, device=device,
+    )  # fmt: skip
+    return camera, point_images(camera, Z, voxels_per_lenslet=5, cut=5e-3)
+
+
+def volumes(projector, frames=()):
+    return np.random.default_rng(5).random((*frames, *projector.volume_shape), np.float32)
+
+
+def test_one_voxel_is_its_image(device, images):
+    projector = Projector(images[1], (7, 10), device=device)
+    for z, (i, k), phase in ((0, (2, 8), (0, 3)), (1, (6, 0), (2, 2)), (2, (3, 4), (4, 1))):
+        volume = np.zeros(projector.volume_shape, np.float32)
+        volume[z, 5 * i + phase[0], 5 * k + phase[1]] = 2
+        expected = 2 * placed(images[1].image(z, phase), (i, k), (7, 10), 15)
+        assert relative_max(expected, projector.forward(volume)) < 1e-6
+
+
+def test_one_voxel_is_what_the_camera_sees(device, images):
+    camera, kept = images
+    projector = Projector(kept, (35, 35), device=device)
+    volume = np.zeros(projector.volume_shape, np.float32)
+    volume[1, 17 * 5 + 4, 18 * 5 + 1] = 1
+    step = camera.mla.pitch / camera.magnification
+    point = PointSources([(step * (1 - 0.2), step * 0.4, Z[1])])
+    seen, found = camera.expose(point).to_numpy(), projector.forward(volume)
+    r = kept.radii[1]
+    inside = (slice((17 - r) * 15, (18 + r) * 15), slice((18 - r) * 15, (19 + r) * 15))
+    # complex64 through three transforms twice, at two places of the window
+    assert relative_max(seen[inside], found[inside]) < 5e-6
+    assert 1 - 5e-3 <= found.sum(dtype=float) < 1
+
+
+def test_backward_is_the_adjoint(device, images):
+    projector = Projector(images[1], (6, 9), device=device)
+    f = volumes(projector)
+    g = np.random.default_rng(6).random(projector.frame_shape, np.float32)
+    left = np.vdot(projector.forward(f).astype(float), g)
+    assert np.vdot(f, projector.backward(g).astype(float)) == pytest.approx(left, rel=1e-5)
+    signed = f - 0.5
+    left = np.vdot(projector.forward(signed, clamp=False).astype(float), g - 0.5)
+    scale = np.linalg.norm(projector.forward(signed, clamp=False)) * np.linalg.norm(g - 0.5)
+    assert abs(np.vdot(signed, projector.backward(g - 0.5).astype(float)) - left) < 1e-6 * scale
+
+
+def test_frames_together_and_planes_apart(device, images):
+    together = Projector(images[1], (5, 6), device=device)
+    apart = Projector(images[1], (5, 6), device=device, memory=together.nbytes // 3)
+    assert together.resident
+    assert not apart.resident
+    f = volumes(together, (2, 2))
+    frames = together.forward(f)
+    assert frames.shape == (2, 2, 75, 90)
+    one = apart.forward(f[1, 0])
+    assert relative_max(frames[1, 0], one) < 1e-6
+    back = together.backward(frames)
+    assert back.shape == f.shape
+    assert relative_max(back[1, 0], apart.backward(frames[1, 0])) < 1e-6
+
+
+def test_forward_is_not_negative(device, images):
+    projector = Projector(images[1], (14, 5), device=device)
+    volume = np.zeros(projector.volume_shape, np.float32)
+    volume[1, 3, 12] = 1  # dark from the fifth row of lenslets on
+    assert projector.forward(volume, clamp=False).min() < 0  # rounding
+    assert projector.forward(volume).min() == 0
+
+
+def test_linear_operator(device, images):
+    projector = Projector(images[1], (5, 5), device=device)
+    H = projector.as_linear_operator()
+    f = volumes(projector)
+    assert H.shape == (75 * 75, 3 * 25 * 25)
+    assert np.array_equal(H @ f.ravel(), projector.forward(f, clamp=False).ravel())
+    g = projector.forward(f)
+    assert np.array_equal(H.T @ g.ravel(), projector.backward(g).ravel())
+
+
+def test_wrong_shapes(device, images):
+    projector = Projector(images[1], (5, 6), device=device)
+    with pytest.raises(ShapeError, match=r"A volume for this projector has shape \(..., 3, 25, 30"):
+        projector.forward(np.zeros((3, 30, 25)))
+    with pytest.raises(ShapeError, match="A frame for this projector"):
+        projector.backward(np.zeros((75, 91)))
+    with pytest.raises(ShapeError, match="rows, columns"):
+        Projector(images[1], 5, device=device)

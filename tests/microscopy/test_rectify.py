@@ -1,0 +1,66 @@
+"""Rectified frames: a plane in closed form, and point images of a fractional pitch."""
+
+import numpy as np
+import pytest
+
+from clplen import Lattice, MicrolensArray, PlenopticCamera, PointSources, ShapeError
+from clplen.microscopy.rectify import rectify
+
+
+def test_a_plane_stays_a_plane(device):
+    # cubic convolution is exact for polynomials of the first degree, away from the border
+    shape, step = (64, 71), ((6.31, 0.12), (-0.15, 6.47))
+    y, x = np.indices(shape)
+    frame = 3 + 0.02 * y - 0.01 * x
+    lattice = Lattice("rectangular", (12.3, 13.8), *step, shape)
+    found = rectify(frame, lattice, device=device, pixels=7)
+    rows, columns = (k // 7 for k in found.shape)
+    grid = lattice.grid((7, 7))
+    i, k = np.indices((rows, columns)) - 0.0
+    v = np.arange(7) - 3
+    area = lattice.pitch[0] * lattice.pitch[1] / 49
+    first = np.array(grid.first)[:, None, None]
+    centres = first + np.array(step[0])[:, None, None] * i + np.array(step[1])[:, None, None] * k
+    for a, down in enumerate(v):
+        for b, right in enumerate(v):
+            Y, X = (
+                c + down / 7 * s + right / 7 * t for c, s, t in zip(centres, *step, strict=True)
+            )
+            expected = area * (3 + 0.02 * Y - 0.01 * X)
+            inner = (slice(1, -1), slice(1, -1))
+            assert np.allclose(found[a::7, b::7][inner], expected[inner], rtol=1e-5)
+
+
+def test_point_images_of_a_turned_array(device):
+    # pitch and angle of a real array; light goes where it belongs, pixels are interpolated
+    def seen(pixels, rotation):
+        mla = MicrolensArray(100e-6, 2.5e-3, count=21, fill="full", rotation=rotation)
+        camera = PlenopticCamera.microscope(
+            magnification=60, na=1.2, medium_index=1.33, wavelength=593e-9, mla=mla,
+            pixels_per_lenslet=pixels, device=device,
+        )  # fmt: skip
+        x, y, cos, sin = 0.7e-6, -0.3e-6, np.cos(rotation), np.sin(rotation)
+        point = (x * cos - y * sin, x * sin + y * cos, 1.5e-6)
+        return camera.expose(PointSources([point]))
+
+    raw = seen(15.4, -0.002)
+    grid = raw.sub_images
+    lattice = Lattice("rectangular", grid.first, grid.row_step, grid.column_step, raw.shape)
+    found = rectify(raw.to_numpy(), lattice, device=device, complete=False)
+    expected = seen(16, 0.0).to_numpy()
+    assert found.shape == expected.shape
+    assert found.sum() == pytest.approx(expected.sum(), rel=2e-3)
+    cells = (picture.reshape(21, 16, 21, 16).sum(axis=(1, 3)) for picture in (found, expected))
+    for one, other, limit in ((*cells, 0.02), (found, expected, 0.12)):
+        assert np.linalg.norm(one - other) < limit * np.linalg.norm(other)
+
+
+def test_what_is_not_rectified(device):
+    lattice = Lattice("rectangular", (12, 13), (6, 0), (0, 6), (30, 30))
+    with pytest.raises(ShapeError, match="is that of a frame of"):
+        rectify(np.ones((30, 31)), lattice, device=device)
+    with pytest.raises(ValueError, match="whole number from 1"):
+        rectify(np.ones((30, 30)), lattice, device=device, pixels=0)
+    hexagonal = Lattice("hexagonal", (12, 13), (5.2, 0), (0, 6), (30, 30))
+    with pytest.raises(ValueError, match="hexagonal"):
+        rectify(np.ones((30, 30)), hexagonal, device=device)
