@@ -13,6 +13,9 @@ from clplen.errors import DeviceError
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
+        "--figures", action="store_true", help="run all figure scripts, not one in four"
+    )
+    parser.addoption(
         "--device",
         action="append",
         default=None,

@@ -22,6 +22,7 @@ EXAMPLES = ROOT / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("fig_*.py"))
 NUMBER = re.compile(r"^  (.+?) +(\S+)   reference +(\S+) \+- (\S+)(   .+)?$", re.MULTILINE)
 SHORTER_THAN = 60  # lines
+EACH = 4  # one script in so many is run by default
 FIGURES = {
     1: range(1, 27),
     2: range(1, 30),
@@ -62,6 +63,11 @@ def test_all_figures_are_there() -> None:
     assert set(found) == figures
 
 
+def is_drawn(script: Path, config: pytest.Config) -> bool:
+    """All of them take three minutes on two cores."""
+    return bool(config.getoption("--figures")) or SCRIPTS.index(script) % EACH == 0
+
+
 @pytest.fixture(scope="module")
 def runs(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
@@ -70,9 +76,11 @@ def runs(
     devices = request.config.getoption("--device") or []
     chosen = ["--device", devices[0]] if devices else []
     wanted = [
-        item.callspec.params["script"]
+        script
         for item in request.session.items
         if isinstance(item, pytest.Function) and item.originalname == "test_a_figure_script"
+        for script in (item.callspec.params["script"],)
+        if is_drawn(script, request.config)
     ]
     fresh = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(max_workers=os.cpu_count(), mp_context=fresh) as pool:
@@ -86,7 +94,11 @@ def runs(
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_a_figure_script(script: Path, runs: dict[Path, tuple[Path, Future[Done]]]) -> None:
+def test_a_figure_script(
+    script: Path, runs: dict[Path, tuple[Path, Future[Done]]], request: pytest.FixtureRequest
+) -> None:
+    if not is_drawn(script, request.config):
+        pytest.skip(f"one script in {EACH} is run: pytest --figures runs all")
     folder, started = runs[script]
     done = started.result()
     assert done.returncode == 0, done.stderr

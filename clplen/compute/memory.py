@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
+from threading import Lock
 from typing import Any, cast
 
 import numpy as np
@@ -28,6 +29,8 @@ class Memory:
     is_cpu: bool
     memory_bytes: int
     _profile: Profile | None
+    _maps: dict[int, list[Any]]  # mapped buffers: their bytes, and how many use them
+    _maps_lock: Lock
 
     @property
     def context(self) -> cl.Context:
@@ -184,15 +187,32 @@ class Memory:
                     self.queue, _buffer(array), values, dst_offset=array.offset, is_blocking=True
                 )
             return
-        wanted = cl.map_flags.READ | cl.map_flags.WRITE if write else cl.map_flags.READ
-        flags = cast(cl.map_flags, wanted)
-        mapped, _ = cl.enqueue_map_buffer(
-            self.queue, _buffer(array), flags, array.offset, array.shape, array.dtype
-        )
+        with self._mapped(_buffer(array)) as values:
+            own = values[array.offset : array.offset + array.nbytes]
+            yield own.view(array.dtype).reshape(array.shape)
+
+    @contextmanager
+    def _mapped(self, buffer: cl.Buffer) -> Iterator[np.ndarray[Any, Any]]:
+        """The bytes of a buffer, mapped once for all threads: PoCL loses count of several maps."""
+        with self._maps_lock:
+            if buffer.int_ptr not in self._maps:
+                flags = cast(cl.map_flags, cl.map_flags.READ | cl.map_flags.WRITE)
+                values, _ = cl.enqueue_map_buffer(
+                    self.queue, buffer, flags, 0, (buffer.size,), np.dtype(np.uint8)
+                )
+                self._maps[buffer.int_ptr] = [values, 0]
+            else:
+                self.queue.finish()  # as a map of its own would wait
+            held = self._maps[buffer.int_ptr]
+            held[1] += 1
         try:
-            yield mapped
+            yield held[0]
         finally:
-            mapped.base.release(self.queue)
+            with self._maps_lock:
+                held[1] -= 1
+                if not held[1]:
+                    del self._maps[buffer.int_ptr]
+                    held[0].base.release(self.queue)
 
 
 def _require_contiguous(array: cla.Array) -> None:

@@ -394,3 +394,17 @@ def test_elsewhere_values_are_fetched_and_written_back(device: Device, copies: l
     expected = SAMPLES.copy()
     expected[1] *= 3
     np.testing.assert_array_equal(gpu.download(array), expected)
+
+
+def test_a_buffer_is_mapped_once_for_all_who_use_it(device):
+    if not device.is_cpu:
+        pytest.skip("only the memory of CPU devices is mapped")
+    values = np.arange(12, dtype=np.float32)
+    array = device.upload(values)
+    with device.on_host(array) as first:
+        with device.on_host(array, write=False) as second:
+            first[3] = 7
+            assert second[3] == 7
+        first[4] = 8
+    values[3:5] = 7, 8
+    np.testing.assert_array_equal(device.download(array), values)
