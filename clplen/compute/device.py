@@ -72,7 +72,7 @@ class Device(Memory):
         self._labels: dict[cl.Kernel, str] = {}
         self._profile: Profile | None = None
         self._lock = RLock()
-        self._maps: dict[int, list[Any]] = {}
+        self._maps: dict[tuple[int, bool], list[Any]] = {}
         self._maps_lock = Lock()
         self._usable = False
         self._context: cl.Context | None = None

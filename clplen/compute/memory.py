@@ -29,7 +29,7 @@ class Memory:
     is_cpu: bool
     memory_bytes: int
     _profile: Profile | None
-    _maps: dict[int, list[Any]]  # mapped buffers: their bytes, and how many use them
+    _maps: dict[tuple[int, bool], list[Any]]  # mapped buffers: their bytes, and how many use them
     _maps_lock: Lock
 
     @property
@@ -187,23 +187,25 @@ class Memory:
                     self.queue, _buffer(array), values, dst_offset=array.offset, is_blocking=True
                 )
             return
-        with self._mapped(_buffer(array)) as values:
+        with self._mapped(_buffer(array), write) as values:
             own = values[array.offset : array.offset + array.nbytes]
             yield own.view(array.dtype).reshape(array.shape)
 
     @contextmanager
-    def _mapped(self, buffer: cl.Buffer) -> Iterator[np.ndarray[Any, Any]]:
+    def _mapped(self, buffer: cl.Buffer, write: bool) -> Iterator[np.ndarray[Any, Any]]:
         """The bytes of a buffer, mapped once for all threads: PoCL loses count of several maps."""
+        key = buffer.int_ptr, write
         with self._maps_lock:
-            if buffer.int_ptr not in self._maps:
-                flags = cast(cl.map_flags, cl.map_flags.READ | cl.map_flags.WRITE)
+            if key not in self._maps:
+                wanted = cl.map_flags.READ | cl.map_flags.WRITE if write else cl.map_flags.READ
+                flags = cast(cl.map_flags, wanted)
                 values, _ = cl.enqueue_map_buffer(
                     self.queue, buffer, flags, 0, (buffer.size,), np.dtype(np.uint8)
                 )
-                self._maps[buffer.int_ptr] = [values, 0]
+                self._maps[key] = [values, 0]
             else:
                 self.queue.finish()  # as a map of its own would wait
-            held = self._maps[buffer.int_ptr]
+            held = self._maps[key]
             held[1] += 1
         try:
             yield held[0]
@@ -211,7 +213,7 @@ class Memory:
             with self._maps_lock:
                 held[1] -= 1
                 if not held[1]:
-                    del self._maps[buffer.int_ptr]
+                    del self._maps[key]
                     held[0].base.release(self.queue)
 
 
