@@ -193,7 +193,7 @@ class Memory:
 
     @contextmanager
     def _mapped(self, buffer: cl.Buffer, write: bool) -> Iterator[np.ndarray[Any, Any]]:
-        """A buffer's bytes, mapped once for all who read and once for all who write, under a lock."""
+        """A buffer's bytes, mapped once for all who read and once for all who write."""
         key = buffer.int_ptr, write
         with self._maps_lock:
             if key not in self._maps:
