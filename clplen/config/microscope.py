@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from clplen.config.camera import CameraTable, MicrolensTable, SensorTable
+from clplen.config.camera import CameraTable, SensorTable
 from clplen.config.light import CoherenceTable
 from clplen.config.reading import read_toml, validated
 from clplen.config.scene import SceneTable
@@ -38,21 +38,23 @@ class KnownTable(Table):
 
     def camera(self) -> CameraTable:
         """The same as ``[camera]``."""
-        lenslets = MicrolensTable(
-            pitch_um=self.ulens_pitch,
-            focal_length_mm=[self.ulens_focal_length / 1e3],
-            count=(_COUNT, _COUNT),
-            fill="full",
-        )
-        return CameraTable(
-            kind="microscope",
-            magnification=self.magnification,
-            na=self.na,
-            medium_index=self.medium_index,
-            wavelength_nm=self.wavelength,
-            tube_lens_mm=self.tubelens_focal_length,
-            pixels_per_lenslet=self.ulens_pitch / self.pixel_size,
-            microlenses=lenslets,
+        lenslets = {
+            "pitch_um": self.ulens_pitch,
+            "focal_length_mm": self.ulens_focal_length / 1e3,
+            "count": _COUNT,
+            "fill": "full",
+        }
+        return CameraTable.model_validate(
+            {
+                "kind": "microscope",
+                "magnification": self.magnification,
+                "na": self.na,
+                "medium_index": self.medium_index,
+                "wavelength_nm": self.wavelength,
+                "tube_lens_mm": self.tubelens_focal_length,
+                "pixels_per_lenslet": self.ulens_pitch / self.pixel_size,
+                "microlenses": lenslets,
+            }
         )
 
 
