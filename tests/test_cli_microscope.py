@@ -71,7 +71,8 @@ def psf(tmp_path_factory: pytest.TempPathFactory, device: Device) -> Path:
     folder = tmp_path_factory.mktemp("psf")
     (folder / "known.toml").write_text(KNOWN)
     out = folder / "psf.h5"
-    result = done(run("psf", folder / "known.toml", "-o", out, "--cut", 0.02, "--device", device.place))
+    words = ("-o", out, "--cut", 0.02, "--device", device.place)
+    result = done(run("psf", folder / "known.toml", *words))
     assert "3 planes, 3 x 3 voxels and 15 x 15 pixels a lenslet" in result.output
     return out
 
@@ -194,7 +195,8 @@ def raw_frames(device: Device) -> tuple[Any, Any, Any]:
     white = 5000 * (1 / (1 + np.exp((away - 0.42) / 0.03))).reshape(raw.shape) + 100
     random = np.random.default_rng(4)
     seen = random.poisson(4e6 * np.maximum(raw.to_numpy(), 0) + 100)
-    return seen.astype(np.uint16), random.poisson(white).astype(np.uint16), np.full(raw.shape, 100.0)
+    dark = np.full(raw.shape, 100.0)
+    return seen.astype(np.uint16), random.poisson(white).astype(np.uint16), dark
 
 
 def test_raw_frames_to_ome_zarr(tmp_path: Path, psf: Path, device: Device) -> None:

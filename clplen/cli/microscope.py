@@ -33,7 +33,7 @@ _PLANES = (
         type=options.Planes(),
         help="z of the planes from the native one, farther from the objective positive.",
     ),
-    click.option("--num-slices", type=click.IntRange(1), help="So many planes about the native one"),
+    click.option("--num-slices", type=click.IntRange(1), help="Planes about the native one ..."),
     click.option("--um-per-slice", type=float, help="... and their distance."),
     click.option(
         "--voxels",
