@@ -82,6 +82,7 @@ def test_help_has_an_example_of_each_command():
         "devices",
         "epi",
         "info",
+        "microscope",
         "refocus",
         "render",
         "sampling",
@@ -91,11 +92,12 @@ def test_help_has_an_example_of_each_command():
         "worker",
     ]
     for name, command in main.commands.items():
-        words = (name, "run") if name == "batch" else (name,)
+        first = {"batch": "run", "microscope": "psf"}.get(name, "")
+        words = (name, first) if first else (name,)
         output = run(*words, "-h").output
         assert f"Example:\n    clplen {name}" in output
         if isinstance(command, click.Group):
-            command = command.commands["run"]
+            command = command.commands[first]
         options = [name for param in command.params for name in param.opts]
         assert ("--device" in options) == (name not in ("sampling", "score"))  # need none
 

@@ -11,12 +11,14 @@ from clplen import __version__
 from clplen.cli.analyse import analyse
 from clplen.cli.batch import batch, worker
 from clplen.cli.bench import bench
+from clplen.cli.deconvolve import deconvolve
 from clplen.cli.demo import demo
 from clplen.cli.depth import depth
 from clplen.cli.devices import devices
 from clplen.cli.epi import epi
 from clplen.cli.info import info
 from clplen.cli.messages import Commands
+from clplen.cli.microscope import microscope
 from clplen.cli.refocus import refocus
 from clplen.cli.render import render
 from clplen.cli.sampling import sampling
@@ -48,6 +50,7 @@ _COMMANDS = (
     devices,
     epi,
     info,
+    microscope,
     refocus,
     render,
     sampling,
@@ -56,5 +59,6 @@ _COMMANDS = (
     stack,
     worker,
 )
+microscope.add_command(deconvolve)
 for command in _COMMANDS:
     main.add_command(command)

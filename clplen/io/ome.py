@@ -35,6 +35,7 @@ def write_ome(
     description: dict[str, Any],
     spacing: Spacing | None,
     channels: tuple[str, ...] = (),
+    depth: float | None = None,
     durable: bool = False,
 ) -> None:
     """Write pictures as one series of OME-TIFF, float32; BigTIFF from 4 GB on.
@@ -58,6 +59,8 @@ def write_ome(
         Signed (dv, du, dy, dx) in metres.
     channels : tuple of str, optional
         Names of the channels.
+    depth : float, optional
+        Distance of planes in metres.
     durable : bool
         Whether to wait until the disk has the file, as in `clplen.files.replacing`.
 
@@ -77,6 +80,8 @@ def write_ome(
     if spacing is not None:
         for axis, step in zip("YX", spacing[2:], strict=True):
             metadata |= {f"PhysicalSize{axis}": abs(step) * 1e6, f"PhysicalSize{axis}Unit": "µm"}
+    if depth is not None:
+        metadata |= {"PhysicalSizeZ": abs(depth) * 1e6, "PhysicalSizeZUnit": "µm"}
     if channels:
         metadata["Channel"] = {"Name": list(channels)}
     nbytes = 4 * math.prod(shape)

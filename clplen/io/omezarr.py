@@ -40,6 +40,7 @@ def write_omezarr(
     description: dict[str, Any],
     spacing: Spacing | None,
     channels: tuple[str, ...] = (),
+    depth: float | None = None,
     durable: bool = False,
     replace: bool = False,
 ) -> None:
@@ -67,6 +68,8 @@ def write_omezarr(
         unit.
     channels : tuple of str, optional
         Names of the channels.
+    depth : float, optional
+        Distance of planes in metres; without it 1 and no unit.
     durable : bool
         Whether to wait until the disk has the folder, as in `clplen.files.filling`.
     replace : bool
@@ -100,7 +103,7 @@ def write_omezarr(
         group = _zarr().open_group(str(folder), mode="a", **format_2(_zarr()))
         group.attrs.update(
             {
-                "multiscales": [_multiscales(Path(path), sizes, axes, spacing)],
+                "multiscales": [_multiscales(Path(path), sizes, axes, spacing, depth)],
                 "omero": _omero(names, limits, colour=not channels and len(names) == 3),
                 "clplen": description,
             }
@@ -256,16 +259,21 @@ def _means(values: Array) -> Array:
 
 
 def _multiscales(
-    path: Path, sizes: list[tuple[int, ...]], axes: str, spacing: Spacing | None
+    path: Path,
+    sizes: list[tuple[int, ...]],
+    axes: str,
+    spacing: Spacing | None,
+    depth: float | None,
 ) -> dict[str, Any]:
     """Axes, and where the pixels of each level lie: those of level k are 2^k as large."""
     letters = ("C" if axes.endswith("S") else "") + axes.removesuffix("S")
     pixel = (1.0, 1.0) if spacing is None else tuple(abs(step) * 1e6 for step in spacing[2:])
-    leading = len(letters) - 2
+    apart = 1.0 if depth is None else abs(depth) * 1e6
+    leading = [apart if letter == "Z" else 1.0 for letter in letters[:-2]]
     datasets = []
     for level, _ in enumerate(sizes):
-        scale = [1.0] * leading + [2**level * step for step in pixel]
-        shift = [0.0] * leading + [(2**level - 1) / 2 * step for step in pixel]
+        scale = leading + [2**level * step for step in pixel]
+        shift = [0.0] * len(leading) + [(2**level - 1) / 2 * step for step in pixel]
         moves: list[dict[str, Any]] = [{"type": "scale", "scale": scale}]
         if level:
             moves.append({"type": "translation", "translation": shift})
@@ -274,14 +282,17 @@ def _multiscales(
         "version": "0.4",
         "name": path.name.partition(".")[0],
         "type": "mean of 2 x 2",
-        "axes": [_axis(letter, spacing is not None) for letter in letters.lower()],
+        "axes": [
+            _axis(letter, (depth if letter == "z" else spacing) is not None)
+            for letter in letters.lower()
+        ],
         "datasets": datasets,
     }
 
 
 def _axis(letter: str, has_unit: bool) -> dict[str, str]:
     axis = {"name": letter, "type": "channel" if letter == "c" else "space"}
-    if letter in "yx" and has_unit:
+    if letter in "zyx" and has_unit:
         axis["unit"] = "micrometer"
     return axis
 

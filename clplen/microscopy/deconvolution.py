@@ -11,6 +11,7 @@ and what they hold comes out blurred to d/M and spread over neighbouring planes.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,6 +69,7 @@ def deconvolve(
     start: Any = None,
     residual: float | None = None,
     progress: Progress | None = None,
+    watch: Callable[[Vector], None] | None = None,
 ) -> DeconvolutionResult:
     """The volume that explains frames best, by Richardson and Lucy's iteration.
 
@@ -90,6 +92,8 @@ def deconvolve(
         Stop when the residual of every frame is below it.
     progress : callable, optional
         Called as ``progress(done, total)`` after each iteration.
+    watch : callable, optional
+        Called as ``watch(residuals)``, those of each frame, before ``progress``.
 
     Returns
     -------
@@ -120,6 +124,8 @@ def deconvolve(
     history = []
     for done in range(int(iterations)):
         history.append(found.step())
+        if watch is not None:
+            watch(history[-1])
         if progress is not None:
             progress(done + 1, int(iterations))
         if residual is not None and (history[-1] < residual).all():

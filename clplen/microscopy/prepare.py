@@ -1,0 +1,210 @@
+"""Raw frames of a real microscope to counts and sensitivities on whole pixels a lenslet.
+
+The white frame gives the lattice, once, and the sensitivity of every pixel; the dark frame is
+subtracted from both. Pixels that say nothing are left out: saturated, not finite, or dark in the
+white frame.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import binary_dilation
+
+from clplen.compute.device import Device
+from clplen.errors import SamplingWarning, ShapeError
+from clplen.lightfield.lattice import Lattice
+from clplen.lightfield.latticefit import estimate_lattice
+from clplen.microscopy.rectify import rectify
+
+Vector = np.ndarray[Any, Any]
+
+DARKEST = 0.01  # of the mean of the white frame: darker pixels between lenslets are left out
+REACH = 2  # pixels that cubic interpolation mixes, on either side
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A frame as `deconvolve` takes it.
+
+    Attributes
+    ----------
+    counts, white : numpy.ndarray
+        float32, shape (rows n, columns n); white 0 where pixels are left out.
+    negative, left_out : int
+        How many pixels of the raw frame were below 0 and are 0; how many were saturated or not
+        finite.
+    """
+
+    counts: Vector
+    white: Vector
+    negative: int
+    left_out: int
+
+
+@dataclass(frozen=True, eq=False)
+class Preparation:
+    """What frames of one camera share. Made by `preparation`.
+
+    Attributes
+    ----------
+    pixels : int
+        n, of a lenslet along an axis.
+    device : Device
+    dark : numpy.ndarray or None
+    lattice : Lattice or None
+        None where frames have n x n pixels a lenslet already.
+    sensitivity : numpy.ndarray or None
+        float32, rectified, of mean 1.
+    """
+
+    pixels: int
+    device: Device
+    dark: Vector | None
+    lattice: Lattice | None
+    sensitivity: Vector | None
+
+    @property
+    def area(self) -> float:
+        """Pixels of the camera that a rectified pixel holds the light of."""
+        if self.lattice is None:
+            return 1.0
+        down, across = self.lattice.pitch
+        return float(down * across) / self.pixels**2
+
+    def __call__(self, frame: Any, *, saturation: float | None = None) -> Prepared:
+        """A raw frame without its dark one, rectified, with the pixels that count.
+
+        Parameters
+        ----------
+        frame : array_like
+            Shape (ny, nx).
+        saturation : float, optional
+            Level from which on pixels are saturated; default the largest integer of the frame's
+            type, none for other types.
+
+        Returns
+        -------
+        Prepared
+
+        Raises
+        ------
+        ShapeError
+            If the frame is of another size than the white or the dark frame, or has no whole
+            number of lenslets and there is no white frame.
+        """
+        values = np.asarray(frame)
+        self._check(values.shape)
+        bad = _unknown(values, saturation)
+        light = np.where(bad, 0, values.astype(np.float32))
+        if self.dark is not None:
+            light = np.where(bad, 0, light - self.dark)
+        negative = int(np.count_nonzero(light < 0))
+        light = np.maximum(light, 0)
+        white = np.ones(light.shape, np.float32) if self.sensitivity is None else self.sensitivity
+        if self.lattice is not None:
+            light = rectify(light, self.lattice, device=self.device, pixels=self.pixels)
+        if bad.any():
+            white = np.where(self._reached(bad), np.float32(0), white)
+        return Prepared(light, white, negative, int(np.count_nonzero(bad)))
+
+    def _check(self, shape: tuple[int, ...]) -> None:
+        if len(shape) != 2:
+            raise ShapeError(f"A raw frame has shape (ny, nx), not {shape}.")
+        beside = {
+            "white": None if self.lattice is None else self.lattice.shape,
+            "dark": None if self.dark is None else self.dark.shape,
+        }
+        for name, known in beside.items():
+            if known is not None and known != shape:
+                raise ShapeError(
+                    f"The frame has shape {shape} and the {name} frame {known}: give the {name} "
+                    "frame of the same camera and crop."
+                )
+        if self.lattice is None and any(n % self.pixels for n in shape):
+            raise ShapeError(
+                f"The frame of shape {shape} has no whole number of lenslets of {self.pixels} x "
+                f"{self.pixels} pixels: give the white frame, with which it is rectified."
+            )
+
+    def _reached(self, bad: Vector) -> Vector:
+        """Rectified pixels that a bad one has a part in."""
+        if self.lattice is None:
+            return bad
+        wide = binary_dilation(bad, np.ones((2 * REACH + 1,) * 2)).astype(np.float32)
+        return rectify(wide, self.lattice, device=self.device, pixels=self.pixels) > self.area / 2
+
+
+def preparation(
+    pixels: int,
+    *,
+    device: Device,
+    white: Any = None,
+    dark: Any = None,
+    saturation: float | None = None,
+) -> Preparation:
+    """Find the lattice and the sensitivity of the pixels.
+
+    Parameters
+    ----------
+    pixels : int
+        n of the point images; another pitch, a fractional one or a turned lattice is rectified.
+    device : Device
+    white : array_like, optional
+        White frame, shape (ny, nx); without it frames are n x n pixels a lenslet already.
+    dark : array_like, optional
+        Dark frame.
+    saturation : float, optional
+        As in `Preparation`; saturated pixels of the white frame are left out.
+
+    Returns
+    -------
+    Preparation
+
+    Raises
+    ------
+    ShapeError
+        If the white and the dark frame are of different sizes, or no lenslet lies on the frame.
+    ValueError
+        If the white frame is dark, or its lattice hexagonal.
+
+    Warns
+    -----
+    SamplingWarning
+        If the lattice of the white frame is not to be trusted.
+    """
+    black = None if dark is None else np.asarray(dark, np.float32)
+    if white is None:
+        return Preparation(pixels, device, black, None, None)
+    values = np.asarray(white)
+    if black is not None and black.shape != values.shape:
+        raise ShapeError(
+            f"The white frame has shape {values.shape} and the dark frame {black.shape}: give "
+            "those of the same camera and crop."
+        )
+    bad = _unknown(values, saturation)
+    light = np.where(bad, 0, values.astype(np.float32) - (0 if black is None else black))
+    light = np.maximum(light, 0)
+    if not light.any():
+        raise ValueError("The white frame is no brighter than the dark one: are they exchanged?")
+    lattice = estimate_lattice(light)
+    if lattice.trust == "low":
+        warnings.warn(f"The white frame: {lattice.verdict}", SamplingWarning, stacklevel=2)
+    found = Preparation(pixels, device, black, lattice, None)
+    level = rectify(light, lattice, device=device, pixels=pixels)
+    level /= level.mean(dtype=np.float64)
+    level[level < DARKEST] = 0
+    if bad.any():
+        level[found._reached(bad)] = 0
+    return Preparation(pixels, device, black, lattice, level)
+
+
+def _unknown(values: Vector, saturation: float | None) -> Vector:
+    """Pixels that are saturated or not finite."""
+    if saturation is None and values.dtype.kind in "ui":
+        saturation = np.iinfo(values.dtype).max
+    bad = ~np.isfinite(values)
+    return bad if saturation is None else bad | (values >= saturation)

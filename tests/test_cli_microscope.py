@@ -1,0 +1,293 @@
+"""``clplen microscope``: from parameters and frames to volumes, and what it says of bad input."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from click.testing import CliRunner, Result
+
+from clplen import MicrolensArray, PlenopticCamera, PointSources
+from clplen.cli import main
+from clplen.compute.device import Device
+from clplen.io.volume import describe_volume, read_volume, write_volume
+from clplen.microscopy import psffile
+from clplen.microscopy.prepare import preparation
+from clplen.microscopy.projector import Projector
+
+KNOWN = """
+magnification = 60
+na = 1.2
+medium_index = 1.33
+wavelength = 593
+ulens_pitch = 100
+ulens_focal_length = 2500
+pixel_size = 6.666666667
+num_slices = 3
+um_per_slice = 2.5
+supersample = 3
+"""
+CAMERA = """
+[camera]
+kind = "microscope"
+magnification = 60
+na = 1.2
+medium_index = 1.33
+wavelength_nm = 593
+pixels_per_lenslet = 15
+[camera.microlenses]
+pitch_um = 100
+focal_length_mm = 2.5
+count = 9
+fill = "full"
+"""
+VOXEL = 100e-6 / 60 / 3
+SIZE = (7, 8)  # lenslets
+
+
+def run(*words: object) -> Result:
+    return CliRunner().invoke(main, ["microscope", *(str(word) for word in words)])
+
+
+def done(result: Result) -> Result:
+    assert result.exit_code == 0, result.output
+    return result
+
+
+def said(result: Result, code: int = 1) -> str:
+    """What went to standard error: one sentence, and no traceback."""
+    assert result.exit_code == code, result.output
+    assert "Traceback" not in result.output
+    assert result.exception is None or isinstance(result.exception, SystemExit)
+    return result.stderr
+
+
+@pytest.fixture(scope="module")
+def psf(tmp_path_factory: pytest.TempPathFactory, device: Device) -> Path:
+    """Point images on three planes, of the names of LFAnalyze."""
+    folder = tmp_path_factory.mktemp("psf")
+    (folder / "known.toml").write_text(KNOWN)
+    out = folder / "psf.h5"
+    words = ("-o", out, "--cut", 0.02, "--device", device.place)
+    result = done(run("psf", folder / "known.toml", *words))
+    assert "3 planes, 3 x 3 voxels and 15 x 15 pixels a lenslet" in result.output
+    return out
+
+
+@pytest.fixture(scope="module")
+def projector(psf: Path, device: Device) -> Projector:
+    return Projector(psffile.read(psf), SIZE, device=device)
+
+
+def beads(projector: Projector, *voxels: tuple[int, int, int]) -> Any:
+    volume = np.zeros(projector.volume_shape, np.float32)
+    for voxel in voxels:
+        volume[voxel] = 1e5
+    return volume
+
+
+@pytest.fixture
+def frame(tmp_path: Path, projector: Projector) -> Path:
+    """Counts of one bead, rectified."""
+    mean = projector.forward(beads(projector, (2, 10, 13))) + 2
+    counts = np.random.default_rng(1).poisson(mean).astype(np.uint16)
+    tifffile.imwrite(tmp_path / "a.tif", counts)
+    return tmp_path / "a.tif"
+
+
+def test_a_camera_file_gives_the_same_and_other_parameters_are_named(
+    tmp_path: Path, psf: Path, device: Device
+) -> None:
+    (tmp_path / "camera.toml").write_text(CAMERA)
+    before = psf.read_bytes()
+    words = ("--planes-um", "-2.5:2.5:3", "--voxels", 3, "--device", device.place, "-o", psf)
+    done(run("psf", tmp_path / "camera.toml", "--cut", 0.02, *words))
+    assert psf.read_bytes() == before
+    assert "made with cut = 0.02, not 0.03" in said(
+        run("psf", tmp_path / "camera.toml", "--cut", 0.03, *words)
+    )
+
+
+def test_project_is_the_projection(tmp_path: Path, psf: Path, projector: Projector) -> None:
+    volume = beads(projector, (0, 5, 9), (2, 17, 4))
+    planes = projector.images.planes
+    write_volume(tmp_path / "v.ome.tif", volume, planes=planes, voxel=(VOXEL, VOXEL))
+    words = ("-c", psf, "-o", tmp_path / "f.tif", "--device", projector.device.place)
+    result = done(run("project", tmp_path / "v.ome.tif", *words))
+    np.testing.assert_array_equal(tifffile.imread(tmp_path / "f.tif"), projector.forward(volume))
+    assert "7 x 8 lenslets of 15 x 15 pixels" in result.output
+    write_volume(tmp_path / "w.tif", volume, planes=planes + 1e-6, voxel=(VOXEL, VOXEL))
+    assert "lies at z = -1.5 um, that of the point images at -2.5 um" in said(
+        run("project", tmp_path / "w.tif", *words)
+    )
+    np.save(tmp_path / "few.npy", volume[:2])
+    assert "has 2 planes, the point images have 3" in said(
+        run("project", tmp_path / "few.npy", *words)
+    )
+    np.save(tmp_path / "odd.npy", volume[:, 1:])
+    assert "no whole number of lenslets of 3 x 3" in said(
+        run("project", tmp_path / "odd.npy", *words)
+    )
+    np.save(tmp_path / "minus.npy", -volume)
+    assert "has 2 voxels that are negative" in said(run("project", tmp_path / "minus.npy", *words))
+
+
+def test_a_volume_in_ome_tiff(tmp_path: Path, psf: Path, frame: Path, device: Device) -> None:
+    out = tmp_path / "v.ome.tif"
+    words = ["deconvolve", frame, "-c", psf, "-o", out, "--background", 2, "--device", device.place]
+    result = done(run(*words, "--max-iter", 8))
+    assert "after 8 iterations" in result.output
+    volume, about = read_volume(out)
+    assert np.unravel_index(volume.argmax(), volume.shape) == (2, 10, 13)
+    assert volume.sum() == pytest.approx(1e5, rel=0.05)
+    assert about["planes_um"] == [-2.5, 0.0, 2.5]
+    assert (np.diff(about["residuals"]) < 0).all()
+    with tifffile.TiffFile(out) as file:
+        assert file.series[0].axes == "ZYX"
+        assert 'PhysicalSizeZ="2.5"' in file.ome_metadata
+        assert f'PhysicalSizeX="{VOXEL * 1e6}' [:24] in file.ome_metadata
+    stamp = out.stat().st_mtime_ns
+    assert "is there already" in done(run(*words, "--max-iter", 8)).output
+    assert out.stat().st_mtime_ns == stamp
+    done(run(*words, "--iterations", 2))
+    assert len(describe_volume(out)["residuals"]) == 2
+
+
+@pytest.mark.parametrize("warm", [False, True])
+def test_a_series_that_was_ended_goes_on(
+    tmp_path: Path, psf: Path, frame: Path, device: Device, warm: bool
+) -> None:
+    second = tmp_path / "b.tif"
+    tifffile.imwrite(second, np.zeros((20, 30), np.uint16))
+    words = ["deconvolve", frame, second, "-c", psf, "-o", tmp_path / "{name}.ome.tif",
+             "--iterations", 2, "--device", device.place] + ["--warm-start"] * warm  # fmt: skip
+    assert "b.tif: The frame of shape (20, 30) has no whole number of lenslets" in said(run(*words))
+    first = (tmp_path / "a.ome.tif").read_bytes()
+    tifffile.imwrite(second, tifffile.imread(frame)[:, ::-1])
+    assert "a.ome.tif is there already" in done(run(*words)).output
+    assert (tmp_path / "a.ome.tif").read_bytes() == first
+    resumed = read_volume(tmp_path / "b.ome.tif")[0]
+    for out in tmp_path.glob("*.ome.tif"):
+        out.unlink()
+    done(run(*words))
+    np.testing.assert_array_equal(read_volume(tmp_path / "b.ome.tif")[0], resumed)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "a.ome.tif", "a.tif", "b.ome.tif", "b.tif",
+    ]  # fmt: skip
+
+
+def raw_frames(device: Device) -> tuple[Any, Any, Any]:
+    """A bead, the white and the dark frame of an array of a fractional pitch that is turned."""
+    mla = MicrolensArray(100e-6, 2.5e-3, count=15, fill="full", rotation=0.003)
+    camera = PlenopticCamera.microscope(
+        magnification=60, na=1.2, medium_index=1.33, wavelength=593e-9, mla=mla,
+        pixels_per_lenslet=15.4, device=device,
+    )  # fmt: skip
+    raw = camera.expose(PointSources([(0.0, 0.0, 2.5e-6)]))
+    y, x = np.indices(raw.shape, float)
+    grid = raw.sub_images
+    steps = np.linalg.inv(np.array([grid.row_step, grid.column_step]).T)
+    i, k = (steps @ np.stack([(y - grid.first[0]).ravel(), (x - grid.first[1]).ravel()])) % 1
+    away = np.maximum(abs((i + 0.5) % 1 - 0.5), abs((k + 0.5) % 1 - 0.5))
+    white = 5000 * (1 / (1 + np.exp((away - 0.42) / 0.03))).reshape(raw.shape) + 100
+    random = np.random.default_rng(4)
+    seen = random.poisson(4e6 * np.maximum(raw.to_numpy(), 0) + 100)
+    dark = np.full(raw.shape, 100.0)
+    return seen.astype(np.uint16), random.poisson(white).astype(np.uint16), dark
+
+
+def test_raw_frames_to_ome_zarr(tmp_path: Path, psf: Path, device: Device) -> None:
+    zarr = pytest.importorskip("zarr", reason="the extra zarr is not installed")
+    for name, values in zip(("raw", "white", "dark"), raw_frames(device), strict=True):
+        if name == "raw":
+            values[3, 4:6] = 65535
+        tifffile.imwrite(tmp_path / f"{name}.tif", values)
+    result = done(run(
+        "deconvolve", tmp_path / "raw.tif", "-c", psf, "-o", tmp_path / "v.ome.zarr", "--white",
+        tmp_path / "white.tif", "--dark", tmp_path / "dark.tif", "--iterations", 8, "--background",
+        3, "--device", device.place,
+    ))  # fmt: skip
+    assert "2 saturated or not finite pixels are left out" in result.stderr
+    assert "pixels below 0 are taken as 0" in result.stderr
+    volume, about = read_volume(tmp_path / "v.ome.zarr")
+    light = volume.sum(axis=(1, 2))
+    assert light.argmax() == 2
+    plane = volume[2]
+    peak = np.array(np.unravel_index(plane.argmax(), plane.shape))
+    assert abs(peak - np.array(plane.shape) // 2).max() <= 1
+    (scales,) = zarr.open_group(str(tmp_path / "v.ome.zarr"), mode="r").attrs["multiscales"]
+    assert [axis.get("unit") for axis in scales["axes"]] == ["micrometer"] * 3
+    (first, *_) = scales["datasets"][0]["coordinateTransformations"]
+    assert first["scale"] == pytest.approx([2.5, VOXEL * 1e6, VOXEL * 1e6])
+    assert about["job"]["background"] == 3
+
+
+def test_background_is_that_of_a_pixel_of_the_camera(device: Device) -> None:
+    _, white, dark = raw_frames(device)
+    prepare = preparation(15, device=device, white=white, dark=dark)
+    flat = prepare(dark + 7.0)
+    inner = flat.counts[30:-30, 30:-30]
+    assert np.allclose(inner, 7 * prepare.area, rtol=1e-4)
+    assert prepare.area == pytest.approx(15.4**2 / 225, rel=2e-3)
+
+
+BAD: list[tuple[list[str], str, int]] = [
+    (["a.tif", "b.tif", "-o", "v.tif"], "put {name} into the output, as in {name}.ome.tif", 2),
+    (["a.tif", "-o", "v.png"], "The output ends in .tif or .tiff or .zarr", 2),
+    (["a.tif", "-o", "a.tif"], "is one of the files that are read", 2),
+    (["a.tif", "-o", "no/v.tif"], "there is no folder no", 1),
+    (["none.tif", "-o", "v.tif"], "There is no file", 1),
+    (["a.tif", "-o", "v.tif", "--background", "-1"], "--background is not negative", 2),
+    (["a.tif", "-o", "v.tif", "--voxels", "5"], "--voxels belongs to a CAMERA.toml", 2),
+    (["a.tif", "-o", "v.tif", "--white", "few.tif"], "white frame (120, 121)", 1),
+    (["a.tif", "-o", "v.tif", "--dark", "few.tif"], "dark frame (120, 121)", 1),
+    (["small.tif", "-o", "v.tif"], "has 4 x 5 lenslets; at least 5 x 5", 1),
+    (["colour.tif", "-o", "v.tif"], "a raw frame has one channel", 1),
+]
+
+
+@pytest.mark.parametrize(("words", "message", "code"), BAD)
+def test_bad_words_of_deconvolve(
+    tmp_path: Path, psf: Path, frame: Path, monkeypatch: pytest.MonkeyPatch, device: Device,
+    words: list[str], message: str, code: int,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    y, x = np.indices((120, 121))
+    tifffile.imwrite("few.tif", (200 + 99 * np.cos(y * 0.41) * np.cos(x * 0.41)).astype(np.uint16))
+    tifffile.imwrite("small.tif", np.ones((60, 75), np.uint16))
+    tifffile.imwrite("colour.tif", np.ones((60, 75, 3), np.uint16), photometric="rgb")
+    result = run("deconvolve", *words, "-c", psf, "--iterations", 1, "--device", device.place)
+    assert message in said(result, code)
+    assert not (tmp_path / "v.tif").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("na = 1.2", "na = 1.4", "1.4"),
+        ("pixel_size = 6.666666667", "pixel_size = 12", "pixel"),
+        ("ulens_pitch", "ulens_pich", "unknown key ulens_pich; did you mean ulens_pitch?"),
+        ("num_slices = 3\n", "", "nor"),
+        ("wavelength = 593", "wavelength = -593", "wavelength"),
+    ],
+)
+def test_bad_microscopes(
+    tmp_path: Path, old: str, new: str, message: str, device: Device
+) -> None:
+    (tmp_path / "k.toml").write_text(KNOWN.replace(old, new))
+    result = run("psf", tmp_path / "k.toml", "-o", tmp_path / "p.h5", "--device", device.place)
+    code = 2 if old.startswith("num") else 1
+    assert message.replace("nor", "tell the planes") in said(result, code)
+    assert not (tmp_path / "p.h5").exists()
+
+
+def test_another_camera_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text(
+        '[camera]\nfocal_length_mm = 30\nwavelength_nm = 532\npixels_per_lenslet = 12\n'
+        "[camera.microlenses]\npitch_um = 150\nfocal_length_mm = 10\ncount = 15\n"
+    )
+    message = said(run("psf", tmp_path / "c.toml", "-o", tmp_path / "p.h5"))
+    assert "is of kind 'plenoptic1', not 'microscope'" in message
