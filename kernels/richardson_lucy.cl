@@ -3,6 +3,8 @@
  *   expected   E = w E + b
  *   ratio      out = w I/E, 0 where E or w is 0
  *   update     V = V B/N, 0 where N <= least
+ *   moved      G = X - Y
+ *   ahead      X = Y = max(x + a (x - P), 0), P = x, x = X before, a of the frame
  *
  * for arrays of (frames, size); w, N: (size), the same for all frames.
  * Mapping: FOR_X of common.cl over (frames, ny, nx) with ny nx = size. -DROWS: see common.cl.
@@ -39,5 +41,26 @@ __kernel void update(__global float *restrict V, __global const float *restrict 
     FOR_X(x, nx) {
         const float n = N[same + x];
         V[row + x] = n > least ? V[row + x] * fmax(B[row + x], 0) / n : 0;
+    }
+}
+
+__kernel void moved(__global float *restrict G, __global const float *restrict X,
+                    __global const float *restrict Y, const int ny, const int nx)
+{
+    const size_t row = row_start(get_global_id(2), get_global_id(1), ny, nx);
+    FOR_X(x, nx)
+        G[row + x] = X[row + x] - Y[row + x];
+}
+
+__kernel void ahead(__global float *restrict X, __global float *restrict Y,
+                    __global float *restrict P, __global const float *restrict a, const int ny,
+                    const int nx)
+{
+    const float step = a[get_global_id(2)];
+    const size_t row = row_start(get_global_id(2), get_global_id(1), ny, nx);
+    FOR_X(x, nx) {
+        const float here = X[row + x];
+        X[row + x] = Y[row + x] = fmax(here + step * (here - P[row + x]), 0);
+        P[row + x] = here;
     }
 }

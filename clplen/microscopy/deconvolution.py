@@ -19,6 +19,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.errors import ShapeError
+from clplen.microscopy.acceleration import Ahead
 from clplen.microscopy.projector import Projector
 from clplen.wave.average import Progress
 
@@ -68,6 +69,7 @@ def deconvolve(
     white: Any = None,
     start: Any = None,
     residual: float | None = None,
+    accelerate: bool = False,
     progress: Progress | None = None,
     watch: Callable[[Vector], None] | None = None,
 ) -> DeconvolutionResult:
@@ -90,6 +92,9 @@ def deconvolve(
         Volume to begin with, such as that of the frame before; default an even one.
     residual : float, optional
         Stop when the residual of every frame is below it.
+    accelerate : bool
+        Begin each iteration ahead of the volume found (Biggs and Andrews 1997): fewer iterations
+        for the same residual, but memory for four volumes more.
     progress : callable, optional
         Called as ``progress(done, total)`` after each iteration.
     watch : callable, optional
@@ -121,8 +126,11 @@ def deconvolve(
     weight = np.ones(projector.frame_shape) if white is None else white
     weight = _positive(weight, projector.frame_shape, "A white frame")
     found = _Iteration(projector, counts, weight, float(background), start)
-    history = []
+    ahead = Ahead(found.volumes, found.device) if accelerate else None
+    history: list[Vector] = []
     for done in range(int(iterations)):
+        if ahead is not None and done:
+            ahead.move(found.volumes)
         history.append(found.step())
         if watch is not None:
             watch(history[-1])

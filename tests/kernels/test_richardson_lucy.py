@@ -38,3 +38,21 @@ def test_update(device):
     B[0, 1, 1], N[3, 2] = -0.5, 1e-3
     expected = np.where(N > 0.01, V * np.maximum(B, 0) / N, 0)
     assert relative_max(expected, launched(device, "update", V, B, N, 0.01)) < 3e-7
+
+
+def test_moved(device):
+    X, Y, _ = arrays()
+    assert np.array_equal(launched(device, "moved", X, X, Y), X - Y)
+
+
+def test_ahead(device):
+    X, P, _ = arrays()
+    a = np.array([0.25, 0.75], np.float32)
+    x, y, p = (device.upload(values) for values in (X, 0 * X, P))
+    kernel = device.kernel("richardson_lucy.cl", "ahead")
+    device.launch_rows(kernel, X.shape, x, y, p, device.upload(a), np.int32(NY), np.int32(NX))
+    expected = np.maximum(X + a[:, None, None] * (X - P), 0)
+    assert (expected == 0).any()
+    assert relative_max(expected, device.download(x)) < 3e-7
+    assert np.array_equal(device.download(x), device.download(y))
+    assert np.array_equal(device.download(p), X)
