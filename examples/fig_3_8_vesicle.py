@@ -12,8 +12,8 @@ PITCH = (15.387, 15.410)  # pixels along x and y, of the white frame in an indep
 SHOWN = 6  # lenslets of the zoom
 
 run = begin(__doc__, __file__, quick="where there is no frame, one of fewer points")
-cam = vesicle.camera(run)
-frame, white, dark, words = vesicle.frames(cam, quick=run.quick)
+cam = vesicle.camera(run.device)
+frame, white, dark, words = vesicle.frames(run)
 print(f"  {words}")
 lattice = estimate_lattice(white, dark=dark)
 for axis, pitch, expected in zip("xy", lattice.pitch, PITCH, strict=True):

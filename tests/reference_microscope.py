@@ -15,7 +15,7 @@ from scipy import special
 
 @dataclass(frozen=True)
 class Setup:
-    """Objective, full square lenslets of pitch p, n pixels each, wavelength lam, index."""
+    """Objective, full square lenslets of pitch p, n pixels each, wavelength lam, index, e."""
 
     M: float = 20.0
     na: float = 0.5
@@ -24,6 +24,7 @@ class Setup:
     n: int = 25
     lam: float = 525e-9
     index: float = 1.0
+    power: float = 0.5
 
     @property
     def dx(self) -> float:
@@ -60,7 +61,11 @@ def native(setup: Setup, point: tuple[float, float, float], lenslets: int) -> Co
     rim = radius <= setup.na / (setup.M * setup.lam)
     longest = setup.index / setup.lam
     axial = np.sqrt(np.maximum(longest**2 - (setup.M * radius) ** 2, 0))
-    pupil = np.sqrt(rim * axial / longest) * np.exp(2j * np.pi * point[2] * (axial - longest))
+    pupil = (
+        rim
+        * np.where(rim, axial / longest, 1) ** setup.power
+        * np.exp(2j * np.pi * point[2] * (axial - longest))
+    )
     ky, kx = (np.exp(2j * np.pi * np.outer(x - setup.M * c, f)) for c in (point[1], point[0]))
     field = ky @ pupil @ kx.T
     return np.asarray(field / np.sqrt((np.abs(field) ** 2).sum()))

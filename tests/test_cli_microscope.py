@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
+import subprocess
+import sys
+import time
 from pathlib import Path
 from typing import Any
 
+import batchworks
 import numpy as np
 import pytest
 import tifffile
 from click.testing import CliRunner, Result
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources
+from clplen.batch import deconvolved
 from clplen.cli import main
 from clplen.compute.device import Device
+from clplen.config.microscope import read_microscope_file
 from clplen.io.volume import describe_volume, read_volume, write_volume
 from clplen.microscopy import psffile
 from clplen.microscopy.prepare import preparation
@@ -148,7 +155,7 @@ def test_a_volume_in_ome_tiff(tmp_path: Path, psf: Path, frame: Path, device: De
     with tifffile.TiffFile(out) as file:
         assert file.series[0].axes == "ZYX"
         assert 'PhysicalSizeZ="2.5"' in file.ome_metadata
-        assert f'PhysicalSizeX="{VOXEL * 1e6}' [:24] in file.ome_metadata
+        assert f'PhysicalSizeX="{VOXEL * 1e6}'[:24] in file.ome_metadata
     stamp = out.stat().st_mtime_ns
     assert "is there already" in done(run(*words, "--max-iter", 8)).output
     assert out.stat().st_mtime_ns == stamp
@@ -177,6 +184,82 @@ def test_a_series_that_was_ended_goes_on(
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "a.ome.tif", "a.tif", "b.ome.tif", "b.tif",
     ]  # fmt: skip
+
+
+def test_a_stack_of_frames_is_a_series(
+    tmp_path: Path, psf: Path, frame: Path, device: Device
+) -> None:
+    counts = tifffile.imread(frame)
+    tifffile.imwrite(
+        tmp_path / "t.tif", np.stack([counts, counts[:, ::-1]]), photometric="minisblack"
+    )
+    words = ("-c", psf, "--iterations", 1, "--device", device.place)
+    out = tmp_path / "{name}.ome.tif"
+    done(run("deconvolve", tmp_path / "t.tif", *words, "-o", out))
+    made = [read_volume(tmp_path / f"t_{number:04d}.ome.tif")[0] for number in (0, 1)]
+    np.testing.assert_allclose(made[1], made[0][..., ::-1], rtol=1e-3, atol=1e-3 * made[0].max())
+    result = run("deconvolve", tmp_path / "t.tif", *words, "-o", tmp_path / "v.tif")
+    assert "2 frames need as many volumes" in said(result, 2)
+
+
+def test_a_killed_series_loses_no_finished_frame(
+    tmp_path: Path, psf: Path, frame: Path, device: Device
+) -> None:
+    counts = tifffile.imread(frame)
+    frames = [tmp_path / f"t{number}.tif" for number in range(4)]
+    for number, path in enumerate(frames):
+        tifffile.imwrite(path, np.roll(counts, 15 * number, axis=1))
+    words = ["deconvolve", *frames, "-c", psf, "-o", tmp_path / "{name}.ome.tif",
+             "--iterations", 30, "--device", device.place]  # fmt: skip
+    series = subprocess.Popen(
+        [sys.executable, "-m", "clplen", "microscope", *map(str, words)], stdout=subprocess.DEVNULL
+    )
+    while not (tmp_path / "t1.ome.tif").exists():
+        assert series.poll() is None
+        time.sleep(0.005)
+    series.kill()
+    series.wait()
+    finished = {path: path.read_bytes() for path in tmp_path.glob("t*.ome.tif")}
+    assert 2 <= len(finished) < 4
+    result = done(run(*words))
+    assert result.output.count("is there already") == len(finished)
+    assert {path: path.read_bytes() for path in finished} == finished
+    for number in range(4):
+        volume, _ = read_volume(tmp_path / f"t{number}.ome.tif")
+        assert np.unravel_index(volume.argmax(), volume.shape)[0] == 2
+
+
+def test_frames_of_a_job_share_point_images(
+    tmp_path: Path, psf: Path, frame: Path, device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "in").mkdir()
+    counts = tifffile.imread(frame)
+    for number in range(3):
+        tifffile.imwrite(tmp_path / "in" / f"t{number}.tif", np.roll(counts, 15 * number, axis=1))
+    tifffile.imwrite(tmp_path / "in" / "small.tif", counts[:60])
+    job = tmp_path / "job.toml"
+    job.write_text(
+        'output = "out"\n[[inputs]]\nfiles = "in/*.tif"\n'
+        f'[deconvolve]\npsf = "{psf}"\niterations = 2\nbackground = 2.0\n'
+    )
+    count = itertools.count(1)
+    made = deconvolved.Deconvolver
+    monkeypatch.setattr(deconvolved, "Deconvolver", lambda *a, **k: (made(*a, **k), next(count))[0])
+    summary, _ = batchworks.run(job, device)
+    assert (summary.done, list(summary.failed)) == (3, ["small"])
+    assert "has 4 x 8 lenslets; at least 5 x 5" in summary.failed["small"]
+    assert next(count) == 2
+    words = ("-c", psf, "-o", tmp_path / "v.tif", "--iterations", 2, "--background", 2)
+    done(run("deconvolve", tmp_path / "in" / "t1.tif", *words, "--device", device.place))
+    volume, about = read_volume(tmp_path / "out" / "t1" / "volume.ome.tif")
+    np.testing.assert_array_equal(volume, read_volume(tmp_path / "v.tif")[0])
+    assert (about["planes_um"], about["left_out"]) == ([-2.5, 0.0, 2.5], 0)
+    before = (tmp_path / "out" / "t1" / "volume.ome.tif").stat().st_mtime_ns
+    tifffile.imwrite(tmp_path / "in" / "t2.tif", counts)
+    (tmp_path / "in" / "small.tif").unlink()
+    summary, _ = batchworks.run(job, device)
+    assert (summary.done, summary.skipped, summary.failed) == (1, 2, {})
+    assert (tmp_path / "out" / "t1" / "volume.ome.tif").stat().st_mtime_ns == before
 
 
 def raw_frames(device: Device) -> tuple[Any, Any, Any]:
@@ -225,6 +308,18 @@ def test_raw_frames_to_ome_zarr(tmp_path: Path, psf: Path, device: Device) -> No
     assert about["job"]["background"] == 3
 
 
+def test_sensitivity_is_what_lenslets_do_not_have_in_common(device: Device) -> None:
+    _, white, dark = raw_frames(device)
+    fall = np.linspace(1, 0.6, white.shape[1])
+    prepare = preparation(15, device=device, white=100 + (white - 100.0) * fall, dark=dark)
+    assert prepare.sensitivity is not None
+    found = np.median(prepare.sensitivity, axis=0).reshape(-1, 15)[:, 4:-4].mean(axis=1)
+    assert prepare.lattice is not None
+    across = (np.arange(len(found)) - (len(found) - 1) / 2) * prepare.lattice.pitch[0]
+    expected = 0.8 - 0.4 * across / (white.shape[1] - 1)
+    np.testing.assert_allclose(found, expected / expected.mean(), rtol=0.01)  # 9 pixels' noise
+
+
 def test_background_is_that_of_a_pixel_of_the_camera(device: Device) -> None:
     _, white, dark = raw_frames(device)
     prepare = preparation(15, device=device, white=white, dark=dark)
@@ -241,7 +336,6 @@ BAD: list[tuple[list[str], str, int]] = [
     (["a.tif", "-o", "no/v.tif"], "there is no folder no", 1),
     (["none.tif", "-o", "v.tif"], "There is no file", 1),
     (["a.tif", "-o", "v.tif", "--background", "-1"], "--background is not negative", 2),
-    (["a.tif", "-o", "v.tif", "--voxels", "5"], "--voxels belongs to a CAMERA.toml", 2),
     (["a.tif", "-o", "v.tif", "--white", "few.tif"], "white frame (120, 121)", 1),
     (["a.tif", "-o", "v.tif", "--dark", "few.tif"], "dark frame (120, 121)", 1),
     (["small.tif", "-o", "v.tif"], "has 4 x 5 lenslets; at least 5 x 5", 1),
@@ -255,8 +349,8 @@ def test_bad_words_of_deconvolve(
     words: list[str], message: str, code: int,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
-    y, x = np.indices((120, 121))
-    tifffile.imwrite("few.tif", (200 + 99 * np.cos(y * 0.41) * np.cos(x * 0.41)).astype(np.uint16))
+    down, across = (1 + np.cos(2 * np.pi * np.arange(n) / 15) for n in (120, 121))
+    tifffile.imwrite("few.tif", (99 * np.outer(down, across)).astype(np.uint16))
     tifffile.imwrite("small.tif", np.ones((60, 75), np.uint16))
     tifffile.imwrite("colour.tif", np.ones((60, 75, 3), np.uint16), photometric="rgb")
     result = run("deconvolve", *words, "-c", psf, "--iterations", 1, "--device", device.place)
@@ -268,15 +362,12 @@ def test_bad_words_of_deconvolve(
     ("old", "new", "message"),
     [
         ("na = 1.2", "na = 1.4", "1.4"),
-        ("pixel_size = 6.666666667", "pixel_size = 12", "pixel"),
         ("ulens_pitch", "ulens_pich", "unknown key ulens_pich; did you mean ulens_pitch?"),
         ("num_slices = 3\n", "", "nor"),
         ("wavelength = 593", "wavelength = -593", "wavelength"),
     ],
 )
-def test_bad_microscopes(
-    tmp_path: Path, old: str, new: str, message: str, device: Device
-) -> None:
+def test_bad_microscopes(tmp_path: Path, old: str, new: str, message: str, device: Device) -> None:
     (tmp_path / "k.toml").write_text(KNOWN.replace(old, new))
     result = run("psf", tmp_path / "k.toml", "-o", tmp_path / "p.h5", "--device", device.place)
     code = 2 if old.startswith("num") else 1
@@ -284,9 +375,23 @@ def test_bad_microscopes(
     assert not (tmp_path / "p.h5").exists()
 
 
+def test_coarse_pixels_are_divided_where_they_do_not_sample_the_light(tmp_path: Path) -> None:
+    for size, pixels, parts in ((6.666666667, 15, 1), (8, 13, 2), (20, 5, 3)):
+        (tmp_path / "k.toml").write_text(KNOWN.replace("6.666666667", f"{size:.9g}"))
+        file = read_microscope_file(tmp_path / "k.toml")
+        assert file.camera.pixels_per_lenslet == pixels * parts
+        assert (file.pixels, file.binning) == (pytest.approx(100 / size), parts)
+
+
+def test_parameters_are_no_point_images(tmp_path: Path, frame: Path) -> None:
+    (tmp_path / "k.toml").write_text(KNOWN)
+    result = run("deconvolve", frame, "-c", tmp_path / "k.toml", "-o", tmp_path / "v.tif")
+    assert "make them by 'clplen microscope psf" in said(result)
+
+
 def test_another_camera_is_refused(tmp_path: Path) -> None:
     (tmp_path / "c.toml").write_text(
-        '[camera]\nfocal_length_mm = 30\nwavelength_nm = 532\npixels_per_lenslet = 12\n'
+        "[camera]\nfocal_length_mm = 30\nwavelength_nm = 532\npixels_per_lenslet = 12\n"
         "[camera.microlenses]\npitch_um = 150\nfocal_length_mm = 10\ncount = 15\n"
     )
     message = said(run("psf", tmp_path / "c.toml", "-o", tmp_path / "p.h5"))

@@ -14,6 +14,7 @@ import tifffile
 
 from clplen.cameras.aberrations import LensletScatter
 from clplen.cameras.microscope import Microscope
+from clplen.cameras.objective import CoverGlass
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
@@ -25,6 +26,7 @@ from clplen.config.light import KEYS, SPECTRA
 from clplen.config.scene import PictureTable, SceneTable
 from clplen.config.tables import Table
 from clplen.errors import FormatError
+from clplen.io.attributes import CAMERA_NAMES, of_camera, read_camera
 from clplen.wave import average, coherence
 from clplen.wave.extended import ExtendedSource
 from clplen.wave.masks import RandomPhaseMask
@@ -100,7 +102,7 @@ def test_the_example_shows_every_key_and_its_default(tmp_path: Path, device: Dev
             says = tomllib.loads(f"value = {value}")["value"]
             assert np.array_equal(np.atleast_1d(says), np.atleast_1d(default)), key
             found.append(key)
-    assert len(found) == 28, found
+    assert len(found) == 29, found
 
 
 @pytest.mark.parametrize("spatial", ["mask", "source", "incoherent"])
@@ -554,6 +556,7 @@ MICROSCOPE = """
     na = 1.2
     medium_index = 1.33
     tube_lens_mm = 180
+    apodisation = -0.5
     wavelength_nm = 593
     pixels_per_lenslet = 15
     [camera.microlenses]
@@ -572,10 +575,27 @@ def test_every_key_reaches_a_microscope(tmp_path: Path, device: Device):
     assert isinstance(camera, Microscope)
     assert (camera.magnification, camera.na, camera.medium_index) == (60, 1.2, 1.33)
     assert camera.focal_length == pytest.approx(3e-3)
+    assert camera.apodisation == -0.5
     assert camera.wavelength == pytest.approx(593e-9)
     assert camera.grid.shape == (75, 105)
     (scene,) = file.scene.build()
     assert camera.expose(scene).to_numpy().sum() == pytest.approx(1, abs=0.1)
+
+
+def test_a_cover_glass_reaches_a_microscope_and_its_files(tmp_path: Path, device: Device):
+    glass = "cover = { thickness_um = 130, index = 1.51, designed_index = 1.53 }"
+    file = read(tmp_path, MICROSCOPE.replace("na = 1.2", f"na = 1.2\n    {glass}"))
+    camera = file.camera.build(device)
+    assert isinstance(camera, Microscope)
+    assert camera.cover == CoverGlass(130e-6, 1.51, 170e-6, 1.53)
+    kept = of_camera(camera)
+    assert kept is not None
+    assert set(kept) <= set(CAMERA_NAMES)
+    again = read_camera(kept, tmp_path, device)
+    assert isinstance(again, Microscope)
+    assert again.cover == camera.cover
+    with pytest.raises(FormatError, match="lacks 'cover_index'"):
+        read_camera({name: kept[name] for name in kept if name != "cover_index"}, tmp_path, device)
 
 
 @pytest.mark.parametrize(

@@ -21,15 +21,11 @@ ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("fig_*.py"))
 NUMBER = re.compile(r"^  (.+?) +(\S+)   reference +(\S+) \+- (\S+)(   .+)?$", re.MULTILINE)
+ROW = re.compile(r"\| (\d+)\.(\d+) (.+?) \| \[(\S+)\]\((\S+)\) \| (.+?) \| (.+?) \|")
 SHORTER_THAN = 60  # lines
 EACH = 4  # one script in so many is run by default
-FIGURES = {
-    1: range(1, 27),
-    2: range(1, 30),
-    3: range(1, 26),
-    4: range(1, 7),
-    5: range(1, 5),
-}  # of each chapter
+THESIS = {1: range(1, 27), 2: range(1, 30), 3: range(1, 26), 5: range(1, 3)}  # its list of figures
+FIGURES = THESIS | {4: range(1, 7), 5: range(1, 5)}  # and those that are added
 
 
 def run(script: Path, *arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
@@ -62,6 +58,30 @@ def test_all_figures_are_there() -> None:
     found = ["_".join(script.name.split("_")[:3]) for script in SCRIPTS]
     assert len(found) == len(set(found)), "two scripts draw one figure"
     assert set(found) == figures
+
+
+def test_the_table_has_every_figure() -> None:
+    """Under its chapter, once and in order: words, a script that is there, two lists of numbers."""
+    table, chapter = {}, 0
+    for line in (EXAMPLES / "README.md").read_text().splitlines():
+        if line.startswith("## "):
+            title = re.match(r"## Chapter (\d+): ", line)
+            chapter = int(title[1]) if title else 0
+        if not re.match(r"\| \d", line):
+            continue
+        row = ROW.fullmatch(line)
+        assert row, f"not a row of figure, script, printed number and reference: {line}"
+        number = int(row[1]), int(row[2])
+        assert number[0] == chapter, f"{number} stands under chapter {chapter}"
+        assert number not in table, f"{number} has two rows"
+        assert row[4] == row[5], f"{row[4]} leads to {row[5]}"
+        assert (EXAMPLES / row[4]).is_file(), f"there is no {row[4]}"
+        assert row[4].startswith(f"fig_{row[1]}_{row[2]}_"), f"{row[4]} draws another figure"
+        assert re.search(r"\d", row[6]), f"{number} prints no number"
+        assert re.search(r"\d", row[7]), f"{number} has no reference"
+        table[number] = row[4]
+    wanted = [(chapter, figure) for chapter in FIGURES for figure in FIGURES[chapter]]
+    assert list(table) == sorted(wanted)
 
 
 def is_drawn(script: Path, config: pytest.Config) -> bool:

@@ -90,5 +90,13 @@ disparities = "-2:2:41"         # START:STOP:N or a list, pixels a view step, ne
 # [light_field]                 # as it was decoded
 # format = "hdf5"               # or "zarr"
 
+# [deconvolve]                  # the volume behind raw frames of a light-field microscope, whose
+                                # white and dark frame [inputs.layout] names
+# psf = "psf.h5"                # needed; 'clplen microscope psf' makes it
+# iterations = 20               # of Richardson and Lucy
+# background = 0.0              # counts of a pixel above the dark frame
+# residual = 0.01               # default: none; stop below it
+# saturation = 65535.0          # default: the largest of an integer type; left out from there on
+
 # [raw]                         # of simulations and scenes; it has no keys
 """

@@ -115,6 +115,8 @@ def _line(task: Task, shop: Workshop) -> Line:
         read = sum(stamp(Path(task.base, name))[0] for name in task.files)
         if task.source["kind"] != "file":
             return Line(task.name, read, 0, False, "")
+        if not {*task.work} - {"deconvolve", "formats"}:
+            return Line(task.name, read, 0, False, "")
         layout = layout_in(task.source["layout"], task.base)
         path = Path(task.base, task.source["path"])
         with io.open_lightfield(path, device=shop.device, **layout) as stored:

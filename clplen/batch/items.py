@@ -49,7 +49,21 @@ def tasks_of(job: Job) -> list[Task]:
     }
     work["formats"] = sorted(set(job.formats))
     output, base = str(job.output_folder), str(job.folder)
-    return [Task(one.name, output, one.words, work, base, one.files) for one in sources]
+    shared = _shared(job)
+    return [Task(one.name, output, one.words, work, base, (*one.files, *shared)) for one in sources]
+
+
+def _shared(job: Job) -> tuple[str, ...]:
+    """Files that all items read."""
+    if job.deconvolve is None:
+        return ()
+    psf = job.deconvolve.psf
+    if not (job.folder / psf).is_file():
+        raise FormatError(
+            f"deconvolve.psf: there is no file {job.folder / psf}: mend the name, or make it by "
+            "'clplen microscope psf'."
+        )
+    return (psf,)
 
 
 def _sources(job: Job) -> Iterator[Source]:

@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, Field, PrivateAttr, ValidationError, model
 from clplen.batch.tables import (
     WORK,
     AllInFocusTable,
+    DeconvolveTable,
     DepthTable,
     Format,
     HowTable,
@@ -41,7 +42,7 @@ class Job(HowTable):
         Of stacks, depth maps and pictures: "ome-tiff", "ome-zarr" or both.
     inputs, simulations, scenes : list
         Where light fields come from; at least one.
-    stack, depth, all_in_focus, views, light_field, raw
+    stack, depth, all_in_focus, views, light_field, deconvolve, raw
         What is made; at least one, or simulations and scenes, which write all that they know.
     device : str or None
         As for `Device.open`; a list gives each worker its own.
@@ -66,6 +67,7 @@ class Job(HowTable):
     all_in_focus: AllInFocusTable | None = None
     views: ViewsTable | None = None
     light_field: LightFieldTable | None = None
+    deconvolve: DeconvolveTable | None = None
     raw: RawTable | None = None
 
     _folder: Path = PrivateAttr(default_factory=Path.cwd)
@@ -76,11 +78,18 @@ class Job(HowTable):
             raise ValueError(
                 "the job has no light fields: give [[inputs]], [[simulations]] or [[scenes]]"
             )
-        if self.inputs and not any(getattr(self, name) is not None for name in WORK[:5]):
+        if self.inputs and not any(getattr(self, name) is not None for name in WORK[:-1]):
             raise ValueError(
                 "the job makes nothing of its inputs: give [stack], [depth], [all_in_focus], "
-                "[views] or [light_field]"
+                "[views], [light_field] or [deconvolve]"
             )
+        strange = [
+            f"inputs.{i}.layout.{word}"
+            for i, one in enumerate(self.inputs)
+            for word in sorted(one.layout.model_fields_set - {"white", "dark"})
+        ]
+        if strange and not any(getattr(self, name) is not None for name in WORK[:-2]):
+            raise ValueError(f"{strange[0]} says nothing to [deconvolve]: leave it out")
         return self
 
     @classmethod

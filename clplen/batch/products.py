@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen import Device, LightField, all_in_focus, depth_map, focal_stack, io
+from clplen.batch.deconvolved import volumes
 from clplen.batch.focused import focused_products, is_focused
 from clplen.batch.items import layout_in
 from clplen.batch.simulated import simulate
@@ -99,11 +100,15 @@ def read(
             made = simulate(task.source, device=shop.device, base=task.base, progress=advance)
         yield Light(made=made.light_field, raw=made.raw, truth=made.truth)
         return
+    if not {*task.work} - {"deconvolve", "formats"}:
+        with shop.room.of(shop.memory):
+            yield Light()
+        return
     path = Path(task.base, task.source["path"])
     layout = layout_in(task.source["layout"], task.base)
     with io.open_lightfield(path, device=shop.device, **layout) as stored:
         needed = bytes_in_core(stored, task.work)
-        with shop.room.of(needed):
+        with shop.room.of(shop.memory if "deconvolve" in task.work else needed):
             if needed > shop.memory:
                 yield Light(stored)
                 return
@@ -156,6 +161,19 @@ def compute(
     task: Task, light: Light, shop: Workshop, seconds: dict[str, float], advance: Advance
 ) -> list[Product]:
     """What is to be written, computed unless it is streamed."""
+    found: list[Product] = []
+    if "deconvolve" in task.work:
+        with shop.stage("compute", seconds):
+            found = [Product(*one) for one in volumes(task, light.raw, shop, SUFFIXES, advance)]
+    if light.stored is not None or light.made is not None:
+        found += _of_light(task, light, shop, seconds, advance)
+    return found
+
+
+def _of_light(
+    task: Task, light: Light, shop: Workshop, seconds: dict[str, float], advance: Advance
+) -> list[Product]:
+    """What is made of a light field."""
     if light.made is None and light.values is None:
         return _streamed(task, light.stored, shop, advance)
     with shop.stage("compute", seconds):

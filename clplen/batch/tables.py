@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from clplen.batch.quantities import Aperture, Planes, Size
 from clplen.batch.sweep import distinct, swept_once
 from clplen.cameras.gallery import SCENES
-from clplen.config.tables import Count, NotNegative, Seed, Switch, Table, listed
+from clplen.config.tables import Count, NotNegative, Positive, Seed, Switch, Table, listed
 
 Format = Literal["ome-tiff", "ome-zarr"]
 Pair = tuple[Count, Count]
@@ -152,7 +152,17 @@ class RawTable(Table):
     """``[raw]``: the raw image of simulations."""
 
 
-WORK = ("stack", "depth", "all_in_focus", "views", "light_field", "raw")
+class DeconvolveTable(Table):
+    """``[deconvolve]``: the volume behind frames of a light-field microscope."""
+
+    psf: str
+    iterations: Count = 20
+    background: NotNegative = 0.0
+    residual: Positive | None = None
+    saturation: Positive | None = None
+
+
+WORK = ("stack", "depth", "all_in_focus", "views", "light_field", "deconvolve", "raw")
 
 
 class HowTable(Table):

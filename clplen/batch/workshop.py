@@ -7,10 +7,14 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from clplen.batch.locks import ItemLocks
 from clplen.compute.device import Device
 from clplen.compute.hostmemory import free_memory
+
+if TYPE_CHECKING:
+    from clplen.batch.volumes import Deconvolver
 
 LANES = 3  # items under way at a time: one is read, one computed, one written
 STAGES = ("read", "compute", "write")
@@ -37,6 +41,9 @@ class Workshop:
     device : Device
     memory : int
     locks : ItemLocks
+    deconvolver : tuple or None
+        What the frame before was deconvolved with, and what that depends on; of the stage
+        "compute" alone.
     """
 
     def __init__(self, folder: Path, *, selector: str | None, memory: int | None) -> None:
@@ -46,6 +53,7 @@ class Workshop:
         self.limit(memory or default_memory(self.device))
         self._gates = {name: threading.Lock() for name in STAGES}
         self._stop = threading.Event()
+        self.deconvolver: tuple[Any, Deconvolver] | None = None
 
     def limit(self, memory: int) -> None:
         """Set what the items that begin from now on may take together, in bytes."""

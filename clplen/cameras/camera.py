@@ -9,7 +9,7 @@ from typing import Any, Literal
 from clplen.cameras import geometry, microscope_optics
 from clplen.cameras.aberrations import NONE, Aberrations
 from clplen.cameras.microscope import Microscope
-from clplen.cameras.objective import CoverGlass
+from clplen.cameras.objective import APODISATION, CoverGlass
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2, magnification, matched_aperture
 from clplen.compute.device import Device, require_device
@@ -187,6 +187,7 @@ class PlenopticCamera:
         medium_index: float = 1.0,
         tube_lens: float = 0.200,
         cover: CoverGlass | None = None,
+        apodisation: float = APODISATION,
     ) -> Microscope:
         """A light-field microscope: array on the native image plane, sensor f_mu behind it.
 
@@ -213,6 +214,10 @@ class PlenopticCamera:
             Its focal length in metres; that of the objective is tube_lens/M.
         cover : CoverGlass, optional
             A cover glass of another thickness or index than the objective is made for.
+        apodisation : float
+            e of the amplitude cos(theta)^e over the pupil, -1 to 1. Of points that shine alike in
+            all directions behind an objective that obeys the sine condition it is -1/2, the
+            cos^(1/2) sin(theta) of the Debye integral over angles (Broxton et al. 2013).
 
         Returns
         -------
@@ -235,6 +240,11 @@ class PlenopticCamera:
         geometry.require_lengths(wavelength=wavelength, tube_lens=tube_lens)
         check_wavelength(wavelength)
         _check_objective(magnification, na, medium_index, mla)
+        if not -1 <= apodisation <= 1:
+            raise ValueError(
+                f"apodisation is the power of cos(theta) over the pupil, from -1 to 1, not "
+                f"{apodisation!r}."
+            )
         if cover is not None and na >= min(cover.index, cover.designed_index):
             raise ValueError(
                 f"NA {na!r} does not pass a cover glass of index "
@@ -253,6 +263,7 @@ class PlenopticCamera:
             grid=grid,
             device=device,
             cover=cover,
+            apodisation=float(apodisation),
         )
         microscope_optics.check_sampling(camera)
         if abs(camera.matched - 1) > microscope_optics.MISMATCH:

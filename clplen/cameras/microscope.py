@@ -184,6 +184,7 @@ class Microscope(MicroscopeOptics):
                 f"{2 * half[1]:g} x {2 * half[0]:g} m: move it or use more lenslets."
             )
         blur = self.objective.blur(points.positions[:, 2])[:, None]
+        blur += self.magnification * points.diameter / 2
         reach = (places + blur + GUARD * self.mla.pitch).max(axis=0)
         shape = tuple(
             n if 2 * r <= n * self.pixel_pitch else wider(n, 2 * r / self.pixel_pitch)

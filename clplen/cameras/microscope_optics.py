@@ -7,13 +7,15 @@ d = -M^2 z dx/(n f_mu p).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from clplen.cameras.arrayed import Arrayed
 from clplen.cameras.describe import Description, Row
-from clplen.cameras.objective import CoverGlass, Objective
+from clplen.cameras.objective import APODISATION, CoverGlass, Objective
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
 from clplen.wave.field import Grid
@@ -26,7 +28,7 @@ SPARROW = 0.47  # lam/NA, resolution of the objective
 
 
 @dataclass(frozen=True)
-class MicroscopeOptics:
+class MicroscopeOptics(Arrayed):
     """A light-field microscope as lengths; `Microscope` takes its raw images.
 
     Attributes
@@ -44,6 +46,8 @@ class MicroscopeOptics:
     device : Device
     cover : CoverGlass or None
         Where it is not the one that the objective is made for.
+    apodisation : float
+        e, of the amplitude cos(theta)^e over the pupil.
     """
 
     magnification: float
@@ -57,6 +61,7 @@ class MicroscopeOptics:
     grid: Grid
     device: Device
     cover: CoverGlass | None = None
+    apodisation: float = APODISATION
 
     telecentric = True
 
@@ -64,7 +69,12 @@ class MicroscopeOptics:
     def objective(self) -> Objective:
         """The optics before the array."""
         return Objective(
-            self.magnification, self.na, self.medium_index, self.wavelength, self.cover
+            self.magnification,
+            self.na,
+            self.medium_index,
+            self.wavelength,
+            self.cover,
+            self.apodisation,
         )
 
     @property
@@ -86,31 +96,6 @@ class MicroscopeOptics:
     def aperture_diameter(self) -> float:
         """2 NA f of the objective, its back pupil by the sine condition, in metres."""
         return 2 * self.na * self.focal_length
-
-    @property
-    def lenslet_pitch(self) -> float:
-        """p in metres."""
-        return self.mla.pitch
-
-    @property
-    def lenslet_diameter(self) -> float:
-        """d in metres."""
-        return self.mla.diameter
-
-    @property
-    def lenslet_focal_length(self) -> float:
-        """f_mu in metres, array to sensor."""
-        return self.mla.f
-
-    @property
-    def lenslet_fill(self) -> str:
-        """Aperture of a lenslet: "circular", a disc, or "full", the cell of the lattice."""
-        return self.mla.fill
-
-    @property
-    def lenslet_lattice(self) -> str:
-        """Lattice of the lenslets, "square" or "hexagonal"."""
-        return self.mla.lattice
 
     @property
     def matched(self) -> float:
@@ -174,7 +159,7 @@ class MicroscopeOptics:
             Row("Sparrow limit", sparrow, "m", ".47 lam/NA, of the objective"),
             Row("resolvable views", views, "", "N_u = d/(M .47 lam/NA), across"),
             Row("depth of field", depth, "m", "lam n/NA^2, of the objective"),
-            Row("light-field range", (2 + views**2) * depth / 2, "m",
+            Row("light-field range", self.depth_range, "m",
                 "(2 + N_u^2) lam n/(2 NA^2), depth of field of one view"),
             Row("band limit from", self.native_zone, "m",
                 "abs(z) from which nu(z) = d/(.94 lam M abs(z)) is the finest detail"),
@@ -191,6 +176,11 @@ class MicroscopeOptics:
     def resolvable(self) -> float:
         """N_u = d/(M .47 lam/NA), independent views across (Levoy et al. 2006, eq. 3)."""
         return self.mla.diameter / (self.magnification * self.sparrow)
+
+    @property
+    def depth_range(self) -> float:
+        """(2 + N_u^2) lam n/(2 NA^2) in metres, about the native plane (Levoy et al. 2006)."""
+        return (2 + self.resolvable**2) * self.wavelength * self.medium_index / (2 * self.na**2)
 
     @property
     def native_zone(self) -> float:
@@ -233,7 +223,7 @@ def check_sampling(camera: MicroscopeOptics) -> None:
             f"Light reaches the sensor at up to {slope / camera.wavelength:.4g} cycles/m "
             f"((NA/M + d/(2 f_mu))/lam), but pixels of {camera.pixel_pitch:.4g} m sample "
             f"{1 / (2 * camera.pixel_pitch):.4g}: pixels below {fitting:.4g} m would do "
-            f"(pixels_per_lenslet = {camera.mla.pitch / fitting:.4g}), or a smaller NA."
+            f"(pixels_per_lenslet = {math.floor(camera.mla.pitch / fitting) + 1}), or a smaller NA."
         )
 
 

@@ -4,10 +4,11 @@ The image side is telecentric (4f). A point at (x0, y0, z) from the axis point o
 in the medium has on the magnified native plane the field
 
     U(x) = int P(f) exp(2 pi i f (x - M x0)) df,   M abs(f) <= NA/lam,
-    P(f) = cos^(1/2) exp(2 pi i z (sqrt((n/lam)^2 - (M f)^2) - n/lam)),   sin = lam M abs(f)/n
+    P(f) = cos^e exp(2 pi i z (sqrt((n/lam)^2 - (M f)^2) - n/lam)),   sin = lam M abs(f)/n,
 
-(Gu 2000, "Advanced Optical Imaging Theory", section 6.2: the Debye integral of a lens that obeys
-the sine condition, written over spatial frequencies). z > 0 lies farther from the objective.
+the Debye integral over spatial frequencies (Gu 2000, "Advanced Optical Imaging Theory", chapter 6).
+As df is sin cos dtheta, its weight over angles is cos^(e + 1) sin: e = 1/2 by default, and e = -1/2
+is the cos^(1/2) sin of a lens that obeys the sine condition. z > 0 lies farther from the objective.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from clplen.wave.phase import phasor
 
 Vector = np.ndarray[Any, Any]
 
+APODISATION = 0.5
+
 
 @dataclass(frozen=True)
 class CoverGlass:
@@ -35,7 +38,7 @@ class CoverGlass:
         W = t sqrt(g^2 - s^2) - t0 sqrt(g0^2 - s^2) - n (t/g - t0/g0) sqrt(n^2 - s^2)
 
     (Gibson and Lanni 1991, eq. 3), where the last term is the refocusing that keeps the paraxial
-    focus where it is. To lowest order it is t (g^2 - 1) s^4/(8 g^3) for a surplus t in air.
+    focus where it is. To lowest order it is t (g^2 - n^2) s^4/(8 g^3 n^2) for a surplus t.
 
     Parameters
     ----------
@@ -104,6 +107,8 @@ class Objective:
         In vacuum, in metres.
     cover : CoverGlass or None
         None: the one that it is made for.
+    apodisation : float
+        e, of the amplitude cos^e over the pupil.
     """
 
     magnification: float
@@ -111,6 +116,7 @@ class Objective:
     medium_index: float
     wavelength: float
     cover: CoverGlass | None = None
+    apodisation: float = APODISATION
 
     @property
     def cutoff(self) -> float:
@@ -153,7 +159,8 @@ class Objective:
         if self.cover is not None:
             s = self.medium_index * np.sqrt(sine2) * (f <= self.cutoff)
             turns += self.cover.path(s, self.medium_index) / self.wavelength
-        values = (f <= self.cutoff) * np.sqrt(cosine) * phasor(turns)
+        inside = f <= self.cutoff
+        values = np.where(inside, cosine, 1.0) ** self.apodisation * inside * phasor(turns)
         values *= _disc(np.pi * self.magnification * f * diameter)
         values *= np.sqrt(math.prod(grid.shape) / (np.abs(values) ** 2).sum())
         out = np.zeros(grid.shape, complex)

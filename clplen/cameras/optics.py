@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from clplen.cameras.aberrations import NONE, Aberrations
+from clplen.cameras.arrayed import Arrayed
 from clplen.cameras.describe import Description
 from clplen.compute.device import Device
 from clplen.wave.field import Grid
@@ -26,7 +27,7 @@ from clplen.wave.lenslets import MicrolensArray
 
 
 @dataclass(frozen=True)
-class Optics(ABC):
+class Optics(Arrayed, ABC):
     """A plenoptic camera as lengths and rays.
 
     Attributes
@@ -74,31 +75,6 @@ class Optics(ABC):
     @abstractmethod
     def describe(self) -> Description:
         """Derived parameters; see `Description`."""
-
-    @property
-    def lenslet_pitch(self) -> float:
-        """p in metres."""
-        return self.mla.pitch
-
-    @property
-    def lenslet_diameter(self) -> float:
-        """d in metres."""
-        return self.mla.diameter
-
-    @property
-    def lenslet_focal_length(self) -> float:
-        """f_mu in metres; of several kinds of lenslets the first."""
-        return self.mla.f
-
-    @property
-    def lenslet_fill(self) -> str:
-        """Aperture of a lenslet: "circular", a disc, or "full", the cell of the lattice."""
-        return self.mla.fill
-
-    @property
-    def lenslet_lattice(self) -> str:
-        """Lattice of the lenslets, "square" or "hexagonal"."""
-        return self.mla.lattice
 
     def alpha(self, dz: Any) -> Any:
         """alpha = F/F' = F (1/f - 1/(object distance + dz)) of an object at dz.

@@ -179,7 +179,7 @@ def _forecast(job: Job) -> None:
     found = forecast_of(job)
     for line in found.lines[:_SHOWN]:
         how = f"fails: {line.problem}" if line.problem else _sizes(line.read, line.written)
-        how = how if line.problem or line.written else "simulated, its size is not known"
+        how = how if line.problem or line.written else "how much it writes is not known"
         click.echo(f"  {line.name}: {how}{', streamed' if line.streamed else ''}")
     if found.todo > _SHOWN:
         click.echo(f"  and {found.todo - _SHOWN} more")

@@ -10,29 +10,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
 from clplen.cli import options
 from clplen.cli.common import bar_of, check_suffix, opened, reach
 from clplen.cli.messages import note
-from clplen.cli.microscope import planes_of, sampled, simulated
 
 if TYPE_CHECKING:
-    from clplen.compute.device import Device
+    from clplen.batch.volumes import Deconvolver, How
     from clplen.microscopy.images import PointImages
-    from clplen.microscopy.prepare import Preparation, Prepared
-    from clplen.microscopy.projector import Projector
+    from clplen.microscopy.prepare import Prepared
 
 _PATH = click.Path(path_type=Path)
 _NAME = "{name}"
-_FLOOR = 1e-3  # of the mean voxel: a warm start leaves none at 0, where it would stay
 
 
 @click.command()
 @click.argument("frames", metavar="FRAME...", nargs=-1, required=True, type=_PATH)
 @click.option(
-    "-c", "--psf", "source", required=True, metavar="PSF.h5|CAMERA.toml", type=_PATH,
-    help="Point images, or the microscope that they are simulated of each time.",
+    "-c", "--psf", "source", required=True, metavar="PSF.h5", type=_PATH,
+    help="Point images, by 'clplen microscope psf'.",
 )  # fmt: skip
 @click.option(
     "-o", "--output", required=True, metavar="VOLUME.ome.tif|.ome.zarr", type=_PATH,
@@ -57,7 +53,6 @@ _FLOOR = 1e-3  # of the mean voxel: a warm start leaves none at 0, where it woul
     help="Level from which on pixels are left out; default: the largest of an integer type.",
 )  # fmt: skip
 @click.option("--warm-start", is_flag=True, help="Begin each frame with the volume before it.")
-@sampled
 @click.option("--memory", type=options.Size(), help="Bytes for matrices (512MiB, 4GB).")
 @options.device
 def deconvolve(
@@ -73,9 +68,10 @@ def deconvolve(
     warm_start: bool,
     memory: int | None,
     selector: str | None,
-    **sampling: Any,
 ) -> None:
-    """Find the volume behind raw frames of a light-field microscope.
+    """Find the volume behind raw frames of a light-field microscope, one each.
+
+    FRAME is a picture, or a TIFF of a whole time series: {name} then has the number of the frame.
 
     The white frame tells the lattice of lenslets, with which frames are rectified, and how
     sensitive pixels are. Each volume is written whole before the next frame begins; those that are
@@ -86,139 +82,104 @@ def deconvolve(
       clplen microscope deconvolve guv.tif -c psf.h5 --white white.tif -o guv.ome.zarr
       clplen microscope deconvolve t*.tif -c psf.h5 --white white.tif -o "out/{name}.ome.tif"
     """
-    from clplen.files import naming
-    from clplen.microscopy.prepare import preparation
+    from clplen.batch.volumes import Deconvolver, How, read_psf
 
     if background < 0:
         raise click.UsageError(f"--background is not negative, not {background:g}.")
-    outputs = _outputs(frames, output, [source, white, dark])
-    beside = {name: _picture(path) for name, path in (("white", white), ("dark", dark)) if path}
-    found: Device | None = None
-    if source.suffix.lower() == ".toml":
-        found = opened(selector)
-        images = _from_camera(source, sampling, found)
-    else:
-        images = _from_file(source, sampling)
-    words = _Words(iterations, background, residual, saturation, warm_start)
-    jobs = _jobs(frames, images, words, white, dark)
+    pages = [page for path in frames for page in _pages(path)]
+    outputs = _outputs(pages, output, [source, white, dark])
+    images = read_psf(source)
+    how = How(iterations, background, residual, saturation)
+    jobs = _jobs(pages, images, how, white, dark, warm_start)
     todo = [not _is_done(out, job) for out, job in zip(outputs, jobs, strict=True)]
     for out in (out for out, wanted in zip(outputs, todo, strict=True) if not wanted):
         click.echo(f"{out} is there already, of the same frame and words.")
     if not any(todo):
         return
-    found = found or opened(selector)
-    with naming(white or "The dark frame"):
-        prepare = preparation(images.pixels, device=found, saturation=saturation, **beside)
-    series = _Series(images, prepare, words, memory)
-    for frame, out, job, wanted in zip(frames, outputs, jobs, todo, strict=True):
+    series = Deconvolver(
+        images, how, device=opened(selector), white=white, dark=dark, memory=memory
+    )
+    before = None
+    for page, out, job, wanted in zip(pages, outputs, jobs, todo, strict=True):
         if wanted:
-            click.echo(series.make(frame, out, job))
-        else:
-            series.before = out
+            click.echo(_made(series, page, out, job, before if warm_start else None))
+        before = out
 
 
 @dataclass(frozen=True)
-class _Words:
-    """What is asked for, of every frame."""
+class _Page:
+    """A frame: a file, or one of several in a TIFF."""
 
-    iterations: int
-    background: float
-    residual: float | None
-    saturation: float | None
-    warm_start: bool
+    path: Path
+    number: int | None = None
+
+    @property
+    def name(self) -> str:
+        """Of its volume."""
+        return self.path.stem if self.number is None else f"{self.path.stem}_{self.number:04d}"
+
+    def __str__(self) -> str:
+        return str(self.path) if self.number is None else f"{self.path}, frame {self.number}"
 
 
-class _Series:
-    """Frames one after the other, with one projector."""
+def _pages(path: Path) -> list[_Page]:
+    from clplen.io.frames import frames_in
 
-    def __init__(
-        self, images: PointImages, prepare: Preparation, words: _Words, memory: int | None
-    ) -> None:
-        self.images, self.prepare, self.words, self.memory = images, prepare, words, memory
-        self.before: Path | None = None  # the volume of the frame before
-        self.projector: Projector | None = None
+    count = frames_in(path)
+    return [_Page(path)] if count == 1 else [_Page(path, number) for number in range(count)]
 
-    def make(self, path: Path, output: Path, job: dict[str, Any]) -> str:
-        """Write the volume of a frame; what it holds, in words."""
-        from clplen.files import naming
-        from clplen.io.volume import write_volume
-        from clplen.microscopy.deconvolution import deconvolve as richardson_lucy
 
-        words = self.words
-        picture = _picture(path)
-        with naming(path), bar_of(words.iterations, "iteration") as bar:
-            frame = self.prepare(picture, saturation=words.saturation)
-            _tell(path, frame)
-            bar.set_description(path.name)
-            result = richardson_lucy(
-                frame.counts,
-                self._projector(frame.counts.shape),
-                iterations=words.iterations,
-                background=words.background * self.prepare.area,
-                white=frame.white,
-                start=self._start(),
-                residual=words.residual,
-                progress=lambda done, total: reach(bar, done, total),
-                watch=lambda now: bar.set_postfix_str(f"residual {float(now[0]):.3g}"),
-            )
-        about = self.images.parameters
-        side = about["lenslet_pitch"] / (self.images.voxels * about["magnification"])
-        write_volume(
-            output,
-            result.volume,
-            planes=self.images.planes,
-            voxel=(side, side),
-            description={
-                "values": "energy of a voxel, counts of the frame",
-                "residuals": [float(one) for one in result.residuals],
-                "degenerate_um": [round(z * 1e6, 9) for z in result.degenerate],
-                "job": job,
-            },
-            durable=True,
+def _made(
+    series: Deconvolver, page: _Page, output: Path, job: dict[str, Any], before: Path | None
+) -> str:
+    """Write the volume of a frame; what it holds, in words."""
+    from clplen.batch.volumes import read_picture, voxel_of, write_result
+    from clplen.files import naming
+    from clplen.io.volume import read_volume
+
+    picture = read_picture(page.path, page.number)
+    with naming(str(page)), bar_of(series.how.iterations, "iteration") as bar:
+        frame = series.prepared(picture)
+        _tell(page, frame)
+        bar.set_description(page.name)
+        found = series(
+            frame,
+            start=None if before is None else read_volume(before)[0],
+            progress=lambda done, total: reach(bar, done, total),
+            watch=lambda now: bar.set_postfix_str(f"residual {float(now[0]):.3g}"),
         )
-        self.before = output
-        size = " x ".join(str(n) for n in result.volume.shape)
-        text = f"{output} holds {size} voxels (z, y, x) of {side * 1e6:.4g} um along y and x; "
-        text += f"residual {result.residuals[-1]:.3g} after {result.iterations} iterations"
-        if result.degenerate:
-            ends = [min(result.degenerate) * 1e6, max(result.degenerate) * 1e6]
-            text += f"; not resolved beyond a lenslet from z = {ends[0]:g} to {ends[1]:g} um"
-        return text + "."
-
-    def _projector(self, shape: tuple[int, ...]) -> Projector:
-        from clplen.microscopy.projector import Projector
-
-        lenslets = (shape[0] // self.images.pixels, shape[1] // self.images.pixels)
-        if self.projector is None or self.projector.shape != lenslets:
-            device = self.prepare.device
-            self.projector = Projector(self.images, lenslets, device=device, memory=self.memory)
-        return self.projector
-
-    def _start(self) -> Any:
-        """The volume of the frame before, or None."""
-        from clplen.io.volume import read_volume
-
-        if not self.words.warm_start or self.before is None:
-            return None
-        volume, _ = read_volume(self.before)
-        return np.maximum(volume, np.float32(_FLOOR * volume.mean(dtype=np.float64)))
+    write_result(output, found, series.images, more={"job": job}, replace=True)
+    size = " x ".join(str(n) for n in found.volume.shape)
+    text = f"{output} holds {size} voxels (z, y, x) of {voxel_of(series.images) * 1e6:.4g} um "
+    text += f"along y and x; residual {found.residuals[-1]:.3g} after {found.iterations} iterations"
+    if found.degenerate:
+        ends = {f"{end * 1e6 + 0.0:.6g}": None for end in sorted(found.degenerate)}
+        first, last = next(iter(ends)), next(reversed(ends))
+        text += "; near the native plane, "
+        text += f"z = {first}" + (f" to {last}" if last != first else "")
+        text += " um, nothing finer than a lenslet is resolved"
+    return text + "."
 
 
-def _outputs(frames: tuple[Path, ...], output: Path, others: list[Path | None]) -> list[Path]:
+def _outputs(pages: list[_Page], output: Path, others: list[Path | None]) -> list[Path]:
     """A file for each frame, none of them one that is read."""
     from clplen.io import check_writable
 
     check_suffix(output, (".tif", ".tiff", ".zarr"))
-    if len(frames) > 1 and _NAME not in str(output):
+    if len(pages) > 1 and _NAME not in str(output):
         raise click.UsageError(
-            f"{len(frames)} frames need as many volumes: put {_NAME} into the output, as in "
+            f"{len(pages)} frames need as many volumes: put {_NAME} into the output, as in "
             f"{output.with_name(_NAME + '.ome' + output.suffix)}."
         )
-    made = [Path(str(output).replace(_NAME, frame.stem)) for frame in frames]
+    made = [Path(str(output).replace(_NAME, page.name)) for page in pages]
     doubled = sorted({str(out) for out in made if made.count(out) > 1})
     if doubled:
         raise click.UsageError(f"Two frames would be written to {doubled[0]}: rename one.")
-    read = [path for path in (*frames, *others) if path is not None and path.exists()]
+    read = [
+        path
+        for path in (*{page.path for page in pages}, *others)
+        if path is not None and path.exists()
+    ]
     for out in made:
         if not (out.suffix == ".zarr" and out.is_dir()):
             check_writable(out)
@@ -227,44 +188,27 @@ def _outputs(frames: tuple[Path, ...], output: Path, others: list[Path | None]) 
     return made
 
 
-def _from_camera(path: Path, sampling: dict[str, Any], device: Device) -> PointImages:
-    from clplen.config.microscope import read_microscope_file
-
-    file = read_microscope_file(path)
-    return simulated(file, planes_of(file, sampling, path), sampling, device)
-
-
-def _from_file(path: Path, sampling: dict[str, Any]) -> PointImages:
-    from clplen.microscopy import psffile
-
-    given = [name for name, value in sampling.items() if value is not None and value is not False]
-    if given:
-        raise click.UsageError(
-            f"--{given[0].replace('_', '-')} belongs to a CAMERA.toml: the point images in {path} "
-            "have theirs."
-        )
-    return psffile.read(path)
-
-
 def _jobs(
-    frames: tuple[Path, ...],
+    pages: list[_Page],
     images: PointImages,
-    words: _Words,
+    how: How,
     white: Path | None,
     dark: Path | None,
+    warm_start: bool,
 ) -> list[dict[str, Any]]:
     """What each volume depends on, kept with it."""
     from clplen.io.digest import digest
     from clplen.microscopy.psffile import digest as digest_of
 
     shared = {
-        **asdict(words),
+        **asdict(how),
         "psf": digest_of(images),
         "white": digest(white) if white else None,
         "dark": digest(dark) if dark else None,
     }
-    jobs = [{"frame": digest(frame), **shared} for frame in frames]
-    if words.warm_start:
+    digests = {path: digest(path) for path in {page.path for page in pages}}
+    jobs = [{"frame": digests[one.path], "number": one.number, **shared} for one in pages]
+    if warm_start:
         for earlier, later in pairwise(jobs):
             later["start"] = sha256(json.dumps(earlier, sort_keys=True).encode()).hexdigest()
     return jobs
@@ -276,20 +220,9 @@ def _is_done(output: Path, job: dict[str, Any]) -> bool:
     return output.exists() and describe_volume(output).get("job") == job
 
 
-def _picture(path: Path) -> Any:
-    """A frame of one channel."""
-    from clplen.errors import FormatError
-    from clplen.io.raw import read_frame
-
-    picture, _ = read_frame(path)
-    if picture.ndim != 2:
-        raise FormatError(f"{path} has shape {picture.shape}; a raw frame has one channel.")
-    return picture
-
-
-def _tell(path: Path, frame: Prepared) -> None:
+def _tell(page: _Page, frame: Prepared) -> None:
     """Pixels that do not count."""
     if frame.left_out:
-        note(f"{path}: {frame.left_out:,} saturated or not finite pixels are left out.")
+        note(f"{page}: {frame.left_out:,} saturated or not finite pixels are left out.")
     if frame.negative:
-        note(f"{path}: {frame.negative:,} pixels below 0 are taken as 0.")
+        note(f"{page}: {frame.negative:,} pixels below 0 are taken as 0.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 _PATH = click.Path(path_type=Path)
 VOXELS = 5
 CUT = 2e-3
+_OF_THE_ARRAY = ("lenslets", "field of view")  # point images are those of an endless one
 
 
 @click.group()
@@ -27,40 +29,27 @@ def microscope() -> None:
     """Light-field microscopes: point images (psf), frames (project), volumes (deconvolve)."""
 
 
-_PLANES = (
-    click.option(
-        "--planes-um",
-        type=options.Planes(),
-        help="z of the planes from the native one, farther from the objective positive.",
-    ),
-    click.option("--num-slices", type=click.IntRange(1), help="Planes about the native one ..."),
-    click.option("--um-per-slice", type=float, help="... and their distance."),
-    click.option(
-        "--voxels",
-        "--supersample",
-        type=click.IntRange(1),
-        help=f"Voxels of a lenslet along an axis; default {VOXELS}.",
-    ),
-    click.option(
-        "--cut",
-        type=float,
-        help=f"Share of a voxel's light that may be left out; default {CUT:g}.",
-    ),
-    click.option("--half", is_flag=True, help="Keep point images as float16: half of the memory."),
-)
-
-
-def sampled(command: Any) -> Any:
-    """The words that say how point images are sampled."""
-    for option in reversed(_PLANES):
-        command = option(command)
-    return command
-
-
 @microscope.command()
 @click.argument("camera", metavar="CAMERA.toml", type=_PATH)
 @click.option("-o", "--output", required=True, metavar="PSF.h5", type=_PATH)
-@sampled
+@click.option(
+    "--planes-um",
+    type=options.Planes(),
+    help="z of the planes from the native one, farther from the objective positive.",
+)
+@click.option("--num-slices", type=click.IntRange(1), help="Planes about the native one ...")
+@click.option("--um-per-slice", type=float, help="... and their distance.")
+@click.option(
+    "--voxels",
+    "--supersample",
+    type=click.IntRange(1),
+    help=f"Voxels of a lenslet along an axis; default {VOXELS}.",
+)
+@click.option(
+    "--cut", type=float, default=CUT, show_default=True,
+    help="Share of a voxel's light that may be left out.",
+)  # fmt: skip
+@click.option("--half", is_flag=True, help="Keep point images as float16: half of the memory.")
 @options.device
 def psf(camera: Path, output: Path, selector: str | None, **sampling: Any) -> None:
     """Simulate the point images of a microscope, and keep them in a file.
@@ -79,9 +68,9 @@ def psf(camera: Path, output: Path, selector: str | None, **sampling: Any) -> No
 
     check_suffix(output, (".h5", ".hdf5"))
     file = read_microscope_file(camera)
-    z = planes_of(file, sampling, camera)
+    z = _planes_of(file, sampling, camera)
     check_writable(output)
-    images = simulated(file, z, sampling, opened(selector), output)
+    images = _simulated(file, z, sampling, opened(selector), output)
     kept = min(images.kept(plane) for plane in range(len(z)))
     click.echo(f"{output} holds {images!r}; at least {kept:.2%} of the light of a voxel is kept.")
 
@@ -104,15 +93,15 @@ def project(
     Example:
       clplen microscope project volume.ome.tif -c psf.h5 -o frame.tif
     """
+    from clplen.batch.volumes import read_psf
     from clplen.io import check_writable, write_picture
     from clplen.io.volume import read_volume
-    from clplen.microscopy import psffile
     from clplen.microscopy.projector import Projector
 
     check_suffix(output, (".tif", ".tiff"))
     values, about = read_volume(volume)
-    images = psffile.read(source)
-    check_volume(volume, values, about, images)
+    images = read_psf(source)
+    _check_volume(volume, values, about, images)
     if check_writable(output).exists() and volume.exists() and output.samefile(volume):
         raise click.UsageError(f"{output} is the volume that is read: name an output elsewhere.")
     v = images.voxels
@@ -127,7 +116,7 @@ def project(
     )
 
 
-def planes_of(file: MicroscopeFile, sampling: dict[str, Any], path: Path) -> Any:
+def _planes_of(file: MicroscopeFile, sampling: dict[str, Any], path: Path) -> Any:
     """z of the planes in metres, of the options, else of the file."""
     count = sampling["num_slices"] or file.slices
     step = sampling["um_per_slice"] or file.um_per_slice
@@ -145,12 +134,12 @@ def planes_of(file: MicroscopeFile, sampling: dict[str, Any], path: Path) -> Any
     return (np.arange(count) - (count - 1) / 2) * step / 1e6
 
 
-def simulated(
+def _simulated(
     file: MicroscopeFile,
     z: Any,
     sampling: dict[str, Any],
     device: Device,
-    output: Path | None = None,
+    output: Path,
 ) -> PointImages:
     """The point images of a file's microscope, kept in ``output``."""
     from clplen.cameras.microscope import Microscope
@@ -158,25 +147,30 @@ def simulated(
 
     camera = file.camera.build(device)
     assert isinstance(camera, Microscope)
-    click.echo(camera.describe())
-    if abs(file.pixels - camera.pixels_per_lenslet) > 1e-6:
+    known = camera.describe()
+    click.echo(replace(known, rows=tuple(r for r in known.rows if r.name not in _OF_THE_ARRAY)))
+    pixels = camera.pixels_per_lenslet / file.binning
+    if file.binning > 1:
         note(
-            f"A lenslet has {file.pixels:.6g} pixels: frames are rectified to "
-            f"{camera.pixels_per_lenslet:g}."
+            f"Pixels of {camera.lenslet_pitch / pixels * 1e6:.4g} um do not sample the light: "
+            f"it is simulated on {file.binning} x {file.binning} parts of each, which are added up."
         )
+    if abs(file.pixels - pixels) > 1e-6:
+        note(f"A lenslet has {file.pixels:.6g} pixels: frames are rectified to {pixels:g}.")
     with bar_of(len(z), "plane") as bar:
         return point_images(
             camera,
             z,
             voxels_per_lenslet=sampling["voxels"] or file.voxels or VOXELS,
-            cut=CUT if sampling["cut"] is None else sampling["cut"],
+            binning=file.binning,
+            cut=sampling["cut"],
             store="float16" if sampling["half"] else "float32",
             path=output,
             progress=lambda done, total: reach(bar, done, total),
         )
 
 
-def check_volume(path: Path, values: Any, about: dict[str, Any], images: PointImages) -> None:
+def _check_volume(path: Path, values: Any, about: dict[str, Any], images: PointImages) -> None:
     """Refuse a volume on other planes, or not of whole lenslets."""
     wanted, found = images.planes * 1e6, about.get("planes_um", [])
     if len(values) != len(wanted):

@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from clplen.cameras.aberrations import NONE
 from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.microscope import Microscope
+from clplen.cameras.objective import APODISATION, CoverGlass
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.compute.device import Device
@@ -34,7 +35,7 @@ from clplen.wave.lenslets import MicrolensArray
 KEYS = {
     "plenoptic1": ("field_lens",),
     "plenoptic2": ("m", "a_mm", "match"),
-    "microscope": ("magnification", "na", "medium_index", "tube_lens_mm"),
+    "microscope": ("magnification", "na", "medium_index", "tube_lens_mm", "cover", "apodisation"),
 }
 NEEDED = {
     "plenoptic1": ("focal_length_mm",),
@@ -74,6 +75,24 @@ class MicrolensTable(Table):
         )
 
 
+class CoverTable(Table):
+    """``[camera.cover]``: a cover glass that the objective is not made for."""
+
+    thickness_um: NotNegative
+    index: Positive = 1.5255
+    designed_thickness_um: NotNegative = 170.0
+    designed_index: Positive = 1.5255
+
+    def build(self) -> CoverGlass:
+        """The glass, in SI units."""
+        return CoverGlass(
+            self.thickness_um / 1e6,
+            self.index,
+            self.designed_thickness_um / 1e6,
+            self.designed_index,
+        )
+
+
 class CameraTable(Table):
     """``[camera]``."""
 
@@ -94,6 +113,8 @@ class CameraTable(Table):
     na: Positive | None = None
     medium_index: Positive = 1.0
     tube_lens_mm: Positive = 200.0
+    cover: CoverTable | None = None
+    apodisation: Annotated[float, Field(ge=-1, le=1, strict=True)] = APODISATION
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> CameraTable:
@@ -134,6 +155,8 @@ class CameraTable(Table):
                 na=self.na,
                 medium_index=self.medium_index,
                 tube_lens=self.tube_lens_mm / 1e3,
+                cover=self.cover.build() if self.cover else None,
+                apodisation=self.apodisation,
                 **shared,
             )
         shared |= {

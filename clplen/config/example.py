@@ -23,6 +23,11 @@ pixels_per_lenslet = 30         # may be fractional
 # na = 0.5                      # needed by a microscope
 # medium_index = 1.0            # of a microscope: air; water 1.33, oil 1.52
 # tube_lens_mm = 200.0          # of a microscope
+# apodisation = 0.5             # of a microscope, power of cos(theta) over the pupil; -0.5 where
+                                # points shine alike in all directions
+# cover = { thickness_um = 150 }  # default: none. Of a microscope, a cover glass unlike that which
+                                # the objective is made for; index and designed_index are 1.5255,
+                                # designed_thickness_um is 170 unless they are given too
 
 [camera.microlenses]
 pitch_um = 150.0

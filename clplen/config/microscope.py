@@ -7,7 +7,7 @@ millimetres for the tube lens, nanometres for the wavelength.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from clplen.config.camera import CameraTable, SensorTable
@@ -74,9 +74,11 @@ class MicroscopeFile:
     Attributes
     ----------
     camera : CameraTable
-        With a whole number of pixels a lenslet.
+        With a whole number of pixels a lenslet, ``binning`` times those of the sensor.
     pixels : float
         A lenslet, as the file has them: frames are rectified to the next whole number.
+    binning : int
+        The least with which the pixels of the camera sample the light: see `point_images`.
     slices : int or None
     um_per_slice : float or None
     voxels : int or None
@@ -85,6 +87,7 @@ class MicroscopeFile:
 
     camera: CameraTable
     pixels: float
+    binning: int = 1
     slices: int | None = None
     um_per_slice: float | None = None
     voxels: int | None = None
@@ -116,19 +119,27 @@ def read_microscope_file(path: PathLike) -> MicroscopeFile:
         camera = validated(_CameraAlone, content, path).camera
         if camera.kind != "microscope":
             raise FormatError(f"{path} is of kind {camera.kind!r}, not 'microscope'.")
-        return MicroscopeFile(_whole(camera), camera.pixels_per_lenslet)
+        return _simulable(camera)
     known = validated(KnownTable, content, path)
     camera = known.camera()
-    return MicroscopeFile(
-        _whole(camera),
-        camera.pixels_per_lenslet,
-        known.num_slices,
-        known.um_per_slice,
-        known.supersample,
+    return replace(
+        _simulable(camera),
+        slices=known.num_slices,
+        um_per_slice=known.um_per_slice,
+        voxels=known.supersample,
     )
 
 
-def _whole(camera: CameraTable) -> CameraTable:
-    """With the next whole number of pixels a lenslet; round-off of a quotient is none."""
+def _simulable(camera: CameraTable) -> MicroscopeFile:
+    """With the next whole number of pixels a lenslet, divided until they sample the light.
+
+    Round-off of a quotient is no pixel.
+    """
     pixels = math.ceil(round(camera.pixels_per_lenslet, 6))
-    return camera.model_copy(update={"pixels_per_lenslet": float(pixels)})
+    array = camera.microlenses
+    slope = (camera.na or 0) / (camera.magnification or 1)
+    slope += (array.diameter_um or array.pitch_um) / (2e3 * array.focal_length_mm[0])
+    finest = camera.wavelength_nm / (2e3 * slope)  # um: smaller pixels sample the light
+    binning = math.floor(array.pitch_um / (finest * pixels)) + 1
+    fine = camera.model_copy(update={"pixels_per_lenslet": float(pixels * binning)})
+    return MicroscopeFile(fine, camera.pixels_per_lenslet, binning)

@@ -16,6 +16,7 @@ import numpy as np
 from clplen.cameras.aberrations import NONE, Aberrations
 from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.microscope import Microscope
+from clplen.cameras.objective import APODISATION, CoverGlass
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.compute.device import Device
@@ -47,6 +48,8 @@ _MICROSCOPE = (
     "wavelength",
     "pixels_per_lenslet",
 )
+_APODISATION = "apodisation"  # files without it have that of a camera to which none is given
+_COVER = ("thickness", "index", "designed_thickness", "designed_index")
 _OF_KIND = {
     "type1": (*_CAMERA, "field_lens"),
     "type2": (*_CAMERA, "m"),
@@ -58,7 +61,9 @@ CAMERA_NAMES = (
     "kind",
     *dict.fromkeys(name for names in _OF_KIND.values() for name in names),
     _ABERRATIONS,
+    _APODISATION,
     *(f"mla_{name}" for name in _ARRAY),
+    *(f"cover_{name}" for name in _COVER),
 )
 _WORDS = {"decode": ("calibrated", "naive"), "parametrisation": ("two-plane", "point-angle")}
 
@@ -97,7 +102,11 @@ def of_camera(camera: Any) -> dict[str, Any] | None:
     found |= {f"mla_{name}": getattr(camera.mla, name) for name in _ARRAY}
     if len(camera.mla.focal_lengths) > 1:
         found["mla_f"] = camera.mla.focal_lengths
-    if not isinstance(camera, Microscope) and camera.aberrations != NONE:
+    if isinstance(camera, Microscope):
+        found[_APODISATION] = camera.apodisation
+        if camera.cover is not None:
+            found |= {f"cover_{name}": getattr(camera.cover, name) for name in _COVER}
+    elif camera.aberrations != NONE:
         found[_ABERRATIONS] = camera.aberrations.to_json()
     return {"kind": kind} | {name: plain(value) for name, value in found.items()}
 
@@ -206,13 +215,17 @@ def read_camera(
     try:
         mla = {name: values[f"mla_{name}"] for name in _ARRAY}
         camera = {name: values[name] for name in _OF_KIND[kind]}
+        covered = f"cover_{_COVER[0]}" in values
+        glass = {name: values[f"cover_{name}"] for name in _COVER} if covered else None
     except KeyError as error:
         raise FormatError(f"The camera in {path} lacks {error}.") from error
     pitch, focal_length = mla.pop("pitch"), mla.pop("f")
     try:
         camera |= {"mla": MicrolensArray(pitch, focal_length, **mla), "device": device}
         if kind == "microscope":
-            return PlenopticCamera.microscope(**camera)
+            cover = None if glass is None else CoverGlass(**glass)
+            camera[_APODISATION] = values.get(_APODISATION, APODISATION)
+            return PlenopticCamera.microscope(cover=cover, **camera)
         if _ABERRATIONS in values:
             if not np.prod(mla["count"], dtype=np.float64) <= _LENSLETS:
                 raise ValueError(f"{mla['count']} lenslets are more than {_LENSLETS:,}")

@@ -76,6 +76,22 @@ def read_tiff_frame(
     return without_alpha(values.astype(values.dtype.newbyteorder("="), copy=False), path)
 
 
+def frames_in(path: Path) -> int:
+    """How many frames a picture holds; 1 where it is no TIFF or cannot be read.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        return 1
+    try:
+        with tifffile.TiffFile(path, is_ome=False, is_imagej=False) as file:
+            return max(1, len(file.pages))
+    except Exception:  # reading it says why
+        return 1
+
+
 def _axes(text: str, count: int) -> dict[str, int]:
     """Lengths of the axes T, C and Z of an OME description, the slowest first; else empty."""
     pixels = re.search(r"<(?:\w+:)?Pixels\b[^>]*>", text)

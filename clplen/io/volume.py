@@ -82,7 +82,7 @@ def _step(z: Array) -> float | None:
     steps = np.diff(z)
     if steps.size == 0 or np.ptp(steps) > 1e-6 * abs(steps[0]):
         return None
-    return float(steps[0])
+    return round(float(steps.mean()), 15)
 
 
 def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array, dict[str, Any]]:
@@ -161,6 +161,4 @@ def _zarr_group(path: Path) -> Any:
 
 def _require(path: Path, array: Any, max_bytes: int | None) -> None:
     nbytes = math.prod(array.shape) * np.dtype(array.dtype).itemsize
-    require_bytes(
-        nbytes, path=path, what="a volume", stored=nbytes, ratio=1, max_bytes=max_bytes
-    )
+    require_bytes(nbytes, path=path, what="a volume", stored=nbytes, ratio=1, max_bytes=max_bytes)

@@ -46,8 +46,8 @@ class AlphaEstimate:
     in_focus : bool
         Whether the object's blur is below one lenslet, where its alpha is known to p/D only.
     uncertainty : float
-        Of alpha; nan without a camera, for the method "thesis", and when no peak was found inside
-        the search (raise ``c_max``).
+        Of alpha, or of d dx/du for a telecentric camera; nan without a camera, for the method
+        "thesis", and when no peak was found inside the search (raise ``c_max``).
     curve : tuple of numpy.ndarray
         (alphas, E): focus measure at the alphas that were tried, alphas rising; empty for the
         method "slope".
@@ -121,11 +121,17 @@ def estimate_alpha(
     Raises
     ------
     ValueError
-        If the method is unknown or lacks what it needs, ``near`` lies outside, the window is even
-        or too small, ``c_max`` is out of range, or the window is black or without detail.
+        If the method is unknown or lacks what it needs ("thesis" an F), ``near`` lies outside, the
+        window is even or too small, ``c_max`` is out of range, or the window is black or without
+        detail.
     """
     place = _checked(lf, near, method, window)
     if method == "thesis":
+        if is_telecentric(lf):
+            raise ValueError(
+                "method='thesis' looks for alpha = F/F', which a telecentric camera, such as a "
+                "microscope, does not have: use another method."
+            )
         return _thesis(lf, place)
     optics = _optics(lf)
     if method == "slope":

@@ -52,7 +52,7 @@ class AlphaLaw:
         values = np.asarray(alpha, np.float64)
         if not (np.isfinite(values).all() and (values > 0).all()):
             raise ValueError(f"alpha = F/F' is positive and finite, not {alpha!r}.")
-        return -ratio * ((1 / values - 1) if self.decode == "naive" else (1 - values))
+        return -ratio * ((1 / values - 1) if self._inverse else (1 - values))
 
     def alpha(self, disparity: ArrayLike) -> Vector:
         """The inverse of `disparity`; NaN without spacing and for a telecentric camera."""
@@ -66,7 +66,12 @@ class AlphaLaw:
         if self.spacing is None or not np.isfinite(self.spacing).all():
             return np.full_like(values, np.nan)
         scaled = -values / self._view_ratio()
-        return 1 / (1 + scaled) if self.decode == "naive" else 1 - scaled
+        return 1 / (1 + scaled) if self._inverse else 1 - scaled
+
+    @property
+    def _inverse(self) -> bool:
+        """Whether cells are naive and not sub-images too, as those of a telecentric camera are."""
+        return self.decode == "naive" and not is_telecentric(self)
 
     def _view_ratio(self) -> float:
         """du/dx, signed."""

@@ -6,6 +6,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from clplen.lightfield.law import is_telecentric
+
 DISPARITIES = (-2.0, 2.0, 33)  # first, last, how many
 ALPHAS = (0.65, 1.35, 33)
 _FAR = 1e3  # metres: as good as infinity, and still a place
@@ -30,8 +32,8 @@ def suitable_planes(lf: _Known, *, count: int | None = None) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``alphas`` from .65 to 1.35, at most up to infinity, where the spacing is known, else
-        ``disparities`` from -2 to 2.
+        ``alphas`` from .65 to 1.35, at most up to infinity, where the spacing is known;
+        ``disparities`` over the range of a microscope, else from -2 to 2.
     """
     if np.isfinite(lf.alpha(0.0)):
         low, high, many = ALPHAS
@@ -39,4 +41,7 @@ def suitable_planes(lf: _Known, *, count: int | None = None) -> dict[str, Any]:
             high = min(high, lf.camera.alpha(_FAR))
         return {"alphas": np.linspace(low, high, count or many)}
     low, high, many = DISPARITIES
+    if is_telecentric(lf):
+        high = abs(lf.camera.disparity(lf.camera.depth_range / 2))
+        low = -high
     return {"disparities": np.linspace(low, high, count or many)}

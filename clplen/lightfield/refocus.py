@@ -11,6 +11,7 @@ import pyopencl.array as cla
 from clplen.compute.device import Device
 from clplen.compute.image import Image
 from clplen.lightfield.aperture import Weights
+from clplen.lightfield.law import is_telecentric
 from clplen.lightfield.magnify import magnify
 from clplen.lightfield.ramps import phase_ramps
 from clplen.lightfield.raw import CameraModel, Spacing
@@ -104,7 +105,7 @@ def refocus(
         The picture as it is on the synthetic plane, where it has another size: alpha^2 R(alpha x')
         about the middle of the picture R, 0 outside; the Jacobian alpha^2 keeps its sum (thesis,
         eq. 3.7). Needs ``lf.spacing``. Views of naive cells are directions, so that R is that
-        picture already.
+        picture already, and that of a telecentric camera has the same size on every plane.
     interpolation : {"linear", "nearest", "cubic", "fourier"}
         How views are moved by fractions of a pixel. "nearest" rounds (halves up); "cubic" (Keys
         1981, a = -1/2) repeats the edge sample within a view and takes no place outside it;
@@ -135,6 +136,7 @@ def refocus(
     if np.ndim(given) == 1:
         raise ValueError("refocus makes one picture: give one number, or use focal_stack.")
     disparities, alphas = _planes(lf, np.atleast_1d(given), alpha is not None)
+    rescale = rescale and not is_telecentric(lf)
     if np.ndim(given):
         picture = _on_surface(lf, lf.weights, disparities, interpolation)
         return Image(picture, lf.device)

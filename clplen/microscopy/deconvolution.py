@@ -13,13 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyopencl.array as cla
 
 from clplen.errors import ShapeError
 from clplen.microscopy.acceleration import Ahead
+from clplen.microscopy.priors import Prior, blurs, prior_of
 from clplen.microscopy.projector import Projector
 from clplen.wave.average import Progress
 
@@ -38,7 +39,8 @@ class DeconvolutionResult:
     volume : numpy.ndarray
         float32, shape (..., planes, rows v, columns v): energy of each voxel.
     residuals : numpy.ndarray
-        float64, shape (..., iterations): sum (I - w H V - b)^2 / sum I^2 before each iteration.
+        float64, shape (..., iterations): sum (I - w H V - b)^2 / sum I^2 before each iteration,
+        over the pixels with w > 0.
     iterations : int
         How many were made.
     degenerate : tuple of float
@@ -68,8 +70,10 @@ def deconvolve(
     background: float = 0.0,
     white: Any = None,
     start: Any = None,
-    residual: float | None = None,
+    residual: float | Literal["noise"] | None = None,
     accelerate: bool = False,
+    prior: Literal["tv", "gaussian"] | None = None,
+    strength: float = 1.0,
     progress: Progress | None = None,
     watch: Callable[[Vector], None] | None = None,
 ) -> DeconvolutionResult:
@@ -90,11 +94,18 @@ def deconvolve(
         columns n); pixels of 0 are left out, as saturated ones should be.
     start : array_like, optional
         Volume to begin with, such as that of the frame before; default an even one.
-    residual : float, optional
-        Stop when the residual of every frame is below it.
+    residual : float or "noise", optional
+        Stop when the residual of every frame is below it. "noise": that of Poisson counts about
+        the true means, sum I/sum I^2, if counts are photons (camera counts over the gain).
     accelerate : bool
         Begin each iteration ahead of the volume found (Biggs and Andrews 1997): fewer iterations
-        for the same residual, but memory for four volumes more.
+        for the same residual and the same noise, but memory for four volumes more.
+    prior : {"tv", "gaussian"}, optional
+        "tv": little total variation (Dey et al. 2006), against noise. "gaussian": nothing finer
+        than a lenslet about the native plane (Snyder and Miller 1985; Stefanoiu et al. 2019).
+    strength : float
+        Of the prior, positive. "tv": times the noise of a step if counts are photons,
+        `clplen.microscopy.priors.noise_level`. "gaussian": times the width of a lenslet.
     progress : callable, optional
         Called as ``progress(done, total)`` after each iteration.
     watch : callable, optional
@@ -125,7 +136,10 @@ def deconvolve(
     counts = _positive(frame, projector.frame_shape, "A frame").reshape(-1, *projector.frame_shape)
     weight = np.ones(projector.frame_shape) if white is None else white
     weight = _positive(weight, projector.frame_shape, "A white frame")
-    found = _Iteration(projector, counts, weight, float(background), start)
+    counts = np.where(weight > 0, counts, np.float32(background))
+    known = prior_of(prior, strength, projector, counts)
+    found = _Iteration(projector, known, counts, weight, float(background), start)
+    least = found.noise if residual == "noise" else residual
     ahead = Ahead(found.volumes, found.device) if accelerate else None
     history: list[Vector] = []
     for done in range(int(iterations)):
@@ -136,9 +150,10 @@ def deconvolve(
             watch(history[-1])
         if progress is not None:
             progress(done + 1, int(iterations))
-        if residual is not None and (history[-1] < residual).all():
+        if least is not None and (history[-1] < least).all():
             break
-    volume = projector.device.download(found.volumes).reshape(*lead, *projector.volume_shape)
+    volume = projector.device.download(known.volumes(found.volumes))
+    volume = volume.reshape(*lead, *projector.volume_shape)
     residuals = np.stack(history, axis=-1).reshape(*lead, len(history))
     return DeconvolutionResult(volume, residuals, len(history), degenerate_planes(projector))
 
@@ -149,29 +164,35 @@ def degenerate_planes(projector: Projector) -> tuple[float, ...]:
     A point's light there does not leave its lenslet and the next ones: M abs(z) tan(theta) below
     half a pitch.
     """
-    about = projector.images.parameters
-    tangent = about["na"] / np.sqrt(about["medium_index"] ** 2 - about["na"] ** 2)
-    reach = about["lenslet_pitch"] / (2 * about["magnification"] * tangent)
-    return tuple(float(z) for z in projector.images.planes if abs(z) < reach)
+    images = projector.images
+    return tuple(float(z) for z in images.planes[blurs(images) < 0.5])
 
 
 class _Iteration:
     """The volumes with everything that a step needs, on the device."""
 
     def __init__(
-        self, projector: Projector, counts: Vector, white: Vector, background: float, start: Any
+        self,
+        projector: Projector,
+        prior: Prior,
+        counts: Vector,
+        white: Vector,
+        background: float,
+        start: Any,
     ) -> None:
-        self.projector, self.background = projector, background
+        self.projector, self.prior, self.background = projector, prior, background
         device = self.device = projector.device
-        self.norms = (counts.astype(np.float64) ** 2).sum(axis=(1, 2))
+        lit = counts[:, white > 0].astype(np.float64)
+        self.norms = np.square(lit).sum(axis=1)
         if not self.norms.all():
             raise ValueError("A frame is black: there is nothing to find.")
+        self.noise = lit.sum(axis=1) / self.norms
         self.counts, self.white = device.upload(counts), device.upload(white)
-        self.seen = projector.back_project(device.upload(white[None]))
+        self.seen = prior.gathered(projector.back_project(device.upload(white[None])))
         self.least = LEAST * float(device.download(self.seen).max())
         shape = (len(counts), *projector.volume_shape)
         if start is None:
-            light = np.maximum(counts.sum(axis=(1, 2), dtype=np.float64), 1e-30)
+            light = np.maximum(lit.sum(axis=1), 1e-30)
             even = light / np.prod(projector.volume_shape) / max(float(white.mean()), 1e-30)
             begin = np.broadcast_to(even[:, None, None, None], shape).astype(np.float32)
         else:
@@ -181,7 +202,7 @@ class _Iteration:
 
     def step(self) -> Vector:
         """One iteration; the residual of each frame before it."""
-        expected = self.projector.project(self.volumes)
+        expected = self.projector.project(self.prior.volumes(self.volumes))
         _, ny, nx = expected.shape
         self._launch("expected", expected, self.white, np.float32(self.background), ny, nx)
         on_host = self.device.on_host
@@ -192,7 +213,8 @@ class _Iteration:
             ]
         ratio = self.device.empty(expected.shape, np.float32)
         self._launch("ratio", ratio, self.counts, expected, self.white, ny, nx)
-        back = self.projector.back_project(ratio)
+        back = self.prior.gathered(self.projector.back_project(ratio))
+        self.prior.restrain(back, self.volumes)
         _, planes, rows, columns = back.shape
         self._launch(
             "update", self.volumes, back, self.seen, np.float32(self.least), planes * rows, columns

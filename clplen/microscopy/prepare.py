@@ -1,12 +1,14 @@
 """Raw frames of a real microscope to counts and sensitivities on whole pixels a lenslet.
 
-The white frame gives the lattice, once, and the sensitivity of every pixel; the dark frame is
-subtracted from both. Pixels that say nothing are left out: saturated, not finite, or dark in the
-white frame.
+The white frame gives the lattice, once, and the sensitivity of every pixel: its level over the mean
+of the same pixel of all lenslets, because what they have in common, the image of the pupil, is part
+of the point images. The dark frame is subtracted from both. Pixels that say nothing are left out:
+saturated, not finite, or dark in the white frame.
 """
 
 from __future__ import annotations
 
+import math
 import warnings
 from dataclasses import dataclass
 from typing import Any
@@ -22,7 +24,8 @@ from clplen.microscopy.rectify import rectify
 
 Vector = np.ndarray[Any, Any]
 
-DARKEST = 0.01  # of the mean of the white frame: darker pixels between lenslets are left out
+DARKEST = 0.01  # of the mean level of the white frame: darker pixels are left out
+LEAST_PITCH = 3  # pixels that a lattice is looked for with
 REACH = 2  # pixels that cubic interpolation mixes, on either side
 
 
@@ -58,7 +61,7 @@ class Preparation:
     lattice : Lattice or None
         None where frames have n x n pixels a lenslet already.
     sensitivity : numpy.ndarray or None
-        float32, rectified, of mean 1.
+        float32, rectified; 1 where a lenslet is as bright as the mean one.
     """
 
     pixels: int
@@ -134,7 +137,7 @@ class Preparation:
         """Rectified pixels that a bad one has a part in."""
         if self.lattice is None:
             return bad
-        wide = binary_dilation(bad, np.ones((2 * REACH + 1,) * 2)).astype(np.float32)
+        wide = binary_dilation(bad, np.ones((2 * REACH + 1,) * 2, bool)).astype(np.float32)
         return rectify(wide, self.lattice, device=self.device, pixels=self.pixels) > self.area / 2
 
 
@@ -169,7 +172,7 @@ def preparation(
     ShapeError
         If the white and the dark frame are of different sizes, or no lenslet lies on the frame.
     ValueError
-        If the white frame is dark, or its lattice hexagonal.
+        If the white frame is dark, or has no lenslets of about so many pixels.
 
     Warns
     -----
@@ -190,16 +193,30 @@ def preparation(
     light = np.maximum(light, 0)
     if not light.any():
         raise ValueError("The white frame is no brighter than the dark one: are they exchanged?")
-    lattice = estimate_lattice(light)
+    lattice = estimate_lattice(light, kind="rectangular", pitch=max(pixels, LEAST_PITCH))
+    if math.isnan(lattice.residual):
+        raise ValueError(
+            f"The white frame has no lenslets of about {pixels} pixels, as the point images have: "
+            "is it one, and of the same camera?"
+        )
     if lattice.trust == "low":
-        warnings.warn(f"The white frame: {lattice.verdict}", SamplingWarning, stacklevel=2)
+        said = lattice.verdict.removesuffix(" Give a white image.")
+        warnings.warn(f"The white frame: {said}", SamplingWarning, stacklevel=2)
     found = Preparation(pixels, device, black, lattice, None)
     level = rectify(light, lattice, device=device, pixels=pixels)
-    level /= level.mean(dtype=np.float64)
-    level[level < DARKEST] = 0
     if bad.any():
         level[found._reached(bad)] = 0
-    return Preparation(pixels, device, black, lattice, level)
+    return Preparation(pixels, device, black, lattice, _sensitivity(level, pixels))
+
+
+def _sensitivity(level: Vector, n: int) -> Vector:
+    """Levels over the mean of the lenslets, pixel by pixel; 0 where there is no light."""
+    cells = level.reshape(level.shape[0] // n, n, level.shape[1] // n, n)
+    bright = cells > DARKEST * level.mean(dtype=np.float64)
+    counted = np.maximum(bright.sum(axis=(0, 2), keepdims=True), 1)
+    mean = (cells * bright).sum(axis=(0, 2), keepdims=True, dtype=np.float64) / counted
+    found = np.where(bright, cells / np.maximum(mean, np.finfo(float).tiny), 0)
+    return found.reshape(level.shape).astype(np.float32)
 
 
 def _unknown(values: Vector, saturation: float | None) -> Vector:

@@ -78,7 +78,7 @@ class Projector:
     ShapeError
         If the shape is not two positive integers.
     DeviceError
-        If the matrices of a single plane do not fit the device.
+        If the projection of one frame does not fit the device.
     """
 
     def __init__(
@@ -101,16 +101,16 @@ class Projector:
         farthest = max(images.radii)
         self._window = tuple(smooth_length(max(k + farthest, 2 * farthest + 1)) for k in self.shape)
         self._blocks = -(-(self._window[0] // 2 + 1) * (self._window[1] // 2 + 1) // WIDTH)
-        plane = 4 * self._blocks * WIDTH * (v * n) ** 2
-        device.require_memory(2 * plane, "The projection of one plane")
-        allowed = _room(device) if memory is None else memory
-        self.resident = plane * self.volume_shape[0] <= allowed
-        together = max(1, min(GROUP_BYTES, allowed) // plane)
         planes = self.volume_shape[0]
+        plane = self.nbytes // planes
+        allowed = _room(device) if memory is None else memory
+        self.resident = self.nbytes <= allowed
+        together = max(1, min(GROUP_BYTES, allowed) // plane)
         self._groups = [
             _Group(first, min(together, planes - first)) for first in range(0, planes, together)
         ]
         self._kept: dict[_Group, cla.Array] = {}
+        self.require_memory(1)
 
     def __repr__(self) -> str:
         return f"<Projector of {self.volume_shape} to {self.frame_shape}, {self.device.name}>"
@@ -120,6 +120,33 @@ class Projector:
         """Bytes of the matrices of all planes."""
         v, n = self.images.voxels, self.images.pixels
         return 4 * self._blocks * WIDTH * (v * n) ** 2 * self.volume_shape[0]
+
+    def require_memory(self, frames: int, *, volumes: int = 1) -> None:
+        """Refuse frames that cannot be projected together, before anything is allocated.
+
+        Parameters
+        ----------
+        frames : int
+        volumes : int
+            That are kept on the device for each frame.
+
+        Raises
+        ------
+        DeviceError
+            With the bytes needed and the bytes there are.
+        """
+        v, n, planes = self.images.voxels, self.images.pixels, self.volume_shape[0]
+        together = self._groups[0].count
+        group = together * (self.nbytes // planes)
+        matrices = self.nbytes if self.resident else 2 * group  # the next one is made beside it
+        rows = n * n + together * v * v
+        spectra = 4 * WIDTH * 4 * self._blocks * rows
+        fields = 4 * math.prod(self._window) * max(frames * rows, n * n * (v * v + 1) // 2)
+        pictures = 4 * (volumes * math.prod(self.volume_shape) + math.prod(self.frame_shape))
+        self.device.require_memory(
+            matrices + fields + frames * (spectra + pictures),
+            f"The projection of {'one frame' if frames == 1 else f'{frames} frames together'}",
+        )
 
     def forward(self, volume: Any, *, clamp: bool = True) -> Vector:
         """The frames of volumes.
@@ -141,8 +168,11 @@ class Projector:
         ------
         ShapeError
             If the volume has another shape.
+        DeviceError
+            If so many frames do not fit the device.
         """
         values = self._taken(volume, self.volume_shape, "A volume")
+        self.require_memory(len(values))
         frames = self.project(self.device.upload(values), clamp=clamp)
         lead = np.shape(volume)[:-3]
         return self.device.download(frames).reshape(*lead, *self.frame_shape)
@@ -164,8 +194,11 @@ class Projector:
         ------
         ShapeError
             If the frame has another shape.
+        DeviceError
+            If so many frames do not fit the device.
         """
         values = self._taken(frame, self.frame_shape, "A frame")
+        self.require_memory(len(values))
         volumes = self.back_project(self.device.upload(values))
         lead = np.shape(frame)[:-2]
         return self.device.download(volumes).reshape(*lead, *self.volume_shape)

@@ -19,7 +19,7 @@ from clplen.cameras import geometry
 from clplen.cameras.microscope import Microscope
 from clplen.cameras.scene import PointSources
 from clplen.compute.lines import smooth_length
-from clplen.files import PathLike
+from clplen.files import PathLike, check_writable
 from clplen.microscopy import psffile
 from clplen.microscopy.images import PointImages, unique_phases
 from clplen.wave.average import Progress
@@ -29,7 +29,8 @@ Vector = np.ndarray[Any, Any]
 Store = Literal["float32", "float16"]
 
 # The window samples the pupil: with these margins an image departs from that of a window three
-# times as wide by 1e-3 to 3e-3 of its peak, and half as wide by 1e-2.
+# times as wide by 1e-3 to 3e-3 of its peak (up to 6e-3 with apodisation -1/2), and half as wide by
+# 1e-2.
 MARGIN = 12  # lenslets that are simulated around the geometrical blur
 LEAST = 35  # lenslets across that are simulated
 
@@ -39,6 +40,7 @@ def point_images(
     planes: Sequence[float] | Vector,
     *,
     voxels_per_lenslet: int = 5,
+    binning: int = 1,
     cut: float = 2e-3,
     store: Store = "float32",
     path: PathLike | None = None,
@@ -51,17 +53,24 @@ def point_images(
     with a fractional pitch, is rectified first, once for each frame, because point images that
     differ from lenslet to lenslet would be as many as there are lenslets.
 
+    A pixel of the camera has the intensity at its centre. Where the sensor's own pixels are too
+    large for that, the camera is given pixels that sample the light, b times finer, and ``binning``
+    adds up those of a pixel of the sensor, which integrates over its area.
+
     Parameters
     ----------
     camera : Microscope
-        Square lattice, not turned, a whole number of pixels a lenslet. Its count of lenslets does
-        not matter.
+        Square lattice, not turned and not moved, a whole number of pixels a lenslet. Its count of
+        lenslets does not matter.
     planes : sequence of float
         z in metres from the native plane, farther positive; any, all different.
     voxels_per_lenslet : int
         v, along an axis; from 1 on.
+    binning : int
+        b: the sensor has pixels of b x b of the camera's, pixels_per_lenslet/b of them a lenslet.
     cut : float
-        Share of a voxel's light that may be left out beyond the lenslets that are kept.
+        Share of a voxel's light on the sensor that may be left out beyond the lenslets that are
+        kept.
     store : {"float32", "float16"}
         float16 halves the memory and is right to 5e-4 of a value, or 3e-8 of the plane's largest.
     path : path-like, optional
@@ -76,27 +85,32 @@ def point_images(
     Raises
     ------
     ValueError
-        For a lattice that is not square or turned, a fractional number of pixels, equal or
-        infinite planes, a share outside 0 to 0.5, or a file of other parameters.
+        For a lattice that is not square, turned or moved, a number of pixels that is fractional
+        or not divided by ``binning``, equal or infinite planes, a share outside 0 to 0.5, or a file
+        of other parameters.
     FormatError
         If the file is damaged.
+    OSError
+        If the file cannot be written: found out before anything is simulated.
     DeviceError
-        If the fields do not fit the device.
+        If the fields of the farthest plane do not fit the device.
     """
-    z = _checked(camera, planes, voxels_per_lenslet, cut, store)
-    parameters = described(camera, z, voxels_per_lenslet, cut, store)
+    z = _checked(camera, planes, voxels_per_lenslet, binning, cut, store)
+    parameters = described(camera, z, voxels_per_lenslet, binning, cut, store)
     if path is not None:
         found = psffile.read_if_there(path, parameters)
         if found is not None:
             return found
+        check_writable(path)
+    _check_memory(camera, z, voxels_per_lenslet, binning)
     stored, scales = [], []
-    for number, images in enumerate(_simulated(camera, z, voxels_per_lenslet, cut)):
+    for number, images in enumerate(_simulated(camera, z, voxels_per_lenslet, binning, cut)):
         values, scale = _packed(images, store)
         stored.append(values)
         scales.append(scale)
         if progress is not None:
             progress(number + 1, len(z))
-    n = round(camera.pixels_per_lenslet)
+    n = round(camera.pixels_per_lenslet) // binning
     made = PointImages(
         parameters, z, voxels_per_lenslet, n, tuple(stored), np.array(scales, np.float64)
     )
@@ -106,7 +120,7 @@ def point_images(
 
 
 def described(
-    camera: Microscope, planes: Vector, voxels: int, cut: float, store: str
+    camera: Microscope, planes: Vector, voxels: int, binning: int, cut: float, store: str
 ) -> dict[str, Any]:
     """Everything that point images depend on, by the names of the camera."""
     mla = camera.mla
@@ -116,11 +130,13 @@ def described(
         "medium_index": camera.medium_index,
         "wavelength": camera.wavelength,
         "cover": None if camera.cover is None else asdict(camera.cover),
+        "apodisation": camera.apodisation,
         "lenslet_pitch": mla.pitch,
         "lenslet_focal_length": mla.f,
         "lenslet_diameter": mla.diameter,
         "lenslet_fill": mla.fill,
-        "pixels_per_lenslet": round(camera.pixels_per_lenslet),
+        "pixels_per_lenslet": round(camera.pixels_per_lenslet) // binning,
+        "binning": int(binning),
         "voxels_per_lenslet": voxels,
         "planes": tuple(float(one) for one in planes),
         "cut": float(cut),
@@ -129,19 +145,17 @@ def described(
     }
 
 
-def _checked(camera: Any, planes: Any, voxels: Any, cut: float, store: str) -> Vector:
+def _checked(camera: Any, planes: Any, voxels: Any, binning: Any, cut: float, store: str) -> Vector:
     """The planes as numbers, after the checks."""
     if not isinstance(camera, Microscope):
         raise TypeError(f"Point images are of a Microscope, not of {type(camera).__name__}.")
-    if camera.mla.lattice != "square" or camera.mla.rotation != 0:
+    _check_lattice(camera)
+    if isinstance(binning, bool) or binning != int(binning) or binning < 1:
+        raise ValueError(f"binning is a whole number from 1 on, not {binning!r}.")
+    if round(camera.pixels_per_lenslet) % binning:
         raise ValueError(
-            f"Point images repeat on a square lattice along the axes, not on one that is "
-            f"{camera.mla.lattice} and turned by {camera.mla.rotation:g} rad: rectify the frame."
-        )
-    if abs(camera.pixels_per_lenslet - round(camera.pixels_per_lenslet)) > 1e-9:
-        raise ValueError(
-            f"A lenslet has {camera.pixels_per_lenslet:g} pixels: rectify the frame to a whole "
-            f"number, such as {math.ceil(camera.pixels_per_lenslet)}."
+            f"A lenslet has {camera.pixels_per_lenslet:g} pixels, which are not divided into "
+            f"pixels of the sensor of {binning} x {binning}: give the camera a multiple of them."
         )
     z = np.asarray(planes, np.float64)
     if z.ndim != 1 or z.size == 0 or not np.isfinite(z).all() or np.unique(z).size != z.size:
@@ -155,7 +169,37 @@ def _checked(camera: Any, planes: Any, voxels: Any, cut: float, store: str) -> V
     return z
 
 
-def _simulated(camera: Microscope, planes: Vector, voxels: int, cut: float) -> Iterator[Vector]:
+def _check_lattice(camera: Microscope) -> None:
+    """Refuse lenslets that do not repeat on the pixels."""
+    mla = camera.mla
+    if mla.lattice != "square" or mla.rotation != 0 or mla.offset != (0, 0):
+        raise ValueError(
+            f"Point images repeat on a square lattice along the axes, not on one that is "
+            f"{mla.lattice}, turned by {mla.rotation:g} rad and moved by (y, x) = "
+            f"({mla.offset[0]:g}, {mla.offset[1]:g}) m: rectify the frame, and give the camera an "
+            "array without them."
+        )
+    if abs(camera.pixels_per_lenslet - round(camera.pixels_per_lenslet)) > 1e-9:
+        raise ValueError(
+            f"A lenslet has {camera.pixels_per_lenslet:g} pixels: rectify the frame to a whole "
+            f"number, such as {math.ceil(camera.pixels_per_lenslet)}."
+        )
+
+
+def _check_memory(camera: Microscope, planes: Vector, voxels: int, binning: int) -> None:
+    """Refuse the farthest plane, whose window is the largest, before any is simulated."""
+    z = float(planes[np.abs(planes).argmax()])
+    samples = round(_lenslets_across(camera, z) * camera.pixels_per_lenslet) ** 2
+    images = len(unique_phases(voxels)) * samples // binning**2
+    camera.device.require_memory(
+        4 * samples * camera.device.complex.itemsize + 2 * images * np.dtype(float).itemsize,
+        f"The plane at z = {z * 1e6:g} um",
+    )
+
+
+def _simulated(
+    camera: Microscope, planes: Vector, voxels: int, binning: int, cut: float
+) -> Iterator[Vector]:
     """The different images of each plane, float64, cut to their light."""
     phases = unique_phases(voxels)
     places = (np.array(phases) - (voxels - 1) / 2) / voxels * camera.mla.pitch
@@ -163,8 +207,9 @@ def _simulated(camera: Microscope, planes: Vector, voxels: int, cut: float) -> I
         across = _lenslets_across(camera, float(z))
         whole = _with_lenslets(camera, across)
         positions = [(x / camera.magnification, y / camera.magnification, z) for y, x in places]
-        images = _energies(whole, PointSources(positions))
-        yield _cut(_symmetric(images, phases, voxels), round(camera.pixels_per_lenslet), cut)
+        images = _energies(whole, PointSources(positions), binning)
+        n = round(camera.pixels_per_lenslet) // binning
+        yield _cut(_symmetric(images, phases, voxels), n, cut)
 
 
 def _lenslets_across(camera: Microscope, z: float) -> int:
@@ -186,13 +231,15 @@ def _with_lenslets(camera: Microscope, count: int) -> Microscope:
     return replace(camera, mla=mla, grid=grid)
 
 
-def _energies(camera: Microscope, points: PointSources) -> Vector:
-    """Energy on the pixels of each point alone, shape (points, ny, nx), float64."""
+def _energies(camera: Microscope, points: PointSources, binning: int) -> Vector:
+    """Energy on b x b pixels of each point alone, shape (points, ny/b, nx/b), float64."""
     step, out = camera.batch(camera.grid), []
+    ny, nx = (k // binning for k in camera.grid.shape)
     for start in range(0, len(points), step):
         some = PointSources(points.positions[start : start + step])
-        fields = camera.sensor_fields(some, camera.grid)
-        out.append(fields.intensity().to_numpy().astype(np.float64))
+        fine = camera.sensor_fields(some, camera.grid).intensity().to_numpy()
+        cells = fine.reshape(len(some), ny, binning, nx, binning)
+        out.append(cells.sum(axis=(2, 4), dtype=np.float64))
     return np.concatenate(out)
 
 
@@ -210,13 +257,17 @@ def _symmetric(images: Vector, phases: list[tuple[int, int]], voxels: int) -> Ve
 
 
 def _cut(images: Vector, n: int, cut: float) -> Vector:
-    """The fewest lenslets about the middle one that leave out no more than a share of any image."""
+    """The fewest lenslets about the middle one that leave out no more than a share of any image.
+
+    The share is of what is on the sensor: opaque places between lenslets leave out more.
+    """
     across = images.shape[1] // n
     middle = across // 2
     cells = images.reshape(len(images), across, n, across, n).sum(axis=(2, 4))
-    for r in range(middle + 1):
+    least = (1 - cut) * cells.sum(axis=(1, 2))
+    for r in range(middle):
         inside = cells[:, middle - r : middle + r + 1, middle - r : middle + r + 1]
-        if (inside.sum(axis=(1, 2)) >= 1 - cut).all():
+        if (inside.sum(axis=(1, 2)) >= least).all():
             ends = slice((middle - r) * n, (middle + r + 1) * n)
             return images[:, ends, ends]
     return images

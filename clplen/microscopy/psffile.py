@@ -74,17 +74,17 @@ def read(path: PathLike) -> PointImages:
             parameters = json.loads(file.attrs["parameters"])
             stored = tuple(file["planes"][name][()] for name in sorted(file["planes"]))
             scales, expected = file["scales"][()], file.attrs["digest"]
-    except (OSError, KeyError, ValueError) as error:
+        parameters["planes"] = tuple(parameters["planes"])
+        images = PointImages(
+            parameters,
+            np.array(parameters["planes"]),
+            int(parameters["voxels_per_lenslet"]),
+            int(parameters["pixels_per_lenslet"]),
+            stored,
+            scales,
+        )
+    except (OSError, KeyError, TypeError, ValueError) as error:
         raise FormatError(f"{place} is no whole file of point images: {error}") from error
-    parameters["planes"] = tuple(parameters["planes"])
-    images = PointImages(
-        parameters,
-        np.array(parameters["planes"]),
-        int(parameters["voxels_per_lenslet"]),
-        int(parameters["pixels_per_lenslet"]),
-        stored,
-        scales,
-    )
     if digest(images) != expected:
         raise FormatError(f"The point images in {place} are not those that were written: damaged.")
     return images

@@ -15,6 +15,8 @@ from clplen.lightfield.raw import RawImage
 
 Vector = np.ndarray[Any, Any]
 
+LEAST = 0.9  # of the pitch: with fewer pixels the energy of a spot depends on its place
+
 
 def rectify(
     frame: Any,
@@ -28,8 +30,9 @@ def rectify(
 
     Pixels lie along the lattice's own vectors, so that turning, a stretch of x against y and a
     fractional pitch go at once, by separable cubic convolution (Keys 1981, eq. 15, a = -1/2), and
-    carry the light of their area: the sum is kept. What interpolation leaves below 0 is 0. Dark and
-    white frames are rectified alike, after the dark frame was subtracted.
+    carry the light of their area: the sum is kept. What interpolation leaves below 0 is 0, and so
+    is what was below it. Dark and white frames are rectified alike, after the dark frame was
+    subtracted.
 
     Parameters
     ----------
@@ -39,7 +42,8 @@ def rectify(
         Rectangular, as `estimate_lattice` finds it on the white frame.
     device : Device
     pixels : int, optional
-        n, along an axis; default the pitch, rounded up.
+        n, along an axis, at least 0.9 of the pitch: fewer would step over light; default the pitch,
+        rounded up.
     complete : bool
         Whether to leave out lenslets that do not lie on the frame with all their pixels.
 
@@ -53,7 +57,8 @@ def rectify(
     ShapeError
         If the frame has another shape than the lattice's picture, or no lenslet lies on it.
     ValueError
-        If the lattice is hexagonal, ``pixels`` is no positive whole number, or a pixel is NaN.
+        If the lattice is hexagonal, ``pixels`` is no positive whole number or too small, or a pixel
+        is NaN.
     """
     require_device(device)
     values = np.asarray(frame, np.float32)
@@ -64,7 +69,12 @@ def rectify(
     n = max(math.ceil(pitch) for pitch in lattice.pitch) if pixels is None else pixels
     if n != int(n) or n < 1:
         raise ValueError(f"pixels is a whole number from 1 on, not {pixels!r}.")
-    n = int(n)
+    n, least = int(n), math.ceil(LEAST * max(lattice.pitch))
+    if n < least:
+        raise ValueError(
+            f"The lenslets of the frame lie {max(lattice.pitch):.5g} pixels apart, and {n} pixels "
+            f"a lenslet would step over light: give at least {least}."
+        )
     grid = lattice.grid((n, n), complete=complete)
     raw = RawImage(device.upload(values), device, math.nan, grid, grid)
     views = device.download(resample(raw, grid))

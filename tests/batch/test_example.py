@@ -12,6 +12,7 @@ from clplen.batch import Job
 from clplen.batch.example import EXAMPLE
 from clplen.batch.tables import (
     AllInFocusTable,
+    DeconvolveTable,
     DepthTable,
     InputTable,
     LayoutTable,
@@ -44,6 +45,7 @@ TABLES: dict[str, type[Table]] = {
     "all_in_focus": AllInFocusTable,
     "views": ViewsTable,
     "light_field": LightFieldTable,
+    "deconvolve": DeconvolveTable,
     "raw": RawTable,
 }
 NO_DEFAULT = "default:", "needed"  # what comments of such keys say
@@ -119,7 +121,7 @@ def test_the_example_shows_every_default():
             default = fields[key].default
             assert says == (list(default) if isinstance(default, tuple) else default), line
             judged.append(key)
-    assert len(judged) == 15, judged
+    assert len(judged) == 17, judged
 
 
 def test_what_needs_a_value_says_so():

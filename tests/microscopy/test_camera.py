@@ -23,7 +23,8 @@ from clplen.errors import SamplingWarning
 from clplen.io import read_lightfield, write_lightfield
 from clplen.lightfield.depth import depth_map
 from clplen.lightfield.estimate import estimate_alpha
-from clplen.lightfield.refocus import focal_stack
+from clplen.lightfield.planes import suitable_planes
+from clplen.lightfield.refocus import focal_stack, refocus
 from clplen.wave.field import Grid
 
 S = Setup()
@@ -52,13 +53,15 @@ def test_native_field_is_the_debye_integral(precise, z, limit):
     assert np.abs(field - expected).max() / np.abs(expected).max() < limit
 
 
-def test_apodisation_and_index_shape_the_field(precise):
+@pytest.mark.parametrize("power", [0.5, -0.5])
+def test_apodisation_and_index_shape_the_field(precise, power):
     # the twin sums frequencies one by one; a rectangle, off the axis, in water
-    setup = Setup(M=60, na=1.1, p=100e-6, n=15, lam=593e-9, index=1.33)
+    setup = Setup(M=60, na=1.1, p=100e-6, n=15, lam=593e-9, index=1.33, power=power)
     point = (0.61e-6, -0.83e-6, 2.3e-6)
     x = axis(setup, 9)
     grid = Grid((135, 135), setup.dx)
-    found = Objective(60, 1.1, 1.33, 593e-9).fields(PointSources([point]), grid, precise)
+    objective = Objective(60, 1.1, 1.33, 593e-9, apodisation=power)
+    found = objective.fields(PointSources([point]), grid, precise)
     assert np.allclose(grid.x, x)
     assert relative_max(native(setup, point, 9), found.to_numpy()[0]) < 1e-10
 
@@ -131,15 +134,22 @@ def test_depth_by_disparity(device, z):
 
 def test_both_decodes_coincide(device):
     raw = microscope(device, count=9).expose(PointSources([(3e-6, 1e-6, 5e-6)]))
-    same = (LightField.from_raw(raw, decode=word).to_numpy() for word in ("calibrated", "naive"))
-    assert np.array_equal(*same)
+    both = [LightField.from_raw(raw, decode=word) for word in ("calibrated", "naive")]
+    assert np.array_equal(*(lf.to_numpy() for lf in both))
+    assert both[0].shear_alpha(0.2) == both[1].shear_alpha(0.2)
+    # the picture has the same size on every plane
+    plain, rescaled = (refocus(both[0], disparity=-0.03, rescale=r) for r in (False, True))
+    assert np.array_equal(plain.to_numpy(), rescaled.to_numpy())
+    # +-1/2 (2 + N_u^2) lam n/(2 NA^2), .128 at 20 um
+    ends = suitable_planes(both[0])["disparities"][[0, -1]]
+    assert ends == pytest.approx([-0.128 * 85.1 / 20, 0.128 * 85.1 / 20], rel=5e-3)
     # on the pupil f_tube behind it, where rays of a view meet; the first view is the last there
     du = -5e-6 * 0.2 / 2.5e-3
     assert raw.spacing == pytest.approx((du, du, 125e-6, 125e-6))
 
 
 def test_light_fields_in_files_keep_their_microscope(device, tmp_path):
-    camera = microscope(device, count=7)
+    camera = microscope(device, count=7, apodisation=-0.5)
     write_lightfield(
         tmp_path / "lf.h5", LightField.from_raw(camera.expose(PointSources([(0, 0, 0)])))
     )
@@ -160,17 +170,18 @@ def test_fluorescence_with_a_spectrum(device):
         camera.expose(point, snapshots=3)
 
 
-def test_cover_glass_aberrates_as_third_order_theory_says(device):
-    # W040 = t (g^2 - 1) s^4/(8 g^3) in air; the next order is s^2 (g^2 + 1)/(2 g^2) of it
-    objective = Objective(20, 0.2, 1, 525e-9, CoverGlass(250e-6, 1.5, 200e-6, 1.5))
+@pytest.mark.parametrize("n", [1.0, 1.33])
+def test_cover_glass_aberrates_as_third_order_theory_says(device, n):
+    # W040 = t (g^2 - n^2) s^4/(8 g^3 n^2); the next order is s^2 (g^-2 + n^-2)/2 of it
+    objective = Objective(20, 0.2, n, 525e-9, CoverGlass(250e-6, 1.5, 200e-6, 1.5))
     grid = Grid((375, 375), 5e-6)
     pupils = (one.pupil(grid, 3e-6)[0] for one in (objective, replace(objective, cover=None)))
     aberrated, plain = pupils
     s = 20 * 525e-9 * np.abs(grid.fx)
-    expected = 50e-6 * (1.5**2 - 1) * s**4 / (8 * 1.5**3) / 525e-9
+    expected = 50e-6 * (1.5**2 - n**2) * s**4 / (8 * 1.5**3 * n**2) / 525e-9
     inside = s < 0.19
     phase = np.angle(aberrated[inside] / plain[inside]) / (2 * np.pi)
-    assert np.abs(phase).max() > 0.004
+    assert np.abs(phase).max() > (0.004 if n == 1 else 8e-4)
     assert np.allclose(phase, expected[inside], atol=0.04 * expected[inside].max())
     same = replace(objective, cover=CoverGlass(170e-6, 1.5255))
     assert np.array_equal(same.pupil(grid, 0), replace(same, cover=None).pupil(grid, 0))
@@ -203,6 +214,12 @@ def test_description(device):
     assert microscope(device).band_limit(37.21e-6) == pytest.approx(1 / (0.47 * 6.25e-6), rel=1e-3)
 
 
+def test_what_needs_an_f_is_refused(device):
+    lf = LightField.from_raw(microscope(device, count=9).expose(PointSources([(0, 0, -8e-6)])))
+    with pytest.raises(ValueError, match="method='thesis' looks for alpha = F/F'"):
+        estimate_alpha(lf, window=9, method="thesis")
+
+
 def test_discs_spread_what_points_do_not(device):
     camera = microscope(device, count=7)
     point, disc = (
@@ -210,15 +227,19 @@ def test_discs_spread_what_points_do_not(device):
     )
     assert disc[3, 4] > 5 * point[3, 4]
     assert disc[3, 4] == pytest.approx(disc[4, 3], rel=1e-4)
+    # the window holds the image of a large one
+    wide = PointSources([(0, 0, 0)], diameter=60e-6)
+    assert camera.window(wide).extent[0] > 20 * 60e-6 + 2 * 125e-6
 
 
 @pytest.mark.parametrize(
     ("change", "error", "words"),
     [
         ({"na": 1.1}, ValueError, "NA = n sin"),
-        ({"n": 12}, SamplingError, "pixels_per_lenslet = 23.8"),
+        ({"n": 12}, SamplingError, r"pixels_per_lenslet = 24\)"),
         ({"medium_index": 0.9}, ValueError, "from 1 .air. on"),
         ({"magnification": 0}, ValueError, "magnification is"),
+        ({"apodisation": 2}, ValueError, "from -1 to 1"),
         ({"wavelength": -1}, ValueError, "wavelength is positive"),
     ],
 )

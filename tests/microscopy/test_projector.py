@@ -6,8 +6,10 @@ from reference_microscope import placed
 from tolerance import relative_max
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources, ShapeError
+from clplen.errors import DeviceError
+from clplen.microscopy.images import PointImages, unique_phases
 from clplen.microscopy.projector import Projector
-from clplen.microscopy.psf import point_images
+from clplen.microscopy.psf import _symmetric, point_images
 
 Z = np.array([-2.0, 0.5, 1.0]) * 1e-6
 
@@ -20,6 +22,53 @@ def images(device):
         mla=mla, device=device,
     )  # fmt: skip
     return camera, point_images(camera, Z, voxels_per_lenslet=5, cut=5e-3)
+
+
+def any_images(v, n, radii):
+    """Images of random numbers that are symmetric as those of a square lattice."""
+    planes = []
+    for r in radii:
+        stored = np.random.default_rng(r).random((len(unique_phases(v)), *((2 * r + 1) * n,) * 2))
+        planes.append(_symmetric(stored, unique_phases(v), v).astype(np.float32))
+    z = np.arange(len(radii)) * 1e-6
+    return PointImages({}, z, v, n, tuple(planes), np.ones(len(radii)))
+
+
+@pytest.mark.parametrize(
+    ("v", "n", "radii", "shape"),
+    [
+        (1, 1, (0,), (1, 1)), (1, 2, (3,), (1, 1)), (2, 1, (1, 0), (1, 4)), (3, 2, (2,), (5, 1)),
+        (2, 3, (1, 4), (2, 3)), (4, 4, (1,), (3, 2)), (3, 5, (6, 1, 0), (2, 3)),
+        (1, 7, (1,), (5, 2)),
+    ],
+)  # fmt: skip
+def test_any_numbers_of_voxels_pixels_and_lenslets(device, v, n, radii, shape):
+    """Every voxel, at borders and in corners too, is its image, and sees frames through it."""
+    images = any_images(v, n, radii)
+    projector = Projector(images, shape, device=device)
+    streamed = Projector(images, shape, device=device, memory=1)
+    voxels = list(np.ndindex(projector.volume_shape))
+    H = np.array([
+        placed(images.image(z, (y % v, x % v)), (y // v, x // v), shape, n) for z, y, x in voxels
+    ])  # fmt: skip
+    one = np.eye(len(voxels), dtype=np.float32).reshape(-1, *projector.volume_shape)
+    frames = np.random.default_rng(n).random((3, *projector.frame_shape), np.float32)
+    seen = (H.reshape(len(H), -1) @ frames.reshape(3, -1).T).T.reshape(3, *projector.volume_shape)
+    for each in (projector, streamed):
+        assert relative_max(H, each.forward(one)) < 1e-6
+        assert relative_max(seen, each.backward(frames)) < 1e-6
+    assert not streamed.resident
+
+
+def test_more_memory_than_there_is(device, images, monkeypatch):
+    projector = Projector(images[1], (5, 6), device=device)
+    monkeypatch.setattr(device, "memory_bytes", projector.nbytes)
+    with pytest.raises(DeviceError, match="The projection of 2 frames together needs"):
+        projector.forward(volumes(projector, (2,)))
+    with pytest.raises(DeviceError, match="The projection of one frame needs"):
+        projector.backward(np.zeros(projector.frame_shape))
+    with pytest.raises(DeviceError, match="The projection of one frame needs"):
+        Projector(images[1], (5, 6), device=device, memory=projector.nbytes)
 
 
 def volumes(projector, frames=()):

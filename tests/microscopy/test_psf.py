@@ -6,8 +6,9 @@ import pytest
 from reference_microscope import Setup, sensor
 from tolerance import relative_max
 
-from clplen import MicrolensArray, PlenopticCamera
-from clplen.errors import FormatError
+from clplen import MicrolensArray, PlenopticCamera, PointSources
+from clplen.cameras.objective import CoverGlass
+from clplen.errors import DeviceError, FormatError, SamplingError
 from clplen.microscopy import psf as module
 from clplen.microscopy import psffile
 from clplen.microscopy.psf import point_images
@@ -49,6 +50,64 @@ def test_cut_holds_for_every_image():
     assert np.array_equal(module._cut(images, 2, 0.2), images[:, 4:6, 4:6])
 
 
+@pytest.mark.parametrize("binning", [2, 7])
+def test_coarse_pixels_hold_the_sum_of_the_finer_ones(device, binning):
+    camera = microscope(device, pixels_per_lenslet=14)
+    fine, coarse = (
+        point_images(camera, Z[2:], voxels_per_lenslet=2, cut=0.02, binning=b) for b in (1, binning)
+    )
+    n = 14 // binning
+    assert coarse.pixels == coarse.parameters["pixels_per_lenslet"] == n
+    for phase in ((0, 0), (1, 0)):
+        whole, found = fine.image(0, phase), coarse.image(0, phase)
+        expected = sum(
+            whole[y::binning, x::binning] for y in range(binning) for x in range(binning)
+        )
+        assert relative_max(expected, found) < 1e-6
+    with pytest.raises(SamplingError):
+        microscope(device, pixels_per_lenslet=n)
+
+
+def test_opaque_places_between_lenslets_are_no_reason_to_keep_more(device):
+    mla = MicrolensArray(100e-6, 2.5e-3, count=module.LEAST, fill="circular", diameter=95e-6)
+    camera = microscope(device, mla=mla)
+    images = point_images(camera, Z[2:], voxels_per_lenslet=1, cut=0.02)
+    full = point_images(microscope(device), Z[2:], voxels_per_lenslet=1, cut=0.02)
+    assert images.radii[0] <= full.radii[0] + 1
+    assert images.kept(0) < 0.95 * full.kept(0)  # opaque corners
+    kept = slice((17 - images.radii[0]) * S.n, (18 + images.radii[0]) * S.n)
+    seen = camera.expose(PointSources([(0, 0, Z[2])])).to_numpy()[kept, kept]
+    assert relative_max(seen, images.image(0, (0, 0))) < 5e-6
+
+
+def test_parameters_tell_all_that_images_depend_on(device, precise):
+    def lenslets(**change):
+        return {"mla": MicrolensArray(**({"pitch": 1e-4, "f": 2.5e-3, "count": 9} | change))}
+
+    def told(camera=(), z=Z, voxels=3, binning=1, cut=0.01, store="float32", on=device):
+        camera = microscope(on, **({"pixels_per_lenslet": 16} | lenslets() | dict(camera)))
+        return module.described(camera, z, voxels, binning, cut, store)
+
+    cameras = [
+        {"magnification": 61}, {"na": 1.19}, {"medium_index": 1.34}, {"wavelength": 594e-9},
+        {"cover": CoverGlass(1e-4)}, {"apodisation": -0.5}, {"pixels_per_lenslet": 18},
+        lenslets(pitch=1.01e-4), lenslets(f=2.51e-3), lenslets(diameter=0.99e-4),
+        lenslets(fill="full"),
+    ]  # fmt: skip
+    found = [told(camera) for camera in cameras]
+    found += [told(), told(z=2 * Z), told(voxels=2), told(binning=2), told(cut=0.02)]
+    found += [told(store="float16"), told(on=precise)]
+    assert all(one != other for i, one in enumerate(found) for other in found[:i])
+
+
+def test_what_cannot_be_is_said_before_anything_is_simulated(device, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "_simulated", None)
+    with pytest.raises(FileNotFoundError, match="there is no folder"):
+        point_images(microscope(device), Z, path=tmp_path / "none" / "psf.h5")
+    with pytest.raises(DeviceError, match="The plane at z = 20000 um needs"):
+        point_images(microscope(device), [0.0, 0.02])
+
+
 def test_file_is_read_when_it_fits(device, tmp_path, monkeypatch):
     camera, path = microscope(device), tmp_path / "psf.h5"
     made = point_images(camera, Z, voxels_per_lenslet=3, cut=0.02, store="float16", path=path)
@@ -65,6 +124,10 @@ def test_file_is_read_when_it_fits(device, tmp_path, monkeypatch):
     with h5py.File(path, "r+") as file:
         file["planes/0001"][0, 3, 4] += np.float16(0.5)
     with pytest.raises(FormatError, match="damaged"):
+        psffile.read(path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["parameters"] = "{}"
+    with pytest.raises(FormatError, match="no whole file"):
         psffile.read(path)
     path.write_bytes(b"nothing of the kind")
     with pytest.raises(FormatError, match="no whole file"):
@@ -85,6 +148,9 @@ def test_half_precision_is_near(device):
     [
         ({"pixels_per_lenslet": 15.4}, {}, "rectify the frame to a whole number, such as 16"),
         ({"mla": MicrolensArray(100e-6, 2.5e-3, count=5, rotation=0.1)}, {}, "rectify the frame"),
+        ({"mla": MicrolensArray(1e-4, 2.5e-3, count=5, offset=(1e-6, 0))}, {}, r"\(1e-06, 0\) m"),
+        ({}, {"binning": 2}, "15 pixels, which are not divided into pixels of the sensor of 2 x 2"),
+        ({}, {"binning": 0}, "binning is a whole number from 1"),
         ({}, {"planes": [0, 0]}, "different finite numbers"),
         ({}, {"voxels_per_lenslet": 0}, "whole number from 1"),
         ({}, {"cut": 0.7}, "between 0 and 0.5"),

@@ -31,6 +31,14 @@ def test_a_plane_stays_a_plane(device):
             assert np.allclose(found[a::7, b::7][inner], expected[inner], rtol=1e-5)
 
 
+@pytest.mark.parametrize("n", [6, 7])
+def test_whole_pixels_stay_as_they_are(device, n):
+    frame = np.random.default_rng(n).random((5 * n, 7 * n + 2), np.float32)
+    middle = (n - 1) / 2
+    lattice = Lattice("rectangular", (middle + n, middle + 1), (n, 0), (0, n), frame.shape)
+    assert np.array_equal(rectify(frame, lattice, device=device), frame[:, 1:-1])
+
+
 def test_point_images_of_a_turned_array(device):
     # pitch and angle of a real array; light goes where it belongs, pixels are interpolated
     def seen(pixels, rotation):
@@ -59,6 +67,8 @@ def test_what_is_not_rectified(device):
     lattice = Lattice("rectangular", (12, 13), (6, 0), (0, 6), (30, 30))
     with pytest.raises(ShapeError, match="is that of a frame of"):
         rectify(np.ones((30, 31)), lattice, device=device)
+    with pytest.raises(ValueError, match="6 pixels apart, and 5 pixels a lenslet would step over"):
+        rectify(np.ones((30, 30)), lattice, device=device, pixels=5)
     with pytest.raises(ValueError, match="whole number from 1"):
         rectify(np.ones((30, 30)), lattice, device=device, pixels=0)
     hexagonal = Lattice("hexagonal", (12, 13), (5.2, 0), (0, 6), (30, 30))

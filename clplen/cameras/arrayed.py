@@ -1,0 +1,36 @@
+"""Lengths of the array of lenslets, as every camera with one tells them."""
+
+from __future__ import annotations
+
+from clplen.wave.lenslets import MicrolensArray
+
+
+class Arrayed:
+    """Attributes of what has an array ``mla``."""
+
+    mla: MicrolensArray
+
+    @property
+    def lenslet_pitch(self) -> float:
+        """p in metres."""
+        return self.mla.pitch
+
+    @property
+    def lenslet_diameter(self) -> float:
+        """d in metres."""
+        return self.mla.diameter
+
+    @property
+    def lenslet_focal_length(self) -> float:
+        """f_mu in metres; of several kinds of lenslets the first."""
+        return self.mla.f
+
+    @property
+    def lenslet_fill(self) -> str:
+        """Aperture of a lenslet: "circular", a disc, or "full", the cell of the lattice."""
+        return self.mla.fill
+
+    @property
+    def lenslet_lattice(self) -> str:
+        """Lattice of the lenslets, "square" or "hexagonal"."""
+        return self.mla.lattice

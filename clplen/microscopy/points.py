@@ -1,0 +1,251 @@
+"""Points of light, such as beads, in a focal stack or a volume: where they lie between its samples.
+
+A stack is smoothed to the size of a point, and its background, smoothed over a wider Gaussian in
+each plane, is taken off (difference of Gaussians; Marr and Hildreth 1980). A point is a maximum
+over planes, rows and columns that stands out of the noise of its plane. Its place is that of the
+Gaussian through the maximum and its neighbours along each axis, a parabola of the logarithms.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import gaussian_filter, maximum_filter
+from scipy.spatial import cKDTree
+
+from clplen.errors import ShapeError
+from clplen.lightfield.refocus import FocalStack
+
+Vector = np.ndarray[Any, Any]
+
+WIDER = 3.0  # sigma of the background over that of a point
+DEVIATION = 1.4826  # standard deviation of normal noise over its median absolute deviation
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Points:
+    """What `find_points` found.
+
+    Attributes
+    ----------
+    positions : numpy.ndarray
+        float64, shape (n, 3): (plane, y, x) in units of the axes.
+    peaks : numpy.ndarray
+        float64, shape (n,): height of the brightest sample above the background, in units of the
+        stack.
+    snr : numpy.ndarray
+        float64, shape (n,): height over the noise of its plane, both after smoothing; falling.
+    widths : numpy.ndarray
+        float64, shape (n, 3): full width at half height along each axis, in its units, not
+        negative; NaN where the stack ends before.
+    """
+
+    positions: Vector
+    peaks: Vector
+    snr: Vector
+    widths: Vector
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def __repr__(self) -> str:
+        return f"<Points: {len(self)}>"
+
+
+def find_points(
+    stack: Any,
+    *,
+    axes: Sequence[Any] | None = None,
+    size: tuple[float, float] = (1.0, 1.0),
+    snr: float = 6.0,
+    distance: tuple[float, float] = (2.0, 3.0),
+) -> Points:
+    """Points of light in a stack of planes, with places finer than its samples.
+
+    Parameters
+    ----------
+    stack : FocalStack or array_like
+        Real and finite, shape (planes, y, x): refocused pictures, or a volume. With one plane,
+        points are maxima of that picture.
+    axes : sequence, optional
+        Coordinates of planes, rows and columns, each rising or falling, or None for 0, 1, ...;
+        default the disparities of a `FocalStack`.
+    size : tuple of float
+        (planes, samples of y and x), sigma of the smoothing, at least 0.5 samples: best that of a
+        point, its width at half height over 2.35.
+    snr : float
+        Least height over noise. The noise of a plane is 1.4826 times the median absolute deviation
+        of its smoothed samples, which a few points do not change; light out of focus counts as
+        noise.
+    distance : tuple of float
+        (planes, samples of y and x), half axes of the ellipsoid about a point in which no dimmer
+        one is taken.
+
+    Returns
+    -------
+    Points
+        Without maxima in the first or the last plane, row or column: their places are not known.
+
+    Raises
+    ------
+    ShapeError
+        If the stack is not (planes, y, x) of 1 or at least 3 planes and at least 3 rows and
+        columns, or an axis does not fit it.
+    ValueError
+        If a sample is NaN or infinite, an axis neither rises nor falls, or a number is out of
+        range.
+    """
+    if axes is None and isinstance(stack, FocalStack):
+        axes = (stack.disparities, None, None)
+    values = _checked(stack.to_numpy() if isinstance(stack, FocalStack) else stack)
+    planes, across = size
+    if not (planes >= 0 and across >= 0.5 and snr > 0 and min(distance) > 0):
+        raise ValueError(
+            "size is at least 0 planes and 0.5 samples, snr and distance are positive, not "
+            f"{size!r}, {snr!r}, {distance!r}."
+        )
+    places = _places(axes, values.shape)
+    raised = _smoothed(values, planes, across) - _smoothed(values, planes, WIDER * across)
+    middle = np.median(raised, axis=(1, 2), keepdims=True)
+    noise = DEVIATION * np.median(np.abs(raised - middle), axis=(1, 2))
+    found = _apart(_maxima(raised, snr * noise), distance)
+    positions = [[_top(raised, places, tuple(at), axis) for axis in range(3)] for at in found]
+    above = values - _smoothed(values, 0.0, WIDER * across)
+    widths = [[_width(above, places, tuple(at), axis) for axis in range(3)] for at in found]
+    index = tuple(found.T)
+    return Points(
+        np.array(positions, np.float64).reshape(-1, 3),
+        above[index],
+        raised[index] / np.maximum(noise, np.finfo(np.float64).tiny)[index[0]],
+        np.array(widths, np.float64).reshape(-1, 3),
+    )
+
+
+def match_points(first: Vector, second: Vector, *, within: Sequence[float]) -> Vector:
+    """Which positions of two lists are of the same point: nearest neighbours of each other.
+
+    Parameters
+    ----------
+    first, second : array_like
+        Positions, shapes (n, 3) and (m, 3).
+    within : sequence of float
+        (plane, y, x), half axes of the ellipsoid in which the other one lies; they also are the
+        units of distance.
+
+    Returns
+    -------
+    numpy.ndarray
+        int, shape (matched, 2): index in the first list, rising, and in the second.
+    """
+    one, other = (
+        np.asarray(places, np.float64).reshape(-1, 3) / within for places in (first, second)
+    )
+    if not (len(one) and len(other)):
+        return np.empty((0, 2), int)
+    far, there = (np.asarray(found) for found in cKDTree(other).query(one))
+    back = np.asarray(cKDTree(one).query(other)[1])
+    mutual = (back[there] == np.arange(len(one))) & (far <= 1)
+    return np.stack([np.flatnonzero(mutual), there[mutual]], axis=1)
+
+
+def _checked(stack: Any) -> Vector:
+    values = np.asarray(stack)
+    shape = values.shape
+    few = values.ndim != 3 or shape[0] in (0, 2) or min(shape[1:]) < 3
+    if few or values.dtype.kind not in "buif":
+        raise ShapeError(
+            "Points are found in real samples of shape (planes, y, x), 1 or at least 3 planes of "
+            f"at least 3 x 3, not {values.dtype} of {shape}."
+        )
+    bad = int(np.count_nonzero(~np.isfinite(values)))
+    if bad:
+        raise ValueError(
+            f"{bad} samples are NaN or infinite: replace them before looking for points, for "
+            "example by the mean of their neighbours."
+        )
+    return values.astype(np.float64)
+
+
+def _places(axes: Sequence[Any] | None, shape: tuple[int, ...]) -> list[Vector]:
+    """Coordinates of the samples along each axis."""
+    given = (None, None, None) if axes is None else axes
+    if len(given) != 3:
+        raise ShapeError(f"axes are those of planes, y and x, not {len(given)}.")
+    found = []
+    for axis, count in zip(given, shape, strict=True):
+        places = np.arange(count) if axis is None else np.asarray(axis)
+        if places.shape != (count,):
+            raise ShapeError(f"An axis of {count} samples has shape {places.shape}.")
+        places = places.astype(np.float64)
+        steps = np.diff(places)
+        if not (np.isfinite(places).all() and ((steps > 0).all() or (steps < 0).all())):
+            raise ValueError(f"Coordinates along an axis rise or fall all the way, not {axis!r}.")
+        found.append(places)
+    return found
+
+
+def _smoothed(values: Vector, planes: float, across: float) -> Vector:
+    """Smoothed by a Gaussian, the edges repeated."""
+    return np.asarray(gaussian_filter(values, (planes, across, across), mode="nearest"))
+
+
+def _maxima(raised: Vector, level: Vector) -> Vector:
+    """Indices of the samples not below their neighbours, above the level, brightest first."""
+    highest = maximum_filter(raised, size=3, mode="nearest")
+    is_one = (raised == highest) & (raised > level[:, None, None])
+    planes = slice(1, -1) if len(raised) > 1 else slice(None)
+    inner = np.zeros_like(is_one)
+    inner[planes, 1:-1, 1:-1] = is_one[planes, 1:-1, 1:-1]
+    found = np.argwhere(inner)
+    return found[np.argsort(-raised[tuple(found.T)], kind="stable")]
+
+
+def _apart(found: Vector, distance: tuple[float, float]) -> Vector:
+    """Those of which no brighter one lies within the ellipsoid; brightest first."""
+    if not len(found):
+        return found
+    tree = cKDTree(found / (distance[0], distance[1], distance[1]))
+    kept = np.ones(len(found), bool)
+    for brighter, other in sorted(tree.query_pairs(1.0)):
+        if kept[brighter]:
+            kept[other] = False
+    return found[kept]
+
+
+def _top(raised: Vector, places: list[Vector], at: tuple[int, ...], axis: int) -> float:
+    """Where the Gaussian through a maximum and its neighbours along an axis is highest."""
+    x, line, k = places[axis], _line(raised, at, axis), at[axis]
+    if len(x) == 1:
+        return float(x[0])
+    low, high, best = (max(float(line[i]), 1e-3 * float(line[k])) for i in (k - 1, k + 1, k))
+    left = math.log(best / low) / (x[k] - x[k - 1])
+    right = math.log(high / best) / (x[k + 1] - x[k])
+    if left == right:
+        return float(x[k])
+    step = (x[k + 1] - x[k - 1]) / 2
+    return float((x[k - 1] + x[k]) / 2 + left * step / (left - right))
+
+
+def _width(above: Vector, places: list[Vector], at: tuple[int, ...], axis: int) -> float:
+    """Distance of the places on both sides where a line falls to half, linear between samples."""
+    x, line, k = places[axis], _line(above, at, axis), at[axis]
+    half, ends = line[k] / 2, []
+    if half <= 0:
+        return math.nan
+    for step in (-1, 1):
+        beyond = np.flatnonzero(line[k::step] < half)
+        if not len(beyond):
+            return math.nan
+        i = k + step * int(beyond[0])
+        share = (line[i - step] - half) / (line[i - step] - line[i])
+        ends.append(x[i - step] + share * (x[i] - x[i - step]))
+    return float(abs(ends[1] - ends[0]))
+
+
+def _line(values: Vector, at: tuple[int, ...], axis: int) -> Vector:
+    """Samples along an axis through a sample."""
+    return np.asarray(values[tuple(slice(None) if k == axis else i for k, i in enumerate(at))])

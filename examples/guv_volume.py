@@ -1,0 +1,180 @@
+"""From a raw frame of a light-field microscope to a volume: a giant vesicle is a hollow shell.
+
+The white frame gives the lattice, with which the frame is rectified to 15 x 15 pixels a lenslet;
+point images of the microscope and Richardson and Lucy's iteration give the volume; it is measured,
+drawn and written as OME-TIFF. The same is done with the simulated frame of a sphere.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import shell
+import vesicle
+from common import BLUE, ORANGE, Run, begin
+from matplotlib.axes import Axes
+from matplotlib.colors import PowerNorm
+
+from clplen.io.volume import write_volume
+from clplen.lightfield.calibration import decode_raw
+from clplen.lightfield.refocus import refocus
+from clplen.microscopy.deconvolution import DeconvolutionResult, deconvolve
+from clplen.microscopy.projector import Projector
+from clplen.microscopy.psf import point_images
+from clplen.plot.base import LIGHT, new_figure
+
+PIXELS, WITHIN = 15, (90, 60, 45)  # degrees from the plane of the largest ring
+HALF = 23.0  # um that are drawn on either side
+MOST = 99.9  # per cent of the voxels are no brighter than the largest colour
+UM = 1e6
+
+
+def planes(quick: bool) -> np.ndarray:
+    """z in metres, none of them the native plane; of a smaller vesicle nearer."""
+    step = 5.0 if quick else 1.0
+    return np.arange(-24.5, 25, 1.0)[:: int(step)] * 1e-6 if vesicle.REAL else (
+        np.arange(-10.5, 11, step) * 1e-6)
+
+
+def measured(word: str, volume: np.ndarray, voxels: shell.Voxels) -> shell.Shell:
+    """The shell, with its numbers printed."""
+    start = shell.find_shell(volume, voxels, centre=(0, 0, 0), radius=vesicle.radius(), within=45)
+    for within in WITHIN:
+        found = shell.find_shell(volume, voxels, centre=start.centre,
+                                 radius=start.radii[1:].mean(), within=within)
+        z, y, x = found.radii * UM
+        print(f"  {word}, within {within} degrees: radii along x, y, z {x:5.2f} {y:5.2f} {z:5.2f} "
+              f"um, {found.spread * UM:.2f} um rms about them")
+    inside, outside = shell.contrast(volume, voxels, found)
+    z, y, x = found.centre * UM
+    print(f"  {word}: centre (x, y, z) = ({x:.2f}, {y:.2f}, {z:.2f}) um; light inside {inside:.3f} "
+          f"and outside {outside:.3f} of that of the shell")
+    return found
+
+
+def told(word: str, result: DeconvolutionResult) -> None:
+    """How the residual fell."""
+    rises = np.count_nonzero(np.diff(result.residuals) >= 0)
+    print(f"  {word}: residual {result.residuals[0]:.3f} to {result.residuals[-1]:.4f} in "
+          f"{result.iterations} iterations, {rises} of which raised it")
+
+
+def main() -> None:
+    """Frame to volume, numbers, picture, file."""
+    run = begin(__doc__, __file__, quick="planes every 5 um, 2 x 2 voxels a lenslet, 8 iterations")
+    frame, white, dark, words = vesicle.frames(run)
+    print(f"  {words}")
+    seen = vesicle.seen(frame, white, dark, PIXELS, run.device)
+    print(f"  {seen.lattice.verdict}")
+    print(f"  haze: {100 * seen.haze.sum() / seen.counts.sum():.0f} % of the light")
+    z, v = planes(run.quick), 2 if run.quick else 3
+    images = point_images(vesicle.camera(run.device, PIXELS), z, voxels_per_lenslet=v, cut=5e-3)
+    lenslets = tuple(size // PIXELS for size in seen.counts.shape)
+    projector = Projector(images, (lenslets[0], lenslets[1]), device=run.device)
+    side = images.parameters["lenslet_pitch"] / images.parameters["magnification"] / v
+    voxels = shell.Voxels(z, side, projector.volume_shape)
+
+    def volume_of(counts: Any = None) -> DeconvolutionResult:
+        even, level = seen.even(counts)
+        return deconvolve(even, projector, iterations=8 if run.quick else 20, white=seen.white,
+                          background=level)
+
+    result = volume_of()
+    told("frame", result)
+    found = measured("frame", result.volume, voxels)
+    known = vesicle.fitted(seen, projector, voxels, found, most=20 if run.quick else 400)
+    print(f"  shell fitted to the frame itself: radius {known.radii[1] * UM:.2f} um, along z "
+          f"{known.radii[0] * UM:.2f} um; poles {100 * known.dim:.0f} % dimmer")
+    sphere = volume_of(vesicle.twin(seen, projector, voxels, known))
+    told("sphere", sphere)
+    like = measured("sphere", sphere.volume, voxels)
+    path = run.picture.with_suffix(".ome.tif")
+    write_volume(path, result.volume, planes=z, voxel=(side, side), replace=True,
+                 description={"residuals": result.residuals.tolist()})
+    print(f"  -> {path}")
+    lf = decode_raw(frame, seen.lattice, device=run.device, white=white, dark=dark)
+    disparity = vesicle.camera(run.device).disparity(float(found.centre[0]))
+    refocused = refocus(lf, disparity=disparity).to_numpy().astype(float)
+    raw = np.maximum(frame.astype(float) - dark, 0)
+    draw(run, raw, refocused, voxels, (result, sphere), (found, like))
+
+
+def draw(run: Run, raw: np.ndarray, refocused: np.ndarray, voxels: shell.Voxels,
+         results: tuple[DeconvolutionResult, ...], shells: tuple[shell.Shell, ...]) -> None:
+    """Frame, refocused picture, three orthogonal slices, ridges, and the sphere's slice."""
+    figure = new_figure(13, 6.8)
+    panels = figure.subplots(2, 4)
+    centre, volume = shells[0].centre, results[0].volume
+    half = raw.shape[1] / 2 * 6.5 / 60
+    panels[0, 0].imshow(raw, cmap=LIGHT, vmax=np.percentile(raw, 99.8),
+                        extent=(-half, half, half, -half))
+    panels[0, 0].set_title("raw frame")
+    half = refocused.shape[1] / 2 * 100 / 60
+    panels[0, 1].imshow(refocused, cmap=LIGHT, vmin=0, extent=(-half, half, half, -half))
+    panels[0, 1].set_title(f"refocused on its middle, z = {centre[0] * UM:.1f} um")
+    drawn = slice_of(panels[0, 2], volume, voxels, shells[0], "yx")
+    slice_of(panels[0, 3], volume, voxels, shells[0], "yz")
+    slice_of(panels[1, 2], volume, voxels, shells[0], "zx")
+    slice_of(panels[1, 3], results[1].volume, voxels, shells[1], "zx")
+    panels[1, 3].set_title("xz of the simulated sphere")
+    for axes in (*panels[0], *panels[1, 2:]):
+        scale_bar(axes)
+    curves, angles = panels[1, :2]
+    for word, colour, result, found in zip(("frame", "simulated sphere"), (BLUE, ORANGE), results,
+                                           shells, strict=True):
+        curves.semilogy(result.residuals, ".-", color=colour, label=word)
+        draw_ridges(angles, result.volume, voxels, found, word, colour)
+    curves.set(xlabel="iterations", title="relative residual")
+    curves.legend()
+    angles.axhline(shells[0].radii[1:].mean() * UM, color="0.4", lw=0.8, ls="--")
+    angles.set(xlabel="degrees above the equator", ylabel="um from the centre", xlim=(-90, 90),
+               title="where rays meet the shell", xticks=range(-90, 91, 45))
+    angles.legend(loc="upper center")
+    figure.colorbar(drawn, ax=list(panels[:, 3]), shrink=0.6, ticks=(0, 0.1, 0.5, 1),
+                    label=f"light of a voxel / {MOST} % of them")
+    run.save(figure)
+
+
+def slice_of(axes: Axes, volume: np.ndarray, voxels: shell.Voxels, found: shell.Shell, which: str
+             ) -> Any:
+    """A slice through a shell's centre, down one axis and across another; dashed: its equator."""
+    (through,) = {0, 1, 2} - {"zyx".index(letter) for letter in which}
+    down, across = ("zyx".index(letter) for letter in which)
+    k = int(np.rint(voxels.index(found.centre)[through]))
+    light = np.take(volume, k, axis=through) / np.percentile(volume, MOST)
+    light = light if down < across else light.T
+    first, last = voxels.first - voxels.step / 2, voxels.first + voxels.step * volume.shape
+    ends = np.stack([first, last - voxels.step / 2]) * UM
+    drawn = axes.imshow(np.minimum(light, 1), cmap=LIGHT, norm=PowerNorm(0.5, 0, 1),
+                        interpolation="bilinear", extent=(*ends[:, across], *ends[::-1, down]))
+    turn, r = np.linspace(0, 2 * np.pi, 361), found.radii[1:].mean()
+    axes.plot(*((found.centre[k] + r * wave(turn)) * UM for k, wave in
+                ((across, np.cos), (down, np.sin))), color="c", lw=0.7, ls=(0, (4, 6)))
+    place = voxels.first[through] + k * voxels.step[through]
+    axes.set(title=f"{''.join(sorted(which))} at {'zyx'[through]} = {place * UM:.1f} um",
+             xlabel=which[1], ylabel=which[0])
+    return drawn
+
+
+def draw_ridges(axes: Axes, volume: np.ndarray, voxels: shell.Voxels, found: shell.Shell,
+                word: str, colour: str) -> None:
+    """Distances of ridges from the centre against the angle from the equator."""
+    places, _ = shell.ridges(volume, voxels, shell.directions(), found.centre,
+                             float(found.radii.mean()))
+    away = places - found.centre
+    r = np.linalg.norm(away, axis=1)
+    axes.plot(np.degrees(np.arcsin(away[:, 0] / r)), r * UM, ".", ms=3, alpha=0.5, color=colour,
+              label=word)
+
+
+def scale_bar(axes: Axes) -> None:
+    """10 um, in place of ticks."""
+    axes.set(xlim=(-HALF, HALF), ylim=(HALF, -HALF), xticks=[], yticks=[], aspect="equal",
+             facecolor="k")
+    axes.plot([10, 20], [20, 20], color="w", lw=3, solid_capstyle="butt")
+    axes.text(15, 18.6, "10 um", color="w", ha="center", va="bottom", fontsize=8)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,170 @@
+"""Points in stacks: Gaussians, points of a simulated microscope, the beads of a real frame."""
+
+import importlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from clplen import Lattice, LightField, MicrolensArray, PlenopticCamera, PointSources, ShapeError
+from clplen.lightfield.calibration import decode_raw, estimate_lattice
+from clplen.lightfield.refocus import focal_stack
+from clplen.microscopy.points import find_points, match_points
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SHAPE = (23, 31, 40)
+SIGMA = (2.1, 0.9, 1.3)  # planes, rows, columns
+CENTRES = np.array([(7.3, 8.8, 9.4), (15.1, 21.25, 30.7), (6.2, 20.6, 21.45), (16.6, 7.5, 27.2)])
+HEIGHTS = np.array([90.0, 70.0, 50.0, 30.0])
+
+
+def gaussians(noise=0.0):
+    """Points on a slanted background."""
+    index = np.indices(SHAPE)
+    stack = 40 + 0.3 * index[2] - 0.2 * index[1]
+    for centre, height in zip(CENTRES, HEIGHTS, strict=True):
+        far = [((i - c) / s) ** 2 / 2 for i, c, s in zip(index, centre, SIGMA, strict=True)]
+        stack += height * np.exp(-sum(far))
+    return stack + noise * np.random.default_rng(3).standard_normal(SHAPE)
+
+
+def test_gaussians_between_the_samples():
+    planes = np.linspace(4e-5, -3e-5, SHAPE[0])  # falling, as depths of rising disparities
+    axes = (planes, 2e-6 * np.arange(SHAPE[1]) - 1e-5, None)
+    found = find_points(gaussians(0.3), axes=axes, size=(2, 1))
+    steps = np.array([planes[1] - planes[0], 2e-6, 1.0])
+    expected = np.array([planes[0], -1e-5, 0]) + steps * CENTRES
+    assert len(found) == 4
+    assert (np.diff(found.peaks) < 0).all()
+    assert (found.snr > 20).all()
+    # sigma/snr is the standard error of a place (Thompson et al. 2002): .1 planes, .05 samples; the
+    # background that is taken off bends the parabola by .02
+    assert (np.abs(found.positions - expected) < np.abs(steps) * (0.1, 0.06, 0.06)).all()
+    widths = np.abs(steps) * np.array(SIGMA) * np.sqrt(8 * np.log(2))
+    assert found.widths == pytest.approx(
+        np.tile(widths, (4, 1)), rel=0.08
+    )  # linear between samples
+
+
+def test_one_picture_and_unequal_planes():
+    picture = gaussians()[7:8]
+    (first,) = find_points(picture, axes=([0.3], None, None), snr=50).positions[:1]
+    assert first == pytest.approx((0.3, *CENTRES[0, 1:]), abs=0.05)
+    planes = np.arange(SHAPE[0]) ** 1.3
+    found = find_points(gaussians(), axes=(planes, None, None), size=(0, 1), distance=(4, 4))
+    expected = np.interp(CENTRES[:, 0], np.arange(SHAPE[0]), planes)
+    assert found.positions[:4, 0] == pytest.approx(expected, abs=0.15 * np.diff(planes).max())
+
+
+def test_noise_has_no_points_and_less_bright_ones_beside_another_are_left():
+    noise = np.random.default_rng(5).poisson(100, SHAPE)
+    assert len(find_points(noise)) == 0
+    found = find_points(gaussians(0.3), size=(2, 1), distance=(9.5, 15))
+    pairs = match_points(found.positions, CENTRES, within=(1, 1, 1))
+    assert pairs[:, 1].tolist() == [0, 1, 2]  # the last is (1.5, 13.75, 3.5) from the second
+
+
+def test_points_of_a_microscope(device):
+    mla = MicrolensArray(125e-6, 2.5e-3, count=21, fill="full")
+    camera = PlenopticCamera.microscope(
+        magnification=20, na=0.5, mla=mla, wavelength=525e-9, pixels_per_lenslet=25, device=device
+    )
+    p = 125e-6 / 20
+    places = np.array(
+        [(-4.3 * p, -3.2 * p, -30e-6), (3.1 * p, -4.6 * p, 18e-6), (-0.4 * p, 0.35 * p, -12e-6),
+         (4.6 * p, 3.8 * p, 25e-6), (-4.9 * p, 4.2 * p, 40e-6)]
+    )  # fmt: skip
+    lf = LightField.from_raw(camera.expose(PointSources(places)))
+    planes = np.arange(-0.45, 0.451, 0.01)
+    stack = focal_stack(lf, disparities=planes, interpolation="fourier")
+    side = p * (np.arange(21) - 10)
+    found = find_points(
+        stack.to_numpy(), axes=(camera.z(planes), side, side), size=(8, 0.8), snr=10
+    )
+    assert len(found) == len(places)
+    pairs = match_points(found.positions, places[:, ::-1], within=(10e-6, 0.3 * p, 0.3 * p))
+    assert len(pairs) == len(places)
+    z, y, x = found.positions[pairs[:, 0]].T
+    expected = places[pairs[:, 1]]
+    # sharpest up to 12 % off in d, by diffraction at the lenslets; a tenth of a lenslet laterally
+    assert np.abs(z / expected[:, 2] - 1).max() < 0.12
+    assert np.hypot(x - expected[:, 0], y - expected[:, 1]).max() < 0.1 * p
+    of_stack = find_points(stack, size=(8, 0.8), snr=10)
+    assert of_stack.positions[:, 0] == pytest.approx(camera.disparity(found.positions[:, 0]))
+
+
+def test_matching():
+    first = np.array([(0, 0, 0), (1, 5, 5), (2, 9, 1), (3, 3, 9)], float)
+    second = np.array([(3, 3.2, 9), (1.4, 5, 4.8), (0, 0.4, 0), (0, 0.1, 0), (9, 9, 9)], float)
+    pairs = match_points(first, second, within=(1, 0.5, 0.5))
+    assert pairs.tolist() == [[0, 3], [1, 1], [3, 0]]
+    assert match_points(first, first[:0], within=(1, 1, 1)).shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("stack", "options", "words"),
+    [
+        (np.ones((2, 9, 9)), {}, "1 or at least 3 planes"),
+        (np.ones((9, 9)), {}, "1 or at least 3 planes"),
+        (np.ones((3, 9, 9)) * 1j, {}, "real samples"),
+        (np.full((3, 9, 9), np.nan), {}, "243 samples are NaN"),
+        (np.ones((3, 9, 9)), {"axes": (None, None)}, "planes, y and x, not 2"),
+        (np.ones((3, 9, 9)), {"axes": ([1, 2], None, None)}, "3 samples has shape"),
+        (np.ones((3, 9, 9)), {"axes": ([1, 2, 1], None, None)}, "rise or fall"),
+        (np.ones((3, 9, 9)), {"size": (1, 0.1)}, "at least 0 planes and 0.5 samples"),
+    ],
+)
+def test_what_holds_no_points(stack, options, words):
+    with pytest.raises((ShapeError, ValueError), match=words):
+        find_points(stack, **options)
+
+
+def test_gain_and_noise_halves(monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLES)
+    beads = importlib.import_module("beads")
+    y, x = (np.abs(np.mod(n, 19.22) - 9.61) for n in np.indices((500, 600)))
+    level = 20 + 300 / (1 + np.exp(2 * (np.hypot(y, x) - 8)))
+    white = 2.2 * np.random.default_rng(1).poisson(level) + 95
+    lattice = Lattice("rectangular", (9.6, 9.6), (19.22, 0), (0, 19.22), white.shape)
+    gain, zero = beads.photon_transfer(white, lattice)
+    # a variance from 7500 pixels by a quantile is known to 3 %, a line through 40 of them to 1 %
+    assert gain == pytest.approx(2.2, rel=0.03)
+    assert zero == pytest.approx(95, abs=3)
+    first, second = beads.halves(white, 2.2, 95, 0)
+    assert (first + second) / 2 == pytest.approx(white - 95)
+    # of independent halves of Poisson counts the difference has the variance of the sum
+    off = (first - second) / 4.4
+    assert np.mean(off**2) == pytest.approx(level.mean(), rel=0.01)
+    assert abs(np.corrcoef((first - second).ravel(), white.ravel())[0, 1]) < 0.01
+
+
+def test_beads_of_a_real_frame(device, data_folder, monkeypatch):
+    # what is to hold between noise halves: .3 lenslets, one plane of the sweep
+    monkeypatch.syspath_prepend(EXAMPLES)
+    beads = importlib.import_module("beads")
+    part = (slice(200, 1000), slice(700, 1500))
+    frame, white = (
+        tifffile.imread(data_folder / "lfm_beads" / f"img_{name}.tif")[part]
+        for name in ("beads", "bg")
+    )
+    lattice = estimate_lattice(white)
+    gain, zero = beads.photon_transfer(white, lattice)
+    assert gain == pytest.approx(1.99, abs=0.06)  # of the whole frame, both ways: 1.96 to 2.03
+    planes = np.arange(-24, 25) * 0.05
+
+    def points(frame, white):
+        lf = decode_raw(frame, lattice, device=device, white=white)
+        stack = focal_stack(
+            lf, disparities=planes, aperture=beads.bright(lf), interpolation="fourier"
+        )
+        return find_points(stack, size=(2.3, 0.64), distance=(4, 1.5))
+
+    one, other = (points(half, white - zero) for half in beads.halves(frame, gain, zero, 7))
+    pairs = match_points(one.positions, other.positions, within=(0.2, 1.5, 1.5))
+    assert len(pairs) >= 40
+    assert len(pairs) > 0.9 * max(len(one), len(other))
+    far = np.abs(one.positions[pairs[:, 0]] - other.positions[pairs[:, 1]])
+    assert (far[:, 0] <= 0.05).all()
+    assert (np.hypot(far[:, 1], far[:, 2]) <= 0.3).all()
+    assert len(points(*beads.halves(white, gain, zero, 7))) == 0
