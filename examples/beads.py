@@ -14,9 +14,12 @@ from pathlib import Path
 import numpy as np
 import tifffile
 from common import Run
+from scipy.ndimage import gaussian_filter
 
 from clplen import Lattice, LightField, MicrolensArray, PlenopticCamera, PointSources
-from clplen.lightfield.calibration import decode_raw
+from clplen.cameras.microscope import Microscope
+from clplen.lightfield.refocus import FocalStack, focal_stack
+from clplen.microscopy.points import Points, find_points, match_points
 
 DATA = Path(os.environ.get("CLPLEN_DATA", Path(__file__).parents[2] / "shared" / "data"))
 REAL = (DATA / "lfm_beads").is_dir()
@@ -24,6 +27,13 @@ QUICK = (slice(300, 840), slice(1000, 1540))  # pixels of the real frame
 GAIN, ZERO = 2.0, 90.0  # of the simulated camera
 FARTHEST = 12  # lenslets apart at most, of pixels that are compared
 BINS = 40
+
+STEP = 0.05  # lenslets a pixel of a sub-image, between planes
+PLANES = STEP * np.arange(-30, 31)
+SIZE = (2.3, 0.64)  # planes, lenslets: sigma of a point, its width at half height over 2.35
+DISTANCE = (4.0, 1.5)  # planes, lenslets: nearer ones are not told apart
+LIMITS = (1.0, 0.3)  # planes, lenslets: what is to hold
+WITHIN = (4 * STEP, 1.5, 1.5)  # further apart are not of the same bead
 
 
 def frames(run: Run) -> tuple[np.ndarray, np.ndarray, str]:
@@ -33,13 +43,11 @@ def frames(run: Run) -> tuple[np.ndarray, np.ndarray, str]:
         found = (tifffile.imread(DATA / "lfm_beads" / f"img_{name}.tif")[part]
                  for name in ("beads", "bg"))
         return *found, "real frame: HyLFM-Net, MIT licence"
-    mla = MicrolensArray(125e-6, 2.5e-3, count=21, fill="full")
-    cam = PlenopticCamera.microscope(magnification=20, na=0.5, mla=mla, wavelength=525e-9,
-                                     pixels_per_lenslet=25, device=run.device)
+    cam = camera(run)
     rng = np.random.default_rng(1)
     places = rng.uniform(-1, 1, (8 if run.quick else 25, 3)) * (50e-6, 50e-6, 45e-6)
     light = cam.expose(PointSources(places)).to_numpy().astype(float)
-    p, radius = mla.pitch, cam.na / cam.magnification * mla.f
+    p, radius = cam.mla.pitch, cam.na / cam.magnification * cam.mla.f
     y, x = (np.mod(axis + p / 2, p) - p / 2 for axis in (cam.grid.y, cam.grid.x))
     pupil = np.clip((radius - np.hypot(y[:, None], x)) / cam.pixel_pitch + 0.5, 0.02, 1)
     counts = (np.maximum(light, 0) / light.sum() * 1e5 * len(places) + 20, 300 * pupil)
@@ -47,12 +55,28 @@ def frames(run: Run) -> tuple[np.ndarray, np.ndarray, str]:
     return frame, white, "simulated frame"
 
 
+def camera(run: Run) -> Microscope:
+    """The microscope of the simulated frame; of the real one, an objective that is assumed.
+
+    What its frames tell: pixels of 6.5 um see a lenslet of 125 um as 19.2, and sub-images fill
+    their cells, so that objective and lenslets match, M/(2 NA) = f_mu/p. 40x/0.8 in water would.
+    """
+    if REAL:
+        mla = MicrolensArray(125e-6, 3.125e-3, count=45, fill="full")
+        return PlenopticCamera.microscope(magnification=40, na=0.8, medium_index=1.33, mla=mla,
+                                          wavelength=525e-9, pixels_per_lenslet=20,
+                                          device=run.device)
+    mla = MicrolensArray(125e-6, 2.5e-3, count=21, fill="full")
+    return PlenopticCamera.microscope(magnification=20, na=0.5, mla=mla, wavelength=525e-9,
+                                      pixels_per_lenslet=25, device=run.device)
+
+
 def photon_transfer(white: np.ndarray, lattice: Lattice) -> tuple[float, float]:
     """Gain in grey levels a count, and the grey level at which noise vanishes.
 
     Pixels of lenslets that lie a nearly whole number of pixels apart see the same light. In bins of
     their mean m, variance = gain (m - zero) + c g^2, where g is the slope of the picture and the
-    last term what the fraction of a pixel leaves. `zero` is the offset less the square of the
+    last term what lenslets off their places leave. `zero` is the offset less the square of the
     readout noise over the gain, so that (level - zero)/gain has the variance of Poisson counts.
     """
     pitch, most = lattice.column[1], white.shape[1] // 3
@@ -85,11 +109,40 @@ def halves(frame: np.ndarray, gain: float, zero: float, seed: int) -> tuple[np.n
     return 2 * gain * first, 2 * gain * (counts - first)
 
 
-def views(run: Run, frame: np.ndarray, lattice: Lattice, white: np.ndarray) -> LightField:
-    """Light field of a frame, both frames without their zero."""
-    return decode_raw(frame, lattice, device=run.device, white=white)
-
-
 def bright(lf: LightField) -> np.ndarray:
     """The views whose white level is above half of the brightest one's: 1, the others 0."""
     return (lf.weights > 0.5).astype(np.float32)
+
+
+def stack_of(lf: LightField, some: np.ndarray | float = 1.0, *,
+             interpolation: str = "fourier") -> FocalStack:
+    """Refocused on all planes, from the bright views."""
+    return focal_stack(lf, disparities=PLANES, aperture=bright(lf) * some,
+                       interpolation=interpolation)
+
+
+def points_of(stack: FocalStack) -> Points:
+    """The beads of a stack."""
+    return find_points(stack, size=SIZE, distance=DISTANCE)
+
+
+def compared(what: str, first: Points, second: Points, *, step: float = STEP) -> np.ndarray:
+    """Differences (planes, lenslets) of two lists of the same beads, and a line on them."""
+    pairs = match_points(first.positions, second.positions, within=WITHIN)
+    far = first.positions[pairs[:, 0]] - second.positions[pairs[:, 1]]
+    off = np.stack([np.abs(far[:, 0]) / step, np.hypot(far[:, 1], far[:, 2])], axis=1)
+    rms, most = np.sqrt((off**2).mean(0)), off.max(0)
+    held = int((off <= LIMITS).all(1).sum())
+    print(f"  {what:<24} {len(first):4d} and {len(second):4d} points, {len(pairs):4d} in both, "
+          f"{held:4d} within limits; rms {rms[1]:.3f} lenslets, {rms[0]:.3f} planes, "
+          f"largest {most[1]:.3f}, {most[0]:.3f}")
+    alone = [one.snr[np.setdiff1d(np.arange(len(one)), pairs[:, k])]
+             for k, one in enumerate((first, second))]
+    words = ", ".join(f"{snr:.2f}" for snr in np.sort(np.concatenate(alone))[::-1])
+    print(f"    in one list only: {'snr ' + words if words else 'none'}")
+    return off
+
+
+def clear(stack: np.ndarray) -> np.ndarray:
+    """A stack less what is smooth in each plane, for the eye."""
+    return np.maximum(stack - gaussian_filter(stack, (0, 2, 2), mode="nearest"), 0)

@@ -23,30 +23,35 @@ lf = decode_raw(frame, lattice, device=run.device, white=white, dark=dark)
 count = lf.shape[0]
 
 
-def show(axes: Axes, values: np.ndarray, side: float, title: str) -> object:
+def show(axes: Axes, values: np.ndarray, ends: tuple[float, ...], title: str) -> object:
     """A picture in um, from 0 to its largest but a few."""
     drawn = axes.imshow(values / np.percentile(values, 99.7), cmap=LIGHT, vmin=0, vmax=1,
-                        extent=(-side, side, side, -side))
+                        extent=ends)
     axes.set(xlabel="x/M / um", title=title)
+    axes.locator_params(nbins=5)
     return drawn
 
 
-figure = new_figure(12, 3.9)
+figure = new_figure(12, 3.5)
 panels = figure.subplots(1, 4)
 light = np.maximum(frame.astype(float) - dark, 0)
-side = light.shape[1] * cam.pixel_pitch / cam.magnification * 5e5
-show(panels[0], light, side, "raw frame")
-half, ring = round(SHOWN / 2 * lattice.pitch[0]), vesicle.radius() * 1e6
-middle = light.shape[0] // 2
-left = round(light.shape[1] * (1 + ring / side) / 2)
+pixel = cam.pixel_pitch / cam.magnification * 1e6
+half, middle = round(SHOWN / 2 * lattice.pitch[0]), light.shape[0] // 2
+left = round(light.shape[1] / 2 + vesicle.radius() * 1e6 / pixel)
+whole, top = light.shape[1] * pixel / 2, half * pixel
+at = (left - light.shape[1] / 2) * pixel
+show(panels[0], light, (-whole, whole, whole, -whole), "raw frame")
+panels[0].plot(at + top * np.array([-1, 1, 1, -1, -1]), top * np.array([-1, -1, 1, 1, -1]), "w",
+               lw=0.8)
 zoom = light[middle - half:middle + half, left - half:left + half]
-show(panels[1], zoom, side * 2 * half / light.shape[1], f"{SHOWN} x {SHOWN} lenslets of its rim")
+show(panels[1], zoom, (at - top, at + top, top, -top), f"{SHOWN} x {SHOWN} lenslets of its rim")
 across = lf.shape[3] * cam.mla.pitch / cam.magnification * 5e5
 for axes, kept, title in zip(panels[2:], (None, 1), (f"{count} x {count} pixels", "1 pixel"),
                              strict=True):
     values = lf.render(aperture=kept).to_numpy().astype(float)
-    drawn = show(axes, values, across, f"{title} a lenslet")
-    axes.locator_params(nbins=5)
+    drawn = show(axes, values, (-across, across, across, -across), f"{title} a lenslet")
+    print(f"  {title} a lenslet: light beyond the rim over that of the rim "
+          f"{vesicle.beyond(values, cam.mla.pitch / cam.magnification):.3f}")
 panels[0].set_ylabel("y/M / um")
 bar(figure, drawn, list(panels), "light / 99.7 % of it")
 figure.supxlabel(words)

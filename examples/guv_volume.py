@@ -7,6 +7,7 @@ drawn and written as OME-TIFF. The same is done with the simulated frame of a sp
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from common import BLUE, ORANGE, Run, begin
 from matplotlib.axes import Axes
 from matplotlib.colors import PowerNorm
 
+from clplen.cameras.microscope import Microscope
 from clplen.io.volume import write_volume
 from clplen.lightfield.calibration import decode_raw
 from clplen.lightfield.refocus import refocus
@@ -24,80 +26,115 @@ from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import point_images
 from clplen.plot.base import LIGHT, new_figure
 
-PIXELS, WITHIN = 15, (90, 60, 45)  # degrees from the plane of the largest ring
+PIXELS, ITERATIONS, QUICK = 15, 20, 6
+OTHERS: dict[str, dict[str, Any]] = {
+    "accelerated": {"accelerate": True},
+    "total variation": {"prior": "tv", "strength": 10.0},
+}
+WITHIN = (90, 60, 45)  # degrees from the plane of the largest ring
 HALF = 23.0  # um that are drawn on either side
 MOST = 99.9  # per cent of the voxels are no brighter than the largest colour
 UM = 1e6
 
 
+@dataclass(frozen=True)
+class Bench:
+    """What turns a frame into a volume."""
+
+    seen: vesicle.Seen
+    projector: Projector
+    voxels: shell.Voxels
+    iterations: int
+
+    def volume(self, word: str, counts: Any = None, **options: Any) -> DeconvolutionResult:
+        """The volume of the frame, or of other counts; its residual is printed."""
+        even, level = self.seen.even(counts)
+        most = self.iterations // 2 if options.get("accelerate") else self.iterations
+        result = deconvolve(even, self.projector, white=self.seen.white, background=level,
+                            iterations=most, **options)
+        rises = np.count_nonzero(np.diff(result.residuals) >= 0)
+        print(f"  {word}: residual {result.residuals[0]:.3f} to {result.residuals[-1]:.4f} in "
+              f"{result.iterations} iterations, {rises} of which raised it")
+        return result
+
+    def shell(self, result: DeconvolutionResult, within: float) -> shell.Shell:
+        """The shell in a volume, by rays up to so many degrees from the equator."""
+        start = shell.find_shell(result.volume, self.voxels, centre=(0, 0, 0), within=45,
+                                 radius=vesicle.radius())
+        return shell.find_shell(result.volume, self.voxels, centre=start.centre, within=within,
+                                radius=float(start.radii[1:].mean()))
+
+    def measured(self, word: str, result: DeconvolutionResult) -> shell.Shell:
+        """The shell, its numbers printed."""
+        for within in WITHIN:
+            found = self.shell(result, within)
+            print(f"  {word}, within {within} degrees: {radii(found)}, "
+                  f"{found.spread * UM:.2f} um rms about them")
+        inside, outside = shell.contrast(result.volume, self.voxels, found)
+        z, y, x = found.centre * UM
+        print(f"  {word}: centre (x, y, z) = ({x:.2f}, {y:.2f}, {z:.2f}) um; light inside "
+              f"{inside:.3f} and outside {outside:.3f} of that of the shell")
+        return found
+
+
+def radii(found: shell.Shell) -> str:
+    """In words."""
+    z, y, x = found.radii * UM
+    return f"radii along x, y, z {x:.2f}, {y:.2f}, {z:.2f} um"
+
+
 def planes(quick: bool) -> np.ndarray:
-    """z in metres, none of them the native plane; of a smaller vesicle nearer."""
-    step = 5.0 if quick else 1.0
-    return np.arange(-24.5, 25, 1.0)[:: int(step)] * 1e-6 if vesicle.REAL else (
-        np.arange(-10.5, 11, step) * 1e-6)
+    """z in metres, none of them the native plane; of the simulated, smaller vesicle nearer."""
+    last, step = (24.5, 7.0) if vesicle.REAL else (10.5, 3.0)
+    return np.arange(-last, last + 0.1, step if quick else 1.0) * 1e-6
 
 
-def measured(word: str, volume: np.ndarray, voxels: shell.Voxels) -> shell.Shell:
-    """The shell, with its numbers printed."""
-    start = shell.find_shell(volume, voxels, centre=(0, 0, 0), radius=vesicle.radius(), within=45)
-    for within in WITHIN:
-        found = shell.find_shell(volume, voxels, centre=start.centre,
-                                 radius=start.radii[1:].mean(), within=within)
-        z, y, x = found.radii * UM
-        print(f"  {word}, within {within} degrees: radii along x, y, z {x:5.2f} {y:5.2f} {z:5.2f} "
-              f"um, {found.spread * UM:.2f} um rms about them")
-    inside, outside = shell.contrast(volume, voxels, found)
-    z, y, x = found.centre * UM
-    print(f"  {word}: centre (x, y, z) = ({x:.2f}, {y:.2f}, {z:.2f}) um; light inside {inside:.3f} "
-          f"and outside {outside:.3f} of that of the shell")
-    return found
+def prepared(seen: vesicle.Seen, cam: Microscope, z: np.ndarray, v: int, iterations: int) -> Bench:
+    """Point images of v x v voxels a lenslet for the lenslets of the frame."""
+    images = point_images(cam, z, voxels_per_lenslet=v, cut=5e-3)
+    rows, columns = (size // images.pixels for size in seen.counts.shape)
+    projector = Projector(images, (rows, columns), device=cam.device)
+    voxels = shell.Voxels(z, cam.mla.pitch / cam.magnification / v, projector.volume_shape)
+    return Bench(seen, projector, voxels, iterations)
 
 
-def told(word: str, result: DeconvolutionResult) -> None:
-    """How the residual fell."""
-    rises = np.count_nonzero(np.diff(result.residuals) >= 0)
-    print(f"  {word}: residual {result.residuals[0]:.3f} to {result.residuals[-1]:.4f} in "
-          f"{result.iterations} iterations, {rises} of which raised it")
+def compare(bench: Bench, plain: DeconvolutionResult) -> None:
+    """What acceleration and a prior change."""
+    results = {"plain": plain} | {word: bench.volume(word, **options)
+                                  for word, options in OTHERS.items()}
+    for word, result in results.items():
+        found = bench.shell(result, WITHIN[-1])
+        grain = shell.grain(result.volume, bench.voxels, found)
+        print(f"  {word}: {radii(found)}; grain near the native plane {grain:.2f}")
 
 
 def main() -> None:
     """Frame to volume, numbers, picture, file."""
-    run = begin(__doc__, __file__, quick="planes every 5 um, 2 x 2 voxels a lenslet, 8 iterations")
+    run = begin(__doc__, __file__, quick="8 planes, 2 x 2 voxels a lenslet, 6 iterations")
     frame, white, dark, words = vesicle.frames(run)
-    print(f"  {words}")
     seen = vesicle.seen(frame, white, dark, PIXELS, run.device)
-    print(f"  {seen.lattice.verdict}")
+    print(f"  {words}\n  {seen.lattice.verdict}")
     print(f"  haze: {100 * seen.haze.sum() / seen.counts.sum():.0f} % of the light")
-    z, v = planes(run.quick), 2 if run.quick else 3
-    images = point_images(vesicle.camera(run.device, PIXELS), z, voxels_per_lenslet=v, cut=5e-3)
-    lenslets = tuple(size // PIXELS for size in seen.counts.shape)
-    projector = Projector(images, (lenslets[0], lenslets[1]), device=run.device)
-    side = images.parameters["lenslet_pitch"] / images.parameters["magnification"] / v
-    voxels = shell.Voxels(z, side, projector.volume_shape)
-
-    def volume_of(counts: Any = None) -> DeconvolutionResult:
-        even, level = seen.even(counts)
-        return deconvolve(even, projector, iterations=8 if run.quick else 20, white=seen.white,
-                          background=level)
-
-    result = volume_of()
-    told("frame", result)
-    found = measured("frame", result.volume, voxels)
-    known = vesicle.fitted(seen, projector, voxels, found, most=20 if run.quick else 400)
+    bench = prepared(seen, vesicle.camera(run.device, PIXELS), planes(run.quick),
+                     2 if run.quick else 3, QUICK if run.quick else ITERATIONS)
+    result = bench.volume("frame")
+    found = bench.measured("frame", result)
+    compare(bench, result)
+    most = 8 if run.quick else 400
+    known = vesicle.fitted(seen, bench.projector, bench.voxels, found, most=most)
     print(f"  shell fitted to the frame itself: radius {known.radii[1] * UM:.2f} um, along z "
           f"{known.radii[0] * UM:.2f} um; poles {100 * known.dim:.0f} % dimmer")
-    sphere = volume_of(vesicle.twin(seen, projector, voxels, known))
-    told("sphere", sphere)
-    like = measured("sphere", sphere.volume, voxels)
+    sphere = bench.volume("sphere", vesicle.twin(seen, bench.projector, bench.voxels, known))
+    like = bench.measured("sphere", sphere)
     path = run.picture.with_suffix(".ome.tif")
-    write_volume(path, result.volume, planes=z, voxel=(side, side), replace=True,
-                 description={"residuals": result.residuals.tolist()})
+    write_volume(path, result.volume, planes=bench.voxels.planes, voxel=(bench.voxels.side,) * 2,
+                 description={"residuals": result.residuals.tolist()}, replace=True)
     print(f"  -> {path}")
     lf = decode_raw(frame, seen.lattice, device=run.device, white=white, dark=dark)
     disparity = vesicle.camera(run.device).disparity(float(found.centre[0]))
     refocused = refocus(lf, disparity=disparity).to_numpy().astype(float)
     raw = np.maximum(frame.astype(float) - dark, 0)
-    draw(run, raw, refocused, voxels, (result, sphere), (found, like))
+    draw(run, raw, refocused, bench.voxels, (result, sphere), (found, like))
 
 
 def draw(run: Run, raw: np.ndarray, refocused: np.ndarray, voxels: shell.Voxels,
@@ -130,7 +167,8 @@ def draw(run: Run, raw: np.ndarray, refocused: np.ndarray, voxels: shell.Voxels,
     angles.axhline(shells[0].radii[1:].mean() * UM, color="0.4", lw=0.8, ls="--")
     angles.set(xlabel="degrees above the equator", ylabel="um from the centre", xlim=(-90, 90),
                title="where rays meet the shell", xticks=range(-90, 91, 45))
-    angles.legend(loc="upper center")
+    angles.margins(y=0.15)
+    angles.legend(loc="upper center", markerscale=4)
     figure.colorbar(drawn, ax=list(panels[:, 3]), shrink=0.6, ticks=(0, 0.1, 0.5, 1),
                     label=f"light of a voxel / {MOST} % of them")
     run.save(figure)

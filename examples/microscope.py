@@ -247,7 +247,8 @@ def draw_volume(row: Any, frame: np.ndarray, volume: np.ndarray, cam: Microscope
                       (y + 0.5) / height * (ends[1] - ends[0]) * (1 if axis else -1)
                       + ends[0 if axis else 1], "o", mfc="none", mec="c", ms=11, mew=0.8)
         else:
-            axes.contour(mask, [0.5], colors="c", linewidths=0.6, extent=extent,
+            edges = np.kron(mask, np.ones((20, 20)))  # so that they run around voxels
+            axes.contour(edges, [0.5], colors="c", linewidths=0.6, extent=extent,
                          origin="lower" if axis else "upper")
     return drawn
 

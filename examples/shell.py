@@ -19,6 +19,7 @@ STEPS = 120  # of a ray, from REACH[0] to REACH[1] of the radius
 REACH = (0.4, 1.6)
 CLEAR = 1.5  # a ridge is so many times brighter than the ray's median
 ROUNDS = 4  # rays from the centre that the round before found
+NEAR = 4e-6  # metres
 MISFIT = 0.5e-6  # metres from which on a ridge weighs less
 
 
@@ -128,6 +129,17 @@ def misfit(values: np.ndarray, places: np.ndarray) -> np.ndarray:
     from_centre = places - values[:3]
     length = np.linalg.norm(from_centre, axis=1)
     return length * (1 - 1 / np.linalg.norm(from_centre / values[3:], axis=1))
+
+
+def grain(volume: np.ndarray, voxels: Voxels, shell: Shell) -> float:
+    """Standard deviation over mean on the ring (.93 to 1.07), mean of planes within 4 um of z = 0.
+
+    There the lattice of lenslets shows.
+    """
+    y, x = (voxels.first[n] + voxels.side * np.arange(voxels.shape[n]) for n in (1, 2))
+    r = np.hypot(y[:, None] - shell.centre[1], x - shell.centre[2]) / shell.radii[1:].mean()
+    light = volume[np.abs(voxels.planes) < NEAR][:, (r > 0.93) & (r < 1.07)]
+    return float((light.std(axis=1) / light.mean(axis=1)).mean())
 
 
 def contrast(volume: np.ndarray, voxels: Voxels, shell: Shell) -> tuple[float, float]:

@@ -35,10 +35,10 @@ GAIN = 0.46  # photoelectrons a count of this camera by its maker's data sheet
 REAL = (DATA / "lfm_guv").is_dir()
 
 
-def camera(device: Device, pixels: float = 100 / 6.5) -> Microscope:
+def camera(device: Device, pixels: float = 100 / 6.5, *, index: float = 1.35) -> Microscope:
     """The microscope, with so many pixels a lenslet."""
     array = MicrolensArray(100e-6, 2.5e-3, count=27, fill="full")
-    return PlenopticCamera.microscope(magnification=60, na=1.2, medium_index=1.35, mla=array,
+    return PlenopticCamera.microscope(magnification=60, na=1.2, medium_index=index, mla=array,
                                       wavelength=593e-9, pixels_per_lenslet=pixels, device=device)
 
 
@@ -47,13 +47,17 @@ def radius() -> float:
     return RADIUS if REAL else SMALLER * RADIUS
 
 
+def read() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The real frame, white frame and dark frame."""
+    frame, white, dark = (tifffile.imread(DATA / "lfm_guv" / f"{name}_GUVExperim1.tif")
+                          for name in ("Lightfield", "Radiometry", "DarkFrame"))
+    return frame, white, dark
+
+
 def frames(run: Run) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
     """Frame, white frame, dark frame, and which they are."""
-    folder = DATA / "lfm_guv"
     if REAL:
-        found = (tifffile.imread(folder / f"{name}_GUVExperim1.tif")
-                 for name in ("Lightfield", "Radiometry", "DarkFrame"))
-        return *found, "real frame: R. Oldenbourg, MBL Woods Hole, napari-LF"
+        return *read(), "real frame: R. Oldenbourg, MBL Woods Hole, napari-LF"
     cam = camera(run.device)
     points = PointSources(shell.directions(24 if run.quick else 400)[:, ::-1] * radius())
     light = cam.expose(points).to_numpy().astype(float)
@@ -69,9 +73,18 @@ def pupils(cam: Microscope) -> np.ndarray:
     return np.clip((rim - np.hypot(y[:, None], x)) / cam.pixel_pitch + 0.5, 0, 1)
 
 
+def beyond(picture: np.ndarray, side: float) -> float:
+    """Light from 1.2 to 1.5 of the radius over that of the rim, both above what lies farther."""
+    y, x = ((np.arange(size) - (size - 1) / 2) * side / radius() for size in picture.shape)
+    r = np.hypot(y[:, None], x)
+    far, rim, outside = (picture[(low < r) & (r < high)].mean()
+                         for low, high in ((1.55, np.inf), (0.95, 1.05), (1.2, 1.5)))
+    return float((outside - far) / (rim - far))
+
+
 @dataclass(frozen=True)
 class Seen:
-    """A frame on whole pixels a lenslet: counts, how sensitive pixels are, and the haze in counts.
+    """A frame on whole pixels a lenslet: photoelectrons, how sensitive pixels are, and the haze.
 
     Haze is light of the medium from far beyond the volume. It fills the pupil evenly, so that it
     looks like the white frame, and is as bright as in the darkest lenslets.
@@ -83,7 +96,7 @@ class Seen:
     lattice: Lattice
 
     def even(self, counts: np.ndarray | None = None) -> tuple[np.ndarray, float]:
-        """Counts with what makes the haze the same in every pixel, and that level."""
+        """Counts and what makes the haze the same in every pixel, and that level."""
         level = float(self.haze.max())
         return (self.counts if counts is None else counts) + (level - self.haze), level
 
@@ -97,7 +110,7 @@ def seen(frame: Any, white: Any, dark: Any, pixels: int, device: Device) -> Seen
     pattern = rectify(light, prepare.lattice, device=device, pixels=pixels)
     lenslets = [lenslet_sums(values, pixels) for values in (found.counts, pattern)]
     level = np.percentile(lenslets[0] / lenslets[1], DARKEST)
-    return Seen(found.counts, found.white, level * pattern, prepare.lattice)
+    return Seen(GAIN * found.counts, found.white, GAIN * level * pattern, prepare.lattice)
 
 
 def lenslet_sums(values: np.ndarray, n: int) -> np.ndarray:
@@ -149,7 +162,7 @@ def fitted(seen: Seen, projector: Projector, voxels: shell.Voxels, start: shell.
 
 
 def twin(seen: Seen, projector: Projector, voxels: shell.Voxels, known: Fitted) -> np.ndarray:
-    """Counts of a sphere as wide, as bright and as dim at its poles, with photon noise."""
+    """The frame of a sphere as wide, as bright and as dim at its poles, with photon noise."""
     volume = known.light * shell.drawn(voxels, known.centre, known.radii[1:2], dim=known.dim)
     mean = seen.white * projector.forward(volume) + seen.haze
-    return np.random.default_rng(0).poisson(mean * GAIN) / GAIN
+    return np.random.default_rng(0).poisson(mean)

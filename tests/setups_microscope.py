@@ -82,3 +82,14 @@ def counted(
 def wrong(found: Vector, true: Vector) -> float:
     """Relative error, by energy."""
     return float(np.linalg.norm(found - true) / np.linalg.norm(true))
+
+
+def divergence(V: Vector, z: Vector, e: float) -> Vector:
+    """div(g/sqrt(g^2 + e^2)) of V over the thickness of the planes; z: sorted, in voxels."""
+    thick = np.gradient(z)
+    rho = V / thick[:, None, None]
+    g = [np.diff(rho, axis=axis, append=rho.take([-1], axis)) for axis in range(3)]
+    g[0][:-1] /= np.diff(z)[:, None, None]
+    p = [one / np.sqrt(sum(np.square(g)) + e**2) for one in g]
+    dz, dy, dx = (np.diff(one, axis=axis, prepend=0) for axis, one in enumerate(p))
+    return dz / thick[:, None, None] + dy + dx

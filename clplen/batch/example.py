@@ -95,8 +95,12 @@ disparities = "-2:2:41"         # START:STOP:N or a list, pixels a view step, ne
 # psf = "psf.h5"                # needed; 'clplen microscope psf' makes it
 # iterations = 20               # of Richardson and Lucy
 # background = 0.0              # counts of a pixel above the dark frame
-# residual = 0.01               # default: none; stop below it
+# gain = 1.0                    # counts of a photon
 # saturation = 65535.0          # default: the largest of an integer type; left out from there on
+# residual = 0.01               # default: none; stop below it, or "noise", at that of photons
+# accelerate = false            # true: fewer iterations, more memory
+# prior = "tv"                  # default: none; against noise; "gaussian": about the native plane
+# strength = 1.0                # of the prior
 
 # [raw]                         # of simulations and scenes; it has no keys
 """

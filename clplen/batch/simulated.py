@@ -305,11 +305,14 @@ def _extent(scene: SceneKeys, known: dict[PictureTable, PointSources]) -> list[P
 def _check_camera(file: CameraFile, extent: list[PointSources], device: Device) -> None:
     """Refuse what `Plenoptic.expose` would refuse before it computes."""
     camera = _built(file, device)
-    if isinstance(camera, Microscope):
-        for part in extent:
-            camera.window(part)
-        return
     light = file.light()
+    if isinstance(camera, Microscope):
+        if file.scene.pictures:
+            raise ValueError("A microscope exposes points, and the scene has pictures.")
+        for wavelength, _ in camera.lines(light):
+            for part in extent:
+                replace(camera, wavelength=wavelength).window(part)
+        return
     lines = [(camera.wavelength, 1.0)] if light is None else light.lines(camera.wavelength)
     for wavelength, _ in lines:
         coloured = replace(camera, wavelength=wavelength)

@@ -158,8 +158,12 @@ class DeconvolveTable(Table):
     psf: str
     iterations: Count = 20
     background: NotNegative = 0.0
-    residual: Positive | None = None
+    gain: Positive = 1.0
     saturation: Positive | None = None
+    residual: Positive | Literal["noise"] | None = None
+    accelerate: Switch = False
+    prior: Literal["tv", "gaussian"] | None = None
+    strength: Positive = 1.0
 
 
 WORK = ("stack", "depth", "all_in_focus", "views", "light_field", "deconvolve", "raw")

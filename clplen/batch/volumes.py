@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -34,16 +34,22 @@ class How:
     iterations : int
     background : float
         Counts of a pixel of the camera above the dark frame.
-    residual : float or None
-        Where to stop.
+    gain : float
+        Counts of a photon.
     saturation : float or None
         Level from which on pixels are left out.
+    residual, accelerate, prior, strength
+        Of `deconvolve`.
     """
 
     iterations: int = 20
     background: float = 0.0
-    residual: float | None = None
+    gain: float = 1.0
     saturation: float | None = None
+    residual: float | Literal["noise"] | None = None
+    accelerate: bool = False
+    prior: Literal["tv", "gaussian"] | None = None
+    strength: float = 1.0
 
 
 class Deconvolver:
@@ -111,14 +117,18 @@ class Deconvolver:
         """
         if start is not None:
             start = np.maximum(start, np.float32(FLOOR * start.mean(dtype=np.float64)))
+        how = self.how
         return deconvolve(
-            frame.counts,
+            frame.counts / np.float32(how.gain),
             self._projector_for(frame.counts.shape),
-            iterations=self.how.iterations,
-            background=self.how.background * self._prepare.area,
+            iterations=how.iterations,
+            background=how.background * self._prepare.area / how.gain,
             white=frame.white,
             start=start,
-            residual=self.how.residual,
+            residual=how.residual,
+            accelerate=how.accelerate,
+            prior=how.prior,
+            strength=how.strength,
             progress=progress,
             watch=watch,
         )
@@ -186,7 +196,7 @@ def write_result(
         planes=images.planes,
         voxel=(side, side),
         description={
-            "values": "energy of a voxel, counts of the frame",
+            "values": "energy of a voxel, photons (counts over the gain) of the frame",
             "residuals": [float(one) for one in found.residuals],
             "degenerate_um": [round(z * 1e6, 9) for z in found.degenerate],
             **more,

@@ -65,7 +65,7 @@ class Microscope(MicroscopeOptics):
         ----------
         scene : PointSources or list of them
             (x, y, dz) from the axis point of the native plane, in the medium; their image lies at
-            (M x, M y). A whole volume is quicker by `clplen.microscopy.Projector`.
+            (M x, M y). A whole volume is quicker by `clplen.microscopy.projector`.
         coherence : Coherence, optional
             Its spectrum is that of the fluorescence; it has no spatial model.
         sensor : Sensor, optional
@@ -95,14 +95,18 @@ class Microscope(MicroscopeOptics):
         """
         parts = [scene] if isinstance(scene, PointSources) else list(scene)
         if not parts or not all(isinstance(one, PointSources) for one in parts):
-            raise TypeError(f"A microscope exposes PointSources or a list of them, not {scene!r}.")
+            found = ", ".join(sorted({type(one).__name__ for one in parts})) or "nothing"
+            raise TypeError(
+                f"A microscope exposes PointSources or a list of them, not {found}: give points, "
+                "or project a volume (clplen.microscopy.projector)."
+            )
         if {snapshots, rtol, checkpoint} != {None}:
             raise ValueError(
                 "snapshots, rtol and checkpoint are for slides; fluorescent points have none."
             )
         total = np.zeros(self.grid.shape)
         transforms: list[tuple[int, tuple[int, int]]] = []
-        for wavelength, share in self._lines(coherence):
+        for wavelength, share in self.lines(coherence):
             camera = replace(self, wavelength=wavelength)
             for points in parts:
                 window = camera.window(points)
@@ -112,8 +116,16 @@ class Microscope(MicroscopeOptics):
         raw = replace(self.raw_image(data), exposure=Exposure("points", tuple(transforms), 0.0))
         return raw if sensor is None else sensor.record(raw)
 
-    def _lines(self, coherence: Coherence | None) -> Sequence[tuple[float, float]]:
-        """Wavelengths and their shares of the energy."""
+    def lines(self, coherence: Coherence | None) -> Sequence[tuple[float, float]]:
+        """Wavelengths and their shares of the energy.
+
+        Raises
+        ------
+        ValueError
+            If there is a spatial model of coherence.
+        SamplingError
+            If the pixels cannot sample the light of a wavelength.
+        """
         if coherence is None:
             return [(self.wavelength, 1.0)]
         average_of(coherence)

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -22,6 +22,21 @@ if TYPE_CHECKING:
 
 _PATH = click.Path(path_type=Path)
 _NAME = "{name}"
+
+
+class Residual(click.ParamType):
+    """A positive number, or noise."""
+
+    name = "number|noise"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> float | str:
+        """As click asks."""
+        if value == "noise":
+            return "noise"
+        found = options.FINITE.convert(value, param, ctx)
+        if found <= 0:
+            self.fail(f"{value!r} is no positive number, nor noise", param, ctx)
+        return float(found)
 
 
 @click.command()
@@ -47,7 +62,19 @@ _NAME = "{name}"
     "--background", "--background-level", type=options.FINITE, default=0.0,
     help="Counts of a pixel above the dark frame that come from nowhere in the volume.",
 )  # fmt: skip
-@click.option("--residual", type=options.FINITE, help="Stop when the residual is below this.")
+@click.option(
+    "--gain", type=options.FINITE, default=1.0, show_default=True,
+    help="Counts of a photon, for --residual noise and --prior.",
+)  # fmt: skip
+@click.option(
+    "--residual", type=Residual(), help="Stop when the residual is below this, or that of noise.",
+)  # fmt: skip
+@click.option("--accelerate", is_flag=True, help="Fewer iterations, but memory for four volumes.")
+@click.option(
+    "--prior", type=click.Choice(["tv", "gaussian"]),
+    help="tv: against noise; gaussian: nothing finer than a lenslet about the native plane.",
+)  # fmt: skip
+@click.option("--strength", type=options.FINITE, help="Of the prior; default 1.")
 @click.option(
     "--saturation", type=options.FINITE,
     help="Level from which on pixels are left out; default: the largest of an integer type.",
@@ -63,7 +90,11 @@ def deconvolve(
     dark: Path | None,
     iterations: int,
     background: float,
-    residual: float | None,
+    gain: float,
+    residual: float | Literal["noise"] | None,
+    accelerate: bool,
+    prior: Literal["tv", "gaussian"] | None,
+    strength: float | None,
     saturation: float | None,
     warm_start: bool,
     memory: int | None,
@@ -86,10 +117,15 @@ def deconvolve(
 
     if background < 0:
         raise click.UsageError(f"--background is not negative, not {background:g}.")
+    if gain <= 0:
+        raise click.UsageError(f"--gain is positive, not {gain:g}.")
+    if strength is not None and prior is None:
+        raise click.UsageError("--strength is of a --prior: give tv or gaussian.")
     pages = [page for path in frames for page in _pages(path)]
     outputs = _outputs(pages, output, [source, white, dark])
     images = read_psf(source)
-    how = How(iterations, background, residual, saturation)
+    strength = 1.0 if strength is None else strength
+    how = How(iterations, background, gain, saturation, residual, accelerate, prior, strength)
     jobs = _jobs(pages, images, how, white, dark, warm_start)
     todo = [not _is_done(out, job) for out, job in zip(outputs, jobs, strict=True)]
     for out in (out for out, wanted in zip(outputs, todo, strict=True) if not wanted):

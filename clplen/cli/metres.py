@@ -157,7 +157,7 @@ def _points_of_camera(lf: LightField | StoredLightField, z: Values) -> tuple[Val
     F/f is alpha of what is infinitely far; a picture is F/(a + z) of the object's size. That of a
     telecentric camera has the same size everywhere.
     """
-    from clplen.lightfield.law import is_telecentric
+    from clplen.lightfield.raw import is_telecentric
 
     if lf.camera is None or lf.spacing is None:
         raise ValueError("This light field knows no camera.")

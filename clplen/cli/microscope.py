@@ -46,6 +46,12 @@ def microscope() -> None:
     help=f"Voxels of a lenslet along an axis; default {VOXELS}.",
 )
 @click.option(
+    "--binning",
+    type=click.IntRange(1),
+    help="Parts of a pixel along an axis, added up, that light is simulated on; default: the "
+    "fewest that sample it.",
+)
+@click.option(
     "--cut", type=float, default=CUT, show_default=True,
     help="Share of a voxel's light that may be left out.",
 )  # fmt: skip
@@ -67,7 +73,7 @@ def psf(camera: Path, output: Path, selector: str | None, **sampling: Any) -> No
     from clplen.io import check_writable
 
     check_suffix(output, (".h5", ".hdf5"))
-    file = read_microscope_file(camera)
+    file = read_microscope_file(camera, binning=sampling["binning"])
     z = _planes_of(file, sampling, camera)
     check_writable(output)
     images = _simulated(file, z, sampling, opened(selector), output)
@@ -150,7 +156,7 @@ def _simulated(
     known = camera.describe()
     click.echo(replace(known, rows=tuple(r for r in known.rows if r.name not in _OF_THE_ARRAY)))
     pixels = camera.pixels_per_lenslet / file.binning
-    if file.binning > 1:
+    if file.binning > 1 and sampling["binning"] is None:
         note(
             f"Pixels of {camera.lenslet_pitch / pixels * 1e6:.4g} um do not sample the light: "
             f"it is simulated on {file.binning} x {file.binning} parts of each, which are added up."

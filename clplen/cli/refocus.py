@@ -110,8 +110,8 @@ def refocus(
             plane, where = {"alpha": alpha}, f"alpha = {alpha:g}"
         else:
             raise ValueError(
-                "--alpha needs the spacing of views and pixels in metres, which this light field "
-                "does not have: use --disparity."
+                "--alpha = F/F' needs F (a microscope has none) and the spacing of views and "
+                "pixels in metres, which this light field does not have: use --disparity."
             )
         picture = _focused(lf, plane, aperture, upsample, interpolation)
     said = write(output, picture, lf, srgb=layout["srgb"], upsample=upsample)

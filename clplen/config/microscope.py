@@ -9,7 +9,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
+from pydantic import Field
+
+from clplen.cameras.objective import APODISATION
 from clplen.config.camera import CameraTable, SensorTable
 from clplen.config.light import CoherenceTable
 from clplen.config.reading import read_toml, validated
@@ -32,6 +36,7 @@ class KnownTable(Table):
     ulens_pitch: Positive
     ulens_focal_length: Positive
     pixel_size: Positive
+    apodisation: Annotated[float, Field(ge=-1, le=1, strict=True)] = APODISATION
     num_slices: Count | None = None
     um_per_slice: Positive | None = None
     supersample: Count | None = None
@@ -52,6 +57,7 @@ class KnownTable(Table):
                 "medium_index": self.medium_index,
                 "wavelength_nm": self.wavelength,
                 "tube_lens_mm": self.tubelens_focal_length,
+                "apodisation": self.apodisation,
                 "pixels_per_lenslet": self.ulens_pitch / self.pixel_size,
                 "microlenses": lenslets,
             }
@@ -78,7 +84,7 @@ class MicroscopeFile:
     pixels : float
         A lenslet, as the file has them: frames are rectified to the next whole number.
     binning : int
-        The least with which the pixels of the camera sample the light: see `point_images`.
+        Of `point_images`.
     slices : int or None
     um_per_slice : float or None
     voxels : int or None
@@ -93,7 +99,7 @@ class MicroscopeFile:
     voxels: int | None = None
 
 
-def read_microscope_file(path: PathLike) -> MicroscopeFile:
+def read_microscope_file(path: PathLike, *, binning: int | None = None) -> MicroscopeFile:
     """Read the parameters of a light-field microscope.
 
     Parameters
@@ -101,7 +107,10 @@ def read_microscope_file(path: PathLike) -> MicroscopeFile:
     path : path-like
         TOML: a camera file with ``kind = "microscope"``, whose scene may be missing, or the names
         magnification, na, medium_index, wavelength (nm), tubelens_focal_length (mm), ulens_pitch,
-        ulens_focal_length, pixel_size (um), num_slices, um_per_slice, supersample.
+        ulens_focal_length, pixel_size (um), num_slices, um_per_slice, supersample; apodisation.
+    binning : int, optional
+        Parts of a pixel of the sensor, along an axis, that light is simulated on; default the
+        fewest that sample it.
 
     Returns
     -------
@@ -119,27 +128,29 @@ def read_microscope_file(path: PathLike) -> MicroscopeFile:
         camera = validated(_CameraAlone, content, path).camera
         if camera.kind != "microscope":
             raise FormatError(f"{path} is of kind {camera.kind!r}, not 'microscope'.")
-        return _simulable(camera)
+        return _simulable(camera, binning)
     known = validated(KnownTable, content, path)
     camera = known.camera()
     return replace(
-        _simulable(camera),
+        _simulable(camera, binning),
         slices=known.num_slices,
         um_per_slice=known.um_per_slice,
         voxels=known.supersample,
     )
 
 
-def _simulable(camera: CameraTable) -> MicroscopeFile:
-    """With the next whole number of pixels a lenslet, divided until they sample the light.
-
-    Round-off of a quotient is no pixel.
-    """
+def _simulable(camera: CameraTable, binning: int | None) -> MicroscopeFile:
+    """With the next whole number of pixels a lenslet, in parts; round-off is no pixel."""
     pixels = math.ceil(round(camera.pixels_per_lenslet, 6))
+    if binning is None:
+        binning = math.floor(camera.microlenses.pitch_um / (_coarsest(camera) * pixels)) + 1
+    fine = camera.model_copy(update={"pixels_per_lenslet": float(pixels * binning)})
+    return MicroscopeFile(fine, camera.pixels_per_lenslet, binning)
+
+
+def _coarsest(camera: CameraTable) -> float:
+    """Pixels below this size, in um, sample the light: see `check_sampling`."""
     array = camera.microlenses
     slope = (camera.na or 0) / (camera.magnification or 1)
     slope += (array.diameter_um or array.pitch_um) / (2e3 * array.focal_length_mm[0])
-    finest = camera.wavelength_nm / (2e3 * slope)  # um: smaller pixels sample the light
-    binning = math.floor(array.pitch_um / (finest * pixels)) + 1
-    fine = camera.model_copy(update={"pixels_per_lenslet": float(pixels * binning)})
-    return MicroscopeFile(fine, camera.pixels_per_lenslet, binning)
+    return camera.wavelength_nm / (2e3 * slope)

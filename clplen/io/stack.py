@@ -15,8 +15,8 @@ from clplen.io.ome import SUFFIXES, write_ome
 from clplen.io.omezarr import SUFFIX, write_omezarr
 from clplen.io.pfm import write_pfm
 from clplen.io.picture import write_picture
-from clplen.lightfield.law import depth_at, is_telecentric
-from clplen.lightfield.raw import Spacing
+from clplen.lightfield.law import depth_at
+from clplen.lightfield.raw import Spacing, is_telecentric
 from clplen.lightfield.refocus import FocalStack
 
 if TYPE_CHECKING:

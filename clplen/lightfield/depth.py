@@ -11,8 +11,9 @@ import numpy as np
 from clplen.lightfield.correspondence import correspondence_disparity
 from clplen.lightfield.cues import energy_disparity
 from clplen.lightfield.detail import LocalEnergy
-from clplen.lightfield.law import depth_at, is_telecentric
+from clplen.lightfield.law import depth_at
 from clplen.lightfield.peaks import Map
+from clplen.lightfield.raw import is_telecentric
 from clplen.lightfield.refocus import FocalStack
 from clplen.lightfield.stored import StoredLightField, require_loaded
 from clplen.lightfield.structure_tensor import structure_disparity

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clplen.lightfield import thesis
-from clplen.lightfield.law import depth_at, is_telecentric
+from clplen.lightfield.law import depth_at
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.parametrisation import require_two_plane
+from clplen.lightfield.raw import is_telecentric
 from clplen.lightfield.slope import fit_slope
 from clplen.lightfield.spectral import LensletBlur, Peak, Real, find_peak, sharpness
 from clplen.lightfield.window import brightest, read_window

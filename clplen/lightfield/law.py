@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen.lightfield.parametrisation import require_two_plane
+from clplen.lightfield.raw import is_telecentric
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -82,11 +83,6 @@ class AlphaLaw:
                 "does not have: give spacing=(dv, du, dy, dx), or use disparity."
             )
         return self.spacing[1] / self.spacing[3]
-
-
-def is_telecentric(source: Any) -> bool:
-    """Whether what took a light field has its exit pupil at infinity."""
-    return bool(getattr(getattr(source, "camera", None), "telecentric", False))
 
 
 def depth_at(source: Any, disparity: ArrayLike) -> Vector:

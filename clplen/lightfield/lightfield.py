@@ -342,6 +342,7 @@ class LightField(AlphaLaw):
         alike (paraxial; thesis, sections 1.2 and 1.4.2), both from the axis, which lies in the
         middle of the views and of the pixels. A point of alpha = F/F' is a line of slope
         dx/du = 1 - alpha in (x, u), and dx/dtheta = F - F' in (x, theta). Steps of theta are -du/F.
+        Views of a telecentric camera are directions already, theta = -u/F.
 
         Parameters
         ----------

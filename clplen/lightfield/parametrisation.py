@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from clplen.lightfield.raw import is_telecentric
 from clplen.lightfield.samples import C_TYPE
 
 if TYPE_CHECKING:
@@ -132,7 +133,7 @@ def _axes(lf: LightField, parametrisation: str, distance: float) -> tuple[_Axis,
         count, step, pitch = lf.shape[axis], lf.spacing[axis], lf.spacing[2 + axis]
         length = -distance * step if back else step  # on the main lens
         pixels = lf.shape[2 + axis]
-        x = (np.arange(pixels) - (pixels - 1) / 2) * pitch
+        x = (np.arange(pixels) - (pixels - 1) / 2) * (0 if is_telecentric(lf) else pitch)
         moved = np.asarray((to_angles - back) * x / length, np.float64)
         made.append(_Axis(count, -length / distance if to_angles else length, moved, to_angles))
     return made[0], made[1]

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from clplen.lightfield.raw import is_telecentric
+
 if TYPE_CHECKING:
     from clplen.lightfield.lightfield import LightField
 
@@ -34,7 +36,9 @@ class PhaseSpace:
     position : numpy.ndarray
         x (y) of the pixels from the middle, shape (pixels,).
     theta : numpy.ndarray or None
-        (x - u)/F of every sample in radians, shape (views, pixels); None without a camera.
+        (x - u)/F of every sample in radians, shape (views, pixels); -u/F of a telecentric camera,
+        F the focal length of its tube lens, where M^2 z/n is the slope dx/dtheta of a point. None
+        without a camera.
     """
 
     values: np.ndarray[Any, np.dtype[np.float32]]
@@ -102,4 +106,5 @@ def _angles(lf: LightField, direction: Vector, position: Vector) -> Vector | Non
     known = lf.spacing is not None and bool(np.isfinite(lf.spacing).all())
     if not known or lf.camera is None or lf.decode == "naive":
         return None
-    return np.asarray((position[None, :] - direction[:, None]) / lf.camera.image_distance)
+    place = 0 * position if is_telecentric(lf) else position
+    return np.asarray((place[None, :] - direction[:, None]) / lf.camera.image_distance)

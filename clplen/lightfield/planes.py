@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from clplen.lightfield.law import is_telecentric
+from clplen.lightfield.raw import is_telecentric
 
 DISPARITIES = (-2.0, 2.0, 33)  # first, last, how many
 ALPHAS = (0.65, 1.35, 33)

@@ -111,6 +111,11 @@ class CameraModel(Protocol):
         """The inverse of `alpha`."""
 
 
+def is_telecentric(source: Any) -> bool:
+    """Whether what took a light field has its exit pupil at infinity."""
+    return bool(getattr(getattr(source, "camera", None), "telecentric", False))
+
+
 @dataclass(frozen=True)
 class LensletGrid:
     """Centres of the sub-images on the sensor, in pixels; pixel centres are integers.

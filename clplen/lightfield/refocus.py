@@ -11,10 +11,9 @@ import pyopencl.array as cla
 from clplen.compute.device import Device
 from clplen.compute.image import Image
 from clplen.lightfield.aperture import Weights
-from clplen.lightfield.law import is_telecentric
 from clplen.lightfield.magnify import magnify
 from clplen.lightfield.ramps import phase_ramps
-from clplen.lightfield.raw import CameraModel, Spacing
+from clplen.lightfield.raw import CameraModel, Spacing, is_telecentric
 from clplen.lightfield.rays import INTERPOLATIONS, along_rays
 from clplen.lightfield.render import view_weights
 from clplen.lightfield.shear import shear_sum

@@ -11,6 +11,7 @@ and what they hold comes out blurred to d/M and spread over neighbouring planes.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -121,6 +122,8 @@ def deconvolve(
         If shapes do not fit, or the frame has fewer than five lenslets along an axis.
     ValueError
         If counts or sensitivities are negative or not finite, or a number is out of range.
+    DeviceError
+        If so many frames do not fit the device.
     """
     if min(projector.shape) < FEWEST:
         raise ShapeError(
@@ -133,6 +136,7 @@ def deconvolve(
             f"{iterations!r} and {background!r}."
         )
     lead = np.shape(frame)[:-2]
+    projector.require_memory(math.prod(lead), volumes=7 if accelerate else 3)
     counts = _positive(frame, projector.frame_shape, "A frame").reshape(-1, *projector.frame_shape)
     weight = np.ones(projector.frame_shape) if white is None else white
     weight = _positive(weight, projector.frame_shape, "A white frame")

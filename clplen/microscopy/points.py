@@ -28,7 +28,7 @@ DEVIATION = 1.4826  # standard deviation of normal noise over its median absolut
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Points:
-    """What `find_points` found.
+    """What `find_points` found, brightest first after smoothing.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Points:
         float64, shape (n,): height of the brightest sample above the background, in units of the
         stack.
     snr : numpy.ndarray
-        float64, shape (n,): height over the noise of its plane, both after smoothing; falling.
+        float64, shape (n,): height over the noise of its plane, both after smoothing.
     widths : numpy.ndarray
         float64, shape (n, 3): full width at half height along each axis, in its units, not
         negative; NaN where the stack ends before.

@@ -154,9 +154,10 @@ def prior_of(name: str | None, strength: float, projector: Projector, counts: Ve
 def noise_level(counts: Vector, images: PointImages) -> Vector:
     """Relative noise of what a voxel sees of I/HV, if counts are photons.
 
-    Where V is right, H'(I/HV) has the variance sum h^2/HV over the image h of a voxel. Its mean
-    over the light is 1/(P m) with m = sum I (I - 1)/sum I, the counts of a pixel that sees light,
-    and P = (sum h)^2/sum h^2, the pixels of an image.
+    Where V is right, H'(I/HV) has the variance sum h^2/HV over the image h of a voxel. For evenly
+    bright pixels that is 1/(P m): m = sum I (I - 1)/sum I, the counts of a pixel that sees light,
+    and P = (sum h)^2/sum h^2, the pixels of an image. Of a shell, whose frame has brighter and
+    dimmer pixels, it is .7 of the true one.
 
     Parameters
     ----------

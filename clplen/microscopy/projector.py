@@ -168,6 +168,8 @@ class Projector:
         ------
         ShapeError
             If the volume has another shape.
+        ValueError
+            If a voxel is not finite.
         DeviceError
             If so many frames do not fit the device.
         """
@@ -194,6 +196,8 @@ class Projector:
         ------
         ShapeError
             If the frame has another shape.
+        ValueError
+            If a pixel is not finite.
         DeviceError
             If so many frames do not fit the device.
         """
@@ -377,14 +381,21 @@ class Projector:
         return matrix
 
     def _taken(self, values: Any, shape: Sequence[int], what: str) -> Vector:
-        """Values as float32 with one leading axis, after a look at their shape."""
+        """Values as float32 with one leading axis, after a look at their shape and at each."""
         given = np.shape(values)
         if given[-len(shape) :] != tuple(shape):
             raise ShapeError(
                 f"{what} for this projector has shape (..., {', '.join(map(str, shape))}), "
                 f"not {given}."
             )
-        return np.ascontiguousarray(values, np.float32).reshape(-1, *shape)
+        taken = np.ascontiguousarray(values, np.float32).reshape(-1, *shape)
+        bad = taken.size - int(np.count_nonzero(np.isfinite(taken)))
+        if bad:
+            raise ValueError(
+                f"{what} has {bad:,} values that are not finite, which would spread over all: "
+                "replace them."
+            )
+        return taken
 
 
 def _room(device: Device) -> int:

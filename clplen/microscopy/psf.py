@@ -18,6 +18,7 @@ import numpy as np
 from clplen.cameras import geometry
 from clplen.cameras.microscope import Microscope
 from clplen.cameras.scene import PointSources
+from clplen.compute.hostmemory import free_memory
 from clplen.compute.lines import smooth_length
 from clplen.files import PathLike, check_writable
 from clplen.microscopy import psffile
@@ -94,6 +95,8 @@ def point_images(
         If the file cannot be written: found out before anything is simulated.
     DeviceError
         If the fields of the farthest plane do not fit the device.
+    MemoryError
+        If the images of all planes do not fit the free memory.
     """
     z = _checked(camera, planes, voxels_per_lenslet, binning, cut, store)
     parameters = described(camera, z, voxels_per_lenslet, binning, cut, store)
@@ -103,6 +106,7 @@ def point_images(
             return found
         check_writable(path)
     _check_memory(camera, z, voxels_per_lenslet, binning)
+    _check_room(camera, z, len(unique_phases(voxels_per_lenslet)), binning, np.dtype(store))
     stored, scales = [], []
     for number, images in enumerate(_simulated(camera, z, voxels_per_lenslet, binning, cut)):
         values, scale = _packed(images, store)
@@ -195,6 +199,21 @@ def _check_memory(camera: Microscope, planes: Vector, voxels: int, binning: int)
         4 * samples * camera.device.complex.itemsize + 2 * images * np.dtype(float).itemsize,
         f"The plane at z = {z * 1e6:g} um",
     )
+
+
+def _check_room(
+    camera: Microscope, planes: Vector, images: int, binning: int, kind: np.dtype[Any]
+) -> None:
+    """Refuse more images than fit the host, by the lenslets that hold half of a pupil's light."""
+    tangent = camera.na / np.sqrt(2 * camera.medium_index**2 - camera.na**2)
+    lenslets = 2 * np.floor(camera.magnification * np.abs(planes) * tangent / camera.mla.pitch) + 1
+    pixels = lenslets * round(camera.pixels_per_lenslet) // binning
+    least, free = images * kind.itemsize * float(np.square(pixels).sum()), free_memory()
+    if least > free:
+        raise MemoryError(
+            f"{images} images of each of {len(planes)} planes take at least {least:,.0f} bytes, of "
+            f"which {free:,} are free: take fewer planes or voxels"
+        )
 
 
 def _simulated(

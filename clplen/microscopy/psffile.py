@@ -10,6 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from clplen.compute.hostmemory import free_memory
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.microscopy.images import PointImages
@@ -60,7 +61,8 @@ def read(path: PathLike) -> PointImages:
     Raises
     ------
     FormatError
-        If the file holds no point images, or was changed since it was written.
+        If the file holds no point images, was changed since it was written, or holds more than
+        there is memory for.
     FileNotFoundError
         If there is none.
     """
@@ -71,6 +73,7 @@ def read(path: PathLike) -> PointImages:
         with h5py.File(place, "r") as file:
             if file.attrs.get("format") != FORMAT:
                 raise FormatError(f"{place} holds no point images ({FORMAT!r}).")
+            _check_memory(place, sum(one.nbytes for one in file["planes"].values()))
             parameters = json.loads(file.attrs["parameters"])
             stored = tuple(file["planes"][name][()] for name in sorted(file["planes"]))
             scales, expected = file["scales"][()], file.attrs["digest"]
@@ -83,11 +86,20 @@ def read(path: PathLike) -> PointImages:
             stored,
             scales,
         )
-    except (OSError, KeyError, TypeError, ValueError) as error:
+    except (OSError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise FormatError(f"{place} is no whole file of point images: {error}") from error
     if digest(images) != expected:
         raise FormatError(f"The point images in {place} are not those that were written: damaged.")
     return images
+
+
+def _check_memory(path: Path, nbytes: int) -> None:
+    free = free_memory()
+    if nbytes > free:
+        raise FormatError(
+            f"The point images in {path} need {nbytes:,} bytes, and {free:,} are free: make them "
+            "for fewer planes, of less depth or with store='float16'."
+        )
 
 
 def read_if_there(path: PathLike, parameters: dict[str, Any]) -> PointImages | None:
@@ -107,10 +119,21 @@ def read_if_there(path: PathLike, parameters: dict[str, Any]) -> PointImages | N
         there = found.parameters.get(name)
         if there != wanted:
             raise ValueError(
-                f"The point images in {path} were made with {name} = {there!r}, not "
-                f"{wanted!r}: give another path, or remove the file to have them made anew."
+                f"The point images in {path} were made with {_difference(name, there, wanted)}: "
+                "give another path, or remove the file to have them made anew."
             )
     return found
+
+
+def _difference(name: str, there: Any, wanted: Any) -> str:
+    """What is there, and what is wanted; of planes their number, or the first that differs."""
+    if name == "planes":
+        if len(there) != len(wanted):
+            return f"{len(there)} planes, not {len(wanted)}"
+        pairs = enumerate(zip(there, wanted, strict=True))
+        number, (there, wanted) = next(pair for pair in pairs if pair[1][0] != pair[1][1])
+        name = f"planes[{number}]"
+    return f"{name} = {there!r}, not {wanted!r}"
 
 
 def digest(images: PointImages) -> str:

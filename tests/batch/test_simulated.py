@@ -160,6 +160,19 @@ def test_a_wavelength_of_the_spectrum_that_the_pixels_do_not_sample(tmp_path: Pa
         items(tmp_path, sweep)
 
 
+def test_what_a_microscope_does_not_expose(tmp_path: Path):
+    known = 'kind = "microscope"\nmagnification = 20\nna = 0.15\n'
+    camera = SMALL.replace("focal_length_mm = 30.0\n", known)
+    points = camera + "[scene]\npoints_mm = [[0.01, 0, 0.02]]\n[coherence]\nlines_nm = [532, 700]\n"
+    camera_file(tmp_path, points)
+    sweep = {"key": "coherence.lines_nm.1", "values": [700, 280]}
+    with pytest.raises(FormatError, match=r"lines_nm\.1 = 280\): Light reaches the sensor"):
+        items(tmp_path, sweep)
+    camera_file(tmp_path, camera + PICTURE)
+    with pytest.raises(FormatError, match="exposes points, and the scene has pictures"):
+        items(tmp_path)
+
+
 def test_lenses_that_the_pixels_do_not_sample(tmp_path: Path):
     """A slide's light converges on the main lens at 60 mm: R = 20 x 75 um is more than R_max."""
     slide = SMALL + PICTURE + 'mode = "transmission"\n[coherence]\n'

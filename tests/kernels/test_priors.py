@@ -2,6 +2,7 @@
 
 import numpy as np
 from scipy.ndimage import correlate1d
+from setups_microscope import divergence
 from tolerance import relative_max
 
 RNG = np.random.default_rng(1)
@@ -10,17 +11,6 @@ FRAMES, PLANES, NY, NX = 2, 4, 6, 9
 
 def uploaded(device, arrays):
     return [device.upload(np.ascontiguousarray(one)) for one in arrays]
-
-
-def divergence(V, z, e):
-    """div(g/sqrt(g^2 + e^2)) of V over the thickness of the planes; z: sorted, in voxels."""
-    thick = np.gradient(z)
-    rho = V / thick[:, None, None]
-    g = [np.diff(rho, axis=axis, append=rho.take([-1], axis)) for axis in range(3)]
-    g[0][:-1] /= np.diff(z)[:, None, None]
-    p = [one / np.sqrt(sum(np.square(g)) + e**2) for one in g]
-    dz, dy, dx = (np.diff(one, axis=axis, prepend=0) for axis, one in enumerate(p))
-    return dz / thick[:, None, None] + dy + dx
 
 
 def test_restrain(device):

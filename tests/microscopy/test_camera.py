@@ -23,6 +23,7 @@ from clplen.errors import SamplingWarning
 from clplen.io import read_lightfield, write_lightfield
 from clplen.lightfield.depth import depth_map
 from clplen.lightfield.estimate import estimate_alpha
+from clplen.lightfield.phasespace import phase_space
 from clplen.lightfield.planes import suitable_planes
 from clplen.lightfield.refocus import focal_stack, refocus
 from clplen.wave.field import Grid
@@ -130,6 +131,23 @@ def test_depth_by_disparity(device, z):
     assert depth.z[7, 7] == pytest.approx(camera.z(depth.disparity[7, 7]), rel=1e-5)
     with pytest.raises(ValueError, match="has no alpha = F/F'"):
         lf.disparity(0.9)
+
+
+@pytest.mark.parametrize("z", [-20e-6, 20e-6])
+def test_phase_space_of_a_point(device, z):
+    camera = microscope(device)
+    lf = LightField.from_raw(camera.expose(PointSources([(0, 0, z)])))
+    slice_ = phase_space(lf, y=7, v=12)
+    # all places see the direction of a view: 25 pixels of 5 um from f_mu
+    assert np.allclose(slice_.theta, (np.arange(25) - 12)[:, None] * 5e-6 / 2.5e-3)
+    weight = slice_.values.astype(float) ** 2 * (np.abs(np.arange(25) - 12) <= 8)[:, None]
+    theta, x = slice_.theta, np.broadcast_to(slice_.position, weight.shape)
+    theta, x = (a - np.average(a, weights=weight) for a in (theta, x))
+    slope = (weight * x**2).sum() / (weight * x * theta).sum()  # M^2 z/n, diffraction adds 11 %
+    assert slope == pytest.approx(1.115 * 400 * z, rel=0.02)
+    angles = lf.resample("point-angle")
+    assert np.allclose(angles.to_numpy(), lf.to_numpy(), rtol=1e-6)
+    assert angles.spacing[:2] == pytest.approx((2e-3, 2e-3))
 
 
 def test_both_decodes_coincide(device):

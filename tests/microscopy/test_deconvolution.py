@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+import setups_microscope as setups
+from scipy.ndimage import gaussian_filter
+from setups_microscope import projector_of, voxels, wrong
 
-from clplen import MicrolensArray, PlenopticCamera, ShapeError
+from clplen import ShapeError
 from clplen.microscopy.deconvolution import deconvolve
+from clplen.microscopy.priors import blurs, noise_level
 from clplen.microscopy.projector import Projector
-from clplen.microscopy.psf import point_images
 
 Z = np.arange(-40, 41, 10) * 1e-6
 
@@ -14,19 +17,17 @@ Z = np.arange(-40, 41, 10) * 1e-6
 @pytest.fixture(scope="module")
 def projector(device):
     """Nine planes, 9 x 9 lenslets, voxels of 1.25 um."""
-    camera = PlenopticCamera.microscope(
-        magnification=20, na=0.5, wavelength=525e-9, pixels_per_lenslet=25,
-        mla=MicrolensArray(125e-6, 2.5e-3, count=9, fill="full"), device=device,
-    )  # fmt: skip
-    return Projector(point_images(camera, Z, cut=5e-3), (9, 9), device=device)
+    return projector_of(device, Z)
 
 
-def counted(projector, voxels, photons=2e6):
-    volume = np.zeros(projector.volume_shape, np.float32)
-    for voxel in voxels:
-        volume[voxel] = 1
-    frame = projector.forward(volume)
-    return np.random.default_rng(0).poisson(frame * (photons / frame.sum(dtype=float)))
+@pytest.fixture(scope="module")
+def fine(device):
+    """Nine planes from -10 to 30 um."""
+    return projector_of(device, np.arange(-10, 31, 5) * 1e-6)
+
+
+def counted(projector, places, photons=2e6):
+    return setups.counted(projector, voxels(projector, *places), photons)[0]
 
 
 def test_residuals(projector):
@@ -62,6 +63,10 @@ def test_background_white_and_series(projector):
     assert found.volume.shape == (2, *projector.volume_shape)
     assert found.volume[0, 2].sum() > 0.93 * found.volume[0].sum()
     assert found.volume[0].sum(dtype=float) == pytest.approx(2e6, rel=0.05)
+    series[:, 100:103, 40] = 0  # whatever a pixel that is left out holds
+    same = deconvolve(series, projector, iterations=10, background=5, white=white)
+    assert np.array_equal(same.residuals, found.residuals)
+    assert np.array_equal(same.volume, found.volume)
     without = deconvolve(seen, projector, iterations=10, white=white)
     assert without.volume[2].sum() < 0.9 * without.volume.sum()
     again = deconvolve(
@@ -69,6 +74,25 @@ def test_background_white_and_series(projector):
         residual=1.0,
     )  # fmt: skip
     assert again.iterations == 1
+
+
+def test_two_points_in_the_native_plane(device):
+    """References of an independent simulation, to .1: the least between over the lower peak."""
+    projector = projector_of(device, [0.0])
+    for last, reference in ((22, 0.90), (23, 0.78), (24, 0.15)):
+        first = 20
+        found = deconvolve(
+            counted(projector, [(0, 22, first), (0, 22, last)], 1e6), projector, iterations=60
+        ).volume[0]
+        row = found[22, first : last + 1]
+        assert row.min() / min(row[0], row[-1]) == pytest.approx(reference, abs=0.1)
+        assert row[[0, -1]].sum() < 0.4 * found.sum()  # .29 to .37: degenerate
+
+
+def test_two_points_behind_each_other(fine):
+    found = deconvolve(counted(fine, [(5, 22, 22), (7, 22, 22)]), fine, iterations=40).volume
+    light = found.sum(axis=(1, 2))
+    assert light[6] / min(light[5], light[7]) == pytest.approx(0.5, abs=0.1)  # reference .50
 
 
 def test_acceleration(projector):
@@ -83,6 +107,101 @@ def test_acceleration(projector):
     assert quick.volume[0].sum(dtype=float) == pytest.approx(2e6, rel=0.05)
 
 
+def test_stopping_at_the_noise(fine):
+    frame, true = setups.counted(fine, setups.shell(fine, 15), 2e4)
+    found = deconvolve(frame, fine, iterations=40, residual="noise")
+    level = frame.sum() / np.square(frame, dtype=float).sum()
+    assert found.residuals[-1] < level <= found.residuals[-2]
+    # the truth itself: its residual is the sum of so many independent squares
+    expected = fine.forward(true).astype(float)
+    off = np.square(frame - expected)
+    spread = off.std() * np.sqrt(off.size) / off.sum()
+    assert off.sum() == pytest.approx(frame.sum(), rel=4 * spread)
+
+
+def twin(frame, projector, prior, iterations=3):
+    """Iterations with a prior in float64, but for the projections."""
+    images = projector.images
+    order, side = np.argsort(images.planes), setups.SIDE
+    a, e = noise_level(frame[None], images)[0], 0.0
+    sigma = images.voxels / np.sqrt(12) * np.maximum(1 - blurs(images), 0)
+
+    def smooth(volume):
+        if prior == "tv":
+            return volume
+        planes = (
+            gaussian_filter(p, s, truncate=np.ceil(4 * s) / s) if s else p
+            for p, s in zip(volume, sigma, strict=True)
+        )
+        return np.stack(list(planes))
+
+    volume = np.full(projector.volume_shape, frame.sum() / np.prod(projector.volume_shape))
+    e = 1e-3 * volume.flat[0] / np.gradient(images.planes[order] / side).mean()
+    seen = smooth(projector.backward(np.ones(projector.frame_shape)).astype(float))
+    for _ in range(iterations):
+        back = projector.backward(frame / projector.forward(smooth(volume))).astype(float)
+        back = smooth(back)
+        if prior == "tv":
+            div = setups.divergence(volume[order], images.planes[order] / side, e)
+            back[order] /= 1 - a * div
+        volume *= back / seen
+    return smooth(volume)
+
+
+@pytest.fixture(scope="module")
+def uneven(device):
+    """Planes in any order and at any distance."""
+    return projector_of(device, np.array([6, -3, 0, 14]) * 1e-6, 5)
+
+
+@pytest.mark.parametrize("prior", ["tv", "gaussian"])
+def test_priors(uneven, prior):
+    projector = uneven
+    rng = np.random.default_rng(4)
+    volume = gaussian_filter(rng.random(projector.volume_shape), (0, 2, 2)) ** 4
+    frame, _ = setups.counted(projector, volume, 1e5)
+    frame = frame + 1
+    found = deconvolve(frame, projector, iterations=3, prior=prior).volume
+    # gradients are differences of neighbours, e = 1e-3 of the mean
+    expected = twin(frame, projector, prior)
+    assert np.abs(found - expected).max() < 2e-4 * expected.max()
+
+
+def test_noise_of_a_step(fine):
+    """What voxels see of Poisson counts where the volume is right."""
+    bead, _ = setups.counted(fine, voxels(fine, (5, 22, 22)), 1e4)
+    # the factor of a voxel alone is that of the sum of the counts; planes differ in their images
+    assert noise_level(bead[None], fine.images)[0] == pytest.approx(0.01, rel=0.2)
+    frame, true = setups.counted(fine, setups.shell(fine, 15), 2e5)
+    expected = fine.forward(true)
+    back = fine.backward(np.divide(frame, expected, where=expected > 0, out=0.0 * expected))
+    rms = np.sqrt(np.average((back / fine.backward(np.ones(frame.shape)) - 1) ** 2, weights=true))
+    # pixels of all levels count alike in the true one, bright ones more in the estimate
+    assert 0.6 * rms < noise_level(frame[None], fine.images)[0] < rms
+
+
+def test_total_variation_against_noise(fine):
+    frame, true = setups.counted(fine, setups.shell(fine, 15), 1e4)
+    free = wrong(deconvolve(frame, fine, iterations=30).volume, true)
+    found = deconvolve(frame, fine, iterations=30, prior="tv", accelerate=True)
+    assert wrong(found.volume, true) < 0.85 * free
+    less = deconvolve(frame, fine, iterations=30, prior="tv", strength=0.2)
+    assert wrong(found.volume, true) < wrong(less.volume, true) < free
+
+
+def test_gaussian_against_the_native_plane(fine):
+    """Nothing lies within 6 um of the native plane."""
+    volume, near = setups.filaments(fine), blurs(fine.images) < 0.5
+    volume[near] = 0
+    frame, true = setups.counted(fine, volume, 2e4)
+    free, found = (
+        deconvolve(frame, fine, iterations=30, prior=prior).volume for prior in (None, "gaussian")
+    )
+    assert np.linalg.norm(found[near]) < 0.75 * np.linalg.norm(free[near])
+    assert found[near].sum() / found.sum() < 0.9 * free[near].sum() / free.sum()
+    assert wrong(found, true) < wrong(free, true)
+
+
 def test_bad_input(device, projector):
     frame = np.ones(projector.frame_shape)
     with pytest.raises(ShapeError, match="A frame has shape"):
@@ -94,6 +213,10 @@ def test_bad_input(device, projector):
         deconvolve(0 * np.abs(frame), projector)
     with pytest.raises(ValueError, match="from 1 on"):
         deconvolve(np.abs(frame), projector, iterations=0)
+    with pytest.raises(ValueError, match="prior is 'tv', 'gaussian' or None, not 'TV'"):
+        deconvolve(np.abs(frame), projector, prior="TV")
+    with pytest.raises(ValueError, match="strength is positive and finite, not 0"):
+        deconvolve(np.abs(frame), projector, prior="tv", strength=0)
     few = Projector(projector.images, (9, 4), device=device)
     with pytest.raises(ShapeError, match="9 x 4 lenslets; at least 5 x 5"):
         deconvolve(np.ones(few.frame_shape), few)

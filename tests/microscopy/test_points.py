@@ -51,6 +51,14 @@ def test_one_picture_and_unequal_planes():
     picture = gaussians()[7:8]
     (first,) = find_points(picture, axes=([0.3], None, None), snr=50).positions[:1]
     assert first == pytest.approx((0.3, *CENTRES[0, 1:]), abs=0.05)
+    far = np.arange(33.0)[None, :, None], np.arange(33.0) - np.array([8, 16, 24])[:, None, None]
+    row = (
+        np.array([3, 2, 1])[:, None, None] * np.exp(-((far[0] - 16) ** 2 + far[1] ** 2) / 2)
+    ).sum(0)
+    found = find_points(
+        row[None] + 1e-3 * np.random.default_rng(0).random(row.shape), distance=(1, 9)
+    )
+    assert found.positions[:, 2] == pytest.approx([8, 24], abs=0.05)  # one left out hides no other
     planes = np.arange(SHAPE[0]) ** 1.3
     found = find_points(gaussians(), axes=(planes, None, None), size=(0, 1), distance=(4, 4))
     expected = np.interp(CENTRES[:, 0], np.arange(SHAPE[0]), planes)
@@ -90,12 +98,17 @@ def test_points_of_a_microscope(device):
     # sharpest up to 12 % off in d, by diffraction at the lenslets; a tenth of a lenslet laterally
     assert np.abs(z / expected[:, 2] - 1).max() < 0.12
     assert np.hypot(x - expected[:, 0], y - expected[:, 1]).max() < 0.1 * p
+    rough = find_points(stack, size=(0, 0.7))  # maxima of points out of focus, too
+    assert len(rough) > len(places)
+    assert rough.peaks[len(places) :].max() < 0.3 * rough.peaks[: len(places)].min()
     of_stack = find_points(stack, size=(8, 0.8), snr=10)
     assert of_stack.positions[:, 0] == pytest.approx(camera.disparity(found.positions[:, 0]))
 
 
 def test_matching():
-    first = np.array([(0, 0, 0), (1, 5, 5), (2, 9, 1), (3, 3, 9)], float)
+    first = np.array(
+        [(0, 0, 0), (1, 5, 5), (2, 9, 1), (3, 3, 9), (1.2, 5, 5.2), (9, 9, 8)], float
+    )  # the last but one is farther from the second's than another is, the last too far
     second = np.array([(3, 3.2, 9), (1.4, 5, 4.8), (0, 0.4, 0), (0, 0.1, 0), (9, 9, 9)], float)
     pairs = match_points(first, second, within=(1, 0.5, 0.5))
     assert pairs.tolist() == [[0, 3], [1, 1], [3, 0]]
@@ -123,12 +136,15 @@ def test_what_holds_no_points(stack, options, words):
 def test_gain_and_noise_halves(monkeypatch):
     monkeypatch.syspath_prepend(EXAMPLES)
     beads = importlib.import_module("beads")
-    y, x = (np.abs(np.mod(n, 19.22) - 9.61) for n in np.indices((500, 600)))
+    rng = np.random.default_rng(1)
+    index = np.indices((400, 500))
+    jitter = rng.normal(0, 0.15, (2, 22, 27))[(slice(None), *(index // 19.3).astype(int))]
+    y, x = np.mod(index, 19.3) - 9.65 + jitter
     level = 20 + 300 / (1 + np.exp(2 * (np.hypot(y, x) - 8)))
-    white = 2.2 * np.random.default_rng(1).poisson(level) + 95
-    lattice = Lattice("rectangular", (9.6, 9.6), (19.22, 0), (0, 19.22), white.shape)
+    white = 2.2 * rng.poisson(level) + 95
+    lattice = Lattice("rectangular", (9.65, 9.65), (19.3, 0), (0, 19.3), white.shape)
     gain, zero = beads.photon_transfer(white, lattice)
-    # a variance from 7500 pixels by a quantile is known to 3 %, a line through 40 of them to 1 %
+    # a variance from 4500 pixels by a quantile is known to 3 %, a line through 40 of them to 1 %
     assert gain == pytest.approx(2.2, rel=0.03)
     assert zero == pytest.approx(95, abs=3)
     first, second = beads.halves(white, 2.2, 95, 0)
@@ -143,7 +159,7 @@ def test_beads_of_a_real_frame(device, data_folder, monkeypatch):
     # what is to hold between noise halves: .3 lenslets, one plane of the sweep
     monkeypatch.syspath_prepend(EXAMPLES)
     beads = importlib.import_module("beads")
-    part = (slice(200, 1000), slice(700, 1500))
+    part = (slice(300, 1000), slice(800, 1500))
     frame, white = (
         tifffile.imread(data_folder / "lfm_beads" / f"img_{name}.tif")[part]
         for name in ("beads", "bg")
@@ -151,7 +167,7 @@ def test_beads_of_a_real_frame(device, data_folder, monkeypatch):
     lattice = estimate_lattice(white)
     gain, zero = beads.photon_transfer(white, lattice)
     assert gain == pytest.approx(1.99, abs=0.06)  # of the whole frame, both ways: 1.96 to 2.03
-    planes = np.arange(-24, 25) * 0.05
+    planes = np.arange(-20, 21) * 0.05
 
     def points(frame, white):
         lf = decode_raw(frame, lattice, device=device, white=white)
@@ -162,7 +178,7 @@ def test_beads_of_a_real_frame(device, data_folder, monkeypatch):
 
     one, other = (points(half, white - zero) for half in beads.halves(frame, gain, zero, 7))
     pairs = match_points(one.positions, other.positions, within=(0.2, 1.5, 1.5))
-    assert len(pairs) >= 40
+    assert len(pairs) >= 25
     assert len(pairs) > 0.9 * max(len(one), len(other))
     far = np.abs(one.positions[pairs[:, 0]] - other.positions[pairs[:, 1]])
     assert (far[:, 0] <= 0.05).all()

@@ -150,5 +150,9 @@ def test_wrong_shapes(device, images):
         projector.forward(np.zeros((3, 30, 25)))
     with pytest.raises(ShapeError, match="A frame for this projector"):
         projector.backward(np.zeros((75, 91)))
+    frame = np.zeros(projector.frame_shape)
+    frame[3, 4:6] = np.nan
+    with pytest.raises(ValueError, match="A frame has 2 values that are not finite"):
+        projector.backward(frame)
     with pytest.raises(ShapeError, match="rows, columns"):
         Projector(images[1], 5, device=device)

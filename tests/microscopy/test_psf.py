@@ -96,7 +96,7 @@ def test_parameters_tell_all_that_images_depend_on(device, precise):
     ]  # fmt: skip
     found = [told(camera) for camera in cameras]
     found += [told(), told(z=2 * Z), told(voxels=2), told(binning=2), told(cut=0.02)]
-    found += [told(store="float16"), told(on=precise)]
+    found += [told(store="float16"), told(on=precise), told({"pixels_per_lenslet": 32}, binning=2)]
     assert all(one != other for i, one in enumerate(found) for other in found[:i])
 
 
@@ -119,8 +119,12 @@ def test_file_is_read_when_it_fits(device, tmp_path, monkeypatch):
     other = microscope(device, na=1.15)
     with pytest.raises(ValueError, match=r"made with na = 1\.2, not 1\.15"):
         point_images(other, Z, voxels_per_lenslet=3, cut=0.02, store="float16", path=path)
-    with pytest.raises(ValueError, match="made with planes = "):
+    with pytest.raises(ValueError, match="made with 3 planes, not 2"):
         point_images(camera, Z[:2], voxels_per_lenslet=3, cut=0.02, store="float16", path=path)
+    with monkeypatch.context() as patch:
+        patch.setattr(psffile, "free_memory", lambda: 1000)
+        with pytest.raises(FormatError, match="bytes, and 1,000 are free"):
+            psffile.read(path)
     with h5py.File(path, "r+") as file:
         file["planes/0001"][0, 3, 4] += np.float16(0.5)
     with pytest.raises(FormatError, match="damaged"):

@@ -1,0 +1,61 @@
+"""A real frame of a giant vesicle, from the white frame's lattice to a hollow shell."""
+
+import importlib
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from clplen.microscopy.deconvolution import deconvolve
+from clplen.microscopy.projector import Projector
+from clplen.microscopy.psf import point_images
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+Z = np.arange(-16.5, 17, 3) * 1e-6
+
+
+@pytest.fixture
+def example(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The vesicle of examples/, with the frame's reader and measure."""
+    monkeypatch.syspath_prepend(EXAMPLES)
+    return importlib.import_module("vesicle")
+
+
+def test_a_real_vesicle_is_a_hollow_sphere(device, data_folder, example):
+    if not (data_folder / "lfm_guv").is_dir():
+        pytest.skip(f"no lfm_guv in {data_folder}")
+    shell = importlib.import_module("shell")
+    seen = example.seen(*example.read(), 15, device)
+    # an independent fit of the white frame: 15.387 along x, 15.410 along y, -0.12 degrees
+    assert seen.lattice.pitch == pytest.approx((15.387, 15.410), abs=5e-3)
+    assert np.degrees(seen.lattice.rotation) == pytest.approx(-0.12, abs=0.02)
+    images = point_images(example.camera(device, 15), Z, voxels_per_lenslet=2, cut=1e-2)
+    projector = Projector(images, (28, 28), device=device)
+    counts, haze = seen.even()
+    found = deconvolve(counts, projector, iterations=15, white=seen.white, background=haze)
+    assert (np.diff(found.residuals) < 0).all()
+    assert found.residuals[-1] < 0.03
+    voxels = shell.Voxels(Z, 100e-6 / 60 / 2, projector.volume_shape)
+    sphere = shell.find_shell(found.volume, voxels, centre=(0, 0, 0), radius=12e-6, within=45)
+    # 50 planes 1 um apart: centre -1.25, .64, -.53 um and radii 13.52, 13.36, 13.40 um
+    assert sphere.centre * 1e6 == pytest.approx([-1.25, 0.64, -0.53], abs=0.3)
+    assert sphere.radii[1:] * 1e6 == pytest.approx([13.4, 13.4], abs=0.3)
+    assert sphere.radii[0] == pytest.approx(sphere.radii[1:].mean(), rel=0.2)
+    inside, outside = shell.contrast(found.volume, voxels, sphere)
+    assert inside < 0.1
+    assert outside < 0.2
+
+
+def test_the_shell_that_was_drawn_is_found(example):
+    shell = importlib.import_module("shell")
+    voxels = shell.Voxels(np.arange(-20, 21, 1.0) * 1e-6, 0.6e-6, (41, 60, 72))
+    centre, radii = np.array([1.3, -2.1, 3.2]) * 1e-6, np.array([13.0, 11.0, 14.0]) * 1e-6
+    volume = shell.drawn(voxels, centre, radii, dim=0.5)
+    assert volume.sum(dtype=float) == pytest.approx(1, abs=1e-4)
+    found = shell.find_shell(volume, voxels, centre=(0, 0, 0), radius=12e-6)
+    # a voxel is .6 um wide and 1 um high
+    assert found.centre == pytest.approx(centre, abs=0.1e-6)
+    assert found.radii == pytest.approx(radii, abs=0.1e-6)
+    assert found.clear > 0.95
+    assert max(shell.contrast(volume, voxels, found)) < 1e-3
