@@ -26,10 +26,10 @@ ITERATIONS = 30
 OFF = 0.25  # |d| from which on a ratio of disparities says something
 
 
-def volume_of(frame: Array) -> Array:
-    """The volume that explains a frame, in counts."""
+def volume_of(frame: Array, some: Array | float = 1.0) -> Array:
+    """The volume that explains some pixels of a frame, in counts."""
     got = prepared(frame)
-    found = deconvolve(got.counts / gain, projector, iterations=ITERATIONS, white=got.white)
+    found = deconvolve(got.counts / gain, projector, iterations=ITERATIONS, white=got.white * some)
     print(f"  {ITERATIONS} iterations, relative residual from {found.residuals[0]:.3f} to "
           f"{found.residuals[-1]:.3f}")
     return found.volume
@@ -71,6 +71,9 @@ print(f"  {len(found)} beads; width at half height, median: "
 if not run.quick:
     lists = [points_in(volume_of(half / 2)) for half in beads.halves(frame, gain, zero, 0)]
     compared("noise halves", *lists, step=d[1] - d[0])
+    square = np.add.outer(*(np.arange(n) // 2 for n in projector.frame_shape)) % 2
+    lists = [points_in(volume_of(frame - zero, square == k)) for k in (0, 1)]
+    compared("chequerboard of pixels", *lists, step=d[1] - d[0])
 refocused = points_of(stack_of(lf))
 pairs = match_points(refocused.positions, found.positions, within=(0.2, 1, 1))
 first, second = refocused.positions[pairs[:, 0]], found.positions[pairs[:, 1]]
@@ -89,7 +92,8 @@ rows = np.column_stack([cam.z(found.positions[:, 0] / scale), found.positions, f
 Table(header, tuple(map(tuple, rows))).write(run.picture.with_suffix(".csv"))
 print(f"  -> {run.picture.with_suffix('.csv')}")
 
-colours = ScalarMappable(Normalize(d[0], d[-1]), "gist_rainbow")
+reach = float(np.percentile(np.abs(found.positions[:, 0]), 97))
+colours = ScalarMappable(Normalize(-reach, reach), "turbo")
 figure = new_figure(12, 9)
 panels = figure.subplot_mosaic("aac;bbd", height_ratios=(1.5, 1), width_ratios=(1, 1, 1.1))
 height, width = (n - 0.5 for n in lf.shape[2:])
@@ -110,6 +114,7 @@ panels["d"].axline((0, 0), slope=1.12, color="0.6", lw=0.8, ls=":", label="12 % 
 panels["d"].plot(second[:, 0], first[:, 0], "k.", ms=3)
 panels["d"].set(xlabel="d in the volume", ylabel="d refocused", xlim=ends, ylim=ends)
 panels["d"].legend(loc="upper left")
-bar(figure, colours, [panels["a"], panels["b"]], "d / lenslets a pixel: nearer is larger")
+bar(figure, colours, [panels["a"], panels["b"]], "d / lenslets a pixel: nearer is larger",
+    extend="both")
 figure.supxlabel(words + (", objective assumed" if beads.REAL else ""))
 run.save(figure)

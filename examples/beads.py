@@ -50,7 +50,7 @@ def frames(run: Run) -> tuple[np.ndarray, np.ndarray, str]:
     p, radius = cam.mla.pitch, cam.na / cam.magnification * cam.mla.f
     y, x = (np.mod(axis + p / 2, p) - p / 2 for axis in (cam.grid.y, cam.grid.x))
     pupil = np.clip((radius - np.hypot(y[:, None], x)) / cam.pixel_pitch + 0.5, 0.02, 1)
-    counts = (np.maximum(light, 0) / light.sum() * 1e5 * len(places) + 20, 300 * pupil)
+    counts = (np.maximum(light, 0) / light.sum() * 1e5 * len(places) + 2, 300 * pupil)
     frame, white = (GAIN * rng.poisson(mean) + ZERO for mean in counts)
     return frame, white, "simulated frame"
 
@@ -136,10 +136,10 @@ def compared(what: str, first: Points, second: Points, *, step: float = STEP) ->
     print(f"  {what:<24} {len(first):4d} and {len(second):4d} points, {len(pairs):4d} in both, "
           f"{held:4d} within limits; rms {rms[1]:.3f} lenslets, {rms[0]:.3f} planes, "
           f"largest {most[1]:.3f}, {most[0]:.3f}")
-    alone = [one.snr[np.setdiff1d(np.arange(len(one)), pairs[:, k])]
-             for k, one in enumerate((first, second))]
-    words = ", ".join(f"{snr:.2f}" for snr in np.sort(np.concatenate(alone))[::-1])
-    print(f"    in one list only: {'snr ' + words if words else 'none'}")
+    alone = [(snr, d) for k, one in enumerate((first, second))
+             for snr, d in np.delete(np.stack([one.snr, one.positions[:, 0]], 1), pairs[:, k], 0)]
+    words = ", ".join(f"{snr:.2f} at {d:.2f}" for snr, d in sorted(alone, reverse=True))
+    print(f"    in one list only: {'snr and d ' + words if words else 'none'}")
     return off
 
 

@@ -74,6 +74,9 @@ class Bench:
         z, y, x = found.centre * UM
         print(f"  {word}: centre (x, y, z) = ({x:.2f}, {y:.2f}, {z:.2f}) um; light inside "
               f"{inside:.3f} and outside {outside:.3f} of that of the shell")
+        for normal, plane in ((0, "xy"), (1, "xz"), (2, "yz")):
+            inside, _ = shell.contrast(result.volume, self.voxels, found, normal=normal)
+            print(f"  {word}, {plane}: light inside {inside:.3f} of that of the ring")
         return found
 
 
@@ -149,7 +152,7 @@ def draw(run: Run, raw: np.ndarray, refocused: np.ndarray, voxels: shell.Voxels,
     panels[0, 0].set_title("raw frame")
     half = refocused.shape[1] / 2 * 100 / 60
     panels[0, 1].imshow(refocused, cmap=LIGHT, vmin=0, extent=(-half, half, half, -half))
-    panels[0, 1].set_title(f"refocused on its middle, z = {centre[0] * UM:.1f} um")
+    panels[0, 1].set_title(f"refocused on its middle, z = {round(centre[0] * UM, 1) + 0.0:.1f} um")
     drawn = slice_of(panels[0, 2], volume, voxels, shells[0], "yx")
     slice_of(panels[0, 3], volume, voxels, shells[0], "yz")
     slice_of(panels[1, 2], volume, voxels, shells[0], "zx")

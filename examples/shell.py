@@ -142,12 +142,19 @@ def grain(volume: np.ndarray, voxels: Voxels, shell: Shell) -> float:
     return float((light.std(axis=1) / light.mean(axis=1)).mean())
 
 
-def contrast(volume: np.ndarray, voxels: Voxels, shell: Shell) -> tuple[float, float]:
-    """Mean light within .5 of the shell and from 1.3 to 1.5 of it, over that of .9 to 1.1."""
-    rays = directions() * shell.radii
+def contrast(volume: np.ndarray, voxels: Voxels, shell: Shell, *, normal: int | None = None
+             ) -> tuple[float, float]:
+    """Mean light within .5 of the shell and from 1.3 to 1.5 of it, over that of .9 to 1.1.
+
+    ``normal`` (0, 1, 2: z, y, x) asks for the plane through the centre normal to that axis.
+    """
+    rays, power = directions(), 3
+    if normal is not None:
+        turn, power = np.linspace(0, 2 * np.pi, 360, endpoint=False), 2
+        rays = np.insert(np.stack([np.sin(turn), np.cos(turn)], 1), normal, 0.0, axis=1)
 
     def mean(a: float, b: float) -> float:
-        scale = np.cbrt(np.linspace(a**3, b**3, 15))[:, None, None]
-        return float(at(volume, voxels, shell.centre + scale * rays).mean())
+        scale = np.linspace(a**power, b**power, 15)[:, None, None] ** (1 / power)
+        return float(at(volume, voxels, shell.centre + scale * rays * shell.radii).mean())
 
     return mean(0.0, 0.5) / mean(0.9, 1.1), mean(1.3, 1.5) / mean(0.9, 1.1)

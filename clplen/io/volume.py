@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import struct
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -123,7 +122,9 @@ def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array,
                 values = file.series[0].asarray()
         else:
             raise ValueError("volumes are .tif, .zarr and .npy")
-    except (OSError, ValueError, LookupError, RuntimeError, TypeError, struct.error) as error:
+    except FormatError:
+        raise
+    except Exception as error:  # what parsers raise on damaged files
         raise FormatError(f"{path} is no volume that can be read ({str(error)[:200]}).") from error
     values = values[None] if values.ndim == 2 else values
     if values.ndim != 3 or values.dtype.kind not in "uif" or values.size == 0:

@@ -99,6 +99,7 @@ def point_images(
         If the images of all planes do not fit the free memory.
     """
     z = _checked(camera, planes, voxels_per_lenslet, binning, cut, store)
+    voxels_per_lenslet, binning = int(voxels_per_lenslet), int(binning)
     parameters = described(camera, z, voxels_per_lenslet, binning, cut, store)
     if path is not None:
         found = psffile.read_if_there(path, parameters)

@@ -86,7 +86,7 @@ def read(path: PathLike) -> PointImages:
             stored,
             scales,
         )
-    except (OSError, AttributeError, KeyError, TypeError, ValueError) as error:
+    except (OSError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
         raise FormatError(f"{place} is no whole file of point images: {error}") from error
     if digest(images) != expected:
         raise FormatError(f"The point images in {place} are not those that were written: damaged.")

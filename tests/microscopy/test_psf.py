@@ -54,7 +54,8 @@ def test_cut_holds_for_every_image():
 def test_coarse_pixels_hold_the_sum_of_the_finer_ones(device, binning):
     camera = microscope(device, pixels_per_lenslet=14)
     fine, coarse = (
-        point_images(camera, Z[2:], voxels_per_lenslet=2, cut=0.02, binning=b) for b in (1, binning)
+        point_images(camera, Z[2:], voxels_per_lenslet=2.0, cut=0.02, binning=float(b))
+        for b in (1, binning)
     )
     n = 14 // binning
     assert coarse.pixels == coarse.parameters["pixels_per_lenslet"] == n

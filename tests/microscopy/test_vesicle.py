@@ -35,6 +35,7 @@ def test_a_real_vesicle_is_a_hollow_sphere(device, data_folder, example):
     counts, haze = seen.even()
     found = deconvolve(counts, projector, iterations=15, white=seen.white, background=haze)
     assert (np.diff(found.residuals) < 0).all()
+    # .028; haze left in .038, pupils counted in the white frame too .037, a pixel off .044
     assert found.residuals[-1] < 0.03
     voxels = shell.Voxels(Z, 100e-6 / 60 / 2, projector.volume_shape)
     sphere = shell.find_shell(found.volume, voxels, centre=(0, 0, 0), radius=12e-6, within=45)
