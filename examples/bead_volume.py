@@ -48,7 +48,7 @@ def coloured(volume: Array, axis: int) -> Array:
     return colours.to_rgba(d)[..., :3] * level[..., None] ** 0.7
 
 
-run = begin(__doc__, __file__, quick="a part of the frame, five planes near the native one")
+run = begin(__doc__, __file__, quick="a part of the frame, three planes about the native one")
 frame, white, words = beads.frames(run)
 cam = beads.camera(run)
 print(f"  {words}; {cam.magnification:g}x/{cam.na:g}" + (", assumed" if beads.REAL else ""))
@@ -59,7 +59,7 @@ flat = white - zero
 prepared = preparation(pixels, device=run.device, white=flat)
 lf = decode_raw(frame - zero, lattice, device=run.device, white=flat)
 scale = pixels / lf.shape[1]  # pixels of a view's step, in which the focal stack has d
-d = np.linspace(-0.3, 0.3, 5) if run.quick else np.linspace(-DEPTH, DEPTH, 31)
+d = np.linspace(-0.2, 0.2, 3) if run.quick else np.linspace(-DEPTH, DEPTH, 31)
 images = point_images(cam, cam.z(d[::-1] / scale), voxels_per_lenslet=VOXELS, store="float16")
 projector = Projector(images, lf.shape[2:], device=run.device)
 places = ((np.arange(VOXELS * n) - (VOXELS - 1) / 2) / VOXELS for n in lf.shape[2:])

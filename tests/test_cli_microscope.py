@@ -328,6 +328,27 @@ def test_raw_frames_to_ome_zarr(tmp_path: Path, psf: Path, device: Device) -> No
     assert about["job"]["background"] == 3
 
 
+def test_haze_is_told_from_the_volume(tmp_path: Path, psf: Path, device: Device) -> None:
+    raw, white, dark = raw_frames(device)
+    for name, values in (("raw", raw + (0.04 * (white - 100.0)).astype(np.uint16)), ("w", white)):
+        tifffile.imwrite(tmp_path / f"{name}.tif", values.astype(np.uint16))
+    tifffile.imwrite(tmp_path / "d.tif", dark)
+    words = ("-c", psf, "--white", tmp_path / "w.tif", "--dark", tmp_path / "d.tif", "-o",
+             tmp_path / "v.tif", "--iterations", 6, "--device", device.place)  # fmt: skip
+    light = []
+    for more in ((), ("--haze",)):
+        done(run("deconvolve", tmp_path / "raw.tif", *words, *more))
+        volume, about = read_volume(tmp_path / "v.tif")
+        assert np.argmax(volume.sum(axis=(1, 2))) == 2
+        light.append((volume.sum(), volume[2, 18:27, 18:27].sum()))
+    there = float(raw.sum() - dark.sum())
+    assert light[0][0] > 1.8 * there
+    assert light[1][0] == pytest.approx(there, rel=0.1)  # what is left of 1.4 times as much haze
+    assert light[1][1] > 0.8 * light[1][0]
+    frame = np.sum(np.square(raw - 96.0))
+    assert 0 < about["residuals"][-1] < 1, frame
+
+
 def test_sensitivity_is_what_lenslets_do_not_have_in_common(device: Device) -> None:
     _, white, dark = raw_frames(device)
     fall = np.linspace(1, 0.6, white.shape[1])
@@ -365,6 +386,7 @@ BAD: list[tuple[list[str], str, int]] = [
     (["a.tif", "-o", "no/v.tif"], "there is no folder no", 1),
     (["none.tif", "-o", "v.tif"], "There is no file", 1),
     (["a.tif", "-o", "v.tif", "--background", "-1"], "--background is not negative", 2),
+    (["a.tif", "-o", "v.tif", "--haze"], "--haze looks like the white frame: give --white", 2),
     (["a.tif", "-o", "v.tif", "--gain", "0"], "--gain is positive", 2),
     (["a.tif", "-o", "v.tif", "--strength", "2"], "--strength is of a --prior", 2),
     (["a.tif", "-o", "v.tif", "--residual", "-1"], "no positive number, nor noise", 2),

@@ -24,6 +24,7 @@ NUMBER = re.compile(r"^  (.+?) +(\S+)   reference +(\S+) \+- (\S+)(   .+)?$", re
 ROW = re.compile(r"\| (\d+)\.(\d+) (.+?) \| \[(\S+)\]\((\S+)\)[^|]* \| (.+?) \| (.+?) \|")
 SHORTER_THAN = 60  # lines
 EACH = 4  # one script in so many is run by default
+FRAMES = ("guv_volume", "guv_variations", "bead_positions", "bead_volume")
 THESIS = {1: range(1, 27), 2: range(1, 30), 3: range(1, 26), 5: range(1, 3)}  # its list of figures
 FIGURES = THESIS | {4: range(1, 7), 5: range(1, 5)}  # and those that are added
 
@@ -134,6 +135,20 @@ def test_a_figure_script(
         assert abs(float(value) - float(reference)) <= float(within), f"{what}\n{done.stdout}"
         assert not verdict, f"{what}\n{done.stdout}"
         assert reference in row_of(script), f"the table lacks {what}: {reference}"
+
+
+@pytest.mark.parametrize("name", FRAMES)
+def test_an_example_of_a_real_frame(name: str, tmp_path: Path, pytestconfig: pytest.Config) -> None:
+    """Quickly, on the frame or, where there is none, a simulated one."""
+    if not pytestconfig.getoption("--figures"):
+        pytest.skip("examples of real frames take half a minute: pytest --figures runs them")
+    devices = pytestconfig.getoption("--device") or []
+    chosen = ["--device", devices[0]] if devices else []
+    done = run(EXAMPLES / f"{name}.py", "--quick", "-o", "out", *chosen, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"\d", done.stdout)
+    for picture in tmp_path.rglob("*.png"):
+        check_picture(picture)
 
 
 def check_picture(path: Path) -> None:

@@ -97,6 +97,7 @@ disparities = "-2:2:41"         # START:STOP:N or a list, pixels a view step, ne
 # background = 0.0              # counts of a pixel above the dark frame
 # gain = 1.0                    # counts of a photon
 # saturation = 65535.0          # default: the largest of an integer type; left out from there on
+# haze = false                  # true: white frame, as dark as the darkest lenslets, is none of it
 # residual = 0.01               # default: none; stop below it, or "noise", at that of photons
 # accelerate = false            # true: fewer iterations, more memory
 # prior = "tv"                  # default: none; against noise; "gaussian": about the native plane

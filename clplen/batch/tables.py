@@ -160,6 +160,7 @@ class DeconvolveTable(Table):
     background: NotNegative = 0.0
     gain: Positive = 1.0
     saturation: Positive | None = None
+    haze: Switch = False
     residual: Positive | Literal["noise"] | None = None
     accelerate: Switch = False
     prior: Literal["tv", "gaussian"] | None = None

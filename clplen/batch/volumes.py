@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -38,6 +38,8 @@ class How:
         Counts of a photon.
     saturation : float or None
         Level from which on pixels are left out.
+    haze : bool
+        Whether light from far beyond the volume is told from it; see `Preparation.haze`.
     residual, accelerate, prior, strength
         Of `deconvolve`.
     """
@@ -46,6 +48,7 @@ class How:
     background: float = 0.0
     gain: float = 1.0
     saturation: float | None = None
+    haze: bool = False
     residual: float | Literal["noise"] | None = None
     accelerate: bool = False
     prior: Literal["tv", "gaussian"] | None = None
@@ -118,20 +121,31 @@ class Deconvolver:
         if start is not None:
             start = np.maximum(start, np.float32(FLOOR * start.mean(dtype=np.float64)))
         how = self.how
-        return deconvolve(
-            frame.counts / np.float32(how.gain),
+        counts = frame.counts / np.float32(how.gain)
+        background = how.background * self._prepare.area / how.gain
+        haze = self._prepare.haze(counts) if how.haze else np.zeros(1, np.float32)
+        even = counts + (haze.max() - haze)  # its mean is the same over a constant background
+        lit = frame.white > 0
+        norms = [np.square(one[lit], dtype=np.float64).sum() or 1.0 for one in (counts, even)]
+        scale = norms[1] / norms[0]  # residuals are those of the counts
+        least = how.residual
+        if least == "noise":
+            least = self._prepare.variance * counts[lit].sum(dtype=np.float64) / norms[0]
+        found = deconvolve(
+            even,
             self._projector_for(frame.counts.shape),
             iterations=how.iterations,
-            background=how.background * self._prepare.area / how.gain,
+            background=background + float(haze.max()),
             white=frame.white,
             start=start,
-            residual=how.residual,
+            residual=None if least is None else least / scale,
             accelerate=how.accelerate,
             prior=how.prior,
             strength=how.strength,
             progress=progress,
-            watch=watch,
+            watch=None if watch is None else lambda now: watch(scale * now),
         )
+        return replace(found, residuals=scale * found.residuals)
 
     def _projector_for(self, shape: tuple[int, ...]) -> Projector:
         lenslets = (shape[0] // self.images.pixels, shape[1] // self.images.pixels)

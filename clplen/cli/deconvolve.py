@@ -69,6 +69,11 @@ class Residual(click.ParamType):
 @click.option(
     "--residual", type=Residual(), help="Stop when the residual is below this, or that of noise.",
 )  # fmt: skip
+@click.option(
+    "--haze", is_flag=True,
+    help="Tell light from far beyond the volume from it: white frame, as dark as in the darkest "
+    "lenslets.",
+)  # fmt: skip
 @click.option("--accelerate", is_flag=True, help="Fewer iterations, but memory for four volumes.")
 @click.option(
     "--prior", type=click.Choice(["tv", "gaussian"]),
@@ -91,6 +96,7 @@ def deconvolve(
     iterations: int,
     background: float,
     gain: float,
+    haze: bool,
     residual: float | Literal["noise"] | None,
     accelerate: bool,
     prior: Literal["tv", "gaussian"] | None,
@@ -119,13 +125,24 @@ def deconvolve(
         raise click.UsageError(f"--background is not negative, not {background:g}.")
     if gain <= 0:
         raise click.UsageError(f"--gain is positive, not {gain:g}.")
+    if haze and white is None:
+        raise click.UsageError("--haze looks like the white frame: give --white.")
     if strength is not None and prior is None:
         raise click.UsageError("--strength is of a --prior: give tv or gaussian.")
     pages = [page for path in frames for page in _pages(path)]
     outputs = _outputs(pages, output, [source, white, dark])
     images = read_psf(source)
-    strength = 1.0 if strength is None else strength
-    how = How(iterations, background, gain, saturation, residual, accelerate, prior, strength)
+    how = How(
+        iterations=iterations,
+        background=background,
+        gain=gain,
+        saturation=saturation,
+        haze=haze,
+        residual=residual,
+        accelerate=accelerate,
+        prior=prior,
+        strength=1.0 if strength is None else strength,
+    )
     jobs = _jobs(pages, images, how, white, dark, warm_start)
     todo = [not _is_done(out, job) for out, job in zip(outputs, jobs, strict=True)]
     for out in (out for out, wanted in zip(outputs, todo, strict=True) if not wanted):

@@ -72,6 +72,7 @@ def deconvolve(
     white: Any = None,
     start: Any = None,
     residual: float | Literal["noise"] | None = None,
+    variance: float = 1.0,
     accelerate: bool = False,
     prior: Literal["tv", "gaussian"] | None = None,
     strength: float = 1.0,
@@ -98,6 +99,9 @@ def deconvolve(
     residual : float or "noise", optional
         Stop when the residual of every frame is below it. "noise": that of Poisson counts about
         the true means, sum I/sum I^2, if counts are photons (camera counts over the gain).
+    variance : float
+        Of a count over its mean, for "noise": 1 for photons; `Preparation.variance` for photons
+        that were rectified, because interpolation averages.
     accelerate : bool
         Begin each iteration ahead of the volume found (Biggs and Andrews 1997): fewer iterations
         for the same residual and the same noise, but memory for four volumes more.
@@ -130,20 +134,24 @@ def deconvolve(
             f"The frame has {projector.shape[0]} x {projector.shape[1]} lenslets; at least "
             f"{FEWEST} x {FEWEST} are needed to tell planes apart."
         )
+    if not 0 < variance < np.inf:
+        raise ValueError(f"variance is positive and finite, not {variance!r}.")
     if iterations != int(iterations) or iterations < 1 or not background >= 0:
         raise ValueError(
             f"iterations is a whole number from 1 on and background is not negative, not "
             f"{iterations!r} and {background!r}."
         )
     lead = np.shape(frame)[:-2]
-    projector.require_memory(math.prod(lead), volumes=7 if accelerate else 3)
+    projector.require_memory(math.prod(lead), volumes=3 + 4 * accelerate + 2 * bool(prior))
     counts = _positive(frame, projector.frame_shape, "A frame").reshape(-1, *projector.frame_shape)
     weight = np.ones(projector.frame_shape) if white is None else white
     weight = _positive(weight, projector.frame_shape, "A white frame")
+    if not counts[:, weight > 0].any(axis=1).all():
+        raise ValueError("A frame is black: there is nothing to find.")
     counts = np.where(weight > 0, counts, np.float32(background))
     known = prior_of(prior, strength, projector, counts)
     found = _Iteration(projector, known, counts, weight, float(background), start)
-    least = found.noise if residual == "noise" else residual
+    least = variance * found.noise if residual == "noise" else residual
     ahead = Ahead(found.volumes, found.device) if accelerate else None
     history: list[Vector] = []
     for done in range(int(iterations)):
@@ -188,8 +196,6 @@ class _Iteration:
         device = self.device = projector.device
         lit = counts[:, white > 0].astype(np.float64)
         self.norms = np.square(lit).sum(axis=1)
-        if not self.norms.all():
-            raise ValueError("A frame is black: there is nothing to find.")
         self.noise = lit.sum(axis=1) / self.norms
         self.counts, self.white = device.upload(counts), device.upload(white)
         self.seen = prior.gathered(projector.back_project(device.upload(white[None])))

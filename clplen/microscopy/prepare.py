@@ -25,6 +25,7 @@ from clplen.microscopy.rectify import rectify
 Vector = np.ndarray[Any, Any]
 
 DARKEST = 0.01  # of the mean level of the white frame: darker pixels are left out
+DIMMEST = 5  # per cent of the lenslets, as dark as which haze is
 LEAST_PITCH = 3  # pixels that a lattice is looked for with
 REACH = 2  # pixels that cubic interpolation mixes, on either side
 
@@ -62,6 +63,8 @@ class Preparation:
         None where frames have n x n pixels a lenslet already.
     sensitivity : numpy.ndarray or None
         float32, rectified; 1 where a lenslet is as bright as the mean one.
+    level : numpy.ndarray or None
+        The white frame itself, rectified.
     """
 
     pixels: int
@@ -69,6 +72,7 @@ class Preparation:
     dark: Vector | None
     lattice: Lattice | None
     sensitivity: Vector | None
+    level: Vector | None = None
 
     @property
     def area(self) -> float:
@@ -77,6 +81,14 @@ class Preparation:
             return 1.0
         down, across = self.lattice.pitch
         return float(down * across) / self.pixels**2
+
+    @property
+    def variance(self) -> float:
+        """Of a rectified pixel over its mean, where counts are photons.
+
+        The area times the mean square of the cubic kernel over all phases, 57/70 along an axis.
+        """
+        return 1.0 if self.lattice is None else self.area * (57 / 70) ** 2
 
     def __call__(self, frame: Any, *, saturation: float | None = None) -> Prepared:
         """A raw frame without its dark one, rectified, with the pixels that count.
@@ -113,6 +125,35 @@ class Preparation:
         if bad.any():
             white = np.where(self._reached(bad), np.float32(0), white)
         return Prepared(light, white, negative, int(np.count_nonzero(bad)))
+
+    def haze(self, counts: Vector) -> Vector:
+        """Light in a rectified frame from far beyond the volume.
+
+        It fills the pupil evenly, so that it looks like the white frame, and is as bright as in the
+        darkest lenslets.
+
+        Parameters
+        ----------
+        counts : numpy.ndarray
+            Of `Prepared`.
+
+        Returns
+        -------
+        numpy.ndarray
+            float32, the same shape.
+
+        Raises
+        ------
+        ValueError
+            If there is no white frame.
+        """
+        if self.level is None:
+            raise ValueError("Haze looks like the white frame, and there is none: give it.")
+        n = self.pixels
+        cells = (counts.shape[0] // n, n, counts.shape[1] // n, n)
+        seen, white = (one.reshape(cells).sum(axis=(1, 3)) for one in (counts, self.level))
+        share = np.percentile(seen[white > 0] / white[white > 0], DIMMEST)
+        return self.level * np.float32(share)
 
     def _check(self, shape: tuple[int, ...]) -> None:
         if len(shape) != 2:
@@ -206,7 +247,7 @@ def preparation(
     level = rectify(light, lattice, device=device, pixels=pixels)
     if bad.any():
         level[found._reached(bad)] = 0
-    return Preparation(pixels, device, black, lattice, _sensitivity(level, pixels))
+    return Preparation(pixels, device, black, lattice, _sensitivity(level, pixels), level)
 
 
 def _sensitivity(level: Vector, n: int) -> Vector:

@@ -6,8 +6,9 @@ import setups_microscope as setups
 from scipy.ndimage import gaussian_filter
 from setups_microscope import projector_of, voxels, wrong
 
-from clplen import ShapeError
+from clplen import Lattice, ShapeError
 from clplen.microscopy.deconvolution import deconvolve
+from clplen.microscopy.prepare import Preparation
 from clplen.microscopy.priors import blurs, noise_level
 from clplen.microscopy.projector import Projector
 
@@ -112,11 +113,21 @@ def test_stopping_at_the_noise(fine):
     found = deconvolve(frame, fine, iterations=40, residual="noise")
     level = frame.sum() / np.square(frame, dtype=float).sum()
     assert found.residuals[-1] < level <= found.residuals[-2]
+    sooner = deconvolve(frame, fine, iterations=40, residual="noise", variance=1.1)
+    assert sooner.residuals[-1] < 1.1 * level <= sooner.residuals[-2]
     # the truth itself: its residual is the sum of so many independent squares
     expected = fine.forward(true).astype(float)
     off = np.square(frame - expected)
     spread = off.std() * np.sqrt(off.size) / off.sum()
     assert off.sum() == pytest.approx(frame.sum(), rel=4 * spread)
+
+
+def test_noise_of_rectified_photons(device):
+    lattice = Lattice("rectangular", (151.3, 149.7), (15.4, 0.03), (-0.03, 15.2), (300, 300))
+    prepare = Preparation(16, device, None, lattice, None)
+    counts = prepare(np.random.default_rng(0).poisson(20, (300, 300))).counts
+    # 300^2 samples, correlated with a few neighbours
+    assert counts.var() / counts.mean() == pytest.approx(prepare.variance, rel=0.02)
 
 
 def twin(frame, projector, prior, accelerate, iterations=5):
@@ -222,7 +233,7 @@ def test_bad_input(device, projector):
     with pytest.raises(ValueError, match="A frame has 2 negative or not finite"):
         deconvolve(frame, projector)
     with pytest.raises(ValueError, match="black"):
-        deconvolve(0 * np.abs(frame), projector)
+        deconvolve(0 * np.abs(frame), projector, prior="tv")
     with pytest.raises(ValueError, match="from 1 on"):
         deconvolve(np.abs(frame), projector, iterations=0)
     with pytest.raises(ValueError, match="prior is 'tv', 'gaussian' or None, not 'TV'"):
