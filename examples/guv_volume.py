@@ -48,10 +48,10 @@ class Bench:
 
     def volume(self, word: str, counts: Any = None, **options: Any) -> DeconvolutionResult:
         """The volume of the frame, or of other counts; its residual is printed."""
-        even, level = self.seen.even(counts)
+        counts = self.seen.counts if counts is None else counts
         most = self.iterations // 2 if options.get("accelerate") else self.iterations
-        result = deconvolve(even, self.projector, white=self.seen.white, background=level,
-                            iterations=most, **options)
+        result = deconvolve(counts, self.projector, white=self.seen.white,
+                            background=self.seen.haze, iterations=most, **options)
         rises = np.count_nonzero(np.diff(result.residuals) >= 0)
         print(f"  {word}: residual {result.residuals[0]:.3f} to {result.residuals[-1]:.4f} in "
               f"{result.iterations} iterations, {rises} of which raised it")

@@ -24,13 +24,11 @@ from clplen.compute.device import Device
 from clplen.lightfield.lattice import Lattice
 from clplen.microscopy.prepare import preparation
 from clplen.microscopy.projector import Projector
-from clplen.microscopy.rectify import rectify
 
 DATA = Path(os.environ.get("CLPLEN_DATA", Path(__file__).parents[2] / "shared" / "data"))
 RADIUS = 13.2e-6  # metres, of the real one
 SMALLER = 0.4  # the simulated one, whose light stays on the array
 COUNTS, DARK = 2e6, 100.0
-DARKEST = 5  # per cent of the lenslets that show the haze
 GAIN = 0.46  # photoelectrons a count of this camera by its maker's data sheet
 REAL = (DATA / "lfm_guv").is_dir()
 
@@ -95,28 +93,14 @@ class Seen:
     haze: np.ndarray
     lattice: Lattice
 
-    def even(self, counts: np.ndarray | None = None) -> tuple[np.ndarray, float]:
-        """Counts and what makes the haze the same in every pixel, and that level."""
-        level = float(self.haze.max())
-        return (self.counts if counts is None else counts) + (level - self.haze), level
-
 
 def seen(frame: Any, white: Any, dark: Any, pixels: int, device: Device) -> Seen:
     """A raw frame, rectified."""
     prepare = preparation(pixels, device=device, white=white, dark=dark)
     assert prepare.lattice is not None
     found = prepare(frame)
-    light = np.maximum(white.astype(np.float32) - dark, 0)
-    pattern = rectify(light, prepare.lattice, device=device, pixels=pixels)
-    lenslets = [lenslet_sums(values, pixels) for values in (found.counts, pattern)]
-    level = np.percentile(lenslets[0] / lenslets[1], DARKEST)
-    return Seen(GAIN * found.counts, found.white, GAIN * level * pattern, prepare.lattice)
-
-
-def lenslet_sums(values: np.ndarray, n: int) -> np.ndarray:
-    """Sums over n x n pixels."""
-    rows, columns = (size // n for size in values.shape)
-    return values.reshape(rows, n, columns, n).sum(axis=(1, 3), dtype=float)
+    haze = GAIN * prepare.haze(found.counts)
+    return Seen(GAIN * found.counts, found.white, haze, prepare.lattice)
 
 
 @dataclass(frozen=True)

@@ -6,18 +6,18 @@
  *   moved      G = X - Y
  *   ahead      X = Y = max(x + a (x - P), 0), P = x, x = X before, a of the frame
  *
- * for arrays of (frames, size); w, N: (size), the same for all frames.
+ * for arrays of (frames, size), b too; w, N: (size), the same for all frames.
  * Mapping: FOR_X of common.cl over (frames, ny, nx) with ny nx = size. -DROWS: see common.cl.
  */
 #include "common.cl"
 
-__kernel void expected(__global float *restrict E, __global const float *restrict w, const float b,
-                       const int ny, const int nx)
+__kernel void expected(__global float *restrict E, __global const float *restrict w,
+                       __global const float *restrict b, const int ny, const int nx)
 {
     const int y = get_global_id(1);
     const size_t row = row_start(get_global_id(2), y, ny, nx), same = row_start(0, y, ny, nx);
     FOR_X(x, nx)
-        E[row + x] = w[same + x] * E[row + x] + b;
+        E[row + x] = w[same + x] * E[row + x] + b[row + x];
 }
 
 __kernel void ratio(__global float *restrict out, __global const float *restrict I,

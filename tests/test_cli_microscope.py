@@ -176,6 +176,22 @@ def test_a_volume_in_ome_tiff(tmp_path: Path, psf: Path, frame: Path, device: De
     np.testing.assert_allclose(2 * read_volume(out)[0], mirrored, rtol=1e-4)
 
 
+def test_saturated_pixels_are_filled_by_the_volume(
+    tmp_path: Path, psf: Path, frame: Path, device: Device
+) -> None:
+    counts = tifffile.imread(frame)
+    brightest = counts >= np.sort(counts.ravel())[-60]
+    assert counts[brightest].sum() > 3e4  # of 1e5
+    tifffile.imwrite(frame, np.where(brightest, 65535, counts).astype(np.uint16))
+    out = tmp_path / "v.tif"
+    words = ("-c", psf, "-o", out, "--background", 2, "--device", device.place)
+    result = done(run("deconvolve", frame, *words, "--iterations", 20))
+    assert f"{brightest.sum()} saturated or not finite pixels are left out" in result.stderr
+    volume, _ = read_volume(out)
+    assert np.unravel_index(volume.argmax(), volume.shape) == (2, 10, 13)
+    assert volume.sum() == pytest.approx(1e5, rel=0.1)
+
+
 @pytest.mark.parametrize("warm", [False, True])
 def test_a_series_that_was_ended_goes_on(
     tmp_path: Path, psf: Path, frame: Path, device: Device, warm: bool
@@ -330,23 +346,21 @@ def test_raw_frames_to_ome_zarr(tmp_path: Path, psf: Path, device: Device) -> No
 
 def test_haze_is_told_from_the_volume(tmp_path: Path, psf: Path, device: Device) -> None:
     raw, white, dark = raw_frames(device)
-    for name, values in (("raw", raw + (0.04 * (white - 100.0)).astype(np.uint16)), ("w", white)):
-        tifffile.imwrite(tmp_path / f"{name}.tif", values.astype(np.uint16))
-    tifffile.imwrite(tmp_path / "d.tif", dark)
+    haze = (0.04 * (white - 100.0)).astype(np.uint16)
+    prepare = preparation(15, device=device, white=white, dark=dark)
+    found = prepare.haze(prepare(raw + haze).counts)
+    # the dimmest of 20 lenslets, of 3e4 photons each, lie 1 % below their mean
+    assert found.sum() == pytest.approx(prepare(dark + haze).counts.sum(), rel=0.03)
+    for name, values in (("raw", raw + haze), ("w", white), ("d", dark)):
+        tifffile.imwrite(tmp_path / f"{name}.tif", values)
     words = ("-c", psf, "--white", tmp_path / "w.tif", "--dark", tmp_path / "d.tif", "-o",
              tmp_path / "v.tif", "--iterations", 6, "--device", device.place)  # fmt: skip
-    light = []
+    bead = []
     for more in ((), ("--haze",)):
         done(run("deconvolve", tmp_path / "raw.tif", *words, *more))
-        volume, about = read_volume(tmp_path / "v.tif")
-        assert np.argmax(volume.sum(axis=(1, 2))) == 2
-        light.append((volume.sum(), volume[2, 18:27, 18:27].sum()))
-    there = float(raw.sum() - dark.sum())
-    assert light[0][0] > 1.8 * there
-    assert light[1][0] == pytest.approx(there, rel=0.1)  # what is left of 1.4 times as much haze
-    assert light[1][1] > 0.8 * light[1][0]
-    frame = np.sum(np.square(raw - 96.0))
-    assert 0 < about["residuals"][-1] < 1, frame
+        volume, _ = read_volume(tmp_path / "v.tif")
+        bead.append(volume[2, 18:27, 18:27].sum() / volume.sum())
+    assert bead[1] > 1.5 * bead[0]
 
 
 def test_sensitivity_is_what_lenslets_do_not_have_in_common(device: Device) -> None:
@@ -386,6 +400,7 @@ BAD: list[tuple[list[str], str, int]] = [
     (["a.tif", "-o", "no/v.tif"], "there is no folder no", 1),
     (["none.tif", "-o", "v.tif"], "There is no file", 1),
     (["a.tif", "-o", "v.tif", "--background", "-1"], "--background is not negative", 2),
+    (["a.tif", "-o", "v.tif", "--white", "noise.tif"], "no lenslets of about 15 pixels", 1),
     (["a.tif", "-o", "v.tif", "--haze"], "--haze looks like the white frame: give --white", 2),
     (["a.tif", "-o", "v.tif", "--gain", "0"], "--gain is positive", 2),
     (["a.tif", "-o", "v.tif", "--strength", "2"], "--strength is of a --prior", 2),
@@ -405,6 +420,8 @@ def test_bad_words_of_deconvolve(
     monkeypatch.chdir(tmp_path)
     down, across = (1 + np.cos(2 * np.pi * np.arange(n) / 15) for n in (120, 121))
     tifffile.imwrite("few.tif", (99 * np.outer(down, across)).astype(np.uint16))
+    noise = np.random.default_rng(0).poisson(100, (105, 120))
+    tifffile.imwrite("noise.tif", noise.astype(np.uint16))
     tifffile.imwrite("small.tif", np.ones((60, 75), np.uint16))
     tifffile.imwrite("colour.tif", np.ones((60, 75, 3), np.uint16), photometric="rgb")
     result = run("deconvolve", *words, "-c", psf, "--iterations", 1, "--device", device.place)

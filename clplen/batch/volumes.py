@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -118,34 +119,27 @@ class Deconvolver:
         progress, watch : callable, optional
             As of `deconvolve`.
         """
-        if start is not None:
-            start = np.maximum(start, np.float32(FLOOR * start.mean(dtype=np.float64)))
         how = self.how
         counts = frame.counts / np.float32(how.gain)
-        background = how.background * self._prepare.area / how.gain
-        haze = self._prepare.haze(counts) if how.haze else np.zeros(1, np.float32)
-        even = counts + (haze.max() - haze)  # its mean is the same over a constant background
-        lit = frame.white > 0
-        norms = [np.square(one[lit], dtype=np.float64).sum() or 1.0 for one in (counts, even)]
-        scale = norms[1] / norms[0]  # residuals are those of the counts
-        least = how.residual
-        if least == "noise":
-            least = self._prepare.variance * counts[lit].sum(dtype=np.float64) / norms[0]
-        found = deconvolve(
-            even,
-            self._projector_for(frame.counts.shape),
+        background = np.full_like(counts, how.background * self._prepare.area / how.gain)
+        if how.haze:
+            background += self._prepare.haze(counts)
+        projector = self._projector_for(frame.counts.shape)
+        return deconvolve(
+            counts,
+            projector,
             iterations=how.iterations,
-            background=background + float(haze.max()),
+            background=background,
             white=frame.white,
-            start=start,
-            residual=None if least is None else least / scale,
+            start=_started(start, counts, background, projector.volume_shape),
+            residual=how.residual,
+            variance=self._prepare.variance,
             accelerate=how.accelerate,
             prior=how.prior,
             strength=how.strength,
             progress=progress,
-            watch=None if watch is None else lambda now: watch(scale * now),
+            watch=watch,
         )
-        return replace(found, residuals=scale * found.residuals)
 
     def _projector_for(self, shape: tuple[int, ...]) -> Projector:
         lenslets = (shape[0] // self.images.pixels, shape[1] // self.images.pixels)
@@ -155,6 +149,17 @@ class Deconvolver:
                 self.images, lenslets, device=self.device, memory=self._memory
             )
         return self._projector
+
+
+def _started(
+    before: Values | None, counts: Values, background: Values, shape: tuple[int, ...]
+) -> Values:
+    """The volume before without voxels at 0, else an even one of the light above background."""
+    if before is not None:
+        return np.maximum(before, np.float32(FLOOR * before.mean(dtype=np.float64)))
+    total = counts.sum(dtype=np.float64)
+    light = max(total - background.sum(dtype=np.float64), FLOOR * total)
+    return np.full(shape, light / math.prod(shape), np.float32)
 
 
 def read_psf(path: PathLike) -> PointImages:

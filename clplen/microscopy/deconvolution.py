@@ -68,7 +68,7 @@ def deconvolve(
     projector: Projector,
     *,
     iterations: int = 20,
-    background: float = 0.0,
+    background: Any = 0.0,
     white: Any = None,
     start: Any = None,
     residual: float | Literal["noise"] | None = None,
@@ -89,8 +89,9 @@ def deconvolve(
     projector : Projector
     iterations : int
         At most; each takes one projection and one back-projection.
-    background : float
-        b, counts of every pixel that come from nowhere in the volume.
+    background : float or array_like
+        b, counts that come from nowhere in the volume, not negative: of every pixel, or of each
+        one, shape (..., rows n, columns n) that broadcasts to that of the frame.
     white : array_like, optional
         w, sensitivity of the pixels (a white frame over its mean), not negative, shape (rows n,
         columns n); pixels of 0 are left out, as saturated ones should be.
@@ -136,11 +137,8 @@ def deconvolve(
         )
     if not 0 < variance < np.inf:
         raise ValueError(f"variance is positive and finite, not {variance!r}.")
-    if iterations != int(iterations) or iterations < 1 or not background >= 0:
-        raise ValueError(
-            f"iterations is a whole number from 1 on and background is not negative, not "
-            f"{iterations!r} and {background!r}."
-        )
+    if iterations != int(iterations) or iterations < 1:
+        raise ValueError(f"iterations is a whole number from 1 on, not {iterations!r}.")
     lead = np.shape(frame)[:-2]
     projector.require_memory(math.prod(lead), volumes=3 + 4 * accelerate + 2 * bool(prior))
     counts = _positive(frame, projector.frame_shape, "A frame").reshape(-1, *projector.frame_shape)
@@ -148,9 +146,10 @@ def deconvolve(
     weight = _positive(weight, projector.frame_shape, "A white frame")
     if not counts[:, weight > 0].any(axis=1).all():
         raise ValueError("A frame is black: there is nothing to find.")
-    counts = np.where(weight > 0, counts, np.float32(background))
+    dim = _background(background, np.shape(frame)).reshape(counts.shape)
+    counts = np.where(weight > 0, counts, dim)
     known = prior_of(prior, strength, projector, counts)
-    found = _Iteration(projector, known, counts, weight, float(background), start)
+    found = _Iteration(projector, known, counts, weight, dim, start)
     least = variance * found.noise if residual == "noise" else residual
     ahead = Ahead(found.volumes, found.device) if accelerate else None
     history: list[Vector] = []
@@ -189,15 +188,16 @@ class _Iteration:
         prior: Prior,
         counts: Vector,
         white: Vector,
-        background: float,
+        background: Vector,
         start: Any,
     ) -> None:
-        self.projector, self.prior, self.background = projector, prior, background
+        self.projector, self.prior = projector, prior
         device = self.device = projector.device
         lit = counts[:, white > 0].astype(np.float64)
         self.norms = np.square(lit).sum(axis=1)
         self.noise = lit.sum(axis=1) / self.norms
         self.counts, self.white = device.upload(counts), device.upload(white)
+        self.background = device.upload(background)
         self.seen = prior.gathered(projector.back_project(device.upload(white[None])))
         self.least = LEAST * float(device.download(self.seen).max())
         shape = (len(counts), *projector.volume_shape)
@@ -214,7 +214,7 @@ class _Iteration:
         """One iteration; the residual of each frame before it."""
         expected = self.projector.project(self.prior.volumes(self.volumes))
         _, ny, nx = expected.shape
-        self._launch("expected", expected, self.white, np.float32(self.background), ny, nx)
+        self._launch("expected", expected, self.white, self.background, ny, nx)
         on_host = self.device.on_host
         with on_host(expected, write=False) as means, on_host(self.counts, write=False) as counts:
             residual = [
@@ -236,6 +236,20 @@ class _Iteration:
         kernel = self.device.kernel("richardson_lucy.cl", name)
         sizes = (np.int32(ny), np.int32(nx))
         self.device.launch_rows(kernel, (int(out.shape[0]), ny, nx), out, *args, *sizes)
+
+
+def _background(values: Any, shape: tuple[int, ...]) -> Vector:
+    """Counts from nowhere in the volume, of each pixel of each frame."""
+    found = np.asarray(values, np.float32)
+    try:
+        found = np.broadcast_to(found, shape)
+    except ValueError:
+        raise ShapeError(
+            f"background is a number or broadcasts to the frame's shape {shape}, not {found.shape}."
+        ) from None
+    if not (found >= 0).all() or not np.isfinite(found).all():
+        raise ValueError("background is not negative and finite: it has samples that are not.")
+    return np.ascontiguousarray(found)
 
 
 def _positive(values: Any, shape: tuple[int, ...], what: str) -> Vector:

@@ -77,6 +77,24 @@ def test_background_white_and_series(projector):
     assert again.iterations == 1
 
 
+def test_background_of_each_pixel_and_frame(projector):
+    """Haze that falls along x and doubles in the second frame is taken out of both."""
+    frame = counted(projector, [(2, 22, 22)])
+    haze = np.linspace(30, 0, projector.frame_shape[1], dtype=np.float32)
+    haze = np.stack([haze, 2 * haze])[:, None, :] * np.ones(projector.frame_shape, np.float32)
+    seen = np.random.default_rng(5).poisson(frame + haze)
+    found = deconvolve(seen, projector, iterations=10, background=haze).volume
+    even = deconvolve(
+        seen, projector, iterations=10, background=haze.mean((1, 2), keepdims=True)
+    ).volume
+    for known, mean in zip(found, even, strict=True):
+        assert known[2].sum() / known.sum() > mean[2].sum() / mean.sum() + 0.04
+        assert 0 < known.sum(dtype=float) - 2e6 < 0.5 * (mean.sum(dtype=float) - 2e6)
+    for bad, error in ((haze[:, :, :-1], ShapeError), (-haze, ValueError)):
+        with pytest.raises(error, match="background"):
+            deconvolve(seen, projector, background=bad)
+
+
 def test_two_points_in_the_native_plane(device):
     """References of an independent simulation, to .1: the least between over the lower peak."""
     projector = projector_of(device, [0.0])

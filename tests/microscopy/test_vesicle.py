@@ -32,11 +32,12 @@ def test_a_real_vesicle_is_a_hollow_sphere(device, data_folder, example):
     assert np.degrees(seen.lattice.rotation) == pytest.approx(-0.12, abs=0.02)
     images = point_images(example.camera(device, 15), Z, voxels_per_lenslet=2, cut=1e-2)
     projector = Projector(images, (28, 28), device=device)
-    counts, haze = seen.even()
-    found = deconvolve(counts, projector, iterations=15, white=seen.white, background=haze)
+    found = deconvolve(
+        seen.counts, projector, iterations=15, white=seen.white, background=seen.haze
+    )
     assert (np.diff(found.residuals) < 0).all()
-    # .028; haze left in .038, pupils counted in the white frame too .037, a pixel off .044
-    assert found.residuals[-1] < 0.03
+    # .0400; pupils counted in the white frame too .055, a pixel off .049
+    assert found.residuals[-1] < 0.044
     voxels = shell.Voxels(Z, 100e-6 / 60 / 2, projector.volume_shape)
     sphere = shell.find_shell(found.volume, voxels, centre=(0, 0, 0), radius=12e-6, within=45)
     # 50 planes 1 um apart: centre -1.25, .64, -.53 um and radii 13.52, 13.36, 13.40 um
@@ -44,8 +45,8 @@ def test_a_real_vesicle_is_a_hollow_sphere(device, data_folder, example):
     assert sphere.radii[1:] * 1e6 == pytest.approx([13.4, 13.4], abs=0.3)
     assert sphere.radii[0] == pytest.approx(sphere.radii[1:].mean(), rel=0.2)
     inside, outside = shell.contrast(found.volume, voxels, sphere)
-    assert inside < 0.1
-    assert outside < 0.2
+    assert inside < 0.04  # .021; haze left in .056
+    assert outside < 0.1  # .059; haze left in .168
 
 
 def test_the_shell_that_was_drawn_is_found(example):
