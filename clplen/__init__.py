@@ -106,6 +106,7 @@ __all__ = [
     "ConvergingLight",
     "CoverGlass",
     "Curve",
+    "DeconvolutionResult",
     "DepthMap",
     "Device",
     "DeviceError",
@@ -133,7 +134,10 @@ __all__ = [
     "PicturePlane",
     "Plane",
     "PlenopticCamera",
+    "PointImages",
     "PointSources",
+    "Points",
+    "Projector",
     "Propagator",
     "Pupil",
     "RandomPhaseMask",
@@ -163,9 +167,11 @@ __all__ = [
     "correct_aberrations",
     "crosstalk",
     "decode_raw",
+    "deconvolve",
     "depth_map",
     "estimate_alpha",
     "estimate_lattice",
+    "find_points",
     "focal_stack",
     "focused_depth",
     "focused_maps",
@@ -175,6 +181,7 @@ __all__ = [
     "grating",
     "hyperfan",
     "imaging_system",
+    "match_points",
     "measured_degree",
     "metric_depth",
     "open_lightfield",
@@ -182,12 +189,15 @@ __all__ = [
     "phase_space",
     "plane_through",
     "plane_wave",
+    "point_images",
     "point_m",
     "polygonal_aperture",
+    "preparation",
     "propagate",
     "propagate_wavelengths",
     "read_lightfield",
     "rectangular_aperture",
+    "rectify",
     "refocus",
     "render_focused",
     "sample_scenes",
@@ -211,35 +221,46 @@ __all__ = [
 ]
 
 
-_ANALYSIS = {
-    "Comparison": "comparison",
-    "Curve": "curve",
-    "OTF": "otf",
-    "PSF": "psf",
-    "Sampling": "sampling",
-    "SlantedEdge": "edge",
-    "TwoPoints": "twopoint",
-    "compare": "comparison",
-    "crosstalk": "crosstalk",
-    "sampling_of": "sampling",
-    "sampling_table": "sampling",
-    "slanted_edge": "edge",
-    "strehl_of_rms": "strehl",
-    "wavefront_strehl": "strehl",
+_LAZY = {
+    "Comparison": "analysis.comparison",
+    "Curve": "analysis.curve",
+    "DeconvolutionResult": "microscopy.deconvolution",
+    "OTF": "analysis.otf",
+    "PSF": "analysis.psf",
+    "PointImages": "microscopy.images",
+    "Points": "microscopy.points",
+    "Projector": "microscopy.projector",
+    "Sampling": "analysis.sampling",
+    "SlantedEdge": "analysis.edge",
+    "TwoPoints": "analysis.twopoint",
+    "compare": "analysis.comparison",
+    "crosstalk": "analysis.crosstalk",
+    "deconvolve": "microscopy.deconvolution",
+    "find_points": "microscopy.points",
+    "match_points": "microscopy.points",
+    "open_lightfield": "io",
+    "point_images": "microscopy.psf",
+    "preparation": "microscopy.prepare",
+    "read_lightfield": "io",
+    "rectify": "microscopy.rectify",
+    "sampling_of": "analysis.sampling",
+    "sampling_table": "analysis.sampling",
+    "slanted_edge": "analysis.edge",
+    "strehl_of_rms": "analysis.strehl",
+    "wavefront_strehl": "analysis.strehl",
 }  # the module of each name
+_FOLDERS = ("analysis", "batch", "io", "microscopy", "plot")
 
 
 def __getattr__(name: str) -> Any:
     """What needs more than NumPy, SciPy and pyopencl is imported when it is asked for."""
-    if name in ("open_lightfield", "read_lightfield"):
-        return getattr(import_module("clplen.io"), name)
-    if name in _ANALYSIS:
-        return getattr(import_module(f"clplen.analysis.{_ANALYSIS[name]}"), name)
-    if name in ("analysis", "batch", "io", "plot"):
+    if name in _LAZY:
+        return getattr(import_module(f"clplen.{_LAZY[name]}"), name)
+    if name in _FOLDERS:
         return import_module(f"clplen.{name}")
     raise AttributeError(f"module 'clplen' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
     """The public names."""
-    return sorted([*__all__, "analysis", "batch", "io", "plot"])
+    return sorted([*__all__, *_FOLDERS])

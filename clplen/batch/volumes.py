@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -124,14 +123,15 @@ class Deconvolver:
         background = np.full_like(counts, how.background * self._prepare.area / how.gain)
         if how.haze:
             background += self._prepare.haze(counts)
-        projector = self._projector_for(frame.counts.shape)
+        if start is not None:
+            start = np.maximum(start, np.float32(FLOOR * start.mean(dtype=np.float64)))
         return deconvolve(
             counts,
-            projector,
+            self._projector_for(frame.counts.shape),
             iterations=how.iterations,
             background=background,
             white=frame.white,
-            start=_started(start, counts, background, projector.volume_shape),
+            start=start,
             residual=how.residual,
             variance=self._prepare.variance,
             accelerate=how.accelerate,
@@ -149,17 +149,6 @@ class Deconvolver:
                 self.images, lenslets, device=self.device, memory=self._memory
             )
         return self._projector
-
-
-def _started(
-    before: Values | None, counts: Values, background: Values, shape: tuple[int, ...]
-) -> Values:
-    """The volume before without voxels at 0, else an even one of the light above background."""
-    if before is not None:
-        return np.maximum(before, np.float32(FLOOR * before.mean(dtype=np.float64)))
-    total = counts.sum(dtype=np.float64)
-    light = max(total - background.sum(dtype=np.float64), FLOOR * total)
-    return np.full(shape, light / math.prod(shape), np.float32)
 
 
 def read_psf(path: PathLike) -> PointImages:
