@@ -99,7 +99,7 @@ def seen(frame: Any, white: Any, dark: Any, pixels: int, device: Device) -> Seen
     prepare = preparation(pixels, device=device, white=white, dark=dark)
     assert prepare.lattice is not None
     found = prepare(frame)
-    haze = GAIN * prepare.haze(found.counts)
+    haze = GAIN * prepare.haze(found.counts, found.white)
     return Seen(GAIN * found.counts, found.white, haze, prepare.lattice)
 
 

@@ -30,9 +30,12 @@ from clplen.io.positions import read_positions
 from clplen.io.raw import read_frame
 from clplen.io.raytrix import write_raytrix
 from clplen.io.raytrix_calibration import FocusType, RaytrixCalibration
+from clplen.io.volume import read_volume, write_volume
 from clplen.io.zarrs import write_zarr
 from clplen.lightfield.lattice import Lattice
 from clplen.lightfield.lightfield import LightField
+from clplen.microscopy import psffile
+from clplen.microscopy.images import PointImages
 
 # Errors that a damaged file may cause: its own, and those of a value that makes no light field.
 ALLOWED = (FormatError, ShapeError, ValueError)
@@ -309,6 +312,24 @@ def _camera(folder: Path, _: Device) -> Path:
     return folder / "a.toml"
 
 
+def _volume(name: str) -> Callable[[Path, Device], Path]:
+    def made(folder: Path, _: Device) -> Path:
+        values = np.arange(4 * 99, dtype=np.float32).reshape(4, 9, 11)
+        planes = np.array([0.0, 1, 2, 3]) * 1e-6
+        write_volume(folder / name, values, planes=planes, voxel=(1e-6, 1e-6))
+        return folder / name
+
+    return made
+
+
+def _point_images(folder: Path, _: Device) -> Path:
+    stored = (np.ones((1, 3, 3), np.float32), np.ones((1, 9, 9), np.float32))
+    about = {"planes": (0.0, 1e-6), "voxels_per_lenslet": 1, "pixels_per_lenslet": 3}
+    images = PointImages(about, np.array([0.0, 1e-6]), 1, 3, stored, np.ones(2))
+    psffile.write(folder / "a.h5", images)
+    return folder / "a.h5"
+
+
 def _lightfield(**layout: Any) -> Callable[[Path, Device], Any]:
     return lambda path, device: read_lightfield(path, device=device, **layout)
 
@@ -335,4 +356,7 @@ PARSERS = {
     "parameters": Parser(_parameters, lambda path, _: read_parameters(path)),
     "positions": Parser(_positions, lambda path, _: read_positions(path, (2, 3))),
     "camera": Parser(_camera, lambda path, _: read_camera_file(path)),
+    "volume": Parser(_volume("a.ome.tif"), lambda path, _: read_volume(path)),
+    "zarr-volume": Parser(_volume("a.ome.zarr"), lambda path, _: read_volume(path)),
+    "point-images": Parser(_point_images, lambda path, _: psffile.read(path)),
 }

@@ -217,6 +217,21 @@ def test_a_series_that_was_ended_goes_on(
     ]  # fmt: skip
 
 
+def test_a_frame_begins_with_the_one_before(
+    tmp_path: Path, psf: Path, frame: Path, device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[Path | None] = []
+    module = sys.modules["clplen.cli.deconvolve"]
+    monkeypatch.setattr(module, "_made", lambda *words: begun.append(words[-1]) or "")
+    frames = [frame.rename(tmp_path / "0.tif"), *(tmp_path / f"{k}.tif" for k in (1, 2))]
+    for path in frames[1:]:
+        path.write_bytes(frames[0].read_bytes())
+    words = ("-c", psf, "-o", tmp_path / "{name}.ome.tif", "--device", device.place)
+    done(run("deconvolve", *frames, *words, "--warm-start"))
+    done(run("deconvolve", *frames, *words))
+    assert begun == [None, tmp_path / "0.ome.tif", tmp_path / "1.ome.tif", None, None, None]
+
+
 def test_a_stack_of_frames_is_a_series(
     tmp_path: Path, psf: Path, frame: Path, device: Device
 ) -> None:
@@ -348,7 +363,8 @@ def test_haze_is_told_from_the_volume(tmp_path: Path, psf: Path, device: Device)
     raw, white, dark = raw_frames(device)
     haze = (0.04 * (white - 100.0)).astype(np.uint16)
     prepare = preparation(15, device=device, white=white, dark=dark)
-    found = prepare.haze(prepare(raw + haze).counts)
+    seen = prepare(raw + haze)
+    found = prepare.haze(seen.counts, seen.white)
     # the dimmest of 20 lenslets, of 3e4 photons each, lie 1 % below their mean
     assert found.sum() == pytest.approx(prepare(dark + haze).counts.sum(), rel=0.03)
     for name, values in (("raw", raw + haze), ("w", white), ("d", dark)):

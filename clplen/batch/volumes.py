@@ -122,7 +122,7 @@ class Deconvolver:
         counts = frame.counts / np.float32(how.gain)
         background = np.full_like(counts, how.background * self._prepare.area / how.gain)
         if how.haze:
-            background += self._prepare.haze(counts)
+            background += self._prepare.haze(counts - background, frame.white)
         if start is not None:
             start = np.maximum(start, np.float32(FLOOR * start.mean(dtype=np.float64)))
         return deconvolve(
@@ -169,12 +169,6 @@ def read_picture(path: PathLike, frame: int | None = None) -> Values:
     return picture
 
 
-def voxel_of(images: PointImages) -> float:
-    """Size of a voxel along y and x in metres."""
-    about = images.parameters
-    return float(about["lenslet_pitch"] / (images.voxels * about["magnification"]))
-
-
 def write_result(
     path: PathLike,
     found: DeconvolutionResult,
@@ -197,12 +191,11 @@ def write_result(
     replace : bool
         As of `write_volume`.
     """
-    side = voxel_of(images)
     write_volume(
         path,
         found.volume,
         planes=images.planes,
-        voxel=(side, side),
+        voxel=(images.side, images.side),
         description={
             "values": "energy of a voxel, photons (counts over the gain) of the frame",
             "residuals": [float(one) for one in found.residuals],

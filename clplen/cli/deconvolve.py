@@ -112,7 +112,7 @@ def deconvolve(
 
     The white frame tells the lattice of lenslets, with which frames are rectified, and how
     sensitive pixels are. Each volume is written whole before the next frame begins; those that are
-    there already, of the same frame and the same words, are not made again.
+    there already, of the same frame, words and version of clplen, are not made again.
 
     \b
     Example:
@@ -186,7 +186,7 @@ def _made(
     series: Deconvolver, page: _Page, output: Path, job: dict[str, Any], before: Path | None
 ) -> str:
     """Write the volume of a frame; what it holds, in words."""
-    from clplen.batch.volumes import read_picture, voxel_of, write_result
+    from clplen.batch.volumes import read_picture, write_result
     from clplen.files import naming
     from clplen.io.volume import read_volume
 
@@ -203,7 +203,7 @@ def _made(
         )
     write_result(output, found, series.images, more={"job": job}, replace=True)
     size = " x ".join(str(n) for n in found.volume.shape)
-    text = f"{output} holds {size} voxels (z, y, x) of {voxel_of(series.images) * 1e6:.4g} um "
+    text = f"{output} holds {size} voxels (z, y, x) of {series.images.side * 1e6:.4g} um "
     text += f"along y and x; residual {found.residuals[-1]:.3g} after {found.iterations} iterations"
     if found.degenerate:
         ends = {f"{end * 1e6 + 0.0:.6g}": None for end in sorted(found.degenerate)}
@@ -250,11 +250,13 @@ def _jobs(
     warm_start: bool,
 ) -> list[dict[str, Any]]:
     """What each volume depends on, kept with it."""
+    from clplen import __version__
     from clplen.io.digest import digest
     from clplen.microscopy.psffile import digest as digest_of
 
     shared = {
         **asdict(how),
+        "clplen": __version__,
         "psf": digest_of(images),
         "white": digest(white) if white else None,
         "dark": digest(dark) if dark else None,

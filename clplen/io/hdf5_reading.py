@@ -12,9 +12,9 @@ import h5py
 import numpy as np
 
 from clplen.errors import FormatError
+from clplen.hdf5_heap import require_heaps
 from clplen.io.attributes import plain
 from clplen.io.bounds import DEFLATE, require_bytes
-from clplen.io.hdf5_heap import require_heaps
 from clplen.io.loading import reading
 from clplen.io.names import listed
 

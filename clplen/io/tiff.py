@@ -1,4 +1,4 @@
-"""One picture of a TIFF file, without more memory than it declares."""
+"""One picture of a TIFF file, or a stack of them, without more memory than it declares."""
 
 from __future__ import annotations
 
@@ -54,17 +54,60 @@ def decode_tiff(
     with tifffile.TiffFile(BytesIO(content), is_ome=False, is_imagej=False) as file:
         if page is None and len(file.pages) > 1:
             raise ValueError(f"it holds {len(file.pages)} pictures, one is meant")
-        found: Any = file.pages[page or 0]
-        _check(found, content, path, max_bytes)
-        try:
-            values = found.asarray()
-        except ValueError as error:
-            if found.compression not in _BY_PILLOW or "imagecodecs" not in str(error):
-                raise
-            values = imageio.imread(content, plugin="pillow", index=page or 0)
-            if values.shape != found.shape or values.dtype != found.dtype:
-                raise ValueError("a compression that needs imagecodecs: install that") from error
-        return values.transpose(1, 2, 0) if found.axes == "SYX" else values
+        return _values(file.pages[page or 0], content, path, max_bytes)
+
+
+def decode_tiff_stack(content: bytes, path: Path, *, max_bytes: int | None) -> np.ndarray[Any, Any]:
+    """All pages of a TIFF file, which are alike.
+
+    Parameters
+    ----------
+    content, path, max_bytes
+        As of `decode_tiff`.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (pages, y, x) or (pages, y, x, c), the file's own dtype.
+
+    Raises
+    ------
+    FormatError, ValueError
+        As `decode_tiff`, and if pages are of several shapes or types.
+    """
+    with tifffile.TiffFile(BytesIO(content), is_ome=False, is_imagej=False) as file:
+        pages: list[Any] = list(file.pages)
+        kinds = {(page.shape, page.dtype) for page in pages}
+        if len(kinds) > 1:
+            raise ValueError(f"its {len(pages)} pages are of {len(kinds)} shapes or types")
+        _check(pages[0], content, path, max_bytes)
+        require_bytes(
+            len(pages) * pages[0].nbytes,
+            path=path,
+            what="the stack",
+            stored=len(content),
+            ratio=_RATIO[pages[0].compression] * _unpacked(pages[0]),
+            max_bytes=max_bytes,
+        )
+        first = _values(pages[0], content, path, max_bytes)
+        stack = np.empty((len(pages), *first.shape), first.dtype)
+        for number, page in enumerate(pages):
+            stack[number] = _values(page, content, path, max_bytes) if number else first
+    return stack
+
+
+def _values(page: Any, content: bytes, path: Path, max_bytes: int | None) -> np.ndarray[Any, Any]:
+    """The samples of a page, (y, x) or (y, x, c)."""
+    _check(page, content, path, max_bytes)
+    try:
+        values = page.asarray()
+    except ValueError as error:
+        if page.compression not in _BY_PILLOW or "imagecodecs" not in str(error):
+            raise
+        values = imageio.imread(content, plugin="pillow", index=page.index)
+        if values.shape != page.shape or values.dtype != page.dtype:
+            raise ValueError("a compression that needs imagecodecs: install that") from error
+    return np.asarray(values.transpose(1, 2, 0) if page.axes == "SYX" else values)
 
 
 def _check(page: Any, content: bytes, path: Path, max_bytes: int | None) -> None:
@@ -78,19 +121,23 @@ def _check(page: Any, content: bytes, path: Path, max_bytes: int | None) -> None
     stored = sum(page.databytecounts)
     if stored > len(content):
         raise ValueError("it is truncated, or its parts overlap")
-    unpacked = max(1.0, 8 * page.dtype.itemsize / page.bitspersample)
     require_bytes(
         page.nbytes,
         path=path,
         what="the picture",
         stored=stored,
-        ratio=_RATIO[page.compression] * unpacked,
+        ratio=_RATIO[page.compression] * _unpacked(page),
         max_bytes=max_bytes,
     )
     if page.is_tiled and math.prod(page.chunks) * page.dtype.itemsize > page.nbytes + _TILE:
         raise ValueError(f"its tiles, {page.chunks}, are much larger than the picture")
     if page.compression in _DEFLATED:
         _check_deflated(page, content)
+
+
+def _unpacked(page: Any) -> float:
+    """Bits of a sample in memory over those in the file."""
+    return max(1.0, 8 * page.dtype.itemsize / page.bitspersample)
 
 
 def _check_deflated(page: Any, content: bytes) -> None:

@@ -18,7 +18,9 @@ from clplen.io.bounds import require_bytes
 from clplen.io.ome import SUFFIXES
 from clplen.io.omezarr import SUFFIX
 from clplen.io.stack import is_series, write_series
+from clplen.io.tiff import decode_tiff_stack
 from clplen.io.zarrpackage import zarr_package
+from clplen.io.zarrs import storage
 
 
 def write_volume(
@@ -90,7 +92,7 @@ def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array,
     Parameters
     ----------
     path : path-like
-        TIFF of one series, OME-Zarr or ``.npy``.
+        TIFF of pages that are alike, OME-Zarr or ``.npy``.
     max_bytes : int, optional
         Largest allocation; default half of the free memory.
 
@@ -110,16 +112,19 @@ def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array,
     try:
         if path.suffix.lower() == SUFFIX:
             level = _zarr_group(path)["0"]
-            _require(path, level, max_bytes)
+            stored, ratio = storage(level, path, "a volume", max_bytes)
+            _require(path, level, stored, ratio, max_bytes)
             values = np.asarray(level[...])
         elif path.suffix.lower() == ".npy":
             mapped = np.load(path, mmap_mode="r", allow_pickle=False)
-            _require(path, mapped, max_bytes)
+            _require(path, mapped, path.stat().st_size, 1, max_bytes)
             values = np.array(mapped)
         elif path.suffix.lower() in SUFFIXES:
-            with tifffile.TiffFile(path) as file:
-                _require(path, file.series[0], max_bytes)
-                values = file.series[0].asarray()
+            size = path.stat().st_size
+            require_bytes(
+                size, path=path, what="the volume", stored=size, ratio=1, max_bytes=max_bytes
+            )
+            values = decode_tiff_stack(path.read_bytes(), path, max_bytes=max_bytes)
         else:
             raise ValueError("volumes are .tif, .zarr and .npy")
     except FormatError:
@@ -144,8 +149,8 @@ def describe_volume(path: PathLike) -> dict[str, Any]:
         if path.suffix.lower() == SUFFIX:
             found = _zarr_group(path).attrs["clplen"]
         else:
-            with tifffile.TiffFile(path) as file:
-                root = ET.fromstring(file.ome_metadata or "<OME/>")
+            with tifffile.TiffFile(path, is_ome=False, is_imagej=False) as file:
+                root = ET.fromstring(file.pages.first.description or "<OME/>")
             found = json.loads(next(one.text or "" for one in root.iter() if _is_text(one)))
     except Exception:  # what other programs wrote, or nothing
         return {}
@@ -160,6 +165,8 @@ def _zarr_group(path: Path) -> Any:
     return zarr_package("write .tif").open_group(str(path), mode="r")
 
 
-def _require(path: Path, array: Any, max_bytes: int | None) -> None:
+def _require(path: Path, array: Any, stored: int, ratio: float, max_bytes: int | None) -> None:
     nbytes = math.prod(array.shape) * np.dtype(array.dtype).itemsize
-    require_bytes(nbytes, path=path, what="a volume", stored=nbytes, ratio=1, max_bytes=max_bytes)
+    require_bytes(
+        nbytes, path=path, what="a volume", stored=stored, ratio=ratio, max_bytes=max_bytes
+    )

@@ -254,7 +254,7 @@ def _source(array: Any, found: dict[str, Any], path: Path, layout: Layout) -> So
     shape = tuple(int(n) for n in array.shape)
     own = attributes.axes_in(found)
     axes, known = axes_known(path, what, shape, order=layout.order, own=own)
-    stored, ratio = _storage(array, path, what, layout.max_bytes)
+    stored, ratio = storage(array, path, what, layout.max_bytes)
     return Source(
         path,
         what,
@@ -269,8 +269,14 @@ def _source(array: Any, found: dict[str, Any], path: Path, layout: Layout) -> So
     )
 
 
-def _storage(array: Any, path: Path, what: str, max_bytes: int | None) -> tuple[int, float]:
-    """Bytes that the store has for an array, and the largest ratio of their compression."""
+def storage(array: Any, path: Path, what: str, max_bytes: int | None) -> tuple[int, float]:
+    """Bytes that a store has for an array, and the largest ratio of their compression.
+
+    Raises
+    ------
+    FormatError
+        If chunks are missing, or larger than they can be.
+    """
     folder = path / _name(array)
     if path.is_dir():
         sizes = [file.stat().st_size for file in folder.rglob("*") if file.is_file()]

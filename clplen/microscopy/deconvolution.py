@@ -29,6 +29,10 @@ Vector = np.ndarray[Any, Any]
 
 LEAST = 1e-6  # of the largest H'w: voxels that are seen less than that stay 0
 FEWEST = 5  # lenslets of a frame along an axis
+VOLUMES = 3  # of a frame on the device: found, H'w and back
+OF_AHEAD = 4  # more of them
+OF_PRIOR = 3  # padded, smoothed; steepness
+PICTURES = 5  # counts, white, background, expected and ratio
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -137,10 +141,13 @@ def deconvolve(
         )
     if not 0 < variance < np.inf:
         raise ValueError(f"variance is positive and finite, not {variance!r}.")
+    if residual not in (None, "noise") and (isinstance(residual, str) or not residual > 0):
+        raise ValueError(f"residual is a positive number, 'noise' or None, not {residual!r}.")
     if iterations != int(iterations) or iterations < 1:
         raise ValueError(f"iterations is a whole number from 1 on, not {iterations!r}.")
     lead = np.shape(frame)[:-2]
-    projector.require_memory(math.prod(lead), volumes=3 + 4 * accelerate + 2 * bool(prior))
+    volumes = VOLUMES + OF_AHEAD * accelerate + OF_PRIOR * bool(prior)
+    projector.require_memory(math.prod(lead), volumes=volumes, pictures=PICTURES)
     counts = _positive(frame, projector.frame_shape, "A frame").reshape(-1, *projector.frame_shape)
     weight = np.ones(projector.frame_shape) if white is None else white
     weight = _positive(weight, projector.frame_shape, "A white frame")
@@ -207,6 +214,10 @@ class _Iteration:
             begin = np.broadcast_to(even[:, None, None, None], shape).astype(np.float32)
         else:
             begin = _positive(start, projector.volume_shape, "A start").reshape(-1, *shape[1:])
+            if len(begin) not in (1, len(counts)):
+                raise ShapeError(
+                    f"A start is of one frame or of all {len(counts)}, not of {len(begin)}."
+                )
             begin = np.broadcast_to(begin, shape)
         self.volumes = device.upload(np.ascontiguousarray(begin, np.float32))
 

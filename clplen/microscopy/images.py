@@ -47,6 +47,12 @@ class PointImages:
         )
 
     @property
+    def side(self) -> float:
+        """Of a voxel along y and x, in metres."""
+        about = self.parameters
+        return float(about["lenslet_pitch"] / (about["magnification"] * self.voxels))
+
+    @property
     def radii(self) -> tuple[int, ...]:
         """r of each plane: lenslets from that of the voxel to the last one with light."""
         return tuple((one.shape[1] // self.pixels - 1) // 2 for one in self.stored)

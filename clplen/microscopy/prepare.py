@@ -20,14 +20,13 @@ from clplen.compute.device import Device
 from clplen.errors import SamplingWarning, ShapeError
 from clplen.lightfield.lattice import Lattice
 from clplen.lightfield.latticefit import estimate_lattice
-from clplen.microscopy.rectify import rectify
+from clplen.microscopy.rectify import REACH, area, rectify, variance
 
 Vector = np.ndarray[Any, Any]
 
 DARKEST = 0.01  # of the mean level of the white frame: darker pixels are left out
 DIMMEST = 5  # per cent of the lenslets, as dark as which haze is
 LEAST_PITCH = 3  # pixels that a lattice is looked for with
-REACH = 2  # pixels that cubic interpolation mixes, on either side
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,18 +76,12 @@ class Preparation:
     @property
     def area(self) -> float:
         """Pixels of the camera that a rectified pixel holds the light of."""
-        if self.lattice is None:
-            return 1.0
-        down, across = self.lattice.pitch
-        return float(down * across) / self.pixels**2
+        return 1.0 if self.lattice is None else area(self.lattice, self.pixels)
 
     @property
     def variance(self) -> float:
-        """Of a rectified pixel over its mean, where counts are photons.
-
-        The area times the mean square of the cubic kernel over all phases, 57/70 along an axis.
-        """
-        return 1.0 if self.lattice is None else self.area * (57 / 70) ** 2
+        """Of a rectified pixel over its mean, where counts are photons."""
+        return 1.0 if self.lattice is None else variance(self.lattice, self.pixels)
 
     def __call__(self, frame: Any, *, saturation: float | None = None) -> Prepared:
         """A raw frame without its dark one, rectified, with the pixels that count.
@@ -126,7 +119,7 @@ class Preparation:
             white = np.where(self._reached(bad), np.float32(0), white)
         return Prepared(light, white, negative, int(np.count_nonzero(bad)))
 
-    def haze(self, counts: Vector) -> Vector:
+    def haze(self, counts: Vector, white: Vector) -> Vector:
         """Light in a rectified frame from far beyond the volume.
 
         It fills the pupil evenly, so that it looks like the white frame, and is as bright as in the
@@ -134,13 +127,13 @@ class Preparation:
 
         Parameters
         ----------
-        counts : numpy.ndarray
-            Of `Prepared`.
+        counts, white : numpy.ndarray
+            Of `Prepared`, the counts without what else is background.
 
         Returns
         -------
         numpy.ndarray
-            float32, the same shape.
+            float32, the same shape, not negative.
 
         Raises
         ------
@@ -151,9 +144,12 @@ class Preparation:
             raise ValueError("Haze looks like the white frame, and there is none: give it.")
         n = self.pixels
         cells = (counts.shape[0] // n, n, counts.shape[1] // n, n)
-        seen, white = (one.reshape(cells).sum(axis=(1, 3)) for one in (counts, self.level))
-        share = np.percentile(seen[white > 0] / white[white > 0], DIMMEST)
-        return self.level * np.float32(share)
+        light = (np.where(white > 0, one, 0).reshape(cells) for one in (counts, self.level))
+        seen, full = (one.sum(axis=(1, 3), dtype=np.float64) for one in light)
+        if not full.any():
+            return np.zeros_like(self.level)
+        share = np.percentile(seen[full > 0] / full[full > 0], DIMMEST)
+        return self.level * np.float32(max(share, 0))
 
     def _check(self, shape: tuple[int, ...]) -> None:
         if len(shape) != 2:

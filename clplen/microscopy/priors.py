@@ -59,7 +59,7 @@ class TotalVariation(Prior):
 
     def __init__(self, projector: Projector, counts: Vector, strength: float) -> None:
         self.device = device = projector.device
-        z = projector.images.planes / voxel_side(projector.images)
+        z = projector.images.planes / projector.images.side
         order = np.argsort(z)
         thickness, gap = np.ones((2, len(z)))
         above, below = np.tile(np.arange(len(z), dtype=np.int32), (2, 1))
@@ -176,12 +176,6 @@ def noise_level(counts: Vector, images: PointImages) -> Vector:
     total = counts.sum(axis=(1, 2), dtype=np.float64)
     lit = np.square(counts, dtype=np.float64).sum(axis=(1, 2)) / total - 1
     return np.asarray(np.sqrt(share / np.maximum(lit, total / counts[0].size)))
-
-
-def voxel_side(images: PointImages) -> float:
-    """Of a voxel along x and y, in metres."""
-    about = images.parameters
-    return float(about["lenslet_pitch"] / (about["magnification"] * images.voxels))
 
 
 def blurs(images: PointImages) -> Vector:

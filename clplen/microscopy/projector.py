@@ -121,13 +121,13 @@ class Projector:
         v, n = self.images.voxels, self.images.pixels
         return 4 * self._blocks * WIDTH * (v * n) ** 2 * self.volume_shape[0]
 
-    def require_memory(self, frames: int, *, volumes: int = 1) -> None:
+    def require_memory(self, frames: int, *, volumes: int = 1, pictures: int = 1) -> None:
         """Refuse frames that cannot be projected together, before anything is allocated.
 
         Parameters
         ----------
         frames : int
-        volumes : int
+        volumes, pictures : int
             That are kept on the device for each frame.
 
         Raises
@@ -135,16 +135,15 @@ class Projector:
         DeviceError
             With the bytes needed and the bytes there are.
         """
-        v, n, planes = self.images.voxels, self.images.pixels, self.volume_shape[0]
-        together = self._groups[0].count
-        group = together * (self.nbytes // planes)
+        v, n, together = self.images.voxels, self.images.pixels, self._groups[0].count
+        group = together * (self.nbytes // self.volume_shape[0])
         matrices = self.nbytes if self.resident else 2 * group  # the next one is made beside it
         rows = n * n + together * v * v
         spectra = 4 * WIDTH * 4 * self._blocks * rows
         fields = 4 * math.prod(self._window) * max(frames * rows, n * n * (v * v + 1) // 2)
-        pictures = 4 * (volumes * math.prod(self.volume_shape) + math.prod(self.frame_shape))
+        kept = volumes * math.prod(self.volume_shape) + pictures * math.prod(self.frame_shape)
         self.device.require_memory(
-            matrices + fields + frames * (spectra + pictures),
+            matrices + fields + frames * (spectra + 4 * kept),
             f"The projection of {'one frame' if frames == 1 else f'{frames} frames together'}",
         )
 
@@ -211,14 +210,12 @@ class Projector:
         """H for solvers of SciPy: vectors are raveled volumes and frames, float32, no clamping."""
         from scipy.sparse.linalg import LinearOperator
 
-        def forward(x: Vector) -> Vector:
-            return self.forward(np.reshape(x, self.volume_shape), clamp=False).ravel()
-
-        def backward(y: Vector) -> Vector:
-            return self.backward(np.reshape(y, self.frame_shape)).ravel()
-
-        sizes = (math.prod(self.frame_shape), math.prod(self.volume_shape))
-        return LinearOperator(sizes, matvec=forward, rmatvec=backward, dtype=np.float32)
+        return LinearOperator(
+            (math.prod(self.frame_shape), math.prod(self.volume_shape)),
+            matvec=lambda x: self.forward(np.reshape(x, self.volume_shape), clamp=False).ravel(),
+            rmatvec=lambda y: self.backward(np.reshape(y, self.frame_shape)).ravel(),
+            dtype=np.float32,
+        )
 
     def project(self, volumes: cla.Array, *, clamp: bool = True) -> cla.Array:
         """`forward` on the device.
@@ -243,11 +240,10 @@ class Projector:
             kernel = device.kernel(
                 "projector.cl", "forward", **self._form, **({"ADD": True} if number else {})
             )
-            size = self._size(-(-n * n // HEIGHT))
             sizes = (n * n, columns, self._blocks, frames)
             device.launch(
-                kernel, size, total, matrix, spectra, *(np.int32(k) for k in sizes),
-                operations=8.0 * frames * matrix.size,
+                kernel, self._size(-(-n * n // HEIGHT)), total, matrix, spectra,
+                *(np.int32(k) for k in sizes), operations=8.0 * frames * matrix.size,
             )  # fmt: skip
         out = device.empty((frames, *self.frame_shape), np.float32)
         self._unpacked(out, total, n, FRAME, 1, 0.0 if clamp else -math.inf)

@@ -13,6 +13,7 @@ import numpy as np
 from clplen.compute.hostmemory import free_memory
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
+from clplen.hdf5_heap import require_heaps
 from clplen.microscopy.images import PointImages
 
 FORMAT = "clplen point images 1"
@@ -70,6 +71,7 @@ def read(path: PathLike) -> PointImages:
     if not place.is_file():
         raise FileNotFoundError(f"There is no file {place}.")
     try:
+        require_heaps(place)
         with h5py.File(place, "r") as file:
             if file.attrs.get("format") != FORMAT:
                 raise FormatError(f"{place} holds no point images ({FORMAT!r}).")

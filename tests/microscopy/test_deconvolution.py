@@ -6,10 +6,12 @@ import setups_microscope as setups
 from scipy.ndimage import gaussian_filter
 from setups_microscope import projector_of, voxels, wrong
 
-from clplen import Lattice, ShapeError
+from clplen import DeviceError, Lattice, ShapeError
+from clplen.microscopy.acceleration import Ahead
 from clplen.microscopy.deconvolution import deconvolve
+from clplen.microscopy.images import PointImages
 from clplen.microscopy.prepare import Preparation
-from clplen.microscopy.priors import blurs, noise_level
+from clplen.microscopy.priors import TotalVariation, blurs, noise_level
 from clplen.microscopy.projector import Projector
 
 Z = np.arange(-40, 41, 10) * 1e-6
@@ -126,6 +128,49 @@ def test_acceleration(projector):
     assert quick.volume[0].sum(dtype=float) == pytest.approx(2e6, rel=0.05)
 
 
+def test_ahead_no_farther_than_the_last_step(device):
+    """a = <g, g'>/<g', g'> within 0 and .999, of each frame."""
+    g = np.random.default_rng(1).random((3, 1, 2, 5), np.float32)
+    start = 10 + g
+    volumes = device.upload(start)
+    ahead = Ahead(volumes, device)
+    device.copy_into(volumes, device.upload(start + g), 0)
+    assert not ahead.move(volumes).any()
+    factors = np.array([0.5, 2, -1], np.float32)[:, None, None, None]
+    second = start + g + factors * g
+    device.copy_into(volumes, device.upload(second), 0)
+    a = ahead.move(volumes)
+    assert a == pytest.approx([0.5, 0.999, 0], rel=1e-5)
+    expected = second + a[:, None, None, None] * factors * g
+    assert np.allclose(device.download(volumes), expected, rtol=1e-6)
+
+
+def test_total_variation_never_doubles_a_step(uneven):
+    dark = np.full((1, *uneven.frame_shape), 1e-4)
+    (a,) = TotalVariation(uneven, dark, 1.0).weights
+    thickness = np.gradient(np.sort(uneven.images.planes)) / setups.SIDE
+    assert a == pytest.approx(0.5 / (4 + 2 / thickness.min()))
+
+
+def test_memory_is_asked_for_before_anything_is_allocated(projector, monkeypatch):
+    asked = []
+
+    def refuse(nbytes, what):
+        asked.append(nbytes)
+        raise DeviceError(what)
+
+    monkeypatch.setattr(projector.device, "require_memory", refuse)
+    monkeypatch.setattr(projector.device, "upload", None)
+    for options in ({}, {"accelerate": True}, {"prior": "gaussian"}):
+        with pytest.raises(DeviceError, match="one frame"):
+            deconvolve(np.ones(projector.frame_shape), projector, **options)
+    volume, frame = (4 * np.prod(n) for n in (projector.volume_shape, projector.frame_shape))
+    assert np.diff(asked).tolist() == [4 * volume, -1 * volume]
+    with pytest.raises(DeviceError):
+        projector.require_memory(1)
+    assert asked[0] - asked[-1] == 2 * volume + 4 * frame
+
+
 def test_stopping_at_the_noise(fine):
     frame, true = setups.counted(fine, setups.shell(fine, 15), 2e4)
     found = deconvolve(frame, fine, iterations=40, residual="noise")
@@ -133,6 +178,10 @@ def test_stopping_at_the_noise(fine):
     assert found.residuals[-1] < level <= found.residuals[-2]
     sooner = deconvolve(frame, fine, iterations=40, residual="noise", variance=1.1)
     assert sooner.residuals[-1] < 1.1 * level <= sooner.residuals[-2]
+    brighter, _ = setups.counted(fine, setups.shell(fine, 15), 1e5)
+    both = deconvolve(np.stack([frame, brighter]), fine, iterations=40, residual="noise")
+    later = deconvolve(brighter, fine, iterations=40, residual="noise")
+    assert found.iterations < later.iterations == both.iterations < 40  # until the last is there
     # the truth itself: its residual is the sum of so many independent squares
     expected = fine.forward(true).astype(float)
     off = np.square(frame - expected)
@@ -140,8 +189,16 @@ def test_stopping_at_the_noise(fine):
     assert off.sum() == pytest.approx(frame.sum(), rel=4 * spread)
 
 
-def test_noise_of_rectified_photons(device):
-    lattice = Lattice("rectangular", (151.3, 149.7), (15.4, 0.03), (-0.03, 15.2), (300, 300))
+@pytest.mark.parametrize(
+    ("origin", "row", "column"),
+    [
+        ((151.3, 149.7), (15.4, 0.03), (-0.03, 15.2)),
+        ((151.5, 149.5), (16.0, 0.0), (0.0, 16.0)),  # on the pixels of the camera
+        ((151.9, 149.8), (16.0, 0.0), (0.0, 16.0)),  # always between them
+    ],
+)
+def test_noise_of_rectified_photons(device, origin, row, column):
+    lattice = Lattice("rectangular", origin, row, column, (300, 300))
     prepare = Preparation(16, device, None, lattice, None)
     counts = prepare(np.random.default_rng(0).poisson(20, (300, 300))).counts
     # 300^2 samples, correlated with a few neighbours
@@ -221,6 +278,13 @@ def test_noise_of_a_step(fine):
     assert 0.6 * rms < noise_level(frame[None], fine.images)[0] < rms
 
 
+def test_how_far_light_reaches():
+    about = {"magnification": 60, "na": 1.2, "medium_index": 1.33, "lenslet_pitch": 1e-4}
+    z = np.array([-2e-6, 0, 1e-6])
+    found = blurs(PointImages(about, z, 1, 1, (), np.ones(3)))
+    assert found == pytest.approx(np.abs(z) * 60 * np.tan(np.arcsin(1.2 / 1.33)) / 1e-4)
+
+
 def test_total_variation_against_noise(fine):
     frame, true = setups.counted(fine, setups.shell(fine, 15), 1e4)
     free = wrong(deconvolve(frame, fine, iterations=20).volume, true)
@@ -258,6 +322,12 @@ def test_bad_input(device, projector):
         deconvolve(np.abs(frame), projector, prior="TV")
     with pytest.raises(ValueError, match="strength is positive and finite, not 0"):
         deconvolve(np.abs(frame), projector, prior="tv", strength=0)
+    for residual in (0, np.nan, "Noise"):
+        with pytest.raises(ValueError, match="residual is a positive number, 'noise' or None"):
+            deconvolve(np.abs(frame), projector, residual=residual)
+    start = np.ones((2, *projector.volume_shape))
+    with pytest.raises(ShapeError, match="A start is of one frame or of all 3, not of 2"):
+        deconvolve(np.abs([frame] * 3), projector, start=start)
     few = Projector(projector.images, (9, 4), device=device)
     with pytest.raises(ShapeError, match="9 x 4 lenslets; at least 5 x 5"):
         deconvolve(np.ones(few.frame_shape), few)

@@ -134,6 +134,12 @@ def test_file_is_read_when_it_fits(device, tmp_path, monkeypatch):
         file.attrs["parameters"] = "{}"
     with pytest.raises(FormatError, match="no whole file"):
         psffile.read(path)
+    psffile.write(path, made)
+    good = path.read_bytes()
+    text = good.index(b"clplen point images", good.index(b"GCOL")) - 16
+    path.write_bytes(good[:text] + bytes(16) + good[text + 16 :])
+    with pytest.raises(FormatError, match="the texts at byte"):  # HDF5 would not end
+        psffile.read(path)
     path.write_bytes(b"nothing of the kind")
     with pytest.raises(FormatError, match="no whole file"):
         psffile.read(path)

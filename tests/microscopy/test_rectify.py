@@ -31,6 +31,19 @@ def test_a_plane_stays_a_plane(device):
             assert np.allclose(found[a::7, b::7][inner], expected[inner], rtol=1e-5)
 
 
+def test_an_even_frame_stays_even_up_to_its_rim(device):
+    shape, step = (41, 52), ((6.31, 0.0), (0.0, 6.47))
+    for turn in (0.0, 0.02):
+        rows, columns = (step[0][0], turn), (-turn, step[1][1])
+        lattice = Lattice("rectangular", (2.9, 3.0), rows, columns, shape)
+        found = rectify(np.full(shape, 7.0), lattice, device=device, pixels=7)
+        assert found.shape[0] >= 42 - 7 * bool(turn)  # pixels within .3 of the rim
+        assert np.allclose(found, 7 * np.prod(lattice.pitch) / 49, rtol=1e-6)
+    lattice = Lattice("rectangular", (0.0, 3.0), *step, shape)
+    half = rectify(np.full(shape, 7.0), lattice, device=device, pixels=7, complete=False)
+    assert half[0].max() == 0 < half[8].min()  # 2.7 pixels beyond the rim
+
+
 @pytest.mark.parametrize("n", [6, 7])
 def test_whole_pixels_stay_as_they_are(device, n):
     frame = np.random.default_rng(n).random((5 * n, 7 * n + 2), np.float32)

@@ -9,8 +9,8 @@ import pytest
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError
+from clplen.hdf5_heap import require_heaps
 from clplen.io import read_lightfield, write_lightfield
-from clplen.io.hdf5_heap import require_heaps
 from clplen.lightfield.lightfield import LightField
 
 
