@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import subprocess
 import sys
 import time
@@ -20,7 +21,7 @@ from clplen import MicrolensArray, PlenopticCamera, PointSources
 from clplen.batch import deconvolved
 from clplen.cli import main
 from clplen.compute.device import Device
-from clplen.config.microscope import read_microscope_file
+from clplen.errors import FormatError
 from clplen.io.volume import describe_volume, read_volume, write_volume
 from clplen.microscopy import psffile
 from clplen.microscopy.prepare import preparation
@@ -302,6 +303,8 @@ def test_frames_of_a_job_share_point_images(
     volume, about = read_volume(tmp_path / "out" / "t1" / "volume.ome.tif")
     np.testing.assert_array_equal(volume, read_volume(tmp_path / "v.tif")[0])
     assert (about["planes_um"], about["left_out"]) == ([-2.5, 0.0, 2.5], 0)
+    of_command = describe_volume(tmp_path / "v.tif")
+    assert {name: about[name] for name in of_command} == of_command
     before = (tmp_path / "out" / "t1" / "volume.ome.tif").stat().st_mtime_ns
     tifffile.imwrite(tmp_path / "in" / "t2.tif", counts)
     (tmp_path / "in" / "small.tif").unlink()
@@ -413,7 +416,13 @@ BAD: list[tuple[list[str], str, int]] = [
     (["a.tif", "b.tif", "-o", "v.tif"], "put {name} into the output, as in {name}.ome.tif", 2),
     (["a.tif", "-o", "v.png"], "The output ends in .tif or .tiff or .zarr", 2),
     (["a.tif", "-o", "a.tif"], "is one of the files that are read", 2),
-    (["a.tif", "-o", "no/v.tif"], "there is no folder no", 1),
+    (["a.tif", "-o", "a.tif/v.tif"], "is to be a folder, but there is a file", 1),
+    (["a.tif", "-o", "noise.tif"], "is there already and no volume of clplen", 2),
+    (["volume.tif", "-o", "v.tif"], "is a volume, as clplen writes them", 2),
+    (["a.tif", "-o", "v.tif", "--memory", "1"], "--memory is at least 1MiB", 2),
+    (["a.tif", "-o", "v.tif", "--white", "noise.tif", "--saturation", "9"],
+     "12,600 of 12,600 pixels of the white frame are saturated (9 or more)", 1),
+    (["a.tif", "-o", "v.tif", "--dark", "bright.tif"], "is brighter than the frame", 1),
     (["none.tif", "-o", "v.tif"], "There is no file", 1),
     (["a.tif", "-o", "v.tif", "--background", "-1"], "--background is not negative", 2),
     (["a.tif", "-o", "v.tif", "--white", "noise.tif"], "no lenslets of about 15 pixels", 1),
@@ -421,11 +430,13 @@ BAD: list[tuple[list[str], str, int]] = [
     (["a.tif", "-o", "v.tif", "--gain", "0"], "--gain is positive", 2),
     (["a.tif", "-o", "v.tif", "--strength", "2"], "--strength is of a --prior", 2),
     (["a.tif", "-o", "v.tif", "--residual", "-1"], "no positive number, nor noise", 2),
+    (["a.tif", "-o", "v.tif", "--residual", "noisy"], "no positive number, nor noise", 2),
     (["a.tif", "-o", "v.tif", "--white", "few.tif"], "white frame (120, 121)", 1),
     (["a.tif", "-o", "v.tif", "--dark", "few.tif"], "dark frame (120, 121)", 1),
     (["small.tif", "-o", "v.tif"], "has 4 x 5 lenslets; at least 5 x 5", 1),
     (["colour.tif", "-o", "v.tif"], "a raw frame has one channel", 1),
-]
+    (["colour.tif", "-o", "v.tif"], "series of 3 frames, write it with photometric=", 1),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("words", "message", "code"), BAD)
@@ -439,58 +450,64 @@ def test_bad_words_of_deconvolve(
     noise = np.random.default_rng(0).poisson(100, (105, 120))
     tifffile.imwrite("noise.tif", noise.astype(np.uint16))
     tifffile.imwrite("small.tif", np.ones((60, 75), np.uint16))
+    tifffile.imwrite("bright.tif", np.full((105, 120), 9000, np.uint16))
+    write_volume("volume.tif", np.ones((2, 3, 4)), planes=[0, 1e-6], voxel=(VOXEL, VOXEL))
     tifffile.imwrite("colour.tif", np.ones((60, 75, 3), np.uint16), photometric="rgb")
     result = run("deconvolve", *words, "-c", psf, "--iterations", 1, "--device", device.place)
     assert message in said(result, code)
     assert not (tmp_path / "v.tif").exists()
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("na = 1.2", "na = 1.4", "1.4"),
-        (
-            "num_slices = 3\num_per_slice = 2.5",
-            "num_slices = 300000\num_per_slice = 0.0006",
-            "This computer has not enough memory: 3 images of each of 300000 planes take",
-        ),
-        ("num_slices = 3", "num_slices = 9001", "The plane at z = -11250 um needs"),
-        ("ulens_pitch", "ulens_pich", "unknown key ulens_pich; did you mean ulens_pitch?"),
-        ("num_slices = 3\n", "", "nor"),
-        ("wavelength = 593", "wavelength = -593", "wavelength"),
-    ],
-)
-def test_bad_microscopes(tmp_path: Path, old: str, new: str, message: str, device: Device) -> None:
-    (tmp_path / "k.toml").write_text(KNOWN.replace(old, new))
-    result = run("psf", tmp_path / "k.toml", "-o", tmp_path / "p.h5", "--device", device.place)
-    code = 2 if not new else 1
-    assert message.replace("nor", "tell the planes") in said(result, code)
-    assert not (tmp_path / "p.h5").exists()
-
-
-def test_coarse_pixels_are_divided_where_they_do_not_sample_the_light(
-    tmp_path: Path, device: Device
+def test_what_is_said_of_a_series(
+    tmp_path: Path, psf: Path, projector: Projector, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for size, pixels, parts in ((6.666666667, 15, 1), (8, 13, 2), (20, 5, 3)):
-        (tmp_path / "k.toml").write_text(KNOWN.replace("6.666666667", f"{size:.9g}"))
-        file = read_microscope_file(tmp_path / "k.toml")
-        assert file.camera.pixels_per_lenslet == pixels * parts
-        assert (file.pixels, file.binning) == (pytest.approx(100 / size), parts)
-    words = ("--binning", 2, "--planes-um", "0:2:2", "-o", tmp_path / "p.h5")
-    message = said(run("psf", tmp_path / "k.toml", *words, "--device", device.place))
-    assert "pixels below 7.412e-06 m would do (pixels_per_lenslet = 14)" in message
+    monkeypatch.chdir(tmp_path)
+    mean = projector.forward(np.ones(projector.volume_shape, np.float32))
+    counts = np.random.default_rng(2).poisson(mean, (2, *mean.shape)) + 200
+    counts[:, 0, :3] = (90, 90, 65535)
+    tifffile.imwrite("t.tif", counts.astype(np.uint16), photometric="minisblack")
+    tifffile.imwrite("d.tif", np.full(mean.shape, 100, np.uint16))
+    words = ("-c", psf, "-o", "out/new/{name}.ome.tif", "--iterations", 1, "--device",
+             projector.device.place)  # fmt: skip
+    result = done(run("deconvolve", "t.tif", *words, "--dark", "d.tif", "--residual", "noise"))
+    assert "--residual noise takes each count as a photon: give the --gain" in result.stderr
+    share = 200 / mean.size
+    assert result.stderr.count(f"2 pixels below 0 are taken as 0 ({share:.2g} %)") == 2
+    assert f"of all 2 frames' pixels 2 ({share / 2:.2g} %) are left out and 4 " in result.stderr
+    result = done(run("deconvolve", "t.tif", *words, "--background", 5000))
+    assert result.stderr.count("the background of 5000 counts is above the mean") == 2
+    assert result.stderr.count("is the background too high?") == 2
+    about = describe_volume("out/new/t_0001.ome.tif")
+    assert [text.split()[0] for text in about["remarks"]] == ["1", "the", "the"]
+    assert about["place"] == {"first": [2, 2], "down": [5, 0], "right": [0, 5]}
+    told = CliRunner().invoke(main, ["info", "out/new/t_0001.ome.tif"]).output
+    for text in (
+        "a volume of a light-field",
+        "3 x 21 x 24 voxels",
+        "z from -2.5 to 2.5 um every",
+        "0.555556 x 0.555556 um",
+        "after 1 iterations",
+        "(2, 2) px",
+        "5000 counts is",
+    ):
+        assert text in told
+    told = CliRunner().invoke(main, ["info", "out/new/t_0001.ome.tif", "--json"]).output
+    assert json.loads(told)["job"] == about["job"]
+
+
+def test_zarr_is_looked_for_before_anything_is_read(
+    tmp_path: Path, frame: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def missing(instead: str) -> None:
+        raise FormatError(f"no package zarr: {instead}")
+
+    monkeypatch.setattr("clplen.io.zarrpackage.zarr_package", missing)
+    words = ("-c", tmp_path / "none.h5", "-o", tmp_path / "new" / "v.ome.zarr")
+    assert "no package zarr: write .ome.tif" in said(run("deconvolve", frame, *words))
+    assert not (tmp_path / "new").exists()
 
 
 def test_parameters_are_no_point_images(tmp_path: Path, frame: Path) -> None:
     (tmp_path / "k.toml").write_text(KNOWN)
     result = run("deconvolve", frame, "-c", tmp_path / "k.toml", "-o", tmp_path / "v.tif")
     assert "make them by 'clplen microscope psf" in said(result)
-
-
-def test_another_camera_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "c.toml").write_text(
-        "[camera]\nfocal_length_mm = 30\nwavelength_nm = 532\npixels_per_lenslet = 12\n"
-        "[camera.microlenses]\npitch_um = 150\nfocal_length_mm = 10\ncount = 15\n"
-    )
-    message = said(run("psf", tmp_path / "c.toml", "-o", tmp_path / "p.h5"))
-    assert "is of kind 'plenoptic1', not 'microscope'" in message

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from clplen.analysis.placing import is_focused, middle_lenslet
 from clplen.analysis.rendered import local_m
 from clplen.analysis.samples import Values
 from clplen.cameras.geometry import view_step
+from clplen.errors import SamplingWarning
 from clplen.lightfield.estimate import estimate_alpha, search_limit
 from clplen.lightfield.focused_spots import point_m
 from clplen.lightfield.lightfield import LightField
@@ -79,7 +81,9 @@ def depth_of(raw: RawImage, *, c_max: float = LEAST_SEARCH) -> float:
     row, column = middle_lenslet(camera)
     lf = LightField.from_raw(raw)
     search = min(c_max, WIDEST * search_limit(lf))
-    found = estimate_alpha(lf, near=(column, row), c_max=search)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SamplingWarning)  # said below
+        found = estimate_alpha(lf, near=(column, row), c_max=search)
     if math.isnan(found.uncertainty):
         raise ValueError(
             f"sharpest at the end of the search, {search:.3g} pixels a view step from the focused "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -13,9 +14,12 @@ from clplen.batch.task import Task
 from clplen.batch.volumes import Deconvolver, How, read_picture, read_psf, write_result
 from clplen.batch.workshop import Workshop
 from clplen.cameras.microscope import Microscope
+from clplen.io.digest import digest
 
 if TYPE_CHECKING:
     from clplen.lightfield.raw import RawImage
+
+logger = logging.getLogger(__name__)
 
 Written = tuple[str, Callable[[Path], Any]]
 Advance = Callable[[int, int], None]
@@ -46,21 +50,32 @@ def volumes(
     """
     layout = layout_in(task.source.get("layout", {}), task.base)
     table = dict(task.work["deconvolve"])
+    path = Path(task.base, task.source["path"]) if task.source["kind"] == "file" else None
     files = {"psf": str(Path(task.base, table.pop("psf")))}
     files |= {name: layout[name] for name in ("white", "dark") if name in layout}
     series = _kept(shop, files, How(**table))
-    frame = series.prepared(_frame(task, raw))
+    frame = series.prepared(_frame(path, raw))
+    said = series.remarks(frame)
     found = series(frame, progress=advance)
-    more = {"left_out": frame.left_out, "below_0": frame.negative}
+    said += series.remarks(frame, found)
+    for text in said:
+        logger.warning("%s: %s", task.name, text)
+    more = {
+        "left_out": frame.left_out,
+        "below_0": frame.negative,
+        "remarks": said,
+        "place": series.place(),
+        "job": {"frame": digest(path) if path else None, "number": None, **series.words},
+    }
     write = partial(write_result, found=found, images=series.images, more=more, replace=True)
     for name in task.work["formats"]:
         yield f"volume{suffixes[name]}", write
 
 
-def _frame(task: Task, raw: RawImage | None) -> Any:
+def _frame(path: Path | None, raw: RawImage | None) -> Any:
     """The raw frame of an item."""
-    if task.source["kind"] == "file":
-        return read_picture(Path(task.base, task.source["path"]))
+    if path is not None:
+        return read_picture(path)
     if raw is None or not isinstance(raw.camera, Microscope):
         raise ValueError(
             "[deconvolve] is of frames of a light-field microscope, and this one is none: give it "

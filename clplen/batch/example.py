@@ -79,7 +79,8 @@ disparities = "-2:2:41"         # START:STOP:N or a list, pixels a view step, ne
 # [depth]                       # disparity, confidence, and alpha and z where they are known
 # alphas = "0.65:1.35:33"       # default: as [stack]
 # disparities = "-2:2:33"       # default: as [stack]
-# cue = "combined"              # or "energy", "correspondence" or "structure-tensor"
+# cue = "combined"              # default: combined, of a microscope energy; or "correspondence" or
+                                # "structure-tensor"
 
 # [all_in_focus]                # sharp everywhere; by the depth map where there is one
 # disparities = "-2:2:33"       # default: planes that suit the light field

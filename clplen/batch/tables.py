@@ -123,7 +123,7 @@ class DepthTable(Table):
 
     alphas: Planes | None = None
     disparities: Planes | None = None
-    cue: Literal["energy", "correspondence", "structure-tensor", "combined"] = "combined"
+    cue: Literal["energy", "correspondence", "structure-tensor", "combined"] | None = None
 
     @model_validator(mode="after")
     def _one_of(self) -> DepthTable:

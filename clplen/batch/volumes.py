@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from clplen.batch import remarks
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, naming
+from clplen.io.digest import digest
+from clplen.io.frames import SUFFIXES
 from clplen.io.raw import read_frame
-from clplen.io.volume import write_volume
+from clplen.io.volume import is_volume, write_volume
 from clplen.microscopy import psffile
 from clplen.microscopy.deconvolution import DeconvolutionResult, deconvolve
 from clplen.microscopy.images import PointImages
@@ -87,6 +91,7 @@ class Deconvolver:
         memory: int | None = None,
     ) -> None:
         self.images, self.how, self.device, self._memory = images, how, device, memory
+        self._white, self._dark = white, dark
         beside = {
             name: read_picture(path) for name, path in (("white", white), ("dark", dark)) if path
         }
@@ -96,9 +101,38 @@ class Deconvolver:
             )
         self._projector: Projector | None = None
 
+    @cached_property
+    def words(self) -> dict[str, Any]:
+        """What all volumes depend on; see `words_of`."""
+        return words_of(self.images, self.how, self._white, self._dark)
+
     def prepared(self, frame: Values) -> Prepared:
         """A raw frame, rectified."""
         return self._prepare(frame, saturation=self.how.saturation)
+
+    def place(self) -> dict[str, tuple[float, float]]:
+        """Of the voxels on the raw frame; see `Preparation.place`."""
+        return self._prepare.place(self.images.voxels)
+
+    def remarks(self, frame: Prepared, found: DeconvolutionResult | None = None) -> list[str]:
+        """What there is to say of a frame, or of the volume found; see `clplen.batch.remarks`."""
+        if found is None:
+            return remarks.of_frame(self._prepare, frame, self.how.background)
+        _, background = self._light(frame)
+        gain, variance = self.how.gain, self._prepare.variance
+        level = self._prepare.level
+        return remarks.of_volume(
+            found.residuals, frame, background * gain, level, self._prepare.pixels, gain * variance
+        )
+
+    def _light(self, frame: Prepared) -> tuple[Values, Values]:
+        """Photons of a frame, and those from nowhere in the volume."""
+        how = self.how
+        counts = frame.counts / np.float32(how.gain)
+        background = np.full_like(counts, how.background * self._prepare.area / how.gain)
+        if how.haze:
+            background += self._prepare.haze(counts - background, frame.white)
+        return counts, background
 
     def __call__(
         self,
@@ -119,10 +153,7 @@ class Deconvolver:
             As of `deconvolve`.
         """
         how = self.how
-        counts = frame.counts / np.float32(how.gain)
-        background = np.full_like(counts, how.background * self._prepare.area / how.gain)
-        if how.haze:
-            background += self._prepare.haze(counts - background, frame.white)
+        counts, background = self._light(frame)
         if start is not None:
             start = np.maximum(start, np.float32(FLOOR * start.mean(dtype=np.float64)))
         return deconvolve(
@@ -151,6 +182,21 @@ class Deconvolver:
         return self._projector
 
 
+def words_of(
+    images: PointImages, how: How, white: PathLike | None, dark: PathLike | None
+) -> dict[str, Any]:
+    """What volumes of one camera depend on besides their frames, kept with them."""
+    from clplen import __version__
+
+    return {
+        **asdict(how),
+        "clplen": __version__,
+        "psf": psffile.digest(images),
+        "white": digest(Path(white)) if white else None,
+        "dark": digest(Path(dark)) if dark else None,
+    }
+
+
 def read_psf(path: PathLike) -> PointImages:
     """Point images of a file; a parameter file in its place is told from it."""
     if Path(path).suffix.lower() == ".toml":
@@ -163,9 +209,17 @@ def read_psf(path: PathLike) -> PointImages:
 
 def read_picture(path: PathLike, frame: int | None = None) -> Values:
     """A frame of one channel, of a file or of its ``frame``."""
+    if is_volume(path):
+        raise FormatError(f"{path} is a volume, as clplen writes them, and no raw frame.")
     picture, _ = read_frame(path, frame=frame)
     if picture.ndim != 2:
-        raise FormatError(f"{path} has shape {picture.shape}; a raw frame has one channel.")
+        text = f"{path} has shape {picture.shape}; a raw frame has one channel."
+        if Path(path).suffix.lower() in SUFFIXES:
+            text += (
+                f" If it is a series of {picture.shape[2]} frames, write it with "
+                "photometric='minisblack'."
+            )
+        raise FormatError(text)
     return picture
 
 
@@ -197,6 +251,7 @@ def write_result(
         planes=images.planes,
         voxel=(images.side, images.side),
         description={
+            "voxel_um": [round(images.side * 1e6, 9)] * 2,
             "values": "energy of a voxel, photons (counts over the gain) of the frame",
             "residuals": [float(one) for one in found.residuals],
             "degenerate_um": [round(z * 1e6, 9) for z in found.degenerate],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from typing import Any, Literal
 
@@ -14,6 +13,7 @@ from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2, magnification, matched_aperture
 from clplen.compute.device import Device, require_device
 from clplen.errors import SamplingWarning
+from clplen.wave.checks import is_finite
 from clplen.wave.lenslets import MicrolensArray
 from clplen.wave.spectra import check_wavelength
 
@@ -228,6 +228,8 @@ class PlenopticCamera:
         ValueError
             For a length or number outside its range, NA at or above the index, or lenslets of
             several focal lengths.
+        TypeError
+            If array or cover glass are none.
         SamplingError
             If a lenslet has less than 2 pixels, or the pixels cannot sample the light.
 
@@ -240,11 +242,13 @@ class PlenopticCamera:
         geometry.require_lengths(wavelength=wavelength, tube_lens=tube_lens)
         check_wavelength(wavelength)
         _check_objective(magnification, na, medium_index, mla)
-        if not -1 <= apodisation <= 1:
+        if not (is_finite(apodisation) and -1 <= apodisation <= 1):
             raise ValueError(
                 f"apodisation is the power of cos(theta) over the pupil, from -1 to 1, not "
                 f"{apodisation!r}."
             )
+        if cover is not None and not isinstance(cover, CoverGlass):
+            raise TypeError(f"cover is a CoverGlass, as CoverGlass(150e-6), not {cover!r}.")
         if cover is not None and na >= min(cover.index, cover.designed_index):
             raise ValueError(
                 f"NA {na!r} does not pass a cover glass of index "
@@ -279,11 +283,13 @@ class PlenopticCamera:
 
 def _check_objective(magnification: float, na: float, index: float, mla: MicrolensArray) -> None:
     """Refuse an objective that cannot be, and lenslets that do not converge."""
-    if not (math.isfinite(magnification) and magnification >= 1):
+    if not isinstance(mla, MicrolensArray):
+        raise TypeError(f"mla is a MicrolensArray, not {mla!r}.")
+    if not (is_finite(magnification) and magnification >= 1):
         raise ValueError(f"The magnification is a finite number from 1 on, not {magnification!r}.")
-    if not (math.isfinite(index) and index >= 1):
+    if not (is_finite(index) and index >= 1):
         raise ValueError(f"medium_index is a finite number from 1 (air) on, not {index!r}.")
-    if not (math.isfinite(na) and 0 < na < index):
+    if not (is_finite(na) and 0 < na < index):
         raise ValueError(
             f"NA = n sin(theta) lies between 0 and the index of the medium, {index!r}, not at "
             f"{na!r}: give medium_index (water 1.33, oil 1.52) or another NA."

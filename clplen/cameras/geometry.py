@@ -10,6 +10,7 @@ import pyopencl.array as cla
 
 from clplen.errors import SamplingError
 from clplen.lightfield.raw import LensletGrid, LensType, RawImage
+from clplen.wave.checks import is_finite
 from clplen.wave.field import Grid
 from clplen.wave.lenslets import SMALLEST_PITCH, MicrolensArray
 
@@ -30,7 +31,7 @@ def require_lengths(**lengths: float | None) -> None:
         With the name of the length.
     """
     for name, value in lengths.items():
-        if value is not None and not (math.isfinite(value) and value > 0):
+        if value is not None and not (is_finite(value) and value > 0):
             raise ValueError(f"{name} is positive, in metres, not {value!r}.")
 
 
@@ -76,7 +77,7 @@ def sensor_grid(mla: MicrolensArray, pixels_per_lenslet: float) -> Grid:
     SamplingError
         If a lenslet has less than two pixels.
     """
-    if not (math.isfinite(pixels_per_lenslet) and pixels_per_lenslet >= SMALLEST_PITCH):
+    if not (is_finite(pixels_per_lenslet) and pixels_per_lenslet >= SMALLEST_PITCH):
         raise SamplingError(
             f"A lenslet has {pixels_per_lenslet!r} pixels; at least {SMALLEST_PITCH} are needed."
         )

@@ -20,7 +20,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.cameras import geometry
-from clplen.cameras.microscope_optics import MicroscopeOptics, check_sampling
+from clplen.cameras.microscope_optics import MicroscopeOptics, check_places, check_sampling
 from clplen.cameras.scene import PointSources
 from clplen.compute.lines import smooth_length
 from clplen.errors import SamplingError
@@ -87,7 +87,8 @@ class Microscope(MicroscopeOptics):
         SamplingError
             If a point is imaged beyond the array.
         ValueError
-            If there is a spatial model of coherence, or anything that only slides have.
+            If there is a spatial model of coherence, or anything that only slides have; or if a
+            place is more than 0.1 m away.
         TypeError
             If the scene is no points.
         DeviceError
@@ -183,9 +184,12 @@ class Microscope(MicroscopeOptics):
 
         Raises
         ------
+        ValueError
+            If a place is more than 0.1 m away: one that was meant in micrometres.
         SamplingError
             If a point is imaged beyond the array.
         """
+        check_places(points.positions)
         places = np.abs(points.positions[:, 1::-1]) * self.magnification  # (y, x)
         half = np.asarray(self.grid.extent) / 2
         if (places > half).any():

@@ -25,6 +25,7 @@ Vector = np.ndarray[Any, Any]
 
 MISMATCH = 0.1  # of the two f-numbers that is said aloud
 SPARROW = 0.47  # lam/NA, resolution of the objective
+DEEPEST = 0.1  # metres; no objective has an image from farther away
 
 
 @dataclass(frozen=True)
@@ -224,6 +225,23 @@ def check_sampling(camera: MicroscopeOptics) -> None:
             f"((NA/M + d/(2 f_mu))/lam), but pixels of {camera.pixel_pitch:.4g} m sample "
             f"{1 / (2 * camera.pixel_pitch):.4g}: pixels below {fitting:.4g} m would do "
             f"(pixels_per_lenslet = {math.floor(camera.mla.pitch / fitting) + 1}), or a smaller NA."
+        )
+
+
+def check_places(places: Any) -> None:
+    """Refuse places about the native plane that are no metres, or of no microscope.
+
+    Raises
+    ------
+    ValueError
+        With what a number of micrometres should be.
+    """
+    values = np.asarray(places, np.float64)
+    beyond = values[np.abs(values) > DEEPEST]
+    if beyond.size:
+        raise ValueError(
+            f"A place {beyond[0]:g} m from the native plane or the axis is beyond every objective: "
+            f"places are in metres, did you mean {beyond[0]:g}e-6?"
         )
 
 

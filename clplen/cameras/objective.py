@@ -21,12 +21,15 @@ import numpy as np
 
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
+from clplen.wave.checks import is_finite
 from clplen.wave.field import Field, Grid
 from clplen.wave.phase import phasor
 
 Vector = np.ndarray[Any, Any]
 
 APODISATION = 0.5
+THICKEST = 0.01  # metres of a cover glass
+RAYS = 257  # among which the outermost on the array is sought
 
 
 @dataclass(frozen=True)
@@ -43,14 +46,14 @@ class CoverGlass:
     Parameters
     ----------
     thickness, index : float
-        t in metres and g of the glass that is there; 0 thick: none.
+        t in metres, up to 0.01, and g of the glass that is there; 0 thick: none.
     designed_thickness, designed_index : float
         t0 in metres and g0 of the one that the objective corrects.
 
     Raises
     ------
     ValueError
-        For a negative or infinite thickness, or an index below 1.
+        For a thickness outside 0 to 0.01 m, or an index outside 1 to 5.
     """
 
     thickness: float
@@ -59,13 +62,14 @@ class CoverGlass:
     designed_index: float = 1.5255
 
     def __post_init__(self) -> None:
-        lengths = (self.thickness, self.designed_thickness)
-        indices = (self.index, self.designed_index)
-        if not all(0 <= t < math.inf for t in lengths) or not all(1 <= g < 5 for g in indices):
-            raise ValueError(
-                f"A cover glass is 0 or more metres thick and has an index from 1 to 5, not "
-                f"{lengths} and {indices}."
-            )
+        for length in (self.thickness, self.designed_thickness):
+            if not (is_finite(length) and 0 <= length <= THICKEST):
+                raise ValueError(
+                    f"A cover glass is 0 to {THICKEST} m thick, not {length!r}: 150 um are 150e-6."
+                )
+        for index in (self.index, self.designed_index):
+            if not (is_finite(index) and 1 <= index < 5):
+                raise ValueError(f"A cover glass has an index from 1 to 5, not {index!r}.")
 
     def path(self, s: Vector, n: float) -> Vector:
         """W in metres, 0 on the axis.
@@ -81,14 +85,34 @@ class CoverGlass:
         -------
         numpy.ndarray
         """
+        layers = self._layers(n)
+        # sqrt(g^2 - s^2) - g without cancellation
+        return sum((-t * s**2 / (np.sqrt(g**2 - s**2) + g) for t, g in layers), np.zeros_like(s))
+
+    def slope(self, s: Vector, n: float) -> Vector:
+        """-dW/ds in metres: sum t s/sqrt(g^2 - s^2) over the layers.
+
+        Parameters
+        ----------
+        s : numpy.ndarray
+            n sin(theta), below all indices.
+        n : float
+            Of the medium that refocuses.
+
+        Returns
+        -------
+        numpy.ndarray
+        """
+        return sum((t * s / np.sqrt(g**2 - s**2) for t, g in self._layers(n)), np.zeros_like(s))
+
+    def _layers(self, n: float) -> tuple[tuple[float, float], ...]:
+        """Thickness and index of the glass, of the designed one taken away, of the refocusing."""
         moved = self.thickness / self.index - self.designed_thickness / self.designed_index
-        layers = (
+        return (
             (self.thickness, self.index),
             (-self.designed_thickness, self.designed_index),
             (-n * moved, n),
         )
-        # sqrt(g^2 - s^2) - g without cancellation
-        return sum((-t * s**2 / (np.sqrt(g**2 - s**2) + g) for t, g in layers), np.zeros_like(s))
 
 
 @dataclass(frozen=True)
@@ -124,9 +148,43 @@ class Objective:
         return self.na / (self.magnification * self.wavelength)
 
     def blur(self, z: Any) -> Any:
-        """M abs(z) tan(theta), how far the outermost rays lie from X on the array, in metres."""
-        tangent = self.na / np.sqrt(self.medium_index**2 - self.na**2)
-        return self.magnification * np.abs(z) * tangent
+        """How far the rays of points lie from X on the array at most, in metres.
+
+        Without a cover glass those of the rim, M abs(z) tan(theta).
+
+        Parameters
+        ----------
+        z : float or array_like
+            In metres, farther positive.
+
+        Returns
+        -------
+        float or numpy.ndarray
+        """
+        rays = np.array([self.na]) if self.cover is None else np.linspace(0, self.na, RAYS)
+        return np.abs(self.landing(rays, np.asarray(z)[..., None])).max(axis=-1)
+
+    def landing(self, s: Vector, z: Any) -> Vector:
+        """Place of a ray on the array from X, by the slope of the phase of the pupil.
+
+        M (z tan(theta) - dW/ds): without a cover glass M z tan(theta).
+
+        Parameters
+        ----------
+        s : numpy.ndarray
+            n sin(theta).
+        z : float or numpy.ndarray
+            In metres, farther positive.
+
+        Returns
+        -------
+        numpy.ndarray
+            In metres, to the side of the ray in the pupil where positive z carries it.
+        """
+        found = z * s / np.sqrt(self.medium_index**2 - s**2)
+        if self.cover is not None:
+            found = found + self.cover.slope(s, self.medium_index)
+        return np.asarray(self.magnification * found)
 
     def pupil(self, grid: Grid, z: float, *, diameter: float = 0.0) -> Vector:
         """P on the frequencies of a grid, such that the field's energy sum abs(U)^2 is 1.

@@ -183,8 +183,11 @@ def _forecast(job: Job) -> None:
         click.echo(f"  {line.name}: {how}{', streamed' if line.streamed else ''}")
     if found.todo > _SHOWN:
         click.echo(f"  and {found.todo - _SHOWN} more")
+    sizes = _sizes(found.read, found.written)
+    if found.lines and not found.written:
+        sizes = f"{_size(found.read)} to read, how much they write is not known"
     click.echo(
-        f"{found.todo} items to do ({_sizes(found.read, found.written)}), {found.skipped} done "
+        f"{found.todo} items to do ({sizes}), {found.skipped} done "
         f"already; the results go to {job.output_folder}."
     )
     click.echo(_time(found, job.workers))

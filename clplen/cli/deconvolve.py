@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+import math
+from dataclasses import dataclass
 from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 _PATH = click.Path(path_type=Path)
 _NAME = "{name}"
+_LEAST_MEMORY = 1 << 20
 
 
 class Residual(click.ParamType):
@@ -33,10 +35,13 @@ class Residual(click.ParamType):
         """As click asks."""
         if value == "noise":
             return "noise"
-        found = options.FINITE.convert(value, param, ctx)
-        if found <= 0:
-            self.fail(f"{value!r} is no positive number, nor noise", param, ctx)
-        return float(found)
+        try:
+            found = float(value)
+        except ValueError:
+            found = math.nan
+        if not 0 < found < math.inf:
+            self.fail(f"{value!r} is no positive number, nor noise.", param, ctx)
+        return found
 
 
 @click.command()
@@ -63,8 +68,8 @@ class Residual(click.ParamType):
     help="Counts of a pixel above the dark frame that come from nowhere in the volume.",
 )  # fmt: skip
 @click.option(
-    "--gain", type=options.FINITE, default=1.0, show_default=True,
-    help="Counts of a photon, for --residual noise and --prior.",
+    "--gain", type=options.FINITE, help="Counts of a photon, for --residual noise and --prior; "
+    "default 1.",
 )  # fmt: skip
 @click.option(
     "--residual", type=Residual(), help="Stop when the residual is below this, or that of noise.",
@@ -95,7 +100,7 @@ def deconvolve(
     dark: Path | None,
     iterations: int,
     background: float,
-    gain: float,
+    gain: float | None,
     haze: bool,
     residual: float | Literal["noise"] | None,
     accelerate: bool,
@@ -108,11 +113,12 @@ def deconvolve(
 ) -> None:
     """Find the volume behind raw frames of a light-field microscope, one each.
 
-    FRAME is a picture, or a TIFF of a whole time series: {name} then has the number of the frame.
+    FRAME is a picture, or a TIFF of a whole time series: of ts.tif {name} is ts_0000, ts_0001, ...
 
     The white frame tells the lattice of lenslets, with which frames are rectified, and how
     sensitive pixels are. Each volume is written whole before the next frame begins; those that are
-    there already, of the same frame, words and version of clplen, are not made again.
+    there already, of the same frame, words and version of clplen, are not made again. Folders of
+    volumes are made; a file that is no volume of clplen is never replaced.
 
     \b
     Example:
@@ -123,19 +129,22 @@ def deconvolve(
 
     if background < 0:
         raise click.UsageError(f"--background is not negative, not {background:g}.")
-    if gain <= 0:
+    if gain is not None and gain <= 0:
         raise click.UsageError(f"--gain is positive, not {gain:g}.")
     if haze and white is None:
         raise click.UsageError("--haze looks like the white frame: give --white.")
     if strength is not None and prior is None:
         raise click.UsageError("--strength is of a --prior: give tv or gaussian.")
+    if memory is not None and memory < _LEAST_MEMORY:
+        raise click.UsageError(f"--memory is at least 1MiB, not {memory} bytes: did you mean 1GB?")
+    _tell_what_is_missing(gain, residual, prior, white, dark)
     pages = [page for path in frames for page in _pages(path)]
     outputs = _outputs(pages, output, [source, white, dark])
     images = read_psf(source)
     how = How(
         iterations=iterations,
         background=background,
-        gain=gain,
+        gain=1.0 if gain is None else gain,
         saturation=saturation,
         haze=haze,
         residual=residual,
@@ -152,11 +161,49 @@ def deconvolve(
     series = Deconvolver(
         images, how, device=opened(selector), white=white, dark=dark, memory=memory
     )
-    before = None
+    before, tally = None, _Tally()
     for page, out, job, wanted in zip(pages, outputs, jobs, todo, strict=True):
         if wanted:
-            click.echo(_made(series, page, out, job, before if warm_start else None))
+            click.echo(_made(series, page, out, job, tally, before if warm_start else None))
         before = out
+    tally.tell()
+
+
+def _tell_what_is_missing(
+    gain: float | None, residual: Any, prior: str | None, white: Path | None, dark: Path | None
+) -> None:
+    if gain is None and (residual == "noise" or prior == "tv"):
+        what = "--residual noise" if residual == "noise" else "--prior tv"
+        note(f"{what} takes each count as a photon: give the --gain of the camera.")
+    if white is not None and dark is None:
+        note(
+            "without --dark the offset of the camera counts as light: do not compare residuals and "
+            "volumes with those made with a dark frame."
+        )
+
+
+@dataclass
+class _Tally:
+    """Of the pixels of a series that do not count."""
+
+    frames: int = 0
+    size: int = 0
+    left_out: int = 0
+    negative: int = 0
+
+    def add(self, frame: Prepared) -> None:
+        """One frame more."""
+        self.frames += 1
+        self.size += frame.size
+        self.left_out += frame.left_out
+        self.negative += frame.negative
+
+    def tell(self) -> None:
+        """All of them, where there are several frames."""
+        if self.frames > 1 and self.left_out + self.negative:
+            parts = ((self.left_out, "left out"), (self.negative, "below 0 and taken as 0"))
+            said = (f"{n:,} ({100 * n / self.size:.2g} %) are {what}" for n, what in parts if n)
+            note(f"of all {self.frames} frames' pixels {' and '.join(said)}.")
 
 
 @dataclass(frozen=True)
@@ -177,13 +224,21 @@ class _Page:
 
 def _pages(path: Path) -> list[_Page]:
     from clplen.io.frames import frames_in
+    from clplen.io.volume import is_volume
 
+    if is_volume(path):
+        raise click.UsageError(f"{path} is a volume, as clplen writes them: give raw frames.")
     count = frames_in(path)
     return [_Page(path)] if count == 1 else [_Page(path, number) for number in range(count)]
 
 
 def _made(
-    series: Deconvolver, page: _Page, output: Path, job: dict[str, Any], before: Path | None
+    series: Deconvolver,
+    page: _Page,
+    output: Path,
+    job: dict[str, Any],
+    tally: _Tally,
+    before: Path | None,
 ) -> str:
     """Write the volume of a frame; what it holds, in words."""
     from clplen.batch.volumes import read_picture, write_result
@@ -193,7 +248,9 @@ def _made(
     picture = read_picture(page.path, page.number)
     with naming(str(page)), bar_of(series.how.iterations, "iteration") as bar:
         frame = series.prepared(picture)
-        _tell(page, frame)
+        tally.add(frame)
+        said = series.remarks(frame)
+        _tell(page, said)
         bar.set_description(page.name)
         found = series(
             frame,
@@ -201,7 +258,10 @@ def _made(
             progress=lambda done, total: reach(bar, done, total),
             watch=lambda now: bar.set_postfix_str(f"residual {float(now[0]):.3g}"),
         )
-    write_result(output, found, series.images, more={"job": job}, replace=True)
+    judged = series.remarks(frame, found)
+    _tell(page, judged)
+    more = {"remarks": said + judged, "place": series.place(), "job": job}
+    write_result(output, found, series.images, more=more, replace=True)
     size = " x ".join(str(n) for n in found.volume.shape)
     text = f"{output} holds {size} voxels (z, y, x) of {series.images.side * 1e6:.4g} um "
     text += f"along y and x; residual {found.residuals[-1]:.3g} after {found.iterations} iterations"
@@ -215,8 +275,10 @@ def _made(
 
 
 def _outputs(pages: list[_Page], output: Path, others: list[Path | None]) -> list[Path]:
-    """A file for each frame, none of them one that is read."""
-    from clplen.io import check_writable
+    """A file for each frame, none of them one that is read or that is no volume."""
+    from clplen.io import check_folder, check_writable
+    from clplen.io.volume import is_volume
+    from clplen.io.zarrpackage import zarr_package
 
     check_suffix(output, (".tif", ".tiff", ".zarr"))
     if len(pages) > 1 and _NAME not in str(output):
@@ -228,17 +290,28 @@ def _outputs(pages: list[_Page], output: Path, others: list[Path | None]) -> lis
     doubled = sorted({str(out) for out in made if made.count(out) > 1})
     if doubled:
         raise click.UsageError(f"Two frames would be written to {doubled[0]}: rename one.")
+    if output.suffix.lower() == ".zarr":
+        zarr_package("write .ome.tif")
     read = [
         path
         for path in (*{page.path for page in pages}, *others)
         if path is not None and path.exists()
     ]
     for out in made:
+        check_folder(out.parent)
         if not (out.suffix == ".zarr" and out.is_dir()):
             check_writable(out)
         if out.exists() and any(out.samefile(path) for path in read):
             raise click.UsageError(f"{out} is one of the files that are read: name another output.")
+        if _is_something(out) and not is_volume(out):
+            raise click.UsageError(
+                f"{out} is there already and no volume of clplen: name another output or remove it."
+            )
     return made
+
+
+def _is_something(path: Path) -> bool:
+    return any(path.iterdir()) if path.is_dir() else path.exists()
 
 
 def _jobs(
@@ -250,17 +323,10 @@ def _jobs(
     warm_start: bool,
 ) -> list[dict[str, Any]]:
     """What each volume depends on, kept with it."""
-    from clplen import __version__
+    from clplen.batch.volumes import words_of
     from clplen.io.digest import digest
-    from clplen.microscopy.psffile import digest as digest_of
 
-    shared = {
-        **asdict(how),
-        "clplen": __version__,
-        "psf": digest_of(images),
-        "white": digest(white) if white else None,
-        "dark": digest(dark) if dark else None,
-    }
+    shared = words_of(images, how, white, dark)
     digests = {path: digest(path) for path in {page.path for page in pages}}
     jobs = [{"frame": digests[one.path], "number": one.number, **shared} for one in pages]
     if warm_start:
@@ -275,9 +341,6 @@ def _is_done(output: Path, job: dict[str, Any]) -> bool:
     return output.exists() and describe_volume(output).get("job") == job
 
 
-def _tell(page: _Page, frame: Prepared) -> None:
-    """Pixels that do not count."""
-    if frame.left_out:
-        note(f"{page}: {frame.left_out:,} saturated or not finite pixels are left out.")
-    if frame.negative:
-        note(f"{page}: {frame.negative:,} pixels below 0 are taken as 0.")
+def _tell(page: _Page, remarks: list[str]) -> None:
+    for text in remarks:
+        note(f"{page}: {text}")

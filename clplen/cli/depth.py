@@ -51,7 +51,7 @@ _SURE = 0.5  # confidence above which a pixel counts as sure
 @click.option(
     "--cue",
     type=click.Choice(["energy", "correspondence", "structure-tensor", "combined"]),
-    help="What to tell depth by; default: combined.",
+    help="What to tell depth by; default: combined, of a microscope energy.",
 )
 @click.option(
     "--confidence",

@@ -14,7 +14,9 @@ import numpy as np
 
 from clplen.cli import options
 from clplen.cli.common import listening, read
+from clplen.cli.info_arrays import map_in, of_map, of_volume, volume_in
 from clplen.cli.messages import typed
+from clplen.cli.microscope import described
 
 if TYPE_CHECKING:
     from clplen.lightfield.check import Report
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
 
 Rows = list[tuple[str, str]]
 
-_MAPS = (".pfm", ".npy", ".tif", ".tiff")
+_HDF5 = (".h5", ".hdf5")
 _COLUMNS = 100  # of text beside the labels
 _LISTED = 12  # views that a line lists
 _FOCUSED = "focused camera (plenoptic 2.0): see 'clplen render', 'stack' and 'depth'"
@@ -61,8 +63,10 @@ def info(
     For light fields: size, type and range of the samples, dark views, and the sharpness of the
     focal stack in each of the eight orders of the view axes, with the options that mend a wrong
     one. For raw images: the lattice of their lenslets, and their camera where they tell
-    it. For disparity maps: size and range. For pictures, stacks and depth of focused cameras: size
-    and m.
+    it. For disparity maps: size and range. For volumes of microscopes: planes, voxels, residual,
+    and what was said of their frame. For pictures, stacks and depth of focused cameras: size
+    and m. For parameters of a camera or microscope in TOML: what follows from them. For point
+    images of a microscope: what they were made with.
 
     \b
     Example:
@@ -75,11 +79,19 @@ def info(
 
     given = {name: value for name, value in layout.items() if value not in (None, False)}
     focused = None if given or save_grid else found_in(source)
-    values = None if given or save_grid or focused is not None else _map(source)
+    plain = not given and not save_grid and focused is None
+    volume = volume_in(source) if plain else None
+    values = map_in(source) if plain and volume is None else None
     if focused is not None:
         rows, data = _of_focused(source, *focused)
+    elif volume is not None:
+        rows, data = of_volume(source, *volume)
     elif values is not None:
-        rows, data = _of_map(source, values)
+        rows, data = of_map(source, values)
+    elif source.suffix.lower() == ".toml":
+        rows, data = _of_parameters(source, selector)
+    elif (images := _point_images(source)) is not None:
+        rows, data = _of_point_images(source, *images)
     elif source.suffix.lower() == ".xml":
         rows, data = _of_calibration(source)
     elif is_raw_file(source):
@@ -97,39 +109,6 @@ def info(
             click.echo(f"{'' if number else label:<{width}}{line}".rstrip())
 
 
-def _map(source: Path) -> np.ndarray[Any, Any] | None:
-    """The values of a disparity map; None if it is something else."""
-    from clplen.errors import FormatError
-    from clplen.io import read_disparity
-
-    if source.suffix.lower() not in _MAPS:
-        return None
-    try:
-        return read_disparity(source)
-    except FormatError:
-        if source.suffix.lower() == ".pfm":
-            raise
-        return None
-
-
-def _of_map(source: Path, values: np.ndarray[Any, Any]) -> tuple[Rows, dict[str, Any]]:
-    known = values[np.isfinite(values)]
-    low, median, high = (
-        (float(known.min()), float(np.median(known)), float(known.max()))
-        if known.size
-        else (math.nan,) * 3
-    )
-    unknown = values.size - known.size
-    rows = [
-        ("File", f"{source}, a disparity map"),
-        ("Size", f"{values.shape[0]} x {values.shape[1]} pixels (y, x)"),
-        ("Range", f"{low:.6g} to {high:.6g}, median {median:.6g}"),
-        ("Not known", f"{unknown} of {values.size} pixels (NaN or infinite)"),
-    ]
-    data = {"shape": values.shape, "low": low, "median": median, "high": high}
-    return rows, {"file": source, "kind": "a disparity map", **data, "unknown": unknown}
-
-
 def _of_focused(source: Path, kind: str, found: dict[str, Any]) -> tuple[Rows, dict[str, Any]]:
     size = " x ".join(map(str, found["shape"]))
     rows = [("File", f"{source}, {kind}"), ("Size", f"{size} samples")]
@@ -138,6 +117,69 @@ def _of_focused(source: Path, kind: str, found: dict[str, Any]) -> tuple[Rows, d
     if "m" in found:
         rows.append(("m = b/a", ", ".join(f"{m:.6g}" for m in found["m"])))
     return rows, {"file": source, "kind": kind, **found}
+
+
+def _of_parameters(source: Path, selector: str | None) -> tuple[Rows, dict[str, Any]]:
+    """What follows from the parameters of a camera or a microscope."""
+    from clplen.compute.device import Device
+    from clplen.config import read_camera_file
+    from clplen.config.microscope import read_microscope_file
+    from clplen.config.reading import read_toml
+
+    table = read_toml(source, f"file {source}").get("camera", {"kind": "microscope"})
+    if isinstance(table, dict) and table.get("kind") == "microscope":
+        file = read_microscope_file(source)
+        camera, taken, kind = file.camera, file.taken, "parameters of a light-field microscope"
+        asked = {"slices": file.slices, "um_per_slice": file.um_per_slice, "voxels": file.voxels}
+        asked |= {"pixels_per_lenslet": file.pixels, "binning": file.binning}
+    else:
+        camera, taken, kind = read_camera_file(source).camera, (), "parameters of a camera"
+        asked = {}
+    built = camera.build(Device.open(selector))
+    known = described(built) if camera.kind == "microscope" else built.describe()
+    rows = [("File", f"{source}, {kind}"), ("Camera", known.title)]
+    rows += [("", line) for line in str(known).splitlines()[1:]]
+    rows += [(name.replace("_", " ").capitalize(), f"{value:g}") for name, value in asked.items()
+             if value is not None]  # fmt: skip
+    rows += [("Not given", sentence) for sentence in taken]
+    lengths = {row.name: row.value for row in known.rows}
+    return rows, {"file": source, "kind": kind, "camera": lengths, **asked, "taken": taken}
+
+
+def _point_images(source: Path) -> tuple[dict[str, Any], list[tuple[int, ...]]] | None:
+    """What the point images of a microscope were made with; None if it is something else."""
+    from clplen.microscopy import psffile
+
+    return psffile.described(source) if source.suffix.lower() in _HDF5 else None
+
+
+def _of_point_images(
+    source: Path, known: dict[str, Any], shapes: list[tuple[int, ...]]
+) -> tuple[Rows, dict[str, Any]]:
+    kind = "point images of a light-field microscope"
+    n, v = known["pixels_per_lenslet"], known["voxels_per_lenslet"]
+    side = known["lenslet_pitch"] / (known["magnification"] * v)
+    size = sum(map(math.prod, shapes)) * np.dtype(known["store"]).itemsize
+    planes = ", ".join(f"{z * 1e6:g}" for z in known["planes"])
+    of = (
+        "the cover glass it is made for"
+        if known["cover"] is None
+        else f"cover glass {known['cover']}"
+    )
+    rows = [
+        ("File", f"{source}, {kind}"),
+        ("Objective", f"{known['magnification']:g}x/{known['na']:g}, {of}"),
+        ("Medium", f"index {known['medium_index']:g}, {known['wavelength'] * 1e9:g} nm, "
+            f"apodisation {known['apodisation']:g}"),
+        ("Lenslets", f"pitch {known['lenslet_pitch'] * 1e6:g} um, focal length "
+            f"{known['lenslet_focal_length'] * 1e6:g} um, fill {known['lenslet_fill']}"),
+        ("Pixels", f"{n} x {n} a lenslet, of {known['binning']} x {known['binning']} parts"),
+        ("Voxels", f"{v} x {v} a lenslet, {side * 1e6:.4g} um apart"),
+        ("Planes", f"{len(shapes)}, z = {planes} um; farther from the objective positive"),
+        ("Images", f"of {', '.join(str(shape[1] // n) for shape in shapes)} lenslets across"),
+        ("Memory", f"{size:,} bytes, {known['store']}; {known['cut']:g} of the light cut"),
+    ]  # fmt: skip
+    return rows, {"file": source, "kind": kind, **known, "shapes": shapes}
 
 
 def _of_calibration(source: Path) -> tuple[Rows, dict[str, Any]]:

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +19,8 @@ from clplen.cli.common import bar_of, check_suffix, opened, reach
 from clplen.cli.messages import note
 
 if TYPE_CHECKING:
+    from clplen.cameras.describe import Description
+    from clplen.cameras.microscope import Microscope
     from clplen.compute.device import Device
     from clplen.config.microscope import MicroscopeFile
     from clplen.microscopy.images import PointImages
@@ -22,11 +29,21 @@ _PATH = click.Path(path_type=Path)
 VOXELS = 5
 CUT = 2e-3
 _OF_THE_ARRAY = ("lenslets", "field of view")  # point images are those of an endless one
+_FAR = 2  # light-field ranges from the native plane: farther away little is left to find
+_WAITED, _LONG = 2.0, 20.0  # seconds: before it is known how long, and from which on it is said
 
 
 @click.group()
 def microscope() -> None:
     """Light-field microscopes: point images (psf), frames (project), volumes (deconvolve)."""
+
+
+def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        from clplen.config.example import MICROSCOPE
+
+        click.echo(MICROSCOPE, nl=False)
+        ctx.exit()
 
 
 @microscope.command()
@@ -56,17 +73,27 @@ def microscope() -> None:
     help="Share of a voxel's light that may be left out.",
 )  # fmt: skip
 @click.option("--half", is_flag=True, help="Keep point images as float16: half of the memory.")
+@click.option(
+    "--example",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_example,
+    help="Print a commented CAMERA.toml, that of a giant vesicle, and stop.",
+)
 @options.device
 def psf(camera: Path, output: Path, selector: str | None, **sampling: Any) -> None:
     """Simulate the point images of a microscope, and keep them in a file.
 
     CAMERA.toml is a camera file with kind = "microscope", or has the names of LFAnalyze:
     magnification, na, medium_index, wavelength (nm), tubelens_focal_length (mm), ulens_pitch,
-    ulens_focal_length and pixel_size (um), num_slices, um_per_slice, supersample.
+    ulens_focal_length and pixel_size (um), num_slices, um_per_slice, supersample; apodisation and
+    cover. Plane 0 is the one nearest to the objective.
 
     \b
     Example:
-      clplen microscope psf guv.toml -o psf.h5 --planes-um -20:20:41 --voxels 5
+      clplen microscope psf --example > guv.toml
+      clplen microscope psf guv.toml -o psf.h5 --planes-um -19:19:20 --voxels 5
       clplen microscope deconvolve guv.tif -c psf.h5 --white white.tif -o volume.ome.tif
     """
     from clplen.config.microscope import read_microscope_file
@@ -74,9 +101,17 @@ def psf(camera: Path, output: Path, selector: str | None, **sampling: Any) -> No
 
     check_suffix(output, (".h5", ".hdf5"))
     file = read_microscope_file(camera, binning=sampling["binning"])
+    for sentence in file.taken:
+        note(sentence)
+    if file.binning < file.least:
+        raise click.UsageError(
+            f"--binning {file.binning} does not sample the light, which takes at least "
+            f"{file.least} x {file.least} parts of a pixel: leave it out, or give {file.least}."
+        )
     z = _planes_of(file, sampling, camera)
     check_writable(output)
-    images = _simulated(file, z, sampling, opened(selector), output)
+    with _ended_politely():
+        images = _simulated(file, z, sampling, opened(selector), output)
     kept = min(images.kept(plane) for plane in range(len(z)))
     click.echo(f"{output} holds {images!r}; at least {kept:.2%} of the light of a voxel is kept.")
 
@@ -116,9 +151,12 @@ def project(
     frame = projector.forward(values)
     write_picture(output, frame)
     rows, columns = shape
+    share = frame.sum(dtype=float) / max(values.sum(dtype=float), 1e-300)
+    kept = min(images.kept(plane) for plane in range(len(images.planes)))
     click.echo(
         f"{output} holds {rows} x {columns} lenslets of {images.pixels} x {images.pixels} pixels, "
-        f"with {frame.sum(dtype=float) / max(values.sum(dtype=float), 1e-300):.2%} of the light."
+        f"with {share:.2%} of the light of the volume: the rest falls beside the frame, or beyond "
+        f"the point images, which keep at least {kept:.2%} of a voxel's light."
     )
 
 
@@ -129,7 +167,7 @@ def _planes_of(file: MicroscopeFile, sampling: dict[str, Any], path: Path) -> An
     if sampling["planes_um"] is not None:
         if sampling["num_slices"] or sampling["um_per_slice"]:
             raise click.UsageError("Give --planes-um, or --num-slices and --um-per-slice.")
-        return sampling["planes_um"] / 1e6
+        return _rising(sampling["planes_um"] / 1e6)
     if count is None or step is None:
         raise click.UsageError(
             f"Neither the options nor {path} tell the planes: give --planes-um START:STOP:N, or "
@@ -138,6 +176,69 @@ def _planes_of(file: MicroscopeFile, sampling: dict[str, Any], path: Path) -> An
     if not 0 < step < np.inf:
         raise click.UsageError(f"--um-per-slice is a positive number of micrometres, not {step}.")
     return (np.arange(count) - (count - 1) / 2) * step / 1e6
+
+
+def _rising(z: Any) -> Any:
+    """Planes in the order of files: the nearest to the objective first."""
+    if z[0] <= z[-1]:
+        return z
+    note(
+        f"planes rise, so that plane 0 is the nearest to the objective: they are taken from "
+        f"{z[-1] * 1e6:g} to {z[0] * 1e6:g} um."
+    )
+    return z[::-1]
+
+
+def _note_far(camera: Microscope, z: Any) -> None:
+    """Say that planes lie where little is found, and what they cost."""
+    from clplen.microscopy.psf import lenslets_across
+
+    far = np.abs(z) > _FAR * camera.depth_range
+    if not far.any():
+        return
+    farthest = float(z[np.abs(z).argmax()])
+    across, finest = lenslets_across(camera, farthest), 1e6 / camera.band_limit(farthest)
+    note(
+        f"{far.sum():,} of {options.planes(len(z))} lie more than {_FAR} light-field ranges of "
+        f"{camera.depth_range * 1e6:.3g} um from the native plane: at z = {farthest * 1e6:g} um a "
+        f"point covers {across} x {across} lenslets, and no detail below {finest:.3g} um is seen."
+    )
+
+
+@contextmanager
+def _ended_politely() -> Iterator[None]:
+    """Take a request to end (SIGTERM) as Ctrl-C, so that no part of a file is left."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _timed(
+    show: Callable[[int, int], None], camera: Microscope, z: Any
+) -> Callable[[int, int], None]:
+    """Show how far a simulation has come, and say once how long it will take."""
+    from clplen.microscopy.psf import effort
+
+    work = np.cumsum(effort(camera, z))
+    began, said = time.monotonic(), False
+
+    def progress(done: int, total: int) -> None:
+        nonlocal said
+        passed = time.monotonic() - began
+        if passed > _WAITED and not said:
+            share = np.interp(done / total * len(z), np.arange(len(z) + 1), [0, *work]) / work[-1]
+            left, said = passed * (1 / share - 1), True
+            if left > _LONG:
+                note(f"about {left:.0f} s more for {total} images." if left < 100 else
+                     f"about {left / 60:.0f} min more for {total} images.")  # fmt: skip
+        show(done, total)
+
+    return progress
 
 
 def _simulated(
@@ -153,8 +254,8 @@ def _simulated(
 
     camera = file.camera.build(device)
     assert isinstance(camera, Microscope)
-    known = camera.describe()
-    click.echo(replace(known, rows=tuple(r for r in known.rows if r.name not in _OF_THE_ARRAY)))
+    click.echo(described(camera))
+    _note_far(camera, z)
     pixels = camera.pixels_per_lenslet / file.binning
     if file.binning > 1 and sampling["binning"] is None:
         note(
@@ -163,7 +264,7 @@ def _simulated(
         )
     if abs(file.pixels - pixels) > 1e-6:
         note(f"A lenslet has {file.pixels:.6g} pixels: frames are rectified to {pixels:g}.")
-    with bar_of(len(z), "plane") as bar:
+    with bar_of(0, "image") as bar:
         return point_images(
             camera,
             z,
@@ -172,8 +273,19 @@ def _simulated(
             cut=sampling["cut"],
             store="float16" if sampling["half"] else "float32",
             path=output,
-            progress=lambda done, total: reach(bar, done, total),
+            progress=_timed(lambda done, total: reach(bar, done, total), camera, z),
         )
+
+
+def described(camera: Any) -> Description:
+    """What a camera's lengths are, without those of the array that is built beside them."""
+    known = camera.describe()
+    rows = [
+        replace(row, text="") if row.name == "pixel pitch" else row
+        for row in known.rows
+        if row.name not in _OF_THE_ARRAY
+    ]
+    return replace(known, rows=tuple(rows))
 
 
 def _check_volume(path: Path, values: Any, about: dict[str, Any], images: PointImages) -> None:

@@ -1,4 +1,4 @@
-"""A camera file with comments."""
+"""Files with comments: of a camera, and of a microscope by the names of LFAnalyze."""
 
 EXAMPLE = """\
 # A plenoptic camera, a scene and a sensor: clplen simulate camera.toml -o OUT
@@ -94,4 +94,31 @@ diameter_um = 10.0              # of each source, a coherent disc; 0 (default): 
 # full_well_electrons = 20000.0 # default: no saturation
 # bit_depth = 12                # up to full_well_electrons; default: values are not rounded
 # seed = 0
+"""
+
+MICROSCOPE = """\
+# A light-field microscope, by the names of LFAnalyze and napari-LF:
+# clplen microscope psf guv.toml -o psf.h5
+# The giant vesicle that comes with napari-LF. A key that begins with # shows its default.
+
+magnification = 60.0            # of objective and tube lens
+na = 1.2                        # numerical aperture
+medium_index = 1.35             # of what the specimen lies in: air 1, water 1.33, oil 1.52
+wavelength = 593.0              # nm, in vacuum, of the fluorescence
+tubelens_focal_length = 200.0   # mm; for the table of lengths only
+ulens_pitch = 100.0             # um, of the lenslets
+ulens_focal_length = 2500.0     # um, array to sensor
+pixel_size = 6.5                # um, on the sensor; with a relay between array and sensor divide it
+                                # by the relay's magnification
+# apodisation = 0.5             # power of cos(theta) over the pupil; -0.5 where points shine alike
+                                # in all directions
+# cover = { thickness_um = 150 }  # default: none. A cover glass unlike that which the objective is
+                                # made for; index and designed_index are 1.5255,
+                                # designed_thickness_um is 170 unless they are given too
+
+# The volume. An even number of planes about the native one, z = 0, leaves out z = 0 itself, where a
+# lenslet sees all of its voxels alike. --planes-um START:STOP:N tells them too.
+num_slices = 20
+um_per_slice = 2.0              # z from -19 to 19 um, farther from the objective positive
+supersample = 5                 # voxels of a lenslet along an axis, default 5; or --voxels
 """

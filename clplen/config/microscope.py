@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import AfterValidator, Field, model_validator
 
 from clplen.cameras.objective import APODISATION
-from clplen.config.camera import CameraTable, SensorTable
+from clplen.config import ranges
+from clplen.config.camera import CameraTable, CoverTable, SensorTable
 from clplen.config.light import CoherenceTable
 from clplen.config.reading import read_toml, validated
 from clplen.config.scene import SceneTable
@@ -23,23 +24,33 @@ from clplen.errors import FormatError
 from clplen.files import PathLike
 
 _COUNT = 35  # lenslets of the camera that is built: point images do not depend on it
+_PRINTED = "'clplen microscope psf --example' prints one"
+_F_NUMBER = "the f-number of the lenslets, focal length over pitch, is {:.3g}; it"
 
 
 class KnownTable(Table):
     """A microscope by the names of LFAnalyze; the whole file."""
 
-    magnification: Positive
-    na: Positive
-    medium_index: Positive = 1.0
-    wavelength: Positive
-    tubelens_focal_length: Positive = 200.0
-    ulens_pitch: Positive
-    ulens_focal_length: Positive
-    pixel_size: Positive
+    magnification: Annotated[Positive, AfterValidator(ranges.MAGNIFICATION.check)]
+    na: Annotated[Positive, AfterValidator(ranges.NA.check)]
+    medium_index: Annotated[Positive, AfterValidator(ranges.INDEX.check)]
+    wavelength: Annotated[Positive, AfterValidator(ranges.WAVELENGTH.check)]
+    tubelens_focal_length: Annotated[Positive, AfterValidator(ranges.TUBE_LENS.check)] = 200.0
+    ulens_pitch: Annotated[Positive, AfterValidator(ranges.PITCH.check)]
+    ulens_focal_length: Annotated[Positive, AfterValidator(ranges.FOCAL_LENGTH.check)]
+    pixel_size: Annotated[Positive, AfterValidator(ranges.PIXEL.check)]
     apodisation: Annotated[float, Field(ge=-1, le=1, strict=True)] = APODISATION
+    cover: CoverTable | None = None
     num_slices: Count | None = None
-    um_per_slice: Positive | None = None
+    um_per_slice: Annotated[Positive, AfterValidator(ranges.STEP.check)] | None = None
     supersample: Count | None = None
+
+    @model_validator(mode="after")
+    def _pixels_of_lenslets(self) -> KnownTable:
+        _in_range("pixel_size gives a lenslet {:.3g} pixels, a number that",
+                  self.ulens_pitch / self.pixel_size, ranges.PIXELS)  # fmt: skip
+        _in_range(_F_NUMBER, self.ulens_focal_length / self.ulens_pitch, ranges.F_NUMBER)
+        return self
 
     def camera(self) -> CameraTable:
         """The same as ``[camera]``."""
@@ -58,6 +69,7 @@ class KnownTable(Table):
                 "wavelength_nm": self.wavelength,
                 "tube_lens_mm": self.tubelens_focal_length,
                 "apodisation": self.apodisation,
+                "cover": self.cover and self.cover.model_dump(),
                 "pixels_per_lenslet": self.ulens_pitch / self.pixel_size,
                 "microlenses": lenslets,
             }
@@ -72,6 +84,34 @@ class _CameraAlone(Table):
     coherence: CoherenceTable | None = None
     sensor: SensorTable | None = None
 
+    @model_validator(mode="after")
+    def _of_a_microscope(self) -> _CameraAlone:
+        camera, array = self.camera, self.camera.microlenses
+        if camera.kind != "microscope":
+            return self
+        focal = array.focal_length_mm[0]
+        for key, value, limits in (
+            ("magnification", camera.magnification or 0, ranges.MAGNIFICATION),
+            ("na", camera.na or 0, ranges.NA),
+            ("medium_index", camera.medium_index, ranges.INDEX),
+            ("wavelength_nm", camera.wavelength_nm, ranges.WAVELENGTH),
+            ("tube_lens_mm", camera.tube_lens_mm, ranges.TUBE_LENS),
+            ("pixels_per_lenslet", camera.pixels_per_lenslet, ranges.PIXELS),
+            ("microlenses.pitch_um", array.pitch_um, ranges.PITCH),
+            ("microlenses.focal_length_mm", focal, ranges.FOCAL_LENGTH_MM),
+        ):
+            _in_range(f"camera.{key} = {{:g}}", value, limits)
+        _in_range(_F_NUMBER, 1e3 * focal / array.pitch_um, ranges.F_NUMBER)
+        return self
+
+
+def _in_range(words: str, value: float, limits: ranges.Range) -> None:
+    """Refuse a value with these words before what is said of it."""
+    try:
+        limits.check(value)
+    except ValueError as error:
+        raise ValueError(f"{words.format(value)} {error}") from None
+
 
 @dataclass(frozen=True)
 class MicroscopeFile:
@@ -85,6 +125,10 @@ class MicroscopeFile:
         A lenslet, as the file has them: frames are rectified to the next whole number.
     binning : int
         Of `point_images`.
+    least : int
+        The least ``binning`` that samples the light.
+    taken : tuple of str
+        What the file does not tell, and what is taken for it, in sentences.
     slices : int or None
     um_per_slice : float or None
     voxels : int or None
@@ -94,6 +138,8 @@ class MicroscopeFile:
     camera: CameraTable
     pixels: float
     binning: int = 1
+    least: int = 1
+    taken: tuple[str, ...] = ()
     slices: int | None = None
     um_per_slice: float | None = None
     voxels: int | None = None
@@ -107,7 +153,8 @@ def read_microscope_file(path: PathLike, *, binning: int | None = None) -> Micro
     path : path-like
         TOML: a camera file with ``kind = "microscope"``, whose scene may be missing, or the names
         magnification, na, medium_index, wavelength (nm), tubelens_focal_length (mm), ulens_pitch,
-        ulens_focal_length, pixel_size (um), num_slices, um_per_slice, supersample; apodisation.
+        ulens_focal_length, pixel_size (um), num_slices, um_per_slice, supersample; apodisation and
+        cover, as in ``[camera]``.
     binning : int, optional
         Parts of a pixel of the sensor, along an axis, that light is simulated on; default the
         fewest that sample it.
@@ -123,29 +170,59 @@ def read_microscope_file(path: PathLike, *, binning: int | None = None) -> Micro
         or out of range.
     """
     path = Path(path)
-    content = read_toml(path, f"file {path} of a microscope")
+    content = read_toml(path, f"file {path} of a microscope; {_PRINTED}")
     if "camera" in content:
+        _check_not_both(content, path)
         camera = validated(_CameraAlone, content, path).camera
         if camera.kind != "microscope":
             raise FormatError(f"{path} is of kind {camera.kind!r}, not 'microscope'.")
-        return _simulable(camera, binning)
+        return replace(
+            _simulable(camera, binning), taken=_taken(camera, "medium_index", "tube_lens_mm")
+        )
+    if not KnownTable.model_fields.keys() & content.keys():
+        raise FormatError(f"{path} has neither [camera] nor the names of LFAnalyze; {_PRINTED}.")
     known = validated(KnownTable, content, path)
     camera = known.camera()
     return replace(
         _simulable(camera, binning),
+        taken=_taken(known, "tubelens_focal_length"),
         slices=known.num_slices,
         um_per_slice=known.um_per_slice,
         voxels=known.supersample,
     )
 
 
+def _check_not_both(content: dict[str, Any], path: Path) -> None:
+    """Refuse flat names beside ``[camera]``."""
+    stray = next((key for key in content if key in KnownTable.model_fields), None)
+    if stray is not None:
+        raise FormatError(
+            f"{path} has {stray} beside [camera]: give all in [camera], or all by the flat names, "
+            "among which a cover glass is cover = { thickness_um = 150 }."
+        )
+
+
+def _taken(table: Table, *keys: str) -> tuple[str, ...]:
+    """Of these keys those that the file leaves out, in sentences."""
+    meaning = {
+        "medium_index": "air; water is 1.33",
+        "tube_lens_mm": "no point image depends on it",
+        "tubelens_focal_length": "mm; no point image depends on it",
+    }
+    return tuple(
+        f"{key} is not given: {getattr(table, key):g} is taken ({meaning[key]})."
+        for key in keys
+        if key not in table.model_fields_set
+    )
+
+
 def _simulable(camera: CameraTable, binning: int | None) -> MicroscopeFile:
     """With the next whole number of pixels a lenslet, in parts; round-off is no pixel."""
     pixels = math.ceil(round(camera.pixels_per_lenslet, 6))
-    if binning is None:
-        binning = math.floor(camera.microlenses.pitch_um / (_coarsest(camera) * pixels)) + 1
+    least = math.floor(camera.microlenses.pitch_um / (_coarsest(camera) * pixels)) + 1
+    binning = binning or least
     fine = camera.model_copy(update={"pixels_per_lenslet": float(pixels * binning)})
-    return MicroscopeFile(fine, camera.pixels_per_lenslet, binning)
+    return MicroscopeFile(fine, camera.pixels_per_lenslet, binning, least)
 
 
 def _coarsest(camera: CameraTable) -> float:

@@ -41,7 +41,9 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
         raise FormatError(f"There is no {what}.")
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise FormatError(f"{path} is no text, so no TOML: is it another file?") from error
+    except tomllib.TOMLDecodeError as error:
         raise FormatError(f"{path} is not TOML: {error}.") from error
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ def write_ome(
     spacing: Spacing | None,
     channels: tuple[str, ...] = (),
     depth: float | None = None,
+    positions: Sequence[float] = (),
     durable: bool = False,
 ) -> None:
     """Write pictures as one series of OME-TIFF, float32; BigTIFF from 4 GB on.
@@ -61,6 +62,8 @@ def write_ome(
         Names of the channels.
     depth : float, optional
         Distance of planes in metres.
+    positions : sequence of float, optional
+        z of each plane in metres: PositionZ.
     durable : bool
         Whether to wait until the disk has the file, as in `clplen.files.replacing`.
 
@@ -82,6 +85,9 @@ def write_ome(
             metadata |= {f"PhysicalSize{axis}": abs(step) * 1e6, f"PhysicalSize{axis}Unit": "µm"}
     if depth is not None:
         metadata |= {"PhysicalSizeZ": abs(depth) * 1e6, "PhysicalSizeZUnit": "µm"}
+    places = [round(z * 1e6, 9) for z in positions]
+    if places:
+        metadata["Plane"] = {"PositionZ": places, "PositionZUnit": ["µm"] * len(places)}
     if channels:
         metadata["Channel"] = {"Name": list(channels)}
     nbytes = 4 * math.prod(shape)

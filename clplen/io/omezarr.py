@@ -7,7 +7,7 @@ Zarr format 2, by the package zarr. Chunks are not compressed.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
@@ -41,6 +41,7 @@ def write_omezarr(
     spacing: Spacing | None,
     channels: tuple[str, ...] = (),
     depth: float | None = None,
+    positions: Sequence[float] = (),
     durable: bool = False,
     replace: bool = False,
 ) -> None:
@@ -70,6 +71,8 @@ def write_omezarr(
         Names of the channels.
     depth : float, optional
         Distance of planes in metres; without it 1 and no unit.
+    positions : sequence of float, optional
+        z of each plane in metres; where ``depth`` is given the first one moves the picture.
     durable : bool
         Whether to wait until the disk has the folder, as in `clplen.files.filling`.
     replace : bool
@@ -91,6 +94,7 @@ def write_omezarr(
         raise ValueError(f"OME-Zarr is written as .zarr, not as {Path(path).name}.")
     _zarr()
     sizes = _sizes(shape, axes)
+    first = positions[0] if depth is not None and positions else 0.0
     _require_replaceable(Path(path), sizes[0], replace)
     check_space(path, 4 * sum(map(math.prod, sizes)))
     with filling(path, durable, replace=True) as folder:
@@ -103,7 +107,7 @@ def write_omezarr(
         group = _zarr().open_group(str(folder), mode="a", **format_2(_zarr()))
         group.attrs.update(
             {
-                "multiscales": [_multiscales(Path(path), sizes, axes, spacing, depth)],
+                "multiscales": [_multiscales(Path(path), sizes, axes, spacing, depth, first)],
                 "omero": _omero(names, limits, colour=not channels and len(names) == 3),
                 "clplen": description,
             }
@@ -264,18 +268,20 @@ def _multiscales(
     axes: str,
     spacing: Spacing | None,
     depth: float | None,
+    first: float,
 ) -> dict[str, Any]:
     """Axes, and where the pixels of each level lie: those of level k are 2^k as large."""
     letters = ("C" if axes.endswith("S") else "") + axes.removesuffix("S")
     pixel = (1.0, 1.0) if spacing is None else tuple(abs(step) * 1e6 for step in spacing[2:])
     apart = 1.0 if depth is None else abs(depth) * 1e6
     leading = [apart if letter == "Z" else 1.0 for letter in letters[:-2]]
+    before = [first * 1e6 if letter == "Z" else 0.0 for letter in letters[:-2]]
     datasets = []
     for level, _ in enumerate(sizes):
         scale = leading + [2**level * step for step in pixel]
-        shift = [0.0] * len(leading) + [(2**level - 1) / 2 * step for step in pixel]
+        shift = before + [(2**level - 1) / 2 * step for step in pixel]
         moves: list[dict[str, Any]] = [{"type": "scale", "scale": scale}]
-        if level:
+        if level or first:
             moves.append({"type": "translation", "translation": shift})
         datasets.append({"path": str(level), "coordinateTransformations": moves})
     return {

@@ -42,7 +42,8 @@ def write_volume(
     volume : array_like
         Shape (planes, y, x).
     planes : array_like
-        z of each plane in metres; where they are equidistant their step is the size of a voxel.
+        z of each plane in metres: OME's PositionZ, or the place of an OME-Zarr. Where they rise
+        and are equidistant their step is the size of a voxel.
     voxel : tuple of float
         (dy, dx) in metres.
     description : dict, optional
@@ -73,15 +74,16 @@ def write_volume(
         description={**(description or {}), "planes_um": [round(one * 1e6, 9) for one in z]},
         spacing=(math.nan, math.nan, *voxel),
         depth=_step(z),
+        positions=z.tolist(),
         durable=durable,
         replace=replace,
     )
 
 
 def _step(z: Array) -> float | None:
-    """The distance of planes in metres, None where they are not equidistant."""
+    """The distance of planes in metres, None where they do not rise or are not equidistant."""
     steps = np.diff(z)
-    if steps.size == 0 or np.ptp(steps) > 1e-6 * abs(steps[0]):
+    if steps.size == 0 or steps[0] <= 0 or np.ptp(steps) > 1e-6 * steps[0]:
         return None
     return round(float(steps.mean()), 15)
 
@@ -155,6 +157,16 @@ def describe_volume(path: PathLike) -> dict[str, Any]:
     except Exception:  # what other programs wrote, or nothing
         return {}
     return dict(found) if isinstance(found, dict) else {}
+
+
+def is_volume(path: PathLike) -> bool:
+    """Whether a file was written by `write_volume`.
+
+    Parameters
+    ----------
+    path : path-like
+    """
+    return "planes_um" in describe_volume(path)
 
 
 def _is_text(element: ET.Element) -> bool:

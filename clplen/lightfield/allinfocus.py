@@ -9,8 +9,8 @@ import pyopencl.array as cla
 
 from clplen.compute.image import Image
 from clplen.errors import ShapeError
-from clplen.lightfield.depth import DEFAULT_DISPARITIES
 from clplen.lightfield.detail import LocalEnergy
+from clplen.lightfield.planes import default_disparities
 from clplen.lightfield.rays import checked_disparity
 from clplen.lightfield.refocus import FocalStack, focal_stack, refocus
 from clplen.lightfield.smoothing import Smoother, gaussian_taps
@@ -49,7 +49,8 @@ def all_in_focus(
     depth : DepthMap or array_like, optional
         Or disparities, shape (y, x), in pixels a view step, finite.
     disparities : array_like, optional
-        Planes to blend, for a light field without depth; default 33 from -2 to 2.
+        Planes to blend, for a light field without depth; default 33 from -2 to 2, of a microscope
+        over its depth range (`suitable_planes`).
 
     Returns
     -------
@@ -73,7 +74,7 @@ def all_in_focus(
         return Image(_between(source, disparity_of(depth, source.shape[1:3])), source.device)
     if depth is not None:
         return refocus(source, disparity=disparity_of(depth, source.shape[2:4]))
-    planes = DEFAULT_DISPARITIES if disparities is None else disparities
+    planes = default_disparities(source) if disparities is None else disparities
     return Image(_blended(focal_stack(source, disparities=planes)), source.device)
 
 

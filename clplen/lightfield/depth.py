@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from clplen.errors import SamplingWarning
+from clplen.lightfield.best_focus import high_na_words
 from clplen.lightfield.correspondence import correspondence_disparity
 from clplen.lightfield.cues import energy_disparity
 from clplen.lightfield.detail import LocalEnergy
 from clplen.lightfield.law import depth_at
 from clplen.lightfield.peaks import Map
+from clplen.lightfield.planes import default_disparities
 from clplen.lightfield.raw import is_telecentric
 from clplen.lightfield.refocus import FocalStack
 from clplen.lightfield.stored import StoredLightField, require_loaded
@@ -24,7 +28,6 @@ if TYPE_CHECKING:
     from clplen.lightfield.lightfield import LightField
 
 CUES = ("energy", "correspondence", "structure-tensor", "combined")
-DEFAULT_DISPARITIES = np.linspace(-2, 2, 33)
 
 _CURVE_HIGH_PASS = 2.0  # pixels, for the whole picture
 _BORDER = 15  # pixels left out of the whole picture, at most a quarter of it
@@ -87,9 +90,11 @@ def depth_map(
         `weights` of its views is taken as it is.
     alphas, disparities : array_like, optional
         Planes to try, at least three different ones, not both. For a light field without either:
-        33 disparities from -2 to 2.
+        33 disparities from -2 to 2; of a microscope, over its depth range (`suitable_planes`).
     cue : {"energy", "correspondence", "structure-tensor", "combined"}, optional
-        Default "combined" for a light field, "energy" for a stack.
+        Default "energy" for a stack, and for the light field of a microscope: what fluoresces is
+        transparent, where the other cues look for surfaces and put single points on disparity 0;
+        "combined" for other light fields.
 
     Returns
     -------
@@ -102,13 +107,23 @@ def depth_map(
         are both given or given with a stack, or there are fewer than three planes.
     DeviceError
         If what is needed is larger than the device's memory.
+
+    Warns
+    -----
+    SamplingWarning
+        From NA/n = .7 of a microscope on, where ``z`` is too far from the native plane by the
+        factor that it names (`clplen.lightfield.best_focus`).
     """
     require_loaded(source, "stream_depth")
-    if cue is None:
-        cue = "energy" if isinstance(source, FocalStack) else "combined"
-    checked_cue(cue)
+    cue = default_cue(source) if cue is None else checked_cue(cue)
     planes = distinct_planes(source, alphas, disparities)
     return depth_of(source, *maps_of(source, planes, cue))
+
+
+def default_cue(source: LightField | FocalStack | StoredLightField) -> str:
+    """The cue of `depth_map` where none was given."""
+    sharpest = isinstance(source, FocalStack) or is_telecentric(source)
+    return "energy" if sharpest else "combined"
 
 
 def checked_cue(cue: str) -> str:
@@ -191,7 +206,9 @@ def distinct_planes(
     elif alphas is not None:
         values = source.disparity(alphas)
     else:
-        values = DEFAULT_DISPARITIES if disparities is None else np.asarray(disparities, float)
+        values = np.asarray(
+            default_disparities(source) if disparities is None else disparities, float
+        )
     if values.ndim != 1 or not np.isfinite(values).all() or np.unique(values).size < 3:
         raise ValueError(
             "A depth map needs a list of at least three different finite planes, not "
@@ -209,8 +226,21 @@ def depth_of(
         alpha = np.interp(disparity, known, source.alphas[first])
     else:
         alpha = source.alpha(disparity)
+    if is_telecentric(source):
+        _say_high_na(source.camera, disparity)
     if source.camera is None or is_telecentric(source):
         z = depth_at(source, disparity)
     else:
         z = source.camera.dz(alpha)
     return DepthMap(disparity, alpha.astype(np.float32), np.float32(z), confidence)
+
+
+def _say_high_na(camera: Any, disparity: Map) -> None:
+    words = high_na_words(camera, float(np.abs(disparity).max()))
+    if words:
+        warnings.warn(
+            f"{words}: z, which is that of the paraxial law, is too far from the native plane by "
+            "this factor.",
+            SamplingWarning,
+            stacklevel=4,
+        )

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from clplen.errors import SamplingWarning
 from clplen.lightfield import thesis
+from clplen.lightfield.best_focus import farthest_disparity, high_na_words, ratio_at
 from clplen.lightfield.law import depth_at
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.parametrisation import require_two_plane
 from clplen.lightfield.raw import is_telecentric
 from clplen.lightfield.slope import fit_slope
-from clplen.lightfield.spectral import LensletBlur, Peak, Real, find_peak, sharpness
+from clplen.lightfield.spectral import BAND, LensletBlur, Peak, Real, find_peak, sharpness
 from clplen.lightfield.window import brightest, read_window
 
 if TYPE_CHECKING:
@@ -22,7 +25,9 @@ if TYPE_CHECKING:
 
 METHODS = ("compensated", "energy", "slope", "thesis")
 
-_BAND = (0.1, 0.45)  # cycles a lenslet
+_SEARCH = 0.3  # pixels a view step, where no camera tells its depth range
+_BEYOND = 1.1  # search past the depth range of a microscope, whose ends would be no peak
+_WIDEST = 0.95  # of the largest search that a light field allows
 _NARROWEST = 1.25  # highest over lowest frequency that still is a band
 _UNFLOORED = 0.8  # of the ambiguity offset: up to here the transfer function is not floored
 _PAD = 5  # lenslets
@@ -43,12 +48,15 @@ class AlphaEstimate:
     alpha : float
         F/F'; nan without spacing, and for a telecentric camera (a microscope).
     z : float
-        Metres from the focused plane, farther positive; nan without a camera.
+        Metres from the focused plane, farther positive; nan without a camera. That of a telecentric
+        camera is ``camera.z(disparity)``, the paraxial law.
     in_focus : bool
         Whether the object's blur is below one lenslet, where its alpha is known to p/D only.
     uncertainty : float
         Of alpha, or of d dx/du for a telecentric camera; nan without a camera, for the method
-        "thesis", and when no peak was found inside the search (raise ``c_max``).
+        "thesis", and when no peak was found inside the search (raise ``c_max``). Of a telecentric
+        camera it holds how far the best focus lies beyond the paraxial law
+        (`clplen.lightfield.best_focus`).
     curve : tuple of numpy.ndarray
         (alphas, E): focus measure at the alphas that were tried, alphas rising; empty for the
         method "slope".
@@ -64,6 +72,8 @@ class AlphaEstimate:
     blur : float
         Diameter of a point's blur on the lenslets, D abs(1 - alpha)/p, in lenslets; nan without a
         camera.
+    z_uncertainty : float
+        ``uncertainty`` as metres of z, half of what lies between its ends; nan where that is.
     """
 
     alpha: float
@@ -77,6 +87,7 @@ class AlphaEstimate:
     near: tuple[int, int]
     confidence: float = math.nan
     blur: float = math.nan
+    z_uncertainty: float = math.nan
 
 
 def estimate_alpha(
@@ -85,7 +96,7 @@ def estimate_alpha(
     near: tuple[int, int] | None = None,
     method: str = "compensated",
     window: int = 21,
-    c_max: float = 0.3,
+    c_max: float | None = None,
 ) -> AlphaEstimate:
     """Depth of the object at one place, from where its refocused image is sharpest.
 
@@ -111,9 +122,10 @@ def estimate_alpha(
     window : int
         Lenslets across, odd, at least 9; clipped at the border of the light field. One object at
         one depth should fill it or lie alone in it.
-    c_max : float
+    c_max : float, optional
         Search range, -c_max to c_max pixels a view step (lenslets a sub-image pixel). A larger
-        one lowers the highest frequency that "compensated" uses.
+        one lowers the highest frequency that "compensated" uses. Default .3, and the depth range
+        of a microscope.
 
     Returns
     -------
@@ -125,6 +137,13 @@ def estimate_alpha(
         If the method is unknown or lacks what it needs ("thesis" an F), ``near`` lies outside, the
         window is even or too small, ``c_max`` is out of range, or the window is black or without
         detail.
+
+    Warns
+    -----
+    SamplingWarning
+        If the window is sharpest at an end of the search, so that the object lies farther away;
+        and from NA/n = .7 of a microscope on, where the paraxial ``z`` is too large by the factor
+        that it names.
     """
     place = _checked(lf, near, method, window)
     if method == "thesis":
@@ -142,18 +161,22 @@ def estimate_alpha(
             "method='compensated' needs a light field with spacing (dv, du, dy, dx) and the "
             "camera that took it: give both, or use method='energy'."
         )
-    _check_range(lf, window, c_max, optics)
+    c_max = _range(lf, window, c_max, optics)
     cells = _detail(lf, place, window)
     aspect = _aspect(lf.spacing)
     farthest = c_max * max(abs(aspect) * (lf.shape[0] - 1), lf.shape[1] - 1) / 2
     pad = max(_PAD, math.ceil(farthest))
-    energy = find_peak(sharpness(cells, pad=pad, band=_BAND, aspect=aspect), c_max)
+    step = 1 / lf.shape[1]  # moves the outermost views apart by a lenslet
+    energy = find_peak(sharpness(cells, pad=pad, band=BAND, aspect=aspect), c_max, step=step)
     if optics is None:
+        _say_end(lf, energy, _limit(lf, window, optics))
         return _result(lf, method, place, energy)
     compensated = find_peak(
         sharpness(cells, pad=pad, band=optics.band(c_max), aspect=aspect, blur=optics.blur),
         c_max,
+        step=step,
     )
+    _say_end(lf, energy if method == "energy" else compensated, _limit(lf, window, optics))
     in_focus = all(
         abs(lf.shear_alpha(peak.position) - 1) < _IN_FOCUS * optics.tolerance
         for peak in (energy, compensated)
@@ -174,7 +197,7 @@ class _Optics:
 
     def band(self, c_max: float) -> tuple[float, float]:
         """Frequencies where the transfer function is not floored, in cycles a lenslet."""
-        return (_BAND[0], min(_BAND[1], _UNFLOORED / (self.blur.q * c_max)))
+        return (BAND[0], min(BAND[1], _UNFLOORED / (self.blur.q * c_max)))
 
     def uncertainty(self, alpha: float, method: str, in_focus: bool) -> float:
         """Of an alpha found by "compensated", "energy" or "slope"."""
@@ -277,20 +300,46 @@ def search_limit(lf: LightField, *, window: int = 21) -> float:
 def _limit(lf: LightField, window: int, optics: _Optics | None) -> float:
     limits = [2 * window / max(max(lf.shape[:2]) - 1, 1)]  # the outermost view leaves the window
     if optics is not None:
-        limits.append(_UNFLOORED / (optics.blur.q * _NARROWEST * _BAND[0]))
+        limits.append(_UNFLOORED / (optics.blur.q * _NARROWEST * BAND[0]))
     if lf.spacing is not None and np.isfinite(lf.spacing).all():
         limits.append(abs(lf.spacing[1] / lf.spacing[3]))  # alpha = 0, for naive cells infinity
     return float(min(limits))
 
 
-def _check_range(lf: LightField, window: int, c_max: float, optics: _Optics | None) -> None:
-    """Refuse a range where alpha, the window or the band would end."""
+def _range(lf: LightField, window: int, c_max: float | None, optics: _Optics | None) -> float:
+    """The search range, after a check that alpha, the window and the band do not end in it."""
     limit = _limit(lf, window, optics)
+    if c_max is None and is_telecentric(lf):
+        return min(_BEYOND * farthest_disparity(lf.camera), _WIDEST * limit)
+    c_max = _SEARCH if c_max is None else c_max
     if not 0 < c_max < limit:
         raise ValueError(
             f"c_max lies between 0 and {limit:.3g} pixels a view step for this light field "
             f"and window, not at {c_max!r}."
         )
+    return c_max
+
+
+def _say_end(lf: LightField, peak: Peak, limit: float) -> None:
+    """Warn where no peak was found, with what was searched and what would do."""
+    if peak.inside:
+        return
+    end = abs(float(peak.positions[0]))
+    z = np.abs(depth_at(lf, [-end, end]))
+    metres = f", abs(z) up to {z.max():.3g} m" if np.isfinite(z).all() else ""
+    wider = min(2 * end, _WIDEST * limit)
+    advice = (
+        f"pass c_max={wider:.3g}"
+        if wider > 1.01 * end
+        else f"this window allows no more than {limit:.3g}, give a larger one"
+    )
+    warnings.warn(
+        f"The window is sharpest at an end of the search, disparity {peak.position:.3g} of "
+        f"{-end:.3g} to {end:.3g} pixels a view step{metres}, so that this is no depth: the object "
+        f"lies farther from the focused plane; {advice}.",
+        SamplingWarning,
+        stacklevel=3,
+    )
 
 
 def _result(
@@ -309,6 +358,7 @@ def _result(
     uncertainty = math.nan
     if optics is not None and peak.inside:
         uncertainty = optics.uncertainty(value, method, in_focus)
+        uncertainty += _beyond_paraxial(lf, value, disparity)
     rising = np.argsort(lf.shear_alpha(peak.positions))
     return AlphaEstimate(
         alpha=math.nan if is_telecentric(lf) else value,
@@ -321,7 +371,33 @@ def _result(
         disparities=peak.positions[rising],
         near=near,
         blur=_blur(value, optics),
+        z_uncertainty=_metres(lf, value, uncertainty),
     )
+
+
+def _beyond_paraxial(lf: LightField, alpha: float, disparity: float) -> float:
+    """By how much abs(1 - alpha) is too large: 0, and of a telecentric camera what rays say."""
+    if not is_telecentric(lf):
+        return 0.0
+    words = high_na_words(lf.camera, disparity)
+    ratio = ratio_at(lf.camera, disparity)
+    if words:
+        z = float(depth_at(lf, disparity))
+        warnings.warn(
+            f"{words}: the object lies at about {z / ratio:.3g} m rather than at z = {z:.3g} m, "
+            "which is that of the paraxial law.",
+            SamplingWarning,
+            stacklevel=4,
+        )
+    return (1 - 1 / ratio) * abs(1 - alpha)
+
+
+def _metres(lf: LightField, alpha: float, uncertainty: float) -> float:
+    """An uncertainty of alpha as one of z."""
+    if not 0 <= uncertainty < alpha:  # nor nan
+        return math.nan
+    ends = lf.disparity_of_shear([alpha - uncertainty, alpha + uncertainty])
+    return float(np.ptp(depth_at(lf, ends))) / 2
 
 
 def _slope(
@@ -341,6 +417,7 @@ def _slope(
     if optics is not None:
         in_focus = abs(alpha - 1) < _IN_FOCUS * optics.tolerance or found.spots == 1
         uncertainty = optics.uncertainty(alpha, "slope", in_focus)
+        uncertainty += _beyond_paraxial(lf, alpha, found.disparity)
     none = np.empty(0)
     return AlphaEstimate(
         alpha=math.nan if is_telecentric(lf) else alpha,
@@ -354,6 +431,7 @@ def _slope(
         near=near,
         confidence=found.confidence,
         blur=_blur(alpha, optics),
+        z_uncertainty=_metres(lf, alpha, uncertainty),
     )
 
 

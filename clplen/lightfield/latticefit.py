@@ -15,6 +15,7 @@ from clplen.lightfield.lattice import KINDS, Lattice
 from clplen.lightfield.localphase import Fit, refine
 from clplen.lightfield.reciprocal import PITCHES, Basis, Values, coarse, middle, reduced
 from clplen.lightfield.unitcell import denser, fold, off_centre
+from clplen.lightfield.within import inside
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -192,11 +193,12 @@ def _followed(
     if not np.isfinite(fit.rms) or np.hypot(*fit.cell.T).max() > max(picture.shape) / 2:
         return None
     margin = min(int(np.hypot(*fit.cell.T).max()), min(picture.shape) // 6)
-    for _ in range(2):
-        even = equalised(picture, fit.cell, fit.origin)
-        fit = refine(even, fit.basis, margin=margin)
+    even = equalised(picture, fit.cell, fit.origin)
+    fit = refine(even.picture, fit.basis, margin=margin)
+    light = equalised(picture, fit.cell, fit.origin, inside(even, margin)).picture
+    fit = refine(light, fit.basis, margin=margin)
     # lenslets that the picture cuts are not equal
-    whole = even[margin : even.shape[0] - margin, margin : even.shape[1] - margin]
+    whole = light[margin : light.shape[0] - margin, margin : light.shape[1] - margin]
     phase = fit.phase + margin * fit.basis.sum(axis=1)
     moved = replace(fit, phase=fit.phase - fit.basis @ off_centre(whole, fit.basis, phase))
     return _Found(moved, fold(whole, fit.basis, phase).explained, share)

@@ -19,6 +19,7 @@ _LEAST = 0.03  # of the strongest peak: below are side lobes
 _MOST = 40
 _PAIRS = 14  # strongest peaks that may be base vectors
 _ENOUGH = 0.95  # of the best share, for a denser lattice
+_SHORTER = 1 - 1e-9  # of the square of a length: less is round-off
 _NEAR = 1.0  # bins: how far a sum of base vectors may lie from its peak
 
 
@@ -102,15 +103,19 @@ def flattened(picture: Values, width: int) -> Values:
 
 
 def reduced(basis: Basis) -> Basis:
-    """The shortest two vectors of the lattice of two (Lagrange and Gauss)."""
+    """The shortest two vectors of the lattice of two (Lagrange and Gauss).
+
+    Ends once a step no longer shortens the longer one, be it by round-off (a quotient of a half and
+    of -a half in turns); of vectors along one line, or zero or NaN ones, no lattice comes out.
+    """
     a, b = basis
     while True:
         if a @ a > b @ b:
             a, b = b, a
-        n = np.rint((a @ b) / max(a @ a, 1e-300))
-        if n == 0:
+        shorter = b - np.rint((a @ b) / max(a @ a, 1e-300)) * a
+        if not shorter @ shorter < _SHORTER * (b @ b):
             return np.array([a, b])
-        b = b - n * a
+        b = shorter
 
 
 def _on_lattice(found: Peaks, basis: Basis) -> tuple[Values, Values]:

@@ -9,6 +9,7 @@ function, so a slice can be divided by it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -18,7 +19,9 @@ import numpy as np
 Real = np.ndarray[Any, np.dtype[np.floating[Any]]]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
 
-_COARSE = 49  # disparities of the first search
+BAND = (0.1, 0.45)  # cycles a lenslet, of the spectral energy
+
+_COARSE = 49  # disparities of the first search, at least
 _FINE = 9  # disparities of each refinement, over two steps to either side
 _REFINEMENTS = 2
 _FLOOR = 0.05  # of the transfer function
@@ -193,13 +196,13 @@ class Peak:
     values: Real
 
 
-def find_peak(measure: Callable[[float], float], limit: float) -> Peak:
+def find_peak(measure: Callable[[float], float], limit: float, *, step: float = math.inf) -> Peak:
     """Highest point of a positive function on [-limit, limit].
 
-    A coarse search, refined twice round the highest value; then a parabola through the logarithm
-    of the three highest.
+    A coarse search in steps of at most ``step``, refined twice round the highest value; then a
+    parabola through the logarithm of the three highest.
     """
-    coarse = np.linspace(-limit, limit, _COARSE)
+    coarse = np.linspace(-limit, limit, max(_COARSE, 2 * math.ceil(limit / step) + 1))
     values = np.array([measure(x) for x in coarse])
     x, y = coarse, values
     for _ in range(_REFINEMENTS):

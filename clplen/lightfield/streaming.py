@@ -18,9 +18,9 @@ import numpy as np
 from clplen.compute.device import Device, require_device
 from clplen.lightfield import combined
 from clplen.lightfield.depth import (
-    DEFAULT_DISPARITIES,
     DepthMap,
     checked_cue,
+    default_cue,
     depth_map,
     depth_of,
     distinct_planes,
@@ -28,6 +28,7 @@ from clplen.lightfield.depth import (
 )
 from clplen.lightfield.matching import row_sums, sorted_views
 from clplen.lightfield.needs import blend_work, depth_work, stack_works, surface_work
+from clplen.lightfield.planes import default_disparities
 from clplen.lightfield.raw import CameraModel, Spacing
 from clplen.lightfield.rays import INTERPOLATIONS
 from clplen.lightfield.refocus import focal_stack, planes_of, refocus
@@ -162,7 +163,7 @@ def stream_depth(
     ----------
     source : StoredLightField
     alphas, disparities, cue
-        As in `depth_map`. "combined", the default, reads all samples twice.
+        As in `depth_map`. "combined" reads all samples twice.
     memory, device, progress
         As in `stream_stack`; the maps count too.
 
@@ -178,7 +179,7 @@ def stream_depth(
         As in `stream_stack`.
     """
     _check_source(source, device)
-    cue = checked_cue(cue or "combined")
+    cue = default_cue(source) if cue is None else checked_cue(cue)
     planes = distinct_planes(source, alphas, disparities)
     plan = plan_tiles(source, [depth_work(source, planes, cue)], memory=memory, device=device)
     if plan.in_core:
@@ -246,7 +247,7 @@ def stream_all_in_focus(
         surface = disparity_of(depth, source.shape[2:4])
         work = surface_work(source, surface)
     else:
-        given = DEFAULT_DISPARITIES if disparities is None else disparities
+        given = default_disparities(source) if disparities is None else disparities
         planes, _ = planes_of(source, alphas=None, disparities=given)
         work = blend_work(source, planes)
     plan = plan_tiles(source, [work], memory=memory, device=device)

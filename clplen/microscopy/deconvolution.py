@@ -21,9 +21,11 @@ import pyopencl.array as cla
 
 from clplen.errors import ShapeError
 from clplen.microscopy.acceleration import Ahead
+from clplen.microscopy.checks import real, require, whole
 from clplen.microscopy.priors import Prior, blurs, prior_of
 from clplen.microscopy.projector import Projector
 from clplen.wave.average import Progress
+from clplen.wave.checks import is_finite
 
 Vector = np.ndarray[Any, Any]
 
@@ -87,7 +89,7 @@ def deconvolve(
 
     Parameters
     ----------
-    frame : array_like
+    frame : array_like or RawImage
         Counts, not negative and finite, shape (..., rows n, columns n); leading axes are frames
         of a series, which are found together.
     projector : Projector
@@ -128,29 +130,42 @@ def deconvolve(
     Raises
     ------
     ShapeError
-        If shapes do not fit, or the frame has fewer than five lenslets along an axis.
+        If shapes do not fit, there is no frame, or it has fewer than five lenslets along an axis.
     ValueError
-        If counts or sensitivities are negative or not finite, or a number is out of range.
+        If counts, sensitivities or a start are negative, not finite or 0 everywhere, or a number is
+        out of range.
+    TypeError
+        If something is no array of real numbers, or the projector none.
     DeviceError
         If so many frames do not fit the device.
     """
+    frame = frame.to_numpy() if hasattr(frame, "to_numpy") else frame
+    require(Projector, projector, "projector", "Projector(images, shape, device=device)")
     if min(projector.shape) < FEWEST:
         raise ShapeError(
             f"The frame has {projector.shape[0]} x {projector.shape[1]} lenslets; at least "
             f"{FEWEST} x {FEWEST} are needed to tell planes apart."
         )
-    if not 0 < variance < np.inf:
+    if not (is_finite(variance) and variance > 0):
         raise ValueError(f"variance is positive and finite, not {variance!r}.")
-    if residual not in (None, "noise") and (isinstance(residual, str) or not residual > 0):
+    if residual not in (None, "noise") and (
+        isinstance(residual, str) or not (is_finite(residual) and residual > 0)
+    ):
         raise ValueError(f"residual is a positive number, 'noise' or None, not {residual!r}.")
-    if iterations != int(iterations) or iterations < 1:
-        raise ValueError(f"iterations is a whole number from 1 on, not {iterations!r}.")
-    lead = np.shape(frame)[:-2]
+    iterations = whole(iterations, "iterations")
+    frame = real(frame, "A frame")
+    lead = frame.shape[:-2]
     volumes = VOLUMES + OF_AHEAD * accelerate + OF_PRIOR * bool(prior)
     projector.require_memory(math.prod(lead), volumes=volumes, pictures=PICTURES)
-    counts = _positive(frame, projector.frame_shape, "A frame").reshape(-1, *projector.frame_shape)
+    advice = "subtract less of the dark frame, or give such pixels a white level of 0 and any count"
+    counts = _positive(frame, projector.frame_shape, "A frame", advice)
+    counts = counts.reshape(-1, *projector.frame_shape)
     weight = np.ones(projector.frame_shape) if white is None else white
-    weight = _positive(weight, projector.frame_shape, "A white frame")
+    weight = _positive(weight, projector.frame_shape, "A white frame", "give such pixels 0")
+    if weight.ndim > 2:
+        raise ShapeError(f"A white frame is one for all frames, not of shape {weight.shape}.")
+    if not weight.any():
+        raise ValueError("The white frame is 0 everywhere: no pixel is left to find a volume from.")
     if not counts[:, weight > 0].any(axis=1).all():
         raise ValueError("A frame is black: there is nothing to find.")
     dim = _background(background, np.shape(frame)).reshape(counts.shape)
@@ -160,14 +175,14 @@ def deconvolve(
     least = variance * found.noise if residual == "noise" else residual
     ahead = Ahead(found.volumes, found.device) if accelerate else None
     history: list[Vector] = []
-    for done in range(int(iterations)):
+    for done in range(iterations):
         if ahead is not None and done:
             ahead.move(found.volumes)
         history.append(found.step())
         if watch is not None:
             watch(history[-1])
         if progress is not None:
-            progress(done + 1, int(iterations))
+            progress(done + 1, iterations)
         if least is not None and (history[-1] < least).all():
             break
     volume = projector.device.download(known.volumes(found.volumes))
@@ -213,11 +228,16 @@ class _Iteration:
             even = light / np.prod(projector.volume_shape) / max(float(white.mean()), 1e-30)
             begin = np.broadcast_to(even[:, None, None, None], shape).astype(np.float32)
         else:
-            begin = _positive(start, projector.volume_shape, "A start").reshape(-1, *shape[1:])
+            begin = _positive(
+                start, projector.volume_shape, "A start", "a start is 0 or more and finite"
+            )
+            begin = begin.reshape(-1, *shape[1:])
             if len(begin) not in (1, len(counts)):
                 raise ShapeError(
                     f"A start is of one frame or of all {len(counts)}, not of {len(begin)}."
                 )
+            if not begin.any(axis=(1, 2, 3)).all():
+                raise ValueError("A start is 0 everywhere, and would stay so: leave it out.")
             begin = np.broadcast_to(begin, shape)
         self.volumes = device.upload(np.ascontiguousarray(begin, np.float32))
 
@@ -251,7 +271,7 @@ class _Iteration:
 
 def _background(values: Any, shape: tuple[int, ...]) -> Vector:
     """Counts from nowhere in the volume, of each pixel of each frame."""
-    found = np.asarray(values, np.float32)
+    found = real(values, "background")
     try:
         found = np.broadcast_to(found, shape)
     except ValueError:
@@ -263,17 +283,14 @@ def _background(values: Any, shape: tuple[int, ...]) -> Vector:
     return np.ascontiguousarray(found)
 
 
-def _positive(values: Any, shape: tuple[int, ...], what: str) -> Vector:
+def _positive(values: Any, shape: tuple[int, ...], what: str, advice: str) -> Vector:
     """Values as float32 after a look at their shape and signs."""
-    found = np.asarray(values, np.float32)
-    if found.shape[-len(shape) :] != shape:
+    found = real(values, what)
+    if found.shape[-len(shape) :] != shape or not found.size:
         raise ShapeError(
             f"{what} has shape (..., {', '.join(map(str, shape))}), not {found.shape}."
         )
     bad = int(np.count_nonzero(~(found >= 0) | ~np.isfinite(found)))
     if bad:
-        raise ValueError(
-            f"{what} has {bad} negative or not finite samples: subtract less of the dark frame, "
-            "or give such pixels a white level of 0 and any count."
-        )
+        raise ValueError(f"{what} has {bad} negative or not finite samples: {advice}.")
     return np.ascontiguousarray(found)

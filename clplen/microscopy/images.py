@@ -89,6 +89,12 @@ class PointImages:
         return float(sums.min() * self.scales[plane])
 
 
+def count_phases(voxels: int) -> int:
+    """How many `unique_phases` there are, h (h + 1)/2 with h = ceil(v/2)."""
+    half = (voxels + 1) // 2
+    return half * (half + 1) // 2
+
+
 def unique_phases(voxels: int) -> list[tuple[int, int]]:
     """Phases (a, b), a <= b, of voxels whose images are not mirror images of others."""
     half = (voxels + 1) // 2

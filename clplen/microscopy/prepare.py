@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,8 @@ Vector = np.ndarray[Any, Any]
 DARKEST = 0.01  # of the mean level of the white frame: darker pixels are left out
 DIMMEST = 5  # per cent of the lenslets, as dark as which haze is
 LEAST_PITCH = 3  # pixels that a lattice is looked for with
+DARKER = 0.75  # of the pixels below the dark frame, of which noise alone puts a half
+RARE = 5 * math.sqrt(2)  # times the noise of a dark frame: beyond that of two of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +43,18 @@ class Prepared:
     negative, left_out : int
         How many pixels of the raw frame were below 0 and are 0; how many were saturated or not
         finite.
+    deep : int
+        How many were further below 0 than the noise of the dark frame explains.
+    size : int
+        Pixels of the raw frame.
     """
 
     counts: Vector
     white: Vector
     negative: int
     left_out: int
+    deep: int = 0
+    size: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +87,13 @@ class Preparation:
         """Pixels of the camera that a rectified pixel holds the light of."""
         return 1.0 if self.lattice is None else area(self.lattice, self.pixels)
 
+    @cached_property
+    def noise(self) -> float:
+        """Standard deviation of the dark frame, by the median of the deviations; 0 without one."""
+        if self.dark is None:
+            return 0.0
+        return 1.4826 * float(np.median(abs(self.dark - np.median(self.dark))))
+
     @property
     def variance(self) -> float:
         """Of a rectified pixel over its mean, where counts are photons."""
@@ -88,7 +104,7 @@ class Preparation:
 
         Parameters
         ----------
-        frame : array_like
+        frame : array_like or RawImage
             Shape (ny, nx).
         saturation : float, optional
             Level from which on pixels are saturated; default the largest integer of the frame's
@@ -103,21 +119,57 @@ class Preparation:
         ShapeError
             If the frame is of another size than the white or the dark frame, or has no whole
             number of lenslets and there is no white frame.
+        ValueError
+            If three quarters of its pixels, and their mean, are below the dark frame.
         """
-        values = np.asarray(frame)
+        values = samples(frame)
         self._check(values.shape)
         bad = _unknown(values, saturation)
         light = np.where(bad, 0, values.astype(np.float32))
         if self.dark is not None:
             light = np.where(bad, 0, light - self.dark)
         negative = int(np.count_nonzero(light < 0))
+        is_darker = negative > DARKER * light.size and light.mean(dtype=np.float64) < 0
+        if self.dark is not None and is_darker:
+            raise ValueError(
+                f"The dark frame, {self.dark.mean():.4g} in the mean, is brighter than the frame, "
+                f"{values[~bad].mean():.4g}: give that of the same camera, exposure and bits."
+            )
+        deep = int(np.count_nonzero(light < -RARE * self.noise)) if self.noise else 0
         light = np.maximum(light, 0)
         white = np.ones(light.shape, np.float32) if self.sensitivity is None else self.sensitivity
         if self.lattice is not None:
             light = rectify(light, self.lattice, device=self.device, pixels=self.pixels)
         if bad.any():
             white = np.where(self._reached(bad), np.float32(0), white)
-        return Prepared(light, white, negative, int(np.count_nonzero(bad)))
+        return Prepared(light, white, negative, int(np.count_nonzero(bad)), deep, light.size)
+
+    def place(self, voxels: int) -> dict[str, tuple[float, float]]:
+        """Where the columns of voxels lie on the raw frame, for volumes to be laid over it.
+
+        Parameters
+        ----------
+        voxels : int
+            v, of a lenslet along an axis.
+
+        Returns
+        -------
+        dict
+            (y, x) in pixels of the raw frame, whose centres are integers: "first" of voxel (0, 0),
+            "down" and "right" the steps to (1, 0) and (0, 1). The image side is telecentric: that
+            of all planes.
+        """
+        n = self.pixels
+        first, row, column = ((n - 1) / 2,) * 2, (float(n), 0.0), (0.0, float(n))
+        if self.lattice is not None:
+            grid = self.lattice.grid((n, n))
+            first, row, column = grid.first, grid.row_step, grid.column_step
+        down, right = np.array(row) / voxels, np.array(column) / voxels
+        start = np.array(first) - (voxels - 1) / 2 * (down + right)
+        return {
+            name: (round(float(y), 4), round(float(x), 4))
+            for name, (y, x) in (("first", start), ("down", down), ("right", right))
+        }
 
     def haze(self, counts: Vector, white: Vector) -> Vector:
         """Light in a rectified frame from far beyond the volume.
@@ -209,23 +261,29 @@ def preparation(
     ShapeError
         If the white and the dark frame are of different sizes, or no lenslet lies on the frame.
     ValueError
-        If the white frame is dark, or has no lenslets of about so many pixels.
+        If the white frame is dark or mostly saturated, or has no lenslets of about so many pixels.
 
     Warns
     -----
     SamplingWarning
         If the lattice of the white frame is not to be trusted.
     """
-    black = None if dark is None else np.asarray(dark, np.float32)
+    black = None if dark is None else np.asarray(samples(dark), np.float32)
     if white is None:
         return Preparation(pixels, device, black, None, None)
-    values = np.asarray(white)
+    values = samples(white)
     if black is not None and black.shape != values.shape:
         raise ShapeError(
             f"The white frame has shape {values.shape} and the dark frame {black.shape}: give "
             "those of the same camera and crop."
         )
     bad = _unknown(values, saturation)
+    if 2 * np.count_nonzero(bad) > bad.size:
+        raise ValueError(
+            f"{np.count_nonzero(bad):,} of {bad.size:,} pixels of the white frame are saturated "
+            f"{'' if saturation is None else f'({saturation:g} or more) '}or not finite: give a "
+            "higher saturation, or a white frame of a shorter exposure."
+        )
     light = np.where(bad, 0, values.astype(np.float32) - (0 if black is None else black))
     light = np.maximum(light, 0)
     if not light.any():
@@ -244,6 +302,11 @@ def preparation(
     if bad.any():
         level[found._reached(bad)] = 0
     return Preparation(pixels, device, black, lattice, _sensitivity(level, pixels), level)
+
+
+def samples(frame: Any) -> Vector:
+    """Those of an array or of a `RawImage`."""
+    return np.asarray(frame.to_numpy() if hasattr(frame, "to_numpy") else frame)
 
 
 def _sensitivity(level: Vector, n: int) -> Vector:

@@ -16,6 +16,7 @@ import pyopencl.array as cla
 
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.projector import Projector
+from clplen.wave.checks import is_finite
 
 Vector = np.ndarray[Any, Any]
 
@@ -144,7 +145,7 @@ def prior_of(name: str | None, strength: float, projector: Projector, counts: Ve
     """
     if name not in (None, *NAMES):
         raise ValueError(f"prior is {', '.join(map(repr, NAMES))} or None, not {name!r}.")
-    if not 0 < strength < np.inf:
+    if not (is_finite(strength) and strength > 0):
         raise ValueError(f"strength is positive and finite, not {strength!r}.")
     if name == "tv":
         return TotalVariation(projector, counts, strength)

@@ -10,7 +10,7 @@ read serves four columns.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,9 @@ from clplen.compute.device import Device, require_device
 from clplen.compute.hostmemory import free_memory
 from clplen.compute.lines import smooth_length
 from clplen.errors import ShapeError
+from clplen.microscopy.checks import finite, is_whole, require
 from clplen.microscopy.images import PointImages
+from clplen.wave.checks import is_finite
 
 if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator
@@ -77,6 +79,10 @@ class Projector:
     ------
     ShapeError
         If the shape is not two positive integers.
+    ValueError
+        If the memory is negative or not finite.
+    TypeError
+        If the images are none, or the device.
     DeviceError
         If the projection of one frame does not fit the device.
     """
@@ -90,8 +96,11 @@ class Projector:
         memory: int | None = None,
     ) -> None:
         require_device(device)
-        if np.shape(shape) != (2,) or any(int(n) != n or n < 1 for n in shape):
+        require(PointImages, images, "images", "point_images")
+        if np.shape(shape) != (2,) or any(not is_whole(n) or n < 1 for n in shape):
             raise ShapeError(f"shape is (rows, columns) of lenslets, not {shape!r}.")
+        if memory is not None and not (is_finite(memory) and memory >= 0):
+            raise ValueError(f"memory is a number of bytes from 0 on or None, not {memory!r}.")
         self.images = images
         self.shape = (int(shape[0]), int(shape[1]))
         self.device = device
@@ -166,13 +175,15 @@ class Projector:
         Raises
         ------
         ShapeError
-            If the volume has another shape.
+            If the volume has another shape, or there is none.
         ValueError
             If a voxel is not finite.
+        TypeError
+            If the volume is no array of real numbers.
         DeviceError
             If so many frames do not fit the device.
         """
-        values = self._taken(volume, self.volume_shape, "A volume")
+        values = finite(volume, self.volume_shape, "A volume")
         self.require_memory(len(values))
         frames = self.project(self.device.upload(values), clamp=clamp)
         lead = np.shape(volume)[:-3]
@@ -194,13 +205,15 @@ class Projector:
         Raises
         ------
         ShapeError
-            If the frame has another shape.
+            If the frame has another shape, or there is none.
         ValueError
             If a pixel is not finite.
+        TypeError
+            If the frame is no array of real numbers.
         DeviceError
             If so many frames do not fit the device.
         """
-        values = self._taken(frame, self.frame_shape, "A frame")
+        values = finite(frame, self.frame_shape, "A frame")
         self.require_memory(len(values))
         volumes = self.back_project(self.device.upload(values))
         lead = np.shape(frame)[:-2]
@@ -375,23 +388,6 @@ class Projector:
             size = (1 if device.rows else self._blocks * WIDTH, pairs, len(phases))
             device.launch(kernel, size, matrix, fields, *(np.int32(k) for k in sizes))
         return matrix
-
-    def _taken(self, values: Any, shape: Sequence[int], what: str) -> Vector:
-        """Values as float32 with one leading axis, after a look at their shape and at each."""
-        given = np.shape(values)
-        if given[-len(shape) :] != tuple(shape):
-            raise ShapeError(
-                f"{what} for this projector has shape (..., {', '.join(map(str, shape))}), "
-                f"not {given}."
-            )
-        taken = np.ascontiguousarray(values, np.float32).reshape(-1, *shape)
-        bad = taken.size - int(np.count_nonzero(np.isfinite(taken)))
-        if bad:
-            raise ValueError(
-                f"{what} has {bad:,} values that are not finite, which would spread over all: "
-                "replace them."
-            )
-        return taken
 
 
 def _room(device: Device) -> int:

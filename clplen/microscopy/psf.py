@@ -17,13 +17,16 @@ import numpy as np
 
 from clplen.cameras import geometry
 from clplen.cameras.microscope import Microscope
+from clplen.cameras.microscope_optics import check_places
 from clplen.cameras.scene import PointSources
 from clplen.compute.hostmemory import free_memory
 from clplen.compute.lines import smooth_length
-from clplen.files import PathLike, check_writable
+from clplen.files import PathLike, check_space, check_writable
 from clplen.microscopy import psffile
-from clplen.microscopy.images import PointImages, unique_phases
+from clplen.microscopy.checks import real, require, whole
+from clplen.microscopy.images import PointImages, count_phases, unique_phases
 from clplen.wave.average import Progress
+from clplen.wave.checks import is_finite
 from clplen.wave.lenslets import MicrolensArray
 
 Vector = np.ndarray[Any, Any]
@@ -34,6 +37,7 @@ Store = Literal["float32", "float16"]
 # 1e-2.
 MARGIN = 12  # lenslets that are simulated around the geometrical blur
 LEAST = 35  # lenslets across that are simulated
+_LOOKED_AT = 64  # planes by which the room for all of them is told
 
 
 def point_images(
@@ -64,7 +68,8 @@ def point_images(
         Square lattice, not turned and not moved, a whole number of pixels a lenslet. Its count of
         lenslets does not matter.
     planes : sequence of float
-        z in metres from the native plane, farther positive; any, all different.
+        z in metres from the native plane, farther positive, rising: plane 0 is the nearest to the
+        objective.
     voxels_per_lenslet : int
         v, along an axis; from 1 on.
     binning : int
@@ -77,7 +82,7 @@ def point_images(
     path : path-like, optional
         An HDF5 file: read if it is there and fits, else written.
     progress : callable, optional
-        Called as ``progress(done, total)`` after each plane.
+        Called as ``progress(done, total)`` after each batch of images, of all that are simulated.
 
     Returns
     -------
@@ -87,16 +92,19 @@ def point_images(
     ------
     ValueError
         For a lattice that is not square, turned or moved, a number of pixels that is fractional
-        or not divided by ``binning``, equal or infinite planes, a share outside 0 to 0.5, or a file
-        of other parameters.
+        or not divided by ``binning``, planes that do not rise or are infinite or more than 0.1 m
+        away, a share outside 0 to 0.5, or a file of other parameters.
+    TypeError
+        If the camera is no microscope, or planes are no real numbers.
     FormatError
         If the file is damaged.
     OSError
-        If the file cannot be written: found out before anything is simulated.
+        If the file cannot be written, or the disk has no room for it: found out before anything is
+        simulated, but for the exact size.
     DeviceError
         If the fields of the farthest plane do not fit the device.
     MemoryError
-        If the images of all planes do not fit the free memory.
+        If the images of all planes, and the file that is made of them, do not fit the free memory.
     """
     z = _checked(camera, planes, voxels_per_lenslet, binning, cut, store)
     voxels_per_lenslet, binning = int(voxels_per_lenslet), int(binning)
@@ -107,14 +115,13 @@ def point_images(
             return found
         check_writable(path)
     _check_memory(camera, z, voxels_per_lenslet, binning)
-    _check_room(camera, z, len(unique_phases(voxels_per_lenslet)), binning, np.dtype(store))
+    images = count_phases(voxels_per_lenslet)
+    _check_room(camera, z, images, binning, cut, store, path)
     stored, scales = [], []
-    for number, images in enumerate(_simulated(camera, z, voxels_per_lenslet, binning, cut)):
-        values, scale = _packed(images, store)
+    for one in _simulated(camera, z, voxels_per_lenslet, binning, cut, progress):
+        values, scale = _packed(one, store)
         stored.append(values)
         scales.append(scale)
-        if progress is not None:
-            progress(number + 1, len(z))
     n = round(camera.pixels_per_lenslet) // binning
     made = PointImages(
         parameters, z, voxels_per_lenslet, n, tuple(stored), np.array(scales, np.float64)
@@ -122,6 +129,41 @@ def point_images(
     if path is not None:
         psffile.write(path, made)
     return made
+
+
+def lenslets_across(camera: Microscope, z: float) -> int:
+    """Lenslets along an axis that the image of a point covers, by rays.
+
+    Parameters
+    ----------
+    camera : Microscope
+    z : float
+        In metres.
+
+    Returns
+    -------
+    int
+        Odd.
+    """
+    return 2 * math.ceil(camera.objective.blur(z) / camera.mla.pitch) + 1
+
+
+def effort(camera: Microscope, planes: Vector) -> Vector:
+    """Work of the simulation of an image of each plane, N log N for N samples, to compare planes.
+
+    Parameters
+    ----------
+    camera : Microscope
+    planes : numpy.ndarray
+        z in metres.
+
+    Returns
+    -------
+    numpy.ndarray
+    """
+    across = 2 * (np.ceil(camera.objective.blur(planes) / camera.mla.pitch) + MARGIN) + 1
+    samples = (np.maximum(across, LEAST) * camera.pixels_per_lenslet) ** 2
+    return np.asarray(samples * np.log2(samples))
 
 
 def described(
@@ -152,22 +194,24 @@ def described(
 
 def _checked(camera: Any, planes: Any, voxels: Any, binning: Any, cut: float, store: str) -> Vector:
     """The planes as numbers, after the checks."""
-    if not isinstance(camera, Microscope):
-        raise TypeError(f"Point images are of a Microscope, not of {type(camera).__name__}.")
+    require(Microscope, camera, "camera", "PlenopticCamera.microscope")
     _check_lattice(camera)
-    if isinstance(binning, bool) or binning != int(binning) or binning < 1:
-        raise ValueError(f"binning is a whole number from 1 on, not {binning!r}.")
+    binning = whole(binning, "binning")
     if round(camera.pixels_per_lenslet) % binning:
         raise ValueError(
             f"A lenslet has {camera.pixels_per_lenslet:g} pixels, which are not divided into "
             f"pixels of the sensor of {binning} x {binning}: give the camera a multiple of them."
         )
-    z = np.asarray(planes, np.float64)
+    z = real(planes, "planes", np.float64)
     if z.ndim != 1 or z.size == 0 or not np.isfinite(z).all() or np.unique(z).size != z.size:
         raise ValueError(f"planes are different finite numbers of metres, not {planes!r}.")
-    if isinstance(voxels, bool) or voxels != int(voxels) or voxels < 1:
-        raise ValueError(f"voxels_per_lenslet is a whole number from 1 on, not {voxels!r}.")
-    if not 0 < cut < 0.5:
+    check_places(z)
+    if (np.diff(z) < 0).any():
+        raise ValueError(
+            "planes rise, so that plane 0 is the nearest to the objective: give sorted(planes)."
+        )
+    whole(voxels, "voxels_per_lenslet")
+    if not (is_finite(cut) and 0 < cut < 0.5):
         raise ValueError(f"cut is a share of the light between 0 and 0.5, not {cut!r}.")
     if store not in ("float32", "float16"):
         raise ValueError(f"store is 'float32' or 'float16', not {store!r}.")
@@ -192,10 +236,10 @@ def _check_lattice(camera: Microscope) -> None:
 
 
 def _check_memory(camera: Microscope, planes: Vector, voxels: int, binning: int) -> None:
-    """Refuse the farthest plane, whose window is the largest, before any is simulated."""
-    z = float(planes[np.abs(planes).argmax()])
-    samples = round(_lenslets_across(camera, z) * camera.pixels_per_lenslet) ** 2
-    images = len(unique_phases(voxels)) * samples // binning**2
+    """Refuse the plane whose window is the largest, before any is simulated."""
+    z = float(planes[camera.objective.blur(planes).argmax()])
+    samples = round(_window(camera, z) * camera.pixels_per_lenslet) ** 2
+    images = count_phases(voxels) * samples // binning**2
     camera.device.require_memory(
         4 * samples * camera.device.complex.itemsize + 2 * images * np.dtype(float).itemsize,
         f"The plane at z = {z * 1e6:g} um",
@@ -203,39 +247,73 @@ def _check_memory(camera: Microscope, planes: Vector, voxels: int, binning: int)
 
 
 def _check_room(
-    camera: Microscope, planes: Vector, images: int, binning: int, kind: np.dtype[Any]
-) -> None:
-    """Refuse more images than fit the host, by the lenslets that hold half of a pupil's light."""
-    tangent = camera.na / np.sqrt(2 * camera.medium_index**2 - camera.na**2)
-    lenslets = 2 * np.floor(camera.magnification * np.abs(planes) * tangent / camera.mla.pitch) + 1
-    pixels = lenslets * round(camera.pixels_per_lenslet) // binning
-    least, free = images * kind.itemsize * float(np.square(pixels).sum()), free_memory()
-    if least > free:
+    camera: Microscope, planes: Vector, images: int, binning: int, cut: float, store: Store,
+    path: PathLike | None,
+) -> None:  # fmt: skip
+    """Refuse more images than fit host or disk; a file is made in memory, see `psffile.write`."""
+    least = images * np.dtype(store).itemsize * _pixels(camera, planes, cut) / binning**2
+    file = 0 if path is None else psffile.DENSEST[store] * least
+    free = free_memory()
+    if least + file > free:
         raise MemoryError(
-            f"{images} images of each of {len(planes)} planes take at least {least:,.0f} bytes, of "
-            f"which {free:,} are free: take fewer planes or voxels"
+            f"{images} images of each of {len(planes)} planes take at least {least + file:,.0f} "
+            f"bytes, of which {free:,} are free: take fewer planes or voxels"
         )
+    if path is not None:
+        check_space(path, int(file))
+
+
+def _pixels(camera: Microscope, planes: Vector, cut: float) -> float:
+    """Pixels of one image of each plane together, by the rays of all but ``cut`` of the light.
+
+    Diffraction and the places of voxels make images wider.
+    """
+    s = np.linspace(-1, 1, 101) * camera.na
+    rays = np.hypot(s[:, None], s)
+    inside = rays <= camera.na
+    along = np.maximum(abs(s)[:, None], abs(s))[inside] / np.maximum(rays[inside], 1e-9)
+    rays = rays[inside]
+    light = (1 - (rays / camera.medium_index) ** 2) ** camera.apodisation
+    some = planes[np.unique(np.linspace(0, len(planes) - 1, _LOOKED_AT).astype(int))]
+    farthest = []
+    for z in some:
+        reach = along * np.abs(camera.objective.landing(rays, z))
+        order = reach.argsort()
+        found = np.cumsum(light[order])
+        farthest.append(reach[order][np.searchsorted(found, (1 - cut) * found[-1])])
+    across = 2 * np.floor(np.interp(planes, some, farthest) / camera.mla.pitch) + 1
+    lenslets = float(np.square(across).sum())
+    return float(lenslets * round(camera.pixels_per_lenslet) ** 2)
 
 
 def _simulated(
-    camera: Microscope, planes: Vector, voxels: int, binning: int, cut: float
+    camera: Microscope,
+    planes: Vector,
+    voxels: int,
+    binning: int,
+    cut: float,
+    progress: Progress | None,
 ) -> Iterator[Vector]:
     """The different images of each plane, float64, cut to their light."""
     phases = unique_phases(voxels)
     places = (np.array(phases) - (voxels - 1) / 2) / voxels * camera.mla.pitch
-    for z in planes:
-        across = _lenslets_across(camera, float(z))
-        whole = _with_lenslets(camera, across)
+    for number, z in enumerate(planes):
+        whole = _with_lenslets(camera, _window(camera, float(z)))
         positions = [(x / camera.magnification, y / camera.magnification, z) for y, x in places]
-        images = _energies(whole, PointSources(positions), binning)
+        batches = []
+        for some in _energies(whole, PointSources(positions), binning):
+            batches.append(some)
+            if progress is not None:
+                done = number * len(phases) + sum(map(len, batches))
+                progress(done, len(planes) * len(phases))
+        images = np.concatenate(batches)
         n = round(camera.pixels_per_lenslet) // binning
         yield _cut(_symmetric(images, phases, voxels), n, cut)
 
 
-def _lenslets_across(camera: Microscope, z: float) -> int:
+def _window(camera: Microscope, z: float) -> int:
     """Odd number of lenslets of a window that holds the light of a plane, quick to transform."""
-    blur = camera.objective.blur(z) / camera.mla.pitch
-    count = max(LEAST, 2 * (math.ceil(blur) + MARGIN) + 1)
+    count = max(LEAST, lenslets_across(camera, z) + 2 * MARGIN)
     while smooth_length(count) != count:
         count += 2
     return count
@@ -251,16 +329,15 @@ def _with_lenslets(camera: Microscope, count: int) -> Microscope:
     return replace(camera, mla=mla, grid=grid)
 
 
-def _energies(camera: Microscope, points: PointSources, binning: int) -> Vector:
-    """Energy on b x b pixels of each point alone, shape (points, ny/b, nx/b), float64."""
-    step, out = camera.batch(camera.grid), []
+def _energies(camera: Microscope, points: PointSources, binning: int) -> Iterator[Vector]:
+    """Energy on b x b pixels of some points after others, (some, ny/b, nx/b), float64."""
+    step = camera.batch(camera.grid)
     ny, nx = (k // binning for k in camera.grid.shape)
     for start in range(0, len(points), step):
         some = PointSources(points.positions[start : start + step])
         fine = camera.sensor_fields(some, camera.grid).intensity().to_numpy()
         cells = fine.reshape(len(some), ny, binning, nx, binning)
-        out.append(cells.sum(axis=(2, 4), dtype=np.float64))
-    return np.concatenate(out)
+        yield cells.sum(axis=(2, 4), dtype=np.float64)
 
 
 def _symmetric(images: Vector, phases: list[tuple[int, int]], voxels: int) -> Vector:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -12,15 +13,19 @@ import numpy as np
 
 from clplen.compute.hostmemory import free_memory
 from clplen.errors import FormatError
-from clplen.files import PathLike, replacing
+from clplen.files import PathLike, check_space, replacing
 from clplen.hdf5_heap import require_heaps
 from clplen.microscopy.images import PointImages
 
 FORMAT = "clplen point images 1"
+# Bytes of a file over those of its images; from .79 and .46 on were measured.
+DENSEST = {"float32": 0.7, "float16": 0.4}
 
 
 def write(path: PathLike, images: PointImages) -> None:
     """Write point images; the file appears whole or not at all.
+
+    It is made in memory first: HDF5 ends the whole program where a disk is full.
 
     Parameters
     ----------
@@ -30,9 +35,10 @@ def write(path: PathLike, images: PointImages) -> None:
     Raises
     ------
     OSError
-        If the file cannot be written.
+        If the file cannot be written, with the bytes it takes and those that the disk has free.
     """
-    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+    made = io.BytesIO()
+    with h5py.File(made, "w") as file:
         file.attrs["format"] = FORMAT
         file.attrs["parameters"] = json.dumps(images.parameters)
         file.attrs["digest"] = digest(images)
@@ -46,6 +52,9 @@ def write(path: PathLike, images: PointImages) -> None:
                 compression_opts=1,
                 shuffle=True,
             )
+    check_space(path, made.getbuffer().nbytes)
+    with replacing(path) as temporary:
+        temporary.write_bytes(made.getbuffer())
 
 
 def read(path: PathLike) -> PointImages:
@@ -89,10 +98,37 @@ def read(path: PathLike) -> PointImages:
             scales,
         )
     except (OSError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
-        raise FormatError(f"{place} is no whole file of point images: {error}") from error
+        raise FormatError(
+            f"{place} is no whole file of point images: it was cut short, damaged or is another "
+            "file; make it again."
+        ) from error
     if digest(images) != expected:
         raise FormatError(f"The point images in {place} are not those that were written: damaged.")
     return images
+
+
+def described(path: PathLike) -> tuple[dict[str, Any], list[tuple[int, ...]]] | None:
+    """What a file's point images depend on, and their shapes, without reading them.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    (dict, list of tuple) or None
+        `PointImages.parameters` and the shape of `PointImages.stored` in each plane; None where
+        there is no file that holds point images.
+    """
+    try:
+        require_heaps(Path(path))
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("format") != FORMAT:
+                return None
+            planes = file["planes"]
+            return json.loads(file.attrs["parameters"]), [planes[k].shape for k in sorted(planes)]
+    except (OSError, AttributeError, FormatError, LookupError, RuntimeError, ValueError):
+        return None
 
 
 def _check_memory(path: Path, nbytes: int) -> None:

@@ -13,6 +13,7 @@ from clplen.errors import ShapeError
 from clplen.lightfield.decode import resample
 from clplen.lightfield.lattice import Lattice
 from clplen.lightfield.raw import RawImage
+from clplen.microscopy.checks import real, require, whole
 
 Vector = np.ndarray[Any, Any]
 
@@ -62,17 +63,20 @@ def rectify(
     ValueError
         If the lattice is hexagonal, ``pixels`` is no positive whole number or too small, or a pixel
         is NaN.
+    TypeError
+        If the frame is no array of real numbers, or the lattice none.
     """
     require_device(device)
-    values = np.asarray(frame, np.float32)
+    require(Lattice, lattice, "lattice", "estimate_lattice")
+    values = real(frame, "A frame")
+    if values.ndim != 2:
+        raise ShapeError(f"A frame has shape (ny, nx), not {values.shape}: rectify each by itself.")
     if lattice.shape is not None and values.shape != lattice.shape:
         raise ShapeError(f"The lattice is that of a frame of {lattice.shape}, not {values.shape}.")
     if lattice.kind == "hexagonal":
         raise ValueError("Frames of hexagonal lattices are not rectified: the lattice is square.")
-    n = max(math.ceil(pitch) for pitch in lattice.pitch) if pixels is None else pixels
-    if n != int(n) or n < 1:
-        raise ValueError(f"pixels is a whole number from 1 on, not {pixels!r}.")
-    n, least = int(n), math.ceil(LEAST * max(lattice.pitch))
+    n = max(map(math.ceil, lattice.pitch)) if pixels is None else whole(pixels, "pixels")
+    least = math.ceil(LEAST * max(lattice.pitch))
     if n < least:
         raise ValueError(
             f"The lenslets of the frame lie {max(lattice.pitch):.5g} pixels apart, and {n} pixels "

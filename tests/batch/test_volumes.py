@@ -86,6 +86,12 @@ def test_every_word_arrives(device: Device, monkeypatch: pytest.MonkeyPatch) -> 
     assert given["variance"] == prepare.variance
     for name in ("iterations", "residual", "accelerate", "prior", "strength"):
         assert given[name] == getattr(ALL, name)
+    monkeypatch.setattr("clplen.batch.remarks.of_volume", lambda *words: words)
+    _, seen, dim, known, n, ratio = series.remarks(frame, SimpleNamespace(residuals=[]))  # type: ignore[arg-type, misc]
+    assert seen is frame
+    assert known is level
+    assert (n, ratio) == (N, 2 * prepare.variance)
+    assert np.allclose(dim, 2 * given["background"])  # in counts, as the frame
 
 
 def test_jobs_and_commands_know_the_same_words() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,10 @@ from clplen.io.volume import describe_volume, read_volume, write_volume
 VOLUME = np.arange(3 * 4 * 5, dtype=np.float32).reshape(3, 4, 5)
 
 
-@pytest.mark.parametrize(("planes", "step"), [((4, 2, 0), "2"), ((0, 1, 3), None)])
+@pytest.mark.parametrize(
+    ("planes", "step"),
+    [((-3, -1, 1), "2"), ((4, 2, 0), None), ((0, 1, 3), None)],  # fallen: no program shows it so
+)
 def test_voxels_have_their_sizes(tmp_path: Path, planes: tuple[int, ...], step: str | None) -> None:
     path = tmp_path / "a.ome.tif"
     z = np.array(planes) * 1e-6
@@ -28,6 +32,18 @@ def test_voxels_have_their_sizes(tmp_path: Path, planes: tuple[int, ...], step: 
     assert 'PhysicalSizeX="0.25"' in text
     assert ("PhysicalSizeZ=" in text) == (step is not None)
     assert step is None or f'PhysicalSizeZ="{step}' in text
+    for number, one in enumerate(planes):
+        assert re.search(f'TheZ="{number}"[^>]* PositionZ="{one}(.0)?"', text)
+
+
+def test_an_omezarr_lies_where_its_first_plane_does(tmp_path: Path) -> None:
+    zarr = pytest.importorskip("zarr", reason="the extra zarr is not installed")
+    z = np.array([-3e-6, -1e-6, 1e-6])
+    write_volume(tmp_path / "a.zarr", VOLUME, planes=z, voxel=(0.5e-6, 0.25e-6))
+    (scales,) = zarr.open_group(str(tmp_path / "a.zarr"), mode="r").attrs["multiscales"]
+    scale, shift = scales["datasets"][0]["coordinateTransformations"]
+    assert scale["scale"] == pytest.approx([2, 0.5, 0.25])
+    assert shift["translation"] == pytest.approx([-3, 0, 0])
 
 
 def test_volumes_of_other_programs(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import reference_camera
 from reference_lightfield import thesis_alpha
 from scipy.special import j1
 
+from clplen.errors import SamplingWarning
 from clplen.lightfield.estimate import estimate_alpha
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.raw import LensletGrid, RawImage
@@ -169,9 +170,11 @@ def test_near_may_be_off_the_object_and_at_the_border(fields):
 
 
 def test_search_that_misses_the_peak_says_so(fields):
-    found = estimate_alpha(fields[-0.05], c_max=0.1)
+    with pytest.warns(SamplingWarning, match=r"end of the search, disparity 0\.1 .*c_max=0\.2\."):
+        found = estimate_alpha(fields[-0.05], c_max=0.1)
     assert found.disparity == pytest.approx(0.1)
     assert math.isnan(found.uncertainty)
+    assert math.isnan(found.z_uncertainty)
 
 
 def test_a_view_of_weight_zero_counts_nothing(device, fields):

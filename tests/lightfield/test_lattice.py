@@ -15,6 +15,7 @@ from scipy.ndimage import map_coordinates
 
 from clplen.errors import FormatError, ShapeError
 from clplen.lightfield.calibration import Lattice, estimate_lattice
+from clplen.lightfield.reciprocal import reduced
 
 SHAPE = (250, 230)
 PITCH = 1e-3  # relative
@@ -161,6 +162,60 @@ def test_gaps_are_no_dim_lenslets(name, pitch):
     found = estimate_lattice(white((120, 131), true, name=name))
     assert found.trust == "low"
     assert found.neighbour == pytest.approx(pitch, rel=PITCH)
+
+
+def fallen(law: str, r2: np.ndarray) -> np.ndarray:
+    """Brightness at the square of a distance, 1 in the corners: cos^4 to .3, Gaussian to .15."""
+    return 0.15**r2 if law == "gauss" else (1 + (0.3**-0.5 - 1) * r2) ** -2
+
+
+@pytest.mark.parametrize("whole", [True, False])
+@pytest.mark.parametrize(
+    ("kind", "pitch", "degrees", "law"),
+    [("rectangular", 7.3, 0, "gauss"), ("rectangular", 14.0, 0, "cos4"),
+     ("hexagonal", 15.4, 2, "gauss"), ("rectangular", 24.0, 0, "gauss")],
+)  # fmt: skip
+def test_strong_vignetting(kind, pitch, degrees, law, whole):
+    """Of lenslets dimmed as a whole, and of the sensor's pixels: neither moves the centres.
+
+    To take a fall for the other one changes the pitch by .14 to .5 %.
+    """
+    shape = (round(12.5 * pitch), round(17 * pitch))
+    true = lattice(kind, pitch, degrees=degrees, origin=(shape[0] / 2 + 0.3, shape[1] / 2 - 1.7))
+    y, x = np.indices(shape).astype(float)
+    _, _, dy, dx = true.nearest(y, x)
+    at = (y - dy, x - dx) if whole else (y, x)
+    half = (np.array(shape) - 1) / 2
+    r2 = sum((a - h) ** 2 for a, h in zip(at, half, strict=True)) / (half @ half)
+    clean = white(shape, true, vignetting=0) * fallen(law, r2)
+    noise = 0.03 * np.random.default_rng(3).standard_normal(shape)
+    for picture, within in ((clean, 0.1), (clean + noise, NOISY)):
+        found = estimate_lattice(picture)
+        check(found, true, shape, within=within)
+        assert found.trust == "high", found.verdict
+
+
+@pytest.mark.parametrize(
+    ("basis", "area"),
+    [
+        # of which the last two vectors have a quotient of a half, and of -a half after a step
+        ([[0.14279919, 0.07139892], [0.07139892, 0.14279919]], 0.0152938),
+        ([[2.0, 1.0], [9.0, 4.0]], 1.0),
+        ([[0, 0.07138817], [0, 0.14283632]], 0.0),
+        ([[0.14285987, 0.14285987], [0.07149066, 0.07149066]], 0.0),
+        ([[0.0, 0.0], [1.0, 2.0]], 0.0),
+        ([[1e-160, 0.0], [1.0, 1.0]], 0.0),
+        ([[np.nan, 1.0], [1.0, 2.0]], np.nan),
+    ],
+)
+def test_shortest_vectors_end(basis, area):
+    for given in (np.array(basis), np.array(basis)[::-1]):
+        a, b = reduced(given)
+        assert abs(a[0] * b[1] - a[1] * b[0]) == pytest.approx(
+            area, rel=1e-5, abs=1e-12, nan_ok=True
+        )
+        if area > 0:
+            assert abs(a @ b) <= 0.5 * min(a @ a, b @ b) * (1 + 1e-9)
 
 
 def test_a_stretched_lattice_is_no_square_one():

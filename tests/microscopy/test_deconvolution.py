@@ -1,5 +1,7 @@
 """Richardson and Lucy's iteration on simulated frames with photon noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import setups_microscope as setups
@@ -244,7 +246,11 @@ def twin(frame, projector, prior, accelerate, iterations=5):
 @pytest.fixture(scope="module")
 def uneven(device):
     """Planes in any order and at any distance."""
-    return projector_of(device, np.array([6, -3, 0, 14]) * 1e-6, 5)
+    rising = projector_of(device, np.array([-3, 0, 6, 14]) * 1e-6, 5)
+    images, order = rising.images, [2, 0, 1, 3]
+    stored = tuple(images.stored[k] for k in order)
+    mixed = replace(images, planes=images.planes[order], stored=stored, scales=images.scales[order])
+    return Projector(mixed, rising.shape, device=device)
 
 
 @pytest.mark.parametrize(
@@ -305,6 +311,34 @@ def test_gaussian_against_the_native_plane(fine):
     assert np.linalg.norm(found[near]) < 0.75 * np.linalg.norm(free[near])
     assert found[near].sum() / found.sum() < 0.9 * free[near].sum() / free.sum()
     assert wrong(found, true) < wrong(free, true)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "words"),
+    [
+        ({"iterations": np.nan}, ValueError, "iterations is a whole number from 1 on, not nan"),
+        ({"residual": -1}, ValueError, "residual is a positive number"),
+        ({"residual": [0.1]}, ValueError, "residual is a positive number"),
+        ({"variance": None}, ValueError, "variance is positive and finite, not None"),
+        ({"prior": "tv", "strength": "1"}, ValueError, "strength is positive and finite, not '1'"),
+        ({"start": 0}, ValueError, "A start is 0 everywhere, and would stay so"),
+        ({"start": -1}, ValueError, "not finite samples: a start is 0 or more and finite"),
+        ({"white": 0}, ValueError, "The white frame is 0 everywhere"),
+        ({"white": np.ones((2, 225, 225))}, ShapeError, "one for all frames, not of shape"),
+        ({"background": 1j}, TypeError, "background holds real numbers"),
+        ({"frame": np.ones((225, 225), complex)}, TypeError, "A frame holds real numbers, not c"),
+        ({"frame": None}, TypeError, "A frame is an array of numbers, not of type NoneType"),
+        ({"frame": np.ones((0, 225, 225))}, ShapeError, r"A frame has shape .* not \(0, 225"),
+        ({"projector": None}, TypeError, "projector is a Projector, as Projector.* gives it"),
+    ],
+)
+def test_what_is_not_deconvolved(projector, change, error, words):
+    given = {"frame": np.ones(projector.frame_shape), "projector": projector} | change
+    for name, shape in (("start", projector.volume_shape), ("white", projector.frame_shape)):
+        if np.ndim(given.get(name)) == 0 and name in given:
+            given[name] = np.full(shape, given[name])
+    with pytest.raises(error, match=words):
+        deconvolve(**given)
 
 
 def test_bad_input(device, projector):

@@ -154,5 +154,25 @@ def test_wrong_shapes(device, images):
     frame[3, 4:6] = np.nan
     with pytest.raises(ValueError, match="A frame has 2 values that are not finite"):
         projector.backward(frame)
-    with pytest.raises(ShapeError, match="rows, columns"):
-        Projector(images[1], 5, device=device)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "words"),
+    [
+        ({"shape": 5}, ShapeError, "rows, columns"),
+        ({"shape": (np.nan, 5)}, ShapeError, "rows, columns"),
+        ({"shape": (5, None)}, ShapeError, "rows, columns"),
+        ({"memory": -5}, ValueError, "bytes from 0 on or None, not -5"),
+        ({"memory": "1e9"}, ValueError, "bytes from 0 on or None, not '1e9'"),
+        ({"images": None}, TypeError, "images is a PointImages, as point_images gives it"),
+        ({"volume": None}, TypeError, "A volume is an array of numbers, not of type NoneType"),
+        ({"volume": np.zeros((3, 25, 30), complex)}, TypeError, "A volume holds real numbers"),
+        ({"volume": [[1], [1, 2]]}, TypeError, "rows of unequal lengths"),
+        ({"volume": np.zeros((0, 3, 25, 30))}, ShapeError, r"not \(0, 3, 25, 30\)"),
+    ],
+)
+def test_what_is_not_projected(device, images, change, error, words):
+    given = {"images": images[1], "shape": (5, 6), "volume": 0} | change
+    volume = given.pop("volume")
+    with pytest.raises(error, match=words):
+        Projector(**given, device=device).forward(volume)

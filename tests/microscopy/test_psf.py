@@ -1,12 +1,14 @@
 """Point images: every voxel phase by its mirror images, cutting, and the file."""
 
+from types import SimpleNamespace
+
 import h5py
 import numpy as np
 import pytest
 from reference_microscope import Setup, sensor
 from tolerance import relative_max
 
-from clplen import MicrolensArray, PlenopticCamera, PointSources
+from clplen import MicrolensArray, PlenopticCamera, PointSources, files
 from clplen.cameras.objective import CoverGlass
 from clplen.errors import DeviceError, FormatError, SamplingError
 from clplen.microscopy import psf as module
@@ -28,7 +30,7 @@ def microscope(device, **change):
 def test_each_phase_is_simulated_or_a_mirror_image(device, voxels):
     images = point_images(microscope(device), Z, voxels_per_lenslet=voxels, cut=5e-3)
     for plane, phase in ((0, (0, voxels - 1)), (2, (voxels - 2, 0)), (1, (2, 1))):
-        across = module._lenslets_across(microscope(device), Z[plane])
+        across = module._window(microscope(device), Z[plane])
         offset = [((s - (voxels - 1) / 2) / voxels) * S.p / S.M for s in phase]
         expected = sensor(S, (offset[1], offset[0], Z[plane]), across)
         r = images.radii[plane]
@@ -107,6 +109,10 @@ def test_what_cannot_be_is_said_before_anything_is_simulated(device, tmp_path, m
         point_images(microscope(device), Z, path=tmp_path / "none" / "psf.h5")
     with pytest.raises(DeviceError, match="The plane at z = 20000 um needs"):
         point_images(microscope(device), [0.0, 0.02])
+    with pytest.raises(DeviceError, match="The plane at z = 0 um needs"):  # 1.25e9 images
+        point_images(microscope(device), [0.0], voxels_per_lenslet=100001)
+    with pytest.raises(TypeError, match="camera is a Microscope, as Plen"):
+        point_images(None, Z)
 
 
 def test_file_is_read_when_it_fits(device, tmp_path, monkeypatch):
@@ -145,6 +151,38 @@ def test_file_is_read_when_it_fits(device, tmp_path, monkeypatch):
         psffile.read(path)
 
 
+def test_room_is_looked_for_before_and_after(device, tmp_path, monkeypatch):
+    camera, path, least = microscope(device), tmp_path / "psf.h5", []
+    monkeypatch.setattr(module, "check_space", lambda path, nbytes: least.append(nbytes))
+    monkeypatch.setattr(files.shutil, "disk_usage", lambda _: SimpleNamespace(free=10**5))
+    with pytest.raises(OSError, match=r"takes [\d,]+ bytes, of which the disk has 100,000 free"):
+        point_images(camera, 4 * Z, voxels_per_lenslet=1, path=path)
+    monkeypatch.undo()
+    assert not list(tmp_path.iterdir())
+    monkeypatch.setattr(module, "check_space", lambda path, nbytes: least.append(nbytes))
+    done = []
+    point_images(camera, 4 * Z, voxels_per_lenslet=1, path=path, progress=lambda *a: done.append(a))
+    assert done == [(1, 3), (2, 3), (3, 3)]
+    assert 0 < least[0] == least[1] < path.stat().st_size
+    monkeypatch.undo()
+    monkeypatch.setattr(files.shutil, "disk_usage", lambda _: SimpleNamespace(free=least[0] - 1))
+    monkeypatch.setattr(module, "_simulated", None)
+    with pytest.raises(OSError, match="of which the disk has"):
+        point_images(camera, 4 * Z, voxels_per_lenslet=1, path=tmp_path / "other.h5")
+
+
+def test_rays_tell_no_more_pixels_than_images_have(device):
+    camera, z = microscope(device), np.array([-8e-6, 5e-6])
+    images = point_images(camera, z, voxels_per_lenslet=1)
+    seen = [one.shape[1] ** 2 for one in images.stored]
+    assert 0.3 * sum(seen) < module._pixels(camera, z, 2e-3) < sum(seen)
+
+
+def test_places_are_metres(device):
+    with pytest.raises(ValueError, match=r"A place 20 m .* did you mean 20e-6\?"):
+        microscope(device).expose(PointSources([(0, 0, 20.0)]))
+
+
 def test_half_precision_is_near(device):
     whole, half = (
         point_images(microscope(device), Z[:1], voxels_per_lenslet=2, cut=0.01, store=store)
@@ -163,12 +201,19 @@ def test_half_precision_is_near(device):
         ({}, {"binning": 2}, "15 pixels, which are not divided into pixels of the sensor of 2 x 2"),
         ({}, {"binning": 0}, "binning is a whole number from 1"),
         ({}, {"planes": [0, 0]}, "different finite numbers"),
+        ({}, {"planes": [1e-6, 0]}, "planes rise"),
+        ({}, {"planes": [-40, 0, 40]}, r"-40 m from .* in metres, did you mean -40e-6\?"),
         ({}, {"voxels_per_lenslet": 0}, "whole number from 1"),
         ({}, {"cut": 0.7}, "between 0 and 0.5"),
         ({}, {"store": "int8"}, "'float32' or 'float16'"),
+        ({}, {"voxels_per_lenslet": None}, "voxels_per_lenslet is a whole number from 1 on"),
+        ({}, {"binning": np.nan}, "binning is a whole number from 1 on, not nan"),
+        ({}, {"cut": "0.1"}, "between 0 and 0.5"),
+        ({}, {"planes": np.array([1e-6j])}, "planes holds real numbers, not complex128"),
+        ({}, {"planes": ["a"]}, "planes is an array of numbers"),
     ],
 )
 def test_what_cannot_be(device, camera, options, words):
     options = {"planes": Z} | options
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises((ValueError, TypeError), match=words):
         point_images(microscope(device, **camera), options.pop("planes"), **options)

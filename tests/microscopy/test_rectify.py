@@ -84,6 +84,19 @@ def test_what_is_not_rectified(device):
         rectify(np.ones((30, 30)), lattice, device=device, pixels=5)
     with pytest.raises(ValueError, match="whole number from 1"):
         rectify(np.ones((30, 30)), lattice, device=device, pixels=0)
+    for pixels in (np.nan, "7"):
+        with pytest.raises(ValueError, match="pixels is a whole number from 1"):
+            rectify(np.ones((30, 30)), lattice, device=device, pixels=pixels)
+    for frame, words in (
+        (None, "not of type NoneType"),
+        (np.ones((30, 30), complex), "holds real"),
+    ):
+        with pytest.raises(TypeError, match=f"A frame .*{words}"):
+            rectify(frame, lattice, device=device)
+    with pytest.raises(ShapeError, match=r"shape \(ny, nx\), not \(1, 30, 30\)"):
+        rectify(np.ones((1, 30, 30)), lattice, device=device)
+    with pytest.raises(TypeError, match="lattice is a Lattice, as estimate_lattice gives it"):
+        rectify(np.ones((30, 30)), None, device=device)
     hexagonal = Lattice("hexagonal", (12, 13), (5.2, 0), (0, 6), (30, 30))
     with pytest.raises(ValueError, match="hexagonal"):
         rectify(np.ones((30, 30)), hexagonal, device=device)

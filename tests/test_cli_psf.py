@@ -1,0 +1,200 @@
+"""``clplen microscope psf``: parameters in their units, planes, and what is said of them."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from test_cli_microscope import CAMERA, KNOWN, done, run, said
+
+from clplen import MicrolensArray, PlenopticCamera
+from clplen.cli import main
+from clplen.compute.device import Device
+from clplen.config.microscope import read_microscope_file
+from clplen.errors import FormatError
+
+
+@pytest.fixture(scope="module")
+def psf(tmp_path_factory: pytest.TempPathFactory, device: Device) -> Path:
+    """Point images on three planes."""
+    folder = tmp_path_factory.mktemp("psf")
+    (folder / "known.toml").write_text(KNOWN)
+    words = ("-o", folder / "psf.h5", "--cut", 0.02, "--device", device.place)
+    done(run("psf", folder / "known.toml", *words))
+    return folder / "psf.h5"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("na = 1.2", "na = 1.4", "1.4"),
+        (
+            "num_slices = 3\num_per_slice = 2.5",
+            "num_slices = 300000\num_per_slice = 0.0006",
+            "This computer has not enough memory: 3 images of each of 300000 planes take",
+        ),
+        ("num_slices = 3", "num_slices = 9001", "The plane at z = -11250 um needs"),
+        ("ulens_pitch", "ulens_pich", "unknown key ulens_pich; did you mean ulens_pitch?"),
+        ("num_slices = 3\n", "", "nor"),
+        ("wavelength = 593", "wavelength = -593", "wavelength"),
+        (
+            "wavelength = 593",
+            "wavelength = 0.593",
+            "is in nm here, from 150 to 3000: did you mean 593? (found 0.593)",
+        ),
+        ("wavelength = 593", "wavelength = 593e-9", "did you mean 593? (found 5.93e-07)"),
+        (
+            "pixel_size = 6.666666667",
+            "pixel_size = 6.5e-6",
+            "in um here, from 0.3 to 200: did you mean 6.5?",
+        ),
+        ("pixel_size = 6.666666667", "pixel_size = 65", "pixel_size gives a lenslet 1.54 pixels"),
+        ("ulens_focal_length = 2500", "ulens_focal_length = 2.5", "did you mean 2500?"),
+        (
+            "ulens_focal_length = 2500",
+            "ulens_focal_length = 25",
+            "of the lenslets, focal length over pitch, is 0.25; it lies between 0.5 and 1000",
+        ),
+        ("na = 1.2", "na = 12", "na lies between 0.01 and 1.8 (found 12)"),
+        (
+            "apodisation = 0.4",
+            "tubelens_focal_length = 0.2",
+            "in mm here, from 10 to 2000: did you mean 200?",
+        ),
+        ("medium_index = 1.33\n", " ", "medium_index is missing"),
+        ("apodisation = 0.4", "[camera]", "has magnification beside [camera]: give all in"),
+    ],
+)
+def test_bad_microscopes(tmp_path: Path, old: str, new: str, message: str, device: Device) -> None:
+    (tmp_path / "k.toml").write_text(KNOWN.replace(old, new))
+    result = run("psf", tmp_path / "k.toml", "-o", tmp_path / "p.h5", "--device", device.place)
+    code = 2 if not new else 1
+    assert message.replace("nor", "tell the planes") in said(result, code)
+    assert not (tmp_path / "p.h5").exists()
+
+
+def test_coarse_pixels_are_divided_where_they_do_not_sample_the_light(
+    tmp_path: Path, device: Device
+) -> None:
+    for size, pixels, parts in ((6.666666667, 15, 1), (8, 13, 2), (20, 5, 3)):
+        (tmp_path / "k.toml").write_text(KNOWN.replace("6.666666667", f"{size:.9g}"))
+        file = read_microscope_file(tmp_path / "k.toml")
+        assert file.camera.pixels_per_lenslet == pixels * parts
+        assert (file.pixels, file.binning) == (pytest.approx(100 / size), parts)
+    words = ("--binning", 2, "--planes-um", "0:2:2", "-o", tmp_path / "p.h5")
+    message = said(run("psf", tmp_path / "k.toml", *words, "--device", device.place), 2)
+    assert "--binning 2 does not sample the light, which takes at least 3 x 3 parts" in message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("wavelength_nm = 593", "wavelength_nm = 0.593", "camera.wavelength_nm = 0.593 is in nm "
+            "here, from 150 to 3000: did you mean 593?"),
+        ("focal_length_mm = 2.5", "focal_length_mm = 2500", "focal_length_mm = 2500 is in mm here"),
+        ("pixels_per_lenslet = 15", "pixels_per_lenslet = 1.5", "lies between 3 and 1000"),
+        ("tube_lens_mm = 200", "tube_lens_mm = 0.2", "did you mean 200?"),
+    ],
+)  # fmt: skip
+def test_units_of_a_camera_file(tmp_path: Path, old: str, new: str, message: str) -> None:
+    text = CAMERA.replace("apodisation", "tube_lens_mm = 200\napodisation")
+    (tmp_path / "k.toml").write_text(text)
+    assert read_microscope_file(tmp_path / "k.toml").taken == ()
+    (tmp_path / "k.toml").write_text(text.replace(old, new))
+    with pytest.raises(FormatError) as error:
+        read_microscope_file(tmp_path / "k.toml")
+    assert message in str(error.value)
+
+
+def test_what_is_taken_is_said(tmp_path: Path) -> None:
+    (tmp_path / "k.toml").write_text(CAMERA.replace("medium_index = 1.33\n", ""))
+    index, tube = read_microscope_file(tmp_path / "k.toml").taken
+    assert "medium_index is not given: 1 is taken (air" in index
+    assert "tube_lens_mm is not given: 200 is taken" in tube
+    (tmp_path / "k.toml").write_text(KNOWN.replace("na =", "cover = {thickness_um = 150}\nna ="))
+    file = read_microscope_file(tmp_path / "k.toml")
+    assert file.camera.cover is not None
+    assert file.camera.cover.thickness_um == 150
+    assert [sentence.split()[0] for sentence in file.taken] == ["tubelens_focal_length"]
+    (tmp_path / "k.toml").write_bytes(b"II*\0\xfe\x01")
+    with pytest.raises(FormatError, match="is no text, so no TOML"):
+        read_microscope_file(tmp_path / "k.toml")
+    (tmp_path / "k.toml").write_text('output = "out"')
+    with pytest.raises(FormatError, match=r"has neither .* nor .* 'clplen microscope psf"):
+        read_microscope_file(tmp_path / "k.toml")
+    with pytest.raises(FormatError, match=r"no file .*; 'clplen microscope psf --example' prints"):
+        read_microscope_file(tmp_path / "none.toml")
+
+
+def test_the_example_is_the_vesicle(tmp_path: Path, psf: Path, device: Device) -> None:
+    (tmp_path / "guv.toml").write_text(done(run("psf", "--example")).output)
+    file = read_microscope_file(tmp_path / "guv.toml")
+    assert (file.camera.na, file.camera.medium_index, file.camera.wavelength_nm) == (1.2, 1.35, 593)
+    assert (file.pixels, file.slices, file.taken) == (pytest.approx(100 / 6.5), 20, ())
+    info = CliRunner().invoke(main, ["info", str(tmp_path / "guv.toml"), "--device", device.place])
+    assert "light-field range          14.8696 um" in done(info).output
+    info = CliRunner().invoke(main, ["info", str(psf)])
+    for words in ("60x/1.2", "index 1.33, 593 nm, apodisation 0.4", "15 x 15 a lenslet",
+                  "3 x 3 a lenslet, 0.5556 um", "3, z = -2.5, 0, 2.5 um", "0.02 of"):  # fmt: skip
+        assert words in done(info).output
+    info = CliRunner().invoke(main, ["info", str(psf), "--json"])
+    assert json.loads(info.output)["planes"] == [-2.5e-6, 0, 2.5e-6]
+
+
+def test_planes_are_told_from_the_objective_on(
+    tmp_path: Path, psf: Path, device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "k.toml").write_text(KNOWN)
+    words = ("--planes-um", "2.5:-2.5:3", "--cut", 0.02, "--device", device.place, "-o", psf)
+    assert (
+        "they are taken from -2.5 to 2.5 um" in done(run("psf", tmp_path / "k.toml", *words)).stderr
+    )
+    monkeypatch.setattr(sys.modules["clplen.microscopy.psf"], "point_images", stopped)
+    words = ("--planes-um", "-400:20:2", "--device", device.place, "-o", tmp_path / "p.h5")
+    result = run("psf", tmp_path / "k.toml", *words)
+    # tan = 1.2/sqrt(1.33^2 - 1.2^2): M z tan/p = 502.2; .94 lam M z/d = 133.8 um
+    assert "1 of 2 planes lie more than 2 light-field ranges" in result.stderr
+    assert "a point covers 1007 x 1007 lenslets, and no detail below 134 um" in result.stderr
+    assert (result.exit_code, "Interrupted" in result.stderr) == (130, True)
+
+
+def stopped(*_: Any, **__: Any) -> None:
+    """As a simulation that is asked to end."""
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(5)
+
+
+def test_it_is_said_how_long_it_takes(
+    device: Device, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    module, shown = sys.modules["clplen.cli.microscope"], []
+    mla = MicrolensArray(100e-6, 2.5e-3, count=9, fill="full")
+    camera = PlenopticCamera.microscope(
+        magnification=60, na=1.2, medium_index=1.33, wavelength=593e-9, mla=mla,
+        pixels_per_lenslet=15, device=device,
+    )  # fmt: skip
+    now = iter([0.0, 1.0, 30.0, 31.0])
+    monkeypatch.setattr(module.time, "monotonic", lambda: next(now))
+    progress = module._timed(lambda *one: shown.append(one), camera, np.array([-30e-6, 0, 1e-6]))
+    for number in (1, 2, 3):
+        progress(number, 9)
+    # N = 1515^2 and 525^2: two of three images of the first plane are .553 of N log N
+    assert capsys.readouterr().err == "Note: about 24 s more for 9 images.\n"
+    assert shown == [(1, 9), (2, 9), (3, 9)]
+
+
+def test_another_camera_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text(
+        "[camera]\nfocal_length_mm = 30\nwavelength_nm = 532\npixels_per_lenslet = 12\n"
+        "[camera.microlenses]\npitch_um = 150\nfocal_length_mm = 10\ncount = 15\n"
+    )
+    message = said(run("psf", tmp_path / "c.toml", "-o", tmp_path / "p.h5"))
+    assert "is of kind 'plenoptic1', not 'microscope'" in message
