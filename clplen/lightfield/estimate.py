@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from clplen.errors import SamplingWarning
 from clplen.lightfield import thesis
-from clplen.lightfield.best_focus import farthest_disparity, high_na_words, ratio_at
+from clplen.lightfield.best_focus import farthest_disparity
+from clplen.lightfield.certainty import WIDEST, beyond_paraxial, metres, say_end
 from clplen.lightfield.law import depth_at
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.parametrisation import require_two_plane
@@ -27,7 +26,6 @@ METHODS = ("compensated", "energy", "slope", "thesis")
 
 _SEARCH = 0.3  # pixels a view step, where no camera tells its depth range
 _BEYOND = 1.1  # search past the depth range of a microscope, whose ends would be no peak
-_WIDEST = 0.95  # of the largest search that a light field allows
 _NARROWEST = 1.25  # highest over lowest frequency that still is a band
 _UNFLOORED = 0.8  # of the ambiguity offset: up to here the transfer function is not floored
 _PAD = 5  # lenslets
@@ -169,14 +167,14 @@ def estimate_alpha(
     step = 1 / lf.shape[1]  # moves the outermost views apart by a lenslet
     energy = find_peak(sharpness(cells, pad=pad, band=BAND, aspect=aspect), c_max, step=step)
     if optics is None:
-        _say_end(lf, energy, _limit(lf, window, optics))
+        say_end(lf, energy, _limit(lf, window, optics))
         return _result(lf, method, place, energy)
     compensated = find_peak(
         sharpness(cells, pad=pad, band=optics.band(c_max), aspect=aspect, blur=optics.blur),
         c_max,
         step=step,
     )
-    _say_end(lf, energy if method == "energy" else compensated, _limit(lf, window, optics))
+    say_end(lf, energy if method == "energy" else compensated, _limit(lf, window, optics))
     in_focus = all(
         abs(lf.shear_alpha(peak.position) - 1) < _IN_FOCUS * optics.tolerance
         for peak in (energy, compensated)
@@ -310,7 +308,7 @@ def _range(lf: LightField, window: int, c_max: float | None, optics: _Optics | N
     """The search range, after a check that alpha, the window and the band do not end in it."""
     limit = _limit(lf, window, optics)
     if c_max is None and is_telecentric(lf):
-        return min(_BEYOND * farthest_disparity(lf.camera), _WIDEST * limit)
+        return min(_BEYOND * farthest_disparity(lf.camera), WIDEST * limit)
     c_max = _SEARCH if c_max is None else c_max
     if not 0 < c_max < limit:
         raise ValueError(
@@ -318,28 +316,6 @@ def _range(lf: LightField, window: int, c_max: float | None, optics: _Optics | N
             f"and window, not at {c_max!r}."
         )
     return c_max
-
-
-def _say_end(lf: LightField, peak: Peak, limit: float) -> None:
-    """Warn where no peak was found, with what was searched and what would do."""
-    if peak.inside:
-        return
-    end = abs(float(peak.positions[0]))
-    z = np.abs(depth_at(lf, [-end, end]))
-    metres = f", abs(z) up to {z.max():.3g} m" if np.isfinite(z).all() else ""
-    wider = min(2 * end, _WIDEST * limit)
-    advice = (
-        f"pass c_max={wider:.3g}"
-        if wider > 1.01 * end
-        else f"this window allows no more than {limit:.3g}, give a larger one"
-    )
-    warnings.warn(
-        f"The window is sharpest at an end of the search, disparity {peak.position:.3g} of "
-        f"{-end:.3g} to {end:.3g} pixels a view step{metres}, so that this is no depth: the object "
-        f"lies farther from the focused plane; {advice}.",
-        SamplingWarning,
-        stacklevel=3,
-    )
 
 
 def _result(
@@ -358,7 +334,7 @@ def _result(
     uncertainty = math.nan
     if optics is not None and peak.inside:
         uncertainty = optics.uncertainty(value, method, in_focus)
-        uncertainty += _beyond_paraxial(lf, value, disparity)
+        uncertainty += beyond_paraxial(lf, value, disparity)
     rising = np.argsort(lf.shear_alpha(peak.positions))
     return AlphaEstimate(
         alpha=math.nan if is_telecentric(lf) else value,
@@ -371,33 +347,8 @@ def _result(
         disparities=peak.positions[rising],
         near=near,
         blur=_blur(value, optics),
-        z_uncertainty=_metres(lf, value, uncertainty),
+        z_uncertainty=metres(lf, value, uncertainty),
     )
-
-
-def _beyond_paraxial(lf: LightField, alpha: float, disparity: float) -> float:
-    """By how much abs(1 - alpha) is too large: 0, and of a telecentric camera what rays say."""
-    if not is_telecentric(lf):
-        return 0.0
-    words = high_na_words(lf.camera, disparity)
-    ratio = ratio_at(lf.camera, disparity)
-    if words:
-        z = float(depth_at(lf, disparity))
-        warnings.warn(
-            f"{words}: the object lies at about {z / ratio:.3g} m rather than at z = {z:.3g} m, "
-            "which is that of the paraxial law.",
-            SamplingWarning,
-            stacklevel=4,
-        )
-    return (1 - 1 / ratio) * abs(1 - alpha)
-
-
-def _metres(lf: LightField, alpha: float, uncertainty: float) -> float:
-    """An uncertainty of alpha as one of z."""
-    if not 0 <= uncertainty < alpha:  # nor nan
-        return math.nan
-    ends = lf.disparity_of_shear([alpha - uncertainty, alpha + uncertainty])
-    return float(np.ptp(depth_at(lf, ends))) / 2
 
 
 def _slope(
@@ -417,7 +368,7 @@ def _slope(
     if optics is not None:
         in_focus = abs(alpha - 1) < _IN_FOCUS * optics.tolerance or found.spots == 1
         uncertainty = optics.uncertainty(alpha, "slope", in_focus)
-        uncertainty += _beyond_paraxial(lf, alpha, found.disparity)
+        uncertainty += beyond_paraxial(lf, alpha, found.disparity)
     none = np.empty(0)
     return AlphaEstimate(
         alpha=math.nan if is_telecentric(lf) else alpha,
@@ -431,7 +382,7 @@ def _slope(
         near=near,
         confidence=found.confidence,
         blur=_blur(alpha, optics),
-        z_uncertainty=_metres(lf, alpha, uncertainty),
+        z_uncertainty=metres(lf, alpha, uncertainty),
     )
 
 
