@@ -2,11 +2,11 @@
 
     python benchmarks/accuracy_point_images.py [--device pocl] [--only field,window,pixels,...]
 
-A line for each figure of docs/microscope_theory.md with its limit: the field beside the Debye integral of
-tests/reference_microscope.py; point images beside those of wider windows and of finer pixels, of
-another apodisation, and of frames that were rectified; and the residual of a real frame, where
-$CLPLEN_DATA has it. Where not said otherwise: 60x/1.2 in water, 593 nm, lenslets of 100 um and
-2.5 mm with 15 pixels, 3 x 3 voxels. A minute in all.
+A line for each figure of docs/microscope_theory.md with its limit: the field beside the Debye
+integral of tests/reference_microscope.py; point images beside those of wider windows and of finer
+pixels, of another apodisation, and of frames that were rectified; and the residual of a real frame,
+where $CLPLEN_DATA has it. Where not said otherwise: 60x/1.2 in water, 593 nm, lenslets of 100 um
+and 2.5 mm with 15 pixels, 3 x 3 voxels. A minute in all.
 """
 
 from __future__ import annotations

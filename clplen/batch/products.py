@@ -238,7 +238,7 @@ def _in_core(lf: LightField, work: dict[str, Any]) -> list[Product]:
         found += _stacks(_on_host(stack), formats)
     depth: DepthMap | None = None
     if "depth" in work:
-        depth = depth_map(lf, cue=work["depth"]["cue"], **_planes(lf, work["depth"]))
+        depth = depth_map(lf, cue=work["depth"].get("cue"), **_planes(lf, work["depth"]))
         found += _depths(depth, spacing, formats)
     if "all_in_focus" in work:
         planes = {} if depth is not None else _disparities(lf, work["all_in_focus"])
@@ -275,7 +275,7 @@ def _streamed(task: Task, stored: Any, shop: Workshop, advance: Advance) -> list
     depth: DepthMap | None = None
     if "depth" in work:
         depth = stream_depth(
-            stored, cue=work["depth"]["cue"], **_planes(stored, work["depth"]), **how
+            stored, cue=work["depth"].get("cue"), **_planes(stored, work["depth"]), **how
         )
         found += _depths(depth, stored.spacing, formats)
     if "all_in_focus" in work:
