@@ -149,7 +149,8 @@ def describe_volume(path: PathLike) -> dict[str, Any]:
     path = Path(path)
     try:
         if path.suffix.lower() == SUFFIX:
-            found = _zarr_group(path).attrs["clplen"]
+            group = _zarr_group(path)
+            found = group.attrs["clplen"] if "0" in group else {}
         else:
             with tifffile.TiffFile(path, is_ome=False, is_imagej=False) as file:
                 root = ET.fromstring(file.pages.first.description or "<OME/>")

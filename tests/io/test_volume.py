@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,14 @@ def test_an_omezarr_lies_where_its_first_plane_does(tmp_path: Path) -> None:
     scale, shift = scales["datasets"][0]["coordinateTransformations"]
     assert scale["scale"] == pytest.approx([2, 0.5, 0.25])
     assert shift["translation"] == pytest.approx([-3, 0, 0])
+
+
+def test_an_omezarr_without_its_voxels_says_nothing(tmp_path: Path) -> None:
+    pytest.importorskip("zarr", reason="the extra zarr is not installed")
+    write_volume(tmp_path / "a.zarr", VOLUME, planes=np.arange(3.0), voxel=(1e-6, 1e-6))
+    assert describe_volume(tmp_path / "a.zarr")["planes_um"] == [0, 1e6, 2e6]
+    shutil.rmtree(tmp_path / "a.zarr" / "0")
+    assert describe_volume(tmp_path / "a.zarr") == {}
 
 
 def test_volumes_of_other_programs(tmp_path: Path) -> None:
