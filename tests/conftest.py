@@ -13,7 +13,7 @@ from clplen.errors import DeviceError
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
-        "--figures", action="store_true", help="run all figure scripts, not one in four"
+        "--figures", action="store_true", help="run all figure scripts, not one in eight"
     )
     parser.addoption(
         "--device",
