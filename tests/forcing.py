@@ -1,49 +1,46 @@
-"""Put the CPU name 'generic' into PoCL's device on purpose.
+"""Put another CPU name into PoCL's device on purpose.
 
-That is the state in which PoCL's wheel is on a CPU that its compiler does not know, so that the
-remedy of `clplen.compute.pocl` is tested on every CPU.
+So every CPU gets into the state in which PoCL's wheel is on a CPU that its compiler does not know
+("generic"), or takes for another one ("znver3"), and the remedy of `clplen.compute.pocl` is tested
+everywhere.
 """
 
 from __future__ import annotations
 
-import ctypes
 import os
 from pathlib import Path
 
 import pyopencl as cl
 
-from clplen.compute import pocl
+from clplen.compute import pocl_trial
 
 ROOT = Path(__file__).parents[1]
+VARIABLE = "CLPLEN_TESTS_CPU_NAME"
 
 
-def force_generic(device: cl.Device) -> None:
-    """Overwrite the CPU name in a PoCL device of this process by 'generic'.
-
-    The present name is taken from the end of the device's version, "... -gnu-NAME".
-    """
-    present = device.version.strip().rpartition("-gnu-")[2].encode()
-    found = pocl._find_name(device, present + b"\0")
-    assert found is not None, f"{present!r} not found in PoCL's device"
-    strdup = ctypes.CDLL(None).strdup
-    strdup.restype = ctypes.c_void_p
-    found.value = strdup(b"generic")
+def force_name(device: cl.Device, name: str) -> None:
+    """Overwrite the CPU name in a PoCL device of this process."""
+    pointer = pocl_trial.find_name(device.int_ptr)
+    assert pointer is not None, "no CPU name found in PoCL's device"
+    pocl_trial.write_name(pointer, name)
 
 
-def generic_environment(folder: Path, **variables: str) -> dict[str, str]:
-    """Environment in which every Python process starts with 'generic' in PoCL's device.
+def forced_environment(folder: Path, name: str = "generic", **variables: str) -> dict[str, str]:
+    """Environment in which every Python process starts with a CPU name in PoCL's device.
 
-    It works through ``generic_startup/sitecustomize.py``, so it holds for grandchildren too: the
-    remedy tries a name in a child process, which has to find the same fault as its parent.
+    It works through ``forced_startup/sitecustomize.py``.
 
     Parameters
     ----------
     folder : Path
         Folder for the caches of PoCL, pyopencl and clplen.
+    name : str
+        The CPU name.
     **variables : str
         More variables.
     """
-    return caches_in(folder, Path(__file__).parent / "generic_startup") | variables
+    startup = Path(__file__).parent / "forced_startup"
+    return caches_in(folder, startup) | {VARIABLE: name} | variables
 
 
 def caches_in(folder: Path, *paths: Path) -> dict[str, str]:

@@ -121,4 +121,6 @@ def _room(device: Device) -> int:
 
 def is_of_memory(error: DeviceError) -> bool:
     """Whether a device refused something because it is too large."""
+    if isinstance(error.__cause__, cl.MemoryError):
+        return True
     return any(words in str(error) for words in _REFUSED) and "bytes" in str(error)

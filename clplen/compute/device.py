@@ -16,6 +16,7 @@ import pyopencl.array as cla
 
 from clplen.compute import pocl
 from clplen.compute.cache import PlanCache
+from clplen.compute.failures import ADVICE, device_error, device_errors
 from clplen.compute.fft import FFTRoute, choose_route
 from clplen.compute.memory import Memory
 from clplen.compute.profile import Profile, bytes_of, label
@@ -23,7 +24,7 @@ from clplen.compute.program import build_program
 from clplen.compute.selection import find_devices, select
 from clplen.compute.tuning import Tuning
 from clplen.compute.workspace import Workspace
-from clplen.errors import DeviceError
+from clplen.errors import DeviceError, KernelBuildError
 
 Precision = Literal["single", "double"]
 
@@ -156,7 +157,8 @@ class Device(Memory):
         with self._lock:
             if self._context is None:
                 self.ensure_usable()
-                self._context = cl.Context([self.cl_device])
+                with device_errors(self.cl_device, "An OpenCL context"):
+                    self._context = cl.Context([self.cl_device])
             return self._context
 
     @property
@@ -164,7 +166,8 @@ class Device(Memory):
         """The in-order command queue, made at first use."""
         with self._lock:
             if self._queue is None:
-                self._queue = cl.CommandQueue(self.context)
+                with device_errors(self.cl_device, "A command queue"):
+                    self._queue = cl.CommandQueue(self.context)
             return self._queue
 
     @contextmanager
@@ -242,22 +245,39 @@ class Device(Memory):
         return np.dtype(np.complex64 if self.precision == "single" else np.complex128)
 
     def kernel(self, file: str, name: str, **defines: Any) -> cl.Kernel:
-        """A kernel, built once for every file and set of definitions, and kept."""
+        """A kernel, built once for every file and set of definitions, and kept.
+
+        Raises
+        ------
+        KernelBuildError
+            If the device's compiler refuses it, or gives a program without it.
+        """
         if self.rows:
             defines["ROWS"] = True
         key = (file, name, tuple(sorted(defines.items())))
         with self._lock:
             if key not in self._kernels:
                 program = self._program(file, tuple(sorted(defines.items())))
-                self._kernels[key] = cl.Kernel(program, name)
+                self._kernels[key] = self._made(program, file, name)
                 self._labels[self._kernels[key]] = label(name, key[2])
             return self._kernels[key]
 
     def _program(self, file: str, defines: tuple[tuple[str, Any], ...]) -> cl.Program:
         key = (file, defines)
         if key not in self._programs:
-            self._programs[key] = build_program(self.context, file, dict(defines))
+            options = [] if not self.note else [f"-DCPU_NAME={pocl.written_name(self.cl_device)}"]
+            self._programs[key] = build_program(self.context, file, dict(defines), options)
         return self._programs[key]
+
+    def _made(self, program: cl.Program, file: str, name: str) -> cl.Kernel:
+        """A kernel of a program; some drivers find only now that they cannot build it."""
+        try:
+            return cl.Kernel(program, name)
+        except cl.Error as error:
+            raise KernelBuildError(
+                f"{self.name} ({self.driver}) made no kernel {name!r} of the file {file!r}, which "
+                f"it had built ({error}): {ADVICE}."
+            ) from error
 
     def wave_defines(self) -> dict[str, Any]:
         """Definitions that choose the precision of a kernel of the wave tower."""
@@ -288,6 +308,11 @@ class Device(Memory):
             For a profile: bytes that have to be moved at least; by default every array once.
         operations : float
             For a profile: additions and multiplications.
+
+        Raises
+        ------
+        DeviceError
+            If the device refuses the launch, for want of memory or otherwise.
         """
         if group is None:
             group = (1 if self.rows else _GPU_GROUP, *(1 for _ in size[1:]))
@@ -296,7 +321,11 @@ class Device(Memory):
             return
         plain: list[Any] = [arg.data if isinstance(arg, cla.Array) else arg for arg in args]
         with self._lock:
-            done = kernel(self.queue, total, tuple(group), *plain)
+            try:
+                done = kernel(self.queue, total, tuple(group), *plain)
+            except cl.Error as error:
+                step = f"The kernel {kernel.function_name!r}"
+                raise device_error(self.cl_device, step, error) from error
             if self._profile is not None:
                 moved = bytes_of(args) if nbytes is None else nbytes
                 self._note(self._labels.get(kernel, kernel.function_name), done, moved, operations)
@@ -311,7 +340,8 @@ class Device(Memory):
 
     def finish(self) -> None:
         """Wait until everything enqueued is done."""
-        self.queue.finish()
+        with device_errors(self.cl_device, "What was enqueued"):
+            self.queue.finish()
 
 
 def require_device(device: object) -> None:

@@ -13,6 +13,7 @@ import pyopencl as cl
 import pyopencl.array as cla
 from pyopencl.tools import ImmediateAllocator, MemoryPool
 
+from clplen.compute.failures import device_errors
 from clplen.compute.pages import LEAST_BYTES, ask_for_large_pages
 from clplen.compute.profile import Profile
 from clplen.errors import DeviceError, ShapeError
@@ -90,10 +91,13 @@ class Memory:
                 f"largest that {self.name} gives is {_bytes(largest)}: use fewer planes or samples "
                 "at a time, integer instead of float storage, or a device with more memory."
             )
-        if nbytes < LEAST_BYTES or nbytes + nbytes // _POOL_STEP > largest:
-            return cla.empty(self.queue, shape, np.dtype(dtype))
+        spare = LEAST_BYTES <= nbytes <= largest - nbytes // _POOL_STEP
         held = self._spare.managed_bytes
-        array = cla.empty(self.queue, shape, np.dtype(dtype), allocator=self._spare)
+        with device_errors(self.cl_device, f"An array of shape {shape} ({np.dtype(dtype)})"):
+            allocator = self._spare if spare else None
+            array = cla.empty(self.queue, shape, np.dtype(dtype), allocator=allocator)
+        if not spare:
+            return array
         if self.is_cpu and self._spare.managed_bytes > held:
             ask_for_large_pages(self.queue, _buffer(array))
         if self._spare.managed_bytes - self._spare.active_bytes > self.memory_bytes // _SPARE_SHARE:
@@ -114,7 +118,8 @@ class Memory:
         array = self.empty(shape, dtype)
         if array.nbytes:
             zero = np.zeros(1, np.uint8)
-            cl.enqueue_fill_buffer(self.queue, _buffer(array), zero, 0, array.nbytes)
+            with device_errors(self.cl_device, "An array of zeros"):
+                cl.enqueue_fill_buffer(self.queue, _buffer(array), zero, 0, array.nbytes)
         return array
 
     def upload(self, values: np.ndarray[Any, Any]) -> cla.Array:
@@ -126,11 +131,13 @@ class Memory:
         small = 0 < values.nbytes < min(LEAST_BYTES, self.memory_bytes)
         if small and self._profile is None:
             flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
-            buffer = cl.Buffer(self.context, flags, hostbuf=values)
+            with device_errors(self.cl_device, "A copy to the device"):
+                buffer = cl.Buffer(self.context, flags, hostbuf=values)
             return cla.Array(self.queue, values.shape, values.dtype, data=buffer)
         array = self.empty(values.shape, values.dtype)
         if values.nbytes:
-            done = cl.enqueue_copy(self.queue, _buffer(array), values, is_blocking=True)
+            with device_errors(self.cl_device, "A copy to the device"):
+                done = cl.enqueue_copy(self.queue, _buffer(array), values, is_blocking=True)
             self._note("upload", done, values.nbytes)
         return array
 
@@ -139,9 +146,10 @@ class Memory:
         _require_contiguous(array)
         values = np.empty(array.shape, array.dtype)
         if values.nbytes:
-            done = cl.enqueue_copy(
-                self.queue, values, _buffer(array), src_offset=array.offset, is_blocking=True
-            )
+            with device_errors(self.cl_device, "A copy to the host"):
+                done = cl.enqueue_copy(
+                    self.queue, values, _buffer(array), src_offset=array.offset, is_blocking=True
+                )
             self._note("download", done, values.nbytes)
         return values
 
@@ -152,14 +160,15 @@ class Memory:
     def copy_into(self, target: cla.Array, source: cla.Array, offset: int) -> None:
         """Copy a whole device array into another one, from a byte of that on."""
         if source.nbytes:
-            done = cl.enqueue_copy(
-                self.queue,
-                _buffer(target),
-                _buffer(source),
-                src_offset=source.offset,
-                dst_offset=target.offset + offset,
-                byte_count=source.nbytes,
-            )
+            with device_errors(self.cl_device, "A copy on the device"):
+                done = cl.enqueue_copy(
+                    self.queue,
+                    _buffer(target),
+                    _buffer(source),
+                    src_offset=source.offset,
+                    dst_offset=target.offset + offset,
+                    byte_count=source.nbytes,
+                )
             self._note("copy", done, 2 * source.nbytes)
 
     @contextmanager
@@ -183,9 +192,14 @@ class Memory:
             values = self.download(array)
             yield values
             if write:
-                cl.enqueue_copy(
-                    self.queue, _buffer(array), values, dst_offset=array.offset, is_blocking=True
-                )
+                with device_errors(self.cl_device, "A copy to the device"):
+                    cl.enqueue_copy(
+                        self.queue,
+                        _buffer(array),
+                        values,
+                        dst_offset=array.offset,
+                        is_blocking=True,
+                    )
             return
         with self._mapped(_buffer(array), write) as values:
             own = values[array.offset : array.offset + array.nbytes]
@@ -199,12 +213,14 @@ class Memory:
             if key not in self._maps:
                 wanted = cl.map_flags.READ | cl.map_flags.WRITE if write else cl.map_flags.READ
                 flags = cast(cl.map_flags, wanted)
-                values, _ = cl.enqueue_map_buffer(
-                    self.queue, buffer, flags, 0, (buffer.size,), np.dtype(np.uint8)
-                )
+                with device_errors(self.cl_device, "A mapped buffer"):
+                    values, _ = cl.enqueue_map_buffer(
+                        self.queue, buffer, flags, 0, (buffer.size,), np.dtype(np.uint8)
+                    )
                 self._maps[key] = [values, 0]
             else:
-                self.queue.finish()  # as a map of its own would wait
+                with device_errors(self.cl_device, "What was enqueued"):
+                    self.queue.finish()  # as a map of its own would wait
             held = self._maps[key]
             held[1] += 1
         try:

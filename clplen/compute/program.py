@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pyopencl as cl
 
+from clplen.compute.failures import ADVICE
 from clplen.errors import KernelBuildError
 
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
@@ -79,7 +81,9 @@ def _expand(file: str, included: list[str]) -> str:
     return "\n".join(lines)
 
 
-def build_program(context: cl.Context, file: str, defines: dict[str, Any]) -> cl.Program:
+def build_program(
+    context: cl.Context, file: str, defines: dict[str, Any], options: Sequence[str] = ()
+) -> cl.Program:
     """Build one kernel file for a context.
 
     Parameters
@@ -89,6 +93,8 @@ def build_program(context: cl.Context, file: str, defines: dict[str, Any]) -> cl
         Name inside the kernel folder.
     defines : dict
         Preprocessor definitions; a value of None or True defines the bare name.
+    options : sequence of str
+        More options of the compiler.
 
     Returns
     -------
@@ -100,16 +106,22 @@ def build_program(context: cl.Context, file: str, defines: dict[str, Any]) -> cl
         With the numbered source in ``source`` and the compiler's words in ``log``.
     """
     source = kernel_source(file)
-    options = [*BUILD_OPTIONS, *(_define(name, value) for name, value in defines.items())]
+    named = (_define(name, value) for name, value in defines.items())
+    options = [*BUILD_OPTIONS, *named, *options]
     with warnings.catch_warnings():
         # Some compilers comment on every successful build; a failed one raises.
         warnings.simplefilter("ignore", cl.CompilerWarning)
         try:
             return cl.Program(context, source).build(options=options)
-        except cl.RuntimeError as error:
-            names = ", ".join(device.name for device in context.devices)
+        except cl.Error as error:
+            names = ", ".join(
+                f"{device.name.strip()} ({device.platform.name.strip()} "
+                f"{device.driver_version.strip()})"
+                for device in context.devices
+            )
             raise KernelBuildError(
-                f"The kernel file {file!r} does not build on {names} with {' '.join(options)}.",
+                f"The kernel file {file!r} does not build on {names} with {' '.join(options)}: "
+                f"{ADVICE}.",
                 source=source,
                 log=str(error),
             ) from error

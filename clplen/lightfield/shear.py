@@ -127,10 +127,8 @@ def _in_the_first_form_that_runs(work: _Sum) -> None:
         try:
             if _ENQUEUE[form](work):
                 return
-        except cl.MemoryError:
-            raise
-        except (KernelBuildError, cl.Error) as error:
-            if form == forms[-1]:
+        except (KernelBuildError, DeviceError) as error:
+            if form == forms[-1] or isinstance(error.__cause__, cl.MemoryError):
                 raise
             tuning.leave(f"shear {form}", error)
     raise DeviceError(

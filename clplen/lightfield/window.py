@@ -8,7 +8,8 @@ import numpy as np
 import pyopencl as cl
 
 if TYPE_CHECKING:
-    from clplen.lightfield.lightfield import LightField
+    from clplen.compute.failures import device_errors
+from clplen.lightfield.lightfield import LightField
 
 _SMOOTHING = 8  # windows are found in a picture smoothed by a Gaussian of window/8
 
@@ -71,15 +72,16 @@ def _fetched(lf: LightField, rows: slice, columns: slice) -> np.ndarray[Any, Any
     shape = (V, U, rows.stop - rows.start, columns.stop - columns.start, *lf.shape[4:])
     part = np.empty(shape, lf.dtype)
     copy: Any = cl.enqueue_copy  # its types leave out buffer_origin
-    copy(
-        lf.device.queue,
-        part,
-        lf.data.base_data,
-        buffer_origin=(lf.data.offset + columns.start * sample, rows.start, 0),
-        host_origin=(0, 0, 0),
-        region=(shape[3] * sample, shape[2], V * U),
-        buffer_pitches=(nx * sample, ny * nx * sample),
-        host_pitches=(shape[3] * sample, shape[2] * shape[3] * sample),
-        is_blocking=True,
-    )
+    with device_errors(lf.device.cl_device, "A copy to the host"):
+        copy(
+            lf.device.queue,
+            part,
+            lf.data.base_data,
+            buffer_origin=(lf.data.offset + columns.start * sample, rows.start, 0),
+            host_origin=(0, 0, 0),
+            region=(shape[3] * sample, shape[2], V * U),
+            buffer_pitches=(nx * sample, ny * nx * sample),
+            host_pitches=(shape[3] * sample, shape[2] * shape[3] * sample),
+            is_blocking=True,
+        )
     return part

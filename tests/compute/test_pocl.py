@@ -1,4 +1,4 @@
-"""The remedy for a CPU that PoCL's compiler does not know, with the fault put in on purpose.
+"""The remedy for CPUs that PoCL's compiler takes for others, with the fault put in on purpose.
 
 Whatever builds a kernel here runs in a process of its own with fresh caches, because a wrong CPU
 name aborts the process.
@@ -7,26 +7,33 @@ name aborts the process.
 from __future__ import annotations
 
 import ctypes
+import json
 import mmap
 import os
+import re
 import subprocess
 import sys
+from array import array
 from pathlib import Path
 from types import SimpleNamespace
 
 import pyopencl as cl
 import pytest
-from forcing import caches_in, generic_environment
+from forcing import caches_in, forced_environment
 
-from clplen.compute import pocl
+from clplen.compute import builtin_functions, pocl, pocl_trial
 from clplen.errors import DeviceError
 
 if not sys.platform.startswith("linux"):
     pytest.skip("PoCL's wheel exists for Linux only", allow_module_level=True)
 
-FLAGS = "fpu sse2 avx"
-HASWELL_FLAGS = f"{FLAGS} avx2 fma bmi1 bmi2 f16c abm"
-THIS_CPU = pocl.cpu_name(pocl._cpuinfo().get("flags", ""))
+# Names that LLVM 14 gives to CPUs: AMD's families 23 to 25 and 21, Intel's since 2013.
+NAMES = [
+    *("generic", "znver1", "znver2", "znver3", "bdver4", "x86-64", "haswell", "skylake-avx512"),
+    *("icelake-server", "alderlake", "sapphirerapids", "nehalem", "x86-64-v4"),
+]
+FLAGS = pocl.cpu_info().get("flags", "")
+FITTING = pocl.names_to_try("generic", FLAGS)[0]
 
 OPEN = """
 import sys
@@ -39,6 +46,7 @@ try:
 except DeviceError as error:
     print("refused", error)
     sys.exit(3)
+print("named", pocl.written_name(device))
 """
 # After the remedy: a kernel of one's own with 16-wide built-ins, x -> exp(x) / (1 + x * x).
 RUN = """
@@ -59,15 +67,15 @@ print("ran")
 NO_CHILD = "import sys; sys.executable = '/no/such/python'\n"
 
 
-def wheel_is_here() -> bool:
+def pocl_is_here() -> bool:
     try:
         platforms = cl.get_platforms()
     except cl.LogicError:
         return False
-    return any(pocl.WHEEL.search(platform.version) for platform in platforms)
+    return any(platform.name == pocl.PLATFORM for platform in platforms)
 
 
-needs_wheel = pytest.mark.skipif(not wheel_is_here(), reason="PoCL's wheel is not installed")
+needs_pocl = pytest.mark.skipif(not pocl_is_here(), reason="PoCL is not installed")
 
 
 def python(code: str, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
@@ -76,35 +84,44 @@ def python(code: str, environment: dict[str, str]) -> subprocess.CompletedProces
     )
 
 
-def verdicts(folder: Path) -> list[Path]:
-    return list(folder.glob("clplen/pocl-cpu-*"))
+def verdicts(folder: Path) -> list[str | None]:
+    return [json.loads(p.read_text())["name"] for p in folder.glob("clplen/pocl-*.json")]
 
 
-@needs_wheel
-def test_without_the_remedy_the_error_says_what_to_install(tmp_path: Path) -> None:
-    done = python(OPEN, generic_environment(tmp_path, CLPLEN_POCL_CPU="off"))
+@needs_pocl
+@pytest.mark.parametrize("name", NAMES)
+def test_whatever_the_compiler_takes_the_cpu_for_kernels_run(tmp_path: Path, name: str) -> None:
+    done = python(OPEN + RUN, forced_environment(tmp_path, name))
+    assert done.stdout.endswith("ran\n"), done.stdout + done.stderr
+    (taken,) = verdicts(tmp_path)
+    assert f"named {taken}\n" in done.stdout
+    assert pocl._register_width(taken) == pocl._register_width(FITTING)
+    replaced = f"takes for {name!r}; it was given the CPU name {taken!r}" in done.stdout
+    assert replaced != (name == taken)
+
+
+@needs_pocl
+@pytest.mark.parametrize("name", ["generic", "no-such-cpu"])
+def test_without_the_remedy_the_error_says_what_to_install(tmp_path: Path, name: str) -> None:
+    done = python(OPEN, forced_environment(tmp_path, name, CLPLEN_POCL_CPU="off"))
     assert done.returncode == 3, done.stderr
-    assert "does not know this CPU" in done.stdout
+    assert f"does not fit this CPU, which it takes for {name!r}" in done.stdout
     assert "CLPLEN_POCL_CPU=off" in done.stdout
     assert "apt install pocl-opencl-icd" in done.stdout
     assert 'pip install "clplen[intel]"' in done.stdout
     assert "pip install intel-opencl-rt intel-cmplr-lib-rt" in done.stdout
 
 
-@needs_wheel
-def test_with_the_remedy_kernels_build_and_run(tmp_path: Path) -> None:
-    environment = generic_environment(tmp_path)
-    refused = python(OPEN.replace("ensure_usable(device)", "_refusal(device)"), environment)
-    assert refused.stdout == f"said {pocl.UNKNOWN_CPU}\n", refused.stderr
-    done = python(OPEN + RUN, environment)
+@needs_pocl
+def test_an_unknown_name_is_replaced(tmp_path: Path) -> None:
+    done = python(OPEN + RUN, forced_environment(tmp_path, "no-such-cpu"))
     assert done.stdout.endswith("ran\n"), done.stdout + done.stderr
-    assert f"given the CPU name {THIS_CPU!r}" in done.stdout
-    assert len(verdicts(tmp_path)) == 1
+    assert f"given the CPU name {FITTING!r}" in done.stdout
 
 
-@needs_wheel
+@needs_pocl
 def test_the_trial_runs_once_and_its_verdict_is_kept(tmp_path: Path) -> None:
-    environment = generic_environment(tmp_path)
+    environment = forced_environment(tmp_path)
     assert python(NO_CHILD + OPEN, environment).returncode == 3, "no child, yet no refusal"
     assert verdicts(tmp_path) == []
     assert python(OPEN, environment).returncode == 0
@@ -112,103 +129,218 @@ def test_the_trial_runs_once_and_its_verdict_is_kept(tmp_path: Path) -> None:
     assert second.stdout.endswith("ran\n"), second.stdout + second.stderr
 
 
-@needs_wheel
+@needs_pocl
+def test_a_bad_verdict_is_kept_until_its_file_is_removed(tmp_path: Path) -> None:
+    environment = forced_environment(tmp_path, CLPLEN_POCL_CPU="no-such-cpu")
+    assert python(OPEN, environment).returncode == 3
+    assert verdicts(tmp_path) == [None]
+    again = python(NO_CHILD + OPEN, environment)
+    assert again.returncode == 3
+    (file,) = tmp_path.glob("clplen/pocl-*.json")
+    assert f"remove {file} to try again" in again.stdout
+
+
+@needs_pocl
+def test_where_no_child_can_be_started_a_name_that_fits_is_trusted(tmp_path: Path) -> None:
+    done = python(NO_CHILD + OPEN + RUN, forced_environment(tmp_path, FITTING))
+    assert done.stdout.endswith("ran\n"), done.stdout + done.stderr
+    assert verdicts(tmp_path) == []
+
+
+@needs_pocl
+def test_a_damaged_verdict_is_made_anew(tmp_path: Path) -> None:
+    environment = forced_environment(tmp_path)
+    assert python(OPEN, environment).returncode == 0
+    (file,) = tmp_path.glob("clplen/pocl-*.json")
+    for damage in ("", "[]", '{"name": 3}', '{"name": "sapphirerapids-x"}'):
+        file.write_text(damage)
+        done = python(OPEN, environment)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert verdicts(tmp_path) == [FITTING]
+
+
+@needs_pocl
 def test_no_writable_cache_is_no_failure(tmp_path: Path) -> None:
-    environment = generic_environment(tmp_path, PYOPENCL_NO_CACHE="1", XDG_CACHE_HOME="/proc/none")
+    environment = forced_environment(tmp_path, PYOPENCL_NO_CACHE="1", XDG_CACHE_HOME="/proc/none")
     done = python(OPEN + RUN, environment)
     assert done.stdout.endswith("ran\n"), done.stdout + done.stderr
 
 
-@needs_wheel
-@pytest.mark.parametrize(
-    "name",
-    [
-        "no-such-cpu",
-        pytest.param(
-            "haswell",
-            marks=pytest.mark.skipif(THIS_CPU != "skylake-avx512", reason="needs AVX-512"),
-        ),
-    ],
-)
+@needs_pocl
+@pytest.mark.parametrize("name", ["no-such-cpu", "x86-64" if FITTING != "x86-64" else "haswell"])
 def test_a_name_that_fails_is_refused_and_the_process_lives(tmp_path: Path, name: str) -> None:
-    done = python(OPEN, generic_environment(tmp_path, CLPLEN_POCL_CPU=name))
+    done = python(OPEN, forced_environment(tmp_path, CLPLEN_POCL_CPU=name))
     assert done.returncode == 3, done.stdout + done.stderr
     assert f"fails under the CPU name {name!r}" in done.stdout
-    assert verdicts(tmp_path) == []
+    assert verdicts(tmp_path) == [None]
 
 
-@needs_wheel
-def test_a_verdict_holds_for_its_own_name_only(tmp_path: Path) -> None:
-    assert python(OPEN, generic_environment(tmp_path)).returncode == 0
-    done = python(OPEN, generic_environment(tmp_path, CLPLEN_POCL_CPU="no-such-cpu"))
-    assert done.returncode == 3, done.stdout
-
-
-@needs_wheel
+@needs_pocl
 def test_a_name_given_by_the_user_is_used(tmp_path: Path) -> None:
-    done = python(OPEN + RUN, generic_environment(tmp_path, CLPLEN_POCL_CPU=THIS_CPU))
-    assert f"given the CPU name {THIS_CPU!r}" in done.stdout, done.stdout + done.stderr
+    done = python(OPEN + RUN, forced_environment(tmp_path, CLPLEN_POCL_CPU=FITTING))
+    assert f"given the CPU name {FITTING!r}" in done.stdout, done.stdout + done.stderr
     assert done.stdout.endswith("ran\n"), done.stderr
 
 
-@needs_wheel
+@needs_pocl
 def test_kernels_cached_earlier_do_not_hide_the_fault(tmp_path: Path) -> None:
     healthy = python(OPEN + RUN, caches_in(tmp_path))
     assert healthy.stdout.endswith("ran\n"), healthy.stdout + healthy.stderr
-    done = python(OPEN, generic_environment(tmp_path, CLPLEN_POCL_CPU="off"))
+    done = python(OPEN, forced_environment(tmp_path, CLPLEN_POCL_CPU="off"))
     assert done.returncode == 3, done.stdout
 
 
-@pytest.mark.parametrize(
-    ("version", "refusal"),
-    [
-        ("OpenCL 3.0 PoCL 3.0-rc2  Linux, Release, LLVM 14.0.6", "error: disk full"),
-        ("OpenCL 3.0 PoCL 3.0-rc2  Linux, Release, LLVM 14.0.6", pocl.UNKNOWN_CPU + " of 3"),
-        ("OpenCL 3.0 PoCL 3.1+debian  Linux, LLVM 15.0.6", pocl.UNKNOWN_CPU),
-        ("OpenCL 3.0 PoCL 6.0  Linux, LLVM 14.0.6", pocl.UNKNOWN_CPU),
-    ],
-)
-def test_any_other_fault_is_reported_and_left_alone(
-    monkeypatch: pytest.MonkeyPatch, version: str, refusal: str
+@needs_pocl
+def test_wrong_values_are_a_bad_verdict(tmp_path: Path) -> None:
+    source = tmp_path / "builtins.cl"
+    text = pocl._source().read_text()
+    source.write_text(text.replace("KEEP(floor(b))", "KEEP(ceil(b))", 1))
+    assert source.read_text() != text
+    device = next(d for p in cl.get_platforms() if p.name == pocl.PLATFORM for d in p.get_devices())
+    command = [sys.executable, "-I", "-S", pocl_trial.__file__, str(pocl._library_of(device))]
+    environment = caches_in(tmp_path)
+    done = subprocess.run(
+        [*command, FITTING, str(source)], env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    assert done.stderr.endswith("Wrong values: floor; floor of double.\n")
+
+
+def test_a_device_that_is_not_on_x86_64_is_asked_for_one_kernel(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    platform = SimpleNamespace(name="Portable Computing Language", version=version)
-    device = SimpleNamespace(name="pthread", platform=platform, driver_version="?")
-    monkeypatch.setattr(pocl, "_refusal", lambda device: refusal)
-    monkeypatch.setattr(pocl, "_rename", lambda device, name: pytest.fail("memory was written"))
-    with pytest.raises(DeviceError, match=f"cannot build kernels .{refusal}"):
+    platform = SimpleNamespace(name=pocl.PLATFORM)
+    device = SimpleNamespace(name="cpu-cortex", platform=platform)
+    monkeypatch.setattr(pocl.platform, "machine", lambda: "aarch64")
+    monkeypatch.setattr(pocl.cl, "Context", lambda devices: None)
+
+    class Program:
+        def __init__(self, *args: object) -> None:
+            pass
+
+        def build(self) -> None:
+            raise cl.RuntimeError("clBuildProgram failed\nerror: disk full")
+
+    monkeypatch.setattr(pocl.cl, "Program", Program)
+    with pytest.raises(DeviceError, match=r"cpu-cortex cannot build kernels \(error: disk full\)"):
         pocl.ensure_usable.__wrapped__(device)
 
 
-def test_devices_of_others_are_not_probed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pocl, "_refusal", lambda device: pytest.fail("it was probed"))
+def test_devices_of_others_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pocl, "_target", lambda device: pytest.fail("it was looked into"))
     device = SimpleNamespace(platform=SimpleNamespace(name="NVIDIA CUDA"))
     assert pocl.ensure_usable.__wrapped__(device) == ""
 
 
+# The order of trials
+
+SSE41 = "fpu cx16 ssse3 sse4_1 popcnt"
+AVX = f"{SSE41} avx"
+HASWELL = f"{AVX} avx2 fma bmi1 bmi2 f16c abm"
+
+
 @pytest.mark.parametrize(
-    ("flags", "name"),
+    ("flags", "library"),
     [
-        (f"{HASWELL_FLAGS} avx512f", "skylake-avx512"),
-        (HASWELL_FLAGS, "haswell"),
-        (HASWELL_FLAGS.replace(" abm", ""), "sandybridge"),
-        (HASWELL_FLAGS.replace(" fma", " fma4"), "sandybridge"),
-        (FLAGS, "sandybridge"),
-        ("fpu sse2", "x86-64"),
-        ("", "x86-64"),
+        (f"{HASWELL} avx512f", "avx512"),
+        (HASWELL, "avx2"),
+        (HASWELL.replace(" abm", ""), "avx_f16c"),
+        (f"{AVX} f16c xop fma4", "avx_fma4"),
+        (AVX, "avx"),
+        (SSE41, "sse41"),
+        ("fpu cx16 ssse3", "ssse3"),
+        ("fpu", "sse2"),
+        ("", "sse2"),
     ],
 )
-def test_the_name_fits_the_flags(flags: str, name: str) -> None:
-    assert pocl.cpu_name(flags) == name
+def test_the_library_is_that_of_pocl(flags: str, library: str) -> None:
+    assert pocl.library(flags) == library
 
 
-class Memory:
-    """A page that looks like a device object: word 77 may point somewhere."""
+@pytest.mark.parametrize(
+    ("present", "flags", "names"),
+    [
+        ("znver3", f"{HASWELL} avx512f", ["skylake-avx512", "znver3"]),  # Zen 4
+        ("generic", f"{HASWELL} avx512f", ["skylake-avx512", "generic"]),  # Zen 5
+        ("rocketlake", f"{HASWELL} avx512f", ["rocketlake", "skylake-avx512"]),
+        ("skylake-avx512", f"{HASWELL} avx512f", ["skylake-avx512"]),
+        ("znver3", HASWELL, ["znver3", "haswell", "sandybridge"]),
+        ("icelake-server", HASWELL, ["haswell", "sandybridge", "icelake-server"]),  # masked flags
+        ("skylake", SSE41, ["x86-64", "skylake"]),  # a Pentium
+        ("goldmont", SSE41, ["goldmont", "x86-64"]),
+        ("arrowlake", HASWELL, ["arrowlake", "haswell", "sandybridge"]),  # of a later LLVM
+        ("", HASWELL, [""]),
+    ],
+)
+def test_names_are_tried_in_this_order(present: str, flags: str, names: list[str]) -> None:
+    assert pocl.names_to_try(present, flags) == names
+    assert pocl.names_to_try(present, flags, "off") == [present]
+    if present:
+        assert pocl.names_to_try(present, flags, "knl") == ["knl"]
 
-    def __init__(self, target: int, *, start: int = 0, word: int = 77) -> None:
-        self.page = mmap.mmap(-1, 4 * mmap.PAGESIZE)
-        base = ctypes.addressof(ctypes.c_char.from_buffer(self.page))
-        self.int_ptr = base + start
-        ctypes.c_uint64.from_address(self.int_ptr + 8 * word).value = target
+
+# What is tried
+
+KERNELS = Path(__file__).parents[2] / "kernels"
+COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
+# Built-in functions of OpenCL C 1.2 (6.12): work-items and barriers are part of every kernel.
+BUILT_IN = re.compile(
+    r"\b(a?(?:sin|cos|tan)(?:h|pi)?|atan2(?:pi)?|sincos|a(?:sin|cos|tan)h|cbrt|ceil|copysign|erfc?"
+    r"|exp(?:2|10|m1)?|fabs|fdim|floor|fma|fmax|fmin|fmod|fract|frexp|hypot|ilogb|ldexp|lgamma(?:_r)?"
+    r"|log(?:2|10|1p|b)?|mad|maxmag|minmag|modf|nan|nextafter|pown?|powr|remainder|remquo|rint|rootn"
+    r"|round|rsqrt|sqrt|tgamma|trunc|native_\w+|half_\w+|abs(?:_diff)?|add_sat|r?hadd|clamp|clz"
+    r"|mad_hi|mad_sat|max|min|mul_hi|rotate|sub_sat|upsample|popcount|mad24|mul24|degrees|mix"
+    r"|radians|step|smoothstep|sign|cross|dot|distance|length|normalize|fast_\w+|is(?:equal|notequal"
+    r"|greater|greaterequal|less|lessequal|lessgreater|finite|inf|nan|normal|ordered|unordered)"
+    r"|signbit|any|all|bitselect|select|convert_\w+|as_\w+|vload_half|vload_half\d*|vloada_half\d*"
+    r"|vstore_half\w*|vstorea_half\w*|shuffle2?|atomic_\w+|atom_\w+|async_\w+|printf)\s*\("
+)
+JOINED = re.compile(r"\bJOIN\((convert_float|vload_half),")
+# Types of one width, which a compiler treats alike: as_int of a float, convert_int of a float.
+CLASS = {"as_uint": "as_uint", "as_float": "as_float"}
+
+
+def called(source: str) -> set[str]:
+    """Built-in functions that a source calls, as `JOIN(convert_float, LANES)` for every width."""
+    text = COMMENT.sub(" ", source)
+    own = set(re.findall(r"\b(\w+)\s*\([^()]*\)\s*\{", text))
+    names = {name for name in BUILT_IN.findall(text) if name not in own}
+    for stem in JOINED.findall(text):
+        names |= {f"{stem}{width}" for width in (4, 8, 16)}
+    return names
+
+
+def test_every_built_in_function_of_the_kernels_is_tried() -> None:
+    tried = called((KERNELS / "builtins.cl").read_text()) | set(
+        re.findall(r"\b(?:convert_\w+|vload_half\d*)\b", (KERNELS / "builtins.cl").read_text())
+    )
+    others = {f.name: called(f.read_text()) for f in KERNELS.glob("*.cl") if f.stem != "builtins"}
+    missing = {name: sorted(names - tried) for name, names in others.items() if names - tried}
+    assert not missing
+    assert len(set().union(*others.values())) > 25, "the pattern finds what is called"
+
+
+def test_each_width_of_the_kernels_is_tried() -> None:
+    """Vector types that kernels declare have their line in builtins.cl."""
+    source = (KERNELS / "builtins.cl").read_text()
+    wide = re.compile(r"\b(?:float|int|double)(4|8|16)\b")
+    used = {w for f in KERNELS.glob("*.cl") for w in wide.findall(COMMENT.sub(" ", f.read_text()))}
+    assert used <= {width for width in re.findall(r"VECTORS\((\d+),", source)}
+
+
+@pytest.mark.parametrize("double", [False, True])
+def test_each_value_that_is_wrong_is_named(double: bool) -> None:
+    expected = builtin_functions.expected(double=double)
+    values = array("f", [value for row in expected.values() for value in row])
+    assert builtin_functions.wrong(values, double=double) == []
+    for number, name in enumerate(expected):
+        for damaged in (values[32 * number + 5] + 1e-3, float("nan")):
+            bad = array("f", values)
+            bad[32 * number + 5] = damaged
+            assert builtin_functions.wrong(bad, double=double) == [name]
+
+
+# The place of the name
 
 
 def heap_string(text: bytes) -> int:
@@ -217,19 +349,45 @@ def heap_string(text: bytes) -> int:
     return strdup(text)
 
 
-def test_only_exactly_generic_is_renamed() -> None:
-    memory = Memory(heap_string(b"generic"))
-    assert pocl._rename(memory, "skylake-avx512")
-    pointer = ctypes.c_uint64.from_address(memory.int_ptr + 8 * 77).value
-    assert ctypes.string_at(pointer) == b"skylake-avx512"
-    for text in (b"generic-arm", b"generi", b"icelake-client"):
-        assert not pocl._rename(Memory(heap_string(text)), "haswell"), text
+TRIPLE = heap_string(b"x86_64-unknown-linux-gnu")
+
+
+class Memory:
+    """A page that looks like a device object: two strings behind one another at a word."""
+
+    def __init__(self, name: int, *, triple: int = TRIPLE, word: int = 77) -> None:
+        self.page = mmap.mmap(-1, 4 * mmap.PAGESIZE)
+        self.address = ctypes.addressof(ctypes.c_char.from_buffer(self.page))
+        ctypes.c_uint64.from_address(self.address + 8 * word).value = triple
+        ctypes.c_uint64.from_address(self.address + 8 * (word + 1)).value = name
+
+    def find(self) -> str | None:
+        pointer = pocl_trial.find_name(self.address)
+        return None if pointer is None else pocl_trial.read_name(pointer)
+
+
+@pytest.mark.parametrize("name", ["generic", "znver3", "skylake-avx512", "x86-64"])
+def test_the_name_stands_behind_the_triple(name: str) -> None:
+    memory = Memory(heap_string(name.encode()))
+    assert memory.find() == name
+    pocl_trial.write_name(pocl_trial.find_name(memory.address), "haswell")
+    assert memory.find() == "haswell"
+
+
+@pytest.mark.parametrize("text", [b"", b"a", b"Intel(R) Xeon", b"a" * 63, b"\xff\xfe\xfd"])
+def test_what_is_no_name_is_left_alone(text: bytes) -> None:
+    assert Memory(heap_string(text)).find() is None
+
+
+@pytest.mark.parametrize("triple", [b"aarch64-unknown-linux-gnu", b"x86_64", b"OpenCL 3.0 PoCL"])
+def test_another_string_before_it_is_no_triple(triple: bytes) -> None:
+    assert Memory(heap_string(b"generic"), triple=heap_string(triple)).find() is None
 
 
 def test_the_search_stays_within_4_kilobytes() -> None:
     target = heap_string(b"generic")
-    assert pocl._find_name(Memory(target, word=511), b"generic\0") is not None
-    assert pocl._find_name(Memory(target, word=512), b"generic\0") is None
+    assert Memory(target, word=510).find() == "generic"
+    assert Memory(target, word=511).find() is None
 
 
 def test_memory_that_cannot_be_written_is_left_alone(tmp_path: Path) -> None:
@@ -242,14 +400,13 @@ def test_memory_that_cannot_be_written_is_left_alone(tmp_path: Path) -> None:
     address = libc.mmap(None, mmap.PAGESIZE, mmap.PROT_READ, mmap.MAP_PRIVATE, handle, 0)
     os.close(handle)
     assert ctypes.string_at(address) == b"generic"
-    assert pocl._find_name(Memory(address), b"generic\0") is None
+    assert Memory(address).find() is None
 
 
 def test_a_device_object_at_the_end_of_its_mapping_is_read_to_the_end_only() -> None:
     code = """
 import ctypes, mmap
-from types import SimpleNamespace
-from clplen.compute import pocl
+from clplen.compute import pocl_trial
 page = mmap.PAGESIZE
 libc = ctypes.CDLL(None)
 libc.mmap.restype = ctypes.c_void_p
@@ -260,7 +417,7 @@ base = libc.mmap(None, 3 * page, mmap.PROT_READ | mmap.PROT_WRITE, kind, -1, 0)
 libc.munmap(base + page, 2 * page)  # nothing is mapped behind the first page
 last = ctypes.c_uint64.from_address(base + page - 8)
 last.value = base + page - 4  # a string that would run over the end
-print(pocl._find_name(SimpleNamespace(int_ptr=base + page - 64), b"generic\\0"))
+print(pocl_trial.find_name(base + page - 64))
 """
     done = python(code, dict(os.environ) | {"PYTHONPATH": os.pathsep.join(sys.path)})
     assert done.stdout == "None\n", done.stderr

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forcing import generic_environment
+from forcing import forced_environment
 
 from clplen import Device, LightField, PointSources, estimate_alpha
 from clplen.demo import DEPTHS, SOURCE_DIAMETER, camera
@@ -51,7 +51,7 @@ def test_forced_generic_cpu_gives_the_same_numbers(tmp_path: Path):
         pytest.skip("no PoCL here")
     plain = on_axis()
     assert plain.returncode == 0, plain.stderr
-    forced = on_axis(env=generic_environment(tmp_path))
+    forced = on_axis(env=forced_environment(tmp_path))
     assert forced.returncode == 0, forced.stderr
     expected, got = json.loads(plain.stdout), json.loads(forced.stdout)
     assert "given the CPU name" in got["note"]
@@ -62,7 +62,7 @@ def test_forced_generic_cpu_gives_the_same_numbers(tmp_path: Path):
 def test_without_the_remedy_the_build_fails_clearly(tmp_path: Path):
     if "Portable Computing Language" not in {d.platform for d in Device.all()}:
         pytest.skip("no PoCL here")
-    refused = on_axis(env=generic_environment(tmp_path, CLPLEN_POCL_CPU="off"))
+    refused = on_axis(env=forced_environment(tmp_path, CLPLEN_POCL_CPU="off"))
     assert refused.returncode != 0
     assert "clplen.errors.DeviceError" in refused.stderr
-    assert "does not know" in refused.stderr
+    assert "does not fit this CPU" in refused.stderr

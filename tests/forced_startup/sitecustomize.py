@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
+
 import pyopencl as cl
-from forcing import force_generic
+from forcing import VARIABLE, force_name
 
 from clplen.compute.icd import expose_intel_runtime
 
@@ -11,4 +13,4 @@ expose_intel_runtime()
 for platform in cl.get_platforms():
     if platform.name == "Portable Computing Language":
         for device in platform.get_devices():
-            force_generic(device)
+            force_name(device, os.environ[VARIABLE])

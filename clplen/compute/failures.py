@@ -1,0 +1,50 @@
+"""What OpenCL refuses, as errors that name the device, its driver and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pyopencl as cl
+
+from clplen.errors import DeviceError
+
+ADVICE = (
+    "run `clplen devices --check` to see what works there, update the driver, or choose another "
+    "device"
+)
+
+
+@contextmanager
+def device_errors(device: cl.Device, step: str) -> Iterator[None]:
+    """Turn every error of OpenCL inside this block into a `DeviceError`.
+
+    Parameters
+    ----------
+    device : pyopencl.Device
+    step : str
+        What is done, as the subject of the sentence: "A copy to the host".
+
+    Raises
+    ------
+    DeviceError
+        With OpenCL's own error as its cause.
+    """
+    try:
+        yield
+    except cl.Error as error:
+        raise device_error(device, step, error) from error
+
+
+def device_error(device: cl.Device, step: str, error: cl.Error) -> DeviceError:
+    """The sentence on a step that OpenCL refused; arguments as in `device_errors`."""
+    where = (
+        f"{device.name.strip()} ({device.platform.name.strip()} {device.driver_version.strip()})"
+    )
+    reason = (str(error).splitlines() or [type(error).__name__])[0]
+    if isinstance(error, cl.MemoryError):
+        return DeviceError(
+            f"{step} needs more memory than {where} has left ({reason}): use fewer planes or "
+            "samples at a time, integer instead of float storage, or a device with more memory."
+        )
+    return DeviceError(f"{step} failed on {where} ({reason}): {ADVICE}.")
