@@ -325,7 +325,7 @@ def test_each_width_of_the_kernels_is_tried() -> None:
     source = (KERNELS / "builtins.cl").read_text()
     wide = re.compile(r"\b(?:float|int|double)(4|8|16)\b")
     used = {w for f in KERNELS.glob("*.cl") for w in wide.findall(COMMENT.sub(" ", f.read_text()))}
-    assert used <= {width for width in re.findall(r"VECTORS\((\d+),", source)}
+    assert used <= set(re.findall(r"VECTORS\((\d+),", source))
 
 
 @pytest.mark.parametrize("double", [False, True])
