@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl as cl
 
+from clplen.compute.failures import device_errors
+
 if TYPE_CHECKING:
-    from clplen.compute.failures import device_errors
-from clplen.lightfield.lightfield import LightField
+    from clplen.lightfield.lightfield import LightField
 
 _SMOOTHING = 8  # windows are found in a picture smoothed by a Gaussian of window/8
 
