@@ -1,0 +1,98 @@
+"""Whatever OpenCL refuses is an error of clplen that names device, driver, step and remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+import pytest
+
+from clplen.compute.device import Device
+from clplen.compute.failures import device_errors
+from clplen.errors import DeviceError, KernelBuildError
+
+
+def words_of(device: Device) -> list[str]:
+    """What every sentence has to name."""
+    return [device.name, device.platform, "clplen devices --check"]
+
+
+def test_a_kernel_that_the_program_lacks(device: Device) -> None:
+    with pytest.raises(KernelBuildError) as caught:
+        device.kernel("multiply.cl", "divide_by_nothing")
+    sentence = str(caught.value)
+    assert "no kernel 'divide_by_nothing' of the file 'multiply.cl'" in sentence
+    assert "INVALID_KERNEL_NAME" in sentence
+    assert all(word in sentence for word in words_of(device))
+
+
+def test_a_source_that_does_not_build(device: Device) -> None:
+    with pytest.raises(KernelBuildError) as caught:
+        device.kernel("stored.cl", "stored", SAMPLE="no_such_type")
+    first = str(caught.value).splitlines()[0]
+    assert first.startswith("The kernel file 'stored.cl' does not build on ")
+    assert all(word in first for word in words_of(device))
+
+
+def test_a_launch_that_is_refused(device: Device) -> None:
+    kernel = device.kernel("multiply.cl", "multiply")
+    a = device.zeros((3,), np.complex64)
+    group = (2 * device.cl_device.max_work_group_size,)
+    size = np.int32(3)
+    with pytest.raises(DeviceError, match="The kernel 'multiply' failed on ") as caught:
+        device.launch(kernel, group, a, a, a, size, size, group=group)
+    assert all(word in str(caught.value) for word in words_of(device))
+    assert isinstance(caught.value.__cause__, cl.Error)
+
+
+STEPS: list[tuple[str, Callable[[Device, Any], Any]]] = [
+    ("enqueue_copy", lambda device, array: device.download(array)),
+    ("enqueue_copy", lambda device, array: device.copy_into(array, array, 0)),
+    ("enqueue_fill_buffer", lambda device, array: device.zeros((3, 5), np.float32)),
+    ("Buffer", lambda device, array: device.upload(np.ones(7, np.float32))),
+    ("enqueue_map_buffer", lambda device, array: map_it(device, array)),
+]
+
+
+def map_it(device: Device, array: Any) -> None:
+    device.is_cpu = True  # of the copy that the test made
+    with device.on_host(array):
+        pass
+
+
+@pytest.mark.parametrize(("function", "step"), STEPS)
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (cl.RuntimeError("clEnqueue failed: OUT_OF_RESOURCES"), "run `clplen devices --check`"),
+        (cl.LogicError("clEnqueue failed: INVALID_MEM_OBJECT"), "run `clplen devices --check`"),
+        (cl.MemoryError("clEnqueue failed: MEM_OBJECT_ALLOCATION_FAILURE"), "more memory than"),
+    ],
+)
+def test_every_step_of_memory(
+    device: Device,
+    monkeypatch: pytest.MonkeyPatch,
+    function: str,
+    step: Callable[[Device, Any], Any],
+    error: cl.Error,
+    words: str,
+) -> None:
+    fresh = Device(device.cl_device)
+    array = fresh.upload(np.arange(6, dtype=np.float32))
+
+    def failing(*args: Any, **options: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(cl, function, failing)
+    with pytest.raises(DeviceError) as caught:
+        step(fresh, array)
+    assert words in str(caught.value)
+    assert device.name in str(caught.value)
+    assert caught.value.__cause__ is error
+
+
+def test_other_errors_pass(device: Device) -> None:
+    with pytest.raises(ZeroDivisionError), device_errors(device.cl_device, "A division"):
+        _ = 1 / 0
