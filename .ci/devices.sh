@@ -84,7 +84,7 @@ run_vkfft() {
 on_intel() {
     need_intel
     "$python" -m pytest -n auto --dist loadfile --device intel --device-tests-only \
-        -m "not slow and not many" -q "$@"
+        -m "not thorough and not many" -q "$@"
 }
 
 run_intel() { on_intel tests/kernels tests/compute; }

@@ -353,14 +353,17 @@ def launches(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Iterat
         yield found
 
 
+@pytest.mark.thorough
 def test_the_workload_reaches_every_kernel(launches: list[Launch]) -> None:
     assert {launch.name for launch in launches} == KERNELS
 
 
+@pytest.mark.thorough
 def test_launchers_give_what_kernels_declare(launches: list[Launch]) -> None:
     assert [words for launch in launches for words in complaints(launch)] == []
 
 
+@pytest.mark.thorough
 def test_every_switch_is_described(launches: list[Launch]) -> None:
     given = {(launch.file, define) for launch in launches for define in launch.defines}
     shared = {"ROWS", "DOUBLE"}  # by common.cl

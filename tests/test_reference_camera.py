@@ -15,6 +15,8 @@ from reference_camera import (
     simulate_scene,
 )
 
+pytestmark = pytest.mark.thorough
+
 SMALL = Camera(count=(51, 57), pixels_per_lenslet=10)
 A = (-3e-3, -3e-3, -0.050)
 
@@ -109,7 +111,6 @@ def test_image_is_symmetric_and_transposes_with_the_point():
     assert np.abs(off - turned.T).max() < 1e-12 * off.max()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("dz", "printed"), [(-0.050, 0.820), (-0.025, 0.920), (0.025, 1.080), (0.050, 1.120)]
 )

@@ -12,6 +12,8 @@ import reference_coherence as light
 import reference_masks as masks
 from tolerance import relative_max, snr_db
 
+pytestmark = pytest.mark.thorough
+
 LAM = 550e-9
 WINDOW, DX, CELLS = 256, 2e-6, 32
 CELL = WINDOW // CELLS  # samples

@@ -11,6 +11,8 @@ from clplen.analysis.quality import score
 from clplen.cameras.textures import noise
 from clplen.compute.device import Device
 
+pytestmark = pytest.mark.thorough
+
 
 @pytest.mark.parametrize("cue", ["energy", "variance"])
 def test_a_baseline_finds_a_plane(cue: str, device: Device) -> None:

@@ -7,6 +7,8 @@ import pytest
 import reference as ref
 from tolerance import relative_max
 
+pytestmark = pytest.mark.thorough
+
 RNG = np.random.default_rng(11)
 
 

@@ -24,6 +24,8 @@ from setups import (
 )
 from tolerance import err_db, relative_max, snr_db
 
+pytestmark = pytest.mark.thorough
+
 LIGHT = {"wavelength": LAM}
 DX = 6.6e-6
 

@@ -196,6 +196,7 @@ def test_monomials_follow_from_the_aberrations(device):
     assert lattice.powers(camera, PicturePlane(corner, 2e-3)) == lattice.LINEAR
 
 
+@pytest.mark.thorough
 def test_aberrations_are_interpolated(device, monkeypatch):
     camera = short_camera(device)
     # a small window that is periodic lets the rim's diffraction interfere: 2e-3
@@ -229,6 +230,7 @@ def test_a_picture_of_points_is_point_sources(device):
     assert sum(n for n, _ in exposure.transforms) == 4
 
 
+@pytest.mark.thorough
 def test_auto_takes_what_transforms_less(device, monkeypatch):
     camera = camera_of(device, count=(11, 13))
     full = PicturePlane(RANDOM.random((12, 11)), 4e-4)

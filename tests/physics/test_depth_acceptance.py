@@ -57,6 +57,7 @@ def errors(camera: Plenoptic1, measure: Measure, points: list, method: str) -> n
     return np.array([measure(p)[method].alpha - camera.alpha(p[2]) for p in points])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("points", "reference"),
     [
@@ -151,7 +152,7 @@ def test_depth_map_of_the_summed_scene(camera, scene):
         assert found.confidence[y, x] > 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("dz", [-50e-3, 50e-3])
 def test_extended_scene(camera, dz):
     places = np.random.default_rng(14).uniform(-0.9e-3, 0.9e-3, (14, 2))

@@ -96,6 +96,7 @@ TUNING = {  # z/S: err_db for guards of 2, 3, 4, 6 and 8 Fresnel widths, the wor
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("z", TUNING)
 def test_tuning_of_the_guard(precise, z):
     """Set-up A: Gaussian, and random phases that fill the window in cells of 8 samples.
