@@ -1,0 +1,1 @@
+"""A device against NumPy in double precision."""
