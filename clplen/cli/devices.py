@@ -15,7 +15,7 @@ from clplen.errors import ClplenError
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
-    from clplen.selftest.run import DeviceReport
+    from clplen.selftest.isolated import DeviceReport
 
 
 @click.command()
@@ -97,8 +97,8 @@ def _checked(selector: str | None, as_json: bool) -> bool:
     """Check some devices, print what came of it, and say whether all is well."""
     from clplen.compute.device import Device
     from clplen.compute.selection import find_devices, select
+    from clplen.selftest.isolated import numbers_of
     from clplen.selftest.report import paste_block
-    from clplen.selftest.run import as_numbers
 
     there = Device.all()
     if selector is not None:
@@ -106,7 +106,7 @@ def _checked(selector: str | None, as_json: bool) -> bool:
         there = [device for device in there if device.place in fitting]
     reports = [_report_of(device, as_json) for device in there]
     if as_json:
-        click.echo(json.dumps(as_numbers(reports), indent=1))
+        click.echo(json.dumps(numbers_of(reports), indent=1))
     else:
         click.echo(paste_block([(report.facts, report.results) for report in reports]))
     return not any(result.failed for report in reports for result in report.results)
@@ -114,8 +114,8 @@ def _checked(selector: str | None, as_json: bool) -> bool:
 
 def _report_of(device: Device, is_silent: bool) -> DeviceReport:
     """The checks of one device, each row printed when it is there."""
+    from clplen.selftest.isolated import run_isolated
     from clplen.selftest.report import HEAD, row, summary
-    from clplen.selftest.run import run_isolated
 
     if is_silent:
         return run_isolated(device)
