@@ -15,7 +15,7 @@ from clplen.errors import ClplenError
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
-    from clplen.selftest.isolated import DeviceReport
+    from clplen.selftest.report import DeviceReport
 
 
 @click.command()
@@ -108,7 +108,7 @@ def _checked(selector: str | None, as_json: bool) -> bool:
     if as_json:
         click.echo(json.dumps(numbers_of(reports), indent=1))
     else:
-        click.echo(paste_block([(report.facts, report.results) for report in reports]))
+        click.echo(paste_block(reports))
     return not any(result.failed for report in reports for result in report.results)
 
 
@@ -121,5 +121,5 @@ def _report_of(device: Device, is_silent: bool) -> DeviceReport:
         return run_isolated(device)
     click.echo(f"{device.place}  {device.name}, {device.driver}\n\n{HEAD}")
     report = run_isolated(device, watch=lambda result: click.echo(row(result)))
-    click.echo(f"\n{summary(report.results)}\n")
+    click.echo(f"\n{summary(report.results, report.seconds)}\n")
     return report

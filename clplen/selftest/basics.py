@@ -29,7 +29,7 @@ def _large_array(device: Device) -> Pairs:
     """Bytes at the beginning, in the middle and at the end of a large array."""
     free = min(device.memory_bytes, free_memory()) if device.is_cpu else device.memory_bytes
     size = min(int(device.cl_device.max_mem_alloc_size), free // SHARE) // 4096 * 4096
-    large = device.empty((size,), np.uint8)
+    large: Any = device.empty((size,), np.uint8)
     try:
         marks = np.random.default_rng(1).integers(1, 256, (3, 4096)).astype(np.uint8)
         places = (0, size // 2 // 4096 * 4096, size - 4096)

@@ -42,7 +42,9 @@ def _centres(grid: LensletGrid) -> Any:
     """(y, x) of the lenslets' centres, shape (2, rows, columns)."""
     i, k = np.indices(grid.count)
     k = k + np.where(i % 2, grid.odd_row_shift, 0)
-    first, row, column = (np.array(p)[:, None, None] for p in (grid.first, grid.row_step, grid.column_step))
+    first, row, column = (
+        np.array(p)[:, None, None] for p in (grid.first, grid.row_step, grid.column_step)
+    )
     return first + i * row + k * column
 
 
@@ -175,11 +177,14 @@ class _Pairs:
             low = np.floor(place)
             if (low - half < 1).any() or (low + half >= np.array(SENSOR) - 2).any():
                 return None
-        d = np.stack(np.mgrid[-half : half + 1, -half : half + 1], -1).reshape(-1, 2)
+        d = np.moveaxis(np.mgrid[-half : half + 1, -half : half + 1], 0, -1).reshape(-1, 2)
         far = np.maximum(((d - off) ** 2).sum(1), ((d + off) ** 2).sum(1))
         lit = rim - shrink * max(abs(ratio), least)
         w = np.where(far < max(lit, 0) ** 2, np.maximum(1 - (d**2).sum(1) / radius**2, 0), 0)
-        A, B = (_sampled(self.values, *(place + d).T, kernel) for place in (a - off, b + off))
+        A, B = (
+            _sampled(self.values, (place + d)[:, 0], (place + d)[:, 1], kernel)
+            for place in (a - off, b + off)
+        )
         return (w, A, B) if w.sum() > 0 else None
 
 
@@ -239,7 +244,9 @@ def _spotted(device: Device) -> Pairs:
         values += np.exp(-((y - centre[0]) ** 2 + (x - centre[1]) ** 2) / 1.2)
     expected = np.zeros((9, 2))
     for radius in (1.0, *(focused_spots._WINDOW,) * focused_spots._ROUNDS):
-        for k, (middle, about) in enumerate(zip(places.reshape(-1, 2), expected.copy(), strict=True)):
+        for k, (middle, about) in enumerate(
+            zip(places.reshape(-1, 2), expected.copy(), strict=True)
+        ):
             dy, dx = y - middle[0], x - middle[1]
             near = np.hypot(dy, dx) < geometry.pitch / 2
             near &= np.hypot(dy - about[0], dx - about[1]) < radius * geometry.pitch

@@ -14,14 +14,15 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from queue import SimpleQueue
 from threading import Event, Thread
+from time import perf_counter
 from typing import IO, TYPE_CHECKING, Any
 
 from clplen.errors import ClplenError
 from clplen.selftest.check import Check, CheckResult, run_check, sentence_of
-from clplen.selftest.report import device_facts, environment
+from clplen.selftest.report import DeviceReport, device_facts, environment
 from clplen.selftest.run import CHECKS, Watch, chosen
 
 if TYPE_CHECKING:
@@ -30,22 +31,6 @@ if TYPE_CHECKING:
 OPENING = Check("opening", "the device opens and compiles a kernel", lambda device: (), 0.0)
 MOST_CHILDREN = 4
 Message = tuple[str, Any]
-
-
-@dataclass
-class DeviceReport:
-    """What the checks found out about one device.
-
-    Attributes
-    ----------
-    facts : dict of str to str
-        The device in words, by what they tell.
-    results : list of CheckResult
-        In the order of the checks; "opening" alone where the device cannot be opened.
-    """
-
-    facts: dict[str, str]
-    results: list[CheckResult] = field(default_factory=list)
 
 
 def run_isolated(
@@ -73,7 +58,7 @@ def run_isolated(
     ValueError
         If there is no check of a name.
     """
-    wanted = [check.name for check in chosen(names)]
+    wanted, start = [check.name for check in chosen(names)], perf_counter()
     count = max(1, min(MOST_CHILDREN, os.cpu_count() or 1, len(wanted)))
     crew = _Crew(device.place)
     for k in range(count):
@@ -92,14 +77,18 @@ def run_isolated(
     except BaseException:
         crew.stop()
         raise
-    report.results = ordered.finish()
+    report.results, report.seconds = ordered.finish(), perf_counter() - start
     return report
 
 
 def numbers_of(reports: Iterable[DeviceReport]) -> dict[str, Any]:
     """Reports of devices and where they were made, ready for JSON."""
     devices = [
-        {"facts": report.facts, "results": [_written(result) for result in report.results]}
+        {
+            "facts": report.facts,
+            "seconds": report.seconds,
+            "results": [_written(result) for result in report.results],
+        }
         for report in reports
     ]
     return {"environment": environment(), "devices": devices}

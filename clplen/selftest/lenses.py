@@ -172,7 +172,7 @@ def _abbe(device: Device) -> Pairs:
         lit = np.fft.fft2(u * np.exp(2j * np.pi * (ky * y + kx * x)))
         expected += S[ky, kx] * np.abs(np.fft.ifft2(lit * H)) ** 2
     for route in ("points", "lags"):
-        yield expected, abbe_image(field, H, S, route=route).intensity.to_numpy()  # type: ignore[arg-type]
+        yield expected, abbe_image(field, H, S, route=route).intensity.to_numpy()
 
 
 def _phasors(shape: tuple[int, int]) -> Any:

@@ -6,6 +6,7 @@ import importlib.metadata
 import os
 import platform
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,10 +23,29 @@ if TYPE_CHECKING:
 PREFIXES = ("CLPLEN_", "POCL_", "OCL_", "PYOPENCL_", "RUSTICL_")
 # What decides which built-in library and which compiler's target a CPU is given.
 FLAGS = (
-    "sse2 ssse3 sse4_1 sse4_2 avx f16c fma fma4 avx2 bmi1 bmi2 abm avx512f avx512bw avx512cd "
-    "avx512dq avx512vl asimd sve"
-).split()
+    *("sse2", "ssse3", "sse4_1", "sse4_2", "avx", "f16c", "fma", "fma4", "avx2", "bmi1", "bmi2"),
+    *("abm", "avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl", "asimd", "sve"),
+)
 HEAD = f"{'check':<19s} {'what is compared with NumPy':<47s} {'error':>8s}  {'allowed':>8s}"
+
+
+@dataclass
+class DeviceReport:
+    """What the checks found out about one device.
+
+    Attributes
+    ----------
+    facts : dict of str to str
+        The device in words, by what they tell.
+    results : list of CheckResult
+        In the order of the checks; "opening" alone where the device cannot be opened.
+    seconds : float
+        All together.
+    """
+
+    facts: dict[str, str]
+    results: list[CheckResult] = field(default_factory=list)
+    seconds: float = 0.0
 
 
 def row(result: CheckResult) -> str:
@@ -42,13 +62,13 @@ def row(result: CheckResult) -> str:
     return f"{line}\n    {result.reason}{files}"
 
 
-def summary(results: Sequence[CheckResult]) -> str:
-    """How many checks passed, and the names of the others."""
+def summary(results: Sequence[CheckResult], seconds: float) -> str:
+    """How many checks passed, in how many seconds, and the names of those that failed."""
     failed = [result.name for result in results if result.failed]
     counts = [sum(result.status == status for result in results) for status in ("ok", "left out")]
     text = f"{counts[0]} checks ok, {len(failed)} FAILED"
     text += f", {counts[1]} left out" if counts[1] else ""
-    text += f", {sum(result.seconds for result in results):.1f} s"
+    text += f", {seconds:.1f} s"
     return text + (f": {'; '.join(failed)}" if failed else "")
 
 
@@ -119,12 +139,13 @@ def cpu_flags() -> str:
     return " ".join(flag for flag in FLAGS if flag in there)
 
 
-def paste_block(devices: Iterable[tuple[dict[str, str], Sequence[CheckResult]]]) -> str:
+def paste_block(reports: Iterable[DeviceReport]) -> str:
     """What to paste into a report: the environment, each device, and what failed on it."""
     lines = ["---- paste from here into a report ----", *_aligned(environment())]
-    for facts, results in devices:
-        lines += ["", *_aligned(facts | {"checks": summary(results)})]
-        lines += [row(result) for result in results if result.failed]
+    for report in reports:
+        counted = {"checks": summary(report.results, report.seconds)}
+        lines += ["", *_aligned(report.facts | counted)]
+        lines += [row(result) for result in report.results if result.failed]
     return "\n".join([*lines, "---- to here ----"])
 
 

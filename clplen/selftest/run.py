@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
-from clplen.selftest import basics, cues, frames, lenses, scenes, views, volumes, waves
+from clplen.selftest import basics, cues, frames, lenses, matched, scenes, views, volumes, waves
 from clplen.selftest.check import Check, CheckResult, run_check
 
 if TYPE_CHECKING:
@@ -19,6 +19,7 @@ CHECKS: tuple[Check, ...] = (
     *lenses.CHECKS,
     *views.CHECKS,
     *cues.CHECKS,
+    *matched.CHECKS,
     *frames.CHECKS,
     *scenes.CHECKS,
     *volumes.CHECKS,

@@ -71,7 +71,9 @@ def _scene(device: Device) -> Pairs:
     for v, u in np.ndindex(views):
         a, b = v - 0.5, u - 1.0
         ball, ground = _hits(BALL, GROUND, y, x, a, b)
-        fine = _hits(BALL, GROUND, y[..., None, None] + parts[:, None], x[..., None, None] + parts, a, b)
+        fine = _hits(
+            BALL, GROUND, y[..., None, None] + parts[:, None], x[..., None, None] + parts, a, b
+        )
         share = (fine[0] > fine[1]).mean(axis=(2, 3))
         mine, other = (_light(s, y, x, np.where(np.isfinite(d), d, 0), a, b)
                        for s, d in ((BALL, ball), (GROUND, ground)))  # fmt: skip

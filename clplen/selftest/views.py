@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -72,7 +72,7 @@ def _refocus(device: Device) -> Pairs:
 def _along_rays(device: Device) -> Pairs:
     a, w = _views(3, 3, 3, 7, 37, kind=np.uint16), np.ones((3, 3))
     steps = twins.view_steps((3, 3))
-    options = {"device": device, "weights": w, "steps": steps}
+    options: dict[str, Any] = {"device": device, "weights": w, "steps": steps}
     y, x = np.mgrid[:7, :37]
     d = (0.9 * np.sin(0.7 * y) + 0.03 * x - 0.4).astype(np.float32)
     total, used = np.zeros((2, 7, 37))
@@ -192,7 +192,8 @@ def _all_in_focus(device: Device) -> Pairs:
 
 
 CHECKS = (
-    Check("views", "questions to float16 samples, slices", _samples, 1e-6, ("views.cl",)),
+    Check("views", "questions to float16 samples, slices", _samples, 1e-6,
+          ("views.cl", "stored.cl")),
     Check("shear", "three planes refocused, float16 and bytes", _refocus, ROUNDING,
           ("shear.cl", "shear_rows.cl", "stored.cl")),
     Check("along_rays", "mean on a surface, median on a plane", _along_rays, ROUNDING,
