@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from clplen.errors import ClplenError
+from clplen.errors import ClplenError, KernelBuildError
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
@@ -144,9 +144,15 @@ def largest_error(pairs: Pairs) -> float:
 
 
 def sentence_of(error: Exception) -> str:
-    """The first line of an error, with its kind where that is not clplen's own."""
+    """The first line of an error, with its kind where that is not clplen's own.
+
+    With a line of the compiler's where a kernel does not build.
+    """
     lines = str(error.args[0] if error.args else error).strip().splitlines()
     first = next((line.strip() for line in lines if line.strip()), "")
+    if isinstance(error, KernelBuildError):
+        said = [line.strip() for line in error.log.splitlines() if "error:" in line.lower()]
+        return " ".join([first, *said[:1]])
     if isinstance(error, ClplenError) and first:
         return first
     return f"{type(error).__name__}: {first}" if first else type(error).__name__

@@ -60,18 +60,20 @@ def run_isolated(
     """
     wanted, start = [check.name for check in chosen(names)], perf_counter()
     count = max(1, min(MOST_CHILDREN, os.cpu_count() or 1, len(wanted)))
+    shares = [wanted[k::count] for k in range(count)]
     crew = _Crew(device.place)
-    for k in range(count):
-        Thread(target=crew.work, args=(wanted[k::count],), daemon=True).start()
+    crew.begin(shares[:1])  # the others when that has opened the device: once is enough to find out
     report = DeviceReport(device_facts(device))
     ordered = _Ordered([OPENING.name, *wanted], watch)
     try:
-        while count:
+        while crew.at_work:
             kind, value = crew.inbox.get()
             if kind == "end":
-                count -= 1
+                crew.at_work -= 1
             elif kind == "facts":
                 report.facts |= value
+                crew.begin(shares[1:])
+                del shares[1:]
             else:
                 ordered.add(value)
     except BaseException:
@@ -127,9 +129,16 @@ class _Crew:
 
     def __init__(self, place: str) -> None:
         self.inbox: SimpleQueue[Message] = SimpleQueue()
+        self.at_work = 0
         self._place = place
         self._children: list[subprocess.Popen[bytes]] = []
         self._stopped = Event()
+
+    def begin(self, shares: Iterable[list[str]]) -> None:
+        """Let one more thread work on each of some parts of the checks."""
+        for names in shares:
+            self.at_work += 1
+            Thread(target=self._work, args=(names,), daemon=True).start()
 
     def stop(self) -> None:
         """End all children, and let none begin."""
@@ -137,7 +146,7 @@ class _Crew:
         for child in self._children:
             child.kill()
 
-    def work(self, names: list[str]) -> None:
+    def _work(self, names: list[str]) -> None:
         """Have some checks done, by as many children as it takes."""
         try:
             while names and not self._stopped.is_set():

@@ -53,20 +53,17 @@ def _samples(device: Device) -> Pairs:
 
 def _refocus(device: Device) -> Pairs:
     """Shift and add: taps outside a view count neither in the sum nor in its weights."""
-    for kind, colours in ((np.float16, ()), (np.uint8, (3,))):
-        a, w = _views(2, 3, 4, 9, 43, *colours, kind=kind), _weights((3, 4))
-        planes, steps = np.array([-1.37, 1.0, 0.4]), twins.view_steps((3, 4)) * (1.3, 1)
-        got = shear_sum(
-            device.upload(a), w, np.outer(planes, steps[:, 0, 0]), np.outer(planes, steps[0, :, 1]),
-            device=device,
-        )  # fmt: skip
-        expected = np.zeros((3, *a.shape[2:]))
-        for p, d in enumerate(planes):
-            parts = [twins.moved(a[n], d * steps[n]) for n in np.ndindex(3, 4)]
-            total = np.tensordot(w.ravel(), [value for value, _ in parts], 1)
-            used = np.tensordot(w.ravel(), [share for _, share in parts], 1)
-            expected[p] = total / used.reshape(used.shape + (1,) * len(colours))
-        yield expected, device.download(got)
+    a, w = _views(2, 3, 4, 9, 43, 3, kind=np.float16), _weights((3, 4))
+    planes, steps = np.array([-1.37, 1.0, 0.4]), twins.view_steps((3, 4)) * (1.3, 1)
+    down, right = np.outer(planes, steps[:, 0, 0]), np.outer(planes, steps[0, :, 1])
+    got = shear_sum(device.upload(a), w, down, right, device=device)
+    expected = np.zeros((3, *a.shape[2:]))
+    for p, d in enumerate(planes):
+        parts = [twins.moved(a[n], d * steps[n]) for n in np.ndindex(3, 4)]
+        total = np.tensordot(w.ravel(), [value for value, _ in parts], 1)
+        used = np.tensordot(w.ravel(), [share for _, share in parts], 1)
+        expected[p] = total / used[..., None]
+    yield expected, device.download(got)
 
 
 def _along_rays(device: Device) -> Pairs:
@@ -194,7 +191,7 @@ def _all_in_focus(device: Device) -> Pairs:
 CHECKS = (
     Check("views", "questions to float16 samples, slices", _samples, 1e-6,
           ("views.cl", "stored.cl")),
-    Check("shear", "three planes refocused, float16 and bytes", _refocus, ROUNDING,
+    Check("shear", "colours refocused on three planes, float16", _refocus, ROUNDING,
           ("shear.cl", "shear_rows.cl", "stored.cl")),
     Check("along_rays", "mean on a surface, median on a plane", _along_rays, ROUNDING,
           ("along_rays.cl",)),

@@ -148,6 +148,7 @@ def test_a_kernel_that_does_not_build_is_a_row(kernels: Path, fresh: Device) -> 
     found = results_of(fresh, "window", "multiply")
     assert found["window"].failed
     assert "window.cl" in found["window"].reason
+    assert "error:" in found["window"].reason
     assert "\n" not in found["window"].reason
     assert found["multiply"].status == "ok"
 
