@@ -27,6 +27,7 @@ STOREYS = (
     {"plot", "config"},
     {"batch", "demo"},
     {"bench"},
+    {"selftest"},
     {"cli"},
     {"__main__"},
 )

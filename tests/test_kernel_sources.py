@@ -55,6 +55,7 @@ from clplen.lightfield.samples import extremes
 from clplen.microscopy.deconvolution import deconvolve
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import point_images
+from clplen.selftest.basics import built_in_values
 from clplen.wave.abbe import abbe_image
 from clplen.wave.extended import ExtendedSource
 from clplen.wave.pupil import Pupil
@@ -306,6 +307,7 @@ def microscopic(device: Device) -> None:
 def work(device: Device) -> None:
     """A small workload that reaches every kernel of one mapping, through public functions."""
     ceilings.multiply_add(device, rounds=3).run()
+    built_in_values(device)
     waves(device)
     raw = exposed(device, "hexagonal")
     pictured(device)
