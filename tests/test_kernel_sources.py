@@ -127,7 +127,8 @@ class Launch:
 def dtype_of(type_name: str, double: bool) -> tuple[np.dtype, int]:
     """NumPy's dtype and the vector length of a type of OpenCL C or of common.cl."""
     scalar, width = re.fullmatch(r"([a-z]+?)(\d*)\*?", type_name.replace("cplx", "real2")).groups()
-    names = {"int": "i4", "uint": "u4", "long": "i8", "uchar": "u1", "ushort": "u2", "float": "f4"}
+    names = {"int": "i4", "uint": "u4", "long": "i8", "uchar": "u1", "ushort": "u2"}
+    names |= {"half": "f2", "float": "f4"}
     names["real"] = "f8" if double else "f4"
     return np.dtype(names[scalar]), int(width or 1)
 

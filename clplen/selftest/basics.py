@@ -175,7 +175,7 @@ CHECKS = (
     Check("memory, mapped", "buffers that host and device share", _mapped, 4 * EPS),
     Check("ceiling", "multiplications and additions in vectors", _arithmetic, 8 * EPS,
           ("ceiling.cl",)),
-    Check("built-in functions", "sqrt, exp, ... of 1, 4, 8 and 16 samples at a time", _built_in,
+    Check("built-in functions", "sqrt, exp, ... of 1, 4, 8 and 16 samples", _built_in,
           32 * EPS, ("builtins.cl",)),
     *(
         Check(f"FFT, {name}", "over two axes and one, forwards and back",
