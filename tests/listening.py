@@ -33,13 +33,10 @@ def listening(pid: int) -> set[tuple[int, str, int]]:
 def _below(pid: int) -> list[int]:
     """All processes below one."""
     found = []
-    for file in Path(f"/proc/{pid}/task").glob("*/children"):
-        try:
-            children = file.read_text().split()
-        except OSError:  # it has just ended
-            continue
-        for child in children:
-            found += [int(child), *_below(int(child))]
+    with suppress(OSError):  # it has just ended, or one of its threads has
+        for task in Path(f"/proc/{pid}/task").iterdir():
+            for child in (task / "children").read_text().split():
+                found += [int(child), *_below(int(child))]
     return found
 
 

@@ -22,7 +22,13 @@ from typing import Any
 
 from clplen import __version__
 from clplen.batch.cores import environment_of, share_of
-from clplen.batch.network import STATUS_PAGES, Network, network_of, require_dask
+from clplen.batch.network import (
+    STATUS_PAGES,
+    Network,
+    check_certificates,
+    network_of,
+    require_dask,
+)
 from clplen.batch.task import Report, Task
 from clplen.batch.work import sentence
 from clplen.batch.workshop import LANES
@@ -174,21 +180,13 @@ def workers_here(
     """
     dask, distributed = require_dask()
     network = network or network_of()
-    settings: dict[str, Any] = {
-        "distributed.scheduler.allowed-failures": retries,
-        "distributed.scheduler.contact-address": None,
-        "distributed.scheduler.http.routes": [],
-        "distributed.worker.http.routes": [],
-        "distributed.worker.daemon": False,
-        "distributed.logging": {"distributed": "critical"},
-    }
     specification = {
         i: {"cls": distributed.Nanny, "options": network.server | _options(i, workers, devices)}
         for i in range(workers)
     }
     scheduler = {"cls": distributed.Scheduler, "options": network.server}
     with ExitStack() as stack:
-        stack.enter_context(dask.config.set(settings))
+        stack.enter_context(dask.config.set(_settings(retries)))
         try:
             cluster = stack.enter_context(
                 distributed.SpecCluster(
@@ -204,12 +202,27 @@ def workers_here(
                 f"The {workers} workers did not start ({' '.join(str(error).split())}): try fewer."
             ) from error
         check_workers(client, "this computer")
-        if not network.is_private:
-            word = "--insecure" if network.protocol == "tcp" else "the same certificates"
-            _log.info(
-                "More workers join by 'clplen worker %s' with %s.", cluster.scheduler_address, word
-            )
+        _invite(cluster.scheduler_address, network)
         yield Cluster(client, folder, memory=memory, sharing=workers)
+
+
+def _invite(scheduler: str, network: Network) -> None:
+    """Say how workers of other computers join."""
+    if not network.is_private:
+        how = "--insecure" if network.protocol == "tcp" else "the same certificates"
+        _log.info("More workers join by 'clplen worker %s' with %s.", scheduler, how)
+
+
+def _settings(retries: int) -> dict[str, Any]:
+    """Of Dask; what its configuration says of addresses and pages does not count here."""
+    return {
+        "distributed.scheduler.allowed-failures": retries,
+        "distributed.scheduler.contact-address": None,
+        "distributed.scheduler.http.routes": [],
+        "distributed.worker.http.routes": [],
+        "distributed.worker.daemon": False,
+        "distributed.logging": {"distributed": "critical"},
+    }
 
 
 def _options(number: int, workers: int, devices: list[str] | None) -> dict[str, Any]:
@@ -241,17 +254,19 @@ def workers_of(folder: Path, *, network: Network, memory: int | None) -> Iterato
 
     Raises
     ------
+    ValueError
+        If its certificates are others.
     DeviceError
         If the scheduler does not answer, has no workers, or its workers cannot do the job.
     """
     _, distributed = require_dask()
+    check_certificates(network)
     try:
         client = distributed.Client(network.scheduler, timeout=_ANSWER, security=network.security)
-    except (OSError, ValueError, RuntimeError) as error:
-        others = ", or name the certificates that it has" if network.protocol == "tls" else ""
+    except (OSError, ValueError) as error:
         raise DeviceError(
             f"No Dask scheduler answers at {network.scheduler} within {_ANSWER:g} s: start one "
-            f"with 'dask scheduler', or mend the address{others}."
+            "with 'dask scheduler', or mend the address (tls:// where it has certificates)."
         ) from error
     with client:
         sharing = check_workers(client, str(network.scheduler))

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ipaddress
 import re
 import socket
+import ssl
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -21,6 +22,7 @@ from clplen.files import PathLike
 LOOPBACK = "127.0.0.1"
 STATUS_PAGES = f"{LOOPBACK}:0"  # Dask always has a server for them, here without pages
 _ADDRESS = re.compile(r"(?:(tcp|tls)://)?(\[[^][]+\]|[^][:/@\s]+):(\d{1,5})/?")
+_GREETING = 5.0  # seconds
 _ROLES = ("client", "scheduler", "worker")
 
 
@@ -171,6 +173,30 @@ def check_reachable(network: Network) -> None:
             f"The scheduler {network.scheduler} is on another computer, from where it has to reach "
             "this worker: name an address of this computer by --host."
         )
+
+
+def check_certificates(network: Network) -> None:
+    """Refuse a scheduler whose certificates are others; one that does not answer is left alone.
+
+    Raises
+    ------
+    ValueError
+        If the certificates do not fit.
+    """
+    if network.protocol != "tls":
+        return
+    place = _address_of(network.scheduler or "")[1:]
+    context = network.security.get_connection_args("client")["ssl_context"]
+    try:
+        with socket.create_connection(place, _GREETING) as plain:
+            context.wrap_socket(plain).close()
+    except ssl.SSLError as error:
+        raise ValueError(
+            f"What answers at {network.scheduler} has other certificates than these, or none "
+            f"({error.reason}): name those that the scheduler was started with."
+        ) from error
+    except OSError:  # Dask's own client waits for it, and says so
+        pass
 
 
 def security_of(certificates: PathLike) -> Any:

@@ -322,11 +322,12 @@ def worker(
       clplen worker tls://10.0.0.1:8786 --host 10.0.0.2 --certificates FOLDER
     """
     from clplen.batch.cluster import worker_command
-    from clplen.batch.network import check_reachable, network_of
+    from clplen.batch.network import check_certificates, check_reachable, network_of
     from clplen.compute.device import Device
 
     network = network_of(scheduler, host=host, certificates=certificates, insecure=insecure)
     check_reachable(network)
+    check_certificates(network)
     Device.open(selector).ensure_usable()
     arguments, environment = worker_command(network, selector)
     if os.name == "posix":  # signals reach the worker itself
