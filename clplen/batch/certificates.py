@@ -172,21 +172,21 @@ def _signed(key: Any, signer: Any, *, is_authority: bool) -> Any:
     from cryptography.hazmat.primitives import hashes
 
     now = datetime.now(timezone.utc)
-    names = [
+    issuer, subject = (
         x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, f"clplen {role}")])
         for role in ("authority", "authority" if is_authority else "member")
-    ]
+    )
     usage = dict.fromkeys(_USAGES, False)
     for purpose in ("key_cert_sign", "crl_sign") if is_authority else ("digital_signature",):
         usage[purpose] = True
-    issuer = x509.AuthorityKeyIdentifier.from_issuer_public_key(signer.public_key())
+    of_signer = x509.AuthorityKeyIdentifier.from_issuer_public_key(signer.public_key())
     builder = (
-        x509.CertificateBuilder(*names, key.public_key(), x509.random_serial_number())
+        x509.CertificateBuilder(issuer, subject, key.public_key(), x509.random_serial_number())
         .not_valid_before(now - _SKEW)
         .not_valid_after(now + _VALID)
         .add_extension(x509.BasicConstraints(is_authority, 0 if is_authority else None), True)
         .add_extension(x509.KeyUsage(**usage), True)
         .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), False)
-        .add_extension(issuer, False)
+        .add_extension(of_signer, False)
     )
     return builder.sign(signer, hashes.SHA256())
