@@ -111,7 +111,8 @@ def round_of(seed: int, folder: Path, items: int, device: Device) -> list[str]:
         port = 20000 + os.getpid() % 20000 + seed
         address = f"tcp://127.0.0.1:{port}"
         scheduler = ["-m", "distributed.cli.dask_scheduler", "--port", str(port), "--no-dashboard"]
-        outside.append(start([*scheduler, "--host", "127.0.0.1"], log))
+        scheduler += ["--host", "127.0.0.1", "--dashboard-address", "127.0.0.1:0"]
+        outside.append(start(scheduler, log))
         worker = ["-m", "clplen", "worker", address, "--device", device.place]
         outside += [start(worker, log) for _ in range(2)]
         extra = ["--scheduler", address]

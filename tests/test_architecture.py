@@ -40,7 +40,7 @@ GUESTS = {
     "io": {"h5py", "imageio", "tifffile", "tqdm", "zarr"},
     "plot": {"matplotlib"},
     "config": {"pydantic", "tomli"},
-    "batch": {"dask", "distributed", "pydantic"},
+    "batch": {"cryptography", "dask", "distributed", "pydantic"},
     "bench": {"cv2", "ducc0", "numba", "torch"},
     "cli": {"click", "tqdm"},
 }

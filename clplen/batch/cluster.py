@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import logging
 import os
 import secrets
 import sys
@@ -21,14 +22,23 @@ from typing import Any
 
 from clplen import __version__
 from clplen.batch.cores import environment_of, share_of
+from clplen.batch.network import (
+    STATUS_PAGES,
+    Network,
+    check_certificates,
+    network_of,
+    require_dask,
+)
 from clplen.batch.task import Report, Task
 from clplen.batch.work import sentence
 from clplen.batch.workshop import LANES
-from clplen.errors import DeviceError, FormatError
+from clplen.errors import DeviceError
 
+_log = logging.getLogger(__name__)
 _IN_FLIGHT = 4 * LANES  # tasks of each worker that the scheduler knows of
 _ANSWER = 20.0  # seconds
 _LOOK = 1.0  # seconds after which workers are counted again
+_TLS_OPTIONS = {"--tls-ca-file": "ca_file", "--tls-cert": "cert", "--tls-key": "key"}
 _LATE = (TimeoutError, asyncio.TimeoutError)  # two of them in Python 3.10
 
 
@@ -137,7 +147,13 @@ def _was_killed(future: Any) -> bool:
 
 @contextmanager
 def workers_here(
-    folder: Path, *, workers: int, devices: list[str] | None, memory: int | None, retries: int
+    folder: Path,
+    *,
+    workers: int,
+    devices: list[str] | None,
+    memory: int | None,
+    retries: int,
+    network: Network | None = None,
 ) -> Iterator[Cluster]:
     """Worker processes on this computer, one a device; the cores of a CPU are shared out.
 
@@ -152,6 +168,8 @@ def workers_here(
         Bytes for each worker.
     retries : int
         How many workers an item may lose.
+    network : Network, optional
+        Where they listen; default: only this user, on this computer, reaches them.
 
     Raises
     ------
@@ -161,22 +179,22 @@ def workers_here(
         If they do not start, or one has no device.
     """
     dask, distributed = require_dask()
-    settings = {
-        "distributed.scheduler.allowed-failures": retries,
-        "distributed.worker.daemon": False,
-        "distributed.logging": {"distributed": "critical"},
-    }
+    network = network or network_of()
     specification = {
-        i: {"cls": distributed.Nanny, "options": _options(i, workers, devices)}
+        i: {"cls": distributed.Nanny, "options": network.server | _options(i, workers, devices)}
         for i in range(workers)
     }
-    options = {"dashboard": False, "dashboard_address": "127.0.0.1:0", "host": "127.0.0.1"}
-    scheduler = {"cls": distributed.Scheduler, "options": options}
+    scheduler = {"cls": distributed.Scheduler, "options": network.server}
     with ExitStack() as stack:
-        stack.enter_context(dask.config.set(settings))
+        stack.enter_context(dask.config.set(_settings(retries)))
         try:
             cluster = stack.enter_context(
-                distributed.SpecCluster(workers=specification, scheduler=scheduler, silence_logs=50)
+                distributed.SpecCluster(
+                    workers=specification,
+                    scheduler=scheduler,
+                    security=network.security,
+                    silence_logs=50,
+                )
             )
             client = stack.enter_context(distributed.Client(cluster))
         except (OSError, RuntimeError, *_LATE) as error:
@@ -184,7 +202,27 @@ def workers_here(
                 f"The {workers} workers did not start ({' '.join(str(error).split())}): try fewer."
             ) from error
         check_workers(client, "this computer")
+        _invite(cluster.scheduler_address, network)
         yield Cluster(client, folder, memory=memory, sharing=workers)
+
+
+def _invite(scheduler: str, network: Network) -> None:
+    """Say how workers of other computers join."""
+    if not network.is_private:
+        how = "--insecure" if network.protocol == "tcp" else "the same certificates"
+        _log.info("More workers join by 'clplen worker %s' with %s.", scheduler, how)
+
+
+def _settings(retries: int) -> dict[str, Any]:
+    """Of Dask; what its configuration says of addresses and pages does not count here."""
+    return {
+        "distributed.scheduler.allowed-failures": retries,
+        "distributed.scheduler.contact-address": None,
+        "distributed.scheduler.http.routes": [],
+        "distributed.worker.http.routes": [],
+        "distributed.worker.daemon": False,
+        "distributed.logging": {"distributed": "critical"},
+    }
 
 
 def _options(number: int, workers: int, devices: list[str] | None) -> dict[str, Any]:
@@ -202,35 +240,36 @@ def _options(number: int, workers: int, devices: list[str] | None) -> dict[str, 
 
 
 @contextmanager
-def workers_of(folder: Path, *, scheduler: str, memory: int | None) -> Iterator[Cluster]:
+def workers_of(folder: Path, *, network: Network, memory: int | None) -> Iterator[Cluster]:
     """The workers of a Dask cluster that is there.
 
     Parameters
     ----------
     folder : pathlib.Path
         Of the job's output; all workers see it and the inputs under the same names.
-    scheduler : str
-        Its address, ``tcp://host:8786``.
+    network : Network
+        With the address of its scheduler.
     memory : int or None
         Bytes for each worker.
 
     Raises
     ------
-    FormatError
-        If the extra ``batch`` is not installed.
+    ValueError
+        If its certificates are others.
     DeviceError
         If the scheduler does not answer, has no workers, or its workers cannot do the job.
     """
     _, distributed = require_dask()
+    check_certificates(network)
     try:
-        client = distributed.Client(scheduler, timeout=_ANSWER)
+        client = distributed.Client(network.scheduler, timeout=_ANSWER, security=network.security)
     except (OSError, ValueError) as error:
         raise DeviceError(
-            f"No Dask scheduler answers at {scheduler} within {_ANSWER:g} s: start one with "
-            "'dask scheduler', or mend the address."
+            f"No Dask scheduler answers at {network.scheduler} within {_ANSWER:g} s: start one "
+            "with 'dask scheduler', or mend the address (tls:// where it has certificates)."
         ) from error
     with client:
-        sharing = check_workers(client, scheduler)
+        sharing = check_workers(client, str(network.scheduler))
         yield Cluster(client, folder, memory=memory, sharing=sharing)
 
 
@@ -274,37 +313,27 @@ def check_workers(client: Any, scheduler: str) -> int:
     return max(hosts.values(), default=1)
 
 
-def worker_command(scheduler: str, selector: str | None) -> tuple[list[str], dict[str, str]]:
+def worker_command(network: Network, selector: str | None) -> tuple[list[str], dict[str, str]]:
     """The command that starts a worker of clplen, and its environment.
 
     Parameters
     ----------
-    scheduler : str
-        Address.
+    network : Network
+        With the address of its scheduler.
     selector : str or None
         As for `Device.open`.
     """
-    arguments = [sys.executable, "-m", "distributed.cli.dask_worker", scheduler]
-    arguments += ["--nthreads", str(LANES), "--nworkers", "1", "--no-dashboard"]
-    arguments += ["--memory-limit", "0", "--preload", "clplen.batch.preload"]
-    chosen = {} if selector is None else {"CLPLEN_DEVICE": selector}
-    return arguments, {**os.environ, **chosen}
-
-
-def require_dask() -> tuple[Any, Any]:
-    """The packages dask and distributed.
-
-    Raises
-    ------
-    FormatError
-        If they are not installed.
-    """
-    try:
-        import dask
-        import distributed
-    except ImportError as error:
-        raise FormatError(
-            'Several workers need the package distributed: pip install "clplen[batch]", or leave '
-            "workers at 1."
-        ) from error
-    return dask, distributed
+    arguments = [sys.executable, "-m", "distributed.cli.dask_worker", str(network.scheduler)]
+    arguments += ["--nthreads", str(LANES), "--nworkers", "1", "--memory-limit", "0"]
+    arguments += ["--preload", "clplen.batch.preload"]
+    arguments += ["--host", network.host, "--protocol", network.protocol]
+    arguments += ["--no-dashboard", "--dashboard-address", STATUS_PAGES]
+    environment = {**os.environ, "DASK_DISTRIBUTED__WORKER__HTTP__ROUTES": "[]"}
+    if network.protocol == "tls":
+        files = network.security.get_tls_config_for_role("worker")
+        for option, name in _TLS_OPTIONS.items():
+            arguments += [option, files[name]] if files[name] else []
+        environment["DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION"] = "True"
+    if selector is not None:
+        environment["CLPLEN_DEVICE"] = selector
+    return arguments, environment

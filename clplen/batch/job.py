@@ -51,6 +51,9 @@ class Job(HowTable):
         light fields are streamed. None: half of the free memory, shared by the workers.
     workers : int
         Processes on this computer; more than one needs the extra ``batch``.
+    certificates : str or None
+        Folder of ``clplen batch --make-certificates``, by which workers on several computers know
+        each other; seen from the job file.
     retries : int
         How often an item that failed for a reason that may pass, or was lost, is tried again.
     """
@@ -128,9 +131,12 @@ class Job(HowTable):
         workers: int | None = None,
         device: str | list[str] | None = None,
         memory: int | str | None = None,
+        certificates: PathLike | None = None,
     ) -> Job:
         """The same job done otherwise; see `run`."""
         given = {"workers": workers, "device": device, "memory": memory}
+        if certificates is not None:
+            given["certificates"] = str(Path(certificates).absolute())
         given = {name: value for name, value in given.items() if value is not None}
         try:
             how = HowTable.model_validate(given)
@@ -145,6 +151,9 @@ class Job(HowTable):
         scheduler: str | None = None,
         device: str | list[str] | None = None,
         memory: int | str | None = None,
+        host: str | None = None,
+        certificates: PathLike | None = None,
+        insecure: bool = False,
         force: bool = False,
         watcher: Watcher | None = None,
     ) -> Summary:
@@ -156,12 +165,20 @@ class Job(HowTable):
             Processes on this computer, at least 1; default: as the job says. With more than one, a
             script must call this below ``if __name__ == "__main__":``, as its workers import it.
         scheduler : str, optional
-            Address of a Dask scheduler whose workers do it, ``tcp://host:8786``.
+            Address of a Dask scheduler whose workers do it, ``tls://host:8786``.
         device : str or list of str, optional
             As for `Device.open`, a list for each worker its own; default: as the job says. Workers
             of a scheduler have theirs.
         memory : int or str, optional
             Bytes or a size such as "4 GiB" of each worker; default: as the job says.
+        host : str, optional
+            Address or name of this computer on which workers listen, so that others may join;
+            default: 127.0.0.1.
+        certificates : path-like, optional
+            Folder of `make_certificates`; default: as the job says.
+        insecure : bool
+            Whether to go without TLS, also beyond this computer: anyone who reaches the ports runs
+            programs as this user.
         force : bool
             Whether a job that differs from the one that ran before may go on in its output.
         watcher : Watcher, optional
@@ -176,7 +193,11 @@ class Job(HowTable):
         ------
         FormatError
             If a value is out of range, the items cannot be told, the job differs from the one that
-            ran before, or the extra ``batch`` is needed and not installed.
+            ran before, certificates cannot be used, or the extra ``batch`` is needed and not
+            installed.
+        ValueError
+            If ``host`` or ``scheduler`` is reached from beyond this computer without certificates
+            and not ``insecure``, or ``host`` is no address of it.
         DeviceError
             If there is no such device, or the workers cannot do the job.
         BlockingIOError
@@ -187,11 +208,11 @@ class Job(HowTable):
         from clplen.batch.executors import executor_of
         from clplen.batch.runner import Silent, run_job
 
-        job, watcher = (
-            self.done_by(workers=workers, device=device, memory=memory),
-            watcher or Silent(),
+        job = self.done_by(workers=workers, device=device, memory=memory, certificates=certificates)
+        watcher = watcher or Silent()
+        executor = executor_of(
+            job, scheduler=scheduler, host=host, insecure=insecure, running=watcher.running
         )
-        executor = executor_of(job, scheduler=scheduler, running=watcher.running)
         return run_job(job, executor, watcher=watcher, force=force)
 
     @property
@@ -203,6 +224,11 @@ class Job(HowTable):
     def output_folder(self) -> Path:
         """Where the results go."""
         return self._folder / self.output
+
+    @property
+    def certificates_folder(self) -> Path | None:
+        """Where the certificates are."""
+        return None if self.certificates is None else self._folder / self.certificates
 
     def what(self) -> dict[str, Any]:
         """What decides the results, without how they are computed: for comparing jobs."""

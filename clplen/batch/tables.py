@@ -176,6 +176,7 @@ class HowTable(Table):
     device: Annotated[list[str], BeforeValidator(listed)] | None = None
     memory: Size | None = None
     workers: Count = 1
+    certificates: Annotated[str, Field(min_length=1)] | None = None
     retries: Annotated[int, Field(ge=0, le=100, strict=True)] = 1
 
 

@@ -48,8 +48,43 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
         ctx.exit()
 
 
+def _make_certificates(ctx: click.Context, _: click.Parameter, folder: Path | None) -> None:
+    if folder is not None:
+        from clplen.batch import make_certificates
+
+        make_certificates(folder)
+        click.echo(
+            f"{folder} holds certificates for a year. Copy it to every computer that takes part, "
+            "unseen by others: whoever has its key.pem can run programs as you."
+        )
+        ctx.exit()
+
+
+_CERTIFICATES = click.option(
+    "--certificates",
+    metavar="FOLDER",
+    type=click.Path(path_type=Path),
+    help="Of --make-certificates: ca.pem, certificate.pem, key.pem. Only who has them is answered.",
+)
+_INSECURE = click.option(
+    "--insecure",
+    is_flag=True,
+    help="Go without TLS, also beyond this computer: ANYONE who reaches a port runs programs as "
+    "you. Only for networks where you trust every user of every computer.",
+)
+
+
 @batch.command()
 @click.argument("path", metavar="JOB.toml", type=click.Path(path_type=Path))
+@click.option(
+    "--make-certificates",
+    metavar="FOLDER",
+    type=click.Path(path_type=Path),
+    is_eager=True,
+    expose_value=False,
+    callback=_make_certificates,
+    help="Make certificates for workers on several computers, and stop.",
+)
 @click.option(
     "--example",
     is_flag=True,
@@ -65,8 +100,16 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
 )
 @click.option("--workers", type=click.IntRange(1), help="Processes here; default: as the job says.")
 @click.option(
-    "--scheduler", metavar="ADDRESS", help="A Dask scheduler whose workers do it: tcp://host:8786."
+    "--scheduler", metavar="ADDRESS", help="A Dask scheduler whose workers do it: tls://host:8786."
 )
+@click.option(
+    "--host",
+    metavar="ADDRESS",
+    help="Of this computer: where --workers listen, so that others may join; default: 127.0.0.1, "
+    "and only you can reach them.",
+)
+@_CERTIFICATES
+@_INSECURE
 @click.option("--memory", metavar="SIZE", help='Of each worker, "4 GiB"; default: as the job says.')
 @click.option("--force", is_flag=True, help="Go on although the job was changed.")
 @options.device
@@ -75,6 +118,9 @@ def run(
     dry_run: bool,
     workers: int | None,
     scheduler: str | None,
+    host: str | None,
+    certificates: Path | None,
+    insecure: bool,
     memory: str | None,
     force: bool,
     selector: str | None,
@@ -98,7 +144,14 @@ def run(
             _forecast(job)
             return
         with _Bar() as bar:
-            summary = job.run(scheduler=scheduler, force=force, watcher=bar)
+            summary = job.run(
+                scheduler=scheduler,
+                host=host,
+                certificates=certificates,
+                insecure=insecure,
+                force=force,
+                watcher=bar,
+            )
         _tell(summary, job, path)
 
 
@@ -241,24 +294,42 @@ def status(path: Path, verify: bool) -> None:
 
 @click.command()
 @click.argument("scheduler", metavar="ADDRESS")
+@click.option(
+    "--host",
+    metavar="ADDRESS",
+    help="Of this computer, where the scheduler reaches the worker; default: 127.0.0.1.",
+)
+@_CERTIFICATES
+@_INSECURE
 @options.device
-def worker(scheduler: str, selector: str | None) -> None:
+def worker(
+    scheduler: str,
+    host: str | None,
+    certificates: Path | None,
+    insecure: bool,
+    selector: str | None,
+) -> None:
     """Start a worker for 'clplen batch JOB.toml --scheduler ADDRESS'; it runs until it is stopped.
 
     It is 'dask worker ADDRESS --preload clplen.batch.preload' with as many threads as items
     overlap (one is read, one computed, one written); start one for each
-    device, after 'dask scheduler'.
+    device, after 'dask scheduler'. A worker runs what its scheduler sends: beyond this computer
+    both need certificates.
 
     \b
     Example:
       clplen worker tcp://localhost:8786 --device 0:0
+      clplen worker tls://10.0.0.1:8786 --host 10.0.0.2 --certificates FOLDER
     """
-    from clplen.batch.cluster import require_dask, worker_command
+    from clplen.batch.cluster import worker_command
+    from clplen.batch.network import check_certificates, check_reachable, network_of
     from clplen.compute.device import Device
 
-    require_dask()
+    network = network_of(scheduler, host=host, certificates=certificates, insecure=insecure)
+    check_reachable(network)
+    check_certificates(network)
     Device.open(selector).ensure_usable()
-    arguments, environment = worker_command(scheduler, selector)
+    arguments, environment = worker_command(network, selector)
     if os.name == "posix":  # signals reach the worker itself
         os.execve(arguments[0], arguments, environment)
     click.get_current_context().exit(subprocess.call(arguments, env=environment))

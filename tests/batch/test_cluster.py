@@ -17,7 +17,8 @@ import pytest
 
 from clplen import __version__
 from clplen.batch import Job, cluster, remote
-from clplen.batch.cluster import Cluster, check_workers, require_dask, workers_here, workers_of
+from clplen.batch.cluster import Cluster, check_workers, workers_here, workers_of
+from clplen.batch.network import network_of, require_dask
 from clplen.batch.runner import run_job
 from clplen.batch.task import Report
 from clplen.compute.device import Device
@@ -152,19 +153,16 @@ def test_a_scheduler_that_does_not_answer(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr("clplen.batch.cluster._ANSWER", 0.5)
     with (
         pytest.raises(DeviceError, match=r"No Dask scheduler answers at tcp://127\.0\.0\.1:9 "),
-        workers_of(tmp_path, scheduler="tcp://127.0.0.1:9", memory=None),
+        workers_of(tmp_path, network=network_of("tcp://127.0.0.1:9"), memory=None),
     ):
         pass
 
 
 @pytest.mark.parametrize("address", ["nowhere", "tcp://", "carrier-pigeon://a:1"])
-def test_an_address_that_is_none(tmp_path: Path, address: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("clplen.batch.cluster._ANSWER", 0.5)
-    with (
-        pytest.raises(DeviceError, match="No Dask scheduler answers at"),
-        workers_of(tmp_path, scheduler=address, memory=None),
-    ):
-        pass
+def test_an_address_that_is_none(tmp_path: Path, address: str):
+    job = Job(output="o", scenes=[{"kind": "bars"}]).within(tmp_path)
+    with pytest.raises(DeviceError, match="No Dask scheduler answers at"):
+        job.run(scheduler=address)
 
 
 class Client:
