@@ -328,7 +328,11 @@ def worker_command(network: Network, selector: str | None) -> tuple[list[str], d
     arguments += ["--preload", "clplen.batch.preload"]
     arguments += ["--host", network.host, "--protocol", network.protocol]
     arguments += ["--no-dashboard", "--dashboard-address", STATUS_PAGES]
-    environment = {**os.environ, "DASK_DISTRIBUTED__WORKER__HTTP__ROUTES": "[]"}
+    environment = {
+        **os.environ,
+        "DASK_DISTRIBUTED__WORKER__HTTP__ROUTES": "[]",
+        "PYTHONSAFEPATH": "1",  # no module of the folder in which it is started
+    }
     if network.protocol == "tls":
         files = network.security.get_tls_config_for_role("worker")
         for option, name in _TLS_OPTIONS.items():

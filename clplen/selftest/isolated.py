@@ -176,7 +176,10 @@ class _Crew:
 
 def _child(place: str, names: list[str], errors: IO[bytes]) -> subprocess.Popen[bytes]:
     paths = [os.environ.get("PYTHONPATH", ""), *sys.path]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join(filter(None, paths)),
+        "PYTHONSAFEPATH": "1",  # no module of the folder in which it is started
+    }
     command = [sys.executable, "-W", "ignore", "-m", "clplen.selftest", place, *names]
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=errors)
 

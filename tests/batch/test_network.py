@@ -295,6 +295,7 @@ def cluster_outside(folder: Path, host: str, *more: str, place: str) -> Iterator
         yield address, scheduler, worker
 
 
+@pytest.mark.thorough
 @linux
 def test_an_outside_scheduler_on_the_loopback_interface(tmp_path: Path, place: str):
     batchworks.write_inputs(tmp_path / "in", 4)
@@ -352,6 +353,7 @@ def assert_refused(ports: list[tuple[str, int]], strangers: Any, canary: Path) -
             assert said not in ("", ANSWERED), f"{name} is let in at {host}:{port}"
 
 
+@pytest.mark.thorough
 @linux
 def test_strangers_are_refused_beyond_the_loopback_interface(
     tmp_path: Path, place: str, certificates: Path, strangers: Any
