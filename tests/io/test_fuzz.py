@@ -30,13 +30,6 @@ OPERATIONS = st.lists(
 )
 
 
-@pytest.fixture(scope="session")
-def one_device(request: pytest.FixtureRequest) -> Device:
-    """Files are read alike on every device."""
-    chosen = request.config.getoption("--device")
-    return Device.open(chosen[0] if chosen else None)
-
-
 @pytest.mark.parametrize("name", fuzzing.PARSERS)
 def test_good_files_are_read(tmp_path: Path, one_device: Device, name: str):
     parser = fuzzing.PARSERS[name]
