@@ -10,6 +10,7 @@ import shutil
 from pathlib import Path
 
 import fuzzing
+import mutations
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -21,7 +22,7 @@ from clplen.io import read_picture, write_picture
 
 OPERATIONS = st.lists(
     st.tuples(
-        st.integers(0, 7),
+        st.integers(0, mutations.KINDS - 1),
         st.floats(0, 1, exclude_max=True),
         st.integers(0, 2**32 - 1),
     ),
@@ -52,11 +53,11 @@ def test_damaged_files_are_refused(
         suppress_health_check=list(HealthCheck),
     )
     @given(OPERATIONS, st.integers(0, 99))
-    def refused(operations: list[fuzzing.Operation], seed: int) -> None:
+    def refused(operations: list[mutations.Operation], seed: int) -> None:
         folder = tmp_path_factory.mktemp("bad")
         shutil.copytree(good.parent, folder, dirs_exist_ok=True)
         path = folder / good.name
-        fuzzing.damage(path, operations, random.Random(seed))
+        mutations.damage(path, operations, random.Random(seed))
         _, peak = fuzzing.outcome(parser, path, one_device)
         assert peak <= 4 * fuzzing.size_of(path) + fuzzing.SLACK
 
@@ -66,20 +67,20 @@ def test_damaged_files_are_refused(
 def test_checksums_are_mended(tmp_path: Path):
     write_picture(tmp_path / "a.png", np.arange(35, dtype=np.uint8).reshape(5, 7))
     good = (tmp_path / "a.png").read_bytes()
-    assert fuzzing.with_checksums(good) == good
+    assert mutations.with_checksums(good) == good
     bad = good.replace(b"IHDR\0\0\0\7", b"IHDR\0\0\0\6")
     (tmp_path / "a.png").write_bytes(bad)
     with pytest.raises(FormatError):
         read_picture(tmp_path / "a.png")
     wrong = bad[:29] + bytes(4) + bad[33:]
-    assert fuzzing.with_checksums(wrong) == fuzzing.with_checksums(bad) != bad
+    assert mutations.with_checksums(wrong) == mutations.with_checksums(bad) != bad
 
 
 def test_the_damage_is_what_it_says():
     data = bytes(range(10))
-    assert fuzzing.mutated(data, [(0, 0.5, 0)]) == data[:5]
-    assert fuzzing.mutated(data, [(1, 0.0, 3)])[0] == 8
-    assert fuzzing.mutated(data, [(2, 0.2, 0)]) == b"\0\1\xff\xff\xff\xff" + data[6:]
-    assert fuzzing.mutated(data, [(4, 0.0, 2)]) == data[3:]
-    assert fuzzing.mutated(b"a 12 b", [(6, 0.0, 2)]) == b"a 999999999999 b"
-    assert fuzzing.mutated(b"", [(7, 0.9, 1)]) == b""
+    assert mutations.mutated(data, [(0, 0.5, 0)]) == data[:5]
+    assert mutations.mutated(data, [(1, 0.0, 3)])[0] == 8
+    assert mutations.mutated(data, [(2, 0.2, 0)]) == b"\0\1\xff\xff\xff\xff" + data[6:]
+    assert mutations.mutated(data, [(4, 0.0, 2)]) == data[3:]
+    assert mutations.mutated(b"a 12 b", [(6, 0.0, 2)]) == b"a 999999999999 b"
+    assert mutations.mutated(b"", [(7, 0.9, 1)]) == b""
