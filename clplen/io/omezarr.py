@@ -107,7 +107,7 @@ def write_omezarr(
         for finer, coarser in pairwise(levels):
             _halve(finer, coarser)
         names = channels or _names(shape)
-        group = _zarr().open_group(str(folder), mode="a", **FORMAT_2)
+        group = _zarr().open_group(_zarr().storage.LocalStore(folder), mode="a", **FORMAT_2)
         group.attrs.update(
             {
                 "multiscales": [_multiscales(Path(path), sizes, axes, spacing, depth, first)],
@@ -171,7 +171,7 @@ def _array(folder: Path, name: str, size: tuple[int, ...]) -> Any:
         size,
         chunks=(*(1 for _ in size[:-2]), *sides),
         dtype="<f4",
-        store=str(folder),
+        store=_zarr().storage.LocalStore(folder),  # a name may look like an address
         path=name,
         compressor=None,
         fill_value=0,

@@ -58,7 +58,7 @@ def write_zarr(path: PathLike, lf: LightField) -> None:
     """
     zarr = _zarr()
     with filling(path) as folder:
-        store = str(folder)
+        store = zarr.storage.LocalStore(folder)  # a name may look like an address
         group = zarr.open_group(store, mode="w", **FORMAT_2)
         chunks = _chunks(lf)
         data = zarr.create(
