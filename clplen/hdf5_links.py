@@ -13,6 +13,8 @@ import h5py
 
 from clplen.errors import FormatError
 
+_INSIDE = (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT)
+
 
 def require_own(file: h5py.File, path: Path) -> None:
     """Refuse a file that holds a link to another file, or samples that lie in one.
@@ -27,17 +29,15 @@ def require_own(file: h5py.File, path: Path) -> None:
     Raises
     ------
     FormatError
-        Naming the link or dataset, and the other file.
+        Naming the link or dataset.
     """
 
-    def foreign_link(name: str, link: Any) -> tuple[str, str] | None:
-        return (name, str(link.filename)) if isinstance(link, h5py.ExternalLink) else None
+    def foreign_link(name: Any, info: Any) -> str | None:
+        return None if info.type in _INSIDE else _text(name)
 
-    linked = file.visititems_links(foreign_link)
-    if linked is not None:
-        raise FormatError(
-            f"{path}: {linked[0]!r} is a link to another file, {linked[1]!r}: bring them into one."
-        )
+    named = file.id.links.visit(foreign_link, info=True)
+    if named is not None:
+        raise FormatError(f"{path}: {named!r} is a link to another file: bring them into one.")
 
     def foreign_samples(name: str, item: Any) -> str | None:
         is_foreign = isinstance(item, h5py.Dataset) and (item.is_virtual or item.external)
@@ -48,3 +48,7 @@ def require_own(file: h5py.File, path: Path) -> None:
         raise FormatError(
             f"{path}: the samples of {named!r} lie in other files: bring them into one."
         )
+
+
+def _text(name: Any) -> str:
+    return name.decode("utf-8", "replace") if isinstance(name, bytes) else str(name)

@@ -17,7 +17,6 @@ import h5py
 import numpy as np
 import scipy.io
 import tifffile
-import zarr
 
 from clplen.cameras.truth import Truth
 from clplen.compute.device import Device
@@ -179,7 +178,8 @@ def _zarr(folder: Path, device: Device) -> Path:
 
 def _zarr3(folder: Path, device: Device) -> Path:
     """Format 3, sharded, and packed in each of the three ways that it knows."""
-    import zarr.codecs as codecs
+    import zarr
+    from zarr import codecs
 
     values = light_field(device).to_numpy()
     group = zarr.open_group(str(folder / "a.zarr"), mode="w", zarr_format=3)
