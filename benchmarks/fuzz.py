@@ -30,6 +30,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import fuzzing
+import mutations
 
 from clplen.compute.device import Device
 
@@ -71,7 +72,7 @@ def fuzz(name: str, seconds: float, seed: int, keep: Path) -> int:
             shutil.rmtree(bad, ignore_errors=True)
             shutil.copytree(good.parent, bad)
             path = bad / good.name
-            fuzzing.damage(path, fuzzing.operations(source), source)
+            mutations.damage(path, mutations.operations(source), source)
             case = keep / f"{name}-{seed}-{sum(count.values())}"
             shutil.copytree(bad, case)  # there after a crash too
             before, start = grown(), time.monotonic()

@@ -1,14 +1,13 @@
-"""Small good files of every format, damaged on purpose, and what may come of reading them."""
+"""Small good files of every format, and what may come of reading them when they are damaged."""
 
 from __future__ import annotations
 
 import json
-import random
-import re
+import shutil
 import struct
+import tempfile
 import tracemalloc
 import zipfile
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,10 +18,21 @@ import numpy as np
 import scipy.io
 import tifffile
 
+from clplen.cameras.truth import Truth
 from clplen.compute.device import Device
 from clplen.config import read_camera_file
 from clplen.errors import FormatError, ShapeError
-from clplen.io import read_lightfield, read_picture, read_raw, write_lightfield
+from clplen.io import (
+    read_disparity,
+    read_lightfield,
+    read_masks,
+    read_picture,
+    read_raw,
+    read_truth,
+    write_depth,
+    write_lightfield,
+    write_truth,
+)
 from clplen.io.hci import read_parameters
 from clplen.io.pfm import read_pfm, write_pfm
 from clplen.io.picture import write_picture
@@ -32,6 +42,7 @@ from clplen.io.raytrix import write_raytrix
 from clplen.io.raytrix_calibration import FocusType, RaytrixCalibration
 from clplen.io.volume import read_volume, write_volume
 from clplen.io.zarrs import write_zarr
+from clplen.lightfield.depth import DepthMap
 from clplen.lightfield.lattice import Lattice
 from clplen.lightfield.lightfield import LightField
 from clplen.microscopy import psffile
@@ -40,10 +51,6 @@ from clplen.microscopy.images import PointImages
 # Errors that a damaged file may cause: its own, and those of a value that makes no light field.
 ALLOWED = (FormatError, ShapeError, ValueError)
 SLACK = 64 << 20  # bytes, beside 4 times the file
-Operation = tuple[int, float, int]  # what, where (0 to 1), with which number
-
-_LENGTHS = (2**32 - 1, 2**31, 2**31 - 1, 0, 1, 2**16, 2**24)
-_NUMBERS = (b"-1", b"0", b"999999999999", b"nan", b"1e999", b"", b"[]", b"null")
 
 
 @dataclass(frozen=True)
@@ -60,72 +67,6 @@ class Parser:
 
     make: Callable[[Path, Device], Path]
     read: Callable[[Path, Device], Any]
-
-
-def mutated(data: bytes, operations: list[Operation]) -> bytes:
-    """Bytes, damaged one operation after the other."""
-    out = bytearray(data)
-    for what, where, number in operations:
-        if not out:
-            break
-        place = int(where * len(out))
-        size = 1 + number % 64
-        match what % 8:
-            case 0:
-                del out[place:]
-            case 1:
-                out[place] ^= 1 << number % 8
-            case 2:
-                order = "<I" if number % 2 else ">I"
-                out[place : place + 4] = struct.pack(order, _LENGTHS[number // 2 % len(_LENGTHS)])
-            case 3:
-                other = number % len(out)
-                first, second = bytes(out[place : place + size]), bytes(out[other : other + size])
-                out[place : place + size], out[other : other + size] = second, first
-            case 4:
-                del out[place : place + size]
-            case 5:
-                out[place:place] = out[number % len(out) :][:size]
-            case 6:
-                found = list(re.finditer(rb"-?\d+(?:\.\d+)?", bytes(out[:100000])))
-                if found:
-                    start, end = found[int(where * len(found))].span()
-                    out[start:end] = _NUMBERS[number % len(_NUMBERS)]
-            case _:
-                out[place] = number % 256
-    return bytes(out)
-
-
-def operations(source: random.Random) -> list[Operation]:
-    """One to four random operations."""
-    return [
-        (source.randrange(8), source.random(), source.randrange(1 << 32))
-        for _ in range(source.randint(1, 4))
-    ]
-
-
-def damage(path: Path, ops: list[Operation], source: random.Random) -> bytes:
-    """Damage a file, or one file of a folder, and return what it is now."""
-    file = path
-    if path.is_dir():
-        file = source.choice(sorted(f for f in path.rglob("*") if f.is_file()))
-    data = mutated(file.read_bytes(), ops)
-    if data[:4] == b"\x89PNG" and source.random() < 0.7:
-        data = with_checksums(data)
-    file.write_bytes(data)
-    return data
-
-
-def with_checksums(data: bytes) -> bytes:
-    """A PNG whose chunks have the checksums of what they hold now, to get past these."""
-    out, place = bytearray(data), 8
-    while place + 12 <= len(out):
-        end = place + 8 + int.from_bytes(out[place : place + 4], "big")
-        if end + 4 > len(out):
-            break
-        out[end : end + 4] = zlib.crc32(out[place + 4 : end]).to_bytes(4, "big")
-        place = end + 4
-    return bytes(out)
 
 
 def size_of(path: Path) -> int:
@@ -235,6 +176,36 @@ def _zarr(folder: Path, device: Device) -> Path:
     return folder / "a.zarr"
 
 
+def _zarr3(folder: Path, device: Device) -> Path:
+    """Format 3, sharded, and packed in each of the three ways that it knows."""
+    import zarr
+    from zarr import codecs
+
+    values = light_field(device).to_numpy()
+    group = zarr.open_group(str(folder / "a.zarr"), mode="w", zarr_format=3)
+    arrays = {
+        "lightfield": (values, (1, 1, 5, 4, 3), (1, 3, 5, 4, 3), codecs.BloscCodec(typesize=1)),
+        "weights": (np.ones((2, 3), np.float32), (2, 3), None, codecs.ZstdCodec()),
+        "positions": (np.zeros((2, 3, 2)), (1, 3, 2), None, codecs.GzipCodec()),
+    }
+    for name, (array, chunks, shards, codec) in arrays.items():
+        words = {"chunks": chunks, "shards": shards, "compressors": codec}
+        made = group.create_array(name, shape=array.shape, dtype=array.dtype, **words)
+        made[...] = array
+    return folder / "a.zarr"
+
+
+def _packed(make: Callable[[Path, Device], Path]) -> Callable[[Path, Device], Path]:
+    """The folder that another function makes, as an archive."""
+
+    def made(folder: Path, device: Device) -> Path:
+        with tempfile.TemporaryDirectory() as place:
+            inside = make(Path(place), device)
+            return Path(shutil.make_archive(str(folder / "a"), "zip", inside))
+
+    return made
+
+
 def _views(folder: Path, device: Device) -> Path:
     write_lightfield(folder / "views", light_field(device))
     return folder / "views"
@@ -267,6 +238,29 @@ def _tiff(folder: Path, _: Device) -> Path:
     values = np.arange(4 * 99, dtype=np.uint16).reshape(4, 9, 11)
     tifffile.imwrite(folder / "a.ome.tif", values, metadata={"axes": "TYX"}, compression="zlib")
     return folder / "a.ome.tif"
+
+
+def _tiff_tiles(folder: Path, _: Device) -> Path:
+    values = np.arange(40 * 50 * 3, dtype=np.uint16).reshape(40, 50, 3)
+    words = {"tile": (16, 16), "compression": "zlib", "photometric": "rgb", "bigtiff": True}
+    tifffile.imwrite(folder / "a.tif", values, predictor=True, **words)
+    return folder / "a.tif"
+
+
+def _depth(name: str) -> Callable[[Path, Device], Path]:
+    def made(folder: Path, _: Device) -> Path:
+        maps = np.random.default_rng(2).normal(size=(4, 9, 11)).astype(np.float32)
+        write_depth(folder / name, DepthMap(*maps))
+        return folder / name
+
+    return made
+
+
+def _truth(folder: Path, _: Device) -> Path:
+    maps = np.random.default_rng(2).normal(size=(2, 9, 11)).astype(np.float32)
+    masks = {"near": maps[0] > 0}
+    write_truth(folder / "a.h5", Truth(maps[0], maps[1], np.zeros((9, 11), np.int32), masks))
+    return folder / "a.h5"
 
 
 def _mosaic(folder: Path, device: Device) -> Path:
@@ -344,12 +338,19 @@ PARSERS = {
     "hci2013": Parser(_hci2013, _lightfield()),
     "mat5": Parser(_mat5, _lightfield()),
     "zarr": Parser(_zarr, _lightfield()),
+    "zarr-zip": Parser(_packed(_zarr), _lightfield()),
+    "zarr3": Parser(_zarr3, _lightfield()),
+    "zarr3-zip": Parser(_packed(_zarr3), _lightfield()),
     "zip": Parser(_zip, _lightfield()),
     "views": Parser(_views, _lightfield(allow_missing=True)),
     "tiff-views": Parser(_tiff_views, _lightfield()),
     "png": Parser(_png, lambda path, _: read_picture(path)),
     "png16": Parser(_png16, lambda path, _: read_picture(path)),
     "tiff": Parser(_tiff, lambda path, _: read_frame(path, frame=2)),
+    "tiff-tiles": Parser(_tiff_tiles, lambda path, _: read_picture(path)),
+    "ome-depth": Parser(_depth("a.ome.tif"), lambda path, _: read_disparity(path)),
+    "zarr-depth": Parser(_depth("a.zarr"), lambda path, _: read_disparity(path)),
+    "truth": Parser(_truth, lambda path, _: (read_truth(path), read_masks(path))),
     "mosaic": Parser(_mosaic, _lightfield(views=(2, 3), order="yvxu")),
     "grid": Parser(_grid, lambda path, _: Lattice.load(path)),
     "calinfo": Parser(_calinfo, lambda path, _: Lattice.load(path)),

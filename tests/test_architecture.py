@@ -18,7 +18,7 @@ PACKAGE = ROOT / "clplen"
 # public names: it imports the towers, and only what stands above them imports it.
 STOREYS = (
     {"errors"},
-    {"files", "hdf5_heap"},
+    {"files", "hdf5_heap", "hdf5_links"},
     {"compute"},
     {"wave", "lightfield"},
     {"cameras"},
@@ -36,6 +36,7 @@ HEIGHT = {unit: height for height, units in enumerate(STOREYS) for unit in units
 ANYWHERE = {"numpy", "scipy", "pyopencl"}
 GUESTS = {
     "compute": {"ducc0", "pyvkfft"},
+    "hdf5_links": {"h5py"},
     "microscopy": {"h5py"},
     "io": {"h5py", "imageio", "tifffile", "tqdm", "zarr"},
     "plot": {"matplotlib"},

@@ -27,7 +27,6 @@ from clplen.lightfield.stored import StoredLightField
 _RATIO = {zipfile.ZIP_STORED: 1.0, zipfile.ZIP_DEFLATED: DEFLATE}
 _ENCRYPTED = 1  # bit of the flags
 _DRIVE = re.compile(r"[A-Za-z]:")
-_UNREADABLE = (*UNREADABLE, zipfile.BadZipFile, NotImplementedError)
 
 
 def read(
@@ -94,7 +93,7 @@ def open_parts(
 def _opened(path: Path) -> zipfile.ZipFile:
     try:
         return zipfile.ZipFile(path)
-    except _UNREADABLE as error:
+    except UNREADABLE as error:
         raise FormatError(f"{path} is no zip archive that can be read ({error}).") from error
 
 
@@ -162,7 +161,7 @@ def _content(
     try:
         with archive.open(info) as member:
             content = member.read(info.file_size + 1)
-    except _UNREADABLE as error:
+    except UNREADABLE as error:
         raise FormatError(f"The picture {where} cannot be read ({error}).") from error
     if len(content) != info.file_size:
         raise FormatError(f"The picture {where} has another size than its archive declares.")

@@ -6,7 +6,6 @@ import html
 import json
 import math
 import re
-import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,9 @@ import h5py
 import numpy as np
 import tifffile
 
+from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
+from clplen.hdf5_links import require_own
 from clplen.io.blocks import Block, whole
 from clplen.io.pfm import write_pfm
 from clplen.io.picture import write_picture
@@ -202,23 +203,26 @@ def found_in(path: PathLike) -> tuple[str, dict[str, Any]] | None:
 def _found_in_hdf5(path: Path) -> tuple[str, dict[str, Any]] | None:
     try:
         with h5py.File(path) as file:
+            require_own(file, path)
             m = file.get("lenslets/m")
             if m is None or "picture/m" not in file or m.attrs.get("meaning") != _M:
                 return None
             shapes = {"lenslets": m.shape, "shape": file["picture/m"].shape}
-    except (OSError, RuntimeError, ValueError, AttributeError, KeyError):
+    except (FormatError, OSError, RuntimeError, ValueError, AttributeError, KeyError):
         return None
     return f"depth {_BY}", shapes
 
 
 def _found_in_tiff(path: Path) -> tuple[str, dict[str, Any]] | None:
     try:
-        with tifffile.TiffFile(path) as file:
-            if file.pages[0].description == _MAP:
-                return f"a map of m = b/a {_BY}", {"shape": tuple(file.pages[0].shape)}
-            text = re.search("<Description>(.*?)</Description>", file.ome_metadata or "", re.DOTALL)
-            said = json.loads(html.unescape(text[1])) if text else None
-            found: dict[str, Any] = {"shape": tuple(file.series[0].shape)}
+        with tifffile.TiffFile(path, is_ome=False, is_imagej=False) as file:
+            first, count = file.pages.first, len(file.pages)
+            about, shape = first.description, tuple(first.shape)
+        if about == _MAP:
+            return f"a map of m = b/a {_BY}", {"shape": shape}
+        text = re.search("<Description>(.*?)</Description>", about, re.DOTALL)
+        said = json.loads(html.unescape(text[1])) if text else None
+        found: dict[str, Any] = {"shape": (count, *shape) if count > 1 else shape}
         if not isinstance(said, dict):
             return None
         if said.get("m") == _M:
@@ -226,7 +230,7 @@ def _found_in_tiff(path: Path) -> tuple[str, dict[str, Any]] | None:
         if said.get("magnification") != _M:
             return None
         found["m"] = [float(m) for m in said.get("ms", [said.get("m")])]
-    except (OSError, TypeError, ValueError, LookupError, RuntimeError, struct.error):
+    except Exception:  # tifffile raises all kinds on damaged files
         return None
     return f"{'a focal stack' if 'ms' in said else 'a picture'} {_BY}", found
 

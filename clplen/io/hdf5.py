@@ -17,6 +17,7 @@ import numpy as np
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
+from clplen.hdf5_links import require_own
 from clplen.io import attributes
 from clplen.io.hdf5_foreign import find, source_of
 from clplen.io.hdf5_reading import attributes_of, dataset_of, opened, require_size
@@ -121,6 +122,7 @@ def open_parts(
     with ExitStack() as held:
         with reading(path):
             file = held.enter_context(h5py.File(path, "r"))
+            require_own(file, path)
             stored = stored_light_field(_found(file, path, device, layout), layout)
         yield stored
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from clplen.errors import FormatError
 from clplen.hdf5_heap import require_heaps
+from clplen.hdf5_links import require_own
 from clplen.io.attributes import plain
 from clplen.io.bounds import DEFLATE, require_bytes
 from clplen.io.loading import reading
@@ -36,8 +37,15 @@ _OTHER = DEFLATE  # of scale-offset and of filters that plugins bring
 
 @contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
-    """An HDF5 file to read; what HDF5 says of a damaged one is a FormatError."""
+    """An HDF5 file to read; what HDF5 says of a damaged one is a FormatError.
+
+    Raises
+    ------
+    FormatError
+        Also if it leads to other files.
+    """
     with reading(path), h5py.File(path, "r") as file:
+        require_own(file, path)
         yield file
 
 
@@ -125,13 +133,8 @@ def storage(dataset: h5py.Dataset, path: Path, max_bytes: int | None) -> tuple[i
     Raises
     ------
     FormatError
-        If they lie in other files, are compressed by a filter that is not there, or in chunks
-        larger than they can be.
+        If they are compressed by a filter that is not there, or in chunks larger than they can be.
     """
-    if dataset.is_virtual or dataset.external:
-        raise FormatError(
-            f"{path}: the samples of {dataset.name!r} lie in other files: bring them into one."
-        )
     stored = min(dataset.id.get_storage_size(), path.stat().st_size)
     if dataset.chunks is None:
         return stored, 1.0

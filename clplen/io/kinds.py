@@ -157,6 +157,8 @@ def kind_of(path: Path) -> Kind:
     """
     if not path.exists():
         raise FormatError(f"There is no file or folder {path}.")
+    if not path.is_file() and not path.is_dir():
+        raise FormatError(f"{path} is neither a file nor a folder.")
     head = b""
     if path.is_file():
         with path.open("rb") as file:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import itertools
+import lzma
 import math
 import struct
 import tokenize
+import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -34,15 +36,19 @@ UNREADABLE = (  # what libraries raise on files that are damaged or something el
     AssertionError,
     AttributeError,
     EOFError,
+    ImportError,
     LookupError,
     MemoryError,
     OSError,
     RuntimeError,
+    SystemError,
     TypeError,
     ValueError,
     SyntaxError,
+    lzma.LZMAError,
     struct.error,
     tokenize.TokenError,
+    zipfile.BadZipFile,
     zlib.error,
 )
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import math
-import struct
 from collections.abc import Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -20,6 +19,7 @@ from clplen.errors import FormatError
 from clplen.files import PathLike, check_space, replacing
 from clplen.io.blocks import Array, Block, checked, put
 from clplen.io.bounds import require_bytes
+from clplen.io.tiff import decode_tiff
 from clplen.lightfield.raw import Spacing
 
 SUFFIXES = (".tif", ".tiff")
@@ -131,17 +131,11 @@ def read_ome_page(path: PathLike, index: int, *, max_bytes: int | None = None) -
         If it is damaged, or has no such page.
     """
     path = Path(path)
+    size = path.stat().st_size
+    require_bytes(size, path=path, what="the file", stored=size, ratio=1, max_bytes=max_bytes)
     try:
-        with tifffile.TiffFile(path) as file:
-            page = file.pages[index]
-            require_bytes(
-                int(page.nbytes),
-                path=path,
-                what="a picture",
-                stored=path.stat().st_size,
-                ratio=1,
-                max_bytes=max_bytes,
-            )
-            return np.asarray(page.asarray())
-    except (OSError, ValueError, LookupError, RuntimeError, struct.error) as error:
+        return decode_tiff(path.read_bytes(), path, max_bytes=max_bytes, page=index)
+    except FormatError:
+        raise
+    except Exception as error:  # tifffile raises all kinds on damaged files
         raise FormatError(f"{path} cannot be read ({str(error)[:200]}).") from error

@@ -19,10 +19,13 @@ from clplen.errors import FormatError
 from clplen.files import PathLike, check_space, filling
 from clplen.io.blocks import Array, Block, checked, put
 from clplen.io.bounds import require_bytes
-from clplen.io.zarrpackage import format_2, zarr_package
+from clplen.io.loading import reading
+from clplen.io.zarrpackage import FORMAT_2, opened_store, zarr_package
+from clplen.io.zarrs import storage
 from clplen.lightfield.raw import Spacing
 
 SUFFIX = ".zarr"
+_INSTEAD = "write .tif"
 _CHUNK = 512  # pixels along y and x, at most
 _SMALLEST = 256  # pixels along the longer side of the last level, at most
 _COLOURS = ("FF0000", "00FF00", "0000FF")
@@ -104,7 +107,7 @@ def write_omezarr(
         for finer, coarser in pairwise(levels):
             _halve(finer, coarser)
         names = channels or _names(shape)
-        group = _zarr().open_group(str(folder), mode="a", **format_2(_zarr()))
+        group = _zarr().open_group(_zarr().storage.LocalStore(folder), mode="a", **FORMAT_2)
         group.attrs.update(
             {
                 "multiscales": [_multiscales(Path(path), sizes, axes, spacing, depth, first)],
@@ -142,10 +145,10 @@ def _number(target: Path) -> int | None:
 def _size_of(target: Path) -> tuple[int, ...] | None:
     """The shape of an OME-Zarr at full size, None if it is none."""
     try:
-        group = _zarr().open_group(str(target), mode="r")
-        attributes = dict(group.attrs)
-        (first, *_) = attributes.get("ome", attributes)["multiscales"]
-        return tuple(int(n) for n in group[first["datasets"][0]["path"]].shape)
+        with opened_store(target, _INSTEAD) as group:
+            attributes = dict(group.attrs)
+            (first, *_) = attributes.get("ome", attributes)["multiscales"]
+            return tuple(int(n) for n in group[first["datasets"][0]["path"]].shape)
     except Exception:  # the package raises all kinds on what is none
         return None
 
@@ -168,12 +171,12 @@ def _array(folder: Path, name: str, size: tuple[int, ...]) -> Any:
         size,
         chunks=(*(1 for _ in size[:-2]), *sides),
         dtype="<f4",
-        store=str(folder),
+        store=_zarr().storage.LocalStore(folder),  # a name may look like an address
         path=name,
         compressor=None,
         fill_value=0,
         dimension_separator="/",
-        **format_2(_zarr()),
+        **FORMAT_2,
     )
 
 
@@ -350,19 +353,21 @@ def read_omezarr_channel(path: PathLike, index: int, *, max_bytes: int | None = 
         If the package zarr is not installed; if it is damaged, or no such OME-Zarr.
     """
     path = Path(path)
-    zarr = _zarr()
-    try:
-        level = zarr.open_group(str(path), mode="r")["0"]
-        if len(level.shape) != 3:
-            raise ValueError(f"its full size has shape {level.shape}, not (c, y, x)")
-        nbytes = math.prod(level.shape[1:]) * level.dtype.itemsize
+    with opened_store(path, _INSTEAD, max_bytes) as root, reading(path):
+        level: Any = root.get("0")
+        shape = getattr(level, "shape", ())
+        if len(shape) != 3:
+            raise FormatError(
+                f"{path} is no depth map in OME-Zarr: its array '0' has shape {shape}, not "
+                "(c, y, x)."
+            )
+        stored, ratio = storage(level, path, "its full size", max_bytes)
+        nbytes = math.prod(shape[1:]) * level.dtype.itemsize
         require_bytes(
-            nbytes, path=path, what="a channel", stored=nbytes, ratio=1, max_bytes=max_bytes
+            nbytes, path=path, what="a channel", stored=stored, ratio=ratio, max_bytes=max_bytes
         )
         return np.asarray(level[index])
-    except (OSError, ValueError, LookupError, RuntimeError, TypeError) as error:
-        raise FormatError(f"{path} is no depth map in OME-Zarr ({str(error)[:200]}).") from error
 
 
 def _zarr() -> Any:
-    return zarr_package("write .tif")
+    return zarr_package(_INSTEAD)

@@ -19,7 +19,7 @@ from clplen.io.ome import SUFFIXES
 from clplen.io.omezarr import SUFFIX
 from clplen.io.stack import is_series, write_series
 from clplen.io.tiff import decode_tiff_stack
-from clplen.io.zarrpackage import zarr_package
+from clplen.io.zarrpackage import opened_store
 from clplen.io.zarrs import storage
 
 
@@ -113,10 +113,11 @@ def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array,
         raise FormatError(f"There is no volume {path}.")
     try:
         if path.suffix.lower() == SUFFIX:
-            level = _zarr_group(path)["0"]
-            stored, ratio = storage(level, path, "a volume", max_bytes)
-            _require(path, level, stored, ratio, max_bytes)
-            values = np.asarray(level[...])
+            with opened_store(path, "write .tif", max_bytes) as group:
+                level = group["0"]
+                stored, ratio = storage(level, path, "a volume", max_bytes)
+                _require(path, level, stored, ratio, max_bytes)
+                values = np.asarray(level[...])
         elif path.suffix.lower() == ".npy":
             mapped = np.load(path, mmap_mode="r", allow_pickle=False)
             _require(path, mapped, path.stat().st_size, 1, max_bytes)
@@ -149,11 +150,14 @@ def describe_volume(path: PathLike) -> dict[str, Any]:
     path = Path(path)
     try:
         if path.suffix.lower() == SUFFIX:
-            group = _zarr_group(path)
-            found = group.attrs["clplen"] if "0" in group else {}
+            with opened_store(path, "write .tif") as group:
+                found = group.attrs["clplen"] if "0" in group else {}
         else:
             with tifffile.TiffFile(path, is_ome=False, is_imagej=False) as file:
-                root = ET.fromstring(file.pages.first.description or "<OME/>")
+                text = file.pages.first.description or "<OME/>"
+            if "<!DOCTYPE" in text or "<!ENTITY" in text:  # could claim any amount of memory
+                return {}
+            root = ET.fromstring(text)
             found = json.loads(next(one.text or "" for one in root.iter() if _is_text(one)))
     except Exception:  # what other programs wrote, or nothing
         return {}
@@ -172,10 +176,6 @@ def is_volume(path: PathLike) -> bool:
 
 def _is_text(element: ET.Element) -> bool:
     return element.tag.endswith("Description")
-
-
-def _zarr_group(path: Path) -> Any:
-    return zarr_package("write .tif").open_group(str(path), mode="r")
 
 
 def _require(path: Path, array: Any, stored: int, ratio: float, max_bytes: int | None) -> None:

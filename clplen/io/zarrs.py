@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import math
 import warnings
-import zipfile
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +21,12 @@ from clplen.errors import FormatError
 from clplen.files import PathLike, filling
 from clplen.io import attributes
 from clplen.io.attributes import SAMPLES
-from clplen.io.bounds import DEFLATE, require_bytes
+from clplen.io.bounds import require_bytes
 from clplen.io.layout import Layout, View
 from clplen.io.loading import Source, axes_known, reading
 from clplen.io.names import listed
 from clplen.io.opening import Found, light_field, stored_light_field
-from clplen.io.zarrpackage import format_2, zarr_package
+from clplen.io.zarrpackage import FORMAT_2, opened_store, zarr_package
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.stored import StoredLightField
 
@@ -58,22 +57,20 @@ def write_zarr(path: PathLike, lf: LightField) -> None:
         If the folder holds something, or cannot be written.
     """
     zarr = _zarr()
-    form = format_2(zarr)
     with filling(path) as folder:
-        store = str(folder)
-        group = zarr.open_group(store, mode="w", **form)
+        store = zarr.storage.LocalStore(folder)  # a name may look like an address
+        group = zarr.open_group(store, mode="w", **FORMAT_2)
         chunks = _chunks(lf)
         data = zarr.create(
-            lf.shape, chunks=chunks, dtype=lf.dtype, store=store, path=SAMPLES, **form
+            lf.shape, chunks=chunks, dtype=lf.dtype, store=store, path=SAMPLES, **FORMAT_2
         )
         with lf.device.on_host(lf.data, write=False) as values:
             for v, row in enumerate(values):
                 data[v] = row
         data.attrs.update(attributes.of_samples(lf))
         for name, array in attributes.arrays_beside(lf).items():
-            beside = zarr.create(
-                array.shape, chunks=array.shape, dtype=array.dtype, store=store, path=name, **form
-            )
+            words = {"chunks": array.shape, "dtype": array.dtype, "path": name, **FORMAT_2}
+            beside = zarr.create(array.shape, store=store, **words)
             beside[...] = array
         camera = attributes.of_camera(lf.camera)
         if camera is not None:
@@ -110,11 +107,9 @@ def read(
         several, its axes or camera are none, or its values make no light field.
     """
     path = Path(path)
-    with ExitStack() as held:
-        root = _opened(path, held)
-        with reading(path):
-            found = _found(root, path, device, layout)
-            return light_field(found, device=device, layout=layout, progress=progress)
+    with opened_store(path, "use .h5", max_bytes=layout.max_bytes) as root, reading(path):
+        found = _found(root, path, device, layout)
+        return light_field(found, device=device, layout=layout, progress=progress)
 
 
 @contextmanager
@@ -139,8 +134,7 @@ def open_parts(
         As `read`; what is damaged or NaN, when it is read.
     """
     path = Path(path)
-    with ExitStack() as held:
-        root = _opened(path, held)
+    with opened_store(path, "use .h5", max_bytes=layout.max_bytes) as root:
         with reading(path):
             stored = stored_light_field(_found(root, path, device, layout), layout)
         yield stored
@@ -152,7 +146,7 @@ def _found(root: Any, path: Path, device: Device, layout: Layout) -> Found:
     source = _source(array, found, path, layout)
     if _name(array) != SAMPLES:
         return Found(source)
-    known: dict[str, Any] = dict(_arrays_beside(root, path, source.views))
+    known: dict[str, Any] = dict(_arrays_beside(root, path, source.views, layout.max_bytes))
     placed = "positions" in known or layout.positions is not None
     known |= attributes.known_of(found, path, layout, placed=placed)
     known["camera"] = _camera(root, path, device)
@@ -162,46 +156,6 @@ def _found(root: Any, path: Path, device: Device, layout: Layout) -> Found:
 def _chunks(lf: LightField) -> tuple[int, ...]:
     line = math.prod((lf.shape[1], *lf.shape[3:])) * lf.dtype.itemsize
     return (1, lf.shape[1], min(lf.shape[2], max(_CHUNK // line, 1)), *lf.shape[3:])
-
-
-def _opened(path: Path, held: ExitStack) -> Any:
-    """The root of a store to read, a group or an array; `held` closes an archive."""
-    zarr = _zarr()
-    metadata_error = getattr(zarr.errors, "MetadataError", ValueError)  # no ValueError in zarr 2
-    with reading(path):
-        try:
-            if path.is_dir():
-                return _root(str(path))
-            _bound_members(path)
-            return _root(held.enter_context(zarr.storage.ZipStore(str(path), mode="r")))
-        except (zipfile.BadZipFile, metadata_error) as error:
-            raise ValueError(str(error)) from error
-
-
-def _root(store: Any) -> Any:
-    with warnings.catch_warnings():  # about types and extensions that no light field has
-        warnings.simplefilter("ignore")
-        return _zarr().open(store, mode="r")
-
-
-def _bound_members(path: Path) -> None:
-    """Refuse an archive that would inflate to more than it can hold."""
-    size = path.stat().st_size
-    with zipfile.ZipFile(path) as archive:
-        for item in archive.infolist():
-            if item.compress_size > size:
-                raise FormatError(
-                    f"{path}: its member {item.filename!r} of {item.compress_size:,} bytes is "
-                    f"larger than the file of {size:,}: the file is damaged."
-                )
-            require_bytes(
-                item.file_size,
-                path=path,
-                what=f"its member {item.filename!r}",
-                stored=item.compress_size,
-                ratio=DEFLATE,
-                max_bytes=None,
-            )
 
 
 def _arrays(group: Any, depth: int = _DEPTH) -> dict[str, Any]:
@@ -277,23 +231,25 @@ def storage(array: Any, path: Path, what: str, max_bytes: int | None) -> tuple[i
     FormatError
         If chunks are missing, or larger than they can be.
     """
-    folder = path / _name(array)
-    if path.is_dir():
-        sizes = [file.stat().st_size for file in folder.rglob("*") if file.is_file()]
-    else:
-        with zipfile.ZipFile(path) as archive:
-            sizes = [item.file_size for item in archive.infolist()]
-    chunks = getattr(array, "shards", None) or array.chunks
+    inside = f"{_name(array)}/" if _name(array) else ""
+    sizes = [size for key, size in array.store.sizes.items() if key.startswith(inside)]
+    chunks = array.shards or array.chunks
     count = math.prod(-(-n // c) for n, c in zip(array.shape, chunks, strict=True))
     if count > _SPARSE * len(sizes) + _FEW:
         raise FormatError(
             f"{path}: {what} has {count:,} chunks, of which at most {len(sizes):,} are there: it "
             "is damaged or incomplete."
         )
-    packed = getattr(array, "compressors", None) or getattr(array, "filters", None)
-    if not hasattr(array, "compressors"):  # zarr 2
-        packed = packed or array.compressor
-    ratio = _RATIO if packed else float(_SPARSE)
+    packing = array.store.arrays[_name(array)]
+    require_bytes(
+        packing.index_bytes,
+        path=path,
+        what=f"the index of a shard of {what}",
+        stored=sum(sizes),
+        ratio=1,
+        max_bytes=max_bytes,
+    )
+    ratio = _RATIO if packing.packed else float(_SPARSE)
     require_bytes(
         math.prod(array.chunks) * np.dtype(array.dtype).itemsize,
         path=path,
@@ -305,13 +261,16 @@ def storage(array: Any, path: Path, what: str, max_bytes: int | None) -> tuple[i
     return sum(sizes), ratio
 
 
-def _arrays_beside(root: Any, path: Path, views: View) -> dict[str, np.ndarray[Any, Any]]:
+def _arrays_beside(
+    root: Any, path: Path, views: View, max_bytes: int | None
+) -> dict[str, np.ndarray[Any, Any]]:
     found = {}
     for name in attributes.BESIDE:
         if name in root:
             array = root[name]
             if not _is_array(array) or tuple(array.shape) not in (views, (*views, 2)):
                 raise FormatError(f"{path}: {name!r} is no array of {views[0]} x {views[1]} views.")
+            storage(array, path, f"the array {name!r}", max_bytes)
             found[name] = np.asarray(array[...])
     return found
 

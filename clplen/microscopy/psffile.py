@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,11 @@ from clplen.compute.hostmemory import free_memory
 from clplen.errors import FormatError
 from clplen.files import PathLike, check_space, replacing
 from clplen.hdf5_heap import require_heaps
+from clplen.hdf5_links import require_own
 from clplen.microscopy.images import PointImages
 
+_DEFLATE = 1032  # largest ratio of gzip
+_SLACK = 1 << 20  # bytes that any file may ask for
 FORMAT = "clplen point images 1"
 # Bytes of a file over those of its images; from .79 and .46 on were measured.
 DENSEST = {"float32": 0.7, "float16": 0.4}
@@ -84,7 +88,8 @@ def read(path: PathLike) -> PointImages:
         with h5py.File(place, "r") as file:
             if file.attrs.get("format") != FORMAT:
                 raise FormatError(f"{place} holds no point images ({FORMAT!r}).")
-            _check_memory(place, sum(one.nbytes for one in file["planes"].values()))
+            require_own(file, place)
+            _check_memory(place, [*file["planes"].values(), file["scales"]])
             parameters = json.loads(file.attrs["parameters"])
             stored = tuple(file["planes"][name][()] for name in sorted(file["planes"]))
             scales, expected = file["scales"][()], file.attrs["digest"]
@@ -125,13 +130,19 @@ def described(path: PathLike) -> tuple[dict[str, Any], list[tuple[int, ...]]] | 
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") != FORMAT:
                 return None
+            require_own(file, Path(path))
             planes = file["planes"]
             return json.loads(file.attrs["parameters"]), [planes[k].shape for k in sorted(planes)]
     except (OSError, AttributeError, FormatError, LookupError, RuntimeError, ValueError):
         return None
 
 
-def _check_memory(path: Path, nbytes: int) -> None:
+def _check_memory(path: Path, datasets: list[h5py.Dataset]) -> None:
+    """Refuse more samples than the file can hold, or the memory."""
+    chunks = [math.prod(one.chunks or ()) * one.dtype.itemsize for one in datasets]
+    nbytes = sum(one.nbytes for one in datasets)
+    if max(nbytes, *chunks) > path.stat().st_size * _DEFLATE + _SLACK:
+        raise ValueError(f"{nbytes:,} bytes are declared")
     free = free_memory()
     if nbytes > free:
         raise FormatError(

@@ -123,5 +123,5 @@ def test_what_write_depth_and_write_truth_wrote(tmp_path: Path):
     write_depth(tmp_path / "d.ome.zarr", depth)
     assert np.array_equal(read_disparity(tmp_path / "d.ome.zarr"), values[0])
     (tmp_path / "e.zarr").mkdir()
-    with pytest.raises(FormatError, match=r"e\.zarr is no depth map in OME-Zarr"):
+    with pytest.raises(FormatError, match=r"e\.zarr is no Zarr store"):
         read_disparity(tmp_path / "e.zarr")

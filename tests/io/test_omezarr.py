@@ -23,7 +23,6 @@ from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.refocus import FocalStack
 
 zarr = pytest.importorskip("zarr")
-NEWER = not zarr.__version__.startswith("2.")
 SPACING = (-1e-3, -1e-3, -2e-6, 3e-6)
 CAMERA = SimpleNamespace(dz=lambda alpha: (alpha - 1) / 10)
 
@@ -60,8 +59,6 @@ def require_pyramid(found: list[np.ndarray], values: np.ndarray) -> None:
 def require_valid(path: Path) -> None:
     """By the reference models of the format, where they are installed."""
     models = pytest.importorskip("ome_zarr_models.v04")
-    if not NEWER:
-        pytest.skip("ome_zarr_models reads with zarr 3")
     image = models.Image.from_zarr(zarr.open_group(str(path), mode="r"))
     assert image.attributes.multiscales[0].version == "0.4"
     assert image.attributes.omero is not None
@@ -78,8 +75,6 @@ def require_valid(path: Path) -> None:
 def test_the_reference_reader_finds_everything(
     tmp_path: Path, shape: tuple[int, ...], parts: tuple[int, int, int], axes: str
 ):
-    if not NEWER:
-        pytest.skip("ome_zarr reads with zarr 3")
     io = pytest.importorskip("ome_zarr.io")
     reader = pytest.importorskip("ome_zarr.reader")
     values = random_values(*shape)

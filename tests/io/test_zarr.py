@@ -23,8 +23,7 @@ from clplen.wave.lenslets import MicrolensArray
 
 zarr = pytest.importorskip("zarr")
 SHAPE = (3, 5, 7, 11, 2)
-NEWER = not zarr.__version__.startswith("2.")
-FORMATS = [2, 3] if NEWER else [2]
+FORMATS = [2, 3]
 
 
 def values_of(dtype: Any = np.uint16) -> np.ndarray:
@@ -53,7 +52,6 @@ def light_field(device: Device, dtype: Any = np.uint16) -> LightField:
 
 def write(path: Path, form: int, name: str, values: np.ndarray, **words: Any) -> Any:
     """An array by the package alone."""
-    kinds = {"zarr_format": form} if NEWER else {}
     chunks = words.pop("chunks", values.shape)
     array = zarr.create(
         values.shape,
@@ -61,7 +59,7 @@ def write(path: Path, form: int, name: str, values: np.ndarray, **words: Any) ->
         store=str(path),
         path=name,
         chunks=chunks,
-        **kinds,
+        zarr_format=form,
         **words,
     )
     array[...] = values
@@ -69,7 +67,7 @@ def write(path: Path, form: int, name: str, values: np.ndarray, **words: Any) ->
 
 
 def group(path: Path, form: int) -> None:
-    zarr.open_group(str(path), mode="a", **({"zarr_format": form} if NEWER else {}))
+    zarr.open_group(str(path), mode="a", zarr_format=form)
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float16, np.float32])
@@ -162,7 +160,6 @@ def test_which_array(tmp_path: Path, device: Device, form: int):
         read_lightfield(tmp_path / "a.zarr", device=device, dataset="picture")
 
 
-@pytest.mark.skipif(not NEWER, reason="shards came with format 3")
 def test_shards(tmp_path: Path, device: Device):
     words = {"shape": SHAPE, "chunks": (1, 1, 7, 11, 2), "shards": (1, 5, 7, 11, 2)}
     array = zarr.create_array(str(tmp_path / "a.zarr"), dtype="u2", **words)
@@ -243,6 +240,16 @@ def test_without_the_package(tmp_path: Path, device: Device, monkeypatch: pytest
         with pytest.raises(FormatError, match=r'pip install "clplen\[zarr\]", or use \.h5'):
             act()
     assert [file.name for file in tmp_path.iterdir()] == ["a.zarr"]
+
+
+@pytest.mark.parametrize("version", ["2.18.3", "2.16.0"])
+def test_before_version_3(
+    tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch, version: str
+):
+    write_lightfield(tmp_path / "a.zarr", light_field(device))
+    monkeypatch.setattr(zarr, "__version__", version)
+    with pytest.raises(FormatError, match=rf"needs the package zarr 3 .*, not {version}"):
+        read_lightfield(tmp_path / "a.zarr", device=device)
 
 
 def test_members_of_an_archive_that_are_too_large(tmp_path: Path, device: Device):

@@ -1,0 +1,364 @@
+"""Files from strangers: nothing in them is executed, and none leads to another file."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import pickle
+import shutil
+import stat
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+import tifffile
+
+from clplen.compute.device import Device
+from clplen.errors import FormatError
+from clplen.io import (
+    open_lightfield,
+    read_disparity,
+    read_lightfield,
+    read_masks,
+    read_picture,
+    read_raw,
+    read_raytrix,
+    read_truth,
+    write_lightfield,
+    write_picture,
+)
+from clplen.io.focused import found_in
+from clplen.io.frames import read_tiff_frame
+from clplen.io.volume import describe_volume, read_volume
+from clplen.lightfield.lightfield import LightField
+from clplen.microscopy import psffile
+
+SHAPE = (2, 3, 5, 4)
+
+
+class Canary:
+    """Its pickle writes a file when it is read."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (Path.write_text, (self.file, "sung"))
+
+
+def values() -> np.ndarray:
+    return np.arange(120, dtype=np.uint8).reshape(SHAPE)
+
+
+def refused(act: Callable[[], Any], message: str) -> None:
+    with pytest.raises(FormatError, match=message):
+        act()
+
+
+# NumPy
+
+
+@pytest.mark.parametrize("shape", [(), SHAPE])
+def test_pickles_in_numpy(tmp_path: Path, one_device: Device, shape: tuple[int, ...]):
+    sung = tmp_path / "canary"
+    array = np.empty(shape, object)
+    array[...] = Canary(sung)
+    file = tmp_path / "a.npy"
+    np.save(file, array, allow_pickle=True)
+    for read in (
+        lambda: read_lightfield(file, device=one_device),
+        lambda: read_disparity(file),
+        lambda: read_volume(file),
+    ):
+        refused(read, r"a\.npy")
+    assert not sung.exists()
+    np.load(file, allow_pickle=True)
+    assert sung.exists()
+
+
+def test_a_pickle_with_the_name_of_an_array(tmp_path: Path, one_device: Device):
+    sung = tmp_path / "canary"
+    for name in ("a.npy", "a.mat", "a.h5", "a.png"):
+        (tmp_path / name).write_bytes(pickle.dumps(Canary(sung)))
+        refused(lambda name=name: read_lightfield(tmp_path / name, device=one_device), name)
+        refused(lambda name=name: read_disparity(tmp_path / name), name)
+    assert not sung.exists()
+
+
+# HDF5
+
+
+@pytest.fixture
+def secret(tmp_path: Path) -> Path:
+    """A file of the user that lies elsewhere."""
+    (tmp_path / "elsewhere").mkdir()
+    with h5py.File(tmp_path / "elsewhere" / "secret.h5", "w") as file:
+        file["lightfield"] = values()
+        file["weights"] = np.ones((2, 3))
+        file["disparity"] = np.ones((5, 4), np.float32)
+        file["masks/near"] = np.ones((5, 4), np.uint8)
+        file["group/LF"] = values()
+        file["planes/0000"] = np.ones((1, 3, 3), np.float32)
+    return tmp_path / "elsewhere" / "secret.h5"
+
+
+def linked(file: h5py.File, name: str, secret: Path) -> None:
+    file[name] = h5py.ExternalLink(str(secret), name)
+
+
+def by_two_links(file: h5py.File, _: str, secret: Path) -> None:
+    file["hidden"] = h5py.ExternalLink(str(secret), "/group")
+    file["LF"] = h5py.SoftLink("/hidden/LF")
+
+
+def external(file: h5py.File, name: str, secret: Path) -> None:
+    words = {"external": [(str(secret), 0, 120)], "dtype": "u1", "shape": SHAPE}
+    file.create_dataset(name, **words)
+
+
+def virtual(file: h5py.File, name: str, secret: Path) -> None:
+    layout = h5py.VirtualLayout(SHAPE, "u1")
+    layout[...] = h5py.VirtualSource(str(secret), "lightfield", SHAPE)
+    file.create_virtual_dataset(name, layout)
+
+
+WAYS = [linked, by_two_links, external, virtual]
+SAID = r"a\.h5: .*(is a link to another file|lie in other files).*bring them into one"
+
+
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
+def test_hdf5_that_leads_to_other_files(
+    tmp_path: Path, one_device: Device, secret: Path, way: Callable[..., None]
+):
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        way(file, "lightfield", secret)
+
+    def opened() -> None:
+        with open_lightfield(path, device=one_device):
+            pass
+
+    refused(lambda: read_lightfield(path, device=one_device), SAID)
+    refused(opened, SAID)
+
+
+@pytest.mark.parametrize("way", [linked, external])
+def test_hdf5_beside_a_light_field(
+    tmp_path: Path, one_device: Device, secret: Path, way: Callable[..., None]
+):
+    path = tmp_path / "a.h5"
+    write_lightfield(path, LightField.from_array(values(), device=one_device))
+    with h5py.File(path, "a") as file:
+        if "weights" in file:
+            del file["weights"]
+        way(file, "weights", secret)
+    refused(lambda: read_lightfield(path, device=one_device), SAID)
+
+
+def test_other_readers_of_hdf5(tmp_path: Path, secret: Path):
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        for name in ("disparity", "masks", "raw", "planes", "scales"):
+            linked(file, name, secret)
+        file["lenslets/m"] = np.ones(2)
+        file.attrs["format"] = psffile.FORMAT
+    for read in (read_truth, read_masks, read_disparity, read_raw, psffile.read):
+        refused(lambda read=read: read(path), SAID)
+    assert psffile.described(path) is None
+    assert found_in(path) is None
+
+
+def test_a_soft_link_inside_is_followed(tmp_path: Path, one_device: Device):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["data/samples"] = values()
+        file["lightfield"] = h5py.SoftLink("/data/samples")
+    lf = read_lightfield(tmp_path / "a.h5", device=one_device)
+    np.testing.assert_array_equal(lf.to_numpy(), values())
+
+
+@pytest.mark.parametrize("kind", ["objects", "references", "texts"])
+def test_hdf5_holds_no_objects(tmp_path: Path, one_device: Device, kind: str):
+    """h5py takes the tag of an opaque type for a type of NumPy."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        if kind == "objects":
+            opaque = h5py.h5t.create(h5py.h5t.OPAQUE, 8)
+            opaque.set_tag(b"NUMPY:|O")
+            space = h5py.h5s.create_simple(SHAPE)
+            h5py.h5d.create(file.id, b"lightfield", opaque, space)
+            h5py.h5a.create(file.id, b"dH", opaque, h5py.h5s.create_simple((1,)))
+        else:
+            dtype = h5py.ref_dtype if kind == "references" else h5py.string_dtype()
+            file.create_dataset("lightfield", SHAPE, dtype)
+    refused(lambda: read_lightfield(tmp_path / "a.h5", device=one_device), r"a\.h5")
+    refused(lambda: read_truth(tmp_path / "a.h5", dataset="lightfield"), r"a\.h5")
+
+
+def test_point_images_that_declare_more_than_they_hold(tmp_path: Path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.attrs.update({"format": psffile.FORMAT, "parameters": "{}", "digest": ""})
+        file.create_dataset("planes/0000", (10**4, 10**3, 10**3), "f4", chunks=(1, 10**3, 10**3))
+        file["scales"] = np.ones(1)
+    refused(lambda: psffile.read(tmp_path / "a.h5"), "no whole file of point images")
+
+
+# XML and TIFF
+
+
+def test_entities_in_xml(tmp_path: Path):
+    secret = tmp_path / "secret"
+    secret.write_text("0.5")
+    external = f'<!DOCTYPE a [<!ENTITY x SYSTEM "file://{secret}">]>'
+    for head in (external, '<!DOCTYPE a [<!ENTITY x "1">]>', "<!DOCTYPE a>"):
+        (tmp_path / "a.xml").write_text(f"{head}<RayCalibData>&x;</RayCalibData>")
+        refused(lambda: read_raytrix(tmp_path / "a.xml"), "declares a document type or entities")
+        text = f"{head}<OME><Description>&x;</Description></OME>"
+        tifffile.imwrite(tmp_path / "a.tif", np.zeros((4, 5), "f4"), description=text)
+        assert describe_volume(tmp_path / "a.tif") == {}
+
+
+@pytest.mark.parametrize("companion", [True, False])
+@pytest.mark.parametrize("name", ["elsewhere/../b.ome.tif", "/etc/passwd", "b.ome.tif"])
+def test_ome_xml_that_names_other_files(
+    tmp_path: Path, name: str, companion: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """Only pages of the file itself are read; no other one is opened."""
+    (tmp_path / "elsewhere").mkdir()
+    for other in (tmp_path / "b.ome.tif", tmp_path / "elsewhere" / "b.ome.tif"):
+        tifffile.imwrite(other, np.full((2, 6, 7), 9, "f4"), metadata={"axes": "ZYX"})
+    planes = "".join(
+        f'<TiffData FirstZ="{z}" IFD="0"><UUID FileName="{name}">urn:uuid:{z}</UUID></TiffData>'
+        for z in range(2)
+    )
+    text = (
+        '<OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06" UUID="urn:uuid:9">'
+        + companion * f'<BinaryOnly MetadataFile="{name}" UUID="urn:uuid:0"/>'
+        + '<Image ID="Image:0"><Pixels ID="Pixels:0" DimensionOrder="XYZCT" Type="float" SizeX="7" '
+        f'SizeY="6" SizeZ="2" SizeC="1" SizeT="1">{planes}</Pixels></Image></OME>'
+    )
+    path = tmp_path / "a.ome.tif"
+    tifffile.imwrite(path, np.full((6, 7), 3, "f4"), description=text, metadata=None)
+    opened: list[str] = []
+    usual = tifffile.TiffFile.__init__
+
+    def noted(self: Any, file: Any, *words: Any, **more: Any) -> None:
+        opened.append(str(file))
+        usual(self, file, *words, **more)
+
+    monkeypatch.setattr(tifffile.TiffFile, "__init__", noted)
+    assert (read_disparity(path) == 3).all()
+    assert (read_tiff_frame(path) == 3).all()
+    assert (read_picture(path) == 3).all()
+    assert (read_volume(path)[0] == 3).all()
+    assert found_in(path) is None
+    assert not [file for file in opened if "b.ome.tif" in file or "passwd" in file]
+
+
+# Pictures
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".bmp", ".pgm"])
+@pytest.mark.parametrize(
+    "content",
+    [b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n(x) run\n", b"GIF89a", b"<svg/>", b"8BPS"],
+)
+def test_pictures_of_other_kinds(tmp_path: Path, suffix: str, content: bytes):
+    """Pillow would hand PostScript to another program."""
+    (tmp_path / f"a{suffix}").write_bytes(content)
+    refused(lambda: read_picture(tmp_path / f"a{suffix}"), "begins like no PNG, TIFF, JPEG")
+
+
+# Zip archives and folders
+
+
+def picture() -> bytes:
+    out = io.BytesIO()
+    tifffile.imwrite(out, values()[0, 0])
+    return out.getvalue()
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../view_00_00.tif", "/tmp/view_00_00.tif", "a/../../view_00_00.tif", "C:view_00_00.tif"],
+)
+def test_members_outside_of_an_archive(tmp_path: Path, one_device: Device, name: str):
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.writestr(name, picture())
+    refused(lambda: read_lightfield(tmp_path / "a.zip", device=one_device), "lies outside of the")
+
+
+def test_links_in_an_archive_are_not_followed(tmp_path: Path, one_device: Device):
+    write_picture(tmp_path / "secret.tif", values()[0, 0])
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        for name in ("view_00_00.tif", "view_00_01.tif"):
+            link = zipfile.ZipInfo(name)
+            link.external_attr = (stat.S_IFLNK | 0o777) << 16
+            archive.writestr(link, str(tmp_path / "secret.tif"))
+    refused(lambda: read_lightfield(tmp_path / "a.zip", device=one_device), "cannot be read")
+
+
+@pytest.mark.parametrize("what", ["chunk", "metadata", "array", "pipe"])
+def test_links_out_of_a_zarr(tmp_path: Path, one_device: Device, what: str):
+    pytest.importorskip("zarr")
+    path, other = tmp_path / "a.zarr", tmp_path / "b.zarr"
+    for one in (path, other):
+        write_lightfield(one, LightField.from_array(values(), device=one_device))
+    place = {"chunk": "lightfield/0.0.0.0", "metadata": "lightfield/.zarray", "array": "lightfield"}
+    if what == "pipe":
+        os.mkfifo(path / "lightfield" / ".zattrs2")
+        refused(lambda: read_lightfield(path, device=one_device), "neither a file nor a folder")
+        return
+    target = path / place[what]
+    shutil.rmtree(target) if target.is_dir() else target.unlink()
+    target.symlink_to(other / place[what])
+    refused(lambda: read_lightfield(path, device=one_device), "a link to something outside of it")
+
+
+@pytest.mark.parametrize("name", ["a::b.zarr", "simplecache::c.zarr", "memory:"])
+def test_names_that_look_like_addresses(tmp_path: Path, one_device: Device, name: str):
+    pytest.importorskip("zarr")
+    lf = LightField.from_array(values(), device=one_device)
+    write_lightfield(tmp_path / "lf.zarr", lf)
+    (tmp_path / "lf.zarr").rename(tmp_path / name)
+    again = read_lightfield(tmp_path / name, device=one_device)
+    np.testing.assert_array_equal(again.to_numpy(), values())
+    if name.endswith(".zarr"):
+        write_lightfield(tmp_path / f"new{name}", lf)
+
+
+def test_paths_in_the_metadata_of_a_zarr(tmp_path: Path, one_device: Device):
+    """The path of a data set in OME-Zarr is not followed out of it."""
+    zarr = pytest.importorskip("zarr")
+    from clplen.io import write_image
+
+    write_image(tmp_path / "a.zarr", np.ones((4, 5), np.float32))
+    write_image(tmp_path / "b.zarr", np.ones((6, 7), np.float32))
+    file = tmp_path / "a.zarr" / ".zattrs"
+    document = json.loads(file.read_text())
+    document["multiscales"][0]["datasets"][0]["path"] = "../b.zarr/0"
+    file.write_text(json.dumps(document))
+    assert zarr.open(str(tmp_path / "a.zarr"), mode="r")["0"].shape == (4, 5)
+    with pytest.raises(FileExistsError, match="is there already and no OME-Zarr"):
+        write_image(tmp_path / "a.zarr", np.ones((6, 7), np.float32))
+
+
+# MATLAB, pipes
+
+
+def test_objects_of_matlab(tmp_path: Path, one_device: Device):
+    cell = np.empty((2, 2), object)
+    cell[...] = "system('true')"
+    scipy.io.savemat(tmp_path / "a.mat", {"LF": cell, "s": {"f": cell}})
+    refused(lambda: read_lightfield(tmp_path / "a.mat", device=one_device), "has no variable")
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path, one_device: Device):
+    os.mkfifo(tmp_path / "pipe.h5")
+    refused(
+        lambda: read_lightfield(tmp_path / "pipe.h5", device=one_device), "neither a file nor a fol"
+    )

@@ -1,0 +1,256 @@
+"""Damage to files on purpose: bytes, and the structures of TIFF, zip, JSON and Zarr's metadata."""
+
+from __future__ import annotations
+
+import io
+import json
+import random
+import re
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+Operation = tuple[int, float, int]  # what, where (0 to 1), with which number
+KINDS = 13  # of operations
+
+_LENGTHS = (2**32 - 1, 2**31, 2**31 - 1, 0, 1, 2**16, 2**24)
+_NUMBERS = (b"-1", b"0", b"999999999999", b"nan", b"1e999", b"", b"[]", b"null")
+_VALUES = (None, -1, 0, 1, 2**31 - 1, 2**62, 1e308, "", "x", [], {}, [1, 2], {"a": 1}, True)
+_CODECS = ("blosc", "zstd", "lz4", "gzip", "zlib", "bz2", "lzma", "delta", "shuffle", "packbits")
+_CODECS += ("crc32", "bytes", "transpose", "sharding_indexed", "pickle", "vlen-utf8", "")
+_DTYPES = ("|u1", "<f8", "|O", "|V2147483647", "<U999999999", "float64", "string", "r2147483640")
+_JSON = (".json", ".zarray", ".zattrs", ".zgroup", ".zmetadata")
+_TIFF_TYPES = (*range(1, 19), 0, 255, 65535)
+_TIFF_TAGS = (254, 256, 257, 258, 259, 262, 270, 273, 277, 278, 279, 284, 317, 320, 322, 323, 324)
+_TIFF_TAGS += (325, 330, 338, 339, 347, 530, 34377, 37724, 42112, 50839, 65426)
+_ZIP_FIELDS = (  # of a head: place and size
+    (b"PK\1\2", ((8, 2), (10, 2), (16, 4), (20, 4), (24, 4), (28, 2), (30, 2), (42, 4))),
+    (b"PK\3\4", ((4, 2), (6, 2), (8, 2), (14, 4), (18, 4), (22, 4), (26, 2), (28, 2))),
+    (b"PK\5\6", ((8, 2), (10, 2), (12, 4), (16, 4), (20, 2))),
+)
+
+
+def operations(source: random.Random) -> list[Operation]:
+    """One to four random operations."""
+    return [
+        (source.randrange(KINDS), source.random(), source.randrange(1 << 32))
+        for _ in range(source.randint(1, 4))
+    ]
+
+
+def mutated(data: bytes, operations: list[Operation], name: str = "") -> bytes:
+    """Bytes, damaged one operation after the other; those of structures need one to damage."""
+    for what, where, number in operations:
+        if data:
+            act = _OF_STRUCTURES.get(what % KINDS)
+            changed = act(data, where, number, name) if act else None
+            data = _of_bytes(data, what % 8, where, number) if changed is None else changed
+    return data
+
+
+def _of_bytes(data: bytes, what: int, where: float, number: int) -> bytes:
+    out = bytearray(data)
+    place = int(where * len(out))
+    size = 1 + number % 64
+    match what:
+        case 0:
+            del out[place:]
+        case 1:
+            out[place] ^= 1 << number % 8
+        case 2:
+            order = "<I" if number % 2 else ">I"
+            out[place : place + 4] = struct.pack(order, _LENGTHS[number // 2 % len(_LENGTHS)])
+        case 3:
+            other = number % len(out)
+            first, second = bytes(out[place : place + size]), bytes(out[other : other + size])
+            out[place : place + size], out[other : other + size] = second, first
+        case 4:
+            del out[place : place + size]
+        case 5:
+            out[place:place] = out[number % len(out) :][:size]
+        case 6:
+            found = list(re.finditer(rb"-?\d+(?:\.\d+)?", bytes(out[:100000])))
+            if found:
+                start, end = found[int(where * len(found))].span()
+                out[start:end] = _NUMBERS[number % len(_NUMBERS)]
+        case _:
+            out[place] = number % 256
+    return bytes(out)
+
+
+def _tiff_tag(data: bytes, where: float, number: int, _: str) -> bytes | None:
+    """A tag of a directory of a TIFF gets another number, type, count or value."""
+    entries = tiff_entries(data)
+    if not entries:
+        return None
+    order, place, wide = entries[int(where * len(entries))]
+    value = (*_LENGTHS, number >> 8, len(data), len(data) - 1)[number // 4 % (len(_LENGTHS) + 3)]
+    out = bytearray(data)
+    field = number % 4
+    if field == 0:
+        struct.pack_into(f"{order}H", out, place, _TIFF_TAGS[number // 4 % len(_TIFF_TAGS)])
+    elif field == 1:
+        struct.pack_into(f"{order}H", out, place + 2, _TIFF_TYPES[number // 4 % len(_TIFF_TYPES)])
+    else:
+        size = "Q" if wide else "I"
+        step = struct.calcsize(size) * (field - 2)
+        struct.pack_into(f"{order}{size}", out, place + 4 + step, value)
+    return bytes(out)
+
+
+def tiff_entries(data: bytes) -> list[tuple[str, int, bool]]:
+    """Byte order, place and whether it is one of BigTIFF, of every tag of a TIFF."""
+    order = {b"II": "<", b"MM": ">"}.get(data[:2])
+    if order is None or len(data) < 16:
+        return []
+    wide = struct.unpack_from(f"{order}H", data, 2)[0] == 43
+    count, offset, size = ("Q", "Q", 20) if wide else ("H", "I", 12)
+    (place,) = struct.unpack_from(f"{order}{offset}", data, 8 if wide else 4)
+    found: list[tuple[str, int, bool]] = []
+    while 0 < place < len(data) - 10 and len(found) < 500:
+        (tags,) = struct.unpack_from(f"{order}{count}", data, place)
+        first = place + struct.calcsize(count)
+        end = first + size * tags
+        if end + struct.calcsize(offset) > len(data):
+            break
+        found += [(order, at, wide) for at in range(first, end, size)]
+        (place,) = struct.unpack_from(f"{order}{offset}", data, end)
+    return found
+
+
+def _zip_header(data: bytes, where: float, number: int, _: str) -> bytes | None:
+    """A field of a central directory entry, or of the local header beside it, is changed."""
+    mark, fields = (
+        (
+            b"PK\1\2",
+            ((6, 2), (8, 2), (10, 2), (16, 4), (20, 4), (24, 4), (28, 2), (30, 2), (42, 4)),
+        ),
+        (b"PK\3\4", ((4, 2), (6, 2), (8, 2), (14, 4), (18, 4), (22, 4), (26, 2), (28, 2))),
+        (b"PK\5\6", ((8, 2), (10, 2), (12, 4), (16, 4), (20, 2))),
+    )[number % 3]
+    places = [match.start() for match in re.finditer(re.escape(mark), data)]
+    if data[:2] != b"PK" or not places:
+        return None
+    offset, size = fields[number // 3 % len(fields)]
+    at = places[int(where * len(places))] + offset
+    value = (*_LENGTHS, 8, 12, 14, number >> 8)[number // 27 % (len(_LENGTHS) + 4)]
+    return data[:at] + (value % 256**size).to_bytes(size, "little") + data[at + size :]
+
+
+def _zip_truncated(data: bytes, where: float, number: int, _: str) -> bytes | None:
+    """Bytes before the central directory are missing, or it is."""
+    start = data.find(b"PK\1\2")
+    if data[:2] != b"PK" or start < 0:
+        return None
+    if number % 4 == 0:
+        return data[: start + int(where * (len(data) - start))]
+    place = int(where * start)
+    return data[:place] + data[min(place + number % 200, start) :]
+
+
+def _json_value(data: bytes, where: float, number: int, name: str) -> bytes | None:
+    """A value somewhere in JSON, a file or a member of an archive, becomes another one."""
+
+    def change(document: Any) -> None:
+        places = [(holder, key) for holder in _nodes(document) for key in _keys(holder)]
+        if places:
+            holder, key = places[int(where * len(places))]
+            holder[key] = _VALUES[number % len(_VALUES)]
+
+    return _in_json(data, number, name, change)
+
+
+def _zarr_codec(data: bytes, where: float, number: int, name: str) -> bytes | None:
+    """A codec of an array is exchanged, doubled or gone; or its data type is another one."""
+
+    def change(document: Any) -> None:
+        found = [node for node in _nodes(document) if {"id", "name", "dtype"} & set(_keys(node))]
+        lists = [node for node in _nodes(document) if isinstance(node, list) and node]
+        if found and number % 3:
+            node = found[int(where * len(found))]
+            for key, words in (("id", _CODECS), ("name", _CODECS), ("dtype", _DTYPES)):
+                if key in node:
+                    node[key] = words[number // 3 % len(words)]
+        elif lists:
+            chosen = lists[int(where * len(lists))]
+            chosen.append(chosen[0]) if number % 2 else chosen.pop()
+
+    return _in_json(data, number, name, change)
+
+
+def _in_json(data: bytes, number: int, name: str, change: Callable[[Any], None]) -> bytes | None:
+    """JSON after a change, in a file or in one member of an archive."""
+    if data[:2] == b"PK":
+        return _in_member(data, number, lambda part: _in_json(part, number, _JSON[0], change))
+    if not name.endswith(_JSON):
+        return None
+    try:
+        document = json.loads(data)
+    except ValueError:
+        return None
+    change(document)
+    return json.dumps(document).encode()
+
+
+def _in_member(data: bytes, number: int, change: Callable[[bytes], bytes | None]) -> bytes | None:
+    """An archive, one of whose members in JSON is changed."""
+    out = io.BytesIO()
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(out, "w") as new:
+            names = [item for item in old.namelist() if item.endswith(_JSON)]
+            for item in old.namelist():
+                part = old.read(item)
+                if names and item == names[number // 7 % len(names)]:
+                    part = change(part) or part
+                new.writestr(item, part)
+    except Exception:  # damaged before
+        return None
+    return out.getvalue() if names else None
+
+
+def _nodes(document: Any) -> list[Any]:
+    """Every list and object in JSON."""
+    if not isinstance(document, dict | list):
+        return []
+    inside = document.values() if isinstance(document, dict) else document
+    return [document, *(node for value in inside for node in _nodes(value))]
+
+
+def _keys(node: Any) -> list[Any]:
+    return list(node) if isinstance(node, dict) else list(range(len(node)))
+
+
+_OF_STRUCTURES: dict[int, Callable[[bytes, float, int, str], bytes | None]] = {
+    8: _tiff_tag,
+    9: _zip_header,
+    10: _zip_truncated,
+    11: _json_value,
+    12: _zarr_codec,
+}
+
+
+def damage(path: Path, ops: list[Operation], source: random.Random) -> bytes:
+    """Damage a file, or one file of a folder, and return what it is now."""
+    file = path
+    if path.is_dir():
+        file = source.choice(sorted(f for f in path.rglob("*") if f.is_file()))
+    data = mutated(file.read_bytes(), ops, file.name)
+    if data[:4] == b"\x89PNG" and source.random() < 0.7:
+        data = with_checksums(data)
+    file.write_bytes(data)
+    return data
+
+
+def with_checksums(data: bytes) -> bytes:
+    """A PNG whose chunks have the checksums of what they hold now, to get past these."""
+    out, place = bytearray(data), 8
+    while place + 12 <= len(out):
+        end = place + 8 + int.from_bytes(out[place : place + 4], "big")
+        if end + 4 > len(out):
+            break
+        out[end : end + 4] = zlib.crc32(out[place + 4 : end]).to_bytes(4, "big")
+        place = end + 4
+    return bytes(out)
