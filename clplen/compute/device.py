@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cached_property
-from threading import Lock, RLock
+from threading import Lock
 from typing import Any, Literal
 
 import numpy as np
@@ -17,6 +17,7 @@ import pyopencl.array as cla
 from clplen.compute import pocl
 from clplen.compute.cache import PlanCache
 from clplen.compute.fft import FFTRoute, choose_route
+from clplen.compute.forked import Guard
 from clplen.compute.memory import Memory
 from clplen.compute.profile import Profile, bytes_of, label
 from clplen.compute.program import build_program
@@ -71,9 +72,9 @@ class Device(Memory):
         self._kernels: dict[tuple[Any, ...], cl.Kernel] = {}
         self._labels: dict[cl.Kernel, str] = {}
         self._profile: Profile | None = None
-        self._lock = RLock()
+        self._lock = Guard()
         self._maps: dict[tuple[int, bool], list[Any]] = {}
-        self._maps_lock = Lock()
+        self._maps_lock = Guard()
         self._usable = False
         self._context: cl.Context | None = None
         self._queue: cl.CommandQueue | None = None

@@ -5,13 +5,13 @@ from __future__ import annotations
 import warnings
 from dataclasses import replace
 from numbers import Real
-from threading import Lock
 from typing import Any
 
 import numpy as np
 
 from clplen.compute.blocks import Spectrum
 from clplen.compute.device import Device, require_device, require_same_device
+from clplen.compute.forked import Guard
 from clplen.errors import SamplingError, SamplingWarning, ShapeError
 from clplen.wave.choice import describe
 from clplen.wave.cost import least_samples, table_samples
@@ -146,7 +146,7 @@ class Propagator:
         if made.warning:
             warnings.warn(made.warning, SamplingWarning, stacklevel=stacklevel)
         self._spectrum: Spectrum | None = None
-        self._lock = Lock()
+        self._lock = Guard()
 
     def __repr__(self) -> str:
         return f"<Propagator {self.method}, {self.z:g} m, {self.grid} to {self.out_grid}>"
