@@ -13,12 +13,12 @@ from clplen.cameras import tracing
 from clplen.cameras.outlines import Outline, Vector
 from clplen.cameras.textures import Texture, uniform
 from clplen.cameras.truth import Truth
-from clplen.compute.device import require_device
+from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield.lightfield import LightField
 
 if TYPE_CHECKING:
-    from clplen.compute.device import Device
+    pass
 
 Pair = tuple[float, float]
 MOST_SURFACES = 64  # bits of a mask in the kernels
@@ -205,7 +205,7 @@ class SurfaceScene:
         views: tuple[int, int] = (9, 9),
         shape: tuple[int, int] = (512, 512),
         *,
-        device: Device,
+        device: DeviceLike,
         noise: Any = 0.0,
         seed: int = 0,
         dtype: Any = np.float32,
@@ -222,7 +222,7 @@ class SurfaceScene:
             (V, U), at least 1 each.
         shape : tuple of int
             (ny, nx) of a view, at least 1 each.
-        device : Device
+        device : Device or str
         noise : float or array_like
             Standard deviation of additive Gaussian noise, as a fraction of white; broadcast over
             (ny, nx), so shape (ny, 1) gives each row its own.
@@ -249,7 +249,7 @@ class SurfaceScene:
         DeviceError
             If the light field does not fit the device.
         """
-        require_device(device)
+        device = as_device(device)
         V, U = _counts(views, "views")
         ny, nx = _counts(shape, "shape")
         kind = np.dtype(dtype)

@@ -14,6 +14,7 @@ import os
 from threading import RLock
 from typing import Any
 
+import numpy as np
 import pyopencl as cl
 import pyopencl.array as cla
 
@@ -56,12 +57,12 @@ class ForkedArray(cla.Array):
 
     @property
     def queue(self) -> cl.CommandQueue:  # type: ignore[override]
-        """Refused.
+        """Refused with a DeviceError."""
+        raise DeviceError(FORKED)
 
-        Raises
-        ------
-        DeviceError
-        """
+    @property
+    def base_data(self) -> cl.Buffer:  # type: ignore[override]
+        """Refused with a DeviceError."""
         raise DeviceError(FORKED)
 
 
@@ -92,6 +93,25 @@ def require_own_process() -> None:
 def is_forked() -> bool:
     """Whether this process was forked from one that used OpenCL."""
     return _Process.forked
+
+
+def unreachable(values: np.ndarray[Any, Any]) -> ForkedArray:
+    """What stands for samples that a forked process was sent, and could put on no device.
+
+    To refuse them on arrival would leave a `multiprocessing.Pool` waiting for ever.
+    """
+    array = ForkedArray.__new__(ForkedArray)
+    array.__dict__.update(
+        shape=values.shape,
+        dtype=values.dtype,
+        strides=np.empty(values.shape, values.dtype).strides,
+        size=values.size,
+        nbytes=values.nbytes,
+        offset=0,
+        events=[],
+        _flags=None,
+    )
+    return array
 
 
 def _leave_alone() -> None:

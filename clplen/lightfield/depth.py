@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from clplen.compute.hostarray import HostArray
 from clplen.errors import SamplingWarning
 from clplen.lightfield.best_focus import high_na_words
 from clplen.lightfield.correspondence import correspondence_disparity
@@ -35,8 +36,8 @@ _BORDER = 15  # pixels left out of the whole picture, at most a quarter of it
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 
-@dataclass(frozen=True)
-class DepthMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class DepthMap(HostArray):
     """Depth at every pixel of the centre view; float32, shape (y, x). Made by `depth_map`.
 
     Attributes
@@ -57,6 +58,15 @@ class DepthMap:
     alpha: Map
     z: Map
     confidence: Map
+
+    def __repr__(self) -> str:
+        known = self.disparity[np.isfinite(self.disparity)]
+        span = f"disparity {known.min():.4g} to {known.max():.4g}" if known.size else "unknown"
+        return f"<DepthMap {self.disparity.shape} {self.disparity.dtype}, {span}>"
+
+    def to_numpy(self) -> Map:
+        """The disparity, shape (y, x)."""
+        return self.disparity
 
 
 def depth_map(

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.device import Device
+from clplen.compute.hostarray import OnDevice
 from clplen.errors import ShapeError
 
 if TYPE_CHECKING:
     from clplen.cameras.truth import Truth
-    from clplen.compute.device import Device
     from clplen.compute.image import Image
     from clplen.lightfield.lattice import Lattice
 
@@ -188,7 +189,7 @@ class LensType:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RawImage:
+class RawImage(OnDevice):
     """A raw lenslet image with its geometry.
 
     Attributes
@@ -230,6 +231,7 @@ class RawImage:
     truth: Truth | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if len(self.data.shape) not in (2, 3) or self.data.shape[2:] not in ((), (3,)):
             raise ShapeError(
                 f"A raw image has shape (ny, nx) or (ny, nx, 3), not {tuple(self.data.shape)}."

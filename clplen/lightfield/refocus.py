@@ -9,6 +9,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
+from clplen.compute.hostarray import OnDevice
 from clplen.compute.image import Image
 from clplen.lightfield.aperture import Weights
 from clplen.lightfield.magnify import magnify
@@ -29,8 +30,8 @@ if TYPE_CHECKING:
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 
-@dataclass(frozen=True)
-class FocalStack:
+@dataclass(frozen=True, eq=False, repr=False)
+class FocalStack(OnDevice):
     """Refocused pictures of one light field, registered to its centre view.
 
     Attributes
@@ -60,6 +61,10 @@ class FocalStack:
     camera: CameraModel | None = None
     weights: Weights | None = None
     positions: Vector | None = None
+
+    def __repr__(self) -> str:
+        planes = f"disparities {self.disparities.min():g} to {self.disparities.max():g}"
+        return f"<FocalStack {self.shape} {self.data.dtype}, {planes}, {self.device.name}>"
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield.checks import (
     check_shape,
@@ -24,7 +25,6 @@ from clplen.lightfield.raw import CameraModel, RawImage, Spacing
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from clplen.compute.device import Device
     from clplen.lightfield.lightfield import LightField
 
 Array = np.ndarray[Any, Any]
@@ -195,12 +195,12 @@ class StoredLightField(AlphaLaw):
         self.fill((v, u, y, x), out)
         return out
 
-    def load(self, device: Device) -> LightField:
+    def load(self, device: DeviceLike) -> LightField:
         """The whole light field on a device.
 
         Parameters
         ----------
-        device : Device
+        device : Device or str
 
         Returns
         -------
@@ -213,6 +213,7 @@ class StoredLightField(AlphaLaw):
         ValueError
             If a sample is NaN or infinite.
         """
+        device = as_device(device)
         device.require_memory(self.nbytes, "This light field")
         data = device.empty(self.shape, self.dtype)
         with device.on_host(data) as host:
@@ -220,7 +221,7 @@ class StoredLightField(AlphaLaw):
             self.fill((v, u, y, x), host)
         return self.part(data, device)
 
-    def part(self, samples: Any, device: Device) -> LightField:
+    def part(self, samples: Any, device: DeviceLike) -> LightField:
         """Samples of some rows and columns of all views as a light field of their own."""
         from clplen.lightfield.lightfield import LightField  # which knows nothing of this one
 

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.device import require_device
+from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.finite import count_bad
+from clplen.compute.hostarray import OnDevice
 from clplen.compute.image import Image
 from clplen.errors import ShapeError
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 Vector = np.ndarray[Any, np.dtype[np.floating[Any]]]
 
@@ -116,7 +114,7 @@ def _pair(values: Any) -> Vector:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Field:
+class Field(OnDevice):
     """A scalar field sampled on a grid. Made by `from_array` or by an operation.
 
     The time factor is exp(-i omega t): a wave that goes to +z is exp(+ikz). The carrier exp(ikz),
@@ -138,7 +136,7 @@ class Field:
     device: Device
 
     @classmethod
-    def from_array(cls, u: Any, grid: Grid, *, wavelength: float, device: Device) -> Field:
+    def from_array(cls, u: Any, grid: Grid, *, wavelength: float, device: DeviceLike) -> Field:
         """Bring complex amplitudes to a device.
 
         Parameters
@@ -149,7 +147,7 @@ class Field:
             Its shape is that of the last two axes.
         wavelength : float
             In metres, positive.
-        device : Device
+        device : Device or str
             Where the field will live.
 
         Raises
@@ -160,7 +158,7 @@ class Field:
             If a sample is not finite (a Fourier transform would spread it over the whole field)
             or the wavelength is not positive.
         """
-        require_device(device)
+        device = as_device(device)
         if not (isinstance(wavelength, Real) and 0 < wavelength < np.inf):
             raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
         values = np.asarray(u)

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.device import Device
+from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError
 from clplen.wave.checks import Aliasing
 from clplen.wave.field import Field, Grid
@@ -190,11 +190,12 @@ class MicrolensArray:
         check_lens_sampling(field.grid, steepest, self.diameter / 2, field.wavelength, aliasing)
         return multiply(field, self.transmission(field.grid, field.wavelength, field.device))
 
-    def transmission(self, grid: Grid, wavelength: float, device: Device) -> cla.Array:
+    def transmission(self, grid: Grid, wavelength: float, device: DeviceLike) -> cla.Array:
         """Complex transmission on a grid, shape (ny, nx); kept on the device for the next call."""
-        return device.plans.get(
+        opened = as_device(device)
+        return opened.plans.get(
             ("lenslets", self, grid, wavelength),
-            lambda: self._transmission(grid, wavelength, device),
+            lambda: self._transmission(grid, wavelength, opened),
             lambda array: int(array.nbytes),
         )
 
@@ -226,7 +227,7 @@ class MicrolensArray:
         )
         return out
 
-    def lattice_tables(self, grid: Grid, device: Device) -> list[np.ndarray]:
+    def lattice_tables(self, grid: Grid, device: DeviceLike) -> list[np.ndarray]:
         """What y and x add to the column and row coordinate: a(y), b(y), a(x), b(x)."""
         y, x = grid.y - self.offset[0], grid.x - self.offset[1]
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
@@ -238,7 +239,7 @@ class MicrolensArray:
             x * cos / self.pitch,
             -x * sin / self.row_pitch,
         )
-        return [whole_and_part(v, device.real) for v in values]
+        return [whole_and_part(v, as_device(device).real) for v in values]
 
 
 def _focal_lengths(f: float | Sequence[float], lattice: str) -> tuple[float, ...]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from clplen.compute.blocks import Spectrum
-from clplen.compute.device import Device, require_device, require_same_device
+from clplen.compute.device import Device, DeviceLike, as_device, require_same_device
 from clplen.compute.forked import Guard
 from clplen.errors import SamplingError, SamplingWarning, ShapeError
 from clplen.wave.choice import describe
@@ -103,7 +103,7 @@ class Propagator:
         wavelength: float,
         method: str = "auto",
         pad: float = 2,
-        device: Device,
+        device: DeviceLike,
         out_grid: Grid | None = None,
         guard: float | None = None,
         border: float = BORDER,
@@ -117,16 +117,16 @@ class Propagator:
         self._prepare(wanted, device, phase, stacklevel=3)
 
     @classmethod
-    def of(cls, wanted: Request, device: Device, *, stacklevel: int = 3) -> Propagator:
+    def of(cls, wanted: Request, device: DeviceLike, *, stacklevel: int = 3) -> Propagator:
         """The plan of a checked request."""
         made = cls.__new__(cls)
         made._prepare(wanted, device, None, stacklevel=stacklevel + 1)
         return made
 
     def _prepare(
-        self, wanted: Request, device: Device, phase: str | None, *, stacklevel: int
+        self, wanted: Request, device: DeviceLike, phase: str | None, *, stacklevel: int
     ) -> None:
-        require_device(device)
+        device = as_device(device)
         if phase is not None and phase not in PHASES:
             raise ValueError(f"There is no phase route {phase!r}; use one of {', '.join(PHASES)}.")
         if phase not in (None, "tables") and device.precision == "double":

@@ -7,7 +7,7 @@ import warnings
 
 import numpy as np
 
-from clplen.compute.device import Device, require_device
+from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingWarning
 from clplen.wave.field import Field, Grid
 from clplen.wave.multiply import Vector, multiply_separable, offsets
@@ -18,7 +18,7 @@ Pair = tuple[float, float]
 
 
 def plane_wave(
-    grid: Grid, *, wavelength: float, device: Device, direction: Pair = (0.0, 0.0)
+    grid: Grid, *, wavelength: float, device: DeviceLike, direction: Pair = (0.0, 0.0)
 ) -> Field:
     """A plane wave of unit amplitude, exp(ik(a_y y + a_x x)), phase 0 at the origin.
 
@@ -27,7 +27,7 @@ def plane_wave(
     grid : Grid
     wavelength : float
         In metres.
-    device : Device
+    device : Device or str
     direction : tuple of float
         Direction cosines (a_y, a_x), a_y^2 + a_x^2 < 1. Along an axis of length 1 nothing varies.
 
@@ -45,7 +45,7 @@ def plane_wave(
     SamplingWarning
         If its spatial frequency a/lam is beyond the Nyquist frequency 1/(2 d) of an axis.
     """
-    _check_wave(grid, wavelength, device)
+    device = _check_wave(grid, wavelength, device)
     _check_direction(direction)
     _warn_beyond_nyquist(grid, _frequencies(direction, wavelength), "A plane wave")
     ty, tx = _tilt_tables(grid, direction, wavelength, device)
@@ -88,7 +88,7 @@ def spherical_wave(
     z: float,
     *,
     wavelength: float,
-    device: Device,
+    device: DeviceLike,
     source: Pair = (0.0, 0.0),
 ) -> Field:
     """The wave of a unit point source, exp(ik(r - abs(z)))/r, r the distance from the source.
@@ -103,7 +103,7 @@ def spherical_wave(
         point abs(z) behind the plane, the complex conjugate.
     wavelength : float
         In metres.
-    device : Device
+    device : Device or str
     source : tuple of float
         (y, x) of the point in metres. Along an axis of length 1 the point is on the axis.
 
@@ -123,7 +123,7 @@ def spherical_wave(
     SamplingWarning
         If the phase changes by more than pi between neighbouring samples.
     """
-    _check_wave(grid, wavelength, device)
+    device = _check_wave(grid, wavelength, device)
     if not math.isfinite(z) or z == 0:
         raise ValueError(f"The distance z of a point source is finite and not 0, not {z!r} m.")
     if not np.isfinite(source).all():
@@ -138,7 +138,7 @@ def gaussian_beam(
     waist: float,
     *,
     wavelength: float,
-    device: Device,
+    device: DeviceLike,
     z: float = 0.0,
     centre: Pair = (0.0, 0.0),
     direction: Pair = (0.0, 0.0),
@@ -156,7 +156,7 @@ def gaussian_beam(
         Radius w0 in metres at which the amplitude of the waist is 1/e.
     wavelength : float
         In metres.
-    device : Device
+    device : Device or str
     z : float
         Distance from the waist to the plane in metres; negative before the waist.
     centre : tuple of float
@@ -179,7 +179,7 @@ def gaussian_beam(
     SamplingWarning
         If a/lam + 1/(pi w0), where the spectrum is at 1/e, is beyond the Nyquist frequency.
     """
-    _check_wave(grid, wavelength, device)
+    device = _check_wave(grid, wavelength, device)
     if not (math.isfinite(waist) and waist > 0):
         raise ValueError(f"The waist of a beam is positive, in metres, not {waist!r}.")
     if not (math.isfinite(z) and np.isfinite(centre).all()):
@@ -225,12 +225,13 @@ def _frequencies(direction: Pair, wavelength: float) -> Pair:
     return (abs(direction[0]) / wavelength, abs(direction[1]) / wavelength)
 
 
-def _check_wave(grid: Grid, wavelength: float, device: Device) -> None:
-    require_device(device)
+def _check_wave(grid: Grid, wavelength: float, device: DeviceLike) -> Device:
+    device = as_device(device)
     if not (math.isfinite(wavelength) and wavelength > 0):
         raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
     nbytes = 2 * grid.shape[0] * grid.shape[1] * device.complex.itemsize
     device.require_memory(nbytes, "This wave")
+    return device
 
 
 def _check_direction(direction: Pair) -> None:

@@ -178,7 +178,7 @@ def test_every_way_to_a_device_is_refused_in_a_fork(device: Device, tmp_path: Pa
     lines = run(tmp_path, USED + FORK.format(ways=WAYS), device.place)
     assert [line.split(" | ")[0] for line in lines[: len(WAYS)]] == list(WAYS)
     assert [line for line in lines[: len(WAYS)] if not says_spawn(line)] == []
-    assert lines[len(WAYS) :] == ["<Device  <Image ", "collected", "child 7", "parent 256.0 16.0"]
+    assert lines[len(WAYS) :] == ["<Device  <Image ", "collected", "child 7", "parent 256.0 256.0"]
 
 
 def test_pools_of_forked_processes_are_refused(device: Device, tmp_path: Path) -> None:
