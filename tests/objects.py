@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ CAMERA: dict[str, Any] = {
     "mla": MLA,
     "wavelength": LAM,
     "pixels_per_lenslet": 30,
+    "aperture_diameter": 5e-4,  # as much as 5 lenslets hold
 }
 MICROSCOPE: dict[str, Any] = {
     "magnification": 20,
@@ -104,7 +104,7 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "OTF": lambda _: clplen.OTF.of(psf()),
     "PSF": lambda _: psf(),
     "Aberrations": lambda _: clplen.Aberrations(main_lens={4: 0.1}, lenslets={4: 0.1}),
-    "AlphaEstimate": lambda device: clplen.estimate_alpha(lightfield(device)),
+    "AlphaEstimate": lambda device: clplen.estimate_alpha(lightfield(device), method="energy"),
     "Coherence": lambda _: clplen.Coherence(
         clplen.RandomPhaseMask(66e-6), clplen.Spectrum.gaussian(550e-9, 30e-9)
     ),
@@ -179,8 +179,7 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "TwoPoints": lambda _: clplen.TwoPoints.incoherent(psf(), axis=1),
 }
 EXAMPLES |= {
-    name: (lambda kind: lambda _: kind("one sentence"))(getattr(clplen, name))
+    name: partial(lambda kind, _: kind("one sentence"), getattr(clplen, name))
     for name in clplen.__all__
-    if inspect.isclass(getattr(clplen, name))
-    and issubclass(getattr(clplen, name), Exception | Warning)
+    if name.endswith(("Error", "Warning"))
 }

@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
-import inspect
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import pytest
-import tifffile
-from setups import drawn_raw
-from setups_microscope import small_images
 
 import clplen
-from clplen.compute.device import Device
 
 GRID = clplen.Grid((8, 8), 1e-6)
 LAM = 5e-7

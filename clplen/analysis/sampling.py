@@ -15,10 +15,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from clplen.analysis.samples import check_positive
+from clplen.compute.oneline import OneLine
 
 
-@dataclass(frozen=True)
-class Sampling:
+@dataclass(frozen=True, repr=False)
+class Sampling(OneLine):
     """Samples of one axis; places are on the plane of the main lens' image, all in metres.
 
     Attributes

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen.cameras.describe import Row
+from clplen.compute.oneline import OneLine
 from clplen.wave.lenslet_errors import HIGHEST_ORDER, LensletErrors
 from clplen.wave.zernike import noll, zernike_gradient
 
@@ -93,8 +94,8 @@ class LensletScatter:
         return 1 + focal, tilt, position
 
 
-@dataclass(frozen=True, init=False)
-class Aberrations:
+@dataclass(frozen=True, init=False, repr=False)
+class Aberrations(OneLine):
     """How a plenoptic camera departs from its design. All of it is optional.
 
     Parameters

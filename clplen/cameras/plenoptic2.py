@@ -18,7 +18,7 @@ from clplen.cameras.plenoptic import Plenoptic
 from clplen.wave.lenslets import MicrolensArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Plenoptic2(Plenoptic):
     """A plenoptic 2.0 camera. Made by `PlenopticCamera.type2`.
 

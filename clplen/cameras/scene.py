@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from clplen.compute.oneline import OneLine
 
-@dataclass(frozen=True, init=False, eq=False)
-class PointSources:
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class PointSources(OneLine):
     """Mutually incoherent point-like sources.
 
     Parameters

@@ -14,6 +14,7 @@ from clplen.cameras.outlines import Outline, Vector
 from clplen.cameras.textures import Texture, uniform
 from clplen.cameras.truth import Truth
 from clplen.compute.device import DeviceLike, as_device
+from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
 from clplen.lightfield.lightfield import LightField
 
@@ -58,8 +59,8 @@ class Spot:
             raise ValueError(f"The width of a spot is positive, in pixels, not {self.width!r}.")
 
 
-@dataclass(frozen=True, eq=False)
-class Plane:
+@dataclass(frozen=True, eq=False, repr=False)
+class Plane(OneLine):
     """A plane, d = d0 + gy Y + gx X with (Y, X) in pixels from the middle of the picture.
 
     Disparity is affine in the picture, as 1/z is on any plane in space.
@@ -102,8 +103,8 @@ class Plane:
         return np.column_stack([corners, self.d + corners @ np.asarray(self.slope)])
 
 
-@dataclass(frozen=True, eq=False)
-class Sphere:
+@dataclass(frozen=True, eq=False, repr=False)
+class Sphere(OneLine):
     """An ellipsoid, (d - d0)^2/height^2 + r^2/radius^2 = 1, r from its centre in (Y, X).
 
     Parameters
@@ -153,8 +154,8 @@ class Sphere:
         )  # fmt: skip
 
 
-@dataclass(frozen=True, init=False, eq=False)
-class SurfaceScene:
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class SurfaceScene(OneLine):
     """Opaque surfaces in the space (Y, X, d) of a light field's centre view.
 
     The ray of L[v, u, y, x] is the straight line (Y, X) = (y + d (v - vc), x + d (u - uc)) for all

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -54,6 +54,8 @@ class DepthMap(HostArray):
         for cues that try planes, where the first or the last one is best.
     """
 
+    _samples: ClassVar[str] = "disparity"
+
     disparity: Map
     alpha: Map
     z: Map
@@ -63,10 +65,6 @@ class DepthMap(HostArray):
         known = self.disparity[np.isfinite(self.disparity)]
         span = f"disparity {known.min():.4g} to {known.max():.4g}" if known.size else "unknown"
         return f"<DepthMap {self.disparity.shape} {self.disparity.dtype}, {span}>"
-
-    def to_numpy(self) -> Map:
-        """The disparity, shape (y, x)."""
-        return self.disparity
 
 
 def depth_map(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from clplen.compute.oneline import OneLine
 from clplen.lightfield import thesis
 from clplen.lightfield.best_focus import farthest_disparity
 from clplen.lightfield.certainty import WIDEST, beyond_paraxial, metres, say_end
@@ -37,8 +38,8 @@ _FWHM = 0.886  # of sinc^2, in units of its first zero
 _FWHM_PER_SIGMA = 2.355
 
 
-@dataclass(frozen=True)
-class AlphaEstimate:
+@dataclass(frozen=True, repr=False)
+class AlphaEstimate(OneLine):
     """Where one object lies. Made by `estimate_alpha`.
 
     Attributes

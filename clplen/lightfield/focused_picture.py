@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.hostarray import OnDevice
 from clplen.compute.image import Image
 from clplen.lightfield.focused_geometry import FocusedGeometry, Pair, Values
 
@@ -116,7 +117,7 @@ class FocusedImage(Image):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FocusedStack:
+class FocusedStack(OnDevice):
     """Pictures of one raw image focused on several planes, on one grid. By `focused_stack`.
 
     Attributes

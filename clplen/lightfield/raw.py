@@ -10,6 +10,7 @@ import pyopencl.array as cla
 
 from clplen.compute.device import Device
 from clplen.compute.hostarray import OnDevice
+from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
 
 if TYPE_CHECKING:
@@ -117,8 +118,8 @@ def is_telecentric(source: Any) -> bool:
     return bool(getattr(getattr(source, "camera", None), "telecentric", False))
 
 
-@dataclass(frozen=True)
-class LensletGrid:
+@dataclass(frozen=True, repr=False)
+class LensletGrid(OneLine):
     """Centres of the sub-images on the sensor, in pixels; pixel centres are integers.
 
     Sub-image (i, k) has its centre at ``first + i row_step + k column_step``, and odd rows are
@@ -241,7 +242,7 @@ class RawImage(OnDevice):
 
     def __repr__(self) -> str:
         count = " x ".join(map(str, self.sub_images.count))
-        return f"<RawImage {self.shape}, {count} lenslets, {self.device.name}>"
+        return f"<RawImage {self.shape} {self.data.dtype}, {count} lenslets, {self.device.name}>"
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen.compute.device import Device, DeviceLike, as_device
+from clplen.compute.oneline import OneLine
 from clplen.lightfield import combined
 from clplen.lightfield.depth import (
     DepthMap,
@@ -50,8 +51,8 @@ Part = tuple[slice, slice, slice, Pictures]
 Made = Callable[[Tile, "LightField"], Iterator[Any]]
 
 
-@dataclass(frozen=True, eq=False)
-class StackTiles:
+@dataclass(frozen=True, eq=False, repr=False)
+class StackTiles(OneLine):
     """A focal stack that is made tile by tile while it is iterated over, once.
 
     Yields (planes, rows, columns, pictures): three slices and float32 pictures of shape
@@ -79,6 +80,12 @@ class StackTiles:
 
     def __iter__(self) -> Iterator[Part]:
         return self._parts
+
+    def __getstate__(self) -> dict[str, Any]:
+        raise TypeError(
+            "StackTiles are made one after the other and cannot be copied or pickled: copy the "
+            "pictures that they yield, or call stream_stack in the other process."
+        )
 
 
 def stream_stack(

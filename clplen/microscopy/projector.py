@@ -121,6 +121,10 @@ class Projector:
         self._kept: dict[_Group, cla.Array] = {}
         self.require_memory(1)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the matrices on the device, which are made again when needed."""
+        return self.__dict__ | {"_kept": {}}
+
     def __repr__(self) -> str:
         return f"<Projector of {self.volume_shape} to {self.frame_shape}, {self.device.name}>"
 

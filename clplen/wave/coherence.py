@@ -12,6 +12,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import DeviceLike, as_device
+from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
 from clplen.files import PathLike
 from clplen.wave.average import Averaging, MeanIntensity, Progress, average
@@ -37,8 +38,8 @@ FOR_IMAGES, FOR_TABLES = 9, 41  # wavelengths
 MANY = 15  # from which a Gaussian is sampled over +-2 full widths, fewer over +-1.5
 
 
-@dataclass(frozen=True)
-class Coherence:
+@dataclass(frozen=True, repr=False)
+class Coherence(OneLine):
     """Light between a laser and an ideal lamp.
 
     Parameters

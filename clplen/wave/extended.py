@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clplen.compute.device import DeviceLike, as_device
+from clplen.compute.oneline import OneLine
 from clplen.errors import SamplingError, SamplingWarning
 from clplen.wave.checks import is_finite
 from clplen.wave.coverage import disc_coverage, interval_coverage
@@ -27,8 +28,8 @@ Array = np.ndarray[Any, Any]
 _PLACES = 2  # stream of random numbers
 
 
-@dataclass(frozen=True, eq=False)
-class ExtendedSource:
+@dataclass(frozen=True, eq=False, repr=False)
+class ExtendedSource(OneLine):
     """Light of an incoherent source far enough away for the Fresnel approximation.
 
     A snapshot is the field of points drawn at random from the source, each of the same power and of

@@ -14,6 +14,7 @@ from clplen.compute.finite import count_bad
 from clplen.compute.hostarray import OnDevice
 from clplen.compute.image import Image
 from clplen.errors import ShapeError
+from clplen.wave.quantity import both, metres
 
 Vector = np.ndarray[Any, np.dtype[np.floating[Any]]]
 
@@ -177,7 +178,11 @@ class Field(OnDevice):
         return cls(data, grid, float(wavelength), device)
 
     def __repr__(self) -> str:
-        return f"<Field {self.shape} at {self.wavelength:g} m on {self.grid}, {self.device.name}>"
+        pitch = both(self.grid.pitch, metres)
+        return (
+            f"<Field {self.shape} {self.data.dtype}, {metres(self.wavelength)}, pitch {pitch}, "
+            f"{self.device.name}>"
+        )
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -11,6 +11,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device, DeviceLike, as_device
+from clplen.compute.oneline import OneLine
 from clplen.errors import SamplingError
 from clplen.wave.checks import Aliasing
 from clplen.wave.field import Field, Grid
@@ -21,8 +22,8 @@ from clplen.wave.phase import whole_and_part
 SMALLEST_PITCH = 2  # samples a lenslet
 
 
-@dataclass(frozen=True, init=False)
-class MicrolensArray:
+@dataclass(frozen=True, init=False, repr=False)
+class MicrolensArray(OneLine):
     """Thin lenslets on a square or hexagonal lattice, centred on the axis.
 
     Lenslet (i, k) is centred at rotation * ((k - (nx - 1)/2) pitch, (i - (ny - 1)/2) height) +

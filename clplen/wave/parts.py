@@ -11,6 +11,7 @@ from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
+from clplen.compute.oneline import OneLine
 from clplen.errors import SamplingWarning
 from clplen.wave.apertures import aperture
 from clplen.wave.checks import Aliasing
@@ -36,8 +37,8 @@ class Part(Protocol):
         """The field behind the part."""
 
 
-@dataclass(frozen=True)
-class Space:
+@dataclass(frozen=True, repr=False)
+class Space(OneLine):
     """Free space, by `propagate`.
 
     Parameters

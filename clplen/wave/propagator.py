@@ -148,6 +148,13 @@ class Propagator:
         self._spectrum: Spectrum | None = None
         self._lock = Guard()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what is on the device, which is made again at first use."""
+        return {k: v for k, v in self.__dict__.items() if k not in ("_spectrum", "_lock")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state | {"_spectrum": None, "_lock": Guard()})
+
     def __repr__(self) -> str:
         return f"<Propagator {self.method}, {self.z:g} m, {self.grid} to {self.out_grid}>"
 

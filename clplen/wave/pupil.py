@@ -12,6 +12,7 @@ import numpy as np
 from clplen.compute.blocks import Spectrum, run
 from clplen.compute.device import Device
 from clplen.compute.lines import Separable, cropped_inverse, padded_spectrum
+from clplen.compute.oneline import OneLine
 from clplen.wave.choice import describe
 from clplen.wave.coverage import disc_coverage, interval_coverage
 from clplen.wave.field import Field, Grid
@@ -30,8 +31,8 @@ Path = Callable[[Values, Values], Any]
 SHAPES = ("circular", "square", "slit")
 
 
-@dataclass(frozen=True)
-class Pupil:
+@dataclass(frozen=True, repr=False)
+class Pupil(OneLine):
     """The ideal image of a shift-invariant system, upright and of unit magnification.
 
     The spectrum of the field is multiplied by the coherent transfer function

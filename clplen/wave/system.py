@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any, overload
 
+from clplen.compute.oneline import OneLine
 from clplen.wave.checks import Aliasing, average_of
 from clplen.wave.field import Field
 from clplen.wave.parts import (
@@ -29,8 +30,8 @@ if TYPE_CHECKING:
     from clplen.wave.coherence import Coherence, Object
 
 
-@dataclass(frozen=True, init=False)
-class OpticalSystem:
+@dataclass(frozen=True, init=False, repr=False)
+class OpticalSystem(OneLine):
     """Parts along one axis, in the order in which a field meets them.
 
     Parameters
