@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from clplen.compute.device import Device, as_device
 from clplen.wave.field import Grid
 from clplen.wave.lenslets import MicrolensArray
 from clplen.wave.quantity import metres
@@ -12,6 +13,10 @@ class Arrayed:
 
     mla: MicrolensArray
     grid: Grid
+    device: Device
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "device", as_device(self.device))
 
     @property
     def _sensor(self) -> str:

@@ -9,18 +9,20 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from clplen.compute.checks import require
 from clplen.compute.hostarray import HostArray
 from clplen.errors import SamplingWarning
 from clplen.lightfield.best_focus import high_na_words
 from clplen.lightfield.correspondence import correspondence_disparity
 from clplen.lightfield.cues import energy_disparity
 from clplen.lightfield.detail import LocalEnergy
+from clplen.lightfield.given import as_lightfield
 from clplen.lightfield.law import depth_at
 from clplen.lightfield.peaks import Map
 from clplen.lightfield.planes import default_disparities
 from clplen.lightfield.raw import is_telecentric
 from clplen.lightfield.refocus import FocalStack
-from clplen.lightfield.stored import StoredLightField, require_loaded
+from clplen.lightfield.stored import StoredLightField
 from clplen.lightfield.structure_tensor import structure_disparity
 
 if TYPE_CHECKING:
@@ -122,7 +124,8 @@ def depth_map(
         From NA/n = .7 of a microscope on, where ``z`` is too far from the native plane by the
         factor that it names (`clplen.lightfield.best_focus`).
     """
-    require_loaded(source, "stream_depth")
+    if not isinstance(source, FocalStack):
+        source = as_lightfield(source, "stream_depth")
     cue = default_cue(source) if cue is None else checked_cue(cue)
     planes = distinct_planes(source, alphas, disparities)
     return depth_of(source, *maps_of(source, planes, cue))
@@ -184,6 +187,7 @@ def sharpness_curve(stack: FocalStack) -> Vector:
     numpy.ndarray
         float64, shape (n,).
     """
+    require(FocalStack, stack, "stack", "focal_stack")
     count, ny, nx = stack.shape[:3]
     measure = LocalEnergy(_CURVE_HIGH_PASS, stack.shape[1:], device=stack.device, luma=True)
     energy = stack.device.empty((1, ny, nx), np.float32)

@@ -23,13 +23,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.checks import require
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import ShapeError
-from clplen.lightfield.raw import LensletGrid
+from clplen.lightfield.raw import LensletGrid, RawImage
 
 if TYPE_CHECKING:
     from clplen.lightfield.lattice import Lattice
-    from clplen.lightfield.raw import LensType, RawImage
+    from clplen.lightfield.raw import LensType
 
 Pair = tuple[float, float]
 Values = np.ndarray[Any, np.dtype[np.float64]]
@@ -164,7 +165,10 @@ def require_focused(raw: RawImage) -> None:
     Raises
     ------
     ValueError
+    TypeError
+        If it is no raw image.
     """
+    require(RawImage, raw, "raw", "read_raw or camera.expose")
     if raw.camera is not None and not hasattr(raw.camera, "m"):
         raise ValueError(
             "This raw image is of a plenoptic 1.0 camera, whose lenslets hold directions and no "

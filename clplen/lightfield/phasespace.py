@@ -9,6 +9,7 @@ import numpy as np
 
 from clplen.compute.hostarray import HostArray
 from clplen.compute.oneline import OneLine
+from clplen.lightfield.given import as_lightfield
 from clplen.lightfield.raw import is_telecentric
 
 if TYPE_CHECKING:
@@ -83,6 +84,7 @@ def phase_space(
         If neither pair, or an index outside the light field, is given; or the light field has
         positions, so that a row of views is no row on the lens.
     """
+    lf = as_lightfield(lf)
     if lf.positions is not None:
         raise ValueError(
             "Axes of a phase space need views on a regular grid, and this light field has "

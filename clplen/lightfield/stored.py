@@ -22,7 +22,7 @@ from clplen.lightfield.checks import (
     weights_where,
 )
 from clplen.lightfield.law import AlphaLaw
-from clplen.lightfield.raw import CameraModel, RawImage, Spacing
+from clplen.lightfield.raw import CameraModel, Spacing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -273,26 +273,6 @@ class StoredLightField(AlphaLaw, HostArray):
                 if lit[v, u].all():
                     break
         return weights_where(lit)
-
-
-def require_loaded(source: Any, function: str) -> None:
-    """Refuse a stored light field where one on a device is needed, and a raw image.
-
-    Raises
-    ------
-    TypeError
-        Naming the function that streams it, or those that decode it.
-    """
-    if isinstance(source, RawImage):
-        raise TypeError(
-            "This is a raw image, not a light field: decode it with LightField.from_raw, or take "
-            "render_focused where its camera is a focused one."
-        )
-    if isinstance(source, StoredLightField):
-        raise TypeError(
-            f"This light field is stored, not on a device: take {function}, or .load(device) "
-            "where it fits."
-        )
 
 
 def _download(lf: LightField, block: Block, out: Array) -> None:

@@ -19,10 +19,11 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.checks import require
 from clplen.compute.hostarray import HostArray
 from clplen.errors import ShapeError
 from clplen.microscopy.acceleration import Ahead
-from clplen.microscopy.checks import real, require, whole
+from clplen.microscopy.checks import real, whole
 from clplen.microscopy.priors import Prior, blurs, prior_of
 from clplen.microscopy.projector import Projector
 from clplen.wave.average import Progress

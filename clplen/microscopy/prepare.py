@@ -21,6 +21,7 @@ from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingWarning, ShapeError
 from clplen.lightfield.lattice import Lattice
 from clplen.lightfield.latticefit import estimate_lattice
+from clplen.microscopy.checks import whole
 from clplen.microscopy.rectify import REACH, area, rectify, variance
 
 Vector = np.ndarray[Any, Any]
@@ -269,6 +270,7 @@ def preparation(
         If the lattice of the white frame is not to be trusted.
     """
     device = as_device(device)
+    pixels = whole(pixels, "pixels")
     black = None if dark is None else np.asarray(samples(dark), np.float32)
     if white is None:
         return Preparation(pixels, device, black, None, None)

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from clplen.compute.checks import require
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield.decode import resample
 from clplen.lightfield.lattice import Lattice
 from clplen.lightfield.raw import RawImage
-from clplen.microscopy.checks import real, require, whole
+from clplen.microscopy.checks import real, whole
 
 Vector = np.ndarray[Any, Any]
 

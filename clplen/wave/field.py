@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.checks import require
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.finite import count_bad
 from clplen.compute.hostarray import OnDevice
@@ -159,6 +160,7 @@ class Field(OnDevice):
             If a sample is not finite (a Fourier transform would spread it over the whole field)
             or the wavelength is not positive.
         """
+        require_grid(grid)
         device = as_device(device)
         if not (isinstance(wavelength, Real) and 0 < wavelength < np.inf):
             raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
@@ -215,6 +217,26 @@ class Field(OnDevice):
     def with_data(self, data: cla.Array) -> Field:
         """The same grid, wavelength and device with other samples."""
         return replace(self, data=data)
+
+
+def require_field(field: object) -> None:
+    """Refuse what is no field.
+
+    Raises
+    ------
+    TypeError
+    """
+    require(Field, field, "field", "Field.from_array or plane_wave")
+
+
+def require_grid(grid: object) -> None:
+    """Refuse what is no grid.
+
+    Raises
+    ------
+    TypeError
+    """
+    require(Grid, grid, "grid", "Grid(shape, pitch)")
 
 
 def row_powers(field: Field) -> Vector:

@@ -9,7 +9,7 @@ import numpy as np
 
 from clplen.wave.apertures import disc
 from clplen.wave.checks import Aliasing, act_on_aliasing, check_aliasing, check_diameter
-from clplen.wave.field import Field, Grid
+from clplen.wave.field import Field, Grid, require_field
 from clplen.wave.multiply import multiply_separable, offsets
 from clplen.wave.phase import phasor
 from clplen.wave.sphere import multiply_sphere, sampled_from, sampled_radius
@@ -64,6 +64,7 @@ def thin_lens(
     -----
     Along an axis of length 1 there is neither phase nor edge: the lens is cylindrical.
     """
+    require_field(field)
     if math.isnan(f) or f == 0:
         raise ValueError(f"The focal length is not 0, in metres; got {f!r}.")
     check_diameter(diameter)

@@ -14,7 +14,7 @@ from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.oneline import OneLine
 from clplen.errors import SamplingError
 from clplen.wave.checks import Aliasing
-from clplen.wave.field import Field, Grid
+from clplen.wave.field import Field, Grid, require_field
 from clplen.wave.lens import check_lens_sampling
 from clplen.wave.multiply import multiply
 from clplen.wave.phase import whole_and_part
@@ -181,6 +181,7 @@ class MicrolensArray(OneLine):
         SamplingError
             If the pitch is below 2 samples, or a lenslet's phase is aliased.
         """
+        require_field(field)
         largest = max(field.grid.pitch)
         if self.pitch < SMALLEST_PITCH * largest * (1 - 1e-12):
             raise SamplingError(

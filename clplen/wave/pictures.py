@@ -8,7 +8,7 @@ import numpy as np
 
 from clplen.errors import ShapeError
 from clplen.wave.checks import check_centre
-from clplen.wave.field import Field, Grid
+from clplen.wave.field import Field, Grid, require_field
 from clplen.wave.multiply import multiply
 
 Picture = np.ndarray[Any, Any]
@@ -55,6 +55,7 @@ def transparency(
         If there is neither amplitude nor phase, a value is not finite, the pitch is not positive,
         or a centre comes without a pitch.
     """
+    require_field(field)
     picture = _picture(amplitude, phase)
     if pitch is None:
         if tuple(centre) != (0.0, 0.0):

@@ -11,7 +11,7 @@ import numpy as np
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError
 from clplen.wave.checks import average_of
-from clplen.wave.field import Field, Grid
+from clplen.wave.field import Field, Grid, require_field
 from clplen.wave.propagator import Propagator, request
 from clplen.wave.request import BORDER, Request
 from clplen.wave.together import together
@@ -188,6 +188,7 @@ def propagate_wavelengths(
     list of Field
         One a wavelength, each with its wavelength.
     """
+    require_field(field)
     if not np.size(wavelengths):
         raise ValueError("wavelengths is one wavelength or several, in metres, not an empty list.")
     return [

@@ -9,7 +9,7 @@ import numpy as np
 
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingWarning
-from clplen.wave.field import Field, Grid
+from clplen.wave.field import Field, Grid, require_field, require_grid
 from clplen.wave.multiply import Vector, multiply_separable, offsets
 from clplen.wave.phase import phasor
 from clplen.wave.sphere import multiply_sphere, sampled_from, sampled_radius
@@ -76,6 +76,7 @@ def tilt(field: Field, direction: Pair) -> Field:
     SamplingWarning
         If the frequency a/lam that is added is beyond the Nyquist frequency of an axis.
     """
+    require_field(field)
     _check_direction(direction)
     _warn_beyond_nyquist(field.grid, _frequencies(direction, field.wavelength), "A tilt")
     return multiply_separable(
@@ -226,6 +227,7 @@ def _frequencies(direction: Pair, wavelength: float) -> Pair:
 
 
 def _check_wave(grid: Grid, wavelength: float, device: DeviceLike) -> Device:
+    require_grid(grid)
     device = as_device(device)
     if not (math.isfinite(wavelength) and wavelength > 0):
         raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from clplen.wave.checks import Aliasing, act_on_aliasing, check_centre
-from clplen.wave.field import Field, Grid
+from clplen.wave.field import Field, Grid, require_field
 from clplen.wave.multiply import offsets
 from clplen.wave.phase import phasor
 from clplen.wave.pictures import (
@@ -258,6 +258,7 @@ def phase_plate(
     SamplingWarning
         If the phase is aliased and ``aliasing`` is "warn".
     """
+    require_field(field)
     terms = _terms(coefficients, indexing)
     if not (math.isfinite(diameter) and diameter > 0):
         raise ValueError(f"The diameter of a plate is positive, in metres, not {diameter!r}.")
