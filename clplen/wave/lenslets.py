@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute import lengths
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.oneline import OneLine
 from clplen.errors import SamplingError
@@ -90,11 +91,12 @@ class MicrolensArray(OneLine):
         counts = np.broadcast_to(np.asarray(count), (2,))
         if not (math.isfinite(pitch) and pitch > 0):
             raise ValueError(f"The pitch of lenslets is positive, in metres, not {pitch!r}.")
+        lengths.LENSLET_PITCH.check(pitch, "The pitch of lenslets")
         if any(int(n) != n or n < 1 for n in counts):
             raise ValueError(f"The count of lenslets is positive integers (ny, nx), not {count!r}.")
         if lattice not in ("square", "hexagonal"):
             raise ValueError(f"lattice is 'square' or 'hexagonal', not {lattice!r}.")
-        lengths = _focal_lengths(f, lattice)
+        focal_lengths = _focal_lengths(f, lattice)
         if fill not in ("circular", "full"):
             raise ValueError(f"fill is 'circular' or 'full', not {fill!r}.")
         if not (np.isfinite(offset).all() and np.shape(offset) == (2,) and math.isfinite(rotation)):
@@ -110,8 +112,8 @@ class MicrolensArray(OneLine):
             )
         values = {
             "pitch": float(pitch),
-            "f": lengths[0],
-            "focal_lengths": lengths,
+            "f": focal_lengths[0],
+            "focal_lengths": focal_lengths,
             "count": (int(counts[0]), int(counts[1])),
             "lattice": lattice,
             "fill": fill,
@@ -246,14 +248,15 @@ class MicrolensArray(OneLine):
 
 def _focal_lengths(f: float | Sequence[float], lattice: str) -> tuple[float, ...]:
     """The focal lengths of an array, checked."""
-    lengths = tuple(float(one) for one in np.atleast_1d(np.asarray(f, np.float64)).ravel())
-    if not lengths or not all(math.isfinite(one) and one != 0 for one in lengths):
+    found = tuple(float(one) for one in np.atleast_1d(np.asarray(f, np.float64)).ravel())
+    if not found or not all(math.isfinite(one) and one != 0 for one in found):
         raise ValueError(f"The focal length of lenslets is finite and not 0, not {f!r}.")
-    if len(set(lengths)) < len(lengths):
+    lengths.LENSLET_FOCAL_LENGTH.check(found, "The focal length of lenslets")
+    if len(set(found)) < len(found):
         raise ValueError(f"The focal lengths of a multi-focus array differ, unlike {f!r}.")
-    if lattice == "hexagonal" and len(lengths) not in (1, 3):
+    if lattice == "hexagonal" and len(found) not in (1, 3):
         raise ValueError(
-            f"A hexagonal array has lenslets of one kind or of three, not {len(lengths)}: its "
+            f"A hexagonal array has lenslets of one kind or of three, not {len(found)}: its "
             "neighbours would be alike."
         )
-    return lengths
+    return found
