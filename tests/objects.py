@@ -103,7 +103,7 @@ def stream(device: Device) -> clplen.StackTiles:
 EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "OTF": lambda _: clplen.OTF.of(psf()),
     "PSF": lambda _: psf(),
-    "Aberrations": lambda _: clplen.Aberrations(main_lens={4: 0.1}, lenslets={4: 0.1}),
+    "Aberrations": lambda _: clplen.Aberrations(main_lens={4: 1e-7}, lenslets={4: 1e-7}),
     "AlphaEstimate": lambda device: clplen.estimate_alpha(lightfield(device), method="energy"),
     "Coherence": lambda _: clplen.Coherence(
         clplen.RandomPhaseMask(66e-6), clplen.Spectrum.gaussian(550e-9, 30e-9)
