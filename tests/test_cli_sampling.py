@@ -190,9 +190,13 @@ def test_an_aliased_propagation_is_a_note_not_a_failure():
 
 
 def test_a_forgotten_unit_of_the_wavelength_is_noted():
-    result = run(*THESIS[:-1], "550", "--z", "240mm")
+    result = run(*THESIS[:-1], "0.01", "--z", "240mm")
     assert result.exit_code == 0
     assert "write 550nm" in result.stderr
+    refused = run(*THESIS[:-1], "550", "--z", "240mm")
+    assert refused.exit_code == 1
+    assert "not 550; did you mean 5.5e-07?" in refused.stderr
+    assert "Traceback" not in refused.stderr
 
 
 def test_two_axes_and_another_output():

@@ -21,6 +21,7 @@ from clplen.analysis.straylight import camera_crosstalk
 from clplen.cameras.pictures import parts
 from clplen.cameras.plenoptic import Plenoptic
 from clplen.cameras.scene import PointSources
+from clplen.compute.oneline import OneLine
 from clplen.errors import SamplingError
 
 ANALYSES = (
@@ -43,8 +44,8 @@ _CLOSE = 0.5  # of a name that is meant, as difflib counts
 Progress = Callable[[int, int], Any]
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(OneLine):
     """Cameras measured alike. Made by `compare`.
 
     Attributes

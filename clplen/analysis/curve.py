@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from clplen.analysis.samples import Values, first_fall
+from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
 
 
-@dataclass(frozen=True, eq=False)
-class Curve:
+@dataclass(frozen=True, eq=False, repr=False)
+class Curve(OneLine):
     """Contrast against spatial frequency.
 
     Attributes

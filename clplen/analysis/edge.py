@@ -18,6 +18,7 @@ import numpy as np
 
 from clplen.analysis.curve import Curve
 from clplen.analysis.samples import Pair, Values, checked
+from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
 from clplen.wave.field import Grid
 
@@ -31,8 +32,8 @@ _GAP = 0.15  # of a sample, between places
 _PARTS = 16  # of a bin
 
 
-@dataclass(frozen=True, eq=False)
-class SlantedEdge:
+@dataclass(frozen=True, eq=False, repr=False)
+class SlantedEdge(OneLine):
     """What a slanted edge tells.
 
     Attributes

@@ -6,20 +6,21 @@ Goodman, Introduction to Fourier Optics, 3rd edition, 2005, sections 2.1 and 6.3
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from clplen.analysis.curve import Curve
 from clplen.analysis.psf import PSF
 from clplen.analysis.samples import Pair, Values, check_axis, check_positive
+from clplen.compute.hostarray import HostArray
 from clplen.wave.pupil import otf as ideal_otf
 
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class OTF:
+class OTF(HostArray):
     """Fourier transform of an intensity over its value at frequency 0 (Goodman 2005, sec. 6.3.1).
 
     Made by `OTF.of`.
@@ -33,6 +34,8 @@ class OTF:
     centre : tuple of float
         (y, x) in metres, to which phases refer.
     """
+
+    _samples: ClassVar[str] = "values"
 
     values: Complex
     fy: Values

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -19,13 +19,14 @@ from clplen.analysis.samples import (
     first_fall,
     line_of,
 )
+from clplen.compute.hostarray import HostArray
 from clplen.wave.field import Grid
 
 FINER = 16  # samples for one, in which a width is looked for
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PSF:
+class PSF(HostArray):
     """The intensity that one point gives, on the host.
 
     Between samples it is read by Fourier interpolation, which is exact where the samples resolve
@@ -48,6 +49,8 @@ class PSF:
         If values are not finite and real, their sum is not positive, or the pitch or origin is no
         pair of finite numbers.
     """
+
+    _samples: ClassVar[str] = "values"
 
     values: Values
     pitch: Pair

@@ -15,10 +15,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from clplen.analysis.samples import check_positive
+from clplen.compute.checks import require
+from clplen.compute.oneline import OneLine
 
 
-@dataclass(frozen=True)
-class Sampling:
+@dataclass(frozen=True, repr=False)
+class Sampling(OneLine):
     """Samples of one axis; places are on the plane of the main lens' image, all in metres.
 
     Attributes
@@ -261,6 +263,7 @@ def sampling_table(cameras: Mapping[str, Sampling]) -> str:
     ValueError
         If there is none.
     """
+    require(Mapping, cameras, "cameras", "{name: sampling_of(camera)}")
     if not cameras:
         raise ValueError("A table of sampling needs at least one camera.")
     lines = [["", *cameras, ""]]

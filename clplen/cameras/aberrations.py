@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen.cameras.describe import Row
+from clplen.compute import lengths
+from clplen.compute.oneline import OneLine
 from clplen.wave.lenslet_errors import HIGHEST_ORDER, LensletErrors
 from clplen.wave.zernike import noll, zernike_gradient
 
@@ -93,8 +95,8 @@ class LensletScatter:
         return 1 + focal, tilt, position
 
 
-@dataclass(frozen=True, init=False)
-class Aberrations:
+@dataclass(frozen=True, init=False, repr=False)
+class Aberrations(OneLine):
     """How a plenoptic camera departs from its design. All of it is optional.
 
     Parameters
@@ -150,6 +152,7 @@ class Aberrations:
             math.isfinite(lenslet_circle) and lenslet_circle > 0
         ):
             raise ValueError(f"lenslet_circle is positive, in metres, not {lenslet_circle!r}.")
+        lengths.LENSLET_PITCH.check(lenslet_circle or 0.0, "lenslet_circle")
         if not math.isfinite(sensor_shift):
             raise ValueError(f"sensor_shift is finite, in metres, not {sensor_shift!r}.")
         if not isinstance(scatter, LensletScatter | None):
@@ -334,6 +337,7 @@ def _terms(given: Mapping[int, float] | Terms, name: str) -> Terms:
     for j, metres in _pairs(given, name):
         if not (np.ndim(metres) == 0 and math.isfinite(metres)):
             raise ValueError(f"{name}[{j}] is finite, in metres, not {metres!r}.")
+        lengths.WAVEFRONT.check(metres, f"{name}[{j}]")
         found.append((j, float(metres)))
     return tuple(found)
 

@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+from clplen.compute.device import Device, as_device
+from clplen.wave.field import Grid
 from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.quantity import metres
 
 
 class Arrayed:
     """Attributes of what has an array ``mla``."""
 
     mla: MicrolensArray
+    grid: Grid
+    device: Device
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "device", as_device(self.device))
+
+    @property
+    def _sensor(self) -> str:
+        """Lenslets and pixels in a few words, for a representation."""
+        (rows, columns), (ny, nx) = self.mla.count, self.grid.shape
+        lenslets = f"{rows} x {columns} lenslets of {metres(self.mla.pitch)}"
+        return f"{lenslets}, {ny} x {nx} pixels"
 
     @property
     def lenslet_pitch(self) -> float:

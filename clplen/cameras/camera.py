@@ -11,7 +11,7 @@ from clplen.cameras.microscope import Microscope
 from clplen.cameras.objective import APODISATION, CoverGlass
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2, magnification, matched_aperture
-from clplen.compute.device import Device, require_device
+from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingWarning
 from clplen.wave.checks import is_finite
 from clplen.wave.lenslets import MicrolensArray
@@ -28,7 +28,7 @@ class PlenopticCamera:
         mla: MicrolensArray,
         wavelength: float,
         pixels_per_lenslet: float,
-        device: Device,
+        device: DeviceLike,
         object_distance: float | None = None,
         image_distance: float | None = None,
         aperture_diameter: float | None = None,
@@ -47,7 +47,7 @@ class PlenopticCamera:
             In metres.
         pixels_per_lenslet : float
             At least 2; may be fractional.
-        device : Device
+        device : Device or str
             Where the simulation runs.
         object_distance, image_distance : float, optional
             Main lens to focused object plane, and to the array, in metres. Neither: 2f and 2f.
@@ -71,8 +71,9 @@ class PlenopticCamera:
         SamplingError
             If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
         """
+        device = as_device(device)
         z_obj, F = _distances(
-            device, mla, wavelength, focal_length, object_distance, image_distance,
+            mla, wavelength, focal_length, object_distance, image_distance,
             aperture_diameter,
         )  # fmt: skip
         if len(mla.focal_lengths) > 1:
@@ -99,7 +100,7 @@ class PlenopticCamera:
         mla: MicrolensArray,
         wavelength: float,
         pixels_per_lenslet: float,
-        device: Device,
+        device: DeviceLike,
         m: float | None = None,
         a: float | None = None,
         object_distance: float | None = None,
@@ -126,7 +127,7 @@ class PlenopticCamera:
             In metres.
         pixels_per_lenslet : float
             At least 2; may be fractional.
-        device : Device
+        device : Device or str
             Where the simulation runs.
         m, a : float, optional
             Exactly one of them: magnification of the lenslets, or the distance from the main
@@ -156,8 +157,9 @@ class PlenopticCamera:
         SamplingError
             If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
         """
+        device = as_device(device)
         z_obj, F = _distances(
-            device, mla, wavelength, focal_length, object_distance, image_distance,
+            mla, wavelength, focal_length, object_distance, image_distance,
             aperture_diameter,
         )  # fmt: skip
         m = magnification(mla.f, m, a)
@@ -183,7 +185,7 @@ class PlenopticCamera:
         mla: MicrolensArray,
         wavelength: float,
         pixels_per_lenslet: float,
-        device: Device,
+        device: DeviceLike,
         medium_index: float = 1.0,
         tube_lens: float = 0.200,
         cover: CoverGlass | None = None,
@@ -206,7 +208,7 @@ class PlenopticCamera:
             Of the fluorescence in vacuum, in metres.
         pixels_per_lenslet : float
             At least 2; may be fractional.
-        device : Device
+        device : Device or str
             Where the simulation runs.
         medium_index : float
             Of the medium with the specimen, 1 (air) or more.
@@ -238,7 +240,7 @@ class PlenopticCamera:
         SamplingWarning
             If the two f-numbers differ by more than 10 %.
         """
-        require_device(device)
+        device = as_device(device)
         geometry.require_lengths(wavelength=wavelength, tube_lens=tube_lens)
         check_wavelength(wavelength)
         _check_objective(magnification, na, medium_index, mla)
@@ -301,7 +303,6 @@ def _check_objective(magnification: float, na: float, index: float, mla: Microle
 
 
 def _distances(
-    device: Device,
     mla: MicrolensArray,
     wavelength: float,
     focal_length: float,
@@ -310,7 +311,6 @@ def _distances(
     aperture_diameter: float | None,
 ) -> tuple[float, float]:
     """Object and image distance, after a look at everything that both cameras are given."""
-    require_device(device)
     geometry.require_lengths(
         focal_length=focal_length,
         wavelength=wavelength,

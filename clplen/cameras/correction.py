@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from clplen.cameras.aberrations import Aberrations, slopes
+from clplen.lightfield.given import as_lightfield
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.moved import move_views
 from clplen.lightfield.parametrisation import require_two_plane
@@ -43,6 +44,7 @@ def correct_aberrations(
     ValueError
         If the camera or the spacing is not known, or the views are directions.
     """
+    lf = as_lightfield(lf)
     terms = Aberrations(main_lens=zernike).main_terms()
     known = lf.camera if camera is None else camera
     if known is None or lf.spacing is None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute import lengths
 from clplen.errors import SamplingError
 from clplen.lightfield.raw import LensletGrid, LensType, RawImage
 from clplen.wave.checks import is_finite
@@ -22,17 +23,27 @@ if TYPE_CHECKING:
 LENS_LAW_TOLERANCE = 1e-6  # relative, of 1/f = 1/object + 1/image
 
 
-def require_lengths(**lengths: float | None) -> None:
-    """Refuse lengths that are not positive and finite; None is left out.
+_KINDS = {
+    "focal_length": lengths.FOCAL_LENGTH,
+    "image_distance": lengths.FOCAL_LENGTH,
+    "aperture_diameter": lengths.CAMERA_DIAMETER,
+    "tube_lens": lengths.TUBE_LENS,
+}  # an object may be anywhere, and wavelengths have a check of their own
+
+
+def require_lengths(**given: float | None) -> None:
+    """Refuse lengths that are not positive and finite, or no metres; None is left out.
 
     Raises
     ------
     ValueError
         With the name of the length.
     """
-    for name, value in lengths.items():
+    for name, value in given.items():
         if value is not None and not (is_finite(value) and value > 0):
             raise ValueError(f"{name} is positive, in metres, not {value!r}.")
+        if value is not None and name in _KINDS:
+            _KINDS[name].check(value, name)
 
 
 def lens_law(

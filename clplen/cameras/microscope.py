@@ -40,7 +40,7 @@ BATCH_BYTES = 2**27  # of fields that travel through the microscope together
 GUARD = 2  # lenslets of light around the geometrical blur
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Microscope(MicroscopeOptics):
     """A light-field microscope. Made by `PlenopticCamera.microscope`.
 

@@ -20,6 +20,7 @@ from clplen.compute.device import Device
 from clplen.errors import SamplingError
 from clplen.wave.field import Grid
 from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.quantity import metres
 
 Vector = np.ndarray[Any, Any]
 
@@ -28,7 +29,7 @@ SPARROW = 0.47  # lam/NA, resolution of the objective
 DEEPEST = 0.1  # metres; no objective has an image from farther away
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class MicroscopeOptics(Arrayed):
     """A light-field microscope as lengths; `Microscope` takes its raw images.
 
@@ -65,6 +66,12 @@ class MicroscopeOptics(Arrayed):
     apodisation: float = APODISATION
 
     telecentric = True
+
+    def __repr__(self) -> str:
+        return (
+            f"<{type(self).__name__} {self.magnification:g}x/{self.na:g}, {self._sensor}, "
+            f"{metres(self.wavelength)}, {self.device.name}>"
+        )
 
     @property
     def objective(self) -> Objective:

@@ -24,9 +24,10 @@ from clplen.cameras.describe import Description
 from clplen.compute.device import Device
 from clplen.wave.field import Grid
 from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.quantity import metres
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Optics(Arrayed, ABC):
     """A plenoptic camera as lengths and rays.
 
@@ -61,6 +62,12 @@ class Optics(Arrayed, ABC):
     field_lens: bool
     device: Device
     aberrations: Aberrations = field(default=NONE, kw_only=True)
+
+    def __repr__(self) -> str:
+        return (
+            f"<{type(self).__name__} f = {metres(self.focal_length)}, {self._sensor}, "
+            f"{metres(self.wavelength)}, {self.device.name}>"
+        )
 
     @property
     @abstractmethod

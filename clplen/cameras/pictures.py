@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from clplen.cameras.scene import PointSources
+from clplen.compute.hostarray import HostArray
+from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
 from clplen.wave.checks import is_finite
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 
-@dataclass(frozen=True, init=False, eq=False)
-class PicturePlane:
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class PicturePlane(OneLine, HostArray):
     """A flat picture across the optical axis.
 
     Sample i of an axis of n samples lies at (i - n//2) width/nx from the axis: pixels are square,
@@ -49,6 +51,8 @@ class PicturePlane:
     ValueError
         For samples, a width, a dz or a mode outside their range.
     """
+
+    _samples: ClassVar[str] = "image"
 
     image: Vector
     width: float

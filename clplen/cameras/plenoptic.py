@@ -37,7 +37,7 @@ Kind = TypeVar("Kind", bound="Plenoptic")
 FRESNEL_WIDTHS = 2  # diffraction beyond the geometric edge that a window without padding holds
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Plenoptic(Optics):
     """A plenoptic camera that takes raw images: `Plenoptic1` or `Plenoptic2`.
 

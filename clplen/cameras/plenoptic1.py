@@ -13,7 +13,7 @@ from clplen.cameras.scene import PointSources
 from clplen.wave.field import row_powers
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Plenoptic1(Plenoptic):
     """A plenoptic 1.0 camera. Made by `PlenopticCamera.type1`.
 

@@ -8,9 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from clplen.compute import lengths
+from clplen.compute.oneline import OneLine
 
-@dataclass(frozen=True, init=False, eq=False)
-class PointSources:
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class PointSources(OneLine):
     """Mutually incoherent point-like sources.
 
     Parameters
@@ -58,6 +61,7 @@ class PointSources:
             raise ValueError("Positions of sources are finite numbers of metres.")
         if not (np.isfinite(diameter) and diameter >= 0):
             raise ValueError(f"The diameter of sources is not negative, in metres, not {diameter}.")
+        lengths.POINT.check(diameter, "The diameter of sources")
         powers = np.asarray(power, np.float64)
         if powers.ndim and powers.shape != (len(places),):
             raise ValueError(f"{len(places)} sources have {powers.shape} powers: give one or each.")

@@ -13,12 +13,13 @@ from clplen.cameras import tracing
 from clplen.cameras.outlines import Outline, Vector
 from clplen.cameras.textures import Texture, uniform
 from clplen.cameras.truth import Truth
-from clplen.compute.device import require_device
+from clplen.compute.device import DeviceLike, as_device
+from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
 from clplen.lightfield.lightfield import LightField
 
 if TYPE_CHECKING:
-    from clplen.compute.device import Device
+    pass
 
 Pair = tuple[float, float]
 MOST_SURFACES = 64  # bits of a mask in the kernels
@@ -58,8 +59,8 @@ class Spot:
             raise ValueError(f"The width of a spot is positive, in pixels, not {self.width!r}.")
 
 
-@dataclass(frozen=True, eq=False)
-class Plane:
+@dataclass(frozen=True, eq=False, repr=False)
+class Plane(OneLine):
     """A plane, d = d0 + gy Y + gx X with (Y, X) in pixels from the middle of the picture.
 
     Disparity is affine in the picture, as 1/z is on any plane in space.
@@ -102,8 +103,8 @@ class Plane:
         return np.column_stack([corners, self.d + corners @ np.asarray(self.slope)])
 
 
-@dataclass(frozen=True, eq=False)
-class Sphere:
+@dataclass(frozen=True, eq=False, repr=False)
+class Sphere(OneLine):
     """An ellipsoid, (d - d0)^2/height^2 + r^2/radius^2 = 1, r from its centre in (Y, X).
 
     Parameters
@@ -153,8 +154,8 @@ class Sphere:
         )  # fmt: skip
 
 
-@dataclass(frozen=True, init=False, eq=False)
-class SurfaceScene:
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class SurfaceScene(OneLine):
     """Opaque surfaces in the space (Y, X, d) of a light field's centre view.
 
     The ray of L[v, u, y, x] is the straight line (Y, X) = (y + d (v - vc), x + d (u - uc)) for all
@@ -205,7 +206,7 @@ class SurfaceScene:
         views: tuple[int, int] = (9, 9),
         shape: tuple[int, int] = (512, 512),
         *,
-        device: Device,
+        device: DeviceLike,
         noise: Any = 0.0,
         seed: int = 0,
         dtype: Any = np.float32,
@@ -222,7 +223,7 @@ class SurfaceScene:
             (V, U), at least 1 each.
         shape : tuple of int
             (ny, nx) of a view, at least 1 each.
-        device : Device
+        device : Device or str
         noise : float or array_like
             Standard deviation of additive Gaussian noise, as a fraction of white; broadcast over
             (ny, nx), so shape (ny, 1) gives each row its own.
@@ -249,7 +250,7 @@ class SurfaceScene:
         DeviceError
             If the light field does not fit the device.
         """
-        require_device(device)
+        device = as_device(device)
         V, U = _counts(views, "views")
         ny, nx = _counts(shape, "shape")
         kind = np.dtype(dtype)

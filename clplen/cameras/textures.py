@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
+from clplen.compute.hostarray import HostArray
+from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
 
 Samples = np.ndarray[Any, np.dtype[np.float32]]
@@ -15,8 +17,8 @@ LARGEST_SIDE = 8192
 SMOOTHING = 0.6  # pixels; what is left at half a cycle a pixel is 17 %
 
 
-@dataclass(frozen=True, init=False, eq=False)
-class Texture:
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class Texture(OneLine, HostArray):
     """The brightness of a surface over (Y, X), the pixels of the centre view.
 
     A periodic cubic B-spline through a table (Unser, Aldroubi and Eden 1993), twice continuously
@@ -49,6 +51,8 @@ class Texture:
     ValueError
         If a sample or a number is not finite, or the scale not positive.
     """
+
+    _samples: ClassVar[str] = "samples"
 
     samples: Samples
     scale: float

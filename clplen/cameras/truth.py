@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
+
+from clplen.compute.hostarray import HostArray
 
 JUMP = 0.15  # pixels a view step between neighbours of two surfaces: an edge of depth
 REACH = 4  # pixels beside such an edge
@@ -17,7 +19,7 @@ Mask = np.ndarray[Any, np.dtype[np.bool_]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Truth:
+class Truth(HostArray):
     """Exact depth of the centre view of a synthetic light field.
 
     Attributes
@@ -35,6 +37,8 @@ class Truth:
         than 0.15 in disparity; "near" and "far", those of them of the nearer and of the farther
         surface; "planes" and "smooth", pixels of planes and of spheres without "edges".
     """
+
+    _samples: ClassVar[str] = "disparity"
 
     disparity: Map
     z: Map

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import zip_longest
-from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from clplen.compute.columns import Factors, Product, run_on_host
+from clplen.compute.forked import Guard
 from clplen.compute.lines import Line, Separable, still
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Spectrum:
         self.is_quadrant = tuple(values.shape) != (shape[::-1] if turned else shape)
         self.values, self.turned, self.lit = values, turned, lit
         self._copy: Array | None = None
-        self._lock = Lock()
+        self._lock = Guard()
 
     @classmethod
     def of(cls, values: Array, device: Device) -> Spectrum:

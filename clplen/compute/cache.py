@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from threading import Lock
 from typing import Any, TypeVar
+
+from clplen.compute.forked import Guard
 
 T = TypeVar("T")
 
@@ -32,7 +33,7 @@ class PlanCache:
         self.misses = 0
         self.nbytes = 0
         self._items: OrderedDict[Hashable, tuple[Any, int]] = OrderedDict()
-        self._lock = Lock()
+        self._lock = Guard()
 
     def __len__(self) -> int:
         return len(self._items)

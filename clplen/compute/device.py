@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cached_property
-from threading import Lock, RLock
+from threading import Lock
 from typing import Any, Literal
 
 import numpy as np
@@ -18,6 +18,7 @@ from clplen.compute import pocl
 from clplen.compute.cache import PlanCache
 from clplen.compute.failures import ADVICE, device_error, device_errors
 from clplen.compute.fft import FFTRoute, choose_route
+from clplen.compute.forked import Guard, is_forked
 from clplen.compute.memory import Memory
 from clplen.compute.profile import Profile, bytes_of, label
 from clplen.compute.program import build_program
@@ -72,9 +73,9 @@ class Device(Memory):
         self._kernels: dict[tuple[Any, ...], cl.Kernel] = {}
         self._labels: dict[cl.Kernel, str] = {}
         self._profile: Profile | None = None
-        self._lock = RLock()
+        self._lock = Guard()
         self._maps: dict[tuple[int, bool], list[Any]] = {}
-        self._maps_lock = Lock()
+        self._maps_lock = Guard()
         self._usable = False
         self._context: cl.Context | None = None
         self._queue: cl.CommandQueue | None = None
@@ -104,12 +105,19 @@ class Device(Memory):
 
         Raises
         ------
+        TypeError
+            If the selector is no string.
         DeviceError
             If there is no OpenCL platform, nothing fits the selector, or the device cannot
             compile kernels or lacks double precision.
         """
         if selector is None:
             selector = os.environ.get("CLPLEN_DEVICE") or None
+        elif not isinstance(selector, str):
+            raise TypeError(
+                "A selector of devices is a string such as 'cpu', 'gpu' or '0:1', not "
+                f"{selector!r:.80}."
+            )
         problems = []
         for place, cl_device in select(find_devices(), selector):
             try:
@@ -150,6 +158,16 @@ class Device(Memory):
                 self._usable = True
                 if self.note:
                     warnings.warn(self.note, RuntimeWarning, stacklevel=3)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """By its selector: what another process gets is its own object of the same hardware."""
+        return _reopened, (self.place, self.name, self.platform, self.precision)
+
+    def __copy__(self) -> Device:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Device:
+        return self
 
     @property
     def context(self) -> cl.Context:
@@ -344,15 +362,35 @@ class Device(Memory):
             self.queue.finish()
 
 
-def require_device(device: object) -> None:
-    """Refuse what is no `Device`.
+def as_device(device: DeviceLike | None, *, optional: bool = False) -> Device:
+    """The device that an argument ``device`` names.
+
+    Parameters
+    ----------
+    device : Device or str
+        A string is a selector of `Device.open`.
+    optional : bool
+        Whether None is ``Device.open()``; else it is refused.
+
+    Returns
+    -------
+    Device
 
     Raises
     ------
     TypeError
+        If it is anything else.
+    DeviceError
+        As `Device.open`.
     """
-    if not isinstance(device, Device):
-        raise TypeError(f"device is a Device, as Device.open() gives it, not {device!r}.")
+    if isinstance(device, Device):
+        return device
+    if isinstance(device, str) or (device is None and optional):
+        return Device.open(device)
+    raise TypeError(
+        "device is a Device, as Device.open() gives it, or a selector such as 'cpu', 'gpu' or "
+        f"'0:1', not {device!r:.80}."
+    )
 
 
 def require_same_device(a: Device, b: Device) -> None:
@@ -376,6 +414,37 @@ def _registered(cl_device: cl.Device, precision: Precision, place: str) -> Devic
         if key not in _registry:
             _registry[key] = Device(cl_device, precision=precision, place=place)
         return _registry[key]
+
+
+DeviceLike = Device | str
+
+
+def _reopened(place: str, name: str, platform: str, precision: Precision) -> Device:
+    """The device here that was pickled elsewhere; in a forked process the parent's, which refuses.
+
+    Raises
+    ------
+    DeviceError
+        If there is none of that name.
+    """
+    if is_forked():
+        for (_, kept_as), device in _registry.items():
+            if (device.name, device.platform, kept_as) == (name, platform, precision):
+                return device
+    fitting = [
+        (at, cl_device)
+        for at, cl_device in find_devices()
+        if (cl_device.name.strip(), cl_device.platform.name.strip()) == (name, platform)
+    ]
+    if not fitting:
+        raise DeviceError(
+            f"This was pickled on {name} ({platform}), which is not here: pickle its to_numpy() "
+            "instead."
+        )
+    at, cl_device = next((found for found in fitting if found[0] == place), fitting[0])
+    device = _registered(cl_device, precision, at)
+    device.ensure_usable()
+    return device
 
 
 # Handles of hardware, not settings: data of two calls of `Device.open` must meet on one queue.

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pyopencl.array as cla
 
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
+from clplen.compute.device import Device
+from clplen.compute.hostarray import OnDevice
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Image:
+class Image(OnDevice):
     """What an intensity, a view, a rendering or a refocus returns.
 
     Attributes
@@ -34,20 +32,3 @@ class Image:
     def shape(self) -> tuple[int, ...]:
         """Shape of the values."""
         return tuple(self.data.shape)
-
-    def to_numpy(self) -> np.ndarray[Any, Any]:
-        """The values on the host, same shape and dtype."""
-        return self.device.download(self.data)
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray[Any, Any]:
-        """What ``numpy.asarray`` takes: the values on the host, always a copy.
-
-        Raises
-        ------
-        ValueError
-            If ``copy`` is False.
-        """
-        if copy is False:
-            raise ValueError("An image on a device is an array only by a copy: leave out copy.")
-        values = self.to_numpy()
-        return values if dtype is None else values.astype(dtype, copy=False)

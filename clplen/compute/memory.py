@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
-from threading import Lock
 from typing import Any, cast
 
 import numpy as np
@@ -14,6 +13,7 @@ import pyopencl.array as cla
 from pyopencl.tools import ImmediateAllocator, MemoryPool
 
 from clplen.compute.failures import device_errors
+from clplen.compute.forked import HoldsOpenCL, require_own_process
 from clplen.compute.pages import LEAST_BYTES, ask_for_large_pages
 from clplen.compute.profile import Profile
 from clplen.errors import DeviceError, ShapeError
@@ -22,7 +22,7 @@ _SPARE_SHARE = 16  # a sixteenth of the memory for buffers kept for use again
 _POOL_STEP = 8  # their sizes are rounded up by less than an eighth
 
 
-class Memory:
+class Memory(HoldsOpenCL):
     """The memory of a `Device`, which has the attributes that are named here."""
 
     cl_device: cl.Device
@@ -31,7 +31,7 @@ class Memory:
     memory_bytes: int
     _profile: Profile | None
     _maps: dict[tuple[int, bool], list[Any]]  # mapped buffers: their bytes, and how many use them
-    _maps_lock: Lock
+    _maps_lock: AbstractContextManager[None]
 
     @property
     def context(self) -> cl.Context:
@@ -111,6 +111,7 @@ class Memory:
 
     def free_spare(self) -> None:
         """Give back the large buffers that are kept for use again."""
+        require_own_process()
         self._spare.free_held()
 
     def zeros(self, shape: Sequence[int], dtype: Any) -> cla.Array:

@@ -8,6 +8,7 @@ import pyopencl as cl
 
 from clplen.compute import icd
 from clplen.compute.cachedir import ensure_cache
+from clplen.compute.forked import begin_use
 from clplen.errors import DeviceError
 
 Found = tuple[str, cl.Device]
@@ -30,8 +31,10 @@ def find_devices() -> list[Found]:
     Raises
     ------
     DeviceError
-        If there is no platform, or no platform has a device; it names what to install.
+        If there is no platform, or no platform has a device (it names what to install), or this
+        process was forked from one that looked for devices.
     """
+    begin_use()
     ensure_cache()
     icd.expose_intel_runtime()
     try:

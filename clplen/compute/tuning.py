@@ -10,11 +10,11 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from threading import RLock
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 from clplen.compute.cachedir import cache_dir
+from clplen.compute.forked import Guard
 from clplen.compute.program import kernel_source
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class Tuning:
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self._lock = RLock()
+        self._lock = Guard()
         self._known: dict[str, str] | None = None
         self.set_aside: dict[str, str] = {}
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from threading import Lock
 from typing import Any
 
 import numpy as np
+
+from clplen.compute.forked import Guard
 
 Array = np.ndarray[Any, Any]
 
@@ -25,7 +26,7 @@ class Workspace:
     def __init__(self, limit_bytes: int) -> None:
         self.limit_bytes = limit_bytes
         self._kept = np.empty(0, np.uint8)
-        self._lock = Lock()
+        self._lock = Guard()
 
     @property
     def nbytes(self) -> int:

@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, cast
 
-from clplen.compute.device import Device
+from clplen.compute.device import DeviceLike, as_device
 from clplen.files import PathLike, check_folder, check_writable, output_folder
 from clplen.io.disparity import read_disparity
 from clplen.io.focused import write_focused, write_focused_depth
@@ -73,7 +73,7 @@ logger = logging.getLogger(__name__)
 def read_lightfield(
     path: PathLike,
     *,
-    device: Device | None = None,
+    device: DeviceLike | None = None,
     pattern: str | None = None,
     views: tuple[int, int] | None = None,
     flip_v: bool = False,
@@ -105,7 +105,7 @@ def read_lightfield(
     path : path-like
         A folder or zip archive with one picture a view, a mosaic, a raw lenslet image, HDF5, Zarr,
         MATLAB, NumPy or a Lytro container.
-    device : Device, optional
+    device : Device or str, optional
         Default ``Device.open()``.
     pattern : str, optional
         Names of the views in a folder: ``{v}`` and ``{u}`` row and column of the view, or ``{i}``
@@ -168,7 +168,7 @@ def read_lightfield(
     kind = kind_of(path)
     layout.require(kind.words, kind.name)
     module = import_module(kind.module)
-    device = device or Device.open()
+    device = as_device(device, optional=True)
     lf, took = module.read(path, device=device, layout=layout, progress=progress)
     logger.info("read %s", took)
     return cast(LightField, lf)
@@ -176,7 +176,7 @@ def read_lightfield(
 
 @contextmanager
 def open_lightfield(
-    path: PathLike, *, device: Device | None = None, **layout: Any
+    path: PathLike, *, device: DeviceLike | None = None, **layout: Any
 ) -> Iterator[StoredLightField]:
     """Open a light field of any kind without reading it all, for the ``stream_`` functions.
 
@@ -186,7 +186,7 @@ def open_lightfield(
     Parameters
     ----------
     path : path-like
-    device : Device, optional
+    device : Device or str, optional
         Default ``Device.open()``; what is read as a whole lies there.
     **layout
         Words of layout as for `read_lightfield`; ``max_bytes`` bounds what is unpacked at once.
@@ -204,7 +204,7 @@ def open_lightfield(
     kind = kind_of(path)
     words.require(kind.words, kind.name)
     module = import_module(kind.module)
-    device = device or Device.open()
+    device = as_device(device, optional=True)
     with ExitStack() as held:
         if kind.parts:
             opened = module.open_parts(path, device=device, layout=words)

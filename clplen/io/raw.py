@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.compute.device import Device
+from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import FormatError, SamplingWarning
 from clplen.files import PathLike, naming
 from clplen.io.container import MAGIC, read_container
@@ -82,7 +82,7 @@ def read_raw(
     path: PathLike,
     *,
     image: PathLike | None = None,
-    device: Device | None = None,
+    device: DeviceLike | None = None,
     white: PathLike | None = None,
     dark: PathLike | None = None,
     grid: PathLike | None = None,
@@ -98,7 +98,7 @@ def read_raw(
         ``grid``.
     image : path-like, optional
         The picture that belongs to an XML; default the one of the same name beside it.
-    device : Device, optional
+    device : Device or str, optional
         Default ``Device.open()``.
     white : path-like, optional
         White image of the same camera, on which the lenslets are found (`estimate_lattice`); a
@@ -149,7 +149,7 @@ def read_raw(
         if grid is not None and Path(grid).suffix.lower() in _XML:
             types = _calibrated(Path(grid), _shape(values))[1]
         values = values if black is None else values.astype(np.float32) - black
-    device = device or Device.open()
+    device = as_device(device, optional=True)
     with naming(path):
         grid_of_all = lattice.grid(lattice.views())
     return RawImage(

@@ -15,7 +15,7 @@ import numpy as np
 
 from clplen.cameras.geometry import raw_image
 from clplen.cameras.microscope import Microscope
-from clplen.compute.device import Device
+from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.io.attributes import CAMERA, CAMERA_NAMES, RAW, SAMPLES, of_camera, read_camera
@@ -83,14 +83,14 @@ def is_raw_file(path: PathLike) -> bool:
 
 
 def read_raw_file(
-    path: PathLike, *, device: Device | None = None, max_bytes: int | None = None
+    path: PathLike, *, device: DeviceLike | None = None, max_bytes: int | None = None
 ) -> RawImage:
     """Read what `write_raw` wrote.
 
     Parameters
     ----------
     path : path-like
-    device : Device, optional
+    device : Device or str, optional
         Default ``Device.open()``.
     max_bytes : int, optional
         Largest allocation that the file may ask for; default half of the free memory.
@@ -106,7 +106,7 @@ def read_raw_file(
         If it is damaged, no such file, or its camera is none or of another sensor.
     """
     path = Path(path)
-    device = device or Device.open()
+    device = as_device(device, optional=True)
     with opened(path) as file:
         dataset = dataset_of(file, RAW, path)
         group = file.get(CAMERA)

@@ -10,11 +10,11 @@ import pyopencl.array as cla
 from clplen.compute.image import Image
 from clplen.errors import ShapeError
 from clplen.lightfield.detail import LocalEnergy
+from clplen.lightfield.given import as_lightfield
 from clplen.lightfield.planes import default_disparities
 from clplen.lightfield.rays import checked_disparity
 from clplen.lightfield.refocus import FocalStack, focal_stack, refocus
 from clplen.lightfield.smoothing import Smoother, gaussian_taps
-from clplen.lightfield.stored import require_loaded
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -66,7 +66,8 @@ def all_in_focus(
     DeviceError
         If the stack is larger than the device's memory.
     """
-    require_loaded(source, "stream_all_in_focus")
+    if not isinstance(source, FocalStack):
+        source = as_lightfield(source, "stream_all_in_focus")
     check_planes(depth if not isinstance(source, FocalStack) else source, disparities)
     if isinstance(source, FocalStack):
         if depth is None:

@@ -5,21 +5,24 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from clplen.compute.checks import require
+from clplen.compute.hostarray import HostArray
 from clplen.errors import SamplingWarning
 from clplen.lightfield.best_focus import high_na_words
 from clplen.lightfield.correspondence import correspondence_disparity
 from clplen.lightfield.cues import energy_disparity
 from clplen.lightfield.detail import LocalEnergy
+from clplen.lightfield.given import as_lightfield
 from clplen.lightfield.law import depth_at
 from clplen.lightfield.peaks import Map
 from clplen.lightfield.planes import default_disparities
 from clplen.lightfield.raw import is_telecentric
 from clplen.lightfield.refocus import FocalStack
-from clplen.lightfield.stored import StoredLightField, require_loaded
+from clplen.lightfield.stored import StoredLightField
 from clplen.lightfield.structure_tensor import structure_disparity
 
 if TYPE_CHECKING:
@@ -35,8 +38,8 @@ _BORDER = 15  # pixels left out of the whole picture, at most a quarter of it
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 
-@dataclass(frozen=True)
-class DepthMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class DepthMap(HostArray):
     """Depth at every pixel of the centre view; float32, shape (y, x). Made by `depth_map`.
 
     Attributes
@@ -53,10 +56,17 @@ class DepthMap:
         for cues that try planes, where the first or the last one is best.
     """
 
+    _samples: ClassVar[str] = "disparity"
+
     disparity: Map
     alpha: Map
     z: Map
     confidence: Map
+
+    def __repr__(self) -> str:
+        known = self.disparity[np.isfinite(self.disparity)]
+        span = f"disparity {known.min():.4g} to {known.max():.4g}" if known.size else "unknown"
+        return f"<DepthMap {self.disparity.shape} {self.disparity.dtype}, {span}>"
 
 
 def depth_map(
@@ -114,7 +124,8 @@ def depth_map(
         From NA/n = .7 of a microscope on, where ``z`` is too far from the native plane by the
         factor that it names (`clplen.lightfield.best_focus`).
     """
-    require_loaded(source, "stream_depth")
+    if not isinstance(source, FocalStack):
+        source = as_lightfield(source, "stream_depth")
     cue = default_cue(source) if cue is None else checked_cue(cue)
     planes = distinct_planes(source, alphas, disparities)
     return depth_of(source, *maps_of(source, planes, cue))
@@ -176,6 +187,7 @@ def sharpness_curve(stack: FocalStack) -> Vector:
     numpy.ndarray
         float64, shape (n,).
     """
+    require(FocalStack, stack, "stack", "focal_stack")
     count, ny, nx = stack.shape[:3]
     measure = LocalEnergy(_CURVE_HIGH_PASS, stack.shape[1:], device=stack.device, luma=True)
     energy = stack.device.empty((1, ny, nx), np.float32)

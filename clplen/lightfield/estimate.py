@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from clplen.compute.oneline import OneLine
 from clplen.lightfield import thesis
 from clplen.lightfield.best_focus import farthest_disparity
 from clplen.lightfield.certainty import WIDEST, beyond_paraxial, metres, say_end
+from clplen.lightfield.given import as_lightfield
 from clplen.lightfield.law import depth_at
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.parametrisation import require_two_plane
@@ -37,8 +39,8 @@ _FWHM = 0.886  # of sinc^2, in units of its first zero
 _FWHM_PER_SIGMA = 2.355
 
 
-@dataclass(frozen=True)
-class AlphaEstimate:
+@dataclass(frozen=True, repr=False)
+class AlphaEstimate(OneLine):
     """Where one object lies. Made by `estimate_alpha`.
 
     Attributes
@@ -143,6 +145,7 @@ def estimate_alpha(
         and from NA/n = .7 of a microscope on, where the paraxial ``z`` is too large by the factor
         that it names.
     """
+    lf = as_lightfield(lf)
     place = _checked(lf, near, method, window)
     if method == "thesis":
         if is_telecentric(lf):

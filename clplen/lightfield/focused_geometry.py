@@ -23,13 +23,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.checks import require
+from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import ShapeError
-from clplen.lightfield.raw import LensletGrid
+from clplen.lightfield.raw import LensletGrid, RawImage
 
 if TYPE_CHECKING:
-    from clplen.compute.device import Device
     from clplen.lightfield.lattice import Lattice
-    from clplen.lightfield.raw import LensType, RawImage
+    from clplen.lightfield.raw import LensType
 
 Pair = tuple[float, float]
 Values = np.ndarray[Any, np.dtype[np.float64]]
@@ -146,15 +147,16 @@ class FocusedGeometry:
         """mu = m p F/(z2 dx), pixels across the patch that is seen once by every lenslet."""
         return abs(float(self.ratio(m))) * self.pitch
 
-    def tables(self, device: Device) -> tuple[cla.Array, cla.Array, cla.Array]:
+    def tables(self, device: DeviceLike) -> tuple[cla.Array, cla.Array, cla.Array]:
         """Centres as integers and fractions, and kinds, for the kernels."""
+        device = as_device(device)
         whole, part = split(self.places)
         return device.upload(whole), device.upload(part), device.upload(self.kinds)
 
-    def lattice(self, view: Pair, device: Device) -> cla.Array:
+    def lattice(self, view: Pair, device: DeviceLike) -> cla.Array:
         """Origin, base vectors and a view, float32, shape (4, 2)."""
         rows = np.array([self.origin, self.first, self.second, view], np.float32)
-        return device.upload(rows)
+        return as_device(device).upload(rows)
 
 
 def require_focused(raw: RawImage) -> None:
@@ -163,7 +165,10 @@ def require_focused(raw: RawImage) -> None:
     Raises
     ------
     ValueError
+    TypeError
+        If it is no raw image.
     """
+    require(RawImage, raw, "raw", "read_raw or camera.expose")
     if raw.camera is not None and not hasattr(raw.camera, "m"):
         raise ValueError(
             "This raw image is of a plenoptic 1.0 camera, whose lenslets hold directions and no "

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from clplen.compute.checks import require
+from clplen.lightfield.focused_depth import FocusedDepth
 from clplen.lightfield.focused_geometry import Values
 from clplen.lightfield.focused_lattice_maps import interpolated
 from clplen.lightfield.focused_metric import z_of
 from clplen.lightfield.focused_picture import PictureGrid
-
-if TYPE_CHECKING:
-    from clplen.lightfield.focused_depth import FocusedDepth
-    from clplen.lightfield.raw import RawImage
+from clplen.lightfield.raw import RawImage
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -69,6 +67,8 @@ def focused_maps(
     ValueError
         If no sub-image is sure.
     """
+    require(RawImage, raw, "raw", "read_raw or camera.expose")
+    require(FocusedDepth, depth, "depth", "focused_depth")
     if grid is None:
         geometry = depth.geometry
         grid = PictureGrid.over(geometry, geometry.patch(depth.median), None)

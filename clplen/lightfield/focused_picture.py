@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.checks import require
+from clplen.compute.hostarray import OnDevice
 from clplen.compute.image import Image
 from clplen.lightfield.focused_geometry import FocusedGeometry, Pair, Values
 
@@ -116,7 +118,7 @@ class FocusedImage(Image):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FocusedStack:
+class FocusedStack(OnDevice):
     """Pictures of one raw image focused on several planes, on one grid. By `focused_stack`.
 
     Attributes
@@ -180,6 +182,7 @@ def seam(picture: FocusedImage) -> float:
         inf where patches are flat and their borders are not; NaN where all is flat, patches have
         fewer samples, or no two neighbouring sub-images lie whole on the sensor.
     """
+    require(FocusedImage, picture, "picture", "render_focused")
     values, (owner, whole) = np.asarray(picture.to_numpy(), np.float64), _owner(picture)
     inside, across = [], []
     for axis in (0, 1):

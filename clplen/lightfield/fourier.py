@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.lightfield.given import as_lightfield
 from clplen.lightfield.parametrisation import require_two_plane
 from clplen.lightfield.refocus import FocalStack, planes_of
 from clplen.lightfield.render import view_weights
@@ -75,6 +76,7 @@ def fourier_stack(
     DeviceError
         If spectrum, stack and light field are larger than the device's memory.
     """
+    lf = as_lightfield(lf)
     if width not in _WIDTHS:
         raise ValueError(f"A slice is {_WIDTHS[0]} to {_WIDTHS[-1]} samples wide, not {width!r}.")
     if lf.positions is not None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.lightfield.given import as_lightfield
 from clplen.lightfield.ramps import turned
 from clplen.lightfield.shifts import row_ratio, unit_steps
 from clplen.lightfield.spectra import channels_of, fourier_matrix, keep_real, mix, take_views
@@ -52,6 +53,7 @@ def hyperfan(lf: LightField, low: float, high: float, *, bandwidth: float = 0.05
         If the spectrum of a channel, of four times its samples, is larger than the device's
         memory.
     """
+    lf = as_lightfield(lf)
     _check(lf, low, high, bandwidth)
     V, U, ny, nx = lf.shape[:4]
     nbytes = 8 * ny * nx * (4 + 2 + 1) * V * U + 4 * lf.data.size + lf.data.nbytes

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.device import Device, require_device
+from clplen.compute.device import Device, DeviceLike, as_device
+from clplen.compute.hostarray import OnDevice
 from clplen.compute.image import Image
 from clplen.lightfield import decode as decoding
 from clplen.lightfield import flatten as flattening
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LightField(AlphaLaw):
+class LightField(AlphaLaw, OnDevice):
     """Radiance along rays, L[v, u, y, x] or L[v, u, y, x, c]. Made by a ``from_`` method.
 
     v, u are row and column of the view; y, x row and column inside a view. A plane of disparity d
@@ -74,7 +75,7 @@ class LightField(AlphaLaw):
         cls,
         a: ArrayLike | cla.Array,
         *,
-        device: Device,
+        device: DeviceLike,
         spacing: Spacing | None = None,
         weights: ArrayLike | None = None,
         camera: CameraModel | None = None,
@@ -89,7 +90,7 @@ class LightField(AlphaLaw):
             as they are on the device; other real types become float32. Pictures and maps are
             float32 in any case. A contiguous array of this device is taken without a copy, a
             NumPy array is copied once.
-        device : Device
+        device : Device or str
             Where the light field will live.
         spacing : tuple of float, optional
             Signed (dv, du, dy, dx) in metres; needed for ``alpha``.
@@ -118,7 +119,7 @@ class LightField(AlphaLaw):
         DeviceError
             If it is larger than the device's memory, or an array of another device.
         """
-        require_device(device)
+        device = as_device(device)
         data = checked_samples(a, device)
         known = weights_of_lit(data, device) if weights is None else checked_weights(weights, data)
         places = checked_positions(positions, data)

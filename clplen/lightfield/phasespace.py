@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from clplen.compute.hostarray import HostArray
+from clplen.compute.oneline import OneLine
+from clplen.lightfield.given import as_lightfield
 from clplen.lightfield.raw import is_telecentric
 
 if TYPE_CHECKING:
@@ -15,8 +18,8 @@ if TYPE_CHECKING:
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 
-@dataclass(frozen=True)
-class PhaseSpace:
+@dataclass(frozen=True, repr=False)
+class PhaseSpace(OneLine, HostArray):
     """An epipolar slice: position on the image plane against place on the main lens.
 
     A point is a line of slope dx/du = 1 - alpha over metres (thesis, section 1.4.2), of slope -d
@@ -40,6 +43,8 @@ class PhaseSpace:
         F the focal length of its tube lens, where M^2 z/n is the slope dx/dtheta of a point. None
         without a camera.
     """
+
+    _samples: ClassVar[str] = "values"
 
     values: np.ndarray[Any, np.dtype[np.float32]]
     axes: tuple[str, str]
@@ -79,6 +84,7 @@ def phase_space(
         If neither pair, or an index outside the light field, is given; or the light field has
         positions, so that a row of views is no row on the lens.
     """
+    lf = as_lightfield(lf)
     if lf.positions is not None:
         raise ValueError(
             "Axes of a phase space need views on a regular grid, and this light field has "

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.device import Device
+from clplen.compute.hostarray import OnDevice
+from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
 
 if TYPE_CHECKING:
     from clplen.cameras.truth import Truth
-    from clplen.compute.device import Device
     from clplen.compute.image import Image
     from clplen.lightfield.lattice import Lattice
 
@@ -116,8 +118,8 @@ def is_telecentric(source: Any) -> bool:
     return bool(getattr(getattr(source, "camera", None), "telecentric", False))
 
 
-@dataclass(frozen=True)
-class LensletGrid:
+@dataclass(frozen=True, repr=False)
+class LensletGrid(OneLine):
     """Centres of the sub-images on the sensor, in pixels; pixel centres are integers.
 
     Sub-image (i, k) has its centre at ``first + i row_step + k column_step``, and odd rows are
@@ -188,7 +190,7 @@ class LensType:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RawImage:
+class RawImage(OnDevice):
     """A raw lenslet image with its geometry.
 
     Attributes
@@ -230,6 +232,7 @@ class RawImage:
     truth: Truth | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if len(self.data.shape) not in (2, 3) or self.data.shape[2:] not in ((), (3,)):
             raise ShapeError(
                 f"A raw image has shape (ny, nx) or (ny, nx, 3), not {tuple(self.data.shape)}."
@@ -239,7 +242,7 @@ class RawImage:
 
     def __repr__(self) -> str:
         count = " x ".join(map(str, self.sub_images.count))
-        return f"<RawImage {self.shape}, {count} lenslets, {self.device.name}>"
+        return f"<RawImage {self.shape} {self.data.dtype}, {count} lenslets, {self.device.name}>"
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.device import Device, require_device
+from clplen.compute import lengths
+from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield import frames
 from clplen.lightfield.decode import resample
@@ -41,7 +42,7 @@ def decode_raw(
     raw: ArrayLike,
     lattice: Lattice,
     *,
-    device: Device,
+    device: DeviceLike,
     white: ArrayLike | None = None,
     dark: ArrayLike | None = None,
     views: tuple[int, int] | None = None,
@@ -69,7 +70,7 @@ def decode_raw(
         Shape (ny, nx), as it lies on the sensor, real and finite.
     lattice : Lattice
         Of this camera, as `estimate_lattice` finds it on the white image.
-    device : Device
+    device : Device or str
     white, dark : array_like, optional
         White image and dark frame of the same shape.
     views : tuple of int, optional
@@ -108,7 +109,7 @@ def decode_raw(
     DeviceError
         If the light field is larger than the device's memory.
     """
-    require_device(device)
+    device = as_device(device)
     frame = frames.as_frame(raw, "raw frame")
     _check(views, step, bayer, demosaic, devignette, white, pixel_pitch)
     lattice = _fitting(lattice, frame.shape)
@@ -142,6 +143,7 @@ def _check(
         raise ValueError(f"step is a positive number of pixels, not {step!r}.")
     if pixel_pitch is not None and not 0 < pixel_pitch < math.inf:
         raise ValueError(f"pixel_pitch is positive, in metres, not {pixel_pitch!r}.")
+    lengths.PITCH.check(pixel_pitch or 0.0, "pixel_pitch")
     if demosaic not in _DEMOSAIC:
         raise ValueError(f"demosaic is 'after' or 'before', not {demosaic!r}.")
     if bayer is not None:

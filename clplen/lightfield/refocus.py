@@ -9,8 +9,10 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
+from clplen.compute.hostarray import OnDevice
 from clplen.compute.image import Image
 from clplen.lightfield.aperture import Weights
+from clplen.lightfield.given import as_lightfield
 from clplen.lightfield.magnify import magnify
 from clplen.lightfield.ramps import phase_ramps
 from clplen.lightfield.raw import CameraModel, Spacing, is_telecentric
@@ -18,7 +20,7 @@ from clplen.lightfield.rays import INTERPOLATIONS, along_rays
 from clplen.lightfield.render import view_weights
 from clplen.lightfield.shear import shear_sum
 from clplen.lightfield.shifts import shifts, unit_steps
-from clplen.lightfield.stored import StoredLightField, require_loaded
+from clplen.lightfield.stored import StoredLightField
 from clplen.lightfield.upsample import upsampled
 
 if TYPE_CHECKING:
@@ -29,8 +31,8 @@ if TYPE_CHECKING:
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 
-@dataclass(frozen=True)
-class FocalStack:
+@dataclass(frozen=True, eq=False, repr=False)
+class FocalStack(OnDevice):
     """Refocused pictures of one light field, registered to its centre view.
 
     Attributes
@@ -60,6 +62,10 @@ class FocalStack:
     camera: CameraModel | None = None
     weights: Weights | None = None
     positions: Vector | None = None
+
+    def __repr__(self) -> str:
+        planes = f"disparities {self.disparities.min():g} to {self.disparities.max():g}"
+        return f"<FocalStack {self.shape} {self.data.dtype}, {planes}, {self.device.name}>"
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -129,7 +135,7 @@ def refocus(
     ShapeError
         If disparities are not one of every pixel.
     """
-    require_loaded(lf, "stream_stack")
+    lf = as_lightfield(lf, "stream_stack")
     given = _one_of(alpha=alpha, disparity=disparity)
     _check_options(np.ndim(given), rescale, interpolation, upsample)
     if np.ndim(given) == 1:
@@ -188,7 +194,7 @@ def focal_stack(
     DeviceError
         If the stack and the light field together are larger than the device's memory.
     """
-    require_loaded(lf, "stream_stack")
+    lf = as_lightfield(lf, "stream_stack")
     planes, ratios = planes_of(lf, alphas=alphas, disparities=disparities)
     _check_options(0, False, interpolation, 1)
     weights = view_weights(lf, aperture, None)

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from clplen.compute.device import DeviceLike, as_device
+from clplen.compute.hostarray import HostArray
 from clplen.errors import ShapeError
 from clplen.lightfield.checks import (
     check_shape,
@@ -19,12 +22,11 @@ from clplen.lightfield.checks import (
     weights_where,
 )
 from clplen.lightfield.law import AlphaLaw
-from clplen.lightfield.raw import CameraModel, RawImage, Spacing
+from clplen.lightfield.raw import CameraModel, Spacing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from clplen.compute.device import Device
     from clplen.lightfield.lightfield import LightField
 
 Array = np.ndarray[Any, Any]
@@ -34,7 +36,7 @@ _BAND = 1 << 20  # bytes of a view that are looked at together for light
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class StoredLightField(AlphaLaw):
+class StoredLightField(AlphaLaw, HostArray):
     """A light field L[v, u, y, x(, c)] in a file or an array. Made by `from_array` or by
     ``clplen.open_lightfield``; what takes it are the ``stream_`` functions.
 
@@ -59,6 +61,8 @@ class StoredLightField(AlphaLaw):
     spacing, camera, decode, positions, parametrisation
         As in `LightField`.
     """
+
+    _downloads: ClassVar[bool] = True
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
@@ -110,7 +114,7 @@ class StoredLightField(AlphaLaw):
         found = cls(
             shape,
             kept_dtype(np.dtype(a.dtype)),
-            lambda block, out: _copy(a, at_once, block, out),
+            partial(_copy, a, at_once),
             np.ones(shape[:2], np.float32),
             (int(chunks[2]), int(chunks[3])),
             at_once,
@@ -124,16 +128,10 @@ class StoredLightField(AlphaLaw):
     @classmethod
     def from_light_field(cls, lf: LightField) -> StoredLightField:
         """A light field on a device, read back part by part."""
-
-        def fill(block: Block, out: Array) -> None:
-            v0, u0, rows, columns = block[0].start, block[1].start, *block[2:]
-            for v, u in np.ndindex(*out.shape[:2]):
-                out[v, u] = lf.device.download(lf.data[v0 + v, u0 + u, rows])[:, columns]
-
         return cls(
             lf.shape,
             lf.dtype,
-            fill,
+            partial(_download, lf),
             lf.weights,
             (1, lf.shape[3]),
             spacing=lf.spacing,
@@ -145,6 +143,24 @@ class StoredLightField(AlphaLaw):
 
     def __repr__(self) -> str:
         return f"<StoredLightField {self.shape} {self.dtype}, {self.nbytes / 2**20:,.0f} MiB>"
+
+    def __copy__(self) -> StoredLightField:
+        return self  # of which nothing can be changed
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> StoredLightField:
+        return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        if not isinstance(self.fill, partial):
+            raise TypeError(
+                "A light field that is read from a file is not pickled: open it in the other "
+                "process (clplen.open_lightfield), or pickle what load(device) gives."
+            )
+        return dict(self.__dict__)
+
+    def to_numpy(self) -> Array:
+        """All samples, read whole."""
+        return self.read((slice(None), slice(None), slice(None), slice(None)))
 
     @property
     def nbytes(self) -> int:
@@ -195,12 +211,12 @@ class StoredLightField(AlphaLaw):
         self.fill((v, u, y, x), out)
         return out
 
-    def load(self, device: Device) -> LightField:
+    def load(self, device: DeviceLike) -> LightField:
         """The whole light field on a device.
 
         Parameters
         ----------
-        device : Device
+        device : Device or str
 
         Returns
         -------
@@ -213,6 +229,7 @@ class StoredLightField(AlphaLaw):
         ValueError
             If a sample is NaN or infinite.
         """
+        device = as_device(device)
         device.require_memory(self.nbytes, "This light field")
         data = device.empty(self.shape, self.dtype)
         with device.on_host(data) as host:
@@ -220,7 +237,7 @@ class StoredLightField(AlphaLaw):
             self.fill((v, u, y, x), host)
         return self.part(data, device)
 
-    def part(self, samples: Any, device: Device) -> LightField:
+    def part(self, samples: Any, device: DeviceLike) -> LightField:
         """Samples of some rows and columns of all views as a light field of their own."""
         from clplen.lightfield.lightfield import LightField  # which knows nothing of this one
 
@@ -258,24 +275,11 @@ class StoredLightField(AlphaLaw):
         return weights_where(lit)
 
 
-def require_loaded(source: Any, function: str) -> None:
-    """Refuse a stored light field where one on a device is needed, and a raw image.
-
-    Raises
-    ------
-    TypeError
-        Naming the function that streams it, or those that decode it.
-    """
-    if isinstance(source, RawImage):
-        raise TypeError(
-            "This is a raw image, not a light field: decode it with LightField.from_raw, or take "
-            "render_focused where its camera is a focused one."
-        )
-    if isinstance(source, StoredLightField):
-        raise TypeError(
-            f"This light field is stored, not on a device: take {function}, or .load(device) "
-            "where it fits."
-        )
+def _download(lf: LightField, block: Block, out: Array) -> None:
+    """The samples of a block of a light field on a device."""
+    v0, u0, rows, columns = block[0].start, block[1].start, *block[2:]
+    for v, u in np.ndindex(*out.shape[:2]):
+        out[v, u] = lf.device.download(lf.data[v0 + v, u0 + u, rows])[:, columns]
 
 
 def _copy(a: Any, at_once: tuple[int, int], block: Block, out: Array) -> None:

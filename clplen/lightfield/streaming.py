@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.compute.device import Device, require_device
+from clplen.compute.device import Device, DeviceLike, as_device
+from clplen.compute.oneline import OneLine
 from clplen.lightfield import combined
 from clplen.lightfield.depth import (
     DepthMap,
@@ -50,8 +51,8 @@ Part = tuple[slice, slice, slice, Pictures]
 Made = Callable[[Tile, "LightField"], Iterator[Any]]
 
 
-@dataclass(frozen=True, eq=False)
-class StackTiles:
+@dataclass(frozen=True, eq=False, repr=False)
+class StackTiles(OneLine):
     """A focal stack that is made tile by tile while it is iterated over, once.
 
     Yields (planes, rows, columns, pictures): three slices and float32 pictures of shape
@@ -80,6 +81,12 @@ class StackTiles:
     def __iter__(self) -> Iterator[Part]:
         return self._parts
 
+    def __getstate__(self) -> dict[str, Any]:
+        raise TypeError(
+            "StackTiles are made one after the other and cannot be copied or pickled: copy the "
+            "pictures that they yield, or call stream_stack in the other process."
+        )
+
 
 def stream_stack(
     source: StoredLightField,
@@ -89,7 +96,7 @@ def stream_stack(
     aperture: Any = None,
     interpolation: str = "linear",
     memory: int | None = None,
-    device: Device,
+    device: DeviceLike,
     progress: Progress | None = None,
 ) -> StackTiles:
     """The focal stack of a stored light field, with the bits of `focal_stack`, tile by tile.
@@ -102,7 +109,7 @@ def stream_stack(
     memory : int, optional
         Bytes for samples, pictures and what is between, on the host and the device together.
         Default half of what is free on the host, or of the device's memory if that is less.
-    device : Device
+    device : Device or str
     progress : callable, optional
         Called with (tiles done, tiles in all).
 
@@ -120,7 +127,7 @@ def stream_stack(
     FormatError
         While iterating, if the file is damaged.
     """
-    _check_source(source, device)
+    device = _check_source(source, device)
     if interpolation not in INTERPOLATIONS:
         known = ", ".join(map(repr, INTERPOLATIONS))
         raise ValueError(
@@ -154,7 +161,7 @@ def stream_depth(
     disparities: ArrayLike | None = None,
     cue: str | None = None,
     memory: int | None = None,
-    device: Device,
+    device: DeviceLike,
     progress: Progress | None = None,
 ) -> DepthMap:
     """The depth map of a stored light field, as `depth_map` finds it, tile by tile.
@@ -178,7 +185,7 @@ def stream_depth(
     OSError, FormatError
         As in `stream_stack`.
     """
-    _check_source(source, device)
+    device = _check_source(source, device)
     cue = default_cue(source) if cue is None else checked_cue(cue)
     planes = distinct_planes(source, alphas, disparities)
     plan = plan_tiles(source, [depth_work(source, planes, cue)], memory=memory, device=device)
@@ -214,7 +221,7 @@ def stream_all_in_focus(
     depth: DepthMap | ArrayLike | None = None,
     disparities: ArrayLike | None = None,
     memory: int | None = None,
-    device: Device,
+    device: DeviceLike,
     progress: Progress | None = None,
 ) -> Pictures:
     """The all-in-focus picture of a stored light field, as `all_in_focus` makes it, tile by tile.
@@ -241,7 +248,7 @@ def stream_all_in_focus(
     """
     from clplen.lightfield.allinfocus import all_in_focus, check_planes, disparity_of
 
-    _check_source(source, device)
+    device = _check_source(source, device)
     check_planes(depth, disparities)
     if depth is not None:
         surface = disparity_of(depth, source.shape[2:4])
@@ -266,13 +273,13 @@ def stream_all_in_focus(
     return out
 
 
-def _check_source(source: Any, device: Any) -> None:
+def _check_source(source: Any, device: DeviceLike) -> Device:
     if not isinstance(source, StoredLightField):
         raise TypeError(
             "A stream_ function takes a StoredLightField, as open_lightfield or "
             f"StoredLightField.from_array gives it, not {type(source).__name__}."
         )
-    require_device(device)
+    return as_device(device)
 
 
 def _pictures(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from clplen.compute.hostmemory import free_memory
+from clplen.compute.oneline import OneLine
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
@@ -78,8 +79,8 @@ class Work:
     passes: int = 1
 
 
-@dataclass(frozen=True)
-class StreamPlan:
+@dataclass(frozen=True, repr=False)
+class StreamPlan(OneLine):
     """How a light field is taken through memory part by part. Printed, it says so in a few lines.
 
     Attributes

@@ -75,17 +75,3 @@ def finite(values: Any, shape: tuple[int, ...], what: str) -> Vector:
             "replace them."
         )
     return np.ascontiguousarray(found).reshape(-1, *shape)
-
-
-def require(kind: type, value: Any, what: str, source: str) -> None:
-    """Refuse what is not of a kind, with the function that gives one.
-
-    Raises
-    ------
-    TypeError
-    """
-    if not isinstance(value, kind):
-        raise TypeError(
-            f"{what} is a {kind.__name__}, as {source} gives it, not of type "
-            f"{type(value).__name__}."
-        )

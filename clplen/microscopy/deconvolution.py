@@ -14,14 +14,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.checks import require
+from clplen.compute.hostarray import HostArray
 from clplen.errors import ShapeError
 from clplen.microscopy.acceleration import Ahead
-from clplen.microscopy.checks import real, require, whole
+from clplen.microscopy.checks import real, whole
 from clplen.microscopy.priors import Prior, blurs, prior_of
 from clplen.microscopy.projector import Projector
 from clplen.wave.average import Progress
@@ -38,7 +40,7 @@ PICTURES = 5  # counts, white, background, expected and ratio
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DeconvolutionResult:
+class DeconvolutionResult(HostArray):
     """What `deconvolve` found.
 
     Attributes
@@ -53,6 +55,8 @@ class DeconvolutionResult:
     degenerate : tuple of float
         z of the planes in which the volume cannot be resolved beyond d/M.
     """
+
+    _samples: ClassVar[str] = "volume"
 
     volume: Vector
     residuals: Vector

@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import binary_dilation
 
-from clplen.compute.device import Device
+from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingWarning, ShapeError
 from clplen.lightfield.lattice import Lattice
 from clplen.lightfield.latticefit import estimate_lattice
+from clplen.microscopy.checks import whole
 from clplen.microscopy.rectify import REACH, area, rectify, variance
 
 Vector = np.ndarray[Any, Any]
@@ -233,7 +234,7 @@ class Preparation:
 def preparation(
     pixels: int,
     *,
-    device: Device,
+    device: DeviceLike,
     white: Any = None,
     dark: Any = None,
     saturation: float | None = None,
@@ -244,7 +245,7 @@ def preparation(
     ----------
     pixels : int
         n of the point images; another pitch, a fractional one or a turned lattice is rectified.
-    device : Device
+    device : Device or str
     white : array_like, optional
         White frame, shape (ny, nx); without it frames are n x n pixels a lenslet already.
     dark : array_like, optional
@@ -268,6 +269,8 @@ def preparation(
     SamplingWarning
         If the lattice of the white frame is not to be trusted.
     """
+    device = as_device(device)
+    pixels = whole(pixels, "pixels")
     black = None if dark is None else np.asarray(samples(dark), np.float32)
     if white is None:
         return Preparation(pixels, device, black, None, None)

@@ -17,11 +17,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.device import Device, require_device
+from clplen.compute.checks import require
+from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.hostmemory import free_memory
 from clplen.compute.lines import smooth_length
 from clplen.errors import ShapeError
-from clplen.microscopy.checks import finite, is_whole, require
+from clplen.microscopy.checks import finite, is_whole
 from clplen.microscopy.images import PointImages
 from clplen.wave.checks import is_finite
 
@@ -59,7 +60,7 @@ class Projector:
     images : PointImages
     shape : tuple of int
         (rows, columns) of lenslets.
-    device : Device
+    device : Device or str
     memory : int, optional
         Bytes for matrices; where they need more they are made anew for some planes at a time,
         which is slower. Default: half of the device's memory, of a CPU half of what is free.
@@ -92,10 +93,10 @@ class Projector:
         images: PointImages,
         shape: tuple[int, int],
         *,
-        device: Device,
+        device: DeviceLike,
         memory: int | None = None,
     ) -> None:
-        require_device(device)
+        device = as_device(device)
         require(PointImages, images, "images", "point_images")
         if np.shape(shape) != (2,) or any(not is_whole(n) or n < 1 for n in shape):
             raise ShapeError(f"shape is (rows, columns) of lenslets, not {shape!r}.")
@@ -120,6 +121,10 @@ class Projector:
         ]
         self._kept: dict[_Group, cla.Array] = {}
         self.require_memory(1)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the matrices on the device, which are made again when needed."""
+        return self.__dict__ | {"_kept": {}}
 
     def __repr__(self) -> str:
         return f"<Projector of {self.volume_shape} to {self.frame_shape}, {self.device.name}>"

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from clplen.compute.device import Device, require_device
+from clplen.compute.checks import require
+from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield.decode import resample
 from clplen.lightfield.lattice import Lattice
 from clplen.lightfield.raw import RawImage
-from clplen.microscopy.checks import real, require, whole
+from clplen.microscopy.checks import real, whole
 
 Vector = np.ndarray[Any, Any]
 
@@ -25,7 +26,7 @@ def rectify(
     frame: Any,
     lattice: Lattice,
     *,
-    device: Device,
+    device: DeviceLike,
     pixels: int | None = None,
     complete: bool = True,
 ) -> Vector:
@@ -43,7 +44,7 @@ def rectify(
         Counts, shape (ny, nx), finite.
     lattice : Lattice
         Rectangular, as `estimate_lattice` finds it on the white frame.
-    device : Device
+    device : Device or str
     pixels : int, optional
         n, along an axis, at least 0.9 of the pitch: fewer would step over light; default the pitch,
         rounded up.
@@ -66,7 +67,7 @@ def rectify(
     TypeError
         If the frame is no array of real numbers, or the lattice none.
     """
-    require_device(device)
+    device = as_device(device)
     require(Lattice, lattice, "lattice", "estimate_lattice")
     values = real(frame, "A frame")
     if values.ndim != 2:

@@ -8,10 +8,11 @@ from typing import Any, Literal
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute import lengths
 from clplen.errors import ShapeError
 from clplen.wave.checks import check_centre, check_diameter
 from clplen.wave.coverage import Vector, disc_coverage, interval_coverage, polygon_coverage
-from clplen.wave.field import Field
+from clplen.wave.field import Field, require_field
 from clplen.wave.multiply import multiply, multiply_separable, offsets
 
 Pair = tuple[float, float]
@@ -46,6 +47,7 @@ def aperture(
     ValueError
         For a diameter that is not positive or another shape.
     """
+    require_field(field)
     check_diameter(diameter)
     check_centre(centre, "an aperture")
     if shape == "circular":
@@ -85,9 +87,11 @@ def rectangular_aperture(
     ShapeError
         For a turned rectangle on a grid with an axis of length 1.
     """
+    require_field(field)
     sides = np.asarray(size, np.float64)
     if sides.shape not in ((), (2,)) or not (np.isfinite(sides).all() and (sides > 0).all()):
         raise ValueError(f"A rectangle's size is positive, (y, x) in metres, not {size!r}.")
+    lengths.DIAMETER.check(sides, "A rectangle's size")
     check_centre(centre, "an aperture")
     if not math.isfinite(rotation):
         raise ValueError(f"A rotation is finite, in radians, not {rotation!r}.")
@@ -124,6 +128,7 @@ def annular_aperture(
     ValueError
         For other diameters.
     """
+    require_field(field)
     check_diameter(outer)
     check_centre(centre, "an aperture")
     if not 0 <= inner < outer:
@@ -163,6 +168,7 @@ def polygonal_aperture(field: Field, vertices: Any) -> Field:
     ShapeError
         On a grid with an axis of length 1, along which a polygon has no meaning.
     """
+    require_field(field)
     places = np.asarray(vertices, np.float64)
     if places.ndim != 2 or places.shape[0] < 3 or places.shape[1] != 2:
         raise ValueError(

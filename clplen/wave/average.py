@@ -7,12 +7,13 @@ import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
+from clplen.compute.hostarray import HostArray
 from clplen.compute.image import Image
 from clplen.errors import SamplingWarning
 from clplen.files import PathLike
@@ -30,7 +31,7 @@ SAVE_SECONDS = 5.0  # between checkpoints
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MeanIntensity:
+class MeanIntensity(HostArray):
     """The mean intensity of partially coherent light, and how far it is converged.
 
     Attributes
@@ -56,6 +57,8 @@ class MeanIntensity:
     convergence: np.ndarray[Any, np.dtype[np.float64]]
     method: str
     grid: Grid
+
+    _downloads: ClassVar[bool] = True
 
     def __repr__(self) -> str:
         error = f", standard error {self.relative_error:.2%}" if len(self.convergence) else ""

@@ -11,7 +11,8 @@ from typing import Any, Literal
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.device import Device
+from clplen.compute.device import DeviceLike, as_device
+from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
 from clplen.files import PathLike
 from clplen.wave.average import Averaging, MeanIntensity, Progress, average
@@ -37,8 +38,8 @@ FOR_IMAGES, FOR_TABLES = 9, 41  # wavelengths
 MANY = 15  # from which a Gaussian is sampled over +-2 full widths, fewer over +-1.5
 
 
-@dataclass(frozen=True)
-class Coherence:
+@dataclass(frozen=True, repr=False)
+class Coherence(OneLine):
     """Light between a laser and an ideal lamp.
 
     Parameters
@@ -123,7 +124,7 @@ class Coherence:
         self,
         grid: Grid,
         *,
-        device: Device,
+        device: DeviceLike,
         wavelength: float | None = None,
         start: int = 0,
         count: int | None = None,
@@ -133,7 +134,7 @@ class Coherence:
         Parameters
         ----------
         grid : Grid
-        device : Device
+        device : Device or str
         wavelength : float, optional
             In metres; by default the centre of the spectrum. Snapshots are of one wavelength.
         start : int
@@ -151,6 +152,7 @@ class Coherence:
         SamplingError
             If the grid does not carry the light.
         """
+        device = as_device(device)
         if wavelength is None:
             if self.spectrum is None:
                 raise ValueError("Snapshots of light without a spectrum need wavelength=.")
@@ -163,7 +165,7 @@ class Coherence:
             for index in islice(whole_numbers(start), count)
         )
 
-    def light(self, grid: Grid, *, wavelength: float, device: Device, index: int) -> Field:
+    def light(self, grid: Grid, *, wavelength: float, device: DeviceLike, index: int) -> Field:
         """Snapshot number ``index`` by itself; see `snapshots`."""
         if self.spatial is None:
             return plane_wave(grid, wavelength=wavelength, device=device)

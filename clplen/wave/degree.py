@@ -8,9 +8,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clplen.compute.hostarray import HostArray
 from clplen.compute.image import Image
 from clplen.errors import ShapeError
-from clplen.wave.field import Field, Grid
+from clplen.wave.field import Field, Grid, require_field
 
 Array = np.ndarray[Any, Any]
 
@@ -179,7 +180,13 @@ def measured_degree(
     """
     dy, dx = _along(lags, axis)
     estimator = None
+    if not isinstance(fields, Iterable) or isinstance(fields, str | HostArray):
+        raise TypeError(
+            "measured_degree takes snapshots, a list or generator of Field, not of type "
+            f"{type(fields).__name__}."
+        )
     for field in fields:
+        require_field(field)
         if estimator is None:
             reach = (int(np.abs(dy).max(initial=0)), int(np.abs(dx).max(initial=0)))
             estimator = DegreeEstimator(field.grid, reach=reach, periodic=periodic)

@@ -11,7 +11,8 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.compute.device import Device
+from clplen.compute.device import DeviceLike, as_device
+from clplen.compute.oneline import OneLine
 from clplen.errors import SamplingError, SamplingWarning
 from clplen.wave.checks import is_finite
 from clplen.wave.coverage import disc_coverage, interval_coverage
@@ -27,8 +28,8 @@ Array = np.ndarray[Any, Any]
 _PLACES = 2  # stream of random numbers
 
 
-@dataclass(frozen=True, eq=False)
-class ExtendedSource:
+@dataclass(frozen=True, eq=False, repr=False)
+class ExtendedSource(OneLine):
     """Light of an incoherent source far enough away for the Fresnel approximation.
 
     A snapshot is the field of points drawn at random from the source, each of the same power and of
@@ -155,7 +156,7 @@ class ExtendedSource:
                 )
 
     def field(
-        self, grid: Grid, *, wavelength: float, device: Device, seed: int, index: int
+        self, grid: Grid, *, wavelength: float, device: DeviceLike, seed: int, index: int
     ) -> Field:
         """One snapshot: sum_p exp(i phi_p - 2 pi i (s_p . r)/(lam distance))/sqrt(points).
 
@@ -164,7 +165,7 @@ class ExtendedSource:
         grid : Grid
         wavelength : float
             In metres.
-        device : Device
+        device : Device or str
         seed : int
             0 to 2^64 - 1.
         index : int
@@ -175,6 +176,7 @@ class ExtendedSource:
         Field
             Shape (ny, nx); the mean of abs(u)^2 over snapshots is 1.
         """
+        device = as_device(device)
         draws = uniform(seed, index, _PLACES, self.points)
         field = plane_waves(
             -self._places(draws) / (wavelength * self.distance),

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.device import require_device
+from clplen.compute import lengths
+from clplen.compute.checks import require
+from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.finite import count_bad
+from clplen.compute.hostarray import OnDevice
 from clplen.compute.image import Image
 from clplen.errors import ShapeError
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
+from clplen.wave.quantity import both, metres
 
 Vector = np.ndarray[Any, np.dtype[np.floating[Any]]]
 
@@ -116,7 +117,7 @@ def _pair(values: Any) -> Vector:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Field:
+class Field(OnDevice):
     """A scalar field sampled on a grid. Made by `from_array` or by an operation.
 
     The time factor is exp(-i omega t): a wave that goes to +z is exp(+ikz). The carrier exp(ikz),
@@ -138,7 +139,7 @@ class Field:
     device: Device
 
     @classmethod
-    def from_array(cls, u: Any, grid: Grid, *, wavelength: float, device: Device) -> Field:
+    def from_array(cls, u: Any, grid: Grid, *, wavelength: float, device: DeviceLike) -> Field:
         """Bring complex amplitudes to a device.
 
         Parameters
@@ -149,7 +150,7 @@ class Field:
             Its shape is that of the last two axes.
         wavelength : float
             In metres, positive.
-        device : Device
+        device : Device or str
             Where the field will live.
 
         Raises
@@ -160,9 +161,12 @@ class Field:
             If a sample is not finite (a Fourier transform would spread it over the whole field)
             or the wavelength is not positive.
         """
-        require_device(device)
+        require_grid(grid)
+        device = as_device(device)
         if not (isinstance(wavelength, Real) and 0 < wavelength < np.inf):
             raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
+        lengths.WAVELENGTH.check(wavelength, "The wavelength")
+        lengths.PITCH.check(grid.pitch, "The pitch of a field's grid")
         values = np.asarray(u)
         if values.shape[-2:] != grid.shape:
             raise ShapeError(
@@ -179,7 +183,11 @@ class Field:
         return cls(data, grid, float(wavelength), device)
 
     def __repr__(self) -> str:
-        return f"<Field {self.shape} at {self.wavelength:g} m on {self.grid}, {self.device.name}>"
+        pitch = both(self.grid.pitch, metres)
+        return (
+            f"<Field {self.shape} {self.data.dtype}, {metres(self.wavelength)}, pitch {pitch}, "
+            f"{self.device.name}>"
+        )
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -212,6 +220,26 @@ class Field:
     def with_data(self, data: cla.Array) -> Field:
         """The same grid, wavelength and device with other samples."""
         return replace(self, data=data)
+
+
+def require_field(field: object) -> None:
+    """Refuse what is no field.
+
+    Raises
+    ------
+    TypeError
+    """
+    require(Field, field, "field", "Field.from_array or plane_wave")
+
+
+def require_grid(grid: object) -> None:
+    """Refuse what is no grid.
+
+    Raises
+    ------
+    TypeError
+    """
+    require(Grid, grid, "grid", "Grid(shape, pitch)")
 
 
 def row_powers(field: Field) -> Vector:

@@ -7,9 +7,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from clplen.compute import lengths
 from clplen.errors import SamplingError
 from clplen.wave.checks import Aliasing, act_on_aliasing, check_centre
-from clplen.wave.field import Field, Grid
+from clplen.wave.field import Field, Grid, require_field
 from clplen.wave.multiply import offsets
 from clplen.wave.phase import phasor
 from clplen.wave.pictures import apply_transmission
@@ -71,6 +72,7 @@ def grating(
     ValueError
         For another kind, a value out of range, or lines that vary along an axis of length 1.
     """
+    require_field(field)
     _check(period, kind, orientation, duty, offset)
     strength = _depth(kind, depth)
     across, width = _across(field.grid, period, orientation)
@@ -125,6 +127,7 @@ def axicon(
     SamplingWarning
         If the phase is aliased and ``aliasing`` is "warn".
     """
+    require_field(field)
     if not math.isfinite(angle):
         raise ValueError(f"The angle of an axicon is finite, in radians, not {angle!r}.")
     check_centre(centre, "an axicon")
@@ -175,6 +178,7 @@ def _check(period: float, kind: str, orientation: float, duty: float, offset: fl
         raise ValueError(f"A grating is 'binary', 'sinusoidal', 'phase' or 'blazed', not {kind!r}.")
     if not (math.isfinite(period) and period > 0):
         raise ValueError(f"The period of a grating is positive, in metres, not {period!r}.")
+    lengths.PITCH.check(period, "The period of a grating")
     if not math.isfinite(orientation):
         raise ValueError(
             f"The orientation of a grating is finite, in radians, not {orientation!r}."

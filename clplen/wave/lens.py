@@ -7,9 +7,10 @@ from typing import Literal
 
 import numpy as np
 
+from clplen.compute import lengths
 from clplen.wave.apertures import disc
 from clplen.wave.checks import Aliasing, act_on_aliasing, check_aliasing, check_diameter
-from clplen.wave.field import Field, Grid
+from clplen.wave.field import Field, Grid, require_field
 from clplen.wave.multiply import multiply_separable, offsets
 from clplen.wave.phase import phasor
 from clplen.wave.sphere import multiply_sphere, sampled_from, sampled_radius
@@ -64,8 +65,10 @@ def thin_lens(
     -----
     Along an axis of length 1 there is neither phase nor edge: the lens is cylindrical.
     """
+    require_field(field)
     if math.isnan(f) or f == 0:
         raise ValueError(f"The focal length is not 0, in metres; got {f!r}.")
+    lengths.WEAK_LENS.check(f, "The focal length")
     check_diameter(diameter)
     half = None if diameter is None else diameter / 2
     check_lens_sampling(field.grid, f, half, field.wavelength, aliasing, form)

@@ -10,10 +10,12 @@ from typing import Literal
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.device import Device
+from clplen.compute import lengths
+from clplen.compute.device import Device, DeviceLike, as_device
+from clplen.compute.oneline import OneLine
 from clplen.errors import SamplingError
 from clplen.wave.checks import Aliasing
-from clplen.wave.field import Field, Grid
+from clplen.wave.field import Field, Grid, require_field
 from clplen.wave.lens import check_lens_sampling
 from clplen.wave.multiply import multiply
 from clplen.wave.phase import whole_and_part
@@ -21,8 +23,8 @@ from clplen.wave.phase import whole_and_part
 SMALLEST_PITCH = 2  # samples a lenslet
 
 
-@dataclass(frozen=True, init=False)
-class MicrolensArray:
+@dataclass(frozen=True, init=False, repr=False)
+class MicrolensArray(OneLine):
     """Thin lenslets on a square or hexagonal lattice, centred on the axis.
 
     Lenslet (i, k) is centred at rotation * ((k - (nx - 1)/2) pitch, (i - (ny - 1)/2) height) +
@@ -89,11 +91,12 @@ class MicrolensArray:
         counts = np.broadcast_to(np.asarray(count), (2,))
         if not (math.isfinite(pitch) and pitch > 0):
             raise ValueError(f"The pitch of lenslets is positive, in metres, not {pitch!r}.")
+        lengths.LENSLET_PITCH.check(pitch, "The pitch of lenslets")
         if any(int(n) != n or n < 1 for n in counts):
             raise ValueError(f"The count of lenslets is positive integers (ny, nx), not {count!r}.")
         if lattice not in ("square", "hexagonal"):
             raise ValueError(f"lattice is 'square' or 'hexagonal', not {lattice!r}.")
-        lengths = _focal_lengths(f, lattice)
+        focal_lengths = _focal_lengths(f, lattice)
         if fill not in ("circular", "full"):
             raise ValueError(f"fill is 'circular' or 'full', not {fill!r}.")
         if not (np.isfinite(offset).all() and np.shape(offset) == (2,) and math.isfinite(rotation)):
@@ -109,8 +112,8 @@ class MicrolensArray:
             )
         values = {
             "pitch": float(pitch),
-            "f": lengths[0],
-            "focal_lengths": lengths,
+            "f": focal_lengths[0],
+            "focal_lengths": focal_lengths,
             "count": (int(counts[0]), int(counts[1])),
             "lattice": lattice,
             "fill": fill,
@@ -180,6 +183,7 @@ class MicrolensArray:
         SamplingError
             If the pitch is below 2 samples, or a lenslet's phase is aliased.
         """
+        require_field(field)
         largest = max(field.grid.pitch)
         if self.pitch < SMALLEST_PITCH * largest * (1 - 1e-12):
             raise SamplingError(
@@ -190,11 +194,12 @@ class MicrolensArray:
         check_lens_sampling(field.grid, steepest, self.diameter / 2, field.wavelength, aliasing)
         return multiply(field, self.transmission(field.grid, field.wavelength, field.device))
 
-    def transmission(self, grid: Grid, wavelength: float, device: Device) -> cla.Array:
+    def transmission(self, grid: Grid, wavelength: float, device: DeviceLike) -> cla.Array:
         """Complex transmission on a grid, shape (ny, nx); kept on the device for the next call."""
-        return device.plans.get(
+        opened = as_device(device)
+        return opened.plans.get(
             ("lenslets", self, grid, wavelength),
-            lambda: self._transmission(grid, wavelength, device),
+            lambda: self._transmission(grid, wavelength, opened),
             lambda array: int(array.nbytes),
         )
 
@@ -226,7 +231,7 @@ class MicrolensArray:
         )
         return out
 
-    def lattice_tables(self, grid: Grid, device: Device) -> list[np.ndarray]:
+    def lattice_tables(self, grid: Grid, device: DeviceLike) -> list[np.ndarray]:
         """What y and x add to the column and row coordinate: a(y), b(y), a(x), b(x)."""
         y, x = grid.y - self.offset[0], grid.x - self.offset[1]
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
@@ -238,19 +243,20 @@ class MicrolensArray:
             x * cos / self.pitch,
             -x * sin / self.row_pitch,
         )
-        return [whole_and_part(v, device.real) for v in values]
+        return [whole_and_part(v, as_device(device).real) for v in values]
 
 
 def _focal_lengths(f: float | Sequence[float], lattice: str) -> tuple[float, ...]:
     """The focal lengths of an array, checked."""
-    lengths = tuple(float(one) for one in np.atleast_1d(np.asarray(f, np.float64)).ravel())
-    if not lengths or not all(math.isfinite(one) and one != 0 for one in lengths):
+    found = tuple(float(one) for one in np.atleast_1d(np.asarray(f, np.float64)).ravel())
+    if not found or not all(math.isfinite(one) and one != 0 for one in found):
         raise ValueError(f"The focal length of lenslets is finite and not 0, not {f!r}.")
-    if len(set(lengths)) < len(lengths):
+    lengths.LENSLET_FOCAL_LENGTH.check(found, "The focal length of lenslets")
+    if len(set(found)) < len(found):
         raise ValueError(f"The focal lengths of a multi-focus array differ, unlike {f!r}.")
-    if lattice == "hexagonal" and len(lengths) not in (1, 3):
+    if lattice == "hexagonal" and len(found) not in (1, 3):
         raise ValueError(
-            f"A hexagonal array has lenslets of one kind or of three, not {len(lengths)}: its "
+            f"A hexagonal array has lenslets of one kind or of three, not {len(found)}: its "
             "neighbours would be alike."
         )
-    return lengths
+    return found

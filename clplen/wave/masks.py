@@ -10,7 +10,8 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.compute.device import Device
+from clplen.compute import lengths
+from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError, SamplingWarning
 from clplen.wave.checks import is_finite
 from clplen.wave.field import Field, Grid
@@ -84,6 +85,7 @@ class RandomPhaseMask:
                 f"The cell of a mask is a positive length in metres, or (y, x), not {self.cell!r}."
             )
         object.__setattr__(self, "cell", tuple(sides.tolist()) if sides.ndim else float(sides))
+        lengths.PITCH.check(sides, "The cell of a mask")
         if self.kernel not in ("square", "gaussian"):
             raise ValueError(f"The kernel is 'square' or 'gaussian', not {self.kernel!r}.")
         if self.kind not in KINDS:
@@ -230,7 +232,7 @@ class RandomPhaseMask:
         return periodic_power_spectrum(self.degree, grid)
 
     def field(
-        self, grid: Grid, *, wavelength: float, device: Device, seed: int, index: int
+        self, grid: Grid, *, wavelength: float, device: DeviceLike, seed: int, index: int
     ) -> Field:
         """One snapshot.
 
@@ -239,7 +241,7 @@ class RandomPhaseMask:
         grid : Grid
         wavelength : float
             In metres.
-        device : Device
+        device : Device or str
         seed : int
             0 to 2^64 - 1.
         index : int
@@ -255,6 +257,7 @@ class RandomPhaseMask:
         SamplingError
             As `count`.
         """
+        device = as_device(device)
         cells = self.count(grid)
         moved = uniform(seed, index, _JITTER, 1)[0, :2] if self.jitter else np.zeros(2)
         tables = [

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from clplen.compute import lengths
 from clplen.errors import ShapeError
 from clplen.wave.checks import check_centre
-from clplen.wave.field import Field, Grid
+from clplen.wave.field import Field, Grid, require_field
 from clplen.wave.multiply import multiply
 
 Picture = np.ndarray[Any, Any]
@@ -55,6 +56,7 @@ def transparency(
         If there is neither amplitude nor phase, a value is not finite, the pitch is not positive,
         or a centre comes without a pitch.
     """
+    require_field(field)
     picture = _picture(amplitude, phase)
     if pitch is None:
         if tuple(centre) != (0.0, 0.0):
@@ -112,6 +114,7 @@ def _place(
     spacing = np.broadcast_to(np.asarray(pitch, np.float64), (2,))
     if not (np.isfinite(spacing).all() and (spacing > 0).all()):
         raise ValueError(f"A picture's pitch is positive and finite, in metres, not {pitch!r}.")
+    lengths.PITCH.check(pitch, "A picture's pitch")
     check_centre(centre, "a picture")
     shape = (picture.shape[0], picture.shape[1])
     return Grid(shape, (float(spacing[0]), float(spacing[1])), origin=centre)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from clplen.compute.oneline import OneLine
 from clplen.wave.checks import is_finite
 from clplen.wave.field import Grid
 from clplen.wave.masks import KINDS, LEAST_CELLS, RandomPhaseMask, cells_along
@@ -39,8 +40,8 @@ _CONTRAST = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class CoherencePlan:
+@dataclass(frozen=True, repr=False)
+class CoherencePlan(OneLine):
     """What `plan_coherence` proposes.
 
     Attributes

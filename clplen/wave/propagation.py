@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from clplen.compute.device import Device, require_device
+from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError
 from clplen.wave.checks import average_of
-from clplen.wave.field import Field, Grid
+from clplen.wave.field import Field, Grid, require_field
 from clplen.wave.propagator import Propagator, request
 from clplen.wave.request import BORDER, Request
 from clplen.wave.together import together
@@ -188,6 +188,7 @@ def propagate_wavelengths(
     list of Field
         One a wavelength, each with its wavelength.
     """
+    require_field(field)
     if not np.size(wavelengths):
         raise ValueError("wavelengths is one wavelength or several, in metres, not an empty list.")
     return [
@@ -203,15 +204,14 @@ def plan(
     wavelength: float,
     method: str = "auto",
     pad: float = 2,
-    device: Device,
+    device: DeviceLike,
     out_grid: Grid | None = None,
 ) -> Propagator:
     """The device's `Propagator` for these values, made when it is not there yet."""
-    return _kept(request(grid, z, wavelength, method, pad, out_grid), device)
+    return _kept(request(grid, z, wavelength, method, pad, out_grid), as_device(device))
 
 
 def _kept(wanted: Request, device: Device) -> Propagator:
-    require_device(device)
     return device.plans.get(
         ("propagator", wanted),
         lambda: Propagator.of(wanted, device, stacklevel=6),

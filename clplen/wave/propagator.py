@@ -5,13 +5,13 @@ from __future__ import annotations
 import warnings
 from dataclasses import replace
 from numbers import Real
-from threading import Lock
 from typing import Any
 
 import numpy as np
 
 from clplen.compute.blocks import Spectrum
-from clplen.compute.device import Device, require_device, require_same_device
+from clplen.compute.device import Device, DeviceLike, as_device, require_same_device
+from clplen.compute.forked import Guard
 from clplen.errors import SamplingError, SamplingWarning, ShapeError
 from clplen.wave.choice import describe
 from clplen.wave.cost import least_samples, table_samples
@@ -103,7 +103,7 @@ class Propagator:
         wavelength: float,
         method: str = "auto",
         pad: float = 2,
-        device: Device,
+        device: DeviceLike,
         out_grid: Grid | None = None,
         guard: float | None = None,
         border: float = BORDER,
@@ -117,16 +117,16 @@ class Propagator:
         self._prepare(wanted, device, phase, stacklevel=3)
 
     @classmethod
-    def of(cls, wanted: Request, device: Device, *, stacklevel: int = 3) -> Propagator:
+    def of(cls, wanted: Request, device: DeviceLike, *, stacklevel: int = 3) -> Propagator:
         """The plan of a checked request."""
         made = cls.__new__(cls)
         made._prepare(wanted, device, None, stacklevel=stacklevel + 1)
         return made
 
     def _prepare(
-        self, wanted: Request, device: Device, phase: str | None, *, stacklevel: int
+        self, wanted: Request, device: DeviceLike, phase: str | None, *, stacklevel: int
     ) -> None:
-        require_device(device)
+        device = as_device(device)
         if phase is not None and phase not in PHASES:
             raise ValueError(f"There is no phase route {phase!r}; use one of {', '.join(PHASES)}.")
         if phase not in (None, "tables") and device.precision == "double":
@@ -146,7 +146,14 @@ class Propagator:
         if made.warning:
             warnings.warn(made.warning, SamplingWarning, stacklevel=stacklevel)
         self._spectrum: Spectrum | None = None
-        self._lock = Lock()
+        self._lock = Guard()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what is on the device, which is made again at first use."""
+        return {k: v for k, v in self.__dict__.items() if k not in ("_spectrum", "_lock")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state | {"_spectrum": None, "_lock": Guard()})
 
     def __repr__(self) -> str:
         return f"<Propagator {self.method}, {self.z:g} m, {self.grid} to {self.out_grid}>"

@@ -9,9 +9,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from clplen.compute import lengths
 from clplen.compute.blocks import Spectrum, run
 from clplen.compute.device import Device
 from clplen.compute.lines import Separable, cropped_inverse, padded_spectrum
+from clplen.compute.oneline import OneLine
 from clplen.wave.choice import describe
 from clplen.wave.coverage import disc_coverage, interval_coverage
 from clplen.wave.field import Field, Grid
@@ -30,8 +32,8 @@ Path = Callable[[Values, Values], Any]
 SHAPES = ("circular", "square", "slit")
 
 
-@dataclass(frozen=True)
-class Pupil:
+@dataclass(frozen=True, repr=False)
+class Pupil(OneLine):
     """The ideal image of a shift-invariant system, upright and of unit magnification.
 
     The spectrum of the field is multiplied by the coherent transfer function
@@ -68,6 +70,7 @@ class Pupil:
 
     def __post_init__(self) -> None:
         require_positive("The diameter of a pupil", self.diameter)
+        lengths.DIAMETER.check(self.diameter, "The diameter of a pupil")
         require_positive("The distance from a pupil to the image", self.distance)
         require_shape(self.shape, SHAPES)
 
@@ -89,6 +92,7 @@ class Pupil:
         if not (math.isfinite(fc) and fc > 0):
             raise ValueError(f"A cut-off frequency is positive, in cycles a metre, not {fc!r}.")
         require_positive("The wavelength", wavelength)
+        lengths.WAVELENGTH.check(wavelength, "The wavelength")
         return cls(2 * wavelength * fc, 1.0, shape=shape, path=path)
 
     def cutoff(self, wavelength: float) -> float:

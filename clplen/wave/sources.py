@@ -7,9 +7,10 @@ import warnings
 
 import numpy as np
 
-from clplen.compute.device import Device, require_device
+from clplen.compute import lengths
+from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingWarning
-from clplen.wave.field import Field, Grid
+from clplen.wave.field import Field, Grid, require_field, require_grid
 from clplen.wave.multiply import Vector, multiply_separable, offsets
 from clplen.wave.phase import phasor
 from clplen.wave.sphere import multiply_sphere, sampled_from, sampled_radius
@@ -18,7 +19,7 @@ Pair = tuple[float, float]
 
 
 def plane_wave(
-    grid: Grid, *, wavelength: float, device: Device, direction: Pair = (0.0, 0.0)
+    grid: Grid, *, wavelength: float, device: DeviceLike, direction: Pair = (0.0, 0.0)
 ) -> Field:
     """A plane wave of unit amplitude, exp(ik(a_y y + a_x x)), phase 0 at the origin.
 
@@ -27,7 +28,7 @@ def plane_wave(
     grid : Grid
     wavelength : float
         In metres.
-    device : Device
+    device : Device or str
     direction : tuple of float
         Direction cosines (a_y, a_x), a_y^2 + a_x^2 < 1. Along an axis of length 1 nothing varies.
 
@@ -45,7 +46,7 @@ def plane_wave(
     SamplingWarning
         If its spatial frequency a/lam is beyond the Nyquist frequency 1/(2 d) of an axis.
     """
-    _check_wave(grid, wavelength, device)
+    device = _check_wave(grid, wavelength, device)
     _check_direction(direction)
     _warn_beyond_nyquist(grid, _frequencies(direction, wavelength), "A plane wave")
     ty, tx = _tilt_tables(grid, direction, wavelength, device)
@@ -76,6 +77,7 @@ def tilt(field: Field, direction: Pair) -> Field:
     SamplingWarning
         If the frequency a/lam that is added is beyond the Nyquist frequency of an axis.
     """
+    require_field(field)
     _check_direction(direction)
     _warn_beyond_nyquist(field.grid, _frequencies(direction, field.wavelength), "A tilt")
     return multiply_separable(
@@ -88,7 +90,7 @@ def spherical_wave(
     z: float,
     *,
     wavelength: float,
-    device: Device,
+    device: DeviceLike,
     source: Pair = (0.0, 0.0),
 ) -> Field:
     """The wave of a unit point source, exp(ik(r - abs(z)))/r, r the distance from the source.
@@ -103,7 +105,7 @@ def spherical_wave(
         point abs(z) behind the plane, the complex conjugate.
     wavelength : float
         In metres.
-    device : Device
+    device : Device or str
     source : tuple of float
         (y, x) of the point in metres. Along an axis of length 1 the point is on the axis.
 
@@ -123,7 +125,7 @@ def spherical_wave(
     SamplingWarning
         If the phase changes by more than pi between neighbouring samples.
     """
-    _check_wave(grid, wavelength, device)
+    device = _check_wave(grid, wavelength, device)
     if not math.isfinite(z) or z == 0:
         raise ValueError(f"The distance z of a point source is finite and not 0, not {z!r} m.")
     if not np.isfinite(source).all():
@@ -138,7 +140,7 @@ def gaussian_beam(
     waist: float,
     *,
     wavelength: float,
-    device: Device,
+    device: DeviceLike,
     z: float = 0.0,
     centre: Pair = (0.0, 0.0),
     direction: Pair = (0.0, 0.0),
@@ -156,7 +158,7 @@ def gaussian_beam(
         Radius w0 in metres at which the amplitude of the waist is 1/e.
     wavelength : float
         In metres.
-    device : Device
+    device : Device or str
     z : float
         Distance from the waist to the plane in metres; negative before the waist.
     centre : tuple of float
@@ -179,9 +181,10 @@ def gaussian_beam(
     SamplingWarning
         If a/lam + 1/(pi w0), where the spectrum is at 1/e, is beyond the Nyquist frequency.
     """
-    _check_wave(grid, wavelength, device)
+    device = _check_wave(grid, wavelength, device)
     if not (math.isfinite(waist) and waist > 0):
         raise ValueError(f"The waist of a beam is positive, in metres, not {waist!r}.")
+    lengths.DIAMETER.check(waist, "The waist of a beam")
     if not (math.isfinite(z) and np.isfinite(centre).all()):
         raise ValueError(f"z and centre of a beam are finite, in metres, not {z!r} and {centre!r}.")
     _check_direction(direction)
@@ -225,12 +228,16 @@ def _frequencies(direction: Pair, wavelength: float) -> Pair:
     return (abs(direction[0]) / wavelength, abs(direction[1]) / wavelength)
 
 
-def _check_wave(grid: Grid, wavelength: float, device: Device) -> None:
-    require_device(device)
+def _check_wave(grid: Grid, wavelength: float, device: DeviceLike) -> Device:
+    require_grid(grid)
+    device = as_device(device)
     if not (math.isfinite(wavelength) and wavelength > 0):
         raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
+    lengths.WAVELENGTH.check(wavelength, "The wavelength")
+    lengths.PITCH.check(grid.pitch, "The pitch of a field's grid")
     nbytes = 2 * grid.shape[0] * grid.shape[1] * device.complex.itemsize
     device.require_memory(nbytes, "This wave")
+    return device
 
 
 def _check_direction(direction: Pair) -> None:

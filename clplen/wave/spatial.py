@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.compute.device import Device
+from clplen.compute.device import DeviceLike, as_device
 from clplen.wave.field import Field, Grid
 from clplen.wave.random import key_of
 
@@ -29,7 +29,7 @@ class SpatialModel(Protocol):
         """Refuse, or warn of, what the grid does not carry; asked once a run."""
 
     def field(
-        self, grid: Grid, *, wavelength: float, device: Device, seed: int, index: int
+        self, grid: Grid, *, wavelength: float, device: DeviceLike, seed: int, index: int
     ) -> Field:
         """Snapshot number ``index``."""
 
@@ -58,7 +58,7 @@ class IncoherentLight:
         """Every grid carries it."""
 
     def field(
-        self, grid: Grid, *, wavelength: float, device: Device, seed: int, index: int
+        self, grid: Grid, *, wavelength: float, device: DeviceLike, seed: int, index: int
     ) -> Field:
         """One snapshot: unit amplitude, an independent uniform phase at each sample.
 
@@ -67,7 +67,7 @@ class IncoherentLight:
         grid : Grid
         wavelength : float
             In metres.
-        device : Device
+        device : Device or str
         seed : int
             0 to 2^64 - 1.
         index : int
@@ -77,6 +77,7 @@ class IncoherentLight:
         -------
         Field
         """
+        device = as_device(device)
         ny, nx = grid.shape
         out = device.empty(grid.shape, device.complex)
         kernel = device.kernel("masks.cl", "cell_phasors", **device.wave_defines())

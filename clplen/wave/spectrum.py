@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clplen.compute.oneline import OneLine
 from clplen.wave import spectra
 from clplen.wave.checks import is_finite
 from clplen.wave.lineshapes import C, Complex, Lines, Rectangle, Shape, Table, Vector
@@ -29,8 +30,8 @@ CLOSER, TIMES = 16, 14  # a delay is found to 16^-14 of a step, that is to round
 Definition = Literal["goodman", "fwhm", "oct"]
 
 
-@dataclass(frozen=True)
-class Spectrum:
+@dataclass(frozen=True, repr=False)
+class Spectrum(OneLine):
     """The spectrum of a light source.
 
     Made by `gaussian`, `rectangular`, `tabulated`, `lines`, `monochromatic`, `mercury`,

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any, overload
 
+from clplen.compute import lengths
+from clplen.compute.oneline import OneLine
 from clplen.wave.checks import Aliasing, average_of
 from clplen.wave.field import Field
 from clplen.wave.parts import (
@@ -29,8 +31,8 @@ if TYPE_CHECKING:
     from clplen.wave.coherence import Coherence, Object
 
 
-@dataclass(frozen=True, init=False)
-class OpticalSystem:
+@dataclass(frozen=True, init=False, repr=False)
+class OpticalSystem(OneLine):
     """Parts along one axis, in the order in which a field meets them.
 
     Parameters
@@ -215,7 +217,9 @@ def imaging_system(
         For a focal length, diameter or magnification that is not positive.
     """
     require_positive("The focal length of an imaging system", f)
+    lengths.FOCAL_LENGTH.check(f, "The focal length of an imaging system")
     require_positive("The diameter of its lens", diameter)
+    lengths.DIAMETER.check(diameter, "The diameter of its lens")
     if not (isinstance(magnification, Real) and 0 < magnification < math.inf):
         raise ValueError(f"The magnification is positive and finite, not {magnification!r}.")
     z1, z2 = f * (1 + 1 / magnification), f * (1 + magnification)

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from clplen.compute import lengths
 from clplen.errors import ShapeError
 from clplen.wave.checks import Aliasing, act_on_aliasing, check_centre
 from clplen.wave.coverage import interval_coverage, polygon_coverage
-from clplen.wave.field import Grid
+from clplen.wave.field import Grid, require_grid
 
 Values = np.ndarray[Any, Any]
 # Side of a layer (groups G and G + 1) and corner of the layer inside it, (y, x), in bar widths of
@@ -159,6 +160,7 @@ def usaf1951(
     --------
     usaf1951_elements : where the elements lie, to measure their contrast.
     """
+    require_grid(grid)
     elements = usaf1951_elements(groups, centre=centre)
     _check_two_axes(grid)
     act_on_aliasing(_too_fine(elements[-1], grid), aliasing)
@@ -209,10 +211,12 @@ def siemens_star(
     ValueError
         For values out of range, or if nothing of the star lies in the window.
     """
+    require_grid(grid)
     if spokes != int(spokes) or spokes < 2:
         raise ValueError(f"A Siemens star has an integer of at least 2 spokes, not {spokes!r}.")
     if not (math.isfinite(diameter) and diameter > 0):
         raise ValueError(f"The diameter of a star is positive, in metres, not {diameter!r}.")
+    lengths.DIAMETER.check(diameter, "The diameter of a star")
     check_centre(centre, "a star")
     _check_two_axes(grid)
     spoke = np.pi / spokes

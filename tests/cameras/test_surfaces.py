@@ -271,7 +271,7 @@ PLANE = Plane(0.0)
             "does not fit",
         ),
         (lambda d: SurfaceScene(PLANE).light_field(device=d, gain=[1]), ShapeError, r"\(9, 9\)"),
-        (lambda d: SurfaceScene(PLANE).light_field(device="cpu"), TypeError, "Device"),
+        (lambda d: SurfaceScene(PLANE).light_field(device=0), TypeError, "Device"),
         (
             lambda d: SurfaceScene([PLANE, Plane(0, (0.2, -0.1))]).light_field(device=d),
             ValueError,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -261,9 +260,10 @@ def test_max_bytes_limits_the_frame(tmp_path: Path, frame: np.ndarray):
         read_container(path, max_bytes=100)
 
 
-def test_the_white_image_is_the_users(tmp_path: Path, frame: np.ndarray, monkeypatch):
+def test_the_white_image_is_the_users(
+    tmp_path: Path, frame: np.ndarray, monkeypatch, device: Device
+):
     path = a_container(tmp_path / "a.lfr", *illum(frame), newer=True)
-    device = SimpleNamespace()
     with pytest.raises(FormatError, match=r"12 x 5 pixels.*give white=.*or grid="):
         read_lightfield(path, device=device)
     given = {}

@@ -69,15 +69,15 @@ def test_polygon_area_is_kept(precise):
 
 def test_polygon_on_the_borders_of_cells(precise):
     """Edges along the borders of cells, and vertices on their corners."""
-    grid = Grid((8, 9), (2.0, 3.0))
-    edges = (grid.y[0] - 1, grid.x[0] - 1.5)
-    corners = np.array([(1, 2), (1, 6), (5, 6), (5, 4), (3, 4), (3, 2)]) * (2.0, 3.0) + edges
+    grid = Grid((8, 9), (0.5, 0.75))
+    edges = (grid.y[0] - 0.25, grid.x[0] - 0.375)
+    corners = np.array([(1, 2), (1, 6), (5, 6), (5, 4), (3, 4), (3, 2)]) * (0.5, 0.75) + edges
     expected = np.zeros(grid.shape)
     expected[1:5, 2:6] = 1
     expected[3:5, 2:4] = 0
     got = through(precise, polygonal_aperture, corners, grid=grid)
     np.testing.assert_allclose(got, expected, atol=1e-15)
-    diamond = np.array([(1, 4), (4, 7), (7, 4), (4, 1)]) * (2.0, 3.0) + edges
+    diamond = np.array([(1, 4), (4, 7), (7, 4), (4, 1)]) * (0.5, 0.75) + edges
     got = through(precise, polygonal_aperture, diamond, grid=grid)
     assert sorted(set(np.round(got, 12).ravel())) == [0, 0.5, 1]
 

@@ -61,11 +61,11 @@ def test_bad_arrays(change, message):
 
 
 def test_centres_turn_x_towards_y():
-    array = MicrolensArray(1.0, 1.0, count=(1, 3), rotation=np.pi / 2, offset=(10.0, 20.0))
-    np.testing.assert_allclose(array.centres()[0], [(9, 20), (10, 20), (11, 20)], atol=1e-12)
-    twin = reference.lenslet_centres(2.0, count=(3, 4), lattice="hexagonal", rotation=0.3)
-    ours = MicrolensArray(2.0, 1.0, count=(3, 4), lattice="hexagonal", rotation=0.3).centres()
-    np.testing.assert_allclose(ours[..., ::-1], twin, atol=1e-12)
+    array = MicrolensArray(0.1, 1.0, count=(1, 3), rotation=np.pi / 2, offset=(1.0, 2.0))
+    np.testing.assert_allclose(array.centres()[0], [(0.9, 2), (1, 2), (1.1, 2)], atol=1e-13)
+    twin = reference.lenslet_centres(0.1, count=(3, 4), lattice="hexagonal", rotation=0.3)
+    ours = MicrolensArray(0.1, 1.0, count=(3, 4), lattice="hexagonal", rotation=0.3).centres()
+    np.testing.assert_allclose(ours[..., ::-1], twin, atol=1e-13)
 
 
 def test_transmission_is_kept(device):
@@ -83,9 +83,9 @@ def test_transmission_is_kept(device):
 )
 def test_neighbours_differ_in_focal_length_and_kinds_are_as_many(lattice, kinds):
     lengths = tuple(1e-2 * (1 + n) for n in range(kinds))
-    array = MicrolensArray(1.0, lengths, count=(20, 20), lattice=lattice)
+    array = MicrolensArray(0.1, lengths, count=(20, 20), lattice=lattice)
     assert (array.f, array.focal_lengths) == (1e-2, lengths)
-    kind, place = array.types().ravel(), array.centres().reshape(-1, 2)
+    kind, place = array.types().ravel(), 10 * array.centres().reshape(-1, 2)
     apart = np.hypot(*(place[:, None] - place[None]).transpose(2, 0, 1))
     near = (apart > 0) & (apart < 1.01)
     assert (kind[:, None] != kind[None])[near].all()

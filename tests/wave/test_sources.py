@@ -244,4 +244,4 @@ def test_every_source_checks_wavelength_and_device(device, source):
     with pytest.raises(ValueError, match="wavelength is positive"):
         source(*args, wavelength=0, device=device)
     with pytest.raises(TypeError, match=r"device is a Device"):
-        source(*args, wavelength=LAM, device="cpu")
+        source(*args, wavelength=LAM, device=0)

@@ -1,0 +1,94 @@
+"""Lengths in metres: what exists, and which unit was meant where a number cannot be metres.
+
+The bounds only tell metres from forgotten units. They hold whatever is built or observed, with
+room: gamma rays and radio waves, dishes of 500 m, telescopes of long focal length. Distances of
+propagation, of sources and of objects have none.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+_UNITS = {"nm": 1e-9, "um": 1e-6, "mm": 1e-3}
+
+
+@dataclass(frozen=True)
+class Length:
+    """Lengths of one kind, in metres.
+
+    Attributes
+    ----------
+    most : float
+        Larger numbers are refused.
+    usual : tuple of float
+        (low, high): where a number in another unit is looked for.
+    units : tuple of str
+        The units in which the kind is usually given, the most usual first.
+    """
+
+    most: float
+    usual: tuple[float, float]
+    units: tuple[str, ...]
+
+    def check(self, values: Any, what: str) -> None:
+        """Refuse numbers that are too large to be metres; anything but finite numbers passes.
+
+        Parameters
+        ----------
+        values : float or array_like
+            Of either sign.
+        what : str
+            The subject of the sentence.
+
+        Raises
+        ------
+        ValueError
+            With the number that another unit would have meant, where one is usual.
+        """
+        if isinstance(values, float) and abs(values) <= self.most:
+            return
+        try:
+            numbers = np.abs(np.asarray(values, np.float64))
+        except (TypeError, ValueError):  # which the caller refuses in its own words
+            return
+        beyond = numbers[np.isfinite(numbers) & (numbers > self.most)]
+        if beyond.size:
+            largest = float(beyond.max())
+            raise ValueError(
+                f"{what} is in metres, at most {self.most:g}, not {largest:g}{self.meant(largest)}"
+            )
+
+    def meant(self, value: float) -> str:
+        """The end of a sentence: what a number in another unit is in metres."""
+        low, high = self.usual
+        for unit in self.units:
+            metres = value * _UNITS[unit]
+            if low <= metres <= high and math.isfinite(metres):
+                return f"; did you mean {metres:.6g}?"
+        return "."
+
+
+# From gamma rays to radio waves of 1 GHz; light, from X-rays to terahertz, is what is meant.
+WAVELENGTH = Length(0.3, (1e-7, 3e-3), ("nm", "um", "mm"))
+# Where a field begins, pixels and periods of gratings: 1 m samples a dish of 500 m. A grid by
+# itself has no bound, since light that has gone far is sampled as coarsely.
+PITCH = Length(1.0, (1e-8, 5e-3), ("um", "nm", "mm"))
+# Lenslets, up to the lenses of an array of cameras.
+LENSLET_PITCH = Length(0.1, (2e-6, 2e-2), ("um", "mm"))
+LENSLET_FOCAL_LENGTH = Length(5.0, (5e-6, 1.0), ("mm", "um"))
+# Main lenses of cameras, and the distances behind them: telescopes have 50 m and more.
+FOCAL_LENGTH = Length(100.0, (1e-4, 20.0), ("mm", "um"))
+# Lenses by themselves may be as weak as a plate that is not quite flat.
+WEAK_LENS = Length(1e5, (1e-4, 100.0), ("um", "mm"))
+# Apertures, from the pupils of eyes to dishes of 500 m; those of cameras to mirrors of 40 m.
+DIAMETER = Length(1000.0, (1e-6, 10.0), ("um", "mm"))
+CAMERA_DIAMETER = Length(50.0, (1e-5, 2.0), ("mm", "um"))
+TUBE_LENS = Length(5.0, (1e-2, 2.0), ("mm", "um"))
+# Wavefront errors: a tenth of a millimetre is a hundred wavelengths and more.
+WAVEFRONT = Length(1e-2, (5e-10, 1e-4), ("nm", "um"))
+# Single points of light that have a size: beads, pinholes, lamps.
+POINT = Length(1.0, (1e-9, 5e-3), ("um", "nm", "mm"))

@@ -1,0 +1,44 @@
+"""Representations of one line, whatever a data class holds."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+LONGEST = 200  # characters
+_FEW = 6  # numbers of an array or a tuple that are shown
+
+
+class OneLine:
+    """Base of data classes (with ``repr=False``): fields by name, arrays by type and shape.
+
+    Where that passes 200 characters the longest fields become dots.
+    """
+
+    def __repr__(self) -> str:
+        shown = [f.name for f in fields(self) if f.repr]  # type: ignore[arg-type]
+        texts = {name: _text(getattr(self, name)) for name in shown}
+        for name in sorted(texts, key=lambda name: -len(texts[name])):
+            if len(_line(self, texts)) <= LONGEST:
+                break
+            texts[name] = "..."
+        return _line(self, texts)
+
+
+def _line(thing: object, texts: dict[str, str]) -> str:
+    inside = ", ".join(f"{name}={text}" for name, text in texts.items())
+    return f"{type(thing).__name__}({inside})"
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, np.ndarray) and (value.ndim != 1 or value.size > _FEW):
+        return f"<{value.dtype} {value.shape}>"
+    if isinstance(value, tuple | list) and len(value) > _FEW:
+        return f"<{len(value)} of {type(value[0]).__name__}>"
+    if isinstance(value, tuple):
+        return f"({', '.join(map(_text, value))}{',' * (len(value) == 1)})"
+    if isinstance(value, float | np.floating):
+        return f"{float(value):.6g}"
+    return " ".join(repr(value).split())

@@ -1,0 +1,185 @@
+"""One small example of every public class, for tests of what all of them share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+
+import clplen
+from clplen.analysis.comparison import Comparison
+from clplen.compute.device import Device
+from clplen.lightfield.focused_picture import PictureGrid
+from clplen.lightfield.lattice import Lattice
+from clplen.microscopy.images import PointImages
+
+LAM = 5e-7
+GRID = clplen.Grid((8, 8), 1e-6)
+MLA = clplen.MicrolensArray(150e-6, 10e-3, count=5, fill="full")
+CAMERA: dict[str, Any] = {
+    "focal_length": 0.12,
+    "mla": MLA,
+    "wavelength": LAM,
+    "pixels_per_lenslet": 30,
+    "aperture_diameter": 5e-4,  # as much as 5 lenslets hold
+}
+MICROSCOPE: dict[str, Any] = {
+    "magnification": 20,
+    "na": 0.5,
+    "mla": clplen.MicrolensArray(125e-6, 2.5e-3, count=3, fill="full"),
+    "wavelength": 525e-9,
+    "pixels_per_lenslet": 25,
+}
+SPACING = (-1e-3, -1e-3, 1e-5, 1e-5)
+LATTICE = Lattice("rectangular", (10.0, 10.0), (10.0, 0.0), (0.0, 10.0), (41, 41))
+
+
+def samples(*shape: int) -> np.ndarray[Any, Any]:
+    """Values from 0 to 1, none like its neighbours."""
+    return np.random.default_rng(1).random(shape, np.float32)
+
+
+def point_images() -> PointImages:
+    """Of two planes, three voxels and three pixels a lenslet."""
+    stored = tuple(samples(3, 9, 9) for _ in range(2))
+    parameters = {"lenslet_pitch": 125e-6, "magnification": 20.0}
+    return PointImages(parameters, np.array([-1e-5, 1e-5]), 3, 3, stored, np.ones(2))
+
+
+def camera(device: Device) -> Any:
+    """A standard camera of 5 x 5 lenslets."""
+    return clplen.PlenopticCamera.type1(**CAMERA, device=device)
+
+
+def focused(device: Device) -> Any:
+    """A focused camera of 5 x 5 lenslets."""
+    return clplen.PlenopticCamera.type2(**CAMERA, device=device, m=0.25)
+
+
+def raw(device: Device) -> clplen.RawImage:
+    """What the standard camera sees of a point."""
+    return _raw(device)
+
+
+@lru_cache
+def _raw(device: Device) -> clplen.RawImage:
+    return camera(device).expose(clplen.PointSources([(0.0, 0.0, 0.0)]))
+
+
+def lightfield(device: Device) -> clplen.LightField:
+    """3 x 3 views with a spacing."""
+    return clplen.LightField.from_array(samples(3, 3, 32, 32), device=device, spacing=SPACING)
+
+
+def field(device: Device) -> clplen.Field:
+    return clplen.plane_wave(GRID, wavelength=LAM, device=device)
+
+
+def psf() -> clplen.PSF:
+    y, x = np.mgrid[-16:17, -16:17] * 1e-6
+    return clplen.PSF(np.exp(-(x**2 + y**2) / 2e-11), 1e-6)
+
+
+def edge() -> Any:
+    y, x = np.mgrid[0:64, 0:64]
+    return clplen.slanted_edge(1 / (1 + np.exp(-(x - 32 - 0.1 * y))), pitch=1e-6)
+
+
+def depth() -> clplen.DepthMap:
+    return clplen.DepthMap(*(samples(16, 16) for _ in range(4)))
+
+
+def texture() -> clplen.Texture:
+    return clplen.Texture(samples(16, 16))
+
+
+def stream(device: Device) -> clplen.StackTiles:
+    stored = clplen.StoredLightField.from_array(samples(3, 3, 32, 32))
+    return clplen.stream_stack(stored, disparities=[0, 1], device=device)
+
+
+EXAMPLES: dict[str, Callable[[Device], Any]] = {
+    "OTF": lambda _: clplen.OTF.of(psf()),
+    "PSF": lambda _: psf(),
+    "Aberrations": lambda _: clplen.Aberrations(main_lens={4: 1e-7}, lenslets={4: 1e-7}),
+    "AlphaEstimate": lambda device: clplen.estimate_alpha(lightfield(device), method="energy"),
+    "Coherence": lambda _: clplen.Coherence(
+        clplen.RandomPhaseMask(66e-6), clplen.Spectrum.gaussian(550e-9, 30e-9)
+    ),
+    "CoherencePlan": lambda _: clplen.CoherencePlan(
+        clplen.Coherence(clplen.RandomPhaseMask(66e-6)), 50, 5.0, 1.0, (3, 3), 1e-5, 0.1, 1, 0.2
+    ),
+    "Comparison": lambda device: Comparison((), ("sampling",)),
+    "ConvergingLight": lambda _: clplen.ConvergingLight(0.1),
+    "CoverGlass": lambda _: clplen.CoverGlass(150e-6),
+    "Curve": lambda _: edge().mtf,
+    "DeconvolutionResult": lambda _: clplen.DeconvolutionResult(
+        samples(2, 9, 9), samples(3), 3, (0.0,)
+    ),
+    "DepthMap": lambda _: depth(),
+    "Device": lambda device: device,
+    "Element": lambda _: clplen.Element(abs, "any"),
+    "ExtendedSource": lambda _: clplen.ExtendedSource(1e-3, 0.1, picture=samples(64, 64)),
+    "Field": field,
+    "FocalStack": lambda device: clplen.focal_stack(lightfield(device), disparities=[-1, 0, 1]),
+    "FocusedGeometry": lambda device: clplen.FocusedGeometry.of(
+        focused(device).expose(clplen.PointSources([(0.0, 0.0, 0.0)]))
+    ),
+    "FocusedMaps": lambda _: clplen.FocusedMaps(
+        PictureGrid((0.0, 0.0), 1.0, (9, 9)), samples(9, 9), samples(9, 9), samples(9, 9)
+    ),
+    "Grid": lambda _: GRID,
+    "Image": lambda device: lightfield(device).view(1, 1),
+    "IncoherentLight": lambda _: clplen.IncoherentLight(),
+    "Lattice": lambda _: LATTICE,
+    "Lens": lambda _: clplen.Lens(0.1),
+    "LensletGrid": lambda device: raw(device).sub_images,
+    "LensletScatter": lambda _: clplen.LensletScatter(0.01),
+    "LightField": lightfield,
+    "MeanIntensity": lambda device: clplen.propagate(
+        field(device),
+        1e-4,
+        coherence=clplen.Coherence(clplen.IncoherentLight()),
+        snapshots=4,
+    ),
+    "MicrolensArray": lambda _: MLA,
+    "Microscope": lambda device: clplen.PlenopticCamera.microscope(**MICROSCOPE, device=device),
+    "OpticalSystem": lambda _: clplen.OpticalSystem(
+        [clplen.Space(0.1), clplen.Lens(0.05), clplen.Pupil(3e-3, 0.1)]
+    ),
+    "PhaseSpace": lambda device: clplen.phase_space(lightfield(device), y=3, v=1),
+    "PicturePlane": lambda _: clplen.PicturePlane(samples(64, 64), 1e-3),
+    "Plane": lambda _: clplen.Plane(0.5, texture=texture()),
+    "PlenopticCamera": camera,
+    "PointImages": lambda _: point_images(),
+    "PointSources": lambda _: clplen.PointSources(np.zeros((100, 3))),
+    "Points": lambda _: clplen.Points(samples(50, 3), samples(50), samples(50), samples(50, 3)),
+    "Projector": lambda device: clplen.Projector(point_images(), (3, 3), device=device),
+    "Propagator": lambda device: clplen.Propagator(GRID, 1e-4, wavelength=LAM, device=device),
+    "Pupil": lambda _: clplen.Pupil(3e-3, 0.1),
+    "RandomPhaseMask": lambda _: clplen.RandomPhaseMask(66e-6),
+    "RawImage": raw,
+    "Sampling": lambda device: clplen.sampling_of(camera(device)),
+    "Sensor": lambda _: clplen.Sensor(1e4, shot_noise=True),
+    "SlantedEdge": lambda _: edge(),
+    "Space": lambda _: clplen.Space(0.1),
+    "Spectrum": lambda _: clplen.Spectrum.mercury(),
+    "Sphere": lambda _: clplen.Sphere((0.0, 0.0), 3.0, d=0.5, height=0.5, texture=texture()),
+    "StackTiles": stream,
+    "Stop": lambda _: clplen.Stop(1e-3),
+    "StoredLightField": lambda _: clplen.StoredLightField.from_array(samples(3, 3, 32, 32)),
+    "StreamPlan": lambda device: stream(device).plan,
+    "SurfaceScene": lambda _: clplen.SurfaceScene([clplen.Plane(0.5, texture=texture())]),
+    "Texture": lambda _: texture(),
+    "Truth": lambda _: clplen.Truth(
+        samples(9, 9), samples(9, 9), np.zeros((9, 9), np.int32), {"all": np.ones((9, 9), bool)}
+    ),
+    "TwoPoints": lambda _: clplen.TwoPoints.incoherent(psf(), axis=1),
+}
+EXAMPLES |= {
+    name: partial(lambda kind, _: kind("one sentence"), getattr(clplen, name))
+    for name in clplen.__all__
+    if name.endswith(("Error", "Warning"))
+}
