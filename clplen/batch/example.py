@@ -39,6 +39,7 @@ files = ["captures/*.h5"]       # needed; * and ** as in a shell; also folders o
 # devignette = true             # default: where there is a white image
 # dataset = "LF"                # default: found out; of a file that holds several arrays
 # max_bytes = "2 GiB"           # default: half of the free memory; that a file may ask for
+# force = false                 # true: a white image will do whose lattice is not to be trusted
 
 # [[simulations]]               # light fields of a camera file
 # camera = "camera.toml"        # needed; 'clplen simulate --example' prints one

@@ -91,6 +91,7 @@ class Residual(click.ParamType):
 )  # fmt: skip
 @click.option("--warm-start", is_flag=True, help="Begin each frame with the volume before it.")
 @click.option("--memory", type=options.Size(), help="Bytes for matrices (512MiB, 4GB).")
+@options.force
 @options.device
 def deconvolve(
     frames: tuple[Path, ...],
@@ -109,6 +110,7 @@ def deconvolve(
     saturation: float | None,
     warm_start: bool,
     memory: int | None,
+    force: bool,
     selector: str | None,
 ) -> None:
     """Find the volume behind raw frames of a light-field microscope, one each.
@@ -159,7 +161,7 @@ def deconvolve(
     if not any(todo):
         return
     series = Deconvolver(
-        images, how, device=opened(selector), white=white, dark=dark, memory=memory
+        images, how, device=opened(selector), white=white, dark=dark, memory=memory, force=force
     )
     before, tally = None, _Tally()
     for page, out, job, wanted in zip(pages, outputs, jobs, todo, strict=True):

@@ -333,7 +333,8 @@ def _lattice(lf: LightField, source: Path, layout: dict[str, Any]) -> Lattice | 
     if lf.raw is not None:
         return lf.raw.lattice
     where = {name: layout[name] for name in ("white", "dark", "grid") if layout[name] is not None}
-    return read_raw(source, device=lf.device, **where).lattice if where else None
+    force = layout["force"]
+    return read_raw(source, device=lf.device, force=force, **where).lattice if where else None
 
 
 def _of_lattice(lattice: Lattice) -> Rows:

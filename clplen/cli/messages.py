@@ -14,6 +14,7 @@ INTERRUPTED = 130  # 128 + SIGINT, as shells count
 # Python's words, and what the command line has for them.
 _TYPED = (
     (r"\ballow_missing=True gives", "--allow-missing gives"),
+    (r"\bforce=True", "--force"),
     (r"\bviews=\((\w+), (\w+)\)", r"--views \1 \2"),
     (r"\bpattern=(?=')", "--pattern "),
     (
