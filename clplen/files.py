@@ -40,11 +40,13 @@ def check_writable(path: PathLike) -> Path:
     Raises
     ------
     OSError
-        If ``path`` is a folder, or its folder does not exist or takes no files.
+        If ``path`` is a folder, a device or a pipe, or its folder does not exist or takes no files.
     """
     target = Path(path)
     if target.is_dir():
         raise IsADirectoryError(f"{target} is a folder: name the file to write in it.")
+    if target.exists() and not target.is_file():
+        raise OSError(f"{target} is a device or a pipe: name an ordinary file.")
     _check_takes_files(target.parent, target)
     return target
 

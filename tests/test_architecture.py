@@ -19,6 +19,7 @@ PACKAGE = ROOT / "clplen"
 STOREYS = (
     {"errors"},
     {"files", "hdf5_heap"},
+    {"outputs"},
     {"compute"},
     {"wave", "lightfield"},
     {"cameras"},
@@ -36,7 +37,7 @@ ANYWHERE = {"numpy", "scipy", "pyopencl"}
 GUESTS = {
     "compute": {"ducc0", "pyvkfft"},
     "microscopy": {"h5py"},
-    "io": {"h5py", "imageio", "tifffile", "tqdm", "zarr"},
+    "io": {"PIL", "h5py", "imageio", "tifffile", "tqdm", "zarr"},
     "plot": {"matplotlib"},
     "config": {"pydantic", "tomli"},
     "batch": {"dask", "distributed", "pydantic"},

@@ -139,6 +139,9 @@ force = click.option(
     help="Replace outputs that clplen did not write; take a white image whose lattice is not to be "
     "trusted.",
 )
+force_output = click.option(
+    "--force", is_flag=True, help="Replace outputs that clplen did not write."
+)
 layout = _with_options(
     click.option(
         "--pattern",

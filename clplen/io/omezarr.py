@@ -21,6 +21,7 @@ from clplen.io.blocks import Array, Block, checked, put
 from clplen.io.bounds import require_bytes
 from clplen.io.zarrpackage import format_2, zarr_package
 from clplen.lightfield.raw import Spacing
+from clplen.outputs import MARK
 
 SUFFIX = ".zarr"
 _CHUNK = 512  # pixels along y and x, at most
@@ -110,6 +111,7 @@ def write_omezarr(
                 "multiscales": [_multiscales(Path(path), sizes, axes, spacing, depth, first)],
                 "omero": _omero(names, limits, colour=not channels and len(names) == 3),
                 "clplen": description,
+                "software": MARK,
             }
         )
 

@@ -30,6 +30,7 @@ from clplen.io.opening import Found, light_field, stored_light_field
 from clplen.io.zarrpackage import format_2, zarr_package
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.stored import StoredLightField
+from clplen.outputs import MARK
 
 _RATIO = 32768.0  # of Zstandard, blocks of 128 KiB in 4 bytes (RFC 8878); others pack less
 _SPARSE = 4  # chunks that are not there hold the fill value: a quarter has to be there
@@ -62,6 +63,7 @@ def write_zarr(path: PathLike, lf: LightField) -> None:
     with filling(path) as folder:
         store = str(folder)
         group = zarr.open_group(store, mode="w", **form)
+        group.attrs["software"] = MARK
         chunks = _chunks(lf)
         data = zarr.create(
             lf.shape, chunks=chunks, dtype=lf.dtype, store=store, path=SAMPLES, **form

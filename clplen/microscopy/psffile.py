@@ -16,6 +16,7 @@ from clplen.errors import FormatError
 from clplen.files import PathLike, check_space, replacing
 from clplen.hdf5_heap import require_heaps
 from clplen.microscopy.images import PointImages
+from clplen.outputs import MARK
 
 FORMAT = "clplen point images 1"
 # Bytes of a file over those of its images; from .79 and .46 on were measured.
@@ -39,6 +40,7 @@ def write(path: PathLike, images: PointImages) -> None:
     """
     made = io.BytesIO()
     with h5py.File(made, "w") as file:
+        file.attrs["software"] = MARK
         file.attrs["format"] = FORMAT
         file.attrs["parameters"] = json.dumps(images.parameters)
         file.attrs["digest"] = digest(images)
