@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from clplen.errors import ShapeError
+from clplen.interrupts import unfinished
 
 PathLike = str | os.PathLike[str]
 _ERRNO = re.compile(r"errno = (\d+)")  # as HDF5 says it, in the midst of other things
@@ -256,7 +257,7 @@ def replacing(path: PathLike, durable: bool = False) -> Iterator[Path]:
     target = check_writable(path)
     temporary = _beside(target)
     try:
-        with _said_of(target):
+        with _said_of(target), unfinished(temporary):
             yield temporary
             if durable:
                 _sync(temporary)
@@ -328,12 +329,11 @@ def filling(path: PathLike, durable: bool = False, replace: bool = False) -> Ite
     _check_takes_files(target.parent, target)
     temporary = _beside(target)
     try:
-        with _said_of(target):
+        with _said_of(target), unfinished(temporary):
             temporary.mkdir()
             yield temporary
             if durable:
                 _sync_all(temporary)
-        with _said_of(target):
             if replace:
                 _exchange(temporary, target)
             elif not _moved(temporary, target):

@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from clplen.files import PathLike, check_folder, check_writable, filling
+from clplen.interrupts import unfinished
 
 MARK = "Written by clplen"
 _ENDS = 1 << 16  # bytes at the beginning and at the end of a file in which the mark is looked for
@@ -173,7 +174,10 @@ def updating(folder: PathLike, contents: str, *, force: bool = False) -> Iterato
             "folder, or force=True writes into it."
         )
     check_folder(target)
-    with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}-") as staged:
+    with (
+        tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.name}-") as staged,
+        unfinished(Path(staged)),
+    ):
         yield Path(staged)
         names = sorted(path.name for path in Path(staged).iterdir())
         for name in names:
