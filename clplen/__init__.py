@@ -12,6 +12,7 @@ batch/        many light fields: jobs, their items, workers
 from importlib import import_module
 from typing import Any
 
+from clplen import interrupts  # noqa: F401 (first: Ctrl-C while the rest is imported)
 from clplen.cameras.aberrations import Aberrations, LensletScatter
 from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.correction import correct_aberrations

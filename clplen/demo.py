@@ -23,6 +23,7 @@ from clplen.lightfield.estimate import AlphaEstimate, estimate_alpha
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.raw import RawImage
 from clplen.lightfield.refocus import focal_stack, refocus
+from clplen.outputs import MARK
 from clplen.wave.lenslets import MicrolensArray
 from clplen.wave.statistics import add_scaled
 
@@ -33,6 +34,10 @@ THESIS_ALPHAS = (0.850, 0.925, 1.080, 1.105)  # its table of section 1.6, at DEP
 REFOCUS_ALPHAS = (0.7368, 1.0, 1.1724)
 STACK_ALPHAS = (0.65, 1.25, 25)  # first, last, number of planes
 METHODS = ("thesis", "energy", "compensated")
+FILES = (  # that `run` writes
+    "lightfield.h5", "raw.tif", "raw.png", "views.png", "rendering.png", "phase_space.png",
+    "refocused.png", "stack.tif", "stack.png", "energy_curves.png", "alpha.png", "tables.txt",
+)  # fmt: skip
 STEPS = 5 + len(DEPTHS)  # of `run`
 
 
@@ -165,7 +170,7 @@ def run(
     step("depth figures")
     _write_estimates(folder, cam, found)
     with replacing(folder / "tables.txt") as temporary:
-        temporary.write_text("\n\n".join(tables) + "\n", encoding="utf-8")
+        temporary.write_text("\n\n".join([*tables, f"{MARK}."]) + "\n", encoding="utf-8")
 
 
 def _write_pictures(folder: Path, cam: Plenoptic1, raw: RawImage, lf: LightField) -> None:

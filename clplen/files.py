@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from clplen.errors import ShapeError
+from clplen.interrupts import unfinished
 
 PathLike = str | os.PathLike[str]
 _ERRNO = re.compile(r"errno = (\d+)")  # as HDF5 says it, in the midst of other things
@@ -40,11 +41,13 @@ def check_writable(path: PathLike) -> Path:
     Raises
     ------
     OSError
-        If ``path`` is a folder, or its folder does not exist or takes no files.
+        If ``path`` is a folder, a device or a pipe, or its folder does not exist or takes no files.
     """
     target = Path(path)
     if target.is_dir():
         raise IsADirectoryError(f"{target} is a folder: name the file to write in it.")
+    if target.exists() and not target.is_file():
+        raise OSError(f"{target} is a device or a pipe: name an ordinary file.")
     _check_takes_files(target.parent, target)
     return target
 
@@ -254,7 +257,7 @@ def replacing(path: PathLike, durable: bool = False) -> Iterator[Path]:
     target = check_writable(path)
     temporary = _beside(target)
     try:
-        with _said_of(target):
+        with _said_of(target), unfinished(temporary):
             yield temporary
             if durable:
                 _sync(temporary)
@@ -326,12 +329,11 @@ def filling(path: PathLike, durable: bool = False, replace: bool = False) -> Ite
     _check_takes_files(target.parent, target)
     temporary = _beside(target)
     try:
-        with _said_of(target):
+        with _said_of(target), unfinished(temporary):
             temporary.mkdir()
             yield temporary
             if durable:
                 _sync_all(temporary)
-        with _said_of(target):
             if replace:
                 _exchange(temporary, target)
             elif not _moved(temporary, target):

@@ -17,8 +17,9 @@ PACKAGE = ROOT / "clplen"
 # Units from the ground up; those of one storey never import each other. `clplen` is the list of
 # public names: it imports the towers, and only what stands above them imports it.
 STOREYS = (
-    {"errors"},
+    {"errors", "interrupts"},
     {"files", "hdf5_heap", "hdf5_links"},
+    {"outputs"},
     {"compute"},
     {"wave", "lightfield"},
     {"cameras"},
@@ -38,7 +39,7 @@ GUESTS = {
     "compute": {"ducc0", "pyvkfft"},
     "hdf5_links": {"h5py"},
     "microscopy": {"h5py"},
-    "io": {"h5py", "imageio", "tifffile", "tqdm", "zarr"},
+    "io": {"PIL", "h5py", "imageio", "tifffile", "tqdm", "zarr"},
     "plot": {"matplotlib"},
     "config": {"pydantic", "tomli"},
     "batch": {"cryptography", "dask", "distributed", "pydantic"},

@@ -510,10 +510,8 @@ def test_a_stack_as_ome_zarr(tmp_path: Path, device: Device):
     zarr = pytest.importorskip("zarr", reason="the extra zarr is not installed")
     np.save(tmp_path / "lf.npy", np.random.default_rng(1).random((3, 4, 21, 17), np.float32))
     words = ["stack", str(tmp_path / "lf.npy"), "-o", str(tmp_path / "s.zarr"), "--device"]
-    for _ in range(2):  # what it wrote itself is replaced
-        run = CliRunner().invoke(main, [*words, device.place, "--disparities", "-1:1:5"])
+    for count in (5, 5, 7):  # what it wrote itself is replaced
+        run = CliRunner().invoke(main, [*words, device.place, "--disparities", f"-1:1:{count}"])
         assert run.exit_code == 0, run.output
-    assert zarr.open_group(str(tmp_path / "s.zarr"), mode="r")["0"].shape == (5, 21, 17)
-    other = CliRunner().invoke(main, [*words, device.place, "--disparities", "-1:1:7"])
-    assert other.exit_code == 1
-    assert "(7, 21, 17)" in other.output
+        written = zarr.open_group(str(tmp_path / "s.zarr"), mode="r")["0"]
+        assert written.shape == (count, 21, 17)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -65,7 +66,10 @@ def test_a_pair_is_compared(run: Run, tmp_path: Path, device: Device) -> None:
     text = (out / "report.md").read_text()
     assert "| `standard` | `focused` |" in text
     assert "**usable MTF50**: `focused` wins" in text
-    assert text.strip() in result.output
+    shown, mark, files = text.partition("<!-- Written by clplen: ")
+    assert shown.strip() in result.output
+    assert mark
+    assert set(files.removesuffix(" -->\n").split(" | ")) == set(os.listdir(out))
     assert (out / "depth.csv").read_text().startswith("camera,dz_m,place,error_m,note\nstandard,")
     assert {file.stem for file in out.glob("*.csv")} == (figures - {"pictures"}) | {
         "summary",

@@ -417,7 +417,7 @@ BAD: list[tuple[list[str], str, int]] = [
     (["a.tif", "-o", "v.png"], "The output ends in .tif or .tiff or .zarr", 2),
     (["a.tif", "-o", "a.tif"], "is one of the files that are read", 2),
     (["a.tif", "-o", "a.tif/v.tif"], "is to be a folder, but there is a file", 1),
-    (["a.tif", "-o", "noise.tif"], "is there already and no volume of clplen", 2),
+    (["a.tif", "-o", "noise.tif"], "is there already, and clplen did not write it", 1),
     (["volume.tif", "-o", "v.tif"], "is a volume, as clplen writes them", 2),
     (["a.tif", "-o", "v.tif", "--memory", "1"], "--memory is at least 1MiB", 2),
     (["a.tif", "-o", "v.tif", "--white", "noise.tif", "--saturation", "9"],

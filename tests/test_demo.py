@@ -41,10 +41,12 @@ def result(tmp_path_factory: pytest.TempPathFactory, device: Device):
 
 def test_everything_is_written_and_nothing_else(result):
     folder, said, steps = result
-    assert {file.name for file in folder.iterdir()} == FILES
+    assert {file.name for file in folder.iterdir()} == FILES == set(demo.FILES)
     assert len(steps) == demo.STEPS
     assert len(said) == 3
-    assert (folder / "tables.txt").read_text(encoding="utf-8") == "\n\n".join(said) + "\n"
+    assert (folder / "tables.txt").read_text(encoding="utf-8") == "\n\n".join(
+        [*said, "Written by clplen."]
+    ) + "\n"
 
 
 def test_the_tables(result):

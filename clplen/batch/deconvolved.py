@@ -53,7 +53,7 @@ def volumes(
     path = Path(task.base, task.source["path"]) if task.source["kind"] == "file" else None
     files = {"psf": str(Path(task.base, table.pop("psf")))}
     files |= {name: layout[name] for name in ("white", "dark") if name in layout}
-    series = _kept(shop, files, How(**table))
+    series = _kept(shop, files, How(**table), force=layout.get("force", False))
     frame = series.prepared(_frame(path, raw))
     said = series.remarks(frame)
     found = series(frame, progress=advance)
@@ -84,12 +84,14 @@ def _frame(path: Path | None, raw: RawImage | None) -> Any:
     return raw.to_numpy()
 
 
-def _kept(shop: Workshop, files: dict[str, str], how: How) -> Deconvolver:
+def _kept(shop: Workshop, files: dict[str, str], how: How, *, force: bool = False) -> Deconvolver:
     """That of the item before, where it has the same files and words."""
-    key = (how, *((name, path, stamp(Path(path))) for name, path in files.items()))
+    key = (how, force, *((name, path, stamp(Path(path))) for name, path in files.items()))
     if shop.deconvolver is None or shop.deconvolver[0] != key:
         shop.deconvolver = None  # its matrices go before others come
         images = read_psf(files.pop("psf"))
-        made = Deconvolver(images, how, device=shop.device, memory=shop.memory // 2, **files)
+        made = Deconvolver(
+            images, how, device=shop.device, memory=shop.memory // 2, force=force, **files
+        )
         shop.deconvolver = (key, made)
     return shop.deconvolver[1]

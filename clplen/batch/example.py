@@ -17,8 +17,8 @@ output = "results"              # a folder in it for each light field
 
 # Where light fields come from: any of [[inputs]], [[simulations]] and [[scenes]], several of each
 
-[[inputs]]
-files = ["captures/*.h5"]       # needed; * and ** as in a shell; also folders of views
+# [[inputs]]                    # your own files, in place of the [[scenes]] below
+# files = ["captures/*.h5"]     # needed; * and ** as in a shell; also folders of views
 # name = "{stem}"               # of the item; {name}, {parent}, {path} and {index} are known, too
 
 # [inputs.layout]               # how the files are read, as by read_lightfield in Python
@@ -41,6 +41,7 @@ files = ["captures/*.h5"]       # needed; * and ** as in a shell; also folders o
 # devignette = true             # default: where there is a white image
 # dataset = "LF"                # default: found out; of a file that holds several arrays
 # max_bytes = "2 GiB"           # default: half of the free memory; that a file may ask for
+# force = false                 # true: a white image will do whose lattice is not to be trusted
 
 # [[simulations]]               # light fields of a camera file
 # camera = "camera.toml"        # needed; 'clplen simulate --example' prints one
@@ -51,14 +52,14 @@ files = ["captures/*.h5"]       # needed; * and ** as in a shell; also folders o
 # values = [-100, -50, 0, 50]   # needed
 # name = "dz_mm"                # default: the key's last word that is no number; in items' names
 
-# [[scenes]]                    # scenes whose depth is known exactly
-# kind = ["bars", "spheres"]    # needed; "all", or any of: plane, slant, layers, roof, valley,
+[[scenes]]                      # scenes whose depth is known exactly
+kind = ["bars", "spheres"]      # needed; "all", or any of: plane, slant, layers, roof, valley,
                                 # staircase, spheres, bars, backgammon, dots, stripes, pyramids,
                                 # room, glossy, clutter
 # name = "set"                  # default: none; before kind and seed in items' names
 # seeds = [0]                   # other seeds draw other scenes
-# shape = [512, 512]            # of a view, [y, x]; not with a camera
-# views = [9, 9]                # [rows, columns]; not with a camera
+shape = [128, 128]              # default: [512, 512]; of a view, [y, x]; not with a camera
+views = [5, 5]                  # default: [9, 9]; [rows, columns]; not with a camera
 # noise = 0.02                  # default: 0, 0.01, 0.02 or 0.05 in turn; fraction of white; not
                                 # with a camera
 # camera = "camera.toml"        # default: none; through it by rays, without its [scene]

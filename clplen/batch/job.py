@@ -89,7 +89,7 @@ class Job(HowTable):
         strange = [
             f"inputs.{i}.layout.{word}"
             for i, one in enumerate(self.inputs)
-            for word in sorted(one.layout.model_fields_set - {"white", "dark"})
+            for word in sorted(one.layout.model_fields_set - {"white", "dark", "force"})
         ]
         if strange and not any(getattr(self, name) is not None for name in WORK[:-2]):
             raise ValueError(f"{strange[0]} says nothing to [deconvolve]: leave it out")

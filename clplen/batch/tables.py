@@ -40,6 +40,7 @@ class LayoutTable(Table):
     devignette: Switch | None = None
     dataset: str | None = None
     max_bytes: Size | None = None
+    force: Switch = False
 
 
 class InputTable(Table):

@@ -71,6 +71,8 @@ class Deconvolver:
         Frames; without a white one frames are rectified already.
     memory : int, optional
         As of `Projector`.
+    force : bool
+        As of `preparation`.
 
     Raises
     ------
@@ -89,6 +91,7 @@ class Deconvolver:
         white: PathLike | None = None,
         dark: PathLike | None = None,
         memory: int | None = None,
+        force: bool = False,
     ) -> None:
         self.images, self.how, self.device, self._memory = images, how, device, memory
         self._white, self._dark = white, dark
@@ -97,7 +100,7 @@ class Deconvolver:
         }
         with naming(white or "Without a white frame"):
             self._prepare = preparation(
-                self.images.pixels, device=device, saturation=how.saturation, **beside
+                self.images.pixels, device=device, saturation=how.saturation, force=force, **beside
             )
         self._projector: Projector | None = None
 

@@ -21,6 +21,7 @@ from clplen.batch.workshop import StoppedError, Workshop
 from clplen.errors import ClplenError, FormatError
 from clplen.files import check_folder, clear_temporaries, replacing
 from clplen.io.digest import digest, size_of
+from clplen.outputs import is_ours
 
 RECORD = "item.json"
 # Errors of the system that trying again does not mend.
@@ -124,6 +125,7 @@ def _results(
             }
         _check_unchanged(task, before)
         old = record_of(task)
+        _check_own(folder, {product.name for product in products} - set(old.outputs if old else ()))
         (folder / RECORD).unlink(missing_ok=True)  # from here on old and new results mix
         names = write(folder, products, shop, seconds)
     _remove(folder, set(old.outputs if old else ()) - set(names))
@@ -133,6 +135,16 @@ def _results(
             for name in names
         }
     return inputs, outputs
+
+
+def _check_own(folder: Path, names: set[str]) -> None:
+    """Refuse to write over what clplen did not write."""
+    for path in sorted(folder / name for name in names):
+        if os.path.lexists(path) and not is_ours(path):
+            raise FileExistsError(
+                f"{path} is there already and clplen did not write it: move it, or name another "
+                "output for the job."
+            )
 
 
 def _remove(folder: Path, names: set[str]) -> None:

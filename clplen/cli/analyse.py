@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clplen.cli import options
-from clplen.cli.common import bar_of, opened, reach
+from clplen.cli.common import bar_of, note_link, opened, reach
 from clplen.cli.messages import note
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from clplen.config import CameraFile
 
 _NAMES = ("standard", "focused")
+_REPORT = "report.md"
 
 
 def _print_example(ctx: click.Context, _: click.Parameter, kind: str | None) -> None:
@@ -37,7 +38,7 @@ def _print_example(ctx: click.Context, _: click.Parameter, kind: str | None) -> 
     required=True,
     metavar="FOLDER",
     type=click.Path(path_type=Path),
-    help="New folder for report.md, tables (CSV) and figures (PNG).",
+    help="Folder for report.md, tables (CSV) and figures (PNG).",
 )
 @click.option(
     "--only",
@@ -61,6 +62,7 @@ def _print_example(ctx: click.Context, _: click.Parameter, kind: str | None) -> 
     help="Print the camera file of one of a pair with the same main lens, lenslets and sensor, and "
     "stop.",
 )
+@options.force_output
 @options.device
 def analyse(
     cameras: tuple[Path, ...],
@@ -68,6 +70,7 @@ def analyse(
     only: str | None,
     depths_mm: Any,
     quick: bool,
+    force: bool,
     selector: str | None,
 ) -> None:
     """Compare plenoptic cameras: resolution, samples, crosstalk, contrast and depth over depth.
@@ -83,14 +86,15 @@ def analyse(
     """
     from clplen.analysis.comparison import ANALYSES, OVER_DEPTH, compare, known_analyses, told_of
     from clplen.cameras.microscope import Microscope
-    from clplen.files import filling
+    from clplen.outputs import updating
 
     names = known_analyses(_split(only)) if only is not None else ANALYSES
     if depths_mm is not None and not set(names) & set(OVER_DEPTH):
         note(f"--depths-mm is not used: depths belong to {' and '.join(OVER_DEPTH)}.")
     files = _read(cameras)
     scenes = _scenes(files) if "pictures" in names else None
-    with filling(output) as folder:
+    note_link(output)
+    with updating(output, _REPORT, force=force) as folder:
         device = opened(selector)
         built: dict[str, Plenoptic] = {}
         for name, file in files.items():
@@ -156,15 +160,17 @@ def _write(folder: Path, found: Comparison) -> tuple[str, str]:
     from clplen import plot
     from clplen.analysis.summary import report
     from clplen.analysis.tables import tables
+    from clplen.outputs import listed
 
     text = report(found)
-    (folder / "report.md").write_text(text)
     csv = tables(found)
     for name, table in csv.items():
         table.write(folder / f"{name}.csv")
     figures = plot.comparison(found)
     for name, figure in figures.items():
         plot.save(figure, folder / f"{name}.png")
+    names = [_REPORT, *(f"{name}.csv" for name in csv), *(f"{name}.png" for name in figures)]
+    (folder / _REPORT).write_text(f"{text}\n{listed(names)}", encoding="utf-8")
     return text, f"report.md, {_names(csv, 'csv')} and {_names(figures, 'png')}"
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -153,23 +153,34 @@ def tried_by(lf: LightField | StoredLightField, planes: dict[str, Any]) -> Any:
 
 
 def check_outputs(source: Path, layout: dict[str, Any], *outputs: Path) -> None:
-    """Refuse outputs that cannot be written, or would replace what is read.
+    """Refuse outputs that cannot be written, are read, or were not written by clplen."""
+    from clplen.io import files_of
 
-    A Zarr that is there already is looked at by its writer, which replaces none of another kind.
-    """
-    from clplen.io import check_writable, files_of
-
-    files_only = [path for path in outputs if not (path.suffix == ".zarr" and path.is_dir())]
-    there = [path for path in map(check_writable, files_only) if path.exists()]
     with listening():  # reading says it again
-        files = files_of(source, **layout) if there else []
-    for file in files:
-        for output in there:
-            if file.exists() and file.samefile(output):
-                raise click.UsageError(
-                    f"{output} is one of the files of {source} that are read: name an output "
-                    "elsewhere."
-                )
+        files = files_of(source, **layout) if any(path.exists() for path in outputs) else []
+    for output in outputs:
+        check_output(output, layout["force"], files, f" of {source}")
+
+
+def check_output(output: Path, force: bool, inputs: Iterable[Path], of: str = "") -> None:
+    """Refuse an output that cannot be written, is read, or was not written by clplen.
+
+    ``of`` tells what the inputs belong to.
+    """
+    from clplen import outputs
+
+    for file in inputs:
+        if output.exists() and file.exists() and file.samefile(output):
+            raise click.UsageError(
+                f"{output} is one of the files{of} that are read: name an output elsewhere."
+            )
+    outputs.check_output(output, force=force)
+
+
+def note_link(folder: Path | str) -> None:
+    """Say where files go if an output folder is a link."""
+    if Path(folder).is_symlink():
+        note(f"{folder} is a link: files go to {Path(folder).resolve()}.")
 
 
 def check_suffix(output: Path, suffixes: tuple[str, ...]) -> None:

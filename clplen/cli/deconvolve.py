@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from clplen.cli import options
-from clplen.cli.common import bar_of, check_suffix, opened, reach
+from clplen.cli.common import bar_of, check_output, check_suffix, opened, reach
 from clplen.cli.messages import note
 
 if TYPE_CHECKING:
@@ -91,6 +91,7 @@ class Residual(click.ParamType):
 )  # fmt: skip
 @click.option("--warm-start", is_flag=True, help="Begin each frame with the volume before it.")
 @click.option("--memory", type=options.Size(), help="Bytes for matrices (512MiB, 4GB).")
+@options.force
 @options.device
 def deconvolve(
     frames: tuple[Path, ...],
@@ -109,6 +110,7 @@ def deconvolve(
     saturation: float | None,
     warm_start: bool,
     memory: int | None,
+    force: bool,
     selector: str | None,
 ) -> None:
     """Find the volume behind raw frames of a light-field microscope, one each.
@@ -118,7 +120,7 @@ def deconvolve(
     The white frame tells the lattice of lenslets, with which frames are rectified, and how
     sensitive pixels are. Each volume is written whole before the next frame begins; those that are
     there already, of the same frame, words and version of clplen, are not made again. Folders of
-    volumes are made; a file that is no volume of clplen is never replaced.
+    volumes are made; a file that clplen did not write is replaced with --force only.
 
     \b
     Example:
@@ -139,7 +141,7 @@ def deconvolve(
         raise click.UsageError(f"--memory is at least 1MiB, not {memory} bytes: did you mean 1GB?")
     _tell_what_is_missing(gain, residual, prior, white, dark)
     pages = [page for path in frames for page in _pages(path)]
-    outputs = _outputs(pages, output, [source, white, dark])
+    outputs = _outputs(pages, output, [source, white, dark], force)
     images = read_psf(source)
     how = How(
         iterations=iterations,
@@ -159,7 +161,7 @@ def deconvolve(
     if not any(todo):
         return
     series = Deconvolver(
-        images, how, device=opened(selector), white=white, dark=dark, memory=memory
+        images, how, device=opened(selector), white=white, dark=dark, memory=memory, force=force
     )
     before, tally = None, _Tally()
     for page, out, job, wanted in zip(pages, outputs, jobs, todo, strict=True):
@@ -274,10 +276,11 @@ def _made(
     return text + "."
 
 
-def _outputs(pages: list[_Page], output: Path, others: list[Path | None]) -> list[Path]:
-    """A file for each frame, none of them one that is read or that is no volume."""
-    from clplen.io import check_folder, check_writable
-    from clplen.io.volume import is_volume
+def _outputs(
+    pages: list[_Page], output: Path, others: list[Path | None], force: bool
+) -> list[Path]:
+    """A file for each frame, none of them one that is read or that clplen did not write."""
+    from clplen.io import check_folder
     from clplen.io.zarrpackage import zarr_package
 
     check_suffix(output, (".tif", ".tiff", ".zarr"))
@@ -292,26 +295,11 @@ def _outputs(pages: list[_Page], output: Path, others: list[Path | None]) -> lis
         raise click.UsageError(f"Two frames would be written to {doubled[0]}: rename one.")
     if output.suffix.lower() == ".zarr":
         zarr_package("write .ome.tif")
-    read = [
-        path
-        for path in (*{page.path for page in pages}, *others)
-        if path is not None and path.exists()
-    ]
+    read = [path for path in (*{page.path for page in pages}, *others) if path is not None]
     for out in made:
         check_folder(out.parent)
-        if not (out.suffix == ".zarr" and out.is_dir()):
-            check_writable(out)
-        if out.exists() and any(out.samefile(path) for path in read):
-            raise click.UsageError(f"{out} is one of the files that are read: name another output.")
-        if _is_something(out) and not is_volume(out):
-            raise click.UsageError(
-                f"{out} is there already and no volume of clplen: name another output or remove it."
-            )
+        check_output(out, force, read)
     return made
-
-
-def _is_something(path: Path) -> bool:
-    return any(path.iterdir()) if path.is_dir() else path.exists()
 
 
 def _jobs(

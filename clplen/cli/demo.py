@@ -8,7 +8,7 @@ import click
 from tqdm import tqdm
 
 from clplen.cli import options
-from clplen.cli.common import advance, bar_of, opened
+from clplen.cli.common import advance, bar_of, note_link, opened
 
 
 @click.command()
@@ -20,8 +20,9 @@ from clplen.cli.common import advance, bar_of, opened
     metavar="FOLDER",
     help="Folder for tables, pictures and data; made if it is not there.",
 )
+@options.force_output
 @options.device
-def demo(output: str, selector: str | None) -> None:
+def demo(output: str, force: bool, selector: str | None) -> None:
     """Simulate three points before a plenoptic camera, refocus them, find their depths.
 
     \b
@@ -30,7 +31,10 @@ def demo(output: str, selector: str | None) -> None:
     """
     from clplen import demo as experiment
     from clplen.io import output_folder
+    from clplen.outputs import check_outputs
 
+    note_link(output)
+    check_outputs(output, experiment.FILES, force=force)
     device = opened(selector)
     with output_folder(output) as folder, bar_of(experiment.STEPS, "step") as bar:
         experiment.run(

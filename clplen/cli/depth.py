@@ -124,7 +124,7 @@ def depth(
     if output.suffix.lower() == ".npy":
         metres.write_map(output, found.disparity)
     else:
-        write_depth(output, found, spacing=lf.spacing)
+        write_depth(output, found, spacing=lf.spacing, replace=True)
     if confidence is not None:
         metres.write_map(confidence, found.confidence)
     plot.save(plot.depth(found, title=f"disparity of {source.name}"), picture)

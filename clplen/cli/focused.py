@@ -233,7 +233,15 @@ def read(source: Path, selector: str | None, layout: dict[str, Any], image: Path
         raw = read_raw(source, device=device, image=image)
     else:
         found_on = white if grid is None else None
-        raw = read_raw(source, device=device, image=image, white=found_on, dark=dark, grid=grid)
+        raw = read_raw(
+            source,
+            device=device,
+            image=image,
+            white=found_on,
+            dark=dark,
+            grid=grid,
+            force=layout["force"],
+        )
     require_focused(raw)
     return Opened(raw, None if layout["devignette"] is False else _white(white, dark))
 

@@ -47,7 +47,7 @@ def find_depth(
     found = focused_depth(opened.raw, ms=ms, white=opened.flat)
     size = found.geometry.patch(found.median)
     maps = focused_maps(opened.raw, found, grid=PictureGrid.over(found.geometry, size, step))
-    write_focused_depth(output, found, maps)
+    write_focused_depth(output, found, maps, replace=True)
     files = ""
     if confidence is not None:
         write_map(confidence, maps.confidence.astype(np.float32))

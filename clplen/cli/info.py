@@ -13,7 +13,7 @@ import click
 import numpy as np
 
 from clplen.cli import options
-from clplen.cli.common import listening, read
+from clplen.cli.common import check_outputs, listening, read
 from clplen.cli.info_arrays import map_in, of_map, of_volume, volume_in
 from clplen.cli.messages import typed
 from clplen.cli.microscope import described
@@ -77,7 +77,9 @@ def info(
     from clplen.io import is_raw_file
     from clplen.io.focused import found_in
 
-    given = {name: value for name, value in layout.items() if value not in (None, False)}
+    if save_grid is not None:
+        check_outputs(source, layout, save_grid)
+    given = {name for name, value in layout.items() if value not in (None, False)} - {"force"}
     focused = None if given or save_grid else found_in(source)
     plain = not given and not save_grid and focused is None
     volume = volume_in(source) if plain else None
@@ -333,7 +335,8 @@ def _lattice(lf: LightField, source: Path, layout: dict[str, Any]) -> Lattice | 
     if lf.raw is not None:
         return lf.raw.lattice
     where = {name: layout[name] for name in ("white", "dark", "grid") if layout[name] is not None}
-    return read_raw(source, device=lf.device, **where).lattice if where else None
+    force = layout["force"]
+    return read_raw(source, device=lf.device, force=force, **where).lattice if where else None
 
 
 def _of_lattice(lattice: Lattice) -> Rows:

@@ -8,12 +8,13 @@ from typing import Any
 
 import click
 
+from clplen import interrupts
 from clplen.errors import ClplenError
 
-INTERRUPTED = 130  # 128 + SIGINT, as shells count
 # Python's words, and what the command line has for them.
 _TYPED = (
     (r"\ballow_missing=True gives", "--allow-missing gives"),
+    (r"\bforce=True", "--force"),
     (r"\bviews=\((\w+), (\w+)\)", r"--views \1 \2"),
     (r"\bpattern=(?=')", "--pattern "),
     (
@@ -38,13 +39,15 @@ class Commands(click.Group):
     """Commands whose expected failures are one sentence, not a traceback."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        with warnings.catch_warnings():
+        with interrupts.unwinding(), warnings.catch_warnings():
             warnings.showwarning = _show_warning
             try:
                 return super().invoke(ctx)
             except KeyboardInterrupt:
-                click.echo("\nInterrupted; no file was left half-written.", err=True)
-                ctx.exit(INTERRUPTED)
+                if interrupts.is_command():
+                    interrupts.leave()
+                click.echo(f"\n{interrupts.SENTENCE}", err=True)
+                ctx.exit(interrupts.STATUS)
             except BrokenPipeError:
                 raise
             except (ClplenError, ValueError, OSError, MemoryError) as error:

@@ -176,12 +176,11 @@ def _points_of_camera(lf: LightField | StoredLightField, z: Values) -> tuple[Val
 
 def write_map(path: Path, values: Values) -> None:
     """A float map (y, x) as PFM, TIFF or NumPy, by its suffix."""
-    from clplen.files import replacing
     from clplen.io import write_pfm, write_picture
+    from clplen.io.npy import write_npy
 
     if path.suffix.lower() == ".npy":
-        with replacing(path) as partial, partial.open("wb") as file:
-            np.save(file, values)
+        write_npy(path, values)
     elif path.suffix.lower() == ".pfm":
         write_pfm(path, values)
     else:

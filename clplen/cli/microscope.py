@@ -15,7 +15,7 @@ import click
 import numpy as np
 
 from clplen.cli import options
-from clplen.cli.common import bar_of, check_suffix, opened, reach
+from clplen.cli.common import bar_of, check_output, check_suffix, opened, reach
 from clplen.cli.messages import note
 
 if TYPE_CHECKING:
@@ -81,8 +81,9 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
     callback=_print_example,
     help="Print a commented CAMERA.toml, that of a giant vesicle, and stop.",
 )
+@options.force_output
 @options.device
-def psf(camera: Path, output: Path, selector: str | None, **sampling: Any) -> None:
+def psf(camera: Path, output: Path, force: bool, selector: str | None, **sampling: Any) -> None:
     """Simulate the point images of a microscope, and keep them in a file.
 
     CAMERA.toml is a camera file with kind = "microscope", or has the names of LFAnalyze:
@@ -97,7 +98,6 @@ def psf(camera: Path, output: Path, selector: str | None, **sampling: Any) -> No
       clplen microscope deconvolve guv.tif -c psf.h5 --white white.tif -o volume.ome.tif
     """
     from clplen.config.microscope import read_microscope_file
-    from clplen.io import check_writable
 
     check_suffix(output, (".h5", ".hdf5"))
     file = read_microscope_file(camera, binning=sampling["binning"])
@@ -109,7 +109,7 @@ def psf(camera: Path, output: Path, selector: str | None, **sampling: Any) -> No
             f"{file.least} x {file.least} parts of a pixel: leave it out, or give {file.least}."
         )
     z = _planes_of(file, sampling, camera)
-    check_writable(output)
+    check_output(output, force, [camera])
     with _ended_politely():
         images = _simulated(file, z, sampling, opened(selector), output)
     kept = min(images.kept(plane) for plane in range(len(z)))
@@ -121,9 +121,15 @@ def psf(camera: Path, output: Path, selector: str | None, **sampling: Any) -> No
 @click.option("-c", "--psf", "source", required=True, metavar="PSF.h5", type=_PATH)
 @click.option("-o", "--output", required=True, metavar="FRAME.tif", type=_PATH)
 @click.option("--memory", type=options.Size(), help="Bytes for matrices (512MiB, 4GB).")
+@options.force_output
 @options.device
 def project(
-    volume: Path, source: Path, output: Path, memory: int | None, selector: str | None
+    volume: Path,
+    source: Path,
+    output: Path,
+    memory: int | None,
+    force: bool,
+    selector: str | None,
 ) -> None:
     """Project a volume to the raw frame that the microscope would take, without noise.
 
@@ -135,16 +141,15 @@ def project(
       clplen microscope project volume.ome.tif -c psf.h5 -o frame.tif
     """
     from clplen.batch.volumes import read_psf
-    from clplen.io import check_writable, write_picture
+    from clplen.io import write_picture
     from clplen.io.volume import read_volume
     from clplen.microscopy.projector import Projector
 
     check_suffix(output, (".tif", ".tiff"))
+    check_output(output, force, [volume, source])
     values, about = read_volume(volume)
     images = read_psf(source)
     _check_volume(volume, values, about, images)
-    if check_writable(output).exists() and volume.exists() and output.samefile(volume):
-        raise click.UsageError(f"{output} is the volume that is read: name an output elsewhere.")
     v = images.voxels
     shape = (values.shape[1] // v, values.shape[2] // v)
     projector = Projector(images, shape, device=opened(selector), memory=memory)

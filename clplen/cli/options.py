@@ -133,6 +133,15 @@ memory = click.option(
     help="Read the light field part by part, in so many bytes (512MiB, 4GB) on host and device "
     "together; for those that do not fit.",
 )
+force = click.option(
+    "--force",
+    is_flag=True,
+    help="Replace outputs that clplen did not write; take a white image whose lattice is not to be "
+    "trusted.",
+)
+force_output = click.option(
+    "--force", is_flag=True, help="Replace outputs that clplen did not write."
+)
 layout = _with_options(
     click.option(
         "--pattern",
@@ -198,6 +207,7 @@ layout = _with_options(
         metavar="N",
         help="Largest allocation that a file may ask for; default: half of the free memory.",
     ),
+    force,
 )
 plane_range = _with_options(
     click.option(

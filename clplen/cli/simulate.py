@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 import click
 
 from clplen.cli import options
-from clplen.cli.common import bar_of, opened, reach, size_of
+from clplen.cli.common import bar_of, note_link, opened, reach, size_of
 
 if TYPE_CHECKING:
     from clplen.lightfield.raw import RawImage
+
+_FILES = ("raw.tif", "raw.png", "lightfield.h5", "raw.h5")
 
 
 def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -47,8 +49,11 @@ def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None
     help="Keeps the mean of snapshots of partially coherent light, written every 20 s; a run "
     "that finds it goes on from there.",
 )
+@options.force_output
 @options.device
-def simulate(camera: Path, output: str, checkpoint: Path | None, selector: str | None) -> None:
+def simulate(
+    camera: Path, output: str, checkpoint: Path | None, force: bool, selector: str | None
+) -> None:
     """Simulate a camera and a scene of points and pictures: a raw image and its light field.
 
     A focused camera (plenoptic 2.0) has no light field of directions: raw.h5 holds its raw image
@@ -62,6 +67,7 @@ def simulate(camera: Path, output: str, checkpoint: Path | None, selector: str |
     from clplen import plot
     from clplen.config import CoherenceTable, read_camera_file
     from clplen.io import check_writable, output_folder, write_picture
+    from clplen.outputs import check_outputs
 
     wanted = read_camera_file(camera)
     how = wanted.coherence or CoherenceTable()
@@ -70,6 +76,8 @@ def simulate(camera: Path, output: str, checkpoint: Path | None, selector: str |
             f"--checkpoint keeps the mean of snapshots, and {camera} asks for none: leave it out, "
             "or set spatial in [coherence]."
         )
+    note_link(output)
+    check_outputs(output, _FILES, force=force)
     scene, light = wanted.scene.build(), wanted.light()
     device = opened(selector)
     built = wanted.camera.build(device)

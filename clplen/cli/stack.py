@@ -87,7 +87,7 @@ def stack(
     made = focal_stack(lf, aperture=aperture, **planes_of(lf, disparities, alphas))
     best = int(sharpness_curve(made).argmax())
     note_end(made.disparities, made.disparities[best])
-    write_stack(output, made, progress=sys.stderr.isatty())
+    write_stack(output, made, progress=sys.stderr.isatty(), replace=True)
     alpha = made.alphas[best]
     also = f", alpha = {alpha:.4f}" if np.isfinite(alpha) else ""
     click.echo(
@@ -121,7 +121,7 @@ def _of_focused(
         aperture=share,
         white=opened.white,
     )
-    write_focused(output, made)
+    write_focused(output, made, replace=True)
     where = f"m = {planes[0]:.4g}" + (f" to {planes[-1]:.4g}" if len(planes) > 1 else "")
     click.echo(f"{output} holds {options.planes(len(planes))}, {where}.")
 
@@ -149,5 +149,5 @@ def _stream(
             **planes_of(lf, *ends),
         )
         click.echo(made.plan, err=True)
-        write_stack(output, made)
+        write_stack(output, made, replace=True)
     click.echo(f"{output} holds {options.planes(len(made.disparities))}.")

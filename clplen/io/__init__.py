@@ -93,6 +93,7 @@ def read_lightfield(
     devignette: bool | None = None,
     dataset: str | None = None,
     max_bytes: int | None = None,
+    force: bool = False,
     progress: bool = False,
 ) -> LightField:
     """Read a light field of any kind in `clplen.io.kinds`, told by its content.
@@ -145,6 +146,9 @@ def read_lightfield(
         Which array of a file that holds several.
     max_bytes : int, optional
         Largest allocation that a file may ask for; default half of the free memory.
+    force : bool
+        Whether to go on, with a `SamplingWarning`, where the lattice of the white image is not to
+        be trusted, or the raw image shows another one.
     progress : bool
         Whether to show a bar on standard error.
 

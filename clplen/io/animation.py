@@ -10,6 +10,7 @@ import imageio.v3 as imageio
 import numpy as np
 
 from clplen.files import PathLike, replacing
+from clplen.outputs import MARK
 
 # Thresholds of ordered dithering (Bayer 1973), in sixteenths.
 _BAYER = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]])
@@ -55,6 +56,7 @@ def write_animation(
             extension=".gif",
             duration=1000 * seconds,
             loop=0,
+            comment=MARK.encode(),
         )
 
 

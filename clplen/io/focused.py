@@ -18,6 +18,7 @@ from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.hdf5_links import require_own
 from clplen.io.blocks import Block, whole
+from clplen.io.npy import write_npy
 from clplen.io.pfm import write_pfm
 from clplen.io.picture import write_picture
 from clplen.io.stack import is_series, numbers, write_series
@@ -25,6 +26,7 @@ from clplen.lightfield.focused_depth import FocusedDepth
 from clplen.lightfield.focused_maps import FocusedMaps
 from clplen.lightfield.focused_picture import FocusedImage, FocusedStack, PictureGrid
 from clplen.lightfield.raw import Spacing
+from clplen.outputs import MARK
 
 _M = "b/a, magnification of the lenslets; > 0: they see an image before the array"
 _MAP = f"m, {_M}"
@@ -238,8 +240,7 @@ def _found_in_tiff(path: Path) -> tuple[str, dict[str, Any]] | None:
 def _write_map(path: Path, values: np.ndarray[Any, Any], durable: bool) -> None:
     suffix = path.suffix.lower()
     if suffix == ".npy":
-        with replacing(path, durable) as temporary, temporary.open("wb") as file:
-            np.save(file, values)
+        write_npy(path, values, durable=durable)
     elif suffix == ".pfm":
         write_pfm(path, values, durable=durable)
     elif suffix in (".tif", ".tiff"):
@@ -267,6 +268,7 @@ def _write_hdf5(path: Path, depth: FocusedDepth, maps: FocusedMaps, durable: boo
     with replacing(path, durable=durable) as temporary:
         try:
             with h5py.File(temporary, "w") as file:
+                file.attrs["software"] = MARK
                 _put(file.create_group("lenslets"), lenslets, _LENSLETS)
                 picture = file.create_group("picture")
                 _put(picture, _known(maps, _CHANNELS), _CHANNELS)

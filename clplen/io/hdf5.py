@@ -27,6 +27,7 @@ from clplen.io.opening import Found, light_field, stored_light_field
 from clplen.io.rawfile import is_raw
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.stored import StoredLightField
+from clplen.outputs import MARK
 
 
 def write_hdf5(path: PathLike, lf: LightField) -> None:
@@ -47,6 +48,7 @@ def write_hdf5(path: PathLike, lf: LightField) -> None:
     with replacing(path) as temporary:
         try:
             with h5py.File(temporary, "w") as file:
+                file.attrs["software"] = MARK
                 _write(file, lf)
         except RuntimeError as error:  # a full disk, found when the file is closed
             raise OSError(str(error)) from error

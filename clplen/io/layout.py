@@ -43,6 +43,7 @@ class Layout:
     devignette: bool | None = None
     dataset: str | None = None
     max_bytes: int | None = None
+    force: bool = False
 
     def given(self) -> dict[str, Any]:
         """The words that were given."""
@@ -52,7 +53,7 @@ class Layout:
         )
 
     def require(self, words: Iterable[str], kind: str) -> None:
-        """Refuse words that do not apply to a kind of file.
+        """Refuse words that do not apply to a kind of file; ``force`` applies to all.
 
         Raises
         ------
@@ -60,7 +61,7 @@ class Layout:
             Naming them.
         """
         taken = set(words)
-        extra = [f"{name}=" for name in self.given() if name not in taken]
+        extra = [f"{name}=" for name in self.given() if name not in taken | {"force"}]
         if extra:
             raise ValueError(
                 f"{', '.join(extra)} does not apply to {kind}, which takes "

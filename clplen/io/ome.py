@@ -21,6 +21,7 @@ from clplen.io.blocks import Array, Block, checked, put
 from clplen.io.bounds import require_bytes
 from clplen.io.tiff import decode_tiff
 from clplen.lightfield.raw import Spacing
+from clplen.outputs import MARK
 
 SUFFIXES = (".tif", ".tiff")
 _BIG = (1 << 32) - (1 << 25)  # bytes from which on BigTIFF is written; the rest is for the heads
@@ -100,6 +101,7 @@ def write_ome(
                 photometric="rgb" if shape[3:] == (3,) else "minisblack",
                 planarconfig="contig" if math.prod(shape[3:]) > 1 else None,
                 metadata=metadata,
+                software=MARK,
                 returnoffset=True,
             )
         with temporary.open("r+b") as file, closing(checked(blocks, shape)) as parts:

@@ -23,6 +23,7 @@ from clplen.io.loading import reading
 from clplen.io.zarrpackage import FORMAT_2, opened_store, zarr_package
 from clplen.io.zarrs import storage
 from clplen.lightfield.raw import Spacing
+from clplen.outputs import MARK
 
 SUFFIX = ".zarr"
 _INSTEAD = "write .tif"
@@ -113,6 +114,7 @@ def write_omezarr(
                 "multiscales": [_multiscales(Path(path), sizes, axes, spacing, depth, first)],
                 "omero": _omero(names, limits, colour=not channels and len(names) == 3),
                 "clplen": description,
+                "software": MARK,
             }
         )
 

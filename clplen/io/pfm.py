@@ -15,6 +15,7 @@ import numpy as np
 
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, replacing
+from clplen.outputs import PFM_SCALE
 
 _SPACE = rb"(?:\s|#[^\n]*\n)+"  # comments run to the end of their line
 _HEADER = re.compile(
@@ -93,5 +94,5 @@ def write_pfm(path: PathLike, values: np.ndarray[Any, Any], *, durable: bool = F
     kind = "Pf" if values.ndim == 2 else "PF"
     height, width = values.shape[:2]
     with replacing(path, durable) as temporary, temporary.open("wb") as file:
-        file.write(f"{kind}\n{width} {height}\n-1\n".encode())
+        file.write(f"{kind}\n{width} {height}\n{PFM_SCALE}\n".encode())
         file.write(values[::-1].astype("<f4").tobytes())

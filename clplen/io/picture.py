@@ -8,6 +8,7 @@ from typing import Any
 import imageio.v3 as imageio
 import numpy as np
 import tifffile
+from PIL.PngImagePlugin import PngInfo
 
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
@@ -15,6 +16,7 @@ from clplen.io.bounds import require_bytes
 from clplen.io.header import Header, header_of, pnm_layout
 from clplen.io.png16 import decode_png16
 from clplen.io.tiff import decode_tiff
+from clplen.outputs import MARK
 
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm")
 _TIFF = (".tif", ".tiff")
@@ -210,7 +212,12 @@ def write_picture(
         colour = "rgb" if values.ndim == 3 else "minisblack"
         with replacing(path, durable) as temporary:
             tifffile.imwrite(
-                temporary, values, photometric=colour, description=description, metadata=None
+                temporary,
+                values,
+                photometric=colour,
+                description=description,
+                metadata=None,
+                software=MARK,
             )
         return
     fits = values.dtype == np.uint8 or (values.dtype == np.uint16 and values.ndim == 2)
@@ -219,5 +226,7 @@ def write_picture(
             f"{path.name} cannot hold {values.dtype} of shape {values.shape}: PNG takes uint8 and "
             "grey uint16, .tif takes everything."
         )
+    about = PngInfo()
+    about.add_text("Software", MARK)
     with replacing(path, durable) as temporary:
-        imageio.imwrite(temporary, values, plugin="pillow", extension=".png")
+        imageio.imwrite(temporary, values, plugin="pillow", extension=".png", pnginfo=about)

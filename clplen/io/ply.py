@@ -10,6 +10,7 @@ import numpy as np
 from clplen.errors import ShapeError
 from clplen.files import PathLike, replacing
 from clplen.lightfield.metric import metric_depth
+from clplen.outputs import MARK
 
 Array = np.ndarray[Any, Any]
 
@@ -77,7 +78,7 @@ def _header(vertices: Array, comment: str) -> str:
         f"property {'float' if name in 'xyz' else 'uchar'} {name}"
         for name in vertices.dtype.names or ()
     ]
-    comments = [f"comment {line}" for line in comment.splitlines()]
+    comments = [f"comment {line}" for line in (MARK, *comment.splitlines())]
     lines = ["ply", "format binary_little_endian 1.0", *comments]
     lines += [f"element vertex {len(vertices)}", *properties, "end_header"]
     return "\n".join(lines) + "\n"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from clplen.compute.device import DeviceLike, as_device
-from clplen.errors import FormatError, SamplingWarning
+from clplen.errors import FormatError
 from clplen.files import PathLike, naming
 from clplen.io.container import MAGIC, read_container
 from clplen.io.frames import SUFFIXES as TIFF
@@ -24,6 +23,7 @@ from clplen.io.rawfile import read_raw_file
 from clplen.io.raytrix import read_raytrix
 from clplen.lightfield.lattice import Lattice
 from clplen.lightfield.latticefit import estimate_lattice
+from clplen.lightfield.latticetrust import require_camera, require_trust
 from clplen.lightfield.raw import LensType, RawImage
 
 Frame = np.ndarray[Any, Any]
@@ -87,6 +87,7 @@ def read_raw(
     dark: PathLike | None = None,
     grid: PathLike | None = None,
     frame: int | None = None,
+    force: bool = False,
 ) -> RawImage:
     """Read a raw lenslet image with the lattice of its lenslets, without decoding it.
 
@@ -101,15 +102,17 @@ def read_raw(
     device : Device or str, optional
         Default ``Device.open()``.
     white : path-like, optional
-        White image of the same camera, on which the lenslets are found (`estimate_lattice`); a
-        `SamplingWarning` says where they are not found with trust. The raw image is not divided
-        by it.
+        White image of the same camera, on which the lenslets are found (`estimate_lattice`). The
+        raw image is not divided by it.
     dark : path-like, optional
         Dark frame, subtracted from the image and from the white one.
     grid : path-like, optional
         Lenslet lattice: JSON of `Lattice.save`, or a Raytrix XML, which tells its lens types too.
     frame : int, optional
         Which frame of a TIFF that holds several, as for `read_frame`.
+    force : bool
+        Whether to go on, with a `SamplingWarning`, where the lattice of the white image is not to
+        be trusted, or the frame shows another one.
 
     Returns
     -------
@@ -121,8 +124,8 @@ def read_raw(
     Raises
     ------
     FormatError
-        If a file is missing, damaged or of another kind, nothing tells where the lenslets lie, or
-        an XML has no lens types.
+        If a file is missing, damaged or of another kind, nothing tells where the lenslets lie,
+        the white image is none or of another camera, or an XML has no lens types.
     ValueError
         If both white and grid are given, or words that do not apply to an XML or HDF5.
     ShapeError
@@ -145,7 +148,7 @@ def read_raw(
             raise ValueError(f"image= belongs to an XML, {path.name} is an image itself.")
         values, _ = read_frame(path, frame=frame)
         black = None if dark is None else _like(dark, values, path)[0]
-        lattice = _lattice(path, values, white, black, grid)
+        lattice = _lattice(path, values, white, black, grid, force)
         if grid is not None and Path(grid).suffix.lower() in _XML:
             types = _calibrated(Path(grid), _shape(values))[1]
         values = values if black is None else values.astype(np.float32) - black
@@ -234,7 +237,12 @@ def picture_of(path: Path) -> Path:
 
 
 def _lattice(
-    path: Path, frame: Frame, white: PathLike | None, dark: Frame | None, grid: PathLike | None
+    path: Path,
+    frame: Frame,
+    white: PathLike | None,
+    dark: Frame | None,
+    grid: PathLike | None,
+    force: bool,
 ) -> Lattice:
     if white is not None and grid is not None:
         raise ValueError("Give white=, to find the lenslets, or grid=, where they are; not both.")
@@ -246,12 +254,15 @@ def _lattice(
             "same camera, or grid=, a lattice saved before."
         )
     flat, bayer = _like(white, frame, path)
+    black = None if dark is None else _grey(dark)
     with naming(white):
-        lattice = estimate_lattice(
-            _grey(flat), dark=None if dark is None else _grey(dark), bayer=bayer
-        )
-    if lattice.trust == "low":
-        warnings.warn(f"{white}: {lattice.verdict}", SamplingWarning, stacklevel=3)
+        lattice = estimate_lattice(_grey(flat), dark=black, bayer=bayer)
+    require_trust(lattice, str(white), force=force, error=FormatError)
+    if not force:
+        with naming(path):
+            require_camera(
+                _grey(frame), lattice, str(white), dark=black, bayer=bayer, error=FormatError
+            )
     return lattice
 
 

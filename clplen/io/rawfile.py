@@ -22,6 +22,7 @@ from clplen.io.attributes import CAMERA, CAMERA_NAMES, RAW, SAMPLES, of_camera, 
 from clplen.io.bounds import require_bytes
 from clplen.io.hdf5_reading import attributes_of, dataset_of, opened, storage
 from clplen.lightfield.raw import RawImage
+from clplen.outputs import MARK
 
 SUFFIXES = (".h5", ".hdf5")
 
@@ -59,6 +60,7 @@ def write_raw(path: PathLike, raw: RawImage, *, durable: bool = False) -> None:
     with replacing(path, durable=durable) as temporary:
         try:
             with h5py.File(temporary, "w") as file:
+                file.attrs["software"] = MARK
                 data = file.create_dataset(RAW, data=raw.to_numpy())
                 data.attrs["pixel_pitch"] = float(raw.pixel_pitch)
                 data.attrs["wavelength"] = float(camera.wavelength)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from clplen.compute.device import Device
-from clplen.errors import FormatError, SamplingWarning
+from clplen.errors import FormatError
 from clplen.files import PathLike, naming
 from clplen.io.layout import Layout, linear
 from clplen.io.positions import positions_of
 from clplen.io.raw import read_frame, read_lattice
 from clplen.lightfield.calibration import Lattice, decode_raw, estimate_lattice
+from clplen.lightfield.latticetrust import require_camera, require_trust
 from clplen.lightfield.lightfield import LightField
 
 Frame = np.ndarray[Any, Any]
@@ -52,8 +52,8 @@ def decode_frame(
     Raises
     ------
     FormatError
-        If a picture cannot be read or is of another size, the white image and the grid are of
-        different cameras, or nothing tells where the lenslets are.
+        If a picture cannot be read or is of another size, the white image is none or of another
+        camera than the grid or the frame, or nothing tells where the lenslets are.
     ValueError
         If a sample is NaN or infinite, or a word is out of range.
     """
@@ -66,6 +66,11 @@ def decode_frame(
     frame = linear(frame) if layout.srgb else frame
     white = _beside(layout.white, "white image", shape, path, layout)
     dark = _beside(layout.dark, "dark frame", shape, path, layout)
+    if white is not None and dark is not None and white.mean() <= dark.mean():
+        raise FormatError(
+            f"The white image {layout.white} is no brighter than the dark frame {layout.dark}: are "
+            "they exchanged?"
+        )
     lattice, whence = _lattice(frame, white, dark, path, layout)
     with naming(path):
         lf = decode_raw(
@@ -110,8 +115,9 @@ def _lattice(
         return given, f"of {layout.grid}"
     if white is not None and layout.white is not None:
         found = _estimated(white, dark, layout.white, layout)
-        if found.trust == "low":
-            warnings.warn(f"{layout.white}: {found.verdict}", SamplingWarning, stacklevel=2)
+        require_trust(found, str(layout.white), force=layout.force, error=FormatError)
+        if not layout.force:
+            _require_camera(frame, found, dark, path, layout)
         return found, f"of the white image {layout.white}"
     found = _estimated(frame, dark, path, layout)
     if found.trust == "low":
@@ -120,6 +126,15 @@ def _lattice(
             f"camera, or grid=, its lattice ({found.verdict})"
         )
     return found, "of the frame itself, without a white image"
+
+
+def _require_camera(
+    frame: Frame, found: Lattice, dark: Frame | None, path: Path, layout: Layout
+) -> None:
+    with naming(path):
+        require_camera(
+            frame, found, str(layout.white), dark=dark, bayer=layout.bayer, error=FormatError
+        )
 
 
 def _estimated(picture: Frame, dark: Frame | None, source: PathLike, layout: Layout) -> Lattice:

@@ -20,6 +20,7 @@ from clplen.io import hci
 from clplen.io.bounds import require_bytes
 from clplen.io.hdf5_foreign import is_matlab
 from clplen.io.hdf5_reading import attributes_of, contents, dataset_of, number, opened, storage
+from clplen.outputs import MARK
 
 # convert2hdf5.py; a MATLAB struct; ours
 _DISPARITY = ("disp_lowres", "LF/disp_lowres", "disparity")
@@ -62,6 +63,7 @@ def write_truth(path: PathLike, truth: Truth, *, durable: bool = False) -> None:
     with replacing(path, durable=durable) as temporary:
         try:
             with h5py.File(temporary, "w") as file:
+                file.attrs["software"] = MARK
                 file.attrs["view"] = "centre, (V - 1)/2, (U - 1)/2"
                 for name, values in maps.items():
                     units, meaning = _MEANINGS.get(name.rpartition("/")[2], ("", ""))

@@ -29,6 +29,7 @@ from clplen.io.opening import Found, light_field, stored_light_field
 from clplen.io.zarrpackage import FORMAT_2, opened_store, zarr_package
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.stored import StoredLightField
+from clplen.outputs import MARK
 
 _RATIO = 32768.0  # of Zstandard, blocks of 128 KiB in 4 bytes (RFC 8878); others pack less
 _SPARSE = 4  # chunks that are not there hold the fill value: a quarter has to be there
@@ -60,6 +61,7 @@ def write_zarr(path: PathLike, lf: LightField) -> None:
     with filling(path) as folder:
         store = zarr.storage.LocalStore(folder)  # a name may look like an address
         group = zarr.open_group(store, mode="w", **FORMAT_2)
+        group.attrs["software"] = MARK
         chunks = _chunks(lf)
         data = zarr.create(
             lf.shape, chunks=chunks, dtype=lf.dtype, store=store, path=SAMPLES, **FORMAT_2

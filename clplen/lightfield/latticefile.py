@@ -7,6 +7,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from clplen.errors import FormatError
+from clplen.outputs import MARK
 
 if TYPE_CHECKING:
     from clplen.lightfield.lattice import Lattice
@@ -23,6 +24,7 @@ def write(lattice: Lattice) -> str:
         {
             "format": _FORMAT,
             "version": _VERSION,
+            "software": MARK,
             "unit": "pixels (y, x), pixel centres at integers from 0",
             "kind": lattice.kind,
             "origin": [float(n) for n in lattice.origin],

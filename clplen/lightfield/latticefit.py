@@ -26,6 +26,7 @@ _DEPTH = 0.05  # of the brightest pixel: what is darker is no brighter or darker
 _GAP = 5  # pixels: a gap that is narrower than a lenslet of 5 px and its gap
 _SHARE = 0.6  # of the peaks' strength that the lattice explains
 _EXPLAINED = 0.9  # of the contrast that is no noise
+_VISIBLE = 0.5  # of the contrast of a frame that shows a scene
 _AGREEING = 0.9  # of the windows
 _SPREAD = 0.025  # pitches rms
 _SPREAD_PX = 0.25  # pixels, below which a spread is no doubt
@@ -100,6 +101,34 @@ def estimate_lattice(
         return _nothing(picture.shape, kind or "rectangular", pitch)
     lattice = _oriented(found.fit, kind, picture.shape)
     return _judged(lattice, found, kind, pitch)
+
+
+def visible_lattice(
+    frame: ArrayLike, *, dark: ArrayLike | None = None, bayer: str | None = None
+) -> Lattice | None:
+    """The lattice that a frame shows by itself, where it is plain that it is the lenslets'.
+
+    Parameters
+    ----------
+    frame : array_like
+        Raw frame, shape (ny, nx), of any scene.
+    dark, bayer
+        As for `estimate_lattice`.
+
+    Returns
+    -------
+    Lattice or None
+        None where it explains less than half of the contrast, or other doubts remain than those
+        that a scene raises.
+    """
+    if min(np.shape(frame)[:2]) < _LEAST:
+        return None
+    found = _find(_prepared(frame, dark, bayer), None, PITCHES)
+    if found is None or found.explained < _VISIBLE or found.share < _SHARE:
+        return None
+    lattice = _oriented(found.fit, None, np.shape(frame))
+    doubts = _doubts(lattice, replace(found, explained=1.0), len(lattice.centres()), None)
+    return lattice if all(doubt.startswith("local lattices") for doubt in doubts) else None
 
 
 def _check(kind: str | None, pitch: float | None) -> None:

@@ -18,6 +18,7 @@ from clplen.lightfield.decode import resample
 from clplen.lightfield.demosaic import interpolated, views_of_colours
 from clplen.lightfield.frames import Frame
 from clplen.lightfield.lattice import Lattice
+from clplen.lightfield.latticetrust import is_measured
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.raw import LensletGrid, RawImage, Spacing
 
@@ -104,14 +105,16 @@ def decode_raw(
     ShapeError
         If the pictures and the lattice are of different shapes, or no lenslet fits.
     ValueError
-        If a pixel is NaN or infinite, a word is out of range, or ``devignette=True`` comes without
-        a white image.
+        If a pixel is NaN or infinite, nothing repeated where the lattice was looked for, a word is
+        out of range, or ``devignette=True`` comes without a white image.
     DeviceError
         If the light field is larger than the device's memory.
     """
     device = as_device(device)
     frame = frames.as_frame(raw, "raw frame")
     _check(views, step, bayer, demosaic, devignette, white, pixel_pitch)
+    if not is_measured(lattice):
+        raise ValueError(f"This lattice was not measured: {lattice.verdict}")
     lattice = _fitting(lattice, frame.shape)
     divide = white is not None if devignette is None else devignette
     chosen = lattice.views() if views is None else (int(views[0]), int(views[1]))

@@ -9,7 +9,6 @@ saturated, not finite, or dark in the white frame.
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -18,9 +17,10 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 
 from clplen.compute.device import Device, DeviceLike, as_device
-from clplen.errors import SamplingWarning, ShapeError
+from clplen.errors import ShapeError
 from clplen.lightfield.lattice import Lattice
 from clplen.lightfield.latticefit import estimate_lattice
+from clplen.lightfield.latticetrust import require_trust
 from clplen.microscopy.checks import whole
 from clplen.microscopy.rectify import REACH, area, rectify, variance
 
@@ -238,6 +238,7 @@ def preparation(
     white: Any = None,
     dark: Any = None,
     saturation: float | None = None,
+    force: bool = False,
 ) -> Preparation:
     """Find the lattice and the sensitivity of the pixels.
 
@@ -252,6 +253,8 @@ def preparation(
         Dark frame.
     saturation : float, optional
         As in `Preparation`; saturated pixels of the white frame are left out.
+    force : bool
+        Whether to go on where the lattice of the white frame is not to be trusted.
 
     Returns
     -------
@@ -262,12 +265,13 @@ def preparation(
     ShapeError
         If the white and the dark frame are of different sizes, or no lenslet lies on the frame.
     ValueError
-        If the white frame is dark or mostly saturated, or has no lenslets of about so many pixels.
+        If the white frame is dark or mostly saturated, has no lenslets of about so many pixels, or
+        a lattice that is not to be trusted and ``force`` is False.
 
     Warns
     -----
     SamplingWarning
-        If the lattice of the white frame is not to be trusted.
+        If ``force`` is needed.
     """
     device = as_device(device)
     pixels = whole(pixels, "pixels")
@@ -297,9 +301,7 @@ def preparation(
             f"The white frame has no lenslets of about {pixels} pixels, as the point images have: "
             "is it one, and of the same camera?"
         )
-    if lattice.trust == "low":
-        said = lattice.verdict.removesuffix(" Give a white image.")
-        warnings.warn(f"The white frame: {said}", SamplingWarning, stacklevel=2)
+    require_trust(lattice, "The white frame", force=force)
     found = Preparation(pixels, device, black, lattice, None)
     level = rectify(light, lattice, device=device, pixels=pixels)
     if bad.any():
@@ -318,7 +320,7 @@ def _sensitivity(level: Vector, n: int) -> Vector:
     bright = cells > DARKEST * level.mean(dtype=np.float64)
     counted = np.maximum(bright.sum(axis=(0, 2), keepdims=True), 1)
     mean = (cells * bright).sum(axis=(0, 2), keepdims=True, dtype=np.float64) / counted
-    found = np.where(bright, cells / np.maximum(mean, np.finfo(float).tiny), 0)
+    found = np.divide(cells, mean, out=np.zeros(cells.shape), where=bright)
     return found.reshape(level.shape).astype(np.float32)
 
 

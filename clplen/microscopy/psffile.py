@@ -18,6 +18,7 @@ from clplen.files import PathLike, check_space, replacing
 from clplen.hdf5_heap import require_heaps
 from clplen.hdf5_links import require_own
 from clplen.microscopy.images import PointImages
+from clplen.outputs import MARK
 
 _DEFLATE = 1032  # largest ratio of gzip
 _SLACK = 1 << 20  # bytes that any file may ask for
@@ -43,6 +44,7 @@ def write(path: PathLike, images: PointImages) -> None:
     """
     made = io.BytesIO()
     with h5py.File(made, "w") as file:
+        file.attrs["software"] = MARK
         file.attrs["format"] = FORMAT
         file.attrs["parameters"] = json.dumps(images.parameters)
         file.attrs["digest"] = digest(images)

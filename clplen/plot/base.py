@@ -12,6 +12,7 @@ from matplotlib.colors import LogNorm, Normalize, PowerNorm
 from matplotlib.figure import Figure
 
 from clplen.files import PathLike, replacing
+from clplen.outputs import MARK
 
 Array = np.ndarray[Any, Any]
 Scale = Literal["linear", "log", "root"]
@@ -57,8 +58,9 @@ def save(figure: Figure, path: PathLike, *, dpi: int = 150) -> None:
             f"A figure is written as {', '.join(_ENDINGS)}, not as {Path(path).name!r}: name a "
             "file that ends so."
         )
+    about = {"Software" if ending == ".png" else "Creator": MARK}
     with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=dpi, format=ending[1:])
+        figure.savefig(temporary, dpi=dpi, format=ending[1:], metadata=about)
 
 
 def new_figure(width: float, height: float) -> Figure:

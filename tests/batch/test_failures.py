@@ -52,6 +52,19 @@ def test_bad_inputs_fail_alone(small: tuple[Path, list[Path]], device: Device):
     assert batchworks.strays(out) == []
 
 
+def test_files_of_others_in_the_output_stay(small: tuple[Path, list[Path]], device: Device):
+    job, _ = small
+    run(job, device)
+    folder = job.parent / "out" / "field_001"
+    name = sorted(path.name for path in folder.glob("*.tif"))[0]
+    (folder / name).write_text("notes of the user")
+    (folder / "item.json").unlink()
+    summary, _ = run(job, device)
+    assert summary.failed.keys() == {"field_001"}
+    assert f"{name} is there already and clplen did not" in summary.failed["field_001"]
+    assert (folder / name).read_text() == "notes of the user"
+
+
 def test_an_input_that_cannot_be_read(small: tuple[Path, list[Path]], device: Device):
     if os.getuid() == 0:
         pytest.skip("root may read everything")

@@ -88,7 +88,9 @@ def test_pfm_keeps_values_and_rows(tmp_path: Path, shape: tuple[int, ...]):
 def test_pfm_is_what_the_format_says(tmp_path: Path):
     write_pfm(tmp_path / "a.pfm", np.array([[1, 2, 3], [4, 5, 6]], np.float32))
     lower_row_first = np.array([4, 5, 6, 1, 2, 3], "<f4").tobytes()
-    assert (tmp_path / "a.pfm").read_bytes() == b"Pf\n3 2\n-1\n" + lower_row_first
+    assert (
+        tmp_path / "a.pfm"
+    ).read_bytes() == b"Pf\n3 2\n-1.00000000000000000000\n" + lower_row_first
 
 
 def test_pfm_of_others(tmp_path: Path):

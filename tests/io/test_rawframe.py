@@ -15,7 +15,7 @@ from reference_lattice import white
 
 from clplen.cli import main
 from clplen.compute.device import Device
-from clplen.errors import FormatError, SamplingWarning, ShapeError
+from clplen.errors import FormatError, ShapeError
 from clplen.io import read_lightfield
 from clplen.lightfield.calibration import Lattice, decode_raw, estimate_lattice
 from clplen.lightfield.refocus import refocus
@@ -187,16 +187,6 @@ def test_a_frame_without_white_image(
         lf = read_lightfield(folder / "white.tif", device=device)  # even light on a plain object
     assert lf.shape[:2] == (11, 11)
     assert "of the frame itself, without a white image" in caplog.messages[-1]
-
-
-def test_a_white_image_that_cannot_be_trusted_warns(
-    folder: Path, values: dict[str, np.ndarray], device: Device
-):
-    y = np.arange(SHAPE[0])[:, None]
-    noise = np.random.default_rng(4).normal(0, 400, SHAPE)
-    tifffile.imwrite(folder / "white.tif", (9000 + 5 * y + noise).astype(np.uint16))
-    with pytest.warns(SamplingWarning, match=r"white\.tif: .*(not to be trusted|[Nn]o lattice)"):
-        read_lightfield(folder / "raw.tif", device=device, **words_of(folder, "white"))
 
 
 @pytest.mark.parametrize(

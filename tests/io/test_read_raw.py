@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from clplen.compute.device import Device
-from clplen.errors import FormatError, SamplingWarning, ShapeError
+from clplen.errors import FormatError, ShapeError
 from clplen.io import read_raw
 from clplen.io.picture import write_picture
 from clplen.io.raw import read_frame, read_lattice
@@ -121,14 +121,6 @@ def test_white_and_dark(tmp_path: Path, device: Device):
     write_picture(names[1], frame[:, 1:])
     with pytest.raises(FormatError, match=r"white\.tif has shape \(90, 109\).*different cameras"):
         read_raw(names[0], white=names[1], device=device)
-
-
-def test_a_white_image_that_is_none_warns(tmp_path: Path, device: Device):
-    noise = np.random.default_rng(7).integers(0, 60000, (64, 64)).astype(np.uint16)
-    for name in ("raw", "white"):
-        write_picture(tmp_path / f"{name}.tif", noise)
-    with pytest.warns(SamplingWarning, match=r"white\.tif: "):
-        read_raw(tmp_path / "raw.tif", white=tmp_path / "white.tif", device=device)
 
 
 def test_words_that_do_not_apply(tmp_path: Path, device: Device, calibration: RaytrixCalibration):

@@ -1,0 +1,125 @@
+"""Ctrl-C at any moment: one sentence, status 130, within two seconds.
+
+Python raises KeyboardInterrupt between two of its own instructions only: not while it starts or
+ends, and not while a kernel, a transform or a library is waited for, however long that takes. So
+the command ``clplen``, and nothing else that imports this package,
+
+- leaves at once while its modules are imported and when its work is done,
+- in between lets KeyboardInterrupt unwind what is open, and a thread, woken by the signal itself,
+  ends the process if that takes longer than `GRACE`, after it removed what is half-written.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any, NoReturn
+
+if TYPE_CHECKING:
+    import socket
+    from collections.abc import Iterator
+    from pathlib import Path
+
+STATUS = 130  # 128 + SIGINT, as shells count
+SENTENCE = "Interrupted; no file was left half-written."
+GRACE = 1.2  # seconds in which everything that is open may end by itself
+_NAMES = ("clplen", "clplen.exe", "clplen-script.py", "clplen-script.pyw")
+
+_unfinished: set[Path] = set()
+
+
+@contextmanager
+def unfinished(path: Path) -> Iterator[None]:
+    """Within this block a file or folder is not whole: it goes if the process is interrupted.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        Of a temporary name.
+    """
+    _unfinished.add(path)
+    try:
+        yield
+    finally:
+        _unfinished.discard(path)
+
+
+def is_command() -> bool:
+    """Whether this process is the command, not another program that imports the package."""
+    words = getattr(sys, "orig_argv", sys.argv)
+    if "-m" in words[:-1]:
+        return words[words.index("-m") + 1] == "clplen"
+    return bool(sys.argv) and os.path.basename(sys.argv[0]) in _NAMES
+
+
+def leave_at_once() -> None:
+    """From here on Ctrl-C ends the command without a traceback: nothing is being written."""
+    with suppress(ValueError):  # not the main thread
+        if is_command():
+            signal.signal(signal.SIGINT, _leave)
+
+
+def _leave(_: int, __: Any) -> None:
+    leave()
+
+
+def leave() -> NoReturn:
+    """Remove what is half-written, say the sentence, and end this process."""
+    for path in list(_unfinished):
+        _remove(path)
+    with suppress(Exception):
+        sys.stdout.flush()
+    with suppress(OSError):
+        os.write(2, f"\n{SENTENCE}\n".encode())
+    os._exit(STATUS)
+
+
+def _remove(path: Path) -> None:
+    import shutil
+
+    with suppress(OSError):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink()
+
+
+@contextmanager
+def unwinding() -> Iterator[None]:
+    """Let Ctrl-C raise KeyboardInterrupt in this block, and leave if that does not end it in time.
+
+    Only the command does so; elsewhere nothing is changed.
+    """
+    import socket
+    import threading
+
+    if not is_command() or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    woken, waking = socket.socketpair()
+    waking.setblocking(False)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.set_wakeup_fd(waking.fileno(), warn_on_full_buffer=False)
+    threading.Thread(target=_watch, args=(woken,), daemon=True, name="interrupts").start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(-1)
+        signal.signal(signal.SIGINT, _leave)
+        waking.close()  # ends the thread
+
+
+def _watch(woken: socket.socket) -> None:
+    """Leave some time after SIGINT came."""
+    import time
+
+    with woken:
+        while number := woken.recv(1):
+            if number[0] == signal.SIGINT:
+                time.sleep(GRACE)
+                leave()
+
+
+leave_at_once()

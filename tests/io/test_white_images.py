@@ -1,0 +1,190 @@
+"""White images that are none, or of another camera: refused in Python, jobs and every command."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from click.testing import CliRunner
+from reference_lattice import lattice, white
+from scipy.ndimage import gaussian_filter
+
+from clplen import decode_raw, estimate_lattice, read_lightfield
+from clplen.cli import main
+from clplen.compute.device import Device
+from clplen.errors import FormatError, SamplingWarning
+from clplen.io import read_raw
+from clplen.microscopy.prepare import preparation
+
+SHAPE = (132, 141)
+PITCH = 11.2
+COMMANDS = {
+    "info": [],
+    "stack": ["-o", "out.tif", "--disparities", "-1:1:3"],
+    "depth": ["-o", "out.pfm", "--disparities", "-1:1:3"],
+    "refocus": ["-o", "out.png", "--disparity", "0.5"],
+    "render": ["-o", "out.png", "--disparity", "0.5"],
+    "epi": ["-o", "out.png", "--y", "5", "--v", "5"],
+}
+
+
+def random(seed: int = 0) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+def drawn(pitch: float = PITCH, kind: str = "rectangular", degrees: float = 1.5) -> np.ndarray:
+    """White image, 0 to 1."""
+    true = lattice(kind, pitch, degrees=degrees, origin=(66.2, 70.4))
+    return white(SHAPE, true, vignetting=0.2)
+
+
+def scene() -> np.ndarray:
+    """A raw frame of a smooth scene, whose gaps between the lenslets show."""
+    y, x = np.indices(SHAPE)
+    return drawn() * (1 + 0.4 * np.cos(0.05 * y) * np.cos(0.07 * x))
+
+
+def photograph() -> np.ndarray:
+    y, x = np.indices(SHAPE)
+    cloud = gaussian_filter(random().standard_normal(SHAPE), 4)
+    return cloud - cloud.min() + 0.3 * (np.hypot(y - 60, x - 90) < 40)
+
+
+NONE: dict[str, Callable[[], np.ndarray]] = {
+    "constant": lambda: np.full(SHAPE, 700.0),
+    "zeros": lambda: np.zeros(SHAPE),
+    "saturated": lambda: np.full(SHAPE, 65535.0),
+    "noise": lambda: random().normal(1000, 50, SHAPE),
+    "counts": lambda: random().poisson(5, SHAPE),
+    "ramp": lambda: np.indices(SHAPE).sum(0),
+    "photograph": lambda: 1e4 * photograph(),
+    "stripes": lambda: 1000.0 * (np.indices(SHAPE)[1] // 5 % 2),
+    "spot": lambda: 60000.0 * (np.indices(SHAPE).prod(0) == 4620),
+    "half covered": lambda: np.where(np.indices(SHAPE)[1] < 70, 0, 3e4 * drawn()),
+    "drowned in noise": lambda: 2e4 + 1e4 * drawn() + random().normal(0, 1.2e4, SHAPE),
+}
+GOOD: dict[str, Callable[[], np.ndarray]] = {
+    "noise": lambda: 2e4 * (0.5 + drawn()) + random().normal(0, 0.3 * 2e4, SHAPE),
+    "overexposed": lambda: 2e5 * drawn(),
+    "dim": lambda: random().poisson(20 * drawn()),
+    "vignetted": lambda: 6e4 * drawn() * np.exp(-np.indices(SHAPE)[0] / 90),
+}
+
+
+def write(path: Path, values: np.ndarray) -> None:
+    tifffile.imwrite(path, np.clip(np.round(values), 0, 65535).astype(np.uint16))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    write(tmp_path / "raw.tif", 3e4 * scene())
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", NONE)
+def test_what_is_no_white_image_is_refused(folder: Path, device: Device, name: str):
+    write(folder / "white.tif", NONE[name]())
+    given = {"device": device, "white": folder / "white.tif"}
+    with pytest.raises(FormatError, match=r"white\.tif is no white image") as caught:
+        read_lightfield(folder / "raw.tif", **given)
+    assert "10 px" not in str(caught.value)
+    with pytest.raises(FormatError, match=r"white\.tif is no white image"):
+        read_raw(folder / "raw.tif", **given)
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_white_images_pass(folder: Path, device: Device, name: str):
+    write(folder / "white.tif", GOOD[name]())
+    found = read_raw(folder / "raw.tif", device=device, white=folder / "white.tif")
+    assert found.lattice.pitch == pytest.approx((PITCH, PITCH), rel=0.01)
+    assert read_lightfield(folder / "raw.tif", device=device, white=folder / "white.tif")
+
+
+@pytest.mark.parametrize(
+    "other", [(9.3, "rectangular"), (12.6, "rectangular"), (11.2, "hexagonal")]
+)
+def test_a_white_image_of_another_camera_is_refused(folder: Path, device: Device, other):
+    write(folder / "white.tif", 3e4 * drawn(*other))
+    for read in (read_lightfield, read_raw):
+        with pytest.raises(FormatError, match=r"white\.tif is of another camera.*11\.2 px"):
+            read(folder / "raw.tif", device=device, white=folder / "white.tif")
+        assert read(folder / "raw.tif", device=device, white=folder / "white.tif", force=True)
+
+
+def test_force_goes_on_where_something_repeats(folder: Path, device: Device):
+    write(folder / "white.tif", NONE["half covered"]())
+    for read in (read_lightfield, read_raw):
+        with pytest.warns(SamplingWarning, match=r"white\.tif: .*not to be trusted"):
+            read(folder / "raw.tif", device=device, white=folder / "white.tif", force=True)
+        write(folder / "dark.tif", NONE["noise"]())
+        with pytest.raises(FormatError, match=r"dark\.tif is no white image: nothing repeats"):
+            read(folder / "raw.tif", device=device, white=folder / "dark.tif", force=True)
+
+
+def test_white_image_and_dark_frame_exchanged(folder: Path, device: Device):
+    write(folder / "white.tif", 3e4 * drawn())
+    write(folder / "dark.tif", NONE["noise"]())
+    with pytest.raises(FormatError, match=r"dark\.tif is no brighter than .*white\.tif.*exchanged"):
+        read_lightfield(
+            folder / "raw.tif", device=device, white=folder / "dark.tif", dark=folder / "white.tif"
+        )
+
+
+def test_a_lattice_that_was_not_measured_decodes_nothing(device: Device):
+    found = estimate_lattice(NONE["noise"]())
+    with pytest.raises(ValueError, match=r"lattice was not measured: No lattice: nothing repeats"):
+        decode_raw(scene(), found, device=device)
+
+
+@pytest.mark.filterwarnings("default::clplen.errors.SamplingWarning")
+@pytest.mark.parametrize("command", COMMANDS)
+def test_commands_refuse(folder: Path, device: Device, command: str, monkeypatch):
+    monkeypatch.chdir(folder)
+    words = [command, "raw.tif", *COMMANDS[command], "--device", device.place]
+    for name, sentence in (
+        ("constant", "nothing repeats"),
+        ("half covered", "or --force to go on"),
+    ):
+        write(folder / "white.tif", NONE[name]())
+        result = CliRunner().invoke(main, [*words, "--white", "white.tif"])
+        assert result.exit_code == 1, result.output
+        assert sentence in " ".join(result.output.split())
+        assert not list(folder.glob("out.*"))
+    result = CliRunner().invoke(main, [*words, "--white", "white.tif", "--force"])
+    assert result.exit_code == 0, result.output
+    assert "not to be trusted" in result.stderr
+
+
+@pytest.mark.parametrize("name", NONE)
+def test_white_frames_of_a_microscope(device: Device, name: str):
+    values = np.clip(np.round(NONE[name]()), 0, 60000).astype(np.uint16)
+    with pytest.raises(ValueError, match=r"white frame|exchanged"):
+        preparation(11, device=device, white=values)
+    if name == "half covered":
+        with pytest.warns(SamplingWarning, match="The white frame: .*not to be trusted"):
+            preparation(11, device=device, white=values, force=True)
+
+
+@pytest.mark.parametrize(
+    ("frame", "flat"),
+    [
+        ("lfm_guv/Lightfield_GUVExperim1.tif", "lfm_guv/Radiometry_GUVExperim1.tif"),
+        ("lfm_beads/img_beads.tif", "lfm_beads/img_bg.tif"),
+    ],
+)
+def test_real_pairs_and_exchanged_ones(data_folder: Path, device: Device, frame: str, flat: str):
+    frame, flat = (data_folder / name for name in (frame, flat))
+    assert read_raw(frame, device=device, white=flat).lattice.trust == "high"
+    with pytest.raises(FormatError, match="is no white image to rely on"):
+        read_raw(flat, device=device, white=frame)
+
+
+def test_a_white_image_of_another_microscope(data_folder: Path, tmp_path: Path, device: Device):
+    frame = data_folder / "lfm_guv" / "Lightfield_GUVExperim1.tif"
+    flat = tifffile.imread(data_folder / "lfm_beads" / "img_bg.tif")[300:736, 500:936]
+    write(tmp_path / "white.tif", flat)
+    with pytest.raises(FormatError, match=r"another camera: .* 19\.21 px .* 15\.\d+ px"):
+        read_raw(frame, device=device, white=tmp_path / "white.tif")

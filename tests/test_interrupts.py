@@ -1,0 +1,112 @@
+"""Ctrl-C at any moment of the command: status 130, one sentence, nothing half-written."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from clplen import interrupts
+
+ROOT = Path(__file__).parents[1]
+# Sends SIGINT when a module is looked for, as sitecustomize of the child.
+AT_IMPORT = """
+import os, signal, sys
+
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == os.environ["INTERRUPT_AT"]:
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Finder())
+"""
+AT_EXIT = """
+import atexit, os, signal
+atexit.register(os.kill, os.getpid(), signal.SIGINT)
+"""
+# A program named clplen with a command that is in a library for an hour, halfway in a file.
+HANGING = """
+import hashlib, os, signal, threading
+from clplen import cli
+from clplen.files import filling, replacing
+
+@cli.main.command()
+def hang():
+    with replacing("out.tif") as temporary, filling("out.zarr") as folder:
+        temporary.write_text("half")
+        (folder / "0").write_text("half")
+        threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+        hashlib.pbkdf2_hmac("sha256", b"a", b"b", 2_000_000_000)
+
+cli.main(prog_name="clplen")
+"""
+
+
+def run(*words: str, cwd: Path, **env: str) -> subprocess.CompletedProcess[str]:
+    path = os.pathsep.join([str(cwd), str(ROOT)])
+    return subprocess.run(
+        [sys.executable, *words],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        timeout=60,
+        env={**os.environ, "PYTHONPATH": path, **env},
+    )
+
+
+def check(done: subprocess.CompletedProcess[str]) -> None:
+    assert done.returncode == interrupts.STATUS, done.stderr
+    assert done.stderr == f"\n{interrupts.SENTENCE}\n"
+
+
+@pytest.mark.parametrize(
+    "module",
+    ["numpy", "clplen.cameras.scene", "pyopencl", "clplen.cli", "click", "clplen.cli.stack", "tqdm",
+     "clplen.io", "clplen.lightfield.refocus"],
+)  # fmt: skip
+def test_while_modules_are_imported(tmp_path: Path, module: str):
+    (tmp_path / "sitecustomize.py").write_text(AT_IMPORT)
+    words = ("-m", "clplen", "stack", "none.h5", "-o", "out.tif")
+    check(run(*words, cwd=tmp_path, INTERRUPT_AT=module))
+    assert {file.name for file in tmp_path.iterdir()} <= {"sitecustomize.py", "__pycache__"}
+
+
+def test_while_the_interpreter_ends(tmp_path: Path):
+    (tmp_path / "sitecustomize.py").write_text(AT_EXIT)
+    done = run("-m", "clplen", "--version", cwd=tmp_path)
+    assert done.stdout.startswith("clplen, version")
+    check(done)
+
+
+def test_in_a_library_that_does_not_return(tmp_path: Path):
+    """Kernels, transforms and compressors are waited for in C, where Python raises nothing."""
+    script = tmp_path / "clplen"
+    script.write_text(HANGING)
+    check(run(str(script), "hang", cwd=tmp_path))
+    assert [file.name for file in tmp_path.iterdir()] == ["clplen"]
+
+
+def test_other_programs_keep_their_own_way():
+    assert not interrupts.is_command()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["python", "-m", "clplen", "stack"], True),
+        (["/usr/bin/clplen", "stack"], True),
+        (["python", "-m", "pytest", "clplen"], False),
+        (["python", "study.py", "clplen"], False),
+        (["python"], False),
+    ],
+)
+def test_what_the_command_is(words: list[str], expected: bool, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(sys, "orig_argv", words)
+    monkeypatch.setattr(sys, "argv", [word for word in words if word != "python"] or [""])
+    assert interrupts.is_command() is expected
