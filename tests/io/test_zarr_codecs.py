@@ -83,7 +83,7 @@ def stored(path: Path, form: int, **words: Any) -> Path:
     arrays = {
         "lightfield": values(),
         "weights": np.ones((2, 3), np.float32),
-        "positions": np.zeros((2, 3, 2)),
+        "positions": np.ones((2, 3, 2)),
         "labels/0": values(),
     }
     for name, array in arrays.items():
