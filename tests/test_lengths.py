@@ -68,6 +68,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
         "0.01",
     ),
     "focal length in mm": (lambda: camera(focal_length=120), "0.12"),
+    "focal length of 50 mm": (lambda: camera(focal_length=50), "0.05"),
     "focal length of type 2": (lambda: camera("type2", m=0.25, focal_length=120), "0.12"),
     "image distance in mm": (lambda: camera(image_distance=240), "0.24"),
     "aperture in mm": (lambda: camera(aperture_diameter=60), "0.06"),
@@ -137,8 +138,8 @@ EXTREMES: dict[str, Callable[[], Any]] = {
     "a weak lens": lambda: clplen.thin_lens(field(), 5e4),
     "no lens": lambda: clplen.thin_lens(field(), np.inf),
     "a telescope": lambda: clplen.imaging_system(50.0, diameter=10.0),
-    "a camera of f = 50 m": lambda: camera(
-        focal_length=50.0,
+    "a camera of f = 15 m": lambda: camera(
+        focal_length=15.0,
         object_distance=1e9,
         mla=clplen.MicrolensArray(1e-3, 0.1, count=5),
         aperture_diameter=4e-3,

@@ -24,8 +24,8 @@ LENS_LAW_TOLERANCE = 1e-6  # relative, of 1/f = 1/object + 1/image
 
 
 _KINDS = {
-    "focal_length": lengths.FOCAL_LENGTH,
-    "image_distance": lengths.FOCAL_LENGTH,
+    "focal_length": lengths.CAMERA_FOCAL_LENGTH,
+    "image_distance": lengths.CAMERA_FOCAL_LENGTH,
     "aperture_diameter": lengths.CAMERA_DIAMETER,
     "tube_lens": lengths.TUBE_LENS,
 }  # an object may be anywhere, and wavelengths have a check of their own

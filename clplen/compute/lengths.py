@@ -80,8 +80,11 @@ PITCH = Length(1.0, (1e-8, 5e-3), ("um", "nm", "mm"))
 # Lenslets, up to the lenses of an array of cameras.
 LENSLET_PITCH = Length(0.1, (2e-6, 2e-2), ("um", "mm"))
 LENSLET_FOCAL_LENGTH = Length(5.0, (5e-6, 1.0), ("mm", "um"))
-# Main lenses of cameras, and the distances behind them: telescopes have 50 m and more.
+# Lenses of imaging systems: telescopes have 50 m and more.
 FOCAL_LENGTH = Length(100.0, (1e-4, 20.0), ("mm", "um"))
+# Main lenses of cameras, and the distances behind them: primary mirrors have up to 20 m, and the
+# usual lenses 25 mm and more.
+CAMERA_FOCAL_LENGTH = Length(20.0, (1e-4, 2.0), ("mm", "um"))
 # Lenses by themselves may be as weak as a plate that is not quite flat.
 WEAK_LENS = Length(1e5, (1e-4, 100.0), ("um", "mm"))
 # Apertures, from the pupils of eyes to dishes of 500 m; those of cameras to mirrors of 40 m.
