@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # The device matrix: the same tests on independent OpenCL implementations.
 #
-#   .ci/devices.sh [PYTHON] [pocl|vkfft|intel|intel-towers|oclgrind|all]...      (default: python, all)
+#   .ci/devices.sh [PYTHON] [pocl|vkfft|intel|intel-towers|oclgrind|rusticl|debian-pocl|all]...
+#                                                                               (default: python, all)
 #
 # PYTHON is the interpreter in whose environment clplen and its test extra are installed.
 #
@@ -13,6 +14,17 @@
 #   intel-towers  the same of the towers and the cameras; not part of CI, whose time is limited
 #   oclgrind  tests/kernels on Debian's simulator Oclgrind, with no report of an access out of
 #             bounds or of a data race
+#   rusticl   the tests of kernels and devices on Mesa's OpenCL, which drives AMD and Intel GPUs
+#             under Linux, here on its CPU, llvmpipe: single precision alone. Not part of CI: about
+#             eight minutes on two cores.
+#   debian-pocl  the same on Debian's and Ubuntu's PoCL, another version with another LLVM than the
+#             one from pip. Not part of CI: five minutes on two cores. The package stays installed,
+#             and from then on the machine has two devices that `--device pocl` fits.
+#
+# How Mesa's and Debian's drivers are reached. An ICD file with the path of the library, in a
+# temporary folder named by OCL_ICD_VENDORS, so that no other driver of the machine is seen but PoCL
+# from pip, which pyopencl's own loader adds; it lends its double precision as a reference. rusticl
+# shows llvmpipe only where RUSTICL_ENABLE=llvmpipe.
 #
 # How Oclgrind is reached. Its wrapper preloads liboclgrind-rt.so, which stands in for the OpenCL
 # loader; pyopencl's wheel, although it has a loader of its own, then sees one platform,
@@ -52,6 +64,14 @@ need_oclgrind() {
         fail "oclgrind could not be installed; it is a package of Debian and Ubuntu"
 }
 
+# need_package PACKAGE: a Debian package without what it recommends.
+need_package() {
+    dpkg-query -W -f '${Status}' "$1" 2>/dev/null | grep -q "ok installed" && return
+    as_root apt-get update -qq
+    as_root apt-get install -y -qq --no-install-recommends "$1" ||
+        fail "$1 could not be installed; it is a package of Debian and Ubuntu"
+}
+
 need_vkfft() {
     "$python" -c "import pyvkfft.opencl" 2>/dev/null && return
     as_root apt-get update -qq
@@ -80,16 +100,40 @@ run_vkfft() {
     "$python" -m pytest tests/compute/test_fft.py --device pocl -q
 }
 
+# quick_tests DEVICE TESTS...
+quick_tests() {
+    "$python" -m pytest -n auto --dist loadfile --device "$1" --device-tests-only \
+        -m "not thorough and not many" -q "${@:2}"
+}
+
 # on_intel TESTS...
 on_intel() {
     need_intel
-    "$python" -m pytest -n auto --dist loadfile --device intel --device-tests-only \
-        -m "not thorough and not many" -q "$@"
+    quick_tests intel "$@"
 }
 
 run_intel() { on_intel tests/kernels tests/compute; }
 
 run_intel-towers() { on_intel tests/wave tests/lightfield tests/cameras; }
+
+# on_packaged DEVICE PACKAGE LIBRARY TESTS...: the driver of a Debian package, by its library's name.
+on_packaged() (
+    need_package "$2"
+    library=$(ldconfig -p | awk -v name="$3" '$1 == name { print $NF; exit }')
+    [ -n "$library" ] || fail "$2 is installed, but the loader does not know $3"
+    OCL_ICD_VENDORS=$(mktemp -d)
+    trap 'rm -rf "$OCL_ICD_VENDORS"' EXIT
+    export OCL_ICD_VENDORS
+    echo "$library" >"$OCL_ICD_VENDORS/driver.icd"
+    quick_tests "$1" "${@:4}"
+)
+
+run_rusticl() {
+    RUSTICL_ENABLE=llvmpipe \
+        on_packaged rusticl mesa-opencl-icd libRusticlOpenCL.so.1 tests/kernels tests/compute
+}
+
+run_debian-pocl() { on_packaged debian pocl-opencl-icd libpocl.so.2 tests/kernels tests/compute; }
 
 run_oclgrind() {
     need_oclgrind
@@ -126,10 +170,10 @@ run_oclgrind() {
 
 python=${1:-python}
 [ $# -gt 0 ] && shift
-[ "${*:-all}" != all ] || set -- pocl vkfft intel intel-towers oclgrind
+[ "${*:-all}" != all ] || set -- pocl vkfft intel intel-towers oclgrind rusticl debian-pocl
 for mode in "$@"; do
     case $mode in
-    pocl | vkfft | intel | intel-towers | oclgrind) "run_$mode" ;;
-    *) fail "unknown mode '$mode': pocl, vkfft, intel, intel-towers, oclgrind or all" ;;
+    pocl | vkfft | intel | intel-towers | oclgrind | rusticl | debian-pocl) "run_$mode" ;;
+    *) fail "unknown mode '$mode': pocl, vkfft, intel, intel-towers, oclgrind, rusticl, debian-pocl or all" ;;
     esac
 done

@@ -379,6 +379,16 @@ def test_demo_into_a_file_is_refused_at_once(tmp_path: Path):
     assert "there is a file of this name" in said(run("demo", "-o", tmp_path / "file"))
 
 
+def test_demo_with_fewer_lenslets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    counts = []
+    monkeypatch.setattr("clplen.demo.run", lambda *_, count, **__: counts.append(count))
+    for words in (), ("--lenslets", 53):
+        assert run("demo", "-o", tmp_path / "demo", *words).exit_code == 0
+    assert counts == [101, 53]
+    message = said(run("demo", "-o", tmp_path / "few", "--lenslets", 52), 2)
+    assert "52 is not in the range x>=53" in message
+
+
 def test_a_wrong_camera_file(tmp_path: Path, camera_file: Path):
     camera_file.write_text(camera_file.read_text().replace("wavelength_nm", "wavelenght_nm"))
     message = said(run("simulate", camera_file, "-o", tmp_path / "out"))

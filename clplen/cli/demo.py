@@ -20,14 +20,23 @@ from clplen.cli.common import advance, bar_of, note_link, opened
     metavar="FOLDER",
     help="Folder for tables, pictures and data; made if it is not there.",
 )
+@click.option(
+    "--lenslets",
+    type=click.IntRange(min=53),
+    default=101,
+    show_default=True,
+    metavar="N",
+    help="Lenslets across the array; fewer are quicker on a slow device and lose light at the rim.",
+)
 @options.force_output
 @options.device
-def demo(output: str, force: bool, selector: str | None) -> None:
+def demo(output: str, lenslets: int, force: bool, selector: str | None) -> None:
     """Simulate three points before a plenoptic camera, refocus them, find their depths.
 
     \b
     Example:
       clplen demo -o clplen-demo
+      clplen demo --lenslets 53
     """
     from clplen import demo as experiment
     from clplen.io import output_folder
@@ -42,6 +51,7 @@ def demo(output: str, force: bool, selector: str | None) -> None:
             device,
             say=lambda text: tqdm.write(f"{text}\n", file=sys.stdout),
             step=lambda name: advance(bar, name),
+            count=lenslets,
         )
     click.echo(
         f"Tables, pictures and data are in {folder}. Next: clplen stack {folder}/lightfield.h5 -o "

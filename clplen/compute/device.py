@@ -14,7 +14,7 @@ import numpy as np
 import pyopencl as cl
 import pyopencl.array as cla
 
-from clplen.compute import pocl
+from clplen.compute import llvmpipe, pocl
 from clplen.compute.cache import PlanCache
 from clplen.compute.failures import ADVICE, device_error, device_errors
 from clplen.compute.fft import FFTRoute, choose_route
@@ -67,7 +67,8 @@ class Device(Memory):
         self.is_cpu = bool(cl_device.type & cl.device_type.CPU)
         self.has_fp64 = "cl_khr_fp64" in cl_device.extensions
         self.memory_bytes = int(cl_device.global_mem_size)
-        self.rows = self.is_cpu  # one work-item a row (CPU) or one a sample (GPU)
+        # one work-item a row (CPU) or one a sample (GPU, and the CPU that works like one)
+        self.rows = self.is_cpu and not llvmpipe.is_llvmpipe(cl_device)
         self.note = ""
         self._programs: dict[tuple[Any, ...], cl.Program] = {}
         self._kernels: dict[tuple[Any, ...], cl.Kernel] = {}
@@ -154,7 +155,7 @@ class Device(Memory):
         """
         with self._lock:
             if not self._usable:
-                self.note = pocl.ensure_usable(self.cl_device)
+                self.note = pocl.ensure_usable(self.cl_device) or llvmpipe.warning(self.cl_device)
                 self._usable = True
                 if self.note:
                     warnings.warn(self.note, RuntimeWarning, stacklevel=3)

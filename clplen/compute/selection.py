@@ -6,7 +6,7 @@ import re
 
 import pyopencl as cl
 
-from clplen.compute import icd
+from clplen.compute import icd, llvmpipe
 from clplen.compute.cachedir import ensure_cache
 from clplen.compute.forked import begin_use
 from clplen.errors import DeviceError
@@ -54,7 +54,7 @@ def find_devices() -> list[Found]:
 
 
 def select(devices: list[Found], selector: str | None) -> list[Found]:
-    """The devices that fit a selector, best first.
+    """The devices that fit a selector, best first; llvmpipe last, unless it is named.
 
     Parameters
     ----------
@@ -70,11 +70,10 @@ def select(devices: list[Found], selector: str | None) -> list[Found]:
     """
     kinds = {"cpu": cl.device_type.CPU, "gpu": cl.device_type.GPU}
     if selector is None:
-        gpus = [found for found in devices if found[1].type & cl.device_type.GPU]
-        return gpus + [found for found in devices if found not in gpus]
+        return sorted(devices, key=_rank)
     wanted = selector.strip().lower()
     if wanted in kinds:
-        fitting = [found for found in devices if found[1].type & kinds[wanted]]
+        fitting = sorted((d for d in devices if d[1].type & kinds[wanted]), key=_rank)
     elif re.fullmatch(r"\d+:\d+", wanted):
         fitting = [found for found in devices if found[0] == wanted]
     else:
@@ -92,6 +91,12 @@ def select(devices: list[Found], selector: str | None) -> list[Found]:
             "'platform:device' or part of a name."
         )
     return fitting
+
+
+def _rank(found: Found) -> int:
+    """Order of devices that no name chooses: GPUs, then CPUs, then llvmpipe."""
+    device = found[1]
+    return 2 if llvmpipe.is_llvmpipe(device) else int(not device.type & cl.device_type.GPU)
 
 
 def _platform_words(device: cl.Device) -> str:

@@ -206,9 +206,9 @@ def test_repr_names_driver_precision_and_fft_route(
 
 def test_repr_of_a_real_device(device: Device, precise: Device) -> None:
     for one, precision in ((device, "single"), (precise, "double")):
-        assert repr(one).startswith(f"<Device {device.name}, {device.platform} ")
+        assert repr(one).startswith(f"<Device {one.name}, {one.platform} ")
         assert f", {precision}, FFT {one.fft.name}" in repr(one)
-        assert device.cl_device.driver_version.strip() in repr(one)
+        assert one.cl_device.driver_version.strip() in repr(one)
 
 
 def test_the_same_hardware_and_precision_is_the_same_device(device: Device) -> None:

@@ -76,6 +76,7 @@ def test_whole_pages_within_the_buffer_are_asked_for(
     assert start % PAGE == length % PAGE == 0
     assert 0 <= start - begin < PAGE
     assert 0 <= begin + LARGE - (start + length) < PAGE
+    device.finish()  # some drivers release when the queue comes to it
     with pytest.raises(cl.Error):  # it was released, whoever still holds it
         mapped[0].base.release(device.queue)
     device._spare.free_held()

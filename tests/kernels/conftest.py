@@ -15,13 +15,14 @@ def mapping(request: pytest.FixtureRequest, device: Device, monkeypatch: pytest.
 
 
 @pytest.fixture
-def wave(device: Device, precise: Device, request: pytest.FixtureRequest) -> Device:
+def wave(device: Device, request: pytest.FixtureRequest) -> Device:
     """The device in single or in double precision (indirect parameter)."""
-    return device if request.param == "single" else precise
+    double = request.param == "double"
+    return request.getfixturevalue("precise") if double else device
 
 
 @pytest.fixture
 def precise(precise: Device, mapping: str, monkeypatch: pytest.MonkeyPatch) -> Device:
-    """The same hardware in double precision, same mapping."""
+    """The device in double precision, same mapping."""
     monkeypatch.setattr(precise, "rows", mapping == "row")
     return precise

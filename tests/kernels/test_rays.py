@@ -11,6 +11,7 @@ import reference_scene as reference
 from clplen import MicrolensArray, Plane, PlenopticCamera, Sphere, SurfaceScene, Texture
 from clplen.cameras.outlines import Ellipse
 from clplen.cameras.rays import SAMPLES, sample_rays
+from clplen.compute import llvmpipe
 from clplen.compute.device import Device
 
 RANDOM = np.random.default_rng(8)
@@ -22,6 +23,14 @@ SCENE = SurfaceScene(
     ],
     background=0.2,
 )
+
+
+@pytest.fixture(autouse=True)
+def loops_run_to_their_end(device: Device, mapping: str, request: pytest.FixtureRequest) -> None:
+    """All rays of a row are too many for a work-item of llvmpipe, which owns a sample by itself."""
+    if mapping == "row" and llvmpipe.loops_are_cut(device.cl_device):
+        reason = "llvmpipe ends the loops of a work-item after 65535 iterations"
+        request.applymarker(pytest.mark.xfail(reason=reason, strict=True))
 
 
 @pytest.mark.parametrize(

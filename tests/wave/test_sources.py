@@ -15,8 +15,8 @@ GRID = Grid((45, 62), (5e-6, 3e-6), origin=(2e-6, -40e-6))
 
 
 @pytest.fixture(params=["single", "double"])
-def wave(request, device, precise):
-    return device if request.param == "single" else precise
+def wave(request, device):
+    return device if request.param == "single" else request.getfixturevalue("precise")
 
 
 def rounding(device):

@@ -1,0 +1,80 @@
+"""llvmpipe is taken last, works like a GPU, and says that it ends long loops."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pyopencl as cl
+import pytest
+
+from clplen.compute import device as devices
+from clplen.compute import llvmpipe, selection
+from clplen.compute.device import Device
+
+CPU, GPU = cl.device_type.CPU, cl.device_type.GPU
+
+
+def fake(name: str, kind: int, platform: str) -> SimpleNamespace:
+    """An OpenCL device as far as `Device` and `select` look at it."""
+    words = SimpleNamespace(name=platform, vendor="somebody", version="OpenCL 3.0")
+    return SimpleNamespace(
+        name=name, type=kind, platform=words, vendor="Mesa", driver_version="22.3.6",
+        extensions="", global_mem_size=2**31,
+    )  # fmt: skip
+
+
+LLVMPIPE = fake("llvmpipe (LLVM 15.0.6, 256 bits)", CPU, "rusticl")
+POCL = fake("pthread-Intel(R) Xeon", CPU, "Portable Computing Language")
+RADEON = fake("AMD Radeon RX 6800 (navi21)", GPU, "rusticl")
+
+
+@pytest.mark.parametrize(
+    ("there", "selector", "names"),
+    [
+        ([LLVMPIPE, POCL], None, [POCL, LLVMPIPE]),
+        ([LLVMPIPE, POCL, RADEON], None, [RADEON, POCL, LLVMPIPE]),
+        ([LLVMPIPE, POCL], "cpu", [POCL, LLVMPIPE]),
+        ([POCL, LLVMPIPE, RADEON], "rusticl", [LLVMPIPE, RADEON]),
+        ([POCL, LLVMPIPE], "llvmpipe", [LLVMPIPE]),
+        ([LLVMPIPE, POCL], "0:0", [LLVMPIPE]),
+        ([LLVMPIPE], None, [LLVMPIPE]),
+    ],
+)
+def test_llvmpipe_is_last_unless_it_is_named(there, selector, names):
+    found = selection.select([(f"{n}:0", d) for n, d in enumerate(there)], selector)
+    assert [d for _, d in found] == names
+
+
+def test_llvmpipe_gets_an_item_a_sample_and_other_cpus_an_item_a_row():
+    assert Device(LLVMPIPE).is_cpu
+    assert not Device(LLVMPIPE).rows
+    assert Device(POCL).rows
+    assert not Device(RADEON).rows
+
+
+@pytest.mark.parametrize("cut", [True, False])
+def test_a_loop_that_ends_early_is_found(device, monkeypatch, cut):
+    if cut:
+        monkeypatch.setattr(llvmpipe, "_PROBE", llvmpipe._PROBE.replace("i < n", "i < n - 1"))
+    monkeypatch.setattr(llvmpipe, "is_llvmpipe", lambda cl_device: True)
+    measured = llvmpipe.loops_are_cut.__wrapped__(device.cl_device)
+    assert measured or not cut
+    if "llvmpipe" not in device.name:
+        assert measured == cut
+
+
+def test_a_device_that_is_not_llvmpipe_is_not_tried():
+    assert not llvmpipe.loops_are_cut.__wrapped__(POCL)  # which has nothing that could run a kernel
+
+
+def test_what_is_cut_is_said_once(monkeypatch):
+    monkeypatch.setattr(devices.pocl, "ensure_usable", lambda cl_device: "")
+    monkeypatch.setattr(llvmpipe, "loops_are_cut", lambda cl_device: cl_device is LLVMPIPE)
+    opened = Device(LLVMPIPE)
+    with pytest.warns(RuntimeWarning, match="llvmpipe ends the loops of a work-item after 65535"):
+        opened.ensure_usable()
+    opened.ensure_usable()
+    assert opened.note.endswith("use it for trials only.")
+    good = Device(RADEON)
+    good.ensure_usable()
+    assert good.note == ""
