@@ -9,7 +9,7 @@ import secrets
 import shutil
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from clplen.errors import ShapeError
@@ -99,7 +99,10 @@ def output_folder(path: PathLike) -> Iterator[Path]:
     wanted = Path(path)
     new = [folder for folder in (wanted, *wanted.parents) if not folder.exists()]
     try:
-        yield check_folder(wanted)
+        with ExitStack() as held:
+            for folder in new:  # the innermost first
+                held.enter_context(unfinished(folder, filled=False))
+            yield check_folder(wanted)
     except BaseException:
         with suppress(OSError):  # it holds something, or was never made
             for folder in new:

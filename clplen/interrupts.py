@@ -27,23 +27,25 @@ SENTENCE = "Interrupted; no file was left half-written."
 GRACE = 1.2  # seconds in which everything that is open may end by itself
 _NAMES = ("clplen", "clplen.exe", "clplen-script.py", "clplen-script.pyw")
 
-_unfinished: set[Path] = set()
+_unfinished: dict[Path, bool] = {}  # whether it goes although it holds something
 
 
 @contextmanager
-def unfinished(path: Path) -> Iterator[None]:
+def unfinished(path: Path, *, filled: bool = True) -> Iterator[None]:
     """Within this block a file or folder is not whole: it goes if the process is interrupted.
 
     Parameters
     ----------
     path : pathlib.Path
         Of a temporary name.
+    filled : bool
+        Whether a folder goes although it holds something.
     """
-    _unfinished.add(path)
+    _unfinished[path] = filled
     try:
         yield
     finally:
-        _unfinished.discard(path)
+        _unfinished.pop(path, None)
 
 
 def is_command() -> bool:
@@ -66,9 +68,11 @@ def _leave(_: int, __: Any) -> None:
 
 
 def leave() -> NoReturn:
-    """Remove what is half-written, say the sentence, and end this process."""
-    for path in list(_unfinished):
-        _remove(path)
+    """End all processes of the command, remove what is half-written, and say the sentence."""
+    if "multiprocessing" in sys.modules:
+        _end_children()
+    for path, filled in list(_unfinished.items()):
+        _remove(path, filled)
     with suppress(Exception):
         sys.stdout.flush()
     with suppress(OSError):
@@ -76,11 +80,27 @@ def leave() -> NoReturn:
     os._exit(STATUS)
 
 
-def _remove(path: Path) -> None:
+def _end_children() -> None:
+    """Kill what multiprocessing started, last the tracker that would complain of the others."""
+    from multiprocessing import active_children, resource_tracker
+
+    children = active_children()
+    for child in children:
+        child.kill()
+    for child in children:
+        child.join(0.2)
+    tracker: Any = getattr(resource_tracker, "_resource_tracker", None)
+    with suppress(AttributeError, TypeError, OSError):
+        os.kill(tracker._pid, signal.SIGKILL)
+
+
+def _remove(path: Path, filled: bool) -> None:
     import shutil
 
     with suppress(OSError):
-        if path.is_dir() and not path.is_symlink():
+        if not filled:
+            path.rmdir()
+        elif path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)
         else:
             path.unlink()

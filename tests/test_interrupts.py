@@ -31,19 +31,26 @@ atexit.register(os.kill, os.getpid(), signal.SIGINT)
 """
 # A program named clplen with a command that is in a library for an hour, halfway in a file.
 HANGING = """
-import hashlib, os, signal, threading
+import hashlib, multiprocessing, os, signal, threading, time
+from contextlib import ExitStack
 from clplen import cli
-from clplen.files import filling, replacing
+from clplen.files import filling, output_folder, replacing
 
 @cli.main.command()
 def hang():
-    with replacing("out.tif") as temporary, filling("out.zarr") as folder:
+    with ExitStack() as stack, replacing("out.tif") as temporary, filling("out.zarr") as folder:
+        stack.enter_context(output_folder("new/inner"))
+        children = multiprocessing.get_context("spawn")
+        child = children.Process(target=time.sleep, args=(3600,))
+        child.start()
+        print(child.pid, flush=True)
         temporary.write_text("half")
         (folder / "0").write_text("half")
         threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
         hashlib.pbkdf2_hmac("sha256", b"a", b"b", 2_000_000_000)
 
-cli.main(prog_name="clplen")
+if __name__ == "__main__":
+    cli.main(prog_name="clplen")
 """
 
 
@@ -87,7 +94,10 @@ def test_in_a_library_that_does_not_return(tmp_path: Path):
     """Kernels, transforms and compressors are waited for in C, where Python raises nothing."""
     script = tmp_path / "clplen"
     script.write_text(HANGING)
-    check(run(str(script), "hang", cwd=tmp_path))
+    done = run(str(script), "hang", cwd=tmp_path)
+    check(done)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(done.stdout), 0)
     assert [file.name for file in tmp_path.iterdir()] == ["clplen"]
 
 

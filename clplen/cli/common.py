@@ -19,7 +19,10 @@ from clplen.cli.messages import note
 if TYPE_CHECKING:
     from clplen.compute.device import Device
     from clplen.lightfield.lightfield import LightField
+    from clplen.lightfield.refocus import FocalStack
     from clplen.lightfield.stored import StoredLightField
+
+_DETAIL = 1e-5  # of the brightest pixel, rms: what is less is rounding
 
 
 def opened(selector: str | None) -> Device:
@@ -124,6 +127,20 @@ def note_end(disparities: Any, found: Any, what: str = "the sharpest plane is") 
         "'clplen info' finds its range."
     )
     return True
+
+
+def sharpest_of(stack: FocalStack, lf: LightField) -> int | str:
+    """Which plane is the sharpest, or why none is: there is one view, or nothing to be sharp."""
+    from clplen.lightfield.depth import sharpness_curve
+
+    if np.count_nonzero(lf.weights) < 2:
+        return "there is one view only, which looks the same on every plane"
+    curve = sharpness_curve(stack)
+    best = int(curve.argmax())
+    level = float(np.abs(stack.device.download(stack.data[best])).max())
+    if curve[best] <= (_DETAIL * level) ** 2:
+        return "the views show no detail" + ("" if level else ", they are black")
+    return best
 
 
 def planes_of(

@@ -195,6 +195,6 @@ def _summary(found: DepthMap) -> str:
     sure = found.confidence > _SURE
     share = f"{100 * sure.mean():.0f} % of the pixels are sure (confidence above {_SURE:g})"
     if not sure.any():
-        return f"{share}."
+        return f"{share}: what the map holds was not measured, the views show too little detail."
     low, high = found.disparity[sure].min(), found.disparity[sure].max()
     return f"{share}, with disparities from {low:.3f} to {high:.3f}."

@@ -17,6 +17,7 @@ _TYPED = (
     (r"\bforce=True", "--force"),
     (r"\bviews=\((\w+), (\w+)\)", r"--views \1 \2"),
     (r"\bpattern=(?=')", "--pattern "),
+    (r"\border='(\w+)'", r"--order \1"),
     (
         r"\b(pattern|views|flip_v|flip_u|swap_uv|allow_missing|order|dataset|positions|srgb|white|"
         r"dark|grid|image|step|lattice|bayer|demosaic|devignette|max_bytes)=",

@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from clplen.cli import options
-from clplen.cli.common import check_planes, note_end, planes_of, read, tried_by
+from clplen.cli.common import check_planes, note_end, planes_of, read, sharpest_of, tried_by
 from clplen.cli.messages import note
 from clplen.cli.pictures import PICTURES, Point, check_output, pixel_of, write
 
@@ -159,12 +159,14 @@ def _focused(
 
 def _sharp(lf: LightField, planes: dict[str, Any], aperture: Any) -> tuple[Values, str]:
     from clplen.lightfield.allinfocus import all_in_focus
-    from clplen.lightfield.depth import sharpness_curve
     from clplen.lightfield.refocus import focal_stack
 
     stack = focal_stack(lf, aperture=aperture, **planes)
-    note_end(stack.disparities, stack.disparities[sharpness_curve(stack).argmax()])
     count = options.planes(len(stack.disparities))
+    best = sharpest_of(stack, lf)
+    if isinstance(best, str):
+        return all_in_focus(stack).to_numpy(), f"of {count}, none the sharpest: {best}"
+    note_end(stack.disparities, stack.disparities[best])
     return all_in_focus(stack).to_numpy(), f"the sharpest of {count}"
 
 

@@ -17,6 +17,7 @@ from clplen.cli.common import (
     note_end,
     planes_of,
     read,
+    sharpest_of,
     stored,
     tiles_shown,
 )
@@ -69,7 +70,6 @@ def stack(
       clplen stack shot.xml -o stack.tif --m 0.1:0.3:9
     """
     from clplen.io import write_stack
-    from clplen.lightfield.depth import sharpness_curve
     from clplen.lightfield.refocus import focal_stack
 
     check_planes(disparities, alphas)
@@ -85,9 +85,14 @@ def stack(
         return
     lf = read(source, selector, layout)
     made = focal_stack(lf, aperture=aperture, **planes_of(lf, disparities, alphas))
-    best = int(sharpness_curve(made).argmax())
-    note_end(made.disparities, made.disparities[best])
+    best = sharpest_of(made, lf)
+    if not isinstance(best, str):
+        note_end(made.disparities, made.disparities[best])
     write_stack(output, made, progress=sys.stderr.isatty(), replace=True)
+    if isinstance(best, str):
+        count = options.planes(len(made.disparities))
+        click.echo(f"{output} holds {count}; none is the sharpest: {best}.")
+        return
     alpha = made.alphas[best]
     also = f", alpha = {alpha:.4f}" if np.isfinite(alpha) else ""
     click.echo(

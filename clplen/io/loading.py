@@ -29,6 +29,7 @@ from clplen.lightfield.checks import (
 from clplen.lightfield.samples import C_TYPE
 
 Selection = tuple[slice, ...]
+_VIEWS_LAST = {4: "yxvu", 5: "yxvuc"}
 
 _BLOCK = 4 << 20  # bytes read at a time: they stay in the cache while axes are exchanged
 UNREADABLE = (  # what libraries raise on files that are damaged or something else
@@ -143,7 +144,8 @@ def axes_known(
     Raises
     ------
     FormatError
-        If there are not 4 or 5 dimensions, or the axes are others.
+        If there are not 4 or 5 dimensions, the axes are others, or they are only guessed and there
+        would be more views than pixels of a view.
     """
     if len(shape) not in (4, 5):
         raise FormatError(
@@ -155,6 +157,14 @@ def axes_known(
         axes = axes_of(order or own or default, len(shape))
     except FormatError as error:
         raise FormatError(f"{path}: {what} has shape {shape}. {error}") from error
+    size = dict(zip(axes, shape, strict=True))
+    if not (order or own) and size["v"] * size["u"] > size["y"] * size["x"]:
+        raise FormatError(
+            f"{path}: {what} of shape {shape} would be {size['v']} x {size['u']} views of "
+            f"{size['y']} x {size['x']} pixels, more views than pixels: say which axis is which by "
+            f"order={default!r} (as it would be read), order={_VIEWS_LAST[len(shape)]!r} (views "
+            "last), or another one; a series of pictures is no light field."
+        )
     how = "as given" if order else "as the file says" if own else "guessed"
     return axes, f"axes {':'.join(axes)} ({how})"
 
