@@ -15,8 +15,8 @@
 #   oclgrind  tests/kernels on Debian's simulator Oclgrind, with no report of an access out of
 #             bounds or of a data race
 #   rusticl   the tests of kernels and devices on Mesa's OpenCL, which drives AMD and Intel GPUs
-#             under Linux, here on its CPU, llvmpipe: single precision alone. Not part of CI: about
-#             eight minutes on two cores.
+#             under Linux, here on its CPU, llvmpipe: single precision alone. Not part of CI: one
+#             and a half minutes on two cores.
 #   debian-pocl  the same on Debian's and Ubuntu's PoCL, another version with another LLVM than the
 #             one from pip. Not part of CI: five minutes on two cores. The package stays installed,
 #             and from then on the machine has two devices that `--device pocl` fits.
