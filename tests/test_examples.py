@@ -116,6 +116,7 @@ def runs(
         pool.shutdown(cancel_futures=True)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
 def test_a_figure_script(
     script: Path, runs: dict[Path, tuple[Path, Future[Done]]], request: pytest.FixtureRequest

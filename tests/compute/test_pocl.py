@@ -19,6 +19,7 @@ from types import SimpleNamespace
 
 import pyopencl as cl
 import pytest
+from _pytest.mark import ParameterSet
 from forcing import caches_in, forced_environment
 
 from clplen.compute import builtin_functions, pocl, pocl_trial
@@ -28,9 +29,10 @@ if not sys.platform.startswith("linux"):
     pytest.skip("PoCL's wheel exists for Linux only", allow_module_level=True)
 
 # Names that LLVM 14 gives to CPUs: AMD's families 23 to 25 and 21, Intel's since 2013.
-NAMES = [
-    *("generic", "znver1", "znver2", "znver3", "bdver4", "x86-64", "haswell", "skylake-avx512"),
-    *("icelake-server", "alderlake", "sapphirerapids", "nehalem", "x86-64-v4"),
+NAMES = ["generic", "znver3", "sapphirerapids"]
+MORE = [
+    *("znver1", "znver2", "bdver4", "x86-64", "haswell", "skylake-avx512", "icelake-server"),
+    *("alderlake", "nehalem", "x86-64-v4"),
 ]
 FLAGS = pocl.cpu_info().get("flags", "")
 FITTING = pocl.names_to_try("generic", FLAGS)[0]
@@ -67,6 +69,10 @@ print("ran")
 NO_CHILD = "import sys; sys.executable = '/no/such/python'\n"
 
 
+def thorough(names: list[str]) -> list[ParameterSet]:
+    return [pytest.param(name, marks=pytest.mark.thorough) for name in names]
+
+
 def pocl_is_here() -> bool:
     try:
         platforms = cl.get_platforms()
@@ -89,7 +95,7 @@ def verdicts(folder: Path) -> list[str | None]:
 
 
 @needs_pocl
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*NAMES, *thorough(MORE)])
 def test_whatever_the_compiler_takes_the_cpu_for_kernels_run(tmp_path: Path, name: str) -> None:
     done = python(OPEN + RUN, forced_environment(tmp_path, name))
     assert done.stdout.endswith("ran\n"), done.stdout + done.stderr
@@ -112,6 +118,7 @@ def test_without_the_remedy_the_error_says_what_to_install(tmp_path: Path, name:
     assert "pip install intel-opencl-rt intel-cmplr-lib-rt" in done.stdout
 
 
+@pytest.mark.thorough
 @needs_pocl
 def test_an_unknown_name_is_replaced(tmp_path: Path) -> None:
     done = python(OPEN + RUN, forced_environment(tmp_path, "no-such-cpu"))
@@ -152,7 +159,7 @@ def test_a_damaged_verdict_is_made_anew(tmp_path: Path) -> None:
     environment = forced_environment(tmp_path)
     assert python(OPEN, environment).returncode == 0
     (file,) = tmp_path.glob("clplen/pocl-*.json")
-    for damage in ("", "[]", '{"name": 3}', '{"name": "sapphirerapids-x"}'):
+    for damage in ("[]", '{"name": "sapphirerapids-x"}'):
         file.write_text(damage)
         done = python(OPEN, environment)
         assert done.returncode == 0, done.stdout + done.stderr
@@ -167,7 +174,9 @@ def test_no_writable_cache_is_no_failure(tmp_path: Path) -> None:
 
 
 @needs_pocl
-@pytest.mark.parametrize("name", ["no-such-cpu", "x86-64" if FITTING != "x86-64" else "haswell"])
+@pytest.mark.parametrize(
+    "name", ["no-such-cpu", *thorough(["x86-64" if FITTING != "x86-64" else "haswell"])]
+)
 def test_a_name_that_fails_is_refused_and_the_process_lives(tmp_path: Path, name: str) -> None:
     done = python(OPEN, forced_environment(tmp_path, CLPLEN_POCL_CPU=name))
     assert done.returncode == 3, done.stdout + done.stderr

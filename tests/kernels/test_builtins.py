@@ -1,4 +1,4 @@
-"""Every built-in function that kernels call, against the standard library's."""
+"""Values of `builtins`, every built-in function that kernels call, against Python's own."""
 
 from __future__ import annotations
 

@@ -46,6 +46,7 @@ def on_axis(**environment):
     )
 
 
+@pytest.mark.thorough
 def test_forced_generic_cpu_gives_the_same_numbers(tmp_path: Path):
     if "Portable Computing Language" not in {d.platform for d in Device.all()}:
         pytest.skip("no PoCL here")

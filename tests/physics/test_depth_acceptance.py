@@ -73,12 +73,14 @@ def test_compensated(camera, measure, points, reference):
     np.testing.assert_allclose(error, reference, atol=2e-4)
 
 
+@pytest.mark.thorough
 def test_compensated_elsewhere(camera, measure):
     error = errors(camera, measure, ELSEWHERE, "compensated")
     assert (np.abs(error) <= 0.010).all()
     assert np.sqrt(np.mean(error**2)) <= 0.006
 
 
+@pytest.mark.thorough
 def test_energy(camera, measure):
     error = errors(camera, measure, ON_AXIS, "energy")
     assert (np.abs(error) <= 0.030).all()
