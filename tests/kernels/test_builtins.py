@@ -1,4 +1,4 @@
-"""Values of `builtins`, every built-in function that kernels call, against Python's own."""
+"""``builtins.cl``: every built-in function that kernels call, against the standard library's."""
 
 from __future__ import annotations
 
