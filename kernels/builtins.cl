@@ -1,10 +1,13 @@
-/* Every built-in function of OpenCL that the other kernels call, one sample at a time in a loop and
- * 4, 8 and 16 samples at a time: what a compiler is asked for first, because some die of it.
+/* Every built-in function of OpenCL that the other kernels call, one sample at a time in a loop and,
+ * of those that they call so, 4, 8 and 16 samples at a time: what a compiler is asked for first,
+ * because some die of it.
  *
  *   y[f, k] = f(a_k, b_k),  a_k = x[0, k] > 0,  b_k = x[1, k],  k = 0 ... n - 1,  16 divides n
  *
  * The functions stand in the order of clplen/compute/builtin_functions.py. i and j are the integers of a and
  * b, halves, bytes and shorts are integers of a as light fields store them. One item does it all.
+ *
+ * Loops over vectors are not unrolled: it takes a compiler time and tries nothing more.
  *
  * -DDOUBLE   the functions of doubles, too (needs cl_khr_fp64)
  */
@@ -39,15 +42,11 @@
 #define KEEP_ALL(store, value) store(value, 0, out), out += n
 
 #define VECTORS(N, FLOAT, to_float, to_int, load, load_half, store) \
+    _Pragma("unroll 1") \
     for (int k = 0; k < n; k += N) { \
         const FLOAT a = load(0, x + k), b = load(0, x + n + k); \
-        FLOAT c; \
-        const FLOAT s = sincos(a, &c); \
         __global float *out = y + k; \
         KEEP_ALL(store, sqrt(a)); \
-        KEEP_ALL(store, exp(b)); \
-        KEEP_ALL(store, s); \
-        KEEP_ALL(store, c); \
         KEEP_ALL(store, rint(b)); \
         KEEP_ALL(store, floor(b)); \
         KEEP_ALL(store, ceil(b)); \
@@ -65,7 +64,7 @@
         KEEP_ALL(store, to_float(load(0, bytes + k))); \
         KEEP_ALL(store, to_float(load(0, shorts + k))); \
     } \
-    y += 20 * n
+    y += 17 * n
 
 __kernel void builtins(
     __global float *y, __global const float *x, __global const half *halves,
@@ -98,12 +97,18 @@ __kernel void builtins(
     VECTORS(4, float4, convert_float4, convert_int4, vload4, vload_half4, vstore4);
     VECTORS(8, float8, convert_float8, convert_int8, vload8, vload_half8, vstore8);
     VECTORS(16, float16, convert_float16, convert_int16, vload16, vload_half16, vstore16);
-    for (int k = 0; k < n; k += 16) { /* halves of vectors, and signs by integers */
-        const float16 a = vload16(0, x + k);
+    for (int k = 0; k < n; k += 16) {
+        const float16 a = vload16(0, x + k), b = vload16(0, x + n + k);
+        float16 c;
+        const float16 s = sincos(a, &c);
         const float16 turned = as_float16(as_int16(a) ^ (as_int16(a) << 31));
-        vstore16((float16)(a.odd, turned.even), 0, y + k);
+        __global float *out = y + k;
+        KEEP_ALL(vstore16, exp(b));
+        KEEP_ALL(vstore16, s);
+        KEEP_ALL(vstore16, c);
+        KEEP_ALL(vstore16, (float16)(a.odd, turned.even));
     }
-    y += n;
+    y += 4 * n;
 #ifdef DOUBLE
     SCALARS(double);
 #endif

@@ -286,26 +286,31 @@ def _survives(library: Path, name: str) -> bool:
         environment = os.environ | {"POCL_CACHE_DIR": folder, "POCL_MAX_PTHREAD_COUNT": "1"}
         silent = subprocess.DEVNULL
         child = subprocess.Popen(
-            command, env=environment, cwd=folder, stdin=silent, stdout=silent, stderr=silent
+            command,
+            env=environment,
+            cwd=folder,
+            stdin=silent,
+            stdout=subprocess.PIPE,
+            stderr=silent,
         )
         try:
             return _wait(child) == 0
         finally:
-            if child.poll() is None:
-                child.kill()
-                child.wait()
+            child.kill()
+            child.communicate()
 
 
 def _wait(child: subprocess.Popen[bytes]) -> int | None:
     """The exit status of a trial, None where it does not end; a long one is spoken of."""
-    try:
-        return child.wait(PATIENCE)
-    except subprocess.TimeoutExpired:
-        _logger.warning("Trying the compiler of PoCL on this CPU, which is done once.")
-    try:
-        return child.wait(TRIAL_SECONDS)
-    except subprocess.TimeoutExpired:
-        return None
+    for seconds in (PATIENCE, TRIAL_SECONDS):
+        try:
+            child.communicate(timeout=seconds)  # which returns at once when the child ends
+        except subprocess.TimeoutExpired:
+            if seconds == PATIENCE:
+                _logger.warning("Trying the compiler of PoCL on this CPU, which is done once.")
+        else:
+            return child.returncode
+    return None
 
 
 def _unfit(target: _Target) -> str:
