@@ -103,7 +103,7 @@ run_vkfft() {
 # quick_tests DEVICE TESTS...
 quick_tests() {
     "$python" -m pytest -n auto --dist loadfile --device "$1" --device-tests-only \
-        -m "not thorough and not many" -q "${@:2}"
+        -m "not thorough and not nightly and not many" -q "${@:2}"
 }
 
 # on_intel TESTS...

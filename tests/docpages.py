@@ -24,7 +24,7 @@ else:
 ROOT = Path(__file__).parents[1]
 PAGES = ("README.md", *sorted(f"docs/{file.name}" for file in (ROOT / "docs").glob("*.md")))
 _FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-_MARK = re.compile(r"<!-- (not run|thorough|file): (.+?) -->\s*\Z")
+_MARK = re.compile(r"<!-- (not run|thorough|nightly|file): (.+?) -->\s*\Z")
 _INSTALL = re.compile(r"pip install (?:\.|\"\.\[(\w+)\]\")")
 
 
@@ -32,7 +32,7 @@ _INSTALL = re.compile(r"pip install (?:\.|\"\.\[(\w+)\]\")")
 class Block:
     """One fenced block.
 
-    ``mark`` is "not run" or "thorough", said with a reason by an HTML comment before it, else
+    ``mark`` is "not run", "thorough" or "nightly", said with a reason by an HTML comment before it, else
     empty; ``file`` the name that the comment gives to what the block shows.
     """
 

@@ -1,7 +1,7 @@
 """Every block of the README and the guides runs, on small samples of the names that it uses.
 
 A block that does not run says so, with the reason, in an HTML comment before it (`not run`); one
-that takes minutes runs with the marker `thorough` only.
+that takes long runs with the marker `thorough` only, and what takes minutes with `nightly`.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def light_field() -> LightField:
 
 def readme() -> Names:
     flower(6, 5, 170, 180)
-    frames(15.4, 12)
+    frames(15.4, 18)
     return {"L": np.random.default_rng(3).random((6, 5, 32, 36), np.float32)}
 
 
@@ -125,7 +125,7 @@ def rendering() -> Names:
 
 
 def microscope() -> Names:
-    frames(15.4, 12)
+    frames(15.4, 18)
     return {}
 
 
@@ -179,6 +179,12 @@ def test_the_blocks_of_a_page(reader: Path, page: str):
 @pytest.mark.parametrize("page", [page for page in docpages.PAGES if has(page, "thorough")])
 def test_all_blocks_of_a_page(reader: Path, page: str):
     run(page, ("", "thorough"))
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("page", [page for page in docpages.PAGES if has(page, "nightly")])
+def test_all_blocks_of_a_page_and_those_of_minutes(reader: Path, page: str):
+    run(page, ("", "thorough", "nightly"))
 
 
 def test_blocks_say_why_they_do_not_run():
