@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 Pointer = ctypes.c_uint64
-SEARCHED_BYTES = 4096
+SEARCHED_BYTES = 1024
 SECONDS = 15  # of computing; a compiler that was given an unfit name may never end
 _TRIPLE = re.compile(rb"x86_64-[a-z0-9_-]+\Z")
 _NAME = re.compile(rb"[a-z0-9][a-z0-9_.-]{1,30}\Z")
@@ -48,8 +48,8 @@ def find_name(address: int) -> Pointer | None:
     """Find the pointer to the name of the CPU in a device object of PoCL on x86-64.
 
     PoCL 3 keeps two strings one behind the other, the target of its compiler, as
-    ``x86_64-unknown-linux-gnu``, and the name of the CPU. Nothing is read beyond the first 4 kB or
-    outside of mapped memory.
+    ``x86_64-unknown-linux-gnu``, and the name of the CPU. Nothing is read beyond the first
+    kilobyte, behind which another device's object may lie, or outside of mapped memory.
 
     Parameters
     ----------

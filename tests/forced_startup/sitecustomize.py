@@ -7,10 +7,11 @@ import os
 import pyopencl as cl
 from forcing import VARIABLE, force_name
 
+from clplen.compute import pocl
 from clplen.compute.icd import expose_intel_runtime
 
 expose_intel_runtime()
 for platform in cl.get_platforms():
-    if platform.name == "Portable Computing Language":
-        for device in platform.get_devices():
+    if platform.name == pocl.PLATFORM:
+        for device in filter(pocl.written_name, platform.get_devices()):
             force_name(device, os.environ[VARIABLE])
