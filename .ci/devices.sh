@@ -8,7 +8,7 @@
 #
 #   pocl      the whole suite on PoCL, which `pip install clplen` brings
 #   vkfft     the FFT tests on PoCL with VkFFT, built here for OpenCL
-#   intel     the tests of kernels and devices, less the slow ones and those of many snapshots, on
+#   intel     the tests of kernels and devices, less the thorough ones, on
 #             Intel's CPU runtime (which is installed here from PyPI and runs on AMD processors too).
 #             clplen shows it to the OpenCL loader by itself.
 #   intel-towers  the same of the towers and the cameras; not part of CI, whose time is limited
@@ -103,7 +103,7 @@ run_vkfft() {
 # quick_tests DEVICE TESTS...
 quick_tests() {
     "$python" -m pytest -n auto --dist loadfile --device "$1" --device-tests-only \
-        -m "not thorough and not nightly and not many" -q "${@:2}"
+        -m "not thorough and not nightly" -q "${@:2}"
 }
 
 # on_intel TESTS...

@@ -56,10 +56,15 @@ def is_command() -> bool:
     return bool(sys.argv) and os.path.basename(sys.argv[0]) in _NAMES
 
 
+def _is_ignored() -> bool:
+    """Whether the shell shields this process from Ctrl-C, as it does in the background."""
+    return signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+
+
 def leave_at_once() -> None:
     """From here on Ctrl-C ends the command without a traceback: nothing is being written."""
     with suppress(ValueError):  # not the main thread
-        if is_command():
+        if is_command() and not _is_ignored():
             signal.signal(signal.SIGINT, _leave)
 
 
@@ -115,7 +120,8 @@ def unwinding() -> Iterator[None]:
     import socket
     import threading
 
-    if not is_command() or threading.current_thread() is not threading.main_thread():
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    if not is_command() or _is_ignored() or not in_main_thread:
         yield
         return
     woken, waking = socket.socketpair()

@@ -32,8 +32,8 @@ _INSTALL = re.compile(r"pip install (?:\.|\"\.\[(\w+)\]\")")
 class Block:
     """One fenced block.
 
-    ``mark`` is "not run", "thorough" or "nightly", said with a reason by an HTML comment before it, else
-    empty; ``file`` the name that the comment gives to what the block shows.
+    ``mark`` is "not run", "thorough" or "nightly", said with a reason by an HTML comment before it,
+    else empty; ``file`` the name that the comment gives to what the block shows.
     """
 
     page: str

@@ -120,3 +120,16 @@ def test_what_the_command_is(words: list[str], expected: bool, monkeypatch: pyte
     monkeypatch.setattr(sys, "orig_argv", words)
     monkeypatch.setattr(sys, "argv", [word for word in words if word != "python"] or [""])
     assert interrupts.is_command() is expected
+
+
+def test_a_command_that_the_shell_shields_from_ctrl_c_goes_on():
+    """Shells without job control start what runs in the background so."""
+    code = (
+        "import os, signal, sys; signal.signal(signal.SIGINT, signal.SIG_IGN); "
+        "sys.orig_argv = ['python', '-m', 'clplen']; import clplen.interrupts as interrupts; "
+        "os.kill(os.getpid(), signal.SIGINT)\n"
+        "with interrupts.unwinding(): os.kill(os.getpid(), signal.SIGINT)\n"
+        "print('went on')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.stdout == "went on\n", done.stderr

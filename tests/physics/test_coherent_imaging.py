@@ -24,7 +24,7 @@ from clplen import (
 from clplen.wave.pupil import coherent_edge, incoherent_edge, otf
 from clplen.wave.targets import usaf1951
 
-pytestmark = pytest.mark.many
+pytestmark = pytest.mark.thorough
 
 LAM = 550e-9
 F, D = 0.12, 3.6e-3

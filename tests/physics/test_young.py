@@ -21,7 +21,7 @@ from clplen import (
     propagate,
 )
 
-pytestmark = pytest.mark.many
+pytestmark = pytest.mark.thorough
 
 LAM = 550e-9
 TOLERANCE = 0.02

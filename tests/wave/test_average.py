@@ -62,7 +62,7 @@ def test_mean_and_error_are_those_of_the_snapshots(device):
     assert [int(k) for k, _ in result.convergence] == list(range(2, 10))
 
 
-@pytest.mark.many
+@pytest.mark.thorough
 def test_reported_error_is_the_scatter_of_independent_runs(device):
     region = (slice(5, 40), slice(10, 50))
     results = [run(device, seed=seed, snapshots=40, region=region) for seed in range(20)]

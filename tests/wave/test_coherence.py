@@ -48,7 +48,7 @@ def distance(a, b):
     return np.linalg.norm(a - b) / np.linalg.norm(b)
 
 
-@pytest.mark.many
+@pytest.mark.thorough
 @pytest.mark.parametrize("iota", [0.56, 1.1, 2.2])
 @pytest.mark.parametrize("kernel", ["square", "gaussian"])
 def test_snapshots_converge_to_the_sum_over_the_source(device, iota, kernel):
@@ -63,7 +63,7 @@ def test_snapshots_converge_to_the_sum_over_the_source(device, iota, kernel):
         assert distance(image(found), image(exact)) <= 1.5 / math.sqrt(snapshots)
 
 
-@pytest.mark.many
+@pytest.mark.thorough
 def test_a_source_at_a_distance_converges_too(device):
     # 61 um Airy radius: lam d/D_s = 41 um, wide enough for the pupil to matter
     light = Coherence(ExtendedSource(2e-3, 0.15), seed=2)
@@ -73,7 +73,7 @@ def test_a_source_at_a_distance_converges_too(device):
     assert distance(found, exact) <= 1.5 / 20
 
 
-@pytest.mark.many
+@pytest.mark.thorough
 def test_the_limits(device):
     thing = bars(device)
     coherent = PUPIL(thing, coherence=Coherence())
@@ -289,7 +289,7 @@ def test_snapshots_go_on_from_any_number(device):
 # Planning ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.many
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["field", "phase"])
 @pytest.mark.parametrize("iota", [0.14, 0.56, 2.0])
 def test_the_plan_predicts_the_clear_field(device, kind, iota):

@@ -73,7 +73,7 @@ def test_the_law_of_the_phase_alone():
     assert np.abs(found - expected).max() < 6e-6  # as printed
 
 
-@pytest.mark.many
+@pytest.mark.thorough
 def test_contrast_of_speckle_grows_with_the_distance(device):
     row = {0: 0.0, 0.1: 0.62, 0.25: 0.81, 0.5: 1.03, 1: 0.79, 2: 0.944, 4: 0.985, 8: 0.998}
     for factor, expected in row.items():
@@ -83,7 +83,7 @@ def test_contrast_of_speckle_grows_with_the_distance(device):
         assert contrast == pytest.approx(expected, abs=0.03)
 
 
-@pytest.mark.many
+@pytest.mark.thorough
 def test_jitter_removes_the_lattice_from_the_mean(device):
     grid, count = Grid((64, 64), 4e-6), 400
     residual = {}
@@ -136,7 +136,7 @@ def test_one_axis(device, shape):
     assert spectrum.sum() == pytest.approx(1)
 
 
-@pytest.mark.many
+@pytest.mark.thorough
 def test_power_spectrum_is_that_of_the_snapshots(device):
     grid = Grid((48, 40), (3e-6, 2e-6))
     mask = RandomPhaseMask((12e-6, 10e-6))
