@@ -56,6 +56,7 @@ def said(result: Result, code: int = 1) -> str:
     return result.stderr
 
 
+@pytest.mark.thorough
 def test_a_pair_is_compared(run: Run, tmp_path: Path, device: Device) -> None:
     result = run("--quick", "--depths-mm", "-4:0:2", "--device", device.place,
                  standard=STANDARD, focused=FOCUSED)  # fmt: skip

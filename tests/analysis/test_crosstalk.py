@@ -107,6 +107,7 @@ def test_even_light_fills_every_cell_by_its_area(cells: LensletGrid) -> None:
         assert len(cell_outline(cells, cell)) == (6 if cells.odd_row_shift else 4)
 
 
+@pytest.mark.thorough
 def test_the_light_in_a_cell_is_what_lies_nearest_to_its_centre(cells: LensletGrid) -> None:
     light = np.random.default_rng(4).uniform(0, 1, SHAPE)
     n, size = 24, 20  # points a pixel and axis: the outline is known to half of 1/24 pixel

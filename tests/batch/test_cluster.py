@@ -46,6 +46,7 @@ class Watcher:
             self._act(self.reports)
 
 
+@pytest.mark.thorough
 def test_two_workers_and_one_that_is_killed(tmp_path: Path, device: Device):
     """Everything right and once, each worker on cores of its own, a lost item done again."""
     files = batchworks.write_inputs(tmp_path / "in", 24)
@@ -69,6 +70,7 @@ def test_two_workers_and_one_that_is_killed(tmp_path: Path, device: Device):
     assert killed
 
 
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_an_item_that_kills_its_workers_fails_alone(tmp_path: Path, device: Device):
     """What was lost with it is done again."""

@@ -98,6 +98,7 @@ def test_bad_pictures(image, width, more, error, words):
 # Routes
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("array", "more"),
     [

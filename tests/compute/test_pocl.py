@@ -157,6 +157,7 @@ def test_where_no_child_can_be_started_a_name_that_fits_is_trusted(tmp_path: Pat
     assert verdicts(tmp_path) == []
 
 
+@pytest.mark.thorough
 @needs_pocl
 def test_a_damaged_verdict_is_made_anew(tmp_path: Path) -> None:
     environment = forced_environment(tmp_path)
@@ -194,6 +195,7 @@ def test_a_name_given_by_the_user_is_used(tmp_path: Path) -> None:
     assert done.stdout.endswith("ran\n"), done.stderr
 
 
+@pytest.mark.thorough
 @needs_pocl
 def test_kernels_cached_earlier_do_not_hide_the_fault(tmp_path: Path) -> None:
     healthy = python(OPEN + RUN, caches_in(tmp_path))

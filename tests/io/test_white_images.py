@@ -168,6 +168,7 @@ def test_white_frames_of_a_microscope(device: Device, name: str):
             preparation(11, device=device, white=values, force=True)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("frame", "flat"),
     [

@@ -137,6 +137,7 @@ def test_against_twin(device, shape, edge):
     check(device, shape, edge=edge)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("edge", ["normalised", "clamp"])
 @pytest.mark.parametrize("dtype", ["float16", "uint8", "uint16"])
 @pytest.mark.parametrize("shape", [SHAPES[1], SHAPES[4]])
@@ -177,6 +178,7 @@ def test_one_plane(device, disparity):
     check(device, (3, 4, 17, 71), disparities=[disparity], total=True)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("vectors", [(4, 6), (8, 6), (16, 8)])
 def test_vectors_of_other_machines(device, vectors, monkeypatch):
     monkeypatch.setattr(shearblocks, "lanes_of", lambda device: vectors)

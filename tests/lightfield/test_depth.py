@@ -219,6 +219,7 @@ def two_depths(sigma: float) -> tuple[np.ndarray, np.ndarray]:
     return noisy(views, sigma), np.broadcast_to(np.where(x > 10, 0.8, -0.6), (ny, nx))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("sigma", [0.02, 0.06, 0.2])
 def test_confidence_ranks(device, sigma):
     views, truth = two_depths(sigma)

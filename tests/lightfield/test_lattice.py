@@ -72,6 +72,7 @@ CASES = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("kind", "pitch", "name", "degrees", "dim"), CASES)
 def test_white_images(kind, pitch, name, degrees, dim):
     """Vignetted, of several profiles, half of the lenslets dim; clean, and with 1/10 of noise."""

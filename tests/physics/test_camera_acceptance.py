@@ -29,6 +29,7 @@ def test_raw_image_against_the_independent_simulation(raws, twin_raws, name):
     assert relative_max(expected, got) <= 2e-6
 
 
+@pytest.mark.thorough
 def test_energy_table(camera):
     scene = PointSources(list(POINTS.values()), diameter=10e-6)
     table = (0.99931, 0.99974, 0.99953)
@@ -258,6 +259,7 @@ def crosstalk(device, d, *, count=51, alone=False):
     return 1 - inside / row_powers(behind).sum()
 
 
+@pytest.mark.thorough
 def test_crosstalk(device):
     assert crosstalk(device, 70e-6) > 0.45
     assert crosstalk(device, 150e-6) == pytest.approx(0.107, abs=0.01)

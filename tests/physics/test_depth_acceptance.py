@@ -90,11 +90,13 @@ def test_energy(camera, measure):
     assert 0.86 <= pooled <= 0.91
 
 
+@pytest.mark.thorough
 def test_thesis(measure):
     found = [measure(p)["thesis"].alpha for p in ON_AXIS]
     np.testing.assert_allclose(found, (0.82, 0.92, 1.08, 1.12), atol=0.02)
 
 
+@pytest.mark.thorough
 def test_slope(camera, measure):
     """The line in phase space: sign, depth and blur; .0114 on the axis and .0097 off it, rms."""
     for points in (ON_AXIS, AT_THREE + ELSEWHERE):
@@ -137,6 +139,7 @@ def test_in_focus(measure):
     assert found.uncertainty == pytest.approx(0.0417, abs=5e-5)
 
 
+@pytest.mark.thorough
 def test_points_in_the_summed_scene(camera, scene):
     for point in ((-3e-3, -3e-3, -0.05), (3e-3, 3e-3, 0.05)):
         found = estimate_alpha(scene, near=lenslet(camera, point))
@@ -144,6 +147,7 @@ def test_points_in_the_summed_scene(camera, scene):
     assert estimate_alpha(scene).near == (50, 50)
 
 
+@pytest.mark.thorough
 def test_depth_map_of_the_summed_scene(camera, scene):
     found = depth_map(scene, alphas=np.linspace(0.65, 1.25, 41))
     for point in ((-3e-3, -3e-3, -0.05), (3e-3, 3e-3, 0.05)):

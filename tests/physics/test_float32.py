@@ -95,6 +95,7 @@ def two_fields(n: int) -> np.ndarray:
     return np.stack([np.exp(-256 * np.add.outer(x**2, x**2)), square * waves])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("case", "length"),
     [(case, length) for case in FIELDS for length in (2020, 2048) if length >= 2 * case[0]],

@@ -179,6 +179,7 @@ def test_cost_is_that_of_the_cheaper_route():
 # Partially coherent edges: the row of section 9.2 of the reference, its figures to three digits
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("iota", "edge", "maximum", "tolerance"),
     [
