@@ -111,6 +111,7 @@ def test_image_is_symmetric_and_transposes_with_the_point():
     assert np.abs(off - turned.T).max() < 1e-12 * off.max()
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("dz", "printed"), [(-0.050, 0.820), (-0.025, 0.920), (0.025, 1.080), (0.050, 1.120)]
 )

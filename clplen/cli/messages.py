@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 import warnings
 from typing import Any
 
@@ -53,6 +54,18 @@ class Commands(click.Group):
                 raise
             except (ClplenError, ValueError, OSError, MemoryError) as error:
                 raise click.ClickException(sentence(error)) from error
+            except _opencl_errors() as error:
+                reason = (str(error).splitlines() or [type(error).__name__])[0]
+                raise click.ClickException(
+                    f"OpenCL failed ({reason}): run `clplen devices --check` to see what works, or "
+                    "choose another device by --device."
+                ) from error
+
+
+def _opencl_errors() -> tuple[type[Exception], ...]:
+    """What OpenCL raises, where it is in use."""
+    opencl = sys.modules.get("pyopencl")
+    return () if opencl is None else (opencl.Error,)
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:

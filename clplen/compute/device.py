@@ -284,7 +284,10 @@ class Device(Memory):
     def _program(self, file: str, defines: tuple[tuple[str, Any], ...]) -> cl.Program:
         key = (file, defines)
         if key not in self._programs:
-            options = [] if not self.note else [f"-DCPU_NAME={pocl.written_name(self.cl_device)}"]
+            # PoCL keeps binaries by the CPU's own name: what was built under another one has to
+            # be told from them where machines share a cache.
+            name = pocl.written_name(self.cl_device) if self.note else ""
+            options = [f"-DCPU_NAME={name}"] if name else []
             self._programs[key] = build_program(self.context, file, dict(defines), options)
         return self._programs[key]
 

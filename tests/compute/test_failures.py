@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import pyopencl as cl
 import pytest
+from click.testing import CliRunner
 
+from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.compute.failures import device_errors
 from clplen.errors import DeviceError, KernelBuildError
@@ -91,6 +93,19 @@ def test_every_step_of_memory(
     assert words in str(caught.value)
     assert device.name in str(caught.value)
     assert caught.value.__cause__ is error
+
+
+def test_the_command_line_says_one_sentence_of_what_nobody_expected(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def failing(*args: Any, **options: Any) -> None:
+        raise cl.RuntimeError("clEnqueueTask failed: OUT_OF_RESOURCES")
+
+    monkeypatch.setattr(Device, "open", failing)
+    done = CliRunner().invoke(main, ["devices"])
+    assert done.exit_code == 1
+    (line,) = done.output.splitlines()
+    assert line.startswith("Error: OpenCL failed (clEnqueueTask failed: OUT_OF_RESOURCES): run ")
 
 
 def test_other_errors_pass(device: Device) -> None:

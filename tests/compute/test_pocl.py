@@ -30,10 +30,8 @@ if not sys.platform.startswith("linux"):
 
 # Names that LLVM 14 gives to CPUs: AMD's families 23 to 25 and 21, Intel's since 2013.
 NAMES = ["generic", "znver3", "sapphirerapids"]
-MORE = [
-    *("znver1", "znver2", "bdver4", "x86-64", "haswell", "skylake-avx512", "icelake-server"),
-    *("alderlake", "nehalem", "x86-64-v4"),
-]
+MORE = ["x86-64", "alderlake", "skylake-avx512"]
+ALL = ["znver1", "znver2", "bdver4", "haswell", "icelake-server", "nehalem", "x86-64-v4"]
 FLAGS = pocl.cpu_info().get("flags", "")
 FITTING = pocl.names_to_try("generic", FLAGS)[0]
 
@@ -70,8 +68,8 @@ print("ran")
 NO_CHILD = "import sys; sys.executable = '/no/such/python'\n"
 
 
-def thorough(names: list[str]) -> list[ParameterSet]:
-    return [pytest.param(name, marks=pytest.mark.thorough) for name in names]
+def marked(names: list[str], marker: str) -> list[ParameterSet]:
+    return [pytest.param(name, marks=getattr(pytest.mark, marker)) for name in names]
 
 
 def renamable() -> list[cl.Device]:
@@ -98,7 +96,7 @@ def verdicts(folder: Path) -> list[str | None]:
 
 
 @needs_pocl
-@pytest.mark.parametrize("name", [*NAMES, *thorough(MORE)])
+@pytest.mark.parametrize("name", [*NAMES, *marked(MORE, "thorough"), *marked(ALL, "nightly")])
 def test_whatever_the_compiler_takes_the_cpu_for_kernels_run(tmp_path: Path, name: str) -> None:
     done = python(OPEN + RUN, forced_environment(tmp_path, name))
     assert done.stdout.endswith("ran\n"), done.stdout + done.stderr
@@ -179,7 +177,7 @@ def test_no_writable_cache_is_no_failure(tmp_path: Path) -> None:
 
 @needs_pocl
 @pytest.mark.parametrize(
-    "name", ["no-such-cpu", *thorough(["x86-64" if FITTING != "x86-64" else "haswell"])]
+    "name", ["no-such-cpu", *marked(["x86-64" if FITTING != "x86-64" else "haswell"], "nightly")]
 )
 def test_a_name_that_fails_is_refused_and_the_process_lives(tmp_path: Path, name: str) -> None:
     done = python(OPEN, forced_environment(tmp_path, CLPLEN_POCL_CPU=name))

@@ -16,7 +16,7 @@ ALPHA = {"A": 0.736842, "B": 1.0, "C": 1.172414}
 LENSLET = {"A": 75.26, "B": 50.0, "C": 33.45}  # where each lies, in lenslets, both axes
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", POINTS)
 def test_raw_image_against_the_independent_simulation(raws, twin_raws, name):
     got, expected = raws[name].to_numpy(), twin_raws[name]

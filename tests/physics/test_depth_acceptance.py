@@ -158,7 +158,7 @@ def test_depth_map_of_the_summed_scene(camera, scene):
         assert found.confidence[y, x] > 0.5
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @pytest.mark.parametrize("dz", [-50e-3, 50e-3])
 def test_extended_scene(camera, dz):
     places = np.random.default_rng(14).uniform(-0.9e-3, 0.9e-3, (14, 2))

@@ -134,6 +134,7 @@ def test_checks_have_names_of_their_own() -> None:
     assert all(len(name) <= 19 for name in names)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("file", KERNELS)
 def test_a_fault_in_a_kernel_file_is_found(file: str, kernels: Path, fresh: Device) -> None:
     right, wrong = FAULTS[file]
