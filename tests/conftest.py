@@ -15,7 +15,7 @@ from clplen.errors import DeviceError
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
-        "--figures", action="store_true", help="run all figure scripts, not one in eight"
+        "--figures", action="store_true", help="run all figure scripts, not one in sixteen"
     )
     parser.addoption(
         "--device",

@@ -125,6 +125,7 @@ def extended(points, shape="disc", side=2e-3, count=400):
     return [masks.extended_snapshot(rng, 96, points, **optics) for _ in range(count)]
 
 
+@pytest.mark.nightly
 def test_van_cittert_zernike_disc():
     fields, lag = extended(200), np.arange(48)
     mu, expected = masks.window_degree(fields), masks.disc_degree(lag * 4e-6, 2e-3, 0.1, LAM)
@@ -161,6 +162,7 @@ def test_extended_snapshot_is_the_sum_of_fresnel_spheres():
     assert relative_max(waves / np.sqrt(points), got * curved) < 1e-10
 
 
+@pytest.mark.nightly
 def test_young_fringes_show_the_degree_of_coherence():
     fields = snapshots(60, distance=4 * NEAR)
     phase = np.linspace(0, 2 * np.pi, 721)

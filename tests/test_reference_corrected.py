@@ -109,6 +109,7 @@ TUNING = {  # z/S: figures of (g, k) = (2, 2.5) (3, 3) (4, 3) (4, 3.5) (6, 3.5) 
 GUARDS = ((2, 2.5), (3, 3), (4, 3), (4, 3.5), (6, 3.5), (6, 4), (8, 5))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("z", TUNING)
 def test_guard_tuning(z):
     """The printed figure is the worse of a Gaussian and one random field: a lower bound here."""

@@ -197,7 +197,7 @@ def test_monomials_follow_from_the_aberrations(device):
     assert lattice.powers(camera, PicturePlane(corner, 2e-3)) == lattice.LINEAR
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_aberrations_are_interpolated(device, monkeypatch):
     camera = short_camera(device)
     # a small window that is periodic lets the rim's diffraction interfere: 2e-3

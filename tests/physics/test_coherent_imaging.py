@@ -94,7 +94,7 @@ def test_the_limits_of_the_target(target, incoherent):
     assert snr_db(incoherent, coherent) == pytest.approx(COHERENT, abs=0.1)
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @pytest.mark.parametrize("cells", [4, 8, 32, 128])
 @pytest.mark.parametrize("kind", ["field", "phase"])
 def test_table_of_masks(table, kind, cells):
