@@ -46,11 +46,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    chosen = items
-    if "thorough" not in config.option.markexpr:
-        chosen = [item for item in chosen if item.get_closest_marker("thorough") is None]
-    if config.getoption("--device-tests-only"):
-        chosen = [item for item in chosen if "device" in getattr(item, "fixturenames", ())]
+    if not config.getoption("--device-tests-only"):
+        return
+    chosen = [item for item in items if "device" in getattr(item, "fixturenames", ())]
     config.hook.pytest_deselected(items=[item for item in items if item not in set(chosen)])
     items[:] = chosen
 
