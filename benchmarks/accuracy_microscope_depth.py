@@ -4,8 +4,8 @@
 
 A line for each objective and depth: the disparity that `estimate_alpha` finds of one point over
 that of the law d = -M^2 z dx/(n f_mu p), what rays say of it
-(`clplen.lightfield.best_focus.focus_ratio`), and the depth that is left when z is divided by the
-latter, over the true one. Ends with 1 where that is off by more than 5 %. Depths are shares of
+(`clplen.lightfield.depth.best_focus.focus_ratio`), and the depth that is left when z is divided by
+the latter, over the true one. Ends with 1 where that is off by more than 5 %. Depths are shares of
 the light-field range about the native plane, lenslets matched. Half a minute.
 """
 
@@ -26,7 +26,7 @@ from clplen import (
     estimate_alpha,
 )
 from clplen.cameras.microscope import Microscope
-from clplen.lightfield.best_focus import focus_ratio, ratio_at
+from clplen.lightfield.depth.best_focus import focus_ratio, ratio_at
 
 OBJECTIVES = {  # M, NA, n, wavelength, lenslets, pixels a lenslet
     "20x/0.3 air": (20, 0.3, 1.0, 525e-9, 125e-6, 27),

@@ -21,7 +21,7 @@ from clplen.cameras.pictures import PicturePlane
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
-from clplen.lightfield.raw import Exposure
+from clplen.lightfield.raw.raw_image import Exposure
 from clplen.wave.lenslets import MicrolensArray
 
 

@@ -35,33 +35,35 @@ from clplen.errors import (
     SamplingWarning,
     ShapeError,
 )
-from clplen.lightfield.allinfocus import all_in_focus
-from clplen.lightfield.calibration import Lattice, decode_raw, estimate_lattice
-from clplen.lightfield.depth import DepthMap, depth_map, sharpness_curve
-from clplen.lightfield.estimate import AlphaEstimate, estimate_alpha
-from clplen.lightfield.focused import focused_stack, render_focused
-from clplen.lightfield.focused_depth import focused_depth
-from clplen.lightfield.focused_geometry import FocusedGeometry
-from clplen.lightfield.focused_maps import FocusedMaps, focused_maps
-from clplen.lightfield.focused_picture import seam
-from clplen.lightfield.focused_spots import point_m
-from clplen.lightfield.fourier import fourier_stack
-from clplen.lightfield.hyperfan import hyperfan
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.metric import metric_depth
-from clplen.lightfield.phasespace import PhaseSpace, phase_space
-from clplen.lightfield.raw import LensletGrid, RawImage
-from clplen.lightfield.refocus import FocalStack, focal_stack, refocus
-from clplen.lightfield.sensor import Sensor
-from clplen.lightfield.stored import StoredLightField
-from clplen.lightfield.streaming import (
+from clplen.lightfield.calibration.lattice_fit import estimate_lattice
+from clplen.lightfield.calibration.raw_decoding import decode_raw
+from clplen.lightfield.depth.all_in_focus import all_in_focus
+from clplen.lightfield.depth.alpha_estimate import AlphaEstimate, estimate_alpha
+from clplen.lightfield.depth.depth_map import DepthMap, depth_map, sharpness_curve
+from clplen.lightfield.depth.metric_depth import metric_depth
+from clplen.lightfield.focused.focused_depth import focused_depth
+from clplen.lightfield.focused.focused_geometry import FocusedGeometry
+from clplen.lightfield.focused.focused_maps import FocusedMaps, focused_maps
+from clplen.lightfield.focused.focused_picture import seam
+from clplen.lightfield.focused.focused_rendering import focused_stack, render_focused
+from clplen.lightfield.focused.focused_spots import point_m
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.phase_space import PhaseSpace, phase_space
+from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.model.surface import plane_through
+from clplen.lightfield.raw.lenslet_lattice import Lattice
+from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
+from clplen.lightfield.raw.sensor import Sensor
+from clplen.lightfield.refocus.focal_stack import FocalStack, focal_stack, refocus
+from clplen.lightfield.refocus.fourier_slice import fourier_stack
+from clplen.lightfield.refocus.hyperfan import hyperfan
+from clplen.lightfield.streaming.streamed_results import (
     StackTiles,
     stream_all_in_focus,
     stream_depth,
     stream_stack,
 )
-from clplen.lightfield.surface import plane_through
-from clplen.lightfield.tiles import StreamPlan
+from clplen.lightfield.streaming.tile_plan import StreamPlan
 from clplen.wave.average import MeanIntensity
 from clplen.wave.coherence import Coherence
 from clplen.wave.degree import measured_degree, speckle_contrast

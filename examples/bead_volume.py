@@ -12,7 +12,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
 from clplen.analysis.tables import Table
-from clplen.lightfield.calibration import decode_raw, estimate_lattice
+from clplen.lightfield.calibration.lattice_fit import estimate_lattice
+from clplen.lightfield.calibration.raw_decoding import decode_raw
 from clplen.microscopy.deconvolution import deconvolve
 from clplen.microscopy.points import Points, find_points, match_points
 from clplen.microscopy.prepare import preparation

@@ -8,8 +8,8 @@ from matplotlib.patches import Rectangle
 
 from clplen import MicrolensArray, Plane, PlenopticCamera, SurfaceScene
 from clplen.cameras.textures import uniform
-from clplen.lightfield.focused import render_focused
-from clplen.lightfield.focused_picture import seam
+from clplen.lightfield.focused.focused_picture import seam
+from clplen.lightfield.focused.focused_rendering import render_focused
 from clplen.plot.base import new_figure
 
 ZOOM = (0.45, 1.25)  # mm on the main image, from and to, in x and y

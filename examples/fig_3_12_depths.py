@@ -4,8 +4,8 @@ import numpy as np
 from common import BLUE, mm, number, pixels, start
 
 from clplen import demo
-from clplen.lightfield.estimate import estimate_alpha
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.depth.alpha_estimate import estimate_alpha
+from clplen.lightfield.model.light_field import LightField
 from clplen.plot.base import LIGHT, new_figure
 
 DEPTHS = (0, 0.125, 0.25)

@@ -8,7 +8,7 @@ from slices import COLOURS, DEPTHS, QUICK, camera, draw_end, zones
 
 from clplen import LightField, PointSources
 from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.lightfield.estimate import estimate_alpha
+from clplen.lightfield.depth.alpha_estimate import estimate_alpha
 from clplen.plot.base import new_figure
 
 BLURS = {"closer": 6.316, "farther": 4.138}  # lenslets, D |1 - alpha|/p

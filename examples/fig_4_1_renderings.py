@@ -5,9 +5,9 @@ from common import begin, number, pixels
 from stars import DEPTHS, QUICK, cameras, exposed, likeness, places, show
 
 from clplen import LightField
-from clplen.lightfield.focused import render_focused
-from clplen.lightfield.focused_depth import focused_depth
-from clplen.lightfield.refocus import refocus
+from clplen.lightfield.focused.focused_depth import focused_depth
+from clplen.lightfield.focused.focused_rendering import render_focused
+from clplen.lightfield.refocus.focal_stack import refocus
 from clplen.plot.base import new_figure
 
 run = begin(__doc__, __file__, quick=QUICK)

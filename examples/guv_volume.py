@@ -19,8 +19,8 @@ from matplotlib.colors import PowerNorm
 
 from clplen.cameras.microscope import Microscope
 from clplen.io.volume import write_volume
-from clplen.lightfield.calibration import decode_raw
-from clplen.lightfield.refocus import refocus
+from clplen.lightfield.calibration.raw_decoding import decode_raw
+from clplen.lightfield.refocus.focal_stack import refocus
 from clplen.microscopy.deconvolution import DeconvolutionResult, deconvolve
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import point_images

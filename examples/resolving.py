@@ -20,9 +20,9 @@ from clplen.analysis.otf import circular_mtf, square_mtf
 from clplen.analysis.psf import PSF
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2
-from clplen.lightfield.focused import render_focused
-from clplen.lightfield.focused_geometry import FocusedGeometry
-from clplen.lightfield.focused_picture import FocusedImage
+from clplen.lightfield.focused.focused_geometry import FocusedGeometry
+from clplen.lightfield.focused.focused_picture import FocusedImage
+from clplen.lightfield.focused.focused_rendering import render_focused
 from clplen.plot.base import LIGHT
 
 M = 0.2

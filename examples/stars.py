@@ -16,7 +16,7 @@ from clplen import MicrolensArray, PlenopticCamera, RawImage
 from clplen.cameras.outlines import Ellipse
 from clplen.cameras.surfaces import Plane, SurfaceScene
 from clplen.cameras.textures import picture as table_of
-from clplen.lightfield.focused_picture import FocusedImage
+from clplen.lightfield.focused.focused_picture import FocusedImage
 from clplen.plot.base import LIGHT
 
 DEPTHS = {"near": -6e-3, "in focus": 0.0, "far": 15e-3}  # dz

@@ -21,7 +21,7 @@ from scipy.optimize import minimize
 from clplen import MicrolensArray, PlenopticCamera, PointSources
 from clplen.cameras.microscope import Microscope
 from clplen.compute.device import Device
-from clplen.lightfield.lattice import Lattice
+from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.prepare import preparation
 from clplen.microscopy.projector import Projector
 

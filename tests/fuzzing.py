@@ -42,9 +42,9 @@ from clplen.io.raytrix import write_raytrix
 from clplen.io.raytrix_calibration import FocusType, RaytrixCalibration
 from clplen.io.volume import read_volume, write_volume
 from clplen.io.zarrs import write_zarr
-from clplen.lightfield.depth import DepthMap
-from clplen.lightfield.lattice import Lattice
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.depth.depth_map import DepthMap
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy import psffile
 from clplen.microscopy.images import PointImages
 

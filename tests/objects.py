@@ -11,8 +11,8 @@ import numpy as np
 import clplen
 from clplen.analysis.comparison import Comparison
 from clplen.compute.device import Device
-from clplen.lightfield.focused_picture import PictureGrid
-from clplen.lightfield.lattice import Lattice
+from clplen.lightfield.focused.focused_picture import PictureGrid
+from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.images import PointImages
 
 LAM = 5e-7

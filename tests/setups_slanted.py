@@ -15,9 +15,9 @@ from clplen.cameras.geometry import view_step
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.textures import Texture, noise
 from clplen.compute.device import Device
-from clplen.lightfield.focused_depth import FocusedDepth
-from clplen.lightfield.focused_picture import FocusedImage
-from clplen.lightfield.raw import RawImage
+from clplen.lightfield.focused.focused_depth import FocusedDepth
+from clplen.lightfield.focused.focused_picture import FocusedImage
+from clplen.lightfield.raw.raw_image import RawImage
 
 PITCH = 150e-6
 MS = (0.2, 0.3, 0.13)  # in focus, one a type

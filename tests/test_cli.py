@@ -24,8 +24,8 @@ from clplen.cli.messages import sentence
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, read_camera_file
 from clplen.io import read_lightfield, read_pfm, write_lightfield
-from clplen.lightfield.depth import depth_map
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.depth.depth_map import depth_map
+from clplen.lightfield.model.light_field import LightField
 from clplen.wave.lenslets import MicrolensArray
 
 D_TRUE = 1.0

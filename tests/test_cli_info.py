@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 
 from clplen.cli import main
 from clplen.io import write_lightfield, write_pfm
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.model.light_field import LightField
 
 SCENE = """[intrinsics]
 focal_length_mm = 100

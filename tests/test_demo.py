@@ -11,7 +11,7 @@ import tifffile
 from clplen import demo
 from clplen.compute.device import Device
 from clplen.io import read_lightfield
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.model.light_field import LightField
 
 COUNT = 77  # the smallest window in which A needs no padding
 FILES = {

@@ -28,7 +28,7 @@ from clplen.files import (
     replacing,
 )
 from clplen.io import write_lightfield, write_pfm, write_picture
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.model.light_field import LightField
 
 ROOT = Path(__file__).parents[1]
 

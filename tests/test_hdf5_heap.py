@@ -11,7 +11,7 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.hdf5_heap import require_heaps
 from clplen.io import read_lightfield, write_lightfield
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.model.light_field import LightField
 
 
 def test_an_object_without_a_size(tmp_path: Path, device: Device):

@@ -43,15 +43,15 @@ from clplen.bench import ceilings
 from clplen.cameras.aberrations import Aberrations, LensletScatter
 from clplen.cameras.pictures import PicturePlane
 from clplen.compute.device import Device
-from clplen.lightfield.allinfocus import all_in_focus
-from clplen.lightfield.depth import sharpness_curve
-from clplen.lightfield.focused import render_focused
-from clplen.lightfield.focused_depth import focused_depth
-from clplen.lightfield.focused_spots import point_m
-from clplen.lightfield.fourier import fourier_stack
-from clplen.lightfield.hyperfan import hyperfan
-from clplen.lightfield.raw import LensType
-from clplen.lightfield.samples import extremes
+from clplen.lightfield.arrays.stored_samples import extremes
+from clplen.lightfield.depth.all_in_focus import all_in_focus
+from clplen.lightfield.depth.depth_map import sharpness_curve
+from clplen.lightfield.focused.focused_depth import focused_depth
+from clplen.lightfield.focused.focused_rendering import render_focused
+from clplen.lightfield.focused.focused_spots import point_m
+from clplen.lightfield.raw.raw_image import LensType
+from clplen.lightfield.refocus.fourier_slice import fourier_stack
+from clplen.lightfield.refocus.hyperfan import hyperfan
 from clplen.microscopy.deconvolution import deconvolve
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import point_images

@@ -18,7 +18,7 @@ from clplen.demo import FILES
 from clplen.files import check_writable
 from clplen.io.animation import write_animation
 from clplen.io.npy import write_npy
-from clplen.lightfield.lattice import Lattice
+from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.outputs import check_output, is_ours, listed, updating
 
 LATTICE = Lattice("rectangular", (40.2, 41.1), (11, 0), (0, 11), (81, 83))

@@ -18,9 +18,9 @@ from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.compute.device import Device
 from clplen.compute.image import Image
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.raw import RawImage
-from clplen.lightfield.refocus import FocalStack
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.raw_image import RawImage
+from clplen.lightfield.refocus.focal_stack import FocalStack
 from clplen.plot.base import spread
 from clplen.wave.lenslets import MicrolensArray
 

@@ -14,13 +14,13 @@ from clplen.analysis.rendered import local_m
 from clplen.analysis.samples import Values
 from clplen.cameras.geometry import view_step
 from clplen.errors import SamplingWarning
-from clplen.lightfield.estimate import estimate_alpha, search_limit
-from clplen.lightfield.focused_spots import point_m
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.depth.alpha_estimate import estimate_alpha, search_limit
+from clplen.lightfield.focused.focused_spots import point_m
+from clplen.lightfield.model.light_field import LightField
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic import Plenoptic
-    from clplen.lightfield.raw import RawImage
+    from clplen.lightfield.raw.raw_image import RawImage
 
 TOO_LARGE = 0.5  # abs(m) from which fewer than two by two lenslets see a point
 SEARCH = 1.25  # how much farther than the depths asked for a 1.0 camera's search goes

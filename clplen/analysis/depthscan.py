@@ -17,7 +17,7 @@ from clplen.errors import SamplingError
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic import Plenoptic
-    from clplen.lightfield.raw import RawImage
+    from clplen.lightfield.raw.raw_image import RawImage
 
 PLACES = 3
 _SHARES = (-0.15, -0.05, -0.02, 0.0, 0.02, 0.05, 0.15)  # of the object distance

@@ -10,14 +10,14 @@ import numpy as np
 
 from clplen.analysis.placing import is_focused
 from clplen.analysis.samples import Pair, Values
-from clplen.lightfield.focused import render_focused
-from clplen.lightfield.focused_geometry import FocusedGeometry
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.refocus import refocus
+from clplen.lightfield.focused.focused_geometry import FocusedGeometry
+from clplen.lightfield.focused.focused_rendering import render_focused
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.refocus.focal_stack import refocus
 
 if TYPE_CHECKING:
-    from clplen.lightfield.focused_picture import FocusedImage
-    from clplen.lightfield.raw import RawImage
+    from clplen.lightfield.focused.focused_picture import FocusedImage
+    from clplen.lightfield.raw.raw_image import RawImage
 
 FINER = 4  # samples of a focused camera's picture for one that its light needs
 

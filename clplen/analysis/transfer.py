@@ -20,7 +20,7 @@ from clplen.analysis.rendered import blended, refocused
 from clplen.analysis.samples import Values
 
 if TYPE_CHECKING:
-    from clplen.lightfield.raw import RawImage
+    from clplen.lightfield.raw.raw_image import RawImage
 
 
 @dataclass(frozen=True, eq=False)

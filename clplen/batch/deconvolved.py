@@ -17,7 +17,7 @@ from clplen.cameras.microscope import Microscope
 from clplen.io.digest import digest
 
 if TYPE_CHECKING:
-    from clplen.lightfield.raw import RawImage
+    from clplen.lightfield.raw.raw_image import RawImage
 
 logger = logging.getLogger(__name__)
 

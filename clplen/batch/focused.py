@@ -10,12 +10,12 @@ import numpy as np
 
 from clplen import io
 from clplen.cameras.plenoptic2 import Plenoptic2
-from clplen.lightfield.focused import focused_stack, render_focused
-from clplen.lightfield.focused_depth import focused_depth
-from clplen.lightfield.focused_maps import focused_maps
+from clplen.lightfield.focused.focused_depth import focused_depth
+from clplen.lightfield.focused.focused_maps import focused_maps
+from clplen.lightfield.focused.focused_rendering import focused_stack, render_focused
 
 if TYPE_CHECKING:
-    from clplen.lightfield.raw import RawImage
+    from clplen.lightfield.raw.raw_image import RawImage
 
 Written = tuple[str, Callable[[Path], Any]]
 

@@ -21,13 +21,17 @@ from clplen.batch.task import Task
 from clplen.batch.workshop import Workshop
 from clplen.errors import DeviceError
 from clplen.files import filling, replacing
-from clplen.lightfield.planes import suitable_planes
-from clplen.lightfield.streaming import stream_all_in_focus, stream_depth, stream_stack
+from clplen.lightfield.depth.plane_choice import suitable_planes
+from clplen.lightfield.streaming.streamed_results import (
+    stream_all_in_focus,
+    stream_depth,
+    stream_stack,
+)
 
 if TYPE_CHECKING:
-    from clplen.lightfield.depth import DepthMap
-    from clplen.lightfield.refocus import FocalStack
-    from clplen.lightfield.stored import StoredLightField
+    from clplen.lightfield.depth.depth_map import DepthMap
+    from clplen.lightfield.model.stored_light_field import StoredLightField
+    from clplen.lightfield.refocus.focal_stack import FocalStack
 
 Advance = Callable[[int, int], None]
 Values = np.ndarray[Any, Any]

@@ -32,8 +32,8 @@ from clplen.config.scene import SceneTable as SceneKeys
 from clplen.config.tables import Table, value_of
 from clplen.errors import ClplenError, FormatError
 from clplen.files import PathLike
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.raw import RawImage
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.raw_image import RawImage
 from clplen.wave.average import Progress
 from clplen.wave.lens import check_lens_sampling
 

@@ -13,8 +13,8 @@ from clplen.bench.report import Goal, Report, time_rows
 from clplen.bench.sizes import halved, numbers
 from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.scene import PointSources
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.raw import RawImage, Transforms
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.raw_image import RawImage, Transforms
 from clplen.wave.lenslets import MicrolensArray
 
 if TYPE_CHECKING:

@@ -11,13 +11,13 @@ from clplen.bench import camera
 from clplen.bench.measure import Case, finished, in_turn
 from clplen.bench.report import Goal, Report, time_rows
 from clplen.bench.sizes import numbers
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.refocus import focal_stack
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.refocus.focal_stack import focal_stack
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic1 import Plenoptic1
     from clplen.compute.device import Device
-    from clplen.lightfield.raw import Transforms
+    from clplen.lightfield.raw.raw_image import Transforms
 
 SUMMARY = "raw images, decoding and focal stack of the demo, beside the bare transforms in them"
 SIZES = ("101",)

@@ -18,7 +18,7 @@ from clplen.errors import ClplenError
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
-    from clplen.lightfield.lightfield import LightField
+    from clplen.lightfield.model.light_field import LightField
 
 SUMMARY = "import, and the first call with empty kernel caches, beside the second"
 SIZES = ("focal_stack", "depth_map", "depth_default", "propagate", "expose")
@@ -121,7 +121,7 @@ def _require_known(size: str) -> None:
 def _stack(device: Device) -> Callable[[], object]:
     import numpy as np
 
-    from clplen.lightfield.refocus import focal_stack
+    from clplen.lightfield.refocus.focal_stack import focal_stack
 
     planes = np.linspace(-1, 1, 16)
     return lambda: focal_stack(_light_field(device), disparities=planes).to_numpy()
@@ -130,7 +130,7 @@ def _stack(device: Device) -> Callable[[], object]:
 def _depth(device: Device) -> Callable[[], object]:
     import numpy as np
 
-    from clplen.lightfield.depth import depth_map
+    from clplen.lightfield.depth.depth_map import depth_map
 
     planes = np.linspace(-1, 1, 16)
     return lambda: depth_map(_light_field(device), disparities=planes, cue="energy")
@@ -139,13 +139,13 @@ def _depth(device: Device) -> Callable[[], object]:
 def _default(device: Device) -> Callable[[], object]:
     import numpy as np
 
-    from clplen.lightfield import lightfield
-    from clplen.lightfield.depth import depth_map
+    from clplen.lightfield.depth.depth_map import depth_map
+    from clplen.lightfield.model import light_field
 
     values = np.random.default_rng(1).random((5, 5, 96, 128, 3), dtype=np.float32)
 
     def call() -> object:
-        lf = lightfield.LightField.from_array(values, device=device)
+        lf = light_field.LightField.from_array(values, device=device)
         return depth_map(lf, disparities=np.linspace(-1, 1, 9))
 
     return call
@@ -176,10 +176,10 @@ def _expose(device: Device) -> Callable[[], object]:
 def _light_field(device: Device) -> LightField:
     import numpy as np
 
-    from clplen.lightfield import lightfield
+    from clplen.lightfield.model import light_field
 
     values = np.random.default_rng(1).random((5, 5, 200, 200), dtype=np.float32)
-    return lightfield.LightField.from_array(values, device=device)
+    return light_field.LightField.from_array(values, device=device)
 
 
 _CALLS = dict(zip(SIZES, (_stack, _depth, _default, _propagate, _expose), strict=True))

@@ -11,7 +11,7 @@ from clplen.bench import ceilings
 from clplen.bench.measure import Case, finished, in_turn
 from clplen.bench.report import Report, rate_rows
 from clplen.bench.sizes import halved, numbers
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.model.light_field import LightField
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from clplen.cameras.aberrations import Aberrations, slopes
-from clplen.lightfield.given import as_lightfield
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.moved import move_views
-from clplen.lightfield.parametrisation import require_two_plane
-from clplen.lightfield.raw import CameraModel
+from clplen.lightfield.model.conversion import as_lightfield
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.parametrisation import require_two_plane
+from clplen.lightfield.raw.raw_image import CameraModel
+from clplen.lightfield.refocus.shift_views import move_views
 
 
 def correct_aberrations(

@@ -19,7 +19,7 @@ from clplen.cameras.pictures import PicturePlane, parts
 from clplen.cameras.scene import PointSources
 from clplen.compute.image import Image
 from clplen.errors import SamplingWarning
-from clplen.lightfield.raw import Exposure, Transforms
+from clplen.lightfield.raw.raw_image import Exposure, Transforms
 from clplen.wave.average import Progress
 from clplen.wave.field import row_powers
 from clplen.wave.statistics import accumulate, add_scaled

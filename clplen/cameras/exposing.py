@@ -13,7 +13,7 @@ from clplen.cameras.isoplanatic import padded
 from clplen.cameras.pictures import PicturePlane, parts
 from clplen.cameras.scene import PointSources
 from clplen.cameras.slide import SlideWay, slide_field, slide_way
-from clplen.lightfield.raw import Exposure
+from clplen.lightfield.raw.raw_image import Exposure
 from clplen.wave.average import Averaging, MeanIntensity, Progress
 from clplen.wave.checks import average_of
 from clplen.wave.coherence import Coherence

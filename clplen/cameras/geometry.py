@@ -10,7 +10,7 @@ import pyopencl.array as cla
 
 from clplen.compute import lengths
 from clplen.errors import SamplingError
-from clplen.lightfield.raw import LensletGrid, LensType, RawImage
+from clplen.lightfield.raw.raw_image import LensletGrid, LensType, RawImage
 from clplen.wave.checks import is_finite
 from clplen.wave.field import Grid
 from clplen.wave.lenslets import SMALLEST_PITCH, MicrolensArray

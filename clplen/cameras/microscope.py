@@ -25,8 +25,8 @@ from clplen.cameras.scene import PointSources
 from clplen.compute.lines import smooth_length
 from clplen.errors import SamplingError
 from clplen.files import PathLike
-from clplen.lightfield.raw import Exposure, RawImage
-from clplen.lightfield.sensor import Sensor
+from clplen.lightfield.raw.raw_image import Exposure, RawImage
+from clplen.lightfield.raw.sensor import Sensor
 from clplen.wave.average import Progress
 from clplen.wave.checks import average_of
 from clplen.wave.coherence import Coherence

@@ -22,8 +22,8 @@ from clplen.cameras.scene import PointSources
 from clplen.cameras.surfaces import SurfaceScene
 from clplen.compute.lines import smooth_length
 from clplen.files import PathLike
-from clplen.lightfield.raw import RawImage
-from clplen.lightfield.sensor import Sensor
+from clplen.lightfield.raw.raw_image import RawImage
+from clplen.lightfield.raw.sensor import Sensor
 from clplen.wave.average import Averaging, Progress
 from clplen.wave.band import blas_limit
 from clplen.wave.coherence import Coherence

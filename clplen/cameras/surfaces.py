@@ -16,7 +16,7 @@ from clplen.cameras.truth import Truth
 from clplen.compute.device import DeviceLike, as_device
 from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.model.light_field import LightField
 
 if TYPE_CHECKING:
     pass

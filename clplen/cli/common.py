@@ -18,9 +18,9 @@ from clplen.cli.messages import note
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
-    from clplen.lightfield.lightfield import LightField
-    from clplen.lightfield.refocus import FocalStack
-    from clplen.lightfield.stored import StoredLightField
+    from clplen.lightfield.model.light_field import LightField
+    from clplen.lightfield.model.stored_light_field import StoredLightField
+    from clplen.lightfield.refocus.focal_stack import FocalStack
 
 _DETAIL = 1e-5  # of the brightest pixel, rms: what is less is rounding
 
@@ -131,7 +131,7 @@ def note_end(disparities: Any, found: Any, what: str = "the sharpest plane is") 
 
 def sharpest_of(stack: FocalStack, lf: LightField) -> int | str:
     """Which plane is the sharpest, or why none is: there is one view, or nothing to be sharp."""
-    from clplen.lightfield.depth import sharpness_curve
+    from clplen.lightfield.depth.depth_map import sharpness_curve
 
     if np.count_nonzero(lf.weights) < 2:
         return "there is one view only, which looks the same on every plane"
@@ -147,8 +147,8 @@ def planes_of(
     lf: LightField | StoredLightField, disparities: Any, alphas: Any, *, count: int | None = None
 ) -> dict[str, Any]:
     """The planes that were asked for, else those that suit the light field, `count` of them."""
-    from clplen.lightfield.planes import suitable_planes
-    from clplen.lightfield.shifts import shifts
+    from clplen.lightfield.depth.plane_choice import suitable_planes
+    from clplen.lightfield.model.view_shifts import shifts
 
     if disparities is None and alphas is None:
         suitable = suitable_planes(lf, count=count)

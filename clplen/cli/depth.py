@@ -28,9 +28,9 @@ from clplen.cli.focused_depth import SUFFIXES, find_depth
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
-    from clplen.lightfield.depth import DepthMap
-    from clplen.lightfield.lightfield import LightField
-    from clplen.lightfield.stored import StoredLightField
+    from clplen.lightfield.depth.depth_map import DepthMap
+    from clplen.lightfield.model.light_field import LightField
+    from clplen.lightfield.model.stored_light_field import StoredLightField
 
 Values = np.ndarray[Any, Any]
 
@@ -158,9 +158,9 @@ def _found(
     memory: int | None,
     planes: dict[str, Any],
 ) -> DepthMap:
-    from clplen.lightfield.depth import depth_map
-    from clplen.lightfield.stored import StoredLightField
-    from clplen.lightfield.streaming import stream_depth
+    from clplen.lightfield.depth.depth_map import depth_map
+    from clplen.lightfield.model.stored_light_field import StoredLightField
+    from clplen.lightfield.streaming.streamed_results import stream_depth
 
     if not isinstance(lf, StoredLightField):
         return depth_map(lf, cue=cue, **planes)

@@ -56,7 +56,7 @@ def epi(
     axes = "(u, x)" if "y" in given else "(v, y)"
     if output.suffix.lower() == ".png":
         from clplen import plot
-        from clplen.lightfield.phasespace import phase_space
+        from clplen.lightfield.model.phase_space import phase_space
 
         plot.save(plot.epi(phase_space(lf, y=y, v=v, x=x, u=u)), output)
         said = "a figure, to look at"

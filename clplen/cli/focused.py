@@ -12,7 +12,7 @@ import numpy as np
 from clplen.cli import options
 
 if TYPE_CHECKING:
-    from clplen.lightfield.raw import RawImage
+    from clplen.lightfield.raw.raw_image import RawImage
 
 Values = np.ndarray[Any, Any]
 
@@ -220,7 +220,7 @@ def read(source: Path, selector: str | None, layout: dict[str, Any], image: Path
     from clplen.compute.device import Device
     from clplen.io import read_raw
     from clplen.io.layout import Layout
-    from clplen.lightfield.focused_geometry import require_focused
+    from clplen.lightfield.focused.focused_geometry import require_focused
 
     Layout(**layout).require(_LAYOUT, "a raw image of a focused camera")
     white, dark, grid = (layout[name] for name in ("white", "dark", "grid"))
@@ -263,7 +263,7 @@ def suitable_ms(opened: Opened, count: int) -> Values:
     ValueError
         If there is no texture to tell them by.
     """
-    from clplen.lightfield.focused_depth import focused_depth
+    from clplen.lightfield.focused.focused_depth import focused_depth
 
     depth = focused_depth(opened.raw, white=opened.flat)
     median = depth.median  # says so where nothing is sure

@@ -12,8 +12,8 @@ from clplen.cli.focused import Opened
 from clplen.cli.metres import distances, write_map
 
 if TYPE_CHECKING:
-    from clplen.lightfield.focused_depth import FocusedDepth
-    from clplen.lightfield.focused_maps import FocusedMaps
+    from clplen.lightfield.focused.focused_depth import FocusedDepth
+    from clplen.lightfield.focused.focused_maps import FocusedMaps
 
 Values = np.ndarray[Any, Any]
 
@@ -36,9 +36,9 @@ def find_depth(
     """Find the depth, write it with a picture beside, and say what was found."""
     from clplen import plot
     from clplen.io import write_focused_depth
-    from clplen.lightfield.focused_depth import focused_depth
-    from clplen.lightfield.focused_maps import focused_maps
-    from clplen.lightfield.focused_picture import PictureGrid
+    from clplen.lightfield.focused.focused_depth import focused_depth
+    from clplen.lightfield.focused.focused_maps import focused_maps
+    from clplen.lightfield.focused.focused_picture import PictureGrid
 
     if metric is not None and opened.raw.camera is None:
         raise click.UsageError(
@@ -81,7 +81,7 @@ def _summary(found: FocusedDepth) -> str:
 def _write_points(ply: Path, opened: Opened, found: FocusedDepth, maps: FocusedMaps) -> str:
     """Points with their colours; what their unit is."""
     from clplen.io import write_ply
-    from clplen.lightfield.focused import render_focused
+    from clplen.lightfield.focused.focused_rendering import render_focused
 
     words: dict[str, Any] = {"depth": found, "white": opened.white, "step": maps.grid.step}
     picture = render_focused(opened.raw, method="depth", **words).to_numpy()
@@ -102,7 +102,7 @@ def _points(opened: Opened, maps: FocusedMaps) -> tuple[Values, str, str]:
         places = (x[None, :], y[:, None], maps.virtual_depth)
         comment, unit = "pixels of the sensor, z: virtual depth 1/m", "in pixels and virtual depth"
     else:
-        from clplen.lightfield.focused_geometry import FocusedGeometry
+        from clplen.lightfield.focused.focused_geometry import FocusedGeometry
 
         axis = FocusedGeometry.of(opened.raw).axis
         before = camera.object_distance + maps.z

@@ -19,9 +19,9 @@ from clplen.cli.messages import typed
 from clplen.cli.microscope import described
 
 if TYPE_CHECKING:
-    from clplen.lightfield.check import Report
-    from clplen.lightfield.lattice import Lattice
-    from clplen.lightfield.lightfield import LightField
+    from clplen.lightfield.axis_check.lightfield_report import Report
+    from clplen.lightfield.model.light_field import LightField
+    from clplen.lightfield.raw.lenslet_lattice import Lattice
 
 Rows = list[tuple[str, str]]
 
@@ -247,7 +247,7 @@ def _of_lightfield(
     save_grid: Path | None,
 ) -> tuple[Rows, dict[str, Any]]:
     from clplen.io.kinds import kind_of
-    from clplen.lightfield.check import after, check
+    from clplen.lightfield.axis_check.lightfield_report import after, check
 
     kind = kind_of(source).name
     with listening() as said:
@@ -307,7 +307,7 @@ def _of_samples(report: Report) -> Rows:
 
 
 def _of_orders(report: Report, read_with: tuple[str, ...], sentence: str) -> Rows:
-    from clplen.lightfield.check import after
+    from clplen.lightfield.axis_check.lightfield_report import after
 
     rows = []
     if report.verdict in ("fits", "unclear"):

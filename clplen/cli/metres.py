@@ -10,9 +10,9 @@ import click
 import numpy as np
 
 if TYPE_CHECKING:
-    from clplen.lightfield.depth import DepthMap
-    from clplen.lightfield.lightfield import LightField
-    from clplen.lightfield.stored import StoredLightField
+    from clplen.lightfield.depth.depth_map import DepthMap
+    from clplen.lightfield.model.light_field import LightField
+    from clplen.lightfield.model.stored_light_field import StoredLightField
 
 Values = np.ndarray[Any, Any]
 
@@ -114,7 +114,7 @@ def _knows_camera(lf: LightField | StoredLightField) -> bool:
 def write(lf: LightField | StoredLightField, found: DepthMap, lengths: Lengths) -> Said:
     """Write distances and points where they are asked for; what to say of them."""
     from clplen.io import points_of, write_ply
-    from clplen.lightfield.metric import metric_depth
+    from clplen.lightfield.depth.metric_depth import metric_depth
 
     where, unit = "", "in metres"
     z: Values | None = None
@@ -157,7 +157,7 @@ def _points_of_camera(lf: LightField | StoredLightField, z: Values) -> tuple[Val
     F/f is alpha of what is infinitely far; a picture is F/(a + z) of the object's size. That of a
     telecentric camera has the same size everywhere.
     """
-    from clplen.lightfield.raw import is_telecentric
+    from clplen.lightfield.raw.raw_image import is_telecentric
 
     if lf.camera is None or lf.spacing is None:
         raise ValueError("This light field knows no camera.")
@@ -189,7 +189,7 @@ def write_map(path: Path, values: Values) -> None:
 
 def colours_of(lf: LightField | StoredLightField) -> Values:
     """The centre view as uint8 colours, shape (n, 3); floats by their largest value."""
-    from clplen.lightfield.stored import StoredLightField
+    from clplen.lightfield.model.stored_light_field import StoredLightField
 
     V, U = lf.shape[:2]
     if isinstance(lf, StoredLightField):  # the same, of the views around the middle

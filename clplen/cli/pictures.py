@@ -12,7 +12,7 @@ from clplen.cli.common import check_outputs, check_suffix
 from clplen.errors import ShapeError
 
 if TYPE_CHECKING:
-    from clplen.lightfield.lightfield import LightField
+    from clplen.lightfield.model.light_field import LightField
 
 PICTURES = (".tif", ".tiff", ".png")
 

@@ -14,8 +14,8 @@ from clplen.cli.messages import note
 from clplen.cli.pictures import PICTURES, Point, check_output, pixel_of, write
 
 if TYPE_CHECKING:
-    from clplen.lightfield.depth import DepthMap
-    from clplen.lightfield.lightfield import LightField
+    from clplen.lightfield.depth.depth_map import DepthMap
+    from clplen.lightfield.model.light_field import LightField
 
 Values = np.ndarray[Any, Any]
 
@@ -147,7 +147,7 @@ def _check_tilt(tilt: Any) -> None:
 def _focused(
     lf: LightField, plane: dict[str, Any], aperture: Any, upsample: int, interpolation: str
 ) -> Values:
-    from clplen.lightfield.refocus import focal_stack, refocus
+    from clplen.lightfield.refocus.focal_stack import focal_stack, refocus
 
     if aperture is None:
         picture = refocus(lf, **plane, upsample=upsample, interpolation=interpolation)
@@ -158,8 +158,8 @@ def _focused(
 
 
 def _sharp(lf: LightField, planes: dict[str, Any], aperture: Any) -> tuple[Values, str]:
-    from clplen.lightfield.allinfocus import all_in_focus
-    from clplen.lightfield.refocus import focal_stack
+    from clplen.lightfield.depth.all_in_focus import all_in_focus
+    from clplen.lightfield.refocus.focal_stack import focal_stack
 
     stack = focal_stack(lf, aperture=aperture, **planes)
     count = options.planes(len(stack.disparities))
@@ -174,8 +174,8 @@ def _surface(
     lf: LightField, disparity: Any, at: Any, tilt: Any, disparities: Any, alphas: Any
 ) -> tuple[Any, str]:
     """(disparity or map, what it is in words)."""
-    from clplen.lightfield.depth import depth_map
-    from clplen.lightfield.surface import plane_through
+    from clplen.lightfield.depth.depth_map import depth_map
+    from clplen.lightfield.model.surface import plane_through
 
     if disparity is not None:
         return disparity, f"d = {disparity:g}"

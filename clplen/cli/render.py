@@ -21,10 +21,10 @@ from clplen.cli.focused import (
 )
 from clplen.cli.focused import read as open_raw
 from clplen.cli.pictures import PICTURES, animate, check_output, write, write_shown
-from clplen.lightfield.rays import STATISTICS
+from clplen.lightfield.arrays.ray_samples import STATISTICS
 
 if TYPE_CHECKING:
-    from clplen.lightfield.lightfield import LightField
+    from clplen.lightfield.model.light_field import LightField
 
 _FRAMES = 24
 _PLANES = 17  # there and back: 32 frames
@@ -161,7 +161,7 @@ def _views(lf: LightField, disparity: float | None) -> np.ndarray[Any, Any]:
 
 
 def _planes(lf: LightField, disparities: Any, alphas: Any) -> np.ndarray[Any, Any]:
-    from clplen.lightfield.refocus import focal_stack
+    from clplen.lightfield.refocus.focal_stack import focal_stack
 
     stack = focal_stack(lf, **planes_of(lf, disparities, alphas, count=_PLANES)).to_numpy()
     return np.concatenate((stack, stack[-2:0:-1]))
@@ -170,7 +170,7 @@ def _planes(lf: LightField, disparities: Any, alphas: Any) -> np.ndarray[Any, An
 def _of_focused(opened: Opened, output: Path, sweep: str | None, words: dict[str, Any]) -> str:
     """Write a picture of a focused raw image, or a sweep; what was made."""
     from clplen.io import write_focused
-    from clplen.lightfield.focused import render_focused
+    from clplen.lightfield.focused.focused_rendering import render_focused
 
     method, ms = words.pop("method"), words.pop("m")
     known = {name: value for name, value in words.items() if value is not None}
@@ -203,7 +203,7 @@ def _single(ms: Any) -> float | None:
 
 def _around(opened: Opened, ms: Any, known: dict[str, Any]) -> np.ndarray[Any, Any]:
     """Places in the sub-images on a circle, through a small part of each."""
-    from clplen.lightfield.focused import render_focused
+    from clplen.lightfield.focused.focused_rendering import render_focused
 
     m = _single(ms)
     first = render_focused(opened.raw, m=m, **known)
@@ -219,7 +219,7 @@ def _around(opened: Opened, ms: Any, known: dict[str, Any]) -> np.ndarray[Any, A
 
 def _through(opened: Opened, ms: Any, known: dict[str, Any]) -> np.ndarray[Any, Any]:
     """Planes there and back."""
-    from clplen.lightfield.focused import focused_stack
+    from clplen.lightfield.focused.focused_rendering import focused_stack
 
     planes = suitable_ms(opened, _PLANES) if ms is None else ms
     stack = focused_stack(opened.raw, ms=planes, **known).to_numpy()

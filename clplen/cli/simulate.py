@@ -11,7 +11,7 @@ from clplen.cli import options
 from clplen.cli.common import bar_of, note_link, opened, reach, size_of
 
 if TYPE_CHECKING:
-    from clplen.lightfield.raw import RawImage
+    from clplen.lightfield.raw.raw_image import RawImage
 
 _FILES = ("raw.tif", "raw.png", "lightfield.h5", "raw.h5")
 
@@ -107,7 +107,7 @@ def _write_samples(folder: Path, raw: RawImage) -> str:
     """The light field of a 1.0 camera, or the raw image of a focused one with its camera."""
     from clplen.cameras.plenoptic2 import Plenoptic2
     from clplen.io import write_lightfield, write_raw
-    from clplen.lightfield.lightfield import LightField
+    from clplen.lightfield.model.light_field import LightField
 
     if isinstance(raw.camera, Plenoptic2):
         write_raw(folder / "raw.h5", raw)

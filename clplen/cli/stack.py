@@ -70,7 +70,7 @@ def stack(
       clplen stack shot.xml -o stack.tif --m 0.1:0.3:9
     """
     from clplen.io import write_stack
-    from clplen.lightfield.refocus import focal_stack
+    from clplen.lightfield.refocus.focal_stack import focal_stack
 
     check_planes(disparities, alphas)
     check_suffix(output, (".tif", ".tiff", ".zarr"))
@@ -113,7 +113,7 @@ def _of_focused(
 ) -> None:
     """Blended pictures of a focused raw image; which is sharpest says nothing of depth."""
     from clplen.io import write_focused
-    from clplen.lightfield.focused import focused_stack
+    from clplen.lightfield.focused.focused_rendering import focused_stack
 
     share = fraction(aperture)
     opened = open_raw(source, selector, layout, image)
@@ -142,7 +142,7 @@ def _stream(
 ) -> None:
     """The same tile by tile; nothing is said of the sharpest plane."""
     from clplen.io import write_stack
-    from clplen.lightfield.streaming import stream_stack
+    from clplen.lightfield.streaming.streamed_results import stream_stack
 
     with stored(source, selector, layout) as (lf, device), tiles_shown() as progress:
         made = stream_stack(

@@ -28,7 +28,7 @@ from clplen.config.tables import (
     of,
     twice,
 )
-from clplen.lightfield.sensor import Sensor
+from clplen.lightfield.raw.sensor import Sensor
 from clplen.wave.lenslets import MicrolensArray
 
 # What only one kind of camera has, what it needs, and what it has no use for.

@@ -30,8 +30,8 @@ from clplen.io.stack import write_depth, write_image, write_stack
 from clplen.io.truth import read_masks, read_truth, write_truth
 from clplen.io.views import find_views, write_views
 from clplen.io.zarrs import write_zarr
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.stored import StoredLightField
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
 
 __all__ = [
     "HciParameters",

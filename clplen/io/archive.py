@@ -21,8 +21,8 @@ from clplen.io.loading import UNREADABLE
 from clplen.io.names import views_only
 from clplen.io.picture import SUFFIXES, decode_picture, without_alpha
 from clplen.io.viewset import ViewSet, arranged, assemble, stored_views
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.stored import StoredLightField
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
 
 _RATIO = {zipfile.ZIP_STORED: 1.0, zipfile.ZIP_DEFLATED: DEFLATE}
 _ENCRYPTED = 1  # bit of the flags

@@ -15,9 +15,9 @@ from clplen.files import PathLike
 from clplen.io.layout import Layout, linear
 from clplen.io.loading import Source, axes_known, reading
 from clplen.io.opening import Found, light_field, stored_light_field
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.scratch import RawSamples
-from clplen.lightfield.stored import StoredLightField
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.streaming.spooling import RawSamples
 
 _FLOATS = np.dtype(np.float32)
 _ENCODED = (np.dtype(np.uint8), np.dtype(np.uint16))

@@ -23,7 +23,7 @@ from clplen.compute.device import Device
 from clplen.errors import ClplenError, FormatError
 from clplen.io.layout import Layout
 from clplen.io.loading import UNREADABLE
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.model.light_field import LightField
 from clplen.wave.lenslets import MicrolensArray
 
 SAMPLES = "lightfield"

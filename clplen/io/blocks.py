@@ -9,7 +9,7 @@ from typing import Any, BinaryIO, Protocol
 import numpy as np
 
 from clplen.errors import ShapeError
-from clplen.lightfield.raw import CameraModel, Spacing
+from clplen.lightfield.raw.raw_image import CameraModel, Spacing
 
 Array = np.ndarray[Any, Any]
 Block = tuple[slice, slice, slice, Array]  # planes, rows, columns and their samples

@@ -25,8 +25,8 @@ from clplen.io.layout import Layout
 from clplen.io.loading import reading
 from clplen.io.opening import Found, light_field, stored_light_field
 from clplen.io.rawfile import is_raw
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.stored import StoredLightField
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.outputs import MARK
 
 

@@ -23,10 +23,10 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError, ShapeError
 from clplen.io.bounds import require_bytes
 from clplen.io.layout import Array, Layout, View, axes_of
-from clplen.lightfield.checks import (
+from clplen.lightfield.arrays.stored_samples import C_TYPE
+from clplen.lightfield.model.sample_checks import (
     require_finite,
 )
-from clplen.lightfield.samples import C_TYPE
 
 Selection = tuple[slice, ...]
 _VIEWS_LAST = {4: "yxvu", 5: "yxvuc"}

@@ -11,7 +11,7 @@ from clplen.files import PathLike
 from clplen.io.container import read_container
 from clplen.io.layout import Layout
 from clplen.io.rawframe import decode_frame
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.model.light_field import LightField
 
 
 def read(

@@ -17,7 +17,7 @@ from clplen.io.loading import Selection, Source, axes_known, reading
 from clplen.io.mat5 import Samples, Variable, variables
 from clplen.io.names import listed
 from clplen.io.opening import Found, light_field
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.model.light_field import LightField
 
 
 def read(

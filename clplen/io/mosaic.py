@@ -21,7 +21,7 @@ from clplen.io.picture import read_channels, without_alpha, write_picture
 from clplen.io.positions import positions_of
 from clplen.io.views import pictured
 from clplen.io.viewset import filled, form_of
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.model.light_field import LightField
 
 Array = np.ndarray[Any, Any]
 

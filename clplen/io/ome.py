@@ -20,7 +20,7 @@ from clplen.files import PathLike, check_space, replacing
 from clplen.io.blocks import Array, Block, checked, put
 from clplen.io.bounds import require_bytes
 from clplen.io.tiff import decode_tiff
-from clplen.lightfield.raw import Spacing
+from clplen.lightfield.raw.raw_image import Spacing
 from clplen.outputs import MARK
 
 SUFFIXES = (".tif", ".tiff")

@@ -22,7 +22,7 @@ from clplen.io.bounds import require_bytes
 from clplen.io.loading import reading
 from clplen.io.zarrpackage import FORMAT_2, opened_store, zarr_package
 from clplen.io.zarrs import storage
-from clplen.lightfield.raw import Spacing
+from clplen.lightfield.raw.raw_image import Spacing
 from clplen.outputs import MARK
 
 SUFFIX = ".zarr"

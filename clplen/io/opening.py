@@ -25,10 +25,14 @@ from clplen.io.loading import (
     shape_of,
 )
 from clplen.io.positions import positions_of
-from clplen.lightfield.checks import checked_positions, checked_spacing, checked_weights
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.samples import lit_views
-from clplen.lightfield.stored import StoredLightField
+from clplen.lightfield.arrays.stored_samples import lit_views
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.sample_checks import (
+    checked_positions,
+    checked_spacing,
+    checked_weights,
+)
+from clplen.lightfield.model.stored_light_field import StoredLightField
 
 
 @dataclass(frozen=True)

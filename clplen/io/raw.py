@@ -21,10 +21,10 @@ from clplen.io.picture import SUFFIXES, read_picture
 from clplen.io.rawfile import SUFFIXES as HDF5
 from clplen.io.rawfile import read_raw_file
 from clplen.io.raytrix import read_raytrix
-from clplen.lightfield.lattice import Lattice
-from clplen.lightfield.latticefit import estimate_lattice
-from clplen.lightfield.latticetrust import require_camera, require_trust
-from clplen.lightfield.raw import LensType, RawImage
+from clplen.lightfield.calibration.lattice_fit import estimate_lattice
+from clplen.lightfield.calibration.lattice_trust import require_camera, require_trust
+from clplen.lightfield.raw.lenslet_lattice import Lattice
+from clplen.lightfield.raw.raw_image import LensType, RawImage
 
 Frame = np.ndarray[Any, Any]
 

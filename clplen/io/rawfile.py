@@ -21,7 +21,7 @@ from clplen.files import PathLike, replacing
 from clplen.io.attributes import CAMERA, CAMERA_NAMES, RAW, SAMPLES, of_camera, read_camera
 from clplen.io.bounds import require_bytes
 from clplen.io.hdf5_reading import attributes_of, dataset_of, opened, storage
-from clplen.lightfield.raw import RawImage
+from clplen.lightfield.raw.raw_image import RawImage
 from clplen.outputs import MARK
 
 SUFFIXES = (".h5", ".hdf5")

@@ -14,9 +14,11 @@ from clplen.files import PathLike, naming
 from clplen.io.layout import Layout, linear
 from clplen.io.positions import positions_of
 from clplen.io.raw import read_frame, read_lattice
-from clplen.lightfield.calibration import Lattice, decode_raw, estimate_lattice
-from clplen.lightfield.latticetrust import require_camera, require_trust
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.calibration.lattice_fit import estimate_lattice
+from clplen.lightfield.calibration.lattice_trust import require_camera, require_trust
+from clplen.lightfield.calibration.raw_decoding import decode_raw
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.lenslet_lattice import Lattice
 
 Frame = np.ndarray[Any, Any]
 

@@ -15,12 +15,12 @@ from clplen.io.ome import SUFFIXES, write_ome
 from clplen.io.omezarr import SUFFIX, write_omezarr
 from clplen.io.pfm import write_pfm
 from clplen.io.picture import write_picture
-from clplen.lightfield.law import depth_at
-from clplen.lightfield.raw import Spacing, is_telecentric
-from clplen.lightfield.refocus import FocalStack
+from clplen.lightfield.model.alpha_law import depth_at
+from clplen.lightfield.raw.raw_image import Spacing, is_telecentric
+from clplen.lightfield.refocus.focal_stack import FocalStack
 
 if TYPE_CHECKING:
-    from clplen.lightfield.depth import DepthMap
+    from clplen.lightfield.depth.depth_map import DepthMap
 
 _DISPARITY = "pixels per view step, nearer is larger"
 _ALPHA = "F/F', F main lens to microlens array, F' main lens to the plane"

@@ -17,8 +17,8 @@ from clplen.io.layout import Layout, View
 from clplen.io.names import DEFAULT_PATTERN, Pattern, views_only
 from clplen.io.picture import SUFFIXES, read_picture, write_picture
 from clplen.io.viewset import ViewSet, arranged, assemble, stored_views
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.stored import StoredLightField
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
 
 _PATTERNS = {"hci": "input_Cam{i:03d}", "stanford": "out_{v:02d}_{u:02d}_{y:.6f}_{x:.6f}_"}
 

@@ -22,9 +22,9 @@ from clplen.io.bounds import require_bytes
 from clplen.io.layout import Layout, View, linear
 from clplen.io.names import Pattern, arrange, guess, listed
 from clplen.io.positions import positions_of
-from clplen.lightfield.checks import checked_positions, require_finite
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.stored import StoredLightField
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.sample_checks import checked_positions, require_finite
+from clplen.lightfield.model.stored_light_field import StoredLightField
 
 Array = np.ndarray[Any, Any]
 Selection = tuple[slice, ...]

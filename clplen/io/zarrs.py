@@ -27,8 +27,8 @@ from clplen.io.loading import Source, axes_known, reading
 from clplen.io.names import listed
 from clplen.io.opening import Found, light_field, stored_light_field
 from clplen.io.zarrpackage import FORMAT_2, opened_store, zarr_package
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.stored import StoredLightField
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.outputs import MARK
 
 _RATIO = 32768.0  # of Zstandard, blocks of 128 KiB in 4 bytes (RFC 8878); others pack less

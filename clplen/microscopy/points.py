@@ -18,7 +18,7 @@ from scipy.ndimage import gaussian_filter, maximum_filter
 from scipy.spatial import cKDTree
 
 from clplen.errors import ShapeError
-from clplen.lightfield.refocus import FocalStack
+from clplen.lightfield.refocus.focal_stack import FocalStack
 
 Vector = np.ndarray[Any, Any]
 

@@ -18,9 +18,9 @@ from scipy.ndimage import binary_dilation
 
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError
-from clplen.lightfield.lattice import Lattice
-from clplen.lightfield.latticefit import estimate_lattice
-from clplen.lightfield.latticetrust import require_trust
+from clplen.lightfield.calibration.lattice_fit import estimate_lattice
+from clplen.lightfield.calibration.lattice_trust import require_trust
+from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.checks import whole
 from clplen.microscopy.rectify import REACH, area, rectify, variance
 

@@ -11,9 +11,9 @@ import numpy as np
 from clplen.compute.checks import require
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import ShapeError
-from clplen.lightfield.decode import resample
-from clplen.lightfield.lattice import Lattice
-from clplen.lightfield.raw import RawImage
+from clplen.lightfield.raw.decode import resample
+from clplen.lightfield.raw.lenslet_lattice import Lattice
+from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy.checks import real, whole
 
 Vector = np.ndarray[Any, Any]

@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from clplen.plot.base import LIGHT, Array, bar, coordinates, cut, new_figure, styled
 
 if TYPE_CHECKING:
-    from clplen.lightfield.depth import DepthMap
-    from clplen.lightfield.estimate import AlphaEstimate
-    from clplen.lightfield.lightfield import LightField
-    from clplen.lightfield.raw import CameraModel
+    from clplen.lightfield.depth.alpha_estimate import AlphaEstimate
+    from clplen.lightfield.depth.depth_map import DepthMap
+    from clplen.lightfield.model.light_field import LightField
+    from clplen.lightfield.raw.raw_image import CameraModel
 
 _ROUNDING = 1e-3  # of a confidence
 _DRAWN = 800  # pixels along the longer side that are drawn, at least: more only take memory
@@ -167,7 +167,7 @@ def magnification(m: Array, confidence: Array, *, title: str = "") -> Figure:
     Parameters
     ----------
     m, confidence : numpy.ndarray
-        Shape (y, x), such as those of `clplen.lightfield.focused_maps.FocusedMaps`.
+        Shape (y, x), such as those of `clplen.lightfield.focused.focused_maps.FocusedMaps`.
     title : str
     """
     return _map(m, confidence, title or "m = b/a", "m = b/a (nearer: larger)")

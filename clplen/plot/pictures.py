@@ -34,9 +34,9 @@ from clplen.plot.base import (
 from clplen.wave.field import Field
 
 if TYPE_CHECKING:
-    from clplen.lightfield.lightfield import LightField
-    from clplen.lightfield.raw import RawImage
-    from clplen.lightfield.refocus import FocalStack
+    from clplen.lightfield.model.light_field import LightField
+    from clplen.lightfield.raw.raw_image import RawImage
+    from clplen.lightfield.refocus.focal_stack import FocalStack
 
 _RAW_DECADES = 5
 _SHOWN = 1000  # pixels of a raw image that a figure resolves

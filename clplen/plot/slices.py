@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from clplen.lightfield.phasespace import PhaseSpace
+from clplen.lightfield.model.phase_space import PhaseSpace
 from clplen.plot.base import LIGHT, Array, Scale, bar, cut, for_display, new_figure, norm_of, styled
 from clplen.plot.base import said as scale_said
 

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.lightfield.correspondence import add_colours, shear_moments
-from clplen.lightfield.detail import LocalEnergy
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.peaks import PeakTracker
-from clplen.lightfield.refocus import FocalStack
-from clplen.lightfield.smoothing import Smoother, gaussian_taps
-from clplen.lightfield.structure_tensor import epi_tensors
+from clplen.lightfield.arrays.peaks import PeakTracker
+from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
+from clplen.lightfield.depth.correspondence import add_colours, shear_moments
+from clplen.lightfield.depth.local_energy import LocalEnergy
+from clplen.lightfield.depth.structure_tensor import epi_tensors
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.refocus.focal_stack import FocalStack
 from clplen.selftest import twins
 from clplen.selftest.check import EPS, Check, Pairs
 

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.lightfield import focused_spots, rawdecode
-from clplen.lightfield.decode import resample
-from clplen.lightfield.demosaic import views_of_colours
-from clplen.lightfield.focused import render_focused
-from clplen.lightfield.focused_geometry import FocusedGeometry
-from clplen.lightfield.focused_matching import Matcher
-from clplen.lightfield.raw import LensletGrid, RawImage
+from clplen.lightfield.calibration import raw_decoding
+from clplen.lightfield.calibration.demosaicing import views_of_colours
+from clplen.lightfield.focused import focused_spots
+from clplen.lightfield.focused.focused_geometry import FocusedGeometry
+from clplen.lightfield.focused.focused_matching import Matcher
+from clplen.lightfield.focused.focused_rendering import render_focused
+from clplen.lightfield.raw.decode import resample
+from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
 
@@ -75,9 +76,9 @@ def _divided(device: Device) -> Pairs:
     """Over the white level, and the colours of a Bayer mosaic from neighbouring lenslets."""
     raw, white = twins.reals(3, 2, 3, 5, 7), twins.reals(4, 2, 3, 5, 7, low=0.2)
     out = device.zeros((2, 3, 5, 7, 3), np.float32)
-    rawdecode._divide(out, device.upload(raw), device.upload(white), 3, 1, device)
+    raw_decoding._divide(out, device.upload(raw), device.upload(white), 3, 1, device)
     expected = np.zeros(out.shape)
-    expected[..., 1] = raw / np.maximum(white.astype(float), rawdecode._FLOOR)
+    expected[..., 1] = raw / np.maximum(white.astype(float), raw_decoding._FLOOR)
     yield expected, device.download(out)
     frame, flat = twins.reals(5, 50, 60), twins.reals(6, 50, 60, low=0.5)
     grid = LensletGrid((4, 5), (3, 3), (6.3, 7.4), (10.3, 0.2), (-0.1, 10.7))

@@ -6,9 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.lightfield import combined
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.matching import WINDOW, match_costs, sorted_views, tables, thresholds
+from clplen.lightfield.depth import combined_cue
+from clplen.lightfield.depth.view_matching import (
+    WINDOW,
+    match_costs,
+    sorted_views,
+    tables,
+    thresholds,
+)
+from clplen.lightfield.model.light_field import LightField
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
 
@@ -131,9 +137,9 @@ def _support(device: Device) -> Pairs:
     picture = twins.reals(11, *scene.size, high=40)
     noise = twins.reals(12, *scene.size, low=0.5, high=4)
     out = device.empty(cost.shape, np.float32)
-    combined._gather(scene.lf, out, device.upload(cost), device.upload(picture), noise)
-    near = combined._near(noise).astype(float)
-    alike = combined._alike(combined._ALIKE, noise, 1).astype(float)
+    combined_cue._gather(scene.lf, out, device.upload(cost), device.upload(picture), noise)
+    near = combined_cue._near(noise).astype(float)
+    alike = combined_cue._alike(combined_cue._ALIKE, noise, 1).astype(float)
     expected = np.zeros(cost.shape)
     I = picture.astype(float)  # noqa: E741
     for y, x in np.ndindex(*scene.size):
@@ -145,7 +151,7 @@ def _support(device: Device) -> Pairs:
     yield expected, device.download(out)
     vertex = twins.reals(13, *scene.size, low=-0.5, high=0.6).astype(float)
     cost = (2 + (scene.planes[:, None, None] - vertex) ** 2).astype(np.float32)
-    place, nearest, _, _ = combined._valley(scene.lf, device.upload(cost), scene.moved)
+    place, nearest, _, _ = combined_cue._valley(scene.lf, device.upload(cost), scene.moved)
     lowest = cost.argmin(axis=0)
     yield lowest, device.download(nearest)
     middle = (lowest > 0) & (lowest < 3)
@@ -155,10 +161,10 @@ def _support(device: Device) -> Pairs:
 def _fitted(maps: Any, picture: Any, noise: Any) -> Any:
     """Disparity of the plane through the neighbours' steps, and what is known of it."""
     A, B, d = maps
-    near = combined._near(noise).astype(float)
-    alike = combined._alike(combined._FIT_ALIKE, noise, 1).astype(float)
-    level = 0.5 / combined._SAME_SURFACE**2
-    prior = combined._PRIOR * np.maximum(noise, 1).astype(float) ** 2
+    near = combined_cue._near(noise).astype(float)
+    alike = combined_cue._alike(combined_cue._FIT_ALIKE, noise, 1).astype(float)
+    level = 0.5 / combined_cue._SAME_SURFACE**2
+    prior = combined_cue._PRIOR * np.maximum(noise, 1).astype(float) ** 2
     out, known = np.zeros((2, *d.shape))
     for y, x in np.ndindex(*d.shape):
         i, j = _neighbours(d.shape, y, x)
@@ -166,10 +172,10 @@ def _fitted(maps: Any, picture: Any, noise: Any) -> Any:
         q = near[y, x] * (s**2 + t**2) + level * (d[i, j] - d[y, x]) ** 2
         share = _bell(q + alike[y, x] * (picture[i, j] - picture[y, x]) ** 2)
         w = share * (A[i, j] + prior[i, j])
-        most = combined._MOST_STEP
+        most = combined_cue._MOST_STEP
         goal = d[i, j] + np.clip(-B[i, j] / (A[i, j] + prior[i, j]), -most, most)
         rows = np.stack((np.ones(s.shape), s, t)).reshape(3, -1)
-        matrix = (rows * w.ravel()) @ rows.T + combined._RIDGE * w.sum() * np.diag((0, 1, 1))
+        matrix = (rows * w.ravel()) @ rows.T + combined_cue._RIDGE * w.sum() * np.diag((0, 1, 1))
         out[y, x] = np.linalg.solve(matrix, (rows * w.ravel()) @ goal.ravel())[0]
         known[y, x] = (share * A[i, j]).sum()
     return out, known
@@ -183,13 +189,13 @@ def _refine(device: Device) -> Pairs:
     disparity = (scene.planes[nearest] * 0.1 + off).astype(np.float32)
     given = (device.upload(disparity), device.upload(nearest))
     wanted = scene.normal(disparity.astype(float), nearest)
-    found = combined._normal(scene.lf, scene.sorted, scene.moved, *given)
+    found = combined_cue._normal(scene.lf, scene.sorted, scene.moved, *given)
     for expected, got in zip(wanted, found, strict=True):
         yield expected, device.download(got)
     picture = twins.reals(16, *scene.size, high=40)
     noise = twins.reals(17, *scene.size, low=0.5, high=4)
     args = (scene.sorted, scene.moved, *given, device.upload(picture), noise)
-    plane, known = combined._refined(scene.lf, *args)
+    plane, known = combined_cue._refined(scene.lf, *args)
     maps = (*wanted, disparity.astype(float))
     wanted = _fitted(maps, picture.astype(float), noise)
     yield wanted[0], plane

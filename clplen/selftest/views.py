@@ -6,18 +6,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.lightfield.allinfocus import _launch, all_in_focus
-from clplen.lightfield.fourier import fourier_stack
-from clplen.lightfield.hyperfan import hyperfan
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.magnify import magnify
-from clplen.lightfield.matching import row_sums
-from clplen.lightfield.ramps import phase_ramps
-from clplen.lightfield.rays import along_rays
-from clplen.lightfield.refocus import FocalStack
-from clplen.lightfield.samples import extremes, lit_views, plane
-from clplen.lightfield.shear import shear_sum
-from clplen.lightfield.upsample import BASE, upsampled
+from clplen.lightfield.arrays.magnify import magnify
+from clplen.lightfield.arrays.ray_samples import along_rays
+from clplen.lightfield.arrays.shear import shear_sum
+from clplen.lightfield.arrays.stored_samples import extremes, lit_views, plane
+from clplen.lightfield.depth.all_in_focus import _launch, all_in_focus
+from clplen.lightfield.depth.view_matching import row_sums
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.refocus.focal_stack import FocalStack
+from clplen.lightfield.refocus.fourier_slice import fourier_stack
+from clplen.lightfield.refocus.hyperfan import hyperfan
+from clplen.lightfield.refocus.phase_ramps import phase_ramps
+from clplen.lightfield.refocus.upsampling import BASE, upsampled
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
 

@@ -12,8 +12,8 @@ import tifffile
 
 from clplen.batch import remarks
 from clplen.compute.device import Device
-from clplen.lightfield.lattice import Lattice
-from clplen.lightfield.raw import RawImage
+from clplen.lightfield.raw.lenslet_lattice import Lattice
+from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy.deconvolution import deconvolve
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.prepare import Preparation, Prepared, preparation

@@ -22,7 +22,7 @@ from clplen.cameras.surfaces import Plane
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, read_camera_file
 from clplen.errors import FormatError
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.model.light_field import LightField
 from clplen.wave.masks import RandomPhaseMask
 
 SMALL = """

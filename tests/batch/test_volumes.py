@@ -15,7 +15,7 @@ from clplen.batch.tables import DeconvolveTable
 from clplen.batch.volumes import Deconvolver, How
 from clplen.cli.deconvolve import _jobs, _Page
 from clplen.compute.device import Device
-from clplen.lightfield.lattice import Lattice
+from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.prepare import Preparation
 

@@ -9,8 +9,8 @@ import pytest
 
 from clplen.bench import byhand
 from clplen.compute.device import Device
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.refocus import refocus
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.refocus.focal_stack import refocus
 
 SHAPES = [(3, 4, 31, 37, 3), (4, 3, 29, 33)]
 DISPARITY = 1.37

@@ -32,7 +32,7 @@ from clplen.cameras.isoplanatic import layout
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.slide import SlideWay, slide_field
 from clplen.compute.device import Device
-from clplen.lightfield.focused_spots import point_m
+from clplen.lightfield.focused.focused_spots import point_m
 from clplen.wave.elements import phase_plate, thin_lens
 
 LAM, F, R = 532e-9, 0.24, 1.8e-3

@@ -12,8 +12,8 @@ from clplen import MicrolensArray, PlenopticCamera, PointSources
 from clplen.cameras.plenoptic1 import scene_energy
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.compute.device import Device
-from clplen.lightfield.focused import render_focused
-from clplen.lightfield.focused_spots import point_m
+from clplen.lightfield.focused.focused_rendering import render_focused
+from clplen.lightfield.focused.focused_spots import point_m
 
 LAM, PITCH = 532e-9, 150e-6
 MIDDLE = PointSources((0, 0, 0))

@@ -12,8 +12,8 @@ from tolerance import relative_max
 
 from clplen.compute.tuning import FILE, Tuning
 from clplen.errors import DeviceError, KernelBuildError
-from clplen.lightfield import shear
-from clplen.lightfield.shear import FORMS, shear_sum
+from clplen.lightfield.arrays import shear
+from clplen.lightfield.arrays.shear import FORMS, shear_sum
 
 LABELS = ["first", "second", "third"]
 SECOND = {"first": 0.02, "second": 0.0, "third": 0.02}  # the fastest

@@ -15,8 +15,8 @@ from clplen.cameras.camera import PlenopticCamera
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import read_lightfield, write_lightfield
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.refocus import refocus
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.refocus.focal_stack import refocus
 from clplen.wave.lenslets import MicrolensArray
 
 SHAPE = (3, 4, 5, 7, 2)

@@ -17,7 +17,7 @@ from png_writer import encode
 from clplen.compute.device import Device
 from clplen.errors import FormatError, ShapeError
 from clplen.io import read_lightfield, write_mosaic
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.model.light_field import LightField
 
 SHAPE = (3, 5, 13, 11)  # V, U, y, x
 

@@ -17,7 +17,7 @@ from clplen.compute.image import Image
 from clplen.errors import FormatError
 from clplen.io import ome, read_pfm, write_depth, write_image, write_stack
 from clplen.io.raw import read_frame
-from clplen.lightfield.refocus import FocalStack
+from clplen.lightfield.refocus.focal_stack import FocalStack
 
 SPACING = (-1e-3, -1e-3, -2e-6, 3e-6)
 

@@ -20,7 +20,7 @@ from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.io import ome, write_depth, write_image, write_stack
 from clplen.io.blocks import checked
-from clplen.lightfield.refocus import FocalStack
+from clplen.lightfield.refocus.focal_stack import FocalStack
 
 SPACING = (-1e-3, -1e-3, -2e-6, 3e-6)
 CAMERA = SimpleNamespace(dz=lambda alpha: (alpha - 1) / 10)

@@ -19,8 +19,8 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import write_depth, write_image, write_lightfield, write_stack
 from clplen.io.digest import digest
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.refocus import FocalStack
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.refocus.focal_stack import FocalStack
 
 zarr = pytest.importorskip("zarr")
 SPACING = (-1e-3, -1e-3, -2e-6, 3e-6)

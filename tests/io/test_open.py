@@ -18,11 +18,11 @@ from clplen.cli.options import Size
 from clplen.errors import FormatError
 from clplen.io import loading, open_lightfield, read_lightfield, write_lightfield
 from clplen.io.loading import blocks
-from clplen.lightfield import stored
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.refocus import focal_stack
-from clplen.lightfield.stored import StoredLightField
-from clplen.lightfield.streaming import stream_stack
+from clplen.lightfield.model import stored_light_field
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.refocus.focal_stack import focal_stack
+from clplen.lightfield.streaming.streamed_results import stream_stack
 
 SPACING = (-1e-3, 1.2e-3, 2e-5, 3e-5)
 PARTS = [
@@ -174,7 +174,7 @@ def test_streams_of_files(device, tmp_path):
 
 
 def test_damage_in_the_middle(device, tmp_path, monkeypatch):
-    monkeypatch.setattr(stored, "_BAND", 1)  # so that light is found before the damage
+    monkeypatch.setattr(stored_light_field, "_BAND", 1)  # so that light is found before the damage
     values = np.concatenate([samples(np.float32)] * 3, axis=2)
     values[2, 1, 120, 4, 0] = np.inf
     np.save(tmp_path / "lf.npy", values)

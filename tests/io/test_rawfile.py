@@ -16,7 +16,7 @@ from clplen.cameras.geometry import raw_image
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import is_raw_file, read_lightfield, read_raw, write_lightfield, write_raw
-from clplen.lightfield.raw import RawImage
+from clplen.lightfield.raw.raw_image import RawImage
 
 
 def camera_of(device: Device, kind: str) -> Any:

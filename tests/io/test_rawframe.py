@@ -17,8 +17,10 @@ from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.errors import FormatError, ShapeError
 from clplen.io import read_lightfield
-from clplen.lightfield.calibration import Lattice, decode_raw, estimate_lattice
-from clplen.lightfield.refocus import refocus
+from clplen.lightfield.calibration.lattice_fit import estimate_lattice
+from clplen.lightfield.calibration.raw_decoding import decode_raw
+from clplen.lightfield.raw.lenslet_lattice import Lattice
+from clplen.lightfield.refocus.focal_stack import refocus
 
 SHAPE = (163, 171)
 PITCH = 11.2

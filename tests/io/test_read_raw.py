@@ -15,8 +15,8 @@ from clplen.io.picture import write_picture
 from clplen.io.raw import read_frame, read_lattice
 from clplen.io.raytrix import write_raytrix
 from clplen.io.raytrix_calibration import FocusType, RaytrixCalibration
-from clplen.lightfield.decode import resample
-from clplen.lightfield.lattice import Lattice
+from clplen.lightfield.raw.decode import resample
+from clplen.lightfield.raw.lenslet_lattice import Lattice
 
 LATTICE = Lattice("rectangular", (20.5, 30.25), (7, 0.1), (-0.1, 8), (41, 66))
 

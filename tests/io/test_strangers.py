@@ -36,7 +36,7 @@ from clplen.io import (
 from clplen.io.focused import found_in
 from clplen.io.frames import read_tiff_frame
 from clplen.io.volume import describe_volume, read_volume
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.model.light_field import LightField
 from clplen.microscopy import psffile
 
 SHAPE = (2, 3, 5, 4)

@@ -14,7 +14,7 @@ from png_writer import SIGNATURE, chunk, encode, header
 from clplen.compute.device import Device
 from clplen.errors import DeviceError, FormatError
 from clplen.io import files_of, read_lightfield, write_lightfield, write_views
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.model.light_field import LightField
 
 SHAPE = (3, 4, 7, 11)  # V, U, y, x: all different
 

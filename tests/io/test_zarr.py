@@ -18,7 +18,7 @@ from clplen.cameras.camera import PlenopticCamera
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import read_lightfield, write_lightfield, zarrs
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.model.light_field import LightField
 from clplen.wave.lenslets import MicrolensArray
 
 zarr = pytest.importorskip("zarr")

@@ -8,7 +8,7 @@ from reference_render import along_rays as sampled
 from reference_render import statistic, steps
 from tolerance import relative_max
 
-from clplen.lightfield.rays import INTERPOLATIONS, STATISTICS, along_rays
+from clplen.lightfield.arrays.ray_samples import INTERPOLATIONS, STATISTICS, along_rays
 
 TYPES = (np.uint8, np.uint16, np.float16, np.float32)
 # Coordinates in float32 are right to 1e-6 of a pixel; neighbours differ by at most the maximum.

@@ -10,9 +10,9 @@ import pytest
 from reference_lightfield import decode_calibrated, decode_naive, keys_kernel
 
 from clplen.errors import DeviceError, ShapeError
-from clplen.lightfield.decode import resample
-from clplen.lightfield.raw import LensletGrid, RawImage
-from clplen.lightfield.upright import has_room, is_upright
+from clplen.lightfield.raw.decode import resample
+from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
+from clplen.lightfield.raw.upright import has_room, is_upright
 
 # Round-off in units of 2^-24 of the largest pixel. Keys' four weights add up to at most 1.25 in
 # magnitude and each is off by at most 4 units; a value is a sum of 4 x 4 products, so at most
@@ -198,7 +198,7 @@ def test_both_ways_of_an_upright_lattice_agree(device, name, linear, monkeypatch
     assert is_upright(grid)
     raw = raw_image(device, picture(47, 53), grid)
     quick = device.download(resample(raw, grid, linear=linear))
-    monkeypatch.setattr("clplen.lightfield.decode.is_upright", lambda _: False)
+    monkeypatch.setattr("clplen.lightfield.raw.decode.is_upright", lambda _: False)
     general = device.download(resample(raw, grid, linear=linear))
     assert quick.shape == general.shape == grid.shape
     assert np.abs(quick - general).max() <= 2 * TOLERANCE
@@ -212,8 +212,8 @@ def test_a_row_that_local_memory_does_not_hold_is_decoded_all_the_same(device, m
     assert has_room(SimpleNamespace(device=room, shape=(47, 53)))
     assert not has_room(SimpleNamespace(device=room, shape=(47, 54)))
     quick = device.download(resample(raw, grid))
-    monkeypatch.setattr("clplen.lightfield.decode.has_room", lambda _: False)
-    monkeypatch.setattr("clplen.lightfield.decode.upright", None)
+    monkeypatch.setattr("clplen.lightfield.raw.decode.has_room", lambda _: False)
+    monkeypatch.setattr("clplen.lightfield.raw.decode.upright", None)
     assert np.abs(quick - device.download(resample(raw, grid))).max() <= 2 * TOLERANCE
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import correlate1d, gaussian_filter
 
-from clplen.lightfield.detail import LocalEnergy
-from clplen.lightfield.interpolation import evening_taps
-from clplen.lightfield.refocus import FocalStack
+from clplen.lightfield.depth.interpolation_blur import evening_taps
+from clplen.lightfield.depth.local_energy import LocalEnergy
+from clplen.lightfield.refocus.focal_stack import FocalStack
 
 EPS = 2.0**-24
 LUMA = np.array([0.2126, 0.7152, 0.0722])

@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 from reference_matching import bell_taps, centre_shares, costs, membership
 
-from clplen.lightfield import matching
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.matching import match_costs, row_sums, sorted_views, tables, thresholds
-from clplen.lightfield.shifts import unit_steps
+from clplen.lightfield.depth import view_matching
+from clplen.lightfield.depth.view_matching import (
+    match_costs,
+    row_sums,
+    sorted_views,
+    tables,
+    thresholds,
+)
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.view_shifts import unit_steps
 
 PLANES = np.array([-3.3, -0.9, -0.25, 0.0, 0.4, 1.0, 2.7, 50.0])  # the last leaves the views
 
@@ -17,7 +23,7 @@ PLANES = np.array([-3.3, -0.9, -0.25, 0.0, 0.4, 1.0, 2.7, 50.0])  # the last lea
 @pytest.fixture(autouse=True)
 def short_blocks(monkeypatch):
     """Several blocks a row, the last one not whole."""
-    monkeypatch.setattr(matching, "_BLOCK", 8)
+    monkeypatch.setattr(view_matching, "_BLOCK", 8)
 
 
 def samples(shape, dtype=np.float32, seed=3):
@@ -54,12 +60,12 @@ def found_costs(lf, planes, gain=1.0):
 
 @pytest.mark.parametrize("part", [0, 1e-9, 0.1, 0.25, 0.5, 0.8, 1 - 1e-9])
 def test_taps(part):
-    taps = matching.bell_taps(np.array(part))
+    taps = view_matching.bell_taps(np.array(part))
     np.testing.assert_allclose(taps, bell_taps(part), rtol=0, atol=1e-15)
     np.testing.assert_allclose(taps @ np.ones(4), 1, atol=1e-15)
     np.testing.assert_allclose(taps @ np.arange(-1, 3), part, atol=1e-15)
     # the same from the other side: no picture is better than its mirror image
-    np.testing.assert_allclose(matching.bell_taps(1 - np.array(part))[::-1], taps, atol=1e-9)
+    np.testing.assert_allclose(view_matching.bell_taps(1 - np.array(part))[::-1], taps, atol=1e-9)
     # blurred, and noise passed, alike for all fractions
     assert 0.449 < (taps**2).sum() < 0.458
 

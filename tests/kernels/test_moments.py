@@ -7,8 +7,8 @@ import pytest
 from reference_cues import grid_steps, moments
 from reference_lightfield import refocus
 
-from clplen.lightfield.correspondence import add_colours, shear_moments
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.depth.correspondence import add_colours, shear_moments
+from clplen.lightfield.model.light_field import LightField
 
 EPS = 2.0**-24
 PLANES = np.array([0.3, -1.0, 2.75, 0.0])

@@ -7,7 +7,7 @@ import pytest
 from reference_lightfield import keys_kernel, linear_kernel
 from tolerance import relative_max
 
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.model.light_field import LightField
 
 FOCAL = 0.2
 SHAPES = [(3, 4, 5, 7), (4, 3, 6, 5, 3), (1, 2, 3, 4), (2, 1, 4, 1)]

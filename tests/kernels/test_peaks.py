@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clplen.lightfield.peaks import PeakTracker
+from clplen.lightfield.arrays.peaks import PeakTracker
 
 EPS = 2.0**-24
 

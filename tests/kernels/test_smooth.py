@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import correlate1d
 
-from clplen.lightfield.smoothing import Smoother, box_taps, gaussian_taps
+from clplen.lightfield.arrays.smoothing import Smoother, box_taps, gaussian_taps
 
 EPS = 2.0**-24
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from reference_cues import epi_tensor, grid_steps
 
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.structure_tensor import epi_tensors
+from clplen.lightfield.depth.structure_tensor import epi_tensors
+from clplen.lightfield.model.light_field import LightField
 
 
 def compare(lf, L, d, weights, steps):

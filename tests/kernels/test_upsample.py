@@ -8,8 +8,8 @@ from reference_render import steps
 from reference_render import upsampled as twin
 from tolerance import relative_max
 
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.upsample import BASE, upsampled
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.refocus.upsampling import BASE, upsampled
 
 
 @pytest.mark.parametrize(

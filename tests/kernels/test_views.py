@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clplen.lightfield.samples import lit_views, plane
+from clplen.lightfield.arrays.stored_samples import lit_views, plane
 
 TYPES = (np.uint8, np.uint16, np.float16, np.float32)
 

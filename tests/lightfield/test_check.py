@@ -11,9 +11,9 @@ import pytest
 from clplen.errors import FormatError
 from clplen.io import read_lightfield
 from clplen.io.layout import Layout
-from clplen.lightfield.check import after, check
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.samples import extremes
+from clplen.lightfield.arrays.stored_samples import extremes
+from clplen.lightfield.axis_check.lightfield_report import after, check
+from clplen.lightfield.model.light_field import LightField
 
 WORDS = ("swap_uv", "flip_v", "flip_u")
 ORDERS = [

@@ -10,10 +10,10 @@ import pytest
 from clplen.cameras.outlines import Bars
 from clplen.cameras.surfaces import Plane, SurfaceScene
 from clplen.cameras.textures import noise, uniform
-from clplen.lightfield import combined, matching
-from clplen.lightfield.combined import combined_disparity
-from clplen.lightfield.depth import depth_map
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.depth import combined_cue, view_matching
+from clplen.lightfield.depth.combined_cue import combined_disparity
+from clplen.lightfield.depth.depth_map import depth_map
+from clplen.lightfield.model.light_field import LightField
 
 PLANES = np.linspace(-1.5, 1.5, 31)
 VIEWS, SHAPE = (7, 9), (64, 96)
@@ -71,7 +71,7 @@ def test_behind_a_bar(device, monkeypatch, channels):
     assert (e > 0.07).mean() < 0.06
     assert np.median(e[far]) < 0.03
     bad = (e[far] > 0.07).mean()
-    monkeypatch.setattr(matching, "RATIO", 1e3)  # all views only
+    monkeypatch.setattr(view_matching, "RATIO", 1e3)  # all views only
     whole = (errors(scene, device)[0][far] > 0.07).mean()
     assert bad < 0.5 * whole, (bad, whole)
 
@@ -263,8 +263,8 @@ def test_same_bits_again(device):
 def test_blocks_do_not_show(device, monkeypatch):
     lf, _ = BAR.light_field((3, 5), (30, 41), device=device)
     want = combined_disparity(lf, PLANES)[0]
-    monkeypatch.setattr(matching, "_BLOCK", 7)
-    monkeypatch.setattr(matching, "_SUPPORT_BLOCK", 7)
+    monkeypatch.setattr(view_matching, "_BLOCK", 7)
+    monkeypatch.setattr(view_matching, "_SUPPORT_BLOCK", 7)
     np.testing.assert_allclose(combined_disparity(lf, PLANES)[0], want, atol=1e-4)
 
 
@@ -283,7 +283,7 @@ def test_planes_far_apart_get_others_between_them(device):
     e, _, _ = errors(BAR, device, planes=np.linspace(-1.5, 1.5, 4))
     assert (e > 0.07).mean() < 0.08
     np.testing.assert_allclose(
-        combined._dense(np.array([0.0, 0.1, 0.5])), [0, 0.1, 7 / 30, 11 / 30, 0.5]
+        combined_cue._dense(np.array([0.0, 0.1, 0.5])), [0, 0.1, 7 / 30, 11 / 30, 0.5]
     )
 
 

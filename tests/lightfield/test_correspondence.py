@@ -7,8 +7,8 @@ import pytest
 from reference_cues import grid_steps, moments, plain_depth
 from scipy.ndimage import uniform_filter
 
-from clplen.lightfield.correspondence import correspondence_disparity
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.depth.correspondence import correspondence_disparity
+from clplen.lightfield.model.light_field import LightField
 
 
 @pytest.mark.parametrize("count", [5, 9, 18])  # below and above what is looked at at once

@@ -14,10 +14,10 @@ from reference_lightfield import refocus, sampling_matrix
 from scipy.ndimage import correlate1d, gaussian_filter
 
 from clplen.errors import DeviceError
-from clplen.lightfield.depth import depth_map, sharpness_curve
-from clplen.lightfield.interpolation import evening_taps
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.refocus import focal_stack
+from clplen.lightfield.depth.depth_map import depth_map, sharpness_curve
+from clplen.lightfield.depth.interpolation_blur import evening_taps
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.refocus.focal_stack import focal_stack
 
 energy_map = partial(depth_map, cue="energy")
 INSIDE = (slice(15, -15), slice(15, -15))

@@ -9,9 +9,9 @@ import pytest
 from reference_cues import plain_depth
 
 from clplen.errors import DeviceError
-from clplen.lightfield.depth import depth_map
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.refocus import focal_stack
+from clplen.lightfield.depth.depth_map import depth_map
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.refocus.focal_stack import focal_stack
 
 CUES = ("energy", "correspondence", "structure-tensor")
 PLANES = np.linspace(-1.4, 1.4, 29)

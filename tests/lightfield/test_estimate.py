@@ -12,17 +12,17 @@ from reference_lightfield import thesis_alpha
 from scipy.special import j1
 
 from clplen.errors import SamplingWarning
-from clplen.lightfield.estimate import estimate_alpha
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.raw import LensletGrid, RawImage
-from clplen.lightfield.spectral import (
+from clplen.lightfield.arrays.spectral_sharpness import (
     LensletBlur,
     disc_ambiguity,
     find_peak,
     interval_ambiguity,
     sharpness,
 )
-from clplen.lightfield.window import read_window
+from clplen.lightfield.depth.alpha_estimate import estimate_alpha
+from clplen.lightfield.depth.lenslet_window import read_window
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
 
 OPTICS = reference_camera.Camera(count=(31, 35))  # narrow: enough for one point near the axis
 TOLERANCE = OPTICS.pitch / OPTICS.aperture_diameter  # p/D

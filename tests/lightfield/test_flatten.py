@@ -10,9 +10,9 @@ from reference_render import statistic, steps
 from tolerance import relative_max
 
 from clplen.errors import ShapeError
-from clplen.lightfield.aperture import disc, gaussian
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.rays import STATISTICS
+from clplen.lightfield.arrays.ray_samples import STATISTICS
+from clplen.lightfield.model.aperture_weights import disc, gaussian
+from clplen.lightfield.model.light_field import LightField
 
 TYPES = (np.uint8, np.uint16, np.float32)
 

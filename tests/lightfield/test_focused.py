@@ -28,13 +28,13 @@ from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources
 from clplen.compute.device import Device
 from clplen.errors import DeviceError, ShapeError
 from clplen.io import read_raw, write_picture, write_raytrix
-from clplen.lightfield.focused import focused_stack, render_focused
-from clplen.lightfield.focused_depth import FocusedDepth, focused_depth
-from clplen.lightfield.focused_geometry import FocusedGeometry
-from clplen.lightfield.focused_picture import FocusedImage, seam
-from clplen.lightfield.focused_spots import point_m
-from clplen.lightfield.raw import RawImage
-from clplen.lightfield.refocus import refocus
+from clplen.lightfield.focused.focused_depth import FocusedDepth, focused_depth
+from clplen.lightfield.focused.focused_geometry import FocusedGeometry
+from clplen.lightfield.focused.focused_picture import FocusedImage, seam
+from clplen.lightfield.focused.focused_rendering import focused_stack, render_focused
+from clplen.lightfield.focused.focused_spots import point_m
+from clplen.lightfield.raw.raw_image import RawImage
+from clplen.lightfield.refocus.focal_stack import refocus
 
 BORDER = 8  # samples that lenslets beyond the array would have to help with
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from reference_lightfield import refocus as twin_refocus
 
-from clplen.lightfield.fourier import fourier_stack
-from clplen.lightfield.hyperfan import hyperfan
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.refocus import focal_stack
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.refocus.focal_stack import focal_stack
+from clplen.lightfield.refocus.fourier_slice import fourier_stack
+from clplen.lightfield.refocus.hyperfan import hyperfan
 
 D = (-1.3, -0.65, 0.4, 1.0)
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import clplen.io
-from clplen.lightfield.depth import depth_map
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.refocus import focal_stack, refocus
-from clplen.lightfield.stored import StoredLightField
-from clplen.lightfield.streaming import stream_stack
+from clplen.lightfield.depth.depth_map import depth_map
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.refocus.focal_stack import focal_stack, refocus
+from clplen.lightfield.streaming.streamed_results import stream_stack
 
 PLANES = np.linspace(-0.6, 0.8, 5)
 

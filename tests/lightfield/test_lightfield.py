@@ -10,8 +10,8 @@ import pyopencl.array as cla
 import pytest
 
 from clplen.errors import DeviceError, ShapeError
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.raw import LensletGrid, RawImage
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
 
 SPACING = (-120e-6, -120e-6, 150e-6, 150e-6)  # du/dx = -0.8
 

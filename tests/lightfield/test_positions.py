@@ -7,10 +7,10 @@ import pytest
 from tolerance import relative_max
 
 from clplen.errors import ShapeError
-from clplen.lightfield.depth import depth_map, sharpness_curve
-from clplen.lightfield.interpolation import stack_taps
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.refocus import focal_stack, refocus
+from clplen.lightfield.depth.depth_map import depth_map, sharpness_curve
+from clplen.lightfield.depth.interpolation_blur import stack_taps
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.refocus.focal_stack import focal_stack, refocus
 
 D = 1.9  # of the textured plane
 VIEWS = (5, 4)

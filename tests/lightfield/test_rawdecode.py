@@ -23,7 +23,9 @@ from clplen import (
     refocus,
 )
 from clplen.errors import DeviceError, ShapeError
-from clplen.lightfield.calibration import Lattice, decode_raw, estimate_lattice
+from clplen.lightfield.calibration.lattice_fit import estimate_lattice
+from clplen.lightfield.calibration.raw_decoding import decode_raw
+from clplen.lightfield.raw.lenslet_lattice import Lattice
 
 RANDOM = np.random.default_rng(11)
 # float32 positions within 2^-24 px and 4 x 4 taps, as derived in tests/kernels/test_decode.py; once

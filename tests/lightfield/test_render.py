@@ -11,8 +11,8 @@ from reference_lightfield import render as twin
 from reference_lightfield import viewpoint_weights
 
 from clplen.errors import ShapeError
-from clplen.lightfield.aperture import aperture_weights
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.model.aperture_weights import aperture_weights
+from clplen.lightfield.model.light_field import LightField
 
 TYPES = (np.uint8, np.uint16, np.float32)
 SPACING = (-120e-6, -60e-6, 150e-6, 150e-6)

@@ -10,7 +10,7 @@ from reference_render import statistic, steps
 from tolerance import relative_max
 
 from clplen.errors import ShapeError
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.model.light_field import LightField
 
 TYPES = (np.uint8, np.uint16, np.float32)
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from clplen import plot
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.phasespace import phase_space
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.phase_space import phase_space
 
 F = 0.24
 SPACING = (-120e-6, -60e-6, 150e-6, 300e-6)

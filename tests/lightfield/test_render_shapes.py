@@ -8,7 +8,7 @@ from reference_render import covered, raster
 from scipy.special import i0
 
 from clplen.errors import ShapeError
-from clplen.lightfield.aperture import (
+from clplen.lightfield.model.aperture_weights import (
     annulus,
     disc,
     f_number_radius,
@@ -21,7 +21,7 @@ from clplen.lightfield.aperture import (
     regular_polygon,
     square,
 )
-from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.model.light_field import LightField
 
 VIEWS, FINE = (7, 9), 200
 V, U = raster(VIEWS, FINE)

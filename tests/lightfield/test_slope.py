@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from clplen.lightfield.estimate import estimate_alpha
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.slope import fit_slope
+from clplen.lightfield.arrays.epi_slope import fit_slope
+from clplen.lightfield.depth.alpha_estimate import estimate_alpha
+from clplen.lightfield.model.light_field import LightField
 
 
 def point(d, views=(13, 14), size=(25, 27), at=(11.8, 13.3), aspect=1.0, scatter=1.2):

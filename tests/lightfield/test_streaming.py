@@ -10,15 +10,19 @@ import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from clplen.errors import ShapeError
-from clplen.lightfield import scratch
-from clplen.lightfield.allinfocus import all_in_focus
-from clplen.lightfield.depth import CUES, depth_map
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.needs import depth_work
-from clplen.lightfield.refocus import focal_stack
-from clplen.lightfield.stored import StoredLightField
-from clplen.lightfield.streaming import stream_all_in_focus, stream_depth, stream_stack
-from clplen.lightfield.tiles import plan_tiles
+from clplen.lightfield.depth.all_in_focus import all_in_focus
+from clplen.lightfield.depth.depth_map import CUES, depth_map
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.refocus.focal_stack import focal_stack
+from clplen.lightfield.streaming import spooling
+from clplen.lightfield.streaming.streamed_results import (
+    stream_all_in_focus,
+    stream_depth,
+    stream_stack,
+)
+from clplen.lightfield.streaming.tile_plan import plan_tiles
+from clplen.lightfield.streaming.working_memory import depth_work
 
 PLANES = np.linspace(-0.9, 1.3, 8)
 SPACING = (-1e-3, -1.1e-3, 1.3e-4, 0.9e-4)
@@ -210,7 +214,7 @@ def by_views(source):
 
 
 def test_views_are_copied_once(device, tmp_path, monkeypatch):
-    monkeypatch.setattr(scratch.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(spooling.tempfile, "tempdir", str(tmp_path))
     lf = LightField.from_array(CASES["places"][0], device=device, **CASES["places"][1])
     source, reads = by_views(stored("places"))
     tiles = stream_stack(source, disparities=PLANES, memory=source.nbytes, device=device)
@@ -224,7 +228,7 @@ def test_views_are_copied_once(device, tmp_path, monkeypatch):
 def test_no_room_for_a_copy(device, monkeypatch):
     source, _ = by_views(stored("places"))
     usage = type("Usage", (), {"free": 1000})()
-    monkeypatch.setattr(scratch.shutil, "disk_usage", lambda _: usage)
+    monkeypatch.setattr(spooling.shutil, "disk_usage", lambda _: usage)
     tiles = stream_stack(source, disparities=PLANES, memory=source.nbytes, device=device)
     with pytest.raises(OSError, match=r"temporary file of [\d,]+ bytes.*1,000 free: point TMPDIR"):
         next(iter(tiles))
@@ -235,7 +239,7 @@ def readers():
 
 
 def test_leaving_early_leaves_nothing(device, tmp_path, monkeypatch):
-    monkeypatch.setattr(scratch.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(spooling.tempfile, "tempdir", str(tmp_path))
     before = set(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else set()
     source, _ = by_views(stored("places"))
     tiles = stream_stack(source, disparities=PLANES, memory=source.nbytes, device=device)
@@ -348,7 +352,7 @@ def test_raw_samples(tmp_path):
     file = tmp_path / "raw"
     file.write_bytes(b"abc" + values.tobytes())
     with file.open("rb") as opened:
-        samples = scratch.RawSamples(opened.fileno(), 3, values.shape, values.dtype)
+        samples = spooling.RawSamples(opened.fileno(), 3, values.shape, values.dtype)
         for ends in (
             [(0, 3), (0, 4), (0, 7), (0, 5), (0, 2)],
             [(1, 3), (2, 3), (1, 6), (0, 5), (0, 2)],
@@ -357,6 +361,6 @@ def test_raw_samples(tmp_path):
         ):
             selection = tuple(slice(*pair) for pair in ends)
             np.testing.assert_array_equal(samples.read(selection), values[selection])
-        longer = scratch.RawSamples(opened.fileno(), 4, values.shape, values.dtype)
+        longer = spooling.RawSamples(opened.fileno(), 4, values.shape, values.dtype)
         with pytest.raises(EOFError, match="ends after"):
             longer.read(tuple(slice(0, n) for n in values.shape))

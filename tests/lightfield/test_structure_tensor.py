@@ -7,8 +7,8 @@ import pytest
 from reference_cues import coherence, epi_tensor, grid_steps
 from scipy.ndimage import gaussian_filter
 
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.structure_tensor import structure_disparity
+from clplen.lightfield.depth.structure_tensor import structure_disparity
+from clplen.lightfield.model.light_field import LightField
 
 
 def orientations(L, shears, weights):

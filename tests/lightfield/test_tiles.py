@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clplen.lightfield import tiles
-from clplen.lightfield.stored import StoredLightField
-from clplen.lightfield.tiles import Work, bands, plan_tiles
+from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.streaming import tile_plan
+from clplen.lightfield.streaming.tile_plan import Work, bands, plan_tiles
 
 
 def source(shape=(3, 4, 211, 307), chunks=None, views_at_once=(1, 1), overhead=0):
@@ -161,7 +161,7 @@ def test_memory_is_a_number_of_bytes(device, memory):
 
 
 def test_default_memory_is_half_of_what_is_free(device, monkeypatch):
-    monkeypatch.setattr(tiles, "free_memory", lambda: 2_000_000)
+    monkeypatch.setattr(tile_plan, "free_memory", lambda: 2_000_000)
     assert plan_tiles(source(), [work()], memory=None, device=device).memory == 1_000_000
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.refocus import refocus
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.refocus.focal_stack import refocus
 
 FINE = 0.7  # cycles a pixel of the views: above their Nyquist frequency, 0.5
 

@@ -8,8 +8,9 @@ import pytest
 import tifffile
 
 from clplen import Lattice, LightField, MicrolensArray, PlenopticCamera, PointSources, ShapeError
-from clplen.lightfield.calibration import decode_raw, estimate_lattice
-from clplen.lightfield.refocus import focal_stack
+from clplen.lightfield.calibration.lattice_fit import estimate_lattice
+from clplen.lightfield.calibration.raw_decoding import decode_raw
+from clplen.lightfield.refocus.focal_stack import focal_stack
 from clplen.microscopy.points import find_points, match_points
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -1,0 +1,308 @@
+"""Shear, interpolate, sum: the pictures of a light field refocused on many planes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import pyopencl as cl
+import pyopencl.array as cla
+
+from clplen.errors import DeviceError, KernelBuildError, ShapeError
+from clplen.lightfield.arrays.shear_blocks import Blocks, all_blocks, lanes_of, worth_timing
+from clplen.lightfield.arrays.shear_tables import (
+    Norm,
+    Table,
+    Views,
+    norm_of,
+    split_views,
+    tables_of,
+)
+from clplen.lightfield.arrays.stored_samples import C_TYPE
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+
+Edge = Literal["normalised", "clamp"]
+
+FORMS = ("blocks", "staged", "samples")
+_NORM_FLOATS = 1 << 23  # of the weights that samples use, in one launch
+_MOST_PLANES = 64  # of one launch without blocks
+_INTEL = "Intel(R) OpenCL"  # whose compiler takes minutes to read integers in place
+_PREFETCH = ("Portable Computing Language", _INTEL)  # their compilers have it
+_GPU_PLANES, _GPU_HEIGHT, _GPU_GROUP = 4, 4, 64  # what a GPU's work-item and group do
+_SLOW = 1.5e10  # samples of a plane that a core adds in a second, at least
+_WORTH, _TRIAL = 0.1, 0.06  # seconds of work that is worth timing, and of one trial
+
+
+def shear_sum(
+    lf_data: cla.Array,
+    weights: Table,
+    shift_y: Table,
+    shift_x: Table,
+    *,
+    device: Device,
+    edge: Edge = "normalised",
+    total: bool = False,
+    out: cla.Array | None = None,
+) -> cla.Array:
+    """Shift every view by its constant, interpolate linearly, and average over the views.
+
+    Picture p is the sum over v, u of w[v, u] L[v, u](y + shift_y[p, v], x + shift_x[p, u]) over
+    the sum of the weights (Ng 2005, shift and add); views that lie on no grid have a shift of
+    their own each. The result has the same bits in every run.
+
+    Parameters
+    ----------
+    lf_data : pyopencl.array.Array
+        Shape (v, u, y, x) or (v, u, y, x, c), C-contiguous, uint8, uint16, float16 or float32.
+    weights : numpy.ndarray
+        Shape (V, U), finite. A view of weight 0 is not read.
+    shift_y, shift_x : numpy.ndarray
+        Shapes (P, V) and (P, U), or (P, V, U) (either or both), finite, in pixels; split in
+        float64 into a whole number, which moves the view, and a fraction, by which it is
+        interpolated. A grid, (P, V), is summed faster.
+    device : Device
+        Where ``lf_data`` lives.
+    edge : {"normalised", "clamp"}
+        "normalised": a sample outside a view counts neither in the sum nor in the weights, and a
+        pixel that no view reaches is 0. "clamp": it is the nearest sample of the view.
+    total : bool
+        The sum itself, not divided by the weights.
+    out : pyopencl.array.Array, optional
+        float32, where the result goes.
+
+    Returns
+    -------
+    pyopencl.array.Array
+        float32, shape (P, y, x) or (P, y, x, c).
+
+    Raises
+    ------
+    ShapeError
+        If the shapes do not fit together.
+    ValueError
+        If a weight or shift is not finite, or ``edge`` is neither.
+    DeviceError
+        If the pictures need more memory than the device has, or no form of the kernel runs.
+    """
+    shape = tuple(int(n) for n in lf_data.shape)
+    views = split_views(shape, weights, shift_y, shift_x, edge)
+    if out is None:
+        nbytes = 4 * views.planes * views.ny * views.samples
+        device.require_memory(nbytes, "The refocused pictures")
+        out = device.empty((views.planes, *shape[2:]), np.float32)
+    elif tuple(out.shape) != (views.planes, *shape[2:]) or out.dtype != np.float32:
+        raise ShapeError(
+            f"out holds {views.planes} float32 pictures of shape {shape[2:]}, not "
+            f"{tuple(out.shape)} ({out.dtype})."
+        )
+    _in_the_first_form_that_runs(_Sum(device, out, lf_data, views, total))
+    return out
+
+
+@dataclass(frozen=True)
+class _Sum:
+    """What is summed, and where to."""
+
+    device: Device
+    out: cla.Array
+    lf_data: cla.Array
+    views: Views
+    total: bool
+
+    @property
+    def defines(self) -> dict[str, Any]:
+        """Of every form."""
+        clamp = {"CLAMP": True} if self.views.clamp else {}
+        return {"SAMPLE": C_TYPE[np.dtype(self.lf_data.dtype)], **clamp}
+
+    def step(self, most: int) -> int:
+        """Planes of a launch, whose table of weights is not too large."""
+        of_norm = _NORM_FLOATS // ((len(self.views.weights) + 1) * self.views.samples)
+        return min(most, max(1, of_norm))
+
+
+def _in_the_first_form_that_runs(work: _Sum) -> None:
+    """Enqueue everything; a form that the device cannot run is left and remembered."""
+    tuning = work.device.tuning
+    forms = [form for form in _forms(work.device) if f"shear {form}" not in tuning.set_aside]
+    for form in forms:
+        try:
+            if _ENQUEUE[form](work):
+                return
+        except (KernelBuildError, DeviceError) as error:
+            if form == forms[-1] or isinstance(error.__cause__, cl.MemoryError):
+                raise
+            tuning.leave(f"shear {form}", error)
+    raise DeviceError(
+        f"{work.device!r} runs no form of shear.cl that sums these views: unset CLPLEN_SHEAR, or "
+        "use another device."
+    )
+
+
+def _forms(device: Device) -> tuple[str, ...]:
+    """Forms in which the sum can be done, the one to try first ahead."""
+    forced = os.environ.get("CLPLEN_SHEAR", "")
+    if forced and forced not in FORMS:
+        raise ValueError(f"CLPLEN_SHEAR is one of {', '.join(FORMS)}, not {forced!r}.")
+    usual = ("blocks", "samples") if device.rows else ("staged", "samples")
+    return (forced, *(form for form in usual if form != forced)) if forced else usual
+
+
+def _enqueue_blocks(work: _Sum) -> bool:
+    """Blocks of rows and columns; False where local memory does not suffice for any."""
+    blocks = all_blocks(work.views, work.device)
+    if not blocks:
+        return False
+    chosen = _fastest(work, blocks)
+    step = work.step(chosen.planes)
+    for first in range(0, work.views.planes, step):
+        _launch_blocks(work, chosen, work.views.part(first, step), first)
+    return True
+
+
+def _fastest(work: _Sum, blocks: list[Blocks]) -> Blocks:
+    """The blocks that were found fastest, else those of least expected cost."""
+    views, tuning = work.views, work.device.tuning
+    V, U = work.lf_data.shape[:2]
+    sizes = [int(n).bit_length() for n in (views.ny, views.nx)]
+    problem = (
+        f"{work.defines['SAMPLE']} {V}x{U} views of {views.channels}, {sizes}, "
+        f"{views.planes} planes, {views.clamp}"
+    )
+    by_label = {b.label: b for b in reversed(blocks)}
+    found = tuning.found("shear.cl", problem, list(by_label))
+    if found is not None:
+        return by_label[found]
+    cores = int(work.device.cl_device.max_compute_units)
+    samples = np.count_nonzero(views.weights) * views.ny * views.samples * views.planes
+    seconds = samples / (_SLOW * cores)
+    if seconds < _WORTH:
+        return blocks[0]
+
+    def part_of(label: str) -> float:
+        b = by_label[label]
+        part = views.part(0, work.step(b.planes))
+        rows = _TRIAL / seconds * views.ny * views.planes / part.planes
+        bands = min(max(int(rows / b.height), 1), -(-views.ny // b.height))
+        _launch_blocks(work, b, part, 0, bands)
+        return part.planes * min(bands * b.height, views.ny)
+
+    tried = [b.label for b in worth_timing(blocks)]
+    return by_label[tuning.fastest("shear.cl", problem, tried, part_of)]
+
+
+def _launch_blocks(
+    work: _Sum, blocks: Blocks, views: Views, first: int, bands: int | None = None
+) -> None:
+    """Enqueue some planes (all bands of rows, or the first ones)."""
+    device, defines = work.device, work.defines
+    lanes, vectors = lanes_of(device)
+    if device.platform in _PREFETCH:
+        defines["AHEAD"] = True
+    if views.channels in (1, 3):
+        defines["CHANNELS"] = views.channels
+    if views.planes == 1 and (work.lf_data.dtype.kind == "f" or device.platform != _INTEL):
+        defines["DIRECT"] = True
+    kernel = device.kernel("shear.cl", "shear_blocks", LANES=lanes, VECTORS=vectors, **defines)
+    columns = -(-views.samples // (blocks.width - views.channels))
+    floats = (
+        views.weights.shape[1] * blocks.pitch,
+        blocks.planes * blocks.height * blocks.width,
+        blocks.width + max(views.channels, lanes),
+    )
+    device.launch(
+        kernel,
+        (columns, bands or -(-views.ny // blocks.height)),
+        *_arguments(work, views, first, columns * blocks.width),
+        *(np.int32(n) for n in (blocks.height, blocks.width, blocks.pitch)),
+        *(cl.LocalMemory(4 * n) for n in floats),
+        group=(1, 1),
+        operations=_operations(views),
+    )
+
+
+def _enqueue_staged(work: _Sum) -> bool:
+    """A sample an item, rows of views through local memory; False where that does not suffice."""
+    step = work.step(_MOST_PLANES)
+    room = int(work.device.cl_device.local_mem_size)
+    parts = {n: work.views.part(n, step) for n in range(0, work.views.planes, step)}
+    tiles = {first: _tile(part) for first, part in parts.items()}
+    if any(4 * rows * width > room for rows, width in tiles.values()):
+        return False
+    for first, part in parts.items():
+        _launch_samples(work, part, first, tiles[first], GROUP=_GPU_GROUP)
+    return True
+
+
+def _tile(views: Views) -> tuple[int, int]:
+    """(rows, samples) of a view that the planes of one work-group see at most."""
+    rows, samples = 0, 0
+    for first in range(0, views.planes, _GPU_PLANES):
+        part = views.part(first, _GPU_PLANES)
+        rows = max(rows, int(np.ptp(part.down, axis=0).max()))
+        samples = max(samples, int(np.ptp(part.right, axis=0).max()) * views.channels)
+    return _GPU_HEIGHT + 1 + rows, _GPU_GROUP + views.channels + samples
+
+
+def _enqueue_samples(work: _Sum) -> bool:
+    """A sample an item, every tap from the light field's memory."""
+    step = work.step(_MOST_PLANES)
+    for first in range(0, work.views.planes, step):
+        _launch_samples(work, work.views.part(first, step), first, (1, 1))
+    return True
+
+
+def _launch_samples(
+    work: _Sum, views: Views, first: int, tile: tuple[int, int], **defines: Any
+) -> None:
+    """Enqueue some planes, with local memory for so many (rows, samples)."""
+    kernel = work.device.kernel(
+        "shear.cl",
+        "shear_samples",
+        HEIGHT=_GPU_HEIGHT,
+        PLANES=_GPU_PLANES,
+        **work.defines,
+        **defines,
+    )
+    work.device.launch(
+        kernel,
+        (views.samples, -(-views.planes // _GPU_PLANES), -(-views.ny // _GPU_HEIGHT)),
+        *_arguments(work, views, first, views.samples),
+        np.int32(tile[1]),
+        cl.LocalMemory(4 * tile[0] * tile[1]),
+        group=(_GPU_GROUP, 1, 1),
+        operations=_operations(views),
+    )
+
+
+def _arguments(work: _Sum, views: Views, first: int, width: int) -> list[Any]:
+    """What every form takes, for rows of `width` samples."""
+    device = work.device
+
+    def made() -> tuple[list[cla.Array], Norm]:
+        norm = norm_of(views, width)
+        return [device.upload(table) for table in (*tables_of(views), norm.table)], norm
+
+    tables, norm = device.tables.get(
+        ("shear", width, views.key), made, lambda both: sum(2 * table.nbytes for table in both[0])
+    )
+    sizes = (*views.weights.shape, views.ny, views.samples, views.channels, views.planes, first)
+    numbers = (*sizes, norm.table.shape[2], norm.near, norm.far, int(work.total))
+    return [work.out, work.lf_data, *tables, *(np.int32(n) for n in numbers)]
+
+
+def _operations(views: Views) -> float:
+    """Additions and multiplications: two of each for every sample of a view."""
+    return 4.0 * np.count_nonzero(views.weights) * views.planes * views.ny * views.samples
+
+
+_ENQUEUE: dict[str, Callable[[_Sum], bool]] = {
+    "blocks": _enqueue_blocks,
+    "staged": _enqueue_staged,
+    "samples": _enqueue_samples,
+}

@@ -1,0 +1,209 @@
+"""Lenslets of unequal light made alike, so that only their places are left to see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from clplen.lightfield.arrays.reciprocal import Basis, Values, reduced
+
+_BLOCK = 256  # rows at a time
+_CORE = 0.35  # of a period: brightness is taken within, where no other lenslet reaches
+_FULL = 0.6  # of the usual number of pixels: a lenslet that the picture does not cut much
+_STEP = 0.03  # logarithm, where a difference begins to count less
+_ROUNDS = 12
+_MOST = 4.0  # times brighter or darker at most
+_UNLIKE = 0.02  # of the light, by which lenslets differ where a pixel of both is told apart
+# Places in a pixel (y, x), every one of another row and column.
+_INSIDE = ((-0.375, -0.125), (-0.125, 0.375), (0.125, -0.375), (0.375, 0.125))
+
+
+@dataclass(frozen=True)
+class Lenslets:
+    """Numbers of lenslets, row by row: the first has the place ``low`` on the lattice."""
+
+    cell: Basis
+    origin: Values
+    low: Values
+    shape: tuple[int, ...]
+
+    def centres(self, label: Values) -> Values:
+        """(y, x) of the centres of lenslets by their numbers, (..., 2)."""
+        i, k = np.divmod(label, self.shape[1])
+        places = np.stack([i, k], axis=-1) + self.low
+        return np.asarray(self.origin + places @ self.cell)
+
+    def nearest(self, y: Values, x: Values) -> tuple[Values, Values]:
+        """Number of the lenslet nearest to (y, x), int32, and whether its border is far."""
+        inverse = np.linalg.inv(self.cell)
+        y, x = y - self.origin[0], x - self.origin[1]
+        a = (y * inverse[0, 0] + x * inverse[1, 0]).astype(np.float32)
+        b = (y * inverse[0, 1] + x * inverse[1, 1]).astype(np.float32)
+        i, k = np.rint(a), np.rint(b)
+        first, second = self.cell
+        if abs(first @ second) > 0.25 * (first @ first):  # hexagons: three axes that add to 0
+            third = np.rint(a + b)
+            off = np.abs(i - a), np.abs(k - b), np.abs(third - a - b)
+            along = (off[0] > off[1]) & (off[0] > off[2])
+            across = ~along & (off[1] > off[2])
+            i, k = np.where(along, third - k, i), np.where(across, third - i, k)
+        core = (np.abs(a - i) < _CORE) & (np.abs(b - k) < _CORE)
+        label = (i.astype(np.int32) - self.low[0]) * self.shape[1] + k.astype(np.int32)
+        return (label - self.low[1]).astype(np.int32), core
+
+
+@dataclass(frozen=True)
+class Fall:
+    """Logarithm of the brightness as a polynomial of places, up to a constant.
+
+    ``factors`` [a, b] belongs to y**a x**b, y and x from -1 to 1 over a picture of a ``shape``.
+    """
+
+    factors: Values
+    shape: tuple[int, ...]
+
+    def at(self, places: Values) -> Values:
+        """At places (2, ...), (y, x) in pixels."""
+        y, x = self._scaled(*places)
+        return np.asarray(np.polynomial.polynomial.polyval2d(y, x, self.factors))
+
+    def slopes(self, places: Values) -> Values:
+        """Its derivatives at places (2, ...), (2, ...), 1/pixel."""
+        from numpy.polynomial.polynomial import polyder, polyval2d
+
+        y, x = self._scaled(*places)
+        ways = (polyval2d(y, x, polyder(self.factors, axis=axis)) for axis in (0, 1))
+        return np.stack([2 * way / n for way, n in zip(ways, self.shape, strict=True)])
+
+    def over(self, y: Values, x: Values) -> Values:
+        """At all rows y and columns x, as a sum over products of powers, float32."""
+        y, x = self._scaled(y, x)
+        powers = np.arange(len(self.factors))
+        rows, columns = y[:, None] ** powers, x[:, None] ** powers
+        return np.asarray((rows @ self.factors @ columns.T).astype(np.float32))
+
+    def _scaled(self, y: Values, x: Values) -> tuple[Values, Values]:
+        return 2 * y / self.shape[0] - 1, 2 * x / self.shape[1] - 1
+
+
+@dataclass(frozen=True)
+class Even:
+    """A picture whose lenslets are alike, with their numbers and the fall that was taken off.
+
+    ``picture`` float32, shape (ny, nx): a pixel belongs to the lenslet whose centre is nearest.
+    Lenslets that the picture cuts are not to be used.
+    """
+
+    picture: Values
+    lenslets: Lenslets
+    fall: Fall
+
+
+def equalised(picture: Values, cell: Basis, origin: Values, inside: float = 1.0) -> Even:
+    """Every lenslet scaled to the same mean, and the fall of brightness within it taken off.
+
+    The fall is the exponential of a polynomial of degree 4, fitted to the lenslets' means. A pixel
+    on the border of two lenslets is scaled by the light of both, each by its share of the pixel.
+
+    Parameters
+    ----------
+    picture : numpy.ndarray
+        Shape (ny, nx).
+    cell : numpy.ndarray
+        Base vectors (y, x) of the lattice in pixels, as rows.
+    origin : numpy.ndarray
+        (y, x) of a lenslet's centre.
+    inside : float
+        How much of the fall goes on within lenslets, 0 to 1
+        (`clplen.lightfield.calibration.fall_off`): 1 where it lies over the sensor's pixels, 0
+        where every lenslet is dimmed as a whole.
+
+    Returns
+    -------
+    Even
+    """
+    lenslets = _lenslets(cell, origin, picture.shape)
+    light: Values = np.zeros(lenslets.shape[0] * lenslets.shape[1])
+    count: Values = np.zeros(light.size)
+    blocks = range(0, picture.shape[0], _BLOCK)
+    columns = np.arange(picture.shape[1])
+    for at in blocks:
+        block = picture[at : at + _BLOCK]
+        label, core = lenslets.nearest(np.arange(at, at + len(block))[:, None], columns)
+        light += np.bincount(label[core], block[core], light.size)
+        count += np.bincount(label[core], minlength=light.size)
+    light, count = light.reshape(lenslets.shape), count.reshape(lenslets.shape)
+    full = count > _FULL * np.median(count[count > 0])
+    mean = np.log(np.maximum(light, 1e-30) / np.maximum(count, 1))
+    centres = lenslets.centres(np.arange(light.size)).reshape(*light.shape, 2)
+    fall = _smooth(centres, mean, full, picture.shape)
+    smooth = fall.at(np.moveaxis(centres, -1, 0))
+    own = smooth - mean
+    own -= np.median(own[full])
+    own = np.clip(-own, -np.log(_MOST), np.log(_MOST)) + (1 - inside) * smooth
+    bright = np.exp(own).astype(np.float32).ravel()
+    out = np.empty(picture.shape, np.float32)
+    for start in blocks:
+        block = picture[start : start + _BLOCK]
+        y = np.arange(start, start + len(block))
+        over = np.exp(inside * fall.over(y, columns))
+        out[y] = block / (_of_pixels(y, columns, bright, lenslets) * over)
+    return Even(out, lenslets, fall)
+
+
+def _of_pixels(y: Values, x: Values, bright: Values, lenslets: Lenslets) -> Values:
+    """Brightness of the lenslets in all pixels of rows y and columns x, means over a pixel."""
+    rows = np.concatenate([y[:1] - 1, y, y[-1:] + 1])
+    light = bright[lenslets.nearest(rows[:, None], x)[0]]
+    steps = np.abs(np.diff(light[:, 1:-1], axis=0)), np.abs(np.diff(light[1:-1], axis=1))
+    light = light[1:-1]
+    step = np.zeros_like(light)
+    step[:, 1:-1] = np.maximum(steps[0][1:], steps[0][:-1])
+    step[:, 1:] = np.maximum(step[:, 1:], steps[1])
+    step[:, :-1] = np.maximum(step[:, :-1], steps[1])
+    of_two = step > _UNLIKE * light
+    i, k = np.nonzero(of_two)
+    parts = [bright[lenslets.nearest(y[i] + dy, x[k] + dx)[0]] for dy, dx in _INSIDE]
+    light[of_two] = np.mean(parts, axis=0)
+    return light
+
+
+def _lenslets(cell: Basis, origin: Values, shape: tuple[int, ...]) -> Lenslets:
+    """Numbers for all lenslets near a picture."""
+    short = reduced(cell)
+    if short[0] @ short[1] < 0:
+        short[1] *= -1
+    corners = np.array([(y, x) for y in (0, shape[0]) for x in (0, shape[1])])
+    places = np.rint((corners - origin) @ np.linalg.inv(short)).astype(int)
+    low, high = places.min(0) - 2, places.max(0) + 3
+    return Lenslets(short, origin, low, tuple(int(n) for n in high - low))
+
+
+def _smooth(at: Values, mean: Values, full: Values, shape: tuple[int, ...]) -> Fall:
+    """The fall of brightness, up to a constant.
+
+    Fitted to differences of the logarithms of lenslets two apart, which are alike where lenslets
+    are dim in turns; differences that stand out (one bright, one dim) count less (Cauchy).
+    """
+    degree = 4 if full.sum() > 60 else 2
+    powers = [(a, b) for a in range(degree + 1) for b in range(degree + 1 - a) if a + b]
+    y, x = (2 * at[..., axis] / shape[axis] - 1 for axis in (0, 1))
+    model = np.stack([y**a * x**b for a, b in powers], axis=-1)
+    pairs = [
+        ((slice(2, None),), (slice(None, -2),)),
+        ((slice(None), slice(2, None)), (slice(None), slice(None, -2))),
+    ]
+    both = [full[a] & full[b] for a, b in pairs]
+    matrix = np.concatenate(
+        [(model[a] - model[b])[ok] for (a, b), ok in zip(pairs, both, strict=True)]
+    )
+    step = np.concatenate([(mean[a] - mean[b])[ok] for (a, b), ok in zip(pairs, both, strict=True)])
+    found: Values = np.zeros(len(powers))
+    for _ in range(_ROUNDS if len(step) > 2 * len(powers) else 0):
+        weight = 1 / (1 + ((step - matrix @ found) / _STEP) ** 2)
+        weighted = (matrix * weight[:, None]).T
+        found = np.linalg.pinv(weighted @ matrix, hermitian=True) @ (weighted @ step)
+    factors = np.zeros((degree + 1, degree + 1))
+    factors[tuple(np.transpose(powers))] = found
+    return Fall(factors, shape)

@@ -1,0 +1,349 @@
+"""The lattice of lenslets of a white image."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clplen.errors import ShapeError
+from clplen.lightfield.arrays.reciprocal import PITCHES, Basis, Values, coarse, middle, reduced
+from clplen.lightfield.calibration.equalisation import equalised
+from clplen.lightfield.calibration.fall_off import inside
+from clplen.lightfield.calibration.local_phase import Fit, refine
+from clplen.lightfield.calibration.unit_cell import denser, fold, off_centre
+from clplen.lightfield.raw.lenslet_lattice import KINDS, Lattice
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+_LEAST = 32  # pixels a side
+_STEPS = 3  # refinements, each from the last
+_DEPTH = 0.05  # of the brightest pixel: what is darker is no brighter or darker gap
+_GAP = 5  # pixels: a gap that is narrower than a lenslet of 5 px and its gap
+_SHARE = 0.6  # of the peaks' strength that the lattice explains
+_EXPLAINED = 0.9  # of the contrast that is no noise
+_VISIBLE = 0.5  # of the contrast of a frame that shows a scene
+_AGREEING = 0.9  # of the windows
+_SPREAD = 0.025  # pitches rms
+_SPREAD_PX = 0.25  # pixels, below which a spread is no doubt
+_TURN = 16.0  # degrees
+_ANGLE = 4.0  # degrees off 90 or 60
+_LONGER = 1.5  # sides of a rectangle
+_UNEVEN = 1.1  # sides of a hexagonal cell
+_COUNT = 25  # lenslets
+_CHESSBOARD = np.array([[1, 1], [1, -1]])
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What a picture gave: the fit, the contrast and the strength that it explains."""
+
+    fit: Fit
+    explained: float
+    share: float
+
+
+def estimate_lattice(
+    white: ArrayLike,
+    *,
+    dark: ArrayLike | None = None,
+    kind: str | None = None,
+    pitch: float | None = None,
+    bayer: str | None = None,
+) -> Lattice:
+    """The lattice of lenslets of a white image.
+
+    Peaks of the Fourier transform give the base vectors roughly; the coarsest lattice that holds
+    them is made denser where the mean cell shows several lenslets (bright and dim ones). Least
+    squares on the local phases of both base frequencies
+    (`clplen.lightfield.calibration.local_phase`) then fit an affine lattice, first in the middle,
+    then over the whole picture, once more with the lenslets' light made equal. Where small pitches
+    of whole pixels alias the phases, the profile of the mean lenslet tells its centre.
+
+    Parameters
+    ----------
+    white : array_like
+        White image as it lies on the sensor, shape (ny, nx), at least 32 pixels a side, real,
+        finite. Pitches from 5 to 60 px are found.
+    dark : array_like, optional
+        Dark frame of the same shape, subtracted first.
+    kind : {"rectangular", "hexagonal"}, optional
+        None finds out. A hexagonal lattice may have its nearest neighbours along x or along y.
+    pitch : float, optional
+        Nominal distance of nearest neighbours in pixels; another one than it to a quarter is not
+        trusted.
+    bayer : {"RGGB", "BGGR", "GRBG", "GBRG"}, optional
+        Colour filters, whose four kinds of pixels are brought to the same mean.
+
+    Returns
+    -------
+    Lattice
+        With its ``residual``, ``trust`` and ``verdict``. Trust is low where nothing repeats, where
+        local lattices disagree, or where equal lenslets explain less than 90 % of the contrast
+        that is no noise: then the picture is no white image, and the pitch may be a texture's.
+
+    Raises
+    ------
+    ShapeError
+        If the picture is not (ny, nx) of 32 pixels a side, or the dark frame is of another shape.
+    ValueError
+        If a pixel is NaN or infinite, or kind or pitch is out of range.
+    """
+    _check(kind, pitch)
+    picture = _prepared(white, dark, bayer)
+    pitches = PITCHES if pitch is None else (0.75 * pitch, 1.3 * pitch)
+    found = _find(picture, kind, pitches)
+    if found is None:
+        return _nothing(picture.shape, kind or "rectangular", pitch)
+    lattice = _oriented(found.fit, kind, picture.shape)
+    return _judged(lattice, found, kind, pitch)
+
+
+def visible_lattice(
+    frame: ArrayLike, *, dark: ArrayLike | None = None, bayer: str | None = None
+) -> Lattice | None:
+    """The lattice that a frame shows by itself, where it is plain that it is the lenslets'.
+
+    Parameters
+    ----------
+    frame : array_like
+        Raw frame, shape (ny, nx), of any scene.
+    dark, bayer
+        As for `estimate_lattice`.
+
+    Returns
+    -------
+    Lattice or None
+        None where it explains less than half of the contrast, or other doubts remain than those
+        that a scene raises.
+    """
+    if min(np.shape(frame)[:2]) < _LEAST:
+        return None
+    found = _find(_prepared(frame, dark, bayer), None, PITCHES)
+    if found is None or found.explained < _VISIBLE or found.share < _SHARE:
+        return None
+    lattice = _oriented(found.fit, None, np.shape(frame))
+    doubts = _doubts(lattice, replace(found, explained=1.0), len(lattice.centres()), None)
+    return lattice if all(doubt.startswith("local lattices") for doubt in doubts) else None
+
+
+def _check(kind: str | None, pitch: float | None) -> None:
+    if kind not in (None, *KINDS):
+        raise ValueError(f"A lattice is {' or '.join(KINDS)}, not {kind!r}.")
+    if pitch is not None and not 3 <= pitch <= 200:
+        raise ValueError(f"The pitch is 3 to 200 pixels, not {pitch!r}.")
+
+
+def _prepared(white: Any, dark: Any, bayer: str | None) -> Values:
+    """float32, dark frame taken off, single bright pixels cut."""
+    from clplen.lightfield.calibration.sensor_frames import as_frame, balanced, without_dark
+
+    frame = as_frame(white, "white image")
+    if min(frame.shape) < _LEAST:
+        raise ShapeError(
+            f"A lattice is estimated from at least {_LEAST} pixels a side, not {frame.shape}."
+        )
+    picture = without_dark(frame, dark)
+    if bayer is not None:
+        picture = balanced(picture, bayer)
+    top = float(np.quantile(picture[:: max(1, len(picture) // 1024)], 0.9995))
+    return np.clip(picture, min(0.0, top), top)
+
+
+def _find(picture: Values, kind: str | None, pitches: tuple[float, float]) -> _Found | None:
+    """The lattice that explains most, from the picture or else from the gaps between lenslets."""
+    best: _Found | None = None
+    for seen in (lambda part: part, _dark_gaps, _narrow_gaps):
+        basis, share = coarse(seen(middle(picture)), pitches)
+        for found in _tried(picture, basis, share, kind, pitches):
+            if found.explained >= _EXPLAINED and _is_upright(found, kind, picture.shape):
+                return found
+            if best is None or found.explained > best.explained:
+                best = found
+    return best
+
+
+def _tried(
+    picture: Values,
+    basis: Basis | None,
+    share: float,
+    kind: str | None,
+    pitches: tuple[float, float],
+) -> Iterator[_Found]:
+    """The lattice of rough base vectors; if it is turned far, the one of which it is a chessboard.
+
+    The dim squares may be too small to rise over the gaps of the bright ones (`denser`); whether
+    they are lenslets tells the share of the contrast that is explained once they are made equal.
+    """
+    found = _followed(picture, basis, share, pitches)
+    if found is None:
+        return
+    yield found
+    if not _is_upright(found, kind, picture.shape):
+        closer = _followed(picture, _CHESSBOARD @ found.fit.basis, share, pitches)
+        if closer is not None:
+            yield closer
+
+
+def _is_upright(found: _Found, kind: str | None, shape: tuple[int, ...]) -> bool:
+    return abs(_oriented(found.fit, kind, shape).rotation) <= math.radians(_TURN)
+
+
+def _dark_gaps(picture: Values) -> Values:
+    """Logarithms: lenslets of unequal light are more alike in them."""
+    top = max(float(picture.max()), 1e-30)
+    return np.asarray(np.log1p(np.maximum(picture, 0) / (_DEPTH * top)))
+
+
+def _narrow_gaps(picture: Values) -> Values:
+    """Light over that of the brighter surroundings: dim lenslets are as bright as others."""
+    from scipy.ndimage import grey_closing
+
+    top = max(float(picture.max()), 1e-30)
+    return np.asarray(picture / np.maximum(grey_closing(picture, (_GAP, _GAP)), _DEPTH * top))
+
+
+def _followed(
+    picture: Values, basis: Basis | None, share: float, pitches: tuple[float, float]
+) -> _Found | None:
+    """What becomes of rough base vectors."""
+    if basis is None:
+        return None
+    fit = _refined(picture, basis)
+    for _ in range(4):
+        closer = denser(fold(picture, fit.basis, fit.phase), fit.basis)
+        if closer is None or 1 / np.hypot(*reduced(closer).T).max() < pitches[0] / 1.2:
+            break
+        fit = _refined(picture, closer)
+    if not np.isfinite(fit.rms) or np.hypot(*fit.cell.T).max() > max(picture.shape) / 2:
+        return None
+    margin = min(int(np.hypot(*fit.cell.T).max()), min(picture.shape) // 6)
+    even = equalised(picture, fit.cell, fit.origin)
+    fit = refine(even.picture, fit.basis, margin=margin)
+    light = equalised(picture, fit.cell, fit.origin, inside(even, margin)).picture
+    fit = refine(light, fit.basis, margin=margin)
+    # lenslets that the picture cuts are not equal
+    whole = light[margin : light.shape[0] - margin, margin : light.shape[1] - margin]
+    phase = fit.phase + margin * fit.basis.sum(axis=1)
+    moved = replace(fit, phase=fit.phase - fit.basis @ off_centre(whole, fit.basis, phase))
+    return _Found(moved, fold(whole, fit.basis, phase).explained, share)
+
+
+def _refined(picture: Values, basis: Basis) -> Fit:
+    fit = refine(picture, reduced(basis))
+    for _ in range(_STEPS - 1):
+        fit = refine(picture, fit.basis)
+    return fit
+
+
+def _nothing(shape: tuple[int, ...], kind: str, pitch: float | None) -> Lattice:
+    """In place of a lattice where there is none."""
+    step = 10.0 if pitch is None else float(pitch)
+    high = step * (math.sqrt(3) / 2 if kind == "hexagonal" else 1.0)
+    middle = ((shape[0] - 1) / 2, (shape[1] - 1) / 2)
+    verdict = (
+        f"No lattice: nothing repeats in the picture; the pitch of {step:g} px was not measured. "
+        "Give a white image."
+    )
+    return Lattice(
+        kind, middle, (high, 0.0), (0.0, step), (shape[0], shape[1]), math.nan, "low", verdict
+    )
+
+
+def _oriented(fit: Fit, kind: str | None, shape: tuple[int, ...]) -> Lattice:
+    """Rows and columns out of any two base vectors, and the lenslet nearest to the middle."""
+    short = reduced(fit.cell)
+    if kind is None:
+        cosine = abs(short[0] @ short[1]) / np.hypot(*short.T).prod()
+        kind = "hexagonal" if cosine > math.cos(math.radians(75)) else "rectangular"
+    row, column = _straight(short) if kind == "rectangular" else _staggered(short)
+    middle = (np.array(shape) - 1) / 2
+    near = np.rint((middle - fit.origin) @ np.linalg.inv(short)) - 1
+    best = min(
+        (fit.origin + (near + np.array(n)) @ short for n in np.ndindex(3, 3)),
+        key=lambda at: float(((at - middle) ** 2).sum()),
+    )
+    origin, down, right = ((float(v[0]), float(v[1])) for v in (best, row, column))
+    return Lattice(kind, origin, down, right, (shape[0], shape[1]), fit.rms)
+
+
+def _straight(short: Basis) -> tuple[Values, Values]:
+    """Row nearest to +y and column nearest to +x."""
+    down = int(abs(short[1, 0]) * abs(short[0, 1]) > abs(short[0, 0]) * abs(short[1, 1]))
+    row, column = short[down], short[1 - down]
+    return row * (1 if row[0] > 0 else -1), column * (1 if column[1] > 0 else -1)
+
+
+def _staggered(short: Basis) -> tuple[Values, Values]:
+    """Rows and columns of a hexagonal lattice, whichever axis its neighbours lie nearer to."""
+    a, b = short
+    if a @ b < 0:
+        b = -b
+    six = np.array([a, b, b - a, -a, -b, a - b])
+    angle = np.degrees(np.arctan2(six[:, 0], six[:, 1]))  # from +x towards +y
+    to_x, to_y = int(np.abs(angle).argmin()), int(np.abs(angle - 90).argmin())
+    if abs(angle[to_x]) <= abs(angle[to_y] - 90):
+        column = six[to_x]
+        next_ = six[np.abs((angle - angle[to_x] - 60 + 180) % 360 - 180).argmin()]
+        return next_ - column / 2, column
+    row = six[to_y]
+    next_ = six[np.abs((angle - angle[to_y] + 60 + 180) % 360 - 180).argmin()]
+    return row, next_ - row / 2
+
+
+def _judged(lattice: Lattice, found: _Found, kind: str | None, pitch: float | None) -> Lattice:
+    """The lattice with the trust that it deserves and the reason."""
+    along, across = lattice.pitch
+    count = len(lattice.centres())
+    size = (
+        f"{along:.3f} x {across:.3f} px"
+        if lattice.kind == "rectangular"
+        else (f"{lattice.neighbour:.3f} px")
+    )
+    what = (
+        f"{lattice.kind.capitalize()} lattice, pitch {size}, rotation "
+        f"{math.degrees(lattice.rotation):.2f} degrees, {count} lenslets"
+    )
+    doubts = _doubts(lattice, found, count, pitch)
+    if doubts:
+        verdict = f"{what}: not to be trusted, because {doubts[0]}. Give a white image."
+        return replace(lattice, trust="low", verdict=verdict)
+    verdict = f"{what}: local lattices agree with it to {lattice.residual:.3f} px rms."
+    return replace(lattice, trust="high", verdict=verdict)
+
+
+def _doubts(lattice: Lattice, found: _Found, count: int, pitch: float | None) -> list[str]:
+    near = lattice.neighbour
+    row, column = np.array(lattice.row), np.array(lattice.column)
+    skew = math.degrees(math.asin(abs(row @ column) / np.hypot(*row) / np.hypot(*column)))
+    sides = np.hypot(*row) / np.hypot(*column)
+    if lattice.kind == "hexagonal":
+        ratio = sides * (math.sqrt(3) / 2 if lattice.turned else 2 / math.sqrt(3))
+        uneven = max(ratio, 1 / ratio) > _UNEVEN
+    else:
+        uneven = max(sides, 1 / sides) > _LONGER
+    tests = {
+        f"it has only {count} lenslets": count < _COUNT,
+        f"its cell is no {'square' if lattice.kind == 'rectangular' else 'hexagon'}": (
+            skew > _ANGLE or uneven
+        ),
+        f"only {100 * found.share:.0f} % of what repeats fits it": found.share < _SHARE,
+        f"only {100 * found.fit.agreeing:.0f} % of the picture agrees with it": (
+            found.fit.agreeing < _AGREEING
+        ),
+        f"local lattices lie {lattice.residual:.2g} px rms off": lattice.residual
+        > max(_SPREAD * near, _SPREAD_PX),
+        f"equal lenslets explain only {100 * max(found.explained, 0):.0f} % of the contrast": (
+            found.explained < _EXPLAINED
+        ),
+        f"the nominal pitch is {pitch} px": pitch is not None and not 0.8 < near / pitch < 1.25,
+        f"it is turned by {math.degrees(lattice.rotation):.0f} degrees": (
+            abs(lattice.rotation) > math.radians(_TURN)
+        ),
+        "the pitch is out of the range of 5 to 60 px": not 4.8 <= near <= 63,
+    }
+    return [reason for reason, failed in tests.items() if failed]

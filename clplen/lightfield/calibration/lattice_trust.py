@@ -1,0 +1,156 @@
+"""Whether a white image tells where the lenslets are, and is of the camera of a frame.
+
+`estimate_lattice` measures four figures, and trusts a lattice only where all of them hold. What
+they are on white images (drawn ones with noise up to 2/5 of the lenslets' light, real ones of two
+microscopes) and on what is none (their frames in place of the white images, noise, pictures):
+
+==============================  ============  ==========  ============================
+figure                          white images  required    no white images
+==============================  ============  ==========  ============================
+share of the peaks' strength    1.00          0.6         0.69 to 0.98, or no peaks
+windows that agree              0.99 to 1     0.9         0.67 to 0.93, or none
+contrast of equal lenslets      0.97 to 1     0.9         0.33 to 0.81
+rms of local lattices, pitches  to 0.017      0.025       0.041 to 0.086
+==============================  ============  ==========  ============================
+
+The required values stand in `clplen.lightfield.calibration.lattice_fit`. No figure alone tells all
+apart.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Any
+
+import numpy as np
+
+from clplen.errors import SamplingWarning
+from clplen.lightfield.raw.lenslet_lattice import Lattice
+
+_PROPER = "give the white image of this camera, evenly lit and not saturated"
+_MIDDLE = 512  # pixels a side of a frame, in which its own lattice is looked for
+_APART = 0.05  # of a lenslet, by which steps of two lattices of one camera may differ
+
+
+def is_measured(lattice: Lattice) -> bool:
+    """Whether a lattice was given or found, and does not stand in for one where nothing repeats."""
+    return lattice.trust == "high" or math.isfinite(lattice.residual)
+
+
+def require_trust(
+    lattice: Lattice, source: str, *, force: bool = False, error: type[Exception] = ValueError
+) -> Lattice:
+    """Refuse the lattice of a white image that is not to be trusted.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        As `estimate_lattice` finds it.
+    source : str
+        The white image, as the subject of a sentence.
+    force : bool
+        Whether to go on where something repeats, with a warning.
+    error : type
+        Of what is raised.
+
+    Returns
+    -------
+    Lattice
+        The same.
+
+    Raises
+    ------
+    error
+        If nothing repeats in the picture, or the trust is low and ``force`` is False.
+
+    Warns
+    -----
+    SamplingWarning
+        If ``force`` is needed.
+    """
+    if not is_measured(lattice):
+        raise error(
+            f"{source} is no white image: nothing repeats in it, so that nothing tells where the "
+            f"lenslets are; {_PROPER}."
+        )
+    if lattice.trust == "high":
+        return lattice
+    verdict = lattice.verdict.removesuffix(" Give a white image.").rstrip(".")
+    if not force:
+        raise error(
+            f"{source} is no white image to rely on ({verdict}): is it a frame, or saturated? "
+            f"{_PROPER[0].upper()}{_PROPER[1:]}, or force=True to go on."
+        )
+    warnings.warn(f"{source}: {verdict}.", SamplingWarning, stacklevel=3)
+    return lattice
+
+
+def require_camera(
+    frame: Any,
+    lattice: Lattice,
+    source: str,
+    *,
+    dark: Any = None,
+    bayer: str | None = None,
+    error: type[Exception] = ValueError,
+) -> None:
+    """Refuse a lattice beside that of a frame, where the middle of the frame shows its own one.
+
+    Parameters
+    ----------
+    frame : array_like
+        Raw frame, shape (ny, nx).
+    lattice : Lattice
+        Of the white image.
+    source : str
+        The white image, as the subject of a sentence.
+    dark : array_like, optional
+    bayer : str, optional
+        As for `estimate_lattice`.
+    error : type
+        Of what is raised.
+
+    Raises
+    ------
+    error
+        If the frame's lattice has other steps: it is of another camera.
+    """
+    from clplen.lightfield.calibration.lattice_fit import visible_lattice
+
+    own = visible_lattice(_middle(frame), dark=None if dark is None else _middle(dark), bayer=bayer)
+    if own is None or _fits(own, lattice):
+        return
+    raise error(
+        f"{source} is of another camera: its lenslets are {lattice.neighbour:.4g} px apart and "
+        f"those of the frame {own.neighbour:.4g} px; give the white image of this camera, or "
+        "force=True to go on."
+    )
+
+
+def _middle(picture: Any) -> Any:
+    """The middle of a picture, its corner at even pixels."""
+    values = np.asarray(picture)
+    start = [max(0, (n - _MIDDLE) // 4 * 2) for n in values.shape[:2]]
+    return values[start[0] : start[0] + _MIDDLE, start[1] : start[1] + _MIDDLE]
+
+
+def _fits(one: Lattice, other: Lattice) -> bool:
+    """Whether the steps of one lattice are whole multiples of the other's, either way."""
+    a, b = (_steps(lattice) for lattice in (one, other))
+    return any(_is_whole(m) for m in (a @ np.linalg.inv(b), b @ np.linalg.inv(a)))
+
+
+def _steps(lattice: Lattice) -> Any:
+    """Two primitive steps (y, x) between lenslets, as rows."""
+    row, column = np.array(lattice.row), np.array(lattice.column)
+    if lattice.kind == "rectangular":
+        return np.array([row, column])
+    along, across = (row, column) if lattice.turned else (column, row)
+    return np.array([along, across + along / 2])
+
+
+def _is_whole(multiples: Any) -> bool:
+    whole = np.rint(multiples)
+    near = np.abs(multiples - whole).max() <= _APART * max(1.0, np.abs(whole).max())
+    return bool(near and abs(np.linalg.det(whole)) > 0.5)

@@ -1,0 +1,265 @@
+"""From a raw frame and its lattice of lenslets to a light field."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute import lengths
+from clplen.compute.device import Device, DeviceLike, as_device
+from clplen.errors import ShapeError
+from clplen.lightfield.calibration import sensor_frames
+from clplen.lightfield.calibration.demosaicing import interpolated, views_of_colours
+from clplen.lightfield.calibration.lattice_trust import is_measured
+from clplen.lightfield.calibration.sensor_frames import Frame
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.decode import resample
+from clplen.lightfield.raw.lenslet_lattice import Lattice
+from clplen.lightfield.raw.raw_image import LensletGrid, RawImage, Spacing
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+_FLOOR = 0.05  # of the white image's bright pixels: what is darker is divided by that
+_BRIGHT = 0.995  # quantile of the white image that counts as bright
+_DEMOSAIC = ("after", "before")
+
+
+@dataclass(frozen=True)
+class _Pixels:
+    """A cleaned frame, and what each of its pixels would be in even light (None: not known)."""
+
+    picture: Frame
+    white: Frame | None
+    bayer: str | None
+
+
+def decode_raw(
+    raw: ArrayLike,
+    lattice: Lattice,
+    *,
+    device: DeviceLike,
+    white: ArrayLike | None = None,
+    dark: ArrayLike | None = None,
+    views: tuple[int, int] | None = None,
+    step: float | None = None,
+    devignette: bool | None = None,
+    bayer: str | None = None,
+    demosaic: str = "after",
+    complete: bool = True,
+    pixel_pitch: float | None = None,
+) -> LightField:
+    """Decode a raw lenslet frame.
+
+    The dark frame is subtracted from both pictures; hot pixels of it and single saturated pixels
+    are replaced by their neighbours (a saturated patch stays as it is). Every sub-image is sampled
+    about its centre, along the lattice's own vectors, by separable cubic convolution (Keys 1981,
+    eq. 15, a = -1/2), and divided by the white image, sampled in the same way. A view whose white
+    level is below a twentieth of the brightest is divided by that.
+
+    Rows (or columns) of a hexagonal lattice are interpolated to pixels that lie sqrt(3)/2 of the
+    pitch apart both ways: that is dx = dy of the result.
+
+    Parameters
+    ----------
+    raw : array_like
+        Shape (ny, nx), as it lies on the sensor, real and finite.
+    lattice : Lattice
+        Of this camera, as `estimate_lattice` finds it on the white image.
+    device : Device or str
+    white, dark : array_like, optional
+        White image and dark frame of the same shape.
+    views : tuple of int, optional
+        (V, U) samples of each sub-image; default its pitch in pixels, rounded. Fewer with
+        ``step=1`` leave out the dark rim.
+    step : float, optional
+        Pixels a view; default pitch/V and pitch/U.
+    devignette : bool, optional
+        Whether to divide by the white image; default if there is one. The mean white level of each
+        view, the brightest 1, is its weight then.
+    bayer : {"RGGB", "BGGR", "GRBG", "GBRG"}, optional
+        Colour filters of the pixels (0, 0), (0, 1), (1, 0), (1, 1).
+    demosaic : {"after", "before"}
+        "after" slices each colour by itself and fills what it misses from the same view of
+        neighbouring lenslets (linear interpolation), which mixes no directions; "before"
+        interpolates the colours on the sensor first.
+    complete : bool
+        Whether to keep the largest rectangle of lenslets whose whole sub-image lies on the sensor;
+        False keeps those whose centre does, and pixels off the sensor count 0.
+    pixel_pitch : float, optional
+        Of the sensor, in metres; the result then has dy and dx, with dv and du unknown (NaN).
+
+    Returns
+    -------
+    LightField
+        float32, shape (V, U, y, x) or, with ``bayer``, (V, U, y, x, 3), in raw pixel order: it
+        obeys L[v, u](y, x) = T(y + d (v - vc), x + d (u - uc)) with d larger for nearer objects.
+
+    Raises
+    ------
+    ShapeError
+        If the pictures and the lattice are of different shapes, or no lenslet fits.
+    ValueError
+        If a pixel is NaN or infinite, nothing repeated where the lattice was looked for, a word is
+        out of range, or ``devignette=True`` comes without a white image.
+    DeviceError
+        If the light field is larger than the device's memory.
+    """
+    device = as_device(device)
+    frame = sensor_frames.as_frame(raw, "raw frame")
+    _check(views, step, bayer, demosaic, devignette, white, pixel_pitch)
+    if not is_measured(lattice):
+        raise ValueError(f"This lattice was not measured: {lattice.verdict}")
+    lattice = _fitting(lattice, frame.shape)
+    divide = white is not None if devignette is None else devignette
+    chosen = lattice.views() if views is None else (int(views[0]), int(views[1]))
+    grid = lattice.grid(chosen, step=step, complete=complete, square=True)
+    arrays = (1 if white is None else 3) if bayer is None else 10  # of one channel, at once
+    device.require_memory(4 * arrays * math.prod(grid.shape), "Decoding this light field")
+    pixels = _cleaned(frame, white if divide else None, dark, bayer)
+    kept = _raw_image(pixels.picture, grid, device, pixel_pitch, lattice)
+    if bayer is None:
+        data, level = _grey(kept, pixels, grid, device)
+    else:
+        data, level = _coloured(pixels, grid, demosaic, device)
+    weights = np.ones(grid.shape[:2], np.float32) if level is None else _weights(level, device)
+    return LightField(data, device, kept.spacing, weights, raw=kept)
+
+
+def _check(
+    views: Any,
+    step: Any,
+    bayer: str | None,
+    demosaic: str,
+    devignette: Any,
+    white: Any,
+    pixel_pitch: Any,
+) -> None:
+    if views is not None and (len(views) != 2 or not all(n >= 1 and n == int(n) for n in views)):
+        raise ValueError(f"views is (V, U), two whole numbers from 1 on, not {views!r}.")
+    if step is not None and not 0 < step < math.inf:
+        raise ValueError(f"step is a positive number of pixels, not {step!r}.")
+    if pixel_pitch is not None and not 0 < pixel_pitch < math.inf:
+        raise ValueError(f"pixel_pitch is positive, in metres, not {pixel_pitch!r}.")
+    lengths.PITCH.check(pixel_pitch or 0.0, "pixel_pitch")
+    if demosaic not in _DEMOSAIC:
+        raise ValueError(f"demosaic is 'after' or 'before', not {demosaic!r}.")
+    if bayer is not None:
+        sensor_frames.require_bayer(bayer)
+    if devignette and white is None:
+        raise ValueError("devignette=True divides by the white image: give white=.")
+
+
+def _fitting(lattice: Lattice, shape: tuple[int, int]) -> Lattice:
+    if lattice.shape is None:
+        return replace(lattice, shape=shape)
+    if lattice.shape != shape:
+        raise ShapeError(
+            f"The lattice is that of a picture of shape {lattice.shape}, the raw frame has shape "
+            f"{shape}: give the lattice of this camera."
+        )
+    return lattice
+
+
+def _cleaned(frame: Any, white: Any, dark: Any, bayer: str | None) -> _Pixels:
+    """Dark frame off, bad pixels filled, the white image scaled to 1 where it is bright."""
+    apart = 1 if bayer is None else 2
+    name = None if bayer is None else sensor_frames.require_bayer(bayer)
+    hot = np.zeros(frame.shape, bool) if dark is None else sensor_frames.hot(dark)
+    picture = sensor_frames.without_dark(frame, dark)
+    picture = sensor_frames.filled(picture, hot | sensor_frames.saturated(frame), step=apart)
+    if white is None:
+        return _Pixels(picture, None, name)
+    flat = sensor_frames.as_frame(white, "white image")
+    if flat.shape != frame.shape:
+        raise ShapeError(
+            f"The white image has shape {flat.shape}, the raw frame {frame.shape}: give the white "
+            "image of this camera."
+        )
+    level = sensor_frames.filled(
+        sensor_frames.without_dark(flat, dark), hot | sensor_frames.saturated(flat), step=apart
+    )
+    for y, x in itertools.product(range(apart), repeat=2):
+        level[y::apart, x::apart] /= _bright(level[y::apart, x::apart])
+    return _Pixels(picture, level, name)
+
+
+def _bright(values: Frame) -> float:
+    """The level of a white image where it is bright."""
+    level = float(np.quantile(values[:: max(1, len(values) // 1024)], _BRIGHT))
+    if not level > 0:
+        raise ValueError("The white image is dark throughout: give the one of an even, lit scene.")
+    return level
+
+
+def _raw_image(
+    picture: Frame, grid: LensletGrid, device: Device, pixel_pitch: float | None, lattice: Lattice
+) -> RawImage:
+    spacing: Spacing | None = None
+    if pixel_pitch is not None:
+        along, across = lattice.pitch
+        if lattice.kind == "hexagonal":
+            along = across = min(along, across)
+        spacing = (math.nan, math.nan, across * pixel_pitch, along * pixel_pitch)
+    pitch = math.nan if pixel_pitch is None else pixel_pitch
+    return RawImage(device.upload(picture), device, pitch, grid, grid, spacing, lattice=lattice)
+
+
+def _grey(
+    kept: RawImage, pixels: _Pixels, grid: LensletGrid, device: Device
+) -> tuple[cla.Array, cla.Array | None]:
+    """Views, and the white level of each of their samples."""
+    data = resample(kept, grid)
+    if pixels.white is None:
+        return data, None
+    level = _sliced(pixels.white, grid, device)
+    even = device.empty(grid.shape, np.float32)
+    _divide(even, data, level, 1, 0, device)
+    return even, level
+
+
+def _coloured(
+    pixels: _Pixels, grid: LensletGrid, demosaic: str, device: Device
+) -> tuple[cla.Array, cla.Array | None]:
+    bayer = pixels.bayer
+    assert bayer is not None
+    white = np.ones_like(pixels.picture) if pixels.white is None else pixels.white
+    level = None if pixels.white is None else _sliced(white, grid, device)
+    if demosaic == "after":
+        lit = np.maximum(white, np.float32(_FLOOR))
+        return views_of_colours(pixels.picture, lit, grid, bayer, device=device), level
+    data = device.empty((*grid.shape, 3), np.float32)
+    planes = zip(interpolated(pixels.picture, bayer), interpolated(white, bayer), strict=True)
+    for channel, (picture, flat) in enumerate(planes):
+        views = _sliced(picture, grid, device)
+        _divide(data, views, _sliced(flat, grid, device), 3, channel, device)
+    return data, level
+
+
+def _sliced(frame: Frame, grid: LensletGrid, device: Device) -> cla.Array:
+    return resample(RawImage(device.upload(frame), device, math.nan, grid, grid), grid)
+
+
+def _divide(
+    out: cla.Array, views: cla.Array, level: cla.Array, channels: int, channel: int, device: Device
+) -> None:
+    """One channel of the light field: views over their white level."""
+    V, U, ny, nx = (int(n) for n in views.shape)
+    device.launch_rows(
+        device.kernel("devignette.cl", "divide"),
+        (V * U, ny, nx),
+        *(out, views, level),
+        np.float32(_FLOOR),
+        *(np.int32(n) for n in (ny, nx, channels, channel)),
+    )
+
+
+def _weights(level: cla.Array, device: Device) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """Mean white level of every view, the brightest 1."""
+    mean = np.maximum(device.download(level).mean(axis=(2, 3), dtype=np.float64), 0)
+    return np.asarray(mean / mean.max(), np.float32)

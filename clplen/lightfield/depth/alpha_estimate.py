@@ -1,0 +1,425 @@
+"""Depth of one object from focus: alpha = F/F' of the plane where it is sharpest."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from clplen.compute.oneline import OneLine
+from clplen.lightfield.arrays.epi_slope import fit_slope
+from clplen.lightfield.arrays.spectral_sharpness import (
+    BAND,
+    LensletBlur,
+    Peak,
+    Real,
+    find_peak,
+    sharpness,
+)
+from clplen.lightfield.depth import thesis_baseline
+from clplen.lightfield.depth.best_focus import farthest_disparity
+from clplen.lightfield.depth.certainty import WIDEST, beyond_paraxial, metres, say_end
+from clplen.lightfield.depth.lenslet_window import brightest, read_window
+from clplen.lightfield.model.alpha_law import depth_at
+from clplen.lightfield.model.conversion import as_lightfield
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.parametrisation import require_two_plane
+from clplen.lightfield.raw.raw_image import is_telecentric
+
+if TYPE_CHECKING:
+    from clplen.lightfield.raw.raw_image import CameraModel, Spacing
+
+METHODS = ("compensated", "energy", "slope", "thesis")
+
+_SEARCH = 0.3  # pixels a view step, where no camera tells its depth range
+_BEYOND = 1.1  # search past the depth range of a microscope, whose ends would be no peak
+_NARROWEST = 1.25  # highest over lowest frequency that still is a band
+_UNFLOORED = 0.8  # of the ambiguity offset: up to here the transfer function is not floored
+_PAD = 5  # lenslets
+_IN_FOCUS = 1.2  # in units of the focus tolerance p/D
+_SHARE = 0.1  # of p/D: uncertainty of a compensated alpha
+_SLOPE_SHARE = 0.25  # of p/D: of one by the slope
+_ROUNDING = 1e-6  # of the largest sample: less is no detail
+_FWHM = 0.886  # of sinc^2, in units of its first zero
+_FWHM_PER_SIGMA = 2.355
+
+
+@dataclass(frozen=True, repr=False)
+class AlphaEstimate(OneLine):
+    """Where one object lies. Made by `estimate_alpha`.
+
+    Attributes
+    ----------
+    alpha : float
+        F/F'; nan without spacing, and for a telecentric camera (a microscope).
+    z : float
+        Metres from the focused plane, farther positive; nan without a camera. That of a telecentric
+        camera is ``camera.z(disparity)``, the paraxial law.
+    in_focus : bool
+        Whether the object's blur is below one lenslet, where its alpha is known to p/D only.
+    uncertainty : float
+        Of alpha, or of d dx/du for a telecentric camera; nan without a camera, for the method
+        "thesis", and when no peak was found inside the search (raise ``c_max``). Of a telecentric
+        camera it holds how far the best focus lies beyond the paraxial law
+        (`clplen.lightfield.depth.best_focus`).
+    curve : tuple of numpy.ndarray
+        (alphas, E): focus measure at the alphas that were tried, alphas rising; empty for the
+        method "slope".
+    method : str
+    disparity : float
+        The same plane in pixels a view step, nearer positive.
+    disparities : numpy.ndarray
+        Of ``curve``.
+    near : tuple of int
+        (x, y) of the lenslet that the window was centred on.
+    confidence : float
+        Of the method "slope", 0 to 1: share of the scatter that the line explains; else nan.
+    blur : float
+        Diameter of a point's blur on the lenslets, D abs(1 - alpha)/p, in lenslets; nan without a
+        camera.
+    z_uncertainty : float
+        ``uncertainty`` as metres of z, half of what lies between its ends; nan where that is.
+    """
+
+    alpha: float
+    z: float
+    in_focus: bool
+    uncertainty: float
+    curve: tuple[Real, Real]
+    method: str
+    disparity: float
+    disparities: Real
+    near: tuple[int, int]
+    confidence: float = math.nan
+    blur: float = math.nan
+    z_uncertainty: float = math.nan
+
+
+def estimate_alpha(
+    lf: LightField,
+    *,
+    near: tuple[int, int] | None = None,
+    method: str = "compensated",
+    window: int = 21,
+    c_max: float | None = None,
+) -> AlphaEstimate:
+    """Depth of the object at one place, from where its refocused image is sharpest.
+
+    "energy" is the spectral energy of the refocused window between .1 and .45 cycles a lenslet.
+    Its peak is pulled towards alpha = 1 by kappa = U^2/(U^2 + s^2), U the rms radius of the pupil
+    and s that of the lenslets' diffraction in a sub-image (errors in variables); it is returned
+    as found. "compensated" divides the spectrum by the ambiguity function of the lenslet aperture
+    (`clplen.lightfield.arrays.spectral_sharpness`), which puts the peak back. When both peaks lie
+    within 1.2 p/D of 1, the object is in focus, the compensated curve is flat, and "compensated"
+    returns 1 + (alpha_energy - 1)/kappa. "slope" fits the line of one point in phase space
+    (`fit_slope`): no search, but a single point, out of focus. "thesis" is the baseline of
+    `clplen.lightfield.depth.thesis_baseline`: naive cells, 31 x 31 lenslets, alpha from .7 to 1.3,
+    whatever ``window`` and ``c_max`` say.
+
+    Parameters
+    ----------
+    lf : LightField
+        "compensated" needs its spacing and camera, "thesis" its raw image; "energy" and "slope"
+        nothing, but without spacing they know the disparity only.
+    near : tuple of int, optional
+        (x_index, y_index) of the lenslet at the object, from 0. None: the brightest region.
+    method : {"compensated", "energy", "slope", "thesis"}
+    window : int
+        Lenslets across, odd, at least 9; clipped at the border of the light field. One object at
+        one depth should fill it or lie alone in it.
+    c_max : float, optional
+        Search range, -c_max to c_max pixels a view step (lenslets a sub-image pixel). A larger
+        one lowers the highest frequency that "compensated" uses. Default .3, and the depth range
+        of a microscope.
+
+    Returns
+    -------
+    AlphaEstimate
+
+    Raises
+    ------
+    ValueError
+        If the method is unknown or lacks what it needs ("thesis" an F), ``near`` lies outside, the
+        window is even or too small, ``c_max`` is out of range, or the window is black or without
+        detail.
+
+    Warns
+    -----
+    SamplingWarning
+        If the window is sharpest at an end of the search, so that the object lies farther away;
+        and from NA/n = .7 of a microscope on, where the paraxial ``z`` is too large by the factor
+        that it names.
+    """
+    lf = as_lightfield(lf)
+    place = _checked(lf, near, method, window)
+    if method == "thesis":
+        if is_telecentric(lf):
+            raise ValueError(
+                "method='thesis' looks for alpha = F/F', which a telecentric camera, such as a "
+                "microscope, does not have: use another method."
+            )
+        return _thesis(lf, place)
+    optics = _optics(lf)
+    if method == "slope":
+        return _slope(lf, place, window, optics)
+    if method == "compensated" and optics is None:
+        raise ValueError(
+            "method='compensated' needs a light field with spacing (dv, du, dy, dx) and the "
+            "camera that took it: give both, or use method='energy'."
+        )
+    c_max = _range(lf, window, c_max, optics)
+    cells = _detail(lf, place, window)
+    aspect = _aspect(lf.spacing)
+    farthest = c_max * max(abs(aspect) * (lf.shape[0] - 1), lf.shape[1] - 1) / 2
+    pad = max(_PAD, math.ceil(farthest))
+    step = 1 / lf.shape[1]  # moves the outermost views apart by a lenslet
+    energy = find_peak(sharpness(cells, pad=pad, band=BAND, aspect=aspect), c_max, step=step)
+    if optics is None:
+        say_end(lf, energy, _limit(lf, window, optics))
+        return _result(lf, method, place, energy)
+    compensated = find_peak(
+        sharpness(cells, pad=pad, band=optics.band(c_max), aspect=aspect, blur=optics.blur),
+        c_max,
+        step=step,
+    )
+    say_end(lf, energy if method == "energy" else compensated, _limit(lf, window, optics))
+    in_focus = all(
+        abs(lf.shear_alpha(peak.position) - 1) < _IN_FOCUS * optics.tolerance
+        for peak in (energy, compensated)
+    )
+    if method == "energy":
+        return _result(lf, method, place, energy, optics=optics, in_focus=in_focus)
+    alpha = 1 + float(lf.shear_alpha(energy.position) - 1) / optics.kappa if in_focus else None
+    return _result(lf, method, place, compensated, optics=optics, in_focus=in_focus, alpha=alpha)
+
+
+@dataclass(frozen=True)
+class _Optics:
+    """What the camera does to a focus measure: its blur, kappa, and p/D (the focus tolerance)."""
+
+    blur: LensletBlur
+    kappa: float
+    tolerance: float
+
+    def band(self, c_max: float) -> tuple[float, float]:
+        """Frequencies where the transfer function is not floored, in cycles a lenslet."""
+        return (BAND[0], min(BAND[1], _UNFLOORED / (self.blur.q * c_max)))
+
+    def uncertainty(self, alpha: float, method: str, in_focus: bool) -> float:
+        """Of an alpha found by "compensated", "energy" or "slope"."""
+        if in_focus:
+            return self.tolerance
+        if method == "slope":
+            return _SLOPE_SHARE * self.tolerance
+        bias = (1 - self.kappa) * abs(1 - alpha) if method == "energy" else 0.0
+        return _SHARE * self.tolerance + bias
+
+
+def _optics(lf: LightField) -> _Optics | None:
+    camera = lf.camera
+    if camera is None or lf.spacing is None or not np.isfinite(lf.spacing).all():
+        return None
+    diameter = camera.lenslet_diameter
+    q = camera.wavelength * camera.lenslet_focal_length / (camera.pixel_pitch * diameter)
+    fill = (diameter / abs(lf.spacing[2]), diameter / abs(lf.spacing[3]))
+    spread = (_FWHM * q / _FWHM_PER_SIGMA) ** 2
+    pupil = _pupil_variance(lf, camera.aperture_diameter / 2 / abs(lf.spacing[1]))
+    return _Optics(
+        LensletBlur(q, fill, _has_round_lenslets(camera)),
+        pupil / (pupil + spread),
+        camera.lenslet_pitch / camera.aperture_diameter,
+    )
+
+
+def _pupil_variance(lf: LightField, radius: float) -> float:
+    """Mean square of u, in views, over the views inside the pupil of a radius in views."""
+    v, u = (np.arange(n) - (n - 1) / 2 for n in lf.shape[:2])
+    weights = np.where(np.hypot(v[:, None], u[None, :]) <= radius, lf.weights, 0)
+    if not weights.any():
+        return radius**2 / 4
+    return float((weights * u**2).sum() / weights.sum())
+
+
+def _has_round_lenslets(camera: CameraModel) -> bool:
+    """Hexagonal cells count as round."""
+    return camera.lenslet_fill == "circular" or camera.lenslet_lattice == "hexagonal"
+
+
+def _aspect(spacing: Spacing | None) -> float:
+    """Shear along y, in rows, over shear along x, in columns."""
+    if spacing is None or not np.isfinite(spacing).all():
+        return 1.0
+    dv, du, dy, dx = spacing
+    return dv * dx / (du * dy)
+
+
+def _detail(lf: LightField, near: tuple[int, int], size: int) -> Real:
+    """A window without the mean of each view, so that its own border is no edge."""
+    window = read_window(lf, near, size)
+    largest = np.abs(window).max()
+    window -= window.mean(axis=(-2, -1), keepdims=True)
+    if np.abs(window).max() <= _ROUNDING * largest:
+        raise ValueError(
+            f"The {size} x {size} lenslets round {near} are black or without any detail: give "
+            "another near= or a larger window."
+        )
+    return window
+
+
+def _checked(
+    lf: LightField, near: tuple[int, int] | None, method: str, window: int
+) -> tuple[int, int]:
+    """The central lenslet, after the checks that every method shares."""
+    if method not in METHODS:
+        raise ValueError(f"method is one of {', '.join(map(repr, METHODS))}, not {method!r}.")
+    if window != int(window) or window % 2 == 0 or window < 9:
+        raise ValueError(f"window is an odd number of lenslets, at least 9, not {window!r}.")
+    if near is None:
+        return brightest(lf, window)
+    ny, nx = lf.shape[2:4]
+    x, y = near
+    if not (x == int(x) and y == int(y) and 0 <= x < nx and 0 <= y < ny):
+        raise ValueError(
+            f"near is (x_index, y_index) with 0 <= x_index < {nx} and 0 <= y_index < {ny}, "
+            f"not {near!r}."
+        )
+    return int(x), int(y)
+
+
+def search_limit(lf: LightField, *, window: int = 21) -> float:
+    """What ``c_max`` of `estimate_alpha` has to stay below: there alpha, window or band would end.
+
+    Parameters
+    ----------
+    lf : LightField
+    window : int
+        As for `estimate_alpha`.
+
+    Returns
+    -------
+    float
+        Pixels a view step.
+    """
+    return _limit(lf, window, _optics(lf))
+
+
+def _limit(lf: LightField, window: int, optics: _Optics | None) -> float:
+    limits = [2 * window / max(max(lf.shape[:2]) - 1, 1)]  # the outermost view leaves the window
+    if optics is not None:
+        limits.append(_UNFLOORED / (optics.blur.q * _NARROWEST * BAND[0]))
+    if lf.spacing is not None and np.isfinite(lf.spacing).all():
+        limits.append(abs(lf.spacing[1] / lf.spacing[3]))  # alpha = 0, for naive cells infinity
+    return float(min(limits))
+
+
+def _range(lf: LightField, window: int, c_max: float | None, optics: _Optics | None) -> float:
+    """The search range, after a check that alpha, the window and the band do not end in it."""
+    limit = _limit(lf, window, optics)
+    if c_max is None and is_telecentric(lf):
+        return min(_BEYOND * farthest_disparity(lf.camera), WIDEST * limit)
+    c_max = _SEARCH if c_max is None else c_max
+    if not 0 < c_max < limit:
+        raise ValueError(
+            f"c_max lies between 0 and {limit:.3g} pixels a view step for this light field "
+            f"and window, not at {c_max!r}."
+        )
+    return c_max
+
+
+def _result(
+    lf: LightField,
+    method: str,
+    near: tuple[int, int],
+    peak: Peak,
+    *,
+    optics: _Optics | None = None,
+    in_focus: bool = False,
+    alpha: float | None = None,
+) -> AlphaEstimate:
+    """Everything that follows from a peak, or from an alpha that takes its place."""
+    value = float(lf.shear_alpha(peak.position)) if alpha is None else alpha
+    disparity = peak.position if alpha is None else float(lf.disparity_of_shear(alpha))
+    uncertainty = math.nan
+    if optics is not None and peak.inside:
+        uncertainty = optics.uncertainty(value, method, in_focus)
+        uncertainty += beyond_paraxial(lf, value, disparity)
+    rising = np.argsort(lf.shear_alpha(peak.positions))
+    return AlphaEstimate(
+        alpha=math.nan if is_telecentric(lf) else value,
+        z=float(depth_at(lf, disparity)),
+        in_focus=in_focus,
+        uncertainty=uncertainty,
+        curve=(lf.alpha(peak.positions)[rising], peak.values[rising]),
+        method=method,
+        disparity=disparity,
+        disparities=peak.positions[rising],
+        near=near,
+        blur=_blur(value, optics),
+        z_uncertainty=metres(lf, value, uncertainty),
+    )
+
+
+def _slope(
+    lf: LightField, near: tuple[int, int], window: int, optics: _Optics | None
+) -> AlphaEstimate:
+    require_two_plane(lf, "The slope")
+    samples = read_window(lf, near, window)
+    samples *= (lf.weights > 0)[:, :, None, None]
+    if not samples.max() > 0:
+        raise ValueError(
+            f"The {window} x {window} lenslets round {near} are black: give another near= or a "
+            "larger window."
+        )
+    found = fit_slope(samples, aspect=_aspect(lf.spacing))
+    alpha = float(lf.shear_alpha(found.disparity))
+    uncertainty, in_focus = math.nan, False
+    if optics is not None:
+        in_focus = abs(alpha - 1) < _IN_FOCUS * optics.tolerance or found.spots == 1
+        uncertainty = optics.uncertainty(alpha, "slope", in_focus)
+        uncertainty += beyond_paraxial(lf, alpha, found.disparity)
+    none = np.empty(0)
+    return AlphaEstimate(
+        alpha=math.nan if is_telecentric(lf) else alpha,
+        z=float(depth_at(lf, found.disparity)),
+        in_focus=in_focus,
+        uncertainty=uncertainty,
+        curve=(none, none),
+        method="slope",
+        disparity=found.disparity,
+        disparities=none,
+        near=near,
+        confidence=found.confidence,
+        blur=_blur(alpha, optics),
+        z_uncertainty=metres(lf, alpha, uncertainty),
+    )
+
+
+def _blur(alpha: float, optics: _Optics | None) -> float:
+    return math.nan if optics is None else abs(1 - alpha) / optics.tolerance
+
+
+def _thesis(lf: LightField, near: tuple[int, int]) -> AlphaEstimate:
+    if lf.raw is None:
+        raise ValueError(
+            "method='thesis' decodes the raw image again, which this light field does not have: "
+            "make it with LightField.from_raw, or use another method."
+        )
+    naive = LightField.from_raw(lf.raw, decode="naive")
+    window = read_window(naive, near, thesis_baseline.WINDOW, fill=True)
+    energies = thesis_baseline.thesis_curve(window)
+    best = int(np.argmax(energies))
+    disparities = lf.disparity_of_shear(thesis_baseline.ALPHAS)
+    alpha = float(thesis_baseline.ALPHAS[best])
+    return AlphaEstimate(
+        alpha=alpha,
+        z=float(depth_at(lf, float(disparities[best]))),
+        in_focus=False,
+        uncertainty=math.nan,
+        curve=(thesis_baseline.ALPHAS.copy(), energies),
+        method="thesis",
+        disparity=float(disparities[best]),
+        disparities=disparities,
+        near=near,
+    )

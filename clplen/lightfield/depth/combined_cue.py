@@ -1,0 +1,388 @@
+"""Depth by matching past occlusions, adaptive support and a least-squares refinement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
+from clplen.lightfield.depth.sharpness_cue import energy_disparity
+from clplen.lightfield.depth.view_matching import (
+    WINDOW,
+    Tables,
+    Views,
+    depth_kernel,
+    match_costs,
+    row_sums,
+    sorted_views,
+    support_block,
+    tables,
+    thresholds,
+)
+
+if TYPE_CHECKING:
+    from clplen.lightfield.model.light_field import LightField
+
+Map = np.ndarray[Any, np.dtype[np.float32]]
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+
+_LEVELS = 255.0  # between the darkest and the brightest of the centre view
+_OUTLIERS = 0.2  # per cent of its samples left out at either end
+_NARROW, _WIDE, _WIDENING = 3.0, 6.0, 0.4  # its Gaussian, in pixels, and its growth with noise
+_QUIET = 2.0  # levels of noise up to which it is narrow
+_BESIDE = 0.2  # taps beside the middle when the guiding picture is smoothed
+_ALIKE = 6.0  # levels a channel: pixels that differ more belong to different things
+_NOISE_BLUR = 8.0  # pixels over which noise is taken as even
+_COST_PER_NOISE = 0.62  # least cost of a channel over the noise of a sample
+_FIT_ALIKE = 8.0
+_SAME_SURFACE = 0.2  # pixels a view step
+_MOST_STEP = 0.1
+_RIDGE = 0.3  # pixels^2
+_PRIOR = 100.0  # of the matched disparity, in levels^2 a channel for noise of a level
+_LOST = 0.8  # of the truncation: where the least cost is higher the views do not agree,
+_SHALLOW = 0.02  # unless what they say is this sure
+_STEP = 0.15  # pixels a view step: planes farther apart get others between them
+_EVEN = 4.0  # times brighter or darker: views that differ more are left as they are
+_VIGNETTED = 0.02  # fall of brightness from the middle to the rim that is evened
+REACH = WINDOW + gaussian_taps(_NOISE_BLUR).size - 1  # pixels of its costs that a pixel needs
+_SURE = 0.05  # pixels a view step: standard deviation of a confidence of one half
+
+
+def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
+    """Disparity and confidence of every pixel of the centre view.
+
+    Samples are scaled to 255 levels. On every plane the views are compared with the centre
+    (`match_costs`), through an interpolation that treats all fractions of a pixel alike
+    (`tables`); the costs are gathered over neighbours that look alike (Yoon and Kweon 2006), the
+    more tolerantly the noisier the place. The least cost, refined by a parabola, is then moved by
+    a robust Lucas-Kanade step on all views (Lucas and Kanade 1981), in which each pixel takes part
+    with the plane that fits its neighbourhood. Where no plane makes the views agree, in strong
+    noise or in the diffraction patterns of single points, the sharpest plane is taken
+    (`energy_disparity`).
+
+    Parameters
+    ----------
+    lf : LightField
+    planes : numpy.ndarray
+        Disparities, rising, shape (P,), at least three.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Disparity and confidence (0 to 1), float32, shape (y, x).
+
+    Raises
+    ------
+    ValueError
+        If fewer than two views have a weight.
+    DeviceError
+        If what is needed is larger than the device's memory.
+    """
+    views = sorted_views(lf)
+    levels = levels_of(lf.shape, views, centre_picture(lf, views), row_sums(lf))
+    found = matched(lf, planes, levels)
+    return found.disparity, merged(found.confidence, found.lost)
+
+
+@dataclass(frozen=True)
+class Levels:
+    """What the whole light field says of its samples.
+
+    Attributes
+    ----------
+    gain : float
+        Levels a unit of the samples.
+    even : numpy.ndarray
+        float64, shape (K,): what undoes the vignetting of each view that is compared.
+    """
+
+    gain: float
+    even: Vector
+
+
+@dataclass(frozen=True)
+class Matched:
+    """What is found at every pixel, shape (y, x).
+
+    Attributes
+    ----------
+    disparity, confidence : numpy.ndarray
+        float32.
+    lost : numpy.ndarray
+        bool: where the views agree on no plane, and both are those of the sharpest plane.
+    """
+
+    disparity: Map
+    confidence: Map
+    lost: np.ndarray[Any, np.dtype[np.bool_]]
+
+
+def levels_of(shape: tuple[int, ...], views: Views, centre: Map, sums: Map) -> Levels:
+    """Gain and evenness of a whole light field.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        (v, u, y, x[, c]).
+    views : Views
+    centre : numpy.ndarray
+        `centre_picture`.
+    sums : numpy.ndarray
+        `row_sums`.
+    """
+    means = sums.sum(axis=1, dtype=np.float64) / int(np.prod(shape[2:], dtype=np.int64))
+    return Levels(_gain(centre), _evened(means[views.view], views))
+
+
+def centre_picture(lf: LightField, views: Views) -> Map:
+    """The picture whose likeness guides: the mean of the views round the middle."""
+    pictures = [
+        share * lf.device.download(lf.data[divmod(int(views.view[k]), lf.shape[1])])
+        for k, share in zip(views.reference, views.share, strict=True)
+    ]
+    return np.sum(pictures, axis=0, dtype=np.float32)
+
+
+def planes_tried(planes: Vector) -> int:
+    """How many planes there are with those between them."""
+    return int(_dense(planes).size)
+
+
+def matched(
+    lf: LightField, planes: Vector, levels: Levels, *, inside: tuple[slice, ...] = ()
+) -> Matched:
+    """Disparity of each pixel from its neighbourhood, `REACH` pixels wide, in the views.
+
+    Parameters
+    ----------
+    lf : LightField
+        All, or a part of its rows and columns.
+    planes : numpy.ndarray
+        Disparities, rising, at least three.
+    levels : Levels
+        Of the whole light field.
+    inside : tuple of slice
+        Rows and columns that are wanted; default all.
+
+    Returns
+    -------
+    Matched
+        Of the whole of ``lf``.
+    """
+    planes = _dense(planes)
+    found, margin = _matched(lf, planes, levels)
+    if found.lost[inside].any():
+        sharpest, clear = energy_disparity(lf, planes)
+        disparity = np.where(found.lost, sharpest, found.disparity)
+        found = Matched(disparity, np.where(found.lost, clear, found.confidence), found.lost)
+    disparity = np.where(margin > 0, found.disparity, planes[np.argmin(np.abs(planes))])
+    disparity = np.clip(disparity, planes[0], planes[-1]).astype(np.float32)
+    return Matched(disparity, found.confidence.astype(np.float32), found.lost)
+
+
+def _matched(lf: LightField, planes: Vector, levels: Levels) -> tuple[Matched, Map]:
+    """What matching finds, and how deep the valley of its costs is."""
+    device = lf.device
+    ny, nx, channels = (*lf.shape[2:], 1)[:3]
+    device.require_memory(
+        lf.data.nbytes + 8 * ny * nx * (planes.size + 8),
+        "This depth map with its light field",
+    )
+    views = sorted_views(lf)
+    picture = device.upload(_smoothed(centre_picture(lf, views) * np.float32(levels.gain)))
+    moved = tables(views, planes, levels.gain * levels.even, device=device)
+    costs = match_costs(lf, views, moved)
+    noise = _noise(lf, costs, moved)
+    gathered = device.empty(costs.shape, np.float32)
+    _gather(lf, gathered, costs, picture, noise)
+    disparity, nearest, least, margin = _valley(lf, gathered, moved)
+    refined, known = _refined(lf, views, moved, disparity, nearest, picture, noise)
+    sure = known * len(views.view) / np.maximum(noise, 1) ** 2
+    confidence = margin * sure / (sure + 1 / _SURE**2)
+    lost = (least > _LOST * thresholds(channels)[0]) & (confidence < _SHALLOW)
+    return Matched(refined, confidence, lost), margin
+
+
+def merged(confidence: Map, lost: np.ndarray[Any, np.dtype[np.bool_]]) -> Map:
+    """Confidence of the whole map: what was matched is surer than what is only sharpest."""
+    usual = np.median(confidence[~lost]) if lost.any() and not lost.all() else 0.0
+    return np.where(lost, confidence * usual, confidence) if usual > _SHALLOW else confidence
+
+
+def _gain(centre: Map) -> float:
+    """Levels a unit of the samples."""
+    low, high = np.percentile(centre, (_OUTLIERS, 100 - _OUTLIERS))
+    if not high > low:
+        low, high = centre.min(), centre.max()
+    return _LEVELS / float(high - low) if high > low else 1.0
+
+
+def _smoothed(picture: Map) -> Map:
+    """A picture blurred a little along both axes, so that noise hides no likeness."""
+    for axis in (0, 1):
+        pad = [(1, 1) if i == axis else (0, 0) for i in range(picture.ndim)]
+        wide = np.pad(picture, pad, mode="edge")
+        n = picture.shape[axis]
+        before, after = (np.take(wide, np.arange(n) + i, axis=axis) for i in (0, 2))
+        picture = (1 - 2 * _BESIDE) * picture + _BESIDE * (before + after)
+    return np.ascontiguousarray(picture, np.float32)
+
+
+def _evened(means: Vector, views: Views) -> Vector:
+    """What undoes vignetting: views that get darker, or brighter, from the middle outwards.
+
+    Their brightness is fitted by 1 + b r^2. What else makes views differ, content that moves
+    across their edges for one, is odd or random over the aperture, and harmless.
+    """
+    target = means[views.reference] @ views.share
+    even = np.ones_like(means)
+    if not (target > 0 and (means > target / _EVEN).all() and (means < target * _EVEN).all()):
+        return even
+    square = (views.step**2).sum(axis=1)
+    away, ratio = square - square.mean(), means / target
+    if not away.any():
+        return even
+    b = (away @ ratio) / (away @ away)
+    left = ratio - ratio.mean() - b * away
+    is_clear = b**2 * (away @ away) > left @ left and abs(b) * square.max() > _VIGNETTED
+    return np.asarray(1 / np.maximum(1 + b * square, 1 / _EVEN)) if is_clear else even
+
+
+def _dense(planes: Vector) -> Vector:
+    """Planes with others between those that lie far apart."""
+    steps = np.diff(planes)
+    parts = np.maximum(np.ceil(steps / _STEP - 1e-9), 1).astype(int)
+    between = [
+        low + step * np.arange(n) / n for low, step, n in zip(planes, steps, parts, strict=False)
+    ]
+    return np.concatenate([*between, planes[-1:]])
+
+
+def _noise(lf: LightField, costs: cla.Array, moved: Tables) -> Map:
+    """Standard deviation of the samples in levels, from the least cost round every pixel."""
+    device, channels = lf.device, (*lf.shape, 1)[4]
+    least = _valley(lf, costs, moved)[2]
+    blurred = device.empty((1, *least.shape), np.float32)
+    smooth = Smoother(gaussian_taps(_NOISE_BLUR), device=device)
+    smooth(blurred, device.upload(least[None]), start=0, count=1)
+    return np.asarray(device.download(blurred)[0] / (channels * _COST_PER_NOISE), np.float32)
+
+
+def _alike(level: float, noise: Map, channels: int) -> Map:
+    """Scale of squared differences of colour, with the noise in it."""
+    return np.asarray(0.5 / (level**2 + noise**2) / channels, np.float32)
+
+
+def _near(noise: Map) -> Map:
+    """Scale of squared distances: the noisier, the farther neighbours count."""
+    sigma = np.clip(_NARROW + _WIDENING * (noise - _QUIET), _NARROW, _WIDE)
+    return np.asarray(0.5 / sigma**2, np.float32)
+
+
+def _gather(
+    lf: LightField, out: cla.Array, costs: cla.Array, picture: cla.Array, noise: Map
+) -> None:
+    device, channels = lf.device, (*lf.shape, 1)[4]
+    planes, ny, nx = (int(n) for n in costs.shape)
+    device.launch(
+        depth_kernel(lf, "gather"),
+        (-(-nx // support_block(device)), ny),
+        out,
+        costs,
+        picture,
+        device.upload(_near(noise)),
+        device.upload(_alike(_ALIKE, noise, channels)),
+        *(np.int32(n) for n in (planes, ny, nx)),
+    )
+
+
+def _valley(
+    lf: LightField, costs: cla.Array, moved: Tables
+) -> tuple[cla.Array, cla.Array, Map, Map]:
+    """Disparity of the least cost, its plane, the cost, and its depth below the second, 0 to 1."""
+    device = lf.device
+    _, ny, nx = (int(n) for n in costs.shape)
+    place, least, second, mean = (device.empty((ny, nx), np.float32) for _ in range(4))
+    nearest = device.empty((ny, nx), np.int32)
+    device.launch_rows(
+        depth_kernel(lf, "valley"),
+        (ny, nx),
+        place,
+        nearest,
+        least,
+        second,
+        mean,
+        costs,
+        moved.planes,
+        *(np.int32(n) for n in (moved.count, ny, nx)),
+    )
+    low, next_low, usual = (device.download(a) for a in (least, second, mean))
+    rise = np.minimum(next_low, usual) - low
+    return place, nearest, low, np.clip(rise / np.maximum(usual, 1e-6), 0, 1)
+
+
+def _refined(
+    lf: LightField,
+    views: Views,
+    moved: Tables,
+    disparity: cla.Array,
+    nearest: cla.Array,
+    picture: cla.Array,
+    noise: Map,
+) -> tuple[Map, Map]:
+    """Disparity moved by one step of least squares, and what the views know of it, A."""
+    device = lf.device
+    ny, nx, channels = (*lf.shape[2:], 1)[:3]
+    A, B = _normal(lf, views, moved, disparity, nearest)
+    out, known = (device.empty((ny, nx), np.float32) for _ in range(2))
+    prior = _PRIOR * channels * np.maximum(noise, 1) ** 2
+    device.launch(
+        depth_kernel(lf, "fit"),
+        (-(-nx // support_block(device)), ny),
+        out,
+        known,
+        A,
+        B,
+        disparity,
+        picture,
+        device.upload(_alike(_FIT_ALIKE, noise, channels)),
+        device.upload(_near(noise)),
+        device.upload(prior.astype(np.float32)),
+        np.float32(0.5 / _SAME_SURFACE**2),
+        np.float32(_RIDGE),
+        np.float32(_MOST_STEP),
+        *(np.int32(n) for n in (ny, nx)),
+    )
+    return device.download(out), device.download(known)
+
+
+def _normal(
+    lf: LightField, views: Views, moved: Tables, disparity: cla.Array, nearest: cla.Array
+) -> tuple[cla.Array, cla.Array]:
+    """A and B of kernels/refine.cl at every pixel."""
+    device = lf.device
+    ny, nx, channels = (*lf.shape[2:], 1)[:3]
+    A, B = (device.empty((ny, nx), np.float32) for _ in range(2))
+    device.launch_rows(
+        depth_kernel(lf, "normal"),
+        (ny, nx),
+        A,
+        B,
+        lf.data,
+        disparity,
+        nearest,
+        moved.planes,
+        device.upload(views.view),
+        device.upload(views.step.astype(np.float32)),
+        moved.at,
+        moved.part,
+        moved.slopes,
+        moved.reach,
+        *views.on(device),
+        *(np.int32(n) for n in (len(views.view), ny, nx)),
+        *(np.float32(t) for t in thresholds(channels)),
+    )
+    return A, B

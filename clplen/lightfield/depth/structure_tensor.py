@@ -1,0 +1,148 @@
+"""Disparity from the orientation of epipolar-plane images: the cue of the structure tensor."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.lightfield.arrays.peaks import Map
+from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
+from clplen.lightfield.depth.correspondence import add_colours
+from clplen.lightfield.depth.sharpness_cue import nearest_zero, require_maps
+from clplen.lightfield.depth.sheared_views import launch_sheared, view_tables
+from clplen.lightfield.model.view_shifts import unit_steps
+
+if TYPE_CHECKING:
+    from clplen.lightfield.model.light_field import LightField
+
+Table = np.ndarray[Any, Any]
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+
+_WINDOW = 2.0  # pixels: Gaussian over which the tensor is gathered
+REACH = gaussian_taps(_WINDOW).size  # pixels that one depends on: the window, and a gradient
+_STEP = 0.25  # pixels a view step, between shears, at most
+_REACH = 0.75  # of a step: how far from its shear an orientation is believed
+
+
+def structure_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
+    """Disparity of the most coherent orientation at every pixel, and how coherent it is.
+
+    The light field is sheared in steps of at most 0.25 px a view step. At each shear d0 the
+    gradients of all epipolar-plane images, along rows and along columns of views, give one tensor
+    each (Bigun and Granlund 1987; Wanner and Goldluecke 2012), gathered over a Gaussian of 2
+    pixels. The two are added by their coherence, and d = d0 + <Lx Lu>/<Lx Lx> follows directly,
+    without a search.
+
+    Parameters
+    ----------
+    lf : LightField
+    planes : numpy.ndarray
+        Disparities, rising: only their range counts, [first, last].
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        (disparity, confidence), float32, shape (y, x). Confidence is the coherence less the
+        highest one of another orientation; 0 without texture.
+
+    Raises
+    ------
+    ValueError
+        If the views have ``positions`` that lie in no rows and columns.
+    """
+    _require_rows(lf)
+    device = lf.device
+    ny, nx = lf.shape[2:4]
+    require_maps(lf, 9 + (6 if len(lf.shape) == 5 else 0), 6)
+    shears, step = _shears(planes)
+    best, second = (device.zeros((ny, nx), np.float32) for _ in range(2))
+    place = device.upload(np.full((ny, nx), nearest_zero(planes), np.float32))
+    gathered = device.empty((6, ny, nx), np.float32)
+    gather = Smoother(gaussian_taps(_WINDOW), device=device)
+    for shear in shears:
+        gather(gathered, epi_tensors(lf, float(shear)), start=0, count=6)
+        device.launch_rows(
+            device.kernel("coherence.cl", "most_coherent"),
+            (ny, nx),
+            *(best, second, place, gathered),
+            *(np.float32(value) for value in (shear, _REACH * step)),
+            *(np.int32(n) for n in (ny, nx)),
+        )
+    sure = device.download(best) - device.download(second)
+    found = np.clip(device.download(place), planes[0], planes[-1])
+    return found.astype(np.float32), sure.clip(0, 1)
+
+
+def _require_rows(lf: LightField) -> None:
+    """Refuse views whose neighbours in a row, or in a column, are not neighbours."""
+    if lf.positions is None:
+        return
+    for axis in (0, 1):
+        step = np.diff(lf.positions, axis=axis)
+        along, across = step[..., axis], step[..., 1 - axis]
+        if not ((np.sign(along) == np.sign(along.sum())) & (np.abs(across) < np.abs(along))).all():
+            raise ValueError(
+                "cue='structure-tensor' compares neighbouring views of rows and columns, and these "
+                "positions lie in none: take another cue."
+            )
+
+
+def epi_tensors(lf: LightField, shear: float) -> cla.Array:
+    """Sums of (Lx Lx, Lx Lu, Lu Lu) of the light field sheared by a plane.
+
+    Parameters
+    ----------
+    lf : LightField
+    shear : float
+        Disparity of the plane.
+
+    Returns
+    -------
+    pyopencl.array.Array
+        float32, shape (6, y, x): three along rows of views, three along columns; summed over
+        colours.
+    """
+    ny, nx, channels = (*lf.shape[2:], 1)[:3]
+    J = lf.device.empty((6, ny, nx, channels), np.float32)
+    for axis in (0, 1):
+        views, links = _pairs(lf, 1 - axis)
+        weights = np.where(links == 0, 0, lf.weights.ravel()[views])
+        tables = view_tables(lf, np.array([shear]), views, weights, links)
+        sizes = (np.int32(n) for n in (views.size // 2, axis, 3 * axis))
+        launch_sheared(lf, ("tensor.cl", "epi_tensor"), 1, (J, lf.data, *tables, *sizes))
+    return add_colours(J, lf.device)
+
+
+def _pairs(lf: LightField, along: int) -> tuple[Table, Vector]:
+    """Pairs of views with a weight, half a row (along = 1) or column (0) of views apart.
+
+    Their numbers, shape (2 n,), and 1 over the distance of each pair in view steps, twice. The
+    first pair is no pair, of distance 1/0, so that there is always one.
+    """
+    numbers = np.arange(lf.weights.size).reshape(lf.weights.shape)
+    where = -unit_steps(lf)[..., along]
+    if along == 0:
+        numbers, where = numbers.T, where.T
+    found = [(0, 0, 0.0)]
+    for views, places in zip(numbers, where, strict=True):
+        lit = lf.weights.ravel()[views] > 0
+        views, places = views[lit], places[lit]
+        apart = max(views.size // 2, 1)
+        distance = places[apart:] - places[:-apart]
+        found += [
+            (m, n, 1 / step)
+            for m, n, step in zip(views, views[apart:], distance, strict=False)
+            if step != 0
+        ]
+    pairs = np.array(found)
+    return pairs[:, :2].astype(int).ravel(), np.repeat(pairs[:, 2], 2)
+
+
+def _shears(planes: Vector) -> tuple[Vector, float]:
+    """(shears, step between them) over the range of the planes."""
+    low, high = float(planes[0]), float(planes[-1])
+    count = int(np.ceil((high - low) / _STEP)) + 1
+    shears = np.linspace(low, high, count)
+    return shears, float(shears[1] - shears[0])

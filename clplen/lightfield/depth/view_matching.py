@@ -1,0 +1,261 @@
+"""How well the views of a light field agree with its centre on a plane, past what hides it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl as cl
+import pyopencl.array as cla
+
+from clplen.lightfield.arrays.stored_samples import C_TYPE
+from clplen.lightfield.model.view_shifts import row_ratio, unit_steps
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+    from clplen.lightfield.model.light_field import LightField
+    from clplen.lightfield.model.stored_light_field import StoredLightField
+
+Table = np.ndarray[Any, Any]
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+
+GROUPS = 9  # all views, and eight half apertures
+RATIO, MARGIN = 1.2, 0.17  # how much better a half must agree; the margin in levels a channel
+TRUNCATION = 10.0  # levels a channel: worse agreement than this is none
+_DELTA = 1e-4  # pixels: for its derivative
+WINDOW = 7  # pixels: half the window of costs and of planes
+_BLOCK, _SUPPORT_BLOCK = 512, 64  # pixels of a row that an item of a CPU takes: match, others
+_ALMOST = 1e-6  # of a view step: on the line between two halves
+
+
+@dataclass(frozen=True)
+class Views:
+    """The views that are compared, sorted by the half apertures that they belong to.
+
+    Attributes
+    ----------
+    view : numpy.ndarray
+        int32, shape (K,): number v U + u of each.
+    step : numpy.ndarray
+        float64, shape (K, 2): (y, x) in pixels from a point's place in the centre view to its
+        sample, for disparity 1.
+    first : numpy.ndarray
+        int32, shape (patterns + 1,): where the views of each pattern begin.
+    pattern : numpy.ndarray
+        float32, shape (patterns, 9): share of those views in every group.
+    reference : numpy.ndarray
+        int32: which of them make the centre, and with what ``share`` (float32, sum 1).
+    """
+
+    view: Table
+    step: Vector
+    first: Table
+    pattern: Table
+    reference: Table
+    share: Table
+
+    def on(self, device: Device) -> list[Any]:
+        """The tables of groups and references, as both kernels take them."""
+        return [
+            device.upload(self.first),
+            device.upload(self.pattern),
+            np.int32(len(self.pattern)),
+            device.upload(self.reference),
+            device.upload(self.share),
+            np.int32(len(self.reference)),
+        ]
+
+
+def sorted_views(lf: LightField | StoredLightField) -> Views:
+    """The views with a weight and their groups.
+
+    The eight half apertures are bounded by lines through the middle, 45 degrees apart; a view on
+    such a line belongs to both sides by one half, the middle view only to the whole.
+
+    Raises
+    ------
+    ValueError
+        If fewer than two views have a weight.
+    """
+    lit = np.flatnonzero(lf.weights.ravel() > 0).astype(np.int32)
+    if lit.size < 2:
+        raise ValueError(f"Depth needs at least two views with a weight, not {lit.size}.")
+    steps = unit_steps(lf).reshape(-1, 2)
+    offsets = -steps[lit] / np.maximum(np.abs(steps).max(axis=0), _ALMOST)
+    angles = np.arange(8) * np.pi / 4
+    sides = offsets @ np.stack((np.sin(angles), np.cos(angles)))
+    halves = np.where(np.abs(sides) < _ALMOST, 0.5, sides > 0)
+    halves[np.abs(offsets).max(axis=1) < _ALMOST] = 0
+    pattern, which = np.unique(
+        np.column_stack((np.ones(len(lit)), halves)), axis=0, return_inverse=True
+    )
+    order = np.argsort(which.ravel(), kind="stable")
+    counts = np.bincount(which.ravel(), minlength=len(pattern))
+    reference, share = _references(steps[lit][order] / (row_ratio(lf.spacing), 1))
+    return Views(
+        lit[order],
+        steps[lit][order],
+        np.concatenate(([0], np.cumsum(counts))).astype(np.int32),
+        pattern.astype(np.float32),
+        reference,
+        share,
+    )
+
+
+def _references(places: Vector) -> tuple[Table, Table]:
+    """The views next to the middle, bilinear; the nearest where none lies within a step of it."""
+    share = np.prod(np.maximum(1 - np.abs(places), 0), axis=1)
+    if not share.any():
+        share[np.argmin((places**2).sum(axis=1))] = 1
+    chosen = np.flatnonzero(share)
+    return chosen.astype(np.int32), (share[chosen] / share.sum()).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Tables:
+    """How every view is moved on every plane, on a device; made by `tables`.
+
+    Attributes
+    ----------
+    at, part, slopes, reach : pyopencl.array.Array
+        As in kernels/matching.cl and refine.cl.
+    planes : pyopencl.array.Array
+        float32.
+    count : int
+        Of planes.
+    """
+
+    at: cla.Array
+    part: cla.Array
+    slopes: cla.Array
+    reach: cla.Array
+    planes: cla.Array
+    count: int
+
+
+def tables(views: Views, planes: Vector, gain: Vector, *, device: Device) -> Tables:
+    """Whole shifts, taps and their derivatives of every view on every plane.
+
+    The taps are samples of the bell (1 - t^2/4)^4, near to a Gaussian of 0.7 pixels and 0 from two
+    pixels on, corrected to leave the place of every sample exact: unlike linear or cubic ones they
+    blur, and pass noise, alike for all fractions, so that noise favours no plane.
+
+    Parameters
+    ----------
+    views : Views
+    planes : numpy.ndarray
+        Disparities, shape (P,).
+    gain : numpy.ndarray
+        Levels a unit of the samples, of each view, shape (K,).
+    device : Device
+
+    Returns
+    -------
+    Tables
+    """
+    shift = np.clip(planes[:, None, None] * views.step, -(2**20), 2**20)
+    whole = np.floor(shift)
+    part = shift - whole
+    taps = bell_taps(part)
+    change = (bell_taps(part + _DELTA) - bell_taps(part - _DELTA)) / (2 * _DELTA)
+    scale = np.stack((gain, np.ones_like(gain)), axis=-1)[..., None]
+    return Tables(
+        device.upload(whole.astype(np.int32)),
+        device.upload((taps * scale).astype(np.float32)),
+        device.upload((change * scale).astype(np.float32)),
+        device.upload((part > 0).astype(np.int32)),
+        device.upload(planes.astype(np.float32)),
+        planes.size,
+    )
+
+
+def bell_taps(part: Vector) -> Vector:
+    """Taps at -1, 0, 1 and 2 for a fraction: sum 1, mean exactly the fraction; a new last axis."""
+    t = np.arange(-1, 3)
+    taps = np.maximum(1 - (t - part[..., None]) ** 2 / 4, 0) ** 4
+    taps /= taps.sum(axis=-1, keepdims=True)
+    mean = (taps * t).sum(axis=-1, keepdims=True)
+    spread = (taps * (t - mean) ** 2).sum(axis=-1, keepdims=True)
+    return taps * (1 + (part[..., None] - mean) / spread * (t - mean))
+
+
+def row_sums(lf: LightField) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """Sum of the samples of every row of every view.
+
+    Returns
+    -------
+    numpy.ndarray
+        float32, shape (V U, y).
+    """
+    V, U, ny, nx, channels = (*lf.shape, 1)[:5]
+    sums = lf.device.empty((V * U, ny), np.float32)
+    rows, samples = np.int32(V * U * ny), np.int32(nx * channels)
+    kernel = lf.device.kernel("views.cl", "brightness", SAMPLE=C_TYPE[lf.dtype])
+    lf.device.launch(kernel, (int(rows),), sums, lf.data, rows, samples)
+    return lf.device.download(sums)
+
+
+def match_costs(lf: LightField, views: Views, moved: Tables) -> cla.Array:
+    """Cost of every plane at every pixel of the centre view.
+
+    The mean over the views of the absolute difference to the centre, added over the channels and
+    truncated; over the half aperture that agrees best where that is clearly better than the whole:
+    what hides a place from one side of the aperture leaves it visible from the other.
+
+    Parameters
+    ----------
+    lf : LightField
+    views : Views
+    moved : Tables
+
+    Returns
+    -------
+    pyopencl.array.Array
+        float32, shape (P, y, x), in levels.
+    """
+    device = lf.device
+    ny, nx, channels = (*lf.shape[2:], 1)[:3]
+    out = device.empty((moved.count, ny, nx), np.float32)
+    device.launch(
+        depth_kernel(lf, "match"),
+        (-(-nx // match_block(device)), ny, moved.count),
+        out,
+        lf.data,
+        device.upload(views.view),
+        moved.at,
+        moved.part,
+        moved.reach,
+        *views.on(device),
+        *(np.int32(n) for n in (len(views.view), ny, nx)),
+        *(np.float32(t) for t in thresholds(channels)),
+    )
+    return out
+
+
+def depth_kernel(lf: LightField, name: str) -> cl.Kernel:
+    """A kernel of kernels/combined.cl; all of them for one kind of light field are one program."""
+    return lf.device.kernel(
+        "combined.cl",
+        name,
+        SAMPLE=C_TYPE[lf.dtype],
+        CHANNELS=(*lf.shape, 1)[4],
+        RADIUS=WINDOW,
+        BLOCK=support_block(lf.device),
+        MATCH_BLOCK=match_block(lf.device),
+    )
+
+
+def support_block(device: Device) -> int:
+    """Pixels of a row that an item of gather and fit takes."""
+    return _SUPPORT_BLOCK if device.rows else 1
+
+
+def match_block(device: Device) -> int:
+    """Pixels of a row that an item of match takes."""
+    return _BLOCK if device.rows else 1
+
+
+def thresholds(channels: int) -> tuple[float, float, float]:
+    """tau, ratio and margin of the kernels."""
+    return (TRUNCATION * channels, RATIO, MARGIN * channels)

@@ -1,0 +1,224 @@
+"""Pictures that are put together from the sub-images of a focused camera, and their grid."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute.checks import require
+from clplen.compute.hostarray import OnDevice
+from clplen.compute.image import Image
+from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+
+
+_MOST = 2**24  # samples along an axis
+_EDGE = 1e-3  # pixels of a sub-image off the sensor that do not matter
+
+
+@dataclass(frozen=True)
+class PictureGrid:
+    """Where the samples of a picture lie on the sensor, by their chief rays.
+
+    Attributes
+    ----------
+    first : tuple of float
+        (y, x) of sample (0, 0) in pixels of the sensor.
+    step : float
+        Pixels of the sensor from sample to sample, both ways.
+    shape : tuple of int
+        (height, width) in samples.
+    """
+
+    first: Pair
+    step: float
+    shape: tuple[int, int]
+
+    @classmethod
+    def over(cls, geometry: FocusedGeometry, patch: float, step: float | None) -> PictureGrid:
+        """The cells of all lenslets, by default with ``round(patch)`` samples a lenslet.
+
+        Raises
+        ------
+        ValueError
+            If the step is not positive and finite, or so small that no array counts the samples.
+        """
+        if step is None:
+            step = geometry.pitch / max(1, round(patch))
+        if not (math.isfinite(step) and step > 0):
+            raise ValueError(
+                f"step, pixels of the sensor from sample to sample, is positive, not {step!r}."
+            )
+        places = geometry.places[geometry.kinds >= 0]
+        half = np.array(geometry.cell) / 2
+        low, high = places.min(0) - half, places.max(0) + half
+        wanted = np.maximum(1, np.round((high - low) / step))
+        if not wanted.max() < _MOST:
+            raise ValueError(
+                f"A step of {step:g} px makes a picture of {wanted[0]:.3g} x {wanted[1]:.3g} "
+                "samples: give a larger one."
+            )
+        count = wanted.astype(int)
+        first = (low + high) / 2 - (count - 1) / 2 * step
+        return cls((float(first[0]), float(first[1])), float(step), (int(count[0]), int(count[1])))
+
+    def axes(self) -> tuple[Values, Values]:
+        """Places y of the rows and x of the columns, in pixels of the sensor."""
+        (first_y, first_x), (height, width) = self.first, self.shape
+        y = np.asarray(first_y + self.step * np.arange(height), np.float64)
+        x = np.asarray(first_x + self.step * np.arange(width), np.float64)
+        return y, x
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FocusedImage(Image):
+    """A picture of a focused camera with its scale; inverted like the main lens' own picture.
+
+    Attributes
+    ----------
+    data : pyopencl.array.Array
+        float32, shape (y, x) or (y, x, c).
+    device : Device
+    grid : PictureGrid
+    m : float
+        b/a of the plane that was asked for (the reference plane where depth varied).
+    geometry : FocusedGeometry
+    ratio : float
+        Patch over pitch that was taken: ``geometry.ratio(m)``, or what a given patch amounts to.
+    """
+
+    grid: PictureGrid
+    m: float
+    geometry: FocusedGeometry
+    ratio: float
+
+    @property
+    def pitch(self) -> float:
+        """Metres from sample to sample on the main lens' image plane of ``m``.
+
+        NaN where the pixel pitch is not known.
+        """
+        return abs(self.grid.step * self._scale)
+
+    def places(self) -> tuple[Values, Values]:
+        """Places (y of rows, x of columns) on the image plane of ``m``, metres from the axis."""
+        y, x = self.grid.axes()
+        return (y - self.geometry.axis[0]) * self._scale, (x - self.geometry.axis[1]) * self._scale
+
+    @property
+    def _scale(self) -> float:
+        """Metres on the image plane a pixel of the sensor: X = Y ratio/m."""
+        return self.geometry.pixel_pitch * float(self.geometry.ratio(self.m)) / self.m
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FocusedStack(OnDevice):
+    """Pictures of one raw image focused on several planes, on one grid. By `focused_stack`.
+
+    Attributes
+    ----------
+    data : pyopencl.array.Array
+        float32, shape (n, y, x) or (n, y, x, c), registered to the main lens' middle: a point lies
+        at the same sample in each.
+    device : Device
+    grid : PictureGrid
+    ms : numpy.ndarray
+        float64, shape (n,): b/a of each plane.
+    geometry : FocusedGeometry
+    alphas : numpy.ndarray
+        float64, shape (n,): F/F' of each plane; NaN without a camera.
+    zs : numpy.ndarray
+        float64, shape (n,): dz of each plane in metres from the focused one, farther positive; NaN
+        without a camera.
+    """
+
+    data: cla.Array
+    device: Device
+    grid: PictureGrid
+    ms: Values
+    geometry: FocusedGeometry
+    alphas: Values
+    zs: Values
+
+    def __repr__(self) -> str:
+        return f"<FocusedStack {self.shape} of {len(self.ms)} planes, {self.device.name}>"
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(n, y, x[, c])."""
+        return tuple(int(n) for n in self.data.shape)
+
+    def to_numpy(self) -> np.ndarray[Any, np.dtype[np.float32]]:
+        """The pictures on the host, float32, shape (n, y, x[, c])."""
+        return self.device.download(self.data)
+
+
+def seam(picture: FocusedImage) -> float:
+    """How far patches fail to join: 1 where their borders do not show.
+
+    A step between neighbouring samples is compared with the mean of the two steps beside it; the
+    result is the mean deviation of the steps across borders of patches over that of the steps
+    inside, whose neighbours do not cross either. A patch that is too large repeats what the next
+    one shows, one too small leaves some out: both make the result deviate from 1.
+
+    Nearly always it is above 1. Below 1 patches are too large: the step across is then shorter
+    than those inside, and so the smoother one in textures of less than some eight samples a
+    period. Only lenslets count whose whole sub-image lies on the sensor.
+
+    Parameters
+    ----------
+    picture : FocusedImage
+        Rendered by ``method="basic"``, with at least five samples a patch.
+
+    Returns
+    -------
+    float
+        inf where patches are flat and their borders are not; NaN where all is flat, patches have
+        fewer samples, or no two neighbouring sub-images lie whole on the sensor.
+    """
+    require(FocusedImage, picture, "picture", "render_focused")
+    values, (owner, whole) = np.asarray(picture.to_numpy(), np.float64), _owner(picture)
+    inside, across = [], []
+    for axis in (0, 1):
+        steps = np.moveaxis(np.diff(values, axis=axis), axis, 0)
+        border = np.moveaxis(np.diff(owner, axis=axis) != 0, axis, 0)
+        whole_along = np.moveaxis(whole, axis, 0)
+        size = np.abs(steps[1:-1] - (steps[:-2] + steps[2:]) / 2)
+        size = size.mean(2) if size.ndim == 3 else size
+        counts = whole_along[1:-2] & whole_along[2:-1] & ~(border[:-2] | border[2:])
+        across.append(size[border[1:-1] & counts])
+        inside.append(size[~border[1:-1] & counts])
+    found = [np.concatenate(sizes) for sizes in (across, inside)]
+    if min(map(len, found)) == 0:
+        return math.nan
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return float(found[0].mean() / found[1].mean())
+
+
+def _owner(picture: FocusedImage) -> tuple[Values, np.ndarray[Any, np.dtype[np.bool_]]]:
+    """A number of the lenslet nearest to each sample, and whether its sub-image is whole."""
+    geometry = picture.geometry
+    y, x = picture.grid.axes()
+    place = np.stack(np.meshgrid(y, x, indexing="ij"), -1) - np.array(geometry.origin)
+    base = np.array([geometry.first, geometry.second])
+    low = np.floor(place @ np.linalg.inv(base))
+    best, owner = np.full(place.shape[:2], np.inf), np.zeros(place.shape[:2])
+    centre = np.zeros_like(place)
+    for corner in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        index = low + corner
+        at = index @ base
+        far = ((place - at) ** 2).sum(-1)
+        closer = far < best
+        best[closer] = far[closer]
+        owner[closer] = (index[..., 0] * 65536 + index[..., 1])[closer]
+        centre[closer] = at[closer]
+    room = geometry.pitch / 2 - _EDGE
+    low, high = room - 0.5, np.array(geometry.shape) - 0.5 - room
+    centre += geometry.origin
+    return owner, ((centre >= low) & (centre <= high)).all(-1)

@@ -1,0 +1,134 @@
+"""m of a single bright point, from where its spots lie under the lenslets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from clplen.compute.finite import count_bad
+from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values
+from clplen.lightfield.focused.focused_metric import z_of
+
+if TYPE_CHECKING:
+    from clplen.lightfield.raw.raw_image import RawImage
+
+_FEWEST = 3  # spots
+_ROUNDS = 6
+_WINDOW = 0.3  # pitches about a spot's centroid
+_AGREE = 1.5  # pixels off the law that are no reason to leave a spot out
+
+
+@dataclass(frozen=True)
+class SpotFit:
+    """A point as `point_m` finds it.
+
+    Attributes
+    ----------
+    m : float
+        b/a.
+    z : float
+        dz in metres from the focused plane; NaN without a camera.
+    place : tuple of float
+        (y, x) in pixels of the sensor where the point's chief ray meets it.
+    spots : int
+        How many were used.
+    residual : float
+        rms distance in pixels of the spots from the law.
+    """
+
+    m: float
+    z: float
+    place: Pair
+    spots: int
+    residual: float
+
+
+def point_m(raw: RawImage, *, least: float = 0.25) -> SpotFit:
+    """m of the only point in a raw image, by the pitch of its spots.
+
+    The centroid of I^2 in every sub-image, and then within 0.3 pitches of itself, gives r_k. The
+    ratio and Y of r_k = s_k + ratio (s_k - Y) follow by least squares, weighted by the squares of
+    the sums of I^2. Left out, in turns, are spots that lie off the law because another lenslet's
+    spot falls into their sub-image.
+
+    Diffraction limits it: the rings at the rim of the blur turn the wave under the lenslets there,
+    and the rim crosses some of them. Of a lenslet that is lit by a share s the sum of I^2 is s^3
+    of the others'; those lit by less than 0.63 are left out, and the weights do the rest.
+
+    Parameters
+    ----------
+    raw : RawImage
+        Of a focused camera, one point, dark elsewhere.
+    least : float
+        Of the brightest spot's sum of I^2: weaker ones do not count.
+
+    Returns
+    -------
+    SpotFit
+
+    Raises
+    ------
+    ValueError
+        If fewer than three lenslets see the point, or the raw image holds NaN or infinity.
+    ShapeError
+        If fewer than two by two lenslets lie on the sensor.
+    """
+    geometry = FocusedGeometry.of(raw)
+    bad = count_bad(raw.data, raw.device)
+    if bad:
+        raise ValueError(
+            f"The raw image has {bad} pixels that are NaN or infinite: replace them before looking "
+            "for the point, for example by the mean of their neighbours."
+        )
+    strength, offset = _spots(raw, geometry)
+    centres, weight = geometry.places.reshape(-1, 2), strength**2
+    use = strength > least * strength.max()
+    for _ in range(_ROUNDS):
+        ratio, place = _line(centres[use], offset[use], weight[use])
+        far = np.hypot(*(offset - ratio * (centres - place)).T)
+        agreeing = use & (far < max(_AGREE, 3 * float(np.median(far[use]))))
+        if agreeing.sum() == use.sum():
+            break
+        use = agreeing
+    residual = float(np.sqrt(np.average(far[use] ** 2, weights=weight[use])))
+    m = float(geometry.m(ratio))
+    found = (float(place[0]), float(place[1]))
+    return SpotFit(m, float(z_of(raw, m)), found, int(use.sum()), residual)
+
+
+def _line(centres: Values, offset: Values, weight: Values) -> tuple[float, Values]:
+    """Ratio and Y of offset = ratio (centre - Y)."""
+    if len(centres) < _FEWEST:
+        raise ValueError(
+            f"{len(centres)} lenslets see the point, fewer than {_FEWEST}: its m is not "
+            "known, too few views (abs(m) is large or the point dark)."
+        )
+    middle, at = (np.average(v, axis=0, weights=weight) for v in (centres, offset))
+    way = centres - middle
+    ratio = float((weight[:, None] * way * (offset - at)).sum() / (weight @ (way**2).sum(1)))
+    return ratio, middle - at / ratio
+
+
+def _spots(raw: RawImage, geometry: FocusedGeometry) -> tuple[Values, Values]:
+    """Sum of I^2 of each spot over the largest, and its centroid (y, x) from the sub-image's."""
+    device, count = raw.device, geometry.kinds.size
+    defines = {"CHANNELS": 3} if len(raw.data.shape) == 3 else {}
+    kernel = device.kernel("focused_depth.cl", "spots", **defines)
+    tables = geometry.tables(device)
+    out = device.empty((count, 3), np.float32)
+    centroid = np.zeros((count, 2))
+    for radius in (1.0, *(_WINDOW,) * _ROUNDS):
+        device.launch(
+            kernel,
+            (count,),
+            *(out, raw.data, *tables, device.upload(centroid.astype(np.float32))),
+            *(np.int32(n) for n in (count, *geometry.shape)),
+            *(np.float32(n * geometry.pitch) for n in (0.5, radius)),
+        )
+        sums = device.download(out).astype(np.float64)
+        centroid = np.divide(
+            sums[:, 1:], sums[:, :1], out=np.zeros((count, 2)), where=sums[:, :1] > 0
+        )
+    return sums[:, 0] / max(sums[:, 0].max(), np.finfo(np.float64).tiny), centroid

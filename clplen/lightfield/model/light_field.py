@@ -1,0 +1,376 @@
+"""The light field: views (v, u) of (y, x) pixels on a device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute.device import Device, DeviceLike, as_device
+from clplen.compute.hostarray import OnDevice
+from clplen.compute.image import Image
+from clplen.lightfield.model import flatten as flattening
+from clplen.lightfield.model import parametrisation as parametrising
+from clplen.lightfield.model import rendering as rendering
+from clplen.lightfield.model.alpha_law import AlphaLaw
+from clplen.lightfield.model.sample_checks import (
+    checked_positions,
+    checked_samples,
+    checked_spacing,
+    checked_weights,
+    weights_of_lit,
+)
+from clplen.lightfield.raw import decode as decoding
+from clplen.lightfield.raw.raw_image import CameraModel, RawImage, Spacing
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LightField(AlphaLaw, OnDevice):
+    """Radiance along rays, L[v, u, y, x] or L[v, u, y, x, c]. Made by a ``from_`` method.
+
+    v, u are row and column of the view; y, x row and column inside a view. A plane of disparity d
+    lies at x - d (u - uc) in view u, with uc = (U - 1)/2: nearer is larger.
+
+    Attributes
+    ----------
+    data : pyopencl.array.Array
+        uint8, uint16, float16 or float32, C-contiguous.
+    device : Device
+    spacing : tuple of float or None
+        Signed (dv, du, dy, dx) in metres: step between views on the main lens and between pixels
+        on the image plane. dv and du are negative in raw pixel order.
+    weights : numpy.ndarray
+        float32, shape (V, U), not negative; 0 leaves a view out everywhere.
+    camera : CameraModel or None
+        The camera that took it, when known.
+    raw : RawImage or None
+        The raw image that it was decoded from.
+    decode : {"calibrated", "naive"}
+        "naive" cells sample direction, not main-lens position, and obey another law.
+    positions : numpy.ndarray or None
+        float64, shape (V, U, 2): where the views lie, (y, x) in view steps from the viewpoint that
+        pictures are registered to, in place of (v - (V - 1)/2, u - (U - 1)/2). None: on the grid.
+    parametrisation : {"two-plane", "point-angle"}
+        What a view is: a position on the main lens, or a direction. Then dv and du of ``spacing``
+        are steps of angle in radians, and what shifts views refuses it; see `resample`.
+    """
+
+    data: cla.Array
+    device: Device
+    spacing: Spacing | None
+    weights: np.ndarray[Any, np.dtype[np.float32]]
+    camera: CameraModel | None = None
+    raw: RawImage | None = None
+    decode: str = "calibrated"
+    positions: np.ndarray[Any, np.dtype[np.float64]] | None = None
+    parametrisation: str = "two-plane"
+
+    @classmethod
+    def from_array(
+        cls,
+        a: ArrayLike | cla.Array,
+        *,
+        device: DeviceLike,
+        spacing: Spacing | None = None,
+        weights: ArrayLike | None = None,
+        camera: CameraModel | None = None,
+        positions: ArrayLike | None = None,
+    ) -> LightField:
+        """Take views that are in memory.
+
+        Parameters
+        ----------
+        a : array_like or pyopencl.array.Array
+            Shape (v, u, y, x) or (v, u, y, x, c). uint8, uint16, float16 and float32 are kept
+            as they are on the device; other real types become float32. Pictures and maps are
+            float32 in any case. A contiguous array of this device is taken without a copy, a
+            NumPy array is copied once.
+        device : Device or str
+            Where the light field will live.
+        spacing : tuple of float, optional
+            Signed (dv, du, dy, dx) in metres; needed for ``alpha``.
+        weights : array_like, optional
+            Shape (V, U), finite, not negative, not all 0. By default 0 for black views, 1 for the
+            others (1 for all when all are black).
+        camera : CameraModel, optional
+            Needed for depth in metres.
+        positions : array_like, optional
+            Shape (V, U, 2), finite: (y, x) of every view in view steps, y down, for views that lie
+            on no regular grid.
+
+        Returns
+        -------
+        LightField
+
+        Raises
+        ------
+        ShapeError
+            If the array is not 4-D or 5-D, is empty, or weights or positions do not fit it.
+        ValueError
+            If a sample is NaN or infinite: refused here, because interpolation would spread it;
+            if spacing, weights or positions are out of range.
+        TypeError
+            If the samples are complex, or on the device and of none of the four types.
+        DeviceError
+            If it is larger than the device's memory, or an array of another device.
+        """
+        device = as_device(device)
+        data = checked_samples(a, device)
+        known = weights_of_lit(data, device) if weights is None else checked_weights(weights, data)
+        places = checked_positions(positions, data)
+        return cls(data, device, checked_spacing(spacing), known, camera, positions=places)
+
+    @classmethod
+    def from_raw(cls, raw: RawImage, *, decode: str = "calibrated") -> LightField:
+        """Decode a raw lenslet image.
+
+        Parameters
+        ----------
+        raw : RawImage
+        decode : {"calibrated", "naive"}
+            "calibrated" samples the sub-images of the main lens' pupil about their true centres,
+            x_k (1 + f_mu/F), as `clplen.lightfield.raw.decode.resample` does: pixel j of a
+            sub-image is one position u on the main lens. "naive" cuts the lenslets' own cells, a
+            permutation of the pixels: it samples direction, not position.
+
+        Returns
+        -------
+        LightField
+            float32, shape (V, U, rows, columns), in raw pixel order (dv, du < 0).
+
+        Raises
+        ------
+        ValueError
+            If ``decode`` is neither, or the raw image holds NaN or infinity; or is of a focused
+            camera, whose pixels hold no views, unless ``decode="naive"`` asks for them plainly.
+        DeviceError
+            If it is larger than the device's memory.
+        """
+        if not isinstance(raw, RawImage):
+            raise TypeError(f"from_raw takes a RawImage, not {type(raw).__name__}.")
+        grids = {"calibrated": raw.sub_images, "naive": raw.cells}
+        if decode not in grids:
+            raise ValueError(f"decode is 'calibrated' or 'naive', not {decode!r}.")
+        if decode != "naive" and hasattr(raw.camera, "m"):
+            raise ValueError(
+                "This raw image is of a focused (plenoptic 2.0) camera, whose sub-images are "
+                "pictures and no sets of views: make pictures with render_focused, or take the "
+                "pixels as they are with decode='naive'."
+            )
+        data = decoding.resample(raw, grids[decode])
+        weights = np.ones(grids[decode].shape[:2], np.float32)
+        return cls(data, raw.device, raw.spacing, weights, raw.camera, raw, decode)
+
+    def __repr__(self) -> str:
+        return f"<LightField {self.shape} {self.dtype}, {self.device.name}>"
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(v, u, y, x[, c])."""
+        return tuple(int(n) for n in self.data.shape)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """uint8, uint16, float16 or float32."""
+        return np.dtype(self.data.dtype)
+
+    def to_numpy(self) -> np.ndarray[Any, Any]:
+        """The samples on the host, same shape and dtype."""
+        return self.device.download(self.data)
+
+    def view(
+        self,
+        v: float,
+        u: float,
+        *,
+        disparity: ArrayLike | None = None,
+        interpolation: str = "cubic",
+    ) -> Image:
+        """The view at (v, u), between views too (bilinear in the aperture, by `weights`).
+
+        A view of weight 0 is shown as it is stored, but not mixed into others. Between views,
+        what is not in focus is seen several times, unless its ``disparity`` is given: then each
+        view is shifted by its own distance from (v, u) times d.
+
+        Parameters
+        ----------
+        v, u : float
+            0 <= v <= V - 1, 0 <= u <= U - 1.
+        disparity : float or array_like, optional
+            Of the scene, pixels a view step: one number, or one of every pixel of the centre view,
+            shape (y, x), as of a `DepthMap`; the map is carried to (v, u).
+        interpolation : {"cubic", "linear", "nearest"}
+            How views are shifted, as in `flatten`.
+
+        Returns
+        -------
+        Image
+            float32, shape (y, x[, c]).
+
+        Raises
+        ------
+        ValueError, ShapeError
+            If (v, u) lies outside the views, a disparity is not finite, or they have another shape.
+        """
+        return rendering.view(self, v, u, disparity=disparity, interpolation=interpolation)
+
+    def epi(
+        self,
+        *,
+        y: int | None = None,
+        x: int | None = None,
+        v: int | None = None,
+        u: int | None = None,
+    ) -> Image:
+        """An epipolar-plane image: ``epi(y=, v=)`` is (u, x[, c]), ``epi(x=, u=)`` is (v, y[, c]).
+
+        Raises
+        ------
+        ValueError
+            If neither pair, or an index outside the light field, is given.
+        """
+        return rendering.epi(self, y=y, x=x, v=v, u=u)
+
+    def render(
+        self,
+        *,
+        aperture: Any = None,
+        viewpoint: tuple[float, float] | None = None,
+        total: bool = False,
+    ) -> Image:
+        """The picture as focused, through part of the aperture.
+
+        Parameters
+        ----------
+        aperture : int, float, str or array_like, optional
+            int: that many views across (of N views, thesis eq. 3.3 drops (N - N')//2 below and the
+            rest above); float in (0, 1]: a disc of that fraction of the full diameter (an ellipse
+            V views high and U wide); ``"f/66"``: a disc on the main lens by f-number at its image,
+            needs camera and spacing; array (V, U): weights. A view that the rim crosses counts
+            with the covered fraction of its cell. None: all views.
+        viewpoint : tuple of float, optional
+            (v, u) of the aperture's centre, between views too; what then lies outside the views is
+            cut off. Alone, it is that one view.
+        total : bool
+            The weighted sum over views instead of the weighted mean.
+
+        Returns
+        -------
+        Image
+            float32, shape (y, x[, c]).
+
+        Raises
+        ------
+        ValueError
+            If the aperture or the viewpoint lies outside the views, leaves only views of weight 0,
+            or needs a camera that is not known.
+        ShapeError
+            If an array of weights has not one for each view.
+        TypeError
+            If the aperture is none of these.
+        """
+        return rendering.render(self, aperture=aperture, viewpoint=viewpoint, total=total)
+
+    def flatten(
+        self,
+        statistic: str = "mean",
+        *,
+        disparity: ArrayLike = 0.0,
+        aperture: Any = None,
+        viewpoint: tuple[float, float] | None = None,
+        mask: ArrayLike | None = None,
+        interpolation: str = "linear",
+    ) -> Image:
+        """What the views see of one plane or surface, as one picture registered to the centre view.
+
+        Samples of the same point are weighted with the aperture times `weights` times the share of
+        their interpolation that lies inside the view and the mask. The median sees around thin
+        things in front of the surface; the variance is small where the surface is one.
+
+        Parameters
+        ----------
+        statistic : {"mean", "median", "max", "min", "variance"}
+            Weighted, as in `clplen.lightfield.arrays.ray_samples.along_rays`.
+        disparity : float or array_like
+            d in pixels a view step, or one of every pixel, shape (y, x).
+        aperture, viewpoint
+            As in `render`.
+        mask : array_like, optional
+            Shape (V, U, y, x); where it is False, a sample is not known.
+        interpolation : {"linear", "nearest", "cubic"}
+            "cubic" (Keys 1981, a = -1/2) repeats the edge within a view, and takes no place
+            outside it and no mask.
+
+        Returns
+        -------
+        Image
+            float32, shape (y, x[, c]); 0 where no view sees anything.
+
+        Raises
+        ------
+        ValueError
+            If the statistic or the interpolation is unknown, a disparity is not finite, more than
+            1024 views go into a median, or from `render`.
+        ShapeError
+            If disparities or mask are not one for every pixel or ray.
+        """
+        return flattening.flatten(
+            self,
+            statistic,
+            disparity=disparity,
+            aperture=aperture,
+            viewpoint=viewpoint,
+            mask=mask,
+            interpolation=interpolation,
+        )
+
+    def resample(
+        self,
+        parametrisation: str,
+        *,
+        focal: float | None = None,
+        views: tuple[int, int] | None = None,
+        interpolation: str = "linear",
+    ) -> LightField:
+        """The same rays by position on the main lens, or by direction.
+
+        A ray through u on the main lens and x on the image plane has theta = (x - u)/F, along y
+        alike (paraxial; thesis, sections 1.2 and 1.4.2), both from the axis, which lies in the
+        middle of the views and of the pixels. A point of alpha = F/F' is a line of slope
+        dx/du = 1 - alpha in (x, u), and dx/dtheta = F - F' in (x, theta). Steps of theta are -du/F.
+        Views of a telecentric camera are directions already, theta = -u/F.
+
+        Parameters
+        ----------
+        parametrisation : {"two-plane", "point-angle"}
+        focal : float, optional
+            F, metres from the main lens to the image plane; by default that of ``camera``.
+        views : tuple of int, optional
+            (V, U) of the result, about the middle. By default as many directions as hold every
+            ray, and back as many positions as there were before.
+        interpolation : {"linear", "cubic"}
+            Along the view axes (cubic: Keys 1981, a = -1/2, linear next to the edges). Views
+            outside or of weight 0 count neither in the sum nor in its weight, and a ray that none
+            of them saw is 0.
+
+        Returns
+        -------
+        LightField
+            float32; ``weights`` are the means of the weights of each view's rays that were seen.
+
+        Raises
+        ------
+        ValueError
+            If the spacing or F is not known, the views have ``positions`` or are naive cells, or
+            an option is out of range.
+        DeviceError
+            If the result is larger than the device's memory.
+        """
+        return parametrising.resample(
+            self, parametrisation, focal=focal, views=views, interpolation=interpolation
+        )

@@ -1,0 +1,208 @@
+"""Light fields by position on the main lens, or by direction: (x, u) or (x, theta)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clplen.lightfield.arrays.stored_samples import C_TYPE
+from clplen.lightfield.raw.raw_image import is_telecentric
+
+if TYPE_CHECKING:
+    from clplen.lightfield.model.alpha_law import AlphaLaw
+    from clplen.lightfield.model.light_field import LightField
+
+Real = np.ndarray[Any, np.dtype[np.float64]]
+View = tuple[int, int]
+
+PARAMETRISATIONS = ("two-plane", "point-angle")
+INTERPOLATIONS = ("linear", "cubic")
+
+_COVERED = 1e-6  # of a ray: what is less was not seen
+
+
+def require_two_plane(lf: LightField | AlphaLaw, what: str) -> None:
+    """Refuse a light field of directions.
+
+    Raises
+    ------
+    ValueError
+        Naming what needs the other kind.
+    """
+    if lf.parametrisation != "two-plane":
+        raise ValueError(
+            f"{what} needs views that are positions on the main lens, and those of this light "
+            "field are directions: take lf.resample('two-plane')."
+        )
+
+
+def resample(
+    lf: LightField,
+    parametrisation: str,
+    *,
+    focal: float | None,
+    views: View | None,
+    interpolation: str,
+) -> LightField:
+    """See `LightField.resample`."""
+    if parametrisation not in PARAMETRISATIONS:
+        raise ValueError(
+            f"parametrisation is {' or '.join(map(repr, PARAMETRISATIONS))}, not "
+            f"{parametrisation!r}."
+        )
+    if interpolation not in INTERPOLATIONS:
+        raise ValueError(f"interpolation is 'linear' or 'cubic', not {interpolation!r}.")
+    if parametrisation == lf.parametrisation and views is None:
+        return lf
+    distance = _focal(lf, focal)
+    axes = _axes(lf, parametrisation, distance)
+    counts = tuple(axis.views(n) for axis, n in zip(axes, _counts(views), strict=True))
+    data = _launch(lf, axes, counts, interpolation)
+    spacing = (axes[0].step, axes[1].step, *lf.spacing[2:])  # type: ignore[index]
+    weights = _weights(lf, axes, counts)
+    return replace(lf, data=data, spacing=spacing, weights=weights, parametrisation=parametrisation)
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """One axis of views with its axis of pixels.
+
+    Attributes
+    ----------
+    count : int
+        Views.
+    step : float
+        Between the views of the result, metres or radians.
+    shift : numpy.ndarray
+        Of each pixel: the view of the source that its view j is, less j, both from the middle.
+    widens : bool
+        Whether the views of the result must be more to hold every ray, else fewer.
+    """
+
+    count: int
+    step: float
+    shift: Real
+    widens: bool
+
+    def views(self, given: int | None) -> int:
+        """How many the result has; by default as many as keep every ray, of the same parity."""
+        if given is not None:
+            if not given >= 1:
+                raise ValueError(f"views counts at least one view along each axis, not {given!r}.")
+            return int(given)
+        more = 2 * math.ceil(np.abs(self.shift).max() - 1e-9)
+        return self.count + more if self.widens else max(1, self.count - more)
+
+    def sources(self, count: int) -> tuple[Any, Real]:
+        """(whole view of the source for view 0, fraction) of each pixel."""
+        at = self.shift + (self.count - count) / 2
+        whole = np.floor(at)
+        return whole.astype(np.int32), at - whole
+
+    def matrix(self, count: int) -> Real:
+        """Share of the source's views in each view of the result, meaned over the pixels."""
+        matrix = np.zeros((count, self.count))
+        whole, part = self.sources(count)
+        for first, share in zip((whole, whole + 1), (1 - part, part), strict=True):
+            for start, weight in zip(first, share, strict=True):
+                j = np.arange(max(0, -start), min(count, self.count - start))
+                matrix[j, j + start] += weight / part.size
+        return matrix
+
+
+def _axes(lf: LightField, parametrisation: str, distance: float) -> tuple[_Axis, _Axis]:
+    """Along v and y, and along u and x."""
+    if lf.spacing is None or not np.isfinite(lf.spacing).all():
+        raise ValueError(
+            "Another parametrisation needs the spacing of views and pixels in metres: give "
+            "spacing=(dv, du, dy, dx)."
+        )
+    if lf.positions is not None or lf.decode == "naive":
+        found = "views with positions of their own" if lf.positions is not None else "naive cells"
+        raise ValueError(
+            f"A light field of {found} has no even steps on the main lens to resample: use one of "
+            "a regular grid, decoded 'calibrated'."
+        )
+    back = lf.parametrisation == "point-angle"
+    to_angles = parametrisation == "point-angle"
+    made = []
+    for axis in (0, 1):
+        count, step, pitch = lf.shape[axis], lf.spacing[axis], lf.spacing[2 + axis]
+        length = -distance * step if back else step  # on the main lens
+        pixels = lf.shape[2 + axis]
+        x = (np.arange(pixels) - (pixels - 1) / 2) * (0 if is_telecentric(lf) else pitch)
+        moved = np.asarray((to_angles - back) * x / length, np.float64)
+        made.append(_Axis(count, -length / distance if to_angles else length, moved, to_angles))
+    return made[0], made[1]
+
+
+def _focal(lf: LightField, focal: float | None) -> float:
+    """F, in metres."""
+    if focal is None and lf.camera is not None:
+        focal = float(lf.camera.image_distance)
+    if focal is None or not (math.isfinite(focal) and focal > 0):
+        raise ValueError(
+            "Another parametrisation needs F > 0, the distance from the main lens to the image "
+            f"plane, by the camera or focal= in metres; it is {focal!r}."
+        )
+    return focal
+
+
+def _counts(views: View | None) -> tuple[int | None, int | None]:
+    return (None, None) if views is None else (views[0], views[1])
+
+
+def _launch(
+    lf: LightField, axes: tuple[_Axis, _Axis], counts: tuple[int, ...], interpolation: str
+) -> Any:
+    device = lf.device
+    shape = (*counts, *lf.shape[2:])
+    nbytes = 4 * math.prod(shape)
+    device.require_memory(
+        nbytes + lf.data.nbytes, f"A light field of {counts[0]} x {counts[1]} views"
+    )
+    out = device.empty(shape, np.float32)
+    tables: list[Any] = []
+    for axis, count in zip(axes, counts, strict=True):
+        whole, part = axis.sources(count)
+        linear = np.stack((0 * part, 1 - part, part, 0 * part), axis=-1)
+        taps = _keys(part) if interpolation == "cubic" else linear
+        tables += [whole - 1, taps.astype(np.float32), linear.astype(np.float32)]
+    defines: dict[str, Any] = {"CUBIC": True} if interpolation == "cubic" else {}
+    ny, nx = lf.shape[2:4]
+    channels = math.prod(lf.shape[4:])
+    device.launch_rows(
+        device.kernel("parametrise.cl", "parametrise", SAMPLE=C_TYPE[lf.dtype], **defines),
+        (math.prod(counts), ny, nx * channels),
+        out,
+        lf.data,
+        *(device.upload(table) for table in ((lf.weights > 0).astype(np.int32), *tables)),
+        *(np.int32(n) for n in (*lf.shape[:2], counts[1], ny, nx, channels)),
+    )
+    return out
+
+
+def _keys(part: Real) -> Real:
+    """Taps -1, 0, 1, 2 of cubic convolution (Keys 1981, eq. 15, a = -1/2)."""
+    t = part
+    return np.stack(
+        (
+            ((-0.5 * t + 1) * t - 0.5) * t,
+            (1.5 * t - 2.5) * t * t + 1,
+            ((-1.5 * t + 2) * t + 0.5) * t,
+            (0.5 * t - 0.5) * t * t,
+        ),
+        axis=-1,
+    )
+
+
+def _weights(lf: LightField, axes: tuple[_Axis, _Axis], counts: tuple[int, ...]) -> Any:
+    """Mean weight of the rays of each view that were seen; 0 where none was."""
+    down, right = (axis.matrix(count) for axis, count in zip(axes, counts, strict=True))
+    seen = down @ (lf.weights > 0) @ right.T
+    total = down @ lf.weights.astype(np.float64) @ right.T
+    found = np.divide(total, seen, out=np.zeros_like(seen), where=seen > _COVERED / lf.shape[3])
+    return found.astype(np.float32)

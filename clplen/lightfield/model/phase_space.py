@@ -1,0 +1,116 @@
+"""Slices of a light field with their axes in metres and radians."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from clplen.compute.hostarray import HostArray
+from clplen.compute.oneline import OneLine
+from clplen.lightfield.model.conversion import as_lightfield
+from clplen.lightfield.raw.raw_image import is_telecentric
+
+if TYPE_CHECKING:
+    from clplen.lightfield.model.light_field import LightField
+
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+
+
+@dataclass(frozen=True, repr=False)
+class PhaseSpace(OneLine, HostArray):
+    """An epipolar slice: position on the image plane against place on the main lens.
+
+    A point is a line of slope dx/du = 1 - alpha over metres (thesis, section 1.4.2), of slope -d
+    over pixels and views, and of slope F - F' over x and theta.
+
+    Attributes
+    ----------
+    values : numpy.ndarray
+        float32, shape (views, pixels[, c]).
+    axes : tuple of str
+        ("u", "x") or ("v", "y"); of a light field by direction ("theta_x", "x") or
+        ("theta_y", "y").
+    units : tuple of str
+        Of direction and position: ("m", "m"), ("rad", "m"), or ("view", "pixel").
+    direction : numpy.ndarray
+        u (v, theta) of the views from the middle, shape (views,).
+    position : numpy.ndarray
+        x (y) of the pixels from the middle, shape (pixels,).
+    theta : numpy.ndarray or None
+        (x - u)/F of every sample in radians, shape (views, pixels); -u/F of a telecentric camera,
+        F the focal length of its tube lens, where M^2 z/n is the slope dx/dtheta of a point. None
+        without a camera.
+    """
+
+    _samples: ClassVar[str] = "values"
+
+    values: np.ndarray[Any, np.dtype[np.float32]]
+    axes: tuple[str, str]
+    units: tuple[str, str]
+    direction: Vector
+    position: Vector
+    theta: Vector | None
+
+
+def phase_space(
+    lf: LightField,
+    *,
+    y: int | None = None,
+    x: int | None = None,
+    v: int | None = None,
+    u: int | None = None,
+) -> PhaseSpace:
+    """`LightField.epi` with its axes.
+
+    Parameters
+    ----------
+    lf : LightField
+        With ``spacing`` the axes are in metres, signed; with a ``camera`` too, the angles of the
+        rays are known.
+    y, v : int
+        Row of the pixels and of the views: (u, x). Or:
+    x, u : int
+        Column of both: (v, y).
+
+    Returns
+    -------
+    PhaseSpace
+
+    Raises
+    ------
+    ValueError
+        If neither pair, or an index outside the light field, is given; or the light field has
+        positions, so that a row of views is no row on the lens.
+    """
+    lf = as_lightfield(lf)
+    if lf.positions is not None:
+        raise ValueError(
+            "Axes of a phase space need views on a regular grid, and this light field has "
+            "positions: use LightField.epi for the samples alone."
+        )
+    values = lf.epi(y=y, x=x, v=v, u=u).to_numpy()
+    along_x = y is not None
+    metres = lf.spacing is not None and bool(np.isfinite(lf.spacing).all())
+    steps = (1.0, 1.0)
+    if metres and lf.spacing is not None:
+        steps = lf.spacing[1::2] if along_x else lf.spacing[0::2]
+    direction, position = (
+        (np.arange(n) - (n - 1) / 2) * step for n, step in zip(values.shape[:2], steps, strict=True)
+    )
+    axes = ("u", "x") if along_x else ("v", "y")
+    if lf.parametrisation == "point-angle":
+        theta = np.broadcast_to(direction[:, None], values.shape[:2])
+        axes = (f"theta_{axes[1]}", axes[1])
+        return PhaseSpace(values, axes, ("rad", "m"), direction, position, theta)
+    units = ("m", "m") if metres else ("view", "pixel")
+    return PhaseSpace(values, axes, units, direction, position, _angles(lf, direction, position))
+
+
+def _angles(lf: LightField, direction: Vector, position: Vector) -> Vector | None:
+    known = lf.spacing is not None and bool(np.isfinite(lf.spacing).all())
+    if not known or lf.camera is None or lf.decode == "naive":
+        return None
+    place = 0 * position if is_telecentric(lf) else position
+    return np.asarray((place[None, :] - direction[:, None]) / lf.camera.image_distance)

@@ -1,0 +1,296 @@
+"""Light fields that stay where they are stored: read part by part, whole only when asked for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from clplen.compute.device import DeviceLike, as_device
+from clplen.compute.hostarray import HostArray
+from clplen.errors import ShapeError
+from clplen.lightfield.model.alpha_law import AlphaLaw
+from clplen.lightfield.model.sample_checks import (
+    check_shape,
+    checked_positions,
+    checked_spacing,
+    checked_weights,
+    kept_dtype,
+    weights_where,
+)
+from clplen.lightfield.raw.raw_image import CameraModel, Spacing
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from clplen.lightfield.model.light_field import LightField
+
+Array = np.ndarray[Any, Any]
+Block = tuple[slice, slice, slice, slice]
+
+_BAND = 1 << 20  # bytes of a view that are looked at together for light
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StoredLightField(AlphaLaw, HostArray):
+    """A light field L[v, u, y, x(, c)] in a file or an array. Made by `from_array` or by
+    ``clplen.open_lightfield``; what takes it are the ``stream_`` functions.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        (v, u, y, x[, c]).
+    dtype : numpy.dtype
+        uint8, uint16, float16 or float32, as kept on a device.
+    fill : callable
+        (block, out): writes the samples of a block, slices over (v, u, y, x), into an array of
+        its shape and this dtype. Called by one thread at a time.
+    weights : numpy.ndarray
+        float32, shape (V, U), as in `LightField`.
+    chunks : tuple of int
+        (rows, columns) of a view that are read at once: (1, x) in plain memory, (y, x) of
+        pictures that are unpacked as a whole.
+    views_at_once : tuple of int
+        Rows and columns of views that are read at once.
+    overhead : int
+        Bytes that reading needs beside its result.
+    spacing, camera, decode, positions, parametrisation
+        As in `LightField`.
+    """
+
+    _downloads: ClassVar[bool] = True
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    fill: Callable[[Block, Array], None]
+    weights: np.ndarray[Any, np.dtype[np.float32]]
+    chunks: tuple[int, int]
+    views_at_once: tuple[int, int] = (1, 1)
+    overhead: int = 0
+    spacing: Spacing | None = None
+    camera: CameraModel | None = None
+    decode: str = "calibrated"
+    positions: np.ndarray[Any, np.dtype[np.float64]] | None = None
+    parametrisation: str = "two-plane"
+
+    @classmethod
+    def from_array(
+        cls,
+        a: Any,
+        *,
+        spacing: Spacing | None = None,
+        weights: ArrayLike | None = None,
+        camera: CameraModel | None = None,
+        positions: ArrayLike | None = None,
+    ) -> StoredLightField:
+        """Take anything with ``shape``, ``dtype`` and slices, without reading it all.
+
+        Parameters
+        ----------
+        a : array
+            Shape (v, u, y, x) or (v, u, y, x, c), real: NumPy, a memory map, h5py or Zarr.
+        spacing, weights, camera, positions
+            As in `LightField.from_array`; for the default weights, views are read until each
+            shows some light.
+
+        Returns
+        -------
+        StoredLightField
+
+        Raises
+        ------
+        ShapeError, ValueError, TypeError
+            As `LightField.from_array`; NaN and infinite samples are found when they are read.
+        """
+        shape = tuple(int(n) for n in a.shape)
+        check_shape(shape)
+        chunks = tuple(getattr(a, "chunks", None) or (1, 1, 1, shape[3]))
+        bytes_of_chunk = math.prod(chunks) * math.prod(shape[len(chunks) :]) * a.dtype.itemsize
+        at_once = (int(chunks[0]), int(chunks[1]))
+        found = cls(
+            shape,
+            kept_dtype(np.dtype(a.dtype)),
+            partial(_copy, a, at_once),
+            np.ones(shape[:2], np.float32),
+            (int(chunks[2]), int(chunks[3])),
+            at_once,
+            2 * bytes_of_chunk,
+            checked_spacing(spacing),
+            camera,
+        )
+        known = found.lit_weights() if weights is None else checked_weights(weights, found)
+        return replace(found, weights=known, positions=checked_positions(positions, found))
+
+    @classmethod
+    def from_light_field(cls, lf: LightField) -> StoredLightField:
+        """A light field on a device, read back part by part."""
+        return cls(
+            lf.shape,
+            lf.dtype,
+            partial(_download, lf),
+            lf.weights,
+            (1, lf.shape[3]),
+            spacing=lf.spacing,
+            camera=lf.camera,
+            decode=lf.decode,
+            positions=lf.positions,
+            parametrisation=lf.parametrisation,
+        )
+
+    def __repr__(self) -> str:
+        return f"<StoredLightField {self.shape} {self.dtype}, {self.nbytes / 2**20:,.0f} MiB>"
+
+    def __copy__(self) -> StoredLightField:
+        return self  # of which nothing can be changed
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> StoredLightField:
+        return self
+
+    def __getstate__(self) -> dict[str, Any]:
+        if not isinstance(self.fill, partial):
+            raise TypeError(
+                "A light field that is read from a file is not pickled: open it in the other "
+                "process (clplen.open_lightfield), or pickle what load(device) gives."
+            )
+        return dict(self.__dict__)
+
+    def to_numpy(self) -> Array:
+        """All samples, read whole."""
+        return self.read((slice(None), slice(None), slice(None), slice(None)))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all samples."""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+    @property
+    def bytes_per_pixel(self) -> int:
+        """Bytes of the samples of all views at one pixel."""
+        return self.nbytes // (self.shape[2] * self.shape[3])
+
+    def read(self, block: Block, *, out: Array | None = None) -> Array:
+        """The samples of a block.
+
+        Parameters
+        ----------
+        block : tuple of slice
+            Over (v, u, y, x), of step 1; all channels are read.
+        out : numpy.ndarray, optional
+            C-contiguous, of the block's shape and this dtype: where they go.
+
+        Returns
+        -------
+        numpy.ndarray
+            Shape (v, u, y, x[, c]).
+
+        Raises
+        ------
+        ShapeError
+            If the block is none, or ``out`` does not fit it.
+        FormatError
+            If the file is damaged there.
+        """
+        ends = [part.indices(n) for part, n in zip(block, self.shape, strict=False)]
+        if len(ends) != 4 or any(stop <= start or step != 1 for start, stop, step in ends):
+            raise ShapeError(
+                f"A block is four slices of step 1 over (v, u, y, x), none empty, not {block!r}."
+            )
+        wanted = (*(stop - start for start, stop, _ in ends), *self.shape[4:])
+        if out is None:
+            out = np.empty(wanted, self.dtype)
+        if out.shape != wanted or out.dtype != self.dtype or not out.flags.c_contiguous:
+            raise ShapeError(
+                f"This block goes into a C-contiguous array of shape {wanted} ({self.dtype}), not "
+                f"{out.shape} ({out.dtype})."
+            )
+        v, u, y, x = (slice(start, stop) for start, stop, _ in ends)
+        self.fill((v, u, y, x), out)
+        return out
+
+    def load(self, device: DeviceLike) -> LightField:
+        """The whole light field on a device.
+
+        Parameters
+        ----------
+        device : Device or str
+
+        Returns
+        -------
+        LightField
+
+        Raises
+        ------
+        DeviceError
+            If it is larger than the device's memory.
+        ValueError
+            If a sample is NaN or infinite.
+        """
+        device = as_device(device)
+        device.require_memory(self.nbytes, "This light field")
+        data = device.empty(self.shape, self.dtype)
+        with device.on_host(data) as host:
+            v, u, y, x = (slice(0, n) for n in self.shape[:4])
+            self.fill((v, u, y, x), host)
+        return self.part(data, device)
+
+    def part(self, samples: Any, device: DeviceLike) -> LightField:
+        """Samples of some rows and columns of all views as a light field of their own."""
+        from clplen.lightfield.model.light_field import (
+            LightField,  # which knows nothing of this one
+        )
+
+        lf = LightField.from_array(
+            samples,
+            device=device,
+            spacing=self.spacing,
+            weights=self.weights,
+            camera=self.camera,
+            positions=self.positions,
+        )
+        return replace(lf, decode=self.decode, parametrisation=self.parametrisation)
+
+    def groups(self) -> Iterator[tuple[slice, slice]]:
+        """Views (v, u) that are best read together, all of them in turn."""
+        V, U = self.shape[:2]
+        down, across = self.views_at_once
+        for v in range(0, V, down):
+            for u in range(0, U, across):
+                yield slice(v, min(v + down, V)), slice(u, min(u + across, U))
+
+    def lit_weights(self) -> np.ndarray[Any, np.dtype[np.float32]]:
+        """0 for views that are black throughout, if there are others, else 1; read from the top
+        until there is light."""
+        lit = np.zeros(self.shape[:2], np.bool_)
+        ny, nx = self.shape[2:4]
+        row = self.dtype.itemsize * math.prod(self.shape[3:])
+        rows = self.chunks[0] * max(1, _BAND // (row * self.chunks[0]))
+        for v, u in self.groups():
+            for start in range(0, ny, rows):
+                some = self.read((v, u, slice(start, min(start + rows, ny)), slice(0, nx)))
+                lit[v, u] |= some.any(axis=tuple(range(2, some.ndim)))
+                if lit[v, u].all():
+                    break
+        return weights_where(lit)
+
+
+def _download(lf: LightField, block: Block, out: Array) -> None:
+    """The samples of a block of a light field on a device."""
+    v0, u0, rows, columns = block[0].start, block[1].start, *block[2:]
+    for v, u in np.ndindex(*out.shape[:2]):
+        out[v, u] = lf.device.download(lf.data[v0 + v, u0 + u, rows])[:, columns]
+
+
+def _copy(a: Any, at_once: tuple[int, int], block: Block, out: Array) -> None:
+    """The samples of a block of an array, a few views at a time."""
+    v0, u0, rows, columns = block[0].start, block[1].start, *block[2:]
+    down, across = at_once
+    with np.errstate(all="ignore"):
+        for v in range(0, out.shape[0], down):
+            for u in range(0, out.shape[1], across):
+                part = out[v : v + down, u : u + across]
+                views = slice(v0 + v, v0 + v + part.shape[0]), slice(u0 + u, u0 + u + part.shape[1])
+                part[...] = a[views[0], views[1], rows, columns]

@@ -1,0 +1,136 @@
+"""From a raw lenslet image to views: sampling every sub-image about its centre."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute.finite import count_bad
+from clplen.errors import ShapeError
+from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
+from clplen.lightfield.raw.upright import FRACTION, has_room, is_upright, upright
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+
+
+def resample(raw: RawImage, grid: LensletGrid, *, linear: bool = False) -> cla.Array:
+    """Views of a raw image, by separable cubic convolution (Keys 1981, eq. 15, a = -1/2).
+
+    A position that is a whole number of pixels takes that pixel as it is; pixels off the sensor
+    count 0. On a hexagonal lattice every lenslet is sampled about its own centre, and its odd rows
+    are then interpolated by the same cubic, in the same pass, to the columns of the even rows, or
+    all rows to the grid's own ``columns``, so that the views lie on a rectangular lattice; at the
+    end of such a row its last lenslet stands for the one that is missing.
+
+    Parameters
+    ----------
+    raw : RawImage
+        Finite, float32.
+    grid : LensletGrid
+        Which pixels belong to which view and lenslet; rotated and sheared lattices too.
+    linear : bool
+        Linear interpolation in place of cubic, which never falls below the pixels around.
+
+    Returns
+    -------
+    pyopencl.array.Array
+        float32, shape ``grid.shape``.
+
+    Raises
+    ------
+    ShapeError
+        If the grid has no lenslet or no view.
+    ValueError
+        If the raw image or the grid holds NaN or infinity.
+    DeviceError
+        If the light field is larger than the device's memory.
+    """
+    _check(raw, grid)
+    device = raw.device
+    device.require_memory(4 * int(np.prod(grid.shape, dtype=np.int64)), "This light field")
+    views = device.empty(grid.shape, np.float32)
+    if device.rows and is_upright(grid) and has_room(raw):
+        upright(views, raw, grid, linear=linear)
+        return views
+    (V, U), (rows, lenslets), (ny, nx) = grid.views, grid.count, raw.shape
+    columns = lenslets if grid.columns is None else grid.columns[0]
+    strides = [int(n) // views.dtype.itemsize for n in views.strides]
+    order = (1, 0, 3, 2) if grid.exchanged else (0, 1, 2, 3)
+    device.launch_rows(
+        device.kernel("decode.cl", "decode", **({"LINEAR": True} if linear else {})),
+        (V, rows, U, columns),
+        views,
+        raw.data,
+        *_row_tables(grid, device),
+        *_column_tables(grid, device),
+        *_tables(np.arange(V)[:, None] * np.asarray(grid.row_view_step), device),
+        *_tables(np.arange(U)[:, None] * np.asarray(grid.column_view_step), device),
+        *_near_tables(grid, device),
+        *(np.int32(n) for n in (ny, nx, rows, lenslets, columns)),
+        *(np.int64(strides[axis]) for axis in order),
+    )
+    return views
+
+
+def _check(raw: RawImage, grid: LensletGrid) -> None:
+    if len(raw.data.shape) != 2:
+        raise ShapeError(
+            "A colour picture of lenslets is not sliced into views, but one of shape (ny, nx): "
+            "decode its colours one by one, or give the raw frame with bayer=."
+        )
+    if min(*grid.count, *grid.shape) < 1:
+        raise ShapeError(
+            "A lenslet grid has at least one lenslet and one view along each axis, not "
+            f"{grid.count} lenslets of {grid.views} views."
+        )
+    steps = (grid.row_step, grid.column_step, grid.row_view_step, grid.column_view_step)
+    numbers = (*grid.first, *(n for step in steps for n in step), grid.odd_row_shift)
+    numbers += (1.0,) if grid.columns is None else grid.columns
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"The numbers of a lenslet grid are finite, not {grid}.")
+    bad = count_bad(raw.data, raw.device)
+    if bad:
+        raise ValueError(
+            f"The raw image has {bad} pixels that are NaN or infinite, which interpolation would "
+            "spread: replace them before decoding, for example by the mean of their neighbours."
+        )
+
+
+def _row_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Array]:
+    """Where pixel (0, 0) of the first lenslet of each row lies."""
+    i = np.arange(grid.count[0])[:, None]
+    V, U = grid.views
+    corner = (
+        np.asarray(grid.first)
+        - (V - 1) / 2 * np.asarray(grid.row_view_step)
+        - (U - 1) / 2 * np.asarray(grid.column_view_step)
+    )
+    shift = np.where(i % 2, grid.odd_row_shift, 0.0)
+    return _tables(
+        corner + i * np.asarray(grid.row_step) + shift * np.asarray(grid.column_step), device
+    )
+
+
+def _column_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Array]:
+    """How far each lenslet lies from the first of its row."""
+    return _tables(np.arange(grid.count[1])[:, None] * np.asarray(grid.column_step), device)
+
+
+def _near_tables(grid: LensletGrid, device: Device) -> tuple[cla.Array, cla.Array]:
+    """Between which lenslets of even and odd rows the columns lie, and at which fraction."""
+    count, step = (grid.count[1], 1.0) if grid.columns is None else grid.columns
+    shifts = np.array([0.0, grid.odd_row_shift])  # of a row's own lenslets, in columns
+    return _tables(np.arange(count) * step - shifts[:, None], device)
+
+
+def _tables(
+    positions: np.ndarray[Any, np.dtype[np.float64]], device: Device
+) -> tuple[cla.Array, cla.Array]:
+    """Integers and fractions of positions, int32 and float32."""
+    rounded = np.round(positions * FRACTION) / FRACTION
+    whole = np.floor(rounded)
+    part = (rounded - whole).astype(np.float32)
+    return device.upload(whole.astype(np.int32)), device.upload(part)

@@ -1,0 +1,292 @@
+"""Refocusing: shift every view by its constant and average, one plane or many."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute.device import Device
+from clplen.compute.hostarray import OnDevice
+from clplen.compute.image import Image
+from clplen.lightfield.arrays.magnify import magnify
+from clplen.lightfield.arrays.ray_samples import INTERPOLATIONS, along_rays
+from clplen.lightfield.arrays.shear import shear_sum
+from clplen.lightfield.model.aperture_weights import Weights
+from clplen.lightfield.model.conversion import as_lightfield
+from clplen.lightfield.model.rendering import view_weights
+from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.model.view_shifts import shifts, unit_steps
+from clplen.lightfield.raw.raw_image import CameraModel, Spacing, is_telecentric
+from clplen.lightfield.refocus.phase_ramps import phase_ramps
+from clplen.lightfield.refocus.upsampling import upsampled
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from clplen.lightfield.model.light_field import LightField
+
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FocalStack(OnDevice):
+    """Refocused pictures of one light field, registered to its centre view.
+
+    Attributes
+    ----------
+    data : pyopencl.array.Array
+        float32, shape (n, y, x) or (n, y, x, c).
+    device : Device
+    disparities : numpy.ndarray
+        float64, shape (n,): pixels a view step along x.
+    alphas : numpy.ndarray
+        float64, shape (n,): alpha = F/F' of each plane; NaN without spacing.
+    spacing : tuple of float or None
+        Signed (dv, du, dy, dx) of the light field, in metres.
+    camera : CameraModel or None
+        The camera that took it, when known.
+    weights : numpy.ndarray or None
+        Of the views that were averaged, float32, shape (V, U); None when not known.
+    positions : numpy.ndarray or None
+        Of the views, as in `LightField`.
+    """
+
+    data: cla.Array
+    device: Device
+    disparities: Vector
+    alphas: Vector
+    spacing: Spacing | None = None
+    camera: CameraModel | None = None
+    weights: Weights | None = None
+    positions: Vector | None = None
+
+    def __repr__(self) -> str:
+        planes = f"disparities {self.disparities.min():g} to {self.disparities.max():g}"
+        return f"<FocalStack {self.shape} {self.data.dtype}, {planes}, {self.device.name}>"
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(n, y, x[, c])."""
+        return tuple(int(n) for n in self.data.shape)
+
+    def to_numpy(self) -> np.ndarray[Any, np.dtype[np.float32]]:
+        """The pictures on the host, float32, shape (n, y, x[, c])."""
+        return self.device.download(self.data)
+
+
+def refocus(
+    lf: LightField,
+    *,
+    alpha: float | None = None,
+    disparity: ArrayLike | None = None,
+    rescale: bool = False,
+    interpolation: str = "linear",
+    upsample: int = 1,
+) -> Image:
+    """The picture focused on another plane, or on a tilted or curved surface.
+
+    The weighted mean over the views of
+
+        L[v, u](y - (v - vc) d_y, x - (u - uc) d),    vc = (V - 1)/2, uc = (U - 1)/2
+
+    interpolated linearly (Ng 2005, shift and add, in constant shifts a view); a sample outside a
+    view counts neither in the sum nor in the weights. d_y = d where views and pixels are spaced
+    alike along y and x, else in proportion to their signed spacings, d (dv/dy)/(du/dx). Where the
+    light field has ``positions``, they take the place of v - vc and u - uc.
+
+    Parameters
+    ----------
+    lf : LightField
+    alpha : float, optional
+        F/F', above 1 for planes farther than the one in focus; needs ``lf.spacing``.
+    disparity : float or array_like, optional
+        d in pixels a view step along x, positive for nearer planes; or one of every pixel, shape
+        (y, x), as from `plane_through` or a `DepthMap` (whose shifts are then made in float32).
+        Exactly one of the two.
+    rescale : bool
+        The picture as it is on the synthetic plane, where it has another size: alpha^2 R(alpha x')
+        about the middle of the picture R, 0 outside; the Jacobian alpha^2 keeps its sum (thesis,
+        eq. 3.7). Needs ``lf.spacing``. Views of naive cells are directions, so that R is that
+        picture already, and that of a telecentric camera has the same size on every plane.
+    interpolation : {"linear", "nearest", "cubic", "fourier"}
+        How views are moved by fractions of a pixel. "nearest" rounds (halves up); "cubic" (Keys
+        1981, a = -1/2) repeats the edge sample within a view and takes no place outside it;
+        "fourier" turns the phases of their spectra, exact below the Nyquist frequency, with
+        periodic edges and every view in every pixel.
+    upsample : int
+        Pixels of the picture along each axis for one of the views, 1 to 16. For a disparity off
+        the integers the samples of the views interleave and more detail is resolved (`upsampled`).
+
+    Returns
+    -------
+    Image
+        float32, shape (y, x[, c]), or (n y, n x[, c]) for ``upsample=n``.
+
+    Raises
+    ------
+    ValueError
+        If both or neither of alpha and disparity are given, the value is not finite or alpha is
+        not positive, what alpha needs is not known, or options do not go together.
+    TypeError
+        If it is stored and not on a device, or a raw image.
+    ShapeError
+        If disparities are not one of every pixel.
+    """
+    lf = as_lightfield(lf, "stream_stack")
+    given = _one_of(alpha=alpha, disparity=disparity)
+    _check_options(np.ndim(given), rescale, interpolation, upsample)
+    if np.ndim(given) == 1:
+        raise ValueError("refocus makes one picture: give one number, or use focal_stack.")
+    disparities, alphas = _planes(lf, np.atleast_1d(given), alpha is not None)
+    rescale = rescale and not is_telecentric(lf)
+    if np.ndim(given):
+        picture = _on_surface(lf, lf.weights, disparities, interpolation)
+        return Image(picture, lf.device)
+    if rescale and not alphas[0] > 0:
+        raise ValueError(
+            "rescale=True needs a positive alpha = F/F', and so the spacing of views and pixels in "
+            f"metres; here alpha is {alphas[0]}."
+        )
+    if upsample != 1:
+        return Image(upsampled(lf, float(disparities[0]), upsample, lf.weights), lf.device)
+    picture = _moved(lf, disparities, lf.weights, interpolation).reshape(lf.shape[2:])
+    if rescale and lf.decode != "naive":
+        picture = magnify(picture, float(alphas[0]), device=lf.device)
+    return Image(picture, lf.device)
+
+
+def focal_stack(
+    lf: LightField,
+    *,
+    alphas: ArrayLike | None = None,
+    disparities: ArrayLike | None = None,
+    aperture: Any = None,
+    interpolation: str = "linear",
+) -> FocalStack:
+    """Pictures focused on many planes, in one pass over the light field.
+
+    Every plane is what `refocus` returns for it (without rescaling).
+
+    Parameters
+    ----------
+    lf : LightField
+    alphas, disparities : array_like, optional
+        Shape (n,), in any order; exactly one of the two.
+    aperture : int, float, str or array_like, optional
+        As in `LightField.render`.
+    interpolation : {"linear", "nearest", "cubic", "fourier"}
+        As in `refocus`.
+
+    Returns
+    -------
+    FocalStack
+        float32, shape (n, y, x[, c]). It keeps the weights of its views, by which depth makes
+        planes equally blurred, for linear interpolation only.
+
+    Raises
+    ------
+    ValueError
+        If both or neither of alphas and disparities are given, or they are no finite numbers in
+        one dimension, the aperture does not fit, or the interpolation is unknown.
+    DeviceError
+        If the stack and the light field together are larger than the device's memory.
+    """
+    lf = as_lightfield(lf, "stream_stack")
+    planes, ratios = planes_of(lf, alphas=alphas, disparities=disparities)
+    _check_options(0, False, interpolation, 1)
+    weights = view_weights(lf, aperture, None)
+    stack = 4 * planes.size * int(np.prod(lf.shape[2:], dtype=np.int64))
+    lf.device.require_memory(stack + lf.data.nbytes, "This focal stack with its light field")
+    data = _moved(lf, planes, weights, interpolation)
+    known = weights if interpolation == "linear" else None
+    return FocalStack(data, lf.device, planes, ratios, lf.spacing, lf.camera, known, lf.positions)
+
+
+def planes_of(
+    lf: LightField | StoredLightField,
+    *,
+    alphas: ArrayLike | None,
+    disparities: ArrayLike | None,
+) -> tuple[Vector, Vector]:
+    """(disparities, alphas) of the planes of a stack, given as one of them.
+
+    Raises
+    ------
+    ValueError
+        As in `focal_stack`.
+    """
+    given = np.asarray(_one_of(alphas=alphas, disparities=disparities), np.float64)
+    if given.ndim != 1 or given.size == 0:
+        raise ValueError(
+            f"A focal stack takes a list of at least one plane, not shape {given.shape}."
+        )
+    return _planes(lf, given, alphas is not None)
+
+
+def _check_options(ndim: int, rescale: bool, interpolation: str, upsample: int) -> None:
+    """Refuse options of `refocus` that do not go together."""
+    if interpolation not in (*INTERPOLATIONS, "fourier"):
+        known = ", ".join(map(repr, (*INTERPOLATIONS, "fourier")))
+        raise ValueError(f"The interpolation is {known}, not {interpolation!r}.")
+    if ndim and (rescale or upsample != 1 or interpolation == "fourier"):
+        raise ValueError(
+            "Focus on a surface (a disparity of every pixel) goes neither with rescale, nor with "
+            "upsample, nor with interpolation='fourier': give one disparity, or leave them out."
+        )
+    if upsample != 1 and (rescale or interpolation != "linear"):
+        raise ValueError(
+            "upsample puts samples at their own places: leave out rescale and interpolation."
+        )
+
+
+def _one_of(**given: Any) -> Any:
+    """The one that is given of two options."""
+    values = [value for value in given.values() if value is not None]
+    if len(values) != 1:
+        first, second = given
+        found = "both were" if values else "neither was"
+        raise ValueError(f"Give exactly one of {first} and {second}; {found} given.")
+    return values[0]
+
+
+def _planes(
+    lf: LightField | StoredLightField, given: Any, are_alphas: bool
+) -> tuple[Vector, Vector]:
+    """(disparities, alphas) of planes given as one of them."""
+    values = np.asarray(given, np.float64)
+    if not np.isfinite(values).all():
+        raise ValueError(f"Planes are finite numbers, not {given!r}.")
+    if are_alphas:
+        return lf.disparity(values), values
+    return values, lf.alpha(values)
+
+
+def _moved(lf: LightField, disparities: Vector, weights: Any, interpolation: str) -> cla.Array:
+    """Means of the views moved by their shifts, shape (n, y, x[, c])."""
+    if interpolation == "fourier":
+        return phase_ramps(lf, disparities, weights)
+    if interpolation == "cubic":
+        out = lf.device.empty((len(disparities), *lf.shape[2:]), np.float32)
+        for index, d in enumerate(disparities):
+            picture = _on_surface(lf, weights, d, interpolation)
+            lf.device.copy_into(out, picture, index * picture.nbytes)
+        return out
+    down, right = shifts(lf, disparities)
+    if interpolation == "nearest":
+        down, right = np.floor(down + 0.5), np.floor(right + 0.5)
+    return shear_sum(lf.data, weights, down, right, device=lf.device)
+
+
+def _on_surface(lf: LightField, weights: Any, disparity: Any, interpolation: str) -> cla.Array:
+    return along_rays(
+        lf.data,
+        "mean",
+        device=lf.device,
+        weights=weights,
+        steps=unit_steps(lf),
+        disparity=disparity,
+        interpolation=interpolation,
+    )

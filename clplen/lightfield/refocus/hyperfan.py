@@ -1,0 +1,129 @@
+"""Volumetric focus: keep a range of depths of a light field by a filter of its 4-D spectrum."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.lightfield.model.conversion import as_lightfield
+from clplen.lightfield.model.view_shifts import row_ratio, unit_steps
+from clplen.lightfield.refocus.phase_ramps import turned
+from clplen.lightfield.refocus.view_spectra import (
+    channels_of,
+    fourier_matrix,
+    keep_real,
+    mix,
+    take_views,
+)
+
+if TYPE_CHECKING:
+    from clplen.lightfield.model.light_field import LightField
+
+
+def hyperfan(lf: LightField, low: float, high: float, *, bandwidth: float = 0.05) -> LightField:
+    """Keep what lies between two disparities, in every view (Dansereau et al. 2013, hyperfan).
+
+    The spectrum of a light field of disparity d lies on (fv, fu) = d (fy, fx). The filter passes
+    2^(-(s/bandwidth)^2/2) at distance s from these places for low <= d <= high (modulo one cycle a
+    view): what lies there stays sharp in all views, the rest is blurred and noise is lowered.
+    Detail coarser than bandwidth over the distance in disparity passes from everywhere.
+
+    The aperture is mirrored at its edges, after the views were moved so that the middle disparity
+    lies still; a view of weight 0 is first taken from the nearest that has one. The edges of the
+    pictures are periodic.
+
+    Parameters
+    ----------
+    lf : LightField
+        Its views on the regular grid (no ``positions``). Weights count as 0 or not.
+    low, high : float
+        Disparities, pixels a view step along x, low <= high, less than 2 apart. Near 2 the finest
+        detail passes whatever its depth: its spectrum then fills a whole cycle a view.
+    bandwidth : float
+        In cycles a view, where the amplitude has fallen to 1/sqrt(2); above 0, below 1/4. Each
+        view becomes a mean over about 0.13/bandwidth views to each side.
+
+    Returns
+    -------
+    LightField
+        float32, the same shape; every view has weight 1.
+
+    Raises
+    ------
+    ValueError
+        If the disparities or the bandwidth are out of range, or the views lie on no grid.
+    DeviceError
+        If the spectrum of a channel, of four times its samples, is larger than the device's
+        memory.
+    """
+    lf = as_lightfield(lf)
+    _check(lf, low, high, bandwidth)
+    V, U, ny, nx = lf.shape[:4]
+    nbytes = 8 * ny * nx * (4 + 2 + 1) * V * U + 4 * lf.data.size + lf.data.nbytes
+    lf.device.require_memory(nbytes, "The spectrum of a channel for a hyperfan")
+    out = lf.device.empty(lf.shape, np.float32)
+    source = _nearest_lit(lf)
+    moved = unit_steps(lf).reshape(-1, 2) * ((low + high) / 2)
+    for channel in range(channels_of(lf)):
+        views = take_views(lf, np.ones(V * U), source, channel)
+        lf.device.fft.forward(views, lf.device)
+        turned(lf, views, *moved[source].T)
+        views = _filtered(lf, views, (high - low) / 2, bandwidth)
+        turned(lf, views, *-moved.T)
+        lf.device.fft.inverse(views, lf.device)
+        keep_real(out, views, np.ones(V * U), channel, lf)
+    return replace(lf, data=out, weights=np.ones((V, U), np.float32), raw=None)
+
+
+def _check(lf: LightField, low: float, high: float, bandwidth: float) -> None:
+    if not 0 < bandwidth < 0.25:
+        raise ValueError(f"bandwidth is above 0 and below 0.25 cycles a view, not {bandwidth!r}.")
+    if not (np.isfinite([low, high]).all() and 0 <= high - low < 2):
+        raise ValueError(
+            "A hyperfan keeps disparities from low to high >= low, less than 2 apart, not "
+            f"{low!r} to {high!r}."
+        )
+    if lf.positions is not None:
+        raise ValueError(
+            "A hyperfan needs views on a regular grid, and this light field has positions: "
+            "use flatten or refocus."
+        )
+
+
+def _nearest_lit(lf: LightField) -> np.ndarray[Any, np.dtype[np.int64]]:
+    """For every view the nearest one of a weight (itself, mostly), shape (V U,)."""
+    lit = np.argwhere(lf.weights != 0)
+    views = np.argwhere(np.ones_like(lf.weights))
+    nearest = ((views[:, None] - lit[None]) ** 2).sum(axis=-1).argmin(axis=1)
+    return np.ravel_multi_index(tuple(lit[nearest].T), lf.weights.shape)
+
+
+def _filtered(lf: LightField, views: cla.Array, reach: float, bandwidth: float) -> cla.Array:
+    """Spectra (V U, y, x) transformed over the mirrored aperture, filtered and brought back."""
+    V, U, ny, nx = lf.shape[:4]
+    n = ny * nx
+    forward, back = zip(*(_mirrored(count) for count in (V, U)), strict=True)
+    views = mix(views, forward[1], batch=V, n=n, device=lf.device)
+    views = mix(views, forward[0], batch=1, n=2 * U * n, device=lf.device)
+    frequencies = [np.fft.fftfreq(m) for m in (2 * V, 2 * U, ny, nx)]
+    frequencies[2] = frequencies[2] * row_ratio(lf.spacing)
+    lf.device.launch_rows(
+        lf.device.kernel("hyperfan.cl", "hyperfan"),
+        (4 * V * U, ny, nx),
+        views,
+        *(lf.device.upload(f.astype(np.float32)) for f in frequencies),
+        *(np.float32(value) for value in (reach, np.log(2) / (2 * bandwidth**2))),
+        *(np.int32(m) for m in (2 * U, ny, nx)),
+    )
+    views = mix(views, back[0], batch=1, n=2 * U * n, device=lf.device)
+    return mix(views, back[1], batch=V, n=n, device=lf.device).reshape(V * U, ny, nx)
+
+
+def _mirrored(count: int) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """DFT of n views followed by their mirror image, (2 n, n), and back to the n views."""
+    first, mirror = np.arange(count), np.arange(2 * count - 1, count - 1, -1)
+    forward = fourier_matrix(2 * count, first) + fourier_matrix(2 * count, mirror)
+    return forward, fourier_matrix(2 * count, first, inverse=True)

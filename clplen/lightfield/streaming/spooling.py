@@ -1,0 +1,144 @@
+"""Samples as plain bytes of a file, and the temporary file that views are copied to."""
+
+from __future__ import annotations
+
+import errno
+import math
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from clplen.lightfield.model.stored_light_field import Array, Block, StoredLightField
+
+_MOST = 1 << 30  # bytes of one request
+
+
+@dataclass(frozen=True)
+class RawSamples:
+    """An array of plain samples in a file, read by requests: mapped pages would count as memory.
+
+    Attributes
+    ----------
+    file : int
+        Descriptor of the open file.
+    offset : int
+        Bytes before the first sample.
+    shape : tuple of int
+        In the order of the file, the last axis fastest.
+    dtype : numpy.dtype
+    """
+
+    file: int
+    offset: int
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+
+    def read(self, selection: tuple[slice, ...], out: Array | None = None) -> Array:
+        """The samples of a slice of each axis.
+
+        Parameters
+        ----------
+        selection : tuple of slice
+            With start and stop, one for each axis.
+        out : numpy.ndarray, optional
+            C-contiguous, of its shape and dtype.
+
+        Returns
+        -------
+        numpy.ndarray
+
+        Raises
+        ------
+        EOFError
+            If the file ends before.
+        """
+        size = tuple(part.stop - part.start for part in selection)
+        out = np.empty(size, self.dtype) if out is None else out
+        steps = [math.prod(self.shape[axis + 1 :]) for axis in range(len(size))]
+        first = sum(part.start * step for part, step in zip(selection, steps, strict=True))
+        axis = len(size) - 1
+        while axis > 0 and size[axis] == self.shape[axis]:
+            axis -= 1  # from this axis on, samples follow each other
+        for index in np.ndindex(*size[:axis]):
+            at = first + sum(i * step for i, step in zip(index, steps, strict=False))
+            self._fetch(out[index].reshape(-1).view(np.uint8), self.offset + at * out.itemsize)
+        return out
+
+    def _fetch(self, out: Array, at: int) -> None:
+        done = 0
+        while done < out.size:
+            count = os.preadv(self.file, [out[done : done + _MOST].data], at + done)
+            if count == 0:
+                raise EOFError(f"it ends after {at + done:,} bytes")
+            done += count
+
+
+def require_disk(nbytes: int) -> None:
+    """Refuse a temporary file that the disk has no room for.
+
+    Raises
+    ------
+    OSError
+    """
+    folder = tempfile.gettempdir()
+    free = shutil.disk_usage(folder).free
+    if nbytes > free:
+        raise OSError(
+            errno.ENOSPC,
+            f"The views are copied to a temporary file of {nbytes:,} bytes first, but {folder} has "
+            f"only {free:,} free: point TMPDIR to a larger disk, or give more memory=.",
+        )
+
+
+@contextmanager
+def spooled(source: StoredLightField) -> Iterator[StoredLightField]:
+    """The same light field in a temporary file without a name, from which bands are read quickly.
+
+    The views are copied in the groups in which they are stored; the file is in ``$TMPDIR``.
+
+    Parameters
+    ----------
+    source : StoredLightField
+
+    Yields
+    ------
+    StoredLightField
+    """
+    require_disk(source.nbytes)
+    with tempfile.TemporaryFile(prefix="clplen-") as file:
+        _copy_views(source, file.fileno())
+        samples = RawSamples(file.fileno(), 0, source.shape, source.dtype)
+        colours = tuple(slice(0, n) for n in source.shape[4:])
+
+        def fill(block: Block, out: Array) -> None:
+            samples.read((*block, *colours), out)
+
+        yield replace(
+            source, fill=fill, chunks=(1, source.shape[3]), views_at_once=(1, 1), overhead=0
+        )
+
+
+def _copy_views(source: StoredLightField, file: int) -> None:
+    V, U, ny, nx = source.shape[:4]
+    size = source.nbytes // (V * U)
+    down, across = source.views_at_once
+    buffer = np.empty(min(down, V) * min(across, U) * size, np.uint8)
+    for v, u in source.groups():
+        shape = (v.stop - v.start, u.stop - u.start, *source.shape[2:])
+        out = buffer[: shape[0] * shape[1] * size].view(source.dtype).reshape(shape)
+        source.read((v, u, slice(0, ny), slice(0, nx)), out=out)
+        for i, row in enumerate(out):
+            at = ((v.start + i) * U + u.start) * size
+            _store(file, row.reshape(-1).view(np.uint8), at)
+
+
+def _store(file: int, values: Array, at: int) -> None:
+    done = 0
+    while done < values.size:
+        done += os.pwrite(file, values[done : done + _MOST].data, at + done)

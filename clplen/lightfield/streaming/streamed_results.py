@@ -1,0 +1,381 @@
+"""Focal stacks, depth maps and all-in-focus pictures of light fields larger than memory.
+
+A light field is read tile by tile, each with a halo as wide as the planes shift its views and the
+windows of a cue reach, and every tile goes through the same functions as a whole light field. What
+depends on the whole picture (`clplen.lightfield.depth.combined_cue`) is found in a pass before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clplen.compute.device import Device, DeviceLike, as_device
+from clplen.compute.oneline import OneLine
+from clplen.lightfield.arrays.ray_samples import INTERPOLATIONS
+from clplen.lightfield.depth import combined_cue
+from clplen.lightfield.depth.depth_map import (
+    DepthMap,
+    checked_cue,
+    default_cue,
+    depth_map,
+    depth_of,
+    distinct_planes,
+    maps_of,
+)
+from clplen.lightfield.depth.plane_choice import default_disparities
+from clplen.lightfield.depth.view_matching import row_sums, sorted_views
+from clplen.lightfield.model.rendering import view_weights
+from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.raw.raw_image import CameraModel, Spacing
+from clplen.lightfield.refocus.focal_stack import focal_stack, planes_of, refocus
+from clplen.lightfield.streaming.spooling import spooled
+from clplen.lightfield.streaming.tile_plan import StreamPlan, Tile, bands, plan_tiles
+from clplen.lightfield.streaming.working_memory import (
+    blend_work,
+    depth_work,
+    stack_works,
+    surface_work,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from clplen.lightfield.model.light_field import LightField
+
+Array = np.ndarray[Any, Any]
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+Pictures = np.ndarray[Any, np.dtype[np.float32]]
+Progress = Callable[[int, int], None]
+Part = tuple[slice, slice, slice, Pictures]
+Made = Callable[[Tile, "LightField"], Iterator[Any]]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StackTiles(OneLine):
+    """A focal stack that is made tile by tile while it is iterated over, once.
+
+    Yields (planes, rows, columns, pictures): three slices and float32 pictures of shape
+    (planes, rows, columns[, c]), in new arrays. Leaving the loop early lets go of everything.
+
+    Attributes
+    ----------
+    plan : StreamPlan
+    shape : tuple of int
+        (n, y, x[, c]).
+    disparities, alphas : numpy.ndarray
+        float64, shape (n,), as in `FocalStack`.
+    spacing : tuple of float or None
+        Signed (dv, du, dy, dx) of the light field, in metres.
+    camera : CameraModel or None
+    """
+
+    plan: StreamPlan
+    shape: tuple[int, ...]
+    disparities: Vector
+    alphas: Vector
+    spacing: Spacing | None
+    camera: CameraModel | None
+    _parts: Iterator[Part] = field(repr=False)
+
+    def __iter__(self) -> Iterator[Part]:
+        return self._parts
+
+    def __getstate__(self) -> dict[str, Any]:
+        raise TypeError(
+            "StackTiles are made one after the other and cannot be copied or pickled: copy the "
+            "pictures that they yield, or call stream_stack in the other process."
+        )
+
+
+def stream_stack(
+    source: StoredLightField,
+    *,
+    alphas: ArrayLike | None = None,
+    disparities: ArrayLike | None = None,
+    aperture: Any = None,
+    interpolation: str = "linear",
+    memory: int | None = None,
+    device: DeviceLike,
+    progress: Progress | None = None,
+) -> StackTiles:
+    """The focal stack of a stored light field, with the bits of `focal_stack`, tile by tile.
+
+    Parameters
+    ----------
+    source : StoredLightField
+    alphas, disparities, aperture, interpolation
+        As in `focal_stack`, without "fourier".
+    memory : int, optional
+        Bytes for samples, pictures and what is between, on the host and the device together.
+        Default half of what is free on the host, or of the device's memory if that is less.
+    device : Device or str
+    progress : callable, optional
+        Called with (tiles done, tiles in all).
+
+    Returns
+    -------
+    StackTiles
+
+    Raises
+    ------
+    ValueError
+        As in `focal_stack`; for "fourier", which needs whole views; if the memory is too little
+        for the smallest tile.
+    OSError
+        While iterating, if views have to be copied to a temporary file and the disk is too small.
+    FormatError
+        While iterating, if the file is damaged.
+    """
+    device = _check_source(source, device)
+    if interpolation not in INTERPOLATIONS:
+        known = ", ".join(map(repr, INTERPOLATIONS))
+        raise ValueError(
+            f"A stack that is made in tiles takes interpolation={known}, not {interpolation!r}"
+            + (", which needs every pixel of a view." if interpolation == "fourier" else ".")
+        )
+    planes, ratios = planes_of(source, alphas=alphas, disparities=disparities)
+    view_weights(source, aperture, None)  # which says what is wrong before anything is read
+    plan = plan_tiles(source, stack_works(source, planes), memory=memory, device=device)
+
+    def make(tile: Tile, lf: LightField) -> Iterator[Part]:
+        for some in plan.planes:
+            pictures = _pictures(lf, tile, planes[some], aperture, interpolation)
+            yield some, tile.rows, tile.columns, pictures
+
+    return StackTiles(
+        plan,
+        (planes.size, *source.shape[2:]),
+        planes,
+        ratios,
+        source.spacing,
+        source.camera,
+        _run(source, plan, make, device, progress),
+    )
+
+
+def stream_depth(
+    source: StoredLightField,
+    *,
+    alphas: ArrayLike | None = None,
+    disparities: ArrayLike | None = None,
+    cue: str | None = None,
+    memory: int | None = None,
+    device: DeviceLike,
+    progress: Progress | None = None,
+) -> DepthMap:
+    """The depth map of a stored light field, as `depth_map` finds it, tile by tile.
+
+    Parameters
+    ----------
+    source : StoredLightField
+    alphas, disparities, cue
+        As in `depth_map`. "combined" reads all samples twice.
+    memory, device, progress
+        As in `stream_stack`; the maps count too.
+
+    Returns
+    -------
+    DepthMap
+
+    Raises
+    ------
+    ValueError
+        As in `depth_map`; if the memory is too little for the smallest tile.
+    OSError, FormatError
+        As in `stream_stack`.
+    """
+    device = _check_source(source, device)
+    cue = default_cue(source) if cue is None else checked_cue(cue)
+    planes = distinct_planes(source, alphas, disparities)
+    plan = plan_tiles(source, [depth_work(source, planes, cue)], memory=memory, device=device)
+    if plan.in_core:
+        found = depth_map(source.load(device), disparities=planes, cue=cue)
+        _report(progress, 1, 1)
+        return found
+    lost = np.zeros(source.shape[2:4] if cue == "combined" else (0, 0), np.bool_)
+    maps = DepthMap(*(np.empty(source.shape[2:4], np.float32) for _ in range(4)))
+    with _ready(source, plan) as ready:
+        levels = _levels(ready, plan, device) if cue == "combined" else None
+
+        def make(tile: Tile, lf: LightField) -> Iterator[DepthMap]:
+            if levels is None:
+                disparity, confidence = maps_of(lf, planes, cue)
+            else:
+                match = combined_cue.matched(lf, planes, levels, inside=tile.inside)
+                disparity, confidence = match.disparity, match.confidence
+                lost[tile.rows, tile.columns] = match.lost[tile.inside]
+            yield depth_of(source, disparity[tile.inside], confidence[tile.inside])
+
+        for tile, part in _tiles(ready, plan.tiles, make, device, progress):
+            for name, values in vars(part).items():
+                getattr(maps, name)[tile.rows, tile.columns] = values
+    if levels is not None:
+        maps.confidence[...] = combined_cue.merged(maps.confidence, lost)
+    return maps
+
+
+def stream_all_in_focus(
+    source: StoredLightField,
+    *,
+    depth: DepthMap | ArrayLike | None = None,
+    disparities: ArrayLike | None = None,
+    memory: int | None = None,
+    device: DeviceLike,
+    progress: Progress | None = None,
+) -> Pictures:
+    """The all-in-focus picture of a stored light field, as `all_in_focus` makes it, tile by tile.
+
+    Parameters
+    ----------
+    source : StoredLightField
+    depth, disparities
+        As in `all_in_focus`.
+    memory, device, progress
+        As in `stream_stack`; the picture counts too.
+
+    Returns
+    -------
+    numpy.ndarray
+        float32, shape (y, x[, c]).
+
+    Raises
+    ------
+    ValueError, ShapeError
+        As in `all_in_focus`; if the memory is too little for the smallest tile.
+    OSError, FormatError
+        As in `stream_stack`.
+    """
+    from clplen.lightfield.depth.all_in_focus import all_in_focus, check_planes, disparity_of
+
+    device = _check_source(source, device)
+    check_planes(depth, disparities)
+    if depth is not None:
+        surface = disparity_of(depth, source.shape[2:4])
+        work = surface_work(source, surface)
+    else:
+        given = default_disparities(source) if disparities is None else disparities
+        planes, _ = planes_of(source, alphas=None, disparities=given)
+        work = blend_work(source, planes)
+    plan = plan_tiles(source, [work], memory=memory, device=device)
+
+    def make(tile: Tile, lf: LightField) -> Iterator[Pictures]:
+        if depth is None:
+            picture = all_in_focus(lf, disparities=planes)
+        else:
+            picture = refocus(lf, disparity=surface[tile.outer_rows, tile.outer_columns])
+        yield picture.to_numpy()[tile.inside]
+
+    out = np.empty(source.shape[2:], np.float32)
+    with _ready(source, plan) as ready:
+        for tile, picture in _tiles(ready, plan.tiles, make, device, progress):
+            out[tile.rows, tile.columns] = picture
+    return out
+
+
+def _check_source(source: Any, device: DeviceLike) -> Device:
+    if not isinstance(source, StoredLightField):
+        raise TypeError(
+            "A stream_ function takes a StoredLightField, as open_lightfield or "
+            f"StoredLightField.from_array gives it, not {type(source).__name__}."
+        )
+    return as_device(device)
+
+
+def _pictures(
+    lf: LightField, tile: Tile, planes: Vector, aperture: Any, interpolation: str
+) -> Pictures:
+    """Some planes of a tile on the host, without its halo."""
+    stack = focal_stack(lf, disparities=planes, aperture=aperture, interpolation=interpolation)
+    with lf.device.on_host(stack.data, write=False) as pictures:
+        rows, columns = tile.inside
+        return np.array(pictures[:, rows, columns])
+
+
+@contextmanager
+def _ready(source: StoredLightField, plan: StreamPlan) -> Iterator[StoredLightField]:
+    """The source, or a copy of its samples from which tiles are read quickly."""
+    if not plan.bytes_scratch:
+        yield source
+        return
+    with spooled(source) as copied:
+        yield copied
+
+
+def _run(
+    source: StoredLightField,
+    plan: StreamPlan,
+    make: Made,
+    device: Device,
+    progress: Progress | None,
+) -> Iterator[Any]:
+    with _ready(source, plan) as ready:
+        for _, made in _tiles(ready, plan.tiles, make, device, progress):
+            yield made
+
+
+def _tiles(
+    source: StoredLightField,
+    tiles: tuple[Tile, ...],
+    make: Made,
+    device: Device,
+    progress: Progress | None,
+) -> Iterator[tuple[Tile, Any]]:
+    """What is made of each tile; one thread reads the next one meanwhile, into one buffer."""
+    if len(tiles) == 1 and tiles[0].outer_shape == source.shape[2:4]:
+        for made in make(tiles[0], source.load(device)):
+            yield tiles[0], made
+        _report(progress, 1, 1)
+        return
+    most = max(tile.outer_shape[0] * tile.outer_shape[1] for tile in tiles)
+    buffer = np.empty(most * source.bytes_per_pixel, np.uint8)
+    last: tuple[int, int] | None = None
+    with ThreadPoolExecutor(1, thread_name_prefix="clplen-reading") as reader:
+        pending = reader.submit(_read, source, tiles[0], buffer)
+        for number, tile in enumerate(tiles, 1):
+            if last not in (None, tile.outer_shape):
+                device.free_spare()
+            last = tile.outer_shape
+            lf = source.part(pending.result(), device)
+            if number < len(tiles):
+                pending = reader.submit(_read, source, tiles[number], buffer)
+            for made in make(tile, lf):
+                yield tile, made
+            del lf, made
+            _report(progress, number, len(tiles))
+    device.free_spare()
+
+
+def _read(source: StoredLightField, tile: Tile, buffer: Array) -> Array:
+    V, U, *_ = source.shape
+    shape = (V, U, *tile.outer_shape, *source.shape[4:])
+    size = int(np.prod(shape, dtype=np.int64)) * source.dtype.itemsize
+    out = buffer[:size].view(source.dtype).reshape(shape)
+    return source.read((slice(0, V), slice(0, U), tile.outer_rows, tile.outer_columns), out=out)
+
+
+def _report(progress: Progress | None, done: int, total: int) -> None:
+    if progress is not None:
+        progress(done, total)
+
+
+def _levels(source: StoredLightField, plan: StreamPlan, device: Device) -> combined_cue.Levels:
+    """Gain and evenness of the whole light field, in bands of its rows."""
+    views = sorted_views(source)
+    ny = source.shape[2]
+    centre = np.empty(source.shape[2:], np.float32)
+    sums = np.empty((source.shape[0] * source.shape[1], ny), np.float32)
+
+    def make(tile: Tile, lf: LightField) -> Iterator[None]:
+        centre[tile.rows] = combined_cue.centre_picture(lf, views)
+        sums[:, tile.rows] = row_sums(lf)
+        yield None
+
+    for _ in _tiles(source, bands(source.shape[2:4], plan.band_rows), make, device, None):
+        pass
+    return combined_cue.levels_of(source.shape, views, centre, sums)

@@ -1,0 +1,364 @@
+"""Which parts of a stored light field are read in turn, so that a budget of memory suffices."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from clplen.compute.hostmemory import free_memory
+from clplen.compute.oneline import OneLine
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+    from clplen.lightfield.model.stored_light_field import StoredLightField
+
+_LEAST = 16  # rows and columns that a tile writes, at least
+_ALIGNED = 16  # columns: where vectors of a row begin
+_RESERVE = 16  # one part in so many of the budget for tables, programs and what is not counted
+_AGAIN = 2.0  # how often all may be read before a copy of plain samples pays
+_WORTH = 1.15  # times the pixels of the best tiles: below it, wide tiles are taken
+_ROUNDED = 1.5  # how much more than the tiles themselves makes a source slow in bands
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A part of the picture: what is written, and what is read for it (clipped at the edges)."""
+
+    rows: slice
+    columns: slice
+    outer_rows: slice
+    outer_columns: slice
+
+    @property
+    def inside(self) -> tuple[slice, slice]:
+        """Where what is written lies in what is read."""
+        pairs = ((self.rows, self.outer_rows), (self.columns, self.outer_columns))
+        y, x = (slice(a.start - b.start, a.stop - b.start) for a, b in pairs)
+        return y, x
+
+    @property
+    def outer_shape(self) -> tuple[int, int]:
+        """(rows, columns) that are read."""
+        y, x = (part.stop - part.start for part in (self.outer_rows, self.outer_columns))
+        return y, x
+
+
+@dataclass(frozen=True)
+class Work:
+    """What a computation needs beside the samples.
+
+    Attributes
+    ----------
+    what : str
+        As the subject of a sentence.
+    planes : tuple of slice
+        Groups of planes that are made one after the other of each tile.
+    halo : tuple of int
+        (y, x) pixels that a result depends on, on every side.
+    per_pixel : int
+        Bytes a pixel that is read: temporary arrays and results, on device and host.
+    largest : int
+        Those of the largest array among them.
+    kept : int
+        Bytes a pixel of the whole picture that are held until the end.
+    before : int
+        Those that are held, at most, before and after the pass over the tiles.
+    passes : int
+        How often all samples are read.
+    """
+
+    what: str
+    planes: tuple[slice, ...]
+    halo: tuple[int, int]
+    per_pixel: int
+    largest: int
+    kept: int = 0
+    before: int = 0
+    passes: int = 1
+
+
+@dataclass(frozen=True, repr=False)
+class StreamPlan(OneLine):
+    """How a light field is taken through memory part by part. Printed, it says so in a few lines.
+
+    Attributes
+    ----------
+    tiles : tuple of Tile
+        In the order in which they are written.
+    planes : tuple of slice
+        Groups of planes of each tile.
+    halo : tuple of int
+        (y, x) pixels that shears and windows need around a tile.
+    passes : int
+        How often all samples are read.
+    bytes_read : int
+        From the source, with halos and whole chunks.
+    bytes_peak : int
+        Largest need of memory, on the host and the device together.
+    bytes_scratch : int
+        Of the temporary file that the views are copied to first; 0 for none.
+    band_rows : int
+        Full rows that a pass before that over the tiles reads at a time; 0 without one.
+    memory : int
+        The budget in bytes.
+    """
+
+    tiles: tuple[Tile, ...]
+    planes: tuple[slice, ...]
+    halo: tuple[int, int]
+    passes: int
+    bytes_read: int
+    bytes_peak: int
+    bytes_scratch: int
+    band_rows: int
+    memory: int
+
+    @property
+    def in_core(self) -> bool:
+        """Whether one tile is everything."""
+        return len(self.tiles) == 1
+
+    @property
+    def outer_shape(self) -> tuple[int, int]:
+        """(rows, columns) of the largest tile that is read."""
+        rows, columns = zip(*(tile.outer_shape for tile in self.tiles), strict=True)
+        return max(rows), max(columns)
+
+    def __str__(self) -> str:
+        rows, columns = self.outer_shape
+        lines = [
+            f"{len(self.tiles)} tile{'s'[: len(self.tiles) > 1]} of up to {rows} x {columns} "
+            f"pixels with a halo of {self.halo[0]} x {self.halo[1]}"
+            + (", all in core" if self.in_core else ""),
+            f"{_mib(self.bytes_read)} read in {self.passes} pass{'es'[: 2 * (self.passes > 1)]}, "
+            f"planes in {len(self.planes)} group{'s'[: len(self.planes) > 1]}",
+            f"{_mib(self.bytes_peak)} of memory at most, of {_mib(self.memory)}",
+        ]
+        if self.bytes_scratch:
+            lines.append(f"{_mib(self.bytes_scratch)} copied to a temporary file first")
+        return "\n".join(lines)
+
+
+def plan_tiles(
+    source: StoredLightField, works: Sequence[Work], *, memory: int | None, device: Device
+) -> StreamPlan:
+    """The largest tiles that fit: bands of full rows, or parts of rows where their halos cost less.
+
+    Parameters
+    ----------
+    source : StoredLightField
+    works : sequence of Work
+        Ways to do the same, the best one first.
+    memory : int or None
+        Bytes; None for half of what is free on the host, or of the device's memory if that is less.
+    device : Device
+
+    Returns
+    -------
+    StreamPlan
+
+    Raises
+    ------
+    ValueError
+        If not even the smallest tile fits, with what it needs.
+    """
+    if memory is None:
+        memory = min(free_memory(), device.memory_bytes) // 2
+    if isinstance(memory, bool) or int(memory) != memory or memory < 1:
+        raise ValueError(f"memory is a positive number of bytes, not {memory!r}.")
+    for work in works:
+        plan = _planned(source, work, _Budget.of(source, work, int(memory), device))
+        if plan is not None:
+            return plan
+    least = min(_least(source, work, _Budget.of(source, work, 1, device)) for work in works)
+    raise ValueError(
+        f"{works[0].what} of {source!r} does not fit into memory={memory:,} bytes: its smallest "
+        f"tile, with what the planes shift into it, needs {least:,}; give that, or fewer or "
+        "nearer planes."
+    )
+
+
+def bands(size: tuple[int, ...], rows: int) -> tuple[Tile, ...]:
+    """Tiles of a picture (y, x): at most so many full rows each, without a halo."""
+    ny, nx = size[:2]
+    parts = [slice(y, min(y + rows, ny)) for y in range(0, ny, rows)]
+    return tuple(Tile(part, slice(0, nx), part, slice(0, nx)) for part in parts)
+
+
+@dataclass(frozen=True)
+class _Budget:
+    """What tiles may need: fixed bytes, bytes a pixel, and bytes of the largest array a pixel."""
+
+    memory: int
+    fixed: int
+    pixel: int
+    largest: int
+    before: int  # bytes before and after the pass over the tiles
+    row: int  # bytes of a row in those passes
+    whole: int  # fixed bytes and bytes a pixel if everything is one tile
+    limit: int  # bytes of one array on the device
+    on_device: int
+
+    @classmethod
+    def of(cls, source: StoredLightField, work: Work, memory: int, device: Device) -> _Budget:
+        pixels = source.shape[2] * source.shape[3]
+        samples = source.bytes_per_pixel
+        copies = 1 if device.is_cpu else 2
+        most = max(work.per_pixel + work.kept, work.before)
+        limit = min(device.memory_bytes, int(device.cl_device.max_mem_alloc_size))
+        return cls(
+            memory,
+            work.kept * pixels + source.overhead,
+            2 * samples + work.per_pixel,
+            max(samples, work.largest),
+            work.before * pixels + source.overhead,
+            2 * samples * source.shape[3] if work.passes > 1 else 0,
+            source.overhead + pixels * (copies * samples + most),
+            limit,
+            device.memory_bytes,
+        )
+
+    @property
+    def usable(self) -> int:
+        return self.memory - -(-self.memory // _RESERVE)
+
+    def need(self, pixels: int) -> int:
+        return max(self.fixed + pixels * self.pixel, self.before + self.row)
+
+    @property
+    def band_rows(self) -> int:
+        """Full rows that a pass before may read at a time; 0 if none fits, or there is no such."""
+        room = min(self.usable - self.before, self.on_device)
+        return max(min(room, self.limit), 0) // self.row if self.row else 0
+
+    def pixels(self) -> int:
+        """Pixels that a tile may read."""
+        room = min(self.usable - self.fixed, self.on_device)
+        return max(min(room // self.pixel, self.limit // self.largest), 0)
+
+
+def _planned(source: StoredLightField, work: Work, budget: _Budget) -> StreamPlan | None:
+    ny, nx = source.shape[2:4]
+    everything = Tile(slice(0, ny), slice(0, nx), slice(0, ny), slice(0, nx))
+    fits = budget.whole <= min(budget.usable, budget.on_device)
+    if fits and ny * nx * budget.largest <= budget.limit:
+        return _plan(source, work, (everything,), budget, budget.whole)
+    found = []
+    for columns in _column_cuts(nx, work.halo[1]):
+        width = max(outer.stop - outer.start for _, outer in columns)
+        rows = _row_cuts(ny, work.halo[0], budget.pixels() // width)
+        if rows is None:
+            continue
+        found.append(tuple(Tile(y, x, oy, ox) for y, oy in rows for x, ox in columns))
+    if not found or (work.passes > 1 and budget.band_rows < 1):
+        return None
+    best = min(found, key=_area)
+    if _area(found[0]) < _WORTH * _area(best):  # the widest, full rows if they fit at all
+        best = found[0]
+    largest = max(math.prod(tile.outer_shape) for tile in best)
+    plan = _plan(source, work, best, budget, budget.need(largest))
+    return None if plan.bytes_scratch and _to_copy(source) > budget.usable else plan
+
+
+def _plan(
+    source: StoredLightField, work: Work, tiles: tuple[Tile, ...], budget: _Budget, peak: int
+) -> StreamPlan:
+    samples = source.bytes_per_pixel
+    passes = 1 if len(tiles) == 1 else work.passes
+    chunked = sum(_chunked(source, tile) for tile in tiles)
+    read = passes * chunked * samples
+    slow = chunked > _ROUNDED * _area(tiles) and read > _AGAIN * source.nbytes
+    scratch = source.nbytes if slow and len(tiles) > 2 else 0
+    return StreamPlan(
+        tiles,
+        work.planes,
+        work.halo,
+        passes,
+        scratch or read,
+        peak,
+        scratch,
+        min(budget.band_rows, source.shape[2]),
+        budget.memory,
+    )
+
+
+def _area(tiles: tuple[Tile, ...]) -> int:
+    return sum(math.prod(tile.outer_shape) for tile in tiles)
+
+
+def _chunked(source: StoredLightField, tile: Tile) -> int:
+    """Pixels that are read for a tile in whole chunks; parts of single rows are read alone."""
+    pixels = 1
+    parts = (tile.outer_rows, tile.outer_columns)
+    for part, chunk, size in zip(parts, source.chunks, source.shape[2:4], strict=True):
+        pixels *= min(-(-part.stop // chunk) * chunk, size) - part.start // chunk * chunk
+    return math.prod(tile.outer_shape) if source.chunks[0] == 1 else pixels
+
+
+def _to_copy(source: StoredLightField) -> int:
+    """Bytes of memory that copying the views takes, those that are read at once."""
+    views = math.prod(min(a, b) for a, b in zip(source.views_at_once, source.shape, strict=False))
+    return source.overhead + views * (source.nbytes // math.prod(source.shape[:2]))
+
+
+Cuts = list[tuple[slice, slice]]
+
+
+def _cuts(size: int, halo: int, middle: int) -> Cuts:
+    """(written, read) parts of an axis: all are read over the same length, middle + 2 halo."""
+    count = -(-(size - 2 * halo) // middle)
+    if size <= 2 * halo or count < 2:
+        return [(slice(0, size), slice(0, size))]
+    length, start, parts = middle + 2 * halo, 0, []
+    for index in range(count):
+        first = min(max(start - halo, 0), size - length)
+        stop = size if index == count - 1 else first + length - halo
+        parts.append((slice(start, stop), slice(first, first + length)))
+        start = stop
+    return parts
+
+
+def _row_cuts(size: int, halo: int, most: int) -> Cuts | None:
+    """The fewest bands of at most so many rows each; None if they are too low."""
+    if most >= size:
+        return _cuts(size, halo, size)
+    if most < 2 * halo + min(_LEAST, size) or size <= 2 * halo:
+        return None
+    count = -(-(size - 2 * halo) // (most - 2 * halo))
+    return _cuts(size, halo, -(-(size - 2 * halo) // count))
+
+
+def _column_cuts(size: int, halo: int) -> list[Cuts]:
+    """Full rows first, then rows in two parts, three and so on."""
+    wide = -(-halo // _ALIGNED) * _ALIGNED
+    found, middle = [_cuts(size, wide, size)], 0
+    for count in range(2, max(size // _LEAST, 1) + 1):
+        part = -(-(size - 2 * wide) // count)
+        if part < 1:
+            break
+        if (wider := -(-part // _ALIGNED) * _ALIGNED) != middle:
+            middle = wider
+            found.append([(x, _aligned(outer)) for x, outer in _cuts(size, wide, middle)])
+    return [cuts for i, cuts in enumerate(found) if i == 0 or len(cuts) > 1]
+
+
+def _aligned(part: slice) -> slice:
+    """From a place on where vectors of a row begin."""
+    return slice(part.start // _ALIGNED * _ALIGNED, part.stop)
+
+
+def _least(source: StoredLightField, work: Work, budget: _Budget) -> int:
+    """A budget that is enough for the smallest tile."""
+    ny, nx = source.shape[2:4]
+    width = min(max(o.stop - o.start for _, o in cuts) for cuts in _column_cuts(nx, work.halo[1]))
+    height = min(2 * work.halo[0] + min(_LEAST, ny), ny)
+    need = min(budget.need(height * width), budget.whole)
+    if source.chunks[0] > 1:
+        need = max(need, _to_copy(source))
+    return -(-need * _RESERVE // (_RESERVE - 1)) + _RESERVE
+
+
+def _mib(count: int) -> str:
+    return f"{count / 2**20:,.1f} MiB"
