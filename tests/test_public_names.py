@@ -1,0 +1,120 @@
+"""What is public: few names on top, the rest by topic, and every type that a public call returns."""
+
+from __future__ import annotations
+
+import inspect
+import types
+import typing
+import warnings
+from typing import Any
+
+import pytest
+from public_names import TOPICS, public_classes, public_functions, public_objects, topic_names
+
+import clplen
+from clplen import _MOVED
+
+# What has no counterpart, and why.
+ONE_WAY: dict[str, str] = {}
+
+
+def test_few_names_stand_on_top() -> None:
+    assert 40 <= len(clplen.__all__) <= 50
+    assert sorted(clplen.__all__) == sorted(set(clplen.__all__))
+
+
+def test_every_name_is_there_and_has_a_docstring() -> None:
+    for name, value in public_objects().items():
+        if callable(value):
+            assert inspect.getdoc(value), f"{name} has no docstring"
+
+
+def test_names_on_top_belong_to_a_topic() -> None:
+    below = {id(value) for value in topic_names().values()}
+    of_topics = {name for name in clplen.__all__ if id(getattr(clplen, name)) not in below}
+    errors = {n for n in of_topics if issubclass(getattr(clplen, n), Exception)}
+    assert of_topics - errors == {"Device", "Image"}
+
+
+def test_no_name_means_two_things() -> None:
+    names = [name.rpartition(".")[2] for name in topic_names() if not name.startswith("plot.")]
+    values: dict[str, set[int]] = {}
+    for name, value in topic_names().items():
+        if not name.startswith("plot."):
+            values.setdefault(name.rpartition(".")[2], set()).add(id(value))
+    assert {name for name in names if len(values[name]) > 1} == set()
+
+
+def classes_in(annotation: Any) -> set[type]:
+    """The classes of the package in an annotation."""
+    if isinstance(annotation, types.UnionType) or typing.get_origin(annotation) is not None:
+        return set().union(*(classes_in(part) for part in typing.get_args(annotation)))
+    if isinstance(annotation, list):
+        return set().union(*map(classes_in, annotation))
+    inside = inspect.isclass(annotation) and annotation.__module__.split(".")[0] == "clplen"
+    return {annotation} if inside else set()
+
+
+def returned(value: Any) -> set[type]:
+    """Classes of the package that a function returns."""
+    try:
+        hints = typing.get_type_hints(inspect.unwrap(value))
+    except (TypeError, NameError):
+        return set()
+    return classes_in(hints.get("return"))
+
+
+def members(kind: type) -> dict[str, Any]:
+    """Public methods, class methods and properties of a class."""
+    found = {}
+    for name in dir(kind):
+        if name.startswith("_"):
+            continue
+        value = inspect.getattr_static(kind, name)
+        value = value.fget if isinstance(value, property) else getattr(value, "__func__", value)
+        if inspect.isfunction(value):
+            found[name] = value
+    return found
+
+
+def test_every_type_that_a_public_call_returns_is_public() -> None:
+    public = set(public_classes().values())
+    missing = {}
+    calls = dict(public_functions())
+    for name, kind in public_classes().items():
+        calls |= {f"{name}.{member}": value for member, value in members(kind).items()}
+    for name, value in calls.items():
+        hidden = {k for k in returned(value) if k not in public and not is_protocol(k)}
+        if hidden:
+            missing[name] = sorted(k.__name__ for k in hidden)
+    assert missing == {}
+
+
+def is_protocol(kind: type) -> bool:
+    """Whether a class only says what a thing must have."""
+    return bool(getattr(kind, "_is_protocol", False))
+
+
+def test_what_is_written_is_read() -> None:
+    names = set(clplen.io.__all__)
+    readers = {name[5:] for name in names if name.startswith("read_")}
+    writers = {name[6:] for name in names if name.startswith("write_")}
+    assert readers ^ writers == set(ONE_WAY)
+
+
+@pytest.mark.parametrize("name", sorted(_MOVED))
+def test_former_names_on_top_work_and_say_where_they_are(name: str) -> None:
+    with pytest.warns(DeprecationWarning, match=rf"clplen\.{_MOVED[name]}\.{name}"):
+        value = getattr(clplen, name)
+    assert value is getattr(getattr(clplen, _MOVED[name]), name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert name not in clplen.__all__
+
+
+def test_topics_are_attributes() -> None:
+    for topic in TOPICS:
+        assert isinstance(getattr(clplen, topic), types.ModuleType)
+        assert getattr(clplen, topic).__all__ == sorted(getattr(clplen, topic).__all__)
+    with pytest.raises(AttributeError, match="no_such_name"):
+        _ = clplen.no_such_name
