@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from clplen import Device, Field, Grid, SamplingWarning, propagate
-from clplen.compute import fft
-from clplen.compute.fft import FFTRoute
+from clplen.compute.fft import route
+from clplen.compute.fft.route import FFTRoute
 
 LAM = 550e-9
 
@@ -65,7 +65,7 @@ def numpy_for_vkfft(array: Any, device: Device, axes: tuple[int, ...], forward: 
 
 def staying(device: Device, monkeypatch: pytest.MonkeyPatch) -> Device:
     """The device as one whose arrays stay on it, as with VkFFT."""
-    monkeypatch.setattr(fft, "_vkfft", numpy_for_vkfft)
+    monkeypatch.setattr(route, "_vkfft", numpy_for_vkfft)
     other = Device(device.cl_device, precision=device.precision)
     other.fft = FFTRoute("vkfft", 1)
     return other

@@ -10,7 +10,7 @@ import objects
 import pytest
 
 import clplen
-from clplen.compute import lengths
+from clplen import units
 from clplen.compute.device import Device
 
 GRID, MLA, LAM = objects.GRID, objects.MLA, objects.LAM
@@ -160,10 +160,10 @@ def test_what_exists_is_not_refused(extreme: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "kind", [name for name in vars(lengths) if isinstance(getattr(lengths, name), lengths.Length)]
+    "kind", [name for name in vars(units) if isinstance(getattr(units, name), units.Length)]
 )
 def test_the_bounds_fit_together(kind: str) -> None:
-    one = getattr(lengths, kind)
+    one = getattr(units, kind)
     low, high = one.usual
     assert 0 < low < high <= one.most
     one.check([0.0, one.most, -one.most, np.inf, np.nan], "It")

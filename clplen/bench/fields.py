@@ -11,7 +11,7 @@ from clplen.bench import ceilings
 from clplen.bench.measure import Case, Times, finished, in_turn
 from clplen.bench.report import Goal, Report, time_rows
 from clplen.bench.sizes import halved, numbers
-from clplen.compute.blocks import Spectrum, multiplied
+from clplen.compute.fft.blocks import Spectrum, multiplied
 from clplen.wave.field import Field, Grid
 from clplen.wave.lens import thin_lens
 from clplen.wave.transfer import Transfer

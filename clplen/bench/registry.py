@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Protocol, cast
 import pyopencl as cl
 
 from clplen.bench.report import Report
-from clplen.compute.hostmemory import free_memory
+from clplen.compute.memory import free_memory
 from clplen.errors import ClplenError, DeviceError
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from clplen.bench.byhand import (
 from clplen.bench.measure import Case, Times, finished, in_turn
 from clplen.bench.report import Goal, Report, rate_rows
 from clplen.bench.sizes import halved, numbers
-from clplen.compute.finite import count_bad
+from clplen.compute.arrays import count_bad
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.refocus import focal_stack, refocus
 

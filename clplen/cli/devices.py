@@ -96,7 +96,7 @@ def _taken(wanted: str | None) -> tuple[Device | None, str]:
 def _checked(selector: str | None, as_json: bool) -> bool:
     """Check some devices, print what came of it, and say whether all is well."""
     from clplen.compute.device import Device
-    from clplen.compute.selection import find_devices, select
+    from clplen.compute.drivers.selection import find_devices, select
     from clplen.selftest.isolated import numbers_of
     from clplen.selftest.report import paste_block
 

@@ -14,17 +14,17 @@ import numpy as np
 import pyopencl as cl
 import pyopencl.array as cla
 
-from clplen.compute import llvmpipe, pocl
-from clplen.compute.cache import PlanCache
-from clplen.compute.failures import ADVICE, device_error, device_errors
-from clplen.compute.fft import FFTRoute, choose_route
-from clplen.compute.forked import Guard, is_forked
+from clplen.compute.drivers import llvmpipe, pocl
+from clplen.compute.drivers.failures import ADVICE, device_error, device_errors
+from clplen.compute.drivers.forked import Guard, is_forked
+from clplen.compute.drivers.program import build_program
+from clplen.compute.drivers.selection import find_devices, select
+from clplen.compute.fft.plans import PlanCache
+from clplen.compute.fft.route import FFTRoute, choose_route
+from clplen.compute.fft.workspace import Workspace
 from clplen.compute.memory import Memory
 from clplen.compute.profile import Profile, bytes_of, label
-from clplen.compute.program import build_program
-from clplen.compute.selection import find_devices, select
 from clplen.compute.tuning import Tuning
-from clplen.compute.workspace import Workspace
 from clplen.errors import DeviceError, KernelBuildError
 
 Precision = Literal["single", "double"]

@@ -13,9 +13,9 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from clplen.compute.cachedir import cache_dir
-from clplen.compute.forked import Guard
-from clplen.compute.program import kernel_source
+from clplen.compute.drivers.environment import cache_dir
+from clplen.compute.drivers.forked import Guard
+from clplen.compute.drivers.program import kernel_source
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

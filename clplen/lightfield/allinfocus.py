@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.image import Image
+from clplen.compute.arrays import Image
 from clplen.errors import ShapeError
 from clplen.lightfield.detail import LocalEnergy
 from clplen.lightfield.given import as_lightfield

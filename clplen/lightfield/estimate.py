@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from clplen.compute.oneline import OneLine
 from clplen.lightfield import thesis
 from clplen.lightfield.best_focus import farthest_disparity
 from clplen.lightfield.certainty import WIDEST, beyond_paraxial, metres, say_end
@@ -20,6 +19,7 @@ from clplen.lightfield.raw import is_telecentric
 from clplen.lightfield.slope import fit_slope
 from clplen.lightfield.spectral import BAND, LensletBlur, Peak, Real, find_peak, sharpness
 from clplen.lightfield.window import brightest, read_window
+from clplen.reprs import OneLine
 
 if TYPE_CHECKING:
     from clplen.lightfield.raw import CameraModel, Spacing

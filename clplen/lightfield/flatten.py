@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.compute.image import Image
+from clplen.compute.arrays import Image
 from clplen.lightfield.rays import along_rays, checked_disparity
 from clplen.lightfield.render import view_weights
 from clplen.lightfield.shear import shear_sum

@@ -6,8 +6,8 @@ from typing import Any
 
 import pyopencl.array as cla
 
+from clplen.compute.arrays import HostArray
 from clplen.compute.device import Device
-from clplen.compute.hostarray import HostArray
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.raw import RawImage
 from clplen.lightfield.stored import StoredLightField

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from clplen.compute.hostarray import HostArray
-from clplen.compute.oneline import OneLine
+from clplen.compute.arrays import HostArray
 from clplen.lightfield.given import as_lightfield
 from clplen.lightfield.raw import is_telecentric
+from clplen.reprs import OneLine
 
 if TYPE_CHECKING:
     from clplen.lightfield.lightfield import LightField

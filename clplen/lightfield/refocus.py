@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.arrays import Image, OnDevice
 from clplen.compute.device import Device
-from clplen.compute.hostarray import OnDevice
-from clplen.compute.image import Image
 from clplen.lightfield.aperture import Weights
 from clplen.lightfield.given import as_lightfield
 from clplen.lightfield.magnify import magnify

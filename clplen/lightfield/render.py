@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.compute.image import Image
+from clplen.compute.arrays import Image
 from clplen.lightfield.aperture import Weights, aperture_weights
 from clplen.lightfield.rays import along_rays, checked_disparity
 from clplen.lightfield.samples import plane

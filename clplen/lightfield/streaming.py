@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen.compute.device import Device, DeviceLike, as_device
-from clplen.compute.oneline import OneLine
 from clplen.lightfield import combined
 from clplen.lightfield.depth import (
     DepthMap,
@@ -37,6 +36,7 @@ from clplen.lightfield.render import view_weights
 from clplen.lightfield.scratch import spooled
 from clplen.lightfield.stored import StoredLightField
 from clplen.lightfield.tiles import StreamPlan, Tile, bands, plan_tiles
+from clplen.reprs import OneLine
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

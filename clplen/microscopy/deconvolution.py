@@ -19,8 +19,8 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.checks import require
-from clplen.compute.hostarray import HostArray
+from clplen.checks import require
+from clplen.compute.arrays import HostArray
 from clplen.errors import ShapeError
 from clplen.microscopy.acceleration import Ahead
 from clplen.microscopy.checks import real, whole

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.checks import require
+from clplen.checks import require
 from clplen.compute.device import Device, DeviceLike, as_device
-from clplen.compute.hostmemory import free_memory
-from clplen.compute.lines import smooth_length
+from clplen.compute.fft.lines import smooth_length
+from clplen.compute.memory import free_memory
 from clplen.errors import ShapeError
 from clplen.microscopy.checks import finite, is_whole
 from clplen.microscopy.images import PointImages

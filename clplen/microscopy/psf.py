@@ -19,9 +19,9 @@ from clplen.cameras import geometry
 from clplen.cameras.microscope import Microscope
 from clplen.cameras.microscope_optics import check_places
 from clplen.cameras.scene import PointSources
-from clplen.compute.checks import require
-from clplen.compute.hostmemory import free_memory
-from clplen.compute.lines import smooth_length
+from clplen.checks import require
+from clplen.compute.fft.lines import smooth_length
+from clplen.compute.memory import free_memory
 from clplen.files import PathLike, check_space, check_writable
 from clplen.microscopy import psffile
 from clplen.microscopy.checks import real, whole

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.compute.checks import require
+from clplen.checks import require
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield.decode import resample

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.compute import builtin_functions
 from clplen.compute.device import Device
-from clplen.compute.fft import FFTRoute
-from clplen.compute.hostmemory import free_memory
+from clplen.compute.drivers import builtin_functions
+from clplen.compute.fft.route import FFTRoute
+from clplen.compute.memory import free_memory
 from clplen.selftest import twins
 from clplen.selftest.check import EPS, Check, Pairs
 from clplen.wave.field import Field, Grid
@@ -125,7 +125,7 @@ def built_in_values(device: Device) -> np.ndarray[Any, np.dtype[np.float32]]:
     Returns
     -------
     ndarray of float32
-        Shape (functions, samples), in the order of `clplen.compute.builtin_functions`; with those
+        Shape (functions, samples), in the order of `clplen.compute.drivers.builtin_functions`; with those
         of doubles where the device has double precision.
     """
     x, halves, samples, shorts = builtin_functions.inputs()

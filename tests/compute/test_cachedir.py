@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from clplen.compute.cachedir import cache_dir, ensure_cache
+from clplen.compute.drivers.environment import cache_dir, ensure_cache
 
 
 def test_a_writable_cache_is_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from reference_lines import unfolded
 
-from clplen.compute import columns
-from clplen.compute.columns import Factors
-from clplen.compute.fft import FFTRoute
-from clplen.compute.lines import Line, cropped_inverse, padded_spectrum
+from clplen.compute.fft import columns
+from clplen.compute.fft.columns import Factors
+from clplen.compute.fft.lines import Line, cropped_inverse, padded_spectrum
+from clplen.compute.fft.route import FFTRoute
 
 ITEM = 8  # bytes of a complex64 sample
 

@@ -12,8 +12,8 @@ import pytest
 
 from clplen import Field, Grid, Propagator
 from clplen.compute import device as devices
-from clplen.compute import selection
 from clplen.compute.device import Device, require_same_device
+from clplen.compute.drivers import selection
 from clplen.errors import DeviceError, ShapeError
 
 CPU, GPU = cl.device_type.CPU, cl.device_type.GPU

@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 from forcing import caches_in
 
-from clplen.compute import icd
+from clplen.compute.drivers import environment
 
 SHOW = """
 import os
-from clplen.compute.icd import expose_intel_runtime
+from clplen.compute.drivers.environment import expose_intel_runtime
 expose_intel_runtime()
 print(os.environ.get("OCL_ICD_VENDORS"))
 import pyopencl as cl
@@ -22,7 +22,7 @@ print([p.name for p in cl.get_platforms()])
 """
 
 needs_intel = pytest.mark.skipif(
-    icd._intel_library() is None, reason="Intel's runtime is not installed"
+    environment._intel_library() is None, reason="Intel's runtime is not installed"
 )
 
 
@@ -45,8 +45,8 @@ def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     library.touch()
     vendors = tmp_path / "vendors"
     vendors.mkdir()
-    monkeypatch.setattr(icd, "VENDOR_FOLDERS", (vendors, tmp_path / "none"))
-    monkeypatch.setattr(icd, "_intel_library", lambda: library)
+    monkeypatch.setattr(environment, "VENDOR_FOLDERS", (vendors, tmp_path / "none"))
+    monkeypatch.setattr(environment, "_intel_library", lambda: library)
     return tmp_path
 
 
@@ -80,17 +80,17 @@ def test_vendors_set_by_the_user_are_kept(tmp_path: Path) -> None:
 def test_the_systems_drivers_stay_visible(machine: Path) -> None:
     (machine / "vendors/nvidia.icd").write_text("libnvidia-opencl.so.1\n")
     (machine / "vendors/dead.icd").write_text("/builder/lib/libintelocl.so\n")
-    icd.expose_intel_runtime()
+    environment.expose_intel_runtime()
     assert drivers() == {str(machine / "env/lib/libintelocl.so"), "libnvidia-opencl.so.1"}
 
 
 def test_the_folder_is_made_once_and_follows_the_system(machine: Path) -> None:
-    icd.expose_intel_runtime()
+    environment.expose_intel_runtime()
     first = os.environ.pop("OCL_ICD_VENDORS")
-    icd.expose_intel_runtime()
+    environment.expose_intel_runtime()
     assert os.environ.pop("OCL_ICD_VENDORS") == first
     (machine / "vendors/new.icd").write_text("libnew.so\n")
-    icd.expose_intel_runtime()
+    environment.expose_intel_runtime()
     assert "libnew.so" in drivers()
     assert len(list((machine / "cache/clplen").iterdir())) == 2
 
@@ -101,14 +101,14 @@ def test_nothing_is_touched_when_the_user_chose(
 ) -> None:
     monkeypatch.setenv(variable, "/theirs")
     before = dict(os.environ)
-    icd.expose_intel_runtime()
+    environment.expose_intel_runtime()
     assert dict(os.environ) == before
     assert not (machine / "cache").exists()
 
 
 def test_nothing_is_touched_without_intel(machine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(icd, "_intel_library", lambda: None)
-    icd.expose_intel_runtime()
+    monkeypatch.setattr(environment, "_intel_library", lambda: None)
+    environment.expose_intel_runtime()
     assert os.environ["OCL_ICD_VENDORS"] == ""
     assert not (machine / "cache").exists()
 
@@ -118,6 +118,6 @@ def test_nothing_is_touched_when_the_system_knows_intel(machine: Path) -> None:
     theirs.parent.mkdir()
     theirs.touch()
     (machine / "vendors/intel.icd").write_text(f"{theirs}\n")
-    icd.expose_intel_runtime()
+    environment.expose_intel_runtime()
     assert os.environ["OCL_ICD_VENDORS"] == ""
     assert not (machine / "cache").exists()

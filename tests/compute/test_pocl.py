@@ -22,7 +22,7 @@ import pytest
 from _pytest.mark import ParameterSet
 from forcing import caches_in, forced_environment
 
-from clplen.compute import builtin_functions, pocl, pocl_trial
+from clplen.compute.drivers import builtin_functions, pocl, pocl_trial
 from clplen.errors import DeviceError
 
 if not sys.platform.startswith("linux"):

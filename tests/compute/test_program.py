@@ -11,8 +11,8 @@ import pytest
 
 import clplen
 from clplen.compute import device as devices
-from clplen.compute import program
 from clplen.compute.device import Device
+from clplen.compute.drivers import program
 from clplen.errors import KernelBuildError
 
 KERNELS = Path(__file__).parents[2] / "kernels"

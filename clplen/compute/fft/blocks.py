@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.compute.columns import Factors, Product, run_on_host
-from clplen.compute.forked import Guard
-from clplen.compute.lines import Line, Separable, still
+from clplen.compute.drivers.forked import Guard
+from clplen.compute.fft.columns import Factors, Product, run_on_host
+from clplen.compute.fft.lines import Line, Separable, still
 
 if TYPE_CHECKING:
     import pyopencl.array as cla

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, TypeVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device, as_device
-from clplen.compute.forked import is_forked, unreachable
+from clplen.compute.drivers.forked import is_forked, unreachable
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
 
 Array = np.ndarray[Any, Any]
 Kind = TypeVar("Kind")
@@ -96,3 +100,47 @@ class OnDevice(HostArray):
         values, device = state["data"], state["device"]
         data = unreachable(values) if is_forked() else device.upload(values)
         self.__dict__.update(state | {"data": data})
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Image(OnDevice):
+    """What an intensity, a view, a rendering or a refocus returns.
+
+    Attributes
+    ----------
+    data : pyopencl.array.Array
+        Real values, shape (y, x) or (y, x, c); an EPI has (u, x[, c]) or (v, y[, c]).
+    device : Device
+        The device that holds them.
+    """
+
+    data: cla.Array
+    device: Device
+
+    def __repr__(self) -> str:
+        return f"<Image {self.shape} {self.data.dtype}, {self.device.name}>"
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the values."""
+        return tuple(self.data.shape)
+
+
+_DEFINES = {np.dtype(np.float64): {"DOUBLE": True}, np.dtype(np.float16): {"HALF": True}}
+LENGTH = 2**14  # reals that one work-item reads: enough to forget the cost of starting it
+
+
+def count_bad(array: cla.Array, device: Device) -> int:
+    """Number of NaN and infinite samples of a float16 to float64, complex64 or complex128 array.
+
+    Integer arrays have none; a complex sample counts once for each bad part.
+    """
+    if array.dtype.kind not in "fc" or array.size == 0:
+        return 0
+    reals = array.view(np.empty(0, array.dtype).real.dtype)
+    defines = _DEFINES.get(reals.dtype, {})
+    stretches = -(-int(reals.size) // LENGTH)
+    bad = device.empty((stretches,), np.int32)
+    kernel = device.kernel("finite.cl", "count_bad", **defines)
+    device.launch(kernel, (stretches,), bad, reals, np.int64(reals.size), np.int32(LENGTH))
+    return int(device.download(bad).sum(dtype=np.int64))

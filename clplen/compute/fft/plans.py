@@ -6,7 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from typing import Any, TypeVar
 
-from clplen.compute.forked import Guard
+from clplen.compute.drivers.forked import Guard
 
 T = TypeVar("T")
 

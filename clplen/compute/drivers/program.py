@@ -11,11 +11,11 @@ from typing import Any
 
 import pyopencl as cl
 
-from clplen.compute.failures import ADVICE
+from clplen.compute.drivers.failures import ADVICE
 from clplen.errors import KernelBuildError
 
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
-_PACKAGE = Path(__file__).resolve().parent.parent
+_PACKAGE = Path(__file__).resolve().parents[2]
 # Inside an installed wheel the kernels lie in the package, in a checkout beside it.
 _FOLDERS = (_PACKAGE / "kernels", _PACKAGE.parent / "kernels")
 

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.compute.lines import Line, Separable
-from clplen.compute.threads import share
-from clplen.compute.workspace import Slots
+from clplen.compute.fft.lines import Line, Separable
+from clplen.compute.fft.threads import share
+from clplen.compute.fft.workspace import Slots
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
-    from clplen.compute.fft import FFTRoute
+    from clplen.compute.fft.route import FFTRoute
 
 Array = np.ndarray[Any, Any]
 

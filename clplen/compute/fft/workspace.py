@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.compute.forked import Guard
+from clplen.compute.drivers.forked import Guard
 
 Array = np.ndarray[Any, Any]
 

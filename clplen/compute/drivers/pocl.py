@@ -11,7 +11,7 @@ and no environment variable changes the name. PoCL keeps it as a string behind a
 device object, and there another one can be written: one that fits the library.
 
 What is done is decided by trial. Before the first use of a device a child process, which may die,
-builds and runs every built-in function that clplen's kernels call (`clplen.compute.pocl_trial`),
+builds and runs every built-in function that clplen's kernels call (`clplen.compute.drivers.pocl_trial`),
 under the name that is there, then under those that fit the CPU's flags. The first name that
 survives is taken, and the verdict is kept in the user's cache folder.
 
@@ -37,9 +37,9 @@ from pathlib import Path
 
 import pyopencl as cl
 
-from clplen.compute import builtin_functions, pocl_trial
-from clplen.compute.cachedir import cache_dir
-from clplen.compute.program import kernel_folder
+from clplen.compute.drivers import builtin_functions, pocl_trial
+from clplen.compute.drivers.environment import cache_dir
+from clplen.compute.drivers.program import kernel_folder
 from clplen.errors import DeviceError
 
 PLATFORM = "Portable Computing Language"

@@ -1,7 +1,7 @@
 """Try PoCL under a CPU name: a program for a child process, which an unfit name kills.
 
 It needs the standard library alone and speaks to PoCL's library without an OpenCL loader, so that
-it starts in a few hundredths of a second. `clplen.compute.pocl` starts it and reads its exit
+it starts in a few hundredths of a second. `clplen.compute.drivers.pocl` starts it and reads its exit
 status: 0 where every built-in function that clplen's kernels call builds, runs and is right.
 
 OpenCL's functions are reached as a loader reaches them: the first word of a platform is the

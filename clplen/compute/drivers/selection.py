@@ -6,9 +6,9 @@ import re
 
 import pyopencl as cl
 
-from clplen.compute import icd, llvmpipe
-from clplen.compute.cachedir import ensure_cache
-from clplen.compute.forked import begin_use
+from clplen.compute.drivers import environment, llvmpipe
+from clplen.compute.drivers.environment import ensure_cache
+from clplen.compute.drivers.forked import begin_use
 from clplen.errors import DeviceError
 
 Found = tuple[str, cl.Device]
@@ -36,7 +36,7 @@ def find_devices() -> list[Found]:
     """
     begin_use()
     ensure_cache()
-    icd.expose_intel_runtime()
+    environment.expose_intel_runtime()
     try:
         platforms = cl.get_platforms()
     except cl.LogicError as error:
