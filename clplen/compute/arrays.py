@@ -1,20 +1,20 @@
-"""Results as arrays of NumPy: by ``numpy.asarray``, by DLPack, in another process, as copies."""
+"""Results that hold samples: as NumPy arrays, by DLPack, in another process, as copies.
+
+`Image` is a picture on a device; `count_bad` finds samples that are NaN or infinite.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device, as_device
 from clplen.compute.drivers.forked import is_forked, unreachable
+from clplen.types import Array
 
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
-
-Array = np.ndarray[Any, Any]
 Kind = TypeVar("Kind")
 
 _HOST = (1, 0)  # DLPack's kDLCPU

@@ -1,4 +1,9 @@
-"""Arrays in the memory of a device: made, copied to and from the host, mapped."""
+"""Arrays in the memory of a device: allocated, copied to and from the host, mapped.
+
+The first write to a fresh buffer of a CPU device meets a page fault every 4 kB, which takes longer
+than a pass over the data. Linux hands out 2 MB pages where it is asked to; NumPy asks for its own
+arrays, OpenCL runtimes do not.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +11,7 @@ import ctypes
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, cast
@@ -17,7 +22,7 @@ import pyopencl.array as cla
 from pyopencl.tools import ImmediateAllocator, MemoryPool
 
 from clplen.compute.drivers.failures import device_errors
-from clplen.compute.drivers.forked import HoldsOpenCL, require_own_process
+from clplen.compute.drivers.forked import Guard, HoldsOpenCL, require_own_process
 from clplen.compute.profile import Profile
 from clplen.errors import DeviceError, ShapeError
 
@@ -70,9 +75,12 @@ class Memory(HoldsOpenCL):
     name: str
     is_cpu: bool
     memory_bytes: int
-    _profile: Profile | None
-    _maps: dict[tuple[int, bool], list[Any]]  # mapped buffers: their bytes, and how many use them
-    _maps_lock: AbstractContextManager[None]
+
+    def __init__(self) -> None:
+        self._profile: Profile | None = None
+        # mapped buffers: their bytes, and how many use them
+        self._maps: dict[tuple[int, bool], list[Any]] = {}
+        self._maps_lock = Guard()
 
     @property
     def context(self) -> cl.Context:

@@ -1,0 +1,1 @@
+"""What makes an OpenCL driver start and compile: a selector comes in, pyopencl devices and programs leave."""

@@ -1,4 +1,6 @@
-"""Let the OpenCL loader find Intel's CPU runtime when pip has installed it.
+"""What OpenCL's loader needs before it starts: a cache folder, and the path of Intel's runtime.
+
+The cache folder holds what was found out about this machine, and the kernels that runtimes keep.
 
 An OpenCL loader finds its drivers through ``*.icd`` files, each holding the path of one library.
 The wheel ``intel-opencl-rt`` brings such a file, but with a path that exists on its builder's

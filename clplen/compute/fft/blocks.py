@@ -9,20 +9,49 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
+import pyopencl as cl
+import pyopencl.array as cla
 
 from clplen.compute.drivers.forked import Guard
 from clplen.compute.fft.columns import Factors, Product, run_on_host
 from clplen.compute.fft.lines import Line, Separable, still
+from clplen.compute.fft.route import FFTRoute, TransformDevice
+from clplen.compute.fft.workspace import Workspace
+from clplen.types import Array
 
-if TYPE_CHECKING:
-    import pyopencl.array as cla
 
-    from clplen.compute.device import Device
+class FieldDevice(TransformDevice, Protocol):
+    """What maps of complex samples need of a device."""
 
-Array = np.ndarray[Any, Any]
+    is_cpu: bool
+    rows: bool
+    precision: Any
+
+    @property
+    def fft(self) -> FFTRoute: ...
+
+    @property
+    def workspace(self) -> Workspace: ...
+
+    @property
+    def complex(self) -> np.dtype[Any]: ...
+
+    def empty(self, shape: Sequence[int], dtype: Any) -> cla.Array: ...
+
+    def upload(self, values: Array) -> cla.Array: ...
+
+    def download(self, array: cla.Array) -> Array: ...
+
+    def kernel(self, file: str, name: str, **defines: Any) -> cl.Kernel: ...
+
+    def wave_defines(self) -> dict[str, Any]: ...
+
+    def launch_rows(
+        self, kernel: cl.Kernel, shape: Sequence[int], *args: Any, operations: float = 0.0
+    ) -> None: ...
 
 
 class Spectrum:
@@ -56,7 +85,7 @@ class Spectrum:
         self._lock = Guard()
 
     @classmethod
-    def of(cls, values: Array, device: Device) -> Spectrum:
+    def of(cls, values: Array, device: FieldDevice) -> Spectrum:
         """Factors of a host array (my, mx), FFT order, as `run` reads them on a device."""
         shape = (values.shape[0], values.shape[1])
         if device.fft.name == "vkfft":
@@ -65,7 +94,7 @@ class Spectrum:
         return cls(device.upload(turned), shape, turned=True, lit=turned.any(axis=1))
 
     @contextmanager
-    def on_host(self, device: Device) -> Iterator[Factors]:
+    def on_host(self, device: FieldDevice) -> Iterator[Factors]:
         """The same on the host: a CPU device's own memory, else a copy made once."""
         if device.is_cpu:
             with device.on_host(self.values, write=False) as values:
@@ -82,7 +111,7 @@ def run(
     into: Separable,
     spectra: Sequence[Spectrum],
     back: Sequence[Separable],
-    device: Device,
+    device: FieldDevice,
 ) -> list[cla.Array]:
     """Map, multiply by each of several spectra, and map back.
 
@@ -95,7 +124,7 @@ def run(
         None: ``into`` is all there is.
     back : sequence of Separable
         One for each spectrum, all to the same shape.
-    device : Device
+    device : FieldDevice
 
     Returns
     -------
@@ -117,7 +146,7 @@ def run(
             Product(held.enter_context(one.on_host(device)), way)
             for one, way in zip(spectra, back, strict=True)
         ]
-        run_on_host(source, into, products, targets, device)
+        run_on_host(source, into, products, targets, device.fft, device.workspace)
     return results
 
 
@@ -126,7 +155,7 @@ def _on_device(
     into: Separable,
     spectra: Sequence[Spectrum],
     back: Sequence[Separable],
-    device: Device,
+    device: FieldDevice,
 ) -> list[cla.Array]:
     work = data
     for y, x in zip_longest(into.y, into.x):
@@ -142,7 +171,7 @@ def _on_device(
     return results
 
 
-def _stage(data: cla.Array, y: Line | None, x: Line | None, device: Device) -> cla.Array:
+def _stage(data: cla.Array, y: Line | None, x: Line | None, device: FieldDevice) -> cla.Array:
     """One line along each axis; None: the axis waits."""
     y, x = y or still(data.shape[-2]), x or still(data.shape[-1])
     if y.kind == x.kind == "none":
@@ -169,13 +198,13 @@ def _placed(line: Line) -> Array | None:
     return table
 
 
-def _transform(work: cla.Array, y: bool, x: bool, forward: bool, device: Device) -> None:
+def _transform(work: cla.Array, y: bool, x: bool, forward: bool, device: FieldDevice) -> None:
     axes = tuple(axis for axis, wanted in ((-2, y), (-1, x)) if wanted)
     if axes:
         device.fft.transform(work, device, axes=axes, forward=forward)
 
 
-def _factors(work: cla.Array, y: Array | None, x: Array | None, device: Device) -> None:
+def _factors(work: cla.Array, y: Array | None, x: Array | None, device: FieldDevice) -> None:
     """Times two 1-D tables in place; None: 1."""
     if y is None and x is None:
         return
@@ -187,7 +216,9 @@ def _factors(work: cla.Array, y: Array | None, x: Array | None, device: Device) 
     device.launch_rows(kernel, work.shape, work, work, *tables, np.int32(ny), np.int32(nx))
 
 
-def multiplied(work: cla.Array, spectrum: Spectrum, device: Device, *, copy: bool) -> cla.Array:
+def multiplied(
+    work: cla.Array, spectrum: Spectrum, device: FieldDevice, *, copy: bool
+) -> cla.Array:
     """Spectra (..., my, mx) times their factors; in place unless ``copy``."""
     out = window(work, work.shape, device) if copy else work
     ny, nx = (np.int32(n) for n in spectrum.shape)
@@ -203,7 +234,7 @@ def multiplied(work: cla.Array, spectrum: Spectrum, device: Device, *, copy: boo
 def window(
     data: cla.Array,
     shape: Sequence[int],
-    device: Device,
+    device: FieldDevice,
     *,
     place: tuple[int, int] | None = None,
 ) -> cla.Array:
@@ -215,7 +246,7 @@ def window(
         Shape (..., in_ny, in_nx).
     shape : sequence of int
         (..., ny, nx) of the result.
-    device : Device
+    device : FieldDevice
     place : tuple of int, optional
         (y, x) index in the result of the first sample; by default sample N//2 stays on N//2.
     """
@@ -229,7 +260,7 @@ def window(
     return out
 
 
-def lanes_defines(device: Device) -> dict[str, Any]:
+def lanes_defines(device: FieldDevice) -> dict[str, Any]:
     """Those of `wave_defines`, and sixteen samples at a time where a row is an item's."""
     lanes = device.rows and device.precision == "single"
     return {"LANES": True} if lanes else device.wave_defines()

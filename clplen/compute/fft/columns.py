@@ -11,19 +11,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from clplen.compute.fft.lines import Line, Separable
+from clplen.compute.fft.route import FFTRoute
 from clplen.compute.fft.threads import share
-from clplen.compute.fft.workspace import Slots
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
-    from clplen.compute.fft.route import FFTRoute
-
-Array = np.ndarray[Any, Any]
+from clplen.compute.fft.workspace import Slots, Workspace
+from clplen.types import Array
 
 BLOCK_BYTES = 2**20  # of a block of rows or columns, about what a core's cache holds
 SMALL_BYTES = 2**19  # of a block that is worth a thread's while
@@ -84,7 +80,8 @@ def run_on_host(
     into: Separable,
     products: Sequence[Product],
     targets: Sequence[Array],
-    device: Device,
+    fft: FFTRoute,
+    workspace: Workspace,
 ) -> None:
     """Fill ``targets``, one for each product (one where there is none).
 
@@ -96,8 +93,10 @@ def run_on_host(
     products : sequence of Product
     targets : sequence of numpy.ndarray
         Shape (n, my, mx).
-    device : Device
-        Its FFT route and its workspace are used.
+    fft : FFTRoute
+        Of a host library.
+    workspace : Workspace
+        Lends what is between the axes.
     """
     count, ny, _ = source.shape
     width = into.shape_after(source.shape[-2:])[1]
@@ -106,9 +105,9 @@ def run_on_host(
         def borrow(rows: int) -> Array:
             """Turned: the columns of all fields' rows, (width, n rows)."""
             shape = (width, count * rows + APART)
-            return held.enter_context(device.workspace.borrow(shape, source.dtype))[:, :-APART]
+            return held.enter_context(workspace.borrow(shape, source.dtype))[:, :-APART]
 
-        team = _Team(device.fft)
+        team = _Team(fft)
         first = borrow(ny)
         team.rows(source.reshape(count * ny, -1), into.x, first.T, ny)
         if not products:

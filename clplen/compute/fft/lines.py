@@ -11,7 +11,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-Vector = np.ndarray[Any, Any]
+from clplen.types import Array
+
 Kind = Literal["none", "forward", "inverse", "convolve"]
 
 
@@ -42,9 +43,9 @@ class Line:
     kind: Kind
     place: int = 0
     start: int = 0
-    pre: Vector | None = None
-    kernel: Vector | None = None
-    post: Vector | None = None
+    pre: Array | None = None
+    kernel: Array | None = None
+    post: Array | None = None
 
     def astype(self, dtype: np.dtype[Any]) -> Line:
         """The same map with tables of a complex dtype."""
@@ -107,7 +108,7 @@ def cropped_inverse(length: int, m: int) -> Line:
     return Line(length, m, length, "inverse", start=length // 2 - m // 2)
 
 
-def convolution(n: int, m: int, kernel: Vector) -> Line:
+def convolution(n: int, m: int, kernel: Array) -> Line:
     """A circular convolution in a window about the central sample; ``kernel`` is its spectrum."""
     length = len(kernel)
     place, start = length // 2 - n // 2, length // 2 - m // 2
@@ -130,7 +131,7 @@ def smooth_length(n: int) -> int:
     return best
 
 
-def chirp_z(n: int, m: int, step: float, *, pre: Vector, post: Vector) -> Line:
+def chirp_z(n: int, m: int, step: float, *, pre: Array, post: Array) -> Line:
     """A DFT of any step: out[p] = post[p] sum_q pre[q] in[q] exp(2 pi i step p q).
 
     p and q count from the central samples m//2 and n//2. Bluestein (1970), eq. 4, by way of
@@ -160,6 +161,6 @@ def chirp_z(n: int, m: int, step: float, *, pre: Vector, post: Vector) -> Line:
     )
 
 
-def _chirp(step: float, index: Vector) -> Vector:
+def _chirp(step: float, index: Array) -> Array:
     turns = step / 2 * index.astype(np.float64) ** 2
     return np.exp(2j * np.pi * (turns - np.rint(turns)))

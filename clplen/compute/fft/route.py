@@ -1,4 +1,4 @@
-"""Fourier transforms over the last two axes, in place, by VkFFT, ducc0, SciPy or NumPy.
+"""Fourier transforms over the last two axes, in place, by VkFFT, ducc0 or SciPy.
 
 A CPU device maps its buffer and a host library transforms it where it lies; a GPU uses VkFFT where
 pyvkfft is installed, else the host library with transfers both ways. The route is chosen once for
@@ -9,32 +9,46 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
+import pyopencl as cl
+import pyopencl.array as cla
 
+from clplen.compute.fft.plans import PlanCache
+from clplen.diagnostics import warn_caller
 from clplen.errors import DeviceError
+from clplen.types import Array
 
-if TYPE_CHECKING:
-    import pyopencl.array as cla
-
-    from clplen.compute.device import Device
-
-Array = np.ndarray[Any, Any]
 VKFFT_BYTES = 2**20  # what the kernels and tables of one VkFFT plan are taken to hold
 HostFFT = Callable[[Array, Array, "tuple[int, ...]", bool, int], None]
-_MODULES = {"vkfft": "pyvkfft", "ducc0": "ducc0", "scipy": "scipy", "numpy": "numpy"}
+_MODULES = {"vkfft": "pyvkfft", "ducc0": "ducc0", "scipy": "scipy"}
 _EXTRAS = {
     "vkfft": 'VKFFT_BACKEND=opencl pip install "clplen[gpu]"',
     "ducc0": 'pip install "clplen[fast]"',
     "scipy": "pip install scipy",
-    "numpy": "pip install numpy",
 }
+
+
+class TransformDevice(Protocol):
+    """What a transform needs of the device that holds the array."""
+
+    @property
+    def queue(self) -> cl.CommandQueue: ...
+
+    @property
+    def plans(self) -> PlanCache: ...
+
+    def timed(
+        self, what: str, *, nbytes: int, operations: float = 0.0
+    ) -> AbstractContextManager[None]: ...
+
+    def on_host(self, array: cla.Array, *, write: bool = True) -> AbstractContextManager[Array]: ...
 
 
 @dataclass(frozen=True)
@@ -43,7 +57,7 @@ class FFTRoute:
 
     Attributes
     ----------
-    name : {"vkfft", "ducc0", "scipy", "numpy"}
+    name : {"vkfft", "ducc0", "scipy"}
     threads : int
         Threads of a host library.
     """
@@ -51,24 +65,24 @@ class FFTRoute:
     name: str
     threads: int
 
-    def forward(self, array: cla.Array, device: Device) -> None:
+    def forward(self, array: cla.Array, device: TransformDevice) -> None:
         """``array`` becomes its discrete Fourier transform over the last two axes.
 
         Parameters
         ----------
         array : pyopencl.array.Array
             complex64 or complex128, shape (..., ny, nx), C-contiguous, changed in place.
-        device : Device
+        device : TransformDevice
             The device that holds it.
         """
         self.transform(array, device, axes=(-2, -1), forward=True)
 
-    def inverse(self, array: cla.Array, device: Device) -> None:
+    def inverse(self, array: cla.Array, device: TransformDevice) -> None:
         """The inverse of `forward`, with the factor 1/(ny nx)."""
         self.transform(array, device, axes=(-2, -1), forward=False)
 
     def transform(
-        self, array: cla.Array, device: Device, *, axes: tuple[int, ...], forward: bool
+        self, array: cla.Array, device: TransformDevice, *, axes: tuple[int, ...], forward: bool
     ) -> None:
         """`forward` or `inverse` over some of the last two axes.
 
@@ -76,7 +90,7 @@ class FFTRoute:
         ----------
         array : pyopencl.array.Array
             complex64 or complex128, shape (..., ny, nx), C-contiguous, changed in place.
-        device : Device
+        device : TransformDevice
             The device that holds it.
         axes : tuple of int
             Of -2 and -1.
@@ -167,11 +181,10 @@ def choose_route(is_cpu: bool, platform: str = "") -> FFTRoute:
         return FFTRoute("vkfft", threads)
     host = "ducc0" if find_spec("ducc0") is not None else "scipy"
     if not is_cpu:
-        warnings.warn(
+        warn_caller(
             f"pyvkfft is not installed: Fourier transforms of this GPU run on the host ({host}) "
             f"with transfers both ways. {_EXTRAS['vkfft']} keeps them on the GPU.",
             RuntimeWarning,
-            stacklevel=2,
         )
     return FFTRoute(host, threads)
 
@@ -199,15 +212,10 @@ def _scipy(values: Array, out: Array, axes: tuple[int, ...], forward: bool, thre
         out[...] = result
 
 
-def _numpy(values: Array, out: Array, axes: tuple[int, ...], forward: bool, threads: int) -> None:
-    transform = np.fft.fftn if forward else np.fft.ifftn
-    out[...] = transform(values, axes=axes)
+_HOST: dict[str, HostFFT] = {"ducc0": _ducc0, "scipy": _scipy}
 
 
-_HOST: dict[str, HostFFT] = {"ducc0": _ducc0, "scipy": _scipy, "numpy": _numpy}
-
-
-def _vkfft(array: cla.Array, device: Device, axes: tuple[int, ...], forward: bool) -> None:
+def _vkfft(array: cla.Array, device: TransformDevice, axes: tuple[int, ...], forward: bool) -> None:
     app = device.plans.get(
         ("vkfft", array.shape, array.dtype.str, axes),
         lambda: _vkfft_app(array, device, axes),
@@ -216,7 +224,7 @@ def _vkfft(array: cla.Array, device: Device, axes: tuple[int, ...], forward: boo
     (app.fft if forward else app.ifft)(array, array)
 
 
-def _vkfft_app(array: cla.Array, device: Device, axes: tuple[int, ...]) -> Any:
+def _vkfft_app(array: cla.Array, device: TransformDevice, axes: tuple[int, ...]) -> Any:
     from pyvkfft.opencl import VkFFTApp
 
     which = {"ndim": 2} if axes == (-2, -1) else {"axes": [array.ndim + axis for axis in axes]}

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from clplen.compute.drivers.forked import Guard
-
-Array = np.ndarray[Any, Any]
+from clplen.types import Array
 
 
 class Workspace:
