@@ -1,8 +1,8 @@
 """Put another CPU name into PoCL's device on purpose.
 
 So every CPU gets into the state in which PoCL's wheel is on a CPU that its compiler does not know
-("generic"), or takes for another one ("znver3"), and the remedy of `clplen.compute.drivers.pocl` is tested
-everywhere.
+("generic"), or takes for another one ("znver3"), and the remedy of compute/drivers/pocl.py is
+tested everywhere.
 """
 
 from __future__ import annotations

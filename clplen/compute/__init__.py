@@ -1,1 +1,1 @@
-"""Everything that touches OpenCL: devices, memory, launches; numbers and kernels come in, arrays leave."""
+"""What touches OpenCL: host arrays and kernel names come in; arrays on a device leave."""

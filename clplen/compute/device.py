@@ -15,7 +15,7 @@ from clplen.compute.drivers.failures import device_errors
 from clplen.compute.drivers.forked import is_forked
 from clplen.compute.drivers.selection import find_devices, select
 from clplen.compute.fft.plans import PlanCache
-from clplen.compute.fft.route import FFTRoute, choose_route
+from clplen.compute.fft.routes import FFTRoute, choose_route
 from clplen.compute.fft.workspace import Workspace
 from clplen.compute.launcher import Launcher
 from clplen.compute.tuning import Tuning

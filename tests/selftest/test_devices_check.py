@@ -135,7 +135,7 @@ def test_a_driver_that_dies_is_a_row(
     (tmp_path / "sitecustomize.py").write_text(FATAL)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setattr(isolated, "MOST_CHILDREN", 1)
-    report = run_isolated(device, names=["FFT, numpy", "finite", "window"])
+    report = run_isolated(device, names=["FFT, scipy", "finite", "window"])
     dead, *others = report.results
     assert [result.status for result in others] == ["ok", "ok"]
     assert dead.failed

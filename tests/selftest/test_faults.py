@@ -12,7 +12,7 @@ import pytest
 
 from clplen.compute.device import Device
 from clplen.compute.drivers import program
-from clplen.compute.fft import route
+from clplen.compute.fft import routes
 from clplen.compute.memory import Memory
 from clplen.selftest.run import CHECKS, run_checks
 
@@ -182,15 +182,15 @@ def test_a_fault_of_propagation_is_found(kernels: Path, fresh: Device) -> None:
 
 def test_a_fault_of_transforms_is_found(fresh: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     def turned(values: Any, out: Any, axes: Any, forward: bool, threads: int) -> None:
-        plain = route._numpy
+        plain = routes._scipy
         plain(values, out, axes, not forward, threads)
 
     def wrong_vkfft(array: Any, device: Device, axes: Any, forward: bool) -> None:
         pass
 
-    for name in ("ducc0", "scipy", "numpy"):
-        monkeypatch.setitem(route._HOST, name, turned)
-    monkeypatch.setattr(route, "_vkfft", wrong_vkfft)
+    for name in ("ducc0", "scipy"):
+        monkeypatch.setitem(routes._HOST, name, turned)
+    monkeypatch.setattr(routes, "_vkfft", wrong_vkfft)
     names = [check.name for check in CHECKS if check.name.startswith("FFT")]
     found = run_checks(fresh, names=names)
     assert {result.status for result in found} <= {"FAILED", "left out"}

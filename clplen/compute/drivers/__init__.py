@@ -1,1 +1,1 @@
-"""What makes an OpenCL driver start and compile: a selector comes in, pyopencl devices and programs leave."""
+"""What OpenCL drivers need to start: a selector comes in; devices and built programs leave."""

@@ -21,6 +21,8 @@ import tempfile
 from importlib import metadata
 from pathlib import Path
 
+VENDOR_FOLDERS = (Path("/etc/OpenCL/vendors"), Path(sys.prefix) / "etc/OpenCL/vendors")
+
 
 def cache_dir() -> Path:
     """Name the user's cache folder for clplen; it need not exist or be writable.
@@ -50,9 +52,6 @@ def ensure_cache() -> None:
 
 def _base() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")).absolute()
-
-
-VENDOR_FOLDERS = (Path("/etc/OpenCL/vendors"), Path(sys.prefix) / "etc/OpenCL/vendors")
 
 
 def expose_intel_runtime() -> None:

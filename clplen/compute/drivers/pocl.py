@@ -11,9 +11,9 @@ and no environment variable changes the name. PoCL keeps it as a string behind a
 device object, and there another one can be written: one that fits the library.
 
 What is done is decided by trial. Before the first use of a device a child process, which may die,
-builds and runs every built-in function that clplen's kernels call (`clplen.compute.drivers.pocl_trial`),
-under the name that is there, then under those that fit the CPU's flags. The first name that
-survives is taken, and the verdict is kept in the user's cache folder.
+builds and runs every built-in function that clplen's kernels call (pocl_trial.py), under the name
+that is there, then under those that fit the CPU's flags. The first name that survives is taken,
+and the verdict is kept in the user's cache folder.
 
 ``CLPLEN_POCL_CPU=off`` leaves the name as it is; any other value is the only name to try.
 """

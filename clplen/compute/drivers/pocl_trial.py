@@ -1,8 +1,8 @@
 """Try PoCL under a CPU name: a program for a child process, which an unfit name kills.
 
 It needs the standard library alone and speaks to PoCL's library without an OpenCL loader, so that
-it starts in a few hundredths of a second. `clplen.compute.drivers.pocl` starts it and reads its exit
-status: 0 where every built-in function that clplen's kernels call builds, runs and is right.
+it starts in a few hundredths of a second. pocl.py starts it and reads its exit status: 0 where
+every built-in function that clplen's kernels call builds, runs and is right.
 
 OpenCL's functions are reached as a loader reaches them: the first word of a platform is the
 address of a table of functions, in the order of ``cl_icd.h`` (Khronos, cl_khr_icd).

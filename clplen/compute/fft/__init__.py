@@ -1,1 +1,1 @@
-"""Fourier transforms and what is built of them: maps and factors come in, transformed arrays leave."""
+"""Fourier transforms and linear maps made of them: complex arrays come in, and leave."""

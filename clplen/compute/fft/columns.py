@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from clplen.compute.fft.lines import Line, Separable
-from clplen.compute.fft.route import FFTRoute
+from clplen.compute.fft.routes import FFTRoute
 from clplen.compute.fft.threads import share
 from clplen.compute.fft.workspace import Slots, Workspace
 from clplen.types import Array

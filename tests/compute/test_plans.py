@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from clplen.compute.device import Device
-from clplen.compute.fft import route
+from clplen.compute.fft import routes
 from clplen.compute.fft.plans import PlanCache
-from clplen.compute.fft.route import FFTRoute
+from clplen.compute.fft.routes import FFTRoute
 
 
 def put(cache: PlanCache, key: str, nbytes: int = 40) -> str:
@@ -122,6 +122,6 @@ def test_plans_of_vkfft_count_in_bytes(device: Device, monkeypatch: pytest.Monke
     transforms = dict.fromkeys(("fft", "ifft"), lambda *_: None)
     for extra, shape in ((0, (4, 4)), (1000, (4, 5))):
         app = SimpleNamespace(tmp_buffer_nbytes=extra, **transforms)
-        monkeypatch.setattr(route, "_vkfft_app", lambda *_, app=app: app)
+        monkeypatch.setattr(routes, "_vkfft_app", lambda *_, app=app: app)
         FFTRoute("vkfft", 1).forward(one.upload(np.zeros(shape, np.complex64)), one)
     assert one.plans.nbytes == 2 * 2**20 + 1000

@@ -13,11 +13,11 @@ from tolerance import fft_tolerance, relative_max
 
 from clplen import Field, Grid, propagate
 from clplen.compute.device import Device
-from clplen.compute.fft import route
-from clplen.compute.fft.route import FFTRoute, choose_route
+from clplen.compute.fft import routes
+from clplen.compute.fft.routes import FFTRoute, choose_route
 from clplen.errors import DeviceError
 
-ROUTES = ("vkfft", "ducc0", "scipy", "numpy")
+ROUTES = ("vkfft", "ducc0", "scipy")
 # A power of two, a prime (Bluestein), 2 5 101 and 2 3 5 101 (Bluestein for 101 in some
 # libraries), two odd lengths under two batch axes, and the cylindrical problem.
 SHAPES = [(64, 64), (509, 64), (31, 1010), (3030, 7), (2, 3, 45, 37), (1, 96)]
@@ -97,7 +97,7 @@ def test_a_plan_of_vkfft_is_kept(device: Device, monkeypatch: pytest.MonkeyPatch
     array = device.upload(values)
     for _ in range(2):
         FFTRoute("vkfft", 1).forward(array, device)
-        monkeypatch.setattr(route, "_vkfft_app", lambda *_: pytest.fail("planned again"))
+        monkeypatch.setattr(routes, "_vkfft_app", lambda *_: pytest.fail("planned again"))
     expected = np.fft.fft2(np.fft.fft2(values.astype(complex)))
     assert relative_max(expected, device.download(array)) <= 2 * fft_tolerance(64**2, np.complex64)
 
@@ -108,7 +108,7 @@ def test_a_forced_route_that_is_missing_is_an_error(
 ) -> None:
     monkeypatch.setenv("CLPLEN_FFT", f" {name.upper()} ")
     module = {"vkfft": "pyvkfft"}.get(name, name)
-    monkeypatch.setattr(route, "find_spec", without(module))
+    monkeypatch.setattr(routes, "find_spec", without(module))
     with pytest.raises(DeviceError) as error:
         choose_route(is_cpu=True)
     words = str(error.value)
@@ -118,7 +118,7 @@ def test_a_forced_route_that_is_missing_is_an_error(
         "ducc0": 'pip install "clplen[fast]"',
     }
     assert remedy.get(name, f"pip install {name}") in words
-    monkeypatch.setattr(route, "find_spec", lambda _: "found")
+    monkeypatch.setattr(routes, "find_spec", lambda _: "found")
     assert choose_route(is_cpu=True).name == name
 
 
@@ -127,7 +127,7 @@ def test_an_unknown_route_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(DeviceError) as error:
         choose_route(is_cpu=False)
     assert str(error.value) == (
-        "CLPLEN_FFT='fftw' is no FFT route; use one of vkfft, ducc0, scipy, numpy."
+        "CLPLEN_FFT='fftw' is no FFT route; use one of vkfft, ducc0, scipy."
     )
 
 
@@ -146,7 +146,7 @@ def test_what_is_installed_decides(
     is_cpu: bool, missing: tuple[str, ...], name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("CLPLEN_FFT", raising=False)
-    monkeypatch.setattr(route, "find_spec", lambda module: None if module in missing else "found")
+    monkeypatch.setattr(routes, "find_spec", lambda module: None if module in missing else "found")
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         assert choose_route(is_cpu).name == name
@@ -161,7 +161,7 @@ def test_what_is_installed_decides(
 def gpu(device: Device, monkeypatch: pytest.MonkeyPatch) -> Device:
     """The device taken for a GPU without pyvkfft: memory of its own, an item a sample."""
     monkeypatch.delenv("CLPLEN_FFT", raising=False)
-    monkeypatch.setattr(route, "find_spec", without("pyvkfft"))
+    monkeypatch.setattr(routes, "find_spec", without("pyvkfft"))
     mock = Device(device.cl_device)
     mock.is_cpu = mock.rows = False
     return mock
