@@ -25,13 +25,13 @@ NONE = CheckResult("opening", "opens", (), math.nan, 0.0, "FAILED", "It cannot b
 FATAL = """
 import os
 import sys
-import numpy as np
+import scipy.fft
 
 def fatal(*_, **__):
     print("LLVM ERROR: Cannot select: planted", file=sys.stderr, flush=True)
     os.abort()
 
-np.fft.fftn = fatal
+scipy.fft.fftn = fatal
 """
 
 
