@@ -64,7 +64,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> list[FakePlatform]:
         .with_device("GeForce GTX 1080", GPU, extensions="cl_khr_icd"),
     ]
     monkeypatch.delenv("CLPLEN_DEVICE", raising=False)
-    monkeypatch.setattr(selection.icd, "expose_intel_runtime", lambda: None)
+    monkeypatch.setattr(selection.environment, "expose_intel_runtime", lambda: None)
     monkeypatch.setattr(devices.pocl, "ensure_usable", lambda cl_device: "")
     monkeypatch.setattr(cl, "get_platforms", lambda: platforms)
     return platforms

@@ -7,7 +7,6 @@ import re
 import pyopencl as cl
 
 from clplen.compute.drivers import environment, llvmpipe
-from clplen.compute.drivers.environment import ensure_cache
 from clplen.compute.drivers.forked import begin_use
 from clplen.errors import DeviceError
 
@@ -35,7 +34,7 @@ def find_devices() -> list[Found]:
         process was forked from one that looked for devices.
     """
     begin_use()
-    ensure_cache()
+    environment.ensure_cache()
     environment.expose_intel_runtime()
     try:
         platforms = cl.get_platforms()

@@ -1,64 +1,63 @@
-"""Propagation beside the bare Fourier transforms of its padded size."""
+"""Propagation beside bare Fourier transforms; multiplied fields beside a multiplication."""
 
 from __future__ import annotations
 
 import multiprocessing
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from clplen.bench import ceilings
-from clplen.bench.measure import Case, Times, finished, in_turn
-from clplen.bench.report import Goal, Report, time_rows
-from clplen.bench.sizes import halved, numbers
+from clplen.bench.measure import Case, Times, finished, halved, in_turn, numbers
+from clplen.bench.report import Benchmark, Goal, Report, time_rows
+from clplen.compute.fft.blocks import Spectrum, multiplied
 from clplen.wave.field import Field, Grid
+from clplen.wave.lens import thin_lens
 from clplen.wave.propagation import propagate
 from clplen.wave.propagator import Propagator
+from clplen.wave.transfer import Transfer
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
 
-SUMMARY = "a step of N x N samples padded to 2N, beside two bare FFTs of 2N x 2N"
-SIZES = ("1024", "2048", "4096")
-QUICK = "128"
 PITCH, WAVELENGTH, DISTANCE = 6.6e-6, 550e-9, 0.1
 DISTANCES = tuple(0.05 + 0.01 * n for n in range(8))
 SEVERAL = 2048  # samples a side up to which several distances are timed
 _CACHED = {"ducc0": 0.8, "scipy": 0.9}  # over two bare FFTs, by library
 _MADE = {"ducc0": 1.0, "scipy": 1.1}
 _MEMORY = 1.2  # over input, result, the rows' spectra and the quadrant of H
+_LEAST = 1024  # samples a side from which the goals hold: below, starting a kernel counts
+_TABLES = {"Intel": 1.6, "": 3.5}  # over a multiplication, by the beginning of the platform's name
+_LENS, _APPLIED = 2.0, 1.5
+FOCAL = 5.0
 
 
-def smaller(size: str) -> str:
-    """Half the samples a side."""
-    return halved(size, (0,), 16)
-
-
-def needs(size: str) -> int:
+def _propagation_needs(size: str) -> int:
     """Twelve arrays of N x N complex samples, twenty where several distances are timed."""
     (n,) = numbers(size, (1,), "N")
     return (24 if n <= SEVERAL else 12) * 8 * n * n
 
 
-def run(device: Device, size: str, repeats: int) -> Report:
+def measure_propagation(device: Device, size: str, repeats: int) -> Report:
     """A step with its transfer function there, one that makes it, and several distances."""
     (n,) = numbers(size, (1,), "N")
     field = speckle(n, device)
-    made = _plan(field, DISTANCE)
-    factor = made.description.factor
+    plan = _plan(field, DISTANCE)
+    factor = plan.description.factor
     assert factor is not None
-    made(field)
+    plan(field)
     cases = [
         ceilings.bare_fft((2 * n, 2 * n), device, count=2),
-        Case("step", finished(lambda: made(field), device)),
+        Case("step", finished(lambda: plan(field), device)),
         Case(
             "step that makes its transfer function",
             finished(lambda: _plan(field, DISTANCE)(field), device),
         ),
         Case(
             "transfer function",
-            finished(lambda: factor.on_device(device, made.phase), device),
+            finished(lambda: factor.on_device(device, plan.phase), device),
         ),
         ceilings.copy(device, 4 * n * n * device.complex.itemsize, "copy of 2N x 2N samples"),
     ]
@@ -70,7 +69,7 @@ def run(device: Device, size: str, repeats: int) -> Report:
         size,
         "time over two bare FFTs",
         time_rows(times, times[0]),
-        tuple(_goals(device, n, times)),
+        tuple(_propagation_goals(device, n, times)),
     )
 
 
@@ -97,7 +96,7 @@ def _several(field: Field) -> Case:
     return Case(f"{len(DISTANCES)} distances at once", run, float(len(DISTANCES)), "distances")
 
 
-def _goals(device: Device, n: int, times: list[Times]) -> list[Goal]:
+def _propagation_goals(device: Device, n: int, times: list[Times]) -> list[Goal]:
     bare, step, made, *_ = times
     fft = device.fft.name
     goals = []
@@ -155,3 +154,77 @@ def _resident(name: str) -> int:
         if line.startswith(name + ":"):
             return 1024 * int(line.split()[1])
     raise LookupError(f"/proc/self/status has no line {name}.")
+
+
+def _fields_needs(size: str) -> int:
+    """Eight arrays of complex samples."""
+    (n,) = numbers(size, (1,), "N")
+    return 8 * 8 * n * n
+
+
+def measure_fields(device: Device, size: str, repeats: int) -> Report:
+    """Each kernel over whole arrays that are there; results of a lens are new arrays."""
+    (n,) = numbers(size, (1,), "N")
+    rng = np.random.default_rng(3)
+    u = rng.random((n, n), dtype=np.float32) + np.complex64(1j)
+    field = Field.from_array(u, Grid((n, n), PITCH), wavelength=WAVELENGTH, device=device)
+    work, phases = (device.upload(np.exp(1j * u.real).astype(device.complex)) for _ in range(2))
+    whole = Spectrum(phases, (n, n))
+    part = np.exp(1j * u.real[: n // 2 + 1, : n // 2 + 1]).astype(device.complex)
+    quadrant = Spectrum(device.upload(part), (n, n))
+    H, diameter = _transfer(n), n * PITCH / 2
+
+    def case(name: str, do: Callable[[], object]) -> Case:
+        return Case(name, finished(do, device), float(n * n), "samples")
+
+    cases = [
+        case("complex multiplication", lambda: multiplied(work, whole, device, copy=False)),
+        case("transfer function, whole", lambda: H.on_device(device, "tables")),
+        case("quadrant applied", lambda: multiplied(work, quadrant, device, copy=False)),
+        case("thin lens", lambda: thin_lens(field, FOCAL)),
+        case("thin lens with its disc", lambda: thin_lens(field, FOCAL, diameter=diameter)),
+        case("stigmatic lens", lambda: thin_lens(field, FOCAL, form="stigmatic")),
+        ceilings.copy(device, n * n * device.complex.itemsize),
+    ]
+    times = in_turn(cases, repeats)
+    goals = tuple(_fields_goals(device, times)) if n >= _LEAST else ()
+    rows = time_rows(times, times[0])
+    return Report("fields", size, "time over a complex multiplication", rows, goals)
+
+
+def _transfer(n: int) -> Transfer:
+    """H at n x n frequencies of an FFT of as many samples, none of them mirrored."""
+    f = np.fft.fftfreq(n, PITCH)
+    return Transfer((n, n), (f, f), (np.ones(n), np.ones(n)), DISTANCE, WAVELENGTH)
+
+
+def _fields_goals(device: Device, times: list[Times]) -> list[Goal]:
+    _, made, quadrant, lens, *_ = (t.over(times[0]) for t in times)
+    limit = next(m for name, m in _TABLES.items() if device.platform.startswith(name))
+    return [
+        Goal("transfer function, whole", made, limit, "at most"),
+        Goal("quadrant applied", quadrant, _APPLIED, "at most"),
+        Goal("thin lens", lens, _LENS, "at most"),
+    ]
+
+
+BENCHMARKS = (
+    Benchmark(
+        "propagation",
+        "a step of N x N samples padded to 2N, beside two bare FFTs of 2N x 2N",
+        sizes=("1024", "2048", "4096"),
+        quick="128",
+        needs=_propagation_needs,
+        run=measure_propagation,
+        smaller=lambda size: halved(size, (0,), 16),
+    ),
+    Benchmark(
+        "fields",
+        "lenses and transfer functions of N x N samples, beside a complex multiplication",
+        sizes=("4096",),
+        quick="128",
+        needs=_fields_needs,
+        run=measure_fields,
+        smaller=lambda size: halved(size, (0,), 16),
+    ),
+)

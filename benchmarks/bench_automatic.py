@@ -1,29 +1,25 @@
-"""The method that ``auto`` takes, beside the cheapest one that is as accurate."""
+"""The method that ``auto`` takes, beside the cheapest one that is as accurate.
+
+python benchmarks/bench_automatic.py [--device pocl] [--size 1024] [--quick]
+"""
 
 from __future__ import annotations
 
 import math
 import warnings
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from script import command
 
-from clplen.bench.measure import Case, finished, in_turn
-from clplen.bench.propagation import PITCH, WAVELENGTH, speckle
-from clplen.bench.report import Goal, Report, Row, time_rows
-from clplen.bench.sizes import halved, numbers
-from clplen.compute.device import Device
-from clplen.errors import SamplingWarning
-from clplen.wave.field import Field
-from clplen.wave.propagator import Propagator
+from clplen import Device, Field, Propagator, SamplingWarning
+from clplen.bench.measure import Case, finished, halved, in_turn, numbers
+from clplen.bench.report import Benchmark, Goal, Report, Row, time_rows
+from clplen.bench.waves import PITCH, WAVELENGTH, speckle
 
-if TYPE_CHECKING:
-    Array = np.ndarray[Any, Any]
+Array = np.ndarray[Any, Any]
 
-SUMMARY = "auto beside the cheapest method that is as accurate, at distances near and far"
-SIZES = ("1024",)
-QUICK = "64"
 # Distances in units of N dx^2/lam, the last at which the angular spectrum is sampled unpadded.
 DISTANCES = (0.1, 0.5, 1, 2, 4, 8, 16, 32, 128, 1024)
 EXACT = ("as", "blas", "cblas", "rs")
@@ -43,7 +39,7 @@ def needs(size: str) -> int:
     return 40 * 16 * 4 * n * n
 
 
-def run(device: Device, size: str, repeats: int) -> Report:
+def measure_automatic(device: Device, size: str, repeats: int) -> Report:
     """At each distance auto and every method that is as accurate, which double precision tells."""
     (n,) = numbers(size, (1,), "N")
     field = speckle(n, device)
@@ -96,3 +92,17 @@ def _decibels(expected: Array, got: Array) -> float:
     """-20 log10 of the relative error, nothing fitted."""
     error = float(np.linalg.norm(got - expected) / np.linalg.norm(expected))
     return -20 * math.log10(error) if error else math.inf
+
+
+BENCHMARK = Benchmark(
+    "automatic",
+    "auto beside the cheapest method that is as accurate, at distances near and far",
+    sizes=("1024",),
+    quick="64",
+    needs=needs,
+    run=measure_automatic,
+    smaller=smaller,
+)
+
+if __name__ == "__main__":
+    command(BENCHMARK, __doc__)()
