@@ -196,7 +196,7 @@ def _refine(device: Device) -> Pairs:
     yield wanted[1], known
 
 
-CHECKS = (
+MATCHING_CHECKS = (
     Check("matching", "how well views agree on four planes", _matching, 1e-5,
           ("matching.cl", "combined.cl")),
     Check("support", "costs of neighbours that look alike", _support, 2e-5,

@@ -19,10 +19,10 @@ CHECKS: tuple[Check, ...] = (
     *lenses.CHECKS,
     *views.CHECKS,
     *cues.CHECKS,
-    *matched.CHECKS,
+    *matched.MATCHING_CHECKS,
     *frames.CHECKS,
-    *scenes.CHECKS,
-    *volumes.CHECKS,
+    *scenes.SCENE_CHECKS,
+    *volumes.VOLUME_CHECKS,
 )
 
 

@@ -114,7 +114,7 @@ def _camera(device: Device) -> Pairs:
     yield expected.ravel()[agreed], raw.ravel()[agreed]
 
 
-CHECKS = (
+SCENE_CHECKS = (
     Check("scene", "views and disparity of a ground and a ball", _scene, 2e-5,
           ("scene.cl", "surfaces.cl")),
     Check("rays", "the same kind of scene behind a camera", _camera, 1e-4, ("rays.cl",)),

@@ -115,7 +115,7 @@ def _sieved(device: Device) -> Pairs:
     yield expected, device.download(Sieve(projector, 3.0).volumes(device.upload(volume)))
 
 
-CHECKS = (
+VOLUME_CHECKS = (
     Check("projector", "volumes to frames of a microscope and back", _projected, 1e-5,
           ("projector.cl", "lattice.cl", "lattice_spectra.cl")),
     Check("richardson_lucy", "4 iterations of a deconvolution, accelerated", _deconvolved, 1e-4,
