@@ -14,7 +14,7 @@ from clplen.compute.device import Device
 from clplen.compute.drivers import program
 from clplen.compute.fft import routes
 from clplen.compute.memory import Memory
-from clplen.selftest.run import CHECKS, run_checks
+from clplen.selftest.runner import CHECKS, run_checks
 
 pytestmark = pytest.mark.thorough
 

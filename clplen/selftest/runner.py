@@ -1,4 +1,4 @@
-"""The checks in child processes: a faulty driver ends one of them, and the others go on.
+"""All checks in order, in this process or in children: a faulty driver ends one of them only.
 
 Kernels are compiled on one core each, so that several children are done sooner, too. A child says
 what it does in lines of JSON: ["facts", {...}], ["begin", name], ["result", {...}].
@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict
 from queue import SimpleQueue
 from threading import Event, Thread
@@ -21,12 +21,76 @@ from time import perf_counter
 from typing import IO, TYPE_CHECKING, Any
 
 from clplen.errors import ClplenError
+from clplen.selftest import basics, depth, frames, optics, views, waves
 from clplen.selftest.check import Check, CheckResult, run_check, sentence_of
 from clplen.selftest.report import DeviceReport, device_facts, environment
-from clplen.selftest.run import CHECKS, Watch, chosen
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
+
+Watch = Callable[[CheckResult], None]
+
+CHECKS: tuple[Check, ...] = (
+    *basics.CHECKS,
+    *waves.CHECKS,
+    *optics.CHECKS,
+    *views.CHECKS,
+    *depth.CHECKS,
+    *depth.MATCHING_CHECKS,
+    *frames.CHECKS,
+    *optics.SCENE_CHECKS,
+    *frames.VOLUME_CHECKS,
+)
+
+
+def run_checks(
+    device: Device, *, names: Iterable[str] | None = None, watch: Watch | None = None
+) -> list[CheckResult]:
+    """Compare what a device computes with float64 NumPy, in this process.
+
+    Parameters
+    ----------
+    device : Device
+        In single precision.
+    names : iterable of str, optional
+        Of the checks to run; default all.
+    watch : callable, optional
+        Called with each result when it is there.
+
+    Returns
+    -------
+    list of CheckResult
+        One for each check, in the order of `CHECKS`; errors are results, not raised.
+
+    Raises
+    ------
+    ValueError
+        If there is no check of a name.
+    """
+    results = []
+    for check in chosen(names):
+        results.append(run_check(check, device))
+        if watch is not None:
+            watch(results[-1])
+    return results
+
+
+def chosen(names: Iterable[str] | None) -> list[Check]:
+    """The checks of these names, in order; None: all.
+
+    Raises
+    ------
+    ValueError
+        If there is no check of a name.
+    """
+    if names is None:
+        return list(CHECKS)
+    wanted = set(names)
+    unknown = sorted(wanted - {check.name for check in CHECKS})
+    if unknown:
+        raise ValueError(f"There is no check {unknown[0]!r}.")
+    return [check for check in CHECKS if check.name in wanted]
+
 
 OPENING = Check("opening", "the device opens and compiles a kernel", lambda device: (), 0.0)
 MOST_CHILDREN = 4
