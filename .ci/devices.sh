@@ -97,7 +97,7 @@ run_pocl() { "$python" -m pytest -n auto --dist loadfile --device pocl -q; }
 
 run_vkfft() {
     need_vkfft
-    "$python" -m pytest tests/compute/test_fft.py --device pocl -q
+    "$python" -m pytest tests/compute/test_routes.py --device pocl -q
 }
 
 # quick_tests DEVICE TESTS...

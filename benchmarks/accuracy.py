@@ -37,7 +37,7 @@ from clplen import (
     refocus,
 )
 from clplen.cameras.plenoptic1 import scene_energy
-from clplen.compute.fft import FFTRoute
+from clplen.compute.fft.routes import FFTRoute
 from clplen.demo import POINTS, SOURCE_DIAMETER, camera, scene
 from clplen.wave.request import Request
 from clplen.wave.spectral import band_limited

@@ -24,7 +24,7 @@ NAMES = (
 START = """
 import sys, time, warnings
 import pyopencl as cl
-from clplen.compute import pocl, pocl_trial
+from clplen.compute.drivers import pocl, pocl_trial
 warnings.simplefilter("ignore")
 device = next(d for p in cl.get_platforms() if p.name == pocl.PLATFORM for d in p.get_devices())
 if sys.argv[1]:

@@ -24,8 +24,8 @@ from clplen.cameras.scene import PointSources
 from clplen.cameras.surfaces import Plane, Sphere, SurfaceScene
 from clplen.cameras.textures import Texture
 from clplen.cameras.truth import Truth
+from clplen.compute.arrays import Image
 from clplen.compute.device import Device
-from clplen.compute.image import Image
 from clplen.errors import (
     ClplenError,
     DeviceError,

@@ -4,7 +4,7 @@
  *
  *   y[f, k] = f(a_k, b_k),  a_k = x[0, k] > 0,  b_k = x[1, k],  k = 0 ... n - 1,  16 divides n
  *
- * The functions stand in the order of clplen/compute/builtin_functions.py. i and j are the integers of a and
+ * The functions stand in the order of clplen/compute/drivers/builtin_functions.py. i and j are the integers of a and
  * b, halves, bytes and shorts are integers of a as light fields store them. One item does it all.
  *
  * Loops over vectors are not unrolled: it takes a compiler time and tries nothing more.

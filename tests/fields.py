@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from clplen import Device, Field, Grid, SamplingWarning, propagate
-from clplen.compute import fft
-from clplen.compute.fft import FFTRoute
+from clplen.compute.fft import routes
+from clplen.compute.fft.routes import FFTRoute
 
 LAM = 550e-9
 
@@ -58,14 +58,14 @@ def go(
 
 
 def numpy_for_vkfft(array: Any, device: Device, axes: tuple[int, ...], forward: bool) -> None:
-    """What ``fft._vkfft`` does, by NumPy."""
+    """What ``routes._vkfft`` does, by NumPy."""
     with device.on_host(array) as values:
         values[...] = (np.fft.fftn if forward else np.fft.ifftn)(values, axes=axes)
 
 
 def staying(device: Device, monkeypatch: pytest.MonkeyPatch) -> Device:
     """The device as one whose arrays stay on it, as with VkFFT."""
-    monkeypatch.setattr(fft, "_vkfft", numpy_for_vkfft)
+    monkeypatch.setattr(routes, "_vkfft", numpy_for_vkfft)
     other = Device(device.cl_device, precision=device.precision)
     other.fft = FFTRoute("vkfft", 1)
     return other

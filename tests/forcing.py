@@ -1,8 +1,8 @@
 """Put another CPU name into PoCL's device on purpose.
 
 So every CPU gets into the state in which PoCL's wheel is on a CPU that its compiler does not know
-("generic"), or takes for another one ("znver3"), and the remedy of `clplen.compute.pocl` is tested
-everywhere.
+("generic"), or takes for another one ("znver3"), and the remedy of compute/drivers/pocl.py is
+tested everywhere.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pyopencl as cl
 
-from clplen.compute import pocl_trial
+from clplen.compute.drivers import pocl_trial
 
 ROOT = Path(__file__).parents[1]
 VARIABLE = "CLPLEN_TESTS_CPU_NAME"

@@ -1,7 +1,7 @@
 """float64 twins of the maps along an axis: explicit matrices of what a `Line` says it does.
 
 The matrices come from the definitions, sums of exponentials; no FFT is used. Nothing here imports
-the package under test: a line is anything with the attributes of `clplen.compute.lines.Line`.
+the package under test: a line is anything with the attributes of `clplen.compute.fft.lines.Line`.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ import pytest
 
 import clplen
 from clplen.compute.device import Device
-from clplen.compute.oneline import LONGEST, OneLine
+from clplen.reprs import LONGEST, OneLine
 from clplen.wave.checkpoint import fingerprint
 
 ROOT = Path(__file__).parents[1]

@@ -12,7 +12,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-FIND = "import clplen; from clplen.compute.program import kernel_folder; print(kernel_folder())"
+FIND = (
+    "import clplen; from clplen.compute.drivers.program import kernel_folder; "
+    "print(kernel_folder())"
+)
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,8 @@ import pytest
 from clplen import plot
 from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.compute.arrays import Image
 from clplen.compute.device import Device
-from clplen.compute.image import Image
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.lightfield.refocus.focal_stack import FocalStack

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from clplen import Field, Grid, plot
-from clplen.compute.image import Image
+from clplen.compute.arrays import Image
 from clplen.errors import ShapeError
 
 GRID = Grid((6, 9), (4e-6, 2e-6), origin=(30e-6, -1e-6))  # y: 18 to 38, x: -9 to 7 um

@@ -21,8 +21,8 @@ from clplen.analysis.straylight import camera_crosstalk
 from clplen.cameras.pictures import parts
 from clplen.cameras.plenoptic import Plenoptic
 from clplen.cameras.scene import PointSources
-from clplen.compute.oneline import OneLine
 from clplen.errors import SamplingError
+from clplen.reprs import OneLine
 
 ANALYSES = (
     "sampling",

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from clplen.analysis.samples import Values, first_fall
-from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
+from clplen.reprs import OneLine
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -18,8 +18,8 @@ import numpy as np
 
 from clplen.analysis.curve import Curve
 from clplen.analysis.samples import Pair, Values, checked
-from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
+from clplen.reprs import OneLine
 from clplen.wave.field import Grid
 
 BINS = 4  # a sample

@@ -19,7 +19,7 @@ from clplen.analysis.samples import (
     first_fall,
     line_of,
 )
-from clplen.compute.hostarray import HostArray
+from clplen.compute.arrays import HostArray
 from clplen.wave.field import Grid
 
 FINER = 16  # samples for one, in which a width is looked for

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from clplen.analysis.samples import check_positive
-from clplen.compute.checks import require
-from clplen.compute.oneline import OneLine
+from clplen.checks import require
+from clplen.reprs import OneLine
 
 
 @dataclass(frozen=True, repr=False)

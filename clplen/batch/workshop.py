@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from clplen.batch.locks import ItemLocks
 from clplen.compute.device import Device
-from clplen.compute.hostmemory import free_memory
+from clplen.compute.memory import free_memory
 
 if TYPE_CHECKING:
     from clplen.batch.volumes import Deconvolver

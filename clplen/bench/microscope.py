@@ -16,11 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.bench.measure import Case, Times, finished, in_turn
-from clplen.bench.report import Goal, Report, time_rows
-from clplen.bench.sizes import halved, numbers
+from clplen.bench.measure import Case, Times, finished, halved, in_turn, numbers
+from clplen.bench.report import Benchmark, Goal, Report, time_rows
 from clplen.cameras.camera import PlenopticCamera
-from clplen.compute.lines import smooth_length
+from clplen.compute.fft.lines import smooth_length
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import point_images
@@ -31,9 +30,6 @@ if TYPE_CHECKING:
 
 Vector = np.ndarray[Any, Any]
 
-SUMMARY = "a volume to a microscope's frame and back, beside convolutions of whole frames"
-SIZES = ("51x67",)
-QUICK = "2x9"
 FORM = "PLANESxLENSLETS"
 PIXELS, VOXELS = 15, 5  # of a lenslet, along an axis
 PLAIN = 2  # planes that the plain form is timed on
@@ -42,12 +38,7 @@ _DEPTH = 10e-6  # outermost planes, from the native one
 _SPREAD = 20  # lenslets that the widest image reaches to, at most
 
 
-def smaller(size: str) -> str:
-    """Half the planes and lenslets."""
-    return halved(size, (0, 1), 2)
-
-
-def needs(size: str) -> int:
+def _needs(size: str) -> int:
     """Matrices of all planes, and transfer functions of those of the plain form."""
     planes, count = numbers(size, (2,), FORM)
     window = smooth_length(max(count + _SPREAD, 2 * _SPREAD + 1))
@@ -55,7 +46,7 @@ def needs(size: str) -> int:
     return matrices + 5 * PLAIN * VOXELS**2 * (window * PIXELS) ** 2
 
 
-def run(device: Device, size: str, repeats: int) -> Report:
+def measure_microscope(device: Device, size: str, repeats: int) -> Report:
     """Times of one projection and one back-projection over those of the plain form."""
     planes, count = numbers(size, (2,), FORM)
     start = perf_counter()
@@ -194,3 +185,16 @@ def _transforms() -> tuple[Callable[[Vector], Vector], Callable[[Vector, int], V
         lambda a: np.asarray(scipy.fft.rfft2(a, workers=-1)),
         lambda a, n: np.asarray(scipy.fft.irfft2(a, s=(n, n), workers=-1)),
     )
+
+
+BENCHMARKS = (
+    Benchmark(
+        "microscope",
+        "a volume to a microscope's frame and back, beside convolutions of whole frames",
+        sizes=("51x67",),
+        quick="2x9",
+        needs=_needs,
+        run=measure_microscope,
+        smaller=lambda size: halved(size, (0, 1), 2),
+    ),
+)

@@ -1,63 +1,38 @@
 """The benchmarks by name, and how one is run.
 
-A benchmark is a module of this folder with
-
-    SUMMARY   one line
-    SIZES     the sizes that are run when none is asked for
-    QUICK     one small size, to see that everything works
-    needs(size) -> int       bytes on host and device together
-    run(device, size, repeats) -> Report
-    smaller(size) -> str     a smaller size for a machine whose memory does not suffice, "" if none
+The modules of this folder that measure have a tuple ``BENCHMARKS``.
 """
 
 from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING
 
 import pyopencl as cl
 
-from clplen.bench.report import Report
-from clplen.compute.hostmemory import free_memory
+from clplen.bench.report import Benchmark, Report
+from clplen.compute.memory import free_memory
 from clplen.errors import ClplenError, DeviceError
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
 
-NAMES = (
-    "stack",
-    "transfers",
-    "batch",
-    "growth",
-    "propagation",
-    "fields",
-    "automatic",
-    "depth",
-    "camera",
-    "microscope",
-    "demo",
-    "start",
-)
+# Modules are imported when one of their benchmarks is asked for.
+_MODULES = {
+    "stack": "lightfields",
+    "transfers": "lightfields",
+    "propagation": "waves",
+    "fields": "waves",
+    "depth": "lightfields",
+    "camera": "exposures",
+    "microscope": "microscope",
+    "demo": "exposures",
+    "start": "start",
+}
+NAMES = tuple(_MODULES)
 _SHARE = 0.8  # of the memory that is free
 _REFUSED = ("needs", "largest that")  # what a DeviceError says of memory that does not suffice
-
-
-class Benchmark(Protocol):
-    """What a module of this folder has."""
-
-    SUMMARY: str
-    SIZES: tuple[str, ...]
-    QUICK: str
-
-    def needs(self, size: str) -> int:
-        """Bytes on host and device together."""
-
-    def run(self, device: Device, size: str, repeats: int) -> Report:
-        """Time everything of one size."""
-
-    def smaller(self, size: str) -> str:
-        """A smaller size, or nothing."""
 
 
 def find(name: str) -> Benchmark:
@@ -70,18 +45,19 @@ def find(name: str) -> Benchmark:
     """
     if name not in NAMES:
         raise ClplenError(f"There is no benchmark {name!r}; there are {', '.join(NAMES)}.")
-    return cast(Benchmark, importlib.import_module(f"clplen.bench.{name}"))
+    module = importlib.import_module(f"clplen.bench.{_MODULES[name]}")
+    benchmarks: tuple[Benchmark, ...] = module.BENCHMARKS
+    return next(benchmark for benchmark in benchmarks if benchmark.name == name)
 
 
 def run(
-    name: str, device: Device, *, size: str, repeats: int, say: Callable[[str], None]
+    benchmark: Benchmark, device: Device, *, size: str, repeats: int, say: Callable[[str], None]
 ) -> Report | None:
     """One benchmark at one size, or at the next smaller one that memory allows.
 
     Parameters
     ----------
-    name : str
-        One of ``NAMES``.
+    benchmark : Benchmark
     device : Device
     size : str
         In the benchmark's own words.
@@ -94,7 +70,7 @@ def run(
     Report or None
         None where no size fits.
     """
-    benchmark = find(name)
+    name = benchmark.name
     while True:
         if benchmark.needs(size) <= _room(device):
             try:

@@ -1,12 +1,22 @@
-"""What a benchmark found: rows of times, goals, and their form in JSON."""
+"""What a benchmark is and what it finds: rows of times, goals; saved runs and their comparison."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 from clplen.bench.measure import Times
+from clplen.errors import FormatError
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+
+FORMAT = "clplen bench"
+VERSION = 1
 
 
 @dataclass(frozen=True)
@@ -107,3 +117,93 @@ def rate_rows(times: Sequence[Times], by: Times) -> tuple[Row, ...]:
         Row(t.case.name, t.median, t.spread, t.rate, t.case.unit, s / t.over(by))
         for t, s in zip(times, scale, strict=True)
     )
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """Something that can be measured at several sizes.
+
+    Attributes
+    ----------
+    name : str
+    summary : str
+        One line.
+    sizes : tuple of str
+        That are run when none is asked for.
+    quick : str
+        One small size, to see that everything works.
+    needs : callable
+        Bytes on host and device together, of a size.
+    run : callable
+        Measures one size with a number of repeats on a device.
+    smaller : callable
+        A smaller size for a machine whose memory does not suffice, "" if there is none.
+    """
+
+    name: str
+    summary: str
+    sizes: tuple[str, ...]
+    quick: str
+    needs: Callable[[str], int]
+    run: Callable[[Device, str, int], Report]
+    smaller: Callable[[str], str]
+
+
+def run_as_json(reports: Sequence[Report], environment: dict[str, Any]) -> str:
+    """A run with the place and the time (UTC) where it was made."""
+    found = {
+        "format": FORMAT,
+        "version": VERSION,
+        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "environment": environment,
+        "reports": [report.as_json() for report in reports],
+    }
+    return json.dumps(found, indent=1)
+
+
+def read_run(path: Path) -> dict[str, Any]:
+    """A saved run.
+
+    Raises
+    ------
+    FormatError
+        If the file holds something else.
+    """
+    try:
+        found = json.loads(path.read_text("utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise FormatError(f"{path} holds no JSON: save a run by 'clplen bench --json'.") from error
+    if not isinstance(found, dict) or found.get("format") != FORMAT:
+        raise FormatError(f"{path} is no saved run of 'clplen bench --json'.")
+    if found.get("version") != VERSION:
+        raise FormatError(
+            f"{path} is version {found.get('version')} of a saved run, and {VERSION} is read: "
+            "save the run again."
+        )
+    try:
+        compare_runs([], found)
+    except (KeyError, TypeError) as error:
+        raise FormatError(f"{path} is damaged: save it by 'clplen bench --json' again.") from error
+    return found
+
+
+def compare_runs(reports: Sequence[Report], saved: dict[str, Any]) -> str:
+    """A line for every ratio that is in both, its change first where it is a large one."""
+    before = {
+        (report["name"], report["size"], row["name"]): row["ratio"]
+        for report in saved["reports"]
+        for row in report["rows"]
+        if row["ratio"]
+    }
+    lines = []
+    for report in reports:
+        for row in report.rows:
+            old = before.get((report.name, report.size, row.name))
+            if old is not None and row.ratio is not None:
+                change = row.ratio / old - 1
+                lines.append(
+                    f"{change:+7.1%}  {report.name} {report.size}: {row.name}: ratio "
+                    f"{old:.3g} before, {row.ratio:.3g} now"
+                )
+    head = f"compared with the run of {saved['date']} on {saved['environment']['device']}:"
+    return "\n".join([head, *lines] if lines else [f"{head} no row is in both"])

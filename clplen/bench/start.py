@@ -13,16 +13,14 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from clplen.bench.measure import Case, Times
-from clplen.bench.report import Goal, Report, time_rows
+from clplen.bench.report import Benchmark, Goal, Report, time_rows
 from clplen.errors import ClplenError
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
     from clplen.lightfield.model.light_field import LightField
 
-SUMMARY = "import, and the first call with empty kernel caches, beside the second"
 SIZES = ("focal_stack", "depth_map", "depth_default", "propagate", "expose")
-QUICK = "focal_stack"
 MOST_BEYOND = 5.0  # seconds
 MOST_IMPORT = 0.5
 _STEPS = ("import clplen", "open the device", "first call", "second call")
@@ -35,18 +33,13 @@ _CHILD = (
 )
 
 
-def smaller(_: str) -> str:
-    """There is none."""
-    return ""
-
-
-def needs(size: str) -> int:
+def _needs(size: str) -> int:
     """About what a child takes."""
     _require_known(size)
     return _BYTES
 
 
-def run(device: Device, size: str, repeats: int) -> Report:
+def measure_start(device: Device, size: str, repeats: int) -> Report:
     """Times of a call in children that begin with empty caches."""
     _require_known(size)
     taken = [_cold(device.place, size) for _ in range(repeats)]
@@ -183,3 +176,14 @@ def _light_field(device: Device) -> LightField:
 
 
 _CALLS = dict(zip(SIZES, (_stack, _depth, _default, _propagate, _expose), strict=True))
+BENCHMARKS = (
+    Benchmark(
+        "start",
+        "import, and the first call with empty kernel caches, beside the second",
+        sizes=SIZES,
+        quick="focal_stack",
+        needs=_needs,
+        run=measure_start,
+        smaller=lambda size: "",
+    ),
+)

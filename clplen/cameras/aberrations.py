@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from clplen import units
 from clplen.cameras.describe import Row
-from clplen.compute import lengths
-from clplen.compute.oneline import OneLine
+from clplen.reprs import OneLine
 from clplen.wave.lenslet_errors import HIGHEST_ORDER, LensletErrors
 from clplen.wave.zernike import noll, zernike_gradient
 
@@ -152,7 +152,7 @@ class Aberrations(OneLine):
             math.isfinite(lenslet_circle) and lenslet_circle > 0
         ):
             raise ValueError(f"lenslet_circle is positive, in metres, not {lenslet_circle!r}.")
-        lengths.LENSLET_PITCH.check(lenslet_circle or 0.0, "lenslet_circle")
+        units.LENSLET_PITCH.check(lenslet_circle or 0.0, "lenslet_circle")
         if not math.isfinite(sensor_shift):
             raise ValueError(f"sensor_shift is finite, in metres, not {sensor_shift!r}.")
         if not isinstance(scatter, LensletScatter | None):
@@ -224,10 +224,10 @@ class Aberrations(OneLine):
     def lenslet_errors(self, mla: MicrolensArray) -> LensletErrors:
         """How the lenslets of an array depart from thin lenses at their places."""
         focal, tilt, position = self.scatter.draw(mla.count)
-        lengths = np.asarray(mla.focal_lengths)[mla.types()] * focal
+        units = np.asarray(mla.focal_lengths)[mla.types()] * focal
         terms = {noll(j): metres for j, metres in self.lenslets}
         circle = self.lenslet_circle or circumscribed(mla)
-        return LensletErrors(terms, circle, lengths, tilt, position)
+        return LensletErrors(terms, circle, units, tilt, position)
 
     def lenslet_slope(self, mla: MicrolensArray) -> float:
         """At least the steepest slope that they add to d/(2 f), in radians."""
@@ -337,7 +337,7 @@ def _terms(given: Mapping[int, float] | Terms, name: str) -> Terms:
     for j, metres in _pairs(given, name):
         if not (np.ndim(metres) == 0 and math.isfinite(metres)):
             raise ValueError(f"{name}[{j}] is finite, in metres, not {metres!r}.")
-        lengths.WAVEFRONT.check(metres, f"{name}[{j}]")
+        units.WAVEFRONT.check(metres, f"{name}[{j}]")
         found.append((j, float(metres)))
     return tuple(found)
 

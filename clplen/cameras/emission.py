@@ -17,7 +17,7 @@ import pyopencl.array as cla
 from clplen.cameras.isoplanatic import Layout, layout, padded, raw_patterns
 from clplen.cameras.pictures import PicturePlane, parts
 from clplen.cameras.scene import PointSources
-from clplen.compute.image import Image
+from clplen.compute.arrays import Image
 from clplen.errors import SamplingWarning
 from clplen.lightfield.raw.raw_image import Exposure, Transforms
 from clplen.wave.average import Progress

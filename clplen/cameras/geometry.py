@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute import lengths
+from clplen import units
 from clplen.errors import SamplingError
 from clplen.lightfield.raw.raw_image import LensletGrid, LensType, RawImage
 from clplen.wave.checks import is_finite
@@ -24,10 +24,10 @@ LENS_LAW_TOLERANCE = 1e-6  # relative, of 1/f = 1/object + 1/image
 
 
 _KINDS = {
-    "focal_length": lengths.CAMERA_FOCAL_LENGTH,
-    "image_distance": lengths.CAMERA_FOCAL_LENGTH,
-    "aperture_diameter": lengths.CAMERA_DIAMETER,
-    "tube_lens": lengths.TUBE_LENS,
+    "focal_length": units.CAMERA_FOCAL_LENGTH,
+    "image_distance": units.CAMERA_FOCAL_LENGTH,
+    "aperture_diameter": units.CAMERA_DIAMETER,
+    "tube_lens": units.TUBE_LENS,
 }  # an object may be anywhere, and wavelengths have a check of their own
 
 

@@ -19,7 +19,7 @@ import pyopencl.array as cla
 from clplen.cameras.lattice import Patch, Places, patches, places, powers
 from clplen.cameras.pictures import PicturePlane
 from clplen.cameras.scene import PointSources
-from clplen.compute.lines import smooth_length
+from clplen.compute.fft.lines import smooth_length
 from clplen.lightfield.raw.raw_image import Transforms
 from clplen.wave.average import Progress
 from clplen.wave.field import Field, row_powers

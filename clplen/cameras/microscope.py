@@ -22,7 +22,7 @@ import pyopencl.array as cla
 from clplen.cameras import geometry
 from clplen.cameras.microscope_optics import MicroscopeOptics, check_places, check_sampling
 from clplen.cameras.scene import PointSources
-from clplen.compute.lines import smooth_length
+from clplen.compute.fft.lines import smooth_length
 from clplen.errors import SamplingError
 from clplen.files import PathLike
 from clplen.lightfield.raw.raw_image import Exposure, RawImage

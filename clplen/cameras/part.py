@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from clplen.compute.blocks import window
+from clplen.compute.fft.blocks import window
 from clplen.errors import ShapeError
 from clplen.wave.field import Field, Grid
 from clplen.wave.propagation import Propagator

@@ -20,7 +20,7 @@ from clplen.cameras.pupil import pupil_fields
 from clplen.cameras.rays import expose_rays, is_rays
 from clplen.cameras.scene import PointSources
 from clplen.cameras.surfaces import SurfaceScene
-from clplen.compute.lines import smooth_length
+from clplen.compute.fft.lines import smooth_length
 from clplen.files import PathLike
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.lightfield.raw.sensor import Sensor

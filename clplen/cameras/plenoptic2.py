@@ -12,10 +12,10 @@ import math
 from dataclasses import dataclass
 from numbers import Real
 
+from clplen import units
 from clplen.cameras import aberrations
 from clplen.cameras.describe import Description, Row
 from clplen.cameras.plenoptic import Plenoptic
-from clplen.compute import lengths
 from clplen.wave.lenslets import MicrolensArray
 
 
@@ -144,7 +144,7 @@ def magnification(f: float, m: float | None, a: float | None) -> float:
     for name, value in (("m", m), ("a", a)):
         if value is not None and (isinstance(value, bool) or not isinstance(value, Real)):
             raise TypeError(f"{name} is one real number, not {value!r}.")
-    lengths.LENSLET_FOCAL_LENGTH.check(a or 0.0, "a")
+    units.LENSLET_FOCAL_LENGTH.check(a or 0.0, "a")
     if (m is None) == (a is None):
         raise ValueError(
             f"A 2.0 camera has either m or a, and m = {m!r}, a = {a!r}: give exactly one of them."

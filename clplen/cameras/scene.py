@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from clplen.compute import lengths
-from clplen.compute.oneline import OneLine
+from clplen import units
+from clplen.reprs import OneLine
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -61,7 +61,7 @@ class PointSources(OneLine):
             raise ValueError("Positions of sources are finite numbers of metres.")
         if not (np.isfinite(diameter) and diameter >= 0):
             raise ValueError(f"The diameter of sources is not negative, in metres, not {diameter}.")
-        lengths.POINT.check(diameter, "The diameter of sources")
+        units.POINT.check(diameter, "The diameter of sources")
         powers = np.asarray(power, np.float64)
         if powers.ndim and powers.shape != (len(places),):
             raise ValueError(f"{len(places)} sources have {powers.shape} powers: give one or each.")

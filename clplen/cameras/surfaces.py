@@ -14,9 +14,9 @@ from clplen.cameras.outlines import Outline, Vector
 from clplen.cameras.textures import Texture, uniform
 from clplen.cameras.truth import Truth
 from clplen.compute.device import DeviceLike, as_device
-from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
 from clplen.lightfield.model.light_field import LightField
+from clplen.reprs import OneLine
 
 if TYPE_CHECKING:
     pass

@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from clplen.compute.hostarray import HostArray
-from clplen.compute.oneline import OneLine
+from clplen.compute.arrays import HostArray
 from clplen.errors import ShapeError
+from clplen.reprs import OneLine
 
 Samples = np.ndarray[Any, np.dtype[np.float32]]
 LARGEST_SIDE = 8192

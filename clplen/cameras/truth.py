@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from clplen.compute.hostarray import HostArray
+from clplen.compute.arrays import HostArray
 
 JUMP = 0.15  # pixels a view step between neighbours of two surfaces: an edge of depth
 REACH = 4  # pixels beside such an edge

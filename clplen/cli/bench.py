@@ -12,7 +12,7 @@ from clplen.cli import options
 from clplen.cli.messages import note
 
 if TYPE_CHECKING:
-    from clplen.bench.report import Report
+    from clplen.bench.report import Benchmark, Report
     from clplen.compute.device import Device
 
 
@@ -43,7 +43,7 @@ def bench(
     as_json: bool,
     saved: Path | None,
 ) -> None:
-    """Measure the device, beside what is written by hand and beside what the machine can do.
+    """Measure the device beside what the machine can do.
 
     Without a NAME every benchmark is run. Only ratios mean something on another machine.
 
@@ -55,36 +55,38 @@ def bench(
       clplen bench --compare before.json
     """
     from clplen.bench import registry, table
-    from clplen.bench import saved as files
+    from clplen.bench import report as results
     from clplen.bench.environment import environment, quiet_enough
     from clplen.compute.device import Device
 
     chosen = names or registry.NAMES
-    found = {name: registry.find(name) for name in chosen}
+    benchmarks = {name: registry.find(name) for name in chosen}
     if listed:
-        click.echo("\n".join(f"{name:12s} {one.SUMMARY}" for name, one in found.items()))
+        click.echo(
+            "\n".join(f"{name:12s} {benchmark.summary}" for name, benchmark in benchmarks.items())
+        )
         return
     if sizes and len(chosen) != 1:
         raise click.UsageError("--size belongs to one benchmark: name it.")
     if profiled and as_json:
         raise click.UsageError("--profile prints a table and --json none: give one of them.")
     logging.getLogger("clplen").setLevel(logging.WARNING)  # what is read is no news here
-    before = files.read(saved) if saved else None
+    before = results.read_run(saved) if saved else None
     device = Device.open(selector)
     where, busy = environment(device), quiet_enough()
     if not as_json:
         click.echo(f"{table.place(where)}\n")
     reports = []
-    for name, one in found.items():
-        for size in sizes or ((one.QUICK,) if quick else one.SIZES):
-            report, lines = _measured(device, name, size, repeats, profiled)
+    for benchmark in benchmarks.values():
+        for size in sizes or ((benchmark.quick,) if quick else benchmark.sizes):
+            report, lines = _measured(device, benchmark, size, repeats, profiled)
             reports += [report] if report else []
             if report and not as_json:
                 click.echo("\n".join([table.text(report), *lines, ""]))
     if as_json:
-        click.echo(files.as_json(reports, where))
+        click.echo(results.run_as_json(reports, where))
     if before is not None:
-        click.echo(files.compared(reports, before), err=as_json)
+        click.echo(results.compare_runs(reports, before), err=as_json)
     if busy:
         note(busy)
     if not reports:
@@ -92,14 +94,14 @@ def bench(
 
 
 def _measured(
-    device: Device, name: str, size: str, repeats: int, profiled: bool
+    device: Device, benchmark: Benchmark, size: str, repeats: int, profiled: bool
 ) -> tuple[Report | None, list[str]]:
     """One benchmark at one size, and the lines of its profile, none if it is not wanted."""
     from clplen.bench import ceilings, registry, table
 
     if not profiled:
-        return registry.run(name, device, size=size, repeats=repeats, say=note), []
+        return registry.run(benchmark, device, size=size, repeats=repeats, say=note), []
     limits = ceilings.measure(device)
     with device.profiling() as profile:
-        report = registry.run(name, device, size=size, repeats=repeats, say=note)
+        report = registry.run(benchmark, device, size=size, repeats=repeats, say=note)
     return report, [table.profile_text(profile.runs, limits)]

@@ -96,9 +96,9 @@ def _taken(wanted: str | None) -> tuple[Device | None, str]:
 def _checked(selector: str | None, as_json: bool) -> bool:
     """Check some devices, print what came of it, and say whether all is well."""
     from clplen.compute.device import Device
-    from clplen.compute.selection import find_devices, select
-    from clplen.selftest.isolated import numbers_of
+    from clplen.compute.drivers.selection import find_devices, select
     from clplen.selftest.report import paste_block
+    from clplen.selftest.runner import numbers_of
 
     there = Device.all()
     if selector is not None:
@@ -114,8 +114,8 @@ def _checked(selector: str | None, as_json: bool) -> bool:
 
 def _report_of(device: Device, is_silent: bool) -> DeviceReport:
     """The checks of one device, each row printed when it is there."""
-    from clplen.selftest.isolated import run_isolated
     from clplen.selftest.report import HEAD, row, summary
+    from clplen.selftest.runner import run_isolated
 
     if is_silent:
         return run_isolated(device)

@@ -1,0 +1,1 @@
+"""What touches OpenCL: host arrays and kernel names come in; arrays on a device leave."""

@@ -1,10 +1,19 @@
-"""Arrays in the memory of a device: made, copied to and from the host, mapped."""
+"""Arrays in the memory of a device: allocated, copied to and from the host, mapped.
+
+The first write to a fresh buffer of a CPU device meets a page fault every 4 kB, which takes longer
+than a pass over the data. Linux hands out 2 MB pages where it is asked to; NumPy asks for its own
+arrays, OpenCL runtimes do not.
+"""
 
 from __future__ import annotations
 
+import ctypes
+import os
+import sys
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
-from functools import cached_property
+from contextlib import contextmanager
+from functools import cache, cached_property
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -12,11 +21,48 @@ import pyopencl as cl
 import pyopencl.array as cla
 from pyopencl.tools import ImmediateAllocator, MemoryPool
 
-from clplen.compute.failures import device_errors
-from clplen.compute.forked import HoldsOpenCL, require_own_process
-from clplen.compute.pages import LEAST_BYTES, ask_for_large_pages
+from clplen.compute.drivers.failures import device_errors
+from clplen.compute.drivers.forked import Guard, HoldsOpenCL, require_own_process
 from clplen.compute.profile import Profile
 from clplen.errors import DeviceError, ShapeError
+
+LEAST_BYTES = 2**22  # below this the request costs as much as it saves
+_PAGE = 4096
+_MADV_HUGEPAGE = 14
+
+
+def ask_for_large_pages(queue: cl.CommandQueue, buffer: cl.Buffer) -> None:
+    """Ask Linux for large pages under a fresh buffer of a CPU device; elsewhere do nothing.
+
+    Parameters
+    ----------
+    queue : pyopencl.CommandQueue
+        Of the device.
+    buffer : pyopencl.Buffer
+        Not written yet.
+    """
+    advise = _madvise()
+    if advise is None or buffer.size < LEAST_BYTES:
+        return
+    flags = cast(cl.map_flags, cl.map_flags.READ | cl.map_flags.WRITE)
+    size: Any = (buffer.size,)
+    mapped, _ = cl.enqueue_map_buffer(queue, buffer, flags, 0, size, np.dtype(np.uint8))
+    start = -(-mapped.ctypes.data // _PAGE) * _PAGE
+    length = (mapped.ctypes.data + buffer.size - start) // _PAGE * _PAGE
+    advise(start, length, _MADV_HUGEPAGE)  # a hint: a refusal changes nothing
+    mapped.base.release(queue)
+
+
+@cache
+def _madvise() -> Any:
+    """The C library's function, None where there is none."""
+    if sys.platform != "linux":
+        return None
+    function = getattr(ctypes.CDLL(None), "madvise", None)
+    if function is not None:
+        function.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int)
+    return function
+
 
 _SPARE_SHARE = 16  # a sixteenth of the memory for buffers kept for use again
 _POOL_STEP = 8  # their sizes are rounded up by less than an eighth
@@ -29,9 +75,12 @@ class Memory(HoldsOpenCL):
     name: str
     is_cpu: bool
     memory_bytes: int
-    _profile: Profile | None
-    _maps: dict[tuple[int, bool], list[Any]]  # mapped buffers: their bytes, and how many use them
-    _maps_lock: AbstractContextManager[None]
+
+    def __init__(self) -> None:
+        self._profile: Profile | None = None
+        # mapped buffers: their bytes, and how many use them
+        self._maps: dict[tuple[int, bool], list[Any]] = {}
+        self._maps_lock = Guard()
 
     @property
     def context(self) -> cl.Context:
@@ -249,3 +298,21 @@ def _buffer(array: cla.Array) -> cl.Buffer:
 
 def _bytes(count: int) -> str:
     return f"{count:,} bytes ({count / 2**30:.2f} GiB)"
+
+
+_UNKNOWN = 4 << 30  # where a system does not say how much memory is free
+
+
+def free_memory() -> int:
+    """Bytes of host memory that are free now."""
+    try:
+        with Path("/proc/meminfo").open(encoding="ascii") as file:
+            for line in file:
+                if line.startswith("MemAvailable:"):
+                    return 1024 * int(line.split()[1])
+    except (OSError, ValueError):
+        pass
+    try:
+        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):
+        return _UNKNOWN

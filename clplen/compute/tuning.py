@@ -6,24 +6,31 @@ import hashlib
 import json
 import os
 import secrets
-import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import Protocol
 
-from clplen.compute.cachedir import cache_dir
-from clplen.compute.forked import Guard
-from clplen.compute.program import kernel_source
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
+from clplen.compute.drivers.environment import cache_dir
+from clplen.compute.drivers.forked import Guard
+from clplen.compute.drivers.program import kernel_source
+from clplen.diagnostics import warn_caller
 
 FILE = "tuning.json"
 _FORMAT = "clplen tuning 1"
 _BUDGET = 1.0  # seconds of one tuning
 _ROUNDS = 2
+
+
+class TimedDevice(Protocol):
+    """What forms of kernels are timed on."""
+
+    name: str
+    driver: str
+
+    def finish(self) -> None:
+        """Wait until everything enqueued is done."""
 
 
 class Tuning:
@@ -35,7 +42,7 @@ class Tuning:
 
     Parameters
     ----------
-    device : Device
+    device : TimedDevice
 
     Attributes
     ----------
@@ -43,7 +50,7 @@ class Tuning:
         Forms that the device could not run, and why.
     """
 
-    def __init__(self, device: Device) -> None:
+    def __init__(self, device: TimedDevice) -> None:
         self._device = device
         self._lock = Guard()
         self._known: dict[str, str] | None = None
@@ -156,6 +163,6 @@ def _read(path: Path, *, warn: bool = True) -> dict[str, str]:
     except (ValueError, KeyError, TypeError, RecursionError):
         if warn:
             message = f"{path} is no tuning cache of this version: ignored, and later written anew."
-            warnings.warn(message, RuntimeWarning, stacklevel=2)
+            warn_caller(message, RuntimeWarning)
         return {}
     return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from clplen.compute.hostmemory import free_memory
+from clplen.compute.memory import free_memory
 from clplen.errors import FormatError
 
 DEFLATE = 1032.0  # largest ratio of zlib, gzip, zip and PNG (RFC 1951: 258 bytes from 2 bits)

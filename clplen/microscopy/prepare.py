@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import binary_dilation
 
+from clplen.checks import positive_integer
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.lattice_trust import require_trust
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.microscopy.checks import whole
 from clplen.microscopy.rectify import REACH, area, rectify, variance
 
 Vector = np.ndarray[Any, Any]
@@ -274,7 +274,7 @@ def preparation(
         If ``force`` is needed.
     """
     device = as_device(device)
-    pixels = whole(pixels, "pixels")
+    pixels = positive_integer(pixels, "pixels")
     black = None if dark is None else np.asarray(samples(dark), np.float32)
     if white is None:
         return Preparation(pixels, device, black, None, None)

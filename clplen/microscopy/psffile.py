@@ -12,7 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from clplen.compute.hostmemory import free_memory
+from clplen.compute.memory import free_memory
 from clplen.errors import FormatError
 from clplen.files import PathLike, check_space, replacing
 from clplen.hdf5_heap import require_heaps

@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from clplen.compute.image import Image
+from clplen.compute.arrays import Image
 from clplen.errors import ShapeError
 from clplen.plot.base import (
     LIGHT,

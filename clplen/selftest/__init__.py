@@ -5,7 +5,6 @@ the cases are small, with nothing square, symmetric, even or zero that could hid
 """
 
 from clplen.selftest.check import CheckResult
-from clplen.selftest.isolated import run_isolated
-from clplen.selftest.run import CHECKS, run_checks
+from clplen.selftest.runner import CHECKS, run_checks, run_isolated
 
 __all__ = ["CHECKS", "CheckResult", "run_checks", "run_isolated"]

@@ -1,10 +1,10 @@
-"""The child process of `clplen.selftest.isolated.run_isolated`."""
+"""The child process of `clplen.selftest.runner.run_isolated`."""
 
 from __future__ import annotations
 
 import sys
 
-from clplen.selftest.isolated import serve
+from clplen.selftest.runner import serve
 
 if __name__ == "__main__":
     serve(sys.argv[1], sys.argv[2:])

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.compute import builtin_functions
 from clplen.compute.device import Device
-from clplen.compute.fft import FFTRoute
-from clplen.compute.hostmemory import free_memory
+from clplen.compute.drivers import builtin_functions
+from clplen.compute.fft.routes import FFTRoute
+from clplen.compute.memory import free_memory
 from clplen.selftest import twins
 from clplen.selftest.check import EPS, Check, Pairs
 from clplen.wave.field import Field, Grid
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 LAM = 532e-9
 SHARE = 4  # of the memory: the large array takes one in so many bytes
-MODULES = {"vkfft": "pyvkfft", "ducc0": "ducc0", "scipy": "scipy", "numpy": "numpy"}
+MODULES = {"vkfft": "pyvkfft", "ducc0": "ducc0", "scipy": "scipy"}
 
 
 def _large_array(device: Device) -> Pairs:
@@ -125,7 +125,7 @@ def built_in_values(device: Device) -> np.ndarray[Any, np.dtype[np.float32]]:
     Returns
     -------
     ndarray of float32
-        Shape (functions, samples), in the order of `clplen.compute.builtin_functions`; with those
+        Shape (functions, samples), in the order of builtin_functions.py; with those
         of doubles where the device has double precision.
     """
     x, halves, samples, shorts = builtin_functions.inputs()

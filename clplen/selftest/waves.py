@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from clplen.compute.blocks import Spectrum, multiplied, window
-from clplen.compute.finite import count_bad
+from clplen.compute.arrays import count_bad
+from clplen.compute.fft.blocks import Spectrum, multiplied, window
 from clplen.selftest import twins
 from clplen.selftest.check import EPS, Check, Pairs
 from clplen.wave.field import Field, Grid, row_powers

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from clplen.compute.image import Image
-from clplen.compute.lines import smooth_length
+from clplen.compute.arrays import Image
+from clplen.compute.fft.lines import smooth_length
 from clplen.errors import ShapeError
 from clplen.wave.field import Field, Grid
 from clplen.wave.lags import BLOCK, Lags, batch_count, lag_flops, lag_image, strongest

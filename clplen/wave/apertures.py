@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute import lengths
+from clplen import units
 from clplen.errors import ShapeError
 from clplen.wave.checks import check_centre, check_diameter
 from clplen.wave.coverage import Vector, disc_coverage, interval_coverage, polygon_coverage
@@ -91,7 +91,7 @@ def rectangular_aperture(
     sides = np.asarray(size, np.float64)
     if sides.shape not in ((), (2,)) or not (np.isfinite(sides).all() and (sides > 0).all()):
         raise ValueError(f"A rectangle's size is positive, (y, x) in metres, not {size!r}.")
-    lengths.DIAMETER.check(sides, "A rectangle's size")
+    units.DIAMETER.check(sides, "A rectangle's size")
     check_centre(centre, "an aperture")
     if not math.isfinite(rotation):
         raise ValueError(f"A rotation is finite, in radians, not {rotation!r}.")

@@ -12,9 +12,8 @@ from typing import Any, ClassVar
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.arrays import HostArray, Image
 from clplen.compute.device import Device
-from clplen.compute.hostarray import HostArray
-from clplen.compute.image import Image
 from clplen.errors import SamplingWarning
 from clplen.files import PathLike
 from clplen.wave.checkpoint import SetUp, State, load, save

@@ -10,7 +10,7 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
-from clplen.compute import lengths
+from clplen import units
 from clplen.errors import SamplingError, SamplingWarning
 
 Aliasing = Literal["raise", "warn", "allow"]
@@ -41,7 +41,7 @@ def check_diameter(diameter: float | None) -> None:
     """
     if diameter is not None and not (is_finite(diameter) and diameter > 0):
         raise ValueError(f"A diameter is positive, in metres, not {diameter!r}.")
-    lengths.DIAMETER.check(diameter, "A diameter")
+    units.DIAMETER.check(diameter, "A diameter")
 
 
 def check_aliasing(aliasing: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from clplen.compute.lines import Separable, smooth_length
+from clplen.compute.fft.lines import Separable, smooth_length
 from clplen.wave import fresnel, spectral
 from clplen.wave.band import EVANESCENT_REACH, whole_band
 from clplen.wave.cost import flops

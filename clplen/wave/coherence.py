@@ -12,9 +12,9 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import DeviceLike, as_device
-from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
 from clplen.files import PathLike
+from clplen.reprs import OneLine
 from clplen.wave.average import Averaging, MeanIntensity, Progress, average
 from clplen.wave.checkpoint import fingerprint, verify
 from clplen.wave.exact import require_image, sum_over_source, weighted, without_noise

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from clplen.compute.lines import Line
+from clplen.compute.fft.lines import Line
 from clplen.wave.description import Description
 from clplen.wave.request import SELF_PADDED, Request
 

@@ -8,8 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.compute.hostarray import HostArray
-from clplen.compute.image import Image
+from clplen.compute.arrays import HostArray, Image
 from clplen.errors import ShapeError
 from clplen.wave.field import Field, Grid, require_field
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from clplen.compute.lines import Separable
+from clplen.compute.fft.lines import Separable
 from clplen.wave.field import Grid
 from clplen.wave.request import Request
 from clplen.wave.transfer import Factor

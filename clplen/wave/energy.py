@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.blocks import multiplied, window
 from clplen.compute.device import Device
+from clplen.compute.fft.blocks import multiplied, window
 from clplen.wave.description import Description
 from clplen.wave.field import Field
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.compute.image import Image
+from clplen.compute.arrays import Image
 from clplen.errors import SamplingError, ShapeError
 from clplen.wave.abbe import abbe_cost, abbe_image, incoherent_image
 from clplen.wave.average import Averaging, MeanIntensity

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clplen.compute.device import DeviceLike, as_device
-from clplen.compute.oneline import OneLine
 from clplen.errors import SamplingError, SamplingWarning
+from clplen.reprs import OneLine
 from clplen.wave.checks import is_finite
 from clplen.wave.coverage import disc_coverage, interval_coverage
 from clplen.wave.field import Field, Grid

@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute import lengths
-from clplen.compute.checks import require
+from clplen import units
+from clplen.checks import require
+from clplen.compute.arrays import Image, OnDevice, count_bad
 from clplen.compute.device import Device, DeviceLike, as_device
-from clplen.compute.finite import count_bad
-from clplen.compute.hostarray import OnDevice
-from clplen.compute.image import Image
 from clplen.errors import ShapeError
 from clplen.wave.quantity import both, metres
 
@@ -165,8 +163,8 @@ class Field(OnDevice):
         device = as_device(device)
         if not (isinstance(wavelength, Real) and 0 < wavelength < np.inf):
             raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
-        lengths.WAVELENGTH.check(wavelength, "The wavelength")
-        lengths.PITCH.check(grid.pitch, "The pitch of a field's grid")
+        units.WAVELENGTH.check(wavelength, "The wavelength")
+        units.PITCH.check(grid.pitch, "The pitch of a field's grid")
         values = np.asarray(u)
         if values.shape[-2:] != grid.shape:
             raise ShapeError(

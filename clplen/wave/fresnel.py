@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from clplen.compute.lines import Line, Separable, convolution, smooth_length, still
+from clplen.compute.fft.lines import Line, Separable, convolution, smooth_length, still
 from clplen.errors import SamplingError
 from clplen.wave.description import Description, whole_bands
 from clplen.wave.field import Grid

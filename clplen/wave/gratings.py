@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from clplen.compute import lengths
+from clplen import units
 from clplen.errors import SamplingError
 from clplen.wave.checks import Aliasing, act_on_aliasing, check_centre
 from clplen.wave.field import Field, Grid, require_field
@@ -178,7 +178,7 @@ def _check(period: float, kind: str, orientation: float, duty: float, offset: fl
         raise ValueError(f"A grating is 'binary', 'sinusoidal', 'phase' or 'blazed', not {kind!r}.")
     if not (math.isfinite(period) and period > 0):
         raise ValueError(f"The period of a grating is positive, in metres, not {period!r}.")
-    lengths.PITCH.check(period, "The period of a grating")
+    units.PITCH.check(period, "The period of a grating")
     if not math.isfinite(orientation):
         raise ValueError(
             f"The orientation of a grating is finite, in radians, not {orientation!r}."

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from clplen.compute import lengths
+from clplen import units
 from clplen.wave.apertures import disc
 from clplen.wave.checks import Aliasing, act_on_aliasing, check_aliasing, check_diameter
 from clplen.wave.field import Field, Grid, require_field
@@ -68,7 +68,7 @@ def thin_lens(
     require_field(field)
     if math.isnan(f) or f == 0:
         raise ValueError(f"The focal length is not 0, in metres; got {f!r}.")
-    lengths.WEAK_LENS.check(f, "The focal length")
+    units.WEAK_LENS.check(f, "The focal length")
     check_diameter(diameter)
     half = None if diameter is None else diameter / 2
     check_lens_sampling(field.grid, f, half, field.wavelength, aliasing, form)

@@ -10,10 +10,10 @@ from typing import Literal
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute import lengths
+from clplen import units
 from clplen.compute.device import Device, DeviceLike, as_device
-from clplen.compute.oneline import OneLine
 from clplen.errors import SamplingError
+from clplen.reprs import OneLine
 from clplen.wave.checks import Aliasing
 from clplen.wave.field import Field, Grid, require_field
 from clplen.wave.lens import check_lens_sampling
@@ -91,7 +91,7 @@ class MicrolensArray(OneLine):
         counts = np.broadcast_to(np.asarray(count), (2,))
         if not (math.isfinite(pitch) and pitch > 0):
             raise ValueError(f"The pitch of lenslets is positive, in metres, not {pitch!r}.")
-        lengths.LENSLET_PITCH.check(pitch, "The pitch of lenslets")
+        units.LENSLET_PITCH.check(pitch, "The pitch of lenslets")
         if any(int(n) != n or n < 1 for n in counts):
             raise ValueError(f"The count of lenslets is positive integers (ny, nx), not {count!r}.")
         if lattice not in ("square", "hexagonal"):
@@ -251,7 +251,7 @@ def _focal_lengths(f: float | Sequence[float], lattice: str) -> tuple[float, ...
     found = tuple(float(one) for one in np.atleast_1d(np.asarray(f, np.float64)).ravel())
     if not found or not all(math.isfinite(one) and one != 0 for one in found):
         raise ValueError(f"The focal length of lenslets is finite and not 0, not {f!r}.")
-    lengths.LENSLET_FOCAL_LENGTH.check(found, "The focal length of lenslets")
+    units.LENSLET_FOCAL_LENGTH.check(found, "The focal length of lenslets")
     if len(set(found)) < len(found):
         raise ValueError(f"The focal lengths of a multi-focus array differ, unlike {f!r}.")
     if lattice == "hexagonal" and len(found) not in (1, 3):

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.compute import lengths
+from clplen import units
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError, SamplingWarning
 from clplen.wave.checks import is_finite
@@ -85,7 +85,7 @@ class RandomPhaseMask:
                 f"The cell of a mask is a positive length in metres, or (y, x), not {self.cell!r}."
             )
         object.__setattr__(self, "cell", tuple(sides.tolist()) if sides.ndim else float(sides))
-        lengths.PITCH.check(sides, "The cell of a mask")
+        units.PITCH.check(sides, "The cell of a mask")
         if self.kernel not in ("square", "gaussian"):
             raise ValueError(f"The kernel is 'square' or 'gaussian', not {self.kernel!r}.")
         if self.kind not in KINDS:

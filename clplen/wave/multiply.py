@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.blocks import lanes_defines
+from clplen.compute.fft.blocks import lanes_defines
 from clplen.wave.field import Field, Grid
 
 Vector = np.ndarray[Any, np.dtype[np.floating[Any]]]

@@ -11,9 +11,9 @@ from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from clplen.compute import lengths
-from clplen.compute.oneline import OneLine
+from clplen import units
 from clplen.errors import SamplingWarning
+from clplen.reprs import OneLine
 from clplen.wave.apertures import aperture
 from clplen.wave.checks import Aliasing
 from clplen.wave.field import Field, Grid
@@ -116,10 +116,10 @@ class Lens:
     def __post_init__(self) -> None:
         if not isinstance(self.f, Real) or math.isnan(self.f) or self.f == 0:
             raise ValueError(f"The focal length is not 0, in metres; got {self.f!r}.")
-        lengths.WEAK_LENS.check(self.f, "The focal length")
+        units.WEAK_LENS.check(self.f, "The focal length")
         if self.diameter is not None:
             require_positive("The diameter of a lens", self.diameter)
-            lengths.DIAMETER.check(self.diameter, "The diameter of a lens")
+            units.DIAMETER.check(self.diameter, "The diameter of a lens")
         if self.form not in ("paraxial", "stigmatic"):
             raise ValueError(f"A lens is 'paraxial' or 'stigmatic', not {self.form!r}.")
 
@@ -169,7 +169,7 @@ class Stop:
 
     def __post_init__(self) -> None:
         require_positive("The diameter of a stop", self.diameter)
-        lengths.DIAMETER.check(self.diameter, "The diameter of a stop")
+        units.DIAMETER.check(self.diameter, "The diameter of a stop")
         if self.shape not in ("circular", "square"):
             raise ValueError(f"A stop is 'circular' or 'square', not {self.shape!r}.")
         if np.shape(self.centre) != (2,) or not np.isfinite(self.centre).all():

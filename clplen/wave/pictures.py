@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.compute import lengths
+from clplen import units
 from clplen.errors import ShapeError
 from clplen.wave.checks import check_centre
 from clplen.wave.field import Field, Grid, require_field
@@ -114,7 +114,7 @@ def _place(
     spacing = np.broadcast_to(np.asarray(pitch, np.float64), (2,))
     if not (np.isfinite(spacing).all() and (spacing > 0).all()):
         raise ValueError(f"A picture's pitch is positive and finite, in metres, not {pitch!r}.")
-    lengths.PITCH.check(pitch, "A picture's pitch")
+    units.PITCH.check(pitch, "A picture's pitch")
     check_centre(centre, "a picture")
     shape = (picture.shape[0], picture.shape[1])
     return Grid(shape, (float(spacing[0]), float(spacing[1])), origin=centre)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from clplen.compute.oneline import OneLine
+from clplen.reprs import OneLine
 from clplen.wave.checks import is_finite
 from clplen.wave.field import Grid
 from clplen.wave.masks import KINDS, LEAST_CELLS, RandomPhaseMask, cells_along

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from clplen.compute.blocks import Spectrum
 from clplen.compute.device import Device, DeviceLike, as_device, require_same_device
-from clplen.compute.forked import Guard
+from clplen.compute.drivers.forked import Guard
+from clplen.compute.fft.blocks import Spectrum
 from clplen.errors import SamplingError, SamplingWarning, ShapeError
 from clplen.wave.choice import describe
 from clplen.wave.cost import least_samples, table_samples

@@ -9,11 +9,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from clplen.compute import lengths
-from clplen.compute.blocks import Spectrum, run
+from clplen import units
 from clplen.compute.device import Device
-from clplen.compute.lines import Separable, cropped_inverse, padded_spectrum
-from clplen.compute.oneline import OneLine
+from clplen.compute.fft.blocks import Spectrum, run
+from clplen.compute.fft.lines import Separable, cropped_inverse, padded_spectrum
+from clplen.reprs import OneLine
 from clplen.wave.choice import describe
 from clplen.wave.coverage import disc_coverage, interval_coverage
 from clplen.wave.field import Field, Grid
@@ -70,7 +70,7 @@ class Pupil(OneLine):
 
     def __post_init__(self) -> None:
         require_positive("The diameter of a pupil", self.diameter)
-        lengths.DIAMETER.check(self.diameter, "The diameter of a pupil")
+        units.DIAMETER.check(self.diameter, "The diameter of a pupil")
         require_positive("The distance from a pupil to the image", self.distance)
         require_shape(self.shape, SHAPES)
 
@@ -92,7 +92,7 @@ class Pupil(OneLine):
         if not (math.isfinite(fc) and fc > 0):
             raise ValueError(f"A cut-off frequency is positive, in cycles a metre, not {fc!r}.")
         require_positive("The wavelength", wavelength)
-        lengths.WAVELENGTH.check(wavelength, "The wavelength")
+        units.WAVELENGTH.check(wavelength, "The wavelength")
         return cls(2 * wavelength * fc, 1.0, shape=shape, path=path)
 
     def cutoff(self, wavelength: float) -> float:

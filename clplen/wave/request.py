@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from numbers import Real
 
-from clplen.compute import lengths
+from clplen import units
 from clplen.errors import SamplingError
 from clplen.wave.band import FAR_GUARD, GUARD, Band, Way, guarded_band
 from clplen.wave.checks import is_finite
@@ -166,7 +166,7 @@ def _check_numbers(r: Request) -> None:
         raise ValueError(f"The distance z is at most {FARTHEST:g} m, not {r.z!r}.")
     if not (is_finite(r.wavelength) and r.wavelength > 0):
         raise ValueError(f"The wavelength is positive, in metres, not {r.wavelength!r}.")
-    lengths.WAVELENGTH.check(r.wavelength, "The wavelength")
+    units.WAVELENGTH.check(r.wavelength, "The wavelength")
     if not (is_finite(r.pad) and r.pad >= 1):
         raise ValueError(f"pad is at least 1 and finite, not {r.pad!r}.")
     if r.guard is not None and not (is_finite(r.guard) and r.guard >= 0):

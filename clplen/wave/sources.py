@@ -7,7 +7,7 @@ import warnings
 
 import numpy as np
 
-from clplen.compute import lengths
+from clplen import units
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingWarning
 from clplen.wave.field import Field, Grid, require_field, require_grid
@@ -184,7 +184,7 @@ def gaussian_beam(
     device = _check_wave(grid, wavelength, device)
     if not (math.isfinite(waist) and waist > 0):
         raise ValueError(f"The waist of a beam is positive, in metres, not {waist!r}.")
-    lengths.DIAMETER.check(waist, "The waist of a beam")
+    units.DIAMETER.check(waist, "The waist of a beam")
     if not (math.isfinite(z) and np.isfinite(centre).all()):
         raise ValueError(f"z and centre of a beam are finite, in metres, not {z!r} and {centre!r}.")
     _check_direction(direction)
@@ -233,8 +233,8 @@ def _check_wave(grid: Grid, wavelength: float, device: DeviceLike) -> Device:
     device = as_device(device)
     if not (math.isfinite(wavelength) and wavelength > 0):
         raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
-    lengths.WAVELENGTH.check(wavelength, "The wavelength")
-    lengths.PITCH.check(grid.pitch, "The pitch of a field's grid")
+    units.WAVELENGTH.check(wavelength, "The wavelength")
+    units.PITCH.check(grid.pitch, "The pitch of a field's grid")
     nbytes = 2 * grid.shape[0] * grid.shape[1] * device.complex.itemsize
     device.require_memory(nbytes, "This wave")
     return device

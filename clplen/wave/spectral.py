@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from clplen.compute.lines import (
+from clplen.compute.fft.lines import (
     Line,
     Separable,
     chirp_z,

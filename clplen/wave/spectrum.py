@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from clplen.compute.oneline import OneLine
+from clplen.reprs import OneLine
 from clplen.wave import spectra
 from clplen.wave.checks import is_finite
 from clplen.wave.lineshapes import C, Complex, Lines, Rectangle, Shape, Table, Vector

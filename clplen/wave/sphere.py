@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.blocks import lanes_defines
 from clplen.compute.device import Device
+from clplen.compute.fft.blocks import lanes_defines
 from clplen.wave.field import Field, Grid
 from clplen.wave.multiply import offsets
 from clplen.wave.phase import phasor, split

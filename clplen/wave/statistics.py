@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.arrays import Image
 from clplen.compute.device import Device
-from clplen.compute.image import Image
 from clplen.wave.field import Field, row_powers
 
 Region = tuple[slice, slice]

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any, overload
 
-from clplen.compute import lengths
-from clplen.compute.oneline import OneLine
+from clplen import units
+from clplen.reprs import OneLine
 from clplen.wave.checks import Aliasing, average_of
 from clplen.wave.field import Field
 from clplen.wave.parts import (
@@ -140,8 +140,8 @@ class OpticalSystem(OneLine):
     @property
     def positions(self) -> tuple[float, ...]:
         """Where each part begins, in metres from the start."""
-        lengths = [length_of(part) for part in self.parts]
-        return tuple(math.fsum(lengths[:index]) for index in range(len(lengths)))
+        units = [length_of(part) for part in self.parts]
+        return tuple(math.fsum(units[:index]) for index in range(len(units)))
 
     @property
     def length(self) -> float:
@@ -217,9 +217,9 @@ def imaging_system(
         For a focal length, diameter or magnification that is not positive.
     """
     require_positive("The focal length of an imaging system", f)
-    lengths.FOCAL_LENGTH.check(f, "The focal length of an imaging system")
+    units.FOCAL_LENGTH.check(f, "The focal length of an imaging system")
     require_positive("The diameter of its lens", diameter)
-    lengths.DIAMETER.check(diameter, "The diameter of its lens")
+    units.DIAMETER.check(diameter, "The diameter of its lens")
     if not (isinstance(magnification, Real) and 0 < magnification < math.inf):
         raise ValueError(f"The magnification is positive and finite, not {magnification!r}.")
     z1, z2 = f * (1 + 1 / magnification), f * (1 + magnification)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.compute import lengths
+from clplen import units
 from clplen.errors import ShapeError
 from clplen.wave.checks import Aliasing, act_on_aliasing, check_centre
 from clplen.wave.coverage import interval_coverage, polygon_coverage
@@ -216,7 +216,7 @@ def siemens_star(
         raise ValueError(f"A Siemens star has an integer of at least 2 spokes, not {spokes!r}.")
     if not (math.isfinite(diameter) and diameter > 0):
         raise ValueError(f"The diameter of a star is positive, in metres, not {diameter!r}.")
-    lengths.DIAMETER.check(diameter, "The diameter of a star")
+    units.DIAMETER.check(diameter, "The diameter of a star")
     check_centre(centre, "a star")
     _check_two_axes(grid)
     spoke = np.pi / spokes

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.compute.blocks import run
+from clplen.compute.fft.blocks import run
 from clplen.wave.field import Field
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from clplen.compute.blocks import Spectrum, lanes_defines, window
+from clplen.compute.fft.blocks import Spectrum, lanes_defines, window
 from clplen.wave import sommerfeld
 from clplen.wave.phase import phasor, split
 

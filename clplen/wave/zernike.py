@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from clplen.compute import lengths
+from clplen import units
 from clplen.wave.checks import Aliasing, act_on_aliasing, check_centre
 from clplen.wave.field import Field, Grid, require_field
 from clplen.wave.multiply import offsets
@@ -263,7 +263,7 @@ def phase_plate(
     terms = _terms(coefficients, indexing)
     if not (math.isfinite(diameter) and diameter > 0):
         raise ValueError(f"The diameter of a plate is positive, in metres, not {diameter!r}.")
-    lengths.DIAMETER.check(diameter, "The diameter of a plate")
+    units.DIAMETER.check(diameter, "The diameter of a plate")
     check_centre(centre, "a plate")
     path, on_plate = wavefront(field.grid, terms, diameter=diameter, centre=centre)
     turns = path / field.wavelength
@@ -319,7 +319,7 @@ def _terms(
             raise ValueError(
                 f"Coefficient {j!r} of the plate is finite, in metres, not {metres!r}."
             )
-        lengths.WAVEFRONT.check(metres, f"Coefficient {j!r} of the plate")
+        units.WAVEFRONT.check(metres, f"Coefficient {j!r} of the plate")
     orders = noll if indexing == "noll" else osa
     return {orders(j): float(metres) for j, metres in coefficients.items()}
 

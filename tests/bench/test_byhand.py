@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import byhand
 import numpy as np
 import pytest
 
-from clplen.bench import byhand
 from clplen.compute.device import Device
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocus.focal_stack import refocus

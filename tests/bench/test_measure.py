@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
+from bench_growth import exponent
 
-from clplen.bench.growth import exponent
 from clplen.bench.measure import Case, Times, in_turn
 from clplen.bench.report import Goal, rate_rows, time_rows
 

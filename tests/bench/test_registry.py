@@ -8,8 +8,8 @@ import pyopencl as cl
 import pytest
 
 from clplen.bench import registry
+from clplen.bench.measure import halved, numbers
 from clplen.bench.report import Report
-from clplen.bench.sizes import halved, numbers
 from clplen.compute.device import Device
 from clplen.errors import ClplenError, DeviceError, ShapeError
 
@@ -17,8 +17,8 @@ from clplen.errors import ClplenError, DeviceError, ShapeError
 @pytest.mark.parametrize("name", registry.NAMES)
 def test_every_benchmark_has_its_parts(name: str) -> None:
     benchmark = registry.find(name)
-    assert benchmark.SUMMARY
-    for size in (*benchmark.SIZES, benchmark.QUICK):
+    assert benchmark.summary
+    for size in (*benchmark.sizes, benchmark.quick):
         assert benchmark.needs(size) >= 0
         less = benchmark.smaller(size)
         assert not less or benchmark.needs(less) <= benchmark.needs(size)
@@ -27,7 +27,7 @@ def test_every_benchmark_has_its_parts(name: str) -> None:
 @pytest.mark.parametrize("name", registry.NAMES)
 def test_smaller_sizes_come_to_an_end(name: str) -> None:
     benchmark = registry.find(name)
-    size, steps = benchmark.SIZES[0], 0
+    size, steps = benchmark.sizes[0], 0
     while size:
         size, steps = benchmark.smaller(size), steps + 1
         assert steps < 64
@@ -47,6 +47,7 @@ def refusing(error: Exception, above: int) -> SimpleNamespace:
         return Report("fake", size, "nothing", ())
 
     return SimpleNamespace(
+        name="fake",
         needs=lambda size: 0,
         run=run,
         smaller=lambda size: str(int(size) // 2) if int(size) > 1 else "",
@@ -61,12 +62,10 @@ def refusing(error: Exception, above: int) -> SimpleNamespace:
         DeviceError("The pictures needs 9 bytes, but the device has 8 bytes."),
     ],
 )
-def test_a_smaller_size_is_tried_and_said(
-    error: Exception, device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(registry, "find", lambda name: refusing(error, above=4))
+def test_a_smaller_size_is_tried_and_said(error: Exception, device: Device) -> None:
+    benchmark = refusing(error, above=4)
     said: list[str] = []
-    report = registry.run("fake", device, size="16", repeats=1, say=said.append)
+    report = registry.run(benchmark, device, size="16", repeats=1, say=said.append)
     assert report is not None
     assert report.size == "4"
     assert said == [
@@ -75,31 +74,26 @@ def test_a_smaller_size_is_tried_and_said(
     ]
 
 
-def test_no_size_fits(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(registry, "find", lambda name: refusing(MemoryError(), above=0))
+def test_no_size_fits(device: Device) -> None:
+    benchmark = refusing(MemoryError(), above=0)
     said: list[str] = []
-    assert registry.run("fake", device, size="2", repeats=1, say=said.append) is None
+    assert registry.run(benchmark, device, size="2", repeats=1, say=said.append) is None
     assert said[-1] == "fake: the memory does not suffice for 1, and there is no smaller size."
 
 
-def test_what_needs_more_than_there_is_does_not_begin(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fake = refusing(AssertionError("it began"), above=4)
-    fake.needs = lambda size: 2**62 if int(size) > 4 else 0
-    monkeypatch.setattr(registry, "find", lambda name: fake)
-    report = registry.run("fake", device, size="8", repeats=1, say=lambda words: None)
+def test_what_needs_more_than_there_is_does_not_begin(device: Device) -> None:
+    benchmark = refusing(AssertionError("it began"), above=4)
+    benchmark.needs = lambda size: 2**62 if int(size) > 4 else 0
+    report = registry.run(benchmark, device, size="8", repeats=1, say=lambda words: None)
     assert report is not None
     assert report.size == "4"
 
 
-def test_other_errors_of_a_device_are_errors(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_errors_of_a_device_are_errors(device: Device) -> None:
     error = DeviceError("The operands live on two devices.")
-    monkeypatch.setattr(registry, "find", lambda name: refusing(error, above=0))
+    benchmark = refusing(error, above=0)
     with pytest.raises(DeviceError, match="two devices"):
-        registry.run("fake", device, size="2", repeats=1, say=lambda words: None)
+        registry.run(benchmark, device, size="2", repeats=1, say=lambda words: None)
 
 
 def test_sizes() -> None:

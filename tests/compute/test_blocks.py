@@ -11,11 +11,10 @@ from fields import numpy_for_vkfft
 from reference_lines import apply, unfolded
 from tolerance import err_db, fft_tolerance, relative_max
 
-from clplen.compute import columns, fft
-from clplen.compute.blocks import Spectrum, multiplied, run, window
 from clplen.compute.device import Device
-from clplen.compute.fft import FFTRoute
-from clplen.compute.lines import (
+from clplen.compute.fft import columns, routes
+from clplen.compute.fft.blocks import Spectrum, multiplied, run, window
+from clplen.compute.fft.lines import (
     Line,
     Separable,
     chirp_z,
@@ -24,8 +23,9 @@ from clplen.compute.lines import (
     padded_spectrum,
     still,
 )
+from clplen.compute.fft.routes import FFTRoute
 
-ROUTES = ["ducc0", "scipy", "numpy", "device"]
+ROUTES = ["ducc0", "scipy", "device"]
 
 
 @lru_cache
@@ -41,7 +41,7 @@ def on(request: pytest.FixtureRequest, device: Device, monkeypatch: pytest.Monke
     """The device with each route; "device": arrays stay on it."""
     if request.param == "ducc0":
         pytest.importorskip("ducc0")
-    monkeypatch.setattr(fft, "_vkfft", numpy_for_vkfft)
+    monkeypatch.setattr(routes, "_vkfft", numpy_for_vkfft)
     return with_route(device, request.param)
 
 
@@ -150,7 +150,7 @@ def test_maps_alone(on: Device, name: str, batch: tuple[int, ...]) -> None:
 def test_maps_in_double_precision(
     precise: Device, monkeypatch: pytest.MonkeyPatch, name: str, route: str
 ) -> None:
-    monkeypatch.setattr(fft, "_vkfft", numpy_for_vkfft)
+    monkeypatch.setattr(routes, "_vkfft", numpy_for_vkfft)
     on, (shape, maps) = with_route(precise, route), MAPS[name]
     u = random_complex((2, *shape), 21)
     (result,) = run(on.upload(u), maps.astype(on.complex), [], [], on)

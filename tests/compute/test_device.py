@@ -12,8 +12,8 @@ import pytest
 
 from clplen import Field, Grid, Propagator
 from clplen.compute import device as devices
-from clplen.compute import selection
 from clplen.compute.device import Device, require_same_device
+from clplen.compute.drivers import selection
 from clplen.errors import DeviceError, ShapeError
 
 CPU, GPU = cl.device_type.CPU, cl.device_type.GPU
@@ -64,7 +64,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> list[FakePlatform]:
         .with_device("GeForce GTX 1080", GPU, extensions="cl_khr_icd"),
     ]
     monkeypatch.delenv("CLPLEN_DEVICE", raising=False)
-    monkeypatch.setattr(selection.icd, "expose_intel_runtime", lambda: None)
+    monkeypatch.setattr(selection.environment, "expose_intel_runtime", lambda: None)
     monkeypatch.setattr(devices.pocl, "ensure_usable", lambda cl_device: "")
     monkeypatch.setattr(cl, "get_platforms", lambda: platforms)
     return platforms

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from clplen.cli import main
 from clplen.compute.device import Device
-from clplen.compute.failures import device_errors
+from clplen.compute.drivers.failures import device_errors
 from clplen.errors import DeviceError, KernelBuildError
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from reference_lines import matrix
 
-from clplen.compute.lines import (
+from clplen.compute.fft.lines import (
     Separable,
     chirp_z,
     convolution,

@@ -8,8 +8,8 @@ import pyopencl as cl
 import pytest
 
 from clplen.compute import device as devices
-from clplen.compute import llvmpipe, selection
 from clplen.compute.device import Device
+from clplen.compute.drivers import llvmpipe, selection
 
 CPU, GPU = cl.device_type.CPU, cl.device_type.GPU
 

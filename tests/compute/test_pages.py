@@ -10,26 +10,26 @@ import numpy as np
 import pyopencl as cl
 import pytest
 
-from clplen.compute import pages
+from clplen.compute import memory
 from clplen.compute.device import Device
 
-LARGE = pages.LEAST_BYTES + 12_345  # no multiple of a page
+LARGE = memory.LEAST_BYTES + 12_345  # no multiple of a page
 PAGE = 4096
 
 
 @pytest.fixture(autouse=True)
 def found_anew() -> Iterator[None]:
     """The C library's function is looked up in each test."""
-    pages._madvise.cache_clear()
+    memory._madvise.cache_clear()
     yield
-    pages._madvise.cache_clear()
+    memory._madvise.cache_clear()
 
 
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int, int]]:
     """(start, length, advice) of every request, none of which is made."""
     calls: list[tuple[int, int, int]] = []
-    monkeypatch.setattr(pages, "_madvise", lambda: lambda *call: calls.append(call) or -1)
+    monkeypatch.setattr(memory, "_madvise", lambda: lambda *call: calls.append(call) or -1)
     return calls
 
 
@@ -70,7 +70,7 @@ def test_whole_pages_within_the_buffer_are_asked_for(
     if not device.is_cpu:
         pytest.skip("a GPU's buffers are not host memory")
     buffer = cl.Buffer(device.context, cl.mem_flags.READ_WRITE, LARGE)
-    pages.ask_for_large_pages(device.queue, buffer)
+    memory.ask_for_large_pages(device.queue, buffer)
     (start, length, advice), begin = asked[0], mapped[0].ctypes.data
     assert (len(asked), len(mapped), advice) == (1, 1, 14)  # MADV_HUGEPAGE
     assert start % PAGE == length % PAGE == 0
@@ -100,20 +100,20 @@ def test_what_is_let_go_is_used_again_within_bounds(
     del del_me
     again = device.empty((LARGE,), np.uint8)
     assert spare.managed_bytes == taken
-    small = device.empty((pages.LEAST_BYTES - 1,), np.uint8)
+    small = device.empty((memory.LEAST_BYTES - 1,), np.uint8)
     assert spare.managed_bytes == taken
     del again
     monkeypatch.setattr(device, "memory_bytes", 16 * LARGE // 2)
-    other = device.empty((pages.LEAST_BYTES,), np.uint8)  # more than half of LARGE would be held
+    other = device.empty((memory.LEAST_BYTES,), np.uint8)  # more than half of LARGE would be held
     assert spare.managed_bytes - spare.active_bytes - rounding <= LARGE // 2
     assert small.nbytes + 1 == other.nbytes
 
 
-@pytest.mark.parametrize("nbytes", [1, PAGE, pages.LEAST_BYTES - 1])
+@pytest.mark.parametrize("nbytes", [1, PAGE, memory.LEAST_BYTES - 1])
 def test_a_small_buffer_is_left_alone(
     device: Device, asked: list[tuple[int, int, int]], mapped: list[np.ndarray], nbytes: int
 ) -> None:
-    pages.ask_for_large_pages(
+    memory.ask_for_large_pages(
         device.queue, cl.Buffer(device.context, cl.mem_flags.READ_WRITE, nbytes)
     )
     assert (asked, mapped) == ([], [])
@@ -123,8 +123,8 @@ def test_a_small_buffer_is_left_alone(
 def test_other_systems_are_left_alone(
     device: Device, monkeypatch: pytest.MonkeyPatch, mapped: list[np.ndarray], platform: str
 ) -> None:
-    monkeypatch.setattr(pages, "sys", SimpleNamespace(platform=platform))
-    monkeypatch.setattr(pages, "ctypes", SimpleNamespace())  # Windows has no CDLL(None)
+    monkeypatch.setattr(memory, "sys", SimpleNamespace(platform=platform))
+    monkeypatch.setattr(memory, "ctypes", SimpleNamespace())  # Windows has no CDLL(None)
     device.empty((LARGE,), np.uint8)
     assert mapped == []
     holds(device, LARGE)
@@ -133,8 +133,8 @@ def test_other_systems_are_left_alone(
 def test_a_library_without_the_function_is_left_alone(
     device: Device, monkeypatch: pytest.MonkeyPatch, mapped: list[np.ndarray]
 ) -> None:
-    monkeypatch.setattr(pages, "ctypes", SimpleNamespace(CDLL=lambda _: SimpleNamespace()))
-    monkeypatch.setattr(pages, "sys", SimpleNamespace(platform="linux"))
+    monkeypatch.setattr(memory, "ctypes", SimpleNamespace(CDLL=lambda _: SimpleNamespace()))
+    monkeypatch.setattr(memory, "sys", SimpleNamespace(platform="linux"))
     device.empty((LARGE,), np.uint8)
     assert mapped == []
 

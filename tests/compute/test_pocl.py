@@ -22,7 +22,7 @@ import pytest
 from _pytest.mark import ParameterSet
 from forcing import caches_in, forced_environment
 
-from clplen.compute import builtin_functions, pocl, pocl_trial
+from clplen.compute.drivers import builtin_functions, pocl, pocl_trial
 from clplen.errors import DeviceError
 
 if not sys.platform.startswith("linux"):
@@ -38,7 +38,7 @@ FITTING = pocl.names_to_try("generic", FLAGS)[0]
 OPEN = """
 import sys
 import pyopencl as cl
-from clplen.compute import pocl
+from clplen.compute.drivers import pocl
 from clplen.errors import DeviceError
 platforms = [p for p in cl.get_platforms() if p.name == pocl.PLATFORM]
 device = next(d for p in platforms for d in p.get_devices() if pocl.written_name(d))
@@ -423,7 +423,7 @@ def test_memory_that_cannot_be_written_is_left_alone(tmp_path: Path) -> None:
 def test_a_device_object_at_the_end_of_its_mapping_is_read_to_the_end_only() -> None:
     code = """
 import ctypes, mmap
-from clplen.compute import pocl_trial
+from clplen.compute.drivers import pocl_trial
 page = mmap.PAGESIZE
 libc = ctypes.CDLL(None)
 libc.mmap.restype = ctypes.c_void_p

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import clplen
-from clplen.compute import device as devices
-from clplen.compute import program
+from clplen.compute import launcher
 from clplen.compute.device import Device
+from clplen.compute.drivers import program
 from clplen.errors import KernelBuildError
 
 KERNELS = Path(__file__).parents[2] / "kernels"
@@ -126,7 +126,7 @@ def test_defines_specialise_and_builds_are_kept(
         built.append(args[2])
         return program.build_program(*args)
 
-    monkeypatch.setattr(devices, "build_program", build)
+    monkeypatch.setattr(launcher, "build_program", build)
     values = np.arange(1, 8, dtype=np.float32)
     for factor in ("3.0f", "5.0f", "3.0f"):
         array = fresh.upload(values)
@@ -145,7 +145,7 @@ def test_two_kernels_of_a_file_share_a_build(
     fresh: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = fresh.kernel("intensity.cl", "intensity")
-    monkeypatch.setattr(devices, "build_program", lambda *_: pytest.fail("built again"))
+    monkeypatch.setattr(launcher, "build_program", lambda *_: pytest.fail("built again"))
     assert fresh.kernel("intensity.cl", "row_power").function_name == "row_power"
     assert fresh.kernel("intensity.cl", "intensity") is first
 

@@ -14,12 +14,12 @@ import pytest
 from reference_lines import apply
 from tolerance import fft_tolerance, relative_max
 
-from clplen.compute import columns
-from clplen.compute.blocks import Spectrum, run
 from clplen.compute.device import Device
-from clplen.compute.fft import FFTRoute
-from clplen.compute.lines import Separable, padded_spectrum
-from clplen.compute.workspace import Slots, Workspace
+from clplen.compute.fft import columns
+from clplen.compute.fft.blocks import Spectrum, run
+from clplen.compute.fft.lines import Separable, padded_spectrum
+from clplen.compute.fft.routes import FFTRoute
+from clplen.compute.fft.workspace import Slots, Workspace
 
 BYTE, COMPLEX = np.dtype(np.uint8), np.dtype(np.complex64)
 

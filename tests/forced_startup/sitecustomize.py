@@ -7,8 +7,8 @@ import os
 import pyopencl as cl
 from forcing import VARIABLE, force_name
 
-from clplen.compute import pocl
-from clplen.compute.icd import expose_intel_runtime
+from clplen.compute.drivers import pocl
+from clplen.compute.drivers.environment import expose_intel_runtime
 
 expose_intel_runtime()
 for platform in cl.get_platforms():

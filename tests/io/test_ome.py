@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import tifffile
 
+from clplen.compute.arrays import Image
 from clplen.compute.device import Device
-from clplen.compute.image import Image
 from clplen.errors import FormatError
 from clplen.io import ome, read_pfm, write_depth, write_image, write_stack
 from clplen.io.raw import read_frame

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from array import array
 
-from clplen.compute import builtin_functions
 from clplen.compute.device import Device
+from clplen.compute.drivers import builtin_functions
 from clplen.selftest.basics import built_in_values
 
 

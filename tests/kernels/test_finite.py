@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from clplen.compute import finite
-from clplen.compute.finite import count_bad
+from clplen.compute import arrays
+from clplen.compute.arrays import count_bad
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.complex64, np.float64, np.complex128])
@@ -25,7 +25,7 @@ def test_counts_each_bad_part(device, dtype):
 
 
 def test_every_stretch_counts(device, monkeypatch):
-    monkeypatch.setattr(finite, "LENGTH", 16)
+    monkeypatch.setattr(arrays, "LENGTH", 16)
     values = np.ones(16 * 3 + 5, np.float32)
     values[[0, 15, 16, 47, 52]] = np.nan
     assert count_bad(device.upload(values), device) == 5

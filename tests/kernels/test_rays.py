@@ -11,8 +11,8 @@ import reference_scene as reference
 from clplen import MicrolensArray, Plane, PlenopticCamera, Sphere, SurfaceScene, Texture
 from clplen.cameras.outlines import Ellipse
 from clplen.cameras.rays import SAMPLES, sample_rays
-from clplen.compute import llvmpipe
 from clplen.compute.device import Device
+from clplen.compute.drivers import llvmpipe
 
 RANDOM = np.random.default_rng(8)
 TEXTURE = Texture(RANDOM.random((5, 4)), 1.3, centre=(0.4, -0.2))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tolerance import relative_max
 
-from clplen.compute.blocks import lanes_defines
+from clplen.compute.fft.blocks import lanes_defines
 
 
 @pytest.mark.parametrize("wave", ["single", "double"], indirect=True)

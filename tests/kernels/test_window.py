@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clplen.compute.blocks import window
+from clplen.compute.fft.blocks import window
 
 SHAPES = [
     ((5, 7), (8, 9)),

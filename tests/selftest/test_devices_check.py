@@ -16,7 +16,7 @@ from click.testing import CliRunner, Result
 import clplen
 from clplen.cli import main
 from clplen.compute.device import Device
-from clplen.selftest import CHECKS, CheckResult, isolated, run_checks, run_isolated
+from clplen.selftest import CHECKS, CheckResult, run_checks, run_isolated, runner
 from clplen.selftest.report import DeviceReport, environment, paste_block, row, summary
 
 GOOD = CheckResult("window", "padding", ("window.cl",), 1e-7, 1e-6, "ok", "", 0.5)
@@ -25,13 +25,13 @@ NONE = CheckResult("opening", "opens", (), math.nan, 0.0, "FAILED", "It cannot b
 FATAL = """
 import os
 import sys
-import numpy as np
+import scipy.fft
 
 def fatal(*_, **__):
     print("LLVM ERROR: Cannot select: planted", file=sys.stderr, flush=True)
     os.abort()
 
-np.fft.fftn = fatal
+scipy.fft.fftn = fatal
 """
 
 
@@ -50,7 +50,7 @@ def given(monkeypatch: pytest.MonkeyPatch) -> list[CheckResult]:
                 watch(result)
         return DeviceReport({"device": device.name}, list(results), 1.5)
 
-    monkeypatch.setattr(isolated, "run_isolated", found)
+    monkeypatch.setattr(runner, "run_isolated", found)
     return results
 
 
@@ -134,8 +134,8 @@ def test_a_driver_that_dies_is_a_row(
 ) -> None:
     (tmp_path / "sitecustomize.py").write_text(FATAL)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    monkeypatch.setattr(isolated, "MOST_CHILDREN", 1)
-    report = run_isolated(device, names=["FFT, numpy", "finite", "window"])
+    monkeypatch.setattr(runner, "MOST_CHILDREN", 1)
+    report = run_isolated(device, names=["FFT, scipy", "finite", "window"])
     dead, *others = report.results
     assert [result.status for result in others] == ["ok", "ok"]
     assert dead.failed
@@ -153,7 +153,7 @@ def test_a_device_that_is_not_there_is_one_row() -> None:
 
 def test_an_interrupt_ends_the_children(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     children: list[subprocess.Popen[bytes]] = []
-    begin = isolated._child
+    begin = runner._child
 
     def kept(*args: Any) -> Any:
         children.append(begin(*args))
@@ -162,7 +162,7 @@ def test_an_interrupt_ends_the_children(device: Device, monkeypatch: pytest.Monk
     def interrupt(result: CheckResult) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(isolated, "_child", kept)
+    monkeypatch.setattr(runner, "_child", kept)
     with pytest.raises(KeyboardInterrupt):
         run_isolated(device, watch=interrupt)
     assert children

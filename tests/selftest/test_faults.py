@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clplen.compute import fft, program
 from clplen.compute.device import Device
+from clplen.compute.drivers import program
+from clplen.compute.fft import routes
 from clplen.compute.memory import Memory
-from clplen.selftest.run import CHECKS, run_checks
+from clplen.selftest.runner import CHECKS, run_checks
 
 pytestmark = pytest.mark.thorough
 
@@ -181,15 +182,15 @@ def test_a_fault_of_propagation_is_found(kernels: Path, fresh: Device) -> None:
 
 def test_a_fault_of_transforms_is_found(fresh: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     def turned(values: Any, out: Any, axes: Any, forward: bool, threads: int) -> None:
-        plain = fft._numpy
+        plain = routes._scipy
         plain(values, out, axes, not forward, threads)
 
     def wrong_vkfft(array: Any, device: Device, axes: Any, forward: bool) -> None:
         pass
 
-    for name in ("ducc0", "scipy", "numpy"):
-        monkeypatch.setitem(fft._HOST, name, turned)
-    monkeypatch.setattr(fft, "_vkfft", wrong_vkfft)
+    for name in ("ducc0", "scipy"):
+        monkeypatch.setitem(routes._HOST, name, turned)
+    monkeypatch.setattr(routes, "_vkfft", wrong_vkfft)
     names = [check.name for check in CHECKS if check.name.startswith("FFT")]
     found = run_checks(fresh, names=names)
     assert {result.status for result in found} <= {"FAILED", "left out"}

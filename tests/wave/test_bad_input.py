@@ -21,7 +21,7 @@ from clplen import (
     propagate,
     spherical_wave,
 )
-from clplen.compute.fft import FFTRoute
+from clplen.compute.fft.routes import FFTRoute
 from clplen.errors import ShapeError
 from clplen.wave.propagation import plan, propagate_wavelengths
 from clplen.wave.request import METHODS, Request

@@ -14,7 +14,7 @@ from reference_corrected import corrected
 from tolerance import err_db
 
 from clplen import Device, Grid, Propagator, SamplingWarning, propagate
-from clplen.compute.fft import FFTRoute
+from clplen.compute.fft.routes import FFTRoute
 from clplen.wave.propagation import plan, propagate_wavelengths
 
 METHODS = (

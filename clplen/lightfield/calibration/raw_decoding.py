@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute import lengths
+from clplen import units
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield.calibration import sensor_frames
@@ -146,7 +146,7 @@ def _check(
         raise ValueError(f"step is a positive number of pixels, not {step!r}.")
     if pixel_pitch is not None and not 0 < pixel_pitch < math.inf:
         raise ValueError(f"pixel_pitch is positive, in metres, not {pixel_pitch!r}.")
-    lengths.PITCH.check(pixel_pitch or 0.0, "pixel_pitch")
+    units.PITCH.check(pixel_pitch or 0.0, "pixel_pitch")
     if demosaic not in _DEMOSAIC:
         raise ValueError(f"demosaic is 'after' or 'before', not {demosaic!r}.")
     if bayer is not None:

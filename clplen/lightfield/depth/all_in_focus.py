@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.image import Image
+from clplen.compute.arrays import Image
 from clplen.errors import ShapeError
 from clplen.lightfield.arrays.ray_samples import checked_disparity
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps

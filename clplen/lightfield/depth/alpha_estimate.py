@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from clplen.compute.oneline import OneLine
 from clplen.lightfield.arrays.epi_slope import fit_slope
 from clplen.lightfield.arrays.spectral_sharpness import (
     BAND,
@@ -27,6 +26,7 @@ from clplen.lightfield.model.conversion import as_lightfield
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.parametrisation import require_two_plane
 from clplen.lightfield.raw.raw_image import is_telecentric
+from clplen.reprs import OneLine
 
 if TYPE_CHECKING:
     from clplen.lightfield.raw.raw_image import CameraModel, Spacing

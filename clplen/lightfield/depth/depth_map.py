@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from clplen.compute.checks import require
-from clplen.compute.hostarray import HostArray
+from clplen.checks import require
+from clplen.compute.arrays import HostArray
 from clplen.errors import SamplingWarning
 from clplen.lightfield.arrays.peaks import Map
 from clplen.lightfield.depth.best_focus import high_na_words

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl as cl
 
-from clplen.compute.failures import device_errors
+from clplen.compute.drivers.failures import device_errors
 
 if TYPE_CHECKING:
     from clplen.lightfield.model.light_field import LightField

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.compute.finite import count_bad
+from clplen.compute.arrays import count_bad
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Values
 from clplen.lightfield.focused.focused_lattice_maps import (
     filled,

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.checks import require
+from clplen.checks import require
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield.raw.raw_image import LensletGrid, RawImage

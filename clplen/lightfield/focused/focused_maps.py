@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clplen.compute.checks import require
+from clplen.checks import require
 from clplen.lightfield.focused.focused_depth import FocusedDepth
 from clplen.lightfield.focused.focused_geometry import Values
 from clplen.lightfield.focused.focused_lattice_maps import interpolated

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.checks import require
-from clplen.compute.hostarray import OnDevice
-from clplen.compute.image import Image
+from clplen.checks import require
+from clplen.compute.arrays import Image, OnDevice
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.finite import count_bad
+from clplen.compute.arrays import count_bad
 from clplen.errors import ShapeError
 from clplen.lightfield.focused.focused_depth import FocusedDepth, focused_depth, reference_m
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values, split

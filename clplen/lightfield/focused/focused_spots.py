@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from clplen.compute.finite import count_bad
+from clplen.compute.arrays import count_bad
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values
 from clplen.lightfield.focused.focused_metric import z_of
 

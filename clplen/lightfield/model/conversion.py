@@ -6,8 +6,8 @@ from typing import Any
 
 import pyopencl.array as cla
 
+from clplen.compute.arrays import HostArray
 from clplen.compute.device import Device
-from clplen.compute.hostarray import HostArray
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.raw.raw_image import RawImage

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.compute.image import Image
+from clplen.compute.arrays import Image
 from clplen.lightfield.arrays.ray_samples import along_rays, checked_disparity
 from clplen.lightfield.arrays.shear import shear_sum
 from clplen.lightfield.model.rendering import view_weights

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.arrays import Image, OnDevice
 from clplen.compute.device import Device, DeviceLike, as_device
-from clplen.compute.hostarray import OnDevice
-from clplen.compute.image import Image
 from clplen.lightfield.model import flatten as flattening
 from clplen.lightfield.model import parametrisation as parametrising
 from clplen.lightfield.model import rendering as rendering

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from clplen.compute.hostarray import HostArray
-from clplen.compute.oneline import OneLine
+from clplen.compute.arrays import HostArray
 from clplen.lightfield.model.conversion import as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
+from clplen.reprs import OneLine
 
 if TYPE_CHECKING:
     from clplen.lightfield.model.light_field import LightField

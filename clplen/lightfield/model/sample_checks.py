@@ -7,8 +7,8 @@ from typing import Any, Protocol
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.arrays import count_bad
 from clplen.compute.device import Device
-from clplen.compute.finite import count_bad
 from clplen.errors import DeviceError, ShapeError
 from clplen.lightfield.arrays.stored_samples import C_TYPE, lit_views
 from clplen.lightfield.raw.raw_image import Spacing

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from clplen.compute.arrays import HostArray
 from clplen.compute.device import DeviceLike, as_device
-from clplen.compute.hostarray import HostArray
 from clplen.errors import ShapeError
 from clplen.lightfield.model.alpha_law import AlphaLaw
 from clplen.lightfield.model.sample_checks import (

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.finite import count_bad
+from clplen.compute.arrays import count_bad
 from clplen.errors import ShapeError
 from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
 from clplen.lightfield.raw.upright import FRACTION, has_room, is_upright, upright

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.arrays import OnDevice
 from clplen.compute.device import Device
-from clplen.compute.hostarray import OnDevice
-from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
+from clplen.reprs import OneLine
 
 if TYPE_CHECKING:
     from clplen.cameras.truth import Truth
-    from clplen.compute.image import Image
+    from clplen.compute.arrays import Image
     from clplen.lightfield.raw.lenslet_lattice import Lattice
 
 Spacing = tuple[float, float, float, float]

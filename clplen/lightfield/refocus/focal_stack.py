@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.arrays import Image, OnDevice
 from clplen.compute.device import Device
-from clplen.compute.hostarray import OnDevice
-from clplen.compute.image import Image
 from clplen.lightfield.arrays.magnify import magnify
 from clplen.lightfield.arrays.ray_samples import INTERPOLATIONS, along_rays
 from clplen.lightfield.arrays.shear import shear_sum

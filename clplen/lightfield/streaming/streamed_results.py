@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen.compute.device import Device, DeviceLike, as_device
-from clplen.compute.oneline import OneLine
 from clplen.lightfield.arrays.ray_samples import INTERPOLATIONS
 from clplen.lightfield.depth import combined_cue
 from clplen.lightfield.depth.depth_map import (
@@ -42,6 +41,7 @@ from clplen.lightfield.streaming.working_memory import (
     stack_works,
     surface_work,
 )
+from clplen.reprs import OneLine
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from clplen.compute.hostmemory import free_memory
-from clplen.compute.oneline import OneLine
+from clplen.compute.memory import free_memory
+from clplen.reprs import OneLine
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

@@ -1,0 +1,174 @@
+"""Exposures of plenoptic cameras and the demo, beside the transforms in them; decoding."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from clplen import demo
+from clplen.bench import ceilings
+from clplen.bench.measure import Case, finished, halved, in_turn, numbers
+from clplen.bench.report import Benchmark, Goal, Report, time_rows
+from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.scene import PointSources
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.raw_image import RawImage, Transforms
+from clplen.lightfield.refocus import focal_stack
+from clplen.wave.lenslets import MicrolensArray
+
+if TYPE_CHECKING:
+    from clplen.cameras.plenoptic1 import Plenoptic1
+    from clplen.cameras.plenoptic2 import Plenoptic2
+    from clplen.compute.device import Device
+
+_FORM = "a number of lenslets across"
+_FEWEST = 75  # lenslets that hold the aperture of the focused camera
+_CAMERA_MOST = 1.7  # of the bare transforms' time, for a focused camera
+_DEMO_MOST = 1.3  # of the bare transforms' time
+_FIELDS = 12  # of complex samples of the sensor that are held at a time, with all tables
+
+
+def _needs(size: str) -> int:
+    """Fields on the sensor, padded ones at most."""
+    [count] = numbers(size, (1,), _FORM)
+    return 4 * _FIELDS * 8 * (30 * count) ** 2
+
+
+def measure_camera(device: Device, size: str, repeats: int) -> Report:
+    """Times of exposure and decoding over those of bare transforms."""
+    [count] = numbers(size, (1,), _FORM)
+    cam = demo.camera(device, count=count)
+    point = (0.0, 0.0, demo.DEPTHS[0])
+    raw = demo.expose_point(cam, point)
+    lf = LightField.from_raw(raw)
+    pixels = float(math.prod(raw.shape))
+    assert raw.exposure is not None
+    focused = focused_camera(device, count)
+    behind = _expose(focused)
+    assert behind.exposure is not None
+    cases = [
+        bare_ffts(raw.exposure.transforms, device),
+        Case("exposure of a point", lambda: demo.expose_point(cam, point), pixels, "pixels"),
+        ceilings.copy(device, int(lf.data.nbytes), "copy of the light field"),
+        Case("decoding", finished(lambda: LightField.from_raw(raw), device), pixels, "pixels"),
+        bare_ffts(behind.exposure.transforms, device, "focused: "),
+        Case("focused: exposure of a point", lambda: _expose(focused), pixels, "pixels"),
+    ]
+    times = in_turn(cases, repeats)
+    note = f"Decoding takes {times[3].over(times[2]):.2f} of a copy of the light field it makes."
+    rows = (*time_rows(times[:4], times[0]), *time_rows(times[4:], times[4]))
+    goal = Goal(
+        "focused: exposure over bare FFTs", times[5].over(times[4]), _CAMERA_MOST, "at most"
+    )
+    return Report("camera", size, "time over the bare transforms", rows, (goal,), (note,))
+
+
+def focused_camera(device: Device, count: int) -> Plenoptic2:
+    """A 2.0 camera of the demo's sensor: f = 120 mm, lenslets of f_mu = 3 mm, m = .2."""
+    lenslets = MicrolensArray(150e-6, 3e-3, count=count, fill="full")
+    return PlenopticCamera.type2(
+        focal_length=0.120,
+        mla=lenslets,
+        wavelength=532e-9,
+        pixels_per_lenslet=30,
+        m=0.2,
+        device=device,
+    )
+
+
+def _expose(cam: Plenoptic2) -> RawImage:
+    """One point of the demo's size on the axis, in focus."""
+    return cam.expose(PointSources([(0.0, 0.0, 0.0)], diameter=demo.SOURCE_DIAMETER))
+
+
+def bare_ffts(transforms: Transforms, device: Device, what: str = "") -> Case:
+    """All the transforms of exposures, at their padded sizes, by the device's own route.
+
+    Parameters
+    ----------
+    transforms : tuple
+        (count, (ny, nx)) each, as `Exposure` tells them.
+    device : Device
+    what : str
+        What the name begins with.
+    """
+    parts = [ceilings.bare_fft(shape, device, count=count) for count, shape in transforms]
+    name = what + " + ".join(part.name for part in parts)
+
+    def run() -> None:
+        for part in parts:
+            part.run()
+
+    return Case(name, run, sum(part.work for part in parts), "transforms")
+
+
+def added(transforms: Sequence[Transforms]) -> Transforms:
+    """Transforms of several exposures, those of one shape together."""
+    counts: dict[tuple[int, int], int] = {}
+    for several in transforms:
+        for count, shape in several:
+            counts[shape] = counts.get(shape, 0) + count
+    return tuple((count, shape) for shape, count in counts.items())
+
+
+def measure_demo(device: Device, size: str, repeats: int) -> Report:
+    """Time of the demo's computation over that of bare transforms."""
+    [count] = numbers(size, (1,), _FORM)
+    cam = demo.camera(device, count=count)
+    cases = [
+        bare_ffts(demo_transforms(cam), device),
+        Case("raw images, decoding, stack", finished(lambda: compute_demo(cam), device)),
+    ]
+    times = in_turn(cases, repeats)
+    goal = Goal("computation over bare FFTs", times[1].over(times[0]), _DEMO_MOST, "at most")
+    note = (
+        "The transforms of all exposures, at their padded sizes: two of each propagation, from the "
+        "lens to the array and from there to the sensor."
+    )
+    rows = time_rows(times, times[0])
+    return Report("demo", size, "time over the bare transforms", rows, (goal,), (note,))
+
+
+def compute_demo(cam: Plenoptic1) -> None:
+    """The scene's raw image, light field and stack; then every point of the depth table."""
+    lf = LightField.from_raw(demo.scene(cam))
+    focal_stack(lf, alphas=np.linspace(*demo.STACK_ALPHAS))
+    for dz in demo.DEPTHS:
+        LightField.from_raw(demo.expose_point(cam, (0.0, 0.0, dz)))
+
+
+def demo_transforms(cam: Plenoptic1) -> Transforms:
+    """Those of all exposures of `compute_demo`."""
+    positions = [*demo.POINTS.values(), *((0.0, 0.0, dz) for dz in demo.DEPTHS)]
+    reports = [demo.expose_point(cam, position).exposure for position in positions]
+    return added([report.transforms for report in reports if report is not None])
+
+
+def _smaller(size: str) -> str:
+    """Half the lenslets."""
+    return halved(size, (0,), 24)
+
+
+BENCHMARKS = (
+    Benchmark(
+        "camera",
+        "one point through the demo's camera and a focused one, beside bare transforms; decoding",
+        sizes=("101",),
+        quick=str(_FEWEST),
+        needs=_needs,
+        run=measure_camera,
+        smaller=lambda size: halved(size, (0,), _FEWEST),
+    ),
+    Benchmark(
+        "demo",
+        "raw images, decoding and focal stack of the demo, beside the bare transforms in them",
+        sizes=("101",),
+        quick="53",
+        needs=_needs,
+        run=measure_demo,
+        smaller=_smaller,
+    ),
+)

@@ -1,0 +1,1 @@
+"""What OpenCL drivers need to start: a selector comes in; devices and built programs leave."""

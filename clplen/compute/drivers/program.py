@@ -1,0 +1,131 @@
+"""Kernel sources: found, expanded, built, with errors that name the line of the kernel file."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pyopencl as cl
+
+from clplen.compute.drivers.failures import ADVICE
+from clplen.errors import KernelBuildError
+
+_INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
+_PACKAGE = Path(__file__).resolve().parents[2]
+# Inside an installed wheel the kernels lie in the package, in a checkout beside it.
+_FOLDERS = (_PACKAGE / "kernels", _PACKAGE.parent / "kernels")
+
+BUILD_OPTIONS = ("-cl-std=CL1.2", "-cl-kernel-arg-info", "-cl-mad-enable")
+
+
+def kernel_folder() -> Path:
+    """Folder of the ``.cl`` files, in a wheel, an sdist, an editable install or a checkout.
+
+    Returns
+    -------
+    pathlib.Path
+
+    Raises
+    ------
+    KernelBuildError
+        If the kernels are in none of the known places.
+    """
+    for folder in _FOLDERS:
+        if (folder / "common.cl").is_file():
+            return folder
+    looked = " and ".join(str(folder) for folder in _FOLDERS)
+    raise KernelBuildError(f"The OpenCL kernels are missing: looked in {looked}; reinstall clplen.")
+
+
+@cache
+def kernel_source(file: str) -> str:
+    """Source of a kernel file with every ``#include "x.cl"`` expanded and ``#line`` kept.
+
+    Parameters
+    ----------
+    file : str
+        Name inside the kernel folder, for example ``"transfer.cl"``.
+
+    Returns
+    -------
+    str
+        One self-contained translation unit.
+
+    Raises
+    ------
+    KernelBuildError
+        If the file or one that it includes does not exist.
+    """
+    return _expand(file, [])
+
+
+def _expand(file: str, included: list[str]) -> str:
+    path = kernel_folder() / file
+    if not path.is_file():
+        raise KernelBuildError(f"No kernel file {file!r} in {path.parent}.")
+    included.append(file)
+    lines = [f'#line 1 "{file}"']
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        match = _INCLUDE.match(line)
+        if match is None:
+            lines.append(line)
+        elif match.group(1) not in included:
+            lines.append(_expand(match.group(1), included))
+            lines.append(f'#line {number + 1} "{file}"')
+        else:
+            lines.append("")
+    return "\n".join(lines)
+
+
+def build_program(
+    context: cl.Context, file: str, defines: dict[str, Any], options: Sequence[str] = ()
+) -> cl.Program:
+    """Build one kernel file for a context.
+
+    Parameters
+    ----------
+    context : pyopencl.Context
+    file : str
+        Name inside the kernel folder.
+    defines : dict
+        Preprocessor definitions; a value of None or True defines the bare name.
+    options : sequence of str
+        More options of the compiler.
+
+    Returns
+    -------
+    pyopencl.Program
+
+    Raises
+    ------
+    KernelBuildError
+        With the numbered source in ``source`` and the compiler's words in ``log``.
+    """
+    source = kernel_source(file)
+    named = (_define(name, value) for name, value in defines.items())
+    options = [*BUILD_OPTIONS, *named, *options]
+    with warnings.catch_warnings():
+        # Some compilers comment on every successful build; a failed one raises.
+        warnings.simplefilter("ignore", cl.CompilerWarning)
+        try:
+            return cl.Program(context, source).build(options=options)
+        except cl.Error as error:
+            names = ", ".join(
+                f"{device.name.strip()} ({device.platform.name.strip()} "
+                f"{device.driver_version.strip()})"
+                for device in context.devices
+            )
+            raise KernelBuildError(
+                f"The kernel file {file!r} does not build on {names} with {' '.join(options)}: "
+                f"{ADVICE}.",
+                source=source,
+                log=str(error),
+            ) from error
+
+
+def _define(name: str, value: Any) -> str:
+    return f"-D{name}" if value is None or value is True else f"-D{name}={value}"

@@ -1,0 +1,103 @@
+"""Which OpenCL devices there are, and which of them a selector means."""
+
+from __future__ import annotations
+
+import re
+
+import pyopencl as cl
+
+from clplen.compute.drivers import environment, llvmpipe
+from clplen.compute.drivers.forked import begin_use
+from clplen.errors import DeviceError
+
+Found = tuple[str, cl.Device]
+
+INSTALL_HELP = (
+    "Linux on x86-64: pip install pocl-binary-distribution; Linux on ARM: apt install "
+    "pocl-opencl-icd (or conda install -c conda-forge pocl); macOS: conda install -c conda-forge "
+    "pocl; Windows: the driver of your GPU, or pip install intel-opencl-rt for the CPU."
+)
+
+
+def find_devices() -> list[Found]:
+    """Everything that OpenCL shows, in platform order.
+
+    Returns
+    -------
+    list of tuple
+        ("platform:device", device) of each.
+
+    Raises
+    ------
+    DeviceError
+        If there is no platform, or no platform has a device (it names what to install), or this
+        process was forked from one that looked for devices.
+    """
+    begin_use()
+    environment.ensure_cache()
+    environment.expose_intel_runtime()
+    try:
+        platforms = cl.get_platforms()
+    except cl.LogicError as error:
+        raise DeviceError(f"There is no OpenCL platform. {INSTALL_HELP}") from error
+    found = []
+    for p, platform in enumerate(platforms):
+        try:
+            devices = platform.get_devices()
+        except cl.RuntimeError:  # a driver without hardware
+            continue
+        found += [(f"{p}:{d}", device) for d, device in enumerate(devices)]
+    if not found:
+        raise DeviceError(f"The OpenCL platforms here have no device. {INSTALL_HELP}")
+    return found
+
+
+def select(devices: list[Found], selector: str | None) -> list[Found]:
+    """The devices that fit a selector, best first; llvmpipe last, unless it is named.
+
+    Parameters
+    ----------
+    devices : list of tuple
+        From `find_devices`.
+    selector : str or None
+        See `Device.open`.
+
+    Raises
+    ------
+    DeviceError
+        If none fits; it lists what is there.
+    """
+    kinds = {"cpu": cl.device_type.CPU, "gpu": cl.device_type.GPU}
+    if selector is None:
+        return sorted(devices, key=_rank)
+    wanted = selector.strip().lower()
+    if wanted in kinds:
+        fitting = sorted((d for d in devices if d[1].type & kinds[wanted]), key=_rank)
+    elif re.fullmatch(r"\d+:\d+", wanted):
+        fitting = [found for found in devices if found[0] == wanted]
+    else:
+        # A platform's name counts before a device's: "intel" means Intel's runtime, not PoCL on
+        # an Intel processor.
+        fitting = [f for f in devices if wanted in _platform_words(f[1])] or [
+            f for f in devices if wanted in f"{f[1].name} {f[1].vendor}".lower()
+        ]
+    if not fitting:
+        here = "; ".join(
+            f"{place} {d.platform.name.strip()}: {d.name.strip()}" for place, d in devices
+        )
+        raise DeviceError(
+            f"No OpenCL device fits {selector!r}. Here are: {here}. Use 'cpu', 'gpu', "
+            "'platform:device' or part of a name."
+        )
+    return fitting
+
+
+def _rank(found: Found) -> int:
+    """Order of devices that no name chooses: GPUs, then CPUs, then llvmpipe."""
+    device = found[1]
+    return 2 if llvmpipe.is_llvmpipe(device) else int(not device.type & cl.device_type.GPU)
+
+
+def _platform_words(device: cl.Device) -> str:
+    platform = device.platform
+    return f"{platform.name} {platform.vendor} {platform.version}".lower()

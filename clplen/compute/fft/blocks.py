@@ -1,0 +1,266 @@
+"""Maps along both axes, a product in between, and maps back: y and x, batches, many products.
+
+On the host in blocks that stay in the cache (columns.py); with VkFFT whole arrays stay on the
+device.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from itertools import zip_longest
+from typing import Any, Protocol
+
+import numpy as np
+import pyopencl as cl
+import pyopencl.array as cla
+
+from clplen.compute.drivers.forked import Guard
+from clplen.compute.fft.columns import Factors, Product, run_on_host
+from clplen.compute.fft.lines import Line, Separable, still
+from clplen.compute.fft.routes import FFTRoute, TransformDevice
+from clplen.compute.fft.workspace import Workspace
+from clplen.types import Array
+
+
+class FieldDevice(TransformDevice, Protocol):
+    """What maps of complex samples need of a device."""
+
+    is_cpu: bool
+    rows: bool
+    precision: Any
+
+    @property
+    def fft(self) -> FFTRoute: ...
+
+    @property
+    def workspace(self) -> Workspace: ...
+
+    @property
+    def complex(self) -> np.dtype[Any]: ...
+
+    def empty(self, shape: Sequence[int], dtype: Any) -> cla.Array: ...
+
+    def upload(self, values: Array) -> cla.Array: ...
+
+    def download(self, array: cla.Array) -> Array: ...
+
+    def kernel(self, file: str, name: str, **defines: Any) -> cl.Kernel: ...
+
+    def wave_defines(self) -> dict[str, Any]: ...
+
+    def launch_rows(
+        self, kernel: cl.Kernel, shape: Sequence[int], *args: Any, operations: float = 0.0
+    ) -> None: ...
+
+
+class Spectrum:
+    """Factors of a 2-D spectrum, where its products are made: on the device or on the host.
+
+    Parameters
+    ----------
+    values : pyopencl.array.Array
+        Complex, shape (my, mx); or, even in both axes, the quadrant (my//2 + 1, mx//2 + 1).
+    shape : tuple of int
+        (my, mx).
+    turned : bool
+        Whether the axes of ``values`` are (x, y), the order in which the host reads them.
+    lit : numpy.ndarray, optional
+        bool, one for each column (x) of ``values``: False where all its factors are zero, which
+        the host skips. None: all True.
+    """
+
+    def __init__(
+        self,
+        values: cla.Array,
+        shape: tuple[int, int],
+        *,
+        turned: bool = False,
+        lit: Array | None = None,
+    ) -> None:
+        self.shape = shape
+        self.is_quadrant = tuple(values.shape) != (shape[::-1] if turned else shape)
+        self.values, self.turned, self.lit = values, turned, lit
+        self._copy: Array | None = None
+        self._lock = Guard()
+
+    @classmethod
+    def of(cls, values: Array, device: FieldDevice) -> Spectrum:
+        """Factors of a host array (my, mx), FFT order, as `run` reads them on a device."""
+        shape = (values.shape[0], values.shape[1])
+        if device.fft.name == "vkfft":
+            return cls(device.upload(values.astype(device.complex)), shape)
+        turned = values.T.astype(device.complex, order="C")
+        return cls(device.upload(turned), shape, turned=True, lit=turned.any(axis=1))
+
+    @contextmanager
+    def on_host(self, device: FieldDevice) -> Iterator[Factors]:
+        """The same on the host: a CPU device's own memory, else a copy made once."""
+        if device.is_cpu:
+            with device.on_host(self.values, write=False) as values:
+                yield Factors(values if self.turned else values.T, self.shape, self.lit)
+            return
+        with self._lock:
+            if self._copy is None:
+                self._copy = device.download(self.values)
+        yield Factors(self._copy if self.turned else self._copy.T, self.shape, self.lit)
+
+
+def run(
+    data: cla.Array,
+    into: Separable,
+    spectra: Sequence[Spectrum],
+    back: Sequence[Separable],
+    device: FieldDevice,
+) -> list[cla.Array]:
+    """Map, multiply by each of several spectra, and map back.
+
+    Parameters
+    ----------
+    data : pyopencl.array.Array
+        Complex, shape (..., ny, nx); not changed.
+    into : Separable
+    spectra : sequence of Spectrum
+        None: ``into`` is all there is.
+    back : sequence of Separable
+        One for each spectrum, all to the same shape.
+    device : FieldDevice
+
+    Returns
+    -------
+    list of pyopencl.array.Array
+        Shape (..., my, mx), one for each spectrum (one in all where there is none).
+    """
+    if device.fft.name == "vkfft":
+        return _on_device(data, into, spectra, back, device)
+    batch, shape = tuple(data.shape[:-2]), (data.shape[-2], data.shape[-1])
+    last = back[0].shape_after(into.shape_after(shape)) if back else into.shape_after(shape)
+    results = [device.empty((*batch, *last), device.complex) for _ in range(max(1, len(spectra)))]
+    count = int(np.prod(batch, dtype=np.int64))
+    with ExitStack() as held:
+        source = held.enter_context(device.on_host(data, write=False)).reshape(count, *shape)
+        targets = [
+            held.enter_context(device.on_host(result)).reshape(count, *last) for result in results
+        ]
+        products = [
+            Product(held.enter_context(one.on_host(device)), way)
+            for one, way in zip(spectra, back, strict=True)
+        ]
+        run_on_host(source, into, products, targets, device.fft, device.workspace)
+    return results
+
+
+def _on_device(
+    data: cla.Array,
+    into: Separable,
+    spectra: Sequence[Spectrum],
+    back: Sequence[Separable],
+    device: FieldDevice,
+) -> list[cla.Array]:
+    work = data
+    for y, x in zip_longest(into.y, into.x):
+        work = _stage(work, y, x, device)
+    if not spectra:
+        return [window(data, data.shape, device) if work is data else work]
+    results = []
+    for place, (spectrum, way) in enumerate(zip(spectra, back, strict=True), 1):
+        made = multiplied(work, spectrum, device, copy=work is data or place < len(spectra))
+        for y, x in zip_longest(way.y, way.x):
+            made = _stage(made, y, x, device)
+        results.append(made)
+    return results
+
+
+def _stage(data: cla.Array, y: Line | None, x: Line | None, device: FieldDevice) -> cla.Array:
+    """One line along each axis; None: the axis waits."""
+    y, x = y or still(data.shape[-2]), x or still(data.shape[-1])
+    if y.kind == x.kind == "none":
+        return data
+    batch = data.shape[:-2]
+    work = window(data, (*batch, y.length, x.length), device, place=(y.place, x.place))
+    _factors(work, _placed(y), _placed(x), device)
+    for kinds, forward in ((("forward", "convolve"), True), (("inverse",), False)):
+        _transform(work, y.kind in kinds, x.kind in kinds, forward, device)
+    _factors(work, y.kernel, x.kernel, device)
+    _transform(work, y.kind == "convolve", x.kind == "convolve", False, device)
+    if (y.m, x.m) != (y.length, x.length):
+        work = window(work, (*batch, y.m, x.m), device, place=(-y.start, -x.start))
+    _factors(work, y.post, x.post, device)
+    return work
+
+
+def _placed(line: Line) -> Array | None:
+    """The factors before the transform on the window's samples."""
+    if line.pre is None:
+        return None
+    table = np.zeros(line.length, line.pre.dtype)
+    table[line.place : line.place + line.n] = line.pre
+    return table
+
+
+def _transform(work: cla.Array, y: bool, x: bool, forward: bool, device: FieldDevice) -> None:
+    axes = tuple(axis for axis, wanted in ((-2, y), (-1, x)) if wanted)
+    if axes:
+        device.fft.transform(work, device, axes=axes, forward=forward)
+
+
+def _factors(work: cla.Array, y: Array | None, x: Array | None, device: FieldDevice) -> None:
+    """Times two 1-D tables in place; None: 1."""
+    if y is None and x is None:
+        return
+    ny, nx = work.shape[-2:]
+    ty = np.ones(ny, device.complex) if y is None else y.astype(device.complex)
+    tx = np.ones(nx, device.complex) if x is None else x.astype(device.complex)
+    kernel = device.kernel("separable.cl", "multiply_separable", **lanes_defines(device))
+    tables = (device.upload(ty), device.upload(tx))
+    device.launch_rows(kernel, work.shape, work, work, *tables, np.int32(ny), np.int32(nx))
+
+
+def multiplied(
+    work: cla.Array, spectrum: Spectrum, device: FieldDevice, *, copy: bool
+) -> cla.Array:
+    """Spectra (..., my, mx) times their factors; in place unless ``copy``."""
+    out = window(work, work.shape, device) if copy else work
+    ny, nx = (np.int32(n) for n in spectrum.shape)
+    if spectrum.is_quadrant:
+        kernel = device.kernel("spectral_filter.cl", "filter_spectrum", **lanes_defines(device))
+        device.launch_rows(kernel, out.shape, out, spectrum.values, ny, nx)
+    else:
+        kernel = device.kernel("multiply.cl", "multiply", **device.wave_defines())
+        device.launch_rows(kernel, out.shape, out, out, spectrum.values, ny, nx)
+    return out
+
+
+def window(
+    data: cla.Array,
+    shape: Sequence[int],
+    device: FieldDevice,
+    *,
+    place: tuple[int, int] | None = None,
+) -> cla.Array:
+    """A copy of complex samples in a larger or smaller window, zeros around them.
+
+    Parameters
+    ----------
+    data : pyopencl.array.Array
+        Shape (..., in_ny, in_nx).
+    shape : sequence of int
+        (..., ny, nx) of the result.
+    device : FieldDevice
+    place : tuple of int, optional
+        (y, x) index in the result of the first sample; by default sample N//2 stays on N//2.
+    """
+    out = device.empty(shape, device.complex)
+    (ny, nx), (in_ny, in_nx) = shape[-2:], data.shape[-2:]
+    if place is None:
+        place = (ny // 2 - in_ny // 2, nx // 2 - in_nx // 2)
+    kernel = device.kernel("window.cl", "window", **device.wave_defines())
+    numbers = (ny, nx, in_ny, in_nx, -place[0], -place[1])
+    device.launch_rows(kernel, shape, out, data, *(np.int32(n) for n in numbers))
+    return out
+
+
+def lanes_defines(device: FieldDevice) -> dict[str, Any]:
+    """Those of `wave_defines`, and sixteen samples at a time where a row is an item's."""
+    lanes = device.rows and device.precision == "single"
+    return {"LANES": True} if lanes else device.wave_defines()

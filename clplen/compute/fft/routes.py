@@ -1,0 +1,231 @@
+"""Fourier transforms over the last two axes, in place, by VkFFT, ducc0 or SciPy.
+
+A CPU device maps its buffer and a host library transforms it where it lies; a GPU uses VkFFT where
+pyvkfft is installed, else the host library with transfers both ways. The route is chosen once for
+a device; ``$CLPLEN_FFT`` forces one.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from typing import Any, Protocol
+
+import numpy as np
+import pyopencl as cl
+import pyopencl.array as cla
+
+from clplen.compute.fft.plans import PlanCache
+from clplen.diagnostics import warn_caller
+from clplen.errors import DeviceError
+from clplen.types import Array
+
+VKFFT_BYTES = 2**20  # what the kernels and tables of one VkFFT plan are taken to hold
+HostFFT = Callable[[Array, Array, "tuple[int, ...]", bool, int], None]
+_MODULES = {"vkfft": "pyvkfft", "ducc0": "ducc0", "scipy": "scipy"}
+_EXTRAS = {
+    "vkfft": 'VKFFT_BACKEND=opencl pip install "clplen[gpu]"',
+    "ducc0": 'pip install "clplen[fast]"',
+    "scipy": "pip install scipy",
+}
+
+
+class TransformDevice(Protocol):
+    """What a transform needs of the device that holds the array."""
+
+    @property
+    def queue(self) -> cl.CommandQueue: ...
+
+    @property
+    def plans(self) -> PlanCache: ...
+
+    def timed(
+        self, what: str, *, nbytes: int, operations: float = 0.0
+    ) -> AbstractContextManager[None]: ...
+
+    def on_host(self, array: cla.Array, *, write: bool = True) -> AbstractContextManager[Array]: ...
+
+
+@dataclass(frozen=True)
+class FFTRoute:
+    """Which library transforms.
+
+    Attributes
+    ----------
+    name : {"vkfft", "ducc0", "scipy"}
+    threads : int
+        Threads of a host library.
+    """
+
+    name: str
+    threads: int
+
+    def forward(self, array: cla.Array, device: TransformDevice) -> None:
+        """``array`` becomes its discrete Fourier transform over the last two axes.
+
+        Parameters
+        ----------
+        array : pyopencl.array.Array
+            complex64 or complex128, shape (..., ny, nx), C-contiguous, changed in place.
+        device : TransformDevice
+            The device that holds it.
+        """
+        self.transform(array, device, axes=(-2, -1), forward=True)
+
+    def inverse(self, array: cla.Array, device: TransformDevice) -> None:
+        """The inverse of `forward`, with the factor 1/(ny nx)."""
+        self.transform(array, device, axes=(-2, -1), forward=False)
+
+    def transform(
+        self, array: cla.Array, device: TransformDevice, *, axes: tuple[int, ...], forward: bool
+    ) -> None:
+        """`forward` or `inverse` over some of the last two axes.
+
+        Parameters
+        ----------
+        array : pyopencl.array.Array
+            complex64 or complex128, shape (..., ny, nx), C-contiguous, changed in place.
+        device : TransformDevice
+            The device that holds it.
+        axes : tuple of int
+            Of -2 and -1.
+        forward : bool
+        """
+        operations = array.size * sum(5 * math.log2(array.shape[axis]) for axis in axes)
+        with device.timed(f"FFT, {self.name}", nbytes=2 * array.nbytes, operations=operations):
+            if self.name == "vkfft":
+                _vkfft(array, device, axes, forward)
+                return
+            with device.on_host(array) as values:
+                _HOST[self.name](values, values, axes, forward, self.threads)
+
+    def lines(
+        self, values: Array, out: Array, axis: int, forward: bool, *, careful: bool = False
+    ) -> None:
+        """Transform along one axis of a host array, in the calling thread.
+
+        Parameters
+        ----------
+        values, out : numpy.ndarray
+            complex64 or complex128, of one shape; they may be the same array.
+        axis : int
+        forward : bool
+            Else the inverse, with the factor 1/length.
+        careful : bool
+            A length with a large prime factor, which the libraries transform with more rounding,
+            passes through double precision.
+        """
+        transform = _HOST[self.name]
+        if careful and values.dtype == np.complex64 and has_large_prime(values.shape[axis]):
+            exact = values.astype(np.complex128)
+            transform(exact, exact, (axis,), forward, 1)
+            out[...] = exact
+            return
+        transform(values, out, (axis,), forward, 1)
+
+
+@cache
+def has_large_prime(n: int) -> bool:
+    """Whether a length has a prime factor for which libraries have no butterfly of their own."""
+    for prime in (2, 3, 5, 7, 11, 13):
+        while n % prime == 0:
+            n //= prime
+    return n > 1
+
+
+def choose_route(is_cpu: bool, platform: str = "") -> FFTRoute:
+    """The route of a device.
+
+    Parameters
+    ----------
+    is_cpu : bool
+        Whether the device is a CPU.
+    platform : str
+        Name of its OpenCL platform.
+
+    Returns
+    -------
+    FFTRoute
+        ``$CLPLEN_FFT`` if set; VkFFT on a GPU with pyvkfft; else ducc0, else SciPy, on the host.
+
+    Raises
+    ------
+    DeviceError
+        If ``$CLPLEN_FFT`` names an unknown library, one that is not installed, or VkFFT on Intel's
+        CPU runtime.
+    """
+    threads = _threads()
+    forced = os.environ.get("CLPLEN_FFT", "").strip().lower()
+    if forced:
+        if forced not in _MODULES:
+            raise DeviceError(
+                f"CLPLEN_FFT={forced!r} is no FFT route; use one of {', '.join(_MODULES)}."
+            )
+        if find_spec(_MODULES[forced]) is None:
+            raise DeviceError(
+                f"CLPLEN_FFT={forced!r} was asked for, but {_MODULES[forced]} is not installed: "
+                f"{_EXTRAS[forced]}."
+            )
+        if forced == "vkfft" and is_cpu and platform.startswith("Intel"):
+            raise DeviceError(
+                "CLPLEN_FFT='vkfft' was asked for, but VkFFT transforms some lengths wrongly on "
+                "Intel's CPU runtime: use ducc0 or scipy there."
+            )
+        return FFTRoute(forced, threads)
+    if not is_cpu and find_spec("pyvkfft") is not None:
+        return FFTRoute("vkfft", threads)
+    host = "ducc0" if find_spec("ducc0") is not None else "scipy"
+    if not is_cpu:
+        warn_caller(
+            f"pyvkfft is not installed: Fourier transforms of this GPU run on the host ({host}) "
+            f"with transfers both ways. {_EXTRAS['vkfft']} keeps them on the GPU.",
+            RuntimeWarning,
+        )
+    return FFTRoute(host, threads)
+
+
+def _threads() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _ducc0(values: Array, out: Array, axes: tuple[int, ...], forward: bool, threads: int) -> None:
+    import ducc0
+
+    norm = 0 if forward else 2
+    ducc0.fft.c2c(values, axes=axes, forward=forward, inorm=norm, out=out, nthreads=threads)
+
+
+def _scipy(values: Array, out: Array, axes: tuple[int, ...], forward: bool, threads: int) -> None:
+    import scipy.fft
+
+    transform = scipy.fft.fftn if forward else scipy.fft.ifftn
+    result = transform(values, axes=axes, overwrite_x=out is values, workers=threads)
+    if not np.may_share_memory(result, out):
+        out[...] = result
+
+
+_HOST: dict[str, HostFFT] = {"ducc0": _ducc0, "scipy": _scipy}
+
+
+def _vkfft(array: cla.Array, device: TransformDevice, axes: tuple[int, ...], forward: bool) -> None:
+    app = device.plans.get(
+        ("vkfft", array.shape, array.dtype.str, axes),
+        lambda: _vkfft_app(array, device, axes),
+        lambda made: int(getattr(made, "tmp_buffer_nbytes", 0)) + VKFFT_BYTES,
+    )
+    (app.fft if forward else app.ifft)(array, array)
+
+
+def _vkfft_app(array: cla.Array, device: TransformDevice, axes: tuple[int, ...]) -> Any:
+    from pyvkfft.opencl import VkFFTApp
+
+    which = {"ndim": 2} if axes == (-2, -1) else {"axes": [array.ndim + axis for axis in axes]}
+    return VkFFTApp(array.shape, array.dtype, device.queue, inplace=True, norm=1, **which)

@@ -1,0 +1,179 @@
+"""Kernels of a device: built once, kept, launched, and timed where a profile is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+import pyopencl.array as cla
+
+from clplen.compute.drivers import pocl
+from clplen.compute.drivers.failures import ADVICE, device_error, device_errors
+from clplen.compute.drivers.forked import Guard
+from clplen.compute.drivers.program import build_program
+from clplen.compute.memory import Memory
+from clplen.compute.profile import Profile, bytes_of, label
+from clplen.errors import KernelBuildError
+
+_GPU_GROUP = 64  # work-items of one row that a GPU runs as a group
+
+
+class Launcher(Memory):
+    """The kernels and the command queue of a `Device`, which has the attributes named here."""
+
+    precision: Any
+    driver: str
+    rows: bool
+    note: str
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._programs: dict[tuple[Any, ...], cl.Program] = {}
+        self._kernels: dict[tuple[Any, ...], cl.Kernel] = {}
+        self._labels: dict[cl.Kernel, str] = {}
+        self._queue: cl.CommandQueue | None = None
+        self._lock = Guard()
+
+    def kernel(self, file: str, name: str, **defines: Any) -> cl.Kernel:
+        """A kernel, built once for every file and set of definitions, and kept.
+
+        Raises
+        ------
+        KernelBuildError
+            If the device's compiler refuses it, or gives a program without it.
+        """
+        if self.rows:
+            defines["ROWS"] = True
+        key = (file, name, tuple(sorted(defines.items())))
+        with self._lock:
+            if key not in self._kernels:
+                program = self._program(file, tuple(sorted(defines.items())))
+                self._kernels[key] = self._create(program, file, name)
+                self._labels[self._kernels[key]] = label(name, key[2])
+            return self._kernels[key]
+
+    def _program(self, file: str, defines: tuple[tuple[str, Any], ...]) -> cl.Program:
+        key = (file, defines)
+        if key not in self._programs:
+            # PoCL keeps binaries by the CPU's own name: what was built under another one has to
+            # be told from them where machines share a cache.
+            name = pocl.written_name(self.cl_device) if self.note else ""
+            options = [f"-DCPU_NAME={name}"] if name else []
+            self._programs[key] = build_program(self.context, file, dict(defines), options)
+        return self._programs[key]
+
+    def _create(self, program: cl.Program, file: str, name: str) -> cl.Kernel:
+        """A kernel of a program; some drivers find only now that they cannot build it."""
+        try:
+            return cl.Kernel(program, name)
+        except cl.Error as error:
+            raise KernelBuildError(
+                f"{self.name} ({self.driver}) made no kernel {name!r} of the file {file!r}, which "
+                f"it had built ({error}): {ADVICE}."
+            ) from error
+
+    def wave_defines(self) -> dict[str, Any]:
+        """Definitions that choose the precision of a kernel of the wave tower."""
+        return {"DOUBLE": True} if self.precision == "double" else {}
+
+    def launch(
+        self,
+        kernel: cl.Kernel,
+        size: Sequence[int],
+        *args: Any,
+        group: Sequence[int] | None = None,
+        nbytes: int | None = None,
+        operations: float = 0.0,
+    ) -> None:
+        """Enqueue a kernel.
+
+        Parameters
+        ----------
+        kernel : pyopencl.Kernel
+            From `kernel`.
+        size : sequence of int
+            Number of work-items along each axis, rounded up to the group.
+        *args
+            NumPy scalars, `pyopencl.array.Array` (without offset) or buffers, in order.
+        group : sequence of int, optional
+            Work-group; by default one item, or 64 along the first axis where ``rows`` is off.
+        nbytes : int, optional
+            For a profile: bytes that have to be moved at least; by default every array once.
+        operations : float
+            For a profile: additions and multiplications.
+
+        Raises
+        ------
+        DeviceError
+            If the device refuses the launch, for want of memory or otherwise.
+        """
+        if group is None:
+            group = (1 if self.rows else _GPU_GROUP, *(1 for _ in size[1:]))
+        total = tuple(-(-int(n) // g) * g for n, g in zip(size, group, strict=True))
+        if 0 in total:
+            return
+        plain: list[Any] = [arg.data if isinstance(arg, cla.Array) else arg for arg in args]
+        with self._lock:
+            try:
+                done = kernel(self.queue, total, tuple(group), *plain)
+            except cl.Error as error:
+                step = f"The kernel {kernel.function_name!r}"
+                raise device_error(self.cl_device, step, error) from error
+            if self._profile is not None:
+                moved = bytes_of(args) if nbytes is None else nbytes
+                self._note(self._labels.get(kernel, kernel.function_name), done, moved, operations)
+
+    def launch_rows(
+        self, kernel: cl.Kernel, shape: Sequence[int], *args: Any, operations: float = 0.0
+    ) -> None:
+        """Enqueue a kernel written with ``FOR_X`` over (..., ny, nx): see common.cl."""
+        *batch, ny, nx = (int(n) for n in shape)
+        count = int(np.prod(batch, dtype=np.int64))
+        self.launch(kernel, (1 if self.rows else nx, ny, count), *args, operations=operations)
+
+    def finish(self) -> None:
+        """Wait until everything enqueued is done."""
+        with device_errors(self.cl_device, "What was enqueued"):
+            self.queue.finish()
+
+    @contextmanager
+    def profiling(self) -> Iterator[Profile]:
+        """Time everything that is enqueued in this block, by the device's own clock.
+
+        Yields
+        ------
+        Profile
+            Its ``runs`` are complete when the block is left.
+        """
+        properties = cl.command_queue_properties.PROFILING_ENABLE
+        with self._lock:
+            self.queue.finish()
+            plain, before = self.queue, self._profile
+            profile = self._profile = Profile()
+            self._queue = cl.CommandQueue(self.context, properties=properties)
+        try:
+            yield profile
+        finally:
+            with self._lock:
+                self.queue.finish()
+                self._queue, self._profile = plain, before
+
+    def timed(
+        self, what: str, *, nbytes: int, operations: float = 0.0
+    ) -> AbstractContextManager[None]:
+        """Work of the host that belongs into a profile; nothing happens where none is kept.
+
+        Parameters
+        ----------
+        what : str
+        nbytes : int
+            That have to be moved at least.
+        operations : float
+            Additions and multiplications.
+        """
+        if self._profile is None:
+            return nullcontext()
+        return self._profile.on_host(what, self.queue, nbytes, operations)

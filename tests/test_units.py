@@ -1,0 +1,172 @@
+"""Lengths are in metres: numbers in another unit are refused, with what was meant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import objects
+import pytest
+
+import clplen
+from clplen import units
+from clplen.compute.device import Device
+
+GRID, MLA, LAM = objects.GRID, objects.MLA, objects.LAM
+
+
+def field() -> clplen.Field:
+    return objects.field(Device.open())
+
+
+def camera(kind: str = "type1", **more: Any) -> Any:
+    words = objects.CAMERA | {"device": Device.open()} | more
+    return getattr(clplen.PlenopticCamera, kind)(**words)
+
+
+def microscope(**more: Any) -> Any:
+    return clplen.PlenopticCamera.microscope(
+        **objects.MICROSCOPE | {"device": Device.open()} | more
+    )
+
+
+def wave(name: str, *words: Any, **more: Any) -> Any:
+    return getattr(clplen, name)(GRID, *words, **{"wavelength": LAM, "device": "cpu"} | more)
+
+
+# Numbers as people give them in other units, and the length that is meant.
+MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
+    "wavelength in nm": (lambda: wave("plane_wave", wavelength=550), "5.5e-07"),
+    "wavelength in um": (lambda: wave("plane_wave", wavelength=0.55), "5.5e-07"),
+    "integer of NumPy": (lambda: wave("plane_wave", wavelength=np.int64(633)), "6.33e-07"),
+    "spherical wave": (lambda: wave("spherical_wave", 1e-3, wavelength=550), "5.5e-07"),
+    "beam": (lambda: wave("gaussian_beam", 1e-5, wavelength=10.6), "1.06e-05"),
+    "waist in um": (lambda: wave("gaussian_beam", 5e4), "0.05"),
+    "field": (
+        lambda: clplen.Field.from_array(np.ones((8, 8)), GRID, wavelength=550, device="cpu"),
+        "5.5e-07",
+    ),
+    "plan": (lambda: clplen.Propagator(GRID, 0.1, wavelength=550, device="cpu"), "5.5e-07"),
+    "wavelengths": (lambda: clplen.propagate_wavelengths(field(), 1e-4, [550]), "5.5e-07"),
+    "grid pitch in um": (
+        lambda: clplen.plane_wave(clplen.Grid((8, 8), 6.5), wavelength=LAM, device="cpu"),
+        "6.5e-06",
+    ),
+    "two pitches in nm": (
+        lambda: clplen.Field.from_array(
+            np.ones((8, 8)), clplen.Grid((8, 8), (1e-6, 6500)), wavelength=LAM, device="cpu"
+        ),
+        "6.5e-06",
+    ),
+    "lenslets in um and mm": (lambda: clplen.MicrolensArray(150, 10, count=5), "0.00015"),
+    "lenslets in mm": (lambda: clplen.MicrolensArray(0.15, 10e-3, count=5), "0.00015"),
+    "lenslets of f in mm": (lambda: clplen.MicrolensArray(150e-6, 10, count=5), "0.01"),
+    "lenslets of f in um": (lambda: clplen.MicrolensArray(125e-6, 2500, count=5), "0.0025"),
+    "several f in mm": (
+        lambda: clplen.MicrolensArray(150e-6, (2e-3, -10), count=5),
+        "0.01",
+    ),
+    "focal length in mm": (lambda: camera(focal_length=120), "0.12"),
+    "focal length of 50 mm": (lambda: camera(focal_length=50), "0.05"),
+    "focal length of type 2": (lambda: camera("type2", m=0.25, focal_length=120), "0.12"),
+    "image distance in mm": (lambda: camera(image_distance=240), "0.24"),
+    "aperture in mm": (lambda: camera(aperture_diameter=60), "0.06"),
+    "camera in nm": (lambda: camera(wavelength=550), "550e-9"),
+    "a in mm": (lambda: camera("type2", a=50), "0.05"),
+    "tube lens in mm": (lambda: microscope(tube_lens=200), "0.2"),
+    "microscope in nm": (lambda: microscope(wavelength=525), "525e-9"),
+    "cover glass in um": (lambda: clplen.CoverGlass(150), "150 um are 150e-6"),
+    "planes in um": (lambda: clplen.point_images(microscope(), [-40, 40]), "-40e-6"),
+    "spectrum in nm": (lambda: clplen.Spectrum.gaussian(550, 30), "550e-9"),
+    "cell in um": (lambda: clplen.RandomPhaseMask(66), "6.6e-05"),
+    "period in um": (lambda: clplen.grating(field(), 4.0), "4e-06"),
+    "thin lens in um": (lambda: clplen.thin_lens(field(), 120_000.0), "0.12"),
+    "lens in um": (lambda: clplen.Lens(120_000.0), "0.12"),
+    "lens diameter in um": (lambda: clplen.Lens(0.1, diameter=3600.0), "0.0036"),
+    "system in mm": (lambda: clplen.imaging_system(120, diameter=0.01), "0.12"),
+    "system's lens in um": (lambda: clplen.imaging_system(0.12, diameter=3600), "0.0036"),
+    "pupil in um": (lambda: clplen.Pupil(3600, 0.24), "0.0036"),
+    "stop in um": (lambda: clplen.Stop(3600), "0.0036"),
+    "aperture in um": (lambda: clplen.aperture(field(), 3600), "0.0036"),
+    "rectangle in um": (lambda: clplen.rectangular_aperture(field(), (1e-3, 3600)), "0.0036"),
+    "ring in um": (lambda: clplen.annular_aperture(field(), 3600, inner=1e-3), "0.0036"),
+    "star in um": (lambda: clplen.siemens_star(GRID, 8, diameter=3600), "0.0036"),
+    "plate in um": (lambda: clplen.phase_plate(field(), {4: 1e-7}, diameter=3600), "0.0036"),
+    "plate's wavefront in um": (
+        lambda: clplen.phase_plate(field(), {4: 0.1}, diameter=5e-6),
+        "1e-07",
+    ),
+    "wavefront in nm": (lambda: clplen.Aberrations(main_lens={4: 100}), "1e-07"),
+    "lenslets' wavefront in um": (lambda: clplen.Aberrations(lenslets={4: 0.1}), "1e-07"),
+    "circle in um": (
+        lambda: clplen.Aberrations(lenslets={4: 1e-7}, lenslet_circle=150),
+        "0.00015",
+    ),
+    "points in um": (lambda: clplen.PointSources([(0, 0, 0)], diameter=10), "1e-05"),
+    "raw pixels": (
+        lambda: clplen.decode_raw(
+            np.ones((41, 41)), objects.LATTICE, device="cpu", pixel_pitch=6.5
+        ),
+        "6.5e-06",
+    ),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_number_in_another_unit_is_refused_with_what_was_meant(mistake: str) -> None:
+    make, meant = MISTAKES[mistake]
+    with pytest.raises(ValueError) as error:  # noqa: PT011 - the message is looked at below
+        make()
+    words = str(error.value)
+    assert "\n" not in words
+    assert words.endswith((f"; did you mean {meant}?", f"did you mean {meant}?", f"{meant}."))
+    assert "metres" in words or "m thick" in words
+
+
+# Extremes that exist: none of them is refused.
+EXTREMES: dict[str, Callable[[], Any]] = {
+    "gamma rays": lambda: wave("plane_wave", wavelength=1e-12),
+    "millimetre waves": lambda: wave("plane_wave", wavelength=3e-3),
+    "terahertz": lambda: wave("plane_wave", wavelength=300e-6),
+    "radio waves": lambda: wave("plane_wave", wavelength=0.21),
+    "a dish of 500 m": lambda: clplen.aperture(
+        clplen.plane_wave(clplen.Grid((600, 1), 1.0), wavelength=0.21, device="cpu"), 500.0
+    ),
+    "a mirror of 10 m": lambda: clplen.Lens(17.5, diameter=10.0),
+    "a kilometre and a hundred": lambda: clplen.propagate(field(), 1e5, method="fresnel-1fft"),
+    "a weak lens": lambda: clplen.thin_lens(field(), 5e4),
+    "no lens": lambda: clplen.thin_lens(field(), np.inf),
+    "a telescope": lambda: clplen.imaging_system(50.0, diameter=10.0),
+    "a camera of f = 15 m": lambda: camera(
+        focal_length=15.0,
+        object_distance=1e9,
+        mla=clplen.MicrolensArray(1e-3, 0.1, count=5),
+        aperture_diameter=4e-3,
+        pixels_per_lenslet=40,
+    ),
+    "lenses of an array of cameras": lambda: clplen.MicrolensArray(0.1, 0.5, count=3),
+    "lenslets of a wavefront sensor": lambda: clplen.MicrolensArray(10e-3, 2.0, count=3),
+    "lenslets of a stack": lambda: clplen.MicrolensArray(3e-6, 10e-6, count=3),
+    "a bead": lambda: clplen.PointSources([(0, 0, 0)], diameter=100e-9),
+    "a star": lambda: clplen.PointSources([(0, 0, 4e16)], diameter=0.0),
+}
+
+
+@pytest.mark.filterwarnings("ignore::clplen.errors.SamplingWarning")
+@pytest.mark.parametrize("extreme", EXTREMES)
+def test_what_exists_is_not_refused(extreme: str) -> None:
+    EXTREMES[extreme]()
+
+
+@pytest.mark.parametrize(
+    "kind", [name for name in vars(units) if isinstance(getattr(units, name), units.Length)]
+)
+def test_the_bounds_fit_together(kind: str) -> None:
+    one = getattr(units, kind)
+    low, high = one.usual
+    assert 0 < low < high <= one.most
+    one.check([0.0, one.most, -one.most, np.inf, np.nan], "It")
+    one.check("words", "It")  # which others refuse
+    with pytest.raises(ValueError, match=r"^It is in metres, at most .*, not 1e\+30\.$"):
+        one.check([0.0, -1e30], "It")
