@@ -62,37 +62,32 @@ from clplen.lightfield.streaming import (
 )
 from clplen.lightfield.surface import plane_through
 from clplen.lightfield.tiles import StreamPlan
+from clplen.wave.apertures import (
+    annular_aperture,
+    aperture,
+    polygonal_aperture,
+    rectangular_aperture,
+)
 from clplen.wave.average import MeanIntensity
 from clplen.wave.coherence import Coherence
 from clplen.wave.degree import measured_degree, speckle_contrast
-from clplen.wave.elements import (
-    MicrolensArray,
-    annular_aperture,
-    aperture,
-    axicon,
-    gaussian_beam,
-    grating,
-    phase_plate,
-    plane_wave,
-    polygonal_aperture,
-    rectangular_aperture,
-    siemens_star,
-    spherical_wave,
-    thin_lens,
-    tilt,
-    transparency,
-    usaf1951,
-)
 from clplen.wave.extended import ExtendedSource
 from clplen.wave.field import Field, Grid
+from clplen.wave.gratings import axicon, grating
+from clplen.wave.lens import thin_lens
+from clplen.wave.lenslets import MicrolensArray
 from clplen.wave.masks import RandomPhaseMask
 from clplen.wave.parts import ConvergingLight, Element, Lens, Space, Stop
+from clplen.wave.pictures import transparency
 from clplen.wave.planning import CoherencePlan
 from clplen.wave.propagation import Propagator, propagate, propagate_wavelengths
 from clplen.wave.pupil import Pupil
+from clplen.wave.sources import gaussian_beam, plane_wave, spherical_wave, tilt
 from clplen.wave.spatial import IncoherentLight
 from clplen.wave.spectrum import Spectrum
 from clplen.wave.system import OpticalSystem, imaging_system
+from clplen.wave.targets import siemens_star, usaf1951
+from clplen.wave.zernike import phase_plate
 
 __version__ = "0.1.0"
 __all__ = [

@@ -27,8 +27,8 @@ from clplen.lightfield.sensor import Sensor
 from clplen.wave.average import Averaging, Progress
 from clplen.wave.band import blas_limit
 from clplen.wave.coherence import Coherence
-from clplen.wave.elements import thin_lens
 from clplen.wave.field import Field
+from clplen.wave.lens import thin_lens
 from clplen.wave.propagation import Propagator, plan
 from clplen.wave.statistics import Region
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import reference
 
-from clplen.wave.elements import aperture
+from clplen.wave.apertures import aperture
 from clplen.wave.field import Field, Grid
 
 # shape, pitch, origin, diameter in samples, centre
