@@ -22,7 +22,7 @@ from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.raw import RawImage
 from clplen.lightfield.refocus import FocalStack
 from clplen.plot.base import spread
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import MicrolensArray
 
 SHAPE = (4, 5, 7, 9)
 

@@ -15,8 +15,8 @@ from clplen.bench.report import Goal, Report, Row, time_rows
 from clplen.bench.sizes import halved, numbers
 from clplen.compute.device import Device
 from clplen.errors import SamplingWarning
-from clplen.wave.field import Field
-from clplen.wave.propagator import Propagator
+from clplen.wave.field.field import Field
+from clplen.wave.propagation.propagator import Propagator
 
 if TYPE_CHECKING:
     Array = np.ndarray[Any, Any]

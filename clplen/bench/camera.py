@@ -15,7 +15,7 @@ from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.scene import PointSources
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.raw import RawImage, Transforms
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import MicrolensArray
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic2 import Plenoptic2

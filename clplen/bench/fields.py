@@ -12,9 +12,9 @@ from clplen.bench.measure import Case, Times, finished, in_turn
 from clplen.bench.report import Goal, Report, time_rows
 from clplen.bench.sizes import halved, numbers
 from clplen.compute.blocks import Spectrum, multiplied
-from clplen.wave.field import Field, Grid
-from clplen.wave.lens import thin_lens
-from clplen.wave.transfer import Transfer
+from clplen.wave.elements.lens import thin_lens
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.propagation.transfer_function import Transfer
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

@@ -14,8 +14,8 @@ from clplen.bench.report import Goal, Report, Row
 from clplen.bench.sizes import numbers
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.refocus import focal_stack
-from clplen.wave.field import Field, Grid
-from clplen.wave.propagator import Propagator
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.propagation.propagator import Propagator
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

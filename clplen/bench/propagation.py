@@ -12,9 +12,9 @@ from clplen.bench import ceilings
 from clplen.bench.measure import Case, Times, finished, in_turn
 from clplen.bench.report import Goal, Report, time_rows
 from clplen.bench.sizes import halved, numbers
-from clplen.wave.field import Field, Grid
-from clplen.wave.propagation import propagate
-from clplen.wave.propagator import Propagator
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.propagation.free_space import propagate
+from clplen.wave.propagation.propagator import Propagator
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

@@ -14,12 +14,12 @@ from clplen.cameras.pictures import PicturePlane, parts
 from clplen.cameras.scene import PointSources
 from clplen.cameras.slide import SlideWay, slide_field, slide_way
 from clplen.lightfield.raw import Exposure
-from clplen.wave.average import Averaging, MeanIntensity, Progress
-from clplen.wave.checks import average_of
-from clplen.wave.coherence import Coherence
-from clplen.wave.random import LARGEST_SEED
-from clplen.wave.reach import Opening, check_opening
-from clplen.wave.statistics import add_scaled
+from clplen.wave.coherence.averaging import Averaging, MeanIntensity, Progress
+from clplen.wave.coherence.coherence import Coherence
+from clplen.wave.coherence.random_numbers import LARGEST_SEED
+from clplen.wave.coherence.reach import Opening, check_opening
+from clplen.wave.field.arguments import average_of
+from clplen.wave.field.intensity import add_scaled
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic import Plenoptic

@@ -21,9 +21,9 @@ import numpy as np
 
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
-from clplen.wave.checks import is_finite
-from clplen.wave.field import Field, Grid
-from clplen.wave.phase import phasor
+from clplen.wave.field.arguments import is_finite
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.phase_tables import phasor
 
 Vector = np.ndarray[Any, Any]
 

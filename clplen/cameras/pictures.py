@@ -11,7 +11,7 @@ from clplen.cameras.scene import PointSources
 from clplen.compute.hostarray import HostArray
 from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
-from clplen.wave.checks import is_finite
+from clplen.wave.field.arguments import is_finite
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -16,7 +16,7 @@ from clplen.cameras import aberrations
 from clplen.cameras.describe import Description, Row
 from clplen.cameras.plenoptic import Plenoptic
 from clplen.compute import lengths
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import MicrolensArray
 
 
 @dataclass(frozen=True, repr=False)

@@ -9,9 +9,9 @@ import numpy as np
 
 from clplen.cameras import wavefronts
 from clplen.cameras.pictures import PicturePlane
-from clplen.wave.field import Field
-from clplen.wave.lens import thin_lens
-from clplen.wave.pictures import transparency
+from clplen.wave.elements.lens import thin_lens
+from clplen.wave.elements.transparency import transparency
+from clplen.wave.field.field import Field
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic import Plenoptic

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from clplen.errors import ShapeError
-from clplen.wave.checks import is_finite
+from clplen.wave.field.arguments import is_finite
 
 Vector = np.ndarray[Any, Any]
 

@@ -26,8 +26,8 @@ from clplen.microscopy.acceleration import Ahead
 from clplen.microscopy.checks import real, whole
 from clplen.microscopy.priors import Prior, blurs, prior_of
 from clplen.microscopy.projector import Projector
-from clplen.wave.average import Progress
-from clplen.wave.checks import is_finite
+from clplen.wave.coherence.averaging import Progress
+from clplen.wave.field.arguments import is_finite
 
 Vector = np.ndarray[Any, Any]
 

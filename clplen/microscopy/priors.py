@@ -16,7 +16,7 @@ import pyopencl.array as cla
 
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.projector import Projector
-from clplen.wave.checks import is_finite
+from clplen.wave.field.arguments import is_finite
 
 Vector = np.ndarray[Any, Any]
 

@@ -24,7 +24,7 @@ from clplen.compute.lines import smooth_length
 from clplen.errors import ShapeError
 from clplen.microscopy.checks import finite, is_whole
 from clplen.microscopy.images import PointImages
-from clplen.wave.checks import is_finite
+from clplen.wave.field.arguments import is_finite
 
 if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator

@@ -26,9 +26,9 @@ from clplen.files import PathLike, check_space, check_writable
 from clplen.microscopy import psffile
 from clplen.microscopy.checks import real, whole
 from clplen.microscopy.images import PointImages, count_phases, unique_phases
-from clplen.wave.average import Progress
-from clplen.wave.checks import is_finite
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.coherence.averaging import Progress
+from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.field.arguments import is_finite
 
 Vector = np.ndarray[Any, Any]
 Store = Literal["float32", "float16"]

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from clplen.plot.base import Array
-from clplen.wave.lenslets import MicrolensArray
-from clplen.wave.parts import Lens, Part, Stop, length_of
-from clplen.wave.system import OpticalSystem
+from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.systems.components import Lens, Part, Stop, length_of
+from clplen.wave.systems.optical_system import OpticalSystem
 
 _FILL = 0.7  # of the largest opening that objects and images may fill
 _FEW, _MANY = 9, 21  # rays between the marginal ones of a bundle that meets lenslets

@@ -16,9 +16,9 @@ from matplotlib.ticker import MaxNLocator
 from clplen.plot.base import Array, new_figure, styled
 from clplen.plot.labels import LINE, Label, in_rows, is_on_lenslets, names, spans
 from clplen.plot.rays import Rays, lenslet_rows, opening, rays_through
-from clplen.wave.lenslets import MicrolensArray
-from clplen.wave.parts import ConvergingLight, Lens, Part, Space, Stop, length_of
-from clplen.wave.system import OpticalSystem
+from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.systems.components import ConvergingLight, Lens, Part, Space, Stop, length_of
+from clplen.wave.systems.optical_system import OpticalSystem
 
 _AXIAL, _OBLIQUE, _GLASS, _RIM, _LIGHT = "#0072b2", "#cc3311", "#d7e8f4", "#33536b", "#e69f00"
 _WIDTH, _LEFT, _RIGHT, _HEIGHT = 7.8, 0.68, 0.22, 2.7  # inches: figure, margins, drawing

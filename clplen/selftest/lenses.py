@@ -12,15 +12,15 @@ from clplen.cameras.pupil import pupil_fields
 from clplen.cameras.scene import PointSources
 from clplen.selftest import twins
 from clplen.selftest.check import EPS, Check, Pairs
-from clplen.wave.abbe import abbe_image
-from clplen.wave.apertures import disc
-from clplen.wave.field import Field, Grid
-from clplen.wave.lenslet_errors import LensletErrors
-from clplen.wave.lenslets import MicrolensArray
-from clplen.wave.masks import RandomPhaseMask
-from clplen.wave.plane_waves import plane_waves
-from clplen.wave.random import key_of, philox
-from clplen.wave.spatial import IncoherentLight
+from clplen.wave.coherence.abbe import abbe_image
+from clplen.wave.coherence.phase_masks import RandomPhaseMask
+from clplen.wave.coherence.plane_waves import plane_waves
+from clplen.wave.coherence.random_numbers import key_of, philox
+from clplen.wave.coherence.spatial_models import IncoherentLight
+from clplen.wave.elements.apertures import disc
+from clplen.wave.elements.lenslet_errors import LensletErrors
+from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.field.field import Field, Grid
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

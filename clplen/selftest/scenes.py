@@ -12,7 +12,7 @@ from clplen.cameras.surfaces import Plane, Sphere, SurfaceScene
 from clplen.cameras.textures import Texture
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import MicrolensArray
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

@@ -26,7 +26,7 @@ from clplen.lightfield.estimate import estimate_alpha
 from clplen.lightfield.phasespace import phase_space
 from clplen.lightfield.planes import suitable_planes
 from clplen.lightfield.refocus import focal_stack, refocus
-from clplen.wave.field import Grid
+from clplen.wave.field.field import Grid
 
 S = Setup()
 

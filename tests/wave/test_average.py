@@ -25,8 +25,8 @@ from clplen import (
     Spectrum,
     propagate,
 )
-from clplen.wave import average as module
-from clplen.wave.checkpoint import fingerprint
+from clplen.wave.coherence import averaging as module
+from clplen.wave.coherence.checkpoint import fingerprint
 
 LAM = 550e-9
 GRID = Grid((48, 60), (4e-6, 3e-6))

@@ -8,8 +8,8 @@ from fields import LAM, band_limited, field_of
 
 from clplen import Field, Grid, Propagator
 from clplen.errors import DeviceError, SamplingError
-from clplen.wave import choice
-from clplen.wave.transfer import Transfer
+from clplen.wave.propagation import choice
+from clplen.wave.propagation.transfer_function import Transfer
 
 
 @pytest.mark.filterwarnings("ignore::clplen.errors.SamplingWarning")

@@ -5,10 +5,10 @@ import pytest
 from tolerance import relative_max
 
 from clplen.errors import SamplingError, SamplingWarning
-from clplen.wave.degree import DegreeEstimator, measured_degree, speckle_contrast
-from clplen.wave.extended import ExtendedSource
-from clplen.wave.field import Grid
-from clplen.wave.random import uniform
+from clplen.wave.coherence.degree import DegreeEstimator, measured_degree, speckle_contrast
+from clplen.wave.coherence.extended_source import ExtendedSource
+from clplen.wave.coherence.random_numbers import uniform
+from clplen.wave.field.field import Grid
 
 WAVELENGTH = 550e-9
 SNAPSHOTS = 400

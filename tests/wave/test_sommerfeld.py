@@ -6,7 +6,7 @@ import reference
 import reference_sommerfeld
 from tolerance import err_db, relative_max
 
-from clplen.wave.sommerfeld import impulse_response, phase_route, residual_turns
+from clplen.wave.propagation.sommerfeld import impulse_response, phase_route, residual_turns
 
 LAM = 550e-9
 

@@ -1,0 +1,231 @@
+"""Averages of snapshots: when they stop, what they return, and how they survive an interruption."""
+
+from __future__ import annotations
+
+import math
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute.device import Device
+from clplen.compute.hostarray import HostArray
+from clplen.compute.image import Image
+from clplen.errors import SamplingWarning
+from clplen.files import PathLike
+from clplen.wave.coherence.checkpoint import SetUp, State, load, save
+from clplen.wave.field.arguments import is_finite
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.intensity import Region, Statistics, Window
+
+Progress = Callable[[int, int], None]
+
+DEFAULT = 100  # snapshots, where neither a number nor a tolerance is given
+MOST = 100_000  # where only a tolerance is given
+LEAST = 16  # before a tolerance may stop an average: the error itself is uncertain by 1/sqrt(2 k)
+SAVE_SECONDS = 5.0  # between checkpoints
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MeanIntensity(HostArray):
+    """The mean intensity of partially coherent light, and how far it is converged.
+
+    Attributes
+    ----------
+    intensity : Image
+        Shape (ny, nx).
+    standard_error : Image
+        Of each pixel's mean; 0 where nothing is random.
+    snapshots : int
+        Used; terms of the sum where nothing is random.
+    convergence : numpy.ndarray
+        float64, shape (n, 2): number of snapshots, and standard error over mean in the region (rms
+        of the errors over its pixels, divided by its mean intensity). Empty if nothing is random.
+    method : str
+        "monte-carlo", "abbe", "incoherent" or "coherent".
+    grid : Grid
+        Of the image.
+    """
+
+    intensity: Image
+    standard_error: Image
+    snapshots: int
+    convergence: np.ndarray[Any, np.dtype[np.float64]]
+    method: str
+    grid: Grid
+
+    _downloads: ClassVar[bool] = True
+
+    def __repr__(self) -> str:
+        error = f", standard error {self.relative_error:.2%}" if len(self.convergence) else ""
+        kind = "snapshot" if self.method == "monte-carlo" else "term"
+        kind += "s" * (self.snapshots != 1)
+        return f"<MeanIntensity {self.method}, {self.snapshots} {kind}{error}, {self.grid}>"
+
+    @property
+    def relative_error(self) -> float:
+        """The last standard error over mean in the region; 0 if nothing is random."""
+        return float(self.convergence[-1, 1]) if len(self.convergence) else 0.0
+
+    def to_numpy(self) -> np.ndarray[Any, Any]:
+        """The intensity on the host, shape (ny, nx)."""
+        return self.intensity.to_numpy()
+
+
+@dataclass(frozen=True)
+class Averaging:
+    """When an average of snapshots stops, and what it does meanwhile.
+
+    Parameters
+    ----------
+    snapshots : int, optional
+        At most so many; by default 100, or 100 000 with ``rtol``.
+    rtol : float, optional
+        Stop when the standard error over the mean in the region is at most this, asked from 16
+        snapshots on, eight times until their number has doubled.
+    region : tuple of slice, optional
+        (rows, columns) of the image; by default all of it.
+    checkpoint : path-like, optional
+        A file that is written every 5 s and at the end; a run that finds it goes on from there,
+        with the same result bit for bit. One with more snapshots than are asked for is returned as
+        it is.
+    progress : callable, optional
+        Called as ``progress(done, most)``.
+
+    Raises
+    ------
+    ValueError
+        For a number of snapshots below 1 or a tolerance that is not positive.
+    """
+
+    snapshots: int | None = None
+    rtol: float | None = None
+    region: Region | None = None
+    checkpoint: PathLike | None = None
+    progress: Progress | None = None
+
+    def __post_init__(self) -> None:
+        number = self.snapshots
+        if number is not None and not (
+            isinstance(number, (int, np.integer)) and not isinstance(number, bool) and number >= 1
+        ):
+            raise ValueError(f"snapshots is a whole number from 1 on, not {number!r}.")
+        if self.rtol is not None and not (is_finite(self.rtol) and self.rtol > 0):
+            raise ValueError(f"rtol, standard error over mean, is positive, not {self.rtol!r}.")
+
+    @property
+    def most(self) -> int:
+        """Snapshots after which it stops in any case."""
+        if self.snapshots is not None:
+            return int(self.snapshots)
+        return DEFAULT if self.rtol is None else MOST
+
+
+def average(
+    snapshot: Callable[[int], Field | cla.Array],
+    grid: Grid,
+    device: Device,
+    how: Averaging,
+    setup: SetUp,
+) -> MeanIntensity:
+    """Add snapshots until enough are there.
+
+    Parameters
+    ----------
+    snapshot : callable
+        Field or image (device array of real numbers) number 0, 1, ... on ``grid``.
+    grid : Grid
+    device : Device
+    how : Averaging
+    setup : mapping of str to str
+        What decides the result, for the checkpoint.
+
+    Returns
+    -------
+    MeanIntensity
+
+    Raises
+    ------
+    FormatError
+        If the checkpoint is damaged or of another set-up.
+    ValueError
+        If the region holds no pixel, or a tolerance is asked for where there is no light.
+
+    Warns
+    -----
+    SamplingWarning
+        If the tolerance was not reached.
+    """
+    window = Window.of(how.region, grid.shape)
+    setup = {**setup, "region": str(window)}
+    statistics = Statistics(grid.shape, device)
+    curve: list[tuple[int, float]] = []
+    if how.checkpoint is not None and (state := load(how.checkpoint, setup)) is not None:
+        statistics.restore(state.mean, state.m2, state.count, state.unit)
+        curve = [(int(k), float(error)) for k, error in state.convergence]
+    saved = time.monotonic()
+    while statistics.count < how.most and not _reached(curve, statistics.count, how.rtol):
+        statistics.add(snapshot(statistics.count))
+        if _due(statistics.count):
+            curve.append((statistics.count, statistics.relative_error(window)))
+            _require_light(curve, how)
+        if how.progress is not None:
+            how.progress(statistics.count, how.most)
+        if how.checkpoint is not None and time.monotonic() - saved > SAVE_SECONDS:
+            _keep(how.checkpoint, statistics, curve, setup)
+            saved = time.monotonic()
+    if how.checkpoint is not None:
+        _keep(how.checkpoint, statistics, curve, setup)
+    if not _due(statistics.count):
+        curve.append((statistics.count, statistics.relative_error(window)))
+    if how.rtol is not None and not curve[-1][1] <= how.rtol:
+        warnings.warn(
+            f"After {statistics.count} snapshots the standard error is {curve[-1][1]:.3g} of the "
+            f"mean, not {how.rtol:g}: allow more snapshots.",
+            SamplingWarning,
+            stacklevel=4,
+        )
+    return MeanIntensity(
+        statistics.image(),
+        statistics.standard_error(),
+        statistics.count,
+        np.array(curve, np.float64).reshape(-1, 2),
+        "monte-carlo",
+        grid,
+    )
+
+
+def _due(count: int) -> bool:
+    """Whether the error is taken after so many snapshots: of each doubling, eight times."""
+    return count >= 2 and count % (1 << max(0, count.bit_length() - 4)) == 0
+
+
+def _reached(curve: list[tuple[int, float]], count: int, rtol: float | None) -> bool:
+    """Whether the last error taken, of exactly so many snapshots, is small enough."""
+    if rtol is None or not curve or count < LEAST:
+        return False
+    return curve[-1][0] == count and curve[-1][1] <= rtol
+
+
+def _require_light(curve: list[tuple[int, float]], how: Averaging) -> None:
+    """Refuse a tolerance of what is dark: it would never be met."""
+    count, error = curve[-1]
+    if how.rtol is not None and count >= LEAST and math.isnan(error):
+        where = "image" if how.region is None else "region"
+        raise ValueError(
+            f"There is no light in the {where} after {count} snapshots, so that rtol={how.rtol:g} "
+            "has no meaning there: choose another region, or snapshots=."
+        )
+
+
+def _keep(
+    path: PathLike, statistics: Statistics, curve: list[tuple[int, float]], setup: SetUp
+) -> None:
+    device = statistics.device
+    mean, m2 = device.download(statistics.mean), device.download(statistics.m2)
+    points = np.array(curve, np.float64).reshape(-1, 2)
+    save(path, State(mean, m2, statistics.count, statistics.unit, points), setup)

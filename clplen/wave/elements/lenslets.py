@@ -1,0 +1,262 @@
+"""Microlens arrays in closed form at real coordinates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute import lengths
+from clplen.compute.device import Device, DeviceLike, as_device
+from clplen.compute.oneline import OneLine
+from clplen.errors import SamplingError
+from clplen.wave.elements.lens import check_lens_sampling
+from clplen.wave.field.arguments import Aliasing
+from clplen.wave.field.field import Field, Grid, require_field
+from clplen.wave.field.phase_tables import whole_and_part
+from clplen.wave.field.transmission import multiply
+
+SMALLEST_PITCH = 2  # samples a lenslet
+
+
+@dataclass(frozen=True, init=False, repr=False)
+class MicrolensArray(OneLine):
+    """Thin lenslets on a square or hexagonal lattice, centred on the axis.
+
+    Lenslet (i, k) is centred at rotation * ((k - (nx - 1)/2) pitch, (i - (ny - 1)/2) height) +
+    offset, with height = pitch (square) or sqrt(3)/2 pitch (hexagonal, odd rows moved by
+    +pitch/2). Outside its lenslets the array is opaque.
+
+    Parameters
+    ----------
+    pitch : float
+        Between neighbours of a row, in metres.
+    f : float or sequence of float
+        Focal length of a lenslet in metres, not 0. Several make a multi-focus array: kind
+        (k + s i) mod n on a square lattice of n kinds, s = 1 for 2 and 3 of them, else 2, and
+        (k - i//2 + 2 i) mod 3 on a hexagonal one, which has 3 or 1; neighbours differ.
+    count : int or tuple of int
+        Lenslets, (ny, nx) or one number for both.
+    lattice : {"square", "hexagonal"}
+    fill : {"circular", "full"}
+        Aperture of a lenslet: a disc, or the lattice cell (square or hexagon).
+    diameter : float, optional
+        Of the disc, or width of the cell, in metres, at most ``pitch``; None: ``pitch``.
+    offset : tuple of float
+        (y, x) of the array's centre in metres.
+    rotation : float
+        In radians; positive turns +x towards +y (y down).
+
+    Attributes
+    ----------
+    f : float
+        The focal length, or the first of several.
+    focal_lengths : tuple of float
+        Of the kinds of lenslets, all different.
+
+    Raises
+    ------
+    ValueError
+        For a length, count, lattice or fill outside its range.
+    """
+
+    pitch: float
+    f: float
+    focal_lengths: tuple[float, ...]
+    count: tuple[int, int]
+    lattice: str
+    fill: str
+    diameter: float
+    offset: tuple[float, float]
+    rotation: float
+
+    def __init__(
+        self,
+        pitch: float,
+        f: float | Sequence[float],
+        *,
+        count: int | tuple[int, int],
+        lattice: Literal["square", "hexagonal"] = "square",
+        fill: Literal["circular", "full"] = "circular",
+        diameter: float | None = None,
+        offset: tuple[float, float] = (0.0, 0.0),
+        rotation: float = 0.0,
+    ) -> None:
+        if np.ndim(count) > 1 or np.size(count) not in (1, 2):
+            raise ValueError(f"The count of lenslets is one number or (ny, nx), not {count!r}.")
+        counts = np.broadcast_to(np.asarray(count), (2,))
+        if not (math.isfinite(pitch) and pitch > 0):
+            raise ValueError(f"The pitch of lenslets is positive, in metres, not {pitch!r}.")
+        lengths.LENSLET_PITCH.check(pitch, "The pitch of lenslets")
+        if any(int(n) != n or n < 1 for n in counts):
+            raise ValueError(f"The count of lenslets is positive integers (ny, nx), not {count!r}.")
+        if lattice not in ("square", "hexagonal"):
+            raise ValueError(f"lattice is 'square' or 'hexagonal', not {lattice!r}.")
+        focal_lengths = _focal_lengths(f, lattice)
+        if fill not in ("circular", "full"):
+            raise ValueError(f"fill is 'circular' or 'full', not {fill!r}.")
+        if not (np.isfinite(offset).all() and np.shape(offset) == (2,) and math.isfinite(rotation)):
+            raise ValueError(
+                "offset is (y, x) in metres and rotation an angle in radians, all finite, not "
+                f"{offset!r} and {rotation!r}."
+            )
+        width = pitch if diameter is None else diameter
+        if not 0 < width <= pitch * (1 + 1e-12):
+            raise ValueError(
+                f"The diameter of a lenslet lies between 0 and its pitch of {pitch:g} m, "
+                f"not {diameter!r}."
+            )
+        values = {
+            "pitch": float(pitch),
+            "f": focal_lengths[0],
+            "focal_lengths": focal_lengths,
+            "count": (int(counts[0]), int(counts[1])),
+            "lattice": lattice,
+            "fill": fill,
+            "diameter": float(width),
+            "offset": (float(offset[0]), float(offset[1])),
+            "rotation": float(rotation),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def row_pitch(self) -> float:
+        """Distance of neighbouring rows in metres."""
+        return self.pitch * (math.sqrt(3) / 2 if self.lattice == "hexagonal" else 1.0)
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Height and width of the unrotated array in metres."""
+        ny, nx = self.count
+        if self.lattice == "square":
+            return (ny * self.pitch, nx * self.pitch)
+        height = (ny - 1) * self.row_pitch + 2 * self.pitch / math.sqrt(3)
+        return (height, (nx + (0.5 if ny > 1 else 0.0)) * self.pitch)
+
+    @property
+    def type_step(self) -> int:
+        """s: by how much the kind changes from a lenslet to its neighbour below (hexagonal: right).
+
+        Lenslet (i, k) is of the kind (q + s i) mod n, q = k, or k - i//2 on a hexagonal lattice.
+        """
+        return 2 if self.lattice == "hexagonal" or len(self.focal_lengths) > 3 else 1
+
+    def types(self) -> np.ndarray:
+        """The kind of every lenslet, an index into ``focal_lengths``, shape (ny, nx)."""
+        i, k = np.indices(self.count)
+        q = k - i // 2 if self.lattice == "hexagonal" else k
+        return np.asarray((q + self.type_step * i) % len(self.focal_lengths))
+
+    def centres(self) -> np.ndarray:
+        """Centres (y, x) of the lenslets in metres, shape (ny, nx, 2)."""
+        i, k = np.indices(self.count, dtype=np.float64)
+        a = k - (self.count[1] - 1) / 2
+        if self.lattice == "hexagonal":
+            a = a + (i % 2) / 2
+        x, y = a * self.pitch, (i - (self.count[0] - 1) / 2) * self.row_pitch
+        cos, sin = math.cos(self.rotation), math.sin(self.rotation)
+        return np.stack(
+            [x * sin + y * cos + self.offset[0], x * cos - y * sin + self.offset[1]], axis=-1
+        )
+
+    def apply(self, field: Field, *, aliasing: Aliasing = "raise") -> Field:
+        """The field behind the array.
+
+        Parameters
+        ----------
+        field : Field
+            On a grid with equal pitch along y and x or not; any origin.
+        aliasing : {"raise", "warn", "allow"}
+            As in `thin_lens`, for a lenslet's phase.
+
+        Returns
+        -------
+        Field
+
+        Raises
+        ------
+        SamplingError
+            If the pitch is below 2 samples, or a lenslet's phase is aliased.
+        """
+        require_field(field)
+        largest = max(field.grid.pitch)
+        if self.pitch < SMALLEST_PITCH * largest * (1 - 1e-12):
+            raise SamplingError(
+                f"The lenslets' pitch of {self.pitch:g} m is {self.pitch / largest:.3g} samples of "
+                f"{largest:g} m; at least {SMALLEST_PITCH} are needed: sample more finely."
+            )
+        steepest = min(self.focal_lengths, key=abs)
+        check_lens_sampling(field.grid, steepest, self.diameter / 2, field.wavelength, aliasing)
+        return multiply(field, self.transmission(field.grid, field.wavelength, field.device))
+
+    def transmission(self, grid: Grid, wavelength: float, device: DeviceLike) -> cla.Array:
+        """Complex transmission on a grid, shape (ny, nx); kept on the device for the next call."""
+        opened = as_device(device)
+        return opened.plans.get(
+            ("lenslets", self, grid, wavelength),
+            lambda: self._transmission(grid, wavelength, opened),
+            lambda array: int(array.nbytes),
+        )
+
+    def _transmission(self, grid: Grid, wavelength: float, device: Device) -> cla.Array:
+        real = device.real.type
+        out = device.empty(grid.shape, device.complex)
+        defines = device.wave_defines()
+        defines |= {"HEXAGONAL": True} if self.lattice == "hexagonal" else {}
+        defines |= {"FULL": True} if self.fill == "full" else {}
+        defines |= {"TYPES": len(self.focal_lengths), "TYPE_STEP": self.type_step}
+        turns = self.pitch**2 / (2 * wavelength * np.asarray(self.focal_lengths))
+        kernel = device.kernel("lenslets.cl", "lenslets", **defines)
+        cos, sin = math.cos(self.rotation), math.sin(self.rotation)
+        device.launch_rows(
+            kernel,
+            grid.shape,
+            out,
+            *(device.upload(t) for t in self.lattice_tables(grid, device)),
+            device.upload(turns.astype(device.real)),
+            real(self.diameter / self.pitch / 2),
+            np.array([cos, sin], device.real),
+            real(self.rotation),
+            real(grid.pitch[0] / self.pitch / 2),
+            real(grid.pitch[1] / self.pitch / 2),
+            np.int32(self.count[0]),
+            np.int32(self.count[1]),
+            np.int32(grid.shape[0]),
+            np.int32(grid.shape[1]),
+        )
+        return out
+
+    def lattice_tables(self, grid: Grid, device: DeviceLike) -> list[np.ndarray]:
+        """What y and x add to the column and row coordinate: a(y), b(y), a(x), b(x)."""
+        y, x = grid.y - self.offset[0], grid.x - self.offset[1]
+        cos, sin = math.cos(self.rotation), math.sin(self.rotation)
+        column = (self.count[1] - 1) / 2
+        row = (self.count[0] - 1) / 2
+        values = (
+            y * sin / self.pitch + column,
+            y * cos / self.row_pitch + row,
+            x * cos / self.pitch,
+            -x * sin / self.row_pitch,
+        )
+        return [whole_and_part(v, as_device(device).real) for v in values]
+
+
+def _focal_lengths(f: float | Sequence[float], lattice: str) -> tuple[float, ...]:
+    """The focal lengths of an array, checked."""
+    found = tuple(float(one) for one in np.atleast_1d(np.asarray(f, np.float64)).ravel())
+    if not found or not all(math.isfinite(one) and one != 0 for one in found):
+        raise ValueError(f"The focal length of lenslets is finite and not 0, not {f!r}.")
+    lengths.LENSLET_FOCAL_LENGTH.check(found, "The focal length of lenslets")
+    if len(set(found)) < len(found):
+        raise ValueError(f"The focal lengths of a multi-focus array differ, unlike {f!r}.")
+    if lattice == "hexagonal" and len(found) not in (1, 3):
+        raise ValueError(
+            f"A hexagonal array has lenslets of one kind or of three, not {len(found)}: its "
+            "neighbours would be alike."
+        )
+    return found
