@@ -156,7 +156,7 @@ def _propagation_rows(made: Description) -> Rows:
 
 
 def _phase(made: Description) -> str:
-    limits = {"rs": sommerfeld.LARGEST_TABLE_RESIDUAL}
+    limits = {"rs": sommerfeld.LARGEST_KERNEL_RESIDUAL}
     limit = limits.get(made.method, transfer_function.LARGEST_TABLE_RESIDUAL)
     if made.factor is None or made.factor.residual_turns() <= limit:
         return "tables"

@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-Vector = np.ndarray[Any, Any]
+Table = np.ndarray[Any, Any]
 
 
-def phasor(turns: Any, dtype: Any = np.complex128) -> Vector:
+def phasor(turns: Any, dtype: Any = np.complex128) -> Table:
     """exp(2 pi i turns), reduced to half a turn in float64 and then rounded to ``dtype``."""
     reduced = np.asarray(turns, np.float64)
     reduced = reduced - np.rint(reduced)
     return np.exp(2j * np.pi * reduced).astype(dtype)
 
 
-def split(values: Any, dtype: np.dtype[Any]) -> Vector:
+def split(values: Any, dtype: np.dtype[Any]) -> Table:
     """Float64 values as (high, low) pairs of ``dtype``, shape (..., 2)."""
     exact = np.asarray(values, np.float64)
     high = exact.astype(dtype)
@@ -28,7 +28,7 @@ def split(values: Any, dtype: np.dtype[Any]) -> Vector:
     return np.stack([high, low], axis=-1)
 
 
-def whole_and_part(values: Vector, dtype: np.dtype[Any]) -> Vector:
+def whole_and_part(values: Table, dtype: np.dtype[Any]) -> Table:
     """Float64 values as (nearest integer, rest) pairs of ``dtype``, shape (..., 2)."""
     exact = np.asarray(values, np.float64)
     whole = np.rint(exact)

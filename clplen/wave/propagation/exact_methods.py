@@ -25,16 +25,11 @@ from clplen.wave.propagation.band import (
     whole_band,
 )
 from clplen.wave.propagation.description import Description, any_distance, whole_bands
-from clplen.wave.propagation.request import Request
+from clplen.wave.propagation.request import Request, padded_length
 from clplen.wave.propagation.transfer_function import Sommerfeld, Transfer, fft_frequencies
 
 FFT_WINDOW = 2.5  # times the grid, up to which the FFT route is the cheaper one
 FEWEST = 64  # frequencies of a band with hard edges
-
-
-def padded_length(n: int, pad: float) -> int:
-    """Length of a padded window: exactly round(pad n), n for n = 1."""
-    return n if n == 1 else round(pad * n)
 
 
 def angular_spectrum(r: Request, why: str = "asked for") -> Description:

@@ -11,8 +11,7 @@ from clplen.errors import SamplingError
 from clplen.wave.field.field import Grid
 from clplen.wave.field.phase_tables import phasor
 from clplen.wave.propagation.description import Description, whole_bands
-from clplen.wave.propagation.exact_methods import padded_length
-from clplen.wave.propagation.request import Request
+from clplen.wave.propagation.request import Request, padded_length
 
 WHOLE = 1e-9  # of a step: rounding that makes no further one
 LIMIT_STEPS = 10**5

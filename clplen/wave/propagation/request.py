@@ -177,3 +177,8 @@ def _check_numbers(r: Request) -> None:
         raise ValueError(f"support is positive widths (y, x) in metres, not {r.support!r}.")
     if r.lens is not None and not (isinstance(r.lens, Real) and r.lens == r.lens and r.lens != 0):
         raise ValueError(f"The focal length lens= is not 0, in metres; got {r.lens!r}.")
+
+
+def padded_length(n: int, pad: float) -> int:
+    """Length of a padded window: exactly round(pad n), n for n = 1."""
+    return n if n == 1 else round(pad * n)

@@ -17,11 +17,11 @@ Shape = tuple[int, int]
 Pitch = tuple[float, float]
 Vector = np.ndarray[Any, Any]
 
-LARGEST_TABLE_RESIDUAL = 10.0  # turns; above, float32 tables lose more than 2.5e-5 of the maximum
+LARGEST_KERNEL_RESIDUAL = 10.0  # turns; above, float32 tables lose more than 2.5e-5 of the maximum
 LARGEST_HANKEL = 1e8  # argument; above, two terms of the asymptotic series are exact in float64
 
 
-def residual_turns(shape: Shape, pitch: Pitch, z: float, wavelength: float) -> float:
+def kernel_residual_turns(shape: Shape, pitch: Pitch, z: float, wavelength: float) -> float:
     """Rk = (r_max - z)^2/(2 z lam), r_max at the corner displacement of a window.
 
     The phase that float32 tables of rho^2/(2 lam z) leave to the kernel, for abs(z) > 0.
@@ -31,10 +31,10 @@ def residual_turns(shape: Shape, pitch: Pitch, z: float, wavelength: float) -> f
     return excess * excess / (2 * abs(z) * wavelength)
 
 
-def phase_route(shape: Shape, pitch: Pitch, z: float, wavelength: float, device: Device) -> str:
+def kernel_phase_route(shape: Shape, pitch: Pitch, z: float, wavelength: float, device: Device) -> str:
     """ "tables", "fp64" or "twofloat": how a device forms the phase to 2.5e-5 rad."""
-    residual = residual_turns(shape, pitch, z, wavelength)
-    if device.precision == "double" or residual <= LARGEST_TABLE_RESIDUAL:
+    residual = kernel_residual_turns(shape, pitch, z, wavelength)
+    if device.precision == "double" or residual <= LARGEST_KERNEL_RESIDUAL:
         return "tables"
     return "fp64" if device.has_fp64 else "twofloat"
 
@@ -61,7 +61,7 @@ def impulse_response(
         In metres.
     device : Device
     phase : {"tables", "fp64", "twofloat"}
-        How the phase is formed, as `phase_route` says. Line sources are made on the host in
+        How the phase is formed, as `kernel_phase_route` says. Line sources are made on the host in
         float64 whatever it is.
 
     Returns

@@ -180,11 +180,11 @@ class Sommerfeld:
 
     def residual_turns(self) -> float:
         """Rk = (r_max - z)^2/(2 z lam) at the corner displacement."""
-        return sommerfeld.residual_turns(self.shape, self.pitch, self.z, self.wavelength)
+        return sommerfeld.kernel_residual_turns(self.shape, self.pitch, self.z, self.wavelength)
 
     def phase_route(self, device: Device) -> str:
         """ "tables", "fp64" or "twofloat": how a device forms the phase to 2.5e-5 rad."""
-        return sommerfeld.phase_route(self.shape, self.pitch, self.z, self.wavelength, device)
+        return sommerfeld.kernel_phase_route(self.shape, self.pitch, self.z, self.wavelength, device)
 
     def on_device(self, device: Device, phase: str) -> Spectrum:
         """The transform of the kernel's samples on a device.
