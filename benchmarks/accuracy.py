@@ -39,8 +39,8 @@ from clplen import (
 from clplen.cameras.plenoptic1 import scene_energy
 from clplen.compute.fft import FFTRoute
 from clplen.demo import POINTS, SOURCE_DIAMETER, camera, scene
+from clplen.wave.propagation.description import Request
 from clplen.wave.propagation.exact_methods import band_limited
-from clplen.wave.propagation.request import Request
 
 
 def say(what: str, value: str, limit: str = "") -> None:

@@ -79,8 +79,7 @@ from clplen.wave.elements.beams import gaussian_beam, plane_wave, spherical_wave
 from clplen.wave.elements.gratings import axicon, grating
 from clplen.wave.elements.lens import thin_lens
 from clplen.wave.elements.lenslets import MicrolensArray
-from clplen.wave.elements.resolution_targets import siemens_star, usaf1951
-from clplen.wave.elements.transparency import transparency
+from clplen.wave.elements.transparency import siemens_star, transparency, usaf1951
 from clplen.wave.elements.zernike import phase_plate
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.propagation.free_space import Propagator, propagate, propagate_wavelengths

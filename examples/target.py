@@ -25,7 +25,7 @@ from clplen import (
 )
 from clplen.plot.base import LIGHT
 from clplen.wave.coherence.abbe import abbe_image
-from clplen.wave.elements.resolution_targets import Element, usaf1951, usaf1951_elements
+from clplen.wave.elements.transparency import Element, usaf1951, usaf1951_elements
 
 FC = 13636.0  # cycles a metre
 AIRY = 0.61 / FC

@@ -154,7 +154,7 @@ def test_no_imports_in_a_circle(graph: dict[str, list[tuple[str, int]]]) -> None
     ("module", "text", "is_wrong"),
     [
         ("wave/field", "from clplen.errors import ShapeError", False),
-        ("wave/field", "from clplen.wave.field.phase_tables import phasor", False),
+        ("wave/field", "from clplen.wave.field.transmission import phasor", False),
         ("wave/field", "from clplen.lightfield import raw", True),
         ("lightfield/raw", "from clplen import wave", True),
         ("lightfield/raw", "import clplen.cameras.scene", True),

@@ -59,8 +59,8 @@ from clplen.selftest.basics import built_in_values
 from clplen.wave.coherence.abbe import abbe_image
 from clplen.wave.coherence.extended_source import ExtendedSource
 from clplen.wave.elements.beams import spherical_wave
-from clplen.wave.field.spherical_phase import multiply_sphere
-from clplen.wave.propagation.sommerfeld import impulse_response
+from clplen.wave.field.transmission import multiply_sphere
+from clplen.wave.propagation.transfer_function import impulse_response
 from clplen.wave.systems.pupil_filter import Pupil
 
 TESTS = Path(__file__).parent

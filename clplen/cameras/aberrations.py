@@ -19,7 +19,7 @@ import numpy as np
 from clplen.cameras.describe import Row
 from clplen.compute import lengths
 from clplen.compute.oneline import OneLine
-from clplen.wave.elements.lenslet_errors import HIGHEST_ORDER, LensletErrors
+from clplen.wave.elements.lenslets import HIGHEST_ORDER, LensletErrors
 from clplen.wave.elements.zernike import noll, zernike_gradient
 
 if TYPE_CHECKING:

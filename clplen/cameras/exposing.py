@@ -16,8 +16,8 @@ from clplen.cameras.slide import SlideWay, slide_field, slide_way
 from clplen.lightfield.raw import Exposure
 from clplen.wave.coherence.averaging import Averaging, MeanIntensity, Progress
 from clplen.wave.coherence.coherence import Coherence
-from clplen.wave.coherence.random_numbers import LARGEST_SEED
-from clplen.wave.coherence.reach import Opening, check_opening
+from clplen.wave.coherence.coherence_plan import Opening, check_opening
+from clplen.wave.coherence.spatial_models import LARGEST_SEED
 from clplen.wave.field.arguments import average_of
 from clplen.wave.field.intensity import add_scaled
 

@@ -23,7 +23,7 @@ from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
 from clplen.wave.field.arguments import is_finite
 from clplen.wave.field.field import Field, Grid
-from clplen.wave.field.phase_tables import phasor
+from clplen.wave.field.transmission import phasor
 
 Vector = np.ndarray[Any, Any]
 

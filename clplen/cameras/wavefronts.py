@@ -8,8 +8,7 @@ import numpy as np
 
 from clplen.wave.elements.zernike import wavefront
 from clplen.wave.field.field import Field, Grid
-from clplen.wave.field.phase_tables import phasor
-from clplen.wave.field.transmission import multiply
+from clplen.wave.field.transmission import multiply, phasor
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic import Plenoptic

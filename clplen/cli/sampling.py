@@ -11,16 +11,15 @@ import click
 
 from clplen.cli.messages import note, typed
 from clplen.cli.units import Length, Lengths, Shape
-from clplen.wave.elements.lens_sampling import LensSampling, lens_sampling, lenslet_sampling
+from clplen.wave.elements.lens import LensSampling, lens_sampling, lenslet_sampling
 from clplen.wave.elements.lenslets import SMALLEST_PITCH
 from clplen.wave.field.field import Grid
 from clplen.wave.field.number_format import angle, both, interval, metres
-from clplen.wave.propagation import fresnel, sommerfeld, transfer_function
+from clplen.wave.propagation import fresnel, transfer_function
 from clplen.wave.propagation.band import GUARD, fully_sampled_distance
-from clplen.wave.propagation.choice import describe
-from clplen.wave.propagation.description import Description
+from clplen.wave.propagation.description import METHODS, Description, Request
+from clplen.wave.propagation.exact_methods import describe
 from clplen.wave.propagation.plan_report import report
-from clplen.wave.propagation.request import METHODS, Request
 
 Rows = Iterable[tuple[str, str]]
 LONGEST_WAVE = 1e-3  # metres; beyond, a unit was forgotten
@@ -156,7 +155,7 @@ def _propagation_rows(made: Description) -> Rows:
 
 
 def _phase(made: Description) -> str:
-    limits = {"rs": sommerfeld.LARGEST_KERNEL_RESIDUAL}
+    limits = {"rs": transfer_function.LARGEST_KERNEL_RESIDUAL}
     limit = limits.get(made.method, transfer_function.LARGEST_TABLE_RESIDUAL)
     if made.factor is None or made.factor.residual_turns() <= limit:
         return "tables"

@@ -13,13 +13,11 @@ from clplen.cameras.scene import PointSources
 from clplen.selftest import twins
 from clplen.selftest.check import EPS, Check, Pairs
 from clplen.wave.coherence.abbe import abbe_image
+from clplen.wave.coherence.extended_source import plane_waves
 from clplen.wave.coherence.phase_masks import RandomPhaseMask
-from clplen.wave.coherence.plane_waves import plane_waves
-from clplen.wave.coherence.random_numbers import key_of, philox
-from clplen.wave.coherence.spatial_models import IncoherentLight
+from clplen.wave.coherence.spatial_models import IncoherentLight, key_of, philox
 from clplen.wave.elements.apertures import disc
-from clplen.wave.elements.lenslet_errors import LensletErrors
-from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import LensletErrors, MicrolensArray
 from clplen.wave.field.field import Field, Grid
 
 if TYPE_CHECKING:

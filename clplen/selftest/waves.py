@@ -13,11 +13,9 @@ from clplen.selftest import twins
 from clplen.selftest.check import EPS, Check, Pairs
 from clplen.wave.field.field import Field, Grid, row_powers
 from clplen.wave.field.intensity import Statistics, Window, accumulate, add_scaled
-from clplen.wave.field.spherical_phase import multiply_sphere
-from clplen.wave.field.transmission import multiply, multiply_separable
+from clplen.wave.field.transmission import multiply, multiply_separable, multiply_sphere
 from clplen.wave.propagation.propagator import Propagator
-from clplen.wave.propagation.sommerfeld import impulse_response
-from clplen.wave.propagation.transfer_function import Transfer
+from clplen.wave.propagation.transfer_function import Transfer, impulse_response
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

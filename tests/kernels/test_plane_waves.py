@@ -5,8 +5,8 @@ import pytest
 from tolerance import relative_max
 
 from clplen.errors import ShapeError
-from clplen.wave.coherence import plane_waves as module
-from clplen.wave.coherence.plane_waves import plane_waves
+from clplen.wave.coherence import extended_source as module
+from clplen.wave.coherence.extended_source import plane_waves
 from clplen.wave.field.field import Grid
 
 

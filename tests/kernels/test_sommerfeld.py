@@ -5,7 +5,11 @@ import pytest
 import reference_sommerfeld as reference
 from tolerance import relative_max
 
-from clplen.wave.propagation.sommerfeld import impulse_response, kernel_phase_route, kernel_residual_turns
+from clplen.wave.propagation.transfer_function import (
+    impulse_response,
+    kernel_phase_route,
+    kernel_residual_turns,
+)
 
 # shape, pitch, z, wavelength; Rk = 2e-7, 9.1, 91, 9.6e3, 0.045, 0.004 turns
 CASES = [

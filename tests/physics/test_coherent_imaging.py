@@ -21,7 +21,7 @@ from clplen import (
     RandomPhaseMask,
     imaging_system,
 )
-from clplen.wave.elements.resolution_targets import usaf1951
+from clplen.wave.elements.transparency import usaf1951
 from clplen.wave.systems.pupil_filter import coherent_edge, incoherent_edge, otf
 
 pytestmark = pytest.mark.thorough

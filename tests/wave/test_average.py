@@ -26,7 +26,7 @@ from clplen import (
     propagate,
 )
 from clplen.wave.coherence import averaging as module
-from clplen.wave.coherence.checkpoint import fingerprint
+from clplen.wave.coherence.averaging import fingerprint
 
 LAM = 550e-9
 GRID = Grid((48, 60), (4e-6, 3e-6))

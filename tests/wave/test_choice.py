@@ -13,9 +13,8 @@ from reference_corrected import AxisPlan, corrected_plan
 from reference_optics import smooth_length
 
 from clplen import Grid
-from clplen.wave.propagation.choice import describe
-from clplen.wave.propagation.description import Description
-from clplen.wave.propagation.request import Request
+from clplen.wave.propagation.description import Description, Request
+from clplen.wave.propagation.exact_methods import describe
 
 SET_UP_A = Grid((1, 1024), 2 * LAM)
 GRIDS = [

@@ -7,7 +7,7 @@ from tolerance import relative_max
 from clplen.errors import SamplingError, SamplingWarning
 from clplen.wave.coherence.degree import DegreeEstimator, measured_degree, speckle_contrast
 from clplen.wave.coherence.extended_source import ExtendedSource
-from clplen.wave.coherence.random_numbers import uniform
+from clplen.wave.coherence.spatial_models import uniform
 from clplen.wave.field.field import Grid
 
 WAVELENGTH = 550e-9

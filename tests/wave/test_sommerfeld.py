@@ -6,7 +6,11 @@ import reference
 import reference_sommerfeld
 from tolerance import err_db, relative_max
 
-from clplen.wave.propagation.sommerfeld import impulse_response, kernel_phase_route, kernel_residual_turns
+from clplen.wave.propagation.transfer_function import (
+    impulse_response,
+    kernel_phase_route,
+    kernel_residual_turns,
+)
 
 LAM = 550e-9
 

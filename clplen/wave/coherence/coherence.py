@@ -15,13 +15,17 @@ from clplen.compute.device import DeviceLike, as_device
 from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
 from clplen.files import PathLike
-from clplen.wave.coherence.averaging import Averaging, MeanIntensity, Progress, average
-from clplen.wave.coherence.checkpoint import fingerprint, verify
-from clplen.wave.coherence.coherence_plan import CoherencePlan, plan_coherence
+from clplen.wave.coherence.averaging import (
+    Averaging,
+    MeanIntensity,
+    Progress,
+    average,
+    fingerprint,
+    verify,
+)
+from clplen.wave.coherence.coherence_plan import CoherencePlan, check_reach, plan_coherence
 from clplen.wave.coherence.exact_mean import require_image, sum_over_source, weighted, without_noise
-from clplen.wave.coherence.random_numbers import LARGEST_INDEX, check_seed
-from clplen.wave.coherence.reach import check_reach
-from clplen.wave.coherence.spatial_models import SpatialModel
+from clplen.wave.coherence.spatial_models import LARGEST_INDEX, SpatialModel, check_seed
 from clplen.wave.elements.beams import plane_wave
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.intensity import Region, Window

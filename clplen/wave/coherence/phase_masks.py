@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 from clplen.compute import lengths
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError, SamplingWarning
-from clplen.wave.coherence.random_numbers import key_of, uniform
-from clplen.wave.coherence.spatial_models import periodic_power_spectrum
+from clplen.wave.coherence.spatial_models import key_of, periodic_power_spectrum, uniform
 from clplen.wave.field.arguments import is_finite
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.number_format import metres

@@ -11,9 +11,15 @@ from clplen.compute import lengths
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingWarning
 from clplen.wave.field.field import Field, Grid, require_field, require_grid
-from clplen.wave.field.phase_tables import phasor
-from clplen.wave.field.spherical_phase import multiply_sphere, sampled_from, sampled_radius
-from clplen.wave.field.transmission import Vector, multiply_separable, offsets
+from clplen.wave.field.transmission import (
+    Vector,
+    multiply_separable,
+    multiply_sphere,
+    offsets,
+    phasor,
+    sampled_from,
+    sampled_radius,
+)
 
 Pair = tuple[float, float]
 

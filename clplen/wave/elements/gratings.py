@@ -12,8 +12,7 @@ from clplen.errors import SamplingError
 from clplen.wave.elements.transparency import apply_transmission
 from clplen.wave.field.arguments import Aliasing, act_on_aliasing, check_centre
 from clplen.wave.field.field import Field, Grid, require_field
-from clplen.wave.field.phase_tables import phasor
-from clplen.wave.field.transmission import offsets
+from clplen.wave.field.transmission import offsets, phasor
 
 Kind = Literal["binary", "sinusoidal", "phase", "blazed"]
 Values = np.ndarray[Any, Any]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pyopencl.array as cla
@@ -15,10 +15,10 @@ from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.oneline import OneLine
 from clplen.errors import SamplingError
 from clplen.wave.elements.lens import check_lens_sampling
+from clplen.wave.elements.zernike import zernike_gradient, zernike_monomials
 from clplen.wave.field.arguments import Aliasing
 from clplen.wave.field.field import Field, Grid, require_field
-from clplen.wave.field.phase_tables import whole_and_part
-from clplen.wave.field.transmission import multiply
+from clplen.wave.field.transmission import multiply, whole_and_part
 
 SMALLEST_PITCH = 2  # samples a lenslet
 
@@ -260,3 +260,99 @@ def _focal_lengths(f: float | Sequence[float], lattice: str) -> tuple[float, ...
             "neighbours would be alike."
         )
     return found
+
+
+Values = np.ndarray[Any, np.dtype[np.float64]]
+Orders = tuple[int, int]
+HIGHEST_ORDER = 8  # of a lenslet's Zernike terms; float32 polynomials keep 4e-4 rad a wave there
+
+
+@dataclass(frozen=True, eq=False)
+class LensletErrors:
+    """Departures of the lenslets of one array, along its own columns (x) and rows (y).
+
+    Attributes
+    ----------
+    terms : dict of (int, int) to float
+        Zernike polynomials (n, m) of every lenslet, in metres rms over a circle about its centre.
+    circle : float
+        Diameter of that circle in metres.
+    focal_lengths : numpy.ndarray
+        Of each lenslet, in metres, shape (ny, nx).
+    tilt : numpy.ndarray
+        (y, x) of the slope that each adds to rays, in radians, shape (ny, nx, 2).
+    position : numpy.ndarray
+        (y, x) of each vertex from the centre of its aperture, in metres, shape (ny, nx, 2).
+    """
+
+    terms: dict[Orders, float]
+    circle: float
+    focal_lengths: Values
+    tilt: Values
+    position: Values
+
+    def phase(
+        self, mla: MicrolensArray, grid: Grid, wavelength: float, device: Device
+    ) -> cla.Array:
+        """exp(i phase) that multiplies the transmission of an array, shape of the grid.
+
+        The vertex of a lenslet lies beside the centre of its aperture, which stays: of
+        -pi abs(r - s)^2/(lam f) its transmission has the term with r^2 and the focal length of its
+        kind.
+        """
+        real = device.real
+        order = max((n for n, _ in self.terms), default=0)
+        defines = device.wave_defines() | {"ORDER": order}
+        defines |= {"HEXAGONAL": True} if mla.lattice == "hexagonal" else {}
+        out = device.empty(grid.shape, device.complex)
+        device.launch_rows(
+            device.kernel("lenslet_errors.cl", "lenslet_errors", **defines),
+            grid.shape,
+            out,
+            *(device.upload(table) for table in mla.lattice_tables(grid, device)),
+            device.upload(self._polynomial(order, mla.pitch, wavelength).astype(real)),
+            device.upload(self._own(mla, wavelength).astype(real)),
+            *(np.int32(n) for n in (*mla.count, *grid.shape)),
+        )
+        return out
+
+    def _polynomial(self, order: int, pitch: float, wavelength: float) -> Values:
+        """Turns c[i, k] of b^i a^k, b and a in pitches."""
+        found = np.zeros((order + 1, order + 1))
+        powers = (2 * pitch / self.circle) ** np.arange(order + 1)
+        for (n, m), metres in self.terms.items():
+            found[: n + 1, : n + 1] += metres / wavelength * zernike_monomials(n, m)
+        return found * np.outer(powers, powers)
+
+    def _own(self, mla: MicrolensArray, wavelength: float) -> Values:
+        """Turns (constant, along a, along b, quadratic) of each lenslet, in pitches."""
+        designed = np.asarray(mla.focal_lengths)[mla.types()]
+        bent = 1 / (2 * wavelength * self.focal_lengths)
+        slope = self.tilt / wavelength + 2 * bent[..., None] * self.position
+        columns = (
+            -bent * (self.position**2).sum(axis=-1),
+            slope[..., 1] * mla.pitch,
+            slope[..., 0] * mla.pitch,
+            (1 / (2 * wavelength * designed) - bent) * mla.pitch**2,
+        )
+        return np.stack(columns, axis=-1)
+
+    def bend(self, lenslet: Any, y: Any, x: Any) -> tuple[Any, Any]:
+        """Slopes (y, x) that lenslets add to rays, in place of -(y, x)/f.
+
+        Parameters
+        ----------
+        lenslet : numpy.ndarray
+            Which of them: row times columns plus column.
+        y, x : numpy.ndarray
+            From the centre of its aperture, along the array's rows and columns, in metres.
+        """
+        f = self.focal_lengths.ravel()[lenslet]
+        tilt, position = (values.reshape(-1, 2)[lenslet] for values in (self.tilt, self.position))
+        down = tilt[..., 0] - (y - position[..., 0]) / f
+        right = tilt[..., 1] - (x - position[..., 1]) / f
+        radius = self.circle / 2
+        for (n, m), metres in self.terms.items():
+            steps = zernike_gradient(n, m, y / radius, x / radius)
+            down, right = down + metres / radius * steps[0], right + metres / radius * steps[1]
+        return down, right

@@ -14,8 +14,7 @@ from clplen.wave.elements.transparency import (
 )
 from clplen.wave.field.arguments import Aliasing, act_on_aliasing, check_centre
 from clplen.wave.field.field import Field, Grid, require_field
-from clplen.wave.field.phase_tables import phasor
-from clplen.wave.field.transmission import offsets
+from clplen.wave.field.transmission import offsets, phasor
 
 Values = np.ndarray[Any, Any]
 

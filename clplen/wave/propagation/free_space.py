@@ -12,9 +12,8 @@ from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError
 from clplen.wave.field.arguments import average_of
 from clplen.wave.field.field import Field, Grid, require_field
-from clplen.wave.propagation.batching import together
-from clplen.wave.propagation.propagator import Propagator, request
-from clplen.wave.propagation.request import BORDER, Request
+from clplen.wave.propagation.description import BORDER, Request
+from clplen.wave.propagation.propagator import Propagator, request, together
 
 if TYPE_CHECKING:
     from clplen.wave.coherence.averaging import MeanIntensity

@@ -9,9 +9,8 @@ import numpy as np
 from clplen.compute.lines import Line, Separable, convolution, smooth_length, still
 from clplen.errors import SamplingError
 from clplen.wave.field.field import Grid
-from clplen.wave.field.phase_tables import phasor
-from clplen.wave.propagation.description import Description, whole_bands
-from clplen.wave.propagation.request import Request, padded_length
+from clplen.wave.field.transmission import phasor
+from clplen.wave.propagation.description import Description, Request, padded_length, whole_bands
 
 WHOLE = 1e-9  # of a step: rounding that makes no further one
 LIMIT_STEPS = 10**5

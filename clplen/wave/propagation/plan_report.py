@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from clplen.wave.field.field import Grid
 from clplen.wave.field.number_format import amount, angle, both, interval, metres
-from clplen.wave.propagation.cost import flops, samples_held
-from clplen.wave.propagation.description import Description
+from clplen.wave.propagation.description import Description, flops, samples_held
 
 
 @dataclass(frozen=True)

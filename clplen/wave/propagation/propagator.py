@@ -3,26 +3,162 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyopencl.array as cla
 
-from clplen.compute.blocks import Spectrum
+from clplen.compute.blocks import Spectrum, multiplied, run, window
 from clplen.compute.device import Device, DeviceLike, as_device, require_same_device
 from clplen.compute.forked import Guard
 from clplen.errors import SamplingError, SamplingWarning, ShapeError
 from clplen.wave.field.field import Field, Grid
-from clplen.wave.propagation.batching import together
-from clplen.wave.propagation.choice import describe
-from clplen.wave.propagation.cost import least_samples, table_samples
-from clplen.wave.propagation.description import Description
-from clplen.wave.propagation.energy import Energy, energy
-from clplen.wave.propagation.exact_methods import corrected
+from clplen.wave.propagation.description import (
+    BORDER,
+    Description,
+    Request,
+    least_samples,
+    table_samples,
+)
+from clplen.wave.propagation.exact_methods import corrected, describe
 from clplen.wave.propagation.plan_report import Report, report
-from clplen.wave.propagation.request import BORDER, Request
 from clplen.wave.propagation.transfer_function import made_for
+
+
+@dataclass(frozen=True)
+class Energy:
+    """Where the energy of a propagated field goes, in the unit of `Field.power`.
+
+    Attributes
+    ----------
+    into : float
+        Of the field that was propagated.
+    window : float
+        That arrives in the window of the grid.
+    outside : float
+        That arrives beside it, in the padding.
+    cut : float
+        Outside the band of the transfer function, or evanescent.
+    """
+
+    into: float
+    window: float
+    outside: float
+    cut: float
+
+
+def energy(field: Field, made: Description, phase: str) -> Energy:
+    """Each part computed by itself, of a propagation by FFTs of a window of the field's samples.
+
+    Parameters
+    ----------
+    field : Field
+        Shape (..., ny, nx); a batch is added up.
+    made : Description
+    phase : str
+        How the phase of its factor is formed.
+    """
+    device, grid = field.device, field.grid
+    if made.factor is None:
+        power = float(np.sum(field.power()))
+        return Energy(into=power, window=power, outside=0.0, cut=0.0)
+    shape = (*field.shape[:-2], *made.factor.shape)
+    nbytes = int(np.prod(shape, dtype=np.int64)) * device.complex.itemsize
+    device.require_memory(4 * nbytes, "This energy budget")
+    spectrum = made.factor.on_device(device, phase)
+    area = grid.pitch[0] * grid.pitch[1]
+    samples = spectrum.shape[0] * spectrum.shape[1]
+    work = window(field.data, shape, device)
+    device.fft.forward(work, device)
+    before = _power(work, device)
+    multiplied(work, spectrum, device, copy=False)
+    after = _power(work, device)
+    device.fft.inverse(work, device)
+    kept = window(work, (*field.shape[:-2], *made.out_grid.shape), device)
+    return Energy(
+        into=float(np.sum(field.power())),
+        window=_power(kept, device) * area,
+        outside=_power_outside(work, made.out_grid.shape, device) * area,
+        cut=(before - after) / samples * area,
+    )
+
+
+def _power(data: cla.Array, device: Device) -> float:
+    """Sum of abs(u)^2 in float64."""
+    with device.on_host(data, write=False) as values:
+        return float(np.vdot(values, values.astype(np.complex128)).real)
+
+
+def _power_outside(data: cla.Array, shape: tuple[int, int], device: Device) -> float:
+    """Sum of abs(u)^2 outside the central window of a shape, in float64."""
+    with device.on_host(data, write=False) as values:
+        outside = values.astype(np.complex128)
+    rows, columns = (
+        slice(n // 2 - m // 2, n // 2 - m // 2 + m)
+        for n, m in zip(outside.shape[-2:], shape, strict=True)
+    )
+    outside[..., rows, columns] = 0
+    return float(np.vdot(outside, outside).real)
+
+
+if TYPE_CHECKING:
+    pass
+
+
+TOGETHER = 8  # plans that share a beginning at a time: more hold memory and gain nothing
+
+
+def together(field: Field, plans: Sequence[Propagator]) -> list[Field]:
+    """A field by several plans; those that begin alike share their beginning."""
+    results: dict[int, Field] = {}
+    groups: dict[Any, list[int]] = {}
+    for place, one in enumerate(plans):
+        made = one.description
+        alone = made.kind != "fft"
+        key = place if alone else ("fft", made.into.widest(field.grid.shape))
+        groups.setdefault(key, []).append(place)
+    parts = (
+        places[start : start + TOGETHER]
+        for places in groups.values()
+        for start in range(0, len(places), TOGETHER)
+    )
+    for places in parts:
+        chosen = [plans[place] for place in places]
+        for place, result in zip(places, _run(field, chosen), strict=True):
+            results[place] = result
+    return [results[place] for place in range(len(plans))]
+
+
+def _run(field: Field, plans: Sequence[Propagator]) -> list[Field]:
+    first = plans[0].description
+    if first.kind == "nothing":
+        return [field for _ in plans]
+    if 0 in field.shape:
+        shape = (*field.shape[:-2], *first.out_grid.shape)
+        empty = field.device.empty(shape, field.device.complex)
+        return [replace(field, data=empty, grid=plan.out_grid) for plan in plans]
+    _require_memory(field, plans)
+    spectra = [plan.spectrum for plan in plans if plan.spectrum is not None]
+    back = [plan.description.back for plan in plans] if spectra else []
+    data = run(field.data, first.into, spectra, back, field.device)
+    return [
+        replace(field, data=one, grid=plan.out_grid) for plan, one in zip(plans, data, strict=True)
+    ]
+
+
+def _require_memory(field: Field, plans: Sequence[Propagator]) -> None:
+    made = plans[0].description
+    count = int(np.prod(field.shape[:-2], dtype=np.int64))
+    out = int(np.prod(made.out_grid.shape, dtype=np.int64))
+    samples = made.work_samples
+    if field.device.fft.name == "vkfft":
+        samples = 2 * int(np.prod(made.window, dtype=np.int64))
+    nbytes = count * (samples + len(plans) * (samples + out)) * field.device.complex.itemsize
+    field.device.require_memory(nbytes + sum(plan.nbytes for plan in plans), "This propagation")
+
 
 PHASES = ("tables", "fp64", "twofloat")
 

@@ -19,8 +19,16 @@ from numpy.typing import ArrayLike
 from clplen.compute.oneline import OneLine
 from clplen.wave.field.arguments import is_finite
 from clplen.wave.spectrum import spectrum_tables
-from clplen.wave.spectrum.lineshapes import C, Complex, Lines, Rectangle, Shape, Table, Vector
-from clplen.wave.spectrum.spectral_samples import SpectralSamples
+from clplen.wave.spectrum.lineshapes import (
+    C,
+    Complex,
+    Lines,
+    Rectangle,
+    Shape,
+    SpectralSamples,
+    Table,
+    Vector,
+)
 
 PER_TURN = 32  # delays at which |gamma| is looked at while the band turns once
 LONGEST_BEAT = 1000  # turns of the band, after which sharp lines are not searched any further

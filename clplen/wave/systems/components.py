@@ -20,8 +20,8 @@ from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.arguments import Aliasing
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.number_format import metres
+from clplen.wave.propagation.description import SELF_PADDED
 from clplen.wave.propagation.free_space import propagate
-from clplen.wave.propagation.request import SELF_PADDED
 
 Shape = Literal["circular", "square"]
 

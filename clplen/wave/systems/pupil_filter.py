@@ -14,12 +14,11 @@ from clplen.compute.blocks import Spectrum, run
 from clplen.compute.device import Device
 from clplen.compute.lines import Separable, cropped_inverse, padded_spectrum
 from clplen.compute.oneline import OneLine
-from clplen.wave.elements.coverage import disc_coverage, interval_coverage
+from clplen.wave.elements.apertures import disc_coverage, interval_coverage
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.number_format import metres
-from clplen.wave.field.phase_tables import phasor
-from clplen.wave.field.transmission import offsets
-from clplen.wave.propagation.choice import describe
+from clplen.wave.field.transmission import offsets, phasor
+from clplen.wave.propagation.exact_methods import describe
 from clplen.wave.propagation.free_space import FreeSpace
 from clplen.wave.propagation.propagator import request
 from clplen.wave.propagation.transfer_function import Transfer
