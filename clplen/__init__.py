@@ -62,7 +62,6 @@ from clplen.lightfield.streaming import (
 )
 from clplen.lightfield.surface import plane_through
 from clplen.lightfield.tiles import StreamPlan
-from clplen.wave.coherence.averaging import MeanIntensity
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.coherence.coherence_plan import CoherencePlan
 from clplen.wave.coherence.degree import measured_degree, speckle_contrast
@@ -82,6 +81,7 @@ from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.elements.transparency import siemens_star, transparency, usaf1951
 from clplen.wave.elements.zernike import phase_plate
 from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.intensity import MeanIntensity
 from clplen.wave.propagation.free_space import Propagator, propagate, propagate_wavelengths
 from clplen.wave.spectrum.spectrum import Spectrum
 from clplen.wave.systems.components import ConvergingLight, Element, Lens, Space, Stop

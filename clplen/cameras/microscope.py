@@ -29,9 +29,8 @@ from clplen.lightfield.raw import Exposure, RawImage
 from clplen.lightfield.sensor import Sensor
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.coherence.coherence import Coherence
-from clplen.wave.field.arguments import average_of
 from clplen.wave.field.field import Field, Grid
-from clplen.wave.field.intensity import accumulate
+from clplen.wave.field.intensity import accumulate, average_of
 from clplen.wave.propagation.free_space import plan
 
 Vector = np.ndarray[Any, Any]

@@ -14,19 +14,17 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import FunctionType, MethodType
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
-from clplen.compute.hostarray import HostArray
-from clplen.compute.image import Image
 from clplen.errors import FormatError, SamplingWarning
 from clplen.files import PathLike, check_writable, replacing
 from clplen.wave.field.arguments import is_finite
 from clplen.wave.field.field import Field, Grid
-from clplen.wave.field.intensity import Region, Statistics, Window
+from clplen.wave.field.intensity import MeanIntensity, Region, Statistics, Window
 
 FORMAT = "clplen average 1"
 SetUp = Mapping[str, str]
@@ -240,52 +238,6 @@ DEFAULT = 100  # snapshots, where neither a number nor a tolerance is given
 MOST = 100_000  # where only a tolerance is given
 LEAST = 16  # before a tolerance may stop an average: the error itself is uncertain by 1/sqrt(2 k)
 SAVE_SECONDS = 5.0  # between checkpoints
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class MeanIntensity(HostArray):
-    """The mean intensity of partially coherent light, and how far it is converged.
-
-    Attributes
-    ----------
-    intensity : Image
-        Shape (ny, nx).
-    standard_error : Image
-        Of each pixel's mean; 0 where nothing is random.
-    snapshots : int
-        Used; terms of the sum where nothing is random.
-    convergence : numpy.ndarray
-        float64, shape (n, 2): number of snapshots, and standard error over mean in the region (rms
-        of the errors over its pixels, divided by its mean intensity). Empty if nothing is random.
-    method : str
-        "monte-carlo", "abbe", "incoherent" or "coherent".
-    grid : Grid
-        Of the image.
-    """
-
-    intensity: Image
-    standard_error: Image
-    snapshots: int
-    convergence: np.ndarray[Any, np.dtype[np.float64]]
-    method: str
-    grid: Grid
-
-    _downloads: ClassVar[bool] = True
-
-    def __repr__(self) -> str:
-        error = f", standard error {self.relative_error:.2%}" if len(self.convergence) else ""
-        kind = "snapshot" if self.method == "monte-carlo" else "term"
-        kind += "s" * (self.snapshots != 1)
-        return f"<MeanIntensity {self.method}, {self.snapshots} {kind}{error}, {self.grid}>"
-
-    @property
-    def relative_error(self) -> float:
-        """The last standard error over mean in the region; 0 if nothing is random."""
-        return float(self.convergence[-1, 1]) if len(self.convergence) else 0.0
-
-    def to_numpy(self) -> np.ndarray[Any, Any]:
-        """The intensity on the host, shape (ny, nx)."""
-        return self.intensity.to_numpy()
 
 
 @dataclass(frozen=True)

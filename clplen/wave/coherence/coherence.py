@@ -15,27 +15,19 @@ from clplen.compute.device import DeviceLike, as_device
 from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
 from clplen.files import PathLike
-from clplen.wave.coherence.averaging import (
-    Averaging,
-    MeanIntensity,
-    Progress,
-    average,
-    fingerprint,
-    verify,
-)
+from clplen.wave.coherence.averaging import Averaging, Progress, average, fingerprint, verify
 from clplen.wave.coherence.coherence_plan import CoherencePlan, check_reach, plan_coherence
 from clplen.wave.coherence.exact_mean import require_image, sum_over_source, weighted, without_noise
 from clplen.wave.coherence.spatial_models import LARGEST_INDEX, SpatialModel, check_seed
 from clplen.wave.elements.beams import plane_wave
 from clplen.wave.field.field import Field, Grid
-from clplen.wave.field.intensity import Region, Window
+from clplen.wave.field.intensity import MeanIntensity, Object, Region, Window
 from clplen.wave.field.transmission import multiply
 from clplen.wave.spectrum.lineshapes import Table
 from clplen.wave.spectrum.spectrum import Spectrum
 from clplen.wave.systems.optical_system import OpticalSystem
 
 System = Callable[[Field], Field]
-Object = Field | Callable[[float], Field]
 Method = Literal["auto", "monte-carlo", "abbe"]
 METHODS = ("auto", "monte-carlo", "abbe")
 FOR_IMAGES, FOR_TABLES = 9, 41  # wavelengths
@@ -243,7 +235,7 @@ class Coherence(OneLine):
         return self._monte_carlo(system, objects, shares, how)
 
     @classmethod
-    def plan(cls, system: Any, *, snr: float, **options: Any) -> CoherencePlan:
+    def plan(cls, system: Any, *, snr: float, **options: Any) -> CoherencePlan[Coherence]:
         """Mask, snapshots and wavelengths for a wanted signal-to-noise ratio.
 
         Parameters

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Generic, Literal, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -21,9 +21,6 @@ from clplen.wave.spectrum.spectrum_tables import check_wavelength
 from clplen.wave.systems.components import ConvergingLight, Lens, Part, Space, Stop
 from clplen.wave.systems.optical_system import OpticalSystem
 from clplen.wave.systems.pupil_filter import Pupil
-
-if TYPE_CHECKING:
-    from clplen.wave.coherence.coherence import Coherence
 
 AIRY = 0.61  # radius of the Airy disc times the coherent cut-off frequency
 
@@ -43,8 +40,26 @@ _CONTRAST = {
 }  # fmt: skip
 
 
+class SpectralLines(Protocol):
+    """Light of mutually incoherent wavelengths."""
+
+    def lines(self, wavelength: float) -> list[tuple[float, float]]:
+        """Wavelengths in metres and their shares of the power."""
+
+
+@runtime_checkable
+class MainLens(Protocol):
+    """A camera that says where its object lies and how wide its main lens is."""
+
+    object_distance: Any
+    aperture_diameter: Any
+
+
+Light = TypeVar("Light", bound=SpectralLines)
+
+
 @dataclass(frozen=True, repr=False)
-class CoherencePlan(OneLine):
+class CoherencePlan(OneLine, Generic[Light]):
     """What `plan_coherence` proposes.
 
     Attributes
@@ -67,7 +82,7 @@ class CoherencePlan(OneLine):
         Of one snapshot's image of a clear field.
     """
 
-    coherence: Coherence
+    coherence: Light
     snapshots: int
     snr: float
     iota: float
@@ -101,7 +116,7 @@ class CoherencePlan(OneLine):
 
 
 def plan_coherence(
-    light: type[Coherence],
+    light: Callable[..., Light],
     system: Any,
     *,
     snr: float,
@@ -112,7 +127,7 @@ def plan_coherence(
     spectrum: Spectrum | None = None,
     wavelengths: int | None = None,
     seed: int = 0,
-) -> CoherencePlan:
+) -> CoherencePlan[Light]:
     """Mask, snapshots and wavelengths for a wanted signal-to-noise ratio.
 
     The cell is p = 0.61/(iota fc), fc the coherent cut-off frequency on the object, made to fit the
@@ -122,8 +137,8 @@ def plan_coherence(
 
     Parameters
     ----------
-    light : type
-        `Coherence`, which calls this function.
+    light : callable
+        ``light(spatial, spectrum, wavelengths=, seed=)`` makes the light: `Coherence`.
     system : OpticalSystem, Pupil or camera
         One that begins with free space and a lens, or consists of one `Pupil`; of a camera its main
         lens.
@@ -169,15 +184,15 @@ def plan_coherence(
     sides = (window.extent[0] / ny, window.extent[1] / nx)
     p = max((side for side, n in zip(sides, window.shape, strict=True) if n > 1), default=wanted)
     mask = RandomPhaseMask(sides, kind=kind)
-    made = light(mask, spectrum, wavelengths=wavelengths, seed=seed)
-    lines = made.lines(wavelength)
+    coherence = light(mask, spectrum, wavelengths=wavelengths, seed=seed)
+    lines = coherence.lines(wavelength)
     reached = AIRY / (fc * p)
     table = _CONTRAST[kind, 1 if 1 in window.shape else 2]
     contrast = math.exp(np.interp(math.log(reached), np.log(_IOTA), np.log(table)))
     one = contrast * math.sqrt(sum(share**2 for _, share in lines))
     snapshots = max(1, math.ceil((one * snr) ** 2 * (1 - 1e-12)))
     return CoherencePlan(
-        coherence=made,
+        coherence=coherence,
         snapshots=snapshots,
         snr=math.sqrt(snapshots) / one,
         iota=reached,
@@ -216,7 +231,7 @@ def object_cutoff(system: Any, wavelength: float) -> float:
     ValueError
         If the system does not begin with free space and a lens or stop, and has no `Pupil`.
     """
-    if hasattr(system, "object_distance") and hasattr(system, "aperture_diameter"):
+    if isinstance(system, MainLens):
         return float(system.aperture_diameter / (2 * wavelength * system.object_distance))
     z = 0.0
     for part in system.parts if isinstance(system, OpticalSystem) else (system,):

@@ -10,10 +10,10 @@ import numpy as np
 from clplen.compute.image import Image
 from clplen.errors import SamplingError, ShapeError
 from clplen.wave.coherence.abbe import abbe_cost, abbe_image, incoherent_image
-from clplen.wave.coherence.averaging import Averaging, MeanIntensity
+from clplen.wave.coherence.averaging import Averaging
 from clplen.wave.coherence.spatial_models import IncoherentLight, SpatialModel
 from clplen.wave.field.field import Field, Grid
-from clplen.wave.field.intensity import Window, accumulate
+from clplen.wave.field.intensity import MeanIntensity, Window, accumulate
 from clplen.wave.systems.pupil_filter import transfer_of
 
 AFFORDABLE = 1e11  # operations that "auto" spends in any case: well below a minute on a CPU

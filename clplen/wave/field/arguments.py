@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
 from numbers import Real
-from typing import Any, Literal, cast
+from typing import Literal
 
 import numpy as np
 
@@ -75,20 +74,3 @@ def act_on_aliasing(message: str, aliasing: Aliasing, *, stacklevel: int = 3) ->
         raise SamplingError(message + " aliasing='warn' or 'allow' goes on all the same.")
     if message and aliasing == "warn":
         warnings.warn(message, SamplingWarning, stacklevel=stacklevel)
-
-
-def average_of(coherence: Any) -> Callable[..., Any]:
-    """`Coherence.average` of what was given for one.
-
-    Raises
-    ------
-    TypeError
-        If it is no `Coherence`.
-    """
-    average = getattr(coherence, "average", None)
-    if average is None or isinstance(coherence, type):
-        raise TypeError(
-            "coherence is a Coherence, such as Coherence(RandomPhaseMask(40e-6)), not "
-            f"{coherence!r}."
-        )
-    return cast(Callable[..., Any], average)

@@ -1,19 +1,22 @@
-"""Running mean and variance of snapshots on a device."""
+"""Intensities: sums and running means on a device, and the mean of partially coherent light."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar, Protocol, cast, runtime_checkable
 
 import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
+from clplen.compute.hostarray import HostArray
 from clplen.compute.image import Image
-from clplen.wave.field.field import Field, row_powers
+from clplen.wave.field.field import Field, Grid, row_powers
 
 Region = tuple[slice, slice]
+Object = Field | Callable[[float], Field]  # the same at every wavelength, or a function of it
 
 
 @dataclass(frozen=True)
@@ -162,3 +165,74 @@ def _unit_of(snapshot: Field | cla.Array, device: Device) -> float:
     else:
         mean = float(device.download(snapshot).mean(dtype=np.float64))
     return 2.0 ** round(math.log2(mean)) if 0 < mean < math.inf else 1.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MeanIntensity(HostArray):
+    """The mean intensity of partially coherent light, and how far it is converged.
+
+    Attributes
+    ----------
+    intensity : Image
+        Shape (ny, nx).
+    standard_error : Image
+        Of each pixel's mean; 0 where nothing is random.
+    snapshots : int
+        Used; terms of the sum where nothing is random.
+    convergence : numpy.ndarray
+        float64, shape (n, 2): number of snapshots, and standard error over mean in the region (rms
+        of the errors over its pixels, divided by its mean intensity). Empty if nothing is random.
+    method : str
+        "monte-carlo", "abbe", "incoherent" or "coherent".
+    grid : Grid
+        Of the image.
+    """
+
+    intensity: Image
+    standard_error: Image
+    snapshots: int
+    convergence: np.ndarray[Any, np.dtype[np.float64]]
+    method: str
+    grid: Grid
+
+    _downloads: ClassVar[bool] = True
+
+    def __repr__(self) -> str:
+        error = f", standard error {self.relative_error:.2%}" if len(self.convergence) else ""
+        kind = "snapshot" if self.method == "monte-carlo" else "term"
+        kind += "s" * (self.snapshots != 1)
+        return f"<MeanIntensity {self.method}, {self.snapshots} {kind}{error}, {self.grid}>"
+
+    @property
+    def relative_error(self) -> float:
+        """The last standard error over mean in the region; 0 if nothing is random."""
+        return float(self.convergence[-1, 1]) if len(self.convergence) else 0.0
+
+    def to_numpy(self) -> np.ndarray[Any, Any]:
+        """The intensity on the host, shape (ny, nx)."""
+        return self.intensity.to_numpy()
+
+
+@runtime_checkable
+class PartialCoherence(Protocol):
+    """Light that gives the mean intensity behind a system, as `Coherence` does."""
+
+    def average(self, *arguments: Any, **keywords: Any) -> MeanIntensity:
+        """The mean intensity behind a system whose object this light illuminates."""
+
+
+def average_of(coherence: Any) -> Callable[..., Any]:
+    """`Coherence.average` of what was given for one.
+
+    Raises
+    ------
+    TypeError
+        If it is no `Coherence`.
+    """
+    average = getattr(coherence, "average", None)
+    if average is None or isinstance(coherence, type):
+        raise TypeError(
+            "coherence is a Coherence, such as Coherence(RandomPhaseMask(40e-6)), not "
+            f"{coherence!r}."
+        )
+    return cast(Callable[..., Any], average)

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any, overload
 
 import numpy as np
 
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError
-from clplen.wave.field.arguments import average_of
 from clplen.wave.field.field import Field, Grid, require_field
+from clplen.wave.field.intensity import MeanIntensity, PartialCoherence, average_of
 from clplen.wave.propagation.description import BORDER, Request
 from clplen.wave.propagation.propagator import Propagator, request, together
-
-if TYPE_CHECKING:
-    from clplen.wave.coherence.averaging import MeanIntensity
-    from clplen.wave.coherence.coherence import Coherence
 
 
 @dataclass(frozen=True)
@@ -67,7 +63,7 @@ def propagate(
     method: str = ...,
     pad: float = ...,
     out_grid: Grid | None = ...,
-    coherence: Coherence,
+    coherence: PartialCoherence,
     **averaging: Any,
 ) -> MeanIntensity: ...
 def propagate(
@@ -81,7 +77,7 @@ def propagate(
     border: float = BORDER,
     support: float | tuple[float, float] | None = None,
     lens: float | None = None,
-    coherence: Coherence | None = None,
+    coherence: PartialCoherence | None = None,
     **averaging: Any,
 ) -> Field | MeanIntensity:
     """Propagate a field through free space, by one distance or by several.

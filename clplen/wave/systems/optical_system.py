@@ -6,12 +6,13 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from numbers import Real
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any, overload
 
 from clplen.compute import lengths
 from clplen.compute.oneline import OneLine
-from clplen.wave.field.arguments import Aliasing, average_of
+from clplen.wave.field.arguments import Aliasing
 from clplen.wave.field.field import Field
+from clplen.wave.field.intensity import MeanIntensity, Object, PartialCoherence, average_of
 from clplen.wave.field.number_format import metres
 from clplen.wave.propagation.free_space import Propagator
 from clplen.wave.systems.components import (
@@ -25,10 +26,6 @@ from clplen.wave.systems.components import (
     require_positive,
     text_of,
 )
-
-if TYPE_CHECKING:
-    from clplen.wave.coherence.averaging import MeanIntensity
-    from clplen.wave.coherence.coherence import Coherence, Object
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -75,10 +72,10 @@ class OpticalSystem(OneLine):
     def __call__(self, field: Field) -> Field: ...
     @overload
     def __call__(
-        self, field: Object, *, coherence: Coherence, **averaging: Any
+        self, field: Object, *, coherence: PartialCoherence, **averaging: Any
     ) -> MeanIntensity: ...
     def __call__(
-        self, field: Any, *, coherence: Coherence | None = None, **averaging: Any
+        self, field: Any, *, coherence: PartialCoherence | None = None, **averaging: Any
     ) -> Field | MeanIntensity:
         """The field (or each of a batch) behind the last part, or the mean intensity there.
 
