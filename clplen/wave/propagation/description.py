@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from numbers import Real
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -192,6 +192,30 @@ def padded_length(n: int, pad: float) -> int:
 
 
 Kind = Literal["nothing", "fft", "chirp-z", "separable"]
+
+
+def request(
+    grid: Grid,
+    z: Any,
+    wavelength: float,
+    method: str = "auto",
+    pad: float = 2,
+    out_grid: Grid | None = None,
+    guard: float | None = None,
+    border: float = BORDER,
+    *,
+    support: float | tuple[float, float] | None = None,
+    lens: float | None = None,
+) -> Request:
+    """A checked request, a ``support`` of one number being that of both axes."""
+    if support is not None:
+        if np.shape(support) not in ((), (2,)):
+            raise ValueError(f"support is one width or (y, x), in metres, not {support!r}.")
+        both = np.broadcast_to(np.asarray(support, np.float64), (2,))
+        support = (float(both[0]), float(both[1]))
+    distance = z.item() if isinstance(z, np.ndarray) and z.ndim == 0 else z
+    distance = float(distance) if isinstance(distance, Real) else distance
+    return Request(grid, distance, wavelength, method, pad, out_grid, guard, border, support, lens)
 
 
 @dataclass(frozen=True, eq=False)

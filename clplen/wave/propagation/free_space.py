@@ -12,8 +12,8 @@ from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingError
 from clplen.wave.field.field import Field, Grid, require_field
 from clplen.wave.field.intensity import MeanIntensity, PartialCoherence, average_of
-from clplen.wave.propagation.description import BORDER, Request
-from clplen.wave.propagation.propagator import Propagator, request, together
+from clplen.wave.propagation.description import BORDER, Request, request
+from clplen.wave.propagation.propagator import Propagator, run_plans
 
 
 @dataclass(frozen=True)
@@ -145,20 +145,18 @@ def propagate(
         raise ValueError(f"z is one distance or a list of them, in metres, not {z!r}.")
     requests = [
         request(
-            field.grid, one, field.wavelength, method, pad, out_grid, guard, border,
+            field.grid, distance, field.wavelength, method, pad, out_grid, guard, border,
             support=support, lens=lens,
         )
-        for one in distances
+        for distance in distances
     ]  # fmt: skip
-    plans = []
-    for wanted in requests:  # a comprehension has a frame of its own before Python 3.12: stacklevel
-        plans.append(_kept(wanted, field.device))
+    plans = [_cached_plan(request, field.device) for request in requests]
     if len({plan.out_grid for plan in plans}) > 1:
         raise SamplingError(
             "fresnel-1fft gives another pitch at each distance: propagate to one at a time, or use "
             "method='cblas' with an out_grid."
         )
-    results = together(field, plans)
+    results = run_plans(field, plans)
     return results[0] if np.ndim(z) == 0 else _stack(results)
 
 
@@ -203,14 +201,14 @@ def plan(
     out_grid: Grid | None = None,
 ) -> Propagator:
     """The device's `Propagator` for these values, made when it is not there yet."""
-    return _kept(request(grid, z, wavelength, method, pad, out_grid), as_device(device))
+    return _cached_plan(request(grid, z, wavelength, method, pad, out_grid), as_device(device))
 
 
-def _kept(wanted: Request, device: Device) -> Propagator:
+def _cached_plan(request: Request, device: Device) -> Propagator:
     return device.plans.get(
-        ("propagator", wanted),
-        lambda: Propagator.of(wanted, device, stacklevel=6),
-        lambda made: made.nbytes,
+        ("propagator", request),
+        lambda: Propagator.of(request, device),
+        lambda plan: plan.nbytes,
     )
 
 
@@ -218,6 +216,6 @@ def _stack(fields: Sequence[Field]) -> Field:
     """Fields of one grid as a batch with a new leading axis."""
     device = fields[0].device
     out = device.empty((len(fields), *fields[0].shape), device.complex)
-    for place, field in enumerate(fields):
-        device.copy_into(out, field.data, place * field.data.nbytes)
+    for index, field in enumerate(fields):
+        device.copy_into(out, field.data, index * field.data.nbytes)
     return fields[0].with_data(out)

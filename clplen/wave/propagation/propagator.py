@@ -1,12 +1,10 @@
-"""A plan of a propagation on a device."""
+"""The plan of a propagation on a device, and how fields run through plans."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
@@ -14,6 +12,7 @@ import pyopencl.array as cla
 from clplen.compute.blocks import Spectrum, multiplied, run, window
 from clplen.compute.device import Device, DeviceLike, as_device, require_same_device
 from clplen.compute.forked import Guard
+from clplen.deprecation import warn_caller
 from clplen.errors import SamplingError, SamplingWarning, ShapeError
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.propagation.description import (
@@ -21,11 +20,15 @@ from clplen.wave.propagation.description import (
     Description,
     Request,
     least_samples,
+    request,
     table_samples,
 )
 from clplen.wave.propagation.exact_methods import corrected, describe
 from clplen.wave.propagation.plan_report import Report, report
-from clplen.wave.propagation.transfer_function import made_for
+from clplen.wave.propagation.transfer_function import factor_on_device
+
+PHASES = ("tables", "fp64", "twofloat")
+SHARING = 8  # plans that share the field's transform at a time: more hold memory and gain nothing
 
 
 @dataclass(frozen=True)
@@ -48,119 +51,6 @@ class Energy:
     window: float
     outside: float
     cut: float
-
-
-def energy(field: Field, made: Description, phase: str) -> Energy:
-    """Each part computed by itself, of a propagation by FFTs of a window of the field's samples.
-
-    Parameters
-    ----------
-    field : Field
-        Shape (..., ny, nx); a batch is added up.
-    made : Description
-    phase : str
-        How the phase of its factor is formed.
-    """
-    device, grid = field.device, field.grid
-    if made.factor is None:
-        power = float(np.sum(field.power()))
-        return Energy(into=power, window=power, outside=0.0, cut=0.0)
-    shape = (*field.shape[:-2], *made.factor.shape)
-    nbytes = int(np.prod(shape, dtype=np.int64)) * device.complex.itemsize
-    device.require_memory(4 * nbytes, "This energy budget")
-    spectrum = made.factor.on_device(device, phase)
-    area = grid.pitch[0] * grid.pitch[1]
-    samples = spectrum.shape[0] * spectrum.shape[1]
-    work = window(field.data, shape, device)
-    device.fft.forward(work, device)
-    before = _power(work, device)
-    multiplied(work, spectrum, device, copy=False)
-    after = _power(work, device)
-    device.fft.inverse(work, device)
-    kept = window(work, (*field.shape[:-2], *made.out_grid.shape), device)
-    return Energy(
-        into=float(np.sum(field.power())),
-        window=_power(kept, device) * area,
-        outside=_power_outside(work, made.out_grid.shape, device) * area,
-        cut=(before - after) / samples * area,
-    )
-
-
-def _power(data: cla.Array, device: Device) -> float:
-    """Sum of abs(u)^2 in float64."""
-    with device.on_host(data, write=False) as values:
-        return float(np.vdot(values, values.astype(np.complex128)).real)
-
-
-def _power_outside(data: cla.Array, shape: tuple[int, int], device: Device) -> float:
-    """Sum of abs(u)^2 outside the central window of a shape, in float64."""
-    with device.on_host(data, write=False) as values:
-        outside = values.astype(np.complex128)
-    rows, columns = (
-        slice(n // 2 - m // 2, n // 2 - m // 2 + m)
-        for n, m in zip(outside.shape[-2:], shape, strict=True)
-    )
-    outside[..., rows, columns] = 0
-    return float(np.vdot(outside, outside).real)
-
-
-if TYPE_CHECKING:
-    pass
-
-
-TOGETHER = 8  # plans that share a beginning at a time: more hold memory and gain nothing
-
-
-def together(field: Field, plans: Sequence[Propagator]) -> list[Field]:
-    """A field by several plans; those that begin alike share their beginning."""
-    results: dict[int, Field] = {}
-    groups: dict[Any, list[int]] = {}
-    for place, one in enumerate(plans):
-        made = one.description
-        alone = made.kind != "fft"
-        key = place if alone else ("fft", made.into.widest(field.grid.shape))
-        groups.setdefault(key, []).append(place)
-    parts = (
-        places[start : start + TOGETHER]
-        for places in groups.values()
-        for start in range(0, len(places), TOGETHER)
-    )
-    for places in parts:
-        chosen = [plans[place] for place in places]
-        for place, result in zip(places, _run(field, chosen), strict=True):
-            results[place] = result
-    return [results[place] for place in range(len(plans))]
-
-
-def _run(field: Field, plans: Sequence[Propagator]) -> list[Field]:
-    first = plans[0].description
-    if first.kind == "nothing":
-        return [field for _ in plans]
-    if 0 in field.shape:
-        shape = (*field.shape[:-2], *first.out_grid.shape)
-        empty = field.device.empty(shape, field.device.complex)
-        return [replace(field, data=empty, grid=plan.out_grid) for plan in plans]
-    _require_memory(field, plans)
-    spectra = [plan.spectrum for plan in plans if plan.spectrum is not None]
-    back = [plan.description.back for plan in plans] if spectra else []
-    data = run(field.data, first.into, spectra, back, field.device)
-    return [
-        replace(field, data=one, grid=plan.out_grid) for plan, one in zip(plans, data, strict=True)
-    ]
-
-
-def _require_memory(field: Field, plans: Sequence[Propagator]) -> None:
-    made = plans[0].description
-    count = int(np.prod(field.shape[:-2], dtype=np.int64))
-    out = int(np.prod(made.out_grid.shape, dtype=np.int64))
-    samples = made.work_samples
-    if field.device.fft.name == "vkfft":
-        samples = 2 * int(np.prod(made.window, dtype=np.int64))
-    nbytes = count * (samples + len(plans) * (samples + out)) * field.device.complex.itemsize
-    field.device.require_memory(nbytes + sum(plan.nbytes for plan in plans), "This propagation")
-
-
-PHASES = ("tables", "fp64", "twofloat")
 
 
 class Propagator:
@@ -247,21 +137,19 @@ class Propagator:
         lens: float | None = None,
         phase: str | None = None,
     ) -> None:
-        wanted = request(
+        checked = request(
             grid, z, wavelength, method, pad, out_grid, guard, border, support=support, lens=lens
         )
-        self._prepare(wanted, device, phase, stacklevel=3)
+        self._prepare(checked, device, phase)
 
     @classmethod
-    def of(cls, wanted: Request, device: DeviceLike, *, stacklevel: int = 3) -> Propagator:
+    def of(cls, request: Request, device: DeviceLike) -> Propagator:
         """The plan of a checked request."""
-        made = cls.__new__(cls)
-        made._prepare(wanted, device, None, stacklevel=stacklevel + 1)
-        return made
+        plan = cls.__new__(cls)
+        plan._prepare(request, device, None)
+        return plan
 
-    def _prepare(
-        self, wanted: Request, device: DeviceLike, phase: str | None, *, stacklevel: int
-    ) -> None:
+    def _prepare(self, request: Request, device: DeviceLike, phase: str | None) -> None:
         device = as_device(device)
         if phase is not None and phase not in PHASES:
             raise ValueError(f"There is no phase route {phase!r}; use one of {', '.join(PHASES)}.")
@@ -269,18 +157,18 @@ class Propagator:
             raise ValueError(f"In double precision the phase is by 'tables', not {phase!r}.")
         if phase == "fp64" and not device.has_fp64:
             raise ValueError(f"{device.name} has no double precision: use phase='twofloat'.")
-        self.request, self.device = wanted, device
-        self.grid, self.z, self.wavelength = wanted.grid, wanted.z, wanted.wavelength
-        device.require_memory(least_samples(wanted) * device.complex.itemsize, "This propagation")
-        made = describe(wanted)
-        self.description = _in_precision(made, device)
-        self.method, self.why, self.out_grid = made.method, made.why, made.out_grid
+        self.request, self.device = request, device
+        self.grid, self.z, self.wavelength = request.grid, request.z, request.wavelength
+        device.require_memory(least_samples(request) * device.complex.itemsize, "This propagation")
+        description = describe(request)
+        self.description = _in_precision(description, device)
+        self.method, self.why = description.method, description.why
+        self.out_grid = description.out_grid
         self.phase = "tables"
-        if made.factor is not None:
-            self.phase = phase or made.factor.phase_route(device)
-        self.report: Report = report(made, self.phase)
-        if made.warning:
-            warnings.warn(made.warning, SamplingWarning, stacklevel=stacklevel)
+        if description.factor is not None:
+            self.phase = phase or description.factor.phase_route(device)
+        if description.warning:
+            warn_caller(description.warning, SamplingWarning)
         self._spectrum: Spectrum | None = None
         self._lock = Guard()
 
@@ -295,11 +183,16 @@ class Propagator:
         return f"<Propagator {self.method}, {self.z:g} m, {self.grid} to {self.out_grid}>"
 
     @property
+    def report(self) -> Report:
+        """What the plan knows of itself: method, sampling, band, cost."""
+        return report(self.description, self.phase)
+
+    @property
     def nbytes(self) -> int:
         """Bytes that the plan holds."""
-        made, samples = self.description, table_samples(self.description)
-        if made.factor is not None:
-            rows, columns = made.factor.stored
+        factor, samples = self.description.factor, table_samples(self.description)
+        if factor is not None:
+            rows, columns = factor.stored
             samples += rows * columns
         return samples * self.device.complex.itemsize
 
@@ -308,7 +201,7 @@ class Propagator:
         """The factor on the device, made at first use; None where the method has none."""
         with self._lock:
             if self._spectrum is None and self.description.factor is not None:
-                self._spectrum = made_for(self.description.factor, self.device, self.phase)
+                self._spectrum = factor_on_device(self.description.factor, self.device, self.phase)
             return self._spectrum
 
     def __call__(self, field: Field) -> Field:
@@ -332,7 +225,7 @@ class Propagator:
             If the field's grid or wavelength is not the plan's.
         """
         self._check(field)
-        return together(field, [self])[0]
+        return run_plans(field, [self])[0]
 
     def energy(self, field: Field) -> Energy:
         """Where the energy of a field goes, each part computed by itself.
@@ -354,20 +247,20 @@ class Propagator:
             the Fresnel methods, or another output pitch or centre.
         """
         self._check(field)
-        return energy(field, self._by_fft(), self.phase)
+        return _energy(field, self._by_fft(), self.phase)
 
     def _by_fft(self) -> Description:
         """The description whose sum is done by FFTs of a window of the field's own samples."""
-        made = self.description
-        if made.kind == "nothing" or self.method in ("as", "blas"):
-            return made
+        description = self.description
+        if description.kind == "nothing" or self.method in ("as", "blas"):
+            return description
         if self.method != "cblas" or not self.request.is_aligned:
             raise SamplingError(
                 "energy() is for as, blas and cblas on the field's own pitch and centre, whose "
                 f"window holds all the light; this plan is {self.method!r} onto {self.out_grid}: "
                 "make one with method='cblas' and without out_grid."
             )
-        return corrected(made.request, self.why, "fft")
+        return corrected(description.request, self.why, "fft")
 
     def _check(self, field: Field) -> None:
         if not isinstance(field, Field):
@@ -382,31 +275,118 @@ class Propagator:
             )
 
 
-def request(
-    grid: Grid,
-    z: Any,
-    wavelength: float,
-    method: str = "auto",
-    pad: float = 2,
-    out_grid: Grid | None = None,
-    guard: float | None = None,
-    border: float = BORDER,
-    *,
-    support: float | tuple[float, float] | None = None,
-    lens: float | None = None,
-) -> Request:
-    """A checked request, a ``support`` of one number being that of both axes."""
-    if support is not None:
-        if np.shape(support) not in ((), (2,)):
-            raise ValueError(f"support is one width or (y, x), in metres, not {support!r}.")
-        both = np.broadcast_to(np.asarray(support, np.float64), (2,))
-        support = (float(both[0]), float(both[1]))
-    distance = z.item() if isinstance(z, np.ndarray) and z.ndim == 0 else z
-    distance = float(distance) if isinstance(distance, Real) else distance
-    return Request(grid, distance, wavelength, method, pad, out_grid, guard, border, support, lens)
+def run_plans(field: Field, plans: Sequence[Propagator]) -> list[Field]:
+    """A field by several plans; those that begin with the same transform share it.
+
+    Parameters
+    ----------
+    field : Field
+        On the grid of all plans.
+    plans : sequence of Propagator
+
+    Returns
+    -------
+    list of Field
+        One a plan, in their order.
+    """
+    groups: dict[Any, list[int]] = {}
+    for index, plan in enumerate(plans):
+        into, shares = plan.description.into, plan.description.kind == "fft"
+        key = ("fft", into.widest(field.grid.shape)) if shares else index
+        groups.setdefault(key, []).append(index)
+    results: dict[int, Field] = {}
+    for members in groups.values():
+        for start in range(0, len(members), SHARING):
+            indices = members[start : start + SHARING]
+            fields = _run_group(field, [plans[index] for index in indices])
+            results.update(zip(indices, fields, strict=True))
+    return [results[index] for index in range(len(plans))]
 
 
-def _in_precision(made: Description, device: Device) -> Description:
-    return replace(
-        made, into=made.into.astype(device.complex), back=made.back.astype(device.complex)
+def _run_group(field: Field, plans: Sequence[Propagator]) -> list[Field]:
+    """A field by plans that begin alike."""
+    first = plans[0].description
+    if first.kind == "nothing":
+        return [field for _ in plans]
+    if 0 in field.shape:
+        shape = (*field.shape[:-2], *first.out_grid.shape)
+        empty = field.device.empty(shape, field.device.complex)
+        return [replace(field, data=empty, grid=plan.out_grid) for plan in plans]
+    _require_memory(field, plans)
+    spectra = [plan.spectrum for plan in plans if plan.spectrum is not None]
+    back = [plan.description.back for plan in plans] if spectra else []
+    outputs = run(field.data, first.into, spectra, back, field.device)
+    return [
+        replace(field, data=data, grid=plan.out_grid)
+        for plan, data in zip(plans, outputs, strict=True)
+    ]
+
+
+def _require_memory(field: Field, plans: Sequence[Propagator]) -> None:
+    first = plans[0].description
+    count = int(np.prod(field.shape[:-2], dtype=np.int64))
+    out = int(np.prod(first.out_grid.shape, dtype=np.int64))
+    samples = first.work_samples
+    if field.device.fft.name == "vkfft":
+        samples = 2 * int(np.prod(first.window, dtype=np.int64))
+    nbytes = count * (samples + len(plans) * (samples + out)) * field.device.complex.itemsize
+    field.device.require_memory(nbytes + sum(plan.nbytes for plan in plans), "This propagation")
+
+
+def _in_precision(description: Description, device: Device) -> Description:
+    into, back = (maps.astype(device.complex) for maps in (description.into, description.back))
+    return replace(description, into=into, back=back)
+
+
+def _energy(field: Field, description: Description, phase: str) -> Energy:
+    """Each part computed by itself, of a propagation by FFTs of a window of the field's samples.
+
+    Parameters
+    ----------
+    field : Field
+        Shape (..., ny, nx); a batch is added up.
+    description : Description
+    phase : str
+        How the phase of its factor is formed.
+    """
+    device, grid = field.device, field.grid
+    if description.factor is None:
+        power = float(np.sum(field.power()))
+        return Energy(into=power, window=power, outside=0.0, cut=0.0)
+    shape = (*field.shape[:-2], *description.factor.shape)
+    nbytes = int(np.prod(shape, dtype=np.int64)) * device.complex.itemsize
+    device.require_memory(4 * nbytes, "This energy budget")
+    spectrum = description.factor.on_device(device, phase)
+    area = grid.pitch[0] * grid.pitch[1]
+    samples = spectrum.shape[0] * spectrum.shape[1]
+    work = window(field.data, shape, device)
+    device.fft.forward(work, device)
+    before = _power(work, device)
+    multiplied(work, spectrum, device, copy=False)
+    after = _power(work, device)
+    device.fft.inverse(work, device)
+    inside = window(work, (*field.shape[:-2], *description.out_grid.shape), device)
+    return Energy(
+        into=float(np.sum(field.power())),
+        window=_power(inside, device) * area,
+        outside=_power_outside(work, description.out_grid.shape, device) * area,
+        cut=(before - after) / samples * area,
     )
+
+
+def _power(data: cla.Array, device: Device) -> float:
+    """Sum of abs(u)^2 in float64."""
+    with device.on_host(data, write=False) as values:
+        return float(np.vdot(values, values.astype(np.complex128)).real)
+
+
+def _power_outside(data: cla.Array, shape: tuple[int, int], device: Device) -> float:
+    """Sum of abs(u)^2 outside the central window of a shape, in float64."""
+    with device.on_host(data, write=False) as values:
+        outside = values.astype(np.complex128)
+    rows, columns = (
+        slice(n // 2 - m // 2, n // 2 - m // 2 + m)
+        for n, m in zip(outside.shape[-2:], shape, strict=True)
+    )
+    outside[..., rows, columns] = 0
+    return float(np.vdot(outside, outside).real)

@@ -347,7 +347,7 @@ class Sommerfeld:
         return replace(self, shape=self.shape[::-1], pitch=self.pitch[::-1])
 
 
-def made_for(factor: Factor, device: Device, phase: str) -> Spectrum:
+def factor_on_device(factor: Factor, device: Device, phase: str) -> Spectrum:
     """A factor's samples in the order in which `run` of blocks.py reads them on a device.
 
     Parameters
