@@ -8,7 +8,6 @@ import json
 import math
 import os
 import time
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -20,6 +19,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.device import Device
+from clplen.deprecation import warn_caller
 from clplen.errors import FormatError, SamplingWarning
 from clplen.files import PathLike, check_writable, replacing
 from clplen.wave.field.arguments import is_finite
@@ -347,11 +347,10 @@ def average(
     if not _due(statistics.count):
         curve.append((statistics.count, statistics.relative_error(window)))
     if how.rtol is not None and not curve[-1][1] <= how.rtol:
-        warnings.warn(
+        warn_caller(
             f"After {statistics.count} snapshots the standard error is {curve[-1][1]:.3g} of the "
             f"mean, not {how.rtol:g}: allow more snapshots.",
             SamplingWarning,
-            stacklevel=4,
         )
     return MeanIntensity(
         statistics.image(),

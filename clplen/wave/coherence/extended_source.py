@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import KW_ONLY, dataclass
 from numbers import Integral
 from typing import Any, ClassVar, Literal, NamedTuple
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.oneline import OneLine
+from clplen.deprecation import warn_caller
 from clplen.errors import SamplingError, SamplingWarning, ShapeError
 from clplen.wave.coherence.spatial_models import uniform
 from clplen.wave.elements.apertures import disc_coverage, interval_coverage
@@ -261,12 +261,11 @@ class ExtendedSource(OneLine):
             edge = np.abs((grid.y, grid.x)[axis]).max() + size / 2
             finest = wavelength * self.distance / (2 * edge)
             if n > 1 and self.curved and pitch > finest * (1 + 1e-9):
-                warnings.warn(
+                warn_caller(
                     f"The curvature of a source at {metres(self.distance)} is sampled too coarsely "
                     f"at the window's edge along {name}: a pitch of at most {metres(finest)} is "
                     f"fine enough, not {metres(pitch)}; or leave it out (curved=False).",
                     SamplingWarning,
-                    stacklevel=4,
                 )
 
     def field(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar, Literal
 
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from clplen.compute import lengths
 from clplen.compute.device import Device, DeviceLike, as_device
+from clplen.deprecation import warn_caller
 from clplen.errors import SamplingError, SamplingWarning
 from clplen.wave.coherence.spatial_models import key_of, periodic_power_spectrum, uniform
 from clplen.wave.field.arguments import is_finite
@@ -159,12 +159,11 @@ class RandomPhaseMask:
         self.count(grid)
         least, distance = self.least_distance(grid, wavelength), self.distance_on(grid, wavelength)
         if distance < least * (1 - 1e-9):
-            warnings.warn(
+            warn_caller(
                 f"A mask of cells of {metres(max(self.cells))} needs a distance of at least "
                 f"4 p^2/lam = {metres(least)} to become speckle; {metres(distance)} leaves blocks, "
                 "whose edges show in every snapshot.",
                 SamplingWarning,
-                stacklevel=5,
             )
 
     def half_angle(self, wavelength: float) -> float:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import warnings
 
 import numpy as np
 
 from clplen.compute import lengths
 from clplen.compute.device import Device, DeviceLike, as_device
+from clplen.deprecation import warn_caller
 from clplen.errors import SamplingWarning
 from clplen.wave.field.field import Field, Grid, require_field, require_grid
 from clplen.wave.field.transmission import (
@@ -258,12 +258,11 @@ def _check_direction(direction: Pair) -> None:
 def _warn_beyond_nyquist(grid: Grid, frequencies: Pair, what: str) -> None:
     for name, n, pitch, f in zip("yx", grid.shape, grid.pitch, frequencies, strict=True):
         if n > 1 and f * 2 * pitch > 1 + 1e-9:
-            warnings.warn(
+            warn_caller(
                 f"{what} with {f:.4g} cycles/m along {name} is aliased: samples of {pitch:g} m "
                 f"carry up to 1/(2 d) = {1 / (2 * pitch):.4g}; at most {1 / (2 * f):.4g} m would "
                 "do.",
                 SamplingWarning,
-                stacklevel=3,
             )
             return
 
@@ -278,11 +277,10 @@ def _warn_steep_sphere(grid: Grid, z: float, source: Pair, wavelength: float) ->
         if reach <= far * (1 + 1e-9):
             continue
         least = sampled_from(reach, grid.pitch[axis], wavelength)
-        warnings.warn(
+        warn_caller(
             f"A spherical wave from z = {z:g} m is aliased on samples of {grid.pitch[axis]:g} m "
             f"along {name}: the grid reaches {reach:.4g} m from its axis, the samples carry it up "
             f"to {far:.4g} m; a distance of at least {least:.4g} m would do.",
             SamplingWarning,
-            stacklevel=3,
         )
         return

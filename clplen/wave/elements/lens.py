@@ -132,7 +132,7 @@ def check_lens_sampling(
             f"its radius is R = {used:.4g} m, R_max = {rule} = {largest:.4g} m; a focal "
             f"length of at least {enough:.4g} m would do."
         )
-        act_on_aliasing(message, aliasing, stacklevel=4)
+        act_on_aliasing(message, aliasing)
         return
 
 

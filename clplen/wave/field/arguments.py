@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import warnings
 from numbers import Real
 from typing import Literal
 
 import numpy as np
 
 from clplen.compute import lengths
+from clplen.deprecation import warn_caller
 from clplen.errors import SamplingError, SamplingWarning
 
 Aliasing = Literal["raise", "warn", "allow"]
@@ -54,8 +54,8 @@ def check_aliasing(aliasing: str) -> None:
         raise ValueError(f"aliasing is 'raise', 'warn' or 'allow', not {aliasing!r}.")
 
 
-def act_on_aliasing(message: str, aliasing: Aliasing, *, stacklevel: int = 3) -> None:
-    """Raise, warn or go on, where ``message`` is not empty; for the public function to call.
+def act_on_aliasing(message: str, aliasing: Aliasing) -> None:
+    """Raise, warn or go on, where ``message`` is not empty.
 
     Raises
     ------
@@ -73,4 +73,4 @@ def act_on_aliasing(message: str, aliasing: Aliasing, *, stacklevel: int = 3) ->
     if message and aliasing == "raise":
         raise SamplingError(message + " aliasing='warn' or 'allow' goes on all the same.")
     if message and aliasing == "warn":
-        warnings.warn(message, SamplingWarning, stacklevel=stacklevel)
+        warn_caller(message, SamplingWarning)

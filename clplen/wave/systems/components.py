@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
 from numbers import Real
@@ -13,6 +12,7 @@ import numpy as np
 
 from clplen.compute import lengths
 from clplen.compute.oneline import OneLine
+from clplen.deprecation import warn_caller
 from clplen.errors import SamplingWarning
 from clplen.wave.elements.apertures import aperture
 from clplen.wave.elements.lens import Form, thin_lens
@@ -316,11 +316,10 @@ def _warn_if_cut(grid: Grid, diameter: float, centre: tuple[float, float], what:
         if n == 1 or (low >= first - allowed and high <= last + allowed):
             continue
         needed = math.ceil(2 * max(-low, high) / pitch - 1e-6)
-        warnings.warn(
+        warn_caller(
             f"The window of {metres(n * pitch)} along {name} cuts the {what} of "
             f"D = {metres(diameter)}, so that the window decides which light passes: take at least "
             f"{needed} samples of {metres(pitch)} for {n}.",
             SamplingWarning,
-            stacklevel=3,
         )
         return
