@@ -69,7 +69,7 @@ def _details(part: Part) -> list[str]:
     """Focal length and width of a part."""
     words = []
     if isinstance(part, Lens | MicrolensArray):
-        words.append(f"f = {_short(part.f)}")
+        words.append(f"f = {_short(part.focal_length)}")
     if isinstance(part, MicrolensArray):
         words.append(f"pitch {_short(part.pitch)}")
     elif isinstance(part, Lens | Stop) and part.diameter is not None:

@@ -102,13 +102,15 @@ def trace(
     heights = [y]
     for part in optics:
         if isinstance(part, Lens):
-            s = s - y / part.f
+            s = s - y / part.focal_length
         if isinstance(part, MicrolensArray) and clip:
             rows = lenslet_rows(part)
             offset = y[:, None] - rows
             nearest = np.abs(offset).argmin(axis=1)
             off = offset[np.arange(y.size), nearest]
-            s = s - np.where(np.abs(off) <= part.diameter / 2 * (1 + _ZERO), off / part.f, np.nan)
+            s = s - np.where(
+                np.abs(off) <= part.diameter / 2 * (1 + _ZERO), off / part.focal_length, np.nan
+            )
             y = np.where(np.isnan(s), np.nan, y)
         bounds = opening(part)
         if clip and bounds is not None:

@@ -156,7 +156,7 @@ class ExtendedSource(OneLine):
         In metres: diameter of the disc, side of the square, or width of the picture along x.
     distance : float
         From the source to the window in metres.
-    shape : {"disc", "square"}
+    shape : {"circular", "square"}
         Of a source of uniform brightness; without meaning where there is a picture.
     picture : array_like, optional
         Intensities of the source, 2-D, finite, not negative and not all 0. Its middle lies on the
@@ -186,7 +186,7 @@ class ExtendedSource(OneLine):
     size: float
     distance: float
     _: KW_ONLY
-    shape: Literal["disc", "square"] = "disc"
+    shape: Literal["circular", "square"] = "circular"
     picture: Array | None = None
     points: int = 400
     curved: bool = False
@@ -197,8 +197,11 @@ class ExtendedSource(OneLine):
             value = getattr(self, name)
             if not (is_finite(value) and value > 0):
                 raise ValueError(f"The {name} of a source is positive, in metres, not {value!r}.")
-        if self.shape not in ("disc", "square"):
-            raise ValueError(f"A source is a 'disc' or a 'square', not {self.shape!r}.")
+        if self.shape == "disc":
+            warn_caller("ExtendedSource(shape='disc') is now 'circular'.", DeprecationWarning)
+            object.__setattr__(self, "shape", "circular")
+        if self.shape not in ("circular", "square"):
+            raise ValueError(f"A source is 'circular' or 'square', not {self.shape!r}.")
         if (
             isinstance(self.points, bool)
             or not isinstance(self.points, Integral)
@@ -388,7 +391,7 @@ class ExtendedSource(OneLine):
             even = self.picture.mean() ** 2 / np.mean(self.picture**2)
             area = height * width * float(even)
         else:
-            area = height * width * (math.pi / 4 if self.shape == "disc" else 1)
+            area = height * width * (math.pi / 4 if self.shape == "circular" else 1)
         return (wavelength * self.distance) ** 2 / area
 
     def _places(self, draws: Array) -> Array:
@@ -423,7 +426,7 @@ class ExtendedSource(OneLine):
     def _shares(self, order: list[Array], cell: list[float]) -> Array:
         """Power of the source within cells of (y, x) sides about -order times cell, any unit."""
         at = [-k * side for k, side in zip(order, cell, strict=True)]
-        if self.picture is None and self.shape == "disc":
+        if self.picture is None and self.shape == "circular":
             frame = Grid((len(at[0]), len(at[1])), (cell[0], cell[1]))
             return disc_coverage(frame, self.size / 2, (0.0, 0.0))
         picture = np.ones((1, 1)) if self.picture is None else self.picture

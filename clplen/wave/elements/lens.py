@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from clplen.compute import lengths
+from clplen.deprecation import renamed_argument
 from clplen.wave.elements.apertures import disc
 from clplen.wave.field.arguments import Aliasing, act_on_aliasing, check_aliasing, check_diameter
 from clplen.wave.field.field import Field, Grid, require_field
@@ -24,9 +25,10 @@ from clplen.wave.field.transmission import (
 Form = Literal["paraxial", "stigmatic"]
 
 
+@renamed_argument(old="f", new="focal_length", warn=False)
 def thin_lens(
     field: Field,
-    f: float,
+    focal_length: float,
     *,
     diameter: float | None = None,
     form: Form = "paraxial",
@@ -41,8 +43,8 @@ def thin_lens(
     Parameters
     ----------
     field : Field
-    f : float
-        Focal length in metres, not 0; negative diverges, infinite does nothing.
+    focal_length : float
+        In metres, not 0; negative diverges, infinite does nothing.
     diameter : float, optional
         Of its circular, area-weighted aperture in metres; None: unbounded.
     form : {"paraxial", "stigmatic"}
@@ -72,6 +74,7 @@ def thin_lens(
     Along an axis of length 1 there is neither phase nor edge: the lens is cylindrical.
     """
     require_field(field)
+    f = focal_length
     if math.isnan(f) or f == 0:
         raise ValueError(f"The focal length is not 0, in metres; got {f!r}.")
     lengths.WEAK_LENS.check(f, "The focal length")

@@ -13,6 +13,7 @@ import pyopencl.array as cla
 from clplen.compute import lengths
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.oneline import OneLine
+from clplen.deprecation import renamed_argument, renamed_attribute
 from clplen.errors import SamplingError
 from clplen.wave.elements.lens import check_lens_sampling
 from clplen.wave.elements.zernike import zernike_gradient, zernike_monomials
@@ -23,6 +24,7 @@ from clplen.wave.field.transmission import multiply, whole_and_part
 SMALLEST_PITCH = 2  # samples a lenslet
 
 
+@renamed_argument(old="f", new="focal_length", warn=False)
 @dataclass(frozen=True, init=False, repr=False)
 class MicrolensArray(OneLine):
     """Thin lenslets on a square or hexagonal lattice, centred on the axis.
@@ -35,15 +37,16 @@ class MicrolensArray(OneLine):
     ----------
     pitch : float
         Between neighbours of a row, in metres.
-    f : float or sequence of float
-        Focal length of a lenslet in metres, not 0. Several make a multi-focus array: kind
+    focal_length : float or sequence of float
+        Of a lenslet in metres, not 0. Several make a multi-focus array: kind
         (k + s i) mod n on a square lattice of n kinds, s = 1 for 2 and 3 of them, else 2, and
         (k - i//2 + 2 i) mod 3 on a hexagonal one, which has 3 or 1; neighbours differ.
     count : int or tuple of int
         Lenslets, (ny, nx) or one number for both.
     lattice : {"square", "hexagonal"}
     fill : {"circular", "full"}
-        Aperture of a lenslet: a disc, or the lattice cell (square or hexagon).
+        Aperture of a lenslet: a disc, or the lattice cell (square or hexagon). On a square lattice
+        "square" is another word for "full".
     diameter : float, optional
         Of the disc, or width of the cell, in metres, at most ``pitch``; None: ``pitch``.
     offset : tuple of float
@@ -53,7 +56,7 @@ class MicrolensArray(OneLine):
 
     Attributes
     ----------
-    f : float
+    focal_length, f : float
         The focal length, or the first of several.
     focal_lengths : tuple of float
         Of the kinds of lenslets, all different.
@@ -65,7 +68,7 @@ class MicrolensArray(OneLine):
     """
 
     pitch: float
-    f: float
+    focal_length: float
     focal_lengths: tuple[float, ...]
     count: tuple[int, int]
     lattice: str
@@ -73,15 +76,16 @@ class MicrolensArray(OneLine):
     diameter: float
     offset: tuple[float, float]
     rotation: float
+    f = renamed_attribute("f", "focal_length", warn=False)
 
     def __init__(
         self,
         pitch: float,
-        f: float | Sequence[float],
+        focal_length: float | Sequence[float],
         *,
         count: int | tuple[int, int],
         lattice: Literal["square", "hexagonal"] = "square",
-        fill: Literal["circular", "full"] = "circular",
+        fill: Literal["circular", "full", "square"] = "circular",
         diameter: float | None = None,
         offset: tuple[float, float] = (0.0, 0.0),
         rotation: float = 0.0,
@@ -96,7 +100,9 @@ class MicrolensArray(OneLine):
             raise ValueError(f"The count of lenslets is positive integers (ny, nx), not {count!r}.")
         if lattice not in ("square", "hexagonal"):
             raise ValueError(f"lattice is 'square' or 'hexagonal', not {lattice!r}.")
-        focal_lengths = _focal_lengths(f, lattice)
+        focal_lengths = _focal_lengths(focal_length, lattice)
+        if fill == "square" and lattice == "square":
+            fill = "full"
         if fill not in ("circular", "full"):
             raise ValueError(f"fill is 'circular' or 'full', not {fill!r}.")
         if not (np.isfinite(offset).all() and np.shape(offset) == (2,) and math.isfinite(rotation)):
@@ -112,7 +118,7 @@ class MicrolensArray(OneLine):
             )
         values = {
             "pitch": float(pitch),
-            "f": focal_lengths[0],
+            "focal_length": focal_lengths[0],
             "focal_lengths": focal_lengths,
             "count": (int(counts[0]), int(counts[1])),
             "lattice": lattice,

@@ -12,7 +12,7 @@ import numpy as np
 
 from clplen.compute import lengths
 from clplen.compute.oneline import OneLine
-from clplen.deprecation import warn_caller
+from clplen.deprecation import renamed_argument, renamed_attribute, warn_caller
 from clplen.errors import SamplingWarning
 from clplen.wave.elements.apertures import aperture
 from clplen.wave.elements.lens import Form, thin_lens
@@ -86,14 +86,15 @@ class Space(OneLine):
         return f"{text}, to {ny} x {nx} samples of {metres(dy)} x {metres(dx)}"
 
 
+@renamed_argument(old="f", new="focal_length")
 @dataclass(frozen=True)
 class Lens:
     """A thin lens, by `thin_lens`.
 
     Parameters
     ----------
-    f : float
-        Focal length in metres, not 0; negative diverges.
+    focal_length : float
+        In metres, not 0; negative diverges.
     diameter : float, optional
         Of its circular aperture in metres; None: unbounded.
     form : {"paraxial", "stigmatic"}
@@ -103,20 +104,25 @@ class Lens:
     Raises
     ------
     ValueError
-        For f = 0 or NaN, a diameter that is not positive, or another form.
+        For a focal length of 0 or NaN, a diameter that is not positive, or another form.
     """
 
-    f: float
+    focal_length: float
     _: KW_ONLY
     diameter: float | None = None
     form: Form = "paraxial"
     aliasing: Aliasing = "raise"
     label = "lens"
+    f = renamed_attribute("f", "focal_length")
 
     def __post_init__(self) -> None:
-        if not isinstance(self.f, Real) or math.isnan(self.f) or self.f == 0:
-            raise ValueError(f"The focal length is not 0, in metres; got {self.f!r}.")
-        lengths.WEAK_LENS.check(self.f, "The focal length")
+        if (
+            not isinstance(self.focal_length, Real)
+            or math.isnan(self.focal_length)
+            or self.focal_length == 0
+        ):
+            raise ValueError(f"The focal length is not 0, in metres; got {self.focal_length!r}.")
+        lengths.WEAK_LENS.check(self.focal_length, "The focal length")
         if self.diameter is not None:
             require_positive("The diameter of a lens", self.diameter)
             lengths.DIAMETER.check(self.diameter, "The diameter of a lens")
@@ -134,13 +140,13 @@ class Lens:
         if self.diameter is not None:
             _warn_if_cut(field.grid, self.diameter, (0.0, 0.0), "lens")
         return thin_lens(
-            field, self.f, diameter=self.diameter, form=self.form, aliasing=self.aliasing
+            field, self.focal_length, diameter=self.diameter, form=self.form, aliasing=self.aliasing
         )
 
     def describe(self) -> str:
         """Focal length, diameter and form."""
         bound = "unbounded" if self.diameter is None else f"D = {metres(self.diameter)}"
-        return f"f = {metres(self.f)}, {bound}, {self.form}"
+        return f"f = {metres(self.focal_length)}, {bound}, {self.form}"
 
 
 @dataclass(frozen=True)
@@ -288,7 +294,7 @@ def label_of(part: Part) -> str:
 def text_of(part: Part) -> str:
     """What a part is, in a few words."""
     if isinstance(part, MicrolensArray):
-        (ny, nx), pitch, f = part.count, metres(part.pitch), metres(part.f)
+        (ny, nx), pitch, f = part.count, metres(part.pitch), metres(part.focal_length)
         return f"{ny} x {nx}, pitch {pitch}, f = {f}, {part.lattice}, {part.fill}"
     describe = getattr(part, "describe", None)
     return repr(part) if describe is None else str(describe())

@@ -10,6 +10,7 @@ from typing import Any, overload
 
 from clplen.compute import lengths
 from clplen.compute.oneline import OneLine
+from clplen.deprecation import renamed_argument
 from clplen.wave.field.arguments import Aliasing
 from clplen.wave.field.field import Field
 from clplen.wave.field.intensity import MeanIntensity, Object, PartialCoherence, average_of
@@ -173,8 +174,9 @@ class OpticalSystem(OneLine):
         return "\n".join(lines)
 
 
+@renamed_argument(old="f", new="focal_length")
 def imaging_system(
-    f: float,
+    focal_length: float,
     *,
     diameter: float,
     magnification: float = 1.0,
@@ -190,8 +192,8 @@ def imaging_system(
 
     Parameters
     ----------
-    f : float
-        Focal length in metres, positive.
+    focal_length : float
+        In metres, positive.
     diameter : float
         Of the lens in metres. The window of the field must contain it.
     magnification : float
@@ -213,16 +215,17 @@ def imaging_system(
     ValueError
         For a focal length, diameter or magnification that is not positive.
     """
-    require_positive("The focal length of an imaging system", f)
-    lengths.FOCAL_LENGTH.check(f, "The focal length of an imaging system")
+    require_positive("The focal length of an imaging system", focal_length)
+    lengths.FOCAL_LENGTH.check(focal_length, "The focal length of an imaging system")
     require_positive("The diameter of its lens", diameter)
     lengths.DIAMETER.check(diameter, "The diameter of its lens")
     if not (isinstance(magnification, Real) and 0 < magnification < math.inf):
         raise ValueError(f"The magnification is positive and finite, not {magnification!r}.")
-    z1, z2 = f * (1 + 1 / magnification), f * (1 + magnification)
+    z1 = focal_length * (1 + 1 / magnification)
+    z2 = focal_length * (1 + magnification)
     parts: list[Part] = [
         Space(z1, method=method, pad=pad),
-        Lens(f, diameter=diameter, aliasing=aliasing),
+        Lens(focal_length, diameter=diameter, aliasing=aliasing),
         Space(z2, method=method, pad=pad),
     ]
     return OpticalSystem([ConvergingLight(z1, aliasing=aliasing), *parts] if koehler else parts)
