@@ -1,4 +1,4 @@
-"""Averages of snapshots: when they stop, what they return, and how they survive an interruption."""
+"""Averages of snapshots: when they stop, and the checkpoints from which they go on."""
 
 from __future__ import annotations
 

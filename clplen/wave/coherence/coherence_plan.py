@@ -1,4 +1,4 @@
-"""How fine a mask and how many snapshots and wavelengths an image needs."""
+"""Whether light reaches a system, and how many snapshots and wavelengths its image needs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Extended sources: light whose coherence van Cittert and Zernike give."""
+"""Extended sources: sums of plane waves with the coherence of van Cittert and Zernike."""
 
 from __future__ import annotations
 

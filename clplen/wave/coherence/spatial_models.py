@@ -1,4 +1,4 @@
-"""What a model of spatial coherence is, and the limit of incoherent light."""
+"""What a model of spatial coherence is, its random numbers, and the limit of incoherent light."""
 
 from __future__ import annotations
 

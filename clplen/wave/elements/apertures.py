@@ -1,4 +1,4 @@
-"""Area-weighted hard apertures: a rim sample keeps the covered fraction of its cell."""
+"""Area-weighted hard apertures: a sample on the rim keeps the covered fraction of its cell."""
 
 from __future__ import annotations
 

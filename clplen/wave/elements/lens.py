@@ -1,4 +1,4 @@
-"""Thin lenses and how finely they must be sampled."""
+"""Thin lenses, and how finely lenses and lenslets must be sampled."""
 
 from __future__ import annotations
 

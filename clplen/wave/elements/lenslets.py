@@ -1,4 +1,4 @@
-"""Microlens arrays in closed form at real coordinates."""
+"""Microlens arrays in closed form at real coordinates, and the errors of their lenslets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arbitrary pictures as elements of one plane."""
+"""Transparencies: pictures, the USAF 1951 target and the Siemens star as elements of one plane."""
 
 from __future__ import annotations
 

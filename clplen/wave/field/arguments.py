@@ -1,4 +1,4 @@
-"""Checks that several optical elements share."""
+"""Checks of arguments that several elements and systems share."""
 
 from __future__ import annotations
 

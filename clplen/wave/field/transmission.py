@@ -1,4 +1,9 @@
-"""A field times a transmission, sampled or separable, and the coordinates tables are made of."""
+"""A field times a transmission: sampled, separable or spherical.
+
+``exp(i k z sqrt(1 - s))`` in float32 loses the field at camera distances. Every large phase of the
+package is therefore a product of 1-D tables, whose turns are reduced in double on the host, times a
+small residual in the kernel.
+"""
 
 from __future__ import annotations
 

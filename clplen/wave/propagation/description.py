@@ -1,4 +1,7 @@
-"""One description for every propagation: maps along the axes, a factor in between, maps back."""
+"""A propagation before it is on a device: what is asked for, how it is done, what it costs.
+
+One description serves every method: maps along the axes, a factor in between, maps back.
+"""
 
 from __future__ import annotations
 
@@ -292,40 +295,40 @@ def any_distance() -> tuple[float, float]:
     return (0.0, math.inf)
 
 
-def flops(made: Description) -> float:
+def flops(description: Description) -> float:
     """Operations of the Fourier transforms of one field, 5 L log2 L each.
 
     Zero rows of padded windows are not transformed: the lines along x on the input's rows, those
     along y on what that gives, and back along x on the rows that are kept. A transfer function is
     made once for a plan and not counted; VkFFT transforms some of the zero rows, too.
     """
-    ny, _ = made.request.grid.shape
-    _, mx = made.into.shape_after(made.request.grid.shape)
-    across = ny * _transforms(made.into.x) + mx * _transforms(made.into.y)
+    ny, _ = description.request.grid.shape
+    _, mx = description.into.shape_after(description.request.grid.shape)
+    across = ny * _transforms(description.into.x) + mx * _transforms(description.into.y)
     return (
-        across + mx * _transforms(made.back.y) + made.out_grid.shape[0] * _transforms(made.back.x)
+        across + mx * _transforms(description.back.y) + description.out_grid.shape[0] * _transforms(description.back.x)
     )
 
 
-def samples_held(made: Description) -> int:
+def samples_held(description: Description) -> int:
     """Complex samples that one field needs beside itself: the plan, work space and the result."""
-    if made.kind == "nothing":
+    if description.kind == "nothing":
         return 0
-    stored = 0 if made.factor is None else math.prod(made.factor.stored)
-    result = int(np.prod(made.out_grid.shape, dtype=np.int64))
-    return stored + table_samples(made) + 2 * made.work_samples + result
+    stored = 0 if description.factor is None else math.prod(description.factor.stored)
+    result = int(np.prod(description.out_grid.shape, dtype=np.int64))
+    return stored + table_samples(description) + 2 * description.work_samples + result
 
 
 def least_samples(r: Request) -> int:
-    """Complex samples that any way of doing a request holds, known before anything is made."""
+    """Complex samples that any way of doing a request holds, known before anything is description."""
     (ny, nx), (my, mx) = r.grid.shape, r.target.shape
     length = nx if nx == 1 or r.method in SELF_PADDED else round(r.pad * nx)
     return max(my * mx, ny * length)
 
 
-def table_samples(made: Description) -> int:
+def table_samples(description: Description) -> int:
     """Complex samples of the 1-D tables of all maps; what is repeated counts once."""
-    ways = (made.into.y, made.into.x, made.back.y, made.back.x)
+    ways = (description.into.y, description.into.x, description.back.y, description.back.x)
     return sum(
         table.size
         for way in ways
