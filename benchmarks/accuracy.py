@@ -40,7 +40,7 @@ from clplen.cameras.plenoptic1 import scene_energy
 from clplen.compute.fft import FFTRoute
 from clplen.demo import POINTS, SOURCE_DIAMETER, camera, scene
 from clplen.wave.propagation.description import Request
-from clplen.wave.propagation.exact_methods import band_limited
+from clplen.wave.propagation.methods import band_limited
 
 
 def say(what: str, value: str, limit: str = "") -> None:

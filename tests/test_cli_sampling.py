@@ -16,7 +16,7 @@ from clplen.errors import SamplingError
 from clplen.wave.elements.lens import check_lens_sampling, lens_sampling, lenslet_sampling
 from clplen.wave.field.field import Grid
 from clplen.wave.propagation.description import METHODS, Request, flops, samples_held
-from clplen.wave.propagation.exact_methods import describe
+from clplen.wave.propagation.methods import describe
 from clplen.wave.propagation.plan_report import report
 
 LAM = 550e-9

@@ -18,7 +18,7 @@ from clplen.wave.field.number_format import angle, both, interval, metres
 from clplen.wave.propagation import fresnel, transfer_function
 from clplen.wave.propagation.band import GUARD, fully_sampled_distance
 from clplen.wave.propagation.description import METHODS, Description, Request
-from clplen.wave.propagation.exact_methods import describe
+from clplen.wave.propagation.methods import describe
 from clplen.wave.propagation.plan_report import report
 
 Rows = Iterable[tuple[str, str]]

@@ -14,7 +14,7 @@ from reference_optics import smooth_length
 
 from clplen import Grid
 from clplen.wave.propagation.description import Description, Request
-from clplen.wave.propagation.exact_methods import describe
+from clplen.wave.propagation.methods import describe
 
 SET_UP_A = Grid((1, 1024), 2 * LAM)
 GRIDS = [

@@ -15,7 +15,7 @@ from clplen import Grid, Propagator, SamplingError, propagate
 from clplen.wave.propagation import propagator
 from clplen.wave.propagation.band import guarded_band
 from clplen.wave.propagation.description import Request
-from clplen.wave.propagation.exact_methods import describe
+from clplen.wave.propagation.methods import describe
 from clplen.wave.propagation.plan_report import Report, report
 from clplen.wave.propagation.transfer_function import Transfer
 

@@ -1,2 +1,1 @@
-"""Partially coherent light: a spatial model, a spectrum and a system come in, a mean intensity
-with its error goes out."""
+"""Partially coherent light: light and a system come in, a mean intensity and its error go out."""

@@ -1,2 +1,1 @@
-"""Optical elements of one plane and the beams that light them: a field comes in, the field behind
-the element goes out."""
+"""Optical elements of one plane, and beams: a field comes in, the field behind goes out."""

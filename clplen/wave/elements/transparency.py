@@ -171,7 +171,7 @@ _SAGITTA = 1e-4
 
 
 @dataclass(frozen=True)
-class Element:
+class TargetElement:
     """An element of the USAF 1951 target: two squares of three bars.
 
     A bar is one width wide and five long, the gap between two bars is one width (MIL-STD-150A,
@@ -218,7 +218,7 @@ class Element:
 
 def usaf1951_elements(
     groups: Sequence[int], *, centre: tuple[float, float] = (0.0, 0.0)
-) -> tuple[Element, ...]:
+) -> tuple[TargetElement, ...]:
     """Where `usaf1951` draws its elements.
 
     Elements 2 to 6 of an even group G stand in a column on the left, those of group G + 1 on the
@@ -235,7 +235,7 @@ def usaf1951_elements(
 
     Returns
     -------
-    tuple of Element
+    tuple of TargetElement
         By group and element.
 
     Raises
@@ -412,13 +412,13 @@ def _layers(lowest: int, highest: int) -> Iterator[tuple[int, int, float, float]
         top, left = top + _INNER[0] * unit, left + _INNER[1] * unit
 
 
-def _element(group: int, number: int, top: float, left: float) -> Element:
+def _element(group: int, number: int, top: float, left: float) -> TargetElement:
     width = 0.5 / _frequency(group, number)
     y = top + 2.5 * width
-    return Element(group, number, (y, left + 2.5 * width), (y, left + 9.5 * width))
+    return TargetElement(group, number, (y, left + 2.5 * width), (y, left + 9.5 * width))
 
 
-def _too_fine(finest: Element, grid: Grid) -> str:
+def _too_fine(finest: TargetElement, grid: Grid) -> str:
     """What to say of a bar narrower than a sample; empty if there is none."""
     if finest.width >= max(grid.pitch) * (1 - 1e-9):
         return ""

@@ -1,2 +1,1 @@
-"""Sampled complex fields and what acts on them sample by sample: arrays and transmissions come in,
-fields and intensities go out."""
+"""Sampled complex fields: arrays and transmissions come in, fields and intensities go out."""

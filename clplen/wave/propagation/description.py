@@ -306,7 +306,9 @@ def flops(description: Description) -> float:
     _, mx = description.into.shape_after(description.request.grid.shape)
     across = ny * _transforms(description.into.x) + mx * _transforms(description.into.y)
     return (
-        across + mx * _transforms(description.back.y) + description.out_grid.shape[0] * _transforms(description.back.x)
+        across
+        + mx * _transforms(description.back.y)
+        + description.out_grid.shape[0] * _transforms(description.back.x)
     )
 
 
@@ -320,7 +322,7 @@ def samples_held(description: Description) -> int:
 
 
 def least_samples(r: Request) -> int:
-    """Complex samples that any way of doing a request holds, known before anything is description."""
+    """Complex samples that any way of doing a request holds, known before a plan is made."""
     (ny, nx), (my, mx) = r.grid.shape, r.target.shape
     length = nx if nx == 1 or r.method in SELF_PADDED else round(r.pad * nx)
     return max(my * mx, ny * length)

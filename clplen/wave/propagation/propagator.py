@@ -23,7 +23,7 @@ from clplen.wave.propagation.description import (
     request,
     table_samples,
 )
-from clplen.wave.propagation.exact_methods import corrected, describe
+from clplen.wave.propagation.methods import corrected, describe
 from clplen.wave.propagation.plan_report import Report, report
 from clplen.wave.propagation.transfer_function import factor_on_device
 

@@ -1,2 +1,1 @@
-"""Spectra of light: lines, widths and tables come in, temporal coherence and weighted wavelengths
-go out."""
+"""Spectra of light: lines and tables come in, coherence in time and wavelengths go out."""

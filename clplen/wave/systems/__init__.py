@@ -1,2 +1,1 @@
-"""Elements and distances along one axis: a field comes in, the field behind the last part goes
-out."""
+"""Elements and distances along an axis: a field comes in, the field behind them goes out."""

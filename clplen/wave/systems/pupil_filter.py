@@ -18,8 +18,8 @@ from clplen.wave.elements.apertures import disc_coverage, interval_coverage
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.number_format import metres
 from clplen.wave.field.transmission import offsets, phasor
-from clplen.wave.propagation.exact_methods import describe
 from clplen.wave.propagation.free_space import FreeSpace
+from clplen.wave.propagation.methods import describe
 from clplen.wave.propagation.propagator import request
 from clplen.wave.propagation.transfer_function import Transfer
 from clplen.wave.systems.components import Space, require_positive

@@ -1,7 +1,7 @@
 """From a request to the description of its method: the choice of ``auto`` and the exact methods.
 
-as, blas and cblas by FFT, cblas by chirp-z transform, rs by its sampled kernel; the paraxial methods
-stand in fresnel.py.
+as, blas and cblas by FFT, cblas by chirp-z transform, rs by its sampled kernel; fresnel.py has the
+paraxial methods.
 """
 
 from __future__ import annotations
@@ -79,7 +79,9 @@ def automatic(r: Request) -> Description:
         return _evanescent(r)
     sampled = f"f_geo = {share:.3g} f_nyq"
     if all(bands[axis].is_whole for axis in r.axes) and (wide <= NEAR_WINDOW or not kernel):
-        return _whole_band(r, f"f_geo + guard >= f_nyq ({sampled}): every sampled frequency arrives")
+        return _whole_band(
+            r, f"f_geo + guard >= f_nyq ({sampled}): every sampled frequency arrives"
+        )
     if wide <= NEAR_WINDOW or (wide <= FFT_WINDOW and not kernel):
         limit = NEAR_WINDOW if wide <= NEAR_WINDOW else FFT_WINDOW
         return corrected(r, f"W = {wide:.3g} S <= {limit} S", "fft")
