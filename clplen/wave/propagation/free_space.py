@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from operator import attrgetter
 from typing import Any, overload
 
 import numpy as np
@@ -207,8 +209,8 @@ def plan(
 def _cached_plan(request: Request, device: Device) -> Propagator:
     return device.plans.get(
         ("propagator", request),
-        lambda: Propagator.of(request, device),
-        lambda plan: plan.nbytes,
+        partial(Propagator.of, request, device),
+        attrgetter("nbytes"),
     )
 
 
