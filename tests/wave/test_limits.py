@@ -118,11 +118,11 @@ def test_grazing_waves_get_64_z_of_window(guard):
     """Beside both grids, but no more than the widest window of any distance."""
     own, other = Grid((1, 50), 0.2e-6), Grid((1, 400), 0.1e-6, origin=(0, 3e-6))
     for z, capped in ((0.2 * LAM, False), (3 * LAM, True), (-3 * LAM, True)):
-        way = Request(own, z, LAM, out_grid=other).way(1)
+        way = Request(own, z, LAM, out_grid=other).span(1)
         window = guarded_band(way, guard).window
         beside = 10e-6 + 40e-6 + 2 * 3e-6 + 64 * abs(z)
         assert window == pytest.approx(beside, rel=1e-12)
-        small = Request(Grid((1, 6), 0.2e-6), z, LAM).way(1)
+        small = Request(Grid((1, 6), 0.2e-6), z, LAM).span(1)
         most = 4 * 2.4e-6 + 2 * (guard + 3) * math.sqrt(LAM * abs(z))
         beside = 2.4e-6 + 64 * abs(z)
         assert (most < beside) == capped

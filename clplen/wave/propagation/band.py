@@ -26,7 +26,7 @@ _GUARDS, _STEEPNESS = (2.0, 3.0, 4.0, 6.0, 8.0), (2.5, 3.0, 3.5, 4.0, 5.0)
 
 
 @dataclass(frozen=True)
-class Way:
+class AxisSpan:
     """One axis of a propagation: where light comes from and where it is wanted.
 
     Attributes
@@ -150,7 +150,7 @@ class Band:
         return weights
 
 
-def guarded_band(way: Way, guard: float = GUARD) -> Band:
+def guarded_band(span: AxisSpan, guard: float = GUARD) -> Band:
     """The band and window that one axis needs.
 
     Each end of the band of geometric optics (Matsushima and Shimobaba 2009, eq. 13, for the true
@@ -159,32 +159,32 @@ def guarded_band(way: Way, guard: float = GUARD) -> Band:
 
     Parameters
     ----------
-    way : Way
+    span : AxisSpan
     guard : float
         In Fresnel widths; 0: a hard edge at the geometric limit.
     """
-    spread = math.sqrt(way.wavelength * abs(way.z))
-    cap = 4 * (way.lit + way.wanted + abs(way.offset)) + 2 * (guard + WINDOW_GUARD) * spread
-    if way.is_evanescent:
-        window = way.lit + way.wanted + 2 * abs(way.offset) + EVANESCENT_MARGIN * abs(way.z)
-        return replace(whole_band(way), window=min(window, cap))
-    offset = way.offset if way.z >= 0 else -way.offset
-    half = (way.lit + way.wanted) / 2
+    spread = math.sqrt(span.wavelength * abs(span.z))
+    cap = 4 * (span.lit + span.wanted + abs(span.offset)) + 2 * (guard + WINDOW_GUARD) * spread
+    if span.is_evanescent:
+        window = span.lit + span.wanted + 2 * abs(span.offset) + EVANESCENT_MARGIN * abs(span.z)
+        return replace(whole_band(span), window=min(window, cap))
+    offset = span.offset if span.z >= 0 else -span.offset
+    half = (span.lit + span.wanted) / 2
     near, far = offset - half, offset + half
-    low, high = way.geometric(near), way.geometric(far)
-    outer_low = low - guard * way.fresnel_width(near)
-    outer_high = high + guard * way.fresnel_width(far)
-    clipped = (outer_low <= -way.nyquist, outer_high >= way.nyquist)
-    f_low, f_high = max(outer_low, -way.nyquist), min(outer_high, way.nyquist)
-    alias = max(far - way.displacement(f_low), way.displacement(f_high) - near)
-    window = min(max(alias + WINDOW_GUARD * spread, way.lit + way.wanted), cap)
-    return Band(f_low, f_high, (low, high), clipped, window, guard, way.nyquist)
+    low, high = span.geometric(near), span.geometric(far)
+    outer_low = low - guard * span.fresnel_width(near)
+    outer_high = high + guard * span.fresnel_width(far)
+    clipped = (outer_low <= -span.nyquist, outer_high >= span.nyquist)
+    f_low, f_high = max(outer_low, -span.nyquist), min(outer_high, span.nyquist)
+    alias = max(far - span.displacement(f_low), span.displacement(f_high) - near)
+    window = min(max(alias + WINDOW_GUARD * spread, span.lit + span.wanted), cap)
+    return Band(f_low, f_high, (low, high), clipped, window, guard, span.nyquist)
 
 
-def whole_band(way: Way) -> Band:
+def whole_band(span: AxisSpan) -> Band:
     """No limit: every sampled frequency, evanescent ones too."""
-    ends = (-way.nyquist, way.nyquist)
-    return Band(*ends, ends, (True, True), math.inf, 0.0, way.nyquist)
+    ends = (-span.nyquist, span.nyquist)
+    return Band(*ends, ends, (True, True), math.inf, 0.0, span.nyquist)
 
 
 def blas_limit(n: int, d: float, z: float, wavelength: float) -> float:
@@ -226,12 +226,12 @@ def fully_sampled_distance(n: int, d: float, wavelength: float) -> float:
     return n * d / 2 * math.sqrt(1 - sine**2) / sine
 
 
-def kernel_sampled_distance(way: Way) -> float:
+def kernel_sampled_distance(span: AxisSpan) -> float:
     """Smallest abs(z) at which the Rayleigh-Sommerfeld kernel is sampled.
 
     f_geo <= f_nyq, and its peak of width z takes two samples.
     """
-    sine = way.wavelength * way.nyquist
-    if way.n == 1:
+    sine = span.wavelength * span.nyquist
+    if span.n == 1:
         return 0.0
-    return max(2 * way.pitch, way.reach * math.sqrt(max(1 / sine**2 - 1, 0.0)))
+    return max(2 * span.pitch, span.reach * math.sqrt(max(1 / sine**2 - 1, 0.0)))

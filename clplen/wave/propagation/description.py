@@ -18,7 +18,7 @@ from clplen.compute.lines import Line, Separable
 from clplen.errors import SamplingError
 from clplen.wave.field.arguments import is_finite
 from clplen.wave.field.field import Grid
-from clplen.wave.propagation.band import FAR_GUARD, GUARD, Band, Way, guarded_band
+from clplen.wave.propagation.band import FAR_GUARD, GUARD, AxisSpan, Band, guarded_band
 from clplen.wave.propagation.transfer_function import Factor
 
 METHODS = (
@@ -124,11 +124,11 @@ class Request:
             )
         )
 
-    def way(self, axis: int) -> Way:
+    def span(self, axis: int) -> AxisSpan:
         """Where light comes from and where it is wanted along an axis (0: y, 1: x)."""
         own, other = self.grid, self.target
         window = own.extent[axis]
-        return Way(
+        return AxisSpan(
             n=own.shape[axis],
             pitch=own.pitch[axis],
             z=self.z,
@@ -141,7 +141,7 @@ class Request:
     @property
     def bands(self) -> list[Band]:
         """The guarded band of each axis, (y, x)."""
-        return [guarded_band(self.way(axis), self.widths) for axis in (0, 1)]
+        return [guarded_band(self.span(axis), self.widths) for axis in (0, 1)]
 
     @property
     def widths(self) -> float:
@@ -151,8 +151,10 @@ class Request:
         """
         if self.guard is not None:
             return self.guard
-        ways = [self.way(axis) for axis in self.axes]
-        far = any((way.lit + way.wanted) ** 2 < 16 * way.wavelength * abs(way.z) for way in ways)
+        spans = [self.span(axis) for axis in self.axes]
+        far = any(
+            (span.lit + span.wanted) ** 2 < 16 * span.wavelength * abs(span.z) for span in spans
+        )
         return FAR_GUARD if far else GUARD
 
     @property
@@ -330,11 +332,11 @@ def least_samples(r: Request) -> int:
 
 def table_samples(description: Description) -> int:
     """Complex samples of the 1-D tables of all maps; what is repeated counts once."""
-    ways = (description.into.y, description.into.x, description.back.y, description.back.x)
+    maps = (description.into.y, description.into.x, description.back.y, description.back.x)
     return sum(
         table.size
-        for way in ways
-        for line in set(way)
+        for lines in maps
+        for line in set(lines)
         for table in (line.pre, line.kernel, line.post)
         if table is not None
     )

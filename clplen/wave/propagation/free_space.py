@@ -140,8 +140,8 @@ def propagate(
             raise TypeError(f"{', '.join(averaging)} belong to an average: give coherence= too.")
         if isinstance(z, Sequence | np.ndarray):
             raise ValueError("Partially coherent light is propagated to one distance at a time.")
-        way = FreeSpace(z, method, pad, out_grid, guard, border, support, lens)
-        return average_of(coherence)(way, field, **averaging)
+        space = FreeSpace(z, method, pad, out_grid, guard, border, support, lens)
+        return average_of(coherence)(space, field, **averaging)
     distances = [z] if np.ndim(z) == 0 else list(np.asarray(z))
     if not distances or np.ndim(z) > 1:
         raise ValueError(f"z is one distance or a list of them, in metres, not {z!r}.")

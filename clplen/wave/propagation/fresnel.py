@@ -80,7 +80,7 @@ def one_step(r: Request) -> Description:
             continue
         lines.append(_fused(r, axis, length))
         curvature = 1 / r.z - (0 if r.lens is None else 1 / r.lens)
-        lit = r.way(axis).lit
+        lit = r.span(axis).lit
         steps.append(lit * d * abs(curvature) / r.wavelength)
         nearest = max(nearest, lit * d / r.wavelength)
     step = max(steps, default=0.0)
@@ -119,12 +119,12 @@ def many_steps(r: Request) -> Description:
             f"fresnel-multistep would take {count:,} steps to z = {r.z:g} m, at most "
             f"{LIMIT_STEPS:,} are done: use method='fresnel-ir', or 'auto'."
         )
-    ways, counts = [], []
+    maps, counts = [], []
     for axis, n in enumerate(r.grid.shape):
         lines = [still(1)] if n == 1 else _steps(r, axis)
         counts.append(len(lines) - 1)
-        ways.append(tuple(lines))
-    length = max(lines[0].length for lines in ways)
+        maps.append(tuple(lines))
+    length = max(lines[0].length for lines in maps)
     warning = ""
     if abs(r.z) >= reach:
         warning = (
@@ -137,7 +137,7 @@ def many_steps(r: Request) -> Description:
         method="fresnel-multistep",
         why="asked for",
         out_grid=r.target,
-        into=Separable(ways[0], ways[1]),
+        into=Separable(maps[0], maps[1]),
         back=Separable(),
         factor=None,
         kind="separable",

@@ -42,7 +42,7 @@ from clplen.wave.propagation.transfer_function import Sommerfeld, Transfer, fft_
 
 FFT_WINDOW = 2.5  # times the grid, up to which the FFT route is the cheaper one
 FEWEST = 64  # frequencies of a band with hard edges
-NEAR_WINDOW = 2.2  # times the grid, up to which FFTs of the window beat every other way
+NEAR_WINDOW = 2.2  # times the grid, up to which FFTs of the window beat everything else
 SAMPLED_KERNEL = 0.8  # of the Nyquist frequency, up to which the RS kernel is accurate
 SMOOTH_KERNEL = 3  # samples of z from which the kernel's peak is sampled to 160 dB: exp(-2 pi z/dx)
 
@@ -67,15 +67,15 @@ def automatic(r: Request) -> Description:
     bands = r.bands
     lengths = fft_lengths(r, bands)
     wide = max((lengths[axis] / r.grid.shape[axis] for axis in r.axes), default=1.0)
-    ways = [r.way(axis) for axis in r.axes]
-    share = max((way.geometric(way.reach) / way.nyquist for way in ways), default=0.0)
+    spans = [r.span(axis) for axis in r.axes]
+    share = max((span.geometric(span.reach) / span.nyquist for span in spans), default=0.0)
     kernel = (
-        bool(ways)
+        bool(spans)
         and share <= SAMPLED_KERNEL
-        and abs(r.z) >= SMOOTH_KERNEL * max(way.pitch for way in ways)
+        and abs(r.z) >= SMOOTH_KERNEL * max(span.pitch for span in spans)
         and r.target.shape == r.grid.shape
     )
-    if any(way.is_evanescent for way in ways) and not kernel:
+    if any(span.is_evanescent for span in spans) and not kernel:
         return _evanescent(r)
     sampled = f"f_geo = {share:.3g} f_nyq"
     if all(bands[axis].is_whole for axis in r.axes) and (wide <= NEAR_WINDOW or not kernel):
@@ -112,7 +112,7 @@ def _evanescent(r: Request) -> Description:
         n if n == 1 else max(length, smooth_length(n + max(n, m)))
         for n, m, length in zip(r.grid.shape, r.target.shape, fft_lengths(r, r.bands), strict=True)
     ]
-    bands = [whole_band(r.way(axis)) for axis in (0, 1)]
+    bands = [whole_band(r.span(axis)) for axis in (0, 1)]
     why = f"abs(z) = {abs(r.z):.3g} m <= {EVANESCENT_REACH} lam: evanescent waves count"
     valid = (0.0, EVANESCENT_REACH * r.wavelength)
     return by_fft(r, lengths, bands, method="as", why=why, valid=valid)
@@ -120,7 +120,7 @@ def _evanescent(r: Request) -> Description:
 
 def _whole_band(r: Request, why: str) -> Description:
     """The angular spectrum in a window that holds its steepest rays, at least twice the grid."""
-    bands = [whole_band(r.way(axis)) for axis in (0, 1)]
+    bands = [whole_band(r.span(axis)) for axis in (0, 1)]
     needed = fft_lengths(r, r.bands)
     lengths = [
         n if n == 1 else max(length, smooth_length(2 * n))
@@ -158,13 +158,13 @@ def angular_spectrum(r: Request, why: str = "asked for") -> Description:
     periodic = r.pad == 1
     warning = ""
     if abs(r.z) > reach and not periodic:
-        grazing = any(r.wavelength * r.way(axis).nyquist >= 1 for axis in r.axes)
+        grazing = any(r.wavelength * r.span(axis).nyquist >= 1 for axis in r.axes)
         wider = "" if grazing else ", or a larger pad"
         warning = (
             f"The transfer function at z = {r.z:g} m is aliased: it is sampled over the whole band "
             f"only up to {reach:.4g} m. Use method='auto' or 'blas'{wider}."
         )
-    bands = [whole_band(r.way(axis)) for axis in (0, 1)]
+    bands = [whole_band(r.span(axis)) for axis in (0, 1)]
     valid = (0.0, math.inf if periodic else reach)
     return by_fft(r, lengths, bands, method="as", why=why, valid=valid, warning=warning)
 
@@ -174,11 +174,11 @@ def band_limited(r: Request) -> Description:
     lengths = [padded_length(n, r.pad) for n in r.grid.shape]
     bands = []
     for axis, length in enumerate(lengths):
-        way = r.way(axis)
-        limit = blas_limit(length, way.pitch, r.z, r.wavelength)
-        inside = min(limit, way.nyquist)
-        cut = (inside == way.nyquist,) * 2
-        bands.append(Band(-inside, inside, (-inside, inside), cut, math.inf, 0.0, way.nyquist))
+        span = r.span(axis)
+        limit = blas_limit(length, span.pitch, r.z, r.wavelength)
+        inside = min(limit, span.nyquist)
+        cut = (inside == span.nyquist,) * 2
+        bands.append(Band(-inside, inside, (-inside, inside), cut, math.inf, 0.0, span.nyquist))
     return by_fft(r, lengths, bands, method="blas", why="asked for", valid=any_distance())
 
 
@@ -232,7 +232,7 @@ def by_fft(
     ]
     factor = _transfer(r, (lengths[0], lengths[1]), frequencies, weights)
     steps = [
-        abs(r.way(a).displacement(factor.highest()[a])) / (lengths[a] * r.grid.pitch[a] / 2)
+        abs(r.span(a).displacement(factor.highest()[a])) / (lengths[a] * r.grid.pitch[a] / 2)
         for a in r.axes
     ]
     return Description(
@@ -274,7 +274,7 @@ def by_chirps(r: Request, bands: list[Band], *, why: str, warning: str = "") -> 
         back.append(_from_frequencies(r, axis, f, band.window))
     shape = (frequencies[0].size, frequencies[1].size)
     steps = [
-        abs(r.way(a).displacement(np.abs(frequencies[a]).max())) / (bands[a].window / 2)
+        abs(r.span(a).displacement(np.abs(frequencies[a]).max())) / (bands[a].window / 2)
         for a in r.axes
     ]
     return Description(
@@ -300,9 +300,9 @@ def sommerfeld(r: Request, why: str = "asked for") -> Description:
     lengths = [n if n == 1 else smooth_length(2 * n) for n in r.grid.shape]
     into = [padded_spectrum(n, L) for n, L in zip(r.grid.shape, lengths, strict=True)]
     back = [cropped_inverse(L, n) for n, L in zip(r.grid.shape, lengths, strict=True)]
-    ways = [r.way(axis) for axis in r.axes]
-    step = max((way.geometric(way.reach) / way.nyquist for way in ways), default=0.0)
-    nearest = max((kernel_sampled_distance(way) for way in ways), default=0.0)
+    spans = [r.span(axis) for axis in r.axes]
+    step = max((span.geometric(span.reach) / span.nyquist for span in spans), default=0.0)
+    nearest = max((kernel_sampled_distance(span) for span in spans), default=0.0)
     warning = ""
     if abs(r.z) < nearest:
         warning = (

@@ -133,13 +133,13 @@ def _grid(grid: Grid) -> str:
 def report(made: Description, phase: str) -> Report:
     """The report of a description whose factor is formed by a phase route."""
     r = made.request
-    nyquist = [r.way(a).nyquist if r.grid.shape[a] > 1 else 0.0 for a in (0, 1)]
+    nyquist = [r.span(a).nyquist if r.grid.shape[a] > 1 else 0.0 for a in (0, 1)]
     band = [max(abs(low), abs(high)) for low, high in made.band]
     kept = [
         max(0.0, high - low) / (2 * f) if f else 1.0
         for (low, high), f in zip(made.band, nyquist, strict=True)
     ]
-    corner = sum(r.way(axis).highest ** 2 for axis in (0, 1))
+    corner = sum(r.span(axis).highest ** 2 for axis in (0, 1))
     paraxial = math.pi * abs(r.z) * r.wavelength**3 * corner**2 / 4
     return Report(
         method=made.method,
