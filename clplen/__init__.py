@@ -68,14 +68,14 @@ from clplen.wave.coherence.degree import measured_degree, speckle_contrast
 from clplen.wave.coherence.extended_source import ExtendedSource
 from clplen.wave.coherence.phase_masks import RandomPhaseMask
 from clplen.wave.coherence.spatial_models import IncoherentLight
-from clplen.wave.elements.apertures import (
+from clplen.wave.elements.beams import gaussian_beam, plane_wave, spherical_wave, tilt
+from clplen.wave.elements.gratings import axicon, grating
+from clplen.wave.elements.hard_apertures import (
     annular_aperture,
     aperture,
     polygonal_aperture,
     rectangular_aperture,
 )
-from clplen.wave.elements.beams import gaussian_beam, plane_wave, spherical_wave, tilt
-from clplen.wave.elements.gratings import axicon, grating
 from clplen.wave.elements.lens import thin_lens
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.elements.transparency import siemens_star, transparency, usaf1951

@@ -8,7 +8,7 @@ import numpy as np
 
 from clplen.analysis.samples import Pair, Values, checked
 from clplen.lightfield.raw import LensletGrid
-from clplen.wave.elements.apertures import polygon_coverage
+from clplen.wave.elements.hard_apertures import polygon_coverage
 from clplen.wave.field.field import Grid
 
 Cell = tuple[int, int]

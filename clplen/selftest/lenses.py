@@ -16,7 +16,7 @@ from clplen.wave.coherence.abbe import abbe_image
 from clplen.wave.coherence.extended_source import plane_waves
 from clplen.wave.coherence.phase_masks import RandomPhaseMask
 from clplen.wave.coherence.spatial_models import IncoherentLight, key_of, philox
-from clplen.wave.elements.apertures import disc
+from clplen.wave.elements.hard_apertures import disc
 from clplen.wave.elements.lenslets import LensletErrors, MicrolensArray
 from clplen.wave.field.field import Field, Grid
 

@@ -11,7 +11,7 @@ from scipy.special import erf
 from clplen.analysis.edge import slanted_edge
 from clplen.analysis.otf import pixel_mtf
 from clplen.errors import ShapeError
-from clplen.wave.elements.apertures import polygon_coverage
+from clplen.wave.elements.hard_apertures import polygon_coverage
 from clplen.wave.field.field import Grid
 
 PITCH = 2e-6

@@ -10,7 +10,7 @@ import pytest
 from clplen.analysis.psf import PSF
 from clplen.analysis.strehl import strehl_of_rms, wavefront_rms, wavefront_strehl
 from clplen.errors import ShapeError
-from clplen.wave.elements.apertures import disc_coverage
+from clplen.wave.elements.hard_apertures import disc_coverage
 from clplen.wave.elements.zernike import noll, zernike
 from clplen.wave.field.field import Grid
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import reference
 
-from clplen.wave.elements.apertures import aperture
+from clplen.wave.elements.hard_apertures import aperture
 from clplen.wave.field.field import Field, Grid
 
 # shape, pitch, origin, diameter in samples, centre

@@ -29,8 +29,8 @@ from clplen import (
     propagate,
     thin_lens,
 )
-from clplen.wave.elements.apertures import rectangular_aperture
 from clplen.wave.elements.beams import spherical_wave
+from clplen.wave.elements.hard_apertures import rectangular_aperture
 from clplen.wave.systems.optical_system import Lens, OpticalSystem
 
 TABLE = 0.5  # dB, to which the design's printed figures are reproduced

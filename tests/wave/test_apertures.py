@@ -6,7 +6,7 @@ import reference
 from reference_elements import polygon_coverage
 
 from clplen import Field, Grid, ShapeError, aperture
-from clplen.wave.elements.apertures import (
+from clplen.wave.elements.hard_apertures import (
     annular_aperture,
     polygonal_aperture,
     rectangular_aperture,

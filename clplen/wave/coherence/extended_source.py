@@ -15,7 +15,7 @@ from clplen.compute.oneline import OneLine
 from clplen.deprecation import warn_caller
 from clplen.errors import SamplingError, SamplingWarning, ShapeError
 from clplen.wave.coherence.spatial_models import uniform
-from clplen.wave.elements.apertures import disc_coverage, interval_coverage
+from clplen.wave.elements.hard_apertures import disc_coverage, interval_coverage
 from clplen.wave.field.arguments import is_finite
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.number_format import metres

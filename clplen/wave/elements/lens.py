@@ -10,7 +10,7 @@ import numpy as np
 
 from clplen.compute import lengths
 from clplen.deprecation import renamed_argument
-from clplen.wave.elements.apertures import disc
+from clplen.wave.elements.hard_apertures import disc
 from clplen.wave.field.arguments import Aliasing, act_on_aliasing, check_aliasing, check_diameter
 from clplen.wave.field.field import Field, Grid, require_field
 from clplen.wave.field.transmission import (

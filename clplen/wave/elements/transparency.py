@@ -11,7 +11,7 @@ import numpy as np
 
 from clplen.compute import lengths
 from clplen.errors import ShapeError
-from clplen.wave.elements.apertures import interval_coverage, polygon_coverage
+from clplen.wave.elements.hard_apertures import interval_coverage, polygon_coverage
 from clplen.wave.field.arguments import Aliasing, act_on_aliasing, check_centre
 from clplen.wave.field.field import Field, Grid, require_field, require_grid
 from clplen.wave.field.transmission import multiply

@@ -14,7 +14,7 @@ from clplen.compute import lengths
 from clplen.compute.oneline import OneLine
 from clplen.deprecation import renamed_argument, renamed_attribute, warn_caller
 from clplen.errors import SamplingWarning
-from clplen.wave.elements.apertures import aperture
+from clplen.wave.elements.hard_apertures import aperture
 from clplen.wave.elements.lens import Form, thin_lens
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.arguments import Aliasing

@@ -14,7 +14,7 @@ from clplen.compute.blocks import Spectrum, run
 from clplen.compute.device import Device
 from clplen.compute.lines import Separable, cropped_inverse, padded_spectrum
 from clplen.compute.oneline import OneLine
-from clplen.wave.elements.apertures import disc_coverage, interval_coverage
+from clplen.wave.elements.hard_apertures import disc_coverage, interval_coverage
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.number_format import metres
 from clplen.wave.field.transmission import offsets, phasor
