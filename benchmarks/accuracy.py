@@ -39,8 +39,8 @@ from clplen import (
 from clplen.cameras.plenoptic1 import scene_energy
 from clplen.compute.fft.routes import FFTRoute
 from clplen.demo import POINTS, SOURCE_DIAMETER, camera, scene
-from clplen.wave.request import Request
-from clplen.wave.spectral import band_limited
+from clplen.wave.propagation.description import Request
+from clplen.wave.propagation.methods import band_limited
 
 
 def say(what: str, value: str, limit: str = "") -> None:

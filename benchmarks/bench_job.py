@@ -19,7 +19,6 @@ from clplen.batch.tables import InputTable, StackTable
 from clplen.bench.measure import Case, halved, in_turn, numbers
 from clplen.bench.report import Benchmark, Report, rate_rows
 from clplen.io import read_lightfield, write_stack
-from clplen.lightfield.refocus.focal_stack import focal_stack
 
 FORM = "FILESxVxUxYxX"
 PLANES = 16

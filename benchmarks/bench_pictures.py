@@ -22,7 +22,7 @@ from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
 from clplen.lightfield.raw.raw_image import Exposure
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import MicrolensArray
 
 
 def picture(samples: int, width: float, dz: float) -> PicturePlane:

@@ -64,37 +64,32 @@ from clplen.lightfield.streaming.streamed_results import (
     stream_stack,
 )
 from clplen.lightfield.streaming.tile_plan import StreamPlan
-from clplen.wave.average import MeanIntensity
-from clplen.wave.coherence import Coherence
-from clplen.wave.degree import measured_degree, speckle_contrast
-from clplen.wave.elements import (
-    MicrolensArray,
+from clplen.wave.coherence.coherence import Coherence
+from clplen.wave.coherence.coherence_plan import CoherencePlan
+from clplen.wave.coherence.degree import measured_degree, speckle_contrast
+from clplen.wave.coherence.extended_source import ExtendedSource
+from clplen.wave.coherence.phase_masks import RandomPhaseMask
+from clplen.wave.coherence.spatial_models import IncoherentLight
+from clplen.wave.elements.beams import gaussian_beam, plane_wave, spherical_wave, tilt
+from clplen.wave.elements.gratings import axicon, grating
+from clplen.wave.elements.hard_apertures import (
     annular_aperture,
     aperture,
-    axicon,
-    gaussian_beam,
-    grating,
-    phase_plate,
-    plane_wave,
     polygonal_aperture,
     rectangular_aperture,
-    siemens_star,
-    spherical_wave,
-    thin_lens,
-    tilt,
-    transparency,
-    usaf1951,
 )
-from clplen.wave.extended import ExtendedSource
-from clplen.wave.field import Field, Grid
-from clplen.wave.masks import RandomPhaseMask
-from clplen.wave.parts import ConvergingLight, Element, Lens, Space, Stop
-from clplen.wave.planning import CoherencePlan
-from clplen.wave.propagation import Propagator, propagate, propagate_wavelengths
-from clplen.wave.pupil import Pupil
-from clplen.wave.spatial import IncoherentLight
-from clplen.wave.spectrum import Spectrum
-from clplen.wave.system import OpticalSystem, imaging_system
+from clplen.wave.elements.lens import thin_lens
+from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.elements.transparency import siemens_star, transparency, usaf1951
+from clplen.wave.elements.zernike import phase_plate
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.intensity import MeanIntensity
+from clplen.wave.propagation.free_space import propagate, propagate_wavelengths
+from clplen.wave.propagation.propagator import Propagator
+from clplen.wave.spectrum.spectrum import Spectrum
+from clplen.wave.systems.components import ConvergingLight, Element, Lens, Space, Stop
+from clplen.wave.systems.optical_system import OpticalSystem, imaging_system
+from clplen.wave.systems.pupil_filter import Pupil
 
 __version__ = "0.1.0"
 __all__ = [

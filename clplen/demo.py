@@ -24,8 +24,8 @@ from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.lightfield.refocus.focal_stack import focal_stack, refocus
 from clplen.outputs import MARK
-from clplen.wave.lenslets import MicrolensArray
-from clplen.wave.statistics import add_scaled
+from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.field.intensity import add_scaled
 
 SOURCE_DIAMETER = 10e-6
 POINTS = {"A": (-3e-3, -3e-3, -50e-3), "B": (0.0, 0.0, 0.0), "C": (3e-3, 3e-3, 50e-3)}

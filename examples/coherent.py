@@ -11,7 +11,7 @@ from closed import LAM
 from matplotlib.axes import Axes
 
 from clplen import Coherence, Device, Field, Grid, RandomPhaseMask, propagate
-from clplen.wave.degree import measured_degree
+from clplen.wave.coherence.degree import measured_degree
 
 WINDOW, SEED = 20e-3, 0  # of the thesis, in metres; of masks
 PHASES = "twilight"  # colours that close, for -pi to pi

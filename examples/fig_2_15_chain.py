@@ -6,8 +6,8 @@ from common import RED, begin, number
 from two_f import EXTENT, GRID, PEAK, PITCH, D, F, N, Z, point
 
 from clplen.plot.base import LIGHT, new_figure
-from clplen.wave.parts import label_of, text_of
-from clplen.wave.system import imaging_system
+from clplen.wave.systems.components import label_of, text_of
+from clplen.wave.systems.optical_system import imaging_system
 
 ROW, COLUMN, MM = 60, -110, 1e3  # samples from the axis to the point: up, and to the left
 HALF, SMALL = (1.3, 2.3, 2.3, 1.3), (0.035, 1, 1, 0.15)  # half widths / mm

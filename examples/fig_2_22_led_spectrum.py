@@ -4,7 +4,7 @@ import numpy as np
 from common import begin, number
 
 from clplen.plot.base import new_figure
-from clplen.wave.spectrum import Spectrum
+from clplen.wave.spectrum.spectrum import Spectrum
 
 C, LAM, FWHM = 299792458.0, 550e-9, 30e-9
 NM = np.linspace(380, 780, 4001)

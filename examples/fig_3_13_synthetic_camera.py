@@ -8,7 +8,7 @@ from slices import camera, span
 from clplen import OpticalSystem
 from clplen.plot.base import new_figure
 from clplen.plot.rays import rays_through
-from clplen.wave.parts import Lens
+from clplen.wave.systems.components import Lens
 
 DZ, Y0 = -50e-3, -0.6e-3  # the object is nearer than the focused plane
 

@@ -24,8 +24,8 @@ from clplen import (
     RandomPhaseMask,
 )
 from clplen.plot.base import LIGHT
-from clplen.wave.abbe import abbe_image
-from clplen.wave.targets import Element, usaf1951, usaf1951_elements
+from clplen.wave.coherence.abbe import abbe_image
+from clplen.wave.elements.transparency import TargetElement, usaf1951, usaf1951_elements
 
 FC = 13636.0  # cycles a metre
 AIRY = 0.61 / FC
@@ -111,12 +111,12 @@ def show(axes: Axes, intensity: np.ndarray, grid: Grid, largest: float = 1.0) ->
                        extent=(-side, side, side, -side))
 
 
-def elements() -> tuple[Element, ...]:
+def elements() -> tuple[TargetElement, ...]:
     """Where the bars of `usaf` are."""
     return usaf1951_elements(GROUPS)
 
 
-def contrast(intensity: np.ndarray, grid: Grid, element: Element) -> float:
+def contrast(intensity: np.ndarray, grid: Grid, element: TargetElement) -> float:
     """(bars - gaps)/(bars + gaps) of the vertical bars, at their middles, half their length."""
     y, x = element.upright
     rows = np.abs(grid.y - y) < 1.25 * element.width

@@ -1,7 +1,7 @@
 /* Philox4x32-10, a counter-based random generator (Salmon et al. 2011, section 3.3).
  *
  * Included by other files. Whole numbers only: the same words on every device, as
- * clplen/wave/random.py makes on the host.
+ * clplen/wave/coherence/spatial_models.py makes on the host.
  */
 #ifndef CLPLEN_PHILOX
 #define CLPLEN_PHILOX

@@ -26,7 +26,7 @@ from clplen.config import EXAMPLE, read_camera_file
 from clplen.io import read_lightfield, read_pfm, write_lightfield
 from clplen.lightfield.depth.depth_map import depth_map
 from clplen.lightfield.model.light_field import LightField
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import MicrolensArray
 
 D_TRUE = 1.0
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(clplen.__file__).parents[1])}

@@ -17,7 +17,7 @@ from clplen.io import read_lightfield, read_pfm, write_lightfield
 from clplen.lightfield.depth.depth_map import depth_map
 from clplen.lightfield.depth.metric_depth import metric_depth
 from clplen.lightfield.model.light_field import LightField
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import MicrolensArray
 
 D = 1.2
 PLANES = ("--disparities", "0.6:1.8:7")

@@ -13,13 +13,11 @@ from click.testing import CliRunner, Result
 from clplen.cli import main
 from clplen.cli.units import Length, Lengths, Shape
 from clplen.errors import SamplingError
-from clplen.wave.choice import describe
-from clplen.wave.cost import flops, samples_held
-from clplen.wave.field import Grid
-from clplen.wave.lens import check_lens_sampling
-from clplen.wave.report import report
-from clplen.wave.request import METHODS, Request
-from clplen.wave.slopes import lens_sampling, lenslet_sampling
+from clplen.wave.elements.lens import check_lens_sampling, lens_sampling, lenslet_sampling
+from clplen.wave.field.field import Grid
+from clplen.wave.propagation.description import METHODS, Request, flops, samples_held
+from clplen.wave.propagation.methods import describe
+from clplen.wave.propagation.plan_report import report
 
 LAM = 550e-9
 ONE = "fresnel-1fft"

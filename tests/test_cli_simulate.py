@@ -21,10 +21,10 @@ from clplen.cameras.scene import PointSources
 from clplen.cli import common
 from clplen.compute.device import Device
 from clplen.config import read_camera_file
-from clplen.wave import average
-from clplen.wave.coherence import Coherence
-from clplen.wave.masks import RandomPhaseMask
-from clplen.wave.spectrum import Spectrum
+from clplen.wave.coherence import averaging
+from clplen.wave.coherence.coherence import Coherence
+from clplen.wave.coherence.phase_masks import RandomPhaseMask
+from clplen.wave.spectrum.spectrum import Spectrum
 
 SMALL = """
 [camera]
@@ -133,7 +133,7 @@ def test_simulate_goes_on_after_an_interrupt(
 
     checkpoint = small.parent / "reached"
     with monkeypatch.context() as patch:
-        patch.setattr(average, "SAVE_SECONDS", -1.0)
+        patch.setattr(averaging, "SAVE_SECONDS", -1.0)
         patch.setattr(import_module("clplen.cli.simulate"), "reach", interrupt)
         result, _ = simulated(small, SLIDE + MASK, device, "--checkpoint", checkpoint)
     assert result.exit_code == 130, result.output

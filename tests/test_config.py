@@ -27,11 +27,11 @@ from clplen.config.scene import PictureTable, SceneTable
 from clplen.config.tables import Table
 from clplen.errors import FormatError
 from clplen.io.attributes import CAMERA_NAMES, of_camera, read_camera
-from clplen.wave import average, coherence
-from clplen.wave.extended import ExtendedSource
-from clplen.wave.masks import RandomPhaseMask
-from clplen.wave.spatial import IncoherentLight
-from clplen.wave.spectrum import Spectrum
+from clplen.wave.coherence import averaging, coherence
+from clplen.wave.coherence.extended_source import ExtendedSource
+from clplen.wave.coherence.phase_masks import RandomPhaseMask
+from clplen.wave.coherence.spatial_models import IncoherentLight
+from clplen.wave.spectrum.spectrum import Spectrum
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -88,7 +88,7 @@ def test_the_example_shows_every_key_and_its_default(tmp_path: Path, device: Dev
     effective = {
         "image_distance_mm": 1e3 * camera.image_distance,
         "wavelengths": coherence.FOR_IMAGES,
-        "snapshots": average.DEFAULT,
+        "snapshots": averaging.DEFAULT,
         "power": [1.0],
     }
     table, found = "", []

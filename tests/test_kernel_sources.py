@@ -56,12 +56,12 @@ from clplen.microscopy.deconvolution import deconvolve
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import point_images
 from clplen.selftest.basics import built_in_values
-from clplen.wave.abbe import abbe_image
-from clplen.wave.extended import ExtendedSource
-from clplen.wave.pupil import Pupil
-from clplen.wave.sommerfeld import impulse_response
-from clplen.wave.sources import spherical_wave
-from clplen.wave.sphere import multiply_sphere
+from clplen.wave.coherence.abbe import abbe_image
+from clplen.wave.coherence.extended_source import ExtendedSource
+from clplen.wave.elements.beams import spherical_wave
+from clplen.wave.field.transmission import multiply_sphere
+from clplen.wave.propagation.transfer_function import impulse_response
+from clplen.wave.systems.pupil_filter import Pupil
 
 TESTS = Path(__file__).parent
 FOLDER = TESTS.parent / "kernels"

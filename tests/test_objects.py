@@ -19,7 +19,7 @@ import pytest
 import clplen
 from clplen.compute.device import Device
 from clplen.reprs import LONGEST, OneLine
-from clplen.wave.checkpoint import fingerprint
+from clplen.wave.coherence.averaging import fingerprint
 
 ROOT = Path(__file__).parents[1]
 CLASSES = [name for name in clplen.__all__ if inspect.isclass(getattr(clplen, name))]

@@ -22,7 +22,7 @@ from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.lightfield.refocus.focal_stack import FocalStack
 from clplen.plot.base import spread
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import MicrolensArray
 
 SHAPE = (4, 5, 7, 9)
 

@@ -12,8 +12,8 @@ from matplotlib.colors import to_rgb
 
 from clplen import MicrolensArray, plot
 from clplen.plot.rays import rays_through, trace
-from clplen.wave.parts import Element, Lens, Stop
-from clplen.wave.system import OpticalSystem, imaging_system
+from clplen.wave.systems.components import Element, Lens, Stop
+from clplen.wave.systems.optical_system import OpticalSystem, imaging_system
 
 ARRAY = MicrolensArray(1e-3, 6e-3, count=(5, 3), fill="full", offset=(0.2e-3, 7e-3))
 PLENOPTIC = OpticalSystem([0.05, Lens(0.03, diameter=6e-3), 0.075, ARRAY, 6e-3])

@@ -8,8 +8,8 @@ import numpy as np
 
 from clplen.analysis.samples import Pair, Values, checked
 from clplen.lightfield.raw.raw_image import LensletGrid
-from clplen.wave.coverage import polygon_coverage
-from clplen.wave.field import Grid
+from clplen.wave.elements.hard_apertures import polygon_coverage
+from clplen.wave.field.field import Grid
 
 Cell = tuple[int, int]
 

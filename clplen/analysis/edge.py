@@ -20,7 +20,7 @@ from clplen.analysis.curve import Curve
 from clplen.analysis.samples import Pair, Values, checked
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
-from clplen.wave.field import Grid
+from clplen.wave.field.field import Grid
 
 BINS = 4  # a sample
 LEAST, MOST = 1.5, 14.0  # degrees on the samples: a steeper edge shifts by 1/4 a line, or more

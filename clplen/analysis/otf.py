@@ -14,7 +14,7 @@ from clplen.analysis.curve import Curve
 from clplen.analysis.psf import PSF
 from clplen.analysis.samples import Pair, Values, check_axis, check_positive
 from clplen.compute.arrays import HostArray
-from clplen.wave.pupil import otf as ideal_otf
+from clplen.wave.systems.pupil_filter import otf as ideal_otf
 
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
 

@@ -20,7 +20,7 @@ from clplen.analysis.samples import (
     line_of,
 )
 from clplen.compute.arrays import HostArray
-from clplen.wave.field import Grid
+from clplen.wave.field.field import Grid
 
 FINER = 16  # samples for one, in which a width is looked for
 

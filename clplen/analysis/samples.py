@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from clplen.checks import is_finite
 from clplen.errors import ShapeError
-from clplen.wave.checks import is_finite
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 Pair = tuple[float, float]

@@ -10,7 +10,8 @@ from clplen.analysis.tables import summary_of
 from clplen.analysis.verdicts import criteria, judged, over_depth
 
 if TYPE_CHECKING:
-    from clplen.analysis.comparison import Comparison, Measured
+    from clplen.analysis.comparison import Comparison
+    from clplen.analysis.measured import Measured
 
 _UNITS = {"m": (1e6, "um"), "cycles/m": (1e-3, "cycles/mm")}
 _MILLIMETRES = ("depth", "dz")

@@ -15,7 +15,8 @@ from clplen.analysis.transfer import object_nyquist
 from clplen.files import PathLike, replacing
 
 if TYPE_CHECKING:
-    from clplen.analysis.comparison import Comparison, Measured
+    from clplen.analysis.comparison import Comparison
+    from clplen.analysis.measured import Measured
 
 AXES = ("y", "x")
 _UNITS = {

@@ -13,7 +13,8 @@ from clplen.analysis import reasons
 from clplen.analysis.transfer import object_nyquist
 
 if TYPE_CHECKING:
-    from clplen.analysis.comparison import Comparison, Measured
+    from clplen.analysis.comparison import Comparison
+    from clplen.analysis.measured import Measured
 
 EQUAL = 1.05  # ratio up to which two numbers count as the same
 

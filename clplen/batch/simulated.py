@@ -34,8 +34,8 @@ from clplen.errors import ClplenError, FormatError
 from clplen.files import PathLike
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage
-from clplen.wave.average import Progress
-from clplen.wave.lens import check_lens_sampling
+from clplen.wave.coherence.averaging import Progress
+from clplen.wave.elements.lens import check_lens_sampling
 
 STEEPEST = 8.0  # |gy| + |gx| of a sample scene's planes, below this over half the shorter side
 

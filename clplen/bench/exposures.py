@@ -16,8 +16,8 @@ from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.scene import PointSources
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage, Transforms
-from clplen.lightfield.refocus import focal_stack
-from clplen.wave.lenslets import MicrolensArray
+from clplen.lightfield.refocus.focal_stack import focal_stack
+from clplen.wave.elements.lenslets import MicrolensArray
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic1 import Plenoptic1

@@ -12,9 +12,9 @@ from clplen.bench import ceilings
 from clplen.bench.measure import Case, Times, finished, halved, in_turn, numbers
 from clplen.bench.report import Benchmark, Goal, Report, rate_rows, time_rows
 from clplen.compute.arrays import count_bad
-from clplen.lightfield.depth import CUES, depth_map
-from clplen.lightfield.lightfield import LightField
-from clplen.lightfield.refocus import focal_stack, refocus
+from clplen.lightfield.depth.depth_map import CUES, depth_map
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.refocus.focal_stack import focal_stack, refocus
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

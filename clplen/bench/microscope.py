@@ -23,7 +23,7 @@ from clplen.compute.fft.lines import smooth_length
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import point_images
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import MicrolensArray
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

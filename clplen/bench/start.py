@@ -147,8 +147,8 @@ def _default(device: Device) -> Callable[[], object]:
 def _propagate(device: Device) -> Callable[[], object]:
     import numpy as np
 
-    from clplen.wave.field import Field, Grid
-    from clplen.wave.propagation import propagate
+    from clplen.wave.field.field import Field, Grid
+    from clplen.wave.propagation.free_space import propagate
 
     grid = Grid((512, 512), 5e-6)
 

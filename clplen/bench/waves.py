@@ -13,11 +13,11 @@ from clplen.bench import ceilings
 from clplen.bench.measure import Case, Times, finished, halved, in_turn, numbers
 from clplen.bench.report import Benchmark, Goal, Report, time_rows
 from clplen.compute.fft.blocks import Spectrum, multiplied
-from clplen.wave.field import Field, Grid
-from clplen.wave.lens import thin_lens
-from clplen.wave.propagation import propagate
-from clplen.wave.propagator import Propagator
-from clplen.wave.transfer import Transfer
+from clplen.wave.elements.lens import thin_lens
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.propagation.free_space import propagate
+from clplen.wave.propagation.propagator import Propagator
+from clplen.wave.propagation.transfer_function import Transfer
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

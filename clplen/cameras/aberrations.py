@@ -19,11 +19,11 @@ import numpy as np
 from clplen import units
 from clplen.cameras.describe import Row
 from clplen.reprs import OneLine
-from clplen.wave.lenslet_errors import HIGHEST_ORDER, LensletErrors
-from clplen.wave.zernike import noll, zernike_gradient
+from clplen.wave.elements.lenslets import HIGHEST_ORDER, LensletErrors
+from clplen.wave.elements.zernike import noll, zernike_gradient
 
 if TYPE_CHECKING:
-    from clplen.wave.lenslets import MicrolensArray
+    from clplen.wave.elements.lenslets import MicrolensArray
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 Orders = tuple[int, int]
@@ -103,7 +103,7 @@ class Aberrations(OneLine):
     ----------
     main_lens : mapping of int to float
         Wavefront of the main lens: Noll's index to metres of path, rms over the aperture (one
-        wave is ``wavelength`` metres). See `clplen.wave.zernike.phase_plate`.
+        wave is ``wavelength`` metres). See `clplen.wave.elements.zernike.phase_plate`.
     main_lens_field : mapping of int to tuple of float
         What is added to that in proportion to the place of a point's image, (Y, X) on the main
         lens' image plane: Noll's index to metres of path per metre of (Y, X). {7: (c, 0), 8: (0,

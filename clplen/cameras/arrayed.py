@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from clplen.compute.device import Device, as_device
-from clplen.wave.field import Grid
-from clplen.wave.lenslets import MicrolensArray
-from clplen.wave.quantity import metres
+from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.field.field import Grid
+from clplen.wave.field.number_format import metres
 
 
 class Arrayed:

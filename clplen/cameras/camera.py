@@ -11,11 +11,11 @@ from clplen.cameras.microscope import Microscope
 from clplen.cameras.objective import APODISATION, CoverGlass
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2, magnification, matched_aperture
+from clplen.checks import is_finite
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingWarning
-from clplen.wave.checks import is_finite
-from clplen.wave.lenslets import MicrolensArray
-from clplen.wave.spectra import check_wavelength
+from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.spectrum.spectrum_tables import check_wavelength
 
 
 class PlenopticCamera:

@@ -20,9 +20,9 @@ from clplen.cameras.scene import PointSources
 from clplen.compute.arrays import Image
 from clplen.errors import SamplingWarning
 from clplen.lightfield.raw.raw_image import Exposure, Transforms
-from clplen.wave.average import Progress
-from clplen.wave.field import row_powers
-from clplen.wave.statistics import accumulate, add_scaled
+from clplen.wave.coherence.averaging import Progress
+from clplen.wave.field.field import row_powers
+from clplen.wave.field.intensity import accumulate, add_scaled
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic import Plenoptic

@@ -14,12 +14,11 @@ from clplen.cameras.pictures import PicturePlane, parts
 from clplen.cameras.scene import PointSources
 from clplen.cameras.slide import SlideWay, slide_field, slide_way
 from clplen.lightfield.raw.raw_image import Exposure
-from clplen.wave.average import Averaging, MeanIntensity, Progress
-from clplen.wave.checks import average_of
-from clplen.wave.coherence import Coherence
-from clplen.wave.random import LARGEST_SEED
-from clplen.wave.reach import Opening, check_opening
-from clplen.wave.statistics import add_scaled
+from clplen.wave.coherence.averaging import Averaging, Progress
+from clplen.wave.coherence.coherence import Coherence
+from clplen.wave.coherence.coherence_plan import Opening, check_opening
+from clplen.wave.coherence.spatial_models import LARGEST_SEED
+from clplen.wave.field.intensity import MeanIntensity, add_scaled, average_of
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic import Plenoptic

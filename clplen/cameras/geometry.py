@@ -9,11 +9,11 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen import units
+from clplen.checks import is_finite
 from clplen.errors import SamplingError
 from clplen.lightfield.raw.raw_image import LensletGrid, LensType, RawImage
-from clplen.wave.checks import is_finite
-from clplen.wave.field import Grid
-from clplen.wave.lenslets import SMALLEST_PITCH, MicrolensArray
+from clplen.wave.elements.lenslets import SMALLEST_PITCH, MicrolensArray
+from clplen.wave.field.field import Grid
 
 if TYPE_CHECKING:
     from clplen.cameras.microscope import Microscope

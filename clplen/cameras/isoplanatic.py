@@ -21,8 +21,8 @@ from clplen.cameras.pictures import PicturePlane
 from clplen.cameras.scene import PointSources
 from clplen.compute.fft.lines import smooth_length
 from clplen.lightfield.raw.raw_image import Transforms
-from clplen.wave.average import Progress
-from clplen.wave.field import Field, row_powers
+from clplen.wave.coherence.averaging import Progress
+from clplen.wave.field.field import Field, row_powers
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic import Plenoptic

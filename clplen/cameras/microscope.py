@@ -27,12 +27,11 @@ from clplen.errors import SamplingError
 from clplen.files import PathLike
 from clplen.lightfield.raw.raw_image import Exposure, RawImage
 from clplen.lightfield.raw.sensor import Sensor
-from clplen.wave.average import Progress
-from clplen.wave.checks import average_of
-from clplen.wave.coherence import Coherence
-from clplen.wave.field import Field, Grid
-from clplen.wave.propagation import plan
-from clplen.wave.statistics import accumulate
+from clplen.wave.coherence.averaging import Progress
+from clplen.wave.coherence.coherence import Coherence
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.intensity import accumulate, average_of
+from clplen.wave.propagation.free_space import plan
 
 Vector = np.ndarray[Any, Any]
 

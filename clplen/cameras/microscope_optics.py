@@ -18,9 +18,9 @@ from clplen.cameras.describe import Description, Row
 from clplen.cameras.objective import APODISATION, CoverGlass, Objective
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
-from clplen.wave.field import Grid
-from clplen.wave.lenslets import MicrolensArray
-from clplen.wave.quantity import metres
+from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.field.field import Grid
+from clplen.wave.field.number_format import metres
 
 Vector = np.ndarray[Any, Any]
 

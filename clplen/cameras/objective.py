@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 
 from clplen.cameras.scene import PointSources
+from clplen.checks import is_finite
 from clplen.compute.device import Device
-from clplen.wave.checks import is_finite
-from clplen.wave.field import Field, Grid
-from clplen.wave.phase import phasor
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.transmission import phasor
 
 Vector = np.ndarray[Any, Any]
 

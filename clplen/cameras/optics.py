@@ -22,9 +22,9 @@ from clplen.cameras.aberrations import NONE, Aberrations
 from clplen.cameras.arrayed import Arrayed
 from clplen.cameras.describe import Description
 from clplen.compute.device import Device
-from clplen.wave.field import Grid
-from clplen.wave.lenslets import MicrolensArray
-from clplen.wave.quantity import metres
+from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.field.field import Grid
+from clplen.wave.field.number_format import metres
 
 
 @dataclass(frozen=True, repr=False)

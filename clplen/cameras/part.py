@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from clplen.compute.fft.blocks import window
 from clplen.errors import ShapeError
-from clplen.wave.field import Field, Grid
-from clplen.wave.propagation import Propagator
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.propagation.propagator import Propagator
 
 
 def aperture_grid(grid: Grid, diameter: float) -> Grid:

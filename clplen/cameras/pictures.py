@@ -8,10 +8,10 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from clplen.cameras.scene import PointSources
+from clplen.checks import is_finite
 from clplen.compute.arrays import HostArray
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
-from clplen.wave.checks import is_finite
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

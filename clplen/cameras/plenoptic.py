@@ -24,13 +24,14 @@ from clplen.compute.fft.lines import smooth_length
 from clplen.files import PathLike
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.lightfield.raw.sensor import Sensor
-from clplen.wave.average import Averaging, Progress
-from clplen.wave.band import blas_limit
-from clplen.wave.coherence import Coherence
-from clplen.wave.elements import thin_lens
-from clplen.wave.field import Field
-from clplen.wave.propagation import Propagator, plan
-from clplen.wave.statistics import Region
+from clplen.wave.coherence.averaging import Averaging, Progress
+from clplen.wave.coherence.coherence import Coherence
+from clplen.wave.elements.lens import thin_lens
+from clplen.wave.field.field import Field
+from clplen.wave.field.intensity import Region
+from clplen.wave.propagation.band import blas_limit
+from clplen.wave.propagation.free_space import plan
+from clplen.wave.propagation.propagator import Propagator
 
 Scene = SurfaceScene | PointSources | PicturePlane | Sequence[PointSources | PicturePlane]
 Kind = TypeVar("Kind", bound="Plenoptic")

@@ -10,7 +10,7 @@ from clplen.cameras import aberrations, geometry
 from clplen.cameras.describe import Description, Row
 from clplen.cameras.plenoptic import Plenoptic
 from clplen.cameras.scene import PointSources
-from clplen.wave.field import row_powers
+from clplen.wave.field.field import row_powers
 
 
 @dataclass(frozen=True, repr=False)

@@ -16,7 +16,7 @@ from clplen import units
 from clplen.cameras import aberrations
 from clplen.cameras.describe import Description, Row
 from clplen.cameras.plenoptic import Plenoptic
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import MicrolensArray
 
 
 @dataclass(frozen=True, repr=False)

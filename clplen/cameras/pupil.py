@@ -9,8 +9,8 @@ import numpy as np
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
 from clplen.errors import DeviceError
-from clplen.wave.field import Field, Grid
-from clplen.wave.phase import phasor, split
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.transmission import phasor, split
 
 LARGEST_RESIDUAL = 2.0  # turns; float32 is then right to 5e-6 rad
 STEP = 1e-2  # of the table of 2 J1(v)/v; cubic Hermite interpolation is then right to 3e-12

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     from clplen.cameras.plenoptic import Plenoptic
     from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
-    from clplen.wave.average import Averaging
-    from clplen.wave.coherence import Coherence
+    from clplen.wave.coherence.averaging import Averaging
+    from clplen.wave.coherence.coherence import Coherence
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from clplen.cameras import wavefronts
 from clplen.cameras.pictures import PicturePlane
-from clplen.wave.elements import thin_lens, transparency
-from clplen.wave.field import Field
+from clplen.wave.elements.lens import thin_lens
+from clplen.wave.elements.transparency import transparency
+from clplen.wave.field.field import Field
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic import Plenoptic

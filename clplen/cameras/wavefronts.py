@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.wave.field import Field, Grid
-from clplen.wave.multiply import multiply
-from clplen.wave.phase import phasor
-from clplen.wave.zernike import wavefront
+from clplen.wave.elements.zernike import wavefront
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.transmission import multiply, phasor
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic import Plenoptic

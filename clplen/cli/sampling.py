@@ -11,16 +11,15 @@ import click
 
 from clplen.cli.messages import note, typed
 from clplen.cli.units import Length, Lengths, Shape
-from clplen.wave import fresnel, sommerfeld, transfer
-from clplen.wave.band import GUARD, fully_sampled_distance
-from clplen.wave.choice import describe
-from clplen.wave.description import Description
-from clplen.wave.field import Grid
-from clplen.wave.lenslets import SMALLEST_PITCH
-from clplen.wave.quantity import angle, both, interval, metres
-from clplen.wave.report import report
-from clplen.wave.request import METHODS, Request
-from clplen.wave.slopes import LensSampling, lens_sampling, lenslet_sampling
+from clplen.wave.elements.lens import LensSampling, lens_sampling, lenslet_sampling
+from clplen.wave.elements.lenslets import SMALLEST_PITCH
+from clplen.wave.field.field import Grid
+from clplen.wave.field.number_format import angle, both, interval, metres
+from clplen.wave.propagation import fresnel, transfer_function
+from clplen.wave.propagation.band import GUARD, fully_sampled_distance
+from clplen.wave.propagation.description import METHODS, Description, Request
+from clplen.wave.propagation.methods import describe
+from clplen.wave.propagation.plan_report import report
 
 Rows = Iterable[tuple[str, str]]
 LONGEST_WAVE = 1e-3  # metres; beyond, a unit was forgotten
@@ -156,8 +155,8 @@ def _propagation_rows(made: Description) -> Rows:
 
 
 def _phase(made: Description) -> str:
-    limits = {"rs": sommerfeld.LARGEST_TABLE_RESIDUAL}
-    limit = limits.get(made.method, transfer.LARGEST_TABLE_RESIDUAL)
+    limits = {"rs": transfer_function.LARGEST_KERNEL_RESIDUAL}
+    limit = limits.get(made.method, transfer_function.LARGEST_TABLE_RESIDUAL)
     if made.factor is None or made.factor.residual_turns() <= limit:
         return "tables"
     return "fp64 or two-float"

@@ -13,7 +13,7 @@ from clplen.config.reading import read_toml, validated
 from clplen.config.scene import SceneTable
 from clplen.config.tables import Table
 from clplen.files import PathLike
-from clplen.wave.coherence import Coherence
+from clplen.wave.coherence.coherence import Coherence
 
 __all__ = ["EXAMPLE", "CameraFile", "CoherenceTable", "read_camera_file"]
 

@@ -29,7 +29,7 @@ from clplen.config.tables import (
     twice,
 )
 from clplen.lightfield.raw.sensor import Sensor
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import MicrolensArray
 
 # What only one kind of camera has, what it needs, and what it has no use for.
 KEYS = {

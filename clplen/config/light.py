@@ -19,11 +19,11 @@ from clplen.config.tables import (
     twice,
     value_of,
 )
-from clplen.wave.coherence import Coherence
-from clplen.wave.extended import ExtendedSource
-from clplen.wave.masks import RandomPhaseMask
-from clplen.wave.spatial import IncoherentLight, SpatialModel
-from clplen.wave.spectrum import Spectrum
+from clplen.wave.coherence.coherence import Coherence
+from clplen.wave.coherence.extended_source import ExtendedSource
+from clplen.wave.coherence.phase_masks import RandomPhaseMask
+from clplen.wave.coherence.spatial_models import IncoherentLight, SpatialModel
+from clplen.wave.spectrum.spectrum import Spectrum
 
 # What says how coherent the light is, and the keys that only it has and needs.
 KEYS = {

@@ -24,7 +24,7 @@ from clplen.errors import ClplenError, FormatError
 from clplen.io.layout import Layout
 from clplen.io.loading import UNREADABLE
 from clplen.lightfield.model.light_field import LightField
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import MicrolensArray
 
 SAMPLES = "lightfield"
 RAW = "raw"

@@ -19,14 +19,13 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.checks import positive_integer, real_array, require
+from clplen.checks import is_finite, positive_integer, real_array, require
 from clplen.compute.arrays import HostArray
 from clplen.errors import ShapeError
 from clplen.microscopy.acceleration import Ahead
 from clplen.microscopy.priors import Prior, blurs, prior_of
 from clplen.microscopy.projector import Projector
-from clplen.wave.average import Progress
-from clplen.wave.checks import is_finite
+from clplen.wave.coherence.averaging import Progress
 
 Vector = np.ndarray[Any, Any]
 

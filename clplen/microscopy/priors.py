@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.checks import is_finite
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.projector import Projector
-from clplen.wave.checks import is_finite
 
 Vector = np.ndarray[Any, Any]
 

@@ -17,13 +17,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.checks import finite_batch, is_integer, require
+from clplen.checks import finite_batch, is_finite, is_integer, require
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.fft.lines import smooth_length
 from clplen.compute.memory import free_memory
 from clplen.errors import ShapeError
 from clplen.microscopy.images import PointImages
-from clplen.wave.checks import is_finite
 
 if TYPE_CHECKING:
     from scipy.sparse.linalg import LinearOperator

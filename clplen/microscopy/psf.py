@@ -19,15 +19,14 @@ from clplen.cameras import geometry
 from clplen.cameras.microscope import Microscope
 from clplen.cameras.microscope_optics import check_places
 from clplen.cameras.scene import PointSources
-from clplen.checks import positive_integer, real_array, require
+from clplen.checks import is_finite, positive_integer, real_array, require
 from clplen.compute.fft.lines import smooth_length
 from clplen.compute.memory import free_memory
 from clplen.files import PathLike, check_space, check_writable
 from clplen.microscopy import psffile
 from clplen.microscopy.images import PointImages, count_phases, unique_phases
-from clplen.wave.average import Progress
-from clplen.wave.checks import is_finite
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.coherence.averaging import Progress
+from clplen.wave.elements.lenslets import MicrolensArray
 
 Vector = np.ndarray[Any, Any]
 Store = Literal["float32", "float16"]

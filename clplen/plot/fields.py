@@ -24,7 +24,7 @@ from clplen.plot.base import (
     said,
     styled,
 )
-from clplen.wave.field import Field
+from clplen.wave.field.field import Field
 
 _DECADES = 6
 _DARK = 1e-6  # of the largest amplitude; what is darker has only a rounded phase

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from clplen.plot.rays import Rays
-from clplen.wave.lenslets import MicrolensArray
-from clplen.wave.parts import Lens, Part, Space, Stop, label_of, length_of
-from clplen.wave.quantity import metres
-from clplen.wave.system import OpticalSystem
+from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.field.number_format import metres
+from clplen.wave.systems.components import Lens, Part, Space, Stop, label_of, length_of
+from clplen.wave.systems.optical_system import OpticalSystem
 
 LINE = 0.145  # inches of a line of text
 _LETTER = 0.068
@@ -69,7 +69,7 @@ def _details(part: Part) -> list[str]:
     """Focal length and width of a part."""
     words = []
     if isinstance(part, Lens | MicrolensArray):
-        words.append(f"f = {_short(part.f)}")
+        words.append(f"f = {_short(part.focal_length)}")
     if isinstance(part, MicrolensArray):
         words.append(f"pitch {_short(part.pitch)}")
     elif isinstance(part, Lens | Stop) and part.diameter is not None:

@@ -31,7 +31,7 @@ from clplen.plot.base import (
     spread,
     styled,
 )
-from clplen.wave.field import Field
+from clplen.wave.field.field import Field
 
 if TYPE_CHECKING:
     from clplen.lightfield.model.light_field import LightField

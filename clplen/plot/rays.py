@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from clplen.plot.base import Array
-from clplen.wave.lenslets import MicrolensArray
-from clplen.wave.parts import Lens, Part, Stop, length_of
-from clplen.wave.system import OpticalSystem
+from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.systems.components import Lens, Part, Stop, length_of
+from clplen.wave.systems.optical_system import OpticalSystem
 
 _FILL = 0.7  # of the largest opening that objects and images may fill
 _FEW, _MANY = 9, 21  # rays between the marginal ones of a bundle that meets lenslets
@@ -102,13 +102,15 @@ def trace(
     heights = [y]
     for part in optics:
         if isinstance(part, Lens):
-            s = s - y / part.f
+            s = s - y / part.focal_length
         if isinstance(part, MicrolensArray) and clip:
             rows = lenslet_rows(part)
             offset = y[:, None] - rows
             nearest = np.abs(offset).argmin(axis=1)
             off = offset[np.arange(y.size), nearest]
-            s = s - np.where(np.abs(off) <= part.diameter / 2 * (1 + _ZERO), off / part.f, np.nan)
+            s = s - np.where(
+                np.abs(off) <= part.diameter / 2 * (1 + _ZERO), off / part.focal_length, np.nan
+            )
             y = np.where(np.isnan(s), np.nan, y)
         bounds = opening(part)
         if clip and bounds is not None:

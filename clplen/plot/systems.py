@@ -16,9 +16,9 @@ from matplotlib.ticker import MaxNLocator
 from clplen.plot.base import Array, new_figure, styled
 from clplen.plot.labels import LINE, Label, in_rows, is_on_lenslets, names, spans
 from clplen.plot.rays import Rays, lenslet_rows, opening, rays_through
-from clplen.wave.lenslets import MicrolensArray
-from clplen.wave.parts import ConvergingLight, Lens, Part, Space, Stop, length_of
-from clplen.wave.system import OpticalSystem
+from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.systems.components import ConvergingLight, Lens, Part, Space, Stop, length_of
+from clplen.wave.systems.optical_system import OpticalSystem
 
 _AXIAL, _OBLIQUE, _GLASS, _RIM, _LIGHT = "#0072b2", "#cc3311", "#d7e8f4", "#33536b", "#e69f00"
 _WIDTH, _LEFT, _RIGHT, _HEIGHT = 7.8, 0.68, 0.22, 2.7  # inches: figure, margins, drawing
@@ -187,11 +187,11 @@ def _draw_part(view: _View, part: Part, z: float) -> None:
         return
     if isinstance(part, Lens):
         half = view.reach if part.diameter is None else part.diameter / 2
-        _draw_lenses(view, z, [0.0], half, part.f)
+        _draw_lenses(view, z, [0.0], half, part.focal_length)
         if part.diameter is not None:
             _draw_walls(view, z, -half, half, min(view.reach, half + 0.17 * view.y_inch), 2.0)
     elif isinstance(part, MicrolensArray):
-        _draw_lenses(view, z, lenslet_rows(part), part.diameter / 2, part.f)
+        _draw_lenses(view, z, lenslet_rows(part), part.diameter / 2, part.focal_length)
     elif isinstance(part, Stop):
         low, high = part.centre[0] - part.diameter / 2, part.centre[0] + part.diameter / 2
         _draw_walls(view, z, low, high, view.reach, 3.0)
@@ -258,9 +258,9 @@ def _draw_focal_points(view: _View, optics: OpticalSystem, rays: Rays) -> None:
     """Of every lens, where the drawing reaches; lenses are numbered if there are several."""
     halo = [withStroke(linewidth=2.5, foreground="w", alpha=0.8)]
     lenses = [
-        (part.f, z)
+        (part.focal_length, z)
         for part, z in zip(optics, optics.positions, strict=True)
-        if isinstance(part, Lens) and np.isfinite(part.f)
+        if isinstance(part, Lens) and np.isfinite(part.focal_length)
     ]
     named: dict[float, str] = {}
     first, last = view.axes.get_xlim()

@@ -14,9 +14,9 @@ from clplen.compute.fft.routes import FFTRoute
 from clplen.compute.memory import free_memory
 from clplen.selftest import twins
 from clplen.selftest.check import EPS, Check, Pairs
-from clplen.wave.field import Field, Grid
-from clplen.wave.lens import thin_lens
-from clplen.wave.propagator import Propagator
+from clplen.wave.elements.lens import thin_lens
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.propagation.propagator import Propagator
 
 if TYPE_CHECKING:
     import pyopencl.array as cla

@@ -6,8 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.lightfield.correspondence import add_colours, shear_moments
+from clplen.lightfield.arrays.peaks import PeakTracker
+from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
 from clplen.lightfield.depth import combined_cue
+from clplen.lightfield.depth.correspondence import add_colours, shear_moments
+from clplen.lightfield.depth.local_energy import LocalEnergy
+from clplen.lightfield.depth.structure_tensor import epi_tensors
 from clplen.lightfield.depth.view_matching import (
     WINDOW,
     match_costs,
@@ -15,12 +19,8 @@ from clplen.lightfield.depth.view_matching import (
     tables,
     thresholds,
 )
-from clplen.lightfield.detail import LocalEnergy
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.peaks import PeakTracker
-from clplen.lightfield.refocus import FocalStack
-from clplen.lightfield.smoothing import Smoother, gaussian_taps
-from clplen.lightfield.structure_tensor import epi_tensors
+from clplen.lightfield.refocus.focal_stack import FocalStack
 from clplen.selftest import twins
 from clplen.selftest.check import EPS, Check, Pairs
 

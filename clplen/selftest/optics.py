@@ -16,15 +16,13 @@ from clplen.cameras.surfaces import Plane, Sphere, SurfaceScene
 from clplen.cameras.textures import Texture
 from clplen.selftest import twins
 from clplen.selftest.check import EPS, Check, Pairs
-from clplen.wave.abbe import abbe_image
-from clplen.wave.apertures import disc
-from clplen.wave.field import Field, Grid
-from clplen.wave.lenslet_errors import LensletErrors
-from clplen.wave.lenslets import MicrolensArray
-from clplen.wave.masks import RandomPhaseMask
-from clplen.wave.plane_waves import plane_waves
-from clplen.wave.random import key_of, philox
-from clplen.wave.spatial import IncoherentLight
+from clplen.wave.coherence.abbe import abbe_image
+from clplen.wave.coherence.extended_source import plane_waves
+from clplen.wave.coherence.phase_masks import RandomPhaseMask
+from clplen.wave.coherence.spatial_models import IncoherentLight, key_of, philox
+from clplen.wave.elements.hard_apertures import disc
+from clplen.wave.elements.lenslets import LensletErrors, MicrolensArray
+from clplen.wave.field.field import Field, Grid
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

@@ -11,13 +11,11 @@ from clplen.compute.arrays import count_bad
 from clplen.compute.fft.blocks import Spectrum, multiplied, window
 from clplen.selftest import twins
 from clplen.selftest.check import EPS, Check, Pairs
-from clplen.wave.field import Field, Grid, row_powers
-from clplen.wave.multiply import multiply, multiply_separable
-from clplen.wave.propagator import Propagator
-from clplen.wave.sommerfeld import impulse_response
-from clplen.wave.sphere import multiply_sphere
-from clplen.wave.statistics import Statistics, Window, accumulate, add_scaled
-from clplen.wave.transfer import Transfer
+from clplen.wave.field.field import Field, Grid, row_powers
+from clplen.wave.field.intensity import Statistics, Window, accumulate, add_scaled
+from clplen.wave.field.transmission import multiply, multiply_separable, multiply_sphere
+from clplen.wave.propagation.propagator import Propagator
+from clplen.wave.propagation.transfer_function import Transfer, impulse_response
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

@@ -36,7 +36,7 @@ from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import MicrolensArray
 
 NEAR = PointSources([(0.0, 0.0, 0.0)])
 LAM, PITCH, D = 532e-9, 150e-6, 0.8e-3

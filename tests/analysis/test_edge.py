@@ -11,8 +11,8 @@ from scipy.special import erf
 from clplen.analysis.edge import slanted_edge
 from clplen.analysis.otf import pixel_mtf
 from clplen.errors import ShapeError
-from clplen.wave.coverage import polygon_coverage
-from clplen.wave.field import Grid
+from clplen.wave.elements.hard_apertures import polygon_coverage
+from clplen.wave.field.field import Grid
 
 PITCH = 2e-6
 OFFSET = 3.3e-6  # of the edge from the middle, along the axis it crosses

@@ -12,7 +12,7 @@ from clplen.analysis.curve import Curve
 from clplen.analysis.otf import OTF, circular_mtf, pixel_mtf, square_mtf
 from clplen.analysis.psf import PSF
 from clplen.errors import ShapeError
-from clplen.wave.field import Grid
+from clplen.wave.field.field import Grid
 
 WAVELENGTH, DISTANCE, WIDTH = 532e-9, 0.018, 150e-6
 UNIT = WAVELENGTH * DISTANCE / WIDTH  # lam a/d: 63.84 um

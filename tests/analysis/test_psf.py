@@ -12,7 +12,7 @@ from scipy.special import j0, j1
 
 from clplen.analysis.psf import PSF
 from clplen.errors import ShapeError
-from clplen.wave.field import Grid
+from clplen.wave.field.field import Grid
 
 UNIT = 3e-6  # lam F/D in metres; the incoherent Nyquist pitch is half of it
 CENTRE = (4.1e-6, -2.7e-6)

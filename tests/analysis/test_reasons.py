@@ -20,7 +20,7 @@ from clplen.cameras.aberrations import Aberrations
 from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.compute.device import Device
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import MicrolensArray
 
 LAM = 532e-9
 

@@ -14,7 +14,7 @@ from clplen.analysis.sampling import (
     type1_sampling,
     type2_sampling,
 )
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import MicrolensArray
 
 TYPE1 = {
     "lenslets": 101,

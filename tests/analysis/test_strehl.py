@@ -10,9 +10,9 @@ import pytest
 from clplen.analysis.psf import PSF
 from clplen.analysis.strehl import strehl_of_rms, wavefront_rms, wavefront_strehl
 from clplen.errors import ShapeError
-from clplen.wave.coverage import disc_coverage
-from clplen.wave.field import Grid
-from clplen.wave.zernike import noll, zernike
+from clplen.wave.elements.hard_apertures import disc_coverage
+from clplen.wave.elements.zernike import noll, zernike
+from clplen.wave.field.field import Grid
 
 GRID = Grid((61, 61), 1.0)
 RADIUS = 28.0

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from clplen.analysis.psf import PSF
 from clplen.analysis.twopoint import RAYLEIGH, SLIT, TwoPoints
 from clplen.errors import ShapeError
-from clplen.wave.field import Grid
+from clplen.wave.field.field import Grid
 
 UNIT = 40e-6  # lam F/D = lam/(2 NA)
 CENTRE = (33e-6, -21e-6)

@@ -23,7 +23,7 @@ from clplen.compute.device import Device
 from clplen.config import EXAMPLE, read_camera_file
 from clplen.errors import FormatError
 from clplen.lightfield.model.light_field import LightField
-from clplen.wave.masks import RandomPhaseMask
+from clplen.wave.coherence.phase_masks import RandomPhaseMask
 
 SMALL = """
 [camera]

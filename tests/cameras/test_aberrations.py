@@ -33,7 +33,8 @@ from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.slide import SlideWay, slide_field
 from clplen.compute.device import Device
 from clplen.lightfield.focused.focused_spots import point_m
-from clplen.wave.elements import phase_plate, thin_lens
+from clplen.wave.elements.lens import thin_lens
+from clplen.wave.elements.zernike import phase_plate
 
 LAM, F, R = 532e-9, 0.24, 1.8e-3
 MIDDLE = PointSources((0, 0, 0), diameter=10e-6)

@@ -9,9 +9,9 @@ from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.part import aperture_grid, from_part
 from clplen.cameras.scene import PointSources
 from clplen.errors import ShapeError
-from clplen.wave.field import Field, Grid
-from clplen.wave.lenslets import MicrolensArray
-from clplen.wave.propagation import Propagator
+from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.propagation.propagator import Propagator
 
 GRIDS = [
     Grid((40, 37), (5e-6, 7e-6)),

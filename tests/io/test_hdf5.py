@@ -17,7 +17,7 @@ from clplen.errors import FormatError
 from clplen.io import read_lightfield, write_lightfield
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocus.focal_stack import refocus
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import MicrolensArray
 
 SHAPE = (3, 4, 5, 7, 2)
 

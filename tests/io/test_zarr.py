@@ -19,7 +19,7 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import read_lightfield, write_lightfield, zarrs
 from clplen.lightfield.model.light_field import LightField
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import MicrolensArray
 
 zarr = pytest.importorskip("zarr")
 SHAPE = (3, 5, 7, 11, 2)

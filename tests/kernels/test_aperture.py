@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import reference
 
-from clplen.wave.elements import aperture
-from clplen.wave.field import Field, Grid
+from clplen.wave.elements.hard_apertures import aperture
+from clplen.wave.field.field import Field, Grid
 
 # shape, pitch, origin, diameter in samples, centre
 CASES = [

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tolerance import relative_max
 
-from clplen.wave.field import Field, Grid, row_powers
-from clplen.wave.statistics import add_scaled
+from clplen.wave.field.field import Field, Grid, row_powers
+from clplen.wave.field.intensity import add_scaled
 
 SHAPES = [(1, 13), (13, 1), (5, 67), (16, 64)]
 

@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from clplen.wave.field import Grid
-from clplen.wave.lenslet_errors import LensletErrors
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import LensletErrors, MicrolensArray
+from clplen.wave.field.field import Grid
 
 DX, LAM, P = 5e-6, 532e-9, 9.37 * 5e-6
 TERMS = {(2, -2): 0.3 * LAM, (3, 1): -0.2 * LAM, (4, 0): 0.15 * LAM}

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import reference
 
-from clplen.wave.field import Field, Grid
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.field.field import Field, Grid
 
 DX = 5e-6
 WAVELENGTH = 532e-9

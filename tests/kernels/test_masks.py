@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tolerance import relative_max
 
-from clplen.wave.random import key_of, philox
+from clplen.wave.coherence.spatial_models import key_of, philox
 
 SEED = 0x123456789ABCDEF0
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tolerance import relative_max
 
-from clplen.wave.field import Field, Grid
-from clplen.wave.multiply import multiply, multiply_separable
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.transmission import multiply, multiply_separable
 
 
 def fields(device, shape):

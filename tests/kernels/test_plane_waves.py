@@ -5,9 +5,9 @@ import pytest
 from tolerance import relative_max
 
 from clplen.errors import ShapeError
-from clplen.wave import plane_waves as module
-from clplen.wave.field import Grid
-from clplen.wave.plane_waves import plane_waves
+from clplen.wave.coherence import extended_source as module
+from clplen.wave.coherence.extended_source import plane_waves
+from clplen.wave.field.field import Grid
 
 
 def waves(points, seed=3):

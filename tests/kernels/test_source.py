@@ -8,7 +8,7 @@ from scipy import special
 from clplen.cameras.pupil import pupil_fields
 from clplen.cameras.scene import PointSources
 from clplen.errors import DeviceError
-from clplen.wave.field import Grid
+from clplen.wave.field.field import Grid
 
 POINTS = np.array([(-3e-3, -2e-3, -0.05), (0, 0, 0), (2.5e-3, 1e-3, 0.05)])
 

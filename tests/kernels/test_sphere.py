@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from reference_elements import spherical_wave, stigmatic_phase
 
-from clplen.wave.field import Field, Grid
-from clplen.wave.sphere import multiply_sphere, phase_route, residual_turns
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.transmission import multiply_sphere, phase_route, residual_turns
 
 LAM = 532e-9
 # shape, pitch, origin, foot of the centre, distance

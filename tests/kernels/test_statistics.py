@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tolerance import relative_max
 
-from clplen.wave.field import Field, Grid
-from clplen.wave.statistics import Statistics, Window
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.intensity import Statistics, Window
 
 SHAPES = [(1, 13), (5, 37)]
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import reference
 
-from clplen.wave.band import blas_limit
-from clplen.wave.transfer import Sommerfeld, Transfer, fft_frequencies
+from clplen.wave.propagation.band import blas_limit
+from clplen.wave.propagation.transfer_function import Sommerfeld, Transfer, fft_frequencies
 
 # shape, pitch, z, wavelength
 CASES = [

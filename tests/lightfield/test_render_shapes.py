@@ -8,10 +8,9 @@ from reference_render import covered, raster
 from scipy.special import i0
 
 from clplen.errors import ShapeError
-from clplen.lightfield.model.aperture_weights import (
+from clplen.lightfield.model.aperture_shapes import (
     annulus,
     disc,
-    f_number_radius,
     gaussian,
     half_plane,
     hann,
@@ -21,6 +20,7 @@ from clplen.lightfield.model.aperture_weights import (
     regular_polygon,
     square,
 )
+from clplen.lightfield.model.aperture_weights import f_number_radius
 from clplen.lightfield.model.light_field import LightField
 
 VIEWS, FINE = (7, 9), 200

@@ -26,7 +26,7 @@ from clplen.lightfield.depth.depth_map import depth_map
 from clplen.lightfield.depth.plane_choice import suitable_planes
 from clplen.lightfield.model.phase_space import phase_space
 from clplen.lightfield.refocus.focal_stack import focal_stack, refocus
-from clplen.wave.field import Grid
+from clplen.wave.field.field import Grid
 
 S = Setup()
 

@@ -9,7 +9,7 @@ from tolerance import relative_max
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, Propagator
 from clplen.cameras.plenoptic1 import scene_energy
 from clplen.lightfield.refocus.focal_stack import refocus
-from clplen.wave.field import row_powers
+from clplen.wave.field.field import row_powers
 
 POINTS = {"A": (-3e-3, -3e-3, -0.05), "B": (0.0, 0.0, 0.0), "C": (3e-3, 3e-3, 0.05)}
 ALPHA = {"A": 0.736842, "B": 1.0, "C": 1.172414}

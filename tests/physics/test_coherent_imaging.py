@@ -21,8 +21,8 @@ from clplen import (
     RandomPhaseMask,
     imaging_system,
 )
-from clplen.wave.pupil import coherent_edge, incoherent_edge, otf
-from clplen.wave.targets import usaf1951
+from clplen.wave.elements.transparency import usaf1951
+from clplen.wave.systems.pupil_filter import coherent_edge, incoherent_edge, otf
 
 pytestmark = pytest.mark.thorough
 

@@ -12,7 +12,7 @@ from setups import LAM
 from tolerance import err_db
 
 from clplen import Device, Propagator
-from clplen.wave.transfer import Transfer
+from clplen.wave.propagation.transfer_function import Transfer
 
 pytestmark = pytest.mark.filterwarnings("ignore::clplen.errors.SamplingWarning")
 

@@ -29,9 +29,10 @@ from clplen import (
     propagate,
     thin_lens,
 )
-from clplen.wave.apertures import rectangular_aperture
-from clplen.wave.sources import spherical_wave
-from clplen.wave.system import Lens, OpticalSystem
+from clplen.wave.elements.beams import spherical_wave
+from clplen.wave.elements.hard_apertures import rectangular_aperture
+from clplen.wave.systems.components import Lens
+from clplen.wave.systems.optical_system import OpticalSystem
 
 TABLE = 0.5  # dB, to which the design's printed figures are reproduced
 

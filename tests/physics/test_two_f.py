@@ -10,7 +10,7 @@ from setups import TwoF, two_f
 from tolerance import snr_db
 
 from clplen import Device, Field, propagate, thin_lens
-from clplen.wave.system import imaging_system
+from clplen.wave.systems.optical_system import imaging_system
 
 pytestmark = pytest.mark.filterwarnings("ignore::clplen.errors.SamplingWarning")
 

@@ -6,8 +6,8 @@ from tolerance import relative_max
 
 from clplen import Field, Grid
 from clplen.errors import ShapeError
-from clplen.wave.abbe import abbe_cost, abbe_image, incoherent_image
-from clplen.wave.pupil import Pupil
+from clplen.wave.coherence.abbe import abbe_cost, abbe_image, incoherent_image
+from clplen.wave.systems.pupil_filter import Pupil
 
 LAM = 550e-9
 ROUTES = ["points", "lags"]

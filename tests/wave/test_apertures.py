@@ -6,7 +6,11 @@ import reference
 from reference_elements import polygon_coverage
 
 from clplen import Field, Grid, ShapeError, aperture
-from clplen.wave.apertures import annular_aperture, polygonal_aperture, rectangular_aperture
+from clplen.wave.elements.hard_apertures import (
+    annular_aperture,
+    polygonal_aperture,
+    rectangular_aperture,
+)
 
 GRID = Grid((37, 52), (3e-6, 2e-6), origin=(1e-6, -0.7e-6))
 ARROW = np.array([(-40, -31), (12.5, -43.3), (-3.3, 2.2), (39, 41), (-21, 17.1)]) * 1e-6

@@ -25,8 +25,8 @@ from clplen import (
     Spectrum,
     propagate,
 )
-from clplen.wave import average as module
-from clplen.wave.checkpoint import fingerprint
+from clplen.wave.coherence import averaging as module
+from clplen.wave.coherence.averaging import fingerprint
 
 LAM = 550e-9
 GRID = Grid((48, 60), (4e-6, 3e-6))
@@ -148,8 +148,8 @@ CHILD = """
 import sys
 import numpy as np
 from clplen import Coherence, Device, Field, Grid, OpticalSystem, RandomPhaseMask, Space, Spectrum
-from clplen.wave import average
-average.SAVE_SECONDS = 0.0
+from clplen.wave.coherence import averaging
+averaging.SAVE_SECONDS = 0.0
 device = Device.open(sys.argv[1])
 grid = Grid((48, 60), (4e-6, 3e-6))
 field = Field.from_array(np.ones(grid.shape), grid, wavelength=550e-9, device=device)

@@ -23,8 +23,8 @@ from clplen import (
 )
 from clplen.compute.fft.routes import FFTRoute
 from clplen.errors import ShapeError
-from clplen.wave.propagation import plan, propagate_wavelengths
-from clplen.wave.request import METHODS, Request
+from clplen.wave.propagation.description import METHODS, Request
+from clplen.wave.propagation.free_space import plan, propagate_wavelengths
 
 GRID = Grid((8, 9), 3e-6)
 KEEPS_THE_GRID = [m for m in METHODS if m not in ("auto", "cblas", "fresnel-1fft")]

@@ -13,9 +13,8 @@ from reference_corrected import AxisPlan, corrected_plan
 from reference_optics import smooth_length
 
 from clplen import Grid
-from clplen.wave.choice import describe
-from clplen.wave.description import Description
-from clplen.wave.request import Request
+from clplen.wave.propagation.description import Description, Request
+from clplen.wave.propagation.methods import describe
 
 SET_UP_A = Grid((1, 1024), 2 * LAM)
 GRIDS = [

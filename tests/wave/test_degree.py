@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from clplen.errors import ShapeError
-from clplen.wave.degree import DegreeEstimator, measured_degree, speckle_contrast
-from clplen.wave.field import Field, Grid
+from clplen.wave.coherence.degree import DegreeEstimator, measured_degree, speckle_contrast
+from clplen.wave.field.field import Field, Grid
 
 GRID = Grid((7, 10), (3e-6, 2e-6), origin=(1e-3, 0))
 

@@ -8,8 +8,8 @@ from fields import LAM, band_limited, field_of
 
 from clplen import Field, Grid, Propagator
 from clplen.errors import DeviceError, SamplingError
-from clplen.wave import choice
-from clplen.wave.transfer import Transfer
+from clplen.wave.propagation import methods
+from clplen.wave.propagation.transfer_function import Transfer
 
 
 @pytest.mark.filterwarnings("ignore::clplen.errors.SamplingWarning")
@@ -56,7 +56,7 @@ def test_no_energy_budget_without_a_window(device, method):
 def test_energy_of_the_few_frequencies_that_auto_takes_far_away(precise, monkeypatch):
     """By FFTs of a window, where the plan itself takes chirp-z transforms."""
     few_are_less = {"chirp-z": 0.5, "fft": 1.0}  # as on grids of thousands of samples
-    monkeypatch.setattr(choice, "flops", lambda made: few_are_less[made.kind])
+    monkeypatch.setattr(methods, "flops", lambda made: few_are_less[made.kind])
     grid = Grid((20, 150), 2e-6)
     u = np.exp(-((grid.y[:, None] / 1e-5) ** 2) - ((grid.x - 1.2e-5) / 1e-5) ** 2)
     field = field_of(u, grid, precise)

@@ -5,10 +5,10 @@ import pytest
 from tolerance import relative_max
 
 from clplen.errors import SamplingError, SamplingWarning
-from clplen.wave.degree import DegreeEstimator, measured_degree, speckle_contrast
-from clplen.wave.extended import ExtendedSource
-from clplen.wave.field import Grid
-from clplen.wave.random import uniform
+from clplen.wave.coherence.degree import DegreeEstimator, measured_degree, speckle_contrast
+from clplen.wave.coherence.extended_source import ExtendedSource
+from clplen.wave.coherence.spatial_models import uniform
+from clplen.wave.field.field import Grid
 
 WAVELENGTH = 550e-9
 SNAPSHOTS = 400
@@ -235,7 +235,7 @@ def test_spectrum_is_the_source_on_the_lattice(source):
     else:
         y = x = place * source.size
         p = np.ones((n, n))
-        if source.shape == "disc":
+        if source.shape == "circular":
             p = (y[:, None] ** 2 + x**2 <= source.size**2 / 4).astype(float)
     rows, columns = (
         np.rint(-s / (WAVELENGTH * 0.1) * m * d).astype(int) % m
@@ -264,7 +264,7 @@ def test_spectrum_of_a_line_is_the_projection(picture):
 
 
 def test_areas_and_angles():
-    disc, square = (ExtendedSource(2e-3, 0.1, shape=shape) for shape in ("disc", "square"))
+    disc, square = (ExtendedSource(2e-3, 0.1, shape=shape) for shape in ("circular", "square"))
     assert disc.coherence_area(WAVELENGTH) == pytest.approx(4 * 55e-9**2 / (np.pi * 4e-6))
     assert square.coherence_area(WAVELENGTH) == pytest.approx(55e-9**2 / 4e-6)
     half = ExtendedSource(2e-3, 0.1, picture=[[1, 1], [0, 0]])
@@ -293,7 +293,7 @@ def test_areas_and_angles():
         ((1e-3, 0), {}, "distance of a source is positive"),
         ((1e-3, float("inf")), {}, "distance of a source is positive"),
         ((1e-3, "1"), {}, "distance of a source is positive"),
-        ((1e-3, 0.1), {"shape": "ring"}, "'disc' or a 'square'"),
+        ((1e-3, 0.1), {"shape": "ring"}, "'circular' or 'square'"),
         ((1e-3, 0.1), {"points": 0}, "at least 1"),
         ((1e-3, 0.1), {"points": 2.5}, "whole number of points"),
         ((1e-3, 0.1), {"points": True}, "whole number of points"),
@@ -339,3 +339,8 @@ def test_a_curvature_too_coarse():
         source.check(Grid((1, 128), 20e-6), wavelength=WAVELENGTH)
     with pytest.raises(ValueError, match="focal length -100 mm"):
         source.power_spectrum(Grid((1, 64), 20e-6), wavelength=WAVELENGTH)
+
+
+def test_the_old_word_for_a_circular_source_is_deprecated():
+    with pytest.warns(DeprecationWarning, match="circular"):
+        assert ExtendedSource(1e-3, 0.1, shape="disc").shape == "circular"

@@ -6,7 +6,7 @@ from scipy.special import j0, jv
 from tolerance import err_db
 
 from clplen import Field, Grid, SamplingError, SamplingWarning, propagate
-from clplen.wave.gratings import axicon, grating
+from clplen.wave.elements.gratings import axicon, grating
 
 LAM = 532e-9
 

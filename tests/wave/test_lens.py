@@ -216,3 +216,10 @@ def test_pupil_on_the_axis(device, fresnel, weighted):
     got = np.sum(u * h) * (2 * lam) ** 2
     exact = reference.circle_on_axis(z, radius=radius, wavelength=lam)
     assert abs(got - exact) <= 1.1 * weighted
+
+
+def test_f_is_another_word_for_the_focal_length(device):
+    grid = Grid((8, 8), 1e-5)
+    field = Field.from_array(np.ones(grid.shape), grid, wavelength=5e-7, device=device)
+    short, long = thin_lens(field, f=0.1), thin_lens(field, focal_length=0.1)
+    np.testing.assert_array_equal(short.to_numpy(), long.to_numpy())

@@ -12,12 +12,12 @@ from fields import LAM, band_limited, field_of, go
 from tolerance import err_db
 
 from clplen import Grid, Propagator, SamplingError, propagate
-from clplen.wave import together
-from clplen.wave.band import guarded_band
-from clplen.wave.choice import describe
-from clplen.wave.report import Report, report
-from clplen.wave.request import Request
-from clplen.wave.transfer import Transfer
+from clplen.wave.propagation import propagator
+from clplen.wave.propagation.band import guarded_band
+from clplen.wave.propagation.description import Request
+from clplen.wave.propagation.methods import describe
+from clplen.wave.propagation.plan_report import Report, report
+from clplen.wave.propagation.transfer_function import Transfer
 
 
 def report_of(grid: Grid, z: float, method: str = "auto", **options: object) -> Report:
@@ -118,11 +118,11 @@ def test_grazing_waves_get_64_z_of_window(guard):
     """Beside both grids, but no more than the widest window of any distance."""
     own, other = Grid((1, 50), 0.2e-6), Grid((1, 400), 0.1e-6, origin=(0, 3e-6))
     for z, capped in ((0.2 * LAM, False), (3 * LAM, True), (-3 * LAM, True)):
-        way = Request(own, z, LAM, out_grid=other).way(1)
+        way = Request(own, z, LAM, out_grid=other).span(1)
         window = guarded_band(way, guard).window
         beside = 10e-6 + 40e-6 + 2 * 3e-6 + 64 * abs(z)
         assert window == pytest.approx(beside, rel=1e-12)
-        small = Request(Grid((1, 6), 0.2e-6), z, LAM).way(1)
+        small = Request(Grid((1, 6), 0.2e-6), z, LAM).span(1)
         most = 4 * 2.4e-6 + 2 * (guard + 3) * math.sqrt(LAM * abs(z))
         beside = 2.4e-6 + 64 * abs(z)
         assert (most < beside) == capped
@@ -284,7 +284,7 @@ def test_many_distances_run_eight_at_a_time(device, monkeypatch):
     z = list(np.linspace(1e-4, 2e-4, 19))
     z[5], z[9] = z[9], z[5]
     expected = [propagate(field, one, method="as").to_numpy() for one in z]
-    counts, asked, run, require = [], [], together.run, device.require_memory
+    counts, asked, run, require = [], [], propagator.run, device.require_memory
 
     def counted(data, into, spectra, *rest):
         counts.append(len(spectra))
@@ -294,7 +294,7 @@ def test_many_distances_run_eight_at_a_time(device, monkeypatch):
         asked.append(nbytes)
         require(nbytes, what)
 
-    monkeypatch.setattr(together, "run", counted)
+    monkeypatch.setattr(propagator, "run", counted)
     monkeypatch.setattr(device, "require_memory", remembered)
     propagate(field, z[:8], method="as")
     assert counts == [8]

@@ -7,7 +7,7 @@ import pytest
 
 from clplen import Grid, RandomPhaseMask, SamplingError, SamplingWarning
 from clplen.compute.device import Device
-from clplen.wave.masks import hard_limited
+from clplen.wave.coherence.phase_masks import hard_limited
 
 LAM = 550e-9
 N, DX, CELLS = 256, 2e-6, 32

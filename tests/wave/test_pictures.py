@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clplen import Field, Grid, ShapeError
-from clplen.wave.pictures import transparency
+from clplen.wave.elements.transparency import transparency
 
 LAM = 532e-9
 

@@ -15,7 +15,7 @@ from tolerance import err_db
 
 from clplen import Device, Grid, Propagator, SamplingWarning, propagate
 from clplen.compute.fft.routes import FFTRoute
-from clplen.wave.propagation import plan, propagate_wavelengths
+from clplen.wave.propagation.free_space import plan, propagate_wavelengths
 
 METHODS = (
     "auto", "as", "blas", "cblas", "rs",

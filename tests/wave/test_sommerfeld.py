@@ -6,14 +6,18 @@ import reference
 import reference_sommerfeld
 from tolerance import err_db, relative_max
 
-from clplen.wave.sommerfeld import impulse_response, phase_route, residual_turns
+from clplen.wave.propagation.transfer_function import (
+    impulse_response,
+    kernel_phase_route,
+    kernel_residual_turns,
+)
 
 LAM = 550e-9
 
 
 def sampled(shape, pitch, z, device, wavelength=LAM):
     """The kernel by the route that the device takes."""
-    phase = phase_route(shape, pitch, z, wavelength, device)
+    phase = kernel_phase_route(shape, pitch, z, wavelength, device)
     return device.download(impulse_response(shape, pitch, z, wavelength, device, phase))
 
 
@@ -24,8 +28,8 @@ def test_rows_of_the_kernel_of_a_large_grid(device, z, by_tables):
     shape, pitch = (3, 6060), (3030 * 6.6e-6, 6.6e-6)
     expected = reference_sommerfeld.impulse_response(shape, pitch, z, LAM)
     got = sampled(shape, pitch, z, device)
-    tables = phase_route(shape, pitch, z, LAM, device) == "tables"
-    bound = 3e-7 + (2.5e-6 * residual_turns(shape, pitch, z, LAM) if tables else 0)
+    tables = kernel_phase_route(shape, pitch, z, LAM, device) == "tables"
+    bound = 3e-7 + (2.5e-6 * kernel_residual_turns(shape, pitch, z, LAM) if tables else 0)
     assert tables == by_tables
     for row in range(3):  # each against its own maximum
         assert relative_max(expected[row], got[row]) <= bound

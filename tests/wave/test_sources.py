@@ -8,7 +8,7 @@ from reference_elements import stigmatic_phase, tilt_phase
 from tolerance import relative_max
 
 from clplen import Field, Grid, SamplingWarning
-from clplen.wave.sources import gaussian_beam, plane_wave, spherical_wave, tilt
+from clplen.wave.elements.beams import gaussian_beam, plane_wave, spherical_wave, tilt
 
 LAM = 532e-9
 GRID = Grid((45, 62), (5e-6, 3e-6), origin=(2e-6, -40e-6))

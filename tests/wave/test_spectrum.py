@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import j1
 
-from clplen.wave.spectrum import Spectrum
+from clplen.wave.spectrum.spectrum import Spectrum
 
 C = 299792458.0
 LAM, FWHM = 550e-9, 30e-9

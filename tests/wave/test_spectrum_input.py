@@ -8,8 +8,8 @@ import pytest
 from scipy.special import spherical_jn, spherical_yn
 
 from clplen.errors import FormatError
-from clplen.wave.lineshapes import C, spherical_bessel
-from clplen.wave.spectrum import Spectrum
+from clplen.wave.spectrum.lineshapes import C, spherical_bessel
+from clplen.wave.spectrum.spectrum import Spectrum
 
 TABLE = "# made up\nWavelength [{unit}], counts\n\n{rows}"
 ROWS = ("500{e} , 1", "550{e}\t4 # peak", "600{e} 2")

@@ -22,8 +22,8 @@ from clplen import (
     propagate,
     thin_lens,
 )
-from clplen.wave.parts import ConvergingLight, Element, Lens, Space, Stop
-from clplen.wave.system import OpticalSystem, imaging_system
+from clplen.wave.systems.components import ConvergingLight, Element, Lens, Space, Stop
+from clplen.wave.systems.optical_system import OpticalSystem, imaging_system
 
 LAM = 550e-9
 GRID = Grid((53, 46), (4e-6, 5e-6), origin=(2e-6, -3e-6))
@@ -283,3 +283,13 @@ def test_a_window_as_wide_as_the_lens_is_enough(device, n):
     quiet(Grid((n, n), 1e-5), Lens(1, diameter=n * 1e-5), device)
     quiet(Grid((n, n), 1e-5, origin=(1, 1)), Lens(1, aliasing="allow"), device)
     quiet(Grid((n, n), 1e-5, origin=(1, 1)), Stop(1e-4, centre=(1, 1)), device)
+
+
+def test_the_old_word_for_a_focal_length_is_deprecated():
+    with pytest.warns(DeprecationWarning, match="focal_length"):
+        lens = Lens(f=0.1, diameter=1e-3)
+    assert lens == Lens(0.1, diameter=1e-3)
+    with pytest.warns(DeprecationWarning, match=r"Lens\.f is deprecated"):
+        assert lens.f == 0.1
+    with pytest.warns(DeprecationWarning, match="imaging_system"):
+        assert imaging_system(f=0.1, diameter=1e-3) == imaging_system(0.1, diameter=1e-3)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clplen import Grid, SamplingError, SamplingWarning, ShapeError
-from clplen.wave.targets import siemens_star, usaf1951, usaf1951_elements
+from clplen.wave.elements.transparency import siemens_star, usaf1951, usaf1951_elements
 
 
 def block_mean(a, by, bx):

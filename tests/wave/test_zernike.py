@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from clplen import Field, Grid, SamplingError, SamplingWarning
-from clplen.wave.lens import thin_lens
-from clplen.wave.zernike import (
+from clplen.wave.elements.lens import thin_lens
+from clplen.wave.elements.zernike import (
     noll,
     osa,
     phase_plate,

@@ -1,0 +1,354 @@
+"""Exact mean images of shift-invariant systems in partially coherent light (Abbe's sum).
+
+Two routes to the same sum: over the points of the source, or over the displacements over which the
+light is coherent (lags.py). Few source points mean long coherence and many displacements, and the
+other way round: the cheaper one is taken.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+
+from clplen.compute.arrays import Image
+from clplen.compute.fft.lines import smooth_length
+from clplen.errors import ShapeError
+from clplen.wave.coherence.lags import BLOCK, Lags, batch_count, lag_flops, lag_image, strongest
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.intensity import accumulate
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+
+Values = np.ndarray[Any, Any]
+Route = Literal["auto", "points", "lags"]
+
+EMPTY = 1e-13  # of the light behind the pupil: rounding of the object's spectrum
+ROUNDING = 1e-9  # of a source: what is so little below 0, or so little off 1, is rounding
+PER_SAMPLE = 20  # operations a sample and source point beside the transform
+
+
+class AbbeImage(NamedTuple):
+    """A mean intensity and what was added up for it.
+
+    Attributes
+    ----------
+    intensity : Image
+        Real, shape (ny, nx), not negative.
+    terms : int
+        Coherent images (route "points") or pairs of displacements (route "lags").
+    dropped : float
+        Sum of S (route "points") or of abs(mu) (route "lags") over what was left out.
+    """
+
+    intensity: Image
+    terms: int
+    dropped: float
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points of a source.
+
+    Attributes
+    ----------
+    places : numpy.ndarray
+        Shape (n, 2): rows and columns of S.
+    weights : numpy.ndarray
+        S there, float64, shape (n,).
+    dropped : float
+        Sum of S over positive points that were left out.
+    """
+
+    places: Values
+    weights: Values
+    dropped: float
+
+    @classmethod
+    def of(cls, source: Values, tolerance: float) -> Points:
+        """The positive points but the weakest, which add up to at most ``tolerance``."""
+        places = np.argwhere(source > 0)
+        weights = source[source > 0]
+        kept, dropped = strongest(weights, tolerance)
+        return cls(places[kept], weights[kept], dropped)
+
+    def lit(self, spectrum: Values, transfer: Values) -> Points:
+        """Those whose light passes the pupil: all but `EMPTY` of sum_f' |O(f' - f) H(f')|^2."""
+        power = np.abs(spectrum.astype(np.complex128)) ** 2
+        passed = np.fft.fft2(np.abs(transfer) ** 2) * np.conj(np.fft.fft2(power))
+        light = self.weights * np.maximum(np.fft.ifft2(passed).real, 0)[tuple(self.places.T)]
+        kept, _ = strongest(light, EMPTY * light.sum())
+        return Points(self.places[kept], self.weights[kept], self.dropped)
+
+
+@dataclass(frozen=True)
+class Box:
+    """The part of a spectrum that holds all a transfer function passes, N-periodic.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        (ny, nx) of the spectrum.
+    start : tuple of int
+        FFT index of the first row and column.
+    size : tuple of int
+        (h, w) rows and columns.
+    """
+
+    shape: tuple[int, int]
+    start: tuple[int, int]
+    size: tuple[int, int]
+
+    @classmethod
+    def of(cls, transfer: Values) -> Box:
+        """The smallest one."""
+        used = transfer != 0
+        (y, h), (x, w) = _shortest(used.any(axis=1)), _shortest(used.any(axis=0))
+        return cls((transfer.shape[0], transfer.shape[1]), (y, x), (h, w))
+
+    @property
+    def window(self) -> tuple[int, int]:
+        """Samples that carry the intensity: its band is 2 h - 1 by 2 w - 1, at most N."""
+        ny, nx = (
+            min(n, smooth_length(2 * size - 1))
+            for n, size in zip(self.shape, self.size, strict=True)
+        )
+        return ny, nx
+
+    def cut(self, transfer: Values) -> Values:
+        """The transfer function in the box, for a field sampled in the window."""
+        rows, columns = (
+            np.arange(start, start + size) % n
+            for start, size, n in zip(self.start, self.size, self.shape, strict=True)
+        )
+        scale = math.prod(self.window) / math.prod(self.shape)
+        return np.asarray(transfer[np.ix_(rows, columns)] * scale)
+
+
+def abbe_image(
+    field: Field, transfer: Any, source: Any, *, tolerance: float = 0.0, route: Route = "auto"
+) -> AbbeImage:
+    """Ensemble mean of the image of an object in partially coherent light, in a periodic window.
+
+    I = sum_f S(f) |IFFT(O(f' - f) H(f'))|^2: every point of the source lights the object by a plane
+    wave of its own (Abbe's approach: Goodman 2015, section 7.2.1), O the object's spectrum.
+
+    Parameters
+    ----------
+    field : Field
+        The object in a plane wave of unit intensity, shape (ny, nx).
+    transfer : array_like
+        H, complex, shape (ny, nx), FFT order: `Pupil.transfer` or `transfer_of`.
+    source : array_like
+        S, the power spectrum of the light, shape (ny, nx), FFT order, sum 1; source points that are
+        0 are skipped.
+    tolerance : float
+        0 to below 1: what is weakest and adds up to at most this is left out. By "points" that are
+        source points by S, an error of at most tolerance in a clear field; by "lags" displacements
+        by abs(mu), an error of at most tolerance max abs(u)^2 sum abs(H)^2/(ny nx).
+    route : {"auto", "points", "lags"}
+        The sum over source points, over displacements, or the cheaper of them.
+
+    Returns
+    -------
+    AbbeImage
+        A clear field has the intensity sum_f S(f) |H(f)|^2: what the pupil stops is lost.
+
+    Raises
+    ------
+    ShapeError
+        For a batch of fields, or a transfer function or source of another shape.
+    ValueError
+        For values that are not finite, a source that is negative or does not add up to 1, or a
+        tolerance or route that is none.
+
+    Notes
+    -----
+    Within 1e-5 of the largest intensity in single precision. Source points that together send less
+    than 1e-13 of the light through the pupil are skipped.
+    """
+    _check_field(field)
+    H, S = _checked_transfer(transfer, field.shape), _checked_source(source, field.shape)
+    chosen, _ = _choose(H, S, tolerance, route)
+    device = field.device
+    if isinstance(chosen, Lags):
+        mean = lag_image(field, H, chosen)
+        return AbbeImage(_image(mean, device), len(chosen.weights), chosen.dropped)
+    spectrum = device.upload(field.to_numpy())
+    device.fft.forward(spectrum, device)
+    points = chosen.lit(device.download(spectrum), H)
+    mean = _sum_of_images(spectrum, H, points, device)
+    return AbbeImage(_image(mean, device), len(points.weights), points.dropped)
+
+
+def incoherent_image(field: Field, transfer: Any) -> Image:
+    """Image of an object in incoherent light, in a periodic window.
+
+    abs(t)^2 filtered by the autocorrelation of H over N^2 (Goodman 2005, section 6.3.1), wrapped
+    where H is wider than half the lattice: `abbe_image` of the source 1/(ny nx) at every frequency.
+
+    Parameters
+    ----------
+    field : Field
+        t, shape (ny, nx); its phase does not matter.
+    transfer : array_like
+        H, complex, shape (ny, nx), FFT order.
+
+    Returns
+    -------
+    Image
+        Real, shape (ny, nx). A clear field has the intensity sum_f |H(f)|^2/(ny nx).
+
+    Raises
+    ------
+    ShapeError, ValueError
+        As `abbe_image`.
+    """
+    _check_field(field)
+    H = _checked_transfer(transfer, field.shape)
+    alone = Lags(np.zeros((1, 2), np.int32), np.ones(1, np.complex128), 0.0)
+    return _image(lag_image(field, H, alone), field.device)
+
+
+def abbe_cost(
+    grid: Grid, transfer: Any, source: Any, *, tolerance: float = 0.0, route: Route = "auto"
+) -> float:
+    """Operations of `abbe_image`, 5 N log2 N a Fourier transform, and what goes beside it.
+
+    Parameters
+    ----------
+    grid : Grid
+        Of the object.
+    transfer, source, tolerance, route
+        As of `abbe_image`.
+
+    Returns
+    -------
+    float
+        An upper bound: source points whose light misses the pupil are found with the object.
+
+    Raises
+    ------
+    ShapeError, ValueError
+        As `abbe_image`.
+    """
+    H, S = _checked_transfer(transfer, grid.shape), _checked_source(source, grid.shape)
+    return _choose(H, S, tolerance, route)[1]
+
+
+def _choose(
+    transfer: Values, source: Values, tolerance: float, route: str
+) -> tuple[Points | Lags, float]:
+    """What is summed over, and its operations."""
+    if not 0 <= tolerance < 1:
+        raise ValueError(f"The tolerance is a part of the light, 0 to below 1, not {tolerance!r}.")
+    if route not in ("auto", "points", "lags"):
+        raise ValueError(f"The route is 'auto', 'points' or 'lags', not {route!r}.")
+    found: list[tuple[Points | Lags, float]] = []
+    if route != "lags":
+        points = Points.of(source, tolerance)
+        size = math.prod(Box.of(transfer).window)
+        each = size * (5 * math.log2(max(size, 2)) + PER_SAMPLE)
+        found.append((points, len(points.weights) * each))
+    if route != "points":
+        lags = Lags.of(source, tolerance)
+        found.append((lags, lag_flops(source.shape, len(lags.weights))))
+    return min(found, key=lambda one: one[1])
+
+
+def _sum_of_images(spectrum: Any, transfer: Values, points: Points, device: Device) -> Values:
+    """sum_f S(f) |IFFT(O(f' - f) H(f'))|^2, float64, shape (ny, nx).
+
+    Each in the window of the pupil's box; every `BLOCK` of them added up on the device, the blocks
+    in double on the host.
+    """
+    box = Box.of(transfer)
+    pupil = device.upload(box.cut(transfer).astype(device.complex))
+    first = (np.array(box.start) - points.places) % box.shape
+    count = batch_count(math.prod(box.window), device)
+    device.require_memory(count * math.prod(box.window) * device.complex.itemsize, "Abbe's sum")
+    total = np.zeros(box.window)
+    for start in range(0, len(first), BLOCK):
+        stop = min(start + BLOCK, len(first))
+        sums = device.zeros(box.window, device.real)
+        for low in range(start, stop, count):
+            part = slice(low, min(low + count, stop))
+            images = _images(spectrum, pupil, first[part].astype(np.int32), box, device)
+            accumulate(sums, images, points.weights[part], device)
+        total += device.download(sums)
+    return np.maximum(_resampled(total, box.shape), 0)
+
+
+def _images(spectrum: Any, pupil: Any, first: Values, box: Box, device: Device) -> Any:
+    """Fields behind the pupil in the window, shape (count, my, mx)."""
+    out = device.empty((len(first), *box.window), device.complex)
+    device.launch_rows(
+        device.kernel("abbe.cl", "shifted_spectra", **device.wave_defines()),
+        out.shape, out, spectrum, pupil, device.upload(first),
+        *(np.int32(n) for n in (*box.size, *box.window, *box.shape)),
+    )  # fmt: skip
+    device.fft.inverse(out, device)
+    return out
+
+
+def _resampled(intensity: Values, shape: tuple[int, int]) -> Values:
+    """A periodic band-limited intensity on a finer lattice, sample 0 on sample 0."""
+    if intensity.shape == shape:
+        return intensity
+    spectrum = np.fft.fftshift(np.fft.fft2(intensity))
+    wide = [
+        (n // 2 - m // 2, n - m - (n // 2 - m // 2))
+        for n, m in zip(shape, intensity.shape, strict=True)
+    ]
+    scale = math.prod(shape) / intensity.size
+    padded = np.fft.ifftshift(np.pad(spectrum, wide))
+    return np.asarray(np.fft.ifft2(padded).real * scale)
+
+
+def _shortest(used: Values) -> tuple[int, int]:
+    """First index and length of the shortest stretch of a periodic axis that holds all used."""
+    places = np.flatnonzero(used)
+    gaps = np.diff(places, append=places[0] + len(used))
+    widest = int(np.argmax(gaps))
+    return int(places[(widest + 1) % len(places)]), len(used) - int(gaps[widest]) + 1
+
+
+def _image(values: Values, device: Device) -> Image:
+    return Image(device.upload(values.astype(device.real)), device)
+
+
+def _check_field(field: Field) -> None:
+    if not isinstance(field, Field):
+        raise TypeError(f"A mean image is that of a Field, not of a {type(field).__name__}.")
+    if len(field.shape) != 2:
+        raise ShapeError(
+            f"A mean image is that of one field of shape (ny, nx), not {field.shape}: take one of "
+            "the batch at a time."
+        )
+
+
+def _checked_transfer(transfer: Any, shape: tuple[int, ...]) -> Values:
+    H = np.asarray(transfer, np.complex128)
+    if H.shape != shape:
+        raise ShapeError(f"The transfer function has shape {H.shape}, not {shape}.")
+    if not np.isfinite(H).all():
+        raise ValueError("The transfer function is finite at every frequency.")
+    if not H.any():
+        raise ValueError("The transfer function is 0 at every frequency: no light passes.")
+    return H
+
+
+def _checked_source(source: Any, shape: tuple[int, ...]) -> Values:
+    S = np.asarray(source, np.float64)
+    if S.shape != shape:
+        raise ShapeError(f"The source has shape {S.shape}, not {shape}.")
+    total = S.sum()
+    if not (np.isfinite(S).all() and S.min() >= -ROUNDING and abs(total - 1) <= ROUNDING):
+        raise ValueError(
+            f"A source is finite, not negative and adds up to 1; this one reaches down to "
+            f"{S.min():.3g} and adds up to {total:.9g}: divide it by its sum."
+        )
+    return np.maximum(S, 0)

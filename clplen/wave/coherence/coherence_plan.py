@@ -1,0 +1,350 @@
+"""Whether light reaches a system, and how many snapshots and wavelengths its image needs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, Literal, Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+
+from clplen.checks import is_finite
+from clplen.errors import SamplingError
+from clplen.reprs import OneLine
+from clplen.wave.coherence.phase_masks import KINDS, LEAST_CELLS, RandomPhaseMask, cells_along
+from clplen.wave.coherence.spatial_models import SpatialModel
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.number_format import metres
+from clplen.wave.spectrum.spectrum import Spectrum
+from clplen.wave.spectrum.spectrum_tables import check_wavelength
+from clplen.wave.systems.components import ConvergingLight, Lens, Part, Space, Stop
+from clplen.wave.systems.optical_system import OpticalSystem
+from clplen.wave.systems.pupil_filter import Pupil
+
+AIRY = 0.61  # radius of the Airy disc times the coherent cut-off frequency
+
+# Contrast of the image of a clear field in one snapshot, by the resolution cell over the coherence
+# length: square cells, d_c = 4 p^2/lam, a circular pupil or, along one axis alone, a slit; by
+# simulation, to 1 or 2 percent.
+_IOTA = (0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.2, 3.2, 5.0, 10.0)
+_CONTRAST = {
+    ("phase", 2): (0.126, 0.161, 0.195, 0.230, 0.273, 0.320, 0.389, 0.477, 0.603, 0.737, 0.834,
+                   0.922, 0.974, 0.994, 1.0),
+    ("field", 2): (0.992, 0.990, 0.990, 0.985, 0.984, 0.984, 0.982, 0.979, 0.978, 0.970, 0.934,
+                   0.952, 0.979, 0.993, 0.995),
+    ("phase", 1): (0.092, 0.111, 0.137, 0.156, 0.195, 0.227, 0.277, 0.344, 0.426, 0.533, 0.636,
+                   0.759, 0.880, 0.955, 0.996),
+    ("field", 1): (0.914, 0.915, 0.907, 0.911, 0.910, 0.908, 0.906, 0.897, 0.892, 0.872, 0.822,
+                   0.822, 0.868, 0.915, 0.960),
+}  # fmt: skip
+
+
+class SpectralLines(Protocol):
+    """Light of mutually incoherent wavelengths."""
+
+    def lines(self, wavelength: float) -> list[tuple[float, float]]:
+        """Wavelengths in metres and their shares of the power."""
+
+
+@runtime_checkable
+class MainLens(Protocol):
+    """A camera that says where its object lies and how wide its main lens is."""
+
+    object_distance: Any
+    aperture_diameter: Any
+
+
+Light = TypeVar("Light", bound=SpectralLines)
+
+
+@dataclass(frozen=True, repr=False)
+class CoherencePlan(OneLine, Generic[Light]):
+    """What `plan_coherence` proposes.
+
+    Attributes
+    ----------
+    coherence : Coherence
+        The light, ready for use.
+    snapshots : int
+    snr : float
+        Predicted mean over standard deviation of the image of a clear field.
+    iota : float
+        Airy radius over cell, 0.61/(fc p): 0 is coherent, 2 nearly incoherent.
+    cells : tuple of int
+        n, across the window, (ny, nx).
+    cell : float
+        p in metres, the longer side: the coherence length.
+    distance : float
+        d_c in metres, at the shortest wavelength.
+    wavelengths : int
+    contrast : float
+        Of one snapshot's image of a clear field.
+    """
+
+    coherence: Light
+    snapshots: int
+    snr: float
+    iota: float
+    cells: tuple[int, int]
+    cell: float
+    distance: float
+    wavelengths: int
+    contrast: float
+
+    @property
+    def n(self) -> int:
+        """Cells across the longer axis, the thesis' n."""
+        return max(self.cells)
+
+    @property
+    def d_c(self) -> float:
+        """The distance by its symbol, in metres."""
+        return self.distance
+
+    def __str__(self) -> str:
+        rows = (
+            ("cells", f"{self.cells[0]} x {self.cells[1]}, p = {metres(self.cell)}"),
+            ("iota = 0.61/(fc p)", f"{self.iota:.3g}"),
+            ("distance d_c", metres(self.distance)),
+            ("contrast of a snapshot", f"{self.contrast:.3g}"),
+            ("snapshots", f"{self.snapshots}"),
+            ("wavelengths", f"{self.wavelengths}"),
+            ("predicted SNR", f"{self.snr:.3g} in a clear field"),
+        )
+        return "\n".join(f"{name:<24}{value}" for name, value in rows)
+
+
+def plan_coherence(
+    light: Callable[..., Light],
+    system: Any,
+    *,
+    snr: float,
+    grid: Grid | None = None,
+    wavelength: float | None = None,
+    iota: float = 2.0,
+    kind: Literal["field", "phase"] = "phase",
+    spectrum: Spectrum | None = None,
+    wavelengths: int | None = None,
+    seed: int = 0,
+) -> CoherencePlan[Light]:
+    """Mask, snapshots and wavelengths for a wanted signal-to-noise ratio.
+
+    The cell is p = 0.61/(iota fc), fc the coherent cut-off frequency on the object, made to fit the
+    window; d_c = 4 p^2/lam. A clear field is imaged with a speckle contrast c1(iota) a snapshot
+    (c1/sqrt(M) after M), and mutually incoherent wavelengths of shares w_l reduce it by
+    sqrt(sum w_l^2); so M = (c1/e)^2 sum w_l^2 with e = 1/snr.
+
+    Parameters
+    ----------
+    light : callable
+        ``light(spatial, spectrum, wavelengths=, seed=)`` makes the light: `Coherence`.
+    system : OpticalSystem, Pupil or camera
+        One that begins with free space and a lens, or consists of one `Pupil`; of a camera its main
+        lens.
+    snr : float
+        Mean intensity over its standard deviation in a clear field, positive.
+    grid : Grid, optional
+        Of the object; a camera has its own.
+    wavelength : float, optional
+        In metres; by default the centre of the spectrum, or the camera's.
+    iota : float
+        Resolution cell over coherence length, 0.03 to 10.
+    kind : {"phase", "field"}
+        Of the mask; the phase alone has less contrast where iota is small.
+    spectrum : Spectrum, optional
+    wavelengths : int, optional
+        Into which it is sampled.
+    seed : int
+
+    Returns
+    -------
+    CoherencePlan
+
+    Raises
+    ------
+    ValueError
+        For numbers out of range, or a system without a cut-off frequency that can be told.
+    SamplingError
+        If the grid has too few samples for a mask.
+    """
+    _check_wish(snr, iota, kind)
+    window = getattr(system, "grid", None) if grid is None else grid
+    if not isinstance(window, Grid):
+        raise ValueError("Planning for a system without a grid of its own needs grid=.")
+    if wavelength is None:
+        given = getattr(system, "wavelength", None) if spectrum is None else spectrum.centre
+        if given is None:
+            raise ValueError("Planning needs wavelength= or spectrum=.")
+        wavelength = given
+    wavelength = check_wavelength(wavelength)
+    fc = object_cutoff(system, wavelength)
+    wanted, least = AIRY / (iota * fc), LEAST_CELLS["square"]
+    ny, nx = (cells_along(window, axis, wanted, least=least, exactly=False) for axis in (0, 1))
+    sides = (window.extent[0] / ny, window.extent[1] / nx)
+    p = max((side for side, n in zip(sides, window.shape, strict=True) if n > 1), default=wanted)
+    mask = RandomPhaseMask(sides, kind=kind)
+    coherence = light(mask, spectrum, wavelengths=wavelengths, seed=seed)
+    lines = coherence.lines(wavelength)
+    reached = AIRY / (fc * p)
+    table = _CONTRAST[kind, 1 if 1 in window.shape else 2]
+    contrast = math.exp(np.interp(math.log(reached), np.log(_IOTA), np.log(table)))
+    one = contrast * math.sqrt(sum(share**2 for _, share in lines))
+    snapshots = max(1, math.ceil((one * snr) ** 2 * (1 - 1e-12)))
+    return CoherencePlan(
+        coherence=coherence,
+        snapshots=snapshots,
+        snr=math.sqrt(snapshots) / one,
+        iota=reached,
+        cells=(ny, nx),
+        cell=p,
+        distance=mask.distance_on(window, min(lam for lam, _ in lines)),
+        wavelengths=len(lines),
+        contrast=contrast,
+    )
+
+
+def _check_wish(snr: float, iota: float, kind: str) -> None:
+    """Refuse what cannot be planned for."""
+    if not (is_finite(snr) and snr > 0):
+        raise ValueError(f"The signal-to-noise ratio is positive, not {snr!r}.")
+    if not (is_finite(iota) and _IOTA[0] <= iota <= _IOTA[-1]):
+        raise ValueError(
+            f"iota, resolution cell over coherence length, is {_IOTA[0]} to {_IOTA[-1]}, not "
+            f"{iota!r}; for coherent light leave out the spatial model."
+        )
+    if kind not in KINDS:
+        raise ValueError(f"A mask is a 'field' or a 'phase', not {kind!r}.")
+
+
+def object_cutoff(system: Any, wavelength: float) -> float:
+    """Coherent cut-off frequency on the object, D/(2 lam z1), in cycles a metre.
+
+    Parameters
+    ----------
+    system : OpticalSystem, Pupil or camera
+    wavelength : float
+        In metres.
+
+    Raises
+    ------
+    ValueError
+        If the system does not begin with free space and a lens or stop, and has no `Pupil`.
+    """
+    if isinstance(system, MainLens):
+        return float(system.aperture_diameter / (2 * wavelength * system.object_distance))
+    z = 0.0
+    for part in system.parts if isinstance(system, OpticalSystem) else (system,):
+        if isinstance(part, Pupil):
+            return part.cutoff(wavelength)
+        if isinstance(part, Space):
+            z += part.z
+        elif isinstance(part, (Lens, Stop)) and part.diameter is not None and z > 0:
+            return part.diameter / (2 * wavelength * z)
+        elif not isinstance(part, ConvergingLight):
+            break
+    raise ValueError(
+        "The cut-off frequency is told from a camera, a Pupil, or a system that begins with free "
+        "space and a lens with a diameter; this one is none of them."
+    )
+
+
+def check_reach(system: Any, field: Field, light: SpatialModel) -> None:
+    """Refuse light of which nothing from the edge of the object reaches the first opening.
+
+    Light leaves the object parallel to the axis, or towards the focus of `ConvergingLight`, and
+    spreads by the half angle of the source. Only an `OpticalSystem` that begins with free space can
+    be judged.
+
+    Parameters
+    ----------
+    system : callable
+    field : Field
+        The object, shape (ny, nx).
+    light : SpatialModel
+
+    Raises
+    ------
+    SamplingError
+        With where the light goes, how far it spreads and what would do.
+    """
+    opening = _first_opening(system.parts) if isinstance(system, OpticalSystem) else None
+    if opening is not None:
+        check_opening(field, light, opening)
+
+
+@dataclass(frozen=True)
+class Opening:
+    """The first lens or stop behind an object.
+
+    Attributes
+    ----------
+    z : float
+        From the object, in metres.
+    diameter : float
+    focus : float
+        Where the light converges, in metres from the object; infinite: it is parallel.
+    centre : tuple of float
+        (y, x) in metres.
+    """
+
+    z: float
+    diameter: float
+    focus: float = math.inf
+    centre: tuple[float, float] = (0.0, 0.0)
+
+
+def check_opening(field: Field, light: SpatialModel, opening: Opening) -> None:
+    """As `check_reach`, of an opening that is known.
+
+    Parameters
+    ----------
+    field : Field
+    light : SpatialModel
+    opening : Opening
+
+    Raises
+    ------
+    SamplingError
+    """
+    angle = light.half_angle(field.wavelength)
+    spread = opening.z * math.tan(min(angle, math.pi / 2 * (1 - 1e-9)))
+    for axis, name in enumerate("yx"):
+        for edge in _edges(field, axis):
+            lands = edge * (1 - opening.z / opening.focus)
+            beside = abs(lands - opening.centre[axis]) - opening.diameter / 2
+            if beside > spread:
+                raise SamplingError(
+                    f"The source's light from the edge of the object, {name} = {metres(edge)}, "
+                    f"goes to {metres(lands)} at the first opening of D = "
+                    f"{metres(opening.diameter)} and spreads by {metres(spread)} only: it misses "
+                    "the pupil. Use koehler=True (ConvergingLight), a smaller object, or a source "
+                    f"of at least {math.atan(beside / opening.z):.3g} rad half angle for its "
+                    f"{angle:.3g}."
+                )
+
+
+def _first_opening(parts: Sequence[Part]) -> Opening | None:
+    """The first lens or stop behind free space alone."""
+    z, focus = 0.0, math.inf
+    for part in parts:
+        if isinstance(part, ConvergingLight) and z == 0:
+            focus = part.z
+        elif isinstance(part, Space):
+            z += part.z
+        elif isinstance(part, Lens) and part.diameter is not None and z > 0:
+            return Opening(z, part.diameter, focus)
+        elif isinstance(part, Stop) and z > 0:
+            return Opening(z, part.diameter, focus, part.centre)
+        else:
+            return None
+    return None
+
+
+def _edges(field: Field, axis: int) -> list[float]:
+    """First and last coordinate along an axis at which the object is clear."""
+    if field.grid.shape[axis] == 1:
+        return []
+    clear = np.flatnonzero((np.abs(field.to_numpy()) > 0).any(axis=1 - axis))
+    coordinates = (field.grid.y, field.grid.x)[axis]
+    return [float(coordinates[i]) for i in (clear[0], clear[-1])] if clear.size else []

@@ -1,0 +1,453 @@
+"""Extended sources: sums of plane waves with the coherence of van Cittert and Zernike."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import KW_ONLY, dataclass
+from numbers import Integral
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from clplen.checks import is_finite
+from clplen.compute.device import Device, DeviceLike, as_device
+from clplen.deprecation import warn_caller
+from clplen.errors import SamplingError, SamplingWarning, ShapeError
+from clplen.reprs import OneLine
+from clplen.wave.coherence.spatial_models import uniform
+from clplen.wave.elements.hard_apertures import disc_coverage, interval_coverage
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.number_format import metres
+from clplen.wave.field.transmission import multiply_separable, offsets, phasor
+
+Vector = np.ndarray[Any, Any]
+
+_STRETCH = 32  # samples between two phases that are made by themselves
+
+
+class _Blocks(NamedTuple):
+    """What one work-item sums in registers: see plane_waves.cl."""
+
+    LANES: int
+    VECTORS: int
+    HEIGHT: int
+
+
+def plane_waves(
+    frequencies: Vector, amplitudes: Vector, *, grid: Grid, wavelength: float, device: Device
+) -> Field:
+    """sum_p a_p exp(2 pi i (fy_p y + fx_p x)).
+
+    Parameters
+    ----------
+    frequencies : numpy.ndarray
+        Shape (points, 2), float64: (fy, fx) in cycles a metre. Along an axis of length 1 nothing
+        varies: there the frequency does not count.
+    amplitudes : numpy.ndarray
+        Shape (points,), complex128.
+    grid : Grid
+        Phases are 0 at its coordinate (0, 0), wherever its samples lie.
+    wavelength : float
+        In metres, of the field returned.
+    device : Device
+
+    Returns
+    -------
+    Field
+        Shape (ny, nx).
+
+    Raises
+    ------
+    ShapeError
+        If the shapes of frequencies and amplitudes do not fit.
+    """
+    points = len(amplitudes)
+    if np.shape(frequencies) != (points, 2) or points == 0:
+        raise ShapeError(
+            f"{points} plane waves take frequencies of shape ({points}, 2), at least one, not "
+            f"{np.shape(frequencies)}."
+        )
+    (ny, nx), blocks = grid.shape, _blocks(device)
+    middle = grid.origin[1] + ((nx - 1) / 2 - nx // 2) * grid.pitch[1]
+    fy, fx = (f if n > 1 else 0 * f for f, n in zip(frequencies.T, grid.shape, strict=True))
+    rows = _waves(fy, grid.y[0], grid.pitch[0], ny)
+    rows *= (amplitudes * phasor(fx * middle))[:, None]
+    columns = _waves(fx, (nx - 1) % 2 * grid.pitch[1] / 2, grid.pitch[1], (nx + 1) // 2)
+    out = device.empty(grid.shape, device.complex)
+    kernel = device.kernel(
+        "plane_waves.cl", "plane_waves", **blocks._asdict(), **device.wave_defines()
+    )
+    down, across = -(-ny // blocks.HEIGHT), -(-((nx + 1) // 2) // (blocks.LANES * blocks.VECTORS))
+    device.launch(
+        kernel,
+        (down, across) if device.rows else (across, down),
+        out,
+        device.upload(_row_blocks(rows, blocks.HEIGHT, device.complex)),
+        device.upload(_column_blocks(columns, blocks.LANES * blocks.VECTORS, device.real)),
+        np.int32(points),
+        np.int32(ny),
+        np.int32(nx),
+    )
+    return Field(out, grid, float(wavelength), device)
+
+
+def _blocks(device: Device) -> _Blocks:
+    """Accumulators (4 LANES VECTORS HEIGHT) that fit the registers."""
+    if not device.rows:
+        return _Blocks(1, 1, 4)
+    single = device.precision == "single"
+    cl_device, most = device.cl_device, 16 if single else 8
+    wide = cl_device.native_vector_width_float if single else cl_device.native_vector_width_double
+    lanes = min(max(int(wide), most // 4), most)
+    return _Blocks(lanes, 2 if lanes == most else 1, 3)
+
+
+def _waves(frequency: Vector, first: float, pitch: float, count: int) -> Vector:
+    """exp(2 pi i f (first + i pitch)), shape (points, count), complex128.
+
+    A product of the phases of every 32nd sample and of the samples in between: a tenth of the
+    exponentials.
+    """
+    stretches = -(-count // _STRETCH)
+    coarse = phasor(np.multiply.outer(frequency, first + np.arange(stretches) * _STRETCH * pitch))
+    fine = phasor(np.multiply.outer(frequency, np.arange(min(_STRETCH, count)) * pitch))
+    waves = coarse[:, :, None] * fine[:, None, :]
+    return waves.reshape(len(frequency), -1)[:, :count]
+
+
+def _row_blocks(waves: Vector, height: int, dtype: np.dtype[Any]) -> Vector:
+    """(points, n) as (n / height, points, height), filled up with 0."""
+    points, n = waves.shape
+    count = -(-n // height)
+    packed = np.zeros((points, count * height), dtype)
+    packed[:, :n] = waves
+    return packed.reshape(points, count, height).swapaxes(0, 1)
+
+
+def _column_blocks(waves: Vector, width: int, dtype: np.dtype[Any]) -> Vector:
+    """(points, n) as (n / width, points, 2, width): cosines and sines, filled up with 0."""
+    points, n = waves.shape
+    count = -(-n // width)
+    packed = np.zeros((count, points, 2, width), dtype)
+    for i in range(count):
+        part = waves[:, i * width : (i + 1) * width]
+        packed[i, :, 0, : part.shape[1]] = part.real
+        packed[i, :, 1, : part.shape[1]] = part.imag
+    return packed
+
+
+Array = np.ndarray[Any, Any]
+
+_PLACES = 2  # stream of random numbers
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ExtendedSource(OneLine):
+    """Light of an incoherent source far enough away for the Fresnel approximation.
+
+    A snapshot is the field of points drawn at random from the source, each of the same power and of
+    a random phase, as it reaches a window on the axis. The mean over snapshots is light of the
+    degree of coherence of van Cittert and Zernike, that of `degree`.
+
+    Parameters
+    ----------
+    size : float
+        In metres: diameter of the disc, side of the square, or width of the picture along x.
+    distance : float
+        From the source to the window in metres.
+    shape : {"circular", "square"}
+        Of a source of uniform brightness; without meaning where there is a picture.
+    picture : array_like, optional
+        Intensities of the source, 2-D, finite, not negative and not all 0. Its middle lies on the
+        axis, its pixels are squares of even brightness, row 0 at the smallest y.
+    points : int
+        Drawn anew for each snapshot. The field tends to a circular Gaussian one as they grow: the
+        contrast of abs(u)^2 is sqrt(1 - 1/points).
+    curved : bool
+        Whether the field has the curvature that all points share, exp(i pi r^2/(lam distance)).
+        Without it the light has the same coherence everywhere in the window, as behind a field lens
+        of focal length ``distance``.
+
+    Raises
+    ------
+    ValueError
+        For a size or distance that is not positive, another shape, points below 1, or a picture
+        that is not as described.
+
+    Notes
+    -----
+    A point at s sends, without the shared curvature, the plane wave of frequency -s/(lam distance)
+    (Goodman 2015, section 5.6: the quadratic phase of the point itself is lost in its random one).
+    That is paraxial: the sine of an angle is taken for its tangent, half_angle^2/2 of it too much.
+    Along an axis of length 1 nothing varies: there the source is projected on the other axis.
+    """
+
+    size: float
+    distance: float
+    _: KW_ONLY
+    shape: Literal["circular", "square"] = "circular"
+    picture: Array | None = None
+    points: int = 400
+    curved: bool = False
+    random: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        for name in ("size", "distance"):
+            value = getattr(self, name)
+            if not (is_finite(value) and value > 0):
+                raise ValueError(f"The {name} of a source is positive, in metres, not {value!r}.")
+        if self.shape == "disc":
+            warn_caller("ExtendedSource(shape='disc') is now 'circular'.", DeprecationWarning)
+            object.__setattr__(self, "shape", "circular")
+        if self.shape not in ("circular", "square"):
+            raise ValueError(f"A source is 'circular' or 'square', not {self.shape!r}.")
+        if (
+            isinstance(self.points, bool)
+            or not isinstance(self.points, Integral)
+            or self.points < 1
+        ):
+            raise ValueError(
+                f"A source has a whole number of points, at least 1, not {self.points!r}."
+            )
+        if self.picture is not None:
+            object.__setattr__(self, "picture", _intensities(self.picture))
+
+    @property
+    def degree_is_exact(self) -> bool:
+        """Whether sums over the source are exact in a periodic window.
+
+        They are not: between its frequencies the source's waves do not continue across the edge.
+        Objects with a dark border do not see that.
+        """
+        return False
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Height and width of the source in metres, (y, x)."""
+        if self.picture is None:
+            return self.size, self.size
+        rows, columns = self.picture.shape
+        return self.size * rows / columns, self.size
+
+    def check(self, grid: Grid, *, wavelength: float) -> None:
+        """Refuse a window too coarse for the source's light.
+
+        Parameters
+        ----------
+        grid : Grid
+        wavelength : float
+            In metres.
+
+        Raises
+        ------
+        SamplingError
+            If the frequency of a point is beyond the Nyquist frequency of an axis; with the pitch
+            that is fine enough.
+
+        Warns
+        -----
+        SamplingWarning
+            If ``curved`` and the curvature is beyond it towards the edge of the window.
+        """
+        for axis, (n, pitch, size) in enumerate(
+            zip(grid.shape, grid.pitch, self.extent, strict=True)
+        ):
+            name = "yx"[axis]
+            finest = wavelength * self.distance / size
+            if n > 1 and pitch > finest * (1 + 1e-9):
+                raise SamplingError(
+                    f"A source of {metres(size)} along {name} at {metres(self.distance)} needs a "
+                    f"pitch of at most {metres(finest)}, not {metres(pitch)}: the light of its rim "
+                    "is beyond the Nyquist frequency."
+                )
+            edge = np.abs((grid.y, grid.x)[axis]).max() + size / 2
+            finest = wavelength * self.distance / (2 * edge)
+            if n > 1 and self.curved and pitch > finest * (1 + 1e-9):
+                warn_caller(
+                    f"The curvature of a source at {metres(self.distance)} is sampled too coarsely "
+                    f"at the window's edge along {name}: a pitch of at most {metres(finest)} is "
+                    f"fine enough, not {metres(pitch)}; or leave it out (curved=False).",
+                    SamplingWarning,
+                )
+
+    def field(
+        self, grid: Grid, *, wavelength: float, device: DeviceLike, seed: int, index: int
+    ) -> Field:
+        """One snapshot: sum_p exp(i phi_p - 2 pi i (s_p . r)/(lam distance))/sqrt(points).
+
+        Parameters
+        ----------
+        grid : Grid
+        wavelength : float
+            In metres.
+        device : Device or str
+        seed : int
+            0 to 2^64 - 1.
+        index : int
+            Number of the snapshot, 0 to 2^32 - 1; any order.
+
+        Returns
+        -------
+        Field
+            Shape (ny, nx); the mean of abs(u)^2 over snapshots is 1.
+        """
+        device = as_device(device)
+        draws = uniform(seed, index, _PLACES, self.points)
+        field = plane_waves(
+            -self._places(draws) / (wavelength * self.distance),
+            phasor(draws[:, 2]) / math.sqrt(self.points),
+            grid=grid,
+            wavelength=wavelength,
+            device=device,
+        )
+        if not self.curved:
+            return field
+        ty, tx = (
+            phasor(s**2 / (2 * wavelength * self.distance), device.complex) for s in offsets(grid)
+        )
+        return multiply_separable(field, ty, tx)
+
+    def degree(self, dy: ArrayLike, dx: ArrayLike, *, wavelength: float) -> Array:
+        """<u*(r) u(r + D)>/<abs(u)^2>, D = (dy, dx), the shared curvature left out.
+
+        The normalised Fourier transform of the source (van Cittert 1934; Zernike 1938; Goodman
+        2015, eq. 5.6-8): 2 J1(v)/v, v = pi size D/(lam distance), of a disc, a product of
+        sin(v)/v of a square, and of a picture sum_jk p_jk exp(-2 pi i (D . s_jk)/(lam distance))
+        over sum p_jk times the factors of a pixel.
+
+        Parameters
+        ----------
+        dy, dx : array_like
+            In metres; broadcast.
+        wavelength : float
+            In metres.
+
+        Returns
+        -------
+        numpy.ndarray
+            1 at (0, 0); float64, of a picture complex128.
+        """
+        from scipy import special  # here, because it takes a third of the package's import time
+
+        fy, fx = (np.asarray(d, np.float64) / (wavelength * self.distance) for d in (dy, dx))
+        if self.picture is not None:
+            return self._transform(self.picture, fy, fx)
+        if self.shape == "square":
+            return np.asarray(np.sinc(fy * self.size) * np.sinc(fx * self.size))
+        v = np.asarray(np.pi * self.size * np.hypot(fy, fx))
+        return np.where(v > 0, 2 * special.j1(v) / np.where(v > 0, v, 1), 1.0)
+
+    def power_spectrum(self, grid: Grid, *, wavelength: float) -> Array:
+        """The share of light at each frequency of a grid: of the source, the part in its cell.
+
+        Parameters
+        ----------
+        grid : Grid
+        wavelength : float
+            In metres.
+
+        Returns
+        -------
+        numpy.ndarray
+            float64, shape (ny, nx), FFT order, sum 1. A point at s counts at -s/(lam distance).
+
+        Raises
+        ------
+        SamplingError
+            As `check`.
+        ValueError
+            If ``curved``: such light does not have the same spectrum everywhere.
+        """
+        if self.curved:
+            raise ValueError(
+                "The light of a curved source has no one spectrum: take curved=False, and a lens "
+                f"of focal length {metres(-self.distance)} for the curvature."
+            )
+        self.check(grid, wavelength=wavelength)
+        order = [np.arange(-(n // 2), n // 2 + 1) for n in grid.shape]  # even n: both ends fold
+        cell = [
+            wavelength * self.distance / (n * d) if n > 1 else 2 * size
+            for n, d, size in zip(grid.shape, grid.pitch, self.extent, strict=True)
+        ]
+        share = self._shares(order, cell)
+        out = np.zeros(grid.shape)
+        at = [k % n for k, n in zip(order, grid.shape, strict=True)]
+        np.add.at(out, (at[0][:, None], at[1][None, :]), share)
+        return out / out.sum()
+
+    def half_angle(self, wavelength: float = 0.0) -> float:
+        """Half angle of the source along its longer side, size/(2 distance), in rad."""
+        return max(self.extent) / 2 / self.distance
+
+    def coherence_area(self, wavelength: float) -> float:
+        """Integral of abs(mu)^2 over the displacement in square metres.
+
+        (lam distance)^2 over the area of a uniform source; of a picture, times the mean of the
+        squared intensity over the squared mean (Goodman 2015, section 5.7).
+        """
+        height, width = self.extent
+        if self.picture is not None:
+            even = self.picture.mean() ** 2 / np.mean(self.picture**2)
+            area = height * width * float(even)
+        else:
+            area = height * width * (math.pi / 4 if self.shape == "circular" else 1)
+        return (wavelength * self.distance) ** 2 / area
+
+    def _places(self, draws: Array) -> Array:
+        """(y, x) of the points in metres, shape (points, 2)."""
+        if self.picture is not None:
+            rows, columns = self.picture.shape
+            sums = np.cumsum(self.picture, dtype=np.float64)
+            cells = np.searchsorted(sums, draws[:, 3] * sums[-1], side="right")
+            row, column = np.divmod(cells, columns)
+            at = np.stack([row - rows / 2, column - columns / 2], axis=-1) + draws[:, :2]
+            return at * (self.size / columns)
+        if self.shape == "square":
+            return self.size * (draws[:, :2] - 0.5)
+        radius = self.size / 2 * np.sqrt(draws[:, 0])
+        around = phasor(draws[:, 1])
+        return np.stack([radius * around.imag, radius * around.real], axis=-1)
+
+    def _transform(self, picture: Array, fy: Array, fx: Array) -> Array:
+        """Normalised Fourier transform of a picture at frequencies in cycles a metre of source."""
+        (y, x), pixel = self._centres(picture.shape), self.size / picture.shape[1]
+        rows = phasor(-np.multiply.outer(fy, y)) @ (picture / picture.sum())
+        columns = phasor(-np.multiply.outer(fx, x))
+        sums = np.einsum("...k,...k->...", rows, columns)
+        return np.asarray(sums * np.sinc(fy * pixel) * np.sinc(fx * pixel))
+
+    def _centres(self, shape: tuple[int, ...]) -> tuple[Array, Array]:
+        """Coordinates of the rows and columns of a picture in metres."""
+        pixel = self.size / shape[1]
+        y, x = ((np.arange(n) - (n - 1) / 2) * pixel for n in shape)
+        return y, x
+
+    def _shares(self, order: list[Array], cell: list[float]) -> Array:
+        """Power of the source within cells of (y, x) sides about -order times cell, any unit."""
+        at = [-k * side for k, side in zip(order, cell, strict=True)]
+        if self.picture is None and self.shape == "circular":
+            frame = Grid((len(at[0]), len(at[1])), (cell[0], cell[1]))
+            return disc_coverage(frame, self.size / 2, (0.0, 0.0))
+        picture = np.ones((1, 1)) if self.picture is None else self.picture
+        half = self.size / picture.shape[1] / 2
+        rows, columns = (
+            interval_coverage(np.subtract.outer(a, s), side, half)
+            for a, s, side in zip(at, self._centres(picture.shape), cell, strict=True)
+        )
+        return np.asarray(rows @ picture @ columns.T)
+
+
+def _intensities(picture: ArrayLike) -> Array:
+    """A picture of a source as float64 that nobody changes."""
+    values = np.array(picture, np.float64)
+    if values.ndim != 2 or values.size == 0:
+        raise ValueError(
+            f"The picture of a source is a 2-D array of intensities, not of shape {values.shape}."
+        )
+    if not (np.isfinite(values).all() and (values >= 0).all()):
+        raise ValueError("The intensities of a source's picture are finite and not negative.")
+    if not values.any():
+        raise ValueError("The picture of a source is black: at least one intensity is above 0.")
+    values.flags.writeable = False
+    return values

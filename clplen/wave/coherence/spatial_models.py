@@ -1,0 +1,210 @@
+"""What a model of spatial coherence is, its random numbers, and the limit of incoherent light."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from clplen.compute.device import DeviceLike, as_device
+from clplen.wave.field.field import Field, Grid
+
+Words = np.ndarray[Any, np.dtype[np.uint32]]
+
+ROUNDS = 10
+_MULTIPLIERS = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
+_WEYL = np.uint32(0x9E3779B9), np.uint32(0xBB67AE85)
+LARGEST_SEED = 2**64 - 1
+LARGEST_INDEX = 2**32 - 1
+
+
+def philox(counters: Any, key: Any) -> Words:
+    """Philox4x32-10: four random words for each counter (Salmon et al. 2011, section 3.3).
+
+    Parameters
+    ----------
+    counters : array_like of uint32
+        Shape (..., 4).
+    key : array_like of uint32
+        Shape (2,).
+
+    Returns
+    -------
+    numpy.ndarray of uint32
+        Shape (..., 4).
+    """
+    words = [np.asarray(counters, np.uint32)[..., i] for i in range(4)]
+    keys = np.asarray(key, np.uint32).copy()
+    with np.errstate(over="ignore"):
+        for _ in range(ROUNDS):
+            high0, low0 = _product(_MULTIPLIERS[0], words[0])
+            high1, low1 = _product(_MULTIPLIERS[1], words[2])
+            words = [high1 ^ words[1] ^ keys[0], low1, high0 ^ words[3] ^ keys[1], low0]
+            keys += _WEYL
+    return np.stack(words, axis=-1)
+
+
+def key_of(seed: int) -> Words:
+    """The key of a seed: its lower and its upper 32 bits.
+
+    Raises
+    ------
+    ValueError
+        If the seed is no whole number from 0 to 2^64 - 1.
+    """
+    check_seed(seed)
+    return np.array([seed & 0xFFFFFFFF, int(seed) >> 32], np.uint32)
+
+
+def check_seed(seed: int) -> None:
+    """Refuse what is no whole number from 0 to 2^64 - 1.
+
+    Raises
+    ------
+    ValueError
+    """
+    whole = isinstance(seed, (int, np.integer)) and not isinstance(seed, bool)
+    if not (whole and 0 <= seed <= LARGEST_SEED):
+        raise ValueError(f"A seed is a whole number from 0 to 2^64 - 1, not {seed!r}.")
+
+
+def uniform(seed: int, index: int, stream: int, count: int) -> np.ndarray[Any, Any]:
+    """Four independent uniform numbers for each of ``count`` counters.
+
+    Parameters
+    ----------
+    seed : int
+        0 to 2^64 - 1.
+    index : int
+        Of the snapshot, 0 to 2^32 - 1.
+    stream : int
+        Numbers of different streams are independent; 0 is that of the cells of masks.
+    count : int
+
+    Returns
+    -------
+    numpy.ndarray
+        float64 in [0, 1), multiples of 2^-32, shape (count, 4).
+    """
+    counters = np.zeros((count, 4), np.uint32)
+    counters[:, 0] = np.arange(count)
+    counters[:, 2], counters[:, 3] = index, stream
+    return philox(counters, key_of(seed)) * 2.0**-32
+
+
+def _product(multiplier: np.uint64, word: Words) -> tuple[Words, Words]:
+    """Upper and lower 32 bits of a product."""
+    product = multiplier * word.astype(np.uint64)
+    return (product >> np.uint64(32)).astype(np.uint32), product.astype(np.uint32)
+
+
+Array = np.ndarray[Any, Any]
+
+
+@runtime_checkable
+class SpatialModel(Protocol):
+    """Light of some degree of coherence, as an ensemble of fields of mean intensity 1."""
+
+    @property
+    def random(self) -> bool:
+        """Whether snapshots differ; else one is exact."""
+
+    def check(self, grid: Grid, *, wavelength: float) -> None:
+        """Refuse, or warn of, what the grid does not carry; asked once a run."""
+
+    def field(
+        self, grid: Grid, *, wavelength: float, device: DeviceLike, seed: int, index: int
+    ) -> Field:
+        """Snapshot number ``index``."""
+
+    def degree(self, dy: ArrayLike, dx: ArrayLike, *, wavelength: float) -> Array:
+        """Degree of coherence of two points (dy, dx) metres apart."""
+
+    def power_spectrum(self, grid: Grid, *, wavelength: float) -> Array:
+        """The share of light at each frequency of a grid, FFT order; they add up to 1."""
+
+    def half_angle(self, wavelength: float) -> float:
+        """Half angle to which light spreads, in rad."""
+
+
+@dataclass(frozen=True)
+class IncoherentLight:
+    """The limit of incoherent light: every sample has a phase of its own in every snapshot.
+
+    The mean over snapshots is that of a field incoherent from sample to sample; no two points have
+    any coherence. With a shift-invariant system that is imaging by the optical transfer function
+    (Goodman 2005, section 6.3).
+    """
+
+    random: ClassVar[bool] = True
+
+    def check(self, grid: Grid, *, wavelength: float) -> None:
+        """Every grid carries it."""
+
+    def field(
+        self, grid: Grid, *, wavelength: float, device: DeviceLike, seed: int, index: int
+    ) -> Field:
+        """One snapshot: unit amplitude, an independent uniform phase at each sample.
+
+        Parameters
+        ----------
+        grid : Grid
+        wavelength : float
+            In metres.
+        device : Device or str
+        seed : int
+            0 to 2^64 - 1.
+        index : int
+            Number of the snapshot, 0 to 2^32 - 1; any order.
+
+        Returns
+        -------
+        Field
+        """
+        device = as_device(device)
+        ny, nx = grid.shape
+        out = device.empty(grid.shape, device.complex)
+        kernel = device.kernel("masks.cl", "cell_phasors", **device.wave_defines())
+        device.launch_rows(
+            kernel, grid.shape, out, np.uint32(index), key_of(seed), np.int32(ny), np.int32(nx)
+        )
+        return Field(out, grid, float(wavelength), device)
+
+    def degree(self, dy: ArrayLike, dx: ArrayLike, *, wavelength: float = 0.0) -> Array:
+        """1 where both displacements are 0, else 0."""
+        return ((np.asarray(dy) == 0) & (np.asarray(dx) == 0)).astype(np.float64)
+
+    def power_spectrum(self, grid: Grid, *, wavelength: float = 0.0) -> Array:
+        """The same share at every frequency."""
+        return np.full(grid.shape, 1 / math.prod(grid.shape))
+
+    def half_angle(self, wavelength: float) -> float:
+        """Everywhere: pi/2."""
+        return math.pi / 2
+
+
+def periodic_power_spectrum(degree: Callable[[Array, Array], Array], grid: Grid) -> Array:
+    """Transform of a degree of coherence over the shortest displacements in a periodic window.
+
+    Wiener and Khinchin (Goodman 2015, section 3.4). What rounding or a degree too long for the
+    window makes negative is set to 0.
+
+    Parameters
+    ----------
+    degree : callable
+        Of (dy, dx) in metres.
+    grid : Grid
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (ny, nx), FFT order, sum 1.
+    """
+    lags = [np.fft.fftfreq(n, 1 / (n * d)) for n, d in zip(grid.shape, grid.pitch, strict=True)]
+    mu = degree(lags[0][:, None], lags[1][None, :])
+    share = np.maximum(np.fft.fft2(mu).real, 0)
+    return share / share.sum()

@@ -1,0 +1,246 @@
+"""Gratings and the axicon."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal
+
+import numpy as np
+
+from clplen import units
+from clplen.errors import SamplingError
+from clplen.wave.elements.transparency import apply_transmission
+from clplen.wave.field.arguments import Aliasing, act_on_aliasing, check_centre
+from clplen.wave.field.field import Field, Grid, require_field
+from clplen.wave.field.transmission import offsets, phasor
+
+Kind = Literal["binary", "sinusoidal", "phase", "blazed"]
+Values = np.ndarray[Any, Any]
+
+
+def grating(
+    field: Field,
+    period: float,
+    *,
+    kind: Kind = "binary",
+    orientation: float = 0.0,
+    duty: float = 0.5,
+    depth: float | None = None,
+    offset: float = 0.0,
+) -> Field:
+    """A thin grating of straight lines over the whole plane.
+
+    With s = x cos(orientation) + y sin(orientation) - offset and p the period:
+
+    - "binary" (Ronchi for duty .5): 1 for abs(s - n p) < duty p/2, else 0; order n has the
+      amplitude duty sinc(n duty). A cell keeps the exact fraction that is clear, at any
+      orientation (a cell seen along the lines is a trapezoid).
+    - "sinusoidal": (1 + m cos(2 pi s/p))/2; orders 1/2, m/4, m/4 (Goodman 2005, section 4.4.3).
+    - "phase": exp(i h cos(2 pi s/p)); order n has the amplitude i^n J_n(h) (Goodman 2005,
+      section 4.4.4).
+    - "blazed": exp(i h frac(s/p)); h = 2 pi sends all light into the order +1, which leaves
+      towards +s. A cell across a jump mixes its two sides in proportion.
+
+    The smooth parts are taken at the centre of each cell. Orders beyond the Nyquist frequency of
+    the grid fold back. The transmission is made in float64 on the host.
+
+    Parameters
+    ----------
+    field : Field
+    period : float
+        In metres along s, at least two samples.
+    kind : {"binary", "sinusoidal", "phase", "blazed"}
+    orientation : float
+        Of s in radians, positive from +x towards +y (y down); 0: vertical lines.
+    duty : float
+        Clear fraction of a period of a binary grating, above 0 and below 1; others ignore it.
+    depth : float, optional
+        m in 0..1 of "sinusoidal" (None: 1); h in radians of "phase", which needs it, and of
+        "blazed" (None: 2 pi). A binary grating has none.
+    offset : float
+        Shift along s in metres: the middle of a clear bar, a maximum of the cosine, a jump.
+
+    Returns
+    -------
+    Field
+
+    Raises
+    ------
+    SamplingError
+        If the period is below two samples along either axis.
+    ValueError
+        For another kind, a value out of range, or lines that vary along an axis of length 1.
+    """
+    require_field(field)
+    _check(period, kind, orientation, duty, offset)
+    strength = _depth(kind, depth)
+    across, width = _across(field.grid, period, orientation)
+    periods = across - offset / period
+    if kind == "binary":
+        return apply_transmission(field, _bars(periods, duty, width))
+    if kind == "sinusoidal":
+        return apply_transmission(field, (1 + strength * np.cos(2 * np.pi * periods)) / 2)
+    if kind == "phase":
+        turns = strength / (2 * np.pi) * np.cos(2 * np.pi * periods)
+        return apply_transmission(field, phasor(turns, field.device.complex))
+    return apply_transmission(field, _ramps(periods, strength, width))
+
+
+def axicon(
+    field: Field,
+    angle: float,
+    *,
+    centre: tuple[float, float] = (0.0, 0.0),
+    aliasing: Aliasing = "raise",
+) -> Field:
+    """A thin axicon: u exp(-i k angle r).
+
+    Every ray is bent towards the axis by the same small angle (McLeod 1954; thin and paraxial), so
+    that a plane wave of radius R becomes J0(k angle r) up to z = R/angle. Made in float64 on the
+    host. Along an axis of length 1 it is a section through the centre: a biprism.
+
+    Parameters
+    ----------
+    field : Field
+    angle : float
+        Deflection in radians, (n - 1) times the base angle of a glass cone; negative diverges.
+    centre : tuple of float
+        Of the cone, (y, x) in metres.
+    aliasing : {"raise", "warn", "allow"}
+        What to do when neighbouring samples of the phase differ by more than pi, that is for a
+        pitch above lam/(2 angle).
+
+    Returns
+    -------
+    Field
+
+    Raises
+    ------
+    SamplingError
+        If the phase is aliased and ``aliasing`` is "raise".
+    ValueError
+        If the angle or the centre is not finite, or ``aliasing`` is none of the three words.
+
+    Warns
+    -----
+    SamplingWarning
+        If the phase is aliased and ``aliasing`` is "warn".
+    """
+    require_field(field)
+    if not math.isfinite(angle):
+        raise ValueError(f"The angle of an axicon is finite, in radians, not {angle!r}.")
+    check_centre(centre, "an axicon")
+    pitch = max(
+        (d for d, n in zip(field.grid.pitch, field.grid.shape, strict=True) if n > 1), default=0.0
+    )
+    message = ""
+    if 2 * abs(angle) * pitch > field.wavelength * (1 + 1e-9):
+        message = (
+            f"The phase of an axicon of {angle:g} rad is aliased on samples of {pitch:g} m: a "
+            f"pitch of at most lam/(2 angle) = {field.wavelength / (2 * abs(angle)):.4g} m would "
+            "do."
+        )
+    act_on_aliasing(message, aliasing)
+    y, x = offsets(field.grid, centre)
+    turns = np.hypot(y[:, None], x) * (-angle / field.wavelength)
+    return apply_transmission(field, phasor(turns, field.device.complex))
+
+
+def half_plane(distance: Values, width: tuple[float, float]) -> Values:
+    """Fraction of a rectangular cell on the lower side of a straight edge.
+
+    Seen along the edge a cell is the convolution of two boxes, a trapezoid; this is its integral.
+
+    Parameters
+    ----------
+    distance : numpy.ndarray
+        Of the edge from the centre of the cell, positive if the centre is on the lower side.
+    width : tuple of float
+        Of the two boxes, in the unit of ``distance``: dy abs(sin) and dx abs(cos) of the normal.
+
+    Returns
+    -------
+    numpy.ndarray
+        0..1, shape of ``distance``.
+    """
+    narrow, wide = sorted(width)
+    away = np.abs(distance)
+    corner = np.clip((narrow + wide) / 2 - away, 0, narrow)
+    sloped = 1 - corner**2 / max(2 * narrow * wide, np.finfo(float).tiny)
+    straight = 0.5 + away / wide
+    beyond = np.where(away <= (wide - narrow) / 2, straight, sloped)
+    return np.where(distance < 0, 1 - beyond, beyond)
+
+
+def _check(period: float, kind: str, orientation: float, duty: float, offset: float) -> None:
+    if kind not in ("binary", "sinusoidal", "phase", "blazed"):
+        raise ValueError(f"A grating is 'binary', 'sinusoidal', 'phase' or 'blazed', not {kind!r}.")
+    if not (math.isfinite(period) and period > 0):
+        raise ValueError(f"The period of a grating is positive, in metres, not {period!r}.")
+    units.PITCH.check(period, "The period of a grating")
+    if not math.isfinite(orientation):
+        raise ValueError(
+            f"The orientation of a grating is finite, in radians, not {orientation!r}."
+        )
+    if not math.isfinite(offset):
+        raise ValueError(f"The offset of a grating is finite, in metres, not {offset!r}.")
+    if not 0 < duty < 1:
+        raise ValueError(f"The duty of a grating lies between 0 and 1, not {duty!r}.")
+
+
+def _depth(kind: str, depth: float | None) -> float:
+    """The depth of a kind, or its default."""
+    if kind == "binary" and depth is not None:
+        raise ValueError(f"A binary grating has no depth; got {depth!r}.")
+    if kind == "phase" and depth is None:
+        raise ValueError("A phase grating needs its depth in radians.")
+    value = {"sinusoidal": 1.0, "blazed": 2 * np.pi}.get(kind, 0.0) if depth is None else depth
+    if not math.isfinite(value):
+        raise ValueError(f"The depth of a grating is finite, not {depth!r}.")
+    if kind == "sinusoidal" and not 0 <= value <= 1:
+        raise ValueError(f"The depth of a sinusoidal grating lies in 0..1, not {depth!r}.")
+    return value
+
+
+def _across(grid: Grid, period: float, orientation: float) -> tuple[Values, tuple[float, float]]:
+    """Samples along s and the widths of a cell across the lines, all in periods."""
+    slopes = (math.sin(orientation), math.cos(orientation))
+    width = [0.0, 0.0]
+    for axis, slope in enumerate(slopes):
+        if abs(slope) < 1e-12:
+            continue
+        if grid.shape[axis] == 1:
+            raise ValueError(
+                f"Nothing varies along axis {axis} of the field, which has one sample: a grating "
+                f"of orientation {orientation:g} rad would."
+            )
+        width[axis] = grid.pitch[axis] * abs(slope) / period
+        if width[axis] > 0.5 * (1 + 1e-9):
+            raise SamplingError(
+                f"A period of {period:g} m is {1 / width[axis]:.3g} samples along axis {axis}; it "
+                f"needs at least 2: a pitch of at most {period / (2 * abs(slope)):.4g} m there."
+            )
+    y, x = (
+        c * slope / period if w else 0 * c
+        for c, slope, w in zip((grid.y, grid.x), slopes, width, strict=True)
+    )
+    return y[:, None] + x, (width[0], width[1])
+
+
+def _bars(periods: Values, duty: float, width: tuple[float, float]) -> Values:
+    """The clear fraction of every cell; a cell reaches at most the edges of the next bars."""
+    place = periods - np.rint(periods)
+    clear = np.zeros(periods.shape)
+    for n in (-1, 0, 1):
+        clear += half_plane(place - n + duty / 2, width)
+        clear -= half_plane(place - n - duty / 2, width)
+    return clear
+
+
+def _ramps(periods: Values, depth: float, width: tuple[float, float]) -> Values:
+    """exp(i depth frac(periods)), mixed in proportion in the cells that lie across a jump."""
+    place = periods - np.floor(periods)
+    here = np.exp(1j * depth * place)
+    below, above = half_plane(-place, width), half_plane(place - 1, width)
+    step = np.exp(1j * depth)
+    return here * (1 + below * (step - 1) + above * (1 / step - 1))

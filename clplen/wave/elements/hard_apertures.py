@@ -1,0 +1,338 @@
+"""Area-weighted hard apertures: a sample on the rim keeps the covered fraction of its cell."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen import units
+from clplen.errors import ShapeError
+from clplen.wave.field.arguments import check_centre, check_diameter
+from clplen.wave.field.field import Field, Grid, require_field
+from clplen.wave.field.transmission import Vector, multiply, multiply_separable, offsets
+
+NOTHING = 1e-9  # of a cell: rounding of coordinates up to a million cells away
+
+
+def interval_coverage(offset: Vector, pitch: float, half: float) -> Vector:
+    """Fraction of each cell of width ``pitch`` about ``offset`` that lies within +-half."""
+    low = np.maximum(offset - pitch / 2, -half)
+    high = np.minimum(offset + pitch / 2, half)
+    return np.maximum(high - low, 0) / pitch
+
+
+def disc_coverage(grid: Grid, radius: float, centre: tuple[float, float]) -> Vector:
+    """Fraction of each cell inside a disc, shape (ny, nx); only rim cells are integrated.
+
+    Parameters
+    ----------
+    grid : Grid
+        Without an axis of length 1.
+    radius : float
+        In metres; 0 covers nothing.
+    centre : tuple of float
+        (y, x) in metres.
+    """
+    if radius == 0:
+        return np.zeros(grid.shape)
+    y, x = (offset / radius for offset in offsets(grid, centre))
+    hy, hx = (pitch / (2 * radius) for pitch in grid.pitch)
+    far = np.add.outer((np.abs(y) + hy) ** 2, (np.abs(x) + hx) ** 2)
+    near = np.add.outer(np.maximum(np.abs(y) - hy, 0) ** 2, np.maximum(np.abs(x) - hx, 0) ** 2)
+    covered = (far <= 1).astype(np.float64)
+    row, column = np.nonzero((near < 1) & (far > 1))
+    top, bottom = y[row] - hy, y[row] + hy
+    left, right = x[column] - hx, x[column] + hx
+    area = _corner_area(bottom, right) - _corner_area(bottom, left)
+    area += _corner_area(top, left) - _corner_area(top, right)
+    covered[row, column] = np.clip(area / (4 * hy * hx), 0, 1)
+    return covered
+
+
+def _corner_area(y: Vector, x: Vector) -> Vector:
+    """Area of the unit disc between the axes and the lines at y and x; odd in both."""
+    sign = np.sign(y) * np.sign(x)
+    y, x = np.minimum(np.abs(y), 1), np.minimum(np.abs(x), 1)
+    beyond = x * np.sqrt(1 - x**2) + y * np.sqrt(1 - y**2) + np.arcsin(x) + np.arcsin(y) - np.pi / 2
+    return sign * np.where(x**2 + y**2 <= 1, x * y, beyond / 2)
+
+
+def polygon_coverage(grid: Grid, vertices: Any) -> Vector:
+    """Fraction of each cell inside a polygon, shape (ny, nx), by signed areas.
+
+    Every edge is cut at the borders of the cells. A piece of height h along y adds h to all cells
+    to its right and, to its own cell, h times the part of the cell that is to its right: running
+    sums along x then are the fractions (Green's theorem).
+
+    Parameters
+    ----------
+    grid : Grid
+    vertices : array_like
+        Shape (n, 2), (y, x) in metres, in order, either way round; the last joins the first.
+
+    Raises
+    ------
+    ValueError
+        If the polygon has no area or crosses itself.
+    """
+    corner = np.array([grid.y[0], grid.x[0]]) - np.array(grid.pitch) / 2
+    places = (np.asarray(vertices, np.float64) - corner) / grid.pitch
+    middle = places - places.mean(axis=0)
+    turned = np.roll(middle, -1, axis=0)
+    area = np.sum(middle[:, 1] * turned[:, 0] - middle[:, 0] * turned[:, 1]) / 2
+    if abs(area) <= 1e-12 * np.ptp(places, axis=0).prod():
+        raise ValueError("A polygon encloses an area; these vertices lie on a line or cross.")
+    covered = _signed_coverage(places, grid.shape) * np.sign(area)
+    if covered.min() < -1e-6 or covered.max() > 1 + 1e-6:
+        raise ValueError("The polygon crosses itself: give its outline once round, as vertices.")
+    covered[covered < NOTHING] = 0
+    covered[covered > 1 - NOTHING] = 1
+    return covered
+
+
+def _signed_coverage(places: Vector, shape: tuple[int, int]) -> Vector:
+    """Coverage by a polygon given in cells; negative where it runs from +y to +x."""
+    ny, nx = shape
+    pieces = [_cut(a, b, shape) for a, b in zip(places, np.roll(places, -1, axis=0), strict=True)]
+    start, end = (np.concatenate(ends) for ends in zip(*pieces, strict=True))
+    y, x = ((start + end) / 2).T
+    row, column = np.floor(y).astype(np.int64), np.clip(np.floor(x), 0, nx).astype(np.int64)
+    kept = (row >= 0) & (row < ny) & (column < nx)
+    place = (row * (nx + 1) + column)[kept]
+    height = (start - end)[kept, 0]
+    left = np.clip(x - column, 0, 1)[kept]
+    sums = np.bincount(place, height * (1 - left), ny * (nx + 1))
+    sums += np.bincount(place + 1, height * left, ny * (nx + 1))
+    return np.cumsum(sums.reshape(ny, nx + 1), axis=1, dtype=np.float64)[:, :nx]
+
+
+def _cut(a: Vector, b: Vector, shape: tuple[int, int]) -> tuple[Vector, Vector]:
+    """Starts and ends (m, 2) of the pieces of an edge between borders of cells, in cells."""
+    cuts = [np.array([0.0, 1.0])]
+    for p, q, n in zip(a, b, shape, strict=True):
+        if p != q:
+            low, high = max(min(p, q), 0), min(max(p, q), n)
+            cuts.append((np.arange(np.ceil(low), np.floor(high) + 1) - p) / (q - p))
+    t = np.sort(np.clip(np.concatenate(cuts), 0, 1))[:, None]
+    points = a + t * (b - a)
+    return points[:-1], points[1:]
+
+
+Pair = tuple[float, float]
+
+
+def aperture(
+    field: Field,
+    diameter: float,
+    *,
+    shape: Literal["circular", "square"] = "circular",
+    centre: Pair = (0.0, 0.0),
+) -> Field:
+    """An area-weighted hard aperture: a rim sample keeps the fraction of its cell inside.
+
+    Along an axis of length 1 there is no edge: there both shapes are a slit.
+
+    Parameters
+    ----------
+    field : Field
+    diameter : float
+        Of the circle, or side of the square, in metres.
+    shape : {"circular", "square"}
+    centre : tuple of float
+        (y, x) in metres.
+
+    Returns
+    -------
+    Field
+
+    Raises
+    ------
+    ValueError
+        For a diameter that is not positive or another shape.
+    """
+    require_field(field)
+    check_diameter(diameter)
+    check_centre(centre, "an aperture")
+    if shape == "circular":
+        return disc(field, diameter / 2, centre)
+    if shape != "square":
+        raise ValueError(f"An aperture is 'circular' or 'square', not {shape!r}.")
+    return _upright(field, (diameter, diameter), centre)
+
+
+def rectangular_aperture(
+    field: Field,
+    size: float | Pair,
+    *,
+    centre: Pair = (0.0, 0.0),
+    rotation: float = 0.0,
+) -> Field:
+    """An area-weighted rectangle, exact at every angle.
+
+    Parameters
+    ----------
+    field : Field
+    size : float or tuple of float
+        Width along (y, x) before it is turned, or one number for both, in metres.
+    centre : tuple of float
+        (y, x) in metres.
+    rotation : float
+        In radians; positive turns +x towards +y.
+
+    Returns
+    -------
+    Field
+
+    Raises
+    ------
+    ValueError
+        For a size that is not positive, or a centre or rotation that is not finite.
+    ShapeError
+        For a turned rectangle on a grid with an axis of length 1.
+    """
+    require_field(field)
+    sides = np.asarray(size, np.float64)
+    if sides.shape not in ((), (2,)) or not (np.isfinite(sides).all() and (sides > 0).all()):
+        raise ValueError(f"A rectangle's size is positive, (y, x) in metres, not {size!r}.")
+    units.DIAMETER.check(sides, "A rectangle's size")
+    check_centre(centre, "an aperture")
+    if not math.isfinite(rotation):
+        raise ValueError(f"A rotation is finite, in radians, not {rotation!r}.")
+    height, width = (float(side) for side in np.broadcast_to(sides, 2))
+    if rotation == 0:
+        return _upright(field, (height, width), centre)
+    half_y, half_x = height / 2 * np.array([-1, -1, 1, 1]), width / 2 * np.array([-1, 1, 1, -1])
+    cosine, sine = math.cos(rotation), math.sin(rotation)
+    corners = np.stack([half_x * sine + half_y * cosine, half_x * cosine - half_y * sine], axis=-1)
+    return polygonal_aperture(field, corners + centre)
+
+
+def annular_aperture(
+    field: Field, outer: float, *, inner: float, centre: Pair = (0.0, 0.0)
+) -> Field:
+    """An area-weighted ring: the exact area of every cell between two circles.
+
+    Along an axis of length 1 there is no edge: there it is a pair of slits.
+
+    Parameters
+    ----------
+    field : Field
+    outer, inner : float
+        Diameters in metres, 0 <= inner < outer.
+    centre : tuple of float
+        (y, x) in metres.
+
+    Returns
+    -------
+    Field
+
+    Raises
+    ------
+    ValueError
+        For other diameters.
+    """
+    require_field(field)
+    check_diameter(outer)
+    check_centre(centre, "an aperture")
+    if not 0 <= inner < outer:
+        raise ValueError(
+            f"The inner diameter of a ring is at least 0 and less than the outer, {outer!r} m, "
+            f"not {inner!r}."
+        )
+    grid = field.grid
+    if 1 not in grid.shape:
+        covered = disc_coverage(grid, outer / 2, centre) - disc_coverage(grid, inner / 2, centre)
+        return _masked(field, covered)
+    sides = [_interval_tables(field, (d, d), centre) for d in (outer, inner)]
+    covered = np.multiply.outer(*sides[0])
+    if grid.shape != (1, 1):
+        covered -= np.multiply.outer(*sides[1])
+    return _masked(field, covered)
+
+
+def polygonal_aperture(field: Field, vertices: Any) -> Field:
+    """An area-weighted polygon: the exact area of every cell inside.
+
+    Parameters
+    ----------
+    field : Field
+    vertices : array_like
+        Shape (n, 2), n >= 3, (y, x) in metres; any polygon that does not cross itself, convex or
+        not, either way round; the last vertex joins the first.
+
+    Returns
+    -------
+    Field
+
+    Raises
+    ------
+    ValueError
+        For vertices of another shape, that are not finite, enclose nothing or cross.
+    ShapeError
+        On a grid with an axis of length 1, along which a polygon has no meaning.
+    """
+    require_field(field)
+    places = np.asarray(vertices, np.float64)
+    if places.ndim != 2 or places.shape[0] < 3 or places.shape[1] != 2:
+        raise ValueError(
+            f"A polygon has vertices of shape (n, 2), n at least 3, (y, x) in metres, not "
+            f"{places.shape}."
+        )
+    if not np.isfinite(places).all():
+        raise ValueError("The vertices of a polygon are all finite, (y, x) in metres.")
+    if 1 in field.grid.shape:
+        raise ShapeError(
+            f"A polygon or turned rectangle needs two axes; nothing varies along one of a grid of "
+            f"shape {field.grid.shape}: use rectangular_aperture without rotation."
+        )
+    return _masked(field, polygon_coverage(field.grid, places))
+
+
+def disc(field: Field, radius: float, centre: Pair, *, out: cla.Array | None = None) -> Field:
+    """``field`` inside a circle (kernel aperture.cl), into ``out``, which may be its own data."""
+    device, grid = field.device, field.grid
+    if 1 in grid.shape:
+        return _upright(field, (2 * radius, 2 * radius), centre)
+    if out is None:
+        out = device.empty(field.shape, device.complex)
+    real = device.real.type
+    kernel = device.kernel("aperture.cl", "disc", **device.wave_defines())
+    device.launch_rows(
+        kernel,
+        field.shape,
+        out,
+        field.data,
+        *(device.upload(t.astype(device.real)) for t in offsets(grid, centre)),
+        real(radius),
+        real(grid.pitch[0] / 2),
+        real(grid.pitch[1] / 2),
+        np.int32(grid.shape[0]),
+        np.int32(grid.shape[1]),
+    )
+    return field.with_data(out)
+
+
+def _upright(field: Field, size: Pair, centre: Pair) -> Field:
+    """``field`` inside a rectangle along the axes."""
+    ty, tx = _interval_tables(field, size, centre)
+    return multiply_separable(
+        field, ty.astype(field.device.complex), tx.astype(field.device.complex)
+    )
+
+
+def _interval_tables(field: Field, size: Pair, centre: Pair) -> tuple[Vector, Vector]:
+    """Covered fractions along y and x, shapes (ny,) and (nx,); 1 along an axis of length 1."""
+    ty, tx = (
+        np.ones(1) if len(offset) == 1 else interval_coverage(offset, pitch, side / 2)
+        for offset, pitch, side in zip(
+            offsets(field.grid, centre), field.grid.pitch, size, strict=True
+        )
+    )
+    return ty, tx
+
+
+def _masked(field: Field, covered: Vector) -> Field:
+    return multiply(field, field.device.upload(covered.astype(field.device.complex)))

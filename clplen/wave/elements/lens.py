@@ -1,0 +1,293 @@
+"""Thin lenses, and how finely lenses and lenslets must be sampled."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from clplen import units
+from clplen.deprecation import renamed_argument
+from clplen.wave.elements.hard_apertures import disc
+from clplen.wave.field.arguments import Aliasing, act_on_aliasing, check_aliasing, check_diameter
+from clplen.wave.field.field import Field, Grid, require_field
+from clplen.wave.field.transmission import (
+    multiply_separable,
+    multiply_sphere,
+    offsets,
+    phasor,
+    sampled_from,
+    sampled_radius,
+)
+
+Form = Literal["paraxial", "stigmatic"]
+
+
+@renamed_argument(old="f", new="focal_length", warn=False)
+def thin_lens(
+    field: Field,
+    focal_length: float,
+    *,
+    diameter: float | None = None,
+    form: Form = "paraxial",
+    aliasing: Aliasing = "raise",
+) -> Field:
+    """A thin lens centred on the axis.
+
+    Paraxial: u exp(-i pi r^2/(lam f)), Goodman (2005), eq. 5-10. Stigmatic:
+    u exp(-ik sign(f) (sqrt(r^2 + f^2) - abs(f))), which makes a plane wave a sphere about the focus
+    without aberration.
+
+    Parameters
+    ----------
+    field : Field
+    focal_length : float
+        In metres, not 0; negative diverges, infinite does nothing.
+    diameter : float, optional
+        Of its circular, area-weighted aperture in metres; None: unbounded.
+    form : {"paraxial", "stigmatic"}
+    aliasing : {"raise", "warn", "allow"}
+        What to do when neighbouring samples of the phase differ by more than pi, that is beyond
+        R_max = lam f/(2 dx), or f q/sqrt(1 - q^2) with q = lam/(2 dx) for the stigmatic form.
+        Without a diameter the half window counts.
+
+    Returns
+    -------
+    Field
+
+    Raises
+    ------
+    SamplingError
+        If the phase is aliased and ``aliasing`` is "raise".
+    ValueError
+        For f = 0 or NaN, a diameter that is not positive, or another form.
+
+    Warns
+    -----
+    SamplingWarning
+        If the phase is aliased and ``aliasing`` is "warn".
+
+    Notes
+    -----
+    Along an axis of length 1 there is neither phase nor edge: the lens is cylindrical.
+    """
+    require_field(field)
+    f = focal_length
+    if math.isnan(f) or f == 0:
+        raise ValueError(f"The focal length is not 0, in metres; got {f!r}.")
+    units.WEAK_LENS.check(f, "The focal length")
+    check_diameter(diameter)
+    half = None if diameter is None else diameter / 2
+    check_lens_sampling(field.grid, f, half, field.wavelength, aliasing, form)
+    bent = _bend(field, f) if form == "paraxial" or math.isinf(f) else multiply_sphere(field, -f)
+    if diameter is None:
+        return bent
+    return disc(bent, diameter / 2, (0.0, 0.0), out=bent.data)
+
+
+def check_lens_sampling(
+    grid: Grid,
+    f: float,
+    radius: float | None,
+    wavelength: float,
+    aliasing: Aliasing,
+    form: Form = "paraxial",
+) -> None:
+    """Act on a lens phase that is sampled too coarsely.
+
+    Neighbouring samples differ by at most pi up to R_max = lam f/(2 dx), or f q/sqrt(1 - q^2) with
+    q = lam/(2 dx) for a stigmatic lens.
+
+    Parameters
+    ----------
+    grid : Grid
+    f : float
+        Focal length in metres.
+    radius : float or None
+        Used radius of the lens in metres; None: the half window.
+    wavelength : float
+        In metres.
+    aliasing : {"raise", "warn", "allow"}
+    form : {"paraxial", "stigmatic"}
+
+    Raises
+    ------
+    SamplingError
+        With R, R_max and the focal length that would do.
+    ValueError
+        If ``aliasing`` or ``form`` is none of the words.
+    """
+    check_aliasing(aliasing)
+    if form not in ("paraxial", "stigmatic"):
+        raise ValueError(f"The form of a lens is 'paraxial' or 'stigmatic', not {form!r}.")
+    for axis in (0, 1):
+        if grid.shape[axis] == 1 or math.isinf(f):
+            continue
+        reach = float(np.abs((grid.y, grid.x)[axis]).max())
+        used = reach if radius is None else min(radius, reach)
+        largest, enough, rule = _limits(f, used, grid.pitch[axis], wavelength, form)
+        if used <= largest * (1 + 1e-9):
+            continue
+        message = (
+            f"The phase of a lens of f = {f:g} m is aliased on samples of {grid.pitch[axis]:g} m: "
+            f"its radius is R = {used:.4g} m, R_max = {rule} = {largest:.4g} m; a focal "
+            f"length of at least {enough:.4g} m would do."
+        )
+        act_on_aliasing(message, aliasing)
+        return
+
+
+def _limits(
+    f: float, used: float, pitch: float, wavelength: float, form: Form
+) -> tuple[float, float, str]:
+    """R_max, the focal length that would do for the radius used, and the rule in words."""
+    if form == "paraxial":
+        largest, enough = wavelength * abs(f) / (2 * pitch), 2 * used * pitch / wavelength
+        return largest, enough, "lam f/(2 dx)"
+    rule = "f q/sqrt(1 - q^2), q = lam/(2 dx),"
+    return sampled_radius(f, pitch, wavelength), sampled_from(used, pitch, wavelength), rule
+
+
+def _bend(field: Field, f: float) -> Field:
+    turns = [-(t**2) / (2 * field.wavelength * f) for t in offsets(field.grid)]
+    ty, tx = (phasor(t, field.device.complex) for t in turns)
+    return multiply_separable(field, ty, tx)
+
+
+ROUNDING = 1e-9  # of a limit, which is still sampled
+
+
+@dataclass(frozen=True)
+class LensSampling:
+    """The sampling of a thin paraxial lens.
+
+    Attributes
+    ----------
+    radius, largest_radius : float
+        That is used, and R_max = lam abs(f)/(2 dx), in metres.
+    shortest_focal_length : float
+        f_min = 2 R dx/lam in metres.
+    f_number, fastest : float
+        abs(f)/(2 R), and dx/lam, the least that is sampled.
+    arriving, alone, behind : float
+        Largest slopes of the light before the lens, of the lens, and of the light behind it.
+    limit : float
+        The slope lam/(2 dx).
+    """
+
+    radius: float
+    largest_radius: float
+    shortest_focal_length: float
+    f_number: float
+    fastest: float
+    arriving: float
+    alone: float
+    behind: float
+    limit: float
+
+    def is_sampled(self, slope: float) -> bool:
+        """Whether a slope is at most the limit."""
+        return slope <= self.limit * (1 + ROUNDING)
+
+
+def lens_sampling(
+    grid: Grid,
+    f: float,
+    *,
+    wavelength: float,
+    diameter: float | None = None,
+    arriving: float = math.inf,
+) -> LensSampling:
+    """How finely a grid samples a thin lens on the axis.
+
+    Parameters
+    ----------
+    grid : Grid
+    f : float
+        Focal length in metres, not 0.
+    wavelength : float
+        In metres.
+    diameter : float, optional
+        Of its aperture in metres, at most the window counts; None: the half window.
+    arriving : float
+        Radius of curvature of the light at the lens in metres, not 0: positive from a point that
+        far before it, negative to a point behind it.
+
+    Returns
+    -------
+    LensSampling
+        Along the axis that is sampled worse.
+    """
+    used = []
+    for axis, places in enumerate((grid.y, grid.x)):
+        reach = float(np.abs(places).max())
+        if grid.shape[axis] > 1:
+            radius = reach if diameter is None else min(diameter / 2, reach)
+            used.append((radius * grid.pitch[axis], radius, grid.pitch[axis]))
+    _, radius, pitch = max(used, default=(0.0, 0.0, max(grid.pitch)))
+    return LensSampling(
+        radius=radius,
+        largest_radius=wavelength * abs(f) / (2 * pitch),
+        shortest_focal_length=2 * radius * pitch / wavelength,
+        f_number=abs(f) / (2 * radius) if radius else math.inf,
+        fastest=pitch / wavelength,
+        arriving=radius / abs(arriving),
+        alone=radius / abs(f),
+        behind=radius * abs(1 / arriving - 1 / f),
+        limit=wavelength / (2 * pitch),
+    )
+
+
+@dataclass(frozen=True)
+class LensletSampling:
+    """The sampling of lenslets in the light of a lens.
+
+    Attributes
+    ----------
+    lenslet, lens : float
+        Slopes d/(2 f_mu) of a lenslet and D/(2 z) of the light that arrives.
+    limit : float
+        The slope lam/(2 dx).
+    shortest_focal_length : float
+        Smallest f_mu in metres with which the sum is sampled; infinite where there is none.
+    """
+
+    lenslet: float
+    lens: float
+    limit: float
+    shortest_focal_length: float
+
+    @property
+    def is_sampled(self) -> bool:
+        """d/(2 f_mu) + D/(2 z) <= lam/(2 dx)."""
+        return self.lenslet + self.lens <= self.limit * (1 + ROUNDING)
+
+
+def lenslet_sampling(
+    pitch: float,
+    f: float,
+    *,
+    samples: float,
+    wavelength: float,
+    diameter: float = 0.0,
+    z: float = math.inf,
+) -> LensletSampling:
+    """How finely lenslets are sampled, alone or behind a lens.
+
+    Parameters
+    ----------
+    pitch, f : float
+        d and f_mu of a lenslet in metres, positive and not 0.
+    samples : float
+        dx, the larger pitch of the grid, in metres.
+    wavelength : float
+        In metres.
+    diameter, z : float
+        D of a lens and its distance in metres, z not 0; by default a plane wave arrives.
+    """
+    limit, lens = wavelength / (2 * samples), diameter / (2 * abs(z))
+    left = limit - lens
+    shortest = pitch / (2 * left) if left > 0 else math.inf
+    return LensletSampling(pitch / (2 * abs(f)), lens, limit, shortest)

@@ -1,0 +1,441 @@
+"""Transparencies: pictures, the USAF 1951 target and the Siemens star as elements of one plane."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clplen import units
+from clplen.errors import ShapeError
+from clplen.wave.elements.hard_apertures import interval_coverage, polygon_coverage
+from clplen.wave.field.arguments import Aliasing, act_on_aliasing, check_centre
+from clplen.wave.field.field import Field, Grid, require_field, require_grid
+from clplen.wave.field.transmission import multiply
+
+Picture = np.ndarray[Any, Any]
+
+
+def transparency(
+    field: Field,
+    amplitude: Any = None,
+    *,
+    phase: Any = None,
+    pitch: float | tuple[float, float] | None = None,
+    centre: tuple[float, float] = (0.0, 0.0),
+) -> Field:
+    """A picture as a thin element: u a exp(i phase), area-weighted on the samples of the field.
+
+    With a ``pitch`` every sample takes the mean of a exp(i phase) over its cell, picture pixels
+    being rectangles of constant transmission: the exact overlap of both grids, in float64 on the
+    host. A rapidly varying phase is therefore averaged out where the field is the coarser grid.
+
+    Parameters
+    ----------
+    field : Field
+    amplitude : array_like, optional
+        Shape (ny, nx), real or complex, unitless: 0 dark, 1 clear (divide 8-bit pictures by 255).
+        None: 1 everywhere on the picture.
+    phase : array_like, optional
+        Shape (ny, nx), radians; positive retards as exp(+ikz) does. None: 0.
+    pitch : float or tuple of float, optional
+        Pixel spacing of the picture in metres, (dy, dx) or one number. None: the picture lies on
+        the field's own samples and has its shape. Outside a picture with a pitch nothing passes.
+    centre : tuple of float
+        (y, x) in metres of pixel [ny//2, nx//2]; needs a pitch.
+
+    Returns
+    -------
+    Field
+
+    Raises
+    ------
+    ShapeError
+        If amplitude, phase and (without a pitch) the field differ in shape, or the picture varies
+        along an axis of length 1 of the field.
+    ValueError
+        If there is neither amplitude nor phase, a value is not finite, the pitch is not positive,
+        or a centre comes without a pitch.
+    """
+    require_field(field)
+    picture = _picture(amplitude, phase)
+    if pitch is None:
+        if tuple(centre) != (0.0, 0.0):
+            raise ValueError(
+                f"A picture without pitch lies on the field's samples: its centre {centre!r} "
+                "needs a pitch in metres."
+            )
+        if picture.shape != field.grid.shape:
+            raise ShapeError(
+                f"The picture has shape {picture.shape}, the field {field.grid.shape}: they must "
+                "agree, or give the pitch of the picture in metres."
+            )
+        return apply_transmission(field, picture)
+    return apply_transmission(field, _resample(picture, _place(picture, pitch, centre), field.grid))
+
+
+def apply_transmission(field: Field, transmission: Picture) -> Field:
+    """``field`` (or each of a batch) times a transmission of shape (ny, nx) from the host."""
+    device = field.device
+    return multiply(field, device.upload(transmission.astype(device.complex, copy=False)))
+
+
+def _picture(amplitude: Any, phase: Any) -> Picture:
+    """The complex (or real, without phase) transmission of the pixels in double precision."""
+    if amplitude is None and phase is None:
+        raise ValueError("A transparency has an amplitude, a phase or both; neither was given.")
+    parts = {"amplitude": amplitude, "phase": phase}
+    given = {name: np.asarray(part) for name, part in parts.items() if part is not None}
+    for name, part in given.items():
+        if part.ndim != 2 or 0 in part.shape:
+            raise ShapeError(f"The {name} of a picture has shape (ny, nx), not {part.shape}.")
+        bad = int(np.count_nonzero(~np.isfinite(part)))
+        if bad:
+            raise ValueError(
+                f"The {name} of the picture has {bad} values that are NaN or infinite: replace "
+                "them, by 0 for no light."
+            )
+    if len({part.shape for part in given.values()}) == 2:
+        raise ShapeError(
+            f"The amplitude has shape {given['amplitude'].shape}, the phase "
+            f"{given['phase'].shape}: they must agree."
+        )
+    if phase is not None and np.iscomplexobj(given["phase"]):
+        raise ValueError("The phase of a picture is real, in radians; an amplitude may be complex.")
+    if phase is None:
+        values = given["amplitude"]
+        return values.astype(np.complex128 if np.iscomplexobj(values) else np.float64)
+    return given.get("amplitude", 1.0) * np.exp(1j * given["phase"].astype(np.float64))
+
+
+def _place(
+    picture: Picture, pitch: float | tuple[float, float], centre: tuple[float, float]
+) -> Grid:
+    """The pixels as a grid, with messages that speak of a picture."""
+    spacing = np.broadcast_to(np.asarray(pitch, np.float64), (2,))
+    if not (np.isfinite(spacing).all() and (spacing > 0).all()):
+        raise ValueError(f"A picture's pitch is positive and finite, in metres, not {pitch!r}.")
+    units.PITCH.check(pitch, "A picture's pitch")
+    check_centre(centre, "a picture")
+    shape = (picture.shape[0], picture.shape[1])
+    return Grid(shape, (float(spacing[0]), float(spacing[1])), origin=centre)
+
+
+def _resample(picture: Picture, pixels: Grid, grid: Grid) -> Picture:
+    """Mean of the picture over every cell of ``grid``, 0 outside the picture."""
+    weights = [_overlap_weights(grid, pixels, axis) for axis in (0, 1)]
+    return (weights[1] @ (weights[0] @ picture).T).T
+
+
+def _overlap_weights(grid: Grid, pixels: Grid, axis: int) -> Any:
+    """Fraction of each cell of ``grid`` that each pixel covers along an axis, shape (n, n pixels).
+
+    All edges of both grids cut the axis into pieces; each lies in one cell and in one pixel.
+    """
+    from scipy import sparse  # here, because importing it takes a while
+
+    size = (grid.shape[axis], pixels.shape[axis])
+    if grid.shape[axis] == 1:
+        if pixels.shape[axis] != 1:
+            raise ShapeError(
+                f"Nothing varies along axis {axis} of the field, but the picture has "
+                f"{pixels.shape[axis]} pixels there: give it one."
+            )
+        return sparse.csr_matrix(np.ones(size))
+    cells, pixel_edges = _edges(grid, axis), _edges(pixels, axis)
+    low, high = max(cells[0], pixel_edges[0]), min(cells[-1], pixel_edges[-1])
+    cuts = np.union1d(cells, pixel_edges)
+    cuts = cuts[(cuts >= low) & (cuts <= high)]
+    middle, length = (cuts[1:] + cuts[:-1]) / 2, np.diff(cuts)
+    row = np.clip(np.searchsorted(cells, middle) - 1, 0, size[0] - 1)
+    column = np.clip(np.searchsorted(pixel_edges, middle) - 1, 0, size[1] - 1)
+    return sparse.csr_matrix((length / grid.pitch[axis], (row, column)), shape=size)
+
+
+def _edges(grid: Grid, axis: int) -> Picture:
+    """The n + 1 edges of the cells along an axis in metres."""
+    n, pitch = grid.shape[axis], grid.pitch[axis]
+    return grid.origin[axis] + (np.arange(n + 1) - n // 2 - 0.5) * pitch
+
+
+Values = np.ndarray[Any, Any]
+# Side of a layer (groups G and G + 1) and corner of the layer inside it, (y, x), in bar widths of
+# element 1 of its even group G; the next layer is four times smaller.
+_LAYER_WIDTH = 26.0
+_INNER = (6.5, 12.1)
+# How far the polygon of a Siemens star may lie from its circle, in samples.
+_SAGITTA = 1e-4
+
+
+@dataclass(frozen=True)
+class TargetElement:
+    """An element of the USAF 1951 target: two squares of three bars.
+
+    A bar is one width wide and five long, the gap between two bars is one width (MIL-STD-150A,
+    1959).
+
+    Attributes
+    ----------
+    group, element : int
+        The element counts from 1 to 6.
+    upright : tuple of float
+        Centre (y, x) in metres of the square of vertical bars, which vary along x.
+    level : tuple of float
+        Centre (y, x) in metres of the square of horizontal bars, which vary along y.
+    """
+
+    group: int
+    element: int
+    upright: tuple[float, float]
+    level: tuple[float, float]
+
+    @property
+    def frequency(self) -> float:
+        """Line pairs a metre: 1000 times 2^(group + (element - 1)/6)."""
+        return _frequency(self.group, self.element)
+
+    @property
+    def width(self) -> float:
+        """Width of a bar in metres, 1/(2 frequency)."""
+        return 0.5 / self.frequency
+
+    @property
+    def bars(self) -> Values:
+        """The six bars in metres, rows (y low, y high, x low, x high), first the vertical ones."""
+        along, across = 2.5 * self.width, 0.5 * self.width
+        rows = []
+        for shift in (-2 * self.width, 0.0, 2 * self.width):
+            (y, x) = (self.upright[0], self.upright[1] + shift)
+            rows.append((y - along, y + along, x - across, x + across))
+        for shift in (-2 * self.width, 0.0, 2 * self.width):
+            (y, x) = (self.level[0] + shift, self.level[1])
+            rows.append((y - across, y + across, x - along, x + along))
+        return np.array(rows)
+
+
+def usaf1951_elements(
+    groups: Sequence[int], *, centre: tuple[float, float] = (0.0, 0.0)
+) -> tuple[TargetElement, ...]:
+    """Where `usaf1951` draws its elements.
+
+    Elements 2 to 6 of an even group G stand in a column on the left, those of group G + 1 on the
+    right, element 1 of group G below them, and groups G + 2 and G + 3 between the columns, as on
+    the chart of MIL-STD-150A; the vertical bars of an element stand left of its horizontal ones,
+    two bar widths apart.
+
+    Parameters
+    ----------
+    groups : sequence of int
+        Of six elements each; the chart has -2 to 9.
+    centre : tuple of float
+        (y, x) in metres of the middle of the rectangle around all bars.
+
+    Returns
+    -------
+    tuple of TargetElement
+        By group and element.
+
+    Raises
+    ------
+    ValueError
+        If there is no group, one comes twice or is no integer, or the centre is not finite.
+    """
+    wanted = _groups(groups)
+    check_centre(centre, "a target")
+    blocks = [block for block in _layers(wanted[0], wanted[-1]) if block[0] in wanted]
+    corners = np.array([block[2:] for block in blocks])
+    sizes = np.array(
+        [np.array([2.5, 6.0]) / _frequency(group, number) for group, number, _, _ in blocks]
+    )
+    down, along = centre - (corners.min(axis=0) + (corners + sizes).max(axis=0)) / 2
+    return tuple(
+        _element(group, number, top + float(down), left + float(along))
+        for group, number, top, left in sorted(blocks)
+    )
+
+
+def usaf1951(
+    grid: Grid,
+    *,
+    groups: Sequence[int],
+    centre: tuple[float, float] = (0.0, 0.0),
+    invert: bool = False,
+    aliasing: Aliasing = "allow",
+) -> Values:
+    """The three-bar target USAF 1951 as a transmission, without its numerals.
+
+    Element E of group G has 2^(G + (E - 1)/6) line pairs a millimetre (MIL-STD-150A, 1959).
+    Every cell holds the exact fraction that the bars cover, so that an element finer than the grid
+    fades to grey; ``aliasing`` can refuse it. What passes the window is cut.
+
+    Parameters
+    ----------
+    grid : Grid
+    groups : sequence of int
+        Of six elements each; the chart has -2 to 9.
+    centre : tuple of float
+        (y, x) in metres of the middle of the rectangle around all bars.
+    invert : bool
+        Dark bars on a clear ground in place of clear bars on a dark one.
+    aliasing : {"raise", "warn", "allow"}
+        What to do when a bar is narrower than a sample.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (ny, nx), 0..1: for `Field.from_array` or `transparency`.
+
+    Raises
+    ------
+    SamplingError
+        If a bar is narrower than a sample and ``aliasing`` is "raise".
+    ShapeError
+        If nothing varies along an axis of the grid.
+    ValueError
+        For groups or a centre that cannot be, or if no bar lies in the window.
+
+    Warns
+    -----
+    SamplingWarning
+        If a bar is narrower than a sample and ``aliasing`` is "warn".
+
+    See Also
+    --------
+    usaf1951_elements : where the elements lie, to measure their contrast.
+    """
+    require_grid(grid)
+    elements = usaf1951_elements(groups, centre=centre)
+    _check_two_axes(grid)
+    act_on_aliasing(_too_fine(elements[-1], grid), aliasing)
+    clear = np.zeros(grid.shape)
+    for top, bottom, left, right in np.concatenate([element.bars for element in elements]):
+        y = interval_coverage(grid.y - (top + bottom) / 2, grid.pitch[0], (bottom - top) / 2)
+        x = interval_coverage(grid.x - (left + right) / 2, grid.pitch[1], (right - left) / 2)
+        cells = np.ix_(np.flatnonzero(y), np.flatnonzero(x))
+        clear[cells] += y[cells[0]] * x[cells[1]]
+    if not clear.any():
+        raise ValueError(_outside("The target", grid, centre))
+    np.minimum(clear, 1, out=clear)
+    return 1 - clear if invert else clear
+
+
+def siemens_star(
+    grid: Grid,
+    spokes: int,
+    *,
+    diameter: float,
+    centre: tuple[float, float] = (0.0, 0.0),
+) -> Values:
+    """A Siemens star as a transmission: clear where cos(spokes theta) > 0, dark outside its disc.
+
+    At the radius r it has spokes/(2 pi r) line pairs a metre. Every cell holds the exact fraction
+    that the star covers, the middle thus fades to grey; only the rim, a polygon of equal area, is
+    up to 1e-4 of a cell wrong.
+
+    Parameters
+    ----------
+    grid : Grid
+    spokes : int
+        Number of clear spokes, at least 2; the middle of the first points to +x.
+    diameter : float
+        In metres.
+    centre : tuple of float
+        (y, x) in metres.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (ny, nx), 0..1: for `Field.from_array` or `transparency`.
+
+    Raises
+    ------
+    ShapeError
+        If nothing varies along an axis of the grid.
+    ValueError
+        For values out of range, or if nothing of the star lies in the window.
+    """
+    require_grid(grid)
+    if spokes != int(spokes) or spokes < 2:
+        raise ValueError(f"A Siemens star has an integer of at least 2 spokes, not {spokes!r}.")
+    if not (math.isfinite(diameter) and diameter > 0):
+        raise ValueError(f"The diameter of a star is positive, in metres, not {diameter!r}.")
+    units.DIAMETER.check(diameter, "The diameter of a star")
+    check_centre(centre, "a star")
+    _check_two_axes(grid)
+    spoke = np.pi / spokes
+    finest = math.sqrt(8 * _SAGITTA * min(grid.pitch) / (diameter / 2))
+    count = max(math.ceil(spoke / finest), 4)
+    # A radius that gives the polygon the area of the sector.
+    radius = diameter / 2 * math.sqrt(spoke / count / math.sin(spoke / count))
+    turns = np.linspace(-spoke / 2, spoke / 2, count + 1) + 2 * spoke * np.arange(spokes)[:, None]
+    rim = radius * np.stack([np.sin(turns), np.cos(turns)], axis=-1)
+    outline = np.concatenate([np.zeros((int(spokes), 1, 2)), rim], axis=1) + centre
+    clear = polygon_coverage(grid, outline.reshape(-1, 2))
+    if not clear.any():
+        raise ValueError(_outside("The star", grid, centre))
+    return clear
+
+
+def _frequency(group: int, element: int) -> float:
+    return 1000 * 2 ** (group + (element - 1) / 6)
+
+
+def _groups(groups: Sequence[int]) -> list[int]:
+    wanted = list(groups) if np.ndim(groups) == 1 else []
+    if not wanted or any(g != int(g) for g in wanted) or len(set(wanted)) < len(wanted):
+        raise ValueError(
+            f"The groups of a target are different integers, such as (0, 1), not {groups!r}."
+        )
+    return sorted(int(g) for g in wanted)
+
+
+def _layers(lowest: int, highest: int) -> Iterator[tuple[int, int, float, float]]:
+    """(group, element, top, left) of the blocks of 5 x 12 bar widths, layer inside layer."""
+    top, left = 0.0, 0.0
+    for even in range(lowest - lowest % 2, highest + 1, 2):
+        unit = 0.5 / _frequency(even, 1)
+        right = left + _LAYER_WIDTH * unit
+        low = top
+        for element in range(2, 7):
+            yield even, element, low, left
+            low += 7 * 0.5 / _frequency(even, element)
+        bottom = low - 2 * 0.5 / _frequency(even, 6)
+        yield even, 1, bottom - 5 * unit, right - 12 * unit
+        low = top
+        for element in range(1, 7):
+            width = 0.5 / _frequency(even + 1, element)
+            yield even + 1, element, low, right - 12 * width
+            low += 7 * width
+        top, left = top + _INNER[0] * unit, left + _INNER[1] * unit
+
+
+def _element(group: int, number: int, top: float, left: float) -> TargetElement:
+    width = 0.5 / _frequency(group, number)
+    y = top + 2.5 * width
+    return TargetElement(group, number, (y, left + 2.5 * width), (y, left + 9.5 * width))
+
+
+def _too_fine(finest: TargetElement, grid: Grid) -> str:
+    """What to say of a bar narrower than a sample; empty if there is none."""
+    if finest.width >= max(grid.pitch) * (1 - 1e-9):
+        return ""
+    return (
+        f"Element {finest.element} of group {finest.group} has bars {finest.width:.4g} m wide, "
+        f"less than the pitch of {max(grid.pitch):g} m, and fades to grey: a pitch of at most "
+        f"{finest.width:.4g} m would do."
+    )
+
+
+def _check_two_axes(grid: Grid) -> None:
+    if 1 in grid.shape:
+        raise ShapeError(f"A target varies along both axes; the grid has shape {grid.shape}.")
+
+
+def _outside(what: str, grid: Grid, centre: tuple[float, float]) -> str:
+    return (
+        f"{what} lies outside the window of {grid.extent[0]:g} x {grid.extent[1]:g} m: its centre "
+        f"is {centre!r} m."
+    )

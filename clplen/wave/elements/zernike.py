@@ -1,0 +1,347 @@
+"""Zernike polynomials and phase plates made of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+
+from clplen import units
+from clplen.wave.elements.transparency import apply_transmission
+from clplen.wave.field.arguments import Aliasing, act_on_aliasing, check_centre
+from clplen.wave.field.field import Field, Grid, require_field
+from clplen.wave.field.transmission import offsets, phasor
+
+Values = np.ndarray[Any, Any]
+
+
+def zernike(n: int, m: int, rho: Any, theta: Any) -> Values:
+    """A Zernike polynomial of unit rms over the unit disc.
+
+    Noll (1976), eq. 1 and 2: sqrt(n+1) R_n^0(rho) for m = 0, sqrt(2(n+1)) R_n^m(rho) cos(m theta)
+    for m > 0 and sqrt(2(n+1)) R_n^|m|(rho) sin(|m| theta) for m < 0. The radial part is the Jacobi
+    polynomial R_n^m(rho) = rho^m P_k^(0,m)(2 rho^2 - 1), k = (n-m)/2 (Born & Wolf, 9.2.1),
+    evaluated by recurrence: R is within 1e-14 of its exact value up to n = 40.
+
+    Parameters
+    ----------
+    n : int
+        Radial order, not negative.
+    m : int
+        Azimuthal order: abs(m) <= n, n - m even; positive takes cos, negative sin.
+    rho : array_like
+        Distance from the centre as a fraction of the radius. Beyond 1 the polynomial continues.
+    theta : array_like
+        Angle in radians, from +x towards +y (y down).
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, of the broadcast shape of ``rho`` and ``theta``.
+
+    Raises
+    ------
+    ValueError
+        For orders that do not exist.
+    """
+    if n != int(n) or m != int(m) or n < abs(m) or (n - m) % 2:
+        raise ValueError(
+            f"A Zernike polynomial has integer orders n >= abs(m) with n - m even, not n = {n!r}, "
+            f"m = {m!r}."
+        )
+    order = abs(int(m))
+    r, angle = np.asarray(rho, np.float64), np.asarray(theta, np.float64)
+    from scipy.special import eval_jacobi
+
+    radial = r**order * eval_jacobi((int(n) - order) // 2, 0, order, 2 * r * r - 1)
+    if m == 0:
+        return math.sqrt(n + 1) * radial * np.ones_like(angle)
+    turned = np.cos(order * angle) if m > 0 else np.sin(order * angle)
+    return math.sqrt(2 * (n + 1)) * radial * turned
+
+
+def zernike_gradient(n: int, m: int, y: Any, x: Any) -> tuple[Values, Values]:
+    """Slopes (d/dy, d/dx) of a Zernike polynomial, in units of its rms over the radius.
+
+    R = rho^m P(2 rho^2 - 1), P = P_k^(0,m), has R' = m R/rho + 4 rho^(m+1) P'(2 rho^2 - 1), with
+    P' = (k + m + 1)/2 P_(k-1)^(1,m+1) (DLMF 18.9.15); rho and theta are then turned into x and y.
+
+    Parameters
+    ----------
+    n, m : int
+        Orders, as in `zernike`.
+    y, x : array_like
+        Place from the centre as a fraction of the radius.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Both float64, of the broadcast shape of ``y`` and ``x``.
+
+    Raises
+    ------
+    ValueError
+        For orders that do not exist.
+    """
+    zernike(n, m, 0.0, 0.0)
+    y, x = np.broadcast_arrays(np.asarray(y, np.float64), np.asarray(x, np.float64))
+    from scipy.special import eval_jacobi
+
+    order = abs(int(m))
+    k, rho, theta = (int(n) - order) // 2, np.hypot(y, x), np.arctan2(y, x)
+    t = 2 * rho**2 - 1
+    steep = (k + order + 1) / 2 * eval_jacobi(k - 1, 1, order + 1, t) if k else 0.0
+    if m == 0:
+        outward = math.sqrt(n + 1) * 4 * rho * steep * np.ones_like(theta)
+        return outward * np.sin(theta), outward * np.cos(theta)
+    over_rho = rho ** (order - 1) * eval_jacobi(k, 0, order, t)
+    outward = order * over_rho + 4 * rho ** (order + 1) * steep
+    cos, sin = np.cos(order * theta), np.sin(order * theta)
+    along, around = (cos, -sin) if m > 0 else (sin, cos)
+    outward, around = outward * along, order * over_rho * around
+    norm = math.sqrt(2 * (n + 1))
+    down = outward * np.sin(theta) + around * np.cos(theta)
+    right = outward * np.cos(theta) - around * np.sin(theta)
+    return norm * down, norm * right
+
+
+def zernike_monomials(n: int, m: int) -> Values:
+    """A Zernike polynomial as a sum of c[i, k] y^i x^k, y and x fractions of the radius.
+
+    R_n^m from Noll (1976), eq. 2; rho^2s as (x^2 + y^2)^s, and rho^m cos(m theta) and
+    rho^m sin(m theta) as the real and the imaginary part of (x + iy)^m.
+
+    Parameters
+    ----------
+    n, m : int
+        Orders, as in `zernike`.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (n + 1, n + 1).
+
+    Raises
+    ------
+    ValueError
+        For orders that do not exist.
+    """
+    zernike(n, m, 0.0, 0.0)
+    n, order = int(n), abs(int(m))
+    found = np.zeros((n + 1, n + 1))
+    for j in range(order + 1):  # (x + iy)^m: binomial (m, j) x^(m - j) (iy)^j
+        part = 1j**j * math.comb(order, j)
+        angular = part.imag if m < 0 else part.real
+        for s in range((n - order) // 2 + 1):
+            half = (n - order) // 2 - s  # of the exponent of rho^2 beside rho^m
+            radial = (-1) ** s * math.comb(n - s, s) * math.comb(n - 2 * s, half)
+            for i in range(half + 1):
+                found[j + 2 * i, order - j + 2 * (half - i)] += (
+                    angular * radial * math.comb(half, i)
+                )
+    return found * math.sqrt((n + 1) * (1 if m == 0 else 2))
+
+
+def noll(j: int) -> tuple[int, int]:
+    """(n, m) of Noll's single index.
+
+    Noll (1976), table I: n ascends, then abs(m); even j is a cosine (m > 0), odd j a sine (m < 0).
+    1 piston, 2 and 3 tilt in x and y, 4 defocus, 5 and 6 astigmatism, 7 and 8 coma in y and x,
+    9 and 10 trefoil, 11 spherical aberration.
+
+    Parameters
+    ----------
+    j : int
+        At least 1.
+
+    Returns
+    -------
+    tuple of int
+
+    Raises
+    ------
+    ValueError
+        For another j.
+    """
+    if not _is_whole(j) or j < 1:
+        raise ValueError(f"Noll's index is an integer of at least 1, not {j!r}.")
+    j = int(j)
+    n = (math.isqrt(8 * j - 7) - 1) // 2
+    place = j - n * (n + 1) // 2 - 1
+    m = 2 * ((place + 1) // 2) if n % 2 == 0 else 2 * (place // 2) + 1
+    return n, m if j % 2 == 0 else -m
+
+
+def osa(j: int) -> tuple[int, int]:
+    """(n, m) of the OSA standard index j = (n (n + 2) + m)/2.
+
+    ANSI Z80.28 (2004); Thibos et al. (2002): n ascends, then m from -n (sine) to n (cosine).
+    0 piston, 1 and 2 tilt in y and x, 3 and 5 astigmatism, 4 defocus, 6 and 9 trefoil, 7 and 8
+    coma in y and x, 12 spherical aberration.
+
+    Parameters
+    ----------
+    j : int
+        At least 0.
+
+    Returns
+    -------
+    tuple of int
+
+    Raises
+    ------
+    ValueError
+        For another j.
+    """
+    if not _is_whole(j) or j < 0:
+        raise ValueError(f"The OSA index is an integer of at least 0, not {j!r}.")
+    j = int(j)
+    n = (math.isqrt(8 * j + 1) - 1) // 2
+    return n, 2 * j - n * (n + 2)
+
+
+def _is_whole(j: Any) -> bool:
+    return isinstance(j, int | float | np.integer) and math.isfinite(j) and j == int(j)
+
+
+def phase_plate(
+    field: Field,
+    coefficients: Mapping[int, float],
+    *,
+    diameter: float,
+    indexing: Literal["noll", "osa"] = "noll",
+    centre: tuple[float, float] = (0.0, 0.0),
+    aliasing: Aliasing = "raise",
+) -> Field:
+    """A plate of Zernike polynomials: u exp(+i 2 pi W/lam) on a disc, u outside.
+
+    W = sum_j c_j Z_j is a path length, so that the phase scales with the wavelength. The plate
+    stops no light: use `aperture` for that. A sample outside the disc whose cell reaches into it
+    takes the phase of the nearest point of the rim, which is that of the part an area-weighted
+    aperture lets through. Along an axis of length 1 the plate is its section through the centre.
+    The transmission is made in float64 on the host.
+
+    Parameters
+    ----------
+    field : Field
+    coefficients : mapping of int to float
+        Index j to metres of optical path, rms over the disc; positive retards as exp(+ikz) does.
+    diameter : float
+        Of the disc, in metres.
+    indexing : {"noll", "osa"}
+        What j counts: see `noll` and `osa`.
+    centre : tuple of float
+        (y, x) in metres.
+    aliasing : {"raise", "warn", "allow"}
+        What to do when neighbouring samples of the phase in the disc differ by more than pi.
+
+    Returns
+    -------
+    Field
+
+    Raises
+    ------
+    SamplingError
+        If the phase is aliased and ``aliasing`` is "raise".
+    TypeError
+        If ``coefficients`` is no mapping.
+    ValueError
+        For an index that does not exist, a coefficient or centre that is not finite, a diameter
+        that is not positive or a word that is none of those above.
+
+    Warns
+    -----
+    SamplingWarning
+        If the phase is aliased and ``aliasing`` is "warn".
+    """
+    require_field(field)
+    terms = _terms(coefficients, indexing)
+    if not (math.isfinite(diameter) and diameter > 0):
+        raise ValueError(f"The diameter of a plate is positive, in metres, not {diameter!r}.")
+    units.DIAMETER.check(diameter, "The diameter of a plate")
+    check_centre(centre, "a plate")
+    path, on_plate = wavefront(field.grid, terms, diameter=diameter, centre=centre)
+    turns = path / field.wavelength
+    act_on_aliasing(_aliased(turns, on_plate, field.grid), aliasing)
+    return apply_transmission(field, phasor(turns, field.device.complex))
+
+
+def wavefront(
+    grid: Grid,
+    terms: Mapping[tuple[int, int], float],
+    *,
+    diameter: float,
+    centre: tuple[float, float] = (0.0, 0.0),
+) -> tuple[Values, Values]:
+    """The path length of a plate, and which cells reach into its disc; see `phase_plate`.
+
+    Parameters
+    ----------
+    grid : Grid
+    terms : mapping of (int, int) to float
+        Orders (n, m) to metres, rms over the disc.
+    diameter : float
+        Of the disc, in metres.
+    centre : tuple of float
+        (y, x) in metres.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Metres, float64, 0 outside; and bool. Both of the grid's shape.
+    """
+    y, x = offsets(grid, centre)
+    on_plate = _cells_of_disc(grid, y, x, diameter / 2)
+    rows, columns = np.nonzero(on_plate)
+    rho = np.minimum(np.hypot(y[rows], x[columns]) / (diameter / 2), 1)
+    theta = np.arctan2(y[rows], x[columns])
+    path = np.zeros(grid.shape)
+    for (n, m), metres in terms.items():
+        path[rows, columns] += metres * zernike(n, m, rho, theta)
+    return path, on_plate
+
+
+def _terms(
+    coefficients: Mapping[int, float], indexing: Literal["noll", "osa"]
+) -> dict[tuple[int, int], float]:
+    """(n, m) to metres."""
+    if indexing not in ("noll", "osa"):
+        raise ValueError(f"indexing is 'noll' or 'osa', not {indexing!r}.")
+    if not isinstance(coefficients, Mapping):
+        raise TypeError(f"The coefficients are {{index: metres}}, not {coefficients!r}.")
+    for j, metres in coefficients.items():
+        if not math.isfinite(metres):
+            raise ValueError(
+                f"Coefficient {j!r} of the plate is finite, in metres, not {metres!r}."
+            )
+        units.WAVEFRONT.check(metres, f"Coefficient {j!r} of the plate")
+    orders = noll if indexing == "noll" else osa
+    return {orders(j): float(metres) for j, metres in coefficients.items()}
+
+
+def _cells_of_disc(grid: Grid, y: Values, x: Values, radius: float) -> Values:
+    """Which cells reach into a disc about the origin of ``y`` and ``x``, shape (ny, nx)."""
+    nearest = [
+        np.maximum(np.abs(c) - (pitch / 2 if c.size > 1 else 0), 0)
+        for c, pitch in zip((y, x), grid.pitch, strict=True)
+    ]
+    return nearest[0][:, None] ** 2 + nearest[1] ** 2 < radius**2
+
+
+def _aliased(turns: Values, on_plate: Values, grid: Grid) -> str:
+    """What to say of a phase whose steps on the plate pass half a turn; empty if none does."""
+    pairs = (on_plate[1:] & on_plate[:-1], on_plate[:, 1:] & on_plate[:, :-1])
+    steps = [
+        float(np.abs(np.diff(turns, axis=axis)).max(where=pair, initial=0))
+        for axis, pair in enumerate(pairs)
+    ]
+    axis = int(np.argmax(steps))
+    if steps[axis] <= 0.5 * (1 + 1e-9):
+        return ""
+    return (
+        f"The phase of the plate is aliased: it steps by {2 * np.pi * steps[axis]:.4g} rad, more "
+        f"than pi, between neighbouring samples {grid.pitch[axis]:g} m apart; a pitch of at most "
+        f"{grid.pitch[axis] / (2 * steps[axis]):.4g} m would do."
+    )

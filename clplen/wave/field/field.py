@@ -1,0 +1,250 @@
+"""Sampling grids and complex scalar fields on a device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from numbers import Real
+from typing import Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen import units
+from clplen.checks import require
+from clplen.compute.arrays import Image, OnDevice, count_bad
+from clplen.compute.device import Device, DeviceLike, as_device
+from clplen.errors import ShapeError
+from clplen.wave.field.number_format import both, metres
+
+Vector = np.ndarray[Any, np.dtype[np.floating[Any]]]
+
+
+@dataclass(frozen=True, init=False)
+class Grid:
+    """Where the samples of a field lie.
+
+    Sample i of an axis of N samples lies at ``origin + (i - N//2) pitch``, for even and odd N.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        (ny, nx), each at least 1. An axis of length 1 means that nothing varies along it (the
+        cylindrical problem): it is never padded and carries no frequency.
+    pitch : float or tuple of float
+        Sample spacing in metres, (dy, dx) or one number for both.
+    origin : tuple of float, optional
+        (y, x) coordinate of sample N//2 in metres. Half a pitch puts the axis between the two
+        central samples of an even grid.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        (ny, nx).
+    pitch : tuple of float
+        (dy, dx) in metres.
+    origin : tuple of float
+        (y, x) in metres.
+
+    Raises
+    ------
+    ShapeError
+        If the shape is not two positive integers.
+    ValueError
+        If a pitch is not positive and finite, or an origin is not finite.
+    """
+
+    shape: tuple[int, int]
+    pitch: tuple[float, float]
+    origin: tuple[float, float]
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        pitch: float | tuple[float, float],
+        *,
+        origin: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        sizes = tuple(shape) if np.ndim(shape) == 1 else ()
+        if len(sizes) != 2 or any(int(n) != n or n < 1 for n in sizes):
+            raise ShapeError(f"A grid's shape is (ny, nx), two positive integers, not {shape!r}.")
+        pitches, origins = _pair(pitch), _pair(origin)
+        if not (np.isfinite(pitches).all() and (pitches > 0).all()):
+            raise ValueError(f"A grid's pitch is positive and finite, in metres, not {pitch!r}.")
+        if not np.isfinite(origins).all():
+            raise ValueError(f"A grid's origin is finite, in metres, not {origin!r}.")
+        object.__setattr__(self, "shape", (int(sizes[0]), int(sizes[1])))
+        object.__setattr__(self, "pitch", (float(pitches[0]), float(pitches[1])))
+        object.__setattr__(self, "origin", (float(origins[0]), float(origins[1])))
+
+    @property
+    def y(self) -> Vector:
+        """Coordinates of the rows in metres, shape (ny,)."""
+        return self._axis(0)
+
+    @property
+    def x(self) -> Vector:
+        """Coordinates of the columns in metres, shape (nx,)."""
+        return self._axis(1)
+
+    @property
+    def fy(self) -> Vector:
+        """Spatial frequencies of the rows in cycles a metre, FFT order, shape (ny,)."""
+        return np.fft.fftfreq(self.shape[0], self.pitch[0])
+
+    @property
+    def fx(self) -> Vector:
+        """Spatial frequencies of the columns in cycles a metre, FFT order, shape (nx,)."""
+        return np.fft.fftfreq(self.shape[1], self.pitch[1])
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Width of the window in metres, (ny dy, nx dx)."""
+        return (self.shape[0] * self.pitch[0], self.shape[1] * self.pitch[1])
+
+    def _axis(self, axis: int) -> Vector:
+        n = self.shape[axis]
+        return self.origin[axis] + (np.arange(n) - n // 2) * self.pitch[axis]
+
+
+def _pair(values: Any) -> Vector:
+    """One number or two as two; NaN where they are something else."""
+    try:
+        return np.broadcast_to(np.asarray(values, dtype=np.float64), (2,))
+    except (TypeError, ValueError):
+        return np.full(2, np.nan)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Field(OnDevice):
+    """A scalar field sampled on a grid. Made by `from_array` or by an operation.
+
+    The time factor is exp(-i omega t): a wave that goes to +z is exp(+ikz). The carrier exp(ikz),
+    constant over the field, is dropped by every propagation.
+
+    Attributes
+    ----------
+    data : pyopencl.array.Array
+        complex64 (complex128 on a device of double precision), shape (..., ny, nx).
+    grid : Grid
+    wavelength : float
+        In metres.
+    device : Device
+    """
+
+    data: cla.Array
+    grid: Grid
+    wavelength: float
+    device: Device
+
+    @classmethod
+    def from_array(cls, u: Any, grid: Grid, *, wavelength: float, device: DeviceLike) -> Field:
+        """Bring complex amplitudes to a device.
+
+        Parameters
+        ----------
+        u : array_like
+            Shape (..., ny, nx); leading axes are a batch. Real or complex.
+        grid : Grid
+            Its shape is that of the last two axes.
+        wavelength : float
+            In metres, positive.
+        device : Device or str
+            Where the field will live.
+
+        Raises
+        ------
+        ShapeError
+            If the shapes of field and grid differ.
+        ValueError
+            If a sample is not finite (a Fourier transform would spread it over the whole field)
+            or the wavelength is not positive.
+        """
+        require_grid(grid)
+        device = as_device(device)
+        if not (isinstance(wavelength, Real) and 0 < wavelength < np.inf):
+            raise ValueError(f"The wavelength is positive, in metres, not {wavelength!r}.")
+        units.WAVELENGTH.check(wavelength, "The wavelength")
+        units.PITCH.check(grid.pitch, "The pitch of a field's grid")
+        values = np.asarray(u)
+        if values.shape[-2:] != grid.shape:
+            raise ShapeError(
+                f"The field has shape {values.shape}, the grid {grid.shape}: the last two axes "
+                "must agree."
+            )
+        data = device.upload(values.astype(device.complex, copy=False))
+        bad = count_bad(data, device)
+        if bad:
+            raise ValueError(
+                f"The field has {bad} values that are NaN or infinite; a propagation would spread "
+                "them over the whole field: replace them, by 0 for no light."
+            )
+        return cls(data, grid, float(wavelength), device)
+
+    def __repr__(self) -> str:
+        pitch = both(self.grid.pitch, metres)
+        return (
+            f"<Field {self.shape} {self.data.dtype}, {metres(self.wavelength)}, pitch {pitch}, "
+            f"{self.device.name}>"
+        )
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the samples, (..., ny, nx)."""
+        return tuple(self.data.shape)
+
+    def to_numpy(self) -> np.ndarray[Any, Any]:
+        """The complex amplitudes on the host, shape (..., ny, nx)."""
+        return self.device.download(self.data)
+
+    def intensity(self) -> Image:
+        """abs(u)^2 as an image of shape (..., ny, nx)."""
+        out = self.device.empty(self.shape, self.device.real)
+        ny, nx = self.grid.shape
+        kernel = self.device.kernel("intensity.cl", "intensity", **self.device.wave_defines())
+        self.device.launch_rows(kernel, self.shape, out, self.data, np.int32(ny), np.int32(nx))
+        return Image(out, self.device)
+
+    def power(self) -> Any:
+        """sum abs(u)^2 dy dx in the unit of abs(u)^2 times square metres.
+
+        Returns
+        -------
+        float or numpy.ndarray
+            One float, or one for each leading batch index.
+        """
+        total = row_powers(self).sum(axis=-1) * self.grid.pitch[0] * self.grid.pitch[1]
+        return float(total) if total.ndim == 0 else total
+
+    def with_data(self, data: cla.Array) -> Field:
+        """The same grid, wavelength and device with other samples."""
+        return replace(self, data=data)
+
+
+def require_field(field: object) -> None:
+    """Refuse what is no field.
+
+    Raises
+    ------
+    TypeError
+    """
+    require(Field, field, "field", "Field.from_array or plane_wave")
+
+
+def require_grid(grid: object) -> None:
+    """Refuse what is no grid.
+
+    Raises
+    ------
+    TypeError
+    """
+    require(Grid, grid, "grid", "Grid(shape, pitch)")
+
+
+def row_powers(field: Field) -> Vector:
+    """Sum of abs(u)^2 along each row, compensated on the device, shape (..., ny), float64."""
+    out = field.device.empty(field.shape[:-1], field.device.real)
+    ny, nx = field.grid.shape
+    kernel = field.device.kernel("intensity.cl", "row_power", **field.device.wave_defines())
+    count = int(np.prod(field.shape[:-2], dtype=np.int64))
+    field.device.launch(kernel, (ny, count), out, field.data, np.int32(ny), np.int32(nx))
+    return field.device.download(out).astype(np.float64)

@@ -1,0 +1,237 @@
+"""Intensities: sums and running means on a device, and the mean of partially coherent light."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol, cast, runtime_checkable
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute.arrays import HostArray, Image
+from clplen.compute.device import Device
+from clplen.wave.field.field import Field, Grid, row_powers
+
+Region = tuple[slice, slice]
+Object = Field | Callable[[float], Field]  # the same at every wavelength, or a function of it
+
+
+@dataclass(frozen=True)
+class Window:
+    """A rectangle of pixels: rows y0 <= y < y1, columns x0 <= x < x1."""
+
+    y0: int
+    y1: int
+    x0: int
+    x1: int
+
+    @classmethod
+    def of(cls, region: Region | None, shape: tuple[int, int]) -> Window:
+        """The pixels of a region, (rows, columns) as slices; None: all.
+
+        Raises
+        ------
+        ValueError
+            If the region is no pair of slices without steps, or holds no pixel.
+        """
+        parts = (slice(None), slice(None)) if region is None else region
+        pair = isinstance(parts, tuple) and [type(part) for part in parts] == [slice, slice]
+        if not pair or any(part.step not in (None, 1) for part in parts):
+            raise ValueError(
+                f"A region is two slices without steps, (rows, columns), not {region!r}."
+            )
+        (y0, y1, _), (x0, x1, _) = (p.indices(n) for p, n in zip(parts, shape, strict=True))
+        if y1 <= y0 or x1 <= x0:
+            raise ValueError(f"The region {region!r} holds no pixel of an image of {shape}.")
+        return cls(y0, y1, x0, x1)
+
+
+def accumulate(total: cla.Array, fields: cla.Array, weights: Any, device: Device) -> None:
+    """total[y, x] += sum_b weights[b] abs(fields[b, y, x])^2, on the device.
+
+    Parameters
+    ----------
+    total : pyopencl.array.Array
+        Real, shape (ny, nx).
+    fields : pyopencl.array.Array
+        Complex, shape (n, ny, nx), or (ny, nx) for n = 1.
+    weights : array_like
+        Shape (n,).
+    device : Device
+    """
+    ny, nx = total.shape
+    factors = np.atleast_1d(np.asarray(weights, device.real))
+    kernel = device.kernel("intensity.cl", "accumulate", **device.wave_defines())
+    sizes = (np.int32(n) for n in (factors.size, ny, nx))
+    device.launch_rows(kernel, (ny, nx), total, fields, device.upload(factors), *sizes)
+
+
+def add_scaled(total: cla.Array, picture: cla.Array, weight: float, device: Device) -> None:
+    """total[y, x] += weight picture[y, x], on the device; both real, of one shape."""
+    ny, nx = total.shape
+    defines = {"DOUBLE": True} if total.dtype == np.float64 else {}
+    kernel = device.kernel("intensity.cl", "add_scaled", **defines)
+    sizes = (np.int32(ny), np.int32(nx))
+    device.launch_rows(kernel, (ny, nx), total, picture, total.dtype.type(weight), *sizes)
+
+
+class Statistics:
+    """Mean and variance of snapshots' intensities, pixel by pixel (Welford 1962).
+
+    Parameters
+    ----------
+    shape : tuple of int
+        (ny, nx).
+    device : Device
+
+    Attributes
+    ----------
+    mean, m2 : pyopencl.array.Array
+        Mean so far, and sum of the squared deviations from it, in the square of ``unit``.
+    unit : float
+        Power of two next to the mean of the first snapshot, so that squares stay in range.
+    count : int
+        Snapshots so far.
+    """
+
+    def __init__(self, shape: tuple[int, int], device: Device) -> None:
+        self.shape, self.device = shape, device
+        self.mean = device.zeros(shape, device.real)
+        self.m2 = device.zeros(shape, device.real)
+        self.count = 0
+        self.unit = 1.0
+
+    def add(self, snapshot: Field | cla.Array) -> None:
+        """Take a snapshot: a field, whose abs(u)^2 counts, or an image; shape (ny, nx)."""
+        self.count += 1
+        device, (ny, nx) = self.device, self.shape
+        field = isinstance(snapshot, Field)
+        data = snapshot.data if isinstance(snapshot, Field) else snapshot
+        if self.count == 1:
+            self.unit = _unit_of(snapshot, device)
+        name = "add_field" if field else "add_image"
+        kernel = device.kernel("statistics.cl", name, **device.wave_defines())
+        numbers = (device.real.type(x) for x in (1 / self.count, 1 / self.unit))
+        sizes = (np.int32(ny), np.int32(nx))
+        device.launch_rows(kernel, self.shape, self.mean, self.m2, data, *numbers, *sizes)
+
+    def restore(
+        self, mean: np.ndarray[Any, Any], m2: np.ndarray[Any, Any], count: int, unit: float
+    ) -> None:
+        """Go on from what was downloaded before."""
+        self.mean, self.m2 = self.device.upload(mean), self.device.upload(m2)
+        self.count, self.unit = count, unit
+
+    def image(self) -> Image:
+        """The mean."""
+        return Image(self.mean, self.device)
+
+    def standard_error(self) -> Image:
+        """Of the mean: sqrt(variance/count), NaN from fewer than two snapshots."""
+        k = self.count
+        scale = 1 / (k * (k - 1)) if k > 1 else math.nan
+        factors = (self.device.real.type(x) for x in (scale, self.unit))
+        out = self.device.empty(self.shape, self.device.real)
+        kernel = self.device.kernel("statistics.cl", "standard_error", **self.device.wave_defines())
+        ny, nx = (np.int32(n) for n in self.shape)
+        self.device.launch_rows(kernel, self.shape, out, self.m2, *factors, ny, nx)
+        return Image(out, self.device)
+
+    def relative_error(self, window: Window) -> float:
+        """Standard error over mean in a window: rms of the errors, over the mean intensity.
+
+        NaN from fewer than two snapshots or without light.
+        """
+        device, rows = self.device, window.y1 - window.y0
+        out = device.empty((rows, 2), device.real)
+        kernel = device.kernel("statistics.cl", "row_sums", **device.wave_defines())
+        sizes = (window.y0, window.x0, window.x1, rows, self.shape[1])
+        device.launch(kernel, (rows,), out, self.mean, self.m2, *(np.int32(n) for n in sizes))
+        sums = device.download(out).sum(axis=0, dtype=np.float64)
+        pixels, k = rows * (window.x1 - window.x0), self.count
+        if k < 2 or sums[0] <= 0:
+            return math.nan
+        deviation = math.sqrt(sums[1] / pixels / (k * (k - 1))) * self.unit
+        return deviation / (sums[0] / pixels)
+
+
+def _unit_of(snapshot: Field | cla.Array, device: Device) -> float:
+    """The power of two next to the mean intensity, 1 without light."""
+    if isinstance(snapshot, Field):
+        mean = float(row_powers(snapshot).sum()) / math.prod(snapshot.grid.shape)
+    else:
+        mean = float(device.download(snapshot).mean(dtype=np.float64))
+    return 2.0 ** round(math.log2(mean)) if 0 < mean < math.inf else 1.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MeanIntensity(HostArray):
+    """The mean intensity of partially coherent light, and how far it is converged.
+
+    Attributes
+    ----------
+    intensity : Image
+        Shape (ny, nx).
+    standard_error : Image
+        Of each pixel's mean; 0 where nothing is random.
+    snapshots : int
+        Used; terms of the sum where nothing is random.
+    convergence : numpy.ndarray
+        float64, shape (n, 2): number of snapshots, and standard error over mean in the region (rms
+        of the errors over its pixels, divided by its mean intensity). Empty if nothing is random.
+    method : str
+        "monte-carlo", "abbe", "incoherent" or "coherent".
+    grid : Grid
+        Of the image.
+    """
+
+    intensity: Image
+    standard_error: Image
+    snapshots: int
+    convergence: np.ndarray[Any, np.dtype[np.float64]]
+    method: str
+    grid: Grid
+
+    _downloads: ClassVar[bool] = True
+
+    def __repr__(self) -> str:
+        error = f", standard error {self.relative_error:.2%}" if len(self.convergence) else ""
+        kind = "snapshot" if self.method == "monte-carlo" else "term"
+        kind += "s" * (self.snapshots != 1)
+        return f"<MeanIntensity {self.method}, {self.snapshots} {kind}{error}, {self.grid}>"
+
+    @property
+    def relative_error(self) -> float:
+        """The last standard error over mean in the region; 0 if nothing is random."""
+        return float(self.convergence[-1, 1]) if len(self.convergence) else 0.0
+
+    def to_numpy(self) -> np.ndarray[Any, Any]:
+        """The intensity on the host, shape (ny, nx)."""
+        return self.intensity.to_numpy()
+
+
+@runtime_checkable
+class PartialCoherence(Protocol):
+    """Light that gives the mean intensity behind a system, as `Coherence` does."""
+
+    def average(self, *arguments: Any, **keywords: Any) -> MeanIntensity:
+        """The mean intensity behind a system whose object this light illuminates."""
+
+
+def average_of(coherence: Any) -> Callable[..., Any]:
+    """`Coherence.average` of what was given for one.
+
+    Raises
+    ------
+    TypeError
+        If it is no `Coherence`.
+    """
+    average = getattr(coherence, "average", None)
+    if average is None or isinstance(coherence, type):
+        raise TypeError(
+            "coherence is a Coherence, such as Coherence(RandomPhaseMask(40e-6)), not "
+            f"{coherence!r}."
+        )
+    return cast(Callable[..., Any], average)

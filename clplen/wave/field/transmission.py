@@ -1,0 +1,180 @@
+"""A field times a transmission: sampled, separable or spherical.
+
+``exp(i k z sqrt(1 - s))`` in float32 loses the field at camera distances. Every large phase of the
+package is therefore a product of 1-D tables, whose turns are reduced in double on the host, times a
+small residual in the kernel.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute.device import Device
+from clplen.compute.fft.blocks import lanes_defines
+from clplen.wave.field.field import Field, Grid
+
+Vector = np.ndarray[Any, np.dtype[np.floating[Any]]]
+
+
+def offsets(grid: Grid, centre: tuple[float, float] = (0.0, 0.0)) -> tuple[Vector, Vector]:
+    """Coordinates (y, x) of a grid's samples from a centre in metres, shapes (ny,) and (nx,).
+
+    Along an axis of length 1, where nothing varies, the offset is 0.
+    """
+    y, x = (
+        np.zeros(1) if n == 1 else coordinate - middle
+        for n, coordinate, middle in zip(grid.shape, (grid.y, grid.x), centre, strict=True)
+    )
+    return y, x
+
+
+def multiply_separable(field: Field, ty: np.ndarray, tx: np.ndarray) -> Field:
+    """``field`` times the product of two 1-D complex tables over y and x."""
+    device, (ny, nx) = field.device, field.grid.shape
+    out = device.empty(field.shape, device.complex)
+    kernel = device.kernel("separable.cl", "multiply_separable", **lanes_defines(device))
+    device.launch_rows(
+        kernel,
+        field.shape,
+        out,
+        field.data,
+        device.upload(ty),
+        device.upload(tx),
+        np.int32(ny),
+        np.int32(nx),
+    )
+    return field.with_data(out)
+
+
+def multiply(field: Field, transmission: cla.Array) -> Field:
+    """``field`` (or each of a batch) times a complex transmission of shape (ny, nx)."""
+    device, (ny, nx) = field.device, field.grid.shape
+    out = device.empty(field.shape, device.complex)
+    kernel = device.kernel("multiply.cl", "multiply", **device.wave_defines())
+    device.launch_rows(
+        kernel, field.shape, out, field.data, transmission, np.int32(ny), np.int32(nx)
+    )
+    return field.with_data(out)
+
+
+Table = np.ndarray[Any, Any]
+
+
+def phasor(turns: Any, dtype: Any = np.complex128) -> Table:
+    """exp(2 pi i turns), reduced to half a turn in float64 and then rounded to ``dtype``."""
+    reduced = np.asarray(turns, np.float64)
+    reduced = reduced - np.rint(reduced)
+    return np.exp(2j * np.pi * reduced).astype(dtype)
+
+
+def split(values: Any, dtype: np.dtype[Any]) -> Table:
+    """Float64 values as (high, low) pairs of ``dtype``, shape (..., 2)."""
+    exact = np.asarray(values, np.float64)
+    high = exact.astype(dtype)
+    low = (exact - high.astype(np.float64)).astype(dtype)
+    return np.stack([high, low], axis=-1)
+
+
+def whole_and_part(values: Table, dtype: np.dtype[Any]) -> Table:
+    """Float64 values as (nearest integer, rest) pairs of ``dtype``, shape (..., 2)."""
+    exact = np.asarray(values, np.float64)
+    whole = np.rint(exact)
+    return np.stack([whole, exact - whole], axis=-1).astype(dtype)
+
+
+Pair = tuple[float, float]
+
+LARGEST_TABLE_RESIDUAL = 1.0  # turns; above, float32 tables lose more than 1e-5 rad
+
+
+def multiply_sphere(
+    field: Field,
+    z: float,
+    centre: Pair = (0.0, 0.0),
+    *,
+    fades: bool = False,
+    out: cla.Array | None = None,
+    phase: str | None = None,
+) -> Field:
+    """``field`` times exp(ik(r - abs(z)) sign z), r the distance from a point abs(z) away.
+
+    r - abs(z) = rho^2/(2 abs(z)) - (r - abs(z))^2/(2 abs(z)): a product of 1-D tables, made in
+    double, times a residual in turns.
+
+    Parameters
+    ----------
+    field : Field
+    z : float
+        In metres, not 0 and finite; positive: light from a point before the plane, negative: to a
+        point behind it.
+    centre : tuple of float
+        Foot (y, x) of the point in metres.
+    fades : bool
+        Whether the amplitude is 1/r, else 1.
+    out : pyopencl.array.Array, optional
+        Where the samples go; it may be the field's own data.
+    phase : {"tables", "fp64", "twofloat"}, optional
+        By default whatever keeps 1e-5 rad on the device.
+
+    Returns
+    -------
+    Field
+    """
+    device, (ny, nx) = field.device, field.grid.shape
+    if out is None:
+        out = device.empty(field.shape, device.complex)
+    if phase is None:
+        phase = phase_route(residual_turns(field.grid, z, centre, field.wavelength), device)
+    places = offsets(field.grid, centre)
+    tables = [phasor(t**2 / (2 * field.wavelength * z), device.complex) for t in places]
+    squares = [split((t / z) ** 2, device.real) for t in places]
+    defines = lanes_defines(device) if phase == "tables" else device.wave_defines()
+    defines[f"PHASE_{phase.upper()}"] = True
+    if fades:
+        defines["SOURCE"] = True
+    device.launch_rows(
+        device.kernel("sphere.cl", "sphere", **defines),
+        field.shape,
+        out,
+        field.data,
+        *(device.upload(t) for t in tables),
+        *(device.upload(s) for s in squares),
+        split(z / field.wavelength, device.real),
+        device.real.type(1 / abs(z)),
+        np.int32(ny),
+        np.int32(nx),
+    )
+    return field.with_data(out)
+
+
+def residual_turns(grid: Grid, z: float, centre: Pair, wavelength: float) -> float:
+    """Largest phase beside the tables on a grid, (r - abs(z))^2/(2 abs(z) lam), in turns."""
+    reach = math.hypot(*(float(np.abs(t).max()) for t in offsets(grid, centre)))
+    beyond = reach**2 / (math.hypot(reach, z) + abs(z))
+    return beyond**2 / (2 * abs(z) * wavelength)
+
+
+def phase_route(turns: float, device: Device) -> str:
+    """ "tables", "fp64" or "twofloat": how a device forms the phase to 1e-5 rad."""
+    if device.precision == "double" or turns <= LARGEST_TABLE_RESIDUAL:
+        return "tables"
+    return "fp64" if device.has_fp64 else "twofloat"
+
+
+def sampled_radius(z: float, pitch: float, wavelength: float) -> float:
+    """Largest rho up to which a spherical phase changes by at most pi a sample, in metres.
+
+    R_max = z q/sqrt(1 - q^2), q = lam/(2 dx) the sine of the steepest sampled ray; any for q >= 1.
+    """
+    sine = wavelength / (2 * pitch)
+    return math.inf if sine >= 1 else abs(z) * sine / math.sqrt(1 - sine**2)
+
+
+def sampled_from(radius: float, pitch: float, wavelength: float) -> float:
+    """Smallest abs(z) for which `sampled_radius` reaches a radius, in metres."""
+    sine = wavelength / (2 * pitch)
+    return 0.0 if sine >= 1 else radius * math.sqrt(1 - sine**2) / sine

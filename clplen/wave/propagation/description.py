@@ -1,0 +1,348 @@
+"""A propagation before it is on a device: what is asked for, how it is done, what it costs.
+
+One description serves every method: maps along the axes, a factor in between, maps back.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any, Literal
+
+import numpy as np
+
+from clplen import units
+from clplen.checks import is_finite
+from clplen.compute.fft.lines import Line, Separable
+from clplen.errors import SamplingError
+from clplen.wave.field.field import Grid
+from clplen.wave.propagation.band import FAR_GUARD, GUARD, AxisSpan, Band, guarded_band
+from clplen.wave.propagation.transfer_function import Factor
+
+METHODS = (
+    "auto",
+    "as",
+    "blas",
+    "cblas",
+    "rs",
+    "fresnel-tf",
+    "fresnel-ir",
+    "fresnel-1fft",
+    "fresnel-multistep",
+)
+SELF_PADDED = ("auto", "cblas", "rs")  # methods that size their own windows
+FREE_GRID = ("auto", "cblas")  # methods that take any output grid
+FARTHEST = 1e12  # metres
+BORDER = 0.4  # of half the window, the taper of fresnel-multistep
+_SAME = 1e-9  # of a pitch
+
+
+@dataclass(frozen=True)
+class Request:
+    """Everything that determines a propagation; the key of its plan.
+
+    Attributes
+    ----------
+    grid, out_grid : Grid
+        ``out_grid`` is None where the method chooses.
+    z, wavelength : float
+        In metres.
+    method : str
+    pad, border : float
+    guard : float or None
+        In Fresnel widths; None: `widths`.
+    support : tuple of float or None
+        (y, x) widths that carry light, centred on the grid, in metres; None: the whole window.
+    lens : float or None
+        Focal length of a thin lens right before a fresnel-1fft, in metres.
+
+    Raises
+    ------
+    ValueError
+        For an unknown method or a number outside its range.
+    SamplingError
+        For an output grid that the method cannot give.
+    """
+
+    grid: Grid
+    z: float
+    wavelength: float
+    method: str = "auto"
+    pad: float = 2
+    out_grid: Grid | None = None
+    guard: float | None = None
+    border: float = BORDER
+    support: tuple[float, float] | None = None
+    lens: float | None = None
+
+    def __post_init__(self) -> None:
+        _check_numbers(self)
+        if self.lens is not None and self.method != "fresnel-1fft":
+            raise ValueError(
+                f"lens= is for method='fresnel-1fft', not {self.method!r}: put a thin_lens before "
+                "the propagation."
+            )
+        self._check_out_grid()
+
+    def _check_out_grid(self) -> None:
+        out = self.out_grid
+        if out is None or out == self.grid:
+            return
+        if self.method not in (*FREE_GRID, "fresnel-1fft"):
+            raise SamplingError(
+                f"method={self.method!r} keeps the grid of the field, {self.grid}, but {out} was "
+                "asked for: method='cblas' gives any grid."
+            )
+        for n, m, axis in zip(self.grid.shape, out.shape, "yx", strict=True):
+            if n == 1 and m != 1:
+                raise SamplingError(
+                    f"Nothing varies along {axis} in {self.grid}, but {m} samples were asked for "
+                    "along it: give the output grid one sample there."
+                )
+
+    @property
+    def target(self) -> Grid:
+        """The output grid; the input's where none was asked for."""
+        return self.grid if self.out_grid is None else self.out_grid
+
+    @property
+    def is_aligned(self) -> bool:
+        """Whether the output has the pitch and the centre of the input."""
+        own, other = self.grid, self.target
+        return all(
+            n == 1 or (abs(a - b) <= _SAME * a / max(n, m) and abs(c - e) <= _SAME * a)
+            for n, m, a, b, c, e in zip(
+                own.shape,
+                other.shape,
+                own.pitch,
+                other.pitch,
+                own.origin,
+                other.origin,
+                strict=True,
+            )
+        )
+
+    def span(self, axis: int) -> AxisSpan:
+        """Where light comes from and where it is wanted along an axis (0: y, 1: x)."""
+        own, other = self.grid, self.target
+        window = own.extent[axis]
+        return AxisSpan(
+            n=own.shape[axis],
+            pitch=own.pitch[axis],
+            z=self.z,
+            wavelength=self.wavelength,
+            lit=window if self.support is None else min(self.support[axis], window),
+            wanted=other.extent[axis],
+            offset=other.origin[axis] - own.origin[axis],
+        )
+
+    @property
+    def bands(self) -> list[Band]:
+        """The guarded band of each axis, (y, x)."""
+        return [guarded_band(self.span(axis), self.widths) for axis in (0, 1)]
+
+    @property
+    def widths(self) -> float:
+        """The guard; where none was given 6, or 8 where S^2 < 4 lam z, S the mean of both windows.
+
+        There 6 Fresnel widths keep less than 180 dB, and the few more frequencies cost nothing.
+        """
+        if self.guard is not None:
+            return self.guard
+        spans = [self.span(axis) for axis in self.axes]
+        far = any(
+            (span.lit + span.wanted) ** 2 < 16 * span.wavelength * abs(span.z) for span in spans
+        )
+        return FAR_GUARD if far else GUARD
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """The axes along which something varies."""
+        return tuple(axis for axis in (0, 1) if self.grid.shape[axis] > 1)
+
+
+def _check_numbers(r: Request) -> None:
+    if not isinstance(r.grid, Grid):
+        raise TypeError(f"The grid of a propagation is a Grid, not a {type(r.grid).__name__}.")
+    if r.out_grid is not None and not isinstance(r.out_grid, Grid):
+        raise TypeError(
+            f"out_grid is a Grid, as Grid((ny, nx), pitch) makes it, not {r.out_grid!r}."
+        )
+    if r.method not in METHODS:
+        raise ValueError(f"There is no method {r.method!r}; use one of {', '.join(METHODS)}.")
+    if not is_finite(r.z):
+        raise ValueError(f"The distance z is one finite number of metres, not {r.z!r}.")
+    if abs(r.z) > FARTHEST:
+        raise ValueError(f"The distance z is at most {FARTHEST:g} m, not {r.z!r}.")
+    if not (is_finite(r.wavelength) and r.wavelength > 0):
+        raise ValueError(f"The wavelength is positive, in metres, not {r.wavelength!r}.")
+    units.WAVELENGTH.check(r.wavelength, "The wavelength")
+    if not (is_finite(r.pad) and r.pad >= 1):
+        raise ValueError(f"pad is at least 1 and finite, not {r.pad!r}.")
+    if r.guard is not None and not (is_finite(r.guard) and r.guard >= 0):
+        raise ValueError(f"guard is a number of Fresnel widths, at least 0, not {r.guard!r}.")
+    if not (is_finite(r.border) and 0 <= r.border < 1):
+        raise ValueError(f"border is a fraction of half the window, 0 to 1, not {r.border!r}.")
+    if r.support is not None and not all(is_finite(s) and s > 0 for s in r.support):
+        raise ValueError(f"support is positive widths (y, x) in metres, not {r.support!r}.")
+    if r.lens is not None and not (isinstance(r.lens, Real) and r.lens == r.lens and r.lens != 0):
+        raise ValueError(f"The focal length lens= is not 0, in metres; got {r.lens!r}.")
+
+
+def padded_length(n: int, pad: float) -> int:
+    """Length of a padded window: exactly round(pad n), n for n = 1."""
+    return n if n == 1 else round(pad * n)
+
+
+Kind = Literal["nothing", "fft", "chirp-z", "separable"]
+
+
+def request(
+    grid: Grid,
+    z: Any,
+    wavelength: float,
+    method: str = "auto",
+    pad: float = 2,
+    out_grid: Grid | None = None,
+    guard: float | None = None,
+    border: float = BORDER,
+    *,
+    support: float | tuple[float, float] | None = None,
+    lens: float | None = None,
+) -> Request:
+    """A checked request, a ``support`` of one number being that of both axes."""
+    if support is not None:
+        if np.shape(support) not in ((), (2,)):
+            raise ValueError(f"support is one width or (y, x), in metres, not {support!r}.")
+        both = np.broadcast_to(np.asarray(support, np.float64), (2,))
+        support = (float(both[0]), float(both[1]))
+    distance = z.item() if isinstance(z, np.ndarray) and z.ndim == 0 else z
+    distance = float(distance) if isinstance(distance, Real) else distance
+    return Request(grid, distance, wavelength, method, pad, out_grid, guard, border, support, lens)
+
+
+@dataclass(frozen=True, eq=False)
+class Description:
+    """A propagation before it is on a device.
+
+    Attributes
+    ----------
+    request : Request
+    method, why : str
+        The method taken and the inequality that decided.
+    out_grid : Grid
+    into, back : Separable
+        Before and after the factor; ``back`` is empty where there is none.
+    factor : Factor or None
+    kind : {"nothing", "fft", "chirp-z", "separable"}
+        How the sums are done.
+    route : str
+        The same in words.
+    sampled : str
+        What has to be sampled: the transfer function, a kernel, a chirp.
+    phase_step : float
+        Its largest phase step a sample, divided by pi: sampled up to 1.
+    valid : tuple of float
+        Smallest and largest abs(z) in metres at which it is sampled.
+    band : tuple of tuple of float
+        ((fy low, fy high), (fx low, fx high)) that is used, in cycles a metre.
+    warning : str
+        What is wrong with the sampling and what to do; empty where nothing is.
+    """
+
+    request: Request
+    method: str
+    why: str
+    out_grid: Grid
+    into: Separable
+    back: Separable
+    factor: Factor | None
+    kind: Kind
+    route: str
+    sampled: str
+    phase_step: float
+    valid: tuple[float, float]
+    band: tuple[tuple[float, float], tuple[float, float]]
+    warning: str = ""
+
+    @property
+    def window(self) -> tuple[int, int]:
+        """Samples of the computation window."""
+        shape = self.request.grid.shape
+        there = self.into.widest(shape)
+        back = self.back.widest(self.into.shape_after(shape))
+        return (max(there[0], back[0]), max(there[1], back[1]))
+
+    @property
+    def work_samples(self) -> int:
+        """Samples that one field needs beside input and output."""
+        (ny, _), (my, mx) = self.request.grid.shape, self.into.shape_after(self.request.grid.shape)
+        rows = max(ny, self.out_grid.shape[0]) if self.factor is not None else ny
+        return max(rows, my if self.factor is None else 0) * max(mx, self.out_grid.shape[1])
+
+
+def whole_bands(request: Request) -> tuple[tuple[float, float], tuple[float, float]]:
+    """The band of everything that is sampled, for `Description.band`."""
+    y, x = (
+        (0.0, 0.0) if n == 1 else (-1 / (2 * d), 1 / (2 * d))
+        for n, d in zip(request.grid.shape, request.grid.pitch, strict=True)
+    )
+    return (y, x)
+
+
+def any_distance() -> tuple[float, float]:
+    """The interval of a method that is sampled at every distance."""
+    return (0.0, math.inf)
+
+
+def flops(description: Description) -> float:
+    """Operations of the Fourier transforms of one field, 5 L log2 L each.
+
+    Zero rows of padded windows are not transformed: the lines along x on the input's rows, those
+    along y on what that gives, and back along x on the rows that are kept. A transfer function is
+    made once for a plan and not counted; VkFFT transforms some of the zero rows, too.
+    """
+    ny, _ = description.request.grid.shape
+    _, mx = description.into.shape_after(description.request.grid.shape)
+    across = ny * _transforms(description.into.x) + mx * _transforms(description.into.y)
+    return (
+        across
+        + mx * _transforms(description.back.y)
+        + description.out_grid.shape[0] * _transforms(description.back.x)
+    )
+
+
+def samples_held(description: Description) -> int:
+    """Complex samples that one field needs beside itself: the plan, work space and the result."""
+    if description.kind == "nothing":
+        return 0
+    stored = 0 if description.factor is None else math.prod(description.factor.stored)
+    result = int(np.prod(description.out_grid.shape, dtype=np.int64))
+    return stored + table_samples(description) + 2 * description.work_samples + result
+
+
+def least_samples(r: Request) -> int:
+    """Complex samples that any way of doing a request holds, known before a plan is made."""
+    (ny, nx), (my, mx) = r.grid.shape, r.target.shape
+    length = nx if nx == 1 or r.method in SELF_PADDED else round(r.pad * nx)
+    return max(my * mx, ny * length)
+
+
+def table_samples(description: Description) -> int:
+    """Complex samples of the 1-D tables of all maps; what is repeated counts once."""
+    maps = (description.into.y, description.into.x, description.back.y, description.back.x)
+    return sum(
+        table.size
+        for lines in maps
+        for line in set(lines)
+        for table in (line.pre, line.kernel, line.post)
+        if table is not None
+    )
+
+
+def _transforms(lines: Iterable[Line]) -> float:
+    """Operations of the transforms of one line of samples."""
+    each = {"none": 0, "forward": 1, "inverse": 1, "convolve": 2}
+    return sum(each[line.kind] * 5 * line.length * math.log2(line.length) for line in lines)

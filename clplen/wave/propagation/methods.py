@@ -1,0 +1,408 @@
+"""From a request to the description of its method: the choice of ``auto`` and the exact methods.
+
+as, blas and cblas by FFT, cblas by chirp-z transform, rs by its sampled kernel; fresnel.py has the
+paraxial methods.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from clplen.compute.fft.lines import (
+    Line,
+    Separable,
+    chirp_z,
+    cropped_inverse,
+    padded_spectrum,
+    smooth_length,
+    still,
+)
+from clplen.wave.field.transmission import phasor
+from clplen.wave.propagation import fresnel
+from clplen.wave.propagation.band import (
+    EVANESCENT_REACH,
+    Band,
+    blas_limit,
+    fully_sampled_distance,
+    kernel_sampled_distance,
+    whole_band,
+)
+from clplen.wave.propagation.description import (
+    Description,
+    Request,
+    any_distance,
+    flops,
+    padded_length,
+    whole_bands,
+)
+from clplen.wave.propagation.transfer_function import Sommerfeld, Transfer, fft_frequencies
+
+FFT_WINDOW = 2.5  # times the grid, up to which the FFT route is the cheaper one
+FEWEST = 64  # frequencies of a band with hard edges
+NEAR_WINDOW = 2.2  # times the grid, up to which FFTs of the window beat everything else
+SAMPLED_KERNEL = 0.8  # of the Nyquist frequency, up to which the RS kernel is accurate
+SMOOTH_KERNEL = 3  # samples of z from which the kernel's peak is sampled to 160 dB: exp(-2 pi z/dx)
+
+
+def describe(r: Request) -> Description:
+    """How a request is done: everything but the device.
+
+    Raises
+    ------
+    SamplingError
+        For fresnel-1fft at z = 0 or with another output pitch.
+    """
+    if r.z == 0 and r.target == r.grid and r.method != "fresnel-1fft":
+        return _identity(r)
+    return automatic(r) if r.method == "auto" else _METHODS[r.method](r)
+
+
+def automatic(r: Request) -> Description:
+    """The cheapest of the methods that are exact at this distance; never a paraxial one."""
+    if not r.is_aligned:
+        return corrected(r, "the output has another pitch or centre", "chirp-z")
+    bands = r.bands
+    lengths = fft_lengths(r, bands)
+    wide = max((lengths[axis] / r.grid.shape[axis] for axis in r.axes), default=1.0)
+    spans = [r.span(axis) for axis in r.axes]
+    share = max((span.geometric(span.reach) / span.nyquist for span in spans), default=0.0)
+    kernel = (
+        bool(spans)
+        and share <= SAMPLED_KERNEL
+        and abs(r.z) >= SMOOTH_KERNEL * max(span.pitch for span in spans)
+        and r.target.shape == r.grid.shape
+    )
+    if any(span.is_evanescent for span in spans) and not kernel:
+        return _evanescent(r)
+    sampled = f"f_geo = {share:.3g} f_nyq"
+    if all(bands[axis].is_whole for axis in r.axes) and (wide <= NEAR_WINDOW or not kernel):
+        return _whole_band(
+            r, f"f_geo + guard >= f_nyq ({sampled}): every sampled frequency arrives"
+        )
+    if wide <= NEAR_WINDOW or (wide <= FFT_WINDOW and not kernel):
+        limit = NEAR_WINDOW if wide <= NEAR_WINDOW else FFT_WINDOW
+        return corrected(r, f"W = {wide:.3g} S <= {limit} S", "fft")
+    if kernel:
+        return _far(
+            r, f"W = {wide:.3g} S > {NEAR_WINDOW} S and {sampled} <= {SAMPLED_KERNEL} f_nyq"
+        )
+    return corrected(r, f"W = {wide:.3g} S > {FFT_WINDOW} S", "chirp-z")
+
+
+def _far(r: Request, why: str) -> Description:
+    """The sampled kernel, or the few frequencies that are left where they are less work."""
+    kernel = sommerfeld(r, why)
+    few = corrected(r, why, "chirp-z")
+    if flops(few) >= flops(kernel):
+        return kernel
+    count = " x ".join(str(n) for n in few.into.shape_after(r.grid.shape))
+    return replace(few, why=f"{why}; {count} frequencies, {_work_share(few, kernel)} of its work")
+
+
+def _work_share(description: Description, other: Description) -> str:
+    return f"{100 * flops(description) / flops(other):.0f} %"
+
+
+def _evanescent(r: Request) -> Description:
+    """The angular spectrum with its evanescent waves, in a window that holds both grids."""
+    lengths = [
+        n if n == 1 else max(length, smooth_length(n + max(n, m)))
+        for n, m, length in zip(r.grid.shape, r.target.shape, fft_lengths(r, r.bands), strict=True)
+    ]
+    bands = [whole_band(r.span(axis)) for axis in (0, 1)]
+    why = f"abs(z) = {abs(r.z):.3g} m <= {EVANESCENT_REACH} lam: evanescent waves count"
+    valid = (0.0, EVANESCENT_REACH * r.wavelength)
+    return by_fft(r, lengths, bands, method="as", why=why, valid=valid)
+
+
+def _whole_band(r: Request, why: str) -> Description:
+    """The angular spectrum in a window that holds its steepest rays, at least twice the grid."""
+    bands = [whole_band(r.span(axis)) for axis in (0, 1)]
+    needed = fft_lengths(r, r.bands)
+    lengths = [
+        n if n == 1 else max(length, smooth_length(2 * n))
+        for n, length in zip(r.grid.shape, needed, strict=True)
+    ]
+    return by_fft(r, lengths, bands, method="as", why=why, valid=any_distance())
+
+
+def _identity(r: Request) -> Description:
+    method = "as" if r.method == "auto" else r.method
+    return Description(
+        request=r,
+        method=method,
+        why="z = 0: the field itself",
+        out_grid=r.target,
+        into=Separable(),
+        back=Separable(),
+        factor=None,
+        kind="nothing",
+        route="none",
+        sampled="nothing",
+        phase_step=0.0,
+        valid=(0.0, math.inf),
+        band=whole_bands(r),
+    )
+
+
+def angular_spectrum(r: Request, why: str = "asked for") -> Description:
+    """H over everything that is sampled (Goodman 2005, eq. 3-66), window ``pad`` times the grid."""
+    lengths = [padded_length(n, r.pad) for n in r.grid.shape]
+    reach = min(
+        fully_sampled_distance(n, d, r.wavelength)
+        for n, d in zip(lengths, r.grid.pitch, strict=True)
+    )
+    periodic = r.pad == 1
+    warning = ""
+    if abs(r.z) > reach and not periodic:
+        grazing = any(r.wavelength * r.span(axis).nyquist >= 1 for axis in r.axes)
+        wider = "" if grazing else ", or a larger pad"
+        warning = (
+            f"The transfer function at z = {r.z:g} m is aliased: it is sampled over the whole band "
+            f"only up to {reach:.4g} m. Use method='auto' or 'blas'{wider}."
+        )
+    bands = [whole_band(r.span(axis)) for axis in (0, 1)]
+    valid = (0.0, math.inf if periodic else reach)
+    return by_fft(r, lengths, bands, method="as", why=why, valid=valid, warning=warning)
+
+
+def band_limited(r: Request) -> Description:
+    """H over the band that the window samples (Matsushima and Shimobaba 2009, eq. 13)."""
+    lengths = [padded_length(n, r.pad) for n in r.grid.shape]
+    bands = []
+    for axis, length in enumerate(lengths):
+        span = r.span(axis)
+        limit = blas_limit(length, span.pitch, r.z, r.wavelength)
+        inside = min(limit, span.nyquist)
+        cut = (inside == span.nyquist,) * 2
+        bands.append(Band(-inside, inside, (-inside, inside), cut, math.inf, 0.0, span.nyquist))
+    return by_fft(r, lengths, bands, method="blas", why="asked for", valid=any_distance())
+
+
+def corrected(r: Request, why: str = "asked for", route: str = "") -> Description:
+    """H over the guarded band, the window wide enough for its aliases to miss the output.
+
+    ``route`` "fft" or "chirp-z"; by default the FFT where the grid allows it and the window is not
+    much wider than the grid. With guard = 0 the band ends sharply where geometry says (figure 2.7
+    of the thesis) and the window of the FFT route is that of ``pad``.
+    """
+    bands = r.bands
+    empty = [axis for axis in r.axes if bands[axis].is_empty]
+    warning = _no_light(r, bands[empty[0]], "yx"[empty[0]]) if empty else ""
+    lengths = fft_lengths(r, bands)
+    near = all(bands[a].is_whole or lengths[a] <= FFT_WINDOW * r.grid.shape[a] for a in r.axes)
+    if route == "fft" or (route == "" and r.is_aligned and near and not empty):
+        return by_fft(
+            r, lengths, bands, method="cblas", why=why, valid=any_distance(), warning=warning
+        )
+    return by_chirps(r, bands, why=why, warning=warning)
+
+
+def fft_lengths(r: Request, bands: list[Band]) -> list[int]:
+    """Window lengths of the FFT route: the bands' windows, at least the two grids."""
+    lengths = []
+    for n, m, d, band in zip(r.grid.shape, r.target.shape, r.grid.pitch, bands, strict=True):
+        if r.guard == 0:
+            lengths.append(n if n == 1 else max(padded_length(n, r.pad), n + m if m > n else 0))
+        else:
+            lengths.append(n if n == 1 else smooth_length(max(n, m, math.ceil(band.window / d))))
+    return lengths
+
+
+def by_fft(
+    r: Request,
+    lengths: list[int],
+    bands: list[Band],
+    *,
+    method: str,
+    why: str,
+    valid: tuple[float, float],
+    warning: str = "",
+) -> Description:
+    """Pad, transform, multiply by H in each axis' band, transform back, cut."""
+    into = [padded_spectrum(n, L) for n, L in zip(r.grid.shape, lengths, strict=True)]
+    back = [cropped_inverse(L, m) for L, m in zip(lengths, r.target.shape, strict=True)]
+    frequencies = [fft_frequencies(L, d) for L, d in zip(lengths, r.grid.pitch, strict=True)]
+    weights = [
+        np.ones(f.size) if L == 1 else band.weights(f)
+        for f, L, band in zip(frequencies, lengths, bands, strict=True)
+    ]
+    factor = _transfer(r, (lengths[0], lengths[1]), frequencies, weights)
+    steps = [
+        abs(r.span(a).displacement(factor.highest()[a])) / (lengths[a] * r.grid.pitch[a] / 2)
+        for a in r.axes
+    ]
+    return Description(
+        request=r,
+        method=method,
+        why=why,
+        out_grid=r.target,
+        into=Separable(*_tuples(into)),
+        back=Separable(*_tuples(back)),
+        factor=factor,
+        kind="fft",
+        route=f"FFT of {lengths[0]} x {lengths[1]} samples",
+        sampled="transfer function",
+        phase_step=max(steps, default=0.0),
+        valid=valid,
+        band=_used(bands, r),
+        warning=warning,
+    )
+
+
+def by_chirps(r: Request, bands: list[Band], *, why: str, warning: str = "") -> Description:
+    """The same sum over the band's own frequencies, in and out by chirp-z transforms."""
+    into, back, frequencies, weights = [], [], [], []
+    for axis, band in enumerate(bands):
+        if r.grid.shape[axis] == 1:
+            into.append(still(1))
+            back.append(still(1))
+            frequencies.append(np.zeros(1))
+            weights.append(np.ones(1))
+            continue
+        band = _finer(band)
+        bands[axis] = band
+        index = _lattice(band)
+        f = index / band.window
+        inside = np.zeros(1) if band.is_empty else band.weights(f) * _halved(f, band)
+        frequencies.append(f)
+        weights.append(inside)
+        into.append(_to_frequencies(r, axis, f, band.window))
+        back.append(_from_frequencies(r, axis, f, band.window))
+    shape = (frequencies[0].size, frequencies[1].size)
+    steps = [
+        abs(r.span(a).displacement(np.abs(frequencies[a]).max())) / (bands[a].window / 2)
+        for a in r.axes
+    ]
+    return Description(
+        request=r,
+        method="cblas",
+        why=why,
+        out_grid=r.target,
+        into=Separable(*_tuples(into)),
+        back=Separable(*_tuples(back)),
+        factor=_transfer(r, shape, frequencies, weights),
+        kind="chirp-z",
+        route=f"chirp-z transforms over {shape[0]} x {shape[1]} frequencies",
+        sampled="transfer function",
+        phase_step=max(steps, default=0.0),
+        valid=any_distance(),
+        band=_used(bands, r),
+        warning=warning,
+    )
+
+
+def sommerfeld(r: Request, why: str = "asked for") -> Description:
+    """Convolution with the sampled Rayleigh-Sommerfeld I kernel, windows of twice the grid."""
+    lengths = [n if n == 1 else smooth_length(2 * n) for n in r.grid.shape]
+    into = [padded_spectrum(n, L) for n, L in zip(r.grid.shape, lengths, strict=True)]
+    back = [cropped_inverse(L, n) for n, L in zip(r.grid.shape, lengths, strict=True)]
+    spans = [r.span(axis) for axis in r.axes]
+    step = max((span.geometric(span.reach) / span.nyquist for span in spans), default=0.0)
+    nearest = max((kernel_sampled_distance(span) for span in spans), default=0.0)
+    warning = ""
+    if abs(r.z) < nearest:
+        warning = (
+            f"The Rayleigh-Sommerfeld kernel at z = {r.z:g} m is aliased: it is sampled from "
+            f"{nearest:.4g} m on. Use method='auto' or 'cblas'."
+        )
+    return Description(
+        request=r,
+        method="rs",
+        why=why,
+        out_grid=r.target,
+        into=Separable(*_tuples(into)),
+        back=Separable(*_tuples(back)),
+        factor=Sommerfeld((lengths[0], lengths[1]), r.grid.pitch, r.z, r.wavelength),
+        kind="fft",
+        route=f"FFT of {lengths[0]} x {lengths[1]} samples",
+        sampled="kernel",
+        phase_step=step,
+        valid=(nearest, math.inf),
+        band=whole_bands(r),
+        warning=warning,
+    )
+
+
+def _finer(band: Band) -> Band:
+    """The band in a window that puts some frequencies inside, however narrow a hard edge is."""
+    if band.guard > 0 or band.is_empty:
+        return band
+    return replace(band, window=max(band.window, FEWEST / (band.high - band.low)))
+
+
+def _no_light(r: Request, band: Band, axis: str) -> str:
+    return (
+        f"No light that the input samples carry reaches the output window along {axis}: its rays "
+        f"have spatial frequencies {band.inner[0]:.4g} to {band.inner[1]:.4g} cycles/m, the grid "
+        f"carries up to {band.nyquist:.4g}; the field there is 0. Use a finer input grid or an "
+        "output nearer to the axis."
+    )
+
+
+def _transfer(
+    r: Request, shape: tuple[int, int], frequencies: list[np.ndarray], weights: list[np.ndarray]
+) -> Transfer:
+    return Transfer(
+        shape, (frequencies[0], frequencies[1]), (weights[0], weights[1]), r.z, r.wavelength
+    )
+
+
+def _lattice(band: Band) -> np.ndarray:
+    """Whole multiples of the frequency step inside the band; one of them where it is empty."""
+    if band.is_empty:
+        return np.zeros(1)
+    slack = 1e-9
+    low = math.ceil(band.low * band.window - slack)
+    high = math.floor(band.high * band.window + slack)
+    return np.arange(low, max(low, high) + 1, dtype=np.float64)
+
+
+def _halved(f: np.ndarray, band: Band) -> np.ndarray:
+    """Half the weight for a frequency exactly on the Nyquist frequency, which it shares."""
+    return np.where(np.abs(np.abs(f) / band.nyquist - 1) < 1e-12, 0.5, 1.0)
+
+
+def _to_frequencies(r: Request, axis: int, f: np.ndarray, window: float) -> Line:
+    """U(f) = sum u(x) exp(-2 pi i f x) dx, x from the input's central sample."""
+    n, d = r.grid.shape[axis], r.grid.pitch[axis]
+    middle = f[f.size // 2]
+    x = (np.arange(n) - n // 2) * d
+    post = np.full(f.size, d, np.complex128)
+    return chirp_z(n, f.size, -d / window, pre=phasor(-middle * x), post=post)
+
+
+def _from_frequencies(r: Request, axis: int, f: np.ndarray, window: float) -> Line:
+    """u(x) = sum U(f) exp(2 pi i f x) df at the output's samples."""
+    m, d = r.target.shape[axis], r.target.pitch[axis]
+    offset = r.target.origin[axis] - r.grid.origin[axis]
+    middle = f[f.size // 2]
+    x = (np.arange(m) - m // 2) * d
+    return chirp_z(f.size, m, d / window, pre=phasor(f * offset) / window, post=phasor(middle * x))
+
+
+def _used(bands: list[Band], r: Request) -> tuple[tuple[float, float], tuple[float, float]]:
+    y, x = (
+        (0.0, 0.0) if n == 1 else (band.low, band.high)
+        for n, band in zip(r.grid.shape, bands, strict=True)
+    )
+    return (y, x)
+
+
+def _tuples(lines: list[Line]) -> tuple[tuple[Line], tuple[Line]]:
+    return ((lines[0],), (lines[1],))
+
+
+_METHODS = {
+    "as": angular_spectrum,
+    "blas": band_limited,
+    "cblas": corrected,
+    "rs": sommerfeld,
+    "fresnel-tf": fresnel.transfer_function,
+    "fresnel-ir": fresnel.impulse_response,
+    "fresnel-1fft": fresnel.one_step,
+    "fresnel-multistep": fresnel.many_steps,
+}

@@ -1,0 +1,166 @@
+"""What a plan of a propagation knows about itself."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from clplen.wave.field.field import Grid
+from clplen.wave.field.number_format import amount, angle, both, interval, metres
+from clplen.wave.propagation.description import Description, flops, samples_held
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a plan knows about itself.
+
+    Attributes
+    ----------
+    method, why : str
+        The method taken and the inequality that decided.
+    z, wavelength : float
+        In metres.
+    route : str
+        How the sums are done.
+    padded_shape : tuple of int
+        (Ly, Lx), the longest transforms along y and x.
+    out_grid : Grid
+        Of the result.
+    sampled : str
+        What has to be sampled: the transfer function, a kernel or a chirp.
+    phase_step : float
+        Its largest phase step from sample to sample, divided by pi; aliased above 1, which auto and
+        cblas keep clear of the output.
+    aliases_miss : bool
+        Whether the window is chosen so that what is aliased misses the output.
+    fully_sampled_from, fully_sampled_to : float
+        The interval of abs(z) in metres in which it is not.
+    band : tuple of float
+        Largest abs(fy), abs(fx) used, in cycles a metre.
+    nyquist : tuple of float
+        Nyquist frequency (fy, fx) of the grid, in cycles a metre.
+    lost_band : float
+        Fraction of the sampled band that is not used.
+    residual_turns : float
+        Phase left to float32 beside the 1-D tables.
+    phase : str
+        "tables", "fp64" or "twofloat".
+    paraxial_error : float
+        Phase error of Fresnel's approximation at the highest frequency that arrives, pi z lam^3
+        f^4/4 in radians; 0 for a method that is exact.
+    flops : float
+        Operations of the Fourier transforms of one field, 5 L log2 L each.
+    samples : int
+        Complex samples that one field needs beside itself: the plan, work space and the result.
+    warning : str
+        What is wrong with the sampling and what to do; empty where nothing is.
+    """
+
+    method: str
+    why: str
+    z: float
+    wavelength: float
+    route: str
+    padded_shape: tuple[int, int]
+    out_grid: Grid
+    sampled: str
+    phase_step: float
+    aliases_miss: bool
+    fully_sampled_from: float
+    fully_sampled_to: float
+    band: tuple[float, float]
+    nyquist: tuple[float, float]
+    lost_band: float
+    residual_turns: float
+    phase: str
+    paraxial_error: float
+    flops: float
+    samples: int
+    warning: str
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """(name, value) of everything but the warning, in the words and units of a reader."""
+        rows = [
+            ("method", f"{self.method}: {self.why}"),
+            ("distance", f"{metres(self.z)} at {metres(self.wavelength)}"),
+            ("route", self.route),
+            ("output", _grid(self.out_grid)),
+            ("sampling", self._sampling()),
+            ("sampled for z", interval(self.fully_sampled_from, self.fully_sampled_to)),
+            *self._band(),
+            ("phase", f"{self.phase}, residual {self.residual_turns:.3g} turns"),
+        ]
+        if self.method.startswith("fresnel"):
+            rows.append(("paraxial error", f"up to {self.paraxial_error:.3g} rad"))
+        held = amount(8 * self.samples, "B")
+        rows.append(("memory", f"{held} in complex64, twice that in complex128"))
+        return [*rows, ("transforms", amount(self.flops, "flop"))]
+
+    def _sampling(self) -> str:
+        """The phase step, and why more than pi does no harm where the window is chosen for it."""
+        text = f"{self.sampled}: {self.phase_step:.3g} pi from sample to sample"
+        harmless = self.aliases_miss and self.phase_step > 1
+        return text + (", its aliases miss the output" if harmless else "")
+
+    def _band(self) -> list[tuple[str, str]]:
+        """The band of each axis along which something varies; of both where they agree."""
+        used = {}
+        for axis, band, nyquist in zip("yx", self.band, self.nyquist, strict=True):
+            if nyquist > 0:
+                share = f"{band / 1e3:.4g} cycles/mm of {nyquist / 1e3:.4g} (Nyquist)"
+                used[f"band {axis}"] = f"{share}, {angle(band, self.wavelength)}"
+        if len(used) == 2 and len(set(used.values())) == 1:
+            used = {"band": used["band y"]}
+        share = f"{100 * (1 - self.lost_band):.3g} % of what is sampled"
+        return [*used.items(), ("band used", share)]
+
+    def __str__(self) -> str:
+        rows = [*self.rows, *([("warning", self.warning)] if self.warning else [])]
+        return "\n".join(f"{name:<18}{value}" for name, value in rows)
+
+
+def _grid(grid: Grid) -> str:
+    """Samples, pitch, window and centre of a grid."""
+    ny, nx = grid.shape
+    text = f"{ny} x {nx} samples of {both(grid.pitch, metres)}"
+    text += f", window {both(grid.extent, lambda value: metres(value, 4))}"
+    if any(grid.origin):
+        text += f", centre {' x '.join(metres(value, 4) for value in grid.origin)} (y x)"
+    return text
+
+
+def report(made: Description, phase: str) -> Report:
+    """The report of a description whose factor is formed by a phase route."""
+    r = made.request
+    nyquist = [r.span(a).nyquist if r.grid.shape[a] > 1 else 0.0 for a in (0, 1)]
+    band = [max(abs(low), abs(high)) for low, high in made.band]
+    kept = [
+        max(0.0, high - low) / (2 * f) if f else 1.0
+        for (low, high), f in zip(made.band, nyquist, strict=True)
+    ]
+    corner = sum(r.span(axis).highest ** 2 for axis in (0, 1))
+    paraxial = math.pi * abs(r.z) * r.wavelength**3 * corner**2 / 4
+    return Report(
+        method=made.method,
+        why=made.why,
+        z=r.z,
+        wavelength=r.wavelength,
+        route=made.route,
+        padded_shape=made.window,
+        out_grid=made.out_grid,
+        sampled=made.sampled,
+        phase_step=made.phase_step,
+        aliases_miss=made.method == "cblas" or r.method == "auto",
+        fully_sampled_from=made.valid[0],
+        fully_sampled_to=made.valid[1],
+        band=(band[0], band[1]),
+        nyquist=(nyquist[0], nyquist[1]),
+        lost_band=1 - kept[0] * kept[1],
+        residual_turns=0.0 if made.factor is None else made.factor.residual_turns(),
+        phase=phase,
+        paraxial_error=paraxial if made.method.startswith("fresnel") else 0.0,
+        flops=flops(made),
+        samples=samples_held(made),
+        warning=made.warning,
+    )

@@ -1,0 +1,367 @@
+"""Factors of a 2-D spectrum on a device: the transfer function of free space, and that of its
+sampled impulse response."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute.fft.blocks import Spectrum, lanes_defines, window
+from clplen.wave.field.transmission import phasor, split
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+
+Shape = tuple[int, int]
+Pitch = tuple[float, float]
+Samples = np.ndarray[Any, Any]
+
+LARGEST_KERNEL_RESIDUAL = 10.0  # turns; above, float32 tables lose more than 2.5e-5 of the maximum
+LARGEST_HANKEL = 1e8  # argument; above, two terms of the asymptotic series are exact in float64
+
+
+def kernel_residual_turns(shape: Shape, pitch: Pitch, z: float, wavelength: float) -> float:
+    """Rk = (r_max - z)^2/(2 z lam), r_max at the corner displacement of a window.
+
+    The phase that float32 tables of rho^2/(2 lam z) leave to the kernel, for abs(z) > 0.
+    """
+    rho2 = sum((n // 2 * d) ** 2 for n, d in zip(shape, pitch, strict=True))
+    excess = rho2 / (math.sqrt(rho2 + z * z) + abs(z))
+    return excess * excess / (2 * abs(z) * wavelength)
+
+
+def kernel_phase_route(
+    shape: Shape, pitch: Pitch, z: float, wavelength: float, device: Device
+) -> str:
+    """ "tables", "fp64" or "twofloat": how a device forms the phase to 2.5e-5 rad."""
+    residual = kernel_residual_turns(shape, pitch, z, wavelength)
+    if device.precision == "double" or residual <= LARGEST_KERNEL_RESIDUAL:
+        return "tables"
+    return "fp64" if device.has_fp64 else "twofloat"
+
+
+def impulse_response(
+    shape: Shape, pitch: Pitch, z: float, wavelength: float, device: Device, phase: str
+) -> cla.Array:
+    """Samples of the Rayleigh-Sommerfeld I kernel times the sample area, in circular order.
+
+    h(x, y) dx dy with h = z/(2 pi r^2) (1/r - ik) exp(ik(r - z)) (Goodman 2005, eq. 3-43), without
+    the carrier exp(ikz). An axis of length 1 is one along which nothing varies: line sources,
+    h = (i k z/(2 r)) H1(k r) exp(-ikz), H1 the Hankel function of the first kind and order 1.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        (Ly, Lx) of the window, at least 1. Index j of an axis is the displacement j for
+        j < (L + 1)//2, else j - L, so that the FFT is the transfer function.
+    pitch : tuple of float
+        (dy, dx) in metres.
+    z : float
+        In metres, not 0; a negative distance gives the conjugate of h(-z).
+    wavelength : float
+        In metres.
+    device : Device
+    phase : {"tables", "fp64", "twofloat"}
+        How the phase is formed, as `kernel_phase_route` says. Line sources are made on the host in
+        float64 whatever it is.
+
+    Returns
+    -------
+    pyopencl.array.Array
+        Complex, shape (Ly, Lx); dimensionless; 1 where both axes have length 1.
+
+    Raises
+    ------
+    ValueError
+        If z is 0 or not finite, or the device cannot form the phase so.
+    DeviceError
+        If the window does not fit the device.
+
+    Notes
+    -----
+    The samples are those of a continuous kernel while sin(theta)/lam at the largest displacement X
+    of an axis stays below its Nyquist frequency, tan(theta) = X/abs(z); nearer, they alias.
+    """
+    _check(z, device, phase)
+    if 1 in shape:
+        line = _line_response(shape, pitch, abs(z), wavelength)
+        return device.upload((line if z > 0 else line.conj()).astype(device.complex))
+    quadrant = _quadrant(shape, pitch, z, wavelength, device, phase)
+    h = device.empty(shape, device.complex)
+    kernel = device.kernel("sommerfeld.cl", "unfold", **_defines(device, phase))
+    device.launch_rows(kernel, shape, h, quadrant, *(np.int32(n) for n in shape))
+    return h
+
+
+def _quadrant(
+    shape: Shape, pitch: Pitch, z: float, wavelength: float, device: Device, phase: str
+) -> cla.Array:
+    """The displacements >= 0 of h, complex, shape (Ly//2 + 1, Lx//2 + 1)."""
+    far = abs(z)
+    y, x = (np.arange(n // 2 + 1) * d for n, d in zip(shape, pitch, strict=True))
+    tables = [phasor(v**2 / (2 * wavelength * far), device.complex) for v in (x, y)]
+    squares = [split((v / far) ** 2, device.real) for v in (x, y)]
+    h = device.empty((len(y), len(x)), device.complex)
+    kernel = device.kernel("sommerfeld.cl", "sommerfeld", **_defines(device, phase))
+    device.launch_rows(
+        kernel,
+        h.shape,
+        h,
+        *(device.upload(t) for t in tables),
+        *(device.upload(s) for s in squares),
+        split(far / wavelength, device.real),
+        device.real.type(pitch[0] * pitch[1] / (wavelength * far)),
+        device.real.type(math.copysign(1, z)),
+        *(np.int32(n) for n in h.shape),
+    )
+    return h
+
+
+def _line_response(shape: Shape, pitch: Pitch, z: float, wavelength: float) -> Samples:
+    """h of line sources for z > 0 times the pitch of the other axis, complex128."""
+    if shape == (1, 1):
+        return np.ones(shape, complex)
+    n, d = next((n, d) for n, d in zip(shape, pitch, strict=True) if n > 1)
+    rho2 = (np.arange(n // 2 + 1) * d) ** 2
+    r = np.sqrt(rho2 + z * z)
+    k = 2 * np.pi / wavelength
+    excess = phasor(rho2 / (r + z) / wavelength, np.dtype(complex))
+    half = 0.5j * k * z / r * _hankel(k * r) * excess * d
+    index = np.arange(n)
+    return half[np.minimum(index, n - index)].reshape(shape)
+
+
+def _hankel(x: Samples) -> Samples:
+    """H1(x) exp(-ix) for x > 0: Abramowitz and Stegun 1964, 9.2.7, where SciPy gives up."""
+    series = np.sqrt(2 / (np.pi * x)) * np.exp(-0.75j * np.pi) * (1 + 0.375j / x)
+    from scipy.special import hankel1e
+
+    return np.where(x > LARGEST_HANKEL, series, hankel1e(1, np.minimum(x, LARGEST_HANKEL)))
+
+
+def _defines(device: Device, phase: str) -> dict[str, Any]:
+    return {f"PHASE_{phase.upper()}": True, **device.wave_defines()}
+
+
+def _check(z: float, device: Device, phase: str) -> None:
+    if not (math.isfinite(z) and z != 0):
+        raise ValueError(f"The impulse response needs a finite distance z other than 0, not {z!r}.")
+    there = ["tables"]
+    if device.precision == "single":
+        there += ["fp64", "twofloat"] if device.has_fp64 else ["twofloat"]
+    if phase not in there:
+        raise ValueError(
+            f"There is no phase route {phase!r} on {device.name} in {device.precision} precision; "
+            f"use one of {', '.join(there)}."
+        )
+
+
+Vector = np.ndarray[Any, Any]
+Pair = tuple[float, float]
+
+LARGEST_TABLE_RESIDUAL = 1.0  # turns; above, float32 tables lose more than 1e-5
+
+
+class Factor(Protocol):
+    """What a spectrum is multiplied by, before it is on a device."""
+
+    def residual_turns(self) -> float:
+        """Phase left to the device's precision beside 1-D tables made in double."""
+
+    def phase_route(self, device: Device) -> str:
+        """ "tables", "fp64" or "twofloat": how a device forms the phase."""
+
+    def on_device(self, device: Device, phase: str) -> Spectrum:
+        """The samples, the phase formed as said."""
+
+    def turned(self) -> Factor:
+        """The same with x and y exchanged."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Shape of the spectrum."""
+
+    @property
+    def stored(self) -> tuple[int, int]:
+        """Shape of the samples that are made."""
+
+    @property
+    def lit(self) -> Vector | None:
+        """Which columns of those samples are not all zero, bool; None: all of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Transfer:
+    """H(fx, fy) = exp(i k z (sqrt(1 - s) - 1)), s = lam^2 (fx^2 + fy^2), times 1-D weights.
+
+    Goodman (2005), eq. 3-66, without the carrier exp(ikz).
+
+    Attributes
+    ----------
+    shape : tuple of int
+        (my, mx) of the spectrum.
+    frequencies, weights : tuple of numpy.ndarray
+        Along y and x, float64, in cycles a metre: all of them, or of an FFT's those up to the
+        middle, (my//2 + 1,) and (mx//2 + 1,), where H is even.
+    z, wavelength : float
+        In metres.
+    """
+
+    shape: tuple[int, int]
+    frequencies: tuple[Vector, Vector]
+    weights: tuple[Vector, Vector]
+    z: float
+    wavelength: float
+
+    @property
+    def stored(self) -> tuple[int, int]:
+        """Shape of the samples that are made."""
+        return (self.frequencies[0].size, self.frequencies[1].size)
+
+    @property
+    def lit(self) -> Vector | None:
+        """Which columns of those samples are inside the band, bool; None: all of them."""
+        lit = self.weights[1] != 0
+        return None if lit.all() else lit
+
+    def highest(self) -> Pair:
+        """Largest abs(fy), abs(fx) of any weight, in cycles a metre."""
+        y, x = (
+            float(np.abs(f[w > 0]).max(initial=0.0))
+            for f, w in zip(self.frequencies, self.weights, strict=True)
+        )
+        return (y, x)
+
+    def _corner(self) -> float:
+        """s at the corner of the band."""
+        return sum((self.wavelength * f) ** 2 for f in self.highest())
+
+    def residual_turns(self) -> float:
+        """Rt = (z/lam) q^2/2 with q = 1 - sqrt(1 - s) at the corner of the band."""
+        s = min(self._corner(), 1.0)
+        q = s / (1 + math.sqrt(1 - s))
+        return abs(self.z) / self.wavelength * q * q / 2
+
+    def phase_route(self, device: Device) -> str:
+        """ "tables", "fp64" or "twofloat": how a device forms the phase to 1e-5 rad.
+
+        Less only at s = 1 within 1e-3, where waves graze.
+        """
+        if device.precision == "double" or self.residual_turns() <= LARGEST_TABLE_RESIDUAL:
+            return "tables"
+        return "fp64" if device.has_fp64 else "twofloat"
+
+    def on_device(self, device: Device, phase: str) -> Spectrum:
+        """The samples on a device.
+
+        Parameters
+        ----------
+        device : Device
+        phase : {"tables", "fp64", "twofloat"}
+        """
+        (fy, fx), (wy, wx) = self.frequencies, self.weights
+        tables = [phasor(-self.wavelength * self.z * f**2 / 2, device.complex) for f in (fx, fy)]
+        squares = [split((self.wavelength * f) ** 2, device.real) for f in (fx, fy)]
+        carrier = phasor(np.array([-self.z / self.wavelength]), device.complex)
+        H = device.empty(self.stored, device.complex)
+        smooth = phase == "tables" and self._corner() < 1
+        defines = lanes_defines(device) if smooth else device.wave_defines()
+        defines[f"PHASE_{phase.upper()}"] = True
+        device.launch_rows(
+            device.kernel("transfer.cl", "transfer", **defines),
+            self.stored,
+            H,
+            *(device.upload(t) for t in tables),
+            *(device.upload(s) for s in squares),
+            *(device.upload(w.astype(device.real)) for w in (wx, wy)),
+            split(self.z / self.wavelength, device.real),
+            carrier.view(device.real),
+            *(np.int32(n) for n in self.stored),
+        )
+        return Spectrum(H, self.shape)
+
+    def turned(self) -> Transfer:
+        """The same with x and y exchanged."""
+        return replace(
+            self,
+            shape=self.shape[::-1],
+            frequencies=self.frequencies[::-1],
+            weights=self.weights[::-1],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Sommerfeld:
+    """The DFT of the sampled Rayleigh-Sommerfeld kernel: see sommerfeld.py.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        (my, mx) of the window.
+    pitch : tuple of float
+        (dy, dx) in metres.
+    z, wavelength : float
+        In metres.
+    """
+
+    shape: tuple[int, int]
+    pitch: Pair
+    z: float
+    wavelength: float
+
+    @property
+    def stored(self) -> tuple[int, int]:
+        """Shape of the samples that are kept: one quadrant."""
+        return (self.shape[0] // 2 + 1, self.shape[1] // 2 + 1)
+
+    @property
+    def lit(self) -> None:
+        """All columns."""
+
+    def residual_turns(self) -> float:
+        """Rk = (r_max - z)^2/(2 z lam) at the corner displacement."""
+        return kernel_residual_turns(self.shape, self.pitch, self.z, self.wavelength)
+
+    def phase_route(self, device: Device) -> str:
+        """ "tables", "fp64" or "twofloat": how a device forms the phase to 2.5e-5 rad."""
+        return kernel_phase_route(self.shape, self.pitch, self.z, self.wavelength, device)
+
+    def on_device(self, device: Device, phase: str) -> Spectrum:
+        """The transform of the kernel's samples on a device.
+
+        Parameters
+        ----------
+        device : Device
+        phase : {"tables", "fp64", "twofloat"}
+        """
+        h = impulse_response(self.shape, self.pitch, self.z, self.wavelength, device, phase)
+        device.fft.forward(h, device)
+        return Spectrum(window(h, self.stored, device, place=(0, 0)), self.shape)
+
+    def turned(self) -> Sommerfeld:
+        """The same with x and y exchanged."""
+        return replace(self, shape=self.shape[::-1], pitch=self.pitch[::-1])
+
+
+def factor_on_device(factor: Factor, device: Device, phase: str) -> Spectrum:
+    """A factor's samples in the order in which `run` of blocks.py reads them on a device.
+
+    Parameters
+    ----------
+    factor : Factor
+    device : Device
+    phase : {"tables", "fp64", "twofloat"}
+    """
+    if device.fft.name == "vkfft":
+        return factor.on_device(device, phase)
+    values = factor.turned().on_device(device, phase).values
+    return Spectrum(values, factor.shape, turned=True, lit=factor.lit)
+
+
+def fft_frequencies(n: int, d: float) -> Vector:
+    """Frequencies 0 ... n//2 of an FFT of n samples of pitch d, in cycles a metre."""
+    return np.arange(n // 2 + 1) / (n * d)

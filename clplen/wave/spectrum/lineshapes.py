@@ -1,0 +1,399 @@
+"""Shapes of spectra over frequency: Gaussian or sharp lines, a rectangle, a table.
+
+Each has unit power and knows its density S(nu), its complex degree of temporal coherence
+
+    gamma(tau) = int S(nu) exp(-2 pi i nu tau) dnu
+
+(Goodman, Statistical Optics, 1985, section 5.1.3), and how it is sampled at equal steps of
+frequency. All on the host in float64.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.polynomial import hermite, legendre
+from numpy.typing import ArrayLike
+
+C = 299_792_458.0  # m/s, speed of light in vacuum
+WIDEST_PIECE = 1.5  # ratio of the end wavelengths of a piece of a table
+ROUNDING = 1e-17  # at which a Legendre series is cut
+FEWEST = 8  # nodes of a piece
+FEW_ALONE, FEW_SHARED = 4, 8  # samples of a Gaussian line that are too few for equal steps
+TURNING, MORE = 2.0, 8  # where Bessel recurrences change direction, orders they begin above
+BLOCK = 2**16  # numbers held at a time
+
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+Complex = np.ndarray[Any, np.dtype[np.complex128]]
+Sampling = tuple[Vector, Vector, float]  # frequencies, weights of sum 1, step in Hz
+
+
+class Shape(Protocol):
+    """What a spectrum asks of its shape."""
+
+    @property
+    def mean(self) -> float:
+        """Mean frequency in Hz."""
+
+    @property
+    def width(self) -> float:
+        """Width in Hz of the band in which there is light; 0 if it is a single frequency."""
+
+    @property
+    def square(self) -> float:
+        """int S^2 dnu in seconds, which is int |gamma|^2 dtau (Parseval)."""
+
+    def density(self, nu: Vector) -> Vector:
+        """S(nu) per Hz."""
+
+    def gamma(self, tau: Vector) -> Complex:
+        """gamma at delays in seconds, shape (n,)."""
+
+    def sample(self, n: int, span: float) -> Sampling:
+        """At n frequencies."""
+
+    def needed(self, delay: float, span: float) -> int:
+        """Samples that follow gamma up to a delay in seconds; see `Spectrum.needed`."""
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Gaussian lines; sharp ones, where the widths are 0.
+
+    Parameters
+    ----------
+    centres, widths, powers : tuple of float
+        Frequency and FWHM of each line in Hz, its share of the power (sum 1). The widths are
+        all positive or all 0.
+    """
+
+    centres: tuple[float, ...]
+    widths: tuple[float, ...]
+    powers: tuple[float, ...]
+
+    @property
+    def is_sharp(self) -> bool:
+        """Whether the lines have no width."""
+        return self.widths[0] == 0
+
+    @property
+    def mean(self) -> float:
+        return float(np.dot(self.powers, self.centres))
+
+    @property
+    def width(self) -> float:
+        reach = 2 * np.array(self.widths)
+        return float((self.centres + reach).max() - (self.centres - reach).min())
+
+    @property
+    def square(self) -> float:
+        if self.is_sharp:
+            return math.inf
+        nu, width, power = (np.array(a) for a in (self.centres, self.widths, self.powers))
+        both = width[:, None] ** 2 + width**2  # a product of Gaussians integrates to a Gaussian
+        overlap = np.exp(-4 * np.log(2) * (nu[:, None] - nu) ** 2 / both)
+        return float(power @ (2 * np.sqrt(np.log(2) / np.pi / both) * overlap) @ power)
+
+    def density(self, nu: Vector) -> Vector:
+        total = np.zeros_like(nu)
+        for centre, width, power in zip(self.centres, self.widths, self.powers, strict=True):
+            peak = 2 * math.sqrt(math.log(2) / math.pi) / width
+            total += power * peak * np.exp(-4 * math.log(2) * ((nu - centre) / width) ** 2)
+        return total
+
+    def gamma(self, tau: Vector) -> Complex:
+        total = np.zeros(tau.shape, dtype=complex)
+        for centre, width, power in zip(self.centres, self.widths, self.powers, strict=True):
+            envelope = np.exp(-((np.pi * width * tau) ** 2) / (4 * math.log(2)))
+            total += power * envelope * np.exp(-2j * np.pi * centre * tau)
+        return total
+
+    def sample(self, n: int, span: float) -> Sampling:
+        if self.is_sharp:
+            return np.array(self.centres), np.array(self.powers), 0.0
+        nu, weights, steps = [], [], []
+        few = FEW_ALONE if len(self.centres) == 1 else FEW_SHARED
+        for centre, width, power, count in zip(
+            self.centres, self.widths, self.powers, self._shared(n), strict=True
+        ):
+            t, w = _nodes(count) if count <= few else _steps(count, span)
+            nu.append(centre + width * t)
+            weights.append(power * w)
+            steps.append(width * np.diff(t).max() if count > 1 else math.inf)
+        return np.concatenate(nu), np.concatenate(weights), float(max(steps))
+
+    def _shared(self, n: int) -> list[int]:
+        """Samples of each line, at least one; what is left over goes to the strongest."""
+        lines = len(self.centres)
+        if n < lines:
+            return [1] * lines
+        counts = np.full(lines, n // lines)
+        counts[np.argsort(self.powers)[::-1][: n % lines]] += 1
+        return [int(count) for count in counts]
+
+    def needed(self, delay: float, span: float) -> int:
+        if self.is_sharp:
+            return len(self.centres)
+        time = [math.sqrt(2 * math.log(2) / math.pi) / width for width in self.widths]
+        bands = [2 * span * width for width in self.widths]
+        counts = [fewest(b * (delay + 1.5 * t)) for b, t in zip(bands, time, strict=True)]
+        return len(counts) * max(counts)
+
+
+@dataclass(frozen=True)
+class Rectangle:
+    """The same density between two frequencies in Hz."""
+
+    low: float
+    high: float
+
+    @property
+    def mean(self) -> float:
+        return (self.low + self.high) / 2
+
+    @property
+    def width(self) -> float:
+        return self.high - self.low
+
+    @property
+    def square(self) -> float:
+        return 1 / self.width
+
+    def density(self, nu: Vector) -> Vector:
+        return np.where((nu >= self.low) & (nu <= self.high), 1 / self.width, 0.0)
+
+    def gamma(self, tau: Vector) -> Complex:
+        return np.sinc(self.width * tau) * np.exp(-2j * np.pi * self.mean * tau)
+
+    def sample(self, n: int, span: float) -> Sampling:
+        step = self.width / n
+        nu = np.linspace(self.low + step / 2, self.high - step / 2, n)
+        return nu, np.full(n, 1 / n), _step(step, n)
+
+    def needed(self, delay: float, span: float) -> int:
+        return fewest(self.width * (delay + 1.5 * self.square))
+
+
+@dataclass(frozen=True)
+class Table:
+    """Density per wavelength, linear between its points and 0 outside.
+
+    Parameters
+    ----------
+    wavelengths : tuple of float
+        In metres, rising.
+    values : tuple of float
+        At least 0, in any unit.
+    """
+
+    wavelengths: tuple[float, ...]
+    values: tuple[float, ...]
+
+    @property
+    def mean(self) -> float:
+        nu, mass = self._points
+        return float(nu @ mass)
+
+    @property
+    def width(self) -> float:
+        return C / self.wavelengths[0] - C / self.wavelengths[-1]
+
+    @property
+    def square(self) -> float:
+        nu, mass = self._points
+        return float(mass @ self.density(nu))
+
+    @cached_property
+    def _power(self) -> float:
+        lam, values = np.array(self.wavelengths), np.array(self.values)
+        return float((values[1:] + values[:-1]) @ np.diff(lam) / 2)
+
+    def density(self, nu: Vector) -> Vector:
+        """S(nu) = S(lam) |dlam/dnu|, where lam = c/nu and |dlam/dnu| = c/nu^2."""
+        there = nu > 0
+        lam = C / np.where(there, nu, 1.0)
+        found = np.interp(lam, self.wavelengths, self.values, left=0.0, right=0.0)
+        return np.where(there, found * lam**2 / (C * self._power), 0.0)
+
+    def gamma(self, tau: Vector) -> Complex:
+        """Sum over the pieces of h exp(-2 pi i m tau) sum_k a_k 2 (-i)^k j_k(2 pi h tau).
+
+        m and h are the middle and the half width of a piece in Hz, a_k its Legendre series: the
+        transform of P_k is 2 (-i)^k j_k (DLMF, eq. 18.17.19).
+        """
+        middle, half, series = self._pieces
+        total = np.zeros(tau.shape, dtype=complex)
+        size = max(1, BLOCK // middle.size)
+        for start in range(0, tau.size, size):
+            turns = 2 * np.pi * tau[start : start + size, None]
+            parts = [np.zeros((len(turns), middle.size)) for _ in range(2)]  # real, -imaginary
+            for k, bessel in enumerate(spherical_bessel(len(series), half * turns)):
+                parts[k % 2] += (-1) ** (k // 2) * series[k] * bessel
+            cos, sin = np.cos(middle * turns), np.sin(middle * turns)
+            even, odd = parts
+            real, imaginary = even * cos - odd * sin, even * sin + odd * cos
+            total[start : start + size] = 2 * (real - 1j * imaginary) @ half
+        return total
+
+    def sample(self, n: int, span: float) -> Sampling:
+        """The middles of n cells, less the dark ones; their weights are the power in each."""
+        edges = np.linspace(C / self.wavelengths[-1], C / self.wavelengths[0], n + 1)
+        nu, mass = self._masses(edges)
+        cell = np.clip(np.searchsorted(edges, nu) - 1, 0, n - 1)
+        weights = np.bincount(cell, mass, n)
+        step, lit = self.width / n, weights > 0
+        return (edges[:-1] + step / 2)[lit], weights[lit] / weights.sum(), _step(step, n)
+
+    def needed(self, delay: float, span: float) -> int:
+        return fewest(self.width * (delay + 1.5 * self.square))
+
+    @cached_property
+    def _points(self) -> tuple[Vector, Vector]:
+        return self._masses()
+
+    def _masses(self, cuts: Vector | None = None) -> tuple[Vector, Vector]:
+        """Frequencies of a quadrature that is exact to rounding, and the power at each."""
+        middle, half, nodes, weights = self._quadrature(cuts)
+        nu = middle[:, None] + half[:, None] * nodes
+        return nu.ravel(), (self.density(nu) * half[:, None] * weights).ravel()
+
+    @cached_property
+    def _pieces(self) -> tuple[Vector, Vector, Vector]:
+        """Middle and half width of each piece in Hz, shape (m,), and Legendre series (k, m)."""
+        middle, half, nodes, weights = self._quadrature()
+        density = self.density(middle[:, None] + half[:, None] * nodes)
+        order = np.arange(nodes.size)
+        basis = legendre.legvander(nodes, nodes.size - 1) * weights[:, None]
+        return middle, half, (density @ basis * (order + 0.5)).T
+
+    def _quadrature(self, cuts: Vector | None = None) -> tuple[Vector, Vector, Vector, Vector]:
+        """Pieces on which the density is smooth, and Gauss-Legendre nodes and weights in [-1, 1].
+
+        The density of a piece, a rational function with its pole at nu = 0, has a Legendre
+        series that falls as rho^-k, rho = x + sqrt(x^2 - 1), where -x is the pole on the scale
+        on which the piece is [-1, 1] (Bernstein's ellipse; Trefethen, SIAM Review 50, 67 (2008)).
+        """
+        knots = np.array(self.wavelengths)
+        splits = np.ceil(np.log(knots[1:] / knots[:-1]) / math.log(WIDEST_PIECE)).astype(int)
+        ends = [
+            np.geomspace(*pair, count + 1)[1:-1]
+            for pair, count in zip(pairwise(knots), splits, strict=True)
+        ]
+        edges = C / np.concatenate([knots, *ends])
+        edges = np.unique(edges if cuts is None else np.concatenate([edges, cuts]))
+        middle, half = (edges[1:] + edges[:-1]) / 2, (edges[1:] - edges[:-1]) / 2
+        pole = float((middle / half).min())
+        rate = math.log(pole + math.sqrt(pole**2 - 1))
+        count = max(FEWEST, 1 + math.ceil(-math.log(ROUNDING) / rate))
+        nodes, weights = legendre.leggauss(count)
+        return middle, half, nodes, weights
+
+
+def _steps(count: int, span: float) -> tuple[Vector, Vector]:
+    """Equal steps over +-span FWHM of a Gaussian, and weights of sum 1."""
+    t = np.linspace(-span, span, count)
+    w = np.exp(-4 * math.log(2) * t**2)
+    return t, w / w.sum()
+
+
+def _nodes(count: int) -> tuple[Vector, Vector]:
+    """Gauss-Hermite quadrature of a Gaussian: places in FWHM, and weights of sum 1.
+
+    Exact for powers up to 2 count - 1, hence for the mean and, from two samples on, the variance
+    (Abramowitz & Stegun, 1964, eq. 25.4.46).
+    """
+    x, w = hermite.hermgauss(count)  # for exp(-x^2)
+    return x / (2 * math.sqrt(math.log(2))), w / w.sum()
+
+
+def fewest(turns: float) -> int:
+    """Samples a step of which lets no phase turn more than once: 1 + turns, rounded up."""
+    return 1 + math.ceil(turns * (1 - 1e-12))
+
+
+def spherical_bessel(count: int, x: Vector) -> list[Vector]:
+    """j_k(x) for k = 0 to count - 1 by recurrence: upwards, or of ratios downwards for small x.
+
+    j_(k+1) = (2k + 1)/x j_k - j_(k-1) (DLMF, eq. 10.51.1). Upwards its rounding errors grow as
+    (2k - 1)!!/x^(k + 1), for |x| > 2 more slowly than the coefficients of the series in `Table`
+    fall. Downwards the ratio r_k = j_k/j_(k-1) is x/(2k + 1 - x r_(k+1)).
+    """
+    small = np.abs(x) <= TURNING
+    ratio, ratios = np.zeros_like(x), [np.zeros_like(x)] * count
+    near = np.where(small, x, 0.0)
+    for k in range(count + MORE, 0, -1):
+        ratio = near / (2 * k + 1 - near * ratio)
+        if k < count:
+            ratios[k] = ratio
+    over = 1 / np.where(small, 1.0, x)
+    values = [np.sinc(x / np.pi)]
+    before = np.cos(x) * over  # j_(-1)
+    for k in range(1, count):
+        up = (2 * k - 1) * over * values[-1] - before
+        before = values[-1]
+        values.append(np.where(small, ratios[k] * values[-1], up))
+    return values
+
+
+def _step(step: float, n: int) -> float:
+    """One sample never loses its coherence: as if its step were infinite."""
+    return step if n > 1 else math.inf
+
+
+DELAYS = 4096  # delays at a time
+
+
+@dataclass(frozen=True, eq=False)
+class SpectralSamples:
+    """A spectrum as a few wavelengths.
+
+    Parameters
+    ----------
+    wavelengths : numpy.ndarray
+        In metres, shape (n,), float64.
+    weights : numpy.ndarray
+        Share of the power of each, shape (n,), float64, sum 1.
+    step : float
+        Step in Hz, the largest where there are several; 0 where the samples are the whole
+        spectrum (sharp lines), infinite for a single sample of a band or of a line with a width.
+    """
+
+    wavelengths: Vector
+    weights: Vector
+    step: float
+
+    @property
+    def revival(self) -> float:
+        """Path difference c/step in metres at which light of these samples is coherent again.
+
+        Entirely where its steps are equal, in part where they are not.
+        """
+        return math.inf if self.step == 0 else C / self.step
+
+    def gamma(self, tau: ArrayLike) -> Complex:
+        """Complex degree of temporal coherence of the samples at delays in seconds.
+
+        Parameters
+        ----------
+        tau : array_like
+            Delays in seconds, of any shape.
+
+        Returns
+        -------
+        numpy.ndarray
+            complex128, the shape of ``tau``: sum of weight exp(-2 pi i nu tau).
+        """
+        delays = np.asarray(tau, dtype=float)
+        nu = C / self.wavelengths
+        found = [np.exp(-2j * np.pi * part * nu) @ self.weights for part in _blocks(delays)]
+        return np.concatenate(found).reshape(delays.shape)
+
+
+def _blocks(delays: Vector) -> list[Vector]:
+    """The delays as columns of few at a time."""
+    return np.array_split(delays.reshape(-1, 1), max(1, math.ceil(delays.size / DELAYS)))

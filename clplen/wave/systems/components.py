@@ -1,0 +1,331 @@
+"""Parts of an optical system: frozen data that act on a field."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import KW_ONLY, dataclass
+from numbers import Real
+from typing import Literal, Protocol, runtime_checkable
+
+import numpy as np
+
+from clplen import units
+from clplen.deprecation import renamed_argument, renamed_attribute, warn_caller
+from clplen.errors import SamplingWarning
+from clplen.reprs import OneLine
+from clplen.wave.elements.hard_apertures import aperture
+from clplen.wave.elements.lens import Form, thin_lens
+from clplen.wave.elements.lenslets import MicrolensArray
+from clplen.wave.field.arguments import Aliasing
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.number_format import metres
+from clplen.wave.propagation.description import SELF_PADDED
+from clplen.wave.propagation.free_space import propagate
+
+Shape = Literal["circular", "square"]
+
+
+@runtime_checkable
+class Part(Protocol):
+    """Anything with ``apply``; ``label``, ``describe()`` and ``length`` are used where it has them.
+
+    ``label`` is a word for figures and tables, ``describe()`` the words beside it, ``length`` what
+    the part takes of the axis in metres.
+    """
+
+    def apply(self, field: Field) -> Field:
+        """The field behind the part."""
+
+
+@dataclass(frozen=True, repr=False)
+class Space(OneLine):
+    """Free space, by `propagate`.
+
+    Parameters
+    ----------
+    z : float
+        Distance in metres; negative propagates back.
+    method, pad, out_grid
+        As in `propagate`.
+
+    Raises
+    ------
+    ValueError
+        For a distance that is not one finite number.
+    """
+
+    z: float
+    _: KW_ONLY
+    method: str = "auto"
+    pad: float = 2
+    out_grid: Grid | None = None
+    label = "space"
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.z, Real) and math.isfinite(self.z)):
+            raise ValueError(f"A distance is one finite number of metres, not {self.z!r}.")
+
+    @property
+    def length(self) -> float:
+        """The distance in metres."""
+        return float(self.z)
+
+    def apply(self, field: Field) -> Field:
+        """The field at the end of the distance."""
+        return propagate(field, self.z, method=self.method, pad=self.pad, out_grid=self.out_grid)
+
+    def describe(self) -> str:
+        """Distance, method and, where it counts, padding; the new grid, if any."""
+        text = f"{metres(self.z)}, method {self.method}"
+        if self.method not in SELF_PADDED:
+            text += f", pad {self.pad:g}"
+        if self.out_grid is None:
+            return text
+        (ny, nx), (dy, dx) = self.out_grid.shape, self.out_grid.pitch
+        return f"{text}, to {ny} x {nx} samples of {metres(dy)} x {metres(dx)}"
+
+
+@renamed_argument(old="f", new="focal_length")
+@dataclass(frozen=True)
+class Lens:
+    """A thin lens, by `thin_lens`.
+
+    Parameters
+    ----------
+    focal_length : float
+        In metres, not 0; negative diverges.
+    diameter : float, optional
+        Of its circular aperture in metres; None: unbounded.
+    form : {"paraxial", "stigmatic"}
+    aliasing : {"raise", "warn", "allow"}
+        As in `thin_lens`.
+
+    Raises
+    ------
+    ValueError
+        For a focal length of 0 or NaN, a diameter that is not positive, or another form.
+    """
+
+    focal_length: float
+    _: KW_ONLY
+    diameter: float | None = None
+    form: Form = "paraxial"
+    aliasing: Aliasing = "raise"
+    label = "lens"
+    f = renamed_attribute("f", "focal_length")
+
+    def __post_init__(self) -> None:
+        if (
+            not isinstance(self.focal_length, Real)
+            or math.isnan(self.focal_length)
+            or self.focal_length == 0
+        ):
+            raise ValueError(f"The focal length is not 0, in metres; got {self.focal_length!r}.")
+        units.WEAK_LENS.check(self.focal_length, "The focal length")
+        if self.diameter is not None:
+            require_positive("The diameter of a lens", self.diameter)
+            units.DIAMETER.check(self.diameter, "The diameter of a lens")
+        if self.form not in ("paraxial", "stigmatic"):
+            raise ValueError(f"A lens is 'paraxial' or 'stigmatic', not {self.form!r}.")
+
+    def apply(self, field: Field) -> Field:
+        """The field behind the lens.
+
+        Warns
+        -----
+        SamplingWarning
+            If the window of the field cuts the aperture of the lens.
+        """
+        if self.diameter is not None:
+            _warn_if_cut(field.grid, self.diameter, (0.0, 0.0), "lens")
+        return thin_lens(
+            field, self.focal_length, diameter=self.diameter, form=self.form, aliasing=self.aliasing
+        )
+
+    def describe(self) -> str:
+        """Focal length, diameter and form."""
+        bound = "unbounded" if self.diameter is None else f"D = {metres(self.diameter)}"
+        return f"f = {metres(self.focal_length)}, {bound}, {self.form}"
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A hard aperture, by `aperture`.
+
+    Parameters
+    ----------
+    diameter : float
+        Of the circle, or side of the square, in metres.
+    shape : {"circular", "square"}
+    centre : tuple of float
+        (y, x) in metres.
+
+    Raises
+    ------
+    ValueError
+        For a diameter that is not positive, another shape, or a centre that is not finite.
+    """
+
+    diameter: float
+    _: KW_ONLY
+    shape: Shape = "circular"
+    centre: tuple[float, float] = (0.0, 0.0)
+    label = "stop"
+
+    def __post_init__(self) -> None:
+        require_positive("The diameter of a stop", self.diameter)
+        units.DIAMETER.check(self.diameter, "The diameter of a stop")
+        if self.shape not in ("circular", "square"):
+            raise ValueError(f"A stop is 'circular' or 'square', not {self.shape!r}.")
+        if np.shape(self.centre) != (2,) or not np.isfinite(self.centre).all():
+            raise ValueError(f"The centre of a stop is (y, x) in metres, not {self.centre!r}.")
+        object.__setattr__(self, "centre", (float(self.centre[0]), float(self.centre[1])))
+
+    def apply(self, field: Field) -> Field:
+        """The field behind the stop.
+
+        Warns
+        -----
+        SamplingWarning
+            If the window of the field cuts the opening.
+        """
+        _warn_if_cut(field.grid, self.diameter, self.centre, "stop")
+        return aperture(field, self.diameter, shape=self.shape, centre=self.centre)
+
+    def describe(self) -> str:
+        """Shape, diameter and, off the axis, the centre."""
+        text = f"{self.shape}, D = {metres(self.diameter)}"
+        if self.centre == (0.0, 0.0):
+            return text
+        return f"{text}, centre (y, x) = ({metres(self.centre[0])}, {metres(self.centre[1])})"
+
+
+@dataclass(frozen=True)
+class ConvergingLight:
+    """Lights a transparent object by a converging wave: u exp(-i pi r^2/(lam z)).
+
+    The zero order of every object point then goes through the axis at z (Goodman 2005, section
+    5.3.2): with the lens of an imaging system there, the lens does not vignette the object.
+
+    Parameters
+    ----------
+    z : float
+        Distance of the focus in metres, positive.
+    aliasing : {"raise", "warn", "allow"}
+        As in `thin_lens`.
+
+    Raises
+    ------
+    ValueError
+        For a distance that is not positive.
+    """
+
+    z: float
+    _: KW_ONLY
+    aliasing: Aliasing = "raise"
+    label = "converging light"
+
+    def __post_init__(self) -> None:
+        require_positive("The distance of the focus", self.z)
+
+    def apply(self, field: Field) -> Field:
+        """The lit object."""
+        return thin_lens(field, self.z, aliasing=self.aliasing)
+
+    def describe(self) -> str:
+        """Where the light converges."""
+        return f"focus {metres(self.z)} on"
+
+
+@dataclass(frozen=True)
+class Element:
+    """Any function of a field as a part.
+
+    Parameters
+    ----------
+    function : callable
+        Field -> Field.
+    name : str
+    length : float
+        What it takes of the axis in metres.
+    """
+
+    function: Callable[[Field], Field]
+    name: str
+    _: KW_ONLY
+    length: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """The name."""
+        return self.name
+
+    def apply(self, field: Field) -> Field:
+        """What the function returns.
+
+        Raises
+        ------
+        TypeError
+            If that is no `Field`.
+        """
+        out = self.function(field)
+        if not isinstance(out, Field):
+            raise TypeError(f"The element {self.name!r} returns a Field, not {type(out).__name__}.")
+        return out
+
+    def describe(self) -> str:
+        """Its length, if any."""
+        return metres(self.length) if self.length else ""
+
+
+def length_of(part: Part) -> float:
+    """What a part takes of the axis in metres, 0 for what lies in one plane."""
+    return float(getattr(part, "length", 0.0))
+
+
+def label_of(part: Part) -> str:
+    """The word for a part."""
+    if isinstance(part, MicrolensArray):
+        return "lenslets"
+    return str(getattr(part, "label", type(part).__name__))
+
+
+def text_of(part: Part) -> str:
+    """What a part is, in a few words."""
+    if isinstance(part, MicrolensArray):
+        (ny, nx), pitch, f = part.count, metres(part.pitch), metres(part.focal_length)
+        return f"{ny} x {nx}, pitch {pitch}, f = {f}, {part.lattice}, {part.fill}"
+    describe = getattr(part, "describe", None)
+    return repr(part) if describe is None else str(describe())
+
+
+def require_positive(what: str, value: float) -> None:
+    """Refuse a length that is not positive and finite.
+
+    Raises
+    ------
+    ValueError
+        With the name of the length.
+    """
+    if not (isinstance(value, Real) and math.isfinite(value) and value > 0):
+        raise ValueError(f"{what} is positive, in metres, not {value!r}.")
+
+
+def _warn_if_cut(grid: Grid, diameter: float, centre: tuple[float, float], what: str) -> None:
+    """Warn where the window is smaller than an opening by more than half a sample."""
+    for axis, name in enumerate("yx"):
+        n, pitch, origin = grid.shape[axis], grid.pitch[axis], grid.origin[axis]
+        low, high = centre[axis] - diameter / 2 - origin, centre[axis] + diameter / 2 - origin
+        allowed = pitch * (0.5 + 1e-6)
+        first, last = -(n // 2 + 0.5) * pitch, (n - n // 2 - 0.5) * pitch
+        if n == 1 or (low >= first - allowed and high <= last + allowed):
+            continue
+        needed = math.ceil(2 * max(-low, high) / pitch - 1e-6)
+        warn_caller(
+            f"The window of {metres(n * pitch)} along {name} cuts the {what} of "
+            f"D = {metres(diameter)}, so that the window decides which light passes: take at least "
+            f"{needed} samples of {metres(pitch)} for {n}.",
+            SamplingWarning,
+        )
+        return

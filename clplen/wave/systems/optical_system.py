@@ -1,0 +1,252 @@
+"""Optical systems: any sequence of parts and distances along one axis as one object."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any, overload
+
+from clplen import units
+from clplen.deprecation import renamed_argument
+from clplen.reprs import OneLine
+from clplen.wave.field.arguments import Aliasing
+from clplen.wave.field.field import Field
+from clplen.wave.field.intensity import MeanIntensity, Object, PartialCoherence, average_of
+from clplen.wave.field.number_format import metres
+from clplen.wave.propagation.propagator import Propagator
+from clplen.wave.systems.components import (
+    ConvergingLight,
+    Element,
+    Lens,
+    Part,
+    Space,
+    label_of,
+    length_of,
+    require_positive,
+    text_of,
+)
+
+
+@dataclass(frozen=True, init=False, repr=False)
+class OpticalSystem(OneLine):
+    """Parts along one axis, in the order in which a field meets them.
+
+    Parameters
+    ----------
+    parts : iterable
+        Of `Space`, `Lens`, `Stop`, `MicrolensArray`, `Element` or anything else with
+        ``apply(field)``; a number is a distance in metres, a function Field -> Field an element, a
+        system its parts.
+
+    Attributes
+    ----------
+    parts : tuple of Part
+
+    Raises
+    ------
+    ValueError
+        If there are no parts, or a distance is not finite.
+    TypeError
+        If something is no part.
+
+    Examples
+    --------
+    >>> system = OpticalSystem([0.24, Lens(0.12, diameter=3.6e-3), 0.24])
+    >>> image = system(field)
+    """
+
+    parts: tuple[Part, ...]
+
+    def __init__(self, parts: Iterable[Any]) -> None:
+        if not isinstance(parts, Iterable):
+            raise TypeError(f"An optical system is a sequence of parts, not {parts!r}.")
+        found: list[Part] = []
+        for number, part in enumerate(parts, 1):
+            found.extend(part.parts if isinstance(part, OpticalSystem) else [_part(part, number)])
+        if not found:
+            raise ValueError("An optical system has at least one part; none was given.")
+        object.__setattr__(self, "parts", tuple(found))
+
+    @overload
+    def __call__(self, field: Field) -> Field: ...
+    @overload
+    def __call__(
+        self, field: Object, *, coherence: PartialCoherence, **averaging: Any
+    ) -> MeanIntensity: ...
+    def __call__(
+        self, field: Any, *, coherence: PartialCoherence | None = None, **averaging: Any
+    ) -> Field | MeanIntensity:
+        """The field (or each of a batch) behind the last part, or the mean intensity there.
+
+        Parameters
+        ----------
+        field : Field
+            Shape (..., ny, nx), in front of the first part; with ``coherence`` the transmission of
+            an object of shape (ny, nx).
+        coherence : Coherence, optional
+            The light that illuminates the object.
+        **averaging
+            With ``coherence``: snapshots, rtol, region, checkpoint, progress and method as in
+            `Coherence.average`.
+
+        Returns
+        -------
+        Field
+            Or, with ``coherence``, a `MeanIntensity`.
+
+        Raises
+        ------
+        TypeError
+            For options of an average without ``coherence``.
+        """
+        if coherence is not None:
+            return average_of(coherence)(self, field, **averaging)
+        if averaging:
+            raise TypeError(f"{', '.join(averaging)} belong to an average: give coherence= too.")
+        for _, _, behind in self.trace(field):
+            field = behind
+        return field
+
+    def trace(self, field: Field) -> Iterator[tuple[float, Part, Field]]:
+        """The field behind each part in turn.
+
+        Parameters
+        ----------
+        field : Field
+            Shape (..., ny, nx), in front of the first part.
+
+        Yields
+        ------
+        z : float
+            Behind the part, in metres from the start.
+        part : Part
+        field : Field
+
+        Raises
+        ------
+        TypeError
+            If ``field`` is no `Field`.
+        """
+        if not isinstance(field, Field):
+            raise TypeError(f"An optical system takes a Field, not {type(field).__name__}.")
+        for part, z in zip(self.parts, self.positions, strict=True):
+            field = part.apply(field)
+            yield z + length_of(part), part, field
+
+    @property
+    def positions(self) -> tuple[float, ...]:
+        """Where each part begins, in metres from the start."""
+        lengths = [length_of(part) for part in self.parts]
+        return tuple(math.fsum(lengths[:index]) for index in range(len(lengths)))
+
+    @property
+    def length(self) -> float:
+        """From the start to the end in metres."""
+        return math.fsum(length_of(part) for part in self.parts)
+
+    def __len__(self) -> int:
+        return len(self.parts)
+
+    def __iter__(self) -> Iterator[Part]:
+        return iter(self.parts)
+
+    @overload
+    def __getitem__(self, index: int) -> Part: ...
+    @overload
+    def __getitem__(self, index: slice) -> OpticalSystem: ...
+    def __getitem__(self, index: int | slice) -> Part | OpticalSystem:
+        return OpticalSystem(self.parts[index]) if isinstance(index, slice) else self.parts[index]
+
+    def __add__(self, other: Any) -> OpticalSystem:
+        return OpticalSystem([*self.parts, other])
+
+    def __str__(self) -> str:
+        wide = max(len(label_of(part)) for part in self.parts)
+        count = f"{len(self)} part" + "s" * (len(self) > 1)
+        lines = [f"optical system of {count}, {metres(self.length)} long"]
+        lines.append(f"   no  {'part':<{wide}}  {'z':>8}")
+        for number, (part, z) in enumerate(zip(self.parts, self.positions, strict=True), 1):
+            value, unit = metres(z).split()
+            row = f"  {number:>3}  {label_of(part):<{wide}}  {value:>8} {unit:<2}  {text_of(part)}"
+            lines.append(row.rstrip())
+        return "\n".join(lines)
+
+
+@renamed_argument(old="f", new="focal_length")
+def imaging_system(
+    focal_length: float,
+    *,
+    diameter: float,
+    magnification: float = 1.0,
+    method: str = "auto",
+    pad: float = 2,
+    koehler: bool = False,
+    aliasing: Aliasing = "raise",
+) -> OpticalSystem:
+    """One lens that images a plane: distance z1, lens, distance z2; 2f and 2f unless told.
+
+    With 1/f = 1/z1 + 1/z2 and M = z2/z1: z1 = f (1 + 1/M), z2 = f (1 + M). The point x of the
+    object is imaged at -M x (Goodman 2005, section 5.3).
+
+    Parameters
+    ----------
+    focal_length : float
+        In metres, positive.
+    diameter : float
+        Of the lens in metres. The window of the field must contain it.
+    magnification : float
+        M, positive: image height over object height; the image is upside down.
+    method, pad
+        As in `propagate`, of both distances.
+    koehler : bool
+        The object is lit by light that converges on the lens (`ConvergingLight`) in place of a
+        plane wave, whose shadow of the object would have to fit through the lens.
+    aliasing : {"raise", "warn", "allow"}
+        As in `thin_lens`, of the lens and the light.
+
+    Returns
+    -------
+    OpticalSystem
+
+    Raises
+    ------
+    ValueError
+        For a focal length, diameter or magnification that is not positive.
+    """
+    require_positive("The focal length of an imaging system", focal_length)
+    units.FOCAL_LENGTH.check(focal_length, "The focal length of an imaging system")
+    require_positive("The diameter of its lens", diameter)
+    units.DIAMETER.check(diameter, "The diameter of its lens")
+    if not (isinstance(magnification, Real) and 0 < magnification < math.inf):
+        raise ValueError(f"The magnification is positive and finite, not {magnification!r}.")
+    z1 = focal_length * (1 + 1 / magnification)
+    z2 = focal_length * (1 + magnification)
+    parts: list[Part] = [
+        Space(z1, method=method, pad=pad),
+        Lens(focal_length, diameter=diameter, aliasing=aliasing),
+        Space(z2, method=method, pad=pad),
+    ]
+    return OpticalSystem([ConvergingLight(z1, aliasing=aliasing), *parts] if koehler else parts)
+
+
+def _part(given: Any, number: int) -> Part:
+    """What was given for a part, as a part."""
+    if isinstance(given, Real) and not isinstance(given, bool):
+        if not math.isfinite(given):
+            raise ValueError(
+                f"Part {number} of the system is a distance of {given!r}: a distance is one finite "
+                "number of metres."
+            )
+        return Space(float(given))
+    if isinstance(given, Propagator):
+        return Element(given, f"propagator ({given.method})", length=given.z)
+    if isinstance(given, Part) and not isinstance(given, type):
+        return given
+    if callable(given) and not isinstance(given, type):
+        return Element(given, getattr(given, "__name__", type(given).__name__))
+    raise TypeError(
+        f"Part {number} of the system is {given!r}, which is neither a distance in metres, nor has "
+        "it apply(field), nor is it a function of a field."
+    )

@@ -1,0 +1,312 @@
+"""Shift-invariant imaging: a pupil as a filter of spatial frequencies, and its closed forms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import KW_ONLY, dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from clplen import units
+from clplen.compute.device import Device
+from clplen.compute.fft.blocks import Spectrum, run
+from clplen.compute.fft.lines import Separable, cropped_inverse, padded_spectrum
+from clplen.reprs import OneLine
+from clplen.wave.elements.hard_apertures import disc_coverage, interval_coverage
+from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.number_format import metres
+from clplen.wave.field.transmission import offsets, phasor
+from clplen.wave.propagation.description import request
+from clplen.wave.propagation.free_space import FreeSpace
+from clplen.wave.propagation.methods import describe
+from clplen.wave.propagation.transfer_function import Transfer
+from clplen.wave.systems.components import Space, require_positive
+from clplen.wave.systems.optical_system import OpticalSystem
+
+Values = np.ndarray[Any, Any]
+Rim = Literal["circular", "square", "slit"]
+Path = Callable[[Values, Values], Any]
+SHAPES = ("circular", "square", "slit")
+
+
+@dataclass(frozen=True, repr=False)
+class Pupil(OneLine):
+    """The ideal image of a shift-invariant system, upright and of unit magnification.
+
+    The spectrum of the field is multiplied by the coherent transfer function
+    H(fy, fx) = P(lam z2 fy, lam z2 fx), P the exit pupil (Goodman 2005, section 6.2.1). The window
+    is periodic: light that leaves it on one side comes in on the other.
+
+    Parameters
+    ----------
+    diameter : float
+        D of the exit pupil in metres: of the circle, side of the square, width of the slit.
+    distance : float
+        z2 from the exit pupil to the image in metres, positive.
+    shape : {"circular", "square", "slit"}
+        A slit bounds the frequencies along x and lets pass all along y; along an axis of length 1
+        no shape bounds anything, so that a circle on a grid of one row is a slit, and a slit on a
+        grid of one column bounds those along y.
+    path : callable, optional
+        Aberration: the additional path length W(v, u) in metres at pupil coordinates v = fy/fc and
+        u = fx/fc, arrays of shape (n,), 1 at the rim (up to a sample beyond it); the pupil is
+        multiplied by exp(2 pi i W/lam).
+
+    Raises
+    ------
+    ValueError
+        For a diameter or distance that is not positive, or another shape.
+    """
+
+    diameter: float
+    distance: float
+    _: KW_ONLY
+    shape: Rim = "circular"
+    path: Path | None = None
+    label = "pupil"
+
+    def __post_init__(self) -> None:
+        require_positive("The diameter of a pupil", self.diameter)
+        units.DIAMETER.check(self.diameter, "The diameter of a pupil")
+        require_positive("The distance from a pupil to the image", self.distance)
+        require_shape(self.shape, SHAPES)
+
+    @classmethod
+    def of_cutoff(
+        cls, fc: float, wavelength: float, *, shape: Rim = "circular", path: Path | None = None
+    ) -> Pupil:
+        """The pupil of a coherent cut-off frequency at one wavelength, 1 m from the image.
+
+        Parameters
+        ----------
+        fc : float
+            In cycles a metre, positive.
+        wavelength : float
+            In metres.
+        shape, path
+            As of `Pupil`.
+        """
+        if not (math.isfinite(fc) and fc > 0):
+            raise ValueError(f"A cut-off frequency is positive, in cycles a metre, not {fc!r}.")
+        require_positive("The wavelength", wavelength)
+        units.WAVELENGTH.check(wavelength, "The wavelength")
+        return cls(2 * wavelength * fc, 1.0, shape=shape, path=path)
+
+    def cutoff(self, wavelength: float) -> float:
+        """fc = D/(2 lam z2) in cycles a metre (Goodman 2005, section 6.2.2)."""
+        return self.diameter / (2 * wavelength * self.distance)
+
+    def transfer(self, grid: Grid, wavelength: float) -> Values:
+        """H on the frequencies of a grid: on the rim the part of a frequency's cell that is inside.
+
+        Parameters
+        ----------
+        grid : Grid
+        wavelength : float
+            In metres.
+
+        Returns
+        -------
+        numpy.ndarray
+            complex128, shape (ny, nx), FFT order.
+
+        Raises
+        ------
+        ValueError
+            For an aberration that is not finite in the pupil.
+        """
+        fc = self.cutoff(wavelength)
+        (ny, nx), (dy, dx) = grid.shape, grid.pitch
+        lattice = Grid(grid.shape, (1 / (ny * dy), 1 / (nx * dx)))
+        P = self._covered(lattice, fc).astype(np.complex128)
+        if self.path is not None:
+            row, column = np.nonzero(P)
+            fy, fx = offsets(lattice)
+            W = np.asarray(self.path(fy[row] / fc, fx[column] / fc), np.float64)
+            if not np.isfinite(W).all():
+                raise ValueError("The path length of an aberration is finite all over the pupil.")
+            P[row, column] *= phasor(W / wavelength)
+        return np.fft.ifftshift(P)
+
+    def apply(self, field: Field) -> Field:
+        """The image of a field (or of each of a batch)."""
+        device = field.device
+        spectrum = device.plans.get(
+            ("pupil", self, field.grid, field.wavelength),
+            lambda: Spectrum.of(self.transfer(field.grid, field.wavelength), device),
+            lambda _: math.prod(field.grid.shape) * device.complex.itemsize,
+        )
+        return field.with_data(_filtered(field, spectrum, device))
+
+    def describe(self) -> str:
+        """Shape, diameter and distance."""
+        text = f"{self.shape}, D = {metres(self.diameter)} at {metres(self.distance)}"
+        return text if self.path is None else f"{text}, aberrated"
+
+    def _covered(self, lattice: Grid, fc: float) -> Values:
+        """Fraction of every frequency's cell inside, zero frequency at sample N//2."""
+        if self.shape == "circular" and 1 not in lattice.shape:
+            return disc_coverage(lattice, fc, (0.0, 0.0))
+        ny, nx = lattice.shape
+        bounded = (ny > 1 and not (self.shape == "slit" and nx > 1), nx > 1)
+        ty, tx = (
+            interval_coverage(f, pitch, fc) if hard else np.ones(f.size)
+            for f, pitch, hard in zip(offsets(lattice), lattice.pitch, bounded, strict=True)
+        )
+        return np.multiply.outer(ty, tx)
+
+
+def transfer_of(system: Any, grid: Grid, wavelength: float) -> Values | None:
+    """The transfer function of a system all of whose parts are periodic filters of frequencies.
+
+    Those are `Pupil` and `Space` with method "as" or "blas", pad 1 and no other output grid.
+
+    Parameters
+    ----------
+    system : OpticalSystem or Part
+    grid : Grid
+    wavelength : float
+        In metres.
+
+    Returns
+    -------
+    numpy.ndarray or None
+        complex128, shape (ny, nx), FFT order; None when some part is no such filter.
+    """
+    H = np.ones(grid.shape, np.complex128)
+    if isinstance(system, FreeSpace) and system.is_plain:
+        system = Space(system.z, method=system.method, pad=system.pad, out_grid=system.out_grid)
+    for part in system.parts if isinstance(system, OpticalSystem) else (system,):
+        if isinstance(part, Pupil):
+            H *= part.transfer(grid, wavelength)
+        elif isinstance(part, Space) and _is_filter(part, grid):
+            H *= _free_space(part, grid, wavelength)
+        else:
+            return None
+    return H
+
+
+def otf(s: Any, *, shape: Rim = "circular") -> Values:
+    """Optical transfer function of an aberration-free pupil.
+
+    Goodman (2005), section 6.3.3: (2/pi) (acos s - s sqrt(1 - s^2)) for a circle, 1 - s for
+    a slit, or a square along one of its sides; 0 beyond s = 1.
+
+    Parameters
+    ----------
+    s : array_like
+        abs(f)/(2 fc), the frequency as a fraction of the incoherent cut-off.
+    shape : {"circular", "square", "slit"}
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, of the shape of ``s``.
+    """
+    require_shape(shape, SHAPES)
+    s = np.minimum(np.abs(np.asarray(s, np.float64)), 1)
+    if shape != "circular":
+        return np.asarray(1 - s)
+    return np.asarray(2 / np.pi * (np.arccos(s) - s * np.sqrt(1 - s * s)))
+
+
+def coherent_edge(x_fc: Any) -> Values:
+    """Intensity of the image of a straight edge in coherent light, any shape of pupil.
+
+    (1/2 + Si(2 pi fc x)/pi)^2 (Goodman 2005, section 6.5.3): the step of amplitude through an ideal
+    low pass of fc; 1/4 at the edge. Only the pupil's width across the edge counts.
+
+    Parameters
+    ----------
+    x_fc : array_like
+        Distance from the edge times fc, positive on the bright side.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, 1 far inside.
+    """
+    from scipy.special import sici
+
+    return np.asarray((0.5 + sici(2 * np.pi * np.asarray(x_fc, np.float64))[0] / np.pi) ** 2)
+
+
+def incoherent_edge(x_fc: Any, *, shape: Rim = "circular") -> Values:
+    """Intensity of the image of a straight edge in incoherent light.
+
+    1/2 + (1/pi) int_0^1 OTF(s) sin(a s)/s ds, a = 4 pi fc x: the step of intensity through the OTF
+    (Goodman 2005, section 6.5.3). For a slit 1/2 + (Si(a) - (1 - cos a)/a)/pi; for a circle by
+    Gauss-Legendre quadrature in t, s = sin t, to 1e-12.
+
+    Parameters
+    ----------
+    x_fc : array_like
+        Distance from the edge times fc, positive on the bright side.
+    shape : {"circular", "square", "slit"}
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, 1 far inside.
+    """
+    require_shape(shape, SHAPES)
+    a = 4 * np.pi * np.asarray(x_fc, np.float64)
+    if shape != "circular":
+        from scipy.special import sici
+
+        half = a / 2
+        versine = np.sin(half) * np.sinc(half / np.pi)  # (1 - cos a)/a
+        return np.asarray(0.5 + (sici(a)[0] - versine) / np.pi)
+    nodes, weights = np.polynomial.legendre.leggauss(64 + math.ceil(np.abs(a).max(initial=0.0)))
+    t = np.pi / 4 * (nodes + 1)
+    s = np.sin(t)
+    density = weights * np.pi / 4 * otf(s) * np.cos(t) / s
+    return np.asarray(0.5 + np.sin(np.multiply.outer(a, s)) @ density / np.pi)
+
+
+def require_shape(shape: str, known: tuple[str, ...]) -> None:
+    """Refuse another shape of pupil.
+
+    Raises
+    ------
+    ValueError
+    """
+    if shape not in known:
+        raise ValueError(f"The shape of a pupil is one of {', '.join(known)}, not {shape!r}.")
+
+
+def _filtered(field: Field, spectrum: Spectrum, device: Device) -> Any:
+    """The field's data through a periodic filter."""
+    into, back = (
+        Separable(*((line(n, n),) for n in field.grid.shape))
+        for line in (padded_spectrum, cropped_inverse)
+    )
+    return run(field.data, into, [spectrum], [back], device)[0]
+
+
+def _is_filter(space: Space, grid: Grid) -> bool:
+    """Whether free space acts on fields of a grid as a filter of their own frequencies."""
+    periodic = space.method in ("as", "blas") and space.pad == 1
+    return space.out_grid in (None, grid) and (periodic or space.z == 0)
+
+
+def _free_space(space: Space, grid: Grid, wavelength: float) -> Values:
+    """H of free space in float64: Goodman (2005), eq. 3-66, without the carrier exp(ikz)."""
+    made = describe(request(grid, space.z, wavelength, space.method, space.pad)).factor
+    if not isinstance(made, Transfer):  # z = 0
+        return np.ones(grid.shape, np.complex128)
+    wy, wx = (_mirrored(table, n) for table, n in zip(made.weights, grid.shape, strict=True))
+    s = wavelength**2 * np.add.outer(grid.fy**2, grid.fx**2)
+    c = np.sqrt(np.maximum(1 - s, 0))
+    H = phasor(-space.z / wavelength * s / (1 + c))
+    decay = np.exp(-2 * np.pi * np.abs(space.z) / wavelength * np.sqrt(np.maximum(s - 1, 0)))
+    waves = decay * phasor(-space.z / wavelength) if space.z > 0 else 0.0
+    return np.multiply.outer(wy, wx) * np.where(s <= 1, H, waves)
+
+
+def _mirrored(half: Values, n: int) -> Values:
+    """An even table of n frequencies from those up to the middle, FFT order."""
+    place = np.arange(n)
+    return half[np.minimum(place, n - place)]
