@@ -407,17 +407,17 @@ def _thesis(lf: LightField, near: tuple[int, int]) -> AlphaEstimate:
             "make it with LightField.from_raw, or use another method."
         )
     naive = LightField.from_raw(lf.raw, decode="naive")
-    window = read_window(naive, near, thesis_baseline.WINDOW, fill=True)
+    window = read_window(naive, near, thesis_baseline.THESIS_WINDOW, fill=True)
     energies = thesis_baseline.thesis_curve(window)
     best = int(np.argmax(energies))
-    disparities = lf.disparity_of_shear(thesis_baseline.ALPHAS)
-    alpha = float(thesis_baseline.ALPHAS[best])
+    disparities = lf.disparity_of_shear(thesis_baseline.THESIS_ALPHAS)
+    alpha = float(thesis_baseline.THESIS_ALPHAS[best])
     return AlphaEstimate(
         alpha=alpha,
         z=float(depth_at(lf, float(disparities[best]))),
         in_focus=False,
         uncertainty=math.nan,
-        curve=(thesis_baseline.ALPHAS.copy(), energies),
+        curve=(thesis_baseline.THESIS_ALPHAS.copy(), energies),
         method="thesis",
         disparity=float(disparities[best]),
         disparities=disparities,

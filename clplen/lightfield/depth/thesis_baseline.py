@@ -15,13 +15,13 @@ from clplen.lightfield.arrays.spectral_sharpness import Real
 if TYPE_CHECKING:
     import scipy.sparse
 
-WINDOW = 31
-ALPHAS = np.round(0.7 + 0.005 * np.arange(121), 3)
+THESIS_WINDOW = 31
+THESIS_ALPHAS = np.round(0.7 + 0.005 * np.arange(121), 3)
 _LOWEST = 0.1  # cycles a lenslet
 
 
 def thesis_curve(window: Real) -> Real:
-    """Focus measure at `ALPHAS`.
+    """Focus measure at `THESIS_ALPHAS`.
 
     I(x') = sum_u L(x'/alpha + u (1 - 1/alpha), u), x' in lenslets from the centre of the window,
     u in pixels from the centre of the cell, linear, 0 outside; E = sum of |FFT I|^2 over radii
@@ -40,8 +40,8 @@ def thesis_curve(window: Real) -> Real:
     c, V, U, ny, nx = window.shape
     colours = window.transpose(0, 1, 3, 2, 4).reshape(c, V * ny, U * nx)
     radius = np.hypot(np.fft.fftfreq(ny)[:, None], np.fft.fftfreq(nx)[None, :])
-    energies = np.zeros(ALPHAS.size)
-    for i, alpha in enumerate(ALPHAS):
+    energies = np.zeros(THESIS_ALPHAS.size)
+    for i, alpha in enumerate(THESIS_ALPHAS):
         down, along = _shear(ny, V, alpha), _shear(nx, U, alpha)
         for rows in colours:
             image = down @ (along @ rows.T).T
