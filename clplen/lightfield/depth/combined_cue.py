@@ -9,7 +9,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
-from clplen.lightfield.depth.sharpness_cue import energy_disparity
+from clplen.lightfield.depth.energy_cue import energy_disparity
 from clplen.lightfield.depth.view_matching import (
     WINDOW,
     Tables,

@@ -14,11 +14,11 @@ from clplen.compute.hostarray import HostArray
 from clplen.errors import SamplingWarning
 from clplen.lightfield.arrays.peaks import Map
 from clplen.lightfield.depth.best_focus import high_na_words
-from clplen.lightfield.depth.correspondence import correspondence_disparity
+from clplen.lightfield.depth.correspondence_cue import correspondence_disparity
+from clplen.lightfield.depth.energy_cue import energy_disparity
 from clplen.lightfield.depth.local_energy import LocalEnergy
 from clplen.lightfield.depth.plane_choice import default_disparities
-from clplen.lightfield.depth.sharpness_cue import energy_disparity
-from clplen.lightfield.depth.structure_tensor import structure_disparity
+from clplen.lightfield.depth.structure_tensor_cue import structure_disparity
 from clplen.lightfield.model.alpha_law import depth_at
 from clplen.lightfield.model.conversion import as_lightfield
 from clplen.lightfield.model.stored_light_field import StoredLightField
@@ -82,15 +82,15 @@ def depth_map(
     ----
     "energy"
         The sharpest plane: highest local energy of detail of the refocused picture
-        (`clplen.lightfield.depth.sharpness_cue`). A cue of defocus: strong in noise, weak beside
+        (`clplen.lightfield.depth.energy_cue`). A cue of defocus: strong in noise, weak beside
         occlusions.
     "correspondence"
         The plane on which the views agree: least variance over the views in a box of 9 pixels
-        (`clplen.lightfield.depth.correspondence`). Sharp at edges, misled by highlights and noise.
+        (`clplen.lightfield.depth.correspondence_cue`). Sharp at edges, misled by highlights and noise.
     "structure-tensor"
         The orientation of the epipolar-plane images, sheared in steps, most coherent of both
         directions
-        (`clplen.lightfield.depth.structure_tensor`). Of the planes only the range counts.
+        (`clplen.lightfield.depth.structure_tensor_cue`). Of the planes only the range counts.
     "combined"
         Matching past occlusions with adaptive support, refined by least squares
         (`clplen.lightfield.depth.combined_cue`): the most exact, and the slowest.

@@ -6,8 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.lightfield.depth import combined_cue, correspondence, sharpness_cue, structure_tensor
-from clplen.lightfield.depth.sharpness_cue import AT_ONCE, PICTURES
+from clplen.lightfield.depth import (
+    combined_cue,
+    correspondence_cue,
+    energy_cue,
+    structure_tensor_cue,
+)
+from clplen.lightfield.depth.energy_cue import AT_ONCE, PICTURES
 from clplen.lightfield.model.view_shifts import shifts
 from clplen.lightfield.streaming.tile_plan import Work
 
@@ -22,9 +27,9 @@ _HOST = 4
 _MAPS = 16  # bytes of a pixel of a depth map
 _MERGED = _MAPS + 13  # while its confidence is merged
 _REACH = {
-    "energy": sharpness_cue.REACH,
-    "correspondence": correspondence.REACH,
-    "structure-tensor": structure_tensor.REACH,
+    "energy": energy_cue.REACH,
+    "correspondence": correspondence_cue.REACH,
+    "structure-tensor": structure_tensor_cue.REACH,
     "combined": combined_cue.REACH,
 }
 
@@ -83,7 +88,7 @@ def blend_work(source: StoredLightField, planes: Vector) -> Work:
     return Work(
         "An all-in-focus picture",
         (slice(0, size),),
-        halo_of(source, planes, sharpness_cue.REACH),
+        halo_of(source, planes, energy_cue.REACH),
         int(_FLOAT * floats) + _HOST * channels,
         4 * size * channels,
         _HOST * channels,

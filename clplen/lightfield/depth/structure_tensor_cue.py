@@ -9,8 +9,8 @@ import pyopencl.array as cla
 
 from clplen.lightfield.arrays.peaks import Map
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
-from clplen.lightfield.depth.correspondence import add_colours
-from clplen.lightfield.depth.sharpness_cue import nearest_zero, require_maps
+from clplen.lightfield.depth.correspondence_cue import add_colours
+from clplen.lightfield.depth.energy_cue import nearest_zero, require_maps
 from clplen.lightfield.depth.sheared_views import launch_sheared, view_tables
 from clplen.lightfield.model.view_shifts import unit_steps
 

@@ -12,7 +12,7 @@ import pyopencl.array as cla
 from clplen.lightfield.arrays.peaks import Map, PeakTracker
 from clplen.lightfield.arrays.smoothing import Smoother, box_taps
 from clplen.lightfield.arrays.stored_samples import C_TYPE
-from clplen.lightfield.depth.sharpness_cue import AT_ONCE, nearest_zero, require_maps
+from clplen.lightfield.depth.energy_cue import AT_ONCE, nearest_zero, require_maps
 from clplen.lightfield.depth.sheared_views import (
     edge_table,
     launch_sheared,
