@@ -17,7 +17,7 @@ from clplen.lightfield.refocus.focal_stack import FocalStack
 from clplen.lightfield.refocus.fourier_slice import fourier_stack
 from clplen.lightfield.refocus.hyperfan import hyperfan
 from clplen.lightfield.refocus.phase_ramps import phase_ramps
-from clplen.lightfield.refocus.upsampling import BASE, upsampled
+from clplen.lightfield.refocus.upsampling import UPSAMPLE_BASE, upsampled
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
 
@@ -138,7 +138,7 @@ def _upsampled(device: Device) -> Pairs:
             t = at[:, None] - np.arange(size)
             fine.append(twins.triangle(n * t))
             coarse.append(twins.triangle(t))
-        for (my, mx), share in ((fine, 1.0), (coarse, BASE)):
+        for (my, mx), share in ((fine, 1.0), (coarse, UPSAMPLE_BASE)):
             total += w[view] * share * (my @ a[view].astype(float) @ mx.T)
             used += w[view] * share * np.outer(my.sum(axis=1), mx.sum(axis=1))
     yield total / used, device.download(upsampled(lf, d, n, lf.weights))

@@ -14,8 +14,8 @@ from clplen.lightfield.model.view_shifts import unit_steps
 if TYPE_CHECKING:
     from clplen.lightfield.model.light_field import LightField
 
-BASE = 1e-3  # share of plain interpolation, which fills what no sample comes near
-_MOST = 16
+UPSAMPLE_BASE = 1e-3  # share of plain interpolation, which fills what no sample comes near
+_MOST_UPSAMPLE = 16
 
 
 def upsampled(lf: LightField, disparity: float, n: int, weights: Any) -> cla.Array:
@@ -23,7 +23,7 @@ def upsampled(lf: LightField, disparity: float, n: int, weights: Any) -> cla.Arr
 
     For a disparity off the integers, samples of different views fall between each other. Each is
     put at its own place with a tent of one fine pixel to each side, and the sum divided by the
-    weights; a tent of one pixel of the views with weight `BASE` fills what none comes near.
+    weights; a tent of one pixel of the views with weight `UPSAMPLE_BASE` fills what none comes near.
     Fine pixel Y lies at (Y + 1/2)/n - 1/2 in pixels of the views.
 
     Parameters
@@ -48,8 +48,8 @@ def upsampled(lf: LightField, disparity: float, n: int, weights: Any) -> cla.Arr
     DeviceError
         If the picture is larger than the device's memory.
     """
-    if not isinstance(n, Integral) or not 1 <= n <= _MOST:
-        raise ValueError(f"upsample is a whole number from 1 to {_MOST}, not {n!r}.")
+    if not isinstance(n, Integral) or not 1 <= n <= _MOST_UPSAMPLE:
+        raise ValueError(f"upsample is a whole number from 1 to {_MOST_UPSAMPLE}, not {n!r}.")
     n = int(n)
     _, _, ny, nx = lf.shape[:4]
     channels = lf.shape[4] if len(lf.shape) == 5 else 1
@@ -73,7 +73,7 @@ def upsampled(lf: LightField, disparity: float, n: int, weights: Any) -> cla.Arr
         lf.data,
         *(lf.device.upload(table) for table in tables),
         *(np.int32(m) for m in (kept.size, n)),
-        np.float32(BASE),
+        np.float32(UPSAMPLE_BASE),
         *(np.int32(m) for m in (ny, nx, channels)),
     )
     return out
