@@ -23,7 +23,8 @@ def upsampled(lf: LightField, disparity: float, n: int, weights: Any) -> cla.Arr
 
     For a disparity off the integers, samples of different views fall between each other. Each is
     put at its own place with a tent of one fine pixel to each side, and the sum divided by the
-    weights; a tent of one pixel of the views with weight `UPSAMPLE_BASE` fills what none comes near.
+    weights; a tent of one pixel of the views with weight
+    `UPSAMPLE_BASE` fills what none comes near.
     Fine pixel Y lies at (Y + 1/2)/n - 1/2 in pixels of the views.
 
     Parameters
