@@ -9,7 +9,7 @@ import numpy as np
 from clplen.lightfield.arrays.peaks import PeakTracker
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
 from clplen.lightfield.depth.correspondence_cue import add_colours, shear_moments
-from clplen.lightfield.depth.local_energy import LocalEnergy
+from clplen.lightfield.depth.energy_cue import LocalEnergy
 from clplen.lightfield.depth.structure_tensor_cue import epi_tensors
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocus.focal_stack import FocalStack

@@ -15,7 +15,7 @@ from scipy.ndimage import correlate1d, gaussian_filter
 
 from clplen.errors import DeviceError
 from clplen.lightfield.depth.depth_map import depth_map, sharpness_curve
-from clplen.lightfield.depth.local_energy import evening_taps
+from clplen.lightfield.depth.energy_cue import evening_taps
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocus.focal_stack import focal_stack
 

@@ -8,7 +8,7 @@ from tolerance import relative_max
 
 from clplen.errors import ShapeError
 from clplen.lightfield.depth.depth_map import depth_map, sharpness_curve
-from clplen.lightfield.depth.local_energy import stack_taps
+from clplen.lightfield.depth.energy_cue import stack_taps
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocus.focal_stack import focal_stack, refocus
 

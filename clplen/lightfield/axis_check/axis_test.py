@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from clplen.lightfield.arrays.stored_samples import plane
-from clplen.lightfield.depth.local_energy import LocalEnergy
+from clplen.lightfield.depth.energy_cue import LocalEnergy
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.view_shifts import unit_steps
 from clplen.lightfield.refocus.focal_stack import focal_stack

@@ -15,8 +15,7 @@ from clplen.errors import SamplingWarning
 from clplen.lightfield.arrays.peaks import Map
 from clplen.lightfield.depth.best_focus import high_na_words
 from clplen.lightfield.depth.correspondence_cue import correspondence_disparity
-from clplen.lightfield.depth.energy_cue import energy_disparity
-from clplen.lightfield.depth.local_energy import LocalEnergy
+from clplen.lightfield.depth.energy_cue import LocalEnergy, energy_disparity
 from clplen.lightfield.depth.plane_choice import default_disparities
 from clplen.lightfield.depth.structure_tensor_cue import structure_disparity
 from clplen.lightfield.model.alpha_law import depth_at
