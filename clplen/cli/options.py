@@ -10,7 +10,7 @@ from typing import Any
 import click
 import numpy as np
 
-from clplen.lightfield.depth import plane_choice as planes_default
+from clplen.lightfield.depth import best_focus as planes_default
 
 _MOST_PLANES = 10**6
 _PATH = click.Path(path_type=Path)

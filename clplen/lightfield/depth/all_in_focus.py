@@ -11,8 +11,8 @@ from clplen.compute.image import Image
 from clplen.errors import ShapeError
 from clplen.lightfield.arrays.ray_samples import checked_disparity
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
+from clplen.lightfield.depth.best_focus import default_disparities
 from clplen.lightfield.depth.energy_cue import LocalEnergy
-from clplen.lightfield.depth.plane_choice import default_disparities
 from clplen.lightfield.model.conversion import as_lightfield
 from clplen.lightfield.refocus.focal_stack import FocalStack, focal_stack, refocus
 

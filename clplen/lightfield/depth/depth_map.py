@@ -13,10 +13,9 @@ from clplen.compute.checks import require
 from clplen.compute.hostarray import HostArray
 from clplen.errors import SamplingWarning
 from clplen.lightfield.arrays.peaks import Map
-from clplen.lightfield.depth.best_focus import high_na_words
+from clplen.lightfield.depth.best_focus import default_disparities, high_na_words
 from clplen.lightfield.depth.correspondence_cue import correspondence_disparity
 from clplen.lightfield.depth.energy_cue import LocalEnergy, energy_disparity
-from clplen.lightfield.depth.plane_choice import default_disparities
 from clplen.lightfield.depth.structure_tensor_cue import structure_disparity
 from clplen.lightfield.model.alpha_law import depth_at
 from clplen.lightfield.model.conversion import as_lightfield

@@ -19,6 +19,7 @@ from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.oneline import OneLine
 from clplen.lightfield.arrays.ray_samples import INTERPOLATIONS
 from clplen.lightfield.depth import combined_cue
+from clplen.lightfield.depth.best_focus import default_disparities
 from clplen.lightfield.depth.depth_map import (
     DepthMap,
     checked_cue,
@@ -28,7 +29,6 @@ from clplen.lightfield.depth.depth_map import (
     distinct_planes,
     maps_of,
 )
-from clplen.lightfield.depth.plane_choice import default_disparities
 from clplen.lightfield.depth.view_matching import row_sums, sorted_views
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.stored_light_field import StoredLightField
