@@ -19,8 +19,13 @@ from clplen.lightfield.arrays.spectral_sharpness import (
     sharpness,
 )
 from clplen.lightfield.depth import thesis_baseline
-from clplen.lightfield.depth.best_focus import farthest_disparity
-from clplen.lightfield.depth.certainty import WIDEST, beyond_paraxial, metres, say_end
+from clplen.lightfield.depth.best_focus import (
+    WIDEST,
+    beyond_paraxial,
+    farthest_disparity,
+    metres,
+    say_end,
+)
 from clplen.lightfield.depth.lenslet_window import brightest, read_window
 from clplen.lightfield.model.alpha_law import depth_at
 from clplen.lightfield.model.conversion import as_lightfield
