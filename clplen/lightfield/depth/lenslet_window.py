@@ -8,8 +8,11 @@ import numpy as np
 import pyopencl as cl
 
 from clplen.compute.failures import device_errors
+from clplen.lightfield.arrays.spectral_sharpness import Real
 
 if TYPE_CHECKING:
+    import scipy.sparse
+
     from clplen.lightfield.model.light_field import LightField
 
 _SMOOTHING = 8  # windows are found in a picture smoothed by a Gaussian of window/8
@@ -86,3 +89,48 @@ def _fetched(lf: LightField, rows: slice, columns: slice) -> np.ndarray[Any, Any
             is_blocking=True,
         )
     return part
+
+
+THESIS_WINDOW = 31
+THESIS_ALPHAS = np.round(0.7 + 0.005 * np.arange(121), 3)
+_LOWEST = 0.1  # cycles a lenslet
+
+
+def thesis_curve(window: Real) -> Real:
+    """Focus measure at `THESIS_ALPHAS`.
+
+    I(x') = sum_u L(x'/alpha + u (1 - 1/alpha), u), x' in lenslets from the centre of the window,
+    u in pixels from the centre of the cell, linear, 0 outside; E = sum of |FFT I|^2 over radii
+    above 0.1 cycles a lenslet.
+
+    Parameters
+    ----------
+    window : numpy.ndarray
+        float64, shape (c, v, u, y, x): naive cells in raw pixel order.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (121,).
+    """
+    c, V, U, ny, nx = window.shape
+    colours = window.transpose(0, 1, 3, 2, 4).reshape(c, V * ny, U * nx)
+    radius = np.hypot(np.fft.fftfreq(ny)[:, None], np.fft.fftfreq(nx)[None, :])
+    energies = np.zeros(THESIS_ALPHAS.size)
+    for i, alpha in enumerate(THESIS_ALPHAS):
+        down, along = _shear(ny, V, alpha), _shear(nx, U, alpha)
+        for rows in colours:
+            image = down @ (along @ rows.T).T
+            energies[i] += np.sum(np.abs(np.fft.fft2(image)[radius > _LOWEST]) ** 2)
+    return energies
+
+
+def _shear(count: int, views: int, alpha: float) -> scipy.sparse.csr_array:
+    """Matrix (count, views count) that samples one axis linearly and sums over its views."""
+    import scipy.sparse  # here: slow to import, and only this baseline needs it
+
+    x = np.arange(count) - (count - 1) / 2
+    u = np.arange(views) - (views - 1) / 2
+    sampled = x[:, None] / alpha + u * (1 - 1 / alpha)
+    weights = np.maximum(1 - np.abs(sampled[:, :, None] - x), 0)
+    return scipy.sparse.csr_array(weights.reshape(count, views * count))
