@@ -10,8 +10,7 @@ from tolerance import relative_max
 
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocus.fourier_slice import fourier_stack
-from clplen.lightfield.refocus.phase_ramps import phase_ramps
-from clplen.lightfield.refocus.view_spectra import mix
+from clplen.lightfield.refocus.phase_ramps import mix, phase_ramps
 
 TYPES = (np.uint8, np.uint16, np.float16, np.float32)
 SHAPES = [(3, 4, 7, 10), (2, 3, 12, 5, 3), (1, 5, 6, 11)]

@@ -12,7 +12,7 @@ from clplen.lightfield.model.parametrisation import require_two_plane
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.view_shifts import row_ratio
 from clplen.lightfield.refocus.focal_stack import FocalStack, planes_of
-from clplen.lightfield.refocus.view_spectra import (
+from clplen.lightfield.refocus.phase_ramps import (
     Vector,
     channels_of,
     fourier_matrix,

@@ -10,13 +10,13 @@ import pyopencl.array as cla
 
 from clplen.lightfield.model.conversion import as_lightfield
 from clplen.lightfield.model.view_shifts import row_ratio, unit_steps
-from clplen.lightfield.refocus.phase_ramps import turned
-from clplen.lightfield.refocus.view_spectra import (
+from clplen.lightfield.refocus.phase_ramps import (
     channels_of,
     fourier_matrix,
     keep_real,
     mix,
     take_views,
+    turned,
 )
 
 if TYPE_CHECKING:

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen.errors import ShapeError
-from clplen.lightfield.refocus.phase_ramps import turned
-from clplen.lightfield.refocus.view_spectra import channels_of, keep_real, take_views
+from clplen.lightfield.refocus.phase_ramps import channels_of, keep_real, take_views, turned
 
 if TYPE_CHECKING:
     from clplen.lightfield.model.light_field import LightField
