@@ -12,7 +12,7 @@ from clplen.lightfield.model.conversion import as_lightfield
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.parametrisation import require_two_plane
 from clplen.lightfield.raw.raw_image import CameraModel
-from clplen.lightfield.refocus.shift_views import move_views
+from clplen.lightfield.refocus.phase_ramps import move_views
 
 
 def correct_aberrations(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clplen import LightField, ShapeError
-from clplen.lightfield.refocus.shift_views import move_views
+from clplen.lightfield.refocus.phase_ramps import move_views
 
 
 def test_each_view_by_its_own_distance(device):
