@@ -13,11 +13,10 @@ from clplen.lightfield.arrays.stored_samples import extremes, lit_views, plane
 from clplen.lightfield.depth.all_in_focus import _launch, all_in_focus
 from clplen.lightfield.depth.view_matching import row_sums
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.focal_stack import FocalStack
+from clplen.lightfield.refocus.focal_stack import UPSAMPLE_BASE, FocalStack, upsampled
 from clplen.lightfield.refocus.fourier_slice import fourier_stack
 from clplen.lightfield.refocus.hyperfan import hyperfan
 from clplen.lightfield.refocus.phase_ramps import phase_ramps
-from clplen.lightfield.refocus.upsampling import UPSAMPLE_BASE, upsampled
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
 
