@@ -39,8 +39,7 @@ from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.raw_decoding import decode_raw
 from clplen.lightfield.depth.all_in_focus import all_in_focus
 from clplen.lightfield.depth.alpha_estimate import AlphaEstimate, estimate_alpha
-from clplen.lightfield.depth.depth_map import DepthMap, depth_map, sharpness_curve
-from clplen.lightfield.depth.metric_depth import metric_depth
+from clplen.lightfield.depth.depth_map import DepthMap, depth_map, metric_depth, sharpness_curve
 from clplen.lightfield.focused.focused_depth import focused_depth
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry
 from clplen.lightfield.focused.focused_maps import FocusedMaps, focused_maps
