@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clplen.compute.oneline import OneLine
-from clplen.lightfield.arrays.epi_slope import fit_slope
 from clplen.lightfield.arrays.spectral_sharpness import (
     BAND,
     LensletBlur,
@@ -26,7 +25,7 @@ from clplen.lightfield.depth.best_focus import (
     metres,
     say_end,
 )
-from clplen.lightfield.depth.lenslet_window import brightest, read_window
+from clplen.lightfield.depth.lenslet_window import brightest, fit_slope, read_window
 from clplen.lightfield.model.alpha_law import depth_at
 from clplen.lightfield.model.conversion import as_lightfield
 from clplen.lightfield.model.light_field import LightField
