@@ -20,7 +20,7 @@ from clplen.lightfield.arrays.spectral_sharpness import (
     sharpness,
 )
 from clplen.lightfield.depth.alpha_estimate import estimate_alpha
-from clplen.lightfield.depth.lenslet_window import read_window
+from clplen.lightfield.depth.window_measures import read_window
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
 

@@ -17,7 +17,7 @@ from clplen.lightfield.arrays.spectral_sharpness import (
     find_peak,
     sharpness,
 )
-from clplen.lightfield.depth import lenslet_window
+from clplen.lightfield.depth import window_measures
 from clplen.lightfield.depth.best_focus import (
     WIDEST,
     beyond_paraxial,
@@ -25,7 +25,7 @@ from clplen.lightfield.depth.best_focus import (
     metres,
     say_end,
 )
-from clplen.lightfield.depth.lenslet_window import brightest, fit_slope, read_window
+from clplen.lightfield.depth.window_measures import brightest, fit_slope, read_window
 from clplen.lightfield.model.alpha_law import depth_at
 from clplen.lightfield.model.conversion import as_lightfield
 from clplen.lightfield.model.light_field import LightField
@@ -119,7 +119,7 @@ def estimate_alpha(
     within 1.2 p/D of 1, the object is in focus, the compensated curve is flat, and "compensated"
     returns 1 + (alpha_energy - 1)/kappa. "slope" fits the line of one point in phase space
     (`fit_slope`): no search, but a single point, out of focus. "thesis" is the baseline of
-    `clplen.lightfield.depth.lenslet_window`: naive cells, 31 x 31 lenslets, alpha from .7 to 1.3,
+    `clplen.lightfield.depth.window_measures`: naive cells, 31 x 31 lenslets, alpha from .7 to 1.3,
     whatever ``window`` and ``c_max`` say.
 
     Parameters
@@ -411,17 +411,17 @@ def _thesis(lf: LightField, near: tuple[int, int]) -> AlphaEstimate:
             "make it with LightField.from_raw, or use another method."
         )
     naive = LightField.from_raw(lf.raw, decode="naive")
-    window = read_window(naive, near, lenslet_window.THESIS_WINDOW, fill=True)
-    energies = lenslet_window.thesis_curve(window)
+    window = read_window(naive, near, window_measures.THESIS_WINDOW, fill=True)
+    energies = window_measures.thesis_curve(window)
     best = int(np.argmax(energies))
-    disparities = lf.disparity_of_shear(lenslet_window.THESIS_ALPHAS)
-    alpha = float(lenslet_window.THESIS_ALPHAS[best])
+    disparities = lf.disparity_of_shear(window_measures.THESIS_ALPHAS)
+    alpha = float(window_measures.THESIS_ALPHAS[best])
     return AlphaEstimate(
         alpha=alpha,
         z=float(depth_at(lf, float(disparities[best]))),
         in_focus=False,
         uncertainty=math.nan,
-        curve=(lenslet_window.THESIS_ALPHAS.copy(), energies),
+        curve=(window_measures.THESIS_ALPHAS.copy(), energies),
         method="thesis",
         disparity=float(disparities[best]),
         disparities=disparities,
