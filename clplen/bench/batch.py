@@ -16,7 +16,7 @@ from clplen.bench.measure import Case, in_turn
 from clplen.bench.report import Report, rate_rows
 from clplen.bench.sizes import halved, numbers
 from clplen.io import read_lightfield, write_stack
-from clplen.lightfield.refocus.focal_stack import focal_stack
+from clplen.lightfield.focus_and_depth import focal_stack
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

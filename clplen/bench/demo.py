@@ -11,8 +11,8 @@ from clplen.bench import camera
 from clplen.bench.measure import Case, finished, in_turn
 from clplen.bench.report import Goal, Report, time_rows
 from clplen.bench.sizes import numbers
+from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.focal_stack import focal_stack
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic1 import Plenoptic1

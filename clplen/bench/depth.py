@@ -11,9 +11,9 @@ import numpy as np
 from clplen.bench.measure import Case, finished, in_turn
 from clplen.bench.report import Goal, Report, time_rows
 from clplen.bench.sizes import halved, numbers
-from clplen.lightfield.depth.depth_map import CUES, depth_map
+from clplen.lightfield.depth.depth_map import CUES
+from clplen.lightfield.focus_and_depth import depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.focal_stack import focal_stack
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

@@ -12,8 +12,8 @@ import numpy as np
 from clplen.bench.measure import Case, Times, finished, in_turn
 from clplen.bench.report import Goal, Report, Row
 from clplen.bench.sizes import numbers
+from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.focal_stack import focal_stack
 from clplen.wave.field import Field, Grid
 from clplen.wave.propagator import Propagator
 

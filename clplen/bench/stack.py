@@ -21,8 +21,9 @@ from clplen.bench.measure import Case, Times, finished, in_turn
 from clplen.bench.report import Goal, Report, rate_rows
 from clplen.bench.sizes import halved, numbers
 from clplen.compute.finite import count_bad
+from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.focal_stack import focal_stack, refocus
+from clplen.lightfield.refocus.focal_stack import refocus
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

@@ -10,11 +10,10 @@ import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from clplen.errors import ShapeError
-from clplen.lightfield.depth.all_in_focus import all_in_focus
-from clplen.lightfield.depth.depth_map import CUES, depth_map
+from clplen.lightfield.depth.depth_map import CUES, memory_of
+from clplen.lightfield.focus_and_depth import all_in_focus, depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocus.focal_stack import focal_stack
 from clplen.lightfield.streaming import spooling
 from clplen.lightfield.streaming.streamed_results import (
     stream_all_in_focus,
@@ -22,7 +21,6 @@ from clplen.lightfield.streaming.streamed_results import (
     stream_stack,
 )
 from clplen.lightfield.streaming.tile_plan import plan_tiles
-from clplen.lightfield.streaming.working_memory import depth_work
 
 PLANES = np.linspace(-0.9, 1.3, 8)
 SPACING = (-1e-3, -1.1e-3, 1.3e-4, 0.9e-4)
@@ -151,7 +149,7 @@ def test_depth(device, pair, cue):
     if cue == "structure-tensor" and source.positions is not None:
         pytest.skip("these positions lie in no rows")
     whole = depth_map(lf, disparities=PLANES, cue=cue)
-    works = [depth_work(source, PLANES, cue)]
+    works = [memory_of(cue, source, PLANES)]
     for memory in budgets(source, works, device, 0.3):
         plan = plan_tiles(source, works, memory=memory, device=device)
         assert not plan.in_core or cue == "combined"
@@ -170,7 +168,7 @@ def test_combined_of_what_is_lost_in_noise(device, dtype):
     lf = LightField.from_array(values, device=device)
     whole = depth_map(lf, disparities=PLANES)
     source = StoredLightField.from_array(values)
-    works = [depth_work(source, PLANES, "combined")]
+    works = [memory_of("combined", source, PLANES)]
     memory = int(0.8 * plan_tiles(source, works, memory=1 << 40, device=device).bytes_peak)
     assert len(plan_tiles(source, works, memory=memory, device=device).tiles) > 1
     found = stream_depth(source, disparities=PLANES, memory=memory, device=device)
@@ -304,13 +302,6 @@ def test_what_is_refused(device):
     lf = LightField.from_array(CASES["grey"][0], device=device)
     with pytest.raises(TypeError, match=r"StoredLightField.*not LightField"):
         stream_depth(lf, device=device)
-    for function, name in (
-        (lambda: focal_stack(source, disparities=PLANES), "stream_stack"),
-        (lambda: depth_map(source), "stream_depth"),
-        (lambda: all_in_focus(source), "stream_all_in_focus"),
-    ):
-        with pytest.raises(TypeError, match=name):
-            function()
 
 
 def test_stored(device):

@@ -10,7 +10,7 @@ import pytest
 from clplen import LightField, PointSources
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.lightfield.depth.alpha_estimate import AlphaEstimate, estimate_alpha
-from clplen.lightfield.depth.depth_map import depth_map
+from clplen.lightfield.focus_and_depth import depth_map
 
 DEPTHS = (-50e-3, -25e-3, 25e-3, 50e-3)
 ON_AXIS = [(0.0, 0.0, dz) for dz in DEPTHS]

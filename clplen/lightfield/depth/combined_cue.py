@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyopencl.array as cla
 
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
-from clplen.lightfield.depth.energy_cue import energy_disparity
+from clplen.lightfield.depth.cue import MAP_BYTES, Cue, depth_memory
+from clplen.lightfield.depth.energy_cue import PICTURES, energy_disparity, energy_floats
 from clplen.lightfield.depth.view_matching import (
     WINDOW,
     Tables,
@@ -22,9 +23,11 @@ from clplen.lightfield.depth.view_matching import (
     tables,
     thresholds,
 )
+from clplen.lightfield.refocus.memory_estimate import DEVICE_FLOAT, HOST_FLOAT, MemoryEstimate
 
 if TYPE_CHECKING:
     from clplen.lightfield.model.light_field import LightField
+    from clplen.lightfield.model.stored_light_field import StoredLightField
 
 Map = np.ndarray[Any, np.dtype[np.float32]]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
@@ -47,7 +50,8 @@ _SHALLOW = 0.02  # unless what they say is this sure
 _STEP = 0.15  # pixels a view step: planes farther apart get others between them
 _EVEN = 4.0  # times brighter or darker: views that differ more are left as they are
 _VIGNETTED = 0.02  # fall of brightness from the middle to the rim that is evened
-REACH = WINDOW + gaussian_taps(_NOISE_BLUR).size - 1  # pixels of its costs that a pixel needs
+_REACH = WINDOW + gaussian_taps(_NOISE_BLUR).size - 1  # pixels of its costs that a pixel needs
+_MERGED = MAP_BYTES + 13  # bytes of a pixel while confidences are merged
 _SURE = 0.05  # pixels a view step: standard deviation of a confidence of one half
 
 
@@ -146,15 +150,10 @@ def centre_picture(lf: LightField, views: Views) -> Map:
     return np.sum(pictures, axis=0, dtype=np.float32)
 
 
-def planes_tried(planes: Vector) -> int:
-    """How many planes there are with those between them."""
-    return int(_dense(planes).size)
-
-
 def matched(
     lf: LightField, planes: Vector, levels: Levels, *, inside: tuple[slice, ...] = ()
 ) -> Matched:
-    """Disparity of each pixel from its neighbourhood, `REACH` pixels wide, in the views.
+    """Disparity of each pixel from its neighbourhood, `_REACH` pixels wide, in the views.
 
     Parameters
     ----------
@@ -386,3 +385,21 @@ def _normal(
         *(np.float32(t) for t in thresholds(channels)),
     )
     return A, B
+
+
+def combined_memory(source: StoredLightField, planes: Vector) -> MemoryEstimate:
+    """What `combined_disparity` needs, in two passes: gain and vignetting first, then the maps."""
+    channels, count = (*source.shape, 1)[4], int(_dense(planes).size)
+    floats = 2 * count + 4 * channels + 24 + energy_floats(planes.size, channels)
+    largest = max(count, min(PICTURES, planes.size) * channels)
+    once = depth_memory("combined", source, planes, reach=_REACH, floats=floats, largest=largest)
+    return replace(
+        once,
+        per_pixel=int(DEVICE_FLOAT * floats) + HOST_FLOAT * (18 + 3 * channels),
+        kept=MAP_BYTES + 1,  # and which pixels are lost
+        before=max(_MERGED, 3 * HOST_FLOAT * channels),
+        passes=2,
+    )
+
+
+CUE = Cue(combined_disparity, combined_memory)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -13,22 +12,33 @@ from clplen.compute.checks import require
 from clplen.compute.hostarray import HostArray
 from clplen.errors import SamplingWarning
 from clplen.lightfield.arrays.peaks import Map
+from clplen.lightfield.depth import (
+    combined_cue,
+    correspondence_cue,
+    energy_cue,
+    structure_tensor_cue,
+)
 from clplen.lightfield.depth.best_focus import default_disparities, high_na_words
-from clplen.lightfield.depth.correspondence_cue import correspondence_disparity
 from clplen.lightfield.depth.energy_cue import LocalEnergy, energy_disparity
-from clplen.lightfield.depth.structure_tensor_cue import structure_disparity
 from clplen.lightfield.model.alpha_law import depth_at
 from clplen.lightfield.model.conversion import as_lightfield
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.raw.raw_image import is_telecentric
 from clplen.lightfield.refocus.focal_stack import FocalStack
+from clplen.lightfield.refocus.memory_estimate import MemoryEstimate
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from clplen.lightfield.model.light_field import LightField
 
-CUES = ("energy", "correspondence", "structure-tensor", "combined")
+_CUES = {
+    "energy": energy_cue.CUE,
+    "correspondence": correspondence_cue.CUE,
+    "structure-tensor": structure_tensor_cue.CUE,
+    "combined": combined_cue.CUE,
+}
+CUES = tuple(_CUES)
 
 _CURVE_HIGH_PASS = 2.0  # pixels, for the whole picture
 _BORDER = 15  # pixels left out of the whole picture, at most a quarter of it
@@ -67,68 +77,19 @@ class DepthMap(HostArray):
         return f"<DepthMap {self.disparity.shape} {self.disparity.dtype}, {span}>"
 
 
-def depth_map(
+def depth_map_in_memory(
     source: LightField | FocalStack,
     *,
     alphas: ArrayLike | None = None,
     disparities: ArrayLike | None = None,
     cue: str | None = None,
 ) -> DepthMap:
-    """Disparity at every pixel of the centre view, finer than the planes that are tried.
-
-    Cues
-    ----
-    "energy"
-        The sharpest plane: highest local energy of detail of the refocused picture
-        (`clplen.lightfield.depth.energy_cue`). A cue of defocus: strong in noise, weak beside
-        occlusions.
-    "correspondence"
-        The plane on which the views agree: least variance over the views in a box of 9 pixels
-        (`clplen.lightfield.depth.correspondence_cue`). Sharp at edges, misled by highlights and noise.
-    "structure-tensor"
-        The orientation of the epipolar-plane images, sheared in steps, most coherent of both
-        directions
-        (`clplen.lightfield.depth.structure_tensor_cue`). Of the planes only the range counts.
-    "combined"
-        Matching past occlusions with adaptive support, refined by least squares
-        (`clplen.lightfield.depth.combined_cue`): the most exact, and the slowest.
-
-    Parameters
-    ----------
-    source : LightField or FocalStack
-        A stack brings its own planes, in any order, and allows only "energy"; one without
-        `weights` of its views is taken as it is.
-    alphas, disparities : array_like, optional
-        Planes to try, at least three different ones, not both. For a light field without either:
-        33 disparities from -2 to 2; of a microscope, over its depth range (`suitable_planes`).
-    cue : {"energy", "correspondence", "structure-tensor", "combined"}, optional
-        Default "energy" for a stack, and for the light field of a microscope: what fluoresces is
-        transparent, where the other cues look for surfaces and put single points on disparity 0;
-        "combined" for other light fields.
-
-    Returns
-    -------
-    DepthMap
-
-    Raises
-    ------
-    ValueError
-        If the cue is unknown or needs the views that a stack does not have, alphas and disparities
-        are both given or given with a stack, or there are fewer than three planes.
-    DeviceError
-        If what is needed is larger than the device's memory.
-
-    Warns
-    -----
-    SamplingWarning
-        From NA/n = .7 of a microscope on, where ``z`` is too far from the native plane by the
-        factor that it names (`clplen.lightfield.depth.best_focus`).
-    """
+    """`clplen.depth_map` of a light field on a device, or of a focal stack."""
     if not isinstance(source, FocalStack):
-        source = as_lightfield(source, "stream_depth")
+        source = as_lightfield(source, "depth_map")
     cue = default_cue(source) if cue is None else checked_cue(cue)
     planes = distinct_planes(source, alphas, disparities)
-    return depth_of(source, *maps_of(source, planes, cue))
+    return with_depth(source, *disparity_by(cue, source, planes))
 
 
 def default_cue(source: LightField | FocalStack | StoredLightField) -> str:
@@ -150,25 +111,21 @@ def checked_cue(cue: str) -> str:
     return cue
 
 
-def maps_of(source: LightField | FocalStack, planes: Vector, cue: str) -> tuple[Map, Map]:
+def disparity_by(cue: str, source: LightField | FocalStack, planes: Vector) -> tuple[Map, Map]:
     """(disparity, confidence) by a cue, from rising planes."""
-    if cue == "energy":
-        return energy_disparity(source, planes)
     if isinstance(source, FocalStack):
+        if cue == "energy":
+            return energy_disparity(source, planes)
         raise ValueError(
             f"cue={cue!r} compares views, which a focal stack does not have: give the light field, "
             "or cue='energy'."
         )
-    return _compare_views(cue)(source, planes)
+    return _CUES[cue].disparity(source, planes)
 
 
-def _compare_views(cue: str) -> Callable[[LightField, Vector], tuple[Map, Map]]:
-    """What finds (disparity, confidence) by one of the cues that need a light field."""
-    if cue == "combined":
-        from clplen.lightfield.depth.combined_cue import combined_disparity
-
-        return combined_disparity
-    return correspondence_disparity if cue == "correspondence" else structure_disparity
+def memory_of(cue: str, source: StoredLightField, planes: Vector) -> MemoryEstimate:
+    """What a cue needs, as the cue states it."""
+    return _CUES[cue].memory(source, planes)
 
 
 def sharpness_curve(stack: FocalStack) -> Vector:
@@ -229,7 +186,7 @@ def distinct_planes(
     return np.unique(values)
 
 
-def depth_of(
+def with_depth(
     source: LightField | FocalStack | StoredLightField, disparity: Map, confidence: Map
 ) -> DepthMap:
     """With alpha and z that follow from the disparity."""

@@ -9,19 +9,19 @@ import pyopencl.array as cla
 
 from clplen.lightfield.arrays.peaks import Map
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
-from clplen.lightfield.depth.correspondence_cue import add_colours
-from clplen.lightfield.depth.energy_cue import nearest_zero, require_maps
-from clplen.lightfield.depth.sheared_views import launch_sheared, view_tables
+from clplen.lightfield.depth.cue import AT_ONCE, Cue, depth_memory, nearest_zero, require_maps
+from clplen.lightfield.depth.sheared_views import add_colours, launch_sheared, view_tables
 from clplen.lightfield.model.view_shifts import unit_steps
+from clplen.lightfield.refocus.memory_estimate import MemoryEstimate
 
 if TYPE_CHECKING:
     from clplen.lightfield.model.light_field import LightField
+    from clplen.lightfield.model.stored_light_field import StoredLightField
 
 Table = np.ndarray[Any, Any]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 _WINDOW = 2.0  # pixels: Gaussian over which the tensor is gathered
-REACH = gaussian_taps(_WINDOW).size  # pixels that one depends on: the window, and a gradient
 _STEP = 0.25  # pixels a view step, between shears, at most
 _REACH = 0.75  # of a step: how far from its shear an orientation is believed
 
@@ -146,3 +146,19 @@ def _shears(planes: Vector) -> tuple[Vector, float]:
     count = int(np.ceil((high - low) / _STEP)) + 1
     shears = np.linspace(low, high, count)
     return shears, float(shears[1] - shears[0])
+
+
+def structure_memory(source: StoredLightField, planes: Vector) -> MemoryEstimate:
+    """What `structure_disparity` needs; its window reaches one pixel farther, for the gradient."""
+    channels = (*source.shape, 1)[4]
+    return depth_memory(
+        "structure-tensor",
+        source,
+        planes,
+        reach=gaussian_taps(_WINDOW).size,
+        floats=6 * channels + 19,
+        largest=min(AT_ONCE, planes.size) * channels,
+    )
+
+
+CUE = Cue(structure_disparity, structure_memory)

@@ -11,7 +11,7 @@ from clplen.lightfield.model.conversion import as_lightfield
 from clplen.lightfield.model.parametrisation import require_two_plane
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.view_shifts import row_ratio
-from clplen.lightfield.refocus.focal_stack import FocalStack, planes_of
+from clplen.lightfield.refocus.focal_stack import FocalStack, stack_planes
 from clplen.lightfield.refocus.phase_ramps import (
     Vector,
     channels_of,
@@ -85,7 +85,7 @@ def fourier_stack(
             "use focal_stack, with interpolation='fourier' if periodic edges are wanted."
         )
     require_two_plane(lf, "A Fourier slice")
-    planes, ratios = planes_of(lf, alphas=alphas, disparities=disparities)
+    planes, ratios = stack_planes(lf, alphas=alphas, disparities=disparities)
     weights = view_weights(lf, aperture, None)
     sizes = tuple(max(_OVERSAMPLING * n, width) for n in weights.shape)
     _, _, ny, nx = lf.shape[:4]

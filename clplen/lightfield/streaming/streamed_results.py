@@ -7,6 +7,7 @@ depends on the whole picture (`clplen.lightfield.depth.combined_cue`) is found i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -19,29 +20,38 @@ from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.oneline import OneLine
 from clplen.lightfield.arrays.ray_samples import INTERPOLATIONS
 from clplen.lightfield.depth import combined_cue
+from clplen.lightfield.depth.all_in_focus import (
+    all_in_focus_in_memory,
+    blend_memory,
+    check_planes,
+    disparity_of,
+    surface_memory,
+)
 from clplen.lightfield.depth.best_focus import default_disparities
 from clplen.lightfield.depth.depth_map import (
     DepthMap,
     checked_cue,
     default_cue,
-    depth_map,
-    depth_of,
+    depth_map_in_memory,
+    disparity_by,
     distinct_planes,
-    maps_of,
+    memory_of,
+    with_depth,
 )
 from clplen.lightfield.depth.view_matching import row_sums, sorted_views
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing
-from clplen.lightfield.refocus.focal_stack import focal_stack, planes_of, refocus
-from clplen.lightfield.streaming.spooling import spooled
-from clplen.lightfield.streaming.tile_plan import StreamPlan, Tile, bands, plan_tiles
-from clplen.lightfield.streaming.working_memory import (
-    blend_work,
-    depth_work,
-    stack_works,
-    surface_work,
+from clplen.lightfield.refocus.focal_stack import (
+    FocalStack,
+    focal_stack_in_memory,
+    refocus,
+    stack_memory,
+    stack_of,
+    stack_planes,
 )
+from clplen.lightfield.streaming.spooling import spooled
+from clplen.lightfield.streaming.tile_plan import StreamPlan, Tile, bands, memory_budget, plan_tiles
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -101,7 +111,7 @@ def stream_stack(
     aperture: Any = None,
     interpolation: str = "linear",
     memory: int | None = None,
-    device: DeviceLike,
+    device: DeviceLike | None = None,
     progress: Progress | None = None,
 ) -> StackTiles:
     """The focal stack of a stored light field, with the bits of `focal_stack`, tile by tile.
@@ -114,7 +124,8 @@ def stream_stack(
     memory : int, optional
         Bytes for samples, pictures and what is between, on the host and the device together.
         Default half of what is free on the host, or of the device's memory if that is less.
-    device : Device or str
+    device : Device or str, optional
+        Default ``Device.open()``.
     progress : callable, optional
         Called with (tiles done, tiles in all).
 
@@ -132,16 +143,92 @@ def stream_stack(
     FormatError
         While iterating, if the file is damaged.
     """
+    return _stack_tiles(
+        source,
+        {"alphas": alphas, "disparities": disparities},
+        aperture,
+        interpolation,
+        memory,
+        _check_source(source, device),
+        progress,
+    )
+
+
+def assemble_stack(
+    source: StoredLightField,
+    *,
+    alphas: ArrayLike | None = None,
+    disparities: ArrayLike | None = None,
+    aperture: Any = None,
+    interpolation: str = "linear",
+    memory: int | None = None,
+    device: DeviceLike | None = None,
+) -> FocalStack:
+    """The focal stack of a stored light field on a device: whole where it fits, else from tiles.
+
+    Parameters
+    ----------
+    source, alphas, disparities, aperture, interpolation, memory, device
+        As in `stream_stack`; the stack counts too. "fourier" is possible where all fits at once.
+
+    Returns
+    -------
+    FocalStack
+
+    Raises
+    ------
+    ValueError, OSError, FormatError
+        As in `stream_stack`; if the stack itself does not fit into the memory.
+    """
     device = _check_source(source, device)
+    given: dict[str, Any] = {"alphas": alphas, "disparities": disparities}
+    planes, ratios = stack_planes(source, **given)
+    shape = (planes.size, *source.shape[2:])
+    nbytes = 4 * math.prod(shape)
+    budget = memory_budget(memory, device)
+    if nbytes > budget:
+        raise ValueError(
+            f"A focal stack of shape {shape} needs {nbytes:,} bytes itself, more than memory="
+            f"{budget:,}: take stream_stack, or `clplen stack --memory` on the command line, which "
+            "make it tile by tile."
+        )
+    copies = 1 if device.is_cpu else 2  # elsewhere than on a CPU it is filled on the host
+    kept = 4 * copies * math.prod(shape) // math.prod(source.shape[2:4])
+    plan = plan_tiles(source, stack_memory(source, planes, kept=kept), memory=budget, device=device)
+    if plan.in_core and len(plan.planes) == 1:
+        lf = source.load(device)
+        return focal_stack_in_memory(lf, **given, aperture=aperture, interpolation=interpolation)
+    tiles = _stack_tiles(source, given, aperture, interpolation, budget, device, None, kept=kept)
+    data = device.empty(shape, np.float32)
+    with device.on_host(data) as pictures:
+        for some, rows, columns, values in tiles:
+            pictures[some, rows, columns] = values
+    weights = view_weights(source, aperture, None)
+    return stack_of(source, data, device, planes, ratios, weights, interpolation)
+
+
+def _stack_tiles(
+    source: StoredLightField,
+    given: dict[str, Any],
+    aperture: Any,
+    interpolation: str,
+    memory: int | None,
+    device: Device,
+    progress: Progress | None,
+    *,
+    kept: int = 0,
+) -> StackTiles:
+    """`stream_stack`, where so many bytes a pixel are held besides."""
     if interpolation not in INTERPOLATIONS:
         known = ", ".join(map(repr, INTERPOLATIONS))
         raise ValueError(
             f"A stack that is made in tiles takes interpolation={known}, not {interpolation!r}"
             + (", which needs every pixel of a view." if interpolation == "fourier" else ".")
         )
-    planes, ratios = planes_of(source, alphas=alphas, disparities=disparities)
+    planes, ratios = stack_planes(source, **given)
     view_weights(source, aperture, None)  # which says what is wrong before anything is read
-    plan = plan_tiles(source, stack_works(source, planes), memory=memory, device=device)
+    estimates = stack_memory(source, planes, kept=kept)
+    plan = plan_tiles(source, estimates, memory=memory, device=device)
 
     def make(tile: Tile, lf: LightField) -> Iterator[Part]:
         for some in plan.planes:
@@ -166,7 +253,7 @@ def stream_depth(
     disparities: ArrayLike | None = None,
     cue: str | None = None,
     memory: int | None = None,
-    device: DeviceLike,
+    device: DeviceLike | None = None,
     progress: Progress | None = None,
 ) -> DepthMap:
     """The depth map of a stored light field, as `depth_map` finds it, tile by tile.
@@ -193,9 +280,9 @@ def stream_depth(
     device = _check_source(source, device)
     cue = default_cue(source) if cue is None else checked_cue(cue)
     planes = distinct_planes(source, alphas, disparities)
-    plan = plan_tiles(source, [depth_work(source, planes, cue)], memory=memory, device=device)
+    plan = plan_tiles(source, [memory_of(cue, source, planes)], memory=memory, device=device)
     if plan.in_core:
-        found = depth_map(source.load(device), disparities=planes, cue=cue)
+        found = depth_map_in_memory(source.load(device), disparities=planes, cue=cue)
         _report(progress, 1, 1)
         return found
     lost = np.zeros(source.shape[2:4] if cue == "combined" else (0, 0), np.bool_)
@@ -205,12 +292,12 @@ def stream_depth(
 
         def make(tile: Tile, lf: LightField) -> Iterator[DepthMap]:
             if levels is None:
-                disparity, confidence = maps_of(lf, planes, cue)
+                disparity, confidence = disparity_by(cue, lf, planes)
             else:
                 match = combined_cue.matched(lf, planes, levels, inside=tile.inside)
                 disparity, confidence = match.disparity, match.confidence
                 lost[tile.rows, tile.columns] = match.lost[tile.inside]
-            yield depth_of(source, disparity[tile.inside], confidence[tile.inside])
+            yield with_depth(source, disparity[tile.inside], confidence[tile.inside])
 
         for tile, part in _tiles(ready, plan.tiles, make, device, progress):
             for name, values in vars(part).items():
@@ -226,7 +313,7 @@ def stream_all_in_focus(
     depth: DepthMap | ArrayLike | None = None,
     disparities: ArrayLike | None = None,
     memory: int | None = None,
-    device: DeviceLike,
+    device: DeviceLike | None = None,
     progress: Progress | None = None,
 ) -> Pictures:
     """The all-in-focus picture of a stored light field, as `all_in_focus` makes it, tile by tile.
@@ -251,22 +338,20 @@ def stream_all_in_focus(
     OSError, FormatError
         As in `stream_stack`.
     """
-    from clplen.lightfield.depth.all_in_focus import all_in_focus, check_planes, disparity_of
-
     device = _check_source(source, device)
     check_planes(depth, disparities)
     if depth is not None:
         surface = disparity_of(depth, source.shape[2:4])
-        work = surface_work(source, surface)
+        estimate = surface_memory(source, surface)
     else:
         given = default_disparities(source) if disparities is None else disparities
-        planes, _ = planes_of(source, alphas=None, disparities=given)
-        work = blend_work(source, planes)
-    plan = plan_tiles(source, [work], memory=memory, device=device)
+        planes, _ = stack_planes(source, alphas=None, disparities=given)
+        estimate = blend_memory(source, planes)
+    plan = plan_tiles(source, [estimate], memory=memory, device=device)
 
     def make(tile: Tile, lf: LightField) -> Iterator[Pictures]:
         if depth is None:
-            picture = all_in_focus(lf, disparities=planes)
+            picture = all_in_focus_in_memory(lf, disparities=planes)
         else:
             picture = refocus(lf, disparity=surface[tile.outer_rows, tile.outer_columns])
         yield picture.to_numpy()[tile.inside]
@@ -278,20 +363,22 @@ def stream_all_in_focus(
     return out
 
 
-def _check_source(source: Any, device: DeviceLike) -> Device:
+def _check_source(source: Any, device: DeviceLike | None) -> Device:
     if not isinstance(source, StoredLightField):
         raise TypeError(
             "A stream_ function takes a StoredLightField, as open_lightfield or "
             f"StoredLightField.from_array gives it, not {type(source).__name__}."
         )
-    return as_device(device)
+    return as_device(device, optional=True)
 
 
 def _pictures(
     lf: LightField, tile: Tile, planes: Vector, aperture: Any, interpolation: str
 ) -> Pictures:
     """Some planes of a tile on the host, without its halo."""
-    stack = focal_stack(lf, disparities=planes, aperture=aperture, interpolation=interpolation)
+    stack = focal_stack_in_memory(
+        lf, disparities=planes, aperture=aperture, interpolation=interpolation
+    )
     with lf.device.on_host(stack.data, write=False) as pictures:
         rows, columns = tile.inside
         return np.array(pictures[:, rows, columns])
