@@ -14,7 +14,7 @@ from clplen.lightfield.depth.depth_map import CUES, memory_of
 from clplen.lightfield.focus_and_depth import all_in_focus, depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.streaming import spooling
+from clplen.lightfield.streaming import tile_reading
 from clplen.lightfield.streaming.streamed_results import (
     stream_all_in_focus,
     stream_depth,
@@ -212,7 +212,7 @@ def by_views(source):
 
 
 def test_views_are_copied_once(device, tmp_path, monkeypatch):
-    monkeypatch.setattr(spooling.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(tile_reading.tempfile, "tempdir", str(tmp_path))
     lf = LightField.from_array(CASES["places"][0], device=device, **CASES["places"][1])
     source, reads = by_views(stored("places"))
     tiles = stream_stack(source, disparities=PLANES, memory=source.nbytes, device=device)
@@ -226,7 +226,7 @@ def test_views_are_copied_once(device, tmp_path, monkeypatch):
 def test_no_room_for_a_copy(device, monkeypatch):
     source, _ = by_views(stored("places"))
     usage = type("Usage", (), {"free": 1000})()
-    monkeypatch.setattr(spooling.shutil, "disk_usage", lambda _: usage)
+    monkeypatch.setattr(tile_reading.shutil, "disk_usage", lambda _: usage)
     tiles = stream_stack(source, disparities=PLANES, memory=source.nbytes, device=device)
     with pytest.raises(OSError, match=r"temporary file of [\d,]+ bytes.*1,000 free: point TMPDIR"):
         next(iter(tiles))
@@ -237,7 +237,7 @@ def readers():
 
 
 def test_leaving_early_leaves_nothing(device, tmp_path, monkeypatch):
-    monkeypatch.setattr(spooling.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(tile_reading.tempfile, "tempdir", str(tmp_path))
     before = set(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else set()
     source, _ = by_views(stored("places"))
     tiles = stream_stack(source, disparities=PLANES, memory=source.nbytes, device=device)
@@ -343,7 +343,7 @@ def test_raw_samples(tmp_path):
     file = tmp_path / "raw"
     file.write_bytes(b"abc" + values.tobytes())
     with file.open("rb") as opened:
-        samples = spooling.RawSamples(opened.fileno(), 3, values.shape, values.dtype)
+        samples = tile_reading.RawSamples(opened.fileno(), 3, values.shape, values.dtype)
         for ends in (
             [(0, 3), (0, 4), (0, 7), (0, 5), (0, 2)],
             [(1, 3), (2, 3), (1, 6), (0, 5), (0, 2)],
@@ -352,6 +352,6 @@ def test_raw_samples(tmp_path):
         ):
             selection = tuple(slice(*pair) for pair in ends)
             np.testing.assert_array_equal(samples.read(selection), values[selection])
-        longer = spooling.RawSamples(opened.fileno(), 4, values.shape, values.dtype)
+        longer = tile_reading.RawSamples(opened.fileno(), 4, values.shape, values.dtype)
         with pytest.raises(EOFError, match="ends after"):
             longer.read(tuple(slice(0, n) for n in values.shape))

@@ -8,9 +8,7 @@ depends on the whole picture (`clplen.lightfield.depth.combined_cue`) is found i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -50,8 +48,14 @@ from clplen.lightfield.refocus.focal_stack import (
     stack_of,
     stack_planes,
 )
-from clplen.lightfield.streaming.spooling import spooled
 from clplen.lightfield.streaming.tile_plan import StreamPlan, Tile, bands, memory_budget, plan_tiles
+from clplen.lightfield.streaming.tile_reading import (
+    Progress,
+    TileFunction,
+    fast_source,
+    process_tiles,
+    report,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -61,9 +65,7 @@ if TYPE_CHECKING:
 Array = np.ndarray[Any, Any]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Pictures = np.ndarray[Any, np.dtype[np.float32]]
-Progress = Callable[[int, int], None]
 Part = tuple[slice, slice, slice, Pictures]
-Made = Callable[[Tile, "LightField"], Iterator[Any]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -230,7 +232,7 @@ def _stack_tiles(
     estimates = stack_memory(source, planes, kept=kept)
     plan = plan_tiles(source, estimates, memory=memory, device=device)
 
-    def make(tile: Tile, lf: LightField) -> Iterator[Part]:
+    def process(tile: Tile, lf: LightField) -> Iterator[Part]:
         for some in plan.planes:
             pictures = _pictures(lf, tile, planes[some], aperture, interpolation)
             yield some, tile.rows, tile.columns, pictures
@@ -242,7 +244,7 @@ def _stack_tiles(
         ratios,
         source.spacing,
         source.camera,
-        _run(source, plan, make, device, progress),
+        _stack_parts(source, plan, process, device, progress),
     )
 
 
@@ -283,14 +285,14 @@ def stream_depth(
     plan = plan_tiles(source, [memory_of(cue, source, planes)], memory=memory, device=device)
     if plan.in_core:
         found = depth_map_in_memory(source.load(device), disparities=planes, cue=cue)
-        _report(progress, 1, 1)
+        report(progress, 1, 1)
         return found
     lost = np.zeros(source.shape[2:4] if cue == "combined" else (0, 0), np.bool_)
     maps = DepthMap(*(np.empty(source.shape[2:4], np.float32) for _ in range(4)))
-    with _ready(source, plan) as ready:
-        levels = _levels(ready, plan, device) if cue == "combined" else None
+    with fast_source(source, plan) as fast:
+        levels = _levels(fast, plan, device) if cue == "combined" else None
 
-        def make(tile: Tile, lf: LightField) -> Iterator[DepthMap]:
+        def process(tile: Tile, lf: LightField) -> Iterator[DepthMap]:
             if levels is None:
                 disparity, confidence = disparity_by(cue, lf, planes)
             else:
@@ -299,7 +301,7 @@ def stream_depth(
                 lost[tile.rows, tile.columns] = match.lost[tile.inside]
             yield with_depth(source, disparity[tile.inside], confidence[tile.inside])
 
-        for tile, part in _tiles(ready, plan.tiles, make, device, progress):
+        for tile, part in process_tiles(fast, plan.tiles, process, device, progress):
             for name, values in vars(part).items():
                 getattr(maps, name)[tile.rows, tile.columns] = values
     if levels is not None:
@@ -349,7 +351,7 @@ def stream_all_in_focus(
         estimate = blend_memory(source, planes)
     plan = plan_tiles(source, [estimate], memory=memory, device=device)
 
-    def make(tile: Tile, lf: LightField) -> Iterator[Pictures]:
+    def process(tile: Tile, lf: LightField) -> Iterator[Pictures]:
         if depth is None:
             picture = all_in_focus_in_memory(lf, disparities=planes)
         else:
@@ -357,8 +359,8 @@ def stream_all_in_focus(
         yield picture.to_numpy()[tile.inside]
 
     out = np.empty(source.shape[2:], np.float32)
-    with _ready(source, plan) as ready:
-        for tile, picture in _tiles(ready, plan.tiles, make, device, progress):
+    with fast_source(source, plan) as fast:
+        for tile, picture in process_tiles(fast, plan.tiles, process, device, progress):
             out[tile.rows, tile.columns] = picture
     return out
 
@@ -384,71 +386,16 @@ def _pictures(
         return np.array(pictures[:, rows, columns])
 
 
-@contextmanager
-def _ready(source: StoredLightField, plan: StreamPlan) -> Iterator[StoredLightField]:
-    """The source, or a copy of its samples from which tiles are read quickly."""
-    if not plan.bytes_scratch:
-        yield source
-        return
-    with spooled(source) as copied:
-        yield copied
-
-
-def _run(
+def _stack_parts(
     source: StoredLightField,
     plan: StreamPlan,
-    make: Made,
+    process: TileFunction,
     device: Device,
     progress: Progress | None,
-) -> Iterator[Any]:
-    with _ready(source, plan) as ready:
-        for _, made in _tiles(ready, plan.tiles, make, device, progress):
-            yield made
-
-
-def _tiles(
-    source: StoredLightField,
-    tiles: tuple[Tile, ...],
-    make: Made,
-    device: Device,
-    progress: Progress | None,
-) -> Iterator[tuple[Tile, Any]]:
-    """What is made of each tile; one thread reads the next one meanwhile, into one buffer."""
-    if len(tiles) == 1 and tiles[0].outer_shape == source.shape[2:4]:
-        for made in make(tiles[0], source.load(device)):
-            yield tiles[0], made
-        _report(progress, 1, 1)
-        return
-    most = max(tile.outer_shape[0] * tile.outer_shape[1] for tile in tiles)
-    buffer = np.empty(most * source.bytes_per_pixel, np.uint8)
-    last: tuple[int, int] | None = None
-    with ThreadPoolExecutor(1, thread_name_prefix="clplen-reading") as reader:
-        pending = reader.submit(_read, source, tiles[0], buffer)
-        for number, tile in enumerate(tiles, 1):
-            if last not in (None, tile.outer_shape):
-                device.free_spare()
-            last = tile.outer_shape
-            lf = source.part(pending.result(), device)
-            if number < len(tiles):
-                pending = reader.submit(_read, source, tiles[number], buffer)
-            for made in make(tile, lf):
-                yield tile, made
-            del lf, made
-            _report(progress, number, len(tiles))
-    device.free_spare()
-
-
-def _read(source: StoredLightField, tile: Tile, buffer: Array) -> Array:
-    V, U, *_ = source.shape
-    shape = (V, U, *tile.outer_shape, *source.shape[4:])
-    size = int(np.prod(shape, dtype=np.int64)) * source.dtype.itemsize
-    out = buffer[:size].view(source.dtype).reshape(shape)
-    return source.read((slice(0, V), slice(0, U), tile.outer_rows, tile.outer_columns), out=out)
-
-
-def _report(progress: Progress | None, done: int, total: int) -> None:
-    if progress is not None:
-        progress(done, total)
+) -> Iterator[Part]:
+    with fast_source(source, plan) as fast:
+        for _, part in process_tiles(fast, plan.tiles, process, device, progress):
+            yield part
 
 
 def _levels(source: StoredLightField, plan: StreamPlan, device: Device) -> combined_cue.Levels:
@@ -458,11 +405,11 @@ def _levels(source: StoredLightField, plan: StreamPlan, device: Device) -> combi
     centre = np.empty(source.shape[2:], np.float32)
     sums = np.empty((source.shape[0] * source.shape[1], ny), np.float32)
 
-    def make(tile: Tile, lf: LightField) -> Iterator[None]:
+    def process(tile: Tile, lf: LightField) -> Iterator[None]:
         centre[tile.rows] = combined_cue.centre_picture(lf, views)
         sums[:, tile.rows] = row_sums(lf)
         yield None
 
-    for _ in _tiles(source, bands(source.shape[2:4], plan.band_rows), make, device, None):
+    for _ in process_tiles(source, bands(source.shape[2:4], plan.band_rows), process, device, None):
         pass
     return combined_cue.levels_of(source.shape, views, centre, sums)
