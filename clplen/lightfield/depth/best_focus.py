@@ -15,11 +15,11 @@ NA/n = .3 and 1.10 for .5.
 from __future__ import annotations
 
 import math
-import warnings
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from clplen.deprecation import warn_caller
 from clplen.errors import SamplingWarning
 from clplen.lightfield.arrays.spectral_sharpness import BAND
 from clplen.lightfield.model.alpha_law import depth_at
@@ -173,12 +173,11 @@ def say_end(lf: LightField, peak: Peak, limit: float) -> None:
         if wider > 1.01 * end
         else f"this window allows no more than {limit:.3g}, give a larger one"
     )
-    warnings.warn(
+    warn_caller(
         f"The window is sharpest at an end of the search, disparity {peak.position:.3g} of "
         f"{-end:.3g} to {end:.3g} pixels a view step{metres}, so that this is no depth: the object "
         f"lies farther from the focused plane; {advice}.",
         SamplingWarning,
-        stacklevel=3,
     )
 
 
@@ -190,11 +189,10 @@ def beyond_paraxial(lf: LightField, alpha: float, disparity: float) -> float:
     ratio = ratio_at(lf.camera, disparity)
     if words:
         z = float(depth_at(lf, disparity))
-        warnings.warn(
+        warn_caller(
             f"{words}: the object lies at about {z / ratio:.3g} m rather than at z = {z:.3g} m, "
             "which is that of the paraxial law.",
             SamplingWarning,
-            stacklevel=4,
         )
     return (1 - 1 / ratio) * abs(1 - alpha)
 

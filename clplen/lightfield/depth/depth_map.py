@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from clplen.compute.checks import require
 from clplen.compute.hostarray import HostArray
+from clplen.deprecation import warn_caller
 from clplen.errors import SamplingWarning
 from clplen.lightfield.arrays.peaks import Map
 from clplen.lightfield.depth import (
@@ -207,11 +207,10 @@ def with_depth(
 def _say_high_na(camera: Any, disparity: Map) -> None:
     words = high_na_words(camera, float(np.abs(disparity).max()))
     if words:
-        warnings.warn(
+        warn_caller(
             f"{words}: z, which is that of the paraxial law, is too far from the native plane by "
             "this factor.",
             SamplingWarning,
-            stacklevel=4,
         )
 
 

@@ -20,15 +20,15 @@ _SMOOTHING = 8  # windows are found in a picture smoothed by a Gaussian of windo
 
 
 def read_window(
-    lf: LightField, near: tuple[int, int], size: int, *, fill: bool = False
+    lf: LightField, at: tuple[int, int], size: int, *, fill: bool = False
 ) -> np.ndarray[Any, np.dtype[np.float64]]:
     """The samples round one lenslet.
 
     Parameters
     ----------
     lf : LightField
-    near : tuple of int
-        (x, y) of the central lenslet.
+    at : tuple of int
+        (y, x) of the central lenslet.
     size : int
         Lenslets across, odd.
     fill : bool
@@ -43,7 +43,7 @@ def read_window(
     colours = lf.shape[4] if len(lf.shape) == 5 else 1
     ranges = [
         (max(centre - size // 2, 0), min(centre + size // 2 + 1, n))
-        for centre, n in zip(near[::-1], lf.shape[2:4], strict=True)
+        for centre, n in zip(at, lf.shape[2:4], strict=True)
     ]
     rows, columns = (slice(*ends) for ends in ranges)
     part = _fetched(lf, rows, columns).astype(np.float64)
@@ -53,13 +53,13 @@ def read_window(
         return window
     missing = [
         (first - centre + size // 2, centre + size // 2 + 1 - end)
-        for centre, (first, end) in zip(near[::-1], ranges, strict=True)
+        for centre, (first, end) in zip(at, ranges, strict=True)
     ]
     return np.pad(window, [(0, 0)] * 3 + missing)
 
 
 def brightest(lf: LightField, size: int) -> tuple[int, int]:
-    """(x, y) of the lenslet where a window of ``size`` lenslets holds the brightest region."""
+    """(y, x) of the lenslet where a window of ``size`` lenslets holds the brightest region."""
     from scipy.ndimage import gaussian_filter  # here: slow to import, and nothing else needs it
 
     picture = lf.render().to_numpy().astype(np.float64)
@@ -67,7 +67,7 @@ def brightest(lf: LightField, size: int) -> tuple[int, int]:
         picture = picture.sum(axis=-1)
     smooth = gaussian_filter(picture, size / _SMOOTHING, mode="constant")
     y, x = np.unravel_index(np.argmax(smooth), smooth.shape)
-    return int(x), int(y)
+    return int(y), int(x)
 
 
 def _fetched(lf: LightField, rows: slice, columns: slice) -> np.ndarray[Any, Any]:
