@@ -17,7 +17,7 @@ from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocus.focal_stack import UPSAMPLE_BASE, FocalStack, upsampled
 from clplen.lightfield.refocus.fourier_slice import fourier_stack
 from clplen.lightfield.refocus.hyperfan import hyperfan
-from clplen.lightfield.refocus.phase_ramps import phase_ramps
+from clplen.lightfield.refocus.phase_ramps import fourier_refocus
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
 
@@ -103,7 +103,7 @@ def _fourier(device: Device) -> Pairs:
         for d in planes
     ]
     pictures = np.fft.ifft2(expected).real / w.sum()
-    yield pictures, device.download(phase_ramps(lf, planes, lf.weights))
+    yield pictures, device.download(fourier_refocus(lf, planes, lf.weights))
     yield pictures, fourier_stack(lf, disparities=planes, width=8).to_numpy()
 
 

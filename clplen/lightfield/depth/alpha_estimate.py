@@ -20,11 +20,11 @@ from clplen.lightfield.arrays.spectral_sharpness import (
 )
 from clplen.lightfield.depth import window_measures
 from clplen.lightfield.depth.best_focus import (
-    WIDEST,
-    beyond_paraxial,
+    SEARCH_SHARE,
     farthest_disparity,
-    metres,
-    say_end,
+    paraxial_excess,
+    warn_at_search_end,
+    z_uncertainty,
 )
 from clplen.lightfield.depth.window_measures import brightest, fit_slope, read_window
 from clplen.lightfield.model.alpha_law import depth_at
@@ -194,14 +194,16 @@ def estimate_alpha(
     step = 1 / lf.shape[1]  # moves the outermost views apart by a lenslet
     energy = find_peak(sharpness(cells, pad=pad, band=BAND, aspect=aspect), c_max, step=step)
     if optics is None:
-        say_end(lf, energy, _limit(lf, window, optics))
+        warn_at_search_end(lf, energy, _limit(lf, window, optics))
         return _result(lf, method, at, energy)
     compensated = find_peak(
         sharpness(cells, pad=pad, band=optics.band(c_max), aspect=aspect, blur=optics.blur),
         c_max,
         step=step,
     )
-    say_end(lf, energy if method == "energy" else compensated, _limit(lf, window, optics))
+    warn_at_search_end(
+        lf, energy if method == "energy" else compensated, _limit(lf, window, optics)
+    )
     in_focus = all(
         abs(lf.shear_alpha(peak.position) - 1) < _IN_FOCUS * optics.tolerance
         for peak in (energy, compensated)
@@ -347,7 +349,7 @@ def _range(lf: LightField, window: int, c_max: float | None, optics: _Optics | N
     """The search range, after a check that alpha, the window and the band do not end in it."""
     limit = _limit(lf, window, optics)
     if c_max is None and is_telecentric(lf):
-        return min(_BEYOND * farthest_disparity(lf.camera), WIDEST * limit)
+        return min(_BEYOND * farthest_disparity(lf.camera), SEARCH_SHARE * limit)
     c_max = _SEARCH if c_max is None else c_max
     if not 0 < c_max < limit:
         raise ValueError(
@@ -373,7 +375,7 @@ def _result(
     uncertainty = math.nan
     if optics is not None and peak.inside:
         uncertainty = optics.uncertainty(value, method, in_focus)
-        uncertainty += beyond_paraxial(lf, value, disparity)
+        uncertainty += paraxial_excess(lf, value, disparity)
     rising = np.argsort(lf.shear_alpha(peak.positions))
     return AlphaEstimate(
         alpha=math.nan if is_telecentric(lf) else value,
@@ -386,7 +388,7 @@ def _result(
         disparities=peak.positions[rising],
         at=at,
         blur=_blur(value, optics),
-        z_uncertainty=metres(lf, value, uncertainty),
+        z_uncertainty=z_uncertainty(lf, value, uncertainty),
     )
 
 
@@ -407,7 +409,7 @@ def _slope(
     if optics is not None:
         in_focus = abs(alpha - 1) < _IN_FOCUS * optics.tolerance or found.spots == 1
         uncertainty = optics.uncertainty(alpha, "slope", in_focus)
-        uncertainty += beyond_paraxial(lf, alpha, found.disparity)
+        uncertainty += paraxial_excess(lf, alpha, found.disparity)
     none = np.empty(0)
     return AlphaEstimate(
         alpha=math.nan if is_telecentric(lf) else alpha,
@@ -421,7 +423,7 @@ def _slope(
         at=at,
         confidence=found.confidence,
         blur=_blur(alpha, optics),
-        z_uncertainty=metres(lf, alpha, uncertainty),
+        z_uncertainty=z_uncertainty(lf, alpha, uncertainty),
     )
 
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from clplen.lightfield.arrays.spectral_sharpness import Peak
     from clplen.lightfield.model.light_field import LightField
 
-SAID = 0.7  # NA/n from which it is said aloud
+HIGH_NA = 0.7  # NA/n from which it is said aloud
 
 _NODES = 96  # over the pupil
 _FREQUENCIES = 16
@@ -84,7 +84,7 @@ def farthest_disparity(camera: Any) -> float:
     return float(abs(camera.disparity(end)) * focus_ratio(camera, end))
 
 
-def high_na_words(camera: Any, disparity: float) -> str:
+def high_na_message(camera: Any, disparity: float) -> str:
     """How far the paraxial law is off at a disparity that was found or searched; "" up to NA/n .7.
 
     Parameters
@@ -99,7 +99,7 @@ def high_na_words(camera: Any, disparity: float) -> str:
         A sentence without its end.
     """
     sine = camera.na / camera.medium_index
-    if sine <= SAID:
+    if sine <= HIGH_NA:
         return ""
     return (
         f"At NA/n = {sine:.3g} rays of the rim make points sharpest at "
@@ -108,8 +108,8 @@ def high_na_words(camera: Any, disparity: float) -> str:
     )
 
 
-DISPARITIES = (-2.0, 2.0, 33)  # first, last, how many
-ALPHAS = (0.65, 1.35, 33)
+DEFAULT_DISPARITIES = (-2.0, 2.0, 33)  # first, last, how many
+DEFAULT_ALPHAS = (0.65, 1.35, 33)
 _FAR = 1e3  # metres: as good as infinity, and still a place
 
 
@@ -138,11 +138,11 @@ def suitable_planes(lf: _Known, *, count: int | None = None) -> dict[str, Any]:
         from -2 to 2.
     """
     if np.isfinite(lf.alpha(0.0)):
-        low, high, many = ALPHAS
+        low, high, many = DEFAULT_ALPHAS
         if lf.camera is not None:
             high = min(high, lf.camera.alpha(_FAR))
         return {"alphas": np.linspace(low, high, count or many)}
-    low, high, many = DISPARITIES
+    low, high, many = DEFAULT_DISPARITIES
     if is_telecentric(lf):
         high = farthest_disparity(lf.camera)
         low = -high
@@ -154,20 +154,20 @@ def default_disparities(lf: _Known) -> Any:
     """Disparities that are tried where none were given: `suitable_planes` of a microscope."""
     if is_telecentric(lf):
         return suitable_planes(lf)["disparities"]
-    return np.linspace(*DISPARITIES)
+    return np.linspace(*DEFAULT_DISPARITIES)
 
 
-WIDEST = 0.95  # of the largest search that a light field allows
+SEARCH_SHARE = 0.95  # of the largest search that a light field allows
 
 
-def say_end(lf: LightField, peak: Peak, limit: float) -> None:
+def warn_at_search_end(lf: LightField, peak: Peak, limit: float) -> None:
     """Warn where no peak was found, with what was searched and what would do."""
     if peak.inside:
         return
     end = abs(float(peak.positions[0]))
     z = np.abs(depth_at(lf, [-end, end]))
     metres = f", abs(z) up to {z.max():.3g} m" if np.isfinite(z).all() else ""
-    wider = min(2 * end, WIDEST * limit)
+    wider = min(2 * end, SEARCH_SHARE * limit)
     advice = (
         f"pass c_max={wider:.3g}"
         if wider > 1.01 * end
@@ -181,11 +181,11 @@ def say_end(lf: LightField, peak: Peak, limit: float) -> None:
     )
 
 
-def beyond_paraxial(lf: LightField, alpha: float, disparity: float) -> float:
+def paraxial_excess(lf: LightField, alpha: float, disparity: float) -> float:
     """By how much abs(1 - alpha) is too large: 0, and of a telecentric camera what rays say."""
     if not is_telecentric(lf):
         return 0.0
-    words = high_na_words(lf.camera, disparity)
+    words = high_na_message(lf.camera, disparity)
     ratio = ratio_at(lf.camera, disparity)
     if words:
         z = float(depth_at(lf, disparity))
@@ -197,7 +197,7 @@ def beyond_paraxial(lf: LightField, alpha: float, disparity: float) -> float:
     return (1 - 1 / ratio) * abs(1 - alpha)
 
 
-def metres(lf: LightField, alpha: float, uncertainty: float) -> float:
+def z_uncertainty(lf: LightField, alpha: float, uncertainty: float) -> float:
     """An uncertainty of alpha as one of z."""
     if not 0 <= uncertainty < alpha:  # nor nan
         return math.nan

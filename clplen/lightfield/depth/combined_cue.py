@@ -13,14 +13,14 @@ from clplen.lightfield.depth.cue import MAP_BYTES, Cue, depth_memory
 from clplen.lightfield.depth.energy_cue import PICTURES, energy_disparity, energy_floats
 from clplen.lightfield.depth.view_matching import (
     WINDOW,
-    Tables,
-    Views,
+    ShiftTables,
+    ViewGroups,
     depth_kernel,
+    group_views,
     match_costs,
     row_sums,
-    sorted_views,
+    shift_tables,
     support_block,
-    tables,
     thresholds,
 )
 from clplen.lightfield.refocus.memory_estimate import DEVICE_FLOAT, HOST_FLOAT, MemoryEstimate
@@ -60,10 +60,10 @@ def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
 
     Samples are scaled to 255 levels. On every plane the views are compared with the centre
     (`match_costs`), through an interpolation that treats all fractions of a pixel alike
-    (`tables`); the costs are gathered over neighbours that look alike (Yoon and Kweon 2006), the
-    more tolerantly the noisier the place. The least cost, refined by a parabola, is then moved by
-    a robust Lucas-Kanade step on all views (Lucas and Kanade 1981), in which each pixel takes part
-    with the plane that fits its neighbourhood. Where no plane makes the views agree, in strong
+    (`shift_tables`); the costs are gathered over neighbours that look alike (Yoon and Kweon 2006),
+    the more tolerantly the noisier the place. The least cost, refined by a parabola, is then moved
+    by a robust Lucas-Kanade step on all views (Lucas and Kanade 1981), in which each pixel takes
+    part with the plane that fits its neighbourhood. Where no plane makes the views agree, in strong
     noise or in the diffraction patterns of single points, the sharpest plane is taken
     (`energy_disparity`).
 
@@ -85,14 +85,14 @@ def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     DeviceError
         If what is needed is larger than the device's memory.
     """
-    views = sorted_views(lf)
-    levels = levels_of(lf.shape, views, centre_picture(lf, views), row_sums(lf))
-    found = matched(lf, planes, levels)
-    return found.disparity, merged(found.confidence, found.lost)
+    views = group_views(lf)
+    levels = sample_levels(lf.shape, views, centre_picture(lf, views), row_sums(lf))
+    found = match_views(lf, planes, levels)
+    return found.disparity, merge_confidence(found.confidence, found.lost)
 
 
 @dataclass(frozen=True)
-class Levels:
+class SampleLevels:
     """What the whole light field says of its samples.
 
     Attributes
@@ -108,7 +108,7 @@ class Levels:
 
 
 @dataclass(frozen=True)
-class Matched:
+class MatchResult:
     """What is found at every pixel, shape (y, x).
 
     Attributes
@@ -124,24 +124,26 @@ class Matched:
     lost: np.ndarray[Any, np.dtype[np.bool_]]
 
 
-def levels_of(shape: tuple[int, ...], views: Views, centre: Map, sums: Map) -> Levels:
+def sample_levels(
+    shape: tuple[int, ...], views: ViewGroups, centre: Map, sums: Map
+) -> SampleLevels:
     """Gain and evenness of a whole light field.
 
     Parameters
     ----------
     shape : tuple of int
         (v, u, y, x[, c]).
-    views : Views
+    views : ViewGroups
     centre : numpy.ndarray
         `centre_picture`.
     sums : numpy.ndarray
         `row_sums`.
     """
     means = sums.sum(axis=1, dtype=np.float64) / int(np.prod(shape[2:], dtype=np.int64))
-    return Levels(_gain(centre), _evened(means[views.view], views))
+    return SampleLevels(_gain(centre), _vignetting_gains(means[views.view], views))
 
 
-def centre_picture(lf: LightField, views: Views) -> Map:
+def centre_picture(lf: LightField, views: ViewGroups) -> Map:
     """The picture whose likeness guides: the mean of the views round the middle."""
     pictures = [
         share * lf.device.download(lf.data[divmod(int(views.view[k]), lf.shape[1])])
@@ -150,9 +152,9 @@ def centre_picture(lf: LightField, views: Views) -> Map:
     return np.sum(pictures, axis=0, dtype=np.float32)
 
 
-def matched(
-    lf: LightField, planes: Vector, levels: Levels, *, inside: tuple[slice, ...] = ()
-) -> Matched:
+def match_views(
+    lf: LightField, planes: Vector, levels: SampleLevels, *, inside: tuple[slice, ...] = ()
+) -> MatchResult:
     """Disparity of each pixel from its neighbourhood, `_REACH` pixels wide, in the views.
 
     Parameters
@@ -172,17 +174,17 @@ def matched(
         Of the whole of ``lf``.
     """
     planes = _dense(planes)
-    found, margin = _matched(lf, planes, levels)
+    found, margin = _match(lf, planes, levels)
     if found.lost[inside].any():
         sharpest, clear = energy_disparity(lf, planes)
         disparity = np.where(found.lost, sharpest, found.disparity)
-        found = Matched(disparity, np.where(found.lost, clear, found.confidence), found.lost)
+        found = MatchResult(disparity, np.where(found.lost, clear, found.confidence), found.lost)
     disparity = np.where(margin > 0, found.disparity, planes[np.argmin(np.abs(planes))])
     disparity = np.clip(disparity, planes[0], planes[-1]).astype(np.float32)
-    return Matched(disparity, found.confidence.astype(np.float32), found.lost)
+    return MatchResult(disparity, found.confidence.astype(np.float32), found.lost)
 
 
-def _matched(lf: LightField, planes: Vector, levels: Levels) -> tuple[Matched, Map]:
+def _match(lf: LightField, planes: Vector, levels: SampleLevels) -> tuple[MatchResult, Map]:
     """What matching finds, and how deep the valley of its costs is."""
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
@@ -190,22 +192,22 @@ def _matched(lf: LightField, planes: Vector, levels: Levels) -> tuple[Matched, M
         lf.data.nbytes + 8 * ny * nx * (planes.size + 8),
         "This depth map with its light field",
     )
-    views = sorted_views(lf)
+    views = group_views(lf)
     picture = device.upload(_smoothed(centre_picture(lf, views) * np.float32(levels.gain)))
-    moved = tables(views, planes, levels.gain * levels.even, device=device)
-    costs = match_costs(lf, views, moved)
-    noise = _noise(lf, costs, moved)
+    tables = shift_tables(views, planes, levels.gain * levels.even, device=device)
+    costs = match_costs(lf, views, tables)
+    noise = _noise(lf, costs, tables)
     gathered = device.empty(costs.shape, np.float32)
     _gather(lf, gathered, costs, picture, noise)
-    disparity, nearest, least, margin = _valley(lf, gathered, moved)
-    refined, known = _refined(lf, views, moved, disparity, nearest, picture, noise)
+    disparity, nearest, least, margin = _valley(lf, gathered, tables)
+    refined, known = _refined(lf, views, tables, disparity, nearest, picture, noise)
     sure = known * len(views.view) / np.maximum(noise, 1) ** 2
     confidence = margin * sure / (sure + 1 / _SURE**2)
     lost = (least > _LOST * thresholds(channels)[0]) & (confidence < _SHALLOW)
-    return Matched(refined, confidence, lost), margin
+    return MatchResult(refined, confidence, lost), margin
 
 
-def merged(confidence: Map, lost: np.ndarray[Any, np.dtype[np.bool_]]) -> Map:
+def merge_confidence(confidence: Map, lost: np.ndarray[Any, np.dtype[np.bool_]]) -> Map:
     """Confidence of the whole map: what was matched is surer than what is only sharpest."""
     usual = np.median(confidence[~lost]) if lost.any() and not lost.all() else 0.0
     return np.where(lost, confidence * usual, confidence) if usual > _SHALLOW else confidence
@@ -230,7 +232,7 @@ def _smoothed(picture: Map) -> Map:
     return np.ascontiguousarray(picture, np.float32)
 
 
-def _evened(means: Vector, views: Views) -> Vector:
+def _vignetting_gains(means: Vector, views: ViewGroups) -> Vector:
     """What undoes vignetting: views that get darker, or brighter, from the middle outwards.
 
     Their brightness is fitted by 1 + b r^2. What else makes views differ, content that moves
@@ -260,22 +262,22 @@ def _dense(planes: Vector) -> Vector:
     return np.concatenate([*between, planes[-1:]])
 
 
-def _noise(lf: LightField, costs: cla.Array, moved: Tables) -> Map:
+def _noise(lf: LightField, costs: cla.Array, tables: ShiftTables) -> Map:
     """Standard deviation of the samples in levels, from the least cost round every pixel."""
     device, channels = lf.device, (*lf.shape, 1)[4]
-    least = _valley(lf, costs, moved)[2]
+    least = _valley(lf, costs, tables)[2]
     blurred = device.empty((1, *least.shape), np.float32)
     smooth = Smoother(gaussian_taps(_NOISE_BLUR), device=device)
     smooth(blurred, device.upload(least[None]), start=0, count=1)
     return np.asarray(device.download(blurred)[0] / (channels * _COST_PER_NOISE), np.float32)
 
 
-def _alike(level: float, noise: Map, channels: int) -> Map:
+def _colour_scale(level: float, noise: Map, channels: int) -> Map:
     """Scale of squared differences of colour, with the noise in it."""
     return np.asarray(0.5 / (level**2 + noise**2) / channels, np.float32)
 
 
-def _near(noise: Map) -> Map:
+def _distance_scale(noise: Map) -> Map:
     """Scale of squared distances: the noisier, the farther neighbours count."""
     sigma = np.clip(_NARROW + _WIDENING * (noise - _QUIET), _NARROW, _WIDE)
     return np.asarray(0.5 / sigma**2, np.float32)
@@ -292,14 +294,14 @@ def _gather(
         out,
         costs,
         picture,
-        device.upload(_near(noise)),
-        device.upload(_alike(_ALIKE, noise, channels)),
+        device.upload(_distance_scale(noise)),
+        device.upload(_colour_scale(_ALIKE, noise, channels)),
         *(np.int32(n) for n in (planes, ny, nx)),
     )
 
 
 def _valley(
-    lf: LightField, costs: cla.Array, moved: Tables
+    lf: LightField, costs: cla.Array, tables: ShiftTables
 ) -> tuple[cla.Array, cla.Array, Map, Map]:
     """Disparity of the least cost, its plane, the cost, and its depth below the second, 0 to 1."""
     device = lf.device
@@ -315,8 +317,8 @@ def _valley(
         second,
         mean,
         costs,
-        moved.planes,
-        *(np.int32(n) for n in (moved.count, ny, nx)),
+        tables.planes,
+        *(np.int32(n) for n in (tables.count, ny, nx)),
     )
     low, next_low, usual = (device.download(a) for a in (least, second, mean))
     rise = np.minimum(next_low, usual) - low
@@ -325,8 +327,8 @@ def _valley(
 
 def _refined(
     lf: LightField,
-    views: Views,
-    moved: Tables,
+    views: ViewGroups,
+    tables: ShiftTables,
     disparity: cla.Array,
     nearest: cla.Array,
     picture: cla.Array,
@@ -335,7 +337,7 @@ def _refined(
     """Disparity moved by one step of least squares, and what the views know of it, A."""
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
-    A, B = _normal(lf, views, moved, disparity, nearest)
+    A, B = _normal(lf, views, tables, disparity, nearest)
     out, known = (device.empty((ny, nx), np.float32) for _ in range(2))
     prior = _PRIOR * channels * np.maximum(noise, 1) ** 2
     device.launch(
@@ -347,8 +349,8 @@ def _refined(
         B,
         disparity,
         picture,
-        device.upload(_alike(_FIT_ALIKE, noise, channels)),
-        device.upload(_near(noise)),
+        device.upload(_colour_scale(_FIT_ALIKE, noise, channels)),
+        device.upload(_distance_scale(noise)),
         device.upload(prior.astype(np.float32)),
         np.float32(0.5 / _SAME_SURFACE**2),
         np.float32(_RIDGE),
@@ -359,7 +361,7 @@ def _refined(
 
 
 def _normal(
-    lf: LightField, views: Views, moved: Tables, disparity: cla.Array, nearest: cla.Array
+    lf: LightField, views: ViewGroups, tables: ShiftTables, disparity: cla.Array, nearest: cla.Array
 ) -> tuple[cla.Array, cla.Array]:
     """A and B of kernels/refine.cl at every pixel."""
     device = lf.device
@@ -373,14 +375,14 @@ def _normal(
         lf.data,
         disparity,
         nearest,
-        moved.planes,
+        tables.planes,
         device.upload(views.view),
         device.upload(views.step.astype(np.float32)),
-        moved.at,
-        moved.part,
-        moved.slopes,
-        moved.reach,
-        *views.on(device),
+        tables.at,
+        tables.part,
+        tables.slopes,
+        tables.reach,
+        *views.upload(device),
         *(np.int32(n) for n in (len(views.view), ny, nx)),
         *(np.float32(t) for t in thresholds(channels)),
     )

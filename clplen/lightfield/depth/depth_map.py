@@ -18,7 +18,7 @@ from clplen.lightfield.depth import (
     energy_cue,
     structure_tensor_cue,
 )
-from clplen.lightfield.depth.best_focus import default_disparities, high_na_words
+from clplen.lightfield.depth.best_focus import default_disparities, high_na_message
 from clplen.lightfield.depth.energy_cue import LocalEnergy, energy_disparity
 from clplen.lightfield.model.alpha_law import depth_at
 from clplen.lightfield.model.conversion import as_lightfield
@@ -205,7 +205,7 @@ def with_depth(
 
 
 def _say_high_na(camera: Any, disparity: Map) -> None:
-    words = high_na_words(camera, float(np.abs(disparity).max()))
+    words = high_na_message(camera, float(np.abs(disparity).max()))
     if words:
         warn_caller(
             f"{words}: z, which is that of the paraxial law, is too far from the native plane by "

@@ -133,13 +133,13 @@ def stack_taps(stack: FocalStack, planes: slice) -> Vector:
     disparities = stack.disparities[planes]
     if stack.weights is None:
         return np.broadcast_to(NO_TAPS, (disparities.size, 2, 3))
-    moved = view_shifts(stack.spacing, stack.weights.shape, disparities, positions=stack.positions)
+    shift = view_shifts(stack.spacing, stack.weights.shape, disparities, positions=stack.positions)
     shares = [stack.weights.sum(axis=1), stack.weights.sum(axis=0)]
     if stack.positions is not None:
         shares = [stack.weights, stack.weights]
     taps = [
         [evening_taps(shift, share) for shift, share in zip(both, shares, strict=True)]
-        for both in zip(*moved, strict=True)
+        for both in zip(*shift, strict=True)
     ]
     return np.array(taps)
 

@@ -28,7 +28,7 @@ from clplen.lightfield.refocus.memory_estimate import (
     MemoryEstimate,
     shear_halo,
 )
-from clplen.lightfield.refocus.phase_ramps import phase_ramps
+from clplen.lightfield.refocus.phase_ramps import fourier_refocus
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -281,8 +281,8 @@ def _exactly_one(**given: Any) -> Any:
     values = [value for value in given.values() if value is not None]
     if len(values) != 1:
         first, second = given
-        found = "both were" if values else "neither was"
-        raise ValueError(f"Give exactly one of {first} and {second}; {found} given.")
+        count = "both were" if values else "neither was"
+        raise ValueError(f"Give exactly one of {first} and {second}; {count} given.")
     return values[0]
 
 
@@ -303,7 +303,7 @@ def _mean_of_views(
 ) -> cla.Array:
     """Means of the views moved by their shifts, shape (n, y, x[, c])."""
     if interpolation == "fourier":
-        return phase_ramps(lf, disparities, weights)
+        return fourier_refocus(lf, disparities, weights)
     if interpolation == "cubic":
         out = lf.device.empty((len(disparities), *lf.shape[2:]), np.float32)
         for index, d in enumerate(disparities):
@@ -371,9 +371,9 @@ def upsampled(lf: LightField, disparity: float, n: int, weights: Any) -> cla.Arr
     phases = (np.arange(n) + 0.5) / n - 0.5
     tables: list[Any] = [kept.astype(np.int32), np.float32(weights).ravel()[kept]]
     for along in (0, 1):
-        place = steps[:, along, None] + phases
-        whole = np.floor(place)
-        away = np.stack((place - whole, 1 - (place - whole)), axis=-1)
+        position = steps[:, along, None] + phases
+        whole = np.floor(position)
+        away = np.stack((position - whole, 1 - (position - whole)), axis=-1)
         tents = np.concatenate((np.maximum(1 - n * away, 0), 1 - away), axis=-1)
         tables += [np.clip(whole, -(2**20), 2**20).astype(np.int32), tents.astype(np.float32)]
     lf.device.launch_rows(

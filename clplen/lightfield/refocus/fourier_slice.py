@@ -17,8 +17,8 @@ from clplen.lightfield.refocus.phase_ramps import (
     channels_of,
     fourier_matrix,
     keep_real,
-    mix,
     take_views,
+    transform_views,
 )
 
 if TYPE_CHECKING:
@@ -112,8 +112,8 @@ def _spectrum(
         fourier_matrix(K, np.arange(n) - n // 2) / _roll_off(n, K, width)
         for n, K in zip((V, U), sizes, strict=True)
     ]
-    along_u = mix(views, matrices[1], batch=V, n=ny * nx, device=lf.device)
-    return mix(along_u, matrices[0], batch=1, n=sizes[1] * ny * nx, device=lf.device)
+    along_u = transform_views(views, matrices[1], batch=V, n=ny * nx, device=lf.device)
+    return transform_views(along_u, matrices[0], batch=1, n=sizes[1] * ny * nx, device=lf.device)
 
 
 def _sliced(

@@ -75,7 +75,9 @@ def fourier_matrix(size: int, places: np.ndarray[Any, Any], *, inverse: bool = F
     return matrix.conj().T / size if inverse else matrix
 
 
-def mix(values: cla.Array, matrix: Matrix, *, batch: int, n: int, device: Device) -> cla.Array:
+def transform_views(
+    values: cla.Array, matrix: Matrix, *, batch: int, n: int, device: Device
+) -> cla.Array:
     """A matrix (i, j) times one axis of an array: (batch, j, n) becomes (batch, i, n), complex64.
 
     Parameters
@@ -100,7 +102,7 @@ def mix(values: cla.Array, matrix: Matrix, *, batch: int, n: int, device: Device
     return out
 
 
-def phase_ramps(lf: LightField, disparities: Vector, weights: Any) -> cla.Array:
+def fourier_refocus(lf: LightField, disparities: Vector, weights: Any) -> cla.Array:
     """Mean of the views, each shifted exactly by a phase ramp in its spectrum; periodic edges.
 
     Parameters
@@ -143,7 +145,7 @@ def phase_ramps(lf: LightField, disparities: Vector, weights: Any) -> cla.Array:
     return out
 
 
-def turned(lf: LightField, spectra: cla.Array, down: Vector, right: Vector) -> None:
+def shift_spectra(lf: LightField, spectra: cla.Array, down: Vector, right: Vector) -> None:
     """Move pictures, given by their spectra (k, y, x), by so many pixels each, in place.
 
     Parameters
@@ -172,7 +174,7 @@ def _ramp(shift: Vector, n: int) -> np.ndarray[Any, np.dtype[np.complex64]]:
     return np.exp(2j * np.pi * (turns - np.rint(turns))).astype(np.complex64)
 
 
-def move_views(lf: LightField, steps: Any) -> LightField:
+def shift_views(lf: LightField, steps: Any) -> LightField:
     """A light field whose views are moved, each by its own distance.
 
     What lay at (y + steps[v, u, 0], x + steps[v, u, 1]) of view (v, u) comes to (y, x), by the
@@ -199,11 +201,11 @@ def move_views(lf: LightField, steps: Any) -> LightField:
     DeviceError
         If both light fields do not fit the device.
     """
-    moves = np.asarray(steps, np.float64)
+    shift = np.asarray(steps, np.float64)
     V, U, ny, nx = lf.shape[:4]
-    if moves.shape != (V, U, 2):
-        raise ShapeError(f"Views are moved by (y, x) each, shape {(V, U, 2)}, not {moves.shape}.")
-    if not np.isfinite(moves).all():
+    if shift.shape != (V, U, 2):
+        raise ShapeError(f"Views are moved by (y, x) each, shape {(V, U, 2)}, not {shift.shape}.")
+    if not np.isfinite(shift).all():
         raise ValueError("The steps of views are finite numbers of pixels.")
     device, row_shape = lf.device, (U, ny, nx, *lf.shape[4:])
     device.require_memory(2 * 4 * int(np.prod(lf.shape)), "The light field of moved views")
@@ -213,7 +215,7 @@ def move_views(lf: LightField, steps: Any) -> LightField:
         for channel in range(channels_of(lf)):
             views = take_views(lf, np.ones(U), np.arange(v * U, (v + 1) * U), channel)
             device.fft.forward(views, device)
-            turned(lf, views, *moves[v].T)
+            shift_spectra(lf, views, *shift[v].T)
             device.fft.inverse(views, device)
             keep_real(row, views, np.ones(U), channel, lf)
         device.copy_into(out, row, v * row.nbytes)

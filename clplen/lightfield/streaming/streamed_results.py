@@ -36,7 +36,7 @@ from clplen.lightfield.depth.depth_map import (
     memory_of,
     with_depth,
 )
-from clplen.lightfield.depth.view_matching import row_sums, sorted_views
+from clplen.lightfield.depth.view_matching import group_views, row_sums
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing
@@ -296,7 +296,7 @@ def stream_depth(
             if levels is None:
                 disparity, confidence = disparity_by(cue, lf, planes)
             else:
-                match = combined_cue.matched(lf, planes, levels, inside=tile.inside)
+                match = combined_cue.match_views(lf, planes, levels, inside=tile.inside)
                 disparity, confidence = match.disparity, match.confidence
                 lost[tile.rows, tile.columns] = match.lost[tile.inside]
             yield with_depth(source, disparity[tile.inside], confidence[tile.inside])
@@ -305,7 +305,7 @@ def stream_depth(
             for name, values in vars(part).items():
                 getattr(maps, name)[tile.rows, tile.columns] = values
     if levels is not None:
-        maps.confidence[...] = combined_cue.merged(maps.confidence, lost)
+        maps.confidence[...] = combined_cue.merge_confidence(maps.confidence, lost)
     return maps
 
 
@@ -398,9 +398,11 @@ def _stack_parts(
             yield part
 
 
-def _levels(source: StoredLightField, plan: StreamPlan, device: Device) -> combined_cue.Levels:
+def _levels(
+    source: StoredLightField, plan: StreamPlan, device: Device
+) -> combined_cue.SampleLevels:
     """Gain and evenness of the whole light field, in bands of its rows."""
-    views = sorted_views(source)
+    views = group_views(source)
     ny = source.shape[2]
     centre = np.empty(source.shape[2:], np.float32)
     sums = np.empty((source.shape[0] * source.shape[1], ny), np.float32)
@@ -412,4 +414,4 @@ def _levels(source: StoredLightField, plan: StreamPlan, device: Device) -> combi
 
     for _ in process_tiles(source, bands(source.shape[2:4], plan.band_rows), process, device, None):
         pass
-    return combined_cue.levels_of(source.shape, views, centre, sums)
+    return combined_cue.sample_levels(source.shape, views, centre, sums)
