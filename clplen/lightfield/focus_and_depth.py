@@ -12,7 +12,6 @@ from clplen.compute.device import DeviceLike, as_device
 from clplen.compute.image import Image
 from clplen.lightfield.depth.all_in_focus import all_in_focus_in_memory
 from clplen.lightfield.depth.depth_map import DepthMap, depth_map_in_memory
-from clplen.lightfield.model.conversion import as_lightfield
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.refocus.focal_stack import FocalStack, focal_stack_in_memory
@@ -80,7 +79,7 @@ def focal_stack(
     options: dict[str, Any] = {"aperture": aperture, "interpolation": interpolation}
     if isinstance(lf, StoredLightField):
         return assemble_stack(lf, **planes, **options, memory=memory, device=device)
-    return focal_stack_in_memory(as_lightfield(lf, device=device), **planes, **options)
+    return focal_stack_in_memory(lf, **planes, **options, device=device)
 
 
 def depth_map(
@@ -157,9 +156,7 @@ def depth_map(
     options: dict[str, Any] = {"alphas": alphas, "disparities": disparities, "cue": cue}
     if isinstance(source, StoredLightField):
         return stream_depth(source, **options, memory=memory, device=device)
-    if not isinstance(source, FocalStack):
-        source = as_lightfield(source, device=device)
-    return depth_map_in_memory(source, **options)
+    return depth_map_in_memory(source, **options, device=device)
 
 
 def all_in_focus(
@@ -219,6 +216,4 @@ def all_in_focus(
         device = as_device(device, optional=True)
         picture = stream_all_in_focus(source, **options, memory=memory, device=device)
         return Image(device.upload(picture), device)
-    if not isinstance(source, FocalStack):
-        source = as_lightfield(source, device=device)
-    return all_in_focus_in_memory(source, **options)
+    return all_in_focus_in_memory(source, **options, device=device)

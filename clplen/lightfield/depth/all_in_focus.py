@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.device import DeviceLike
 from clplen.compute.image import Image
 from clplen.errors import ShapeError
 from clplen.lightfield.arrays.ray_samples import checked_disparity
@@ -37,14 +38,15 @@ _DOUBLINGS = 5  # energy to the power of 32: planes next to the sharpest share, 
 
 
 def all_in_focus_in_memory(
-    source: LightField | FocalStack,
+    source: LightField | FocalStack | ArrayLike,
     *,
     depth: DepthMap | ArrayLike | None = None,
     disparities: ArrayLike | None = None,
+    device: DeviceLike | None = None,
 ) -> Image:
     """`clplen.all_in_focus` of a light field on a device, or of a focal stack."""
     if not isinstance(source, FocalStack):
-        source = as_lightfield(source, "all_in_focus")
+        source = as_lightfield(source, "all_in_focus", device=device)
     check_planes(depth if not isinstance(source, FocalStack) else source, disparities)
     if isinstance(source, FocalStack):
         if depth is None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from clplen.compute.checks import require
+from clplen.compute.device import DeviceLike
 from clplen.compute.hostarray import HostArray
 from clplen.deprecation import warn_caller
 from clplen.errors import SamplingWarning
@@ -78,15 +79,16 @@ class DepthMap(HostArray):
 
 
 def depth_map_in_memory(
-    source: LightField | FocalStack,
+    source: LightField | FocalStack | ArrayLike,
     *,
     alphas: ArrayLike | None = None,
     disparities: ArrayLike | None = None,
     cue: str | None = None,
+    device: DeviceLike | None = None,
 ) -> DepthMap:
     """`clplen.depth_map` of a light field on a device, or of a focal stack."""
     if not isinstance(source, FocalStack):
-        source = as_lightfield(source, "depth_map")
+        source = as_lightfield(source, "depth_map", device=device)
     cue = default_cue(source) if cue is None else checked_cue(cue)
     planes = distinct_planes(source, alphas, disparities)
     return with_depth(source, *disparity_by(cue, source, planes))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.device import Device
+from clplen.compute.device import Device, DeviceLike
 from clplen.compute.hostarray import OnDevice
 from clplen.compute.image import Image
 from clplen.lightfield.arrays.magnify import magnify
@@ -169,15 +169,16 @@ def refocus(
 
 
 def focal_stack_in_memory(
-    lf: LightField,
+    lf: LightField | ArrayLike,
     *,
     alphas: ArrayLike | None = None,
     disparities: ArrayLike | None = None,
     aperture: Any = None,
     interpolation: str = "linear",
+    device: DeviceLike | None = None,
 ) -> FocalStack:
     """`clplen.focal_stack` of a light field on a device, in one pass over it."""
-    lf = as_lightfield(lf, "focal_stack")
+    lf = as_lightfield(lf, "focal_stack", device=device)
     planes, ratios = stack_planes(lf, alphas=alphas, disparities=disparities)
     _check_options(0, False, interpolation, 1)
     weights = view_weights(lf, aperture, None)
