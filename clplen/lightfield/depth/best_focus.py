@@ -1,10 +1,11 @@
-"""Where a telecentric light field is sharpest: beyond the paraxial law at high NA.
+"""Which planes are searched for the best focus, and where it lies beyond the paraxial law.
 
-A ray at the angle theta from z meets the array at X = M z tan(theta), and leaves it towards the
-pixel at f_mu n sin(theta)/M (sine condition). The law d = -M^2 z dx/(n f_mu p) of a plane takes
-tan(theta) = sin(theta); as rays of the rim lie farther out, no d gathers all of them, and the best
-one is r times the paraxial one. With s = sin(theta), c = cos(theta), frequencies k in cycles a
-lenslet and views as bright as the pupil's c^(2 e), r is where the spectral energy
+A telecentric light field of high NA is sharpest off the paraxial plane. A ray at the angle theta
+from z meets the array at X = M z tan(theta), and leaves it towards the pixel at f_mu n sin(theta)/M
+(sine condition). The law d = -M^2 z dx/(n f_mu p) of a plane takes tan(theta) = sin(theta); as rays
+of the rim lie farther out, no d gathers all of them, and the best one is r times the paraxial one.
+With s = sin(theta), c = cos(theta), frequencies k in cycles a lenslet and views as bright as the
+pupil's c^(2 e), r is where the spectral energy
 
     E(r) = int k dk abs(int c^(2 e) J0(2 pi k M z s (1/c - r)/p) s ds)^2
 
@@ -29,7 +30,12 @@ if TYPE_CHECKING:
     from clplen.lightfield.arrays.spectral_sharpness import Peak
     from clplen.lightfield.model.light_field import LightField
 
-HIGH_NA = 0.7  # NA/n from which it is said aloud
+DEFAULT_DISPARITIES = (-2.0, 2.0, 33)  # first, last, how many
+DEFAULT_ALPHAS = (0.65, 1.35, 33)
+HIGH_NA = 0.7  # NA/n from which warnings name the ratio
+SEARCH_SHARE = 0.95  # of the largest search that a light field allows
+
+_FAR = 1e3  # metres: as good as infinity, and still finite
 
 _NODES = 96  # over the pupil
 _FREQUENCIES = 16
@@ -108,19 +114,16 @@ def high_na_message(camera: Any, disparity: float) -> str:
     )
 
 
-DEFAULT_DISPARITIES = (-2.0, 2.0, 33)  # first, last, how many
-DEFAULT_ALPHAS = (0.65, 1.35, 33)
-_FAR = 1e3  # metres: as good as infinity, and still a place
+class _AlphaSource(Protocol):
+    """What knows its camera and turns disparity into alpha."""
 
-
-class _Known(Protocol):
     @property
     def camera(self) -> Any: ...
 
     def alpha(self, disparity: Any) -> Any: ...
 
 
-def suitable_planes(lf: _Known, *, count: int | None = None) -> dict[str, Any]:
+def suitable_planes(lf: _AlphaSource, *, count: int | None = None) -> dict[str, Any]:
     """Planes that suit what a light field knows, as ``alphas`` or ``disparities`` of `focal_stack`.
 
     Parameters
@@ -150,14 +153,11 @@ def suitable_planes(lf: _Known, *, count: int | None = None) -> dict[str, Any]:
     return {"disparities": np.linspace(low, high, count or many)}
 
 
-def default_disparities(lf: _Known) -> Any:
+def default_disparities(lf: _AlphaSource) -> Any:
     """Disparities that are tried where none were given: `suitable_planes` of a microscope."""
     if is_telecentric(lf):
         return suitable_planes(lf)["disparities"]
     return np.linspace(*DEFAULT_DISPARITIES)
-
-
-SEARCH_SHARE = 0.95  # of the largest search that a light field allows
 
 
 def warn_at_search_end(lf: LightField, peak: Peak, limit: float) -> None:

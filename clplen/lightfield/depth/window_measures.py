@@ -1,4 +1,8 @@
-"""A window of lenslets out of a light field, on the host."""
+"""Windows of lenslets on the host, and measures of their depth beside the spectral ones.
+
+The slope of a point in phase space (`fit_slope`), and the focus measure as the thesis prints it
+(`thesis_curve`), a baseline to compare with.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +20,13 @@ if TYPE_CHECKING:
 
     from clplen.lightfield.model.light_field import LightField
 
+THESIS_WINDOW = 31
+THESIS_ALPHAS = np.round(0.7 + 0.005 * np.arange(121), 3)
+
+_LOWEST = 0.1  # cycles a lenslet, of the thesis' measure
+_SPOT = 0.5  # of a sub-image's maximum: what is above is the spot, not a neighbour's tail
+_FAINTEST = 0.03  # of the brightest sub-image: fainter ones are diffraction
+_POWER = 0.75  # of a sub-image's energy, its weight: between light and energy
 _SMOOTHING = 8  # windows are found in a picture smoothed by a Gaussian of window/8
 
 
@@ -46,7 +57,7 @@ def read_window(
         for centre, n in zip(at, lf.shape[2:4], strict=True)
     ]
     rows, columns = (slice(*ends) for ends in ranges)
-    part = _fetched(lf, rows, columns).astype(np.float64)
+    part = _download_window(lf, rows, columns).astype(np.float64)
     part = part.reshape(*part.shape[:4], colours) * lf.weights[:, :, None, None, None]
     window = np.moveaxis(part, -1, 0)
     if not fill:
@@ -70,39 +81,14 @@ def brightest(lf: LightField, size: int) -> tuple[int, int]:
     return int(y), int(x)
 
 
-def _fetched(lf: LightField, rows: slice, columns: slice) -> np.ndarray[Any, Any]:
-    """Some rows and columns of every view; no other sample leaves the device."""
-    V, U, ny, nx = lf.shape[:4]
-    sample = lf.data.nbytes // (V * U * ny * nx)  # bytes, of all colours
-    shape = (V, U, rows.stop - rows.start, columns.stop - columns.start, *lf.shape[4:])
-    part = np.empty(shape, lf.dtype)
-    copy: Any = cl.enqueue_copy  # its types leave out buffer_origin
-    with device_errors(lf.device.cl_device, "A copy to the host"):
-        copy(
-            lf.device.queue,
-            part,
-            lf.data.base_data,
-            buffer_origin=(lf.data.offset + columns.start * sample, rows.start, 0),
-            host_origin=(0, 0, 0),
-            region=(shape[3] * sample, shape[2], V * U),
-            buffer_pitches=(nx * sample, ny * nx * sample),
-            host_pitches=(shape[3] * sample, shape[2] * shape[3] * sample),
-            is_blocking=True,
-        )
-    return part
-
-
-THESIS_WINDOW = 31
-THESIS_ALPHAS = np.round(0.7 + 0.005 * np.arange(121), 3)
-_LOWEST = 0.1  # cycles a lenslet
-
-
 def thesis_curve(window: Real) -> Real:
-    """Focus measure at `THESIS_ALPHAS`.
+    """Focus measure of the thesis at `THESIS_ALPHAS`.
 
     I(x') = sum_u L(x'/alpha + u (1 - 1/alpha), u), x' in lenslets from the centre of the window,
     u in pixels from the centre of the cell, linear, 0 outside; E = sum of |FFT I|^2 over radii
-    above 0.1 cycles a lenslet.
+    above 0.1 cycles a lenslet. It shears the lenslets' own cells by eq. 3.9, with indices of
+    lenslets and pixels in the place of lengths, and knows nothing of diffraction: all three pull
+    alpha towards 1.
 
     Parameters
     ----------
@@ -137,11 +123,6 @@ def _shear(count: int, views: int, alpha: float) -> scipy.sparse.csr_array:
     return scipy.sparse.csr_array(weights.reshape(count, views * count))
 
 
-_SPOT = 0.5  # of a sub-image's maximum: what is above is the spot, not a neighbour's tail
-_FAINTEST = 0.03  # of the brightest sub-image: fainter ones are diffraction
-_POWER = 0.75  # of a sub-image's energy, its weight: between light and energy
-
-
 @dataclass(frozen=True)
 class PhaseSlope:
     """A line fitted to the spots of one point. Made by `fit_slope`.
@@ -163,7 +144,7 @@ class PhaseSlope:
 
 
 def fit_slope(window: Real, *, aspect: float = 1.0) -> PhaseSlope:
-    """Regress the place of the spot in a sub-image on the place of its lenslet.
+    """Regress the position of the spot in a sub-image on the position of its lenslet.
 
     A point lies on x = X - d u in pixels and views (thesis, section 3.4: the slope tells depth,
     its sign nearer or farther). Each lenslet sees one spot, whose centroid in (v, u), of what
@@ -203,3 +184,25 @@ def fit_slope(window: Real, *, aspect: float = 1.0) -> PhaseSlope:
         return PhaseSlope(0.0, 0.0, spots)
     confidence = cross**2 / (spread * scatter)
     return PhaseSlope(-spread / cross, float(np.clip(confidence, 0, 1)), spots)
+
+
+def _download_window(lf: LightField, rows: slice, columns: slice) -> np.ndarray[Any, Any]:
+    """Some rows and columns of every view; no other sample leaves the device."""
+    V, U, ny, nx = lf.shape[:4]
+    sample = lf.data.nbytes // (V * U * ny * nx)  # bytes, of all colours
+    shape = (V, U, rows.stop - rows.start, columns.stop - columns.start, *lf.shape[4:])
+    part = np.empty(shape, lf.dtype)
+    copy: Any = cl.enqueue_copy  # its types leave out buffer_origin
+    with device_errors(lf.device.cl_device, "A copy to the host"):
+        copy(
+            lf.device.queue,
+            part,
+            lf.data.base_data,
+            buffer_origin=(lf.data.offset + columns.start * sample, rows.start, 0),
+            host_origin=(0, 0, 0),
+            region=(shape[3] * sample, shape[2], V * U),
+            buffer_pitches=(nx * sample, ny * nx * sample),
+            host_pitches=(shape[3] * sample, shape[2] * shape[3] * sample),
+            is_blocking=True,
+        )
+    return part
