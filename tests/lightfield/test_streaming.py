@@ -10,7 +10,7 @@ import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from clplen.errors import ShapeError
-from clplen.lightfield.depth.depth_map import CUES, memory_of
+from clplen.lightfield.depth.depth_map import CUES, cue_named
 from clplen.lightfield.focus_and_depth import all_in_focus, depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
@@ -149,7 +149,7 @@ def test_depth(device, pair, cue):
     if cue == "structure-tensor" and source.positions is not None:
         pytest.skip("these positions lie in no rows")
     whole = depth_map(lf, disparities=PLANES, cue=cue)
-    works = [memory_of(cue, source, PLANES)]
+    works = [cue_named(cue).memory(source, PLANES)]
     for memory in budgets(source, works, device, 0.3):
         plan = plan_tiles(source, works, memory=memory, device=device)
         assert not plan.in_core or cue == "combined"
@@ -168,7 +168,7 @@ def test_combined_of_what_is_lost_in_noise(device, dtype):
     lf = LightField.from_array(values, device=device)
     whole = depth_map(lf, disparities=PLANES)
     source = StoredLightField.from_array(values)
-    works = [memory_of("combined", source, PLANES)]
+    works = [cue_named("combined").memory(source, PLANES)]
     memory = int(0.8 * plan_tiles(source, works, memory=1 << 40, device=device).bytes_peak)
     assert len(plan_tiles(source, works, memory=memory, device=device).tiles) > 1
     found = stream_depth(source, disparities=PLANES, memory=memory, device=device)

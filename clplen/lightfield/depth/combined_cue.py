@@ -9,7 +9,14 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
-from clplen.lightfield.depth.cue import MAP_BYTES, Cue, depth_memory
+from clplen.lightfield.depth.cue import (
+    MAP_BYTES,
+    Cue,
+    Mask,
+    PartialDepth,
+    TwoPasses,
+    depth_memory,
+)
 from clplen.lightfield.depth.energy_cue import PICTURES, energy_disparity, energy_floats
 from clplen.lightfield.depth.view_matching import (
     WINDOW,
@@ -85,9 +92,9 @@ def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     DeviceError
         If what is needed is larger than the device's memory.
     """
-    views = group_views(lf)
-    levels = sample_levels(lf.shape, views, centre_picture(lf, views), row_sums(lf))
-    found = match_views(lf, planes, levels)
+    survey = LevelSurvey(lf)
+    survey.add(slice(0, lf.shape[2]), lf)
+    found = match_views(lf, planes, survey.finish())
     return found.disparity, merge_confidence(found.confidence, found.lost)
 
 
@@ -107,40 +114,29 @@ class SampleLevels:
     even: Vector
 
 
-@dataclass(frozen=True)
-class MatchResult:
-    """What is found at every pixel, shape (y, x).
-
-    Attributes
-    ----------
-    disparity, confidence : numpy.ndarray
-        float32.
-    lost : numpy.ndarray
-        bool: where the views agree on no plane, and both are those of the sharpest plane.
-    """
-
-    disparity: Map
-    confidence: Map
-    lost: np.ndarray[Any, np.dtype[np.bool_]]
-
-
-def sample_levels(
-    shape: tuple[int, ...], views: ViewGroups, centre: Map, sums: Map
-) -> SampleLevels:
-    """Gain and evenness of a whole light field.
+class LevelSurvey:
+    """Gain and vignetting of a light field, seen in bands of full rows.
 
     Parameters
     ----------
-    shape : tuple of int
-        (v, u, y, x[, c]).
-    views : ViewGroups
-    centre : numpy.ndarray
-        `centre_picture`.
-    sums : numpy.ndarray
-        `row_sums`.
+    source : LightField or StoredLightField
     """
-    means = sums.sum(axis=1, dtype=np.float64) / int(np.prod(shape[2:], dtype=np.int64))
-    return SampleLevels(_gain(centre), _vignetting_gains(means[views.view], views))
+
+    def __init__(self, source: LightField | StoredLightField) -> None:
+        self._views = group_views(source)
+        self._centre = np.empty(source.shape[2:], np.float32)
+        self._sums = np.empty((source.shape[0] * source.shape[1], source.shape[2]), np.float32)
+
+    def add(self, rows: slice, lf: LightField) -> None:
+        """Look at some rows of all views."""
+        self._centre[rows] = centre_picture(lf, self._views)
+        self._sums[:, rows] = row_sums(lf)
+
+    def finish(self) -> SampleLevels:
+        """Gain and evenness, when all rows were added."""
+        means = self._sums.sum(axis=1, dtype=np.float64) / self._centre.size
+        gains = _vignetting_gains(means[self._views.view], self._views)
+        return SampleLevels(_gain(self._centre), gains)
 
 
 def centre_picture(lf: LightField, views: ViewGroups) -> Map:
@@ -154,7 +150,7 @@ def centre_picture(lf: LightField, views: ViewGroups) -> Map:
 
 def match_views(
     lf: LightField, planes: Vector, levels: SampleLevels, *, inside: tuple[slice, ...] = ()
-) -> MatchResult:
+) -> PartialDepth:
     """Disparity of each pixel from its neighbourhood, `_REACH` pixels wide, in the views.
 
     Parameters
@@ -163,14 +159,14 @@ def match_views(
         All, or a part of its rows and columns.
     planes : numpy.ndarray
         Disparities, rising, at least three.
-    levels : Levels
+    levels : SampleLevels
         Of the whole light field.
     inside : tuple of slice
         Rows and columns that are wanted; default all.
 
     Returns
     -------
-    Matched
+    PartialDepth
         Of the whole of ``lf``.
     """
     planes = _dense(planes)
@@ -178,13 +174,13 @@ def match_views(
     if found.lost[inside].any():
         sharpest, clear = energy_disparity(lf, planes)
         disparity = np.where(found.lost, sharpest, found.disparity)
-        found = MatchResult(disparity, np.where(found.lost, clear, found.confidence), found.lost)
+        found = PartialDepth(disparity, np.where(found.lost, clear, found.confidence), found.lost)
     disparity = np.where(margin > 0, found.disparity, planes[np.argmin(np.abs(planes))])
     disparity = np.clip(disparity, planes[0], planes[-1]).astype(np.float32)
-    return MatchResult(disparity, found.confidence.astype(np.float32), found.lost)
+    return PartialDepth(disparity, found.confidence.astype(np.float32), found.lost)
 
 
-def _match(lf: LightField, planes: Vector, levels: SampleLevels) -> tuple[MatchResult, Map]:
+def _match(lf: LightField, planes: Vector, levels: SampleLevels) -> tuple[PartialDepth, Map]:
     """What matching finds, and how deep the valley of its costs is."""
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
@@ -204,10 +200,10 @@ def _match(lf: LightField, planes: Vector, levels: SampleLevels) -> tuple[MatchR
     sure = known * len(views.view) / np.maximum(noise, 1) ** 2
     confidence = margin * sure / (sure + 1 / _SURE**2)
     lost = (least > _LOST * thresholds(channels)[0]) & (confidence < _SHALLOW)
-    return MatchResult(refined, confidence, lost), margin
+    return PartialDepth(refined, confidence, lost), margin
 
 
-def merge_confidence(confidence: Map, lost: np.ndarray[Any, np.dtype[np.bool_]]) -> Map:
+def merge_confidence(confidence: Map, lost: Mask) -> Map:
     """Confidence of the whole map: what was matched is surer than what is only sharpest."""
     usual = np.median(confidence[~lost]) if lost.any() and not lost.all() else 0.0
     return np.where(lost, confidence * usual, confidence) if usual > _SHALLOW else confidence
@@ -404,4 +400,8 @@ def combined_memory(source: StoredLightField, planes: Vector) -> MemoryEstimate:
     )
 
 
-CUE = Cue(combined_disparity, combined_memory)
+CUE = Cue(
+    combined_disparity,
+    combined_memory,
+    TwoPasses(LevelSurvey, match_views, merge_confidence),
+)

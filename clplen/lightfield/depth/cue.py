@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -23,8 +23,57 @@ if TYPE_CHECKING:
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
+Mask = np.ndarray[Any, np.dtype[np.bool_]]
+
 AT_ONCE = 8  # planes whose curve is held at a time
 MAP_BYTES = 16  # of a pixel of a depth map: four float32
+
+
+@dataclass(frozen=True)
+class PartialDepth:
+    """What a cue of two passes finds in a part of a light field, at every pixel, shape (y, x).
+
+    Attributes
+    ----------
+    disparity, confidence : numpy.ndarray
+        float32.
+    lost : numpy.ndarray
+        bool: where the views agree on no plane, and both are those of the sharpest plane.
+    """
+
+    disparity: Map
+    confidence: Map
+    lost: Mask
+
+
+class Survey(Protocol):
+    """What a cue learns of a whole light field, from bands of full rows, before it finds depth."""
+
+    def add(self, rows: slice, lf: LightField) -> None:
+        """Look at some rows of all views."""
+
+    def finish(self) -> Any:
+        """What `TwoPasses.disparity` takes, when all rows were added."""
+
+
+@dataclass(frozen=True)
+class TwoPasses:
+    """How a cue that depends on the whole light field is made in parts.
+
+    Attributes
+    ----------
+    survey : callable
+        (stored light field) to a `Survey`.
+    disparity : callable
+        (part, rising planes, what the survey gave, inside=(rows, columns) that are wanted) to the
+        `PartialDepth` of the whole part.
+    merge_confidence : callable
+        (confidence, lost) of the whole map to its confidence.
+    """
+
+    survey: Callable[[StoredLightField], Survey]
+    disparity: Callable[..., PartialDepth]
+    merge_confidence: Callable[[Map, Mask], Map]
 
 
 @dataclass(frozen=True)
@@ -37,10 +86,13 @@ class Cue:
         (light field, rising planes) to (disparity, confidence), float32, shape (y, x).
     memory : callable
         (stored light field, rising planes) to the `MemoryEstimate` of that.
+    two_passes : TwoPasses or None
+        For a cue whose parts depend on the whole light field.
     """
 
     disparity: Callable[[LightField, Vector], tuple[Map, Map]]
     memory: Callable[[StoredLightField, Vector], MemoryEstimate]
+    two_passes: TwoPasses | None = None
 
 
 def nearest_zero(planes: Vector) -> float:

@@ -20,13 +20,13 @@ from clplen.lightfield.depth import (
     structure_tensor_cue,
 )
 from clplen.lightfield.depth.best_focus import default_disparities, high_na_message
-from clplen.lightfield.depth.energy_cue import LocalEnergy, energy_disparity
+from clplen.lightfield.depth.cue import Cue
+from clplen.lightfield.depth.energy_cue import LocalEnergy
 from clplen.lightfield.model.alpha_law import depth_at
 from clplen.lightfield.model.conversion import as_lightfield
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.raw.raw_image import is_telecentric
 from clplen.lightfield.refocus.focal_stack import FocalStack
-from clplen.lightfield.refocus.memory_estimate import MemoryEstimate
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -89,9 +89,17 @@ def depth_map_in_memory(
     """`clplen.depth_map` of a light field on a device, or of a focal stack."""
     if not isinstance(source, FocalStack):
         source = as_lightfield(source, "depth_map", device=device)
-    cue = default_cue(source) if cue is None else checked_cue(cue)
+    name = default_cue(source) if cue is None else cue
+    chosen = cue_named(name)
     planes = distinct_planes(source, alphas, disparities)
-    return with_depth(source, *disparity_by(cue, source, planes))
+    if isinstance(source, FocalStack):
+        if name != "energy":
+            raise ValueError(
+                f"cue={name!r} compares views, which a focal stack does not have: give the light "
+                "field, or cue='energy'."
+            )
+        return with_depth(source, *energy_cue.energy_disparity(source, planes))
+    return with_depth(source, *chosen.disparity(source, planes))
 
 
 def default_cue(source: LightField | FocalStack | StoredLightField) -> str:
@@ -100,7 +108,7 @@ def default_cue(source: LightField | FocalStack | StoredLightField) -> str:
     return "energy" if sharpest else "combined"
 
 
-def checked_cue(cue: str) -> str:
+def cue_named(name: str) -> Cue:
     """One of the cues.
 
     Raises
@@ -108,26 +116,9 @@ def checked_cue(cue: str) -> str:
     ValueError
         If it is none.
     """
-    if cue not in CUES:
-        raise ValueError(f"The cues of depth_map are {', '.join(map(repr, CUES))}, not {cue!r}.")
-    return cue
-
-
-def disparity_by(cue: str, source: LightField | FocalStack, planes: Vector) -> tuple[Map, Map]:
-    """(disparity, confidence) by a cue, from rising planes."""
-    if isinstance(source, FocalStack):
-        if cue == "energy":
-            return energy_disparity(source, planes)
-        raise ValueError(
-            f"cue={cue!r} compares views, which a focal stack does not have: give the light field, "
-            "or cue='energy'."
-        )
-    return _CUES[cue].disparity(source, planes)
-
-
-def memory_of(cue: str, source: StoredLightField, planes: Vector) -> MemoryEstimate:
-    """What a cue needs, as the cue states it."""
-    return _CUES[cue].memory(source, planes)
+    if name not in CUES:
+        raise ValueError(f"The cues of depth_map are {', '.join(map(repr, CUES))}, not {name!r}.")
+    return _CUES[name]
 
 
 def sharpness_curve(stack: FocalStack) -> Vector:

@@ -2,7 +2,7 @@
 
 A light field is read tile by tile, each with a halo as wide as the planes shift its views and the
 windows of a cue reach, and every tile goes through the same functions as a whole light field. What
-depends on the whole picture (`clplen.lightfield.depth.combined_cue`) is found in a pass before.
+depends on the whole picture is found in a pass before (`clplen.lightfield.depth.cue.TwoPasses`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import numpy as np
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.oneline import OneLine
 from clplen.lightfield.arrays.ray_samples import INTERPOLATIONS
-from clplen.lightfield.depth import combined_cue
 from clplen.lightfield.depth.all_in_focus import (
     all_in_focus_in_memory,
     blend_memory,
@@ -26,17 +25,15 @@ from clplen.lightfield.depth.all_in_focus import (
     surface_memory,
 )
 from clplen.lightfield.depth.best_focus import default_disparities
+from clplen.lightfield.depth.cue import TwoPasses
 from clplen.lightfield.depth.depth_map import (
     DepthMap,
-    checked_cue,
+    cue_named,
     default_cue,
     depth_map_in_memory,
-    disparity_by,
     distinct_planes,
-    memory_of,
     with_depth,
 )
-from clplen.lightfield.depth.view_matching import group_views, row_sums
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing
@@ -280,32 +277,34 @@ def stream_depth(
         As in `stream_stack`.
     """
     device = _check_source(source, device)
-    cue = default_cue(source) if cue is None else checked_cue(cue)
+    name = default_cue(source) if cue is None else cue
+    chosen = cue_named(name)
     planes = distinct_planes(source, alphas, disparities)
-    plan = plan_tiles(source, [memory_of(cue, source, planes)], memory=memory, device=device)
+    plan = plan_tiles(source, [chosen.memory(source, planes)], memory=memory, device=device)
     if plan.in_core:
-        found = depth_map_in_memory(source.load(device), disparities=planes, cue=cue)
+        result = depth_map_in_memory(source.load(device), disparities=planes, cue=name)
         report(progress, 1, 1)
-        return found
-    lost = np.zeros(source.shape[2:4] if cue == "combined" else (0, 0), np.bool_)
+        return result
+    passes = chosen.two_passes
+    lost = np.zeros(source.shape[2:4] if passes else (0, 0), np.bool_)
     maps = DepthMap(*(np.empty(source.shape[2:4], np.float32) for _ in range(4)))
     with fast_source(source, plan) as fast:
-        levels = _levels(fast, plan, device) if cue == "combined" else None
+        known = _surveyed(fast, plan, passes, device) if passes else None
 
         def process(tile: Tile, lf: LightField) -> Iterator[DepthMap]:
-            if levels is None:
-                disparity, confidence = disparity_by(cue, lf, planes)
+            if passes is None:
+                disparity, confidence = chosen.disparity(lf, planes)
             else:
-                match = combined_cue.match_views(lf, planes, levels, inside=tile.inside)
-                disparity, confidence = match.disparity, match.confidence
-                lost[tile.rows, tile.columns] = match.lost[tile.inside]
+                part = passes.disparity(lf, planes, known, inside=tile.inside)
+                disparity, confidence = part.disparity, part.confidence
+                lost[tile.rows, tile.columns] = part.lost[tile.inside]
             yield with_depth(source, disparity[tile.inside], confidence[tile.inside])
 
         for tile, part in process_tiles(fast, plan.tiles, process, device, progress):
-            for name, values in vars(part).items():
-                getattr(maps, name)[tile.rows, tile.columns] = values
-    if levels is not None:
-        maps.confidence[...] = combined_cue.merge_confidence(maps.confidence, lost)
+            for attribute, values in vars(part).items():
+                getattr(maps, attribute)[tile.rows, tile.columns] = values
+    if passes is not None:
+        maps.confidence[...] = passes.merge_confidence(maps.confidence, lost)
     return maps
 
 
@@ -398,20 +397,14 @@ def _stack_parts(
             yield part
 
 
-def _levels(
-    source: StoredLightField, plan: StreamPlan, device: Device
-) -> combined_cue.SampleLevels:
-    """Gain and evenness of the whole light field, in bands of its rows."""
-    views = group_views(source)
-    ny = source.shape[2]
-    centre = np.empty(source.shape[2:], np.float32)
-    sums = np.empty((source.shape[0] * source.shape[1], ny), np.float32)
+def _surveyed(source: StoredLightField, plan: StreamPlan, passes: TwoPasses, device: Device) -> Any:
+    """What a cue learns of the whole light field, in bands of its rows."""
+    survey = passes.survey(source)
 
     def process(tile: Tile, lf: LightField) -> Iterator[None]:
-        centre[tile.rows] = combined_cue.centre_picture(lf, views)
-        sums[:, tile.rows] = row_sums(lf)
+        survey.add(tile.rows, lf)
         yield None
 
     for _ in process_tiles(source, bands(source.shape[2:4], plan.band_rows), process, device, None):
         pass
-    return combined_cue.sample_levels(source.shape, views, centre, sums)
+    return survey.finish()
