@@ -127,8 +127,8 @@ def _between(stack: FocalStack, disparity: np.ndarray[Any, Any]) -> cla.Array:
         for index, plane in enumerate(order):
             picture = stack.data[int(plane)]
             stack.device.copy_into(data, picture, index * picture.nbytes)
-    place = np.interp(disparity, rising, np.arange(rising.size)).astype(np.float32)
-    return _launch("between", stack, data, stack.device.upload(place))
+    position = np.interp(disparity, rising, np.arange(rising.size)).astype(np.float32)
+    return _launch("between", stack, data, stack.device.upload(position))
 
 
 def _blended(stack: FocalStack) -> cla.Array:
@@ -138,13 +138,13 @@ def _blended(stack: FocalStack) -> cla.Array:
     maps = 4 * ny * nx * (count + _AT_ONCE)
     device.require_memory(stack.data.nbytes + maps, "This stack with its sharpness")
     energies = device.empty((count, ny, nx), np.float32)
-    some = device.empty((min(_AT_ONCE, count), ny, nx), np.float32)
+    batch = device.empty((min(_AT_ONCE, count), ny, nx), np.float32)
     gather = Smoother(gaussian_taps(_WINDOW), device=device)
     measure = LocalEnergy(_HIGH_PASS, stack.shape[1:], device=device)
     for start in range(0, count, _AT_ONCE):
         planes = min(_AT_ONCE, count - start)
-        measure(some, stack, start=start, count=planes)
-        gather(energies, some, start=start, count=planes)
+        measure(batch, stack, start=start, count=planes)
+        gather(energies, batch, start=start, count=planes)
     return _launch("blend", stack, stack.data, energies, np.int32(_DOUBLINGS))
 
 

@@ -403,25 +403,25 @@ def _slope(
             f"The {window} x {window} lenslets round {at} are black: give another at= or a larger "
             "window."
         )
-    found = fit_slope(samples, aspect=_aspect(lf.spacing))
-    alpha = float(lf.shear_alpha(found.disparity))
+    slope = fit_slope(samples, aspect=_aspect(lf.spacing))
+    alpha = float(lf.shear_alpha(slope.disparity))
     uncertainty, in_focus = math.nan, False
     if optics is not None:
-        in_focus = abs(alpha - 1) < _IN_FOCUS * optics.tolerance or found.spots == 1
+        in_focus = abs(alpha - 1) < _IN_FOCUS * optics.tolerance or slope.spots == 1
         uncertainty = optics.uncertainty(alpha, "slope", in_focus)
-        uncertainty += paraxial_excess(lf, alpha, found.disparity)
+        uncertainty += paraxial_excess(lf, alpha, slope.disparity)
     none = np.empty(0)
     return AlphaEstimate(
         alpha=math.nan if is_telecentric(lf) else alpha,
-        z=float(depth_at(lf, found.disparity)),
+        z=float(depth_at(lf, slope.disparity)),
         in_focus=in_focus,
         uncertainty=uncertainty,
         curve=(none, none),
         method="slope",
-        disparity=found.disparity,
+        disparity=slope.disparity,
         disparities=none,
         at=at,
-        confidence=found.confidence,
+        confidence=slope.confidence,
         blur=_blur(alpha, optics),
         z_uncertainty=z_uncertainty(lf, alpha, uncertainty),
     )

@@ -94,8 +94,8 @@ def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     """
     survey = LevelSurvey(lf)
     survey.add(slice(0, lf.shape[2]), lf)
-    found = match_views(lf, planes, survey.finish())
-    return found.disparity, merge_confidence(found.confidence, found.lost)
+    result = match_views(lf, planes, survey.finish())
+    return result.disparity, merge_confidence(result.confidence, result.lost)
 
 
 @dataclass(frozen=True)
@@ -170,14 +170,16 @@ def match_views(
         Of the whole of ``lf``.
     """
     planes = _dense(planes)
-    found, margin = _match(lf, planes, levels)
-    if found.lost[inside].any():
+    result, margin = _match(lf, planes, levels)
+    if result.lost[inside].any():
         sharpest, clear = energy_disparity(lf, planes)
-        disparity = np.where(found.lost, sharpest, found.disparity)
-        found = PartialDepth(disparity, np.where(found.lost, clear, found.confidence), found.lost)
-    disparity = np.where(margin > 0, found.disparity, planes[np.argmin(np.abs(planes))])
+        disparity = np.where(result.lost, sharpest, result.disparity)
+        result = PartialDepth(
+            disparity, np.where(result.lost, clear, result.confidence), result.lost
+        )
+    disparity = np.where(margin > 0, result.disparity, planes[np.argmin(np.abs(planes))])
     disparity = np.clip(disparity, planes[0], planes[-1]).astype(np.float32)
-    return PartialDepth(disparity, found.confidence.astype(np.float32), found.lost)
+    return PartialDepth(disparity, result.confidence.astype(np.float32), result.lost)
 
 
 def _match(lf: LightField, planes: Vector, levels: SampleLevels) -> tuple[PartialDepth, Map]:
@@ -302,12 +304,12 @@ def _valley(
     """Disparity of the least cost, its plane, the cost, and its depth below the second, 0 to 1."""
     device = lf.device
     _, ny, nx = (int(n) for n in costs.shape)
-    place, least, second, mean = (device.empty((ny, nx), np.float32) for _ in range(4))
+    position, least, second, mean = (device.empty((ny, nx), np.float32) for _ in range(4))
     nearest = device.empty((ny, nx), np.int32)
     device.launch_rows(
         depth_kernel(lf, "valley"),
         (ny, nx),
-        place,
+        position,
         nearest,
         least,
         second,
@@ -318,7 +320,7 @@ def _valley(
     )
     low, next_low, usual = (device.download(a) for a in (least, second, mean))
     rise = np.minimum(next_low, usual) - low
-    return place, nearest, low, np.clip(rise / np.maximum(usual, 1e-6), 0, 1)
+    return position, nearest, low, np.clip(rise / np.maximum(usual, 1e-6), 0, 1)
 
 
 def _refined(

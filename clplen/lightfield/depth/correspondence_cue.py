@@ -86,15 +86,15 @@ def shear_moments(lf: LightField, planes: Vector) -> Moments:
 
 
 def _launch_blocks(
-    lf: LightField, args: tuple[Any, ...], planes: int, place: np.ndarray[Any, Any]
+    lf: LightField, args: tuple[Any, ...], planes: int, position: np.ndarray[Any, Any]
 ) -> bool:
     """Enqueue moments_blocks, unless local memory does not suffice for planes so far apart."""
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
     lanes = vectors_of(device)[0]
     chunk = lanes * _VECTORS
-    low = place[..., 1:3].min(axis=0)
-    span = place[..., 1:3].max(axis=0) - low
+    low = position[..., 1:3].min(axis=0)
+    span = position[..., 1:3].max(axis=0) - low
     pitch = -(-(chunk + (int(span[:, 1].max()) + 1) * channels) // lanes) * lanes
     sums = (3 * planes + 1) * _HEIGHT * chunk + chunk
     rows = (_HEIGHT + 1 + int(span[:, 0].max())) * pitch
@@ -146,10 +146,10 @@ def correspondence_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     tracker = PeakTracker(size, device=lf.device, start=start, most=AT_ONCE, lowest=True)
     gather = Smoother(box_taps(_BOX), device=lf.device)
     for first in range(0, planes.size, AT_ONCE):
-        some = planes[first : first + AT_ONCE]
-        variance = add_colours(shear_moments(lf, some).variance, lf.device)
-        gather(tracker.curve, variance, start=tracker.held, count=some.size)
-        tracker.add(some)
+        batch = planes[first : first + AT_ONCE]
+        variance = add_colours(shear_moments(lf, batch).variance, lf.device)
+        gather(tracker.curve, variance, start=tracker.held, count=batch.size)
+        tracker.add(batch)
     return tracker.finish()
 
 

@@ -58,7 +58,7 @@ def structure_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     require_maps(lf, 9 + (6 if len(lf.shape) == 5 else 0), 6)
     shears, step = _shears(planes)
     best, second = (device.zeros((ny, nx), np.float32) for _ in range(2))
-    place = device.upload(np.full((ny, nx), nearest_zero(planes), np.float32))
+    position = device.upload(np.full((ny, nx), nearest_zero(planes), np.float32))
     gathered = device.empty((6, ny, nx), np.float32)
     gather = Smoother(gaussian_taps(_WINDOW), device=device)
     for shear in shears:
@@ -66,13 +66,13 @@ def structure_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
         device.launch_rows(
             device.kernel("coherence.cl", "most_coherent"),
             (ny, nx),
-            *(best, second, place, gathered),
+            *(best, second, position, gathered),
             *(np.float32(value) for value in (shear, _REACH * step)),
             *(np.int32(n) for n in (ny, nx)),
         )
     sure = device.download(best) - device.download(second)
-    found = np.clip(device.download(place), planes[0], planes[-1])
-    return found.astype(np.float32), sure.clip(0, 1)
+    result = np.clip(device.download(position), planes[0], planes[-1])
+    return result.astype(np.float32), sure.clip(0, 1)
 
 
 def _require_rows(lf: LightField) -> None:
@@ -125,18 +125,18 @@ def _pairs(lf: LightField, along: int) -> tuple[Table, Vector]:
     where = -unit_steps(lf)[..., along]
     if along == 0:
         numbers, where = numbers.T, where.T
-    found = [(0, 0, 0.0)]
+    result = [(0, 0, 0.0)]
     for views, places in zip(numbers, where, strict=True):
         lit = lf.weights.ravel()[views] > 0
         views, places = views[lit], places[lit]
         apart = max(views.size // 2, 1)
         distance = places[apart:] - places[:-apart]
-        found += [
+        result += [
             (m, n, 1 / step)
             for m, n, step in zip(views, views[apart:], distance, strict=False)
             if step != 0
         ]
-    pairs = np.array(found)
+    pairs = np.array(result)
     return pairs[:, :2].astype(int).ravel(), np.repeat(pairs[:, 2], 2)
 
 

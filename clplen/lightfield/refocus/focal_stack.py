@@ -364,26 +364,26 @@ def upsampled(lf: LightField, disparity: float, n: int, weights: Any) -> cla.Arr
     n = int(n)
     _, _, ny, nx = lf.shape[:4]
     channels = lf.shape[4] if len(lf.shape) == 5 else 1
-    kept = np.flatnonzero(weights)
+    views = np.flatnonzero(weights)
     out_shape = (n * ny, n * nx, *lf.shape[4:])
     lf.device.require_memory(4 * n * n * ny * nx * channels + lf.data.nbytes, "The finer picture")
     out = lf.device.empty(out_shape, np.float32)
-    steps = unit_steps(lf).reshape(-1, 2)[kept] * disparity
+    steps = unit_steps(lf).reshape(-1, 2)[views] * disparity
     phases = (np.arange(n) + 0.5) / n - 0.5
-    tables: list[Any] = [kept.astype(np.int32), np.float32(weights).ravel()[kept]]
+    tables: list[Any] = [views.astype(np.int32), np.float32(weights).ravel()[views]]
     for along in (0, 1):
         position = steps[:, along, None] + phases
-        whole = np.floor(position)
-        away = np.stack((position - whole, 1 - (position - whole)), axis=-1)
-        tents = np.concatenate((np.maximum(1 - n * away, 0), 1 - away), axis=-1)
-        tables += [np.clip(whole, -(2**20), 2**20).astype(np.int32), tents.astype(np.float32)]
+        shift = np.floor(position)
+        distance = np.stack((position - shift, 1 - (position - shift)), axis=-1)
+        tents = np.concatenate((np.maximum(1 - n * distance, 0), 1 - distance), axis=-1)
+        tables += [np.clip(shift, -(2**20), 2**20).astype(np.int32), tents.astype(np.float32)]
     lf.device.launch_rows(
         lf.device.kernel("upsample.cl", "interleave", SAMPLE=C_TYPE[lf.dtype]),
         (n * ny, n * nx * channels),
         out,
         lf.data,
         *(lf.device.upload(table) for table in tables),
-        *(np.int32(m) for m in (kept.size, n)),
+        *(np.int32(m) for m in (views.size, n)),
         np.float32(UPSAMPLE_BASE),
         *(np.int32(m) for m in (ny, nx, channels)),
     )

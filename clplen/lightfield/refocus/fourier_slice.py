@@ -138,21 +138,21 @@ def _slice_tables(
     lf: LightField, planes: Vector, sizes: tuple[int, ...], width: int
 ) -> list[cla.Array]:
     """First sample and weights of the slice, and the turn to the centre, along v and along u."""
-    found = []
+    result = []
     for axis, ratio in enumerate((row_ratio(lf.spacing), 1.0)):
         n, K = lf.shape[2 + axis], sizes[axis]
         frequency = np.multiply.outer(planes * ratio, np.fft.fftfreq(n))  # cycles a view
-        place = frequency * K
-        first = np.ceil(place - width / 2)
-        distance = first[..., None] + np.arange(width) - place[..., None]
+        position = frequency * K
+        first = np.ceil(position - width / 2)
+        distance = first[..., None] + np.arange(width) - position[..., None]
         off_centre = lf.shape[axis] // 2 - (lf.shape[axis] - 1) / 2
         turn = np.exp(-2j * np.pi * off_centre * frequency)
-        found += [
+        result += [
             (first % K).astype(np.int32),
             _kaiser_bessel(distance, width),
             turn.astype(np.complex64),
         ]
-    return [lf.device.upload(table) for table in found]
+    return [lf.device.upload(table) for table in result]
 
 
 def _shape_of(width: int) -> float:

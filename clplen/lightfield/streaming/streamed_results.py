@@ -185,11 +185,16 @@ def assemble_stack(
     shape = (planes.size, *source.shape[2:])
     nbytes = 4 * math.prod(shape)
     budget = memory_budget(memory, device)
-    if nbytes > budget:
+    if nbytes > min(budget, device.memory_bytes):
+        limit = (
+            f"memory={budget:,}"
+            if nbytes > budget
+            else f"the {device.memory_bytes:,} of {device.name}"
+        )
         raise ValueError(
-            f"A focal stack of shape {shape} needs {nbytes:,} bytes itself, more than memory="
-            f"{budget:,}: take stream_stack, or `clplen stack --memory` on the command line, which "
-            "make it tile by tile."
+            f"A focal stack of shape {shape} needs {nbytes:,} bytes itself, more than {limit}: "
+            "take stream_stack, or `clplen stack --memory` on the command line, which make it tile "
+            "by tile."
         )
     copies = 1 if device.is_cpu else 2  # elsewhere than on a CPU it is filled on the host
     kept = 4 * copies * math.prod(shape) // math.prod(source.shape[2:4])
@@ -200,8 +205,8 @@ def assemble_stack(
     tiles = _stack_tiles(source, given, aperture, interpolation, budget, device, None, kept=kept)
     data = device.empty(shape, np.float32)
     with device.on_host(data) as pictures:
-        for some, rows, columns, values in tiles:
-            pictures[some, rows, columns] = values
+        for group, rows, columns, values in tiles:
+            pictures[group, rows, columns] = values
     weights = view_weights(source, aperture, None)
     return stack_of(source, data, device, planes, ratios, weights, interpolation)
 
@@ -230,9 +235,9 @@ def _stack_tiles(
     plan = plan_tiles(source, estimates, memory=memory, device=device)
 
     def process(tile: Tile, lf: LightField) -> Iterator[Part]:
-        for some in plan.planes:
-            pictures = _pictures(lf, tile, planes[some], aperture, interpolation)
-            yield some, tile.rows, tile.columns, pictures
+        for group in plan.planes:
+            pictures = _pictures(lf, tile, planes[group], aperture, interpolation)
+            yield group, tile.rows, tile.columns, pictures
 
     return StackTiles(
         plan,

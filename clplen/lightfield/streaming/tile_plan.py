@@ -234,18 +234,18 @@ def _planned(
     fits = budget.whole <= min(budget.usable, budget.on_device)
     if fits and ny * nx * budget.largest <= budget.limit:
         return _plan(source, estimate, (everything,), budget, budget.whole)
-    found = []
+    result = []
     for columns in _column_cuts(nx, estimate.halo[1]):
         width = max(outer.stop - outer.start for _, outer in columns)
         rows = _row_cuts(ny, estimate.halo[0], budget.pixels() // width)
         if rows is None:
             continue
-        found.append(tuple(Tile(y, x, oy, ox) for y, oy in rows for x, ox in columns))
-    if not found or (estimate.passes > 1 and budget.band_rows < 1):
+        result.append(tuple(Tile(y, x, oy, ox) for y, oy in rows for x, ox in columns))
+    if not result or (estimate.passes > 1 and budget.band_rows < 1):
         return None
-    best = min(found, key=_area)
-    if _area(found[0]) < _WORTH * _area(best):  # the widest, full rows if they fit at all
-        best = found[0]
+    best = min(result, key=_area)
+    if _area(result[0]) < _WORTH * _area(best):  # the widest, full rows if they fit at all
+        best = result[0]
     largest = max(math.prod(tile.outer_shape) for tile in best)
     plan = _plan(source, estimate, best, budget, budget.need(largest))
     return None if plan.bytes_scratch and _to_copy(source) > budget.usable else plan
@@ -326,15 +326,15 @@ def _row_cuts(size: int, halo: int, most: int) -> Cuts | None:
 def _column_cuts(size: int, halo: int) -> list[Cuts]:
     """Full rows first, then rows in two parts, three and so on."""
     wide = -(-halo // _ALIGNED) * _ALIGNED
-    found, middle = [_cuts(size, wide, size)], 0
+    result, middle = [_cuts(size, wide, size)], 0
     for count in range(2, max(size // _LEAST, 1) + 1):
         part = -(-(size - 2 * wide) // count)
         if part < 1:
             break
         if (wider := -(-part // _ALIGNED) * _ALIGNED) != middle:
             middle = wider
-            found.append([(x, _aligned(outer)) for x, outer in _cuts(size, wide, middle)])
-    return [cuts for i, cuts in enumerate(found) if i == 0 or len(cuts) > 1]
+            result.append([(x, _aligned(outer)) for x, outer in _cuts(size, wide, middle)])
+    return [cuts for i, cuts in enumerate(result) if i == 0 or len(cuts) > 1]
 
 
 def _aligned(part: slice) -> slice:
