@@ -24,7 +24,8 @@ from clplen.cameras.outlines import Bars
 from clplen.cameras.surfaces import Plane, Sphere, SurfaceScene
 from clplen.cameras.textures import noise
 from clplen.compute.device import Device
-from clplen.lightfield.depth.depth_map import CUES, depth_map
+from clplen.lightfield.depth.depth_map import CUES
+from clplen.lightfield.focus_and_depth import depth_map
 
 Array = np.ndarray[Any, Any]
 PLANES = np.linspace(-2, 2, 41)

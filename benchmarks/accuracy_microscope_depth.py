@@ -56,7 +56,7 @@ def measured(camera: Microscope, z: float) -> tuple[float, float, float]:
     lf = LightField.from_raw(camera.expose(PointSources([(0, 0, z)])))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SamplingWarning)
-        found = estimate_alpha(lf, near=(15, 15))
+        found = estimate_alpha(lf, at=(15, 15))
     by_rays = found.z / ratio_at(camera, found.disparity)
     return found.disparity / camera.disparity(z), focus_ratio(camera, z), by_rays / z
 

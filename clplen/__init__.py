@@ -37,10 +37,9 @@ from clplen.errors import (
 )
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.raw_decoding import decode_raw
-from clplen.lightfield.depth.all_in_focus import all_in_focus
 from clplen.lightfield.depth.alpha_estimate import AlphaEstimate, estimate_alpha
-from clplen.lightfield.depth.depth_map import DepthMap, depth_map, sharpness_curve
-from clplen.lightfield.depth.metric_depth import metric_depth
+from clplen.lightfield.depth.depth_map import DepthMap, metric_depth, sharpness_curve
+from clplen.lightfield.focus_and_depth import all_in_focus, depth_map, focal_stack
 from clplen.lightfield.focused.focused_depth import focused_depth
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry
 from clplen.lightfield.focused.focused_maps import FocusedMaps, focused_maps
@@ -54,7 +53,7 @@ from clplen.lightfield.model.surface import plane_through
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
 from clplen.lightfield.raw.sensor import Sensor
-from clplen.lightfield.refocus.focal_stack import FocalStack, focal_stack, refocus
+from clplen.lightfield.refocus.focal_stack import FocalStack, refocus
 from clplen.lightfield.refocus.fourier_slice import fourier_stack
 from clplen.lightfield.refocus.hyperfan import hyperfan
 from clplen.lightfield.streaming.streamed_results import (

@@ -22,7 +22,7 @@ panels = figure.subplots(len(DEPTHS), 3)
 for row, dz, blur in zip(panels, DEPTHS, BLURS, strict=True):
     raw = demo.expose_point(camera, (0, 0, dz))
     lf = LightField.from_raw(raw)
-    found = estimate_alpha(lf, near=(middle, middle), method="slope")
+    found = estimate_alpha(lf, at=(middle, middle), method="slope")
     if dz:
         number(f"{mm(dz)}: blur by the slope / lenslets", found.blur, blur, 0.05 * blur, ".3f")
         number(f"{mm(dz)}: dx/du", 1 - found.alpha, 1 - camera.alpha(dz), 0.02)

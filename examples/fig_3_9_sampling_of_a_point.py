@@ -33,7 +33,7 @@ figure = new_figure(11, 7.4)
 panels = figure.subplots(3, 3, width_ratios=[2.3, 1.15, 0.45])
 for row, (name, dz) in zip(panels, DEPTHS.items(), strict=True):
     raw = cam.expose(PointSources((0, 0, dz)))
-    found = estimate_alpha(LightField.from_raw(raw), near=(middle, middle), method="slope")
+    found = estimate_alpha(LightField.from_raw(raw), at=(middle, middle), method="slope")
     if dz:
         reach = np.ptp(trace(cam, (0.0, dz), [-cam.aperture_diameter / 2,
                                               cam.aperture_diameter / 2])[2])

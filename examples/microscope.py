@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources
 from clplen.cameras.microscope import Microscope
-from clplen.lightfield.refocus.focal_stack import focal_stack
+from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.plot.base import LIGHT
 
 SHOWN = 32  # um of x in a slice

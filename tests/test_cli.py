@@ -24,7 +24,7 @@ from clplen.cli.messages import sentence
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, read_camera_file
 from clplen.io import read_lightfield, read_pfm, write_lightfield
-from clplen.lightfield.depth.depth_map import depth_map
+from clplen.lightfield.focus_and_depth import depth_map
 from clplen.lightfield.model.light_field import LightField
 from clplen.wave.elements.lenslets import MicrolensArray
 

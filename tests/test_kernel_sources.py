@@ -44,8 +44,8 @@ from clplen.cameras.aberrations import Aberrations, LensletScatter
 from clplen.cameras.pictures import PicturePlane
 from clplen.compute.device import Device
 from clplen.lightfield.arrays.stored_samples import extremes
-from clplen.lightfield.depth.all_in_focus import all_in_focus
 from clplen.lightfield.depth.depth_map import sharpness_curve
+from clplen.lightfield.focus_and_depth import all_in_focus
 from clplen.lightfield.focused.focused_depth import focused_depth
 from clplen.lightfield.focused.focused_rendering import render_focused
 from clplen.lightfield.focused.focused_spots import point_m

@@ -83,7 +83,7 @@ def depth_of(raw: RawImage, *, c_max: float = LEAST_SEARCH) -> float:
     search = min(c_max, WIDEST * search_limit(lf))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SamplingWarning)  # said below
-        found = estimate_alpha(lf, near=(column, row), c_max=search)
+        found = estimate_alpha(lf, at=(row, column), c_max=search)
     if math.isnan(found.uncertainty):
         raise ValueError(
             f"sharpest at the end of the search, {search:.3g} pixels a view step from the focused "

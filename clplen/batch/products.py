@@ -21,7 +21,7 @@ from clplen.batch.task import Task
 from clplen.batch.workshop import Workshop
 from clplen.errors import DeviceError
 from clplen.files import filling, replacing
-from clplen.lightfield.depth.plane_choice import suitable_planes
+from clplen.lightfield.depth.best_focus import suitable_planes
 from clplen.lightfield.streaming.streamed_results import (
     stream_all_in_focus,
     stream_depth,

@@ -14,9 +14,9 @@ from clplen.bench.measure import Case, finished, halved, in_turn, numbers
 from clplen.bench.report import Benchmark, Goal, Report, time_rows
 from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.scene import PointSources
+from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage, Transforms
-from clplen.lightfield.refocus.focal_stack import focal_stack
 from clplen.wave.elements.lenslets import MicrolensArray
 
 if TYPE_CHECKING:

@@ -12,9 +12,10 @@ from clplen.bench import ceilings
 from clplen.bench.measure import Case, Times, finished, halved, in_turn, numbers
 from clplen.bench.report import Benchmark, Goal, Report, rate_rows, time_rows
 from clplen.compute.arrays import count_bad
-from clplen.lightfield.depth.depth_map import CUES, depth_map
+from clplen.lightfield.depth.depth_map import CUES
+from clplen.lightfield.focus_and_depth import depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.focal_stack import focal_stack, refocus
+from clplen.lightfield.refocus.focal_stack import refocus
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

@@ -114,7 +114,7 @@ def _require_known(size: str) -> None:
 def _stack(device: Device) -> Callable[[], object]:
     import numpy as np
 
-    from clplen.lightfield.refocus.focal_stack import focal_stack
+    from clplen.lightfield.focus_and_depth import focal_stack
 
     planes = np.linspace(-1, 1, 16)
     return lambda: focal_stack(_light_field(device), disparities=planes).to_numpy()
@@ -123,7 +123,7 @@ def _stack(device: Device) -> Callable[[], object]:
 def _depth(device: Device) -> Callable[[], object]:
     import numpy as np
 
-    from clplen.lightfield.depth.depth_map import depth_map
+    from clplen.lightfield.focus_and_depth import depth_map
 
     planes = np.linspace(-1, 1, 16)
     return lambda: depth_map(_light_field(device), disparities=planes, cue="energy")
@@ -132,7 +132,7 @@ def _depth(device: Device) -> Callable[[], object]:
 def _default(device: Device) -> Callable[[], object]:
     import numpy as np
 
-    from clplen.lightfield.depth.depth_map import depth_map
+    from clplen.lightfield.focus_and_depth import depth_map
     from clplen.lightfield.model import light_field
 
     values = np.random.default_rng(1).random((5, 5, 96, 128, 3), dtype=np.float32)

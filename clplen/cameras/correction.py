@@ -12,7 +12,7 @@ from clplen.lightfield.model.conversion import as_lightfield
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.parametrisation import require_two_plane
 from clplen.lightfield.raw.raw_image import CameraModel
-from clplen.lightfield.refocus.shift_views import move_views
+from clplen.lightfield.refocus.phase_ramps import shift_views
 
 
 def correct_aberrations(
@@ -57,7 +57,7 @@ def correct_aberrations(
         raise ValueError(
             "Naive cells are directions, not places on the main lens: decode with 'calibrated'."
         )
-    return move_views(lf, _steps(lf, lf.spacing, terms, known))
+    return shift_views(lf, _steps(lf, lf.spacing, terms, known))
 
 
 def _steps(lf: LightField, spacing: Any, terms: Any, camera: CameraModel) -> Any:

@@ -147,7 +147,7 @@ def planes_of(
     lf: LightField | StoredLightField, disparities: Any, alphas: Any, *, count: int | None = None
 ) -> dict[str, Any]:
     """The planes that were asked for, else those that suit the light field, `count` of them."""
-    from clplen.lightfield.depth.plane_choice import suitable_planes
+    from clplen.lightfield.depth.best_focus import suitable_planes
     from clplen.lightfield.model.view_shifts import shifts
 
     if disparities is None and alphas is None:

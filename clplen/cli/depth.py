@@ -158,7 +158,7 @@ def _found(
     memory: int | None,
     planes: dict[str, Any],
 ) -> DepthMap:
-    from clplen.lightfield.depth.depth_map import depth_map
+    from clplen.lightfield.focus_and_depth import depth_map
     from clplen.lightfield.model.stored_light_field import StoredLightField
     from clplen.lightfield.streaming.streamed_results import stream_depth
 

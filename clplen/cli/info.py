@@ -19,7 +19,7 @@ from clplen.cli.messages import typed
 from clplen.cli.microscope import described
 
 if TYPE_CHECKING:
-    from clplen.lightfield.axis_check.lightfield_report import Report
+    from clplen.lightfield.axis_check.lightfield_report import LightFieldReport
     from clplen.lightfield.model.light_field import LightField
     from clplen.lightfield.raw.lenslet_lattice import Lattice
 
@@ -247,12 +247,15 @@ def _of_lightfield(
     save_grid: Path | None,
 ) -> tuple[Rows, dict[str, Any]]:
     from clplen.io.kinds import kind_of
-    from clplen.lightfield.axis_check.lightfield_report import after, check
+    from clplen.lightfield.axis_check.lightfield_report import (
+        check_light_field,
+        combine_layout_words,
+    )
 
     kind = kind_of(source).name
     with listening() as said:
         lf = read(source, selector, layout)
-    report = check(lf, farthest=farthest)
+    report = check_light_field(lf, farthest=farthest)
     took = said[-1].removeprefix("read ")
     data: dict[str, Any] = {"file": source, "kind": kind, "read": took}
     rows = [("File", f"{source}, {kind}"), ("Read", took)]
@@ -274,15 +277,15 @@ def _of_lightfield(
     read_with = tuple(word for word in _AXIS_WORDS if layout[word])
 
     def spelled(words: tuple[str, ...]) -> str:
-        return _typed(after(read_with, words)) or "no word on the axes"
+        return _typed(combine_layout_words(read_with, words)) or "no word on the axes"
 
     data["sentence"] = report.sentence(spelled)
     for order, entry in zip(report.orders, data["orders"], strict=True):
-        entry["words"] = _typed(after(read_with, order.words)).split()
+        entry["words"] = _typed(combine_layout_words(read_with, order.words)).split()
     return rows + _of_orders(report, read_with, data["sentence"]), data
 
 
-def _of_samples(report: Report) -> Rows:
+def _of_samples(report: LightFieldReport) -> Rows:
     V, U, ny, nx = report.shape[:4]
     views, channels = V * U, report.shape[4:]
     rows = [
@@ -306,8 +309,8 @@ def _of_samples(report: Report) -> Rows:
     return rows
 
 
-def _of_orders(report: Report, read_with: tuple[str, ...], sentence: str) -> Rows:
-    from clplen.lightfield.axis_check.lightfield_report import after
+def _of_orders(report: LightFieldReport, read_with: tuple[str, ...], sentence: str) -> Rows:
+    from clplen.lightfield.axis_check.lightfield_report import combine_layout_words
 
     rows = []
     if report.verdict in ("fits", "unclear"):
@@ -317,7 +320,7 @@ def _of_orders(report: Report, read_with: tuple[str, ...], sentence: str) -> Row
     if report.orders:
         rows.append(("Orders", "  sharpness  disparity"))
     for order in sorted(report.orders, key=lambda order: -order.sharpness):
-        words = _typed(after(read_with, order.words)) or "(no word on the axes)"
+        words = _typed(combine_layout_words(read_with, order.words)) or "(no word on the axes)"
         mark = "*" if order in report.best and report.verdict != "none" else " "
         text = f"{mark} {order.sharpness:9.3f}  {order.disparity:+9.2f}  {words}"
         rows.append(("", text + ("" if order.words else "  as read")))

@@ -114,7 +114,7 @@ def _knows_camera(lf: LightField | StoredLightField) -> bool:
 def write(lf: LightField | StoredLightField, found: DepthMap, lengths: Lengths) -> Said:
     """Write distances and points where they are asked for; what to say of them."""
     from clplen.io import points_of, write_ply
-    from clplen.lightfield.depth.metric_depth import metric_depth
+    from clplen.lightfield.depth.depth_map import metric_depth
 
     where, unit = "", "in metres"
     z: Values | None = None

@@ -10,7 +10,7 @@ from typing import Any
 import click
 import numpy as np
 
-from clplen.lightfield.depth import plane_choice as planes_default
+from clplen.lightfield.depth import best_focus as planes_default
 
 _MOST_PLANES = 10**6
 _PATH = click.Path(path_type=Path)
@@ -214,12 +214,12 @@ plane_range = _with_options(
         "--disparities",
         type=Planes(),
         help="Planes by disparity, pixels a view step, nearer is larger; default "
-        f"{_range(planes_default.DISPARITIES)} where the spacing is not known.",
+        f"{_range(planes_default.DEFAULT_DISPARITIES)} where the spacing is not known.",
     ),
     click.option(
         "--alphas",
         type=Planes(),
         help="Planes by alpha = F/F', where the light field knows its spacing; there the default "
-        f"is {_range(planes_default.ALPHAS)}, at most up to infinity.",
+        f"is {_range(planes_default.DEFAULT_ALPHAS)}, at most up to infinity.",
     ),
 )

@@ -147,7 +147,8 @@ def _check_tilt(tilt: Any) -> None:
 def _focused(
     lf: LightField, plane: dict[str, Any], aperture: Any, upsample: int, interpolation: str
 ) -> Values:
-    from clplen.lightfield.refocus.focal_stack import focal_stack, refocus
+    from clplen.lightfield.focus_and_depth import focal_stack
+    from clplen.lightfield.refocus.focal_stack import refocus
 
     if aperture is None:
         picture = refocus(lf, **plane, upsample=upsample, interpolation=interpolation)
@@ -158,8 +159,7 @@ def _focused(
 
 
 def _sharp(lf: LightField, planes: dict[str, Any], aperture: Any) -> tuple[Values, str]:
-    from clplen.lightfield.depth.all_in_focus import all_in_focus
-    from clplen.lightfield.refocus.focal_stack import focal_stack
+    from clplen.lightfield.focus_and_depth import all_in_focus, focal_stack
 
     stack = focal_stack(lf, aperture=aperture, **planes)
     count = options.planes(len(stack.disparities))
@@ -174,7 +174,7 @@ def _surface(
     lf: LightField, disparity: Any, at: Any, tilt: Any, disparities: Any, alphas: Any
 ) -> tuple[Any, str]:
     """(disparity or map, what it is in words)."""
-    from clplen.lightfield.depth.depth_map import depth_map
+    from clplen.lightfield.focus_and_depth import depth_map
     from clplen.lightfield.model.surface import plane_through
 
     if disparity is not None:

@@ -70,7 +70,7 @@ def stack(
       clplen stack shot.xml -o stack.tif --m 0.1:0.3:9
     """
     from clplen.io import write_stack
-    from clplen.lightfield.refocus.focal_stack import focal_stack
+    from clplen.lightfield.focus_and_depth import focal_stack
 
     check_planes(disparities, alphas)
     check_suffix(output, (".tif", ".tiff", ".zarr"))

@@ -17,7 +17,7 @@ from clplen.io.loading import Source, axes_known, reading
 from clplen.io.opening import Found, light_field, stored_light_field
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.streaming.spooling import RawSamples
+from clplen.lightfield.streaming.tile_reading import RawSamples
 
 _FLOATS = np.dtype(np.float32)
 _ENCODED = (np.dtype(np.uint8), np.dtype(np.uint16))

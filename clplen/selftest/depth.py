@@ -9,14 +9,15 @@ import numpy as np
 from clplen.lightfield.arrays.peaks import PeakTracker
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
 from clplen.lightfield.depth import combined_cue
-from clplen.lightfield.depth.correspondence import add_colours, shear_moments
-from clplen.lightfield.depth.local_energy import LocalEnergy
-from clplen.lightfield.depth.structure_tensor import epi_tensors
+from clplen.lightfield.depth.correspondence_cue import shear_moments
+from clplen.lightfield.depth.energy_cue import LocalEnergy
+from clplen.lightfield.depth.sheared_views import add_colours
+from clplen.lightfield.depth.structure_tensor_cue import epi_tensors
 from clplen.lightfield.depth.view_matching import (
     WINDOW,
+    group_views,
     match_costs,
-    sorted_views,
-    tables,
+    shift_tables,
     thresholds,
 )
 from clplen.lightfield.model.light_field import LightField
@@ -175,8 +176,8 @@ class _Scene:
             samples = (samples + np.roll(samples, 1, axis)) / 2
         self.samples = samples.astype(np.float32)
         self.lf = LightField.from_array(self.samples, device=device)
-        self.sorted = sorted_views(self.lf)
-        self.moved = tables(self.sorted, self.planes, np.ones(4), device=device)
+        self.sorted = group_views(self.lf)
+        self.moved = shift_tables(self.sorted, self.planes, np.ones(4), device=device)
         self.steps = twins.view_steps(self.views).reshape(-1, 2)
 
     def sheared(self, d: float, step: float = 0.0) -> tuple[Any, Any]:
@@ -275,8 +276,8 @@ def _support(device: Device) -> Pairs:
     noise = twins.reals(12, *scene.size, low=0.5, high=4)
     out = device.empty(cost.shape, np.float32)
     combined_cue._gather(scene.lf, out, device.upload(cost), device.upload(picture), noise)
-    near = combined_cue._near(noise).astype(float)
-    alike = combined_cue._alike(combined_cue._ALIKE, noise, 1).astype(float)
+    near = combined_cue._distance_scale(noise).astype(float)
+    alike = combined_cue._colour_scale(combined_cue._ALIKE, noise, 1).astype(float)
     expected = np.zeros(cost.shape)
     I = picture.astype(float)  # noqa: E741
     for y, x in np.ndindex(*scene.size):
@@ -298,8 +299,8 @@ def _support(device: Device) -> Pairs:
 def _fitted(maps: Any, picture: Any, noise: Any) -> Any:
     """Disparity of the plane through the neighbours' steps, and what is known of it."""
     A, B, d = maps
-    near = combined_cue._near(noise).astype(float)
-    alike = combined_cue._alike(combined_cue._FIT_ALIKE, noise, 1).astype(float)
+    near = combined_cue._distance_scale(noise).astype(float)
+    alike = combined_cue._colour_scale(combined_cue._FIT_ALIKE, noise, 1).astype(float)
     level = 0.5 / combined_cue._SAME_SURFACE**2
     prior = combined_cue._PRIOR * np.maximum(noise, 1).astype(float) ** 2
     out, known = np.zeros((2, *d.shape))

@@ -10,14 +10,14 @@ from clplen.lightfield.arrays.magnify import magnify
 from clplen.lightfield.arrays.ray_samples import along_rays
 from clplen.lightfield.arrays.shear import shear_sum
 from clplen.lightfield.arrays.stored_samples import extremes, lit_views, plane
-from clplen.lightfield.depth.all_in_focus import _launch, all_in_focus
+from clplen.lightfield.depth.all_in_focus import _launch
 from clplen.lightfield.depth.view_matching import row_sums
+from clplen.lightfield.focus_and_depth import all_in_focus
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.focal_stack import FocalStack
+from clplen.lightfield.refocus.focal_stack import UPSAMPLE_BASE, FocalStack, upsampled
 from clplen.lightfield.refocus.fourier_slice import fourier_stack
 from clplen.lightfield.refocus.hyperfan import hyperfan
-from clplen.lightfield.refocus.phase_ramps import phase_ramps
-from clplen.lightfield.refocus.upsampling import BASE, upsampled
+from clplen.lightfield.refocus.phase_ramps import fourier_refocus
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
 
@@ -103,7 +103,7 @@ def _fourier(device: Device) -> Pairs:
         for d in planes
     ]
     pictures = np.fft.ifft2(expected).real / w.sum()
-    yield pictures, device.download(phase_ramps(lf, planes, lf.weights))
+    yield pictures, device.download(fourier_refocus(lf, planes, lf.weights))
     yield pictures, fourier_stack(lf, disparities=planes, width=8).to_numpy()
 
 
@@ -138,7 +138,7 @@ def _upsampled(device: Device) -> Pairs:
             t = at[:, None] - np.arange(size)
             fine.append(twins.triangle(n * t))
             coarse.append(twins.triangle(t))
-        for (my, mx), share in ((fine, 1.0), (coarse, BASE)):
+        for (my, mx), share in ((fine, 1.0), (coarse, UPSAMPLE_BASE)):
             total += w[view] * share * (my @ a[view].astype(float) @ mx.T)
             used += w[view] * share * np.outer(my.sum(axis=1), mx.sum(axis=1))
     yield total / used, device.download(upsampled(lf, d, n, lf.weights))

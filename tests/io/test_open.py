@@ -18,10 +18,10 @@ from clplen.cli.options import Size
 from clplen.errors import FormatError
 from clplen.io import loading, open_lightfield, read_lightfield, write_lightfield
 from clplen.io.loading import blocks
+from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model import stored_light_field
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocus.focal_stack import focal_stack
 from clplen.lightfield.streaming.streamed_results import stream_stack
 
 SPACING = (-1e-3, 1.2e-3, 2e-5, 3e-5)

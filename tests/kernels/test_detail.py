@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import correlate1d, gaussian_filter
 
-from clplen.lightfield.depth.interpolation_blur import evening_taps
-from clplen.lightfield.depth.local_energy import LocalEnergy
+from clplen.lightfield.depth.energy_cue import LocalEnergy, evening_taps
 from clplen.lightfield.refocus.focal_stack import FocalStack
 
 EPS = 2.0**-24

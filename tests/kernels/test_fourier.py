@@ -10,8 +10,7 @@ from tolerance import relative_max
 
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocus.fourier_slice import fourier_stack
-from clplen.lightfield.refocus.phase_ramps import phase_ramps
-from clplen.lightfield.refocus.view_spectra import mix
+from clplen.lightfield.refocus.phase_ramps import fourier_refocus, transform_views
 
 TYPES = (np.uint8, np.uint16, np.float16, np.float32)
 SHAPES = [(3, 4, 7, 10), (2, 3, 12, 5, 3), (1, 5, 6, 11)]
@@ -30,7 +29,7 @@ def light_field(device, shape, dtype=np.float32, **more) -> tuple[np.ndarray, Li
 @pytest.mark.parametrize("shape", SHAPES)
 def test_phase_ramps(device, dtype, shape):
     a, lf = light_field(device, shape, dtype)
-    got = device.download(phase_ramps(lf, np.array(D), lf.weights)).astype(float)
+    got = device.download(fourier_refocus(lf, np.array(D), lf.weights)).astype(float)
     for picture, d in zip(got, D, strict=True):
         want = twin(a, d, weights=lf.weights.astype(float), step=steps(shape[:2]))
         assert relative_max(want, picture) <= 1e-5
@@ -53,6 +52,8 @@ def test_a_matrix_on_the_middle_axis(device):
     values, matrix = (
         random.normal(size=shape) + 1j * random.normal(size=shape) for shape in ((2, 3, 7), (5, 3))
     )
-    got = mix(device.upload(values.astype(np.complex64)), matrix, batch=2, n=7, device=device)
+    got = transform_views(
+        device.upload(values.astype(np.complex64)), matrix, batch=2, n=7, device=device
+    )
     want = np.einsum("ij,bjn->bin", matrix, values)
     assert relative_max(want, device.download(got)) <= 1e-6

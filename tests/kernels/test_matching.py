@@ -8,10 +8,10 @@ from reference_matching import bell_taps, centre_shares, costs, membership
 
 from clplen.lightfield.depth import view_matching
 from clplen.lightfield.depth.view_matching import (
+    group_views,
     match_costs,
     row_sums,
-    sorted_views,
-    tables,
+    shift_tables,
     thresholds,
 )
 from clplen.lightfield.model.light_field import LightField
@@ -53,8 +53,8 @@ def wanted(lf, planes, channels, gain=1.0):
 
 
 def found_costs(lf, planes, gain=1.0):
-    views = sorted_views(lf)
-    moved = tables(views, planes, gain, device=lf.device)
+    views = group_views(lf)
+    moved = shift_tables(views, planes, gain, device=lf.device)
     return lf.device.download(match_costs(lf, views, moved))
 
 
@@ -114,9 +114,9 @@ def test_integers_and_gain(device, shape, dtype):
 
 def test_views_are_evened_one_by_one(device):
     lf = light_field(device, (3, 4, 9, 13))
-    views, planes = sorted_views(lf), np.array([-0.8, 0.3, 1.4])
+    views, planes = group_views(lf), np.array([-0.8, 0.3, 1.4])
     gain = np.random.default_rng(8).uniform(0.5, 2, 12)
-    moved = tables(views, planes, gain[views.view], device=device)
+    moved = shift_tables(views, planes, gain[views.view], device=device)
     got = device.download(match_costs(lf, views, moved))
     want = wanted(lf, planes, 1, gain=gain[lf.weights.ravel() > 0][:, None, None, None])
     assert np.abs(got - want).max() <= 2 * tolerance(lf, 1)  # samples twice as large
@@ -163,7 +163,7 @@ def test_on_a_plane_of_the_scene_the_views_agree(device):
 @pytest.mark.parametrize("counts", [(9, 9), (4, 6), (1, 5), (3, 1)])
 def test_views_are_sorted_into_halves(device, counts):
     lf = LightField.from_array(np.ones((*counts, 2, 2), np.float32), device=device)
-    views = sorted_views(lf)
+    views = group_views(lf)
     steps = unit_steps(lf).reshape(-1, 2)
     np.testing.assert_array_equal(np.sort(views.view), np.arange(len(steps)))
     np.testing.assert_array_equal(views.step, steps[views.view])

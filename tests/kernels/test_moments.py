@@ -7,7 +7,7 @@ import pytest
 from reference_cues import grid_steps, moments
 from reference_lightfield import refocus
 
-from clplen.lightfield.depth.correspondence import add_colours, shear_moments
+from clplen.lightfield.depth.correspondence_cue import add_colours, shear_moments
 from clplen.lightfield.model.light_field import LightField
 
 EPS = 2.0**-24

@@ -8,7 +8,7 @@ from reference_matching import centre_shares, fit, membership, normal
 from tolerance import relative_max
 
 from clplen.lightfield.arrays.stored_samples import C_TYPE
-from clplen.lightfield.depth.view_matching import sorted_views, tables
+from clplen.lightfield.depth.view_matching import group_views, shift_tables
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.view_shifts import unit_steps
 
@@ -36,8 +36,8 @@ def compared(device, lf, start, limits=LIMITS, gain=1.0):
     """(A, B) of the kernel and of the twin; start: disparities, numbers of planes, planes."""
     disparity, nearest, planes = start
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
-    sorted_ = sorted_views(lf)
-    moved = tables(sorted_, planes, gain, device=device)
+    sorted_ = group_views(lf)
+    moved = shift_tables(sorted_, planes, gain, device=device)
     A, B = (device.empty((ny, nx), np.float32) for _ in "AB")
     device.launch_rows(
         device.kernel("refine.cl", "normal", SAMPLE=C_TYPE[lf.dtype], CHANNELS=channels),
@@ -54,7 +54,7 @@ def compared(device, lf, start, limits=LIMITS, gain=1.0):
         moved.part,
         moved.slopes,
         moved.reach,
-        *sorted_.on(device),
+        *sorted_.upload(device),
         *(np.int32(n) for n in (len(sorted_.view), ny, nx)),
         *(np.float32(t) for t in limits),
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from reference_cues import epi_tensor, grid_steps
 
-from clplen.lightfield.depth.structure_tensor import epi_tensors
+from clplen.lightfield.depth.structure_tensor_cue import epi_tensors
 from clplen.lightfield.model.light_field import LightField
 
 

@@ -9,7 +9,7 @@ from reference_render import upsampled as twin
 from tolerance import relative_max
 
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.upsampling import BASE, upsampled
+from clplen.lightfield.refocus.focal_stack import UPSAMPLE_BASE, upsampled
 
 
 @pytest.mark.parametrize(
@@ -30,7 +30,7 @@ def test_places(device, dtype, shape, n, d):
     w[0, 1] = 0
     lf = LightField.from_array(a, device=device, weights=w)
     got = device.download(upsampled(lf, d, n, lf.weights)).astype(float)
-    want = twin(a, d, n, weights=w.astype(float), step=steps(shape[:2]), base=BASE)
+    want = twin(a, d, n, weights=w.astype(float), step=steps(shape[:2]), base=UPSAMPLE_BASE)
     if d == 300:
         assert not got.any()
     else:

@@ -10,12 +10,14 @@ import pytest
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources
 from clplen.errors import SamplingWarning
 from clplen.lightfield.arrays.spectral_sharpness import find_peak
-from clplen.lightfield.depth.all_in_focus import all_in_focus
 from clplen.lightfield.depth.alpha_estimate import estimate_alpha
-from clplen.lightfield.depth.best_focus import farthest_disparity, focus_ratio, ratio_at
-from clplen.lightfield.depth.depth_map import depth_map
-from clplen.lightfield.depth.plane_choice import suitable_planes
-from clplen.lightfield.refocus.focal_stack import focal_stack
+from clplen.lightfield.depth.best_focus import (
+    farthest_disparity,
+    focus_ratio,
+    ratio_at,
+    suitable_planes,
+)
+from clplen.lightfield.focus_and_depth import all_in_focus, depth_map, focal_stack
 
 CASES = {  # M, NA, n, wavelength, lenslets, pixels a lenslet; all matched
     "20x": (20, 0.5, 1.0, 525e-9, 125e-6, 25),

@@ -12,7 +12,7 @@ from clplen.errors import FormatError
 from clplen.io import read_lightfield
 from clplen.io.layout import Layout
 from clplen.lightfield.arrays.stored_samples import extremes
-from clplen.lightfield.axis_check.lightfield_report import after, check
+from clplen.lightfield.axis_check.lightfield_report import check_light_field, combine_layout_words
 from clplen.lightfield.model.light_field import LightField
 
 WORDS = ("swap_uv", "flip_v", "flip_u")
@@ -44,7 +44,7 @@ def scene(views, d=(-0.9, 0.6), size=(72, 90)) -> np.ndarray:
 
 
 def checked(device, a, **more):
-    return check(LightField.from_array(a, device=device, **more))
+    return check_light_field(LightField.from_array(a, device=device, **more))
 
 
 def mends(words, wrong, right) -> bool:
@@ -136,7 +136,7 @@ def test_planes_are_added_while_the_sharpest_is_the_last(device):
     assert report.verdict == "fits"
     assert report.orders[0].span == (3.875, 4.25)
     with pytest.raises(ValueError, match=r"farthest lies above 0 and not above 8, not at 9"):
-        check(LightField.from_array(np.ones((2, 2, 9, 9)), device=device), farthest=9)
+        check_light_field(LightField.from_array(np.ones((2, 2, 9, 9)), device=device), farthest=9)
 
 
 def test_positions_spacing_weights_and_colour(device):
@@ -175,7 +175,7 @@ def test_range_and_flat_views(device, dtype):
 def test_two_sets_of_words_as_one():
     a = np.arange(12).reshape(3, 4)
     for first, then in product(ORDERS, ORDERS):
-        one = layout(after(first, then)).oriented(a)
+        one = layout(combine_layout_words(first, then)).oriented(a)
         np.testing.assert_array_equal(one, layout(then).oriented(layout(first).oriented(a)))
 
 
@@ -203,6 +203,6 @@ def test_flower_by_the_guess(device, data_folder):
     with pytest.raises(FormatError, match="pattern="):
         read_lightfield(folder, device=device)
     columns_first = read_lightfield(folder, device=device, pattern="IMG_0001_{n}_{v}_{u}.png")
-    report = check(columns_first)
+    report = check_light_field(columns_first)
     assert report.verdict == "wrong"
     assert "swap_uv=True (at -0.65)" in str(report)

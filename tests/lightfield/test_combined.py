@@ -12,7 +12,7 @@ from clplen.cameras.surfaces import Plane, SurfaceScene
 from clplen.cameras.textures import noise, uniform
 from clplen.lightfield.depth import combined_cue, view_matching
 from clplen.lightfield.depth.combined_cue import combined_disparity
-from clplen.lightfield.depth.depth_map import depth_map
+from clplen.lightfield.focus_and_depth import depth_map
 from clplen.lightfield.model.light_field import LightField
 
 PLANES = np.linspace(-1.5, 1.5, 31)

@@ -7,7 +7,7 @@ import pytest
 from reference_cues import grid_steps, moments, plain_depth
 from scipy.ndimage import uniform_filter
 
-from clplen.lightfield.depth.correspondence import correspondence_disparity
+from clplen.lightfield.depth.correspondence_cue import correspondence_disparity
 from clplen.lightfield.model.light_field import LightField
 
 

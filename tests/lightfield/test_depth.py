@@ -14,10 +14,10 @@ from reference_lightfield import refocus, sampling_matrix
 from scipy.ndimage import correlate1d, gaussian_filter
 
 from clplen.errors import DeviceError
-from clplen.lightfield.depth.depth_map import depth_map, sharpness_curve
-from clplen.lightfield.depth.interpolation_blur import evening_taps
+from clplen.lightfield.depth.depth_map import sharpness_curve
+from clplen.lightfield.depth.energy_cue import evening_taps
+from clplen.lightfield.focus_and_depth import depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.focal_stack import focal_stack
 
 energy_map = partial(depth_map, cue="energy")
 INSIDE = (slice(15, -15), slice(15, -15))

@@ -9,9 +9,8 @@ import pytest
 from reference_cues import plain_depth
 
 from clplen.errors import DeviceError
-from clplen.lightfield.depth.depth_map import depth_map
+from clplen.lightfield.focus_and_depth import depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.focal_stack import focal_stack
 
 CUES = ("energy", "correspondence", "structure-tensor")
 PLANES = np.linspace(-1.4, 1.4, 29)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +21,7 @@ from clplen.lightfield.arrays.spectral_sharpness import (
     sharpness,
 )
 from clplen.lightfield.depth.alpha_estimate import estimate_alpha
-from clplen.lightfield.depth.lenslet_window import read_window
+from clplen.lightfield.depth.window_measures import read_window
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
 
@@ -114,7 +115,7 @@ def test_energy_is_pulled_towards_focus(fields, dz):
 
 @pytest.mark.parametrize("dz", [-0.05, 0.05])
 def test_thesis_equals_its_twin(fields, images, dz):
-    found = estimate_alpha(fields[dz], method="thesis", near=(17, 15))
+    found = estimate_alpha(fields[dz], method="thesis", at=(15, 17))
     expected = thesis_alpha(images[dz], OPTICS.pixels_per_lenslet, near=(17, 15))
     assert found.alpha == pytest.approx(expected, abs=1e-12)
     assert math.isnan(found.uncertainty)
@@ -136,13 +137,13 @@ def test_the_brightest_region_is_found(fields):
     for dz, lf in fields.items():
         # the image of (0.3, -0.5) mm, in lenslets
         x, y = (OPTICS.image_position(q, dz) / OPTICS.pitch for q in (0.3e-3, -0.5e-3))
-        near = estimate_alpha(lf, method="energy").near
-        assert near == pytest.approx((17 + x, 15 + y), abs=0.8)
+        at = estimate_alpha(lf, method="energy").at
+        assert at == pytest.approx((15 + y, 17 + x), abs=0.8)
 
 
 @pytest.mark.parametrize("colours", [(), (3,)])
-@pytest.mark.parametrize("near", [(8, 5), (1, 9), (12, 0)])
-def test_window(device, colours, near):
+@pytest.mark.parametrize("at", [(5, 8), (9, 1), (0, 12)])
+def test_window(device, colours, at):
     rng = np.random.default_rng(6)
     values = rng.integers(1, 200, (2, 3, 11, 13, *colours)).astype(np.uint8)
     weights = rng.random((2, 3)).astype(np.float32)
@@ -150,22 +151,22 @@ def test_window(device, colours, near):
     framed = np.zeros((2, 3, 21, 23, *(colours or (1,))))
     framed[:, :, 5:16, 5:18] = values.reshape(2, 3, 11, 13, -1)
     framed *= weights[:, :, None, None, None]
-    x, y = near
+    y, x = at
     want = np.moveaxis(framed[:, :, y : y + 11, x : x + 11], -1, 0)
-    np.testing.assert_array_equal(read_window(lf, near, 11, fill=True), want)
+    np.testing.assert_array_equal(read_window(lf, at, 11, fill=True), want)
     rows, columns = (np.flatnonzero(want.any(axis=axes)) for axes in ((0, 1, 2, 4), (0, 1, 2, 3)))
     clipped = want[..., rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    np.testing.assert_array_equal(read_window(lf, near, 11), clipped)
+    np.testing.assert_array_equal(read_window(lf, at, 11), clipped)
 
 
-def test_near_may_be_off_the_object_and_at_the_border(fields):
+def test_a_lenslet_off_the_object_or_at_the_border(fields):
     lf = fields[-0.05]
     centred = estimate_alpha(lf).alpha
-    assert estimate_alpha(lf, near=(13, 20)).alpha == pytest.approx(centred, abs=0.005)
+    assert estimate_alpha(lf, at=(20, 13)).alpha == pytest.approx(centred, abs=0.005)
     cut = lf.to_numpy()[:, :, 12:, :-12]  # the object now lies in a corner
     corner = replace(lf, data=lf.device.upload(np.ascontiguousarray(cut)))
-    x, y = estimate_alpha(lf).near
-    found = estimate_alpha(corner, near=(x, y - 12))
+    y, x = estimate_alpha(lf).at
+    found = estimate_alpha(corner, at=(y - 12, x))
     assert found.alpha == pytest.approx(OPTICS.alpha(-0.05), abs=0.03)
 
 
@@ -201,7 +202,7 @@ def textured(shape: tuple[int, ...], dy: float, dx: float) -> np.ndarray:
 @pytest.mark.parametrize("d", [-0.7, 0.0, 1.1])
 def test_a_textured_plane_without_spacing(device, d):
     lf = LightField.from_array(textured((7, 9, 43, 51), d, d), device=device)
-    found = estimate_alpha(lf, method="energy", near=(25, 21), window=31, c_max=1.5)
+    found = estimate_alpha(lf, method="energy", at=(21, 25), window=31, c_max=1.5)
     assert found.disparity == pytest.approx(d, abs=0.02)
     assert math.isnan(found.alpha)
     assert math.isnan(found.z)
@@ -213,14 +214,14 @@ def test_colour_and_integers(device):
     grey = textured((6, 5, 33, 37), 0.4, 0.4)
     colour = np.stack([np.full_like(grey, 20), 30 * grey, 20 * grey], axis=-1)
     lf = LightField.from_array(np.round(colour).astype(np.uint8), device=device)
-    found = estimate_alpha(lf, method="energy", near=(18, 16), window=31, c_max=1.2)
+    found = estimate_alpha(lf, method="energy", at=(16, 18), window=31, c_max=1.2)
     assert found.disparity == pytest.approx(0.4, abs=0.02)
 
 
 def test_other_spacing_along_y(device):
     spacing = (-20e-3, -10e-3, 5e-3, 4e-3)  # d_y/d_x = (dv/dy)/(du/dx) = 1.6
     lf = LightField.from_array(textured((7, 9, 43, 51), 0.8, 0.5), device=device, spacing=spacing)
-    found = estimate_alpha(lf, method="energy", near=(25, 21), window=31, c_max=1.2)
+    found = estimate_alpha(lf, method="energy", at=(21, 25), window=31, c_max=1.2)
     assert found.disparity == pytest.approx(0.5, abs=0.02)
     assert found.alpha == pytest.approx(1 - 0.5 / 2.5, abs=0.01)
 
@@ -304,9 +305,9 @@ def plain(device, **options) -> LightField:
         ({"method": "sharpest"}, r"'compensated', 'energy', 'slope', 'thesis'.*'sharpest'"),
         ({"method": "compensated"}, r"spacing.*camera"),
         ({"method": "thesis"}, r"raw image"),
-        ({"near": (27, 3)}, r"x_index < 27.*\(27, 3\)"),
-        ({"near": (3, -1)}, r"y_index < 23"),
-        ({"near": (3.5, 4)}, r"near is"),
+        ({"at": (3, 27)}, r"x < 27.*\(3, 27\)"),
+        ({"at": (-1, 3)}, r"y < 23"),
+        ({"at": (4, 3.5)}, r"at is \(y, x\)"),
         ({"window": 20}, r"odd.*20"),
         ({"window": 7}, r"at least 9, not 7"),
         ({"c_max": 0.0}, r"c_max lies between 0 and"),
@@ -331,4 +332,20 @@ def test_c_max_keeps_alpha_positive_and_the_band_open(device, fields):
 def test_nothing_to_focus_on(device, value):
     flat = LightField.from_array(np.full((5, 6, 23, 27), value), device=device)
     with pytest.raises(ValueError, match="black or without any detail"):
-        estimate_alpha(flat, method="energy", near=(13, 11))
+        estimate_alpha(flat, method="energy", at=(11, 13))
+
+
+def test_the_old_spelling_of_the_lenslet(fields):
+    lf = fields[-0.05]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        expected = estimate_alpha(lf, at=(20, 13), method="energy")
+    with pytest.warns(DeprecationWarning, match=r"at=\(y, x\)") as record:
+        found = estimate_alpha(lf, near=(13, 20), method="energy")
+    assert [warning.filename for warning in record] == [__file__]
+    assert (found.at, found.alpha) == (expected.at, expected.alpha) == ((20, 13), found.alpha)
+    with pytest.warns(DeprecationWarning, match=r"read \.at") as record:
+        assert found.near == (13, 20)
+    assert [warning.filename for warning in record] == [__file__]
+    with pytest.raises(TypeError, match="at= and its old spelling"):
+        estimate_alpha(lf, at=(20, 13), near=(13, 20))

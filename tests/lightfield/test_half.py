@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import clplen.io
-from clplen.lightfield.depth.depth_map import depth_map
+from clplen.lightfield.focus_and_depth import depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocus.focal_stack import focal_stack, refocus
+from clplen.lightfield.refocus.focal_stack import refocus
 from clplen.lightfield.streaming.streamed_results import stream_stack
 
 PLANES = np.linspace(-0.6, 0.8, 5)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clplen import LightField, ShapeError
-from clplen.lightfield.refocus.shift_views import move_views
+from clplen.lightfield.refocus.phase_ramps import shift_views
 
 
 def test_each_view_by_its_own_distance(device):
@@ -13,7 +13,7 @@ def test_each_view_by_its_own_distance(device):
     data = random.integers(0, 200, (2, 3, 9, 12, 3)).astype(np.uint8)
     whole = random.integers(-4, 5, (2, 3, 2))
     lf = LightField.from_array(data, device=device, spacing=(-1e-3, -2e-3, 1e-4, 1e-4))
-    got = move_views(lf, whole)
+    got = shift_views(lf, whole)
     assert got.spacing == lf.spacing
     assert got.shape == lf.shape
     for v, u in np.ndindex(2, 3):
@@ -29,13 +29,13 @@ def test_each_view_by_its_own_distance(device):
         )
 
     still = np.broadcast_to(wave(y, x), (2, 3, 9, 12)).astype(np.float32)
-    got = move_views(LightField.from_array(still, device=device), steps).to_numpy()
+    got = shift_views(LightField.from_array(still, device=device), steps).to_numpy()
     np.testing.assert_allclose(got, wave(y + down, x + right), atol=5e-6)
 
 
 def test_refusals(device):
     lf = LightField.from_array(np.ones((2, 3, 4, 5), np.float32), device=device)
     with pytest.raises(ShapeError, match=r"shape \(2, 3, 2\), not \(3, 2, 2\)"):
-        move_views(lf, np.zeros((3, 2, 2)))
+        shift_views(lf, np.zeros((3, 2, 2)))
     with pytest.raises(ValueError, match="finite"):
-        move_views(lf, np.full((2, 3, 2), np.nan))
+        shift_views(lf, np.full((2, 3, 2), np.nan))

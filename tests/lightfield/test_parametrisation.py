@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from clplen.io import read_lightfield, write_lightfield
-from clplen.lightfield.depth.depth_map import depth_map
+from clplen.lightfield.focus_and_depth import depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.focal_stack import focal_stack, refocus
+from clplen.lightfield.refocus.focal_stack import refocus
 
 F, DU, DX = 0.24, 120e-6, 150e-6  # section 1.5: raw pixel order has du < 0
 SPACING = (-DU, -DU, DX, DX)

@@ -12,9 +12,10 @@ from reference_lightfield import refocus as twin
 from tolerance import relative_max
 
 from clplen.errors import DeviceError
+from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model.aperture_weights import aperture_weights
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.focal_stack import focal_stack, refocus
+from clplen.lightfield.refocus.focal_stack import refocus
 
 TYPES = (np.uint8, np.uint16, np.float32)
 SHAPES = [(3, 4, 17, 23), (4, 3, 13, 11, 3), (1, 6, 5, 19), (5, 2, 31, 7)]

@@ -10,9 +10,9 @@ from scipy.ndimage import gaussian_filter
 
 from clplen.compute.device import Device
 from clplen.io import read_lightfield
-from clplen.lightfield.depth.all_in_focus import all_in_focus
+from clplen.lightfield.focus_and_depth import all_in_focus, focal_stack
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.focal_stack import focal_stack, refocus
+from clplen.lightfield.refocus.focal_stack import refocus
 
 D = -0.65  # where the scene is sharpest
 

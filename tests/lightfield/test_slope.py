@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from clplen.lightfield.arrays.epi_slope import fit_slope
 from clplen.lightfield.depth.alpha_estimate import estimate_alpha
+from clplen.lightfield.depth.window_measures import fit_slope
 from clplen.lightfield.model.light_field import LightField
 
 
@@ -30,7 +30,7 @@ def test_a_line(device, d, aspect):
     """Spots that are whole have their centroid on the line; sampled Gaussians leave 1e-2."""
     spacing = (-1e-4 * aspect, -1e-4, 1.5e-4, 1.5e-4)
     lf = LightField.from_array(point(d, aspect=aspect), device=device, spacing=spacing)
-    found = estimate_alpha(lf, method="slope", near=(13, 12), window=23)
+    found = estimate_alpha(lf, method="slope", at=(12, 13), window=23)
     assert found.disparity == pytest.approx(d, rel=0.01)
     assert found.alpha == pytest.approx(1 - d * 1.5, rel=0.02, abs=0.02)
     assert found.confidence > 0.95
@@ -58,7 +58,7 @@ def test_scatter_of_the_spots_does_not_flatten_the_line():
 
 def test_without_spacing_there_is_a_disparity(device):
     lf = LightField.from_array(point(0.6), device=device)
-    found = estimate_alpha(lf, method="slope", near=(13, 12))
+    found = estimate_alpha(lf, method="slope", at=(12, 13))
     assert found.disparity == pytest.approx(0.6, rel=0.01)
     assert math.isnan(found.alpha)
 
@@ -79,7 +79,7 @@ def test_a_view_that_is_left_out_does_not_count(device):
     a[2, 3] = 0
     clean, other = (
         estimate_alpha(
-            LightField.from_array(x, device=device, weights=weights), method="slope", near=(13, 12)
+            LightField.from_array(x, device=device, weights=weights), method="slope", at=(12, 13)
         )
         for x in (a, spoilt)
     )
@@ -96,4 +96,4 @@ def test_everything_in_one_lenslet_is_in_focus():
 def test_nothing_to_see(device):
     lf = LightField.from_array(np.zeros((3, 3, 21, 21)), device=device)
     with pytest.raises(ValueError, match=r"lenslets round .* are black"):
-        estimate_alpha(lf, method="slope", near=(10, 10))
+        estimate_alpha(lf, method="slope", at=(10, 10))

@@ -10,19 +10,17 @@ import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from clplen.errors import ShapeError
-from clplen.lightfield.depth.all_in_focus import all_in_focus
-from clplen.lightfield.depth.depth_map import CUES, depth_map
+from clplen.lightfield.depth.depth_map import CUES, cue_named
+from clplen.lightfield.focus_and_depth import all_in_focus, depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocus.focal_stack import focal_stack
-from clplen.lightfield.streaming import spooling
+from clplen.lightfield.streaming import tile_reading
 from clplen.lightfield.streaming.streamed_results import (
     stream_all_in_focus,
     stream_depth,
     stream_stack,
 )
 from clplen.lightfield.streaming.tile_plan import plan_tiles
-from clplen.lightfield.streaming.working_memory import depth_work
 
 PLANES = np.linspace(-0.9, 1.3, 8)
 SPACING = (-1e-3, -1.1e-3, 1.3e-4, 0.9e-4)
@@ -151,7 +149,7 @@ def test_depth(device, pair, cue):
     if cue == "structure-tensor" and source.positions is not None:
         pytest.skip("these positions lie in no rows")
     whole = depth_map(lf, disparities=PLANES, cue=cue)
-    works = [depth_work(source, PLANES, cue)]
+    works = [cue_named(cue).memory(source, PLANES)]
     for memory in budgets(source, works, device, 0.3):
         plan = plan_tiles(source, works, memory=memory, device=device)
         assert not plan.in_core or cue == "combined"
@@ -170,7 +168,7 @@ def test_combined_of_what_is_lost_in_noise(device, dtype):
     lf = LightField.from_array(values, device=device)
     whole = depth_map(lf, disparities=PLANES)
     source = StoredLightField.from_array(values)
-    works = [depth_work(source, PLANES, "combined")]
+    works = [cue_named("combined").memory(source, PLANES)]
     memory = int(0.8 * plan_tiles(source, works, memory=1 << 40, device=device).bytes_peak)
     assert len(plan_tiles(source, works, memory=memory, device=device).tiles) > 1
     found = stream_depth(source, disparities=PLANES, memory=memory, device=device)
@@ -214,7 +212,7 @@ def by_views(source):
 
 
 def test_views_are_copied_once(device, tmp_path, monkeypatch):
-    monkeypatch.setattr(spooling.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(tile_reading.tempfile, "tempdir", str(tmp_path))
     lf = LightField.from_array(CASES["places"][0], device=device, **CASES["places"][1])
     source, reads = by_views(stored("places"))
     tiles = stream_stack(source, disparities=PLANES, memory=source.nbytes, device=device)
@@ -228,7 +226,7 @@ def test_views_are_copied_once(device, tmp_path, monkeypatch):
 def test_no_room_for_a_copy(device, monkeypatch):
     source, _ = by_views(stored("places"))
     usage = type("Usage", (), {"free": 1000})()
-    monkeypatch.setattr(spooling.shutil, "disk_usage", lambda _: usage)
+    monkeypatch.setattr(tile_reading.shutil, "disk_usage", lambda _: usage)
     tiles = stream_stack(source, disparities=PLANES, memory=source.nbytes, device=device)
     with pytest.raises(OSError, match=r"temporary file of [\d,]+ bytes.*1,000 free: point TMPDIR"):
         next(iter(tiles))
@@ -239,7 +237,7 @@ def readers():
 
 
 def test_leaving_early_leaves_nothing(device, tmp_path, monkeypatch):
-    monkeypatch.setattr(spooling.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(tile_reading.tempfile, "tempdir", str(tmp_path))
     before = set(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else set()
     source, _ = by_views(stored("places"))
     tiles = stream_stack(source, disparities=PLANES, memory=source.nbytes, device=device)
@@ -304,13 +302,6 @@ def test_what_is_refused(device):
     lf = LightField.from_array(CASES["grey"][0], device=device)
     with pytest.raises(TypeError, match=r"StoredLightField.*not LightField"):
         stream_depth(lf, device=device)
-    for function, name in (
-        (lambda: focal_stack(source, disparities=PLANES), "stream_stack"),
-        (lambda: depth_map(source), "stream_depth"),
-        (lambda: all_in_focus(source), "stream_all_in_focus"),
-    ):
-        with pytest.raises(TypeError, match=name):
-            function()
 
 
 def test_stored(device):
@@ -352,7 +343,7 @@ def test_raw_samples(tmp_path):
     file = tmp_path / "raw"
     file.write_bytes(b"abc" + values.tobytes())
     with file.open("rb") as opened:
-        samples = spooling.RawSamples(opened.fileno(), 3, values.shape, values.dtype)
+        samples = tile_reading.RawSamples(opened.fileno(), 3, values.shape, values.dtype)
         for ends in (
             [(0, 3), (0, 4), (0, 7), (0, 5), (0, 2)],
             [(1, 3), (2, 3), (1, 6), (0, 5), (0, 2)],
@@ -361,6 +352,6 @@ def test_raw_samples(tmp_path):
         ):
             selection = tuple(slice(*pair) for pair in ends)
             np.testing.assert_array_equal(samples.read(selection), values[selection])
-        longer = spooling.RawSamples(opened.fileno(), 4, values.shape, values.dtype)
+        longer = tile_reading.RawSamples(opened.fileno(), 4, values.shape, values.dtype)
         with pytest.raises(EOFError, match="ends after"):
             longer.read(tuple(slice(0, n) for n in values.shape))

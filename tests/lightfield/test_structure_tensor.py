@@ -7,7 +7,7 @@ import pytest
 from reference_cues import coherence, epi_tensor, grid_steps
 from scipy.ndimage import gaussian_filter
 
-from clplen.lightfield.depth.structure_tensor import structure_disparity
+from clplen.lightfield.depth.structure_tensor_cue import structure_disparity
 from clplen.lightfield.model.light_field import LightField
 
 

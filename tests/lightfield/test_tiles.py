@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.refocus.memory_estimate import MemoryEstimate
 from clplen.lightfield.streaming import tile_plan
-from clplen.lightfield.streaming.tile_plan import Work, bands, plan_tiles
+from clplen.lightfield.streaming.tile_plan import bands, plan_tiles
 
 
 def source(shape=(3, 4, 211, 307), chunks=None, views_at_once=(1, 1), overhead=0):
@@ -29,7 +30,7 @@ def source(shape=(3, 4, 211, 307), chunks=None, views_at_once=(1, 1), overhead=0
 
 def work(halo=(7, 11), per_pixel=100, largest=20, kept=0, passes=1, planes=1):
     groups = tuple(slice(i, i + 1) for i in range(planes))
-    return Work("A test", groups, halo, per_pixel, largest, kept, passes=passes)
+    return MemoryEstimate("A test", groups, halo, per_pixel, largest, kept, passes=passes)
 
 
 def covered(plan, size):
@@ -145,7 +146,7 @@ def test_fewer_planes_only_where_all_do_not_fit(device):
 
 
 def test_a_pass_before_reads_full_rows(device):
-    two = Work("A test", (slice(0, 1),), (7, 11), 100, 20, kept=3, before=40, passes=2)
+    two = MemoryEstimate("A test", (slice(0, 1),), (7, 11), 100, 20, kept=3, before=40, passes=2)
     plan = plan_tiles(source(), [two], memory=3_400_000, device=device)
     room = 3_400_000 * 15 // 16 - 40 * 211 * 307
     assert plan.band_rows == room // (2 * 12 * 307)

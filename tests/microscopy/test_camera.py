@@ -22,10 +22,10 @@ from clplen.cameras.objective import CoverGlass, Objective
 from clplen.errors import SamplingWarning
 from clplen.io import read_lightfield, write_lightfield
 from clplen.lightfield.depth.alpha_estimate import estimate_alpha
-from clplen.lightfield.depth.depth_map import depth_map
-from clplen.lightfield.depth.plane_choice import suitable_planes
+from clplen.lightfield.depth.best_focus import suitable_planes
+from clplen.lightfield.focus_and_depth import depth_map, focal_stack
 from clplen.lightfield.model.phase_space import phase_space
-from clplen.lightfield.refocus.focal_stack import focal_stack, refocus
+from clplen.lightfield.refocus.focal_stack import refocus
 from clplen.wave.field.field import Grid
 
 S = Setup()

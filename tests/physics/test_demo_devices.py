@@ -19,7 +19,7 @@ from clplen import Device, LightField, PointSources, estimate_alpha
 from clplen.demo import SOURCE_DIAMETER, camera
 device = Device.open("pocl")
 raw = camera(device, count=35).expose(PointSources((0, 0, -0.025), diameter=SOURCE_DIAMETER))
-alpha = estimate_alpha(LightField.from_raw(raw), near=(17, 17)).alpha
+alpha = estimate_alpha(LightField.from_raw(raw), at=(17, 17)).alpha
 print(json.dumps({"alpha": alpha, "note": device.note, "peak": float(raw.to_numpy().max())}))
 """
 

@@ -10,7 +10,7 @@ import pytest
 from clplen import LightField, PointSources
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.lightfield.depth.alpha_estimate import AlphaEstimate, estimate_alpha
-from clplen.lightfield.depth.depth_map import depth_map
+from clplen.lightfield.focus_and_depth import depth_map
 
 DEPTHS = (-50e-3, -25e-3, 25e-3, 50e-3)
 ON_AXIS = [(0.0, 0.0, dz) for dz in DEPTHS]
@@ -34,23 +34,23 @@ def measure(camera: Plenoptic1) -> Measure:
     def estimates(point: tuple[float, float, float]) -> dict[str, AlphaEstimate]:
         if point not in kept:
             lf = LightField.from_raw(camera.expose(PointSources([point], diameter=DISC)))
-            near = lenslet(camera, point)
+            at = lenslet(camera, point)
             # dz = .25 lies beyond the search of the others
             methods = ("compensated", "slope") if point[2] < 0.2 else ("slope",)
             if point in ON_AXIS:
                 methods = (*methods, "energy", "thesis")
-            kept[point] = {m: estimate_alpha(lf, near=near, method=m) for m in methods}
+            kept[point] = {m: estimate_alpha(lf, at=at, method=m) for m in methods}
         return kept[point]
 
     return estimates
 
 
 def lenslet(camera: Plenoptic1, point: tuple[float, float, float]) -> tuple[int, int]:
-    """The lenslet (x, y) that a point is imaged on."""
+    """The lenslet (y, x) that a point is imaged on."""
     image = camera.image_of([point])[0] / camera.mla.pitch
     centre = (np.array(camera.mla.count[::-1]) - 1) / 2
     x, y = np.round(centre + image).astype(int)
-    return int(x), int(y)
+    return int(y), int(x)
 
 
 def errors(camera: Plenoptic1, measure: Measure, points: list, method: str) -> np.ndarray:
@@ -142,16 +142,16 @@ def test_in_focus(measure):
 @pytest.mark.thorough
 def test_points_in_the_summed_scene(camera, scene):
     for point in ((-3e-3, -3e-3, -0.05), (3e-3, 3e-3, 0.05)):
-        found = estimate_alpha(scene, near=lenslet(camera, point))
+        found = estimate_alpha(scene, at=lenslet(camera, point))
         assert found.alpha == pytest.approx(camera.alpha(point[2]), abs=0.010)
-    assert estimate_alpha(scene).near == (50, 50)
+    assert estimate_alpha(scene).at == (50, 50)
 
 
 @pytest.mark.thorough
 def test_depth_map_of_the_summed_scene(camera, scene):
     found = depth_map(scene, alphas=np.linspace(0.65, 1.25, 41))
     for point in ((-3e-3, -3e-3, -0.05), (3e-3, 3e-3, 0.05)):
-        x, y = lenslet(camera, point)
+        y, x = lenslet(camera, point)
         # uncompensated, so pulled towards 1 by 1 - kappa, a tenth
         assert found.alpha[y, x] == pytest.approx(camera.alpha(point[2]), abs=0.05)
         assert np.sign(found.z[y, x]) == np.sign(point[2])
@@ -163,5 +163,5 @@ def test_depth_map_of_the_summed_scene(camera, scene):
 def test_extended_scene(camera, dz):
     places = np.random.default_rng(14).uniform(-0.9e-3, 0.9e-3, (14, 2))
     raw = camera.expose(PointSources([(x, y, dz) for x, y in places], diameter=DISC))
-    found = estimate_alpha(LightField.from_raw(raw), near=(50, 50), window=33)
+    found = estimate_alpha(LightField.from_raw(raw), at=(50, 50), window=33)
     assert found.alpha == pytest.approx(camera.alpha(dz), abs=0.004)

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from clplen.lightfield.arrays.stored_samples import plane
-from clplen.lightfield.depth.local_energy import LocalEnergy
+from clplen.lightfield.depth.energy_cue import LocalEnergy
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.view_shifts import unit_steps
-from clplen.lightfield.refocus.focal_stack import focal_stack
+from clplen.lightfield.refocus.focal_stack import focal_stack_in_memory
 
 Real = np.ndarray[Any, np.dtype[np.float64]]
 
-WORDS = ("swap_uv", "flip_v", "flip_u")
-LIMIT = 8.0  # furthest disparity that is tried
+LAYOUT_WORDS = ("swap_uv", "flip_v", "flip_u")
+FARTHEST = 8.0  # furthest disparity that is tried
 
 _SHARPER = 1.05  # times the other order's detail, and
 _GAINED = 1.5  # times what the other gains over the picture as recorded,
@@ -67,7 +67,7 @@ class Order:
     @property
     def words(self) -> tuple[str, ...]:
         """The words of layout that it takes."""
-        return tuple(word for word in WORDS if getattr(self, word))
+        return tuple(word for word in LAYOUT_WORDS if getattr(self, word))
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def axis_test(lf: LightField, *, farthest: float) -> AxisTest:
     ----------
     lf : LightField
     farthest : float
-        Planes from -farthest to farthest are tried, and up to `LIMIT` while much of the detail
+        Planes from -farthest to farthest are tried, and up to `FARTHEST` while much of the detail
         is sharpest at an end.
 
     Returns
@@ -174,7 +174,7 @@ class _Pictures:
         self._measure = LocalEnergy(_HIGH_PASS, data.shape[2:], device=lf.device)
         self._energy = lf.device.empty((_AT_ONCE, *data.shape[2:]), np.float32)
         steps = max(max(weights.shape) - 1, 1) / 2
-        self._limit = min(LIMIT, _SHARED * min(data.shape[2:]) / steps)
+        self._limit = min(FARTHEST, _SHARED * min(data.shape[2:]) / steps)
         border = math.ceil(self._limit * steps) + _BORDER
         self._inside = tuple(
             slice(edge, n - edge) for n in data.shape[2:] for edge in [min(border, n // 4)]
@@ -203,7 +203,7 @@ class _Pictures:
         )
         blocks = []
         for first in range(0, len(planes), _AT_ONCE):
-            stack = focal_stack(lf, disparities=planes[first : first + _AT_ONCE])
+            stack = focal_stack_in_memory(lf, disparities=planes[first : first + _AT_ONCE])
             self._measure(self._energy, stack, start=0, count=stack.shape[0])
             for energy in self._device.download(self._energy)[: stack.shape[0]]:
                 blocks.append(_in_blocks(energy[self._inside]))

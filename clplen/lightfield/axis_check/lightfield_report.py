@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen.lightfield.arrays.stored_samples import extremes
-from clplen.lightfield.axis_check.axis_test import LIMIT, AxisTest, Order, axis_test
+from clplen.lightfield.axis_check.axis_test import FARTHEST, AxisTest, Order, axis_test
 from clplen.lightfield.model.light_field import LightField
 
 if TYPE_CHECKING:
@@ -26,8 +26,8 @@ _MIRRORED = (
 
 
 @dataclass(frozen=True)
-class Report:
-    """What `check` found.
+class LightFieldReport:
+    """What `check_light_field` found.
 
     Attributes
     ----------
@@ -129,7 +129,7 @@ class Report:
         return asdict(self) | {"sentence": self.sentence()}
 
 
-def check(lf: LightField, *, farthest: float = _FARTHEST) -> Report:
+def check_light_field(lf: LightField, *, farthest: float = _FARTHEST) -> LightFieldReport:
     """Look at a light field: its samples, and which order of the view axes suits it.
 
     In each of the eight orders (axes swapped or not, each reversed or not) the middle of the light
@@ -156,14 +156,14 @@ def check(lf: LightField, *, farthest: float = _FARTHEST) -> Report:
     ValueError
         If ``farthest`` is not between 0 and 8.
     """
-    if not 0 < farthest <= LIMIT:
-        raise ValueError(f"farthest lies above 0 and not above {LIMIT:g}, not at {farthest!r}.")
+    if not 0 < farthest <= FARTHEST:
+        raise ValueError(f"farthest lies above 0 and not above {FARTHEST:g}, not at {farthest!r}.")
     low, high = extremes(lf.data, lf.device)
     dark = (low == 0) & (high == 0)
     views = lf.shape[0] * lf.shape[1]
     test = axis_test(lf, farthest=farthest) if views > 1 else AxisTest((), 0, frozenset(), np.nan)
     verdict, reason = _verdict(test) if views > 1 else ("none", "one view")
-    return Report(
+    return LightFieldReport(
         shape=lf.shape,
         dtype=str(lf.dtype),
         low=float(low.min()),
@@ -181,7 +181,7 @@ def check(lf: LightField, *, farthest: float = _FARTHEST) -> Report:
     )
 
 
-def after(first: Sequence[str], then: Sequence[str]) -> Words:
+def combine_layout_words(first: Sequence[str], then: Sequence[str]) -> Words:
     """The words of layout that do what two sets of them do one after the other.
 
     Parameters

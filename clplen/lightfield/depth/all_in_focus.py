@@ -8,66 +8,45 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.arrays import Image
+from clplen.compute.device import DeviceLike
 from clplen.errors import ShapeError
 from clplen.lightfield.arrays.ray_samples import checked_disparity
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
-from clplen.lightfield.depth.local_energy import LocalEnergy
-from clplen.lightfield.depth.plane_choice import default_disparities
+from clplen.lightfield.depth.best_focus import default_disparities
+from clplen.lightfield.depth.depth_map import DepthMap
+from clplen.lightfield.depth.energy_cue import ENERGY_REACH, LocalEnergy
 from clplen.lightfield.model.conversion import as_lightfield
-from clplen.lightfield.refocus.focal_stack import FocalStack, focal_stack, refocus
+from clplen.lightfield.refocus.focal_stack import FocalStack, focal_stack_in_memory, refocus
+from clplen.lightfield.refocus.memory_estimate import (
+    DEVICE_FLOAT,
+    HOST_FLOAT,
+    MemoryEstimate,
+    shear_halo,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from clplen.lightfield.depth.depth_map import DepthMap
     from clplen.lightfield.model.light_field import LightField
+    from clplen.lightfield.model.stored_light_field import StoredLightField
+
+Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 _HIGH_PASS, _WINDOW = 1.5, 4.0  # pixels, as for depth
 _AT_ONCE = 8  # planes whose energy is held before it is smoothed
 _DOUBLINGS = 5  # energy to the power of 32: planes next to the sharpest share, others do not
 
 
-def all_in_focus(
-    source: LightField | FocalStack,
+def all_in_focus_in_memory(
+    source: LightField | FocalStack | ArrayLike,
     *,
     depth: DepthMap | ArrayLike | None = None,
     disparities: ArrayLike | None = None,
+    device: DeviceLike | None = None,
 ) -> Image:
-    """One picture that is sharp at every depth, in the values of the light field (linear).
-
-    With a depth map, every pixel is taken at its own disparity: of a light field by averaging its
-    views there (`refocus` on a surface), of a stack linearly between its two nearest planes (held
-    beyond the ends).
-
-    Without one, the planes of a stack are blended with weights (E_d / max_d E)^32, where E_d is
-    the local energy of `depth_map`, smooth over a window of 4 pixels, so that no seams appear;
-    where nothing has any texture all planes count alike.
-
-    Parameters
-    ----------
-    source : LightField or FocalStack
-    depth : DepthMap or array_like, optional
-        Or disparities, shape (y, x), in pixels a view step, finite.
-    disparities : array_like, optional
-        Planes to blend, for a light field without depth; default 33 from -2 to 2, of a microscope
-        over its depth range (`suitable_planes`).
-
-    Returns
-    -------
-    Image
-        float32, shape (y, x[, c]).
-
-    Raises
-    ------
-    ValueError
-        If a disparity is not finite, or planes are given that are not used.
-    ShapeError
-        If the depth map is not of the size of the views.
-    DeviceError
-        If the stack is larger than the device's memory.
-    """
+    """`clplen.all_in_focus` of a light field on a device, or of a focal stack."""
     if not isinstance(source, FocalStack):
-        source = as_lightfield(source, "stream_all_in_focus")
+        source = as_lightfield(source, "all_in_focus", device=device)
     check_planes(depth if not isinstance(source, FocalStack) else source, disparities)
     if isinstance(source, FocalStack):
         if depth is None:
@@ -76,7 +55,35 @@ def all_in_focus(
     if depth is not None:
         return refocus(source, disparity=disparity_of(depth, source.shape[2:4]))
     planes = default_disparities(source) if disparities is None else disparities
-    return Image(_blended(focal_stack(source, disparities=planes)), source.device)
+    return Image(_blended(focal_stack_in_memory(source, disparities=planes)), source.device)
+
+
+def blend_memory(source: StoredLightField, planes: Vector) -> MemoryEstimate:
+    """What an all-in-focus picture from the planes of a stack needs."""
+    channels, size = (*source.shape, 1)[4], planes.size
+    floats = size * channels + size + min(_AT_ONCE, size) + channels
+    return MemoryEstimate(
+        "An all-in-focus picture",
+        (slice(0, size),),
+        shear_halo(source, planes, ENERGY_REACH),
+        int(DEVICE_FLOAT * floats) + HOST_FLOAT * channels,
+        4 * size * channels,
+        HOST_FLOAT * channels,
+    )
+
+
+def surface_memory(source: StoredLightField, disparity: Vector) -> MemoryEstimate:
+    """What an all-in-focus picture on the surface of a known depth map needs."""
+    channels = (*source.shape, 1)[4]
+    ends = np.array([disparity.min(), disparity.max()])
+    return MemoryEstimate(
+        "An all-in-focus picture",
+        (slice(0, 1),),
+        shear_halo(source, ends, 0),
+        int(DEVICE_FLOAT * (channels + 1)) + HOST_FLOAT * (channels + 4),
+        4 * channels,
+        HOST_FLOAT * channels,
+    )
 
 
 def check_planes(known: Any, disparities: Any) -> None:
@@ -120,8 +127,8 @@ def _between(stack: FocalStack, disparity: np.ndarray[Any, Any]) -> cla.Array:
         for index, plane in enumerate(order):
             picture = stack.data[int(plane)]
             stack.device.copy_into(data, picture, index * picture.nbytes)
-    place = np.interp(disparity, rising, np.arange(rising.size)).astype(np.float32)
-    return _launch("between", stack, data, stack.device.upload(place))
+    position = np.interp(disparity, rising, np.arange(rising.size)).astype(np.float32)
+    return _launch("between", stack, data, stack.device.upload(position))
 
 
 def _blended(stack: FocalStack) -> cla.Array:
@@ -131,13 +138,13 @@ def _blended(stack: FocalStack) -> cla.Array:
     maps = 4 * ny * nx * (count + _AT_ONCE)
     device.require_memory(stack.data.nbytes + maps, "This stack with its sharpness")
     energies = device.empty((count, ny, nx), np.float32)
-    some = device.empty((min(_AT_ONCE, count), ny, nx), np.float32)
+    batch = device.empty((min(_AT_ONCE, count), ny, nx), np.float32)
     gather = Smoother(gaussian_taps(_WINDOW), device=device)
     measure = LocalEnergy(_HIGH_PASS, stack.shape[1:], device=device)
     for start in range(0, count, _AT_ONCE):
         planes = min(_AT_ONCE, count - start)
-        measure(some, stack, start=start, count=planes)
-        gather(energies, some, start=start, count=planes)
+        measure(batch, stack, start=start, count=planes)
+        gather(energies, batch, start=start, count=planes)
     return _launch("blend", stack, stack.data, energies, np.int32(_DOUBLINGS))
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.lightfield.arrays.epi_slope import fit_slope
+from clplen.deprecation import warn_caller
 from clplen.lightfield.arrays.spectral_sharpness import (
     BAND,
     LensletBlur,
@@ -17,10 +17,15 @@ from clplen.lightfield.arrays.spectral_sharpness import (
     find_peak,
     sharpness,
 )
-from clplen.lightfield.depth import thesis_baseline
-from clplen.lightfield.depth.best_focus import farthest_disparity
-from clplen.lightfield.depth.certainty import WIDEST, beyond_paraxial, metres, say_end
-from clplen.lightfield.depth.lenslet_window import brightest, read_window
+from clplen.lightfield.depth import window_measures
+from clplen.lightfield.depth.best_focus import (
+    SEARCH_SHARE,
+    farthest_disparity,
+    paraxial_excess,
+    warn_at_search_end,
+    z_uncertainty,
+)
+from clplen.lightfield.depth.window_measures import brightest, fit_slope, read_window
 from clplen.lightfield.model.alpha_law import depth_at
 from clplen.lightfield.model.conversion import as_lightfield
 from clplen.lightfield.model.light_field import LightField
@@ -72,8 +77,8 @@ class AlphaEstimate(OneLine):
         The same plane in pixels a view step, nearer positive.
     disparities : numpy.ndarray
         Of ``curve``.
-    near : tuple of int
-        (x, y) of the lenslet that the window was centred on.
+    at : tuple of int
+        (y, x) of the lenslet that the window was centred on.
     confidence : float
         Of the method "slope", 0 to 1: share of the scatter that the line explains; else nan.
     blur : float
@@ -91,21 +96,31 @@ class AlphaEstimate(OneLine):
     method: str
     disparity: float
     disparities: Real
-    near: tuple[int, int]
+    at: tuple[int, int]
     confidence: float = math.nan
     blur: float = math.nan
     z_uncertainty: float = math.nan
+
+    @property
+    def near(self) -> tuple[int, int]:
+        """The old name of ``at``, with x first."""
+        warn_caller(
+            "AlphaEstimate.near, which is (x, y), is deprecated: read .at, which is (y, x).",
+            DeprecationWarning,
+        )
+        return self.at[::-1]
 
 
 def estimate_alpha(
     lf: LightField,
     *,
-    near: tuple[int, int] | None = None,
+    at: tuple[int, int] | None = None,
     method: str = "compensated",
     window: int = 21,
     c_max: float | None = None,
+    near: tuple[int, int] | None = None,
 ) -> AlphaEstimate:
-    """Depth of the object at one place, from where its refocused image is sharpest.
+    """Depth of the object at one at, from where its refocused image is sharpest.
 
     "energy" is the spectral energy of the refocused window between .1 and .45 cycles a lenslet.
     Its peak is pulled towards alpha = 1 by kappa = U^2/(U^2 + s^2), U the rms radius of the pupil
@@ -115,7 +130,7 @@ def estimate_alpha(
     within 1.2 p/D of 1, the object is in focus, the compensated curve is flat, and "compensated"
     returns 1 + (alpha_energy - 1)/kappa. "slope" fits the line of one point in phase space
     (`fit_slope`): no search, but a single point, out of focus. "thesis" is the baseline of
-    `clplen.lightfield.depth.thesis_baseline`: naive cells, 31 x 31 lenslets, alpha from .7 to 1.3,
+    `clplen.lightfield.depth.window_measures`: naive cells, 31 x 31 lenslets, alpha from .7 to 1.3,
     whatever ``window`` and ``c_max`` say.
 
     Parameters
@@ -123,8 +138,8 @@ def estimate_alpha(
     lf : LightField
         "compensated" needs its spacing and camera, "thesis" its raw image; "energy" and "slope"
         nothing, but without spacing they know the disparity only.
-    near : tuple of int, optional
-        (x_index, y_index) of the lenslet at the object, from 0. None: the brightest region.
+    at : tuple of int, optional
+        (y, x) of the lenslet at the object, indices from 0. None: the brightest region.
     method : {"compensated", "energy", "slope", "thesis"}
     window : int
         Lenslets across, odd, at least 9; clipped at the border of the light field. One object at
@@ -133,6 +148,8 @@ def estimate_alpha(
         Search range, -c_max to c_max pixels a view step (lenslets a sub-image pixel). A larger
         one lowers the highest frequency that "compensated" uses. Default .3, and the depth range
         of a microscope.
+    near : tuple of int, optional
+        Deprecated: ``at`` with x first.
 
     Returns
     -------
@@ -141,7 +158,7 @@ def estimate_alpha(
     Raises
     ------
     ValueError
-        If the method is unknown or lacks what it needs ("thesis" an F), ``near`` lies outside, the
+        If the method is unknown or lacks what it needs ("thesis" an F), ``at`` lies outside, the
         window is even or too small, ``c_max`` is out of range, or the window is black or without
         detail.
 
@@ -153,46 +170,48 @@ def estimate_alpha(
         that it names.
     """
     lf = as_lightfield(lf)
-    place = _checked(lf, near, method, window)
+    at = _checked(lf, _new_spelling(at, near), method, window)
     if method == "thesis":
         if is_telecentric(lf):
             raise ValueError(
                 "method='thesis' looks for alpha = F/F', which a telecentric camera, such as a "
                 "microscope, does not have: use another method."
             )
-        return _thesis(lf, place)
+        return _thesis(lf, at)
     optics = _optics(lf)
     if method == "slope":
-        return _slope(lf, place, window, optics)
+        return _slope(lf, at, window, optics)
     if method == "compensated" and optics is None:
         raise ValueError(
             "method='compensated' needs a light field with spacing (dv, du, dy, dx) and the "
             "camera that took it: give both, or use method='energy'."
         )
     c_max = _range(lf, window, c_max, optics)
-    cells = _detail(lf, place, window)
+    cells = _detail(lf, at, window)
     aspect = _aspect(lf.spacing)
     farthest = c_max * max(abs(aspect) * (lf.shape[0] - 1), lf.shape[1] - 1) / 2
     pad = max(_PAD, math.ceil(farthest))
     step = 1 / lf.shape[1]  # moves the outermost views apart by a lenslet
     energy = find_peak(sharpness(cells, pad=pad, band=BAND, aspect=aspect), c_max, step=step)
     if optics is None:
-        say_end(lf, energy, _limit(lf, window, optics))
-        return _result(lf, method, place, energy)
+        warn_at_search_end(lf, energy, _limit(lf, window, optics))
+        return _result(lf, method, at, energy)
     compensated = find_peak(
         sharpness(cells, pad=pad, band=optics.band(c_max), aspect=aspect, blur=optics.blur),
         c_max,
         step=step,
     )
-    say_end(lf, energy if method == "energy" else compensated, _limit(lf, window, optics))
+    warn_at_search_end(
+        lf, energy if method == "energy" else compensated, _limit(lf, window, optics)
+    )
     in_focus = all(
         abs(lf.shear_alpha(peak.position) - 1) < _IN_FOCUS * optics.tolerance
         for peak in (energy, compensated)
     )
     if method == "energy":
-        return _result(lf, method, place, energy, optics=optics, in_focus=in_focus)
+        return _result(lf, method, at, energy, optics=optics, in_focus=in_focus)
     alpha = 1 + float(lf.shear_alpha(energy.position) - 1) / optics.kappa if in_focus else None
-    return _result(lf, method, place, compensated, optics=optics, in_focus=in_focus, alpha=alpha)
+    return _result(lf, method, at, compensated, optics=optics, in_focus=in_focus, alpha=alpha)
 
 
 @dataclass(frozen=True)
@@ -255,37 +274,49 @@ def _aspect(spacing: Spacing | None) -> float:
     return dv * dx / (du * dy)
 
 
-def _detail(lf: LightField, near: tuple[int, int], size: int) -> Real:
+def _detail(lf: LightField, at: tuple[int, int], size: int) -> Real:
     """A window without the mean of each view, so that its own border is no edge."""
-    window = read_window(lf, near, size)
+    window = read_window(lf, at, size)
     largest = np.abs(window).max()
     window -= window.mean(axis=(-2, -1), keepdims=True)
     if np.abs(window).max() <= _ROUNDING * largest:
         raise ValueError(
-            f"The {size} x {size} lenslets round {near} are black or without any detail: give "
-            "another near= or a larger window."
+            f"The {size} x {size} lenslets round {at} are black or without any detail: give "
+            "another at= or a larger window."
         )
     return window
 
 
 def _checked(
-    lf: LightField, near: tuple[int, int] | None, method: str, window: int
+    lf: LightField, at: tuple[int, int] | None, method: str, window: int
 ) -> tuple[int, int]:
     """The central lenslet, after the checks that every method shares."""
     if method not in METHODS:
         raise ValueError(f"method is one of {', '.join(map(repr, METHODS))}, not {method!r}.")
     if window != int(window) or window % 2 == 0 or window < 9:
         raise ValueError(f"window is an odd number of lenslets, at least 9, not {window!r}.")
-    if near is None:
+    if at is None:
         return brightest(lf, window)
     ny, nx = lf.shape[2:4]
-    x, y = near
+    y, x = at
     if not (x == int(x) and y == int(y) and 0 <= x < nx and 0 <= y < ny):
         raise ValueError(
-            f"near is (x_index, y_index) with 0 <= x_index < {nx} and 0 <= y_index < {ny}, "
-            f"not {near!r}."
+            f"at is (y, x) of a lenslet with 0 <= y < {ny} and 0 <= x < {nx}, not {at!r}."
         )
-    return int(x), int(y)
+    return int(y), int(x)
+
+
+def _new_spelling(at: tuple[int, int] | None, near: tuple[int, int] | None) -> Any:
+    """``at``, or what the deprecated ``near`` says in its place."""
+    if near is None:
+        return at
+    if at is not None:
+        raise TypeError("estimate_alpha() got at= and its old spelling near=: give at=(y, x) only.")
+    warn_caller(
+        "estimate_alpha() takes at=(y, x); its old spelling near=(x, y) is deprecated.",
+        DeprecationWarning,
+    )
+    return tuple(near)[::-1]
 
 
 def search_limit(lf: LightField, *, window: int = 21) -> float:
@@ -318,7 +349,7 @@ def _range(lf: LightField, window: int, c_max: float | None, optics: _Optics | N
     """The search range, after a check that alpha, the window and the band do not end in it."""
     limit = _limit(lf, window, optics)
     if c_max is None and is_telecentric(lf):
-        return min(_BEYOND * farthest_disparity(lf.camera), WIDEST * limit)
+        return min(_BEYOND * farthest_disparity(lf.camera), SEARCH_SHARE * limit)
     c_max = _SEARCH if c_max is None else c_max
     if not 0 < c_max < limit:
         raise ValueError(
@@ -331,7 +362,7 @@ def _range(lf: LightField, window: int, c_max: float | None, optics: _Optics | N
 def _result(
     lf: LightField,
     method: str,
-    near: tuple[int, int],
+    at: tuple[int, int],
     peak: Peak,
     *,
     optics: _Optics | None = None,
@@ -344,7 +375,7 @@ def _result(
     uncertainty = math.nan
     if optics is not None and peak.inside:
         uncertainty = optics.uncertainty(value, method, in_focus)
-        uncertainty += beyond_paraxial(lf, value, disparity)
+        uncertainty += paraxial_excess(lf, value, disparity)
     rising = np.argsort(lf.shear_alpha(peak.positions))
     return AlphaEstimate(
         alpha=math.nan if is_telecentric(lf) else value,
@@ -355,44 +386,44 @@ def _result(
         method=method,
         disparity=disparity,
         disparities=peak.positions[rising],
-        near=near,
+        at=at,
         blur=_blur(value, optics),
-        z_uncertainty=metres(lf, value, uncertainty),
+        z_uncertainty=z_uncertainty(lf, value, uncertainty),
     )
 
 
 def _slope(
-    lf: LightField, near: tuple[int, int], window: int, optics: _Optics | None
+    lf: LightField, at: tuple[int, int], window: int, optics: _Optics | None
 ) -> AlphaEstimate:
     require_two_plane(lf, "The slope")
-    samples = read_window(lf, near, window)
+    samples = read_window(lf, at, window)
     samples *= (lf.weights > 0)[:, :, None, None]
     if not samples.max() > 0:
         raise ValueError(
-            f"The {window} x {window} lenslets round {near} are black: give another near= or a "
-            "larger window."
+            f"The {window} x {window} lenslets round {at} are black: give another at= or a larger "
+            "window."
         )
-    found = fit_slope(samples, aspect=_aspect(lf.spacing))
-    alpha = float(lf.shear_alpha(found.disparity))
+    slope = fit_slope(samples, aspect=_aspect(lf.spacing))
+    alpha = float(lf.shear_alpha(slope.disparity))
     uncertainty, in_focus = math.nan, False
     if optics is not None:
-        in_focus = abs(alpha - 1) < _IN_FOCUS * optics.tolerance or found.spots == 1
+        in_focus = abs(alpha - 1) < _IN_FOCUS * optics.tolerance or slope.spots == 1
         uncertainty = optics.uncertainty(alpha, "slope", in_focus)
-        uncertainty += beyond_paraxial(lf, alpha, found.disparity)
+        uncertainty += paraxial_excess(lf, alpha, slope.disparity)
     none = np.empty(0)
     return AlphaEstimate(
         alpha=math.nan if is_telecentric(lf) else alpha,
-        z=float(depth_at(lf, found.disparity)),
+        z=float(depth_at(lf, slope.disparity)),
         in_focus=in_focus,
         uncertainty=uncertainty,
         curve=(none, none),
         method="slope",
-        disparity=found.disparity,
+        disparity=slope.disparity,
         disparities=none,
-        near=near,
-        confidence=found.confidence,
+        at=at,
+        confidence=slope.confidence,
         blur=_blur(alpha, optics),
-        z_uncertainty=metres(lf, alpha, uncertainty),
+        z_uncertainty=z_uncertainty(lf, alpha, uncertainty),
     )
 
 
@@ -400,26 +431,26 @@ def _blur(alpha: float, optics: _Optics | None) -> float:
     return math.nan if optics is None else abs(1 - alpha) / optics.tolerance
 
 
-def _thesis(lf: LightField, near: tuple[int, int]) -> AlphaEstimate:
+def _thesis(lf: LightField, at: tuple[int, int]) -> AlphaEstimate:
     if lf.raw is None:
         raise ValueError(
             "method='thesis' decodes the raw image again, which this light field does not have: "
             "make it with LightField.from_raw, or use another method."
         )
     naive = LightField.from_raw(lf.raw, decode="naive")
-    window = read_window(naive, near, thesis_baseline.WINDOW, fill=True)
-    energies = thesis_baseline.thesis_curve(window)
+    window = read_window(naive, at, window_measures.THESIS_WINDOW, fill=True)
+    energies = window_measures.thesis_curve(window)
     best = int(np.argmax(energies))
-    disparities = lf.disparity_of_shear(thesis_baseline.ALPHAS)
-    alpha = float(thesis_baseline.ALPHAS[best])
+    disparities = lf.disparity_of_shear(window_measures.THESIS_ALPHAS)
+    alpha = float(window_measures.THESIS_ALPHAS[best])
     return AlphaEstimate(
         alpha=alpha,
         z=float(depth_at(lf, float(disparities[best]))),
         in_focus=False,
         uncertainty=math.nan,
-        curve=(thesis_baseline.ALPHAS.copy(), energies),
+        curve=(window_measures.THESIS_ALPHAS.copy(), energies),
         method="thesis",
         disparity=float(disparities[best]),
         disparities=disparities,
-        near=near,
+        at=at,
     )

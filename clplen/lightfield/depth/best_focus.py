@@ -1,10 +1,11 @@
-"""Where a telecentric light field is sharpest: beyond the paraxial law at high NA.
+"""Which planes are searched for the best focus, and where it lies beyond the paraxial law.
 
-A ray at the angle theta from z meets the array at X = M z tan(theta), and leaves it towards the
-pixel at f_mu n sin(theta)/M (sine condition). The law d = -M^2 z dx/(n f_mu p) of a plane takes
-tan(theta) = sin(theta); as rays of the rim lie farther out, no d gathers all of them, and the best
-one is r times the paraxial one. With s = sin(theta), c = cos(theta), frequencies k in cycles a
-lenslet and views as bright as the pupil's c^(2 e), r is where the spectral energy
+A telecentric light field of high NA is sharpest off the paraxial plane. A ray at the angle theta
+from z meets the array at X = M z tan(theta), and leaves it towards the pixel at f_mu n sin(theta)/M
+(sine condition). The law d = -M^2 z dx/(n f_mu p) of a plane takes tan(theta) = sin(theta); as rays
+of the rim lie farther out, no d gathers all of them, and the best one is r times the paraxial one.
+With s = sin(theta), c = cos(theta), frequencies k in cycles a lenslet and views as bright as the
+pupil's c^(2 e), r is where the spectral energy
 
     E(r) = int k dk abs(int c^(2 e) J0(2 pi k M z s (1/c - r)/p) s ds)^2
 
@@ -14,13 +15,27 @@ NA/n = .3 and 1.10 for .5.
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from clplen.deprecation import warn_caller
+from clplen.errors import SamplingWarning
 from clplen.lightfield.arrays.spectral_sharpness import BAND
+from clplen.lightfield.model.alpha_law import depth_at
+from clplen.lightfield.raw.raw_image import is_telecentric
 
-SAID = 0.7  # NA/n from which it is said aloud
+if TYPE_CHECKING:
+    from clplen.lightfield.arrays.spectral_sharpness import Peak
+    from clplen.lightfield.model.light_field import LightField
+
+DEFAULT_DISPARITIES = (-2.0, 2.0, 33)  # first, last, how many
+DEFAULT_ALPHAS = (0.65, 1.35, 33)
+HIGH_NA = 0.7  # NA/n from which warnings name the ratio
+SEARCH_SHARE = 0.95  # of the largest search that a light field allows
+
+_FAR = 1e3  # metres: as good as infinity, and still finite
 
 _NODES = 96  # over the pupil
 _FREQUENCIES = 16
@@ -75,7 +90,7 @@ def farthest_disparity(camera: Any) -> float:
     return float(abs(camera.disparity(end)) * focus_ratio(camera, end))
 
 
-def high_na_words(camera: Any, disparity: float) -> str:
+def high_na_message(camera: Any, disparity: float) -> str:
     """How far the paraxial law is off at a disparity that was found or searched; "" up to NA/n .7.
 
     Parameters
@@ -90,10 +105,101 @@ def high_na_words(camera: Any, disparity: float) -> str:
         A sentence without its end.
     """
     sine = camera.na / camera.medium_index
-    if sine <= SAID:
+    if sine <= HIGH_NA:
         return ""
     return (
         f"At NA/n = {sine:.3g} rays of the rim make points sharpest at "
         f"{ratio_at(camera, disparity):.3g} times their paraxial disparity "
         f"({focus_ratio(camera, 0.0):.3g} times near the native plane)"
     )
+
+
+class _AlphaSource(Protocol):
+    """What knows its camera and turns disparity into alpha."""
+
+    @property
+    def camera(self) -> Any: ...
+
+    def alpha(self, disparity: Any) -> Any: ...
+
+
+def suitable_planes(lf: _AlphaSource, *, count: int | None = None) -> dict[str, Any]:
+    """Planes that suit what a light field knows, as ``alphas`` or ``disparities`` of `focal_stack`.
+
+    Parameters
+    ----------
+    lf : LightField
+    count : int, optional
+        How many; default 33, and for a microscope at least as many as resolve its depth range:
+        one pixel in the sub-images moves a point by one lenslet between the outermost views.
+
+    Returns
+    -------
+    dict
+        ``alphas`` from .65 to 1.35, at most up to infinity, where the spacing is known;
+        ``disparities`` over the depth range of a microscope, to where its ends are sharpest; else
+        from -2 to 2.
+    """
+    if np.isfinite(lf.alpha(0.0)):
+        low, high, many = DEFAULT_ALPHAS
+        if lf.camera is not None:
+            high = min(high, lf.camera.alpha(_FAR))
+        return {"alphas": np.linspace(low, high, count or many)}
+    low, high, many = DEFAULT_DISPARITIES
+    if is_telecentric(lf):
+        high = farthest_disparity(lf.camera)
+        low = -high
+        many = max(many, 2 * math.ceil(high * lf.camera.pixels_per_lenslet) + 1)
+    return {"disparities": np.linspace(low, high, count or many)}
+
+
+def default_disparities(lf: _AlphaSource) -> Any:
+    """Disparities that are tried where none were given: `suitable_planes` of a microscope."""
+    if is_telecentric(lf):
+        return suitable_planes(lf)["disparities"]
+    return np.linspace(*DEFAULT_DISPARITIES)
+
+
+def warn_at_search_end(lf: LightField, peak: Peak, limit: float) -> None:
+    """Warn where no peak was found, with what was searched and what would do."""
+    if peak.inside:
+        return
+    end = abs(float(peak.positions[0]))
+    z = np.abs(depth_at(lf, [-end, end]))
+    metres = f", abs(z) up to {z.max():.3g} m" if np.isfinite(z).all() else ""
+    wider = min(2 * end, SEARCH_SHARE * limit)
+    advice = (
+        f"pass c_max={wider:.3g}"
+        if wider > 1.01 * end
+        else f"this window allows no more than {limit:.3g}, give a larger one"
+    )
+    warn_caller(
+        f"The window is sharpest at an end of the search, disparity {peak.position:.3g} of "
+        f"{-end:.3g} to {end:.3g} pixels a view step{metres}, so that this is no depth: the object "
+        f"lies farther from the focused plane; {advice}.",
+        SamplingWarning,
+    )
+
+
+def paraxial_excess(lf: LightField, alpha: float, disparity: float) -> float:
+    """By how much abs(1 - alpha) is too large: 0, and of a telecentric camera what rays say."""
+    if not is_telecentric(lf):
+        return 0.0
+    words = high_na_message(lf.camera, disparity)
+    ratio = ratio_at(lf.camera, disparity)
+    if words:
+        z = float(depth_at(lf, disparity))
+        warn_caller(
+            f"{words}: the object lies at about {z / ratio:.3g} m rather than at z = {z:.3g} m, "
+            "which is that of the paraxial law.",
+            SamplingWarning,
+        )
+    return (1 - 1 / ratio) * abs(1 - alpha)
+
+
+def z_uncertainty(lf: LightField, alpha: float, uncertainty: float) -> float:
+    """An uncertainty of alpha as one of z."""
+    if not 0 <= uncertainty < alpha:  # nor nan
+        return math.nan
+    ends = lf.disparity_of_shear([alpha - uncertainty, alpha + uncertainty])
+    return float(np.ptp(depth_at(lf, ends))) / 2

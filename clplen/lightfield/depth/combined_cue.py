@@ -2,29 +2,39 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyopencl.array as cla
 
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
-from clplen.lightfield.depth.sharpness_cue import energy_disparity
+from clplen.lightfield.depth.cue import (
+    MAP_BYTES,
+    Cue,
+    Mask,
+    PartialDepth,
+    TwoPasses,
+    depth_memory,
+)
+from clplen.lightfield.depth.energy_cue import PICTURES, energy_disparity, energy_floats
 from clplen.lightfield.depth.view_matching import (
     WINDOW,
-    Tables,
-    Views,
+    ShiftTables,
+    ViewGroups,
     depth_kernel,
+    group_views,
     match_costs,
     row_sums,
-    sorted_views,
+    shift_tables,
     support_block,
-    tables,
     thresholds,
 )
+from clplen.lightfield.refocus.memory_estimate import DEVICE_FLOAT, HOST_FLOAT, MemoryEstimate
 
 if TYPE_CHECKING:
     from clplen.lightfield.model.light_field import LightField
+    from clplen.lightfield.model.stored_light_field import StoredLightField
 
 Map = np.ndarray[Any, np.dtype[np.float32]]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
@@ -47,7 +57,8 @@ _SHALLOW = 0.02  # unless what they say is this sure
 _STEP = 0.15  # pixels a view step: planes farther apart get others between them
 _EVEN = 4.0  # times brighter or darker: views that differ more are left as they are
 _VIGNETTED = 0.02  # fall of brightness from the middle to the rim that is evened
-REACH = WINDOW + gaussian_taps(_NOISE_BLUR).size - 1  # pixels of its costs that a pixel needs
+_REACH = WINDOW + gaussian_taps(_NOISE_BLUR).size - 1  # pixels of its costs that a pixel needs
+_MERGED = MAP_BYTES + 13  # bytes of a pixel while confidences are merged
 _SURE = 0.05  # pixels a view step: standard deviation of a confidence of one half
 
 
@@ -56,10 +67,10 @@ def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
 
     Samples are scaled to 255 levels. On every plane the views are compared with the centre
     (`match_costs`), through an interpolation that treats all fractions of a pixel alike
-    (`tables`); the costs are gathered over neighbours that look alike (Yoon and Kweon 2006), the
-    more tolerantly the noisier the place. The least cost, refined by a parabola, is then moved by
-    a robust Lucas-Kanade step on all views (Lucas and Kanade 1981), in which each pixel takes part
-    with the plane that fits its neighbourhood. Where no plane makes the views agree, in strong
+    (`shift_tables`); the costs are gathered over neighbours that look alike (Yoon and Kweon 2006),
+    the more tolerantly the noisier the place. The least cost, refined by a parabola, is then moved
+    by a robust Lucas-Kanade step on all views (Lucas and Kanade 1981), in which each pixel takes
+    part with the plane that fits its neighbourhood. Where no plane makes the views agree, in strong
     noise or in the diffraction patterns of single points, the sharpest plane is taken
     (`energy_disparity`).
 
@@ -81,14 +92,14 @@ def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     DeviceError
         If what is needed is larger than the device's memory.
     """
-    views = sorted_views(lf)
-    levels = levels_of(lf.shape, views, centre_picture(lf, views), row_sums(lf))
-    found = matched(lf, planes, levels)
-    return found.disparity, merged(found.confidence, found.lost)
+    survey = LevelSurvey(lf)
+    survey.add(slice(0, lf.shape[2]), lf)
+    result = match_views(lf, planes, survey.finish())
+    return result.disparity, merge_confidence(result.confidence, result.lost)
 
 
 @dataclass(frozen=True)
-class Levels:
+class SampleLevels:
     """What the whole light field says of its samples.
 
     Attributes
@@ -103,41 +114,32 @@ class Levels:
     even: Vector
 
 
-@dataclass(frozen=True)
-class Matched:
-    """What is found at every pixel, shape (y, x).
-
-    Attributes
-    ----------
-    disparity, confidence : numpy.ndarray
-        float32.
-    lost : numpy.ndarray
-        bool: where the views agree on no plane, and both are those of the sharpest plane.
-    """
-
-    disparity: Map
-    confidence: Map
-    lost: np.ndarray[Any, np.dtype[np.bool_]]
-
-
-def levels_of(shape: tuple[int, ...], views: Views, centre: Map, sums: Map) -> Levels:
-    """Gain and evenness of a whole light field.
+class LevelSurvey:
+    """Gain and vignetting of a light field, seen in bands of full rows.
 
     Parameters
     ----------
-    shape : tuple of int
-        (v, u, y, x[, c]).
-    views : Views
-    centre : numpy.ndarray
-        `centre_picture`.
-    sums : numpy.ndarray
-        `row_sums`.
+    source : LightField or StoredLightField
     """
-    means = sums.sum(axis=1, dtype=np.float64) / int(np.prod(shape[2:], dtype=np.int64))
-    return Levels(_gain(centre), _evened(means[views.view], views))
+
+    def __init__(self, source: LightField | StoredLightField) -> None:
+        self._views = group_views(source)
+        self._centre = np.empty(source.shape[2:], np.float32)
+        self._sums = np.empty((source.shape[0] * source.shape[1], source.shape[2]), np.float32)
+
+    def add(self, rows: slice, lf: LightField) -> None:
+        """Look at some rows of all views."""
+        self._centre[rows] = centre_picture(lf, self._views)
+        self._sums[:, rows] = row_sums(lf)
+
+    def finish(self) -> SampleLevels:
+        """Gain and evenness, when all rows were added."""
+        means = self._sums.sum(axis=1, dtype=np.float64) / self._centre.size
+        gains = _vignetting_gains(means[self._views.view], self._views)
+        return SampleLevels(_gain(self._centre), gains)
 
 
-def centre_picture(lf: LightField, views: Views) -> Map:
+def centre_picture(lf: LightField, views: ViewGroups) -> Map:
     """The picture whose likeness guides: the mean of the views round the middle."""
     pictures = [
         share * lf.device.download(lf.data[divmod(int(views.view[k]), lf.shape[1])])
@@ -146,15 +148,10 @@ def centre_picture(lf: LightField, views: Views) -> Map:
     return np.sum(pictures, axis=0, dtype=np.float32)
 
 
-def planes_tried(planes: Vector) -> int:
-    """How many planes there are with those between them."""
-    return int(_dense(planes).size)
-
-
-def matched(
-    lf: LightField, planes: Vector, levels: Levels, *, inside: tuple[slice, ...] = ()
-) -> Matched:
-    """Disparity of each pixel from its neighbourhood, `REACH` pixels wide, in the views.
+def match_views(
+    lf: LightField, planes: Vector, levels: SampleLevels, *, inside: tuple[slice, ...] = ()
+) -> PartialDepth:
+    """Disparity of each pixel from its neighbourhood, `_REACH` pixels wide, in the views.
 
     Parameters
     ----------
@@ -162,28 +159,30 @@ def matched(
         All, or a part of its rows and columns.
     planes : numpy.ndarray
         Disparities, rising, at least three.
-    levels : Levels
+    levels : SampleLevels
         Of the whole light field.
     inside : tuple of slice
         Rows and columns that are wanted; default all.
 
     Returns
     -------
-    Matched
+    PartialDepth
         Of the whole of ``lf``.
     """
     planes = _dense(planes)
-    found, margin = _matched(lf, planes, levels)
-    if found.lost[inside].any():
+    result, margin = _match(lf, planes, levels)
+    if result.lost[inside].any():
         sharpest, clear = energy_disparity(lf, planes)
-        disparity = np.where(found.lost, sharpest, found.disparity)
-        found = Matched(disparity, np.where(found.lost, clear, found.confidence), found.lost)
-    disparity = np.where(margin > 0, found.disparity, planes[np.argmin(np.abs(planes))])
+        disparity = np.where(result.lost, sharpest, result.disparity)
+        result = PartialDepth(
+            disparity, np.where(result.lost, clear, result.confidence), result.lost
+        )
+    disparity = np.where(margin > 0, result.disparity, planes[np.argmin(np.abs(planes))])
     disparity = np.clip(disparity, planes[0], planes[-1]).astype(np.float32)
-    return Matched(disparity, found.confidence.astype(np.float32), found.lost)
+    return PartialDepth(disparity, result.confidence.astype(np.float32), result.lost)
 
 
-def _matched(lf: LightField, planes: Vector, levels: Levels) -> tuple[Matched, Map]:
+def _match(lf: LightField, planes: Vector, levels: SampleLevels) -> tuple[PartialDepth, Map]:
     """What matching finds, and how deep the valley of its costs is."""
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
@@ -191,22 +190,22 @@ def _matched(lf: LightField, planes: Vector, levels: Levels) -> tuple[Matched, M
         lf.data.nbytes + 8 * ny * nx * (planes.size + 8),
         "This depth map with its light field",
     )
-    views = sorted_views(lf)
+    views = group_views(lf)
     picture = device.upload(_smoothed(centre_picture(lf, views) * np.float32(levels.gain)))
-    moved = tables(views, planes, levels.gain * levels.even, device=device)
-    costs = match_costs(lf, views, moved)
-    noise = _noise(lf, costs, moved)
+    tables = shift_tables(views, planes, levels.gain * levels.even, device=device)
+    costs = match_costs(lf, views, tables)
+    noise = _noise(lf, costs, tables)
     gathered = device.empty(costs.shape, np.float32)
     _gather(lf, gathered, costs, picture, noise)
-    disparity, nearest, least, margin = _valley(lf, gathered, moved)
-    refined, known = _refined(lf, views, moved, disparity, nearest, picture, noise)
+    disparity, nearest, least, margin = _valley(lf, gathered, tables)
+    refined, known = _refined(lf, views, tables, disparity, nearest, picture, noise)
     sure = known * len(views.view) / np.maximum(noise, 1) ** 2
     confidence = margin * sure / (sure + 1 / _SURE**2)
     lost = (least > _LOST * thresholds(channels)[0]) & (confidence < _SHALLOW)
-    return Matched(refined, confidence, lost), margin
+    return PartialDepth(refined, confidence, lost), margin
 
 
-def merged(confidence: Map, lost: np.ndarray[Any, np.dtype[np.bool_]]) -> Map:
+def merge_confidence(confidence: Map, lost: Mask) -> Map:
     """Confidence of the whole map: what was matched is surer than what is only sharpest."""
     usual = np.median(confidence[~lost]) if lost.any() and not lost.all() else 0.0
     return np.where(lost, confidence * usual, confidence) if usual > _SHALLOW else confidence
@@ -231,7 +230,7 @@ def _smoothed(picture: Map) -> Map:
     return np.ascontiguousarray(picture, np.float32)
 
 
-def _evened(means: Vector, views: Views) -> Vector:
+def _vignetting_gains(means: Vector, views: ViewGroups) -> Vector:
     """What undoes vignetting: views that get darker, or brighter, from the middle outwards.
 
     Their brightness is fitted by 1 + b r^2. What else makes views differ, content that moves
@@ -261,22 +260,22 @@ def _dense(planes: Vector) -> Vector:
     return np.concatenate([*between, planes[-1:]])
 
 
-def _noise(lf: LightField, costs: cla.Array, moved: Tables) -> Map:
+def _noise(lf: LightField, costs: cla.Array, tables: ShiftTables) -> Map:
     """Standard deviation of the samples in levels, from the least cost round every pixel."""
     device, channels = lf.device, (*lf.shape, 1)[4]
-    least = _valley(lf, costs, moved)[2]
+    least = _valley(lf, costs, tables)[2]
     blurred = device.empty((1, *least.shape), np.float32)
     smooth = Smoother(gaussian_taps(_NOISE_BLUR), device=device)
     smooth(blurred, device.upload(least[None]), start=0, count=1)
     return np.asarray(device.download(blurred)[0] / (channels * _COST_PER_NOISE), np.float32)
 
 
-def _alike(level: float, noise: Map, channels: int) -> Map:
+def _colour_scale(level: float, noise: Map, channels: int) -> Map:
     """Scale of squared differences of colour, with the noise in it."""
     return np.asarray(0.5 / (level**2 + noise**2) / channels, np.float32)
 
 
-def _near(noise: Map) -> Map:
+def _distance_scale(noise: Map) -> Map:
     """Scale of squared distances: the noisier, the farther neighbours count."""
     sigma = np.clip(_NARROW + _WIDENING * (noise - _QUIET), _NARROW, _WIDE)
     return np.asarray(0.5 / sigma**2, np.float32)
@@ -293,41 +292,41 @@ def _gather(
         out,
         costs,
         picture,
-        device.upload(_near(noise)),
-        device.upload(_alike(_ALIKE, noise, channels)),
+        device.upload(_distance_scale(noise)),
+        device.upload(_colour_scale(_ALIKE, noise, channels)),
         *(np.int32(n) for n in (planes, ny, nx)),
     )
 
 
 def _valley(
-    lf: LightField, costs: cla.Array, moved: Tables
+    lf: LightField, costs: cla.Array, tables: ShiftTables
 ) -> tuple[cla.Array, cla.Array, Map, Map]:
     """Disparity of the least cost, its plane, the cost, and its depth below the second, 0 to 1."""
     device = lf.device
     _, ny, nx = (int(n) for n in costs.shape)
-    place, least, second, mean = (device.empty((ny, nx), np.float32) for _ in range(4))
+    position, least, second, mean = (device.empty((ny, nx), np.float32) for _ in range(4))
     nearest = device.empty((ny, nx), np.int32)
     device.launch_rows(
         depth_kernel(lf, "valley"),
         (ny, nx),
-        place,
+        position,
         nearest,
         least,
         second,
         mean,
         costs,
-        moved.planes,
-        *(np.int32(n) for n in (moved.count, ny, nx)),
+        tables.planes,
+        *(np.int32(n) for n in (tables.count, ny, nx)),
     )
     low, next_low, usual = (device.download(a) for a in (least, second, mean))
     rise = np.minimum(next_low, usual) - low
-    return place, nearest, low, np.clip(rise / np.maximum(usual, 1e-6), 0, 1)
+    return position, nearest, low, np.clip(rise / np.maximum(usual, 1e-6), 0, 1)
 
 
 def _refined(
     lf: LightField,
-    views: Views,
-    moved: Tables,
+    views: ViewGroups,
+    tables: ShiftTables,
     disparity: cla.Array,
     nearest: cla.Array,
     picture: cla.Array,
@@ -336,7 +335,7 @@ def _refined(
     """Disparity moved by one step of least squares, and what the views know of it, A."""
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
-    A, B = _normal(lf, views, moved, disparity, nearest)
+    A, B = _normal(lf, views, tables, disparity, nearest)
     out, known = (device.empty((ny, nx), np.float32) for _ in range(2))
     prior = _PRIOR * channels * np.maximum(noise, 1) ** 2
     device.launch(
@@ -348,8 +347,8 @@ def _refined(
         B,
         disparity,
         picture,
-        device.upload(_alike(_FIT_ALIKE, noise, channels)),
-        device.upload(_near(noise)),
+        device.upload(_colour_scale(_FIT_ALIKE, noise, channels)),
+        device.upload(_distance_scale(noise)),
         device.upload(prior.astype(np.float32)),
         np.float32(0.5 / _SAME_SURFACE**2),
         np.float32(_RIDGE),
@@ -360,7 +359,7 @@ def _refined(
 
 
 def _normal(
-    lf: LightField, views: Views, moved: Tables, disparity: cla.Array, nearest: cla.Array
+    lf: LightField, views: ViewGroups, tables: ShiftTables, disparity: cla.Array, nearest: cla.Array
 ) -> tuple[cla.Array, cla.Array]:
     """A and B of kernels/refine.cl at every pixel."""
     device = lf.device
@@ -374,15 +373,37 @@ def _normal(
         lf.data,
         disparity,
         nearest,
-        moved.planes,
+        tables.planes,
         device.upload(views.view),
         device.upload(views.step.astype(np.float32)),
-        moved.at,
-        moved.part,
-        moved.slopes,
-        moved.reach,
-        *views.on(device),
+        tables.at,
+        tables.part,
+        tables.slopes,
+        tables.reach,
+        *views.upload(device),
         *(np.int32(n) for n in (len(views.view), ny, nx)),
         *(np.float32(t) for t in thresholds(channels)),
     )
     return A, B
+
+
+def combined_memory(source: StoredLightField, planes: Vector) -> MemoryEstimate:
+    """What `combined_disparity` needs, in two passes: gain and vignetting first, then the maps."""
+    channels, count = (*source.shape, 1)[4], int(_dense(planes).size)
+    floats = 2 * count + 4 * channels + 24 + energy_floats(planes.size, channels)
+    largest = max(count, min(PICTURES, planes.size) * channels)
+    once = depth_memory("combined", source, planes, reach=_REACH, floats=floats, largest=largest)
+    return replace(
+        once,
+        per_pixel=int(DEVICE_FLOAT * floats) + HOST_FLOAT * (18 + 3 * channels),
+        kept=MAP_BYTES + 1,  # and which pixels are lost
+        before=max(_MERGED, 3 * HOST_FLOAT * channels),
+        passes=2,
+    )
+
+
+CUE = Cue(
+    combined_disparity,
+    combined_memory,
+    TwoPasses(LevelSurvey, match_views, merge_confidence),
+)

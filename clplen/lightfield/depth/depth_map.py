@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -11,14 +9,19 @@ import numpy as np
 
 from clplen.checks import require
 from clplen.compute.arrays import HostArray
+from clplen.compute.device import DeviceLike
+from clplen.deprecation import warn_caller
 from clplen.errors import SamplingWarning
 from clplen.lightfield.arrays.peaks import Map
-from clplen.lightfield.depth.best_focus import high_na_words
-from clplen.lightfield.depth.correspondence import correspondence_disparity
-from clplen.lightfield.depth.local_energy import LocalEnergy
-from clplen.lightfield.depth.plane_choice import default_disparities
-from clplen.lightfield.depth.sharpness_cue import energy_disparity
-from clplen.lightfield.depth.structure_tensor import structure_disparity
+from clplen.lightfield.depth import (
+    combined_cue,
+    correspondence_cue,
+    energy_cue,
+    structure_tensor_cue,
+)
+from clplen.lightfield.depth.best_focus import default_disparities, high_na_message
+from clplen.lightfield.depth.cue import Cue
+from clplen.lightfield.depth.energy_cue import LocalEnergy
 from clplen.lightfield.model.alpha_law import depth_at
 from clplen.lightfield.model.conversion import as_lightfield
 from clplen.lightfield.model.stored_light_field import StoredLightField
@@ -30,7 +33,13 @@ if TYPE_CHECKING:
 
     from clplen.lightfield.model.light_field import LightField
 
-CUES = ("energy", "correspondence", "structure-tensor", "combined")
+_CUES = {
+    "energy": energy_cue.CUE,
+    "correspondence": correspondence_cue.CUE,
+    "structure-tensor": structure_tensor_cue.CUE,
+    "combined": combined_cue.CUE,
+}
+CUES = tuple(_CUES)
 
 _CURVE_HIGH_PASS = 2.0  # pixels, for the whole picture
 _BORDER = 15  # pixels left out of the whole picture, at most a quarter of it
@@ -69,68 +78,28 @@ class DepthMap(HostArray):
         return f"<DepthMap {self.disparity.shape} {self.disparity.dtype}, {span}>"
 
 
-def depth_map(
-    source: LightField | FocalStack,
+def depth_map_in_memory(
+    source: LightField | FocalStack | ArrayLike,
     *,
     alphas: ArrayLike | None = None,
     disparities: ArrayLike | None = None,
     cue: str | None = None,
+    device: DeviceLike | None = None,
 ) -> DepthMap:
-    """Disparity at every pixel of the centre view, finer than the planes that are tried.
-
-    Cues
-    ----
-    "energy"
-        The sharpest plane: highest local energy of detail of the refocused picture
-        (`clplen.lightfield.depth.sharpness_cue`). A cue of defocus: strong in noise, weak beside
-        occlusions.
-    "correspondence"
-        The plane on which the views agree: least variance over the views in a box of 9 pixels
-        (`clplen.lightfield.depth.correspondence`). Sharp at edges, misled by highlights and noise.
-    "structure-tensor"
-        The orientation of the epipolar-plane images, sheared in steps, most coherent of both
-        directions
-        (`clplen.lightfield.depth.structure_tensor`). Of the planes only the range counts.
-    "combined"
-        Matching past occlusions with adaptive support, refined by least squares
-        (`clplen.lightfield.depth.combined_cue`): the most exact, and the slowest.
-
-    Parameters
-    ----------
-    source : LightField or FocalStack
-        A stack brings its own planes, in any order, and allows only "energy"; one without
-        `weights` of its views is taken as it is.
-    alphas, disparities : array_like, optional
-        Planes to try, at least three different ones, not both. For a light field without either:
-        33 disparities from -2 to 2; of a microscope, over its depth range (`suitable_planes`).
-    cue : {"energy", "correspondence", "structure-tensor", "combined"}, optional
-        Default "energy" for a stack, and for the light field of a microscope: what fluoresces is
-        transparent, where the other cues look for surfaces and put single points on disparity 0;
-        "combined" for other light fields.
-
-    Returns
-    -------
-    DepthMap
-
-    Raises
-    ------
-    ValueError
-        If the cue is unknown or needs the views that a stack does not have, alphas and disparities
-        are both given or given with a stack, or there are fewer than three planes.
-    DeviceError
-        If what is needed is larger than the device's memory.
-
-    Warns
-    -----
-    SamplingWarning
-        From NA/n = .7 of a microscope on, where ``z`` is too far from the native plane by the
-        factor that it names (`clplen.lightfield.depth.best_focus`).
-    """
+    """`clplen.depth_map` of a light field on a device, or of a focal stack."""
     if not isinstance(source, FocalStack):
-        source = as_lightfield(source, "stream_depth")
-    cue = default_cue(source) if cue is None else checked_cue(cue)
+        source = as_lightfield(source, "depth_map", device=device)
+    name = default_cue(source) if cue is None else cue
+    chosen = cue_named(name)
     planes = distinct_planes(source, alphas, disparities)
-    return depth_of(source, *maps_of(source, planes, cue))
+    if isinstance(source, FocalStack):
+        if name != "energy":
+            raise ValueError(
+                f"cue={name!r} compares views, which a focal stack does not have: give the light "
+                "field, or cue='energy'."
+            )
+        return with_depth(source, *energy_cue.energy_disparity(source, planes))
+    return with_depth(source, *chosen.disparity(source, planes))
 
 
 def default_cue(source: LightField | FocalStack | StoredLightField) -> str:
@@ -139,7 +108,7 @@ def default_cue(source: LightField | FocalStack | StoredLightField) -> str:
     return "energy" if sharpest else "combined"
 
 
-def checked_cue(cue: str) -> str:
+def cue_named(name: str) -> Cue:
     """One of the cues.
 
     Raises
@@ -147,30 +116,9 @@ def checked_cue(cue: str) -> str:
     ValueError
         If it is none.
     """
-    if cue not in CUES:
-        raise ValueError(f"The cues of depth_map are {', '.join(map(repr, CUES))}, not {cue!r}.")
-    return cue
-
-
-def maps_of(source: LightField | FocalStack, planes: Vector, cue: str) -> tuple[Map, Map]:
-    """(disparity, confidence) by a cue, from rising planes."""
-    if cue == "energy":
-        return energy_disparity(source, planes)
-    if isinstance(source, FocalStack):
-        raise ValueError(
-            f"cue={cue!r} compares views, which a focal stack does not have: give the light field, "
-            "or cue='energy'."
-        )
-    return _compare_views(cue)(source, planes)
-
-
-def _compare_views(cue: str) -> Callable[[LightField, Vector], tuple[Map, Map]]:
-    """What finds (disparity, confidence) by one of the cues that need a light field."""
-    if cue == "combined":
-        from clplen.lightfield.depth.combined_cue import combined_disparity
-
-        return combined_disparity
-    return correspondence_disparity if cue == "correspondence" else structure_disparity
+    if name not in CUES:
+        raise ValueError(f"The cues of depth_map are {', '.join(map(repr, CUES))}, not {name!r}.")
+    return _CUES[name]
 
 
 def sharpness_curve(stack: FocalStack) -> Vector:
@@ -231,7 +179,7 @@ def distinct_planes(
     return np.unique(values)
 
 
-def depth_of(
+def with_depth(
     source: LightField | FocalStack | StoredLightField, disparity: Map, confidence: Map
 ) -> DepthMap:
     """With alpha and z that follow from the disparity."""
@@ -250,11 +198,62 @@ def depth_of(
 
 
 def _say_high_na(camera: Any, disparity: Map) -> None:
-    words = high_na_words(camera, float(np.abs(disparity).max()))
+    words = high_na_message(camera, float(np.abs(disparity).max()))
     if words:
-        warnings.warn(
+        warn_caller(
             f"{words}: z, which is that of the paraxial law, is too far from the native plane by "
             "this factor.",
             SamplingWarning,
-            stacklevel=4,
         )
+
+
+def metric_depth(
+    disparity: ArrayLike,
+    *,
+    baseline: float,
+    focal_length: float,
+    pixel_pitch: float,
+    focus_distance: float | None = None,
+) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Distance of the points from the cameras, along the optical axis.
+
+    Solves d = (b f/p) (1/Z - 1/Z0) for Z, the form of the HCI 4D light field benchmark (Honauer et
+    al. 2016), whose p is the sensor's larger side over its pixels. For a lens with microlenses b is
+    the distance between views on the main lens, f the distance from the lens to the image plane
+    and p the pitch of the microlenses: then it is the lens law, 1/z = 1/z0 + d/(kappa F).
+
+    Parameters
+    ----------
+    disparity : array_like
+        d in pixels a view step, nearer larger.
+    baseline : float
+        b, distance between neighbouring cameras, in metres, positive.
+    focal_length : float
+        f, from lens to sensor, in metres, positive.
+    pixel_pitch : float
+        p in metres, positive.
+    focus_distance : float, optional
+        Z0, where d = 0, in metres, positive. None: infinity, as for rectified cameras with parallel
+        axes.
+
+    Returns
+    -------
+    numpy.ndarray
+        Z in metres, float64, the shape of ``disparity``; inf where the disparity is that of
+        infinity, NaN where it is lower still (behind infinity) or NaN.
+
+    Raises
+    ------
+    ValueError
+        If a length is not positive and finite.
+    """
+    lengths = {"baseline": baseline, "focal_length": focal_length, "pixel_pitch": pixel_pitch}
+    if focus_distance is not None:
+        lengths["focus_distance"] = focus_distance
+    for name, value in lengths.items():
+        if not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{name} is a length in metres, positive and finite, not {value!r}.")
+    at_focus = 0.0 if focus_distance is None else 1 / focus_distance
+    inverse = np.asarray(disparity, np.float64) * pixel_pitch / (baseline * focal_length) + at_focus
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(inverse >= 0, 1 / np.abs(inverse), np.nan)

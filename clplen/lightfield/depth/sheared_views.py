@@ -80,3 +80,14 @@ def vectors_of(device: Device) -> tuple[int, int]:
     if not device.rows:
         return 1, 1
     return min(max(int(device.cl_device.native_vector_width_float), 4), 16), _VECTORS
+
+
+def add_colours(maps: cla.Array, device: Device) -> cla.Array:
+    """Maps (n, y, x[, c]) added over the colours, (n, y, x)."""
+    *shape, channels = (int(n) for n in (*maps.shape, 1)[:4])
+    if maps.ndim == 3 or channels == 1:
+        return maps.reshape(*maps.shape[:3])
+    out = device.empty(maps.shape[:3], np.float32)
+    kernel = device.kernel("colours.cl", "add_colours")
+    device.launch_rows(kernel, shape, out, maps, *(np.int32(n) for n in (*shape[1:], channels)))
+    return out

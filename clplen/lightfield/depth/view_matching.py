@@ -30,7 +30,7 @@ _ALMOST = 1e-6  # of a view step: on the line between two halves
 
 
 @dataclass(frozen=True)
-class Views:
+class ViewGroups:
     """The views that are compared, sorted by the half apertures that they belong to.
 
     Attributes
@@ -55,7 +55,7 @@ class Views:
     reference: Table
     share: Table
 
-    def on(self, device: Device) -> list[Any]:
+    def upload(self, device: Device) -> list[Any]:
         """The tables of groups and references, as both kernels take them."""
         return [
             device.upload(self.first),
@@ -67,7 +67,7 @@ class Views:
         ]
 
 
-def sorted_views(lf: LightField | StoredLightField) -> Views:
+def group_views(lf: LightField | StoredLightField) -> ViewGroups:
     """The views with a weight and their groups.
 
     The eight half apertures are bounded by lines through the middle, 45 degrees apart; a view on
@@ -93,7 +93,7 @@ def sorted_views(lf: LightField | StoredLightField) -> Views:
     order = np.argsort(which.ravel(), kind="stable")
     counts = np.bincount(which.ravel(), minlength=len(pattern))
     reference, share = _references(steps[lit][order] / (row_ratio(lf.spacing), 1))
-    return Views(
+    return ViewGroups(
         lit[order],
         steps[lit][order],
         np.concatenate(([0], np.cumsum(counts))).astype(np.int32),
@@ -113,8 +113,8 @@ def _references(places: Vector) -> tuple[Table, Table]:
 
 
 @dataclass(frozen=True)
-class Tables:
-    """How every view is moved on every plane, on a device; made by `tables`.
+class ShiftTables:
+    """How every view is moved on every plane, on a device; made by `shift_tables`.
 
     Attributes
     ----------
@@ -134,7 +134,7 @@ class Tables:
     count: int
 
 
-def tables(views: Views, planes: Vector, gain: Vector, *, device: Device) -> Tables:
+def shift_tables(views: ViewGroups, planes: Vector, gain: Vector, *, device: Device) -> ShiftTables:
     """Whole shifts, taps and their derivatives of every view on every plane.
 
     The taps are samples of the bell (1 - t^2/4)^4, near to a Gaussian of 0.7 pixels and 0 from two
@@ -143,7 +143,7 @@ def tables(views: Views, planes: Vector, gain: Vector, *, device: Device) -> Tab
 
     Parameters
     ----------
-    views : Views
+    views : ViewGroups
     planes : numpy.ndarray
         Disparities, shape (P,).
     gain : numpy.ndarray
@@ -152,7 +152,7 @@ def tables(views: Views, planes: Vector, gain: Vector, *, device: Device) -> Tab
 
     Returns
     -------
-    Tables
+    ShiftTables
     """
     shift = np.clip(planes[:, None, None] * views.step, -(2**20), 2**20)
     whole = np.floor(shift)
@@ -160,7 +160,7 @@ def tables(views: Views, planes: Vector, gain: Vector, *, device: Device) -> Tab
     taps = bell_taps(part)
     change = (bell_taps(part + _DELTA) - bell_taps(part - _DELTA)) / (2 * _DELTA)
     scale = np.stack((gain, np.ones_like(gain)), axis=-1)[..., None]
-    return Tables(
+    return ShiftTables(
         device.upload(whole.astype(np.int32)),
         device.upload((taps * scale).astype(np.float32)),
         device.upload((change * scale).astype(np.float32)),
@@ -196,7 +196,7 @@ def row_sums(lf: LightField) -> np.ndarray[Any, np.dtype[np.float32]]:
     return lf.device.download(sums)
 
 
-def match_costs(lf: LightField, views: Views, moved: Tables) -> cla.Array:
+def match_costs(lf: LightField, views: ViewGroups, tables: ShiftTables) -> cla.Array:
     """Cost of every plane at every pixel of the centre view.
 
     The mean over the views of the absolute difference to the centre, added over the channels and
@@ -206,8 +206,8 @@ def match_costs(lf: LightField, views: Views, moved: Tables) -> cla.Array:
     Parameters
     ----------
     lf : LightField
-    views : Views
-    moved : Tables
+    views : ViewGroups
+    tables : ShiftTables
 
     Returns
     -------
@@ -216,17 +216,17 @@ def match_costs(lf: LightField, views: Views, moved: Tables) -> cla.Array:
     """
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
-    out = device.empty((moved.count, ny, nx), np.float32)
+    out = device.empty((tables.count, ny, nx), np.float32)
     device.launch(
         depth_kernel(lf, "match"),
-        (-(-nx // match_block(device)), ny, moved.count),
+        (-(-nx // match_block(device)), ny, tables.count),
         out,
         lf.data,
         device.upload(views.view),
-        moved.at,
-        moved.part,
-        moved.reach,
-        *views.on(device),
+        tables.at,
+        tables.part,
+        tables.reach,
+        *views.upload(device),
         *(np.int32(n) for n in (len(views.view), ny, nx)),
         *(np.float32(t) for t in thresholds(channels)),
     )

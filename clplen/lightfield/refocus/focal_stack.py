@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyopencl.array as cla
 
 from clplen.compute.arrays import Image, OnDevice
-from clplen.compute.device import Device
+from clplen.compute.device import Device, DeviceLike
 from clplen.lightfield.arrays.magnify import magnify
 from clplen.lightfield.arrays.ray_samples import INTERPOLATIONS, along_rays
 from clplen.lightfield.arrays.shear import shear_sum
+from clplen.lightfield.arrays.stored_samples import C_TYPE
 from clplen.lightfield.model.aperture_weights import Weights
 from clplen.lightfield.model.conversion import as_lightfield
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.model.view_shifts import shifts, unit_steps
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing, is_telecentric
-from clplen.lightfield.refocus.phase_ramps import phase_ramps
-from clplen.lightfield.refocus.upsampling import upsampled
+from clplen.lightfield.refocus.memory_estimate import (
+    DEVICE_FLOAT,
+    HOST_FLOAT,
+    MemoryEstimate,
+    shear_halo,
+)
+from clplen.lightfield.refocus.phase_ramps import fourier_refocus
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -28,6 +35,9 @@ if TYPE_CHECKING:
     from clplen.lightfield.model.light_field import LightField
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
+
+UPSAMPLE_BASE = 1e-3  # share of plain interpolation, which fills what no sample comes near
+_MOST_UPSAMPLE = 16
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -134,8 +144,8 @@ def refocus(
     ShapeError
         If disparities are not one of every pixel.
     """
-    lf = as_lightfield(lf, "stream_stack")
-    given = _one_of(alpha=alpha, disparity=disparity)
+    lf = as_lightfield(lf, "focal_stack")
+    given = _exactly_one(alpha=alpha, disparity=disparity)
     _check_options(np.ndim(given), rescale, interpolation, upsample)
     if np.ndim(given) == 1:
         raise ValueError("refocus makes one picture: give one number, or use focal_stack.")
@@ -151,60 +161,85 @@ def refocus(
         )
     if upsample != 1:
         return Image(upsampled(lf, float(disparities[0]), upsample, lf.weights), lf.device)
-    picture = _moved(lf, disparities, lf.weights, interpolation).reshape(lf.shape[2:])
+    picture = _mean_of_views(lf, disparities, lf.weights, interpolation).reshape(lf.shape[2:])
     if rescale and lf.decode != "naive":
         picture = magnify(picture, float(alphas[0]), device=lf.device)
     return Image(picture, lf.device)
 
 
-def focal_stack(
-    lf: LightField,
+def focal_stack_in_memory(
+    lf: LightField | ArrayLike,
     *,
     alphas: ArrayLike | None = None,
     disparities: ArrayLike | None = None,
     aperture: Any = None,
     interpolation: str = "linear",
+    device: DeviceLike | None = None,
 ) -> FocalStack:
-    """Pictures focused on many planes, in one pass over the light field.
-
-    Every plane is what `refocus` returns for it (without rescaling).
-
-    Parameters
-    ----------
-    lf : LightField
-    alphas, disparities : array_like, optional
-        Shape (n,), in any order; exactly one of the two.
-    aperture : int, float, str or array_like, optional
-        As in `LightField.render`.
-    interpolation : {"linear", "nearest", "cubic", "fourier"}
-        As in `refocus`.
-
-    Returns
-    -------
-    FocalStack
-        float32, shape (n, y, x[, c]). It keeps the weights of its views, by which depth makes
-        planes equally blurred, for linear interpolation only.
-
-    Raises
-    ------
-    ValueError
-        If both or neither of alphas and disparities are given, or they are no finite numbers in
-        one dimension, the aperture does not fit, or the interpolation is unknown.
-    DeviceError
-        If the stack and the light field together are larger than the device's memory.
-    """
-    lf = as_lightfield(lf, "stream_stack")
-    planes, ratios = planes_of(lf, alphas=alphas, disparities=disparities)
+    """`clplen.focal_stack` of a light field on a device, in one pass over it."""
+    lf = as_lightfield(lf, "focal_stack", device=device)
+    planes, ratios = stack_planes(lf, alphas=alphas, disparities=disparities)
     _check_options(0, False, interpolation, 1)
     weights = view_weights(lf, aperture, None)
     stack = 4 * planes.size * int(np.prod(lf.shape[2:], dtype=np.int64))
     lf.device.require_memory(stack + lf.data.nbytes, "This focal stack with its light field")
-    data = _moved(lf, planes, weights, interpolation)
+    data = _mean_of_views(lf, planes, weights, interpolation)
+    return stack_of(lf, data, lf.device, planes, ratios, weights, interpolation)
+
+
+def stack_of(
+    lf: LightField | StoredLightField,
+    data: cla.Array,
+    device: Device,
+    planes: Vector,
+    ratios: Vector,
+    weights: Weights,
+    interpolation: str,
+) -> FocalStack:
+    """The pictures of a light field with what it knows; weights for linear interpolation only."""
     known = weights if interpolation == "linear" else None
-    return FocalStack(data, lf.device, planes, ratios, lf.spacing, lf.camera, known, lf.positions)
+    return FocalStack(data, device, planes, ratios, lf.spacing, lf.camera, known, lf.positions)
 
 
-def planes_of(
+def stack_memory(
+    source: StoredLightField, planes: Vector, *, kept: int = 0
+) -> list[MemoryEstimate]:
+    """What a focal stack needs: all planes of a tile at once, or fewer and fewer.
+
+    Parameters
+    ----------
+    source : StoredLightField
+    planes : numpy.ndarray
+        Disparities.
+    kept : int
+        Bytes a pixel that are held until the end.
+
+    Returns
+    -------
+    list of MemoryEstimate
+        The best one first.
+    """
+    channels = (*source.shape, 1)[4]
+    halo = shear_halo(source, planes, 0)
+    estimates, count = [], planes.size
+    while True:
+        groups = [slice(i, min(i + count, planes.size)) for i in range(0, planes.size, count)]
+        estimates.append(
+            MemoryEstimate(
+                "A focal stack",
+                tuple(groups),
+                halo,
+                int(count * channels * (DEVICE_FLOAT + 2 * HOST_FLOAT)),
+                4 * count * channels,
+                kept,
+            )
+        )
+        if count == 1:
+            return estimates
+        count = -(-count // 2)
+
+
+def stack_planes(
     lf: LightField | StoredLightField,
     *,
     alphas: ArrayLike | None,
@@ -217,7 +252,7 @@ def planes_of(
     ValueError
         As in `focal_stack`.
     """
-    given = np.asarray(_one_of(alphas=alphas, disparities=disparities), np.float64)
+    given = np.asarray(_exactly_one(alphas=alphas, disparities=disparities), np.float64)
     if given.ndim != 1 or given.size == 0:
         raise ValueError(
             f"A focal stack takes a list of at least one plane, not shape {given.shape}."
@@ -241,13 +276,13 @@ def _check_options(ndim: int, rescale: bool, interpolation: str, upsample: int) 
         )
 
 
-def _one_of(**given: Any) -> Any:
+def _exactly_one(**given: Any) -> Any:
     """The one that is given of two options."""
     values = [value for value in given.values() if value is not None]
     if len(values) != 1:
         first, second = given
-        found = "both were" if values else "neither was"
-        raise ValueError(f"Give exactly one of {first} and {second}; {found} given.")
+        count = "both were" if values else "neither was"
+        raise ValueError(f"Give exactly one of {first} and {second}; {count} given.")
     return values[0]
 
 
@@ -263,10 +298,12 @@ def _planes(
     return values, lf.alpha(values)
 
 
-def _moved(lf: LightField, disparities: Vector, weights: Any, interpolation: str) -> cla.Array:
+def _mean_of_views(
+    lf: LightField, disparities: Vector, weights: Any, interpolation: str
+) -> cla.Array:
     """Means of the views moved by their shifts, shape (n, y, x[, c])."""
     if interpolation == "fourier":
-        return phase_ramps(lf, disparities, weights)
+        return fourier_refocus(lf, disparities, weights)
     if interpolation == "cubic":
         out = lf.device.empty((len(disparities), *lf.shape[2:]), np.float32)
         for index, d in enumerate(disparities):
@@ -289,3 +326,64 @@ def _on_surface(lf: LightField, weights: Any, disparity: Any, interpolation: str
         disparity=disparity,
         interpolation=interpolation,
     )
+
+
+def upsampled(lf: LightField, disparity: float, n: int, weights: Any) -> cla.Array:
+    """A picture focused on one disparity with n times the pixels along each axis.
+
+    For a disparity off the integers, samples of different views fall between each other. Each is
+    put at its own place with a tent of one fine pixel to each side, and the sum divided by the
+    weights; a tent of one pixel of the views with weight `UPSAMPLE_BASE` fills what
+    none comes near. Fine pixel Y lies at (Y + 1/2)/n - 1/2 in pixels of the views.
+
+    Parameters
+    ----------
+    lf : LightField
+    disparity : float
+        Pixels (of the views) a view step along x.
+    n : int
+        1 to 16.
+    weights : numpy.ndarray
+        Shape (V, U), not all 0.
+
+    Returns
+    -------
+    pyopencl.array.Array
+        float32, shape (n y, n x[, c]).
+
+    Raises
+    ------
+    ValueError
+        If n is out of range.
+    DeviceError
+        If the picture is larger than the device's memory.
+    """
+    if not isinstance(n, Integral) or not 1 <= n <= _MOST_UPSAMPLE:
+        raise ValueError(f"upsample is a whole number from 1 to {_MOST_UPSAMPLE}, not {n!r}.")
+    n = int(n)
+    _, _, ny, nx = lf.shape[:4]
+    channels = lf.shape[4] if len(lf.shape) == 5 else 1
+    views = np.flatnonzero(weights)
+    out_shape = (n * ny, n * nx, *lf.shape[4:])
+    lf.device.require_memory(4 * n * n * ny * nx * channels + lf.data.nbytes, "The finer picture")
+    out = lf.device.empty(out_shape, np.float32)
+    steps = unit_steps(lf).reshape(-1, 2)[views] * disparity
+    phases = (np.arange(n) + 0.5) / n - 0.5
+    tables: list[Any] = [views.astype(np.int32), np.float32(weights).ravel()[views]]
+    for along in (0, 1):
+        position = steps[:, along, None] + phases
+        shift = np.floor(position)
+        distance = np.stack((position - shift, 1 - (position - shift)), axis=-1)
+        tents = np.concatenate((np.maximum(1 - n * distance, 0), 1 - distance), axis=-1)
+        tables += [np.clip(shift, -(2**20), 2**20).astype(np.int32), tents.astype(np.float32)]
+    lf.device.launch_rows(
+        lf.device.kernel("upsample.cl", "interleave", SAMPLE=C_TYPE[lf.dtype]),
+        (n * ny, n * nx * channels),
+        out,
+        lf.data,
+        *(lf.device.upload(table) for table in tables),
+        *(np.int32(m) for m in (views.size, n)),
+        np.float32(UPSAMPLE_BASE),
+        *(np.int32(m) for m in (ny, nx, channels)),
+    )
+    return out

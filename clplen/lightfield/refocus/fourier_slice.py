@@ -11,14 +11,14 @@ from clplen.lightfield.model.conversion import as_lightfield
 from clplen.lightfield.model.parametrisation import require_two_plane
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.view_shifts import row_ratio
-from clplen.lightfield.refocus.focal_stack import FocalStack, planes_of
-from clplen.lightfield.refocus.view_spectra import (
+from clplen.lightfield.refocus.focal_stack import FocalStack, stack_planes
+from clplen.lightfield.refocus.phase_ramps import (
     Vector,
     channels_of,
     fourier_matrix,
     keep_real,
-    mix,
     take_views,
+    transform_views,
 )
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def fourier_stack(
             "use focal_stack, with interpolation='fourier' if periodic edges are wanted."
         )
     require_two_plane(lf, "A Fourier slice")
-    planes, ratios = planes_of(lf, alphas=alphas, disparities=disparities)
+    planes, ratios = stack_planes(lf, alphas=alphas, disparities=disparities)
     weights = view_weights(lf, aperture, None)
     sizes = tuple(max(_OVERSAMPLING * n, width) for n in weights.shape)
     _, _, ny, nx = lf.shape[:4]
@@ -112,8 +112,8 @@ def _spectrum(
         fourier_matrix(K, np.arange(n) - n // 2) / _roll_off(n, K, width)
         for n, K in zip((V, U), sizes, strict=True)
     ]
-    along_u = mix(views, matrices[1], batch=V, n=ny * nx, device=lf.device)
-    return mix(along_u, matrices[0], batch=1, n=sizes[1] * ny * nx, device=lf.device)
+    along_u = transform_views(views, matrices[1], batch=V, n=ny * nx, device=lf.device)
+    return transform_views(along_u, matrices[0], batch=1, n=sizes[1] * ny * nx, device=lf.device)
 
 
 def _sliced(
@@ -138,21 +138,21 @@ def _slice_tables(
     lf: LightField, planes: Vector, sizes: tuple[int, ...], width: int
 ) -> list[cla.Array]:
     """First sample and weights of the slice, and the turn to the centre, along v and along u."""
-    found = []
+    result = []
     for axis, ratio in enumerate((row_ratio(lf.spacing), 1.0)):
         n, K = lf.shape[2 + axis], sizes[axis]
         frequency = np.multiply.outer(planes * ratio, np.fft.fftfreq(n))  # cycles a view
-        place = frequency * K
-        first = np.ceil(place - width / 2)
-        distance = first[..., None] + np.arange(width) - place[..., None]
+        position = frequency * K
+        first = np.ceil(position - width / 2)
+        distance = first[..., None] + np.arange(width) - position[..., None]
         off_centre = lf.shape[axis] // 2 - (lf.shape[axis] - 1) / 2
         turn = np.exp(-2j * np.pi * off_centre * frequency)
-        found += [
+        result += [
             (first % K).astype(np.int32),
             _kaiser_bessel(distance, width),
             turn.astype(np.complex64),
         ]
-    return [lf.device.upload(table) for table in found]
+    return [lf.device.upload(table) for table in result]
 
 
 def _shape_of(width: int) -> float:

@@ -10,13 +10,13 @@ import pyopencl.array as cla
 
 from clplen.lightfield.model.conversion import as_lightfield
 from clplen.lightfield.model.view_shifts import row_ratio, unit_steps
-from clplen.lightfield.refocus.phase_ramps import turned
-from clplen.lightfield.refocus.view_spectra import (
+from clplen.lightfield.refocus.phase_ramps import (
     channels_of,
     fourier_matrix,
     keep_real,
-    mix,
+    shift_spectra,
     take_views,
+    transform_views,
 )
 
 if TYPE_CHECKING:
@@ -66,13 +66,13 @@ def hyperfan(lf: LightField, low: float, high: float, *, bandwidth: float = 0.05
     lf.device.require_memory(nbytes, "The spectrum of a channel for a hyperfan")
     out = lf.device.empty(lf.shape, np.float32)
     source = _nearest_lit(lf)
-    moved = unit_steps(lf).reshape(-1, 2) * ((low + high) / 2)
+    shift = unit_steps(lf).reshape(-1, 2) * ((low + high) / 2)
     for channel in range(channels_of(lf)):
         views = take_views(lf, np.ones(V * U), source, channel)
         lf.device.fft.forward(views, lf.device)
-        turned(lf, views, *moved[source].T)
+        shift_spectra(lf, views, *shift[source].T)
         views = _filtered(lf, views, (high - low) / 2, bandwidth)
-        turned(lf, views, *-moved.T)
+        shift_spectra(lf, views, *-shift.T)
         lf.device.fft.inverse(views, lf.device)
         keep_real(out, views, np.ones(V * U), channel, lf)
     return replace(lf, data=out, weights=np.ones((V, U), np.float32), raw=None)
@@ -106,8 +106,8 @@ def _filtered(lf: LightField, views: cla.Array, reach: float, bandwidth: float) 
     V, U, ny, nx = lf.shape[:4]
     n = ny * nx
     forward, back = zip(*(_mirrored(count) for count in (V, U)), strict=True)
-    views = mix(views, forward[1], batch=V, n=n, device=lf.device)
-    views = mix(views, forward[0], batch=1, n=2 * U * n, device=lf.device)
+    views = transform_views(views, forward[1], batch=V, n=n, device=lf.device)
+    views = transform_views(views, forward[0], batch=1, n=2 * U * n, device=lf.device)
     frequencies = [np.fft.fftfreq(m) for m in (2 * V, 2 * U, ny, nx)]
     frequencies[2] = frequencies[2] * row_ratio(lf.spacing)
     lf.device.launch_rows(
@@ -118,8 +118,8 @@ def _filtered(lf: LightField, views: cla.Array, reach: float, bandwidth: float) 
         *(np.float32(value) for value in (reach, np.log(2) / (2 * bandwidth**2))),
         *(np.int32(m) for m in (2 * U, ny, nx)),
     )
-    views = mix(views, back[0], batch=1, n=2 * U * n, device=lf.device)
-    return mix(views, back[1], batch=V, n=n, device=lf.device).reshape(V * U, ny, nx)
+    views = transform_views(views, back[0], batch=1, n=2 * U * n, device=lf.device)
+    return transform_views(views, back[1], batch=V, n=n, device=lf.device).reshape(V * U, ny, nx)
 
 
 def _mirrored(count: int) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:

@@ -2,19 +2,107 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.errors import ShapeError
+from clplen.lightfield.arrays.stored_samples import C_TYPE
 from clplen.lightfield.model.view_shifts import shifts
-from clplen.lightfield.refocus.view_spectra import Vector, channels_of, keep_real, take_views
 
 if TYPE_CHECKING:
+    from clplen.compute.device import Device
     from clplen.lightfield.model.light_field import LightField
 
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+Matrix = np.ndarray[Any, np.dtype[np.complex128]]
 
-def phase_ramps(lf: LightField, disparities: Vector, weights: Any) -> cla.Array:
+
+def channels_of(lf: LightField) -> int:
+    """Colours of a light field, 1 without."""
+    return lf.shape[4] if len(lf.shape) == 5 else 1
+
+
+def take_views(lf: LightField, weights: Any, views: Any, channel: int) -> cla.Array:
+    """Views of one channel times their weights, complex64, shape (k, y, x).
+
+    Parameters
+    ----------
+    lf : LightField
+    weights : array_like
+        Shape (k,).
+    views : array_like
+        Shape (k,): v U + u of each.
+    channel : int
+    """
+    ny, nx = lf.shape[2:4]
+    views = np.asarray(views, np.int32)
+    out = lf.device.empty((len(views), ny, nx), np.complex64)
+    lf.device.launch_rows(
+        lf.device.kernel("fourier.cl", "take_views", SAMPLE=C_TYPE[lf.dtype]),
+        out.shape,
+        out,
+        lf.data,
+        lf.device.upload(views),
+        lf.device.upload(np.asarray(weights, np.float32)),
+        *(np.int32(n) for n in (ny, nx, channels_of(lf), channel)),
+    )
+    return out
+
+
+def keep_real(out: cla.Array, values: cla.Array, scale: Any, channel: int, lf: LightField) -> None:
+    """Real parts of pictures (k, y, x), each times its scale, into a channel of (k, y, x[, c])."""
+    count, ny, nx = (int(n) for n in values.shape)
+    lf.device.launch_rows(
+        lf.device.kernel("fourier.cl", "keep_real"),
+        (count, ny, nx),
+        out,
+        values,
+        lf.device.upload(np.asarray(scale, np.float32)),
+        *(np.int32(n) for n in (ny, nx, channels_of(lf), channel)),
+    )
+
+
+def fourier_matrix(size: int, places: np.ndarray[Any, Any], *, inverse: bool = False) -> Matrix:
+    """exp(-2 pi i k t / size) of frequencies k = 0 .. size - 1 and places t, shape (size, n).
+
+    The inverse is its conjugate over the size, transposed: (n, size).
+    """
+    turns = np.outer(np.arange(size), places) / size
+    matrix = np.exp(-2j * np.pi * (turns - np.rint(turns)))
+    return matrix.conj().T / size if inverse else matrix
+
+
+def transform_views(
+    values: cla.Array, matrix: Matrix, *, batch: int, n: int, device: Device
+) -> cla.Array:
+    """A matrix (i, j) times one axis of an array: (batch, j, n) becomes (batch, i, n), complex64.
+
+    Parameters
+    ----------
+    values : pyopencl.array.Array
+        complex64; any shape of batch j n samples.
+    matrix : numpy.ndarray
+    batch, n : int
+        Lengths of what comes before and behind the axis.
+    device : Device
+    """
+    rows, columns = matrix.shape
+    out = device.empty((batch, rows, n), np.complex64)
+    device.launch_rows(
+        device.kernel("fourier.cl", "transform_views"),
+        (batch, rows, n),
+        out,
+        values,
+        device.upload(matrix.astype(np.complex64)),
+        *(np.int32(m) for m in (rows, columns, n)),
+    )
+    return out
+
+
+def fourier_refocus(lf: LightField, disparities: Vector, weights: Any) -> cla.Array:
     """Mean of the views, each shifted exactly by a phase ramp in its spectrum; periodic edges.
 
     Parameters
@@ -57,7 +145,7 @@ def phase_ramps(lf: LightField, disparities: Vector, weights: Any) -> cla.Array:
     return out
 
 
-def turned(lf: LightField, spectra: cla.Array, down: Vector, right: Vector) -> None:
+def shift_spectra(lf: LightField, spectra: cla.Array, down: Vector, right: Vector) -> None:
     """Move pictures, given by their spectra (k, y, x), by so many pixels each, in place.
 
     Parameters
@@ -84,3 +172,51 @@ def _ramp(shift: Vector, n: int) -> np.ndarray[Any, np.dtype[np.complex64]]:
     """exp(2 pi i f s) of every shift, shape (..., n)."""
     turns = np.multiply.outer(shift, np.fft.fftfreq(n))
     return np.exp(2j * np.pi * (turns - np.rint(turns))).astype(np.complex64)
+
+
+def shift_views(lf: LightField, steps: Any) -> LightField:
+    """A light field whose views are moved, each by its own distance.
+
+    What lay at (y + steps[v, u, 0], x + steps[v, u, 1]) of view (v, u) comes to (y, x), by the
+    phase of its spectrum: exact below the Nyquist frequency, edges periodic, sums kept. The views
+    keep their places on the main lens.
+
+    Parameters
+    ----------
+    lf : LightField
+    steps : array_like
+        Shape (V, U, 2), (y, x) in pixels, finite.
+
+    Returns
+    -------
+    LightField
+        float32, of the same shape; it has no raw image.
+
+    Raises
+    ------
+    ShapeError
+        If the steps are not two for each view.
+    ValueError
+        If one is not finite.
+    DeviceError
+        If both light fields do not fit the device.
+    """
+    shift = np.asarray(steps, np.float64)
+    V, U, ny, nx = lf.shape[:4]
+    if shift.shape != (V, U, 2):
+        raise ShapeError(f"Views are moved by (y, x) each, shape {(V, U, 2)}, not {shift.shape}.")
+    if not np.isfinite(shift).all():
+        raise ValueError("The steps of views are finite numbers of pixels.")
+    device, row_shape = lf.device, (U, ny, nx, *lf.shape[4:])
+    device.require_memory(2 * 4 * int(np.prod(lf.shape)), "The light field of moved views")
+    out = device.empty(lf.shape, np.float32)
+    row = device.empty(row_shape, np.float32)
+    for v in range(V):
+        for channel in range(channels_of(lf)):
+            views = take_views(lf, np.ones(U), np.arange(v * U, (v + 1) * U), channel)
+            device.fft.forward(views, device)
+            shift_spectra(lf, views, *shift[v].T)
+            device.fft.inverse(views, device)
+            keep_real(row, views, np.ones(U), channel, lf)
+        device.copy_into(out, row, v * row.nbytes)
+    return replace(lf, data=out, raw=None)

@@ -2,14 +2,13 @@
 
 A light field is read tile by tile, each with a halo as wide as the planes shift its views and the
 windows of a cue reach, and every tile goes through the same functions as a whole light field. What
-depends on the whole picture (`clplen.lightfield.depth.combined_cue`) is found in a pass before.
+depends on the whole picture is found in a pass before (`clplen.lightfield.depth.cue.TwoPasses`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -17,29 +16,41 @@ import numpy as np
 
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.lightfield.arrays.ray_samples import INTERPOLATIONS
-from clplen.lightfield.depth import combined_cue
+from clplen.lightfield.depth.all_in_focus import (
+    all_in_focus_in_memory,
+    blend_memory,
+    check_planes,
+    disparity_of,
+    surface_memory,
+)
+from clplen.lightfield.depth.best_focus import default_disparities
+from clplen.lightfield.depth.cue import TwoPasses
 from clplen.lightfield.depth.depth_map import (
     DepthMap,
-    checked_cue,
+    cue_named,
     default_cue,
-    depth_map,
-    depth_of,
+    depth_map_in_memory,
     distinct_planes,
-    maps_of,
+    with_depth,
 )
-from clplen.lightfield.depth.plane_choice import default_disparities
-from clplen.lightfield.depth.view_matching import row_sums, sorted_views
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing
-from clplen.lightfield.refocus.focal_stack import focal_stack, planes_of, refocus
-from clplen.lightfield.streaming.spooling import spooled
-from clplen.lightfield.streaming.tile_plan import StreamPlan, Tile, bands, plan_tiles
-from clplen.lightfield.streaming.working_memory import (
-    blend_work,
-    depth_work,
-    stack_works,
-    surface_work,
+from clplen.lightfield.refocus.focal_stack import (
+    FocalStack,
+    focal_stack_in_memory,
+    refocus,
+    stack_memory,
+    stack_of,
+    stack_planes,
+)
+from clplen.lightfield.streaming.tile_plan import StreamPlan, Tile, bands, memory_budget, plan_tiles
+from clplen.lightfield.streaming.tile_reading import (
+    Progress,
+    TileFunction,
+    fast_source,
+    process_tiles,
+    report,
 )
 from clplen.reprs import OneLine
 
@@ -51,9 +62,7 @@ if TYPE_CHECKING:
 Array = np.ndarray[Any, Any]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Pictures = np.ndarray[Any, np.dtype[np.float32]]
-Progress = Callable[[int, int], None]
 Part = tuple[slice, slice, slice, Pictures]
-Made = Callable[[Tile, "LightField"], Iterator[Any]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,7 +110,7 @@ def stream_stack(
     aperture: Any = None,
     interpolation: str = "linear",
     memory: int | None = None,
-    device: DeviceLike,
+    device: DeviceLike | None = None,
     progress: Progress | None = None,
 ) -> StackTiles:
     """The focal stack of a stored light field, with the bits of `focal_stack`, tile by tile.
@@ -114,7 +123,8 @@ def stream_stack(
     memory : int, optional
         Bytes for samples, pictures and what is between, on the host and the device together.
         Default half of what is free on the host, or of the device's memory if that is less.
-    device : Device or str
+    device : Device or str, optional
+        Default ``Device.open()``.
     progress : callable, optional
         Called with (tiles done, tiles in all).
 
@@ -132,21 +142,102 @@ def stream_stack(
     FormatError
         While iterating, if the file is damaged.
     """
+    return _stack_tiles(
+        source,
+        {"alphas": alphas, "disparities": disparities},
+        aperture,
+        interpolation,
+        memory,
+        _check_source(source, device),
+        progress,
+    )
+
+
+def assemble_stack(
+    source: StoredLightField,
+    *,
+    alphas: ArrayLike | None = None,
+    disparities: ArrayLike | None = None,
+    aperture: Any = None,
+    interpolation: str = "linear",
+    memory: int | None = None,
+    device: DeviceLike | None = None,
+) -> FocalStack:
+    """The focal stack of a stored light field on a device: whole where it fits, else from tiles.
+
+    Parameters
+    ----------
+    source, alphas, disparities, aperture, interpolation, memory, device
+        As in `stream_stack`; the stack counts too. "fourier" is possible where all fits at once.
+
+    Returns
+    -------
+    FocalStack
+
+    Raises
+    ------
+    ValueError, OSError, FormatError
+        As in `stream_stack`; if the stack itself does not fit into the memory.
+    """
     device = _check_source(source, device)
+    given: dict[str, Any] = {"alphas": alphas, "disparities": disparities}
+    planes, ratios = stack_planes(source, **given)
+    shape = (planes.size, *source.shape[2:])
+    nbytes = 4 * math.prod(shape)
+    budget = memory_budget(memory, device)
+    if nbytes > min(budget, device.memory_bytes):
+        limit = (
+            f"memory={budget:,}"
+            if nbytes > budget
+            else f"the {device.memory_bytes:,} of {device.name}"
+        )
+        raise ValueError(
+            f"A focal stack of shape {shape} needs {nbytes:,} bytes itself, more than {limit}: "
+            "take stream_stack, or `clplen stack --memory` on the command line, which make it tile "
+            "by tile."
+        )
+    copies = 1 if device.is_cpu else 2  # elsewhere than on a CPU it is filled on the host
+    kept = 4 * copies * math.prod(shape) // math.prod(source.shape[2:4])
+    plan = plan_tiles(source, stack_memory(source, planes, kept=kept), memory=budget, device=device)
+    if plan.in_core and len(plan.planes) == 1:
+        lf = source.load(device)
+        return focal_stack_in_memory(lf, **given, aperture=aperture, interpolation=interpolation)
+    tiles = _stack_tiles(source, given, aperture, interpolation, budget, device, None, kept=kept)
+    data = device.empty(shape, np.float32)
+    with device.on_host(data) as pictures:
+        for group, rows, columns, values in tiles:
+            pictures[group, rows, columns] = values
+    weights = view_weights(source, aperture, None)
+    return stack_of(source, data, device, planes, ratios, weights, interpolation)
+
+
+def _stack_tiles(
+    source: StoredLightField,
+    given: dict[str, Any],
+    aperture: Any,
+    interpolation: str,
+    memory: int | None,
+    device: Device,
+    progress: Progress | None,
+    *,
+    kept: int = 0,
+) -> StackTiles:
+    """`stream_stack`, where so many bytes a pixel are held besides."""
     if interpolation not in INTERPOLATIONS:
         known = ", ".join(map(repr, INTERPOLATIONS))
         raise ValueError(
             f"A stack that is made in tiles takes interpolation={known}, not {interpolation!r}"
             + (", which needs every pixel of a view." if interpolation == "fourier" else ".")
         )
-    planes, ratios = planes_of(source, alphas=alphas, disparities=disparities)
+    planes, ratios = stack_planes(source, **given)
     view_weights(source, aperture, None)  # which says what is wrong before anything is read
-    plan = plan_tiles(source, stack_works(source, planes), memory=memory, device=device)
+    estimates = stack_memory(source, planes, kept=kept)
+    plan = plan_tiles(source, estimates, memory=memory, device=device)
 
-    def make(tile: Tile, lf: LightField) -> Iterator[Part]:
-        for some in plan.planes:
-            pictures = _pictures(lf, tile, planes[some], aperture, interpolation)
-            yield some, tile.rows, tile.columns, pictures
+    def process(tile: Tile, lf: LightField) -> Iterator[Part]:
+        for group in plan.planes:
+            pictures = _pictures(lf, tile, planes[group], aperture, interpolation)
+            yield group, tile.rows, tile.columns, pictures
 
     return StackTiles(
         plan,
@@ -155,7 +246,7 @@ def stream_stack(
         ratios,
         source.spacing,
         source.camera,
-        _run(source, plan, make, device, progress),
+        _stack_parts(source, plan, process, device, progress),
     )
 
 
@@ -166,7 +257,7 @@ def stream_depth(
     disparities: ArrayLike | None = None,
     cue: str | None = None,
     memory: int | None = None,
-    device: DeviceLike,
+    device: DeviceLike | None = None,
     progress: Progress | None = None,
 ) -> DepthMap:
     """The depth map of a stored light field, as `depth_map` finds it, tile by tile.
@@ -191,32 +282,34 @@ def stream_depth(
         As in `stream_stack`.
     """
     device = _check_source(source, device)
-    cue = default_cue(source) if cue is None else checked_cue(cue)
+    name = default_cue(source) if cue is None else cue
+    chosen = cue_named(name)
     planes = distinct_planes(source, alphas, disparities)
-    plan = plan_tiles(source, [depth_work(source, planes, cue)], memory=memory, device=device)
+    plan = plan_tiles(source, [chosen.memory(source, planes)], memory=memory, device=device)
     if plan.in_core:
-        found = depth_map(source.load(device), disparities=planes, cue=cue)
-        _report(progress, 1, 1)
-        return found
-    lost = np.zeros(source.shape[2:4] if cue == "combined" else (0, 0), np.bool_)
+        result = depth_map_in_memory(source.load(device), disparities=planes, cue=name)
+        report(progress, 1, 1)
+        return result
+    passes = chosen.two_passes
+    lost = np.zeros(source.shape[2:4] if passes else (0, 0), np.bool_)
     maps = DepthMap(*(np.empty(source.shape[2:4], np.float32) for _ in range(4)))
-    with _ready(source, plan) as ready:
-        levels = _levels(ready, plan, device) if cue == "combined" else None
+    with fast_source(source, plan) as fast:
+        known = _surveyed(fast, plan, passes, device) if passes else None
 
-        def make(tile: Tile, lf: LightField) -> Iterator[DepthMap]:
-            if levels is None:
-                disparity, confidence = maps_of(lf, planes, cue)
+        def process(tile: Tile, lf: LightField) -> Iterator[DepthMap]:
+            if passes is None:
+                disparity, confidence = chosen.disparity(lf, planes)
             else:
-                match = combined_cue.matched(lf, planes, levels, inside=tile.inside)
-                disparity, confidence = match.disparity, match.confidence
-                lost[tile.rows, tile.columns] = match.lost[tile.inside]
-            yield depth_of(source, disparity[tile.inside], confidence[tile.inside])
+                part = passes.disparity(lf, planes, known, inside=tile.inside)
+                disparity, confidence = part.disparity, part.confidence
+                lost[tile.rows, tile.columns] = part.lost[tile.inside]
+            yield with_depth(source, disparity[tile.inside], confidence[tile.inside])
 
-        for tile, part in _tiles(ready, plan.tiles, make, device, progress):
-            for name, values in vars(part).items():
-                getattr(maps, name)[tile.rows, tile.columns] = values
-    if levels is not None:
-        maps.confidence[...] = combined_cue.merged(maps.confidence, lost)
+        for tile, part in process_tiles(fast, plan.tiles, process, device, progress):
+            for attribute, values in vars(part).items():
+                getattr(maps, attribute)[tile.rows, tile.columns] = values
+    if passes is not None:
+        maps.confidence[...] = passes.merge_confidence(maps.confidence, lost)
     return maps
 
 
@@ -226,7 +319,7 @@ def stream_all_in_focus(
     depth: DepthMap | ArrayLike | None = None,
     disparities: ArrayLike | None = None,
     memory: int | None = None,
-    device: DeviceLike,
+    device: DeviceLike | None = None,
     progress: Progress | None = None,
 ) -> Pictures:
     """The all-in-focus picture of a stored light field, as `all_in_focus` makes it, tile by tile.
@@ -251,131 +344,72 @@ def stream_all_in_focus(
     OSError, FormatError
         As in `stream_stack`.
     """
-    from clplen.lightfield.depth.all_in_focus import all_in_focus, check_planes, disparity_of
-
     device = _check_source(source, device)
     check_planes(depth, disparities)
     if depth is not None:
         surface = disparity_of(depth, source.shape[2:4])
-        work = surface_work(source, surface)
+        estimate = surface_memory(source, surface)
     else:
         given = default_disparities(source) if disparities is None else disparities
-        planes, _ = planes_of(source, alphas=None, disparities=given)
-        work = blend_work(source, planes)
-    plan = plan_tiles(source, [work], memory=memory, device=device)
+        planes, _ = stack_planes(source, alphas=None, disparities=given)
+        estimate = blend_memory(source, planes)
+    plan = plan_tiles(source, [estimate], memory=memory, device=device)
 
-    def make(tile: Tile, lf: LightField) -> Iterator[Pictures]:
+    def process(tile: Tile, lf: LightField) -> Iterator[Pictures]:
         if depth is None:
-            picture = all_in_focus(lf, disparities=planes)
+            picture = all_in_focus_in_memory(lf, disparities=planes)
         else:
             picture = refocus(lf, disparity=surface[tile.outer_rows, tile.outer_columns])
         yield picture.to_numpy()[tile.inside]
 
     out = np.empty(source.shape[2:], np.float32)
-    with _ready(source, plan) as ready:
-        for tile, picture in _tiles(ready, plan.tiles, make, device, progress):
+    with fast_source(source, plan) as fast:
+        for tile, picture in process_tiles(fast, plan.tiles, process, device, progress):
             out[tile.rows, tile.columns] = picture
     return out
 
 
-def _check_source(source: Any, device: DeviceLike) -> Device:
+def _check_source(source: Any, device: DeviceLike | None) -> Device:
     if not isinstance(source, StoredLightField):
         raise TypeError(
             "A stream_ function takes a StoredLightField, as open_lightfield or "
             f"StoredLightField.from_array gives it, not {type(source).__name__}."
         )
-    return as_device(device)
+    return as_device(device, optional=True)
 
 
 def _pictures(
     lf: LightField, tile: Tile, planes: Vector, aperture: Any, interpolation: str
 ) -> Pictures:
     """Some planes of a tile on the host, without its halo."""
-    stack = focal_stack(lf, disparities=planes, aperture=aperture, interpolation=interpolation)
+    stack = focal_stack_in_memory(
+        lf, disparities=planes, aperture=aperture, interpolation=interpolation
+    )
     with lf.device.on_host(stack.data, write=False) as pictures:
         rows, columns = tile.inside
         return np.array(pictures[:, rows, columns])
 
 
-@contextmanager
-def _ready(source: StoredLightField, plan: StreamPlan) -> Iterator[StoredLightField]:
-    """The source, or a copy of its samples from which tiles are read quickly."""
-    if not plan.bytes_scratch:
-        yield source
-        return
-    with spooled(source) as copied:
-        yield copied
-
-
-def _run(
+def _stack_parts(
     source: StoredLightField,
     plan: StreamPlan,
-    make: Made,
+    process: TileFunction,
     device: Device,
     progress: Progress | None,
-) -> Iterator[Any]:
-    with _ready(source, plan) as ready:
-        for _, made in _tiles(ready, plan.tiles, make, device, progress):
-            yield made
+) -> Iterator[Part]:
+    with fast_source(source, plan) as fast:
+        for _, part in process_tiles(fast, plan.tiles, process, device, progress):
+            yield part
 
 
-def _tiles(
-    source: StoredLightField,
-    tiles: tuple[Tile, ...],
-    make: Made,
-    device: Device,
-    progress: Progress | None,
-) -> Iterator[tuple[Tile, Any]]:
-    """What is made of each tile; one thread reads the next one meanwhile, into one buffer."""
-    if len(tiles) == 1 and tiles[0].outer_shape == source.shape[2:4]:
-        for made in make(tiles[0], source.load(device)):
-            yield tiles[0], made
-        _report(progress, 1, 1)
-        return
-    most = max(tile.outer_shape[0] * tile.outer_shape[1] for tile in tiles)
-    buffer = np.empty(most * source.bytes_per_pixel, np.uint8)
-    last: tuple[int, int] | None = None
-    with ThreadPoolExecutor(1, thread_name_prefix="clplen-reading") as reader:
-        pending = reader.submit(_read, source, tiles[0], buffer)
-        for number, tile in enumerate(tiles, 1):
-            if last not in (None, tile.outer_shape):
-                device.free_spare()
-            last = tile.outer_shape
-            lf = source.part(pending.result(), device)
-            if number < len(tiles):
-                pending = reader.submit(_read, source, tiles[number], buffer)
-            for made in make(tile, lf):
-                yield tile, made
-            del lf, made
-            _report(progress, number, len(tiles))
-    device.free_spare()
+def _surveyed(source: StoredLightField, plan: StreamPlan, passes: TwoPasses, device: Device) -> Any:
+    """What a cue learns of the whole light field, in bands of its rows."""
+    survey = passes.survey(source)
 
-
-def _read(source: StoredLightField, tile: Tile, buffer: Array) -> Array:
-    V, U, *_ = source.shape
-    shape = (V, U, *tile.outer_shape, *source.shape[4:])
-    size = int(np.prod(shape, dtype=np.int64)) * source.dtype.itemsize
-    out = buffer[:size].view(source.dtype).reshape(shape)
-    return source.read((slice(0, V), slice(0, U), tile.outer_rows, tile.outer_columns), out=out)
-
-
-def _report(progress: Progress | None, done: int, total: int) -> None:
-    if progress is not None:
-        progress(done, total)
-
-
-def _levels(source: StoredLightField, plan: StreamPlan, device: Device) -> combined_cue.Levels:
-    """Gain and evenness of the whole light field, in bands of its rows."""
-    views = sorted_views(source)
-    ny = source.shape[2]
-    centre = np.empty(source.shape[2:], np.float32)
-    sums = np.empty((source.shape[0] * source.shape[1], ny), np.float32)
-
-    def make(tile: Tile, lf: LightField) -> Iterator[None]:
-        centre[tile.rows] = combined_cue.centre_picture(lf, views)
-        sums[:, tile.rows] = row_sums(lf)
+    def process(tile: Tile, lf: LightField) -> Iterator[None]:
+        survey.add(tile.rows, lf)
         yield None
 
-    for _ in _tiles(source, bands(source.shape[2:4], plan.band_rows), make, device, None):
+    for _ in process_tiles(source, bands(source.shape[2:4], plan.band_rows), process, device, None):
         pass
-    return combined_cue.levels_of(source.shape, views, centre, sums)
+    return survey.finish()

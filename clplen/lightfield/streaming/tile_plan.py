@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from clplen.compute.memory import free_memory
+from clplen.lightfield.refocus.memory_estimate import MemoryEstimate
 from clplen.reprs import OneLine
 
 if TYPE_CHECKING:
@@ -43,40 +44,6 @@ class Tile:
         """(rows, columns) that are read."""
         y, x = (part.stop - part.start for part in (self.outer_rows, self.outer_columns))
         return y, x
-
-
-@dataclass(frozen=True)
-class Work:
-    """What a computation needs beside the samples.
-
-    Attributes
-    ----------
-    what : str
-        As the subject of a sentence.
-    planes : tuple of slice
-        Groups of planes that are made one after the other of each tile.
-    halo : tuple of int
-        (y, x) pixels that a result depends on, on every side.
-    per_pixel : int
-        Bytes a pixel that is read: temporary arrays and results, on device and host.
-    largest : int
-        Those of the largest array among them.
-    kept : int
-        Bytes a pixel of the whole picture that are held until the end.
-    before : int
-        Those that are held, at most, before and after the pass over the tiles.
-    passes : int
-        How often all samples are read.
-    """
-
-    what: str
-    planes: tuple[slice, ...]
-    halo: tuple[int, int]
-    per_pixel: int
-    largest: int
-    kept: int = 0
-    before: int = 0
-    passes: int = 1
 
 
 @dataclass(frozen=True, repr=False)
@@ -142,14 +109,18 @@ class StreamPlan(OneLine):
 
 
 def plan_tiles(
-    source: StoredLightField, works: Sequence[Work], *, memory: int | None, device: Device
+    source: StoredLightField,
+    estimates: Sequence[MemoryEstimate],
+    *,
+    memory: int | None,
+    device: Device,
 ) -> StreamPlan:
     """The largest tiles that fit: bands of full rows, or parts of rows where their halos cost less.
 
     Parameters
     ----------
     source : StoredLightField
-    works : sequence of Work
+    estimates : sequence of MemoryEstimate
         Ways to do the same, the best one first.
     memory : int or None
         Bytes; None for half of what is free on the host, or of the device's memory if that is less.
@@ -164,20 +135,34 @@ def plan_tiles(
     ValueError
         If not even the smallest tile fits, with what it needs.
     """
+    memory = memory_budget(memory, device)
+    for estimate in estimates:
+        plan = _planned(source, estimate, _Budget.of(source, estimate, memory, device))
+        if plan is not None:
+            return plan
+    least = min(
+        _least(source, estimate, _Budget.of(source, estimate, 1, device)) for estimate in estimates
+    )
+    raise ValueError(
+        f"{estimates[0].what} of {source!r} does not fit into memory={memory:,} bytes: its "
+        f"smallest tile, with what the planes shift into it, needs {least:,}; give that, or fewer "
+        "or nearer planes."
+    )
+
+
+def memory_budget(memory: int | None, device: Device) -> int:
+    """The bytes that may be taken: as given, or half of what is free on host and device.
+
+    Raises
+    ------
+    ValueError
+        If they are no positive whole number.
+    """
     if memory is None:
         memory = min(free_memory(), device.memory_bytes) // 2
     if isinstance(memory, bool) or int(memory) != memory or memory < 1:
         raise ValueError(f"memory is a positive number of bytes, not {memory!r}.")
-    for work in works:
-        plan = _planned(source, work, _Budget.of(source, work, int(memory), device))
-        if plan is not None:
-            return plan
-    least = min(_least(source, work, _Budget.of(source, work, 1, device)) for work in works)
-    raise ValueError(
-        f"{works[0].what} of {source!r} does not fit into memory={memory:,} bytes: its smallest "
-        f"tile, with what the planes shift into it, needs {least:,}; give that, or fewer or "
-        "nearer planes."
-    )
+    return int(memory)
 
 
 def bands(size: tuple[int, ...], rows: int) -> tuple[Tile, ...]:
@@ -202,19 +187,21 @@ class _Budget:
     on_device: int
 
     @classmethod
-    def of(cls, source: StoredLightField, work: Work, memory: int, device: Device) -> _Budget:
+    def of(
+        cls, source: StoredLightField, estimate: MemoryEstimate, memory: int, device: Device
+    ) -> _Budget:
         pixels = source.shape[2] * source.shape[3]
         samples = source.bytes_per_pixel
         copies = 1 if device.is_cpu else 2
-        most = max(work.per_pixel + work.kept, work.before)
+        most = max(estimate.per_pixel + estimate.kept, estimate.before)
         limit = min(device.memory_bytes, int(device.cl_device.max_mem_alloc_size))
         return cls(
             memory,
-            work.kept * pixels + source.overhead,
-            2 * samples + work.per_pixel,
-            max(samples, work.largest),
-            work.before * pixels + source.overhead,
-            2 * samples * source.shape[3] if work.passes > 1 else 0,
+            estimate.kept * pixels + source.overhead,
+            2 * samples + estimate.per_pixel,
+            max(samples, estimate.largest),
+            estimate.before * pixels + source.overhead,
+            2 * samples * source.shape[3] if estimate.passes > 1 else 0,
             source.overhead + pixels * (copies * samples + most),
             limit,
             device.memory_bytes,
@@ -239,42 +226,48 @@ class _Budget:
         return max(min(room // self.pixel, self.limit // self.largest), 0)
 
 
-def _planned(source: StoredLightField, work: Work, budget: _Budget) -> StreamPlan | None:
+def _planned(
+    source: StoredLightField, estimate: MemoryEstimate, budget: _Budget
+) -> StreamPlan | None:
     ny, nx = source.shape[2:4]
     everything = Tile(slice(0, ny), slice(0, nx), slice(0, ny), slice(0, nx))
     fits = budget.whole <= min(budget.usable, budget.on_device)
     if fits and ny * nx * budget.largest <= budget.limit:
-        return _plan(source, work, (everything,), budget, budget.whole)
-    found = []
-    for columns in _column_cuts(nx, work.halo[1]):
+        return _plan(source, estimate, (everything,), budget, budget.whole)
+    result = []
+    for columns in _column_cuts(nx, estimate.halo[1]):
         width = max(outer.stop - outer.start for _, outer in columns)
-        rows = _row_cuts(ny, work.halo[0], budget.pixels() // width)
+        rows = _row_cuts(ny, estimate.halo[0], budget.pixels() // width)
         if rows is None:
             continue
-        found.append(tuple(Tile(y, x, oy, ox) for y, oy in rows for x, ox in columns))
-    if not found or (work.passes > 1 and budget.band_rows < 1):
+        result.append(tuple(Tile(y, x, oy, ox) for y, oy in rows for x, ox in columns))
+    if not result or (estimate.passes > 1 and budget.band_rows < 1):
         return None
-    best = min(found, key=_area)
-    if _area(found[0]) < _WORTH * _area(best):  # the widest, full rows if they fit at all
-        best = found[0]
+    best = min(result, key=_area)
+    if _area(result[0]) < _WORTH * _area(best):  # the widest, full rows if they fit at all
+        best = result[0]
     largest = max(math.prod(tile.outer_shape) for tile in best)
-    plan = _plan(source, work, best, budget, budget.need(largest))
+    plan = _plan(source, estimate, best, budget, budget.need(largest))
     return None if plan.bytes_scratch and _to_copy(source) > budget.usable else plan
 
 
 def _plan(
-    source: StoredLightField, work: Work, tiles: tuple[Tile, ...], budget: _Budget, peak: int
+    source: StoredLightField,
+    estimate: MemoryEstimate,
+    tiles: tuple[Tile, ...],
+    budget: _Budget,
+    peak: int,
 ) -> StreamPlan:
     samples = source.bytes_per_pixel
-    passes = 1 if len(tiles) == 1 else work.passes
+    passes = 1 if len(tiles) == 1 else estimate.passes
     chunked = sum(_chunked(source, tile) for tile in tiles)
     read = passes * chunked * samples
     slow = chunked > _ROUNDED * _area(tiles) and read > _AGAIN * source.nbytes
     scratch = source.nbytes if slow and len(tiles) > 2 else 0
     return StreamPlan(
         tiles,
-        work.planes,
-        work.halo,
+        estimate.planes,
+        estimate.halo,
         passes,
         scratch or read,
         peak,
@@ -333,15 +326,15 @@ def _row_cuts(size: int, halo: int, most: int) -> Cuts | None:
 def _column_cuts(size: int, halo: int) -> list[Cuts]:
     """Full rows first, then rows in two parts, three and so on."""
     wide = -(-halo // _ALIGNED) * _ALIGNED
-    found, middle = [_cuts(size, wide, size)], 0
+    result, middle = [_cuts(size, wide, size)], 0
     for count in range(2, max(size // _LEAST, 1) + 1):
         part = -(-(size - 2 * wide) // count)
         if part < 1:
             break
         if (wider := -(-part // _ALIGNED) * _ALIGNED) != middle:
             middle = wider
-            found.append([(x, _aligned(outer)) for x, outer in _cuts(size, wide, middle)])
-    return [cuts for i, cuts in enumerate(found) if i == 0 or len(cuts) > 1]
+            result.append([(x, _aligned(outer)) for x, outer in _cuts(size, wide, middle)])
+    return [cuts for i, cuts in enumerate(result) if i == 0 or len(cuts) > 1]
 
 
 def _aligned(part: slice) -> slice:
@@ -349,11 +342,13 @@ def _aligned(part: slice) -> slice:
     return slice(part.start // _ALIGNED * _ALIGNED, part.stop)
 
 
-def _least(source: StoredLightField, work: Work, budget: _Budget) -> int:
+def _least(source: StoredLightField, estimate: MemoryEstimate, budget: _Budget) -> int:
     """A budget that is enough for the smallest tile."""
     ny, nx = source.shape[2:4]
-    width = min(max(o.stop - o.start for _, o in cuts) for cuts in _column_cuts(nx, work.halo[1]))
-    height = min(2 * work.halo[0] + min(_LEAST, ny), ny)
+    width = min(
+        max(o.stop - o.start for _, o in cuts) for cuts in _column_cuts(nx, estimate.halo[1])
+    )
+    height = min(2 * estimate.halo[0] + min(_LEAST, ny), ny)
     need = min(budget.need(height * width), budget.whole)
     if source.chunks[0] > 1:
         need = max(need, _to_copy(source))

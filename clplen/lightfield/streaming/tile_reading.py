@@ -1,4 +1,4 @@
-"""Samples as plain bytes of a file, and the temporary file that views are copied to."""
+"""Reading tile by tile with a thread, from a temporary file where that is quicker."""
 
 from __future__ import annotations
 
@@ -7,14 +7,21 @@ import math
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from clplen.compute.device import Device
+from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import Array, Block, StoredLightField
+from clplen.lightfield.streaming.tile_plan import StreamPlan, Tile
+
+Progress = Callable[[int, int], None]
+TileFunction = Callable[[Tile, LightField], Iterator[Any]]
 
 _MOST = 1 << 30  # bytes of one request
 
@@ -142,3 +149,58 @@ def _store(file: int, values: Array, at: int) -> None:
     done = 0
     while done < values.size:
         done += os.pwrite(file, values[done : done + _MOST].data, at + done)
+
+
+@contextmanager
+def fast_source(source: StoredLightField, plan: StreamPlan) -> Iterator[StoredLightField]:
+    """The source, or a copy of its samples from which tiles are read quickly."""
+    if not plan.bytes_scratch:
+        yield source
+        return
+    with spooled(source) as copied:
+        yield copied
+
+
+def process_tiles(
+    source: StoredLightField,
+    tiles: tuple[Tile, ...],
+    process: TileFunction,
+    device: Device,
+    progress: Progress | None,
+) -> Iterator[tuple[Tile, Any]]:
+    """What is made of each tile; one thread reads the next one meanwhile, into one buffer."""
+    if len(tiles) == 1 and tiles[0].outer_shape == source.shape[2:4]:
+        for result in process(tiles[0], source.load(device)):
+            yield tiles[0], result
+        report(progress, 1, 1)
+        return
+    most = max(tile.outer_shape[0] * tile.outer_shape[1] for tile in tiles)
+    buffer = np.empty(most * source.bytes_per_pixel, np.uint8)
+    last: tuple[int, int] | None = None
+    with ThreadPoolExecutor(1, thread_name_prefix="clplen-reading") as reader:
+        pending = reader.submit(_read, source, tiles[0], buffer)
+        for number, tile in enumerate(tiles, 1):
+            if last not in (None, tile.outer_shape):
+                device.free_spare()
+            last = tile.outer_shape
+            lf = source.part(pending.result(), device)
+            if number < len(tiles):
+                pending = reader.submit(_read, source, tiles[number], buffer)
+            for result in process(tile, lf):
+                yield tile, result
+            del lf, result
+            report(progress, number, len(tiles))
+    device.free_spare()
+
+
+def _read(source: StoredLightField, tile: Tile, buffer: Array) -> Array:
+    V, U, *_ = source.shape
+    shape = (V, U, *tile.outer_shape, *source.shape[4:])
+    size = int(np.prod(shape, dtype=np.int64)) * source.dtype.itemsize
+    out = buffer[:size].view(source.dtype).reshape(shape)
+    return source.read((slice(0, V), slice(0, U), tile.outer_rows, tile.outer_columns), out=out)
+
+
+def report(progress: Progress | None, done: int, total: int) -> None:
+    if progress is not None:
+        progress(done, total)

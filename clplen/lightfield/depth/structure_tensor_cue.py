@@ -9,19 +9,19 @@ import pyopencl.array as cla
 
 from clplen.lightfield.arrays.peaks import Map
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
-from clplen.lightfield.depth.correspondence import add_colours
-from clplen.lightfield.depth.sharpness_cue import nearest_zero, require_maps
-from clplen.lightfield.depth.sheared_views import launch_sheared, view_tables
+from clplen.lightfield.depth.cue import AT_ONCE, Cue, depth_memory, nearest_zero, require_maps
+from clplen.lightfield.depth.sheared_views import add_colours, launch_sheared, view_tables
 from clplen.lightfield.model.view_shifts import unit_steps
+from clplen.lightfield.refocus.memory_estimate import MemoryEstimate
 
 if TYPE_CHECKING:
     from clplen.lightfield.model.light_field import LightField
+    from clplen.lightfield.model.stored_light_field import StoredLightField
 
 Table = np.ndarray[Any, Any]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 _WINDOW = 2.0  # pixels: Gaussian over which the tensor is gathered
-REACH = gaussian_taps(_WINDOW).size  # pixels that one depends on: the window, and a gradient
 _STEP = 0.25  # pixels a view step, between shears, at most
 _REACH = 0.75  # of a step: how far from its shear an orientation is believed
 
@@ -58,7 +58,7 @@ def structure_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     require_maps(lf, 9 + (6 if len(lf.shape) == 5 else 0), 6)
     shears, step = _shears(planes)
     best, second = (device.zeros((ny, nx), np.float32) for _ in range(2))
-    place = device.upload(np.full((ny, nx), nearest_zero(planes), np.float32))
+    position = device.upload(np.full((ny, nx), nearest_zero(planes), np.float32))
     gathered = device.empty((6, ny, nx), np.float32)
     gather = Smoother(gaussian_taps(_WINDOW), device=device)
     for shear in shears:
@@ -66,13 +66,13 @@ def structure_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
         device.launch_rows(
             device.kernel("coherence.cl", "most_coherent"),
             (ny, nx),
-            *(best, second, place, gathered),
+            *(best, second, position, gathered),
             *(np.float32(value) for value in (shear, _REACH * step)),
             *(np.int32(n) for n in (ny, nx)),
         )
     sure = device.download(best) - device.download(second)
-    found = np.clip(device.download(place), planes[0], planes[-1])
-    return found.astype(np.float32), sure.clip(0, 1)
+    result = np.clip(device.download(position), planes[0], planes[-1])
+    return result.astype(np.float32), sure.clip(0, 1)
 
 
 def _require_rows(lf: LightField) -> None:
@@ -125,18 +125,18 @@ def _pairs(lf: LightField, along: int) -> tuple[Table, Vector]:
     where = -unit_steps(lf)[..., along]
     if along == 0:
         numbers, where = numbers.T, where.T
-    found = [(0, 0, 0.0)]
+    result = [(0, 0, 0.0)]
     for views, places in zip(numbers, where, strict=True):
         lit = lf.weights.ravel()[views] > 0
         views, places = views[lit], places[lit]
         apart = max(views.size // 2, 1)
         distance = places[apart:] - places[:-apart]
-        found += [
+        result += [
             (m, n, 1 / step)
             for m, n, step in zip(views, views[apart:], distance, strict=False)
             if step != 0
         ]
-    pairs = np.array(found)
+    pairs = np.array(result)
     return pairs[:, :2].astype(int).ravel(), np.repeat(pairs[:, 2], 2)
 
 
@@ -146,3 +146,19 @@ def _shears(planes: Vector) -> tuple[Vector, float]:
     count = int(np.ceil((high - low) / _STEP)) + 1
     shears = np.linspace(low, high, count)
     return shears, float(shears[1] - shears[0])
+
+
+def structure_memory(source: StoredLightField, planes: Vector) -> MemoryEstimate:
+    """What `structure_disparity` needs; its window reaches one pixel farther, for the gradient."""
+    channels = (*source.shape, 1)[4]
+    return depth_memory(
+        "structure-tensor",
+        source,
+        planes,
+        reach=gaussian_taps(_WINDOW).size,
+        floats=6 * channels + 19,
+        largest=min(AT_ONCE, planes.size) * channels,
+    )
+
+
+CUE = Cue(structure_disparity, structure_memory)

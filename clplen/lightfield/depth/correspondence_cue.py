@@ -12,23 +12,24 @@ import pyopencl.array as cla
 from clplen.lightfield.arrays.peaks import Map, PeakTracker
 from clplen.lightfield.arrays.smoothing import Smoother, box_taps
 from clplen.lightfield.arrays.stored_samples import C_TYPE
-from clplen.lightfield.depth.sharpness_cue import AT_ONCE, nearest_zero, require_maps
+from clplen.lightfield.depth.cue import AT_ONCE, Cue, depth_memory, nearest_zero, require_maps
 from clplen.lightfield.depth.sheared_views import (
+    add_colours,
     edge_table,
     launch_sheared,
     vectors_of,
     view_tables,
 )
 from clplen.lightfield.model.view_shifts import unit_steps
+from clplen.lightfield.refocus.memory_estimate import MemoryEstimate
 
 if TYPE_CHECKING:
-    from clplen.compute.device import Device
     from clplen.lightfield.model.light_field import LightField
+    from clplen.lightfield.model.stored_light_field import StoredLightField
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 _BOX = 9  # pixels: over which the variance is gathered
-REACH = _BOX // 2  # pixels that one depends on
 _HEIGHT, _VECTORS = 4, 8  # rows and vectors of a block, on CPUs
 
 
@@ -85,15 +86,15 @@ def shear_moments(lf: LightField, planes: Vector) -> Moments:
 
 
 def _launch_blocks(
-    lf: LightField, args: tuple[Any, ...], planes: int, place: np.ndarray[Any, Any]
+    lf: LightField, args: tuple[Any, ...], planes: int, position: np.ndarray[Any, Any]
 ) -> bool:
     """Enqueue moments_blocks, unless local memory does not suffice for planes so far apart."""
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
     lanes = vectors_of(device)[0]
     chunk = lanes * _VECTORS
-    low = place[..., 1:3].min(axis=0)
-    span = place[..., 1:3].max(axis=0) - low
+    low = position[..., 1:3].min(axis=0)
+    span = position[..., 1:3].max(axis=0) - low
     pitch = -(-(chunk + (int(span[:, 1].max()) + 1) * channels) // lanes) * lanes
     sums = (3 * planes + 1) * _HEIGHT * chunk + chunk
     rows = (_HEIGHT + 1 + int(span[:, 0].max())) * pitch
@@ -145,19 +146,24 @@ def correspondence_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     tracker = PeakTracker(size, device=lf.device, start=start, most=AT_ONCE, lowest=True)
     gather = Smoother(box_taps(_BOX), device=lf.device)
     for first in range(0, planes.size, AT_ONCE):
-        some = planes[first : first + AT_ONCE]
-        variance = add_colours(shear_moments(lf, some).variance, lf.device)
-        gather(tracker.curve, variance, start=tracker.held, count=some.size)
-        tracker.add(some)
+        batch = planes[first : first + AT_ONCE]
+        variance = add_colours(shear_moments(lf, batch).variance, lf.device)
+        gather(tracker.curve, variance, start=tracker.held, count=batch.size)
+        tracker.add(batch)
     return tracker.finish()
 
 
-def add_colours(maps: cla.Array, device: Device) -> cla.Array:
-    """Maps (n, y, x[, c]) added over the colours, (n, y, x)."""
-    *shape, channels = (int(n) for n in (*maps.shape, 1)[:4])
-    if maps.ndim == 3 or channels == 1:
-        return maps.reshape(*maps.shape[:3])
-    out = device.empty(maps.shape[:3], np.float32)
-    kernel = device.kernel("colours.cl", "add_colours")
-    device.launch_rows(kernel, shape, out, maps, *(np.int32(n) for n in (*shape[1:], channels)))
-    return out
+def correspondence_memory(source: StoredLightField, planes: Vector) -> MemoryEstimate:
+    """What `correspondence_disparity` needs; its box reaches half its size."""
+    channels, most = (*source.shape, 1)[4], min(AT_ONCE, planes.size)
+    return depth_memory(
+        "correspondence",
+        source,
+        planes,
+        reach=_BOX // 2,
+        floats=3 * most * channels + 2 * most + 9,
+        largest=most * channels,
+    )
+
+
+CUE = Cue(correspondence_disparity, correspondence_memory)

@@ -1,0 +1,77 @@
+"""Memory that a computation on a light field needs beside the samples, and how far it reaches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clplen.lightfield.model.view_shifts import shifts
+
+if TYPE_CHECKING:
+    from clplen.lightfield.model.stored_light_field import StoredLightField
+
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+
+DEVICE_FLOAT = 4.5  # bytes of one on the device: its spare buffers are up to an eighth larger
+HOST_FLOAT = 4  # bytes of one on the host
+_TAPS = 2  # pixels beyond a shift that interpolations reach
+
+
+@dataclass(frozen=True)
+class MemoryEstimate:
+    """What a computation needs beside the samples, so that it can be made in tiles.
+
+    Attributes
+    ----------
+    what : str
+        As the subject of a sentence.
+    planes : tuple of slice
+        Groups of planes that are made one after the other of each tile.
+    halo : tuple of int
+        (y, x) pixels that a result depends on, on every side.
+    per_pixel : int
+        Bytes a pixel that is read: temporary arrays and results, on device and host.
+    largest : int
+        Those of the largest array among them.
+    kept : int
+        Bytes a pixel of the whole picture that are held until the end.
+    before : int
+        Those that are held, at most, before and after the pass over the tiles.
+    passes : int
+        How often all samples are read.
+    """
+
+    what: str
+    planes: tuple[slice, ...]
+    halo: tuple[int, int]
+    per_pixel: int
+    largest: int
+    kept: int = 0
+    before: int = 0
+    passes: int = 1
+
+
+def shear_halo(source: StoredLightField, planes: Vector, reach: int) -> tuple[int, int]:
+    """Pixels (y, x) around a tile: as far as the planes shift views, and windows reach.
+
+    Parameters
+    ----------
+    source : StoredLightField
+    planes : numpy.ndarray
+        Disparities.
+    reach : int
+        Pixels on every side of the sheared views that a result depends on.
+
+    Returns
+    -------
+    tuple of int
+    """
+    ends = np.array([planes.min(), planes.max()])  # shifts are linear in the disparity
+    down, right = shifts(source, ends)
+    if source.positions is None:
+        down, right = np.broadcast_arrays(down[:, :, None], right[:, None, :])
+    lit = source.weights > 0
+    y, x = (int(np.ceil(np.abs(shift[:, lit]).max())) + _TAPS + reach for shift in (down, right))
+    return min(y, source.shape[2]), min(x, source.shape[3])
