@@ -12,7 +12,7 @@ from clplen.lightfield.arrays.shear_tables import Views
 if TYPE_CHECKING:
     from clplen.compute.device import Device
 
-_MOST_PLANES = 64  # of one launch
+_BLOCK_PLANES = 64  # of one launch
 _LOCAL_BYTES = 1024 * 1024  # of one work-item: stays in a second-level cache
 _LOCAL_RESERVE = 1024  # what an OpenCL runtime may keep for itself
 _WIDEST = 16  # chunks of a block
@@ -51,7 +51,7 @@ def all_blocks(views: Views, device: Device) -> list[Blocks]:
     items = _ITEMS_PER_CORE * int(device.cl_device.max_compute_units)
     first = views.channels // chunk + 1
     last = max(first, min(_WIDEST, -(-(views.samples + views.channels) // chunk)))
-    passes = {-(-views.planes // most) for most in (1, 2, 4, 8, 16, 32, _MOST_PLANES)}
+    passes = {-(-views.planes // most) for most in (1, 2, 4, 8, 16, 32, _BLOCK_PLANES)}
     found = []
     for planes in sorted({-(-views.planes // n) for n in passes}):
         spread = _spread(views, planes)

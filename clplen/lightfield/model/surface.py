@@ -11,13 +11,13 @@ from clplen.errors import ShapeError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-Map = np.ndarray[Any, np.dtype[np.float64]]
+DisparityMap = np.ndarray[Any, np.dtype[np.float64]]
 
 _ROUNDS = 8  # of the fixed point in `carried`
 _FLAT = 1e-9  # points on one line, relative to their spread
 
 
-def plane_through(points: ArrayLike, shape: tuple[int, ...]) -> Map:
+def plane_through(points: ArrayLike, shape: tuple[int, ...]) -> DisparityMap:
     """Disparity of every pixel on the plane through three points, or nearest to more of them.
 
     A plane in space is a plane d = a + b y + c x in the disparities of a light field (d is linear
@@ -64,7 +64,7 @@ def plane_through(points: ArrayLike, shape: tuple[int, ...]) -> Map:
     return offset + down * y[:, None] + right * x[None, :]
 
 
-def carried(disparity: Map, step: Map) -> Map:
+def carried(disparity: DisparityMap, step: DisparityMap) -> DisparityMap:
     """A disparity map of the centre view as another viewpoint sees it.
 
     What lies at p in the centre view is at p + step d(p) in the other, so the map there solves

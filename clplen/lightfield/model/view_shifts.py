@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from clplen.lightfield.model.stored_light_field import StoredLightField
     from clplen.lightfield.raw.raw_image import Spacing
 
-Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 
 def shifts(lf: LightField | StoredLightField, disparities: Vector) -> tuple[Vector, Vector]:

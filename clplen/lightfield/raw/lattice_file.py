@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 _FORMAT = "clplen lattice"
 _VERSION = 1
-_MOST = 1e9  # pixels: beyond it a number is no place on a sensor
+_FARTHEST = 1e9  # pixels: beyond it a number is no place on a sensor
 
 
-def write(lattice: Lattice) -> str:
+def _json_of(lattice: Lattice) -> str:
     """JSON of a lattice; a residual that is not known is null."""
     known = math.isfinite(lattice.residual)
     return json.dumps(
@@ -39,7 +39,7 @@ def write(lattice: Lattice) -> str:
     )
 
 
-def parse(text: str, source: str) -> dict[str, Any]:
+def _parsed(text: str, source: str) -> dict[str, Any]:
     """What `Lattice` takes, by name, from JSON of either form.
 
     Raises
@@ -52,11 +52,11 @@ def parse(text: str, source: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise FormatError(f"{source} is no JSON ({error}).") from error
     if isinstance(content, dict) and isinstance(content.get("LensletGridModel"), dict):
-        model, read = content["LensletGridModel"], _toolbox
+        model, read = content["LensletGridModel"], _toolbox_model
     elif isinstance(content, dict) and {"HSpacing", "VSpacing"} <= content.keys():
-        model, read = content, _toolbox
+        model, read = content, _toolbox_model
     elif isinstance(content, dict) and content.get("format") == _FORMAT:
-        model, read = content, _own
+        model, read = content, _own_model
     else:
         raise FormatError(
             f"{source} describes no lattice of lenslets: give the JSON that Lattice.save writes, "
@@ -65,7 +65,7 @@ def parse(text: str, source: str) -> dict[str, Any]:
     return read(model, source)
 
 
-def _own(model: dict[str, Any], source: str) -> dict[str, Any]:
+def _own_model(model: dict[str, Any], source: str) -> dict[str, Any]:
     if model.get("version") != _VERSION:
         raise FormatError(
             f"{source} has version {model.get('version')!r} of the lattice format, clplen reads "
@@ -91,7 +91,7 @@ def _own(model: dict[str, Any], source: str) -> dict[str, Any]:
     }
 
 
-def _toolbox(model: dict[str, Any], source: str) -> dict[str, Any]:
+def _toolbox_model(model: dict[str, Any], source: str) -> dict[str, Any]:
     """Lenslet (row i, column j) of LFToolbox, one-based pixels and rows, y and x from 0 here.
 
     (x, y) = (HOffset, VOffset) + R(Rot) (j HSpacing + h, i VSpacing) with h = HSpacing/2 on rows
@@ -137,4 +137,4 @@ def _numbers(model: dict[str, Any], name: str, count: int, source: str) -> list[
 
 
 def _is_number(n: Any) -> bool:
-    return isinstance(n, int | float) and not isinstance(n, bool) and abs(n) < _MOST
+    return isinstance(n, int | float) and not isinstance(n, bool) and abs(n) < _FARTHEST

@@ -244,7 +244,7 @@ class Lattice:
 
     def to_json(self) -> str:
         """The lattice as JSON (``format``: "clplen lattice", ``version``: 1)."""
-        return lattice_file.write(self)
+        return lattice_file._json_of(self)
 
     @classmethod
     def from_json(cls, text: str, *, source: str = "The lattice") -> Lattice:
@@ -261,7 +261,7 @@ class Lattice:
         FormatError
             If it is neither, or a number in it is missing or no lattice.
         """
-        fields = lattice_file.parse(text, source)
+        fields = lattice_file._parsed(text, source)
         try:
             return cls(**fields)
         except ValueError as error:
