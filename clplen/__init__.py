@@ -49,8 +49,8 @@ from clplen.lightfield.focused.focused_rendering import focused_stack, render_fo
 from clplen.lightfield.focused.focused_spots import point_m
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.phase_space import PhaseSpace, phase_space
+from clplen.lightfield.model.rendering import plane_through
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.model.surface import plane_through
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
 from clplen.lightfield.raw.sensor import Sensor

@@ -13,7 +13,7 @@ from clplen.lightfield.arrays.ray_samples import checked_disparity
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
 from clplen.lightfield.depth.local_energy import LocalEnergy
 from clplen.lightfield.depth.plane_choice import default_disparities
-from clplen.lightfield.model.conversion import as_lightfield
+from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.refocus.focal_stack import FocalStack, focal_stack, refocus
 
 if TYPE_CHECKING:

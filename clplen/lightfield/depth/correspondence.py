@@ -19,7 +19,7 @@ from clplen.lightfield.depth.sheared_views import (
     vectors_of,
     view_tables,
 )
-from clplen.lightfield.model.view_shifts import unit_steps
+from clplen.lightfield.model.alpha_law import unit_steps
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

@@ -20,8 +20,7 @@ from clplen.lightfield.depth.plane_choice import default_disparities
 from clplen.lightfield.depth.sharpness_cue import energy_disparity
 from clplen.lightfield.depth.structure_tensor import structure_disparity
 from clplen.lightfield.model.alpha_law import depth_at
-from clplen.lightfield.model.conversion import as_lightfield
-from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
 from clplen.lightfield.refocus.focal_stack import FocalStack
 

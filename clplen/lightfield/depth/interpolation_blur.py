@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.lightfield.model.view_shifts import view_shifts
+from clplen.lightfield.model.alpha_law import view_shifts
 
 if TYPE_CHECKING:
     from clplen.lightfield.refocus.focal_stack import FocalStack

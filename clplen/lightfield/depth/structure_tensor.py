@@ -12,7 +12,7 @@ from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
 from clplen.lightfield.depth.correspondence import add_colours
 from clplen.lightfield.depth.sharpness_cue import nearest_zero, require_maps
 from clplen.lightfield.depth.sheared_views import launch_sheared, view_tables
-from clplen.lightfield.model.view_shifts import unit_steps
+from clplen.lightfield.model.alpha_law import unit_steps
 
 if TYPE_CHECKING:
     from clplen.lightfield.model.light_field import LightField

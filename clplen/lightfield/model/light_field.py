@@ -11,8 +11,8 @@ import pyopencl.array as cla
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.hostarray import OnDevice
 from clplen.compute.image import Image
-from clplen.lightfield.model import flatten as flattening
 from clplen.lightfield.model import parametrisation as parametrising
+from clplen.lightfield.model import rendering as flattening
 from clplen.lightfield.model import rendering as rendering
 from clplen.lightfield.model.alpha_law import AlphaLaw
 from clplen.lightfield.model.sample_checks import (

@@ -9,7 +9,7 @@ import numpy as np
 
 from clplen.compute.hostarray import HostArray
 from clplen.compute.oneline import OneLine
-from clplen.lightfield.model.conversion import as_lightfield
+from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
 
 if TYPE_CHECKING:

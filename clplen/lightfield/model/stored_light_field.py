@@ -9,11 +9,13 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+import pyopencl.array as cla
 
-from clplen.compute.device import DeviceLike, as_device
+from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.hostarray import HostArray
 from clplen.errors import ShapeError
 from clplen.lightfield.model.alpha_law import AlphaLaw
+from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.sample_checks import (
     check_shape,
     checked_positions,
@@ -22,7 +24,7 @@ from clplen.lightfield.model.sample_checks import (
     kept_dtype,
     weights_where,
 )
-from clplen.lightfield.raw.raw_image import CameraModel, Spacing
+from clplen.lightfield.raw.raw_image import CameraModel, RawImage, Spacing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -294,3 +296,43 @@ def _copy(a: Any, at_once: tuple[int, int], block: Block, out: Array) -> None:
                 part = out[v : v + down, u : u + across]
                 views = slice(v0 + v, v0 + v + part.shape[0]), slice(u0 + u, u0 + u + part.shape[1])
                 part[...] = a[views[0], views[1], rows, columns]
+
+
+def as_lightfield(source: Any, streams: str = "") -> LightField:
+    """A light field as it is, and an array as one on the default device.
+
+    Parameters
+    ----------
+    source : LightField or array_like
+        An array, of NumPy or with ``__array__``, is L[v, u, y, x(, c)].
+    streams : str, optional
+        The function that takes a stored light field.
+
+    Returns
+    -------
+    LightField
+
+    Raises
+    ------
+    TypeError
+        If it is anything else; of a stored light field and a raw image with what takes them.
+    ShapeError, ValueError
+        As `LightField.from_array`.
+    """
+    if isinstance(source, LightField):
+        return source
+    if isinstance(source, RawImage):
+        raise TypeError(
+            "This is a raw image, not a light field: decode it with LightField.from_raw, or take "
+            "render_focused where its camera is a focused one."
+        )
+    if isinstance(source, StoredLightField):
+        other = f"take {streams}, or .load(device)" if streams else "take .load(device)"
+        raise TypeError(f"This light field is stored, not on a device: {other} where it fits.")
+    is_array = hasattr(type(source), "__array__") and not isinstance(source, HostArray)
+    if is_array or isinstance(source, cla.Array):
+        return LightField.from_array(source, device=Device.open())
+    raise TypeError(
+        "A light field is needed, as LightField.from_array and read_lightfield give it, or an "
+        f"array L[v, u, y, x(, c)], not of type {type(source).__name__}."
+    )

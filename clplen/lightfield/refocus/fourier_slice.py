@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.lightfield.model.conversion import as_lightfield
+from clplen.lightfield.model.alpha_law import row_ratio
 from clplen.lightfield.model.parametrisation import require_two_plane
 from clplen.lightfield.model.rendering import view_weights
-from clplen.lightfield.model.view_shifts import row_ratio
+from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.refocus.focal_stack import FocalStack, planes_of
 from clplen.lightfield.refocus.view_spectra import (
     Vector,

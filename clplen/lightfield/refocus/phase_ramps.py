@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.lightfield.model.view_shifts import shifts
+from clplen.lightfield.model.alpha_law import shifts
 from clplen.lightfield.refocus.view_spectra import Vector, channels_of, keep_real, take_views
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import numpy as np
 
 from clplen.lightfield.depth import combined_cue, correspondence, sharpness_cue, structure_tensor
 from clplen.lightfield.depth.sharpness_cue import AT_ONCE, PICTURES
-from clplen.lightfield.model.view_shifts import shifts
+from clplen.lightfield.model.alpha_law import shifts
 from clplen.lightfield.streaming.tile_plan import Work
 
 if TYPE_CHECKING:
