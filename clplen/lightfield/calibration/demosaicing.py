@@ -53,10 +53,10 @@ def views_of_colours(
             alone = np.zeros_like(frame)
             for y, x in places:
                 alone[y::2, x::2] = frame[y::2, x::2]
-            slices = [_slice(alone, grid, device)]
+            slices = [_sliced_linear(alone, grid, device)]
             for y, x in (places[0], places[-1]):
                 own = np.ascontiguousarray(frame[y::2, x::2])
-                slices.append(_slice(own, _halved(grid, y, x), device))
+                slices.append(_sliced_linear(own, _halved(grid, y, x), device))
             parts.append(slices)
         (raw, *near), (flat, *near_flat) = parts
         device.launch_rows(
@@ -70,7 +70,7 @@ def views_of_colours(
     return out
 
 
-def _slice(frame: Frame, grid: LensletGrid, device: Device) -> cla.Array:
+def _sliced_linear(frame: Frame, grid: LensletGrid, device: Device) -> cla.Array:
     raw = RawImage(device.upload(frame), device, float("nan"), grid, grid)
     return resample(raw, grid, linear=True)
 
@@ -91,7 +91,7 @@ def _halved(grid: LensletGrid, y: int, x: int) -> LensletGrid:
     )
 
 
-def interpolated(picture: Frame, bayer: str) -> list[Frame]:
+def bilinear_colours(picture: Frame, bayer: str) -> list[Frame]:
     """Red, green and blue at every pixel, bilinear: each (ny, nx), float32."""
     from scipy.ndimage import convolve1d
 

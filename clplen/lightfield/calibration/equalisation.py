@@ -16,7 +16,7 @@ _ROUNDS = 12
 _MOST = 4.0  # times brighter or darker at most
 _UNLIKE = 0.02  # of the light, by which lenslets differ where a pixel of both is told apart
 # Places in a pixel (y, x), every one of another row and column.
-_INSIDE = ((-0.375, -0.125), (-0.125, 0.375), (0.125, -0.375), (0.375, 0.125))
+_SUBPIXELS = ((-0.375, -0.125), (-0.125, 0.375), (0.125, -0.375), (0.375, 0.125))
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Even:
     fall: Fall
 
 
-def equalised(picture: Values, cell: Basis, origin: Values, inside: float = 1.0) -> Even:
+def equalised(picture: Values, cell: Basis, origin: Values, share: float = 1.0) -> Even:
     """Every lenslet scaled to the same mean, and the fall of brightness within it taken off.
 
     The fall is the exponential of a polynomial of degree 4, fitted to the lenslets' means. A pixel
@@ -114,7 +114,7 @@ def equalised(picture: Values, cell: Basis, origin: Values, inside: float = 1.0)
         Base vectors (y, x) of the lattice in pixels, as rows.
     origin : numpy.ndarray
         (y, x) of a lenslet's centre.
-    inside : float
+    share : float
         How much of the fall goes on within lenslets, 0 to 1
         (`clplen.lightfield.calibration.fall_off`): 1 where it lies over the sensor's pixels, 0
         where every lenslet is dimmed as a whole.
@@ -141,13 +141,13 @@ def equalised(picture: Values, cell: Basis, origin: Values, inside: float = 1.0)
     smooth = fall.at(np.moveaxis(centres, -1, 0))
     own = smooth - mean
     own -= np.median(own[full])
-    own = np.clip(-own, -np.log(_MOST), np.log(_MOST)) + (1 - inside) * smooth
+    own = np.clip(-own, -np.log(_MOST), np.log(_MOST)) + (1 - share) * smooth
     bright = np.exp(own).astype(np.float32).ravel()
     out = np.empty(picture.shape, np.float32)
     for start in blocks:
         block = picture[start : start + _BLOCK]
         y = np.arange(start, start + len(block))
-        over = np.exp(inside * fall.over(y, columns))
+        over = np.exp(share * fall.over(y, columns))
         out[y] = block / (_of_pixels(y, columns, bright, lenslets) * over)
     return Even(out, lenslets, fall)
 
@@ -164,7 +164,7 @@ def _of_pixels(y: Values, x: Values, bright: Values, lenslets: Lenslets) -> Valu
     step[:, :-1] = np.maximum(step[:, :-1], steps[1])
     of_two = step > _UNLIKE * light
     i, k = np.nonzero(of_two)
-    parts = [bright[lenslets.nearest(y[i] + dy, x[k] + dx)[0]] for dy, dx in _INSIDE]
+    parts = [bright[lenslets.nearest(y[i] + dy, x[k] + dx)[0]] for dy, dx in _SUBPIXELS]
     light[of_two] = np.mean(parts, axis=0)
     return light
 

@@ -26,13 +26,13 @@ _SMALL = 6.0  # px: smaller lenslets have too few pixels to tell
 _OWN = 0.15  # of the fall's energy that no shift of the centres explains: less tells nothing
 
 
-def inside(even: Even, margin: int) -> float:
+def fall_share(even: Even, margin: int) -> float:
     """The share s of the fall that goes on within lenslets, 0 to 1.
 
     Parameters
     ----------
     even : Even
-        With the whole fall taken off (``inside=1``), by a lattice that fits to a part of a pixel.
+        With the whole fall taken off (``share=1``), by a lattice that fits to a part of a pixel.
     margin : int
         Pixels along the border that are left out.
 

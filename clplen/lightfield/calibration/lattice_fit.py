@@ -12,8 +12,8 @@ import numpy as np
 from clplen.errors import ShapeError
 from clplen.lightfield.arrays.reciprocal import PITCHES, Basis, Values, coarse, middle, reduced
 from clplen.lightfield.calibration.equalisation import equalised
-from clplen.lightfield.calibration.fall_off import inside
-from clplen.lightfield.calibration.local_phase import Fit, refine
+from clplen.lightfield.calibration.fall_off import fall_share
+from clplen.lightfield.calibration.local_phase import PhaseFit, refine
 from clplen.lightfield.calibration.unit_cell import denser, fold, off_centre
 from clplen.lightfield.raw.lenslet_lattice import KINDS, Lattice
 
@@ -42,7 +42,7 @@ _CHESSBOARD = np.array([[1, 1], [1, -1]])
 class _Found:
     """What a picture gave: the fit, the contrast and the strength that it explains."""
 
-    fit: Fit
+    fit: PhaseFit
     explained: float
     share: float
 
@@ -224,7 +224,7 @@ def _followed(
     margin = min(int(np.hypot(*fit.cell.T).max()), min(picture.shape) // 6)
     even = equalised(picture, fit.cell, fit.origin)
     fit = refine(even.picture, fit.basis, margin=margin)
-    light = equalised(picture, fit.cell, fit.origin, inside(even, margin)).picture
+    light = equalised(picture, fit.cell, fit.origin, fall_share(even, margin)).picture
     fit = refine(light, fit.basis, margin=margin)
     # lenslets that the picture cuts are not equal
     whole = light[margin : light.shape[0] - margin, margin : light.shape[1] - margin]
@@ -233,7 +233,7 @@ def _followed(
     return _Found(moved, fold(whole, fit.basis, phase).explained, share)
 
 
-def _refined(picture: Values, basis: Basis) -> Fit:
+def _refined(picture: Values, basis: Basis) -> PhaseFit:
     fit = refine(picture, reduced(basis))
     for _ in range(_STEPS - 1):
         fit = refine(picture, fit.basis)
@@ -254,7 +254,7 @@ def _nothing(shape: tuple[int, ...], kind: str, pitch: float | None) -> Lattice:
     )
 
 
-def _oriented(fit: Fit, kind: str | None, shape: tuple[int, ...]) -> Lattice:
+def _oriented(fit: PhaseFit, kind: str | None, shape: tuple[int, ...]) -> Lattice:
     """Rows and columns out of any two base vectors, and the lenslet nearest to the middle."""
     short = reduced(fit.cell)
     if kind is None:

@@ -25,7 +25,7 @@ _ROUNDS = 12
 
 
 @dataclass(frozen=True)
-class Fit:
+class PhaseFit:
     """Reciprocal vectors (rows, (y, x) in cycles a pixel) with the phases of their lattice.
 
     ``phase`` in cycles: g_j r_0 = -phase_j. ``places`` (n, 2) are the centres of the windows,
@@ -63,8 +63,8 @@ class Fit:
         return float(self.weight[near].sum() / max(self.weight.sum(), 1e-30))
 
 
-def refine(picture: Values, basis: Basis, *, margin: int = 0) -> Fit:
-    """Fit an affine lattice, from the middle of a picture outwards.
+def refine(picture: Values, basis: Basis, *, margin: int = 0) -> PhaseFit:
+    """PhaseFit an affine lattice, from the middle of a picture outwards.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def refine(picture: Values, basis: Basis, *, margin: int = 0) -> Fit:
 
     Returns
     -------
-    Fit
+    PhaseFit
     """
     ny, nx = picture.shape
     picture = picture[margin : ny - margin, margin : nx - margin]
@@ -97,7 +97,7 @@ def refine(picture: Values, basis: Basis, *, margin: int = 0) -> Fit:
     refined = basis + planes[:, 1:]
     middle = middle + margin
     phase = planes[:, 0] - refined @ middle
-    return Fit(refined, phase, places + middle, residuals, strength.mean(axis=0))
+    return PhaseFit(refined, phase, places + middle, residuals, strength.mean(axis=0))
 
 
 def _windows(n: int, basis: Basis) -> tuple[Values, Values]:

@@ -14,7 +14,7 @@ from clplen.compute import lengths
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield.calibration import sensor_frames
-from clplen.lightfield.calibration.demosaicing import interpolated, views_of_colours
+from clplen.lightfield.calibration.demosaicing import bilinear_colours, views_of_colours
 from clplen.lightfield.calibration.lattice_trust import is_measured
 from clplen.lightfield.calibration.sensor_frames import Frame
 from clplen.lightfield.model.light_field import LightField
@@ -62,7 +62,7 @@ def decode_raw(
     eq. 15, a = -1/2), and divided by the white image, sampled in the same way. A view whose white
     level is below a twentieth of the brightest is divided by that.
 
-    Rows (or columns) of a hexagonal lattice are interpolated to pixels that lie sqrt(3)/2 of the
+    Rows (or columns) of a hexagonal lattice are bilinear_colours to pixels that lie sqrt(3)/2 of the
     pitch apart both ways: that is dx = dy of the result.
 
     Parameters
@@ -234,7 +234,7 @@ def _coloured(
         lit = np.maximum(white, np.float32(_FLOOR))
         return views_of_colours(pixels.picture, lit, grid, bayer, device=device), level
     data = device.empty((*grid.shape, 3), np.float32)
-    planes = zip(interpolated(pixels.picture, bayer), interpolated(white, bayer), strict=True)
+    planes = zip(bilinear_colours(pixels.picture, bayer), bilinear_colours(white, bayer), strict=True)
     for channel, (picture, flat) in enumerate(planes):
         views = _sliced(picture, grid, device)
         _divide(data, views, _sliced(flat, grid, device), 3, channel, device)

@@ -61,7 +61,7 @@ def fold(picture: Values, basis: Basis, phase: Values) -> MeanCell:
     basis : numpy.ndarray
         Two reciprocal vectors (y, x) in cycles a pixel, as rows.
     phase : numpy.ndarray
-        Cycles, as in `clplen.lightfield.calibration.local_phase.Fit`.
+        Cycles, as in `clplen.lightfield.calibration.local_phase.PhaseFit`.
 
     Returns
     -------

@@ -17,8 +17,8 @@ import numpy as np
 from clplen.compute.finite import count_bad
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Values
 from clplen.lightfield.focused.focused_lattice_maps import (
-    filled,
-    interpolated,
+    fill_lenslets,
+    interpolate_lenslets,
     median_of_neighbours,
 )
 from clplen.lightfield.focused.focused_matching import Match, Matcher
@@ -100,7 +100,7 @@ class FocusedDepth:
 
         Linear between the sub-images; those that are not sure are filled from their neighbours.
         """
-        return interpolated(self._filled, self.geometry, grid)
+        return interpolate_lenslets(self._filled, self.geometry, grid)
 
     def on(self, grid: PictureGrid) -> Values:
         """m at every sample of a picture, shape (height, width); see `ratios`."""
@@ -110,7 +110,7 @@ class FocusedDepth:
     def _filled(self) -> Values:
         weights = np.where(self.confidence >= self.sure, self.confidence, 0.0)
         ratio = self.geometry.ratio(np.where(weights > 0, self.m, self.median))
-        return filled(np.asarray(ratio), weights, self.geometry)
+        return fill_lenslets(np.asarray(ratio), weights, self.geometry)
 
 
 def focused_depth(

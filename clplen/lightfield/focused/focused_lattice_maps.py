@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 _WIDTHS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # pitches, of the Gaussians that fill gaps
 _ENOUGH = 0.15  # weight from which on a Gaussian's mean is taken
 _NEIGHBOURS = 1.8  # pitches
-_SURE = 0.3  # weight from which on a neighbour counts for the median
+_COUNTING = 0.3  # weight from which on a neighbour counts for the median
 
 
 def median_of_neighbours(values: Values, weights: Values, geometry: FocusedGeometry) -> Values:
@@ -32,7 +32,7 @@ def median_of_neighbours(values: Values, weights: Values, geometry: FocusedGeome
     numpy.ndarray
         NaN where no neighbour counts.
     """
-    known = np.where((weights >= _SURE) & (geometry.kinds >= 0), values, np.nan)
+    known = np.where((weights >= _COUNTING) & (geometry.kinds >= 0), values, np.nan)
     lines, lenses = known.shape
     margin = 3
     padded = np.pad(known, margin, constant_values=np.nan)
@@ -48,7 +48,7 @@ def median_of_neighbours(values: Values, weights: Values, geometry: FocusedGeome
     return np.where(some, np.nanmedian(stack, axis=0), np.nan)
 
 
-def filled(values: Values, weights: Values, geometry: FocusedGeometry) -> Values:
+def fill_lenslets(values: Values, weights: Values, geometry: FocusedGeometry) -> Values:
     """Values smoothed where they are known, and carried on where they are not.
 
     Normalised convolution (Knutsson & Westin 1993) with the narrowest of some Gaussians that finds
@@ -79,7 +79,7 @@ def filled(values: Values, weights: Values, geometry: FocusedGeometry) -> Values
     return out
 
 
-def interpolated(values: Values, geometry: FocusedGeometry, grid: PictureGrid) -> Values:
+def interpolate_lenslets(values: Values, geometry: FocusedGeometry, grid: PictureGrid) -> Values:
     """Values at the samples of a picture, bilinear along the lattice's vectors.
 
     Parameters

@@ -9,7 +9,7 @@ import numpy as np
 from clplen.compute.checks import require
 from clplen.lightfield.focused.focused_depth import FocusedDepth
 from clplen.lightfield.focused.focused_geometry import Values
-from clplen.lightfield.focused.focused_lattice_maps import interpolated
+from clplen.lightfield.focused.focused_lattice_maps import interpolate_lenslets
 from clplen.lightfield.focused.focused_metric import z_of
 from clplen.lightfield.focused.focused_picture import PictureGrid
 from clplen.lightfield.raw.raw_image import RawImage
@@ -74,4 +74,4 @@ def focused_maps(
         grid = PictureGrid.over(geometry, geometry.patch(depth.median), None)
     m = depth.on(grid)
     confidence = np.where(depth.confidence >= depth.sure, depth.confidence, 0.0)
-    return FocusedMaps(grid, m, z_of(raw, m), interpolated(confidence, depth.geometry, grid))
+    return FocusedMaps(grid, m, z_of(raw, m), interpolate_lenslets(confidence, depth.geometry, grid))

@@ -10,41 +10,16 @@ import numpy as np
 
 from clplen.errors import ShapeError
 from clplen.lightfield.model.aperture_shapes import (
-    annulus,
-    disc,
+    Pair,
+    Vector,
+    Weights,
     ellipse_cells,
-    gaussian,
-    half_plane,
-    hann,
-    kaiser,
-    picture,
-    polygon,
-    regular_polygon,
-    square,
 )
 
 if TYPE_CHECKING:
     from clplen.lightfield.model.light_field import LightField
     from clplen.lightfield.model.stored_light_field import StoredLightField
 
-__all__ = [
-    "annulus",
-    "aperture_weights",
-    "disc",
-    "f_number_radius",
-    "gaussian",
-    "half_plane",
-    "hann",
-    "kaiser",
-    "picture",
-    "polygon",
-    "regular_polygon",
-    "square",
-]
-
-Weights = np.ndarray[Any, np.dtype[np.float32]]
-Vector = np.ndarray[Any, np.dtype[np.float64]]
-Pair = tuple[float, float]
 
 _F_NUMBER = re.compile(r"\s*f\s*/\s*(\d+\.?\d*|\.\d+)\s*", re.IGNORECASE)
 
@@ -85,7 +60,7 @@ def aperture_weights(lf: LightField | StoredLightField, aperture: Any, viewpoint
     elif isinstance(aperture, str):
         weights = _disc(views, _f_number_diameter(lf, aperture), centre)
     elif np.ndim(aperture) == 2:
-        weights = _moved(_checked_array(aperture, views), centre)
+        weights = _shifted(_checked_array(aperture, views), centre)
     elif isinstance(aperture, Integral) and not isinstance(aperture, bool):
         weights = _square(views, int(aperture), centre)
     elif isinstance(aperture, Real) and not isinstance(aperture, bool):
@@ -201,8 +176,8 @@ def _checked_array(aperture: Any, views: tuple[int, int]) -> Vector:
     return weights
 
 
-def _moved(weights: Vector, centre: Pair | None) -> Vector:
-    """Weights moved from the middle of the views to a viewpoint, bilinear, 0 from outside."""
+def _shifted(weights: Vector, centre: Pair | None) -> Vector:
+    """Weights shifted from the middle of the views to a viewpoint, bilinear, 0 from outside."""
     if centre is None:
         return weights
     sides = []
