@@ -41,9 +41,8 @@ from clplen.lightfield.depth.all_in_focus import all_in_focus
 from clplen.lightfield.depth.alpha_estimate import AlphaEstimate, estimate_alpha
 from clplen.lightfield.depth.depth_map import DepthMap, depth_map, sharpness_curve
 from clplen.lightfield.depth.metric_depth import metric_depth
-from clplen.lightfield.focused.focused_depth import focused_depth
+from clplen.lightfield.focused.focused_depth import FocusedMaps, focused_depth, focused_maps
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry
-from clplen.lightfield.focused.focused_maps import FocusedMaps, focused_maps
 from clplen.lightfield.focused.focused_picture import seam
 from clplen.lightfield.focused.focused_rendering import focused_stack, render_focused
 from clplen.lightfield.focused.focused_spots import point_m

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen.lightfield.calibration import raw_decoding
-from clplen.lightfield.calibration.demosaicing import views_of_colours
+from clplen.lightfield.calibration.raw_decoding import views_of_colours
 from clplen.lightfield.focused import focused_spots
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry
 from clplen.lightfield.focused.focused_matching import Matcher

@@ -20,11 +20,9 @@ from setups_focused import (
 )
 
 from clplen.compute.device import Device
-from clplen.lightfield.focused.focused_depth import agreeing, focused_depth
-from clplen.lightfield.focused.focused_geometry import FocusedGeometry
-from clplen.lightfield.focused.focused_maps import focused_maps
+from clplen.lightfield.focused.focused_depth import agreeing, focused_depth, focused_maps
+from clplen.lightfield.focused.focused_geometry import FocusedGeometry, alpha_of, z_of
 from clplen.lightfield.focused.focused_matching import Matcher
-from clplen.lightfield.focused.focused_metric import alpha_of, z_of
 from clplen.lightfield.focused.focused_rendering import render_focused
 from clplen.lightfield.focused.focused_spots import point_m
 from clplen.lightfield.raw.raw_image import LensType, RawImage

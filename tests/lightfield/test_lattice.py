@@ -14,8 +14,8 @@ from reference_lattice import Drawn, lattice, white
 from scipy.ndimage import map_coordinates
 
 from clplen.errors import FormatError, ShapeError
-from clplen.lightfield.arrays.reciprocal import reduced
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
+from clplen.lightfield.calibration.reciprocal import reduced
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 
 SHAPE = (250, 230)

@@ -12,7 +12,7 @@ from reference_lightfield import refocus as twin
 from tolerance import relative_max
 
 from clplen.errors import DeviceError
-from clplen.lightfield.model.aperture_weights import aperture_weights
+from clplen.lightfield.model.apertures import aperture_weights
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocus.focal_stack import focal_stack, refocus
 

@@ -8,7 +8,7 @@ from reference_render import covered, raster
 from scipy.special import i0
 
 from clplen.errors import ShapeError
-from clplen.lightfield.model.aperture_weights import (
+from clplen.lightfield.model.apertures import (
     annulus,
     disc,
     f_number_radius,

@@ -10,10 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen.errors import ShapeError
-from clplen.lightfield.arrays.reciprocal import PITCHES, Basis, Values, coarse, middle, reduced
-from clplen.lightfield.calibration.equalisation import equalised
-from clplen.lightfield.calibration.fall_off import fall_share
-from clplen.lightfield.calibration.local_phase import PhaseFit, refine
+from clplen.lightfield.calibration.equalisation import equalised, fall_share
+from clplen.lightfield.calibration.reciprocal import (
+    PITCHES,
+    Basis,
+    PhaseFit,
+    Values,
+    coarse,
+    middle,
+    reduced,
+    refine,
+)
 from clplen.lightfield.calibration.unit_cell import denser, fold, off_centre
 from clplen.lightfield.raw.lenslet_lattice import KINDS, Lattice
 
@@ -60,7 +67,7 @@ def estimate_lattice(
     Peaks of the Fourier transform give the base vectors roughly; the coarsest lattice that holds
     them is made denser where the mean cell shows several lenslets (bright and dim ones). Least
     squares on the local phases of both base frequencies
-    (`clplen.lightfield.calibration.local_phase`) then fit an affine lattice, first in the middle,
+    (`clplen.lightfield.calibration.reciprocal`) then fit an affine lattice, first in the middle,
     then over the whole picture, once more with the lenslets' light made equal. Where small pitches
     of whole pixels alias the phases, the profile of the mean lenslet tells its centre.
 

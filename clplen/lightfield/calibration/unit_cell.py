@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.lightfield.arrays.reciprocal import Basis, Values, flattened, reduced
+from clplen.lightfield.calibration.reciprocal import Basis, Values, flattened, reduced
 
 _PATCH = 384  # px: the cell is taken from at most nine patches of the picture
 _LIT = 0.15  # of the brightest mean
@@ -61,7 +61,7 @@ def fold(picture: Values, basis: Basis, phase: Values) -> MeanCell:
     basis : numpy.ndarray
         Two reciprocal vectors (y, x) in cycles a pixel, as rows.
     phase : numpy.ndarray
-        Cycles, as in `clplen.lightfield.calibration.local_phase.PhaseFit`.
+        Cycles, as in `clplen.lightfield.calibration.reciprocal.PhaseFit`.
 
     Returns
     -------

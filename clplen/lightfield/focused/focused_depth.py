@@ -14,15 +14,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from clplen.compute.checks import require
 from clplen.compute.finite import count_bad
-from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Values
-from clplen.lightfield.focused.focused_lattice_maps import (
+from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Values, z_of
+from clplen.lightfield.focused.focused_matching import Match, Matcher
+from clplen.lightfield.focused.focused_picture import (
+    PictureGrid,
     fill_lenslets,
     interpolate_lenslets,
     median_of_neighbours,
 )
-from clplen.lightfield.focused.focused_matching import Match, Matcher
-from clplen.lightfield.focused.focused_metric import z_of
+from clplen.lightfield.raw.raw_image import RawImage
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -285,3 +287,67 @@ def _best(planes: Values, cost: Values) -> tuple[Values, Values, Values]:
     is_beside = np.abs(np.arange(len(planes))[:, None, None] - order) < _BESIDE
     second = np.where(is_minimum & ~is_beside, cost, 1.0).min(0)
     return planes[order], first, second
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FocusedMaps:
+    """Maps over a picture, float64, shape (height, width). By `focused_maps`.
+
+    Attributes
+    ----------
+    grid : PictureGrid
+    m : numpy.ndarray
+        b/a, filled where it is not sure.
+    z : numpy.ndarray
+        dz in metres from the focused plane, farther positive; NaN without a camera.
+    confidence : numpy.ndarray
+        0 to 1, linear between the sub-images: 0 where m is filled.
+    """
+
+    grid: PictureGrid
+    m: Values
+    z: Values
+    confidence: Values
+
+    def __repr__(self) -> str:
+        height, width = self.grid.shape
+        return f"<FocusedMaps {height} x {width}>"
+
+    @property
+    def virtual_depth(self) -> Values:
+        """v = a/b = 1/m."""
+        return np.asarray(1 / self.m)
+
+
+def focused_maps(
+    raw: RawImage, depth: FocusedDepth, *, grid: PictureGrid | None = None
+) -> FocusedMaps:
+    """What `focused_depth` found, on the picture of `render_focused` with ``method="depth"``.
+
+    Parameters
+    ----------
+    raw : RawImage
+        Whose depth it is.
+    depth : FocusedDepth
+    grid : PictureGrid, optional
+        Of a picture; default that of the median of m.
+
+    Returns
+    -------
+    FocusedMaps
+
+    Raises
+    ------
+    ValueError
+        If no sub-image is sure.
+    """
+    require(RawImage, raw, "raw", "read_raw or camera.expose")
+    require(FocusedDepth, depth, "depth", "focused_depth")
+    if grid is None:
+        geometry = depth.geometry
+        grid = PictureGrid.over(geometry, geometry.patch(depth.median), None)
+    m = depth.on(grid)
+    confidence = np.where(depth.confidence >= depth.sure, depth.confidence, 0.0)
+    return FocusedMaps(
+        grid, m, z_of(raw, m), interpolate_lenslets(confidence, depth.geometry, grid)
+    )

@@ -15,8 +15,14 @@ import pyopencl.array as cla
 from clplen.compute.finite import count_bad
 from clplen.errors import ShapeError
 from clplen.lightfield.focused.focused_depth import FocusedDepth, focused_depth, reference_m
-from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values, split
-from clplen.lightfield.focused.focused_metric import alpha_of, z_of
+from clplen.lightfield.focused.focused_geometry import (
+    FocusedGeometry,
+    Pair,
+    Values,
+    alpha_of,
+    split,
+    z_of,
+)
 from clplen.lightfield.focused.focused_picture import FocusedImage, FocusedStack, PictureGrid
 
 if TYPE_CHECKING:

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clplen.compute.finite import count_bad
-from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values
-from clplen.lightfield.focused.focused_metric import z_of
+from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values, z_of
 
 if TYPE_CHECKING:
     from clplen.lightfield.raw.raw_image import RawImage

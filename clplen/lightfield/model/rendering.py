@@ -13,7 +13,7 @@ from clplen.lightfield.arrays.ray_samples import along_rays, checked_disparity
 from clplen.lightfield.arrays.shear import shear_sum
 from clplen.lightfield.arrays.stored_samples import plane
 from clplen.lightfield.model.alpha_law import shifts, unit_steps
-from clplen.lightfield.model.aperture_weights import Weights, aperture_weights
+from clplen.lightfield.model.apertures import Weights, aperture_weights
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
