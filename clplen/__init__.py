@@ -50,8 +50,9 @@ from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.phase_space import PhaseSpace, phase_space
 from clplen.lightfield.model.rendering import plane_through
 from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
+from clplen.lightfield.raw.raw_image import RawImage
 from clplen.lightfield.raw.sensor import Sensor
 from clplen.lightfield.refocus.focal_stack import FocalStack, focal_stack, refocus
 from clplen.lightfield.refocus.fourier_slice import fourier_stack

@@ -49,7 +49,7 @@ from clplen.lightfield.depth.depth_map import sharpness_curve
 from clplen.lightfield.focused.focused_depth import focused_depth
 from clplen.lightfield.focused.focused_rendering import render_focused
 from clplen.lightfield.focused.focused_spots import point_m
-from clplen.lightfield.raw.raw_image import LensType
+from clplen.lightfield.raw.lenslet_grid import LensType
 from clplen.lightfield.refocus.fourier_slice import fourier_stack
 from clplen.lightfield.refocus.hyperfan import hyperfan
 from clplen.microscopy.deconvolution import deconvolve

@@ -10,7 +10,8 @@ import pyopencl.array as cla
 
 from clplen.compute import lengths
 from clplen.errors import SamplingError
-from clplen.lightfield.raw.raw_image import LensletGrid, LensType, RawImage
+from clplen.lightfield.raw.lenslet_grid import LensletGrid, LensType
+from clplen.lightfield.raw.raw_image import RawImage
 from clplen.wave.checks import is_finite
 from clplen.wave.field import Grid
 from clplen.wave.lenslets import SMALLEST_PITCH, MicrolensArray

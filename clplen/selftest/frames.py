@@ -14,7 +14,8 @@ from clplen.lightfield.focused.focused_geometry import FocusedGeometry
 from clplen.lightfield.focused.focused_matching import Matcher
 from clplen.lightfield.focused.focused_rendering import render_focused
 from clplen.lightfield.raw.decode import resample
-from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
+from clplen.lightfield.raw.lenslet_grid import LensletGrid
+from clplen.lightfield.raw.raw_image import RawImage
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
 

@@ -11,7 +11,8 @@ from reference_lightfield import decode_calibrated, decode_naive, keys_kernel
 
 from clplen.errors import DeviceError, ShapeError
 from clplen.lightfield.raw.decode import has_room, is_upright, resample
-from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
+from clplen.lightfield.raw.lenslet_grid import LensletGrid
+from clplen.lightfield.raw.raw_image import RawImage
 
 # Round-off in units of 2^-24 of the largest pixel. Keys' four weights add up to at most 1.25 in
 # magnitude and each is off by at most 4 units; a value is a sum of 4 x 4 products, so at most

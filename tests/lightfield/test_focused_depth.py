@@ -25,7 +25,8 @@ from clplen.lightfield.focused.focused_geometry import FocusedGeometry, alpha_of
 from clplen.lightfield.focused.focused_matching import Matcher
 from clplen.lightfield.focused.focused_rendering import render_focused
 from clplen.lightfield.focused.focused_spots import point_m
-from clplen.lightfield.raw.raw_image import LensType, RawImage
+from clplen.lightfield.raw.lenslet_grid import LensType
+from clplen.lightfield.raw.raw_image import RawImage
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,1 @@
+"""Operations on arrays of views and pictures: imports compute alone; arrays and numbers leave."""

@@ -21,6 +21,7 @@ from clplen.lightfield.calibration.reciprocal import (
     reduced,
     refine,
 )
+from clplen.lightfield.calibration.sensor_frames import as_frame, balanced, without_dark
 from clplen.lightfield.calibration.unit_cell import denser, fold, off_centre
 from clplen.lightfield.raw.lenslet_lattice import KINDS, Lattice
 
@@ -147,8 +148,6 @@ def _check(kind: str | None, pitch: float | None) -> None:
 
 def _prepared(white: Any, dark: Any, bayer: str | None) -> Values:
     """float32, dark frame taken off, single bright pixels cut."""
-    from clplen.lightfield.calibration.sensor_frames import as_frame, balanced, without_dark
-
     frame = as_frame(white, "white image")
     if min(frame.shape) < _LEAST:
         raise ShapeError(

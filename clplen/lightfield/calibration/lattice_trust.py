@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from clplen.errors import SamplingWarning
+from clplen.lightfield.calibration.lattice_fit import visible_lattice
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 
 _PROPER = "give the white image of this camera, evenly lit and not saturated"
@@ -116,8 +117,6 @@ def require_camera(
     error
         If the frame's lattice has other steps: it is of another camera.
     """
-    from clplen.lightfield.calibration.lattice_fit import visible_lattice
-
     own = visible_lattice(_middle(frame), dark=None if dark is None else _middle(dark), bayer=bayer)
     if own is None or _fits(own, lattice):
         return

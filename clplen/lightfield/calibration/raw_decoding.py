@@ -18,8 +18,9 @@ from clplen.lightfield.calibration.lattice_trust import is_measured
 from clplen.lightfield.calibration.sensor_frames import Frame, colour_places
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.decode import resample
+from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.lightfield.raw.raw_image import LensletGrid, RawImage, Spacing
+from clplen.lightfield.raw.raw_image import RawImage, Spacing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -159,7 +160,7 @@ def decode_raw(
     eq. 15, a = -1/2), and divided by the white image, sampled in the same way. A view whose white
     level is below a twentieth of the brightest is divided by that.
 
-    Rows (or columns) of a hexagonal lattice are bilinear_colours to pixels that lie sqrt(3)/2 of the
+    Rows (or columns) of a hexagonal lattice are interpolated to pixels that lie sqrt(3)/2 of the
     pitch apart both ways: that is dx = dy of the result.
 
     Parameters

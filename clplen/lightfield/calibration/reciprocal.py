@@ -1,9 +1,11 @@
 """Base vectors of a repeated pattern, roughly: the peaks of its Fourier transform."""
 
 from __future__ import annotations
+
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 from typing import Any
+
 import numpy as np
 
 Values = np.ndarray[Any, np.dtype[Any]]

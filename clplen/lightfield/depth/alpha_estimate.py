@@ -22,9 +22,8 @@ from clplen.lightfield.depth import thesis_baseline
 from clplen.lightfield.depth.best_focus import farthest_disparity
 from clplen.lightfield.depth.certainty import WIDEST, beyond_paraxial, metres, say_end
 from clplen.lightfield.depth.lenslet_window import brightest, read_window
-from clplen.lightfield.model.alpha_law import depth_at
+from clplen.lightfield.model.alpha_law import depth_at, require_two_plane
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.parametrisation import require_two_plane
 from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
 

@@ -26,11 +26,12 @@ import pyopencl.array as cla
 from clplen.compute.checks import require
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import ShapeError
-from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
+from clplen.lightfield.raw.lenslet_grid import LensletGrid
+from clplen.lightfield.raw.raw_image import RawImage
 
 if TYPE_CHECKING:
+    from clplen.lightfield.raw.lenslet_grid import LensType
     from clplen.lightfield.raw.lenslet_lattice import Lattice
-    from clplen.lightfield.raw.raw_image import LensType
 
 Pair = tuple[float, float]
 Values = np.ndarray[Any, np.dtype[np.float64]]
@@ -298,7 +299,6 @@ def _pair(values: Values) -> Pair:
 
 
 if TYPE_CHECKING:
-    pass
     from clplen.lightfield.raw.raw_image import RawImage
 
 

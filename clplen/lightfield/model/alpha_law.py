@@ -1,4 +1,4 @@
-"""How disparity and alpha = F/F' belong together: one law for every form of a light field.
+"""Disparity, alpha = F/F', depth, and the shifts of the views that they mean.
 
 A telecentric camera (`clplen.cameras.microscope`) has no F and so no alpha: it has disparities, and
 depths z that are proportional to them.
@@ -10,15 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.lightfield.model.parametrisation import require_two_plane
-from clplen.lightfield.raw.raw_image import is_telecentric
+from clplen.lightfield.model.sampled_views import Parametrised, SampledViews
+from clplen.lightfield.raw.raw_image import CameraModel, Spacing, is_telecentric
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
-
-    from clplen.lightfield.model.light_field import LightField
-    from clplen.lightfield.model.stored_light_field import StoredLightField
-    from clplen.lightfield.raw.raw_image import CameraModel, Spacing
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -87,6 +83,21 @@ class AlphaLaw:
         return self.spacing[1] / self.spacing[3]
 
 
+def require_two_plane(lf: Parametrised, what: str) -> None:
+    """Refuse a light field of directions.
+
+    Raises
+    ------
+    ValueError
+        Naming what needs the other kind.
+    """
+    if lf.parametrisation != "two-plane":
+        raise ValueError(
+            f"{what} needs views that are positions on the main lens, and those of this light "
+            "field are directions: take lf.resample('two-plane')."
+        )
+
+
 def depth_at(source: Any, disparity: ArrayLike) -> Vector:
     """z of planes of a disparity in metres, farther positive; NaN without a camera."""
     camera: Any = getattr(source, "camera", None)
@@ -97,7 +108,7 @@ def depth_at(source: Any, disparity: ArrayLike) -> Vector:
     return np.asarray(camera.dz(source.alpha(disparity)))
 
 
-def shifts(lf: LightField | StoredLightField, disparities: Vector) -> tuple[Vector, Vector]:
+def shifts(lf: SampledViews, disparities: Vector) -> tuple[Vector, Vector]:
     """`view_shifts` of a light field; a ValueError where its views are directions."""
     require_two_plane(lf, "Focusing")
     return view_shifts(lf.spacing, lf.weights.shape, disparities, positions=lf.positions)
@@ -110,7 +121,7 @@ def view_shifts(
     *,
     positions: Vector | None = None,
 ) -> tuple[Vector, Vector]:
-    """How far a point on each plane lies from its place in the centre view, in pixels.
+    """Pixels from a point's position in the centre view to its position in every view.
 
     Parameters
     ----------
@@ -148,8 +159,8 @@ def row_ratio(spacing: Spacing | None) -> float:
     return (dv / du if np.isfinite([dv, du]).all() else 1.0) * dx / dy
 
 
-def unit_steps(lf: LightField | StoredLightField) -> Vector:
-    """Pixels (y, x) from a point's place in the centre view to its sample in each, for d = 1.
+def unit_steps(lf: SampledViews) -> Vector:
+    """Pixels (y, x) from a point's position in the centre view to that in each view, for d = 1.
 
     Parameters
     ----------

@@ -8,16 +8,18 @@ view steps, or one along v and one along u (for steps that differ in metres).
 """
 
 from __future__ import annotations
-from typing import TYPE_CHECKING, Any
-import numpy as np
-from clplen.errors import ShapeError
+
 import re
 from numbers import Integral, Real
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clplen.errors import ShapeError
+from clplen.lightfield.model.sampled_views import SampledViews
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
-    from clplen.lightfield.model.light_field import LightField
-    from clplen.lightfield.model.stored_light_field import StoredLightField
 
 Weights = np.ndarray[Any, np.dtype[np.float32]]
 Vector = np.ndarray[Any, np.dtype[np.float64]]
@@ -299,7 +301,7 @@ def _kept(cells: Vector, name: str) -> Weights:
 _F_NUMBER = re.compile(r"\s*f\s*/\s*(\d+\.?\d*|\.\d+)\s*", re.IGNORECASE)
 
 
-def aperture_weights(lf: LightField | StoredLightField, aperture: Any, viewpoint: Any) -> Weights:
+def aperture_weights(lf: SampledViews, aperture: Any, viewpoint: Any) -> Weights:
     """Weights of an aperture, without the light field's own.
 
     A rim that crosses a view gives it the covered fraction of its cell, one view step wide and
@@ -348,7 +350,7 @@ def aperture_weights(lf: LightField | StoredLightField, aperture: Any, viewpoint
     return weights.astype(np.float32)
 
 
-def f_number_radius(lf: LightField, f_number: str) -> Pair:
+def f_number_radius(lf: SampledViews, f_number: str) -> Pair:
     """Radius of the main lens stopped down to an f-number at its image, for the shapes.
 
     Parameters
@@ -421,7 +423,7 @@ def _fraction_diameter(views: tuple[int, int], fraction: float) -> Pair:
     return fraction * views[0], fraction * views[1]
 
 
-def _f_number_diameter(lf: LightField | StoredLightField, text: str) -> Pair:
+def _f_number_diameter(lf: SampledViews, text: str) -> Pair:
     """Diameter, in view steps along v and u, of the main lens stopped down to an f-number."""
     match = _F_NUMBER.fullmatch(text)
     if match is None or float(match[1]) == 0:

@@ -1,4 +1,4 @@
-"""Pictures from the views as they are: one view, a synthetic aperture, an epipolar slice."""
+"""Pictures from the views of a light field: one view, a synthetic aperture, a surface, a slice."""
 
 from __future__ import annotations
 
@@ -14,16 +14,15 @@ from clplen.lightfield.arrays.shear import shear_sum
 from clplen.lightfield.arrays.stored_samples import plane
 from clplen.lightfield.model.alpha_law import shifts, unit_steps
 from clplen.lightfield.model.apertures import Weights, aperture_weights
+from clplen.lightfield.model.sampled_views import DeviceViews, SampledViews
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from clplen.lightfield.model.light_field import LightField
-    from clplen.lightfield.model.stored_light_field import StoredLightField
 
 DisparityMap = np.ndarray[Any, np.dtype[np.float64]]
 
-_ROUNDS = 8  # of the fixed point in `carried`
+_ROUNDS = 8  # of the fixed point in `carry_disparity`
 _FLAT = 1e-9  # points on one line, relative to their spread
 
 
@@ -74,7 +73,7 @@ def plane_through(points: ArrayLike, shape: tuple[int, ...]) -> DisparityMap:
     return offset + down * y[:, None] + right * x[None, :]
 
 
-def carried(disparity: DisparityMap, step: DisparityMap) -> DisparityMap:
+def carry_disparity(disparity: DisparityMap, step: DisparityMap) -> DisparityMap:
     """A disparity map of the centre view as another viewpoint sees it.
 
     What lies at p in the centre view is at p + step d(p) in the other, so the map there solves
@@ -98,21 +97,21 @@ def carried(disparity: DisparityMap, step: DisparityMap) -> DisparityMap:
     if not step.any():
         return disparity
     y, x = np.indices(disparity.shape)
-    found = disparity
+    result = disparity
     for _ in range(_ROUNDS):
-        at = (y - step[0] * found, x - step[1] * found)
-        found = map_coordinates(disparity, at, order=1, mode="nearest")
-    return np.asarray(found)
+        at = (y - step[0] * result, x - step[1] * result)
+        result = map_coordinates(disparity, at, order=1, mode="nearest")
+    return np.asarray(result)
 
 
-def view(lf: LightField, v: float, u: float, *, disparity: Any, interpolation: str) -> Image:
+def view(lf: DeviceViews, v: float, u: float, *, disparity: Any, interpolation: str) -> Image:
     """See `LightField.view`."""
     if disparity is None:
         return _view(lf, (v, u))
     return _view_along_rays(lf, (v, u), disparity, interpolation)
 
 
-def render(lf: LightField, *, aperture: Any, viewpoint: Any, total: bool) -> Image:
+def render(lf: DeviceViews, *, aperture: Any, viewpoint: Any, total: bool) -> Image:
     """See `LightField.render`."""
     if aperture is None and viewpoint is not None and not total:
         return _view(lf, viewpoint)
@@ -120,7 +119,7 @@ def render(lf: LightField, *, aperture: Any, viewpoint: Any, total: bool) -> Ima
     return _sum(lf, weights) if total else _mean(lf, weights)
 
 
-def view_weights(lf: LightField | StoredLightField, aperture: Any, viewpoint: Any) -> Weights:
+def view_weights(lf: SampledViews, aperture: Any, viewpoint: Any) -> Weights:
     """Weights of an aperture times the light field's own.
 
     Parameters
@@ -148,55 +147,56 @@ def view_weights(lf: LightField | StoredLightField, aperture: Any, viewpoint: An
     return weights
 
 
-def epi(lf: LightField, *, y: int | None, x: int | None, v: int | None, u: int | None) -> Image:
+def epi(lf: DeviceViews, *, y: int | None, x: int | None, v: int | None, u: int | None) -> Image:
     """See `LightField.epi`."""
-    given = {name: n for name, n in zip("yxvu", (y, x, v, u), strict=True) if n is not None}
-    if set(given) not in ({"y", "v"}, {"x", "u"}):
+    indices = {name: n for name, n in zip("yxvu", (y, x, v, u), strict=True) if n is not None}
+    if set(indices) not in ({"y", "v"}, {"x", "u"}):
         raise ValueError(
-            f"An epipolar-plane image takes y and v, or x and u, not {', '.join(given) or 'none'}."
+            "An epipolar-plane image takes y and v, or x and u, not "
+            f"{', '.join(indices) or 'none'}."
         )
-    for name, n in given.items():
+    for name, n in indices.items():
         size = lf.shape["vuyx".index(name)]
         if not isinstance(n, Integral) or not 0 <= n < size:
             raise ValueError(f"{name} is a whole number from 0 to {size - 1}, not {n!r}.")
-    fixed = {"vuyx".index(name): int(n) for name, n in given.items()}
-    axes = (1, 3) if "y" in given else (0, 2)
+    fixed = {"vuyx".index(name): int(n) for name, n in indices.items()}
+    axes = (1, 3) if "y" in indices else (0, 2)
     return Image(plane(lf.data, fixed, axes, lf.device), lf.device)
 
 
-def _view(lf: LightField, viewpoint: Any) -> Image:
+def _view(lf: DeviceViews, viewpoint: Any) -> Image:
     return _mean(lf, _nearest(lf, viewpoint)[1])
 
 
-def _nearest(lf: LightField, viewpoint: Any) -> tuple[Weights, Weights]:
+def _nearest(lf: DeviceViews, viewpoint: Any) -> tuple[Weights, Weights]:
     """Bilinear weights of the four views round a viewpoint, and those that are used."""
     nearest = aperture_weights(lf, None, viewpoint)
     weights = nearest * lf.weights
     return nearest, weights if weights.any() else nearest
 
 
-def _view_along_rays(lf: LightField, viewpoint: Any, disparity: Any, interpolation: str) -> Image:
+def _view_along_rays(lf: DeviceViews, viewpoint: Any, disparity: Any, interpolation: str) -> Image:
     nearest, weights = _nearest(lf, viewpoint)
     steps = unit_steps(lf)
-    here = np.tensordot(nearest.astype(np.float64), steps, 2)
+    viewpoint_step = np.tensordot(nearest.astype(np.float64), steps, 2)
     d = checked_disparity(disparity, (lf.shape[2], lf.shape[3]))
     picture = along_rays(
         lf.data,
         "mean",
         device=lf.device,
         weights=weights,
-        steps=steps - here,
-        disparity=carried(d, here) if d.ndim else d,
+        steps=steps - viewpoint_step,
+        disparity=carry_disparity(d, viewpoint_step) if d.ndim else d,
         interpolation=interpolation,
     )
     return Image(picture, lf.device)
 
 
-def _mean(lf: LightField, weights: Weights) -> Image:
+def _mean(lf: DeviceViews, weights: Weights) -> Image:
     return _sum(lf, weights / weights.sum(dtype=np.float64))
 
 
-def _sum(lf: LightField, weights: np.ndarray[Any, Any]) -> Image:
+def _sum(lf: DeviceViews, weights: np.ndarray[Any, Any]) -> Image:
     """The sum of w[v, u] L[v, u]."""
     V, U = weights.shape
     picture = shear_sum(
@@ -211,7 +211,7 @@ def _sum(lf: LightField, weights: np.ndarray[Any, Any]) -> Image:
 
 
 def flatten(
-    lf: LightField,
+    lf: DeviceViews,
     statistic: str,
     *,
     disparity: Any,

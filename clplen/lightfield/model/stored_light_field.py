@@ -1,4 +1,7 @@
-"""Light fields that stay where they are stored: read part by part, whole only when asked for."""
+"""Light fields that stay where they are stored, and what counts as a light field.
+
+A stored light field is read part by part, and whole only when asked for.
+"""
 
 from __future__ import annotations
 
@@ -241,10 +244,6 @@ class StoredLightField(AlphaLaw, HostArray):
 
     def part(self, samples: Any, device: DeviceLike) -> LightField:
         """Samples of some rows and columns of all views as a light field of their own."""
-        from clplen.lightfield.model.light_field import (
-            LightField,  # which knows nothing of this one
-        )
-
         lf = LightField.from_array(
             samples,
             device=device,

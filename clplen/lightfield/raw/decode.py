@@ -10,7 +10,8 @@ import pyopencl.array as cla
 
 from clplen.compute.finite import count_bad
 from clplen.errors import ShapeError
-from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
+from clplen.lightfield.raw.lenslet_grid import LensletGrid
+from clplen.lightfield.raw.raw_image import RawImage
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

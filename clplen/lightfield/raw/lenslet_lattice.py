@@ -12,7 +12,7 @@ import numpy as np
 
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, replacing
-from clplen.lightfield.raw.raw_image import LensletGrid
+from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.outputs import MARK
 
 if TYPE_CHECKING:

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.lightfield.model.alpha_law import row_ratio
-from clplen.lightfield.model.parametrisation import require_two_plane
+from clplen.lightfield.model.alpha_law import require_two_plane, row_ratio
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.refocus.focal_stack import FocalStack, planes_of
