@@ -261,7 +261,7 @@ def views(device: Device) -> None:
         extremes(lf.data, device)
         spaced = LightField.from_array(samples, device=device, spacing=(2, 2, 1, 1))
         for interpolation in ("linear", "cubic"):
-            spaced.resample("point-angle", focal=9.0, interpolation=interpolation)
+            spaced.resample("point-angle", image_distance=9.0, interpolation=interpolation)
     rendered(lf)
 
 

@@ -23,7 +23,7 @@ from clplen.lightfield.calibration.reciprocal import (
 )
 from clplen.lightfield.calibration.sensor_frames import as_frame, balanced, without_dark
 from clplen.lightfield.calibration.unit_cell import denser, fold, off_centre
-from clplen.lightfield.raw.lenslet_lattice import KINDS, Lattice
+from clplen.lightfield.raw.lenslet_lattice import Lattice, lattice_kind
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -79,7 +79,7 @@ def estimate_lattice(
         finite. Pitches from 5 to 60 px are found.
     dark : array_like, optional
         Dark frame of the same shape, subtracted first.
-    kind : {"rectangular", "hexagonal"}, optional
+    kind : {"square", "hexagonal"}, optional
         None finds out. A hexagonal lattice may have its nearest neighbours along x or along y.
     pitch : float, optional
         Nominal distance of nearest neighbours in pixels; another one than it to a quarter is not
@@ -101,12 +101,13 @@ def estimate_lattice(
     ValueError
         If a pixel is NaN or infinite, or kind or pitch is out of range.
     """
-    _check(kind, pitch)
+    kind = None if kind is None else lattice_kind(kind)
+    _check_pitch(pitch)
     picture = _prepared(white, dark, bayer)
     pitches = PITCHES if pitch is None else (0.75 * pitch, 1.3 * pitch)
     found = _find(picture, kind, pitches)
     if found is None:
-        return _nothing(picture.shape, kind or "rectangular", pitch)
+        return _nothing(picture.shape, kind or "square", pitch)
     lattice = _oriented(found.fit, kind, picture.shape)
     return _judged(lattice, found, kind, pitch)
 
@@ -139,9 +140,7 @@ def visible_lattice(
     return lattice if all(doubt.startswith("local lattices") for doubt in doubts) else None
 
 
-def _check(kind: str | None, pitch: float | None) -> None:
-    if kind not in (None, *KINDS):
-        raise ValueError(f"A lattice is {' or '.join(KINDS)}, not {kind!r}.")
+def _check_pitch(pitch: float | None) -> None:
     if pitch is not None and not 3 <= pitch <= 200:
         raise ValueError(f"The pitch is 3 to 200 pixels, not {pitch!r}.")
 
@@ -265,8 +264,8 @@ def _oriented(fit: PhaseFit, kind: str | None, shape: tuple[int, ...]) -> Lattic
     short = reduced(fit.cell)
     if kind is None:
         cosine = abs(short[0] @ short[1]) / np.hypot(*short.T).prod()
-        kind = "hexagonal" if cosine > math.cos(math.radians(75)) else "rectangular"
-    row, column = _straight(short) if kind == "rectangular" else _staggered(short)
+        kind = "hexagonal" if cosine > math.cos(math.radians(75)) else "square"
+    row, column = _straight(short) if kind == "square" else _staggered(short)
     middle = (np.array(shape) - 1) / 2
     near = np.rint((middle - fit.origin) @ np.linalg.inv(short)) - 1
     best = min(
@@ -307,7 +306,7 @@ def _judged(lattice: Lattice, found: _Found, kind: str | None, pitch: float | No
     count = len(lattice.centres())
     size = (
         f"{along:.3f} x {across:.3f} px"
-        if lattice.kind == "rectangular"
+        if lattice.kind == "square"
         else (f"{lattice.neighbour:.3f} px")
     )
     what = (
@@ -334,7 +333,7 @@ def _doubts(lattice: Lattice, found: _Found, count: int, pitch: float | None) ->
         uneven = max(sides, 1 / sides) > _LONGER
     tests = {
         f"it has only {count} lenslets": count < _COUNT,
-        f"its cell is no {'square' if lattice.kind == 'rectangular' else 'hexagon'}": (
+        f"its cell is no {'square' if lattice.kind == 'square' else 'hexagon'}": (
             skew > _ANGLE or uneven
         ),
         f"only {100 * found.share:.0f} % of what repeats fits it": found.share < _SHARE,

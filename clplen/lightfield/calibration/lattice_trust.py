@@ -20,11 +20,11 @@ apart.
 from __future__ import annotations
 
 import math
-import warnings
 from typing import Any
 
 import numpy as np
 
+from clplen.deprecation import warn_caller
 from clplen.errors import SamplingWarning
 from clplen.lightfield.calibration.lattice_fit import visible_lattice
 from clplen.lightfield.raw.lenslet_lattice import Lattice
@@ -83,7 +83,7 @@ def require_trust(
             f"{source} is no white image to rely on ({verdict}): is it a frame, or saturated? "
             f"{_PROPER[0].upper()}{_PROPER[1:]}, or force=True to go on."
         )
-    warnings.warn(f"{source}: {verdict}.", SamplingWarning, stacklevel=3)
+    warn_caller(f"{source}: {verdict}.", SamplingWarning)
     return lattice
 
 
@@ -143,7 +143,7 @@ def _fits(one: Lattice, other: Lattice) -> bool:
 def _steps(lattice: Lattice) -> Any:
     """Two primitive steps (y, x) between lenslets, as rows."""
     row, column = np.array(lattice.row), np.array(lattice.column)
-    if lattice.kind == "rectangular":
+    if lattice.kind == "square":
         return np.array([row, column])
     along, across = (row, column) if lattice.turned else (column, row)
     return np.array([along, across + along / 2])

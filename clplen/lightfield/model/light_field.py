@@ -11,6 +11,7 @@ import pyopencl.array as cla
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.hostarray import OnDevice
 from clplen.compute.image import Image
+from clplen.deprecation import renamed_argument
 from clplen.lightfield.model import parametrisation as parametrisations
 from clplen.lightfield.model import rendering
 from clplen.lightfield.model.alpha_law import AlphaLaw
@@ -328,11 +329,12 @@ class LightField(AlphaLaw, OnDevice):
             interpolation=interpolation,
         )
 
+    @renamed_argument(old="focal", new="image_distance")
     def resample(
         self,
         parametrisation: str,
         *,
-        focal: float | None = None,
+        image_distance: float | None = None,
         views: tuple[int, int] | None = None,
         interpolation: str = "linear",
     ) -> LightField:
@@ -347,7 +349,7 @@ class LightField(AlphaLaw, OnDevice):
         Parameters
         ----------
         parametrisation : {"two-plane", "point-angle"}
-        focal : float, optional
+        image_distance : float, optional
             F, metres from the main lens to the image plane; by default that of ``camera``.
         views : tuple of int, optional
             (V, U) of the result, about the middle. By default as many directions as hold every
@@ -371,6 +373,10 @@ class LightField(AlphaLaw, OnDevice):
             If the result is larger than the device's memory.
         """
         changes = parametrisations.resample(
-            self, parametrisation, focal=focal, views=views, interpolation=interpolation
+            self,
+            parametrisation,
+            image_distance=image_distance,
+            views=views,
+            interpolation=interpolation,
         )
         return replace(self, **changes) if changes else self

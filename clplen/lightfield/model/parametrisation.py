@@ -25,7 +25,7 @@ def resample(
     lf: DeviceViews,
     parametrisation: str,
     *,
-    focal: float | None,
+    image_distance: float | None,
     views: View | None,
     interpolation: str,
 ) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def resample(
         raise ValueError(f"interpolation is 'linear' or 'cubic', not {interpolation!r}.")
     if parametrisation == lf.parametrisation and views is None:
         return {}
-    distance = _focal(lf, focal)
+    distance = _image_distance(lf, image_distance)
     axes = _axes(lf, parametrisation, distance)
     counts = tuple(axis.views(n) for axis, n in zip(axes, _counts(views), strict=True))
     data = _launch(lf, axes, counts, interpolation)
@@ -126,16 +126,16 @@ def _axes(lf: DeviceViews, parametrisation: str, distance: float) -> tuple[_Axis
     return made[0], made[1]
 
 
-def _focal(lf: DeviceViews, focal: float | None) -> float:
+def _image_distance(lf: DeviceViews, image_distance: float | None) -> float:
     """F, in metres."""
-    if focal is None and lf.camera is not None:
-        focal = float(lf.camera.image_distance)
-    if focal is None or not (math.isfinite(focal) and focal > 0):
+    if image_distance is None and lf.camera is not None:
+        image_distance = float(lf.camera.image_distance)
+    if image_distance is None or not (math.isfinite(image_distance) and image_distance > 0):
         raise ValueError(
             "Another parametrisation needs F > 0, the distance from the main lens to the image "
-            f"plane, by the camera or focal= in metres; it is {focal!r}."
+            f"plane, by the camera or image_distance= in metres; it is {image_distance!r}."
         )
-    return focal
+    return image_distance
 
 
 def _counts(views: View | None) -> tuple[int | None, int | None]:

@@ -149,24 +149,40 @@ def _is_number(n: Any) -> bool:
 Pair = tuple[float, float]
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
-KINDS = ("rectangular", "hexagonal")
+KINDS = ("square", "hexagonal")
 TRUST = ("high", "low")
+_OLD_KINDS = {"rectangular": "square"}
+
+
+def lattice_kind(name: str) -> str:
+    """The kind of a lattice, "square" or "hexagonal", from that name or its old one.
+
+    Raises
+    ------
+    ValueError
+        If it is neither.
+    """
+    kind = _OLD_KINDS.get(name, name)
+    if kind not in KINDS:
+        raise ValueError(f"A lattice is {' or '.join(KINDS)}, not {name!r}.")
+    return kind
 
 
 @dataclass(frozen=True)
 class Lattice:
     """Centres of the sub-images on the sensor, in pixels; pixel centres are integers.
 
-    Lenslet (i, k) of a rectangular lattice has its centre at ``origin + i row + k column``. The
-    rows of a hexagonal lattice run along its lines of nearest neighbours, which lie nearest to
-    either x or y:
+    Lenslet (i, k) of a square lattice, whose cell may be a rectangle, has its centre at
+    ``origin + i row + k column``. The rows of a hexagonal lattice run along its lines of nearest
+    neighbours, which lie nearest to either x or y:
 
     - along x (abs(row) < abs(column)): odd rows are moved by half of ``column``,
     - along y (abs(row) > abs(column)), `turned`: odd columns are moved by half of ``row``.
 
     Attributes
     ----------
-    kind : {"rectangular", "hexagonal"}
+    kind : {"square", "hexagonal"}
+        "rectangular" is read as "square".
     origin : tuple of float
         (y, x) of the centre of lenslet (0, 0), near the middle of the picture when estimated.
     row, column : tuple of float
@@ -191,8 +207,7 @@ class Lattice:
 
     def __post_init__(self) -> None:
         numbers = (*self.origin, *self.row, *self.column)
-        if self.kind not in KINDS:
-            raise ValueError(f"A lattice is {' or '.join(KINDS)}, not {self.kind!r}.")
+        object.__setattr__(self, "kind", lattice_kind(self.kind))
         if self.trust not in TRUST:
             raise ValueError(f"The trust in a lattice is {' or '.join(TRUST)}, not {self.trust!r}.")
         if len(numbers) != 6 or not np.isfinite(numbers).all():
@@ -216,7 +231,7 @@ class Lattice:
     def neighbour(self) -> float:
         """Mean distance of nearest neighbours, in pixels."""
         row, column = np.array(self.row), np.array(self.column)
-        if self.kind == "rectangular":
+        if self.kind == "square":
             return float(min(self.pitch))
         along, across = (row, column) if self.turned else (column, row)
         three = (along, across + along / 2, across - along / 2)
