@@ -181,16 +181,16 @@ def test_one_plane(device, disparity):
 @pytest.mark.thorough
 @pytest.mark.parametrize("vectors", [(4, 6), (8, 6), (16, 8)])
 def test_vectors_of_other_machines(device, vectors, monkeypatch):
-    monkeypatch.setattr(shear, "lanes_of", lambda device: vectors)
-    monkeypatch.setattr(shear, "lanes_of", lambda device: vectors)
+    monkeypatch.setattr(shear, "vector_lanes", lambda device: vectors)
+    monkeypatch.setattr(shear, "vector_lanes", lambda device: vectors)
     check(device, (4, 3, 13, 43, 3))
     check(device, (2, 3, 5, 301), edge="clamp")
 
 
 @pytest.mark.parametrize("kilobytes", [3, 6, 9, 24])
 def test_little_local_memory(device, kilobytes, monkeypatch):
-    monkeypatch.setattr(shear, "lanes_of", lambda device: (4, 6))
-    monkeypatch.setattr(shear, "lanes_of", lambda device: (4, 6))
+    monkeypatch.setattr(shear, "vector_lanes", lambda device: (4, 6))
+    monkeypatch.setattr(shear, "vector_lanes", lambda device: (4, 6))
     monkeypatch.setattr(shear, "_LOCAL_BYTES", kilobytes * 1024)
     check(device, (4, 3, 13, 43, 3))
 

@@ -15,7 +15,7 @@ from scipy.ndimage import map_coordinates
 
 from clplen.errors import FormatError, ShapeError
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
-from clplen.lightfield.calibration.reciprocal import reduced
+from clplen.lightfield.calibration.reciprocal import reduced_basis
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 
 SHAPE = (250, 230)
@@ -212,7 +212,7 @@ def test_strong_vignetting(kind, pitch, degrees, law, whole):
 )
 def test_shortest_vectors_end(basis, area):
     for given in (np.array(basis), np.array(basis)[::-1]):
-        a, b = reduced(given)
+        a, b = reduced_basis(given)
         assert abs(a[0] * b[1] - a[1] * b[0]) == pytest.approx(
             area, rel=1e-5, abs=1e-12, nan_ok=True
         )

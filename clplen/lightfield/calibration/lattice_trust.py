@@ -117,8 +117,10 @@ def require_camera(
     error
         If the frame's lattice has other steps: it is of another camera.
     """
-    own = visible_lattice(_middle(frame), dark=None if dark is None else _middle(dark), bayer=bayer)
-    if own is None or _fits(own, lattice):
+    own = visible_lattice(
+        _central_crop(frame), dark=None if dark is None else _central_crop(dark), bayer=bayer
+    )
+    if own is None or _steps_agree(own, lattice):
         return
     raise error(
         f"{source} is of another camera: its lenslets are {lattice.neighbour:.4g} px apart and "
@@ -127,14 +129,14 @@ def require_camera(
     )
 
 
-def _middle(picture: Any) -> Any:
+def _central_crop(picture: Any) -> Any:
     """The middle of a picture, its corner at even pixels."""
     values = np.asarray(picture)
     start = [max(0, (n - _MIDDLE) // 4 * 2) for n in values.shape[:2]]
     return values[start[0] : start[0] + _MIDDLE, start[1] : start[1] + _MIDDLE]
 
 
-def _fits(one: Lattice, other: Lattice) -> bool:
+def _steps_agree(one: Lattice, other: Lattice) -> bool:
     """Whether the steps of one lattice are whole multiples of the other's, either way."""
     a, b = (_steps(lattice) for lattice in (one, other))
     return any(_is_whole(m) for m in (a @ np.linalg.inv(b), b @ np.linalg.inv(a)))

@@ -1,4 +1,14 @@
-"""Base vectors of a repeated pattern, roughly: the peaks of its Fourier transform."""
+"""Reciprocal base vectors of a repeated pattern: peaks of its Fourier transform, then local phases.
+
+The peaks give them roughly, least squares on local phases of the Fourier orders to a thousandth of
+the pitch: a pattern with the reciprocal vectors g_1, g_2 and a lenslet centred at r_0 has in a
+window about r_t the Fourier sums
+
+    C_j(t) = sum_r w(r - r_t) I(r) exp(-2 pi i g_j r),      arg C_j = -2 pi g_j r_0
+
+for every t if g_j is right; if it is off by e_j, the phase in cycles runs as e_j r_t. Brightness
+that changes from lenslet to lenslet does not move the phase of a sum over points of the lattice.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +42,9 @@ class Peaks:
     bin: Values
 
 
-def coarse(picture: Values, pitches: tuple[float, float] = PITCHES) -> tuple[Basis | None, float]:
+def coarse_basis(
+    picture: Values, pitches: tuple[float, float] = PITCHES
+) -> tuple[Basis | None, float]:
     """The coarsest reciprocal lattice that holds the peaks of a picture.
 
     Parameters
@@ -48,12 +60,12 @@ def coarse(picture: Values, pitches: tuple[float, float] = PITCHES) -> tuple[Bas
         Two reciprocal vectors (y, x) in cycles a pixel, good to a tenth of a bin, as rows, and the
         share of the peaks' strength that they explain, 0 to 1. None and 0 without two clear peaks.
     """
-    found = peaks(picture, pitches)
+    found = spectral_peaks(picture, pitches)
     order = np.argsort(-found.strength)[:_MOST]
     found = Peaks(found.at[order], found.strength[order], found.bin)
     best: list[tuple[float, float, Basis]] = []
     for i, k in combinations(range(min(_PAIRS, len(order))), 2):
-        basis = reduced(np.array([found.at[i], found.at[k]]))
+        basis = reduced_basis(np.array([found.at[i], found.at[k]]))
         area = abs(np.linalg.det(basis))
         lengths = np.hypot(*basis.T)
         if area > 0.4 * lengths.prod() and lengths.min() > 1 / (2 * pitches[1]):
@@ -66,11 +78,11 @@ def coarse(picture: Values, pitches: tuple[float, float] = PITCHES) -> tuple[Bas
     return basis, _share(found, basis, 1)
 
 
-def peaks(picture: Values, pitches: tuple[float, float]) -> Peaks:
+def spectral_peaks(picture: Values, pitches: tuple[float, float]) -> Peaks:
     """Maxima of the windowed spectrum that stand out of their ring, in half of the plane."""
     from scipy import fft, ndimage
 
-    flat = flattened(middle(picture), int(2 * pitches[1]))
+    flat = divide_by_local_mean(central_crop(picture), int(2 * pitches[1]))
     ny, nx = flat.shape
     window = np.hanning(ny + 2)[1:-1, None] * np.hanning(nx + 2)[None, 1:-1]
     spectrum = np.abs(fft.rfft2((flat * window).astype(np.float32)))
@@ -86,13 +98,13 @@ def peaks(picture: Values, pitches: tuple[float, float]) -> Peaks:
     return Peaks(at, spectrum[y, x], 1 / np.array([ny, nx]))
 
 
-def middle(picture: Values, size: int = _CROP) -> Values:
+def central_crop(picture: Values, size: int = _CROP) -> Values:
     """The middle of a picture, at most so many pixels a side."""
     starts = [(n - min(n, size)) // 2 for n in picture.shape]
     return picture[tuple(slice(s, s + size) for s in starts)]
 
 
-def flattened(picture: Values, width: int) -> Values:
+def divide_by_local_mean(picture: Values, width: int) -> Values:
     """A picture over its own mean within about ``width`` pixels, minus one: vignetting removed."""
     from scipy.ndimage import uniform_filter
 
@@ -102,7 +114,7 @@ def flattened(picture: Values, width: int) -> Values:
     return np.asarray(picture / np.maximum(mean, max(lowest, 1e-30)) - (mean > lowest))
 
 
-def reduced(basis: Basis) -> Basis:
+def reduced_basis(basis: Basis) -> Basis:
     """The shortest two vectors of the lattice of two (Lagrange and Gauss).
 
     Ends once a step no longer shortens the longer one, be it by round-off (a quotient of a half and
@@ -222,8 +234,8 @@ class PhaseFit:
         return float(self.weight[near].sum() / max(self.weight.sum(), 1e-30))
 
 
-def refine(picture: Values, basis: Basis, *, margin: int = 0) -> PhaseFit:
-    """PhaseFit an affine lattice, from the middle of a picture outwards.
+def fit_lattice(picture: Values, basis: Basis, *, margin: int = 0) -> PhaseFit:
+    """Fit an affine lattice, from the middle of a picture outwards.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ import numpy as np
 
 from clplen.compute.checks import require
 from clplen.compute.finite import count_bad
-from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Values, z_of
+from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Values, z_of_m
 from clplen.lightfield.focused.focused_matching import Match, Matcher
 from clplen.lightfield.focused.focused_picture import (
     PictureGrid,
@@ -168,9 +168,9 @@ def focused_depth(
             "matching, for example by the mean of their neighbours."
         )
     matcher = Matcher(raw, geometry, _checked_window(geometry, window), white)
-    bounds = [_checked_range(geometry, ms)] if ms is not None else _likely(raw, geometry)
+    bounds = [_checked_range(geometry, ms)] if ms is not None else _default_ranges(raw, geometry)
     ratios = [(float(geometry.ratio(low)), float(geometry.ratio(high))) for low, high in bounds]
-    return _searched(raw, matcher, ratios)
+    return _match_planes(raw, matcher, ratios)
 
 
 def reference_m(raw: RawImage, *, white: ArrayLike | None = None) -> float:
@@ -213,7 +213,7 @@ def _checked_range(geometry: FocusedGeometry, ms: Any) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
-def _likely(raw: RawImage, geometry: FocusedGeometry) -> list[tuple[float, float]]:
+def _default_ranges(raw: RawImage, geometry: FocusedGeometry) -> list[tuple[float, float]]:
     """The ranges of m that a raw image suggests."""
     largest = _LARGEST
     camera: Any = raw.camera
@@ -236,14 +236,16 @@ def _likely(raw: RawImage, geometry: FocusedGeometry) -> list[tuple[float, float
     return [(min(s * low, s * high), max(s * low, s * high)) for s in signs]
 
 
-def _searched(raw: RawImage, matcher: Matcher, bounds: list[tuple[float, float]]) -> FocusedDepth:
+def _match_planes(
+    raw: RawImage, matcher: Matcher, bounds: list[tuple[float, float]]
+) -> FocusedDepth:
     """The best plane within that range of the ratio which fits best as a whole, refined."""
     geometry = matcher.geometry
     planes = [matcher.planes(low, high) for low, high in bounds]
     costs = [matcher.costs(values) for values in planes]
     fitting = int(np.argmin([np.minimum(cost.min(0), 1).mean() for cost in costs]))
     start, first, second = _best(planes[fitting], costs[fitting])
-    found = agreeing(matcher, start)
+    found = refine_outliers(matcher, start)
     low, high = bounds[fitting]
     slack = _SLACK * (high - low)
     inside = (found.ratio > low - slack) & (found.ratio < high + slack)
@@ -253,10 +255,10 @@ def _searched(raw: RawImage, matcher: Matcher, bounds: list[tuple[float, float]]
     m = np.where(confidence > 0, geometry.m(found.ratio), np.nan)
     scale = (1 + geometry.pupil) * math.sqrt(matcher.redundancy)
     deviation = np.where(there, scale * found.deviation, np.inf)
-    return FocusedDepth(geometry, m, confidence, deviation, z_of(raw, m))
+    return FocusedDepth(geometry, m, confidence, deviation, z_of_m(raw, m))
 
 
-def agreeing(matcher: Matcher, start: Values) -> Match:
+def refine_outliers(matcher: Matcher, start: Values) -> Match:
     """Refined ratios; what lies far from all neighbours is started again from their median.
 
     Parameters
@@ -349,5 +351,5 @@ def focused_maps(
     m = depth.on(grid)
     confidence = np.where(depth.confidence >= depth.sure, depth.confidence, 0.0)
     return FocusedMaps(
-        grid, m, z_of(raw, m), interpolate_lenslets(confidence, depth.geometry, grid)
+        grid, m, z_of_m(raw, m), interpolate_lenslets(confidence, depth.geometry, grid)
     )

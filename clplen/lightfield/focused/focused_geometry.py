@@ -96,9 +96,9 @@ class FocusedGeometry:
         """
         require_focused(raw)
         origin, first, second = _primitive(raw)
-        indices, kinds = _on_sensor(raw, origin, first, second)
+        indices, kinds = _sensor_lenslets(raw, origin, first, second)
         if raw.lens_types:
-            kinds = _typed(kinds, indices, raw.lens_types, np.array([first, second]))
+            kinds = _lens_types(kinds, indices, raw.lens_types, np.array([first, second]))
         pupil, axis = _pupil(raw)
         place = np.array(origin) + indices[0] * np.array(first) + indices[1] * np.array(second)
         return cls(
@@ -151,7 +151,7 @@ class FocusedGeometry:
     def tables(self, device: DeviceLike) -> tuple[cla.Array, cla.Array, cla.Array]:
         """Centres as integers and fractions, and kinds, for the kernels."""
         device = as_device(device)
-        whole, part = split(self.places)
+        whole, part = split_positions(self.places)
         return device.upload(whole), device.upload(part), device.upload(self.kinds)
 
     def lattice(self, view: Pair, device: DeviceLike) -> cla.Array:
@@ -177,7 +177,7 @@ def require_focused(raw: RawImage) -> None:
         )
 
 
-def split(values: Values) -> tuple[Whole, np.ndarray[Any, np.dtype[np.float32]]]:
+def split_positions(values: Values) -> tuple[Whole, np.ndarray[Any, np.dtype[np.float32]]]:
     """Integers and fractions in [0, 1) of places in pixels."""
     rounded = np.round(values * 2.0**24) / 2.0**24
     whole = np.floor(rounded)
@@ -220,7 +220,7 @@ def _primitive(raw: RawImage) -> tuple[Pair, Pair, Pair]:
     return grid.first, _pair(row), _pair(np.array(grid.column_step))
 
 
-def _on_sensor(
+def _sensor_lenslets(
     raw: RawImage, origin: Pair, first: Pair, second: Pair
 ) -> tuple[tuple[int, int], Whole]:
     """First indices (i, j) of the box round all lenslets, and 0 for each that there is, else -1."""
@@ -246,7 +246,7 @@ def _on_sensor(
     return start, np.where(there[box], 0, -1).astype(np.int32)
 
 
-def _typed(
+def _lens_types(
     kinds: Whole, start: tuple[int, int], types: tuple[LensType, ...], base: Values
 ) -> Whole:
     """The type of each lenslet, from the sub-lattices of the types."""
@@ -302,7 +302,7 @@ if TYPE_CHECKING:
     from clplen.lightfield.raw.raw_image import RawImage
 
 
-def alpha_of(raw: RawImage, m: Any) -> Values:
+def alpha_of_m(raw: RawImage, m: Any) -> Values:
     """alpha = F/F' of what the lenslets see with m = z3/(z2 - F').
 
     z2 is the distance from the main lens to the array, z3 that from there to the sensor, where this
@@ -329,15 +329,15 @@ def alpha_of(raw: RawImage, m: Any) -> Values:
         return np.where(image > 0, camera.image_distance / image, np.nan)
 
 
-def z_of(raw: RawImage, m: Any) -> Values:
+def z_of_m(raw: RawImage, m: Any) -> Values:
     """dz of the object in metres, farther than the focused plane positive, as in `PointSources`.
 
     Returns
     -------
     numpy.ndarray
-        float64; NaN where `alpha_of` is.
+        float64; NaN where `alpha_of_m` is.
     """
-    alpha = alpha_of(raw, m)
+    alpha = alpha_of_m(raw, m)
     if raw.camera is None:
         return alpha
     known = np.isfinite(alpha)

@@ -1,4 +1,4 @@
-"""Pictures that are put together from the sub-images of a focused camera, and their grid."""
+"""Pictures put together from the sub-images of a focused camera, their grid, and maps on it."""
 
 from __future__ import annotations
 

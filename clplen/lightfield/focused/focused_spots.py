@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clplen.compute.finite import count_bad
-from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values, z_of
+from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values, z_of_m
 
 if TYPE_CHECKING:
     from clplen.lightfield.raw.raw_image import RawImage
@@ -94,7 +94,7 @@ def point_m(raw: RawImage, *, least: float = 0.25) -> SpotFit:
     residual = float(np.sqrt(np.average(far[use] ** 2, weights=weight[use])))
     m = float(geometry.m(ratio))
     found = (float(place[0]), float(place[1]))
-    return SpotFit(m, float(z_of(raw, m)), found, int(use.sum()), residual)
+    return SpotFit(m, float(z_of_m(raw, m)), found, int(use.sum()), residual)
 
 
 def _line(centres: Values, offset: Values, weight: Values) -> tuple[float, Values]:

@@ -51,7 +51,9 @@ def disc(views: Views, radius: float | Pair, *, centre: Pair | None = None) -> W
     ValueError
         If a number is out of range or the shape covers no view.
     """
-    return _kept(ellipse_cells(_views(views), _pair(radius), _centre(views, centre)), "disc")
+    return _checked_cells(
+        ellipse_cells(_views(views), _pair(radius), _centre(views, centre)), "disc"
+    )
 
 
 def annulus(
@@ -62,7 +64,9 @@ def annulus(
     if not (small[0] < large[0] and small[1] < large[1]):
         raise ValueError(f"An annulus has inner below outer radius, not {inner!r} and {outer!r}.")
     at, size = _centre(views, centre), _views(views)
-    return _kept(ellipse_cells(size, large, at) - ellipse_cells(size, small, at), "annulus")
+    return _checked_cells(
+        ellipse_cells(size, large, at) - ellipse_cells(size, small, at), "annulus"
+    )
 
 
 def square(views: Views, radius: float | Pair, *, centre: Pair | None = None) -> Weights:
@@ -72,7 +76,7 @@ def square(views: Views, radius: float | Pair, *, centre: Pair | None = None) ->
         _overlap(n, np.array([at - half, at + half]))[:, 0]
         for n, at, half in zip(_views(views), (v, u), (high, wide), strict=True)
     ]
-    return _kept(np.outer(*sides), "square")
+    return _checked_cells(np.outer(*sides), "square")
 
 
 def polygon(views: Views, corners: ArrayLike) -> Weights:
@@ -108,7 +112,7 @@ def polygon(views: Views, corners: ArrayLike) -> Weights:
         row = _clipped(_clipped(at, 0, v - 0.5, 1), 0, v + 0.5, -1)
         for u in range(U) if len(row) else ():
             cells[v, u] = _area(_clipped(_clipped(row, 1, u - 0.5, 1), 1, u + 0.5, -1))
-    return _kept(cells, "polygon")
+    return _checked_cells(cells, "polygon")
 
 
 def regular_polygon(
@@ -183,7 +187,7 @@ def picture(
         _overlap(n, c + r * np.linspace(-1, 1, m + 1))
         for n, c, r, m in zip(_views(views), at, half, values.shape, strict=True)
     ]
-    return _kept(sides[0] @ values @ sides[1].T, "picture")
+    return _checked_cells(sides[0] @ values @ sides[1].T, "picture")
 
 
 def gaussian(views: Views, sigma: float | Pair, *, centre: Pair | None = None) -> Weights:
@@ -292,7 +296,7 @@ def _area(corners: Vector) -> float:
     return abs(float(y @ np.roll(x, -1) - x @ np.roll(y, -1))) / 2
 
 
-def _kept(cells: Vector, name: str) -> Weights:
+def _checked_cells(cells: Vector, name: str) -> Weights:
     if not cells.any():
         raise ValueError(f"This {name} covers no view: give another centre or a larger one.")
     return np.clip(cells, 0, None).astype(np.float32)

@@ -24,7 +24,7 @@ from clplen.lightfield.model.sample_checks import (
     checked_positions,
     checked_spacing,
     checked_weights,
-    kept_dtype,
+    storage_dtype,
     weights_where,
 )
 from clplen.lightfield.raw.raw_image import CameraModel, RawImage, Spacing
@@ -118,7 +118,7 @@ class StoredLightField(AlphaLaw, HostArray):
         at_once = (int(chunks[0]), int(chunks[1]))
         found = cls(
             shape,
-            kept_dtype(np.dtype(a.dtype)),
+            storage_dtype(np.dtype(a.dtype)),
             partial(_copy, a, at_once),
             np.ones(shape[:2], np.float32),
             (int(chunks[2]), int(chunks[3])),

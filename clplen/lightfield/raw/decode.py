@@ -1,4 +1,7 @@
-"""From a raw lenslet image to views: sampling every sub-image about its centre."""
+"""From a raw lenslet image to views: sampling every sub-image about its centre.
+
+On CPUs a lattice along the sensor's rows and columns has a kernel of its own.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ def is_upright(grid: LensletGrid) -> bool:
     return not any((*across, *down, grid.odd_row_shift)) and grid.columns is None
 
 
-def has_room(raw: RawImage) -> bool:
+def fits_local_memory(raw: RawImage) -> bool:
     """Whether local memory holds a row of the sensor."""
     return _line_bytes(raw) <= int(raw.device.cl_device.local_mem_size)
 
@@ -38,7 +41,7 @@ def _line_bytes(raw: RawImage) -> int:
     return 4 * (raw.shape[1] + 2 * _MARGIN)
 
 
-def upright(views: cla.Array, raw: RawImage, grid: LensletGrid, *, linear: bool) -> None:
+def resample_upright(views: cla.Array, raw: RawImage, grid: LensletGrid, *, linear: bool) -> None:
     """Fill the views of such a grid, as `clplen.lightfield.raw.decode.resample` describes."""
     device, (ny, nx) = raw.device, raw.shape
     (V, U), (rows, columns) = grid.views, grid.count
@@ -125,8 +128,8 @@ def resample(raw: RawImage, grid: LensletGrid, *, linear: bool = False) -> cla.A
     device = raw.device
     device.require_memory(4 * int(np.prod(grid.shape, dtype=np.int64)), "This light field")
     views = device.empty(grid.shape, np.float32)
-    if device.rows and is_upright(grid) and has_room(raw):
-        upright(views, raw, grid, linear=linear)
+    if device.rows and is_upright(grid) and fits_local_memory(raw):
+        resample_upright(views, raw, grid, linear=linear)
         return views
     (V, U), (rows, lenslets), (ny, nx) = grid.views, grid.count, raw.shape
     columns = lenslets if grid.columns is None else grid.columns[0]

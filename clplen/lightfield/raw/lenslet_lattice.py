@@ -1,4 +1,7 @@
-"""Lattices of lenslets as they lie on the sensor: base vectors, centres, and what to sample."""
+"""Lattices of lenslets as they lie on the sensor: base vectors, centres, and what to sample.
+
+Files hold them as JSON: our own form, and LensletGridModel of LFToolbox.
+"""
 
 from __future__ import annotations
 
@@ -343,7 +346,7 @@ class Lattice:
         grid = LensletGrid(
             count, views, (first[0], first[1]), self.row, self.column, shift, down, right
         )
-        grid = _exchanged(grid) if self.turned else grid
+        grid = _transposed(grid) if self.turned else grid
         if square and self.kind == "hexagonal":
             step = min(self.pitch) / max(self.pitch)
             grid = replace(grid, columns=(int((grid.count[1] - 1) / step) + 1, step))
@@ -441,7 +444,7 @@ class Lattice:
         return cls.from_json(text, source=str(path))
 
 
-def _exchanged(grid: LensletGrid) -> LensletGrid:
+def _transposed(grid: LensletGrid) -> LensletGrid:
     """The same lenslets with rows for columns."""
     return replace(
         grid,
