@@ -138,7 +138,7 @@ def test_words_of_layout(folder: Path, values: dict[str, np.ndarray], device: De
         read_lightfield(raw, device=device, bayer="GRBG", demosaic="not at all", **beside)
     with pytest.raises(ValueError, match="order= does not apply"):
         read_lightfield(raw, device=device, order="vuyx", **beside)
-    with pytest.raises(ValueError, match=r"white\.tif: .*rectangular or hexagonal"):
+    with pytest.raises(ValueError, match=r"white\.tif: .*square or hexagonal"):
         read_lightfield(raw, device=device, lattice="round", **beside)
 
 
@@ -227,7 +227,7 @@ def test_info_keeps_the_lattice(folder: Path, values: dict[str, np.ndarray], dev
     words = ["info", raw, "--white", flat, "--dark", dark, "--save-grid", folder / "grid.json"]
     result = CliRunner().invoke(main, [str(word) for word in [*words, "--device", device.place]])
     assert result.exit_code == 0, result.output
-    assert "rectangular, pitch 11.2" in result.stdout
+    assert "square, pitch 11.2" in result.stdout
     lattice = Lattice.load(folder / "grid.json")
     found = estimate_lattice(values["white"], dark=values["dark"])
     assert lattice == found

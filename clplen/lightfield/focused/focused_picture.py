@@ -13,6 +13,7 @@ import pyopencl.array as cla
 from clplen.compute.checks import require
 from clplen.compute.hostarray import OnDevice
 from clplen.compute.image import Image
+from clplen.deprecation import renamed_attribute
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values
 
 if TYPE_CHECKING:
@@ -55,9 +56,9 @@ class PictureGrid:
             raise ValueError(
                 f"step, pixels of the sensor from sample to sample, is positive, not {step!r}."
             )
-        places = geometry.places[geometry.kinds >= 0]
+        centres = geometry.centres[geometry.kinds >= 0]
         half = np.array(geometry.cell) / 2
-        low, high = places.min(0) - half, places.max(0) + half
+        low, high = centres.min(0) - half, centres.max(0) + half
         wanted = np.maximum(1, np.round((high - low) / step))
         if not wanted.max() < _MOST:
             raise ValueError(
@@ -106,10 +107,12 @@ class FocusedImage(Image):
         """
         return abs(self.grid.step * self._scale)
 
-    def places(self) -> tuple[Values, Values]:
-        """Places (y of rows, x of columns) on the image plane of ``m``, metres from the axis."""
+    def positions(self) -> tuple[Values, Values]:
+        """Positions (y of rows, x of columns) on the image plane of ``m``, metres from the axis."""
         y, x = self.grid.axes()
         return (y - self.geometry.axis[0]) * self._scale, (x - self.geometry.axis[1]) * self._scale
+
+    places = renamed_attribute("places", "positions", warn=False)
 
     @property
     def _scale(self) -> float:
