@@ -262,7 +262,8 @@ def _lens_types(
         if np.abs(found - np.round(found)).max() > _NEAR or area == 0:
             raise ValueError(
                 f"Lens type {number} lies at {lens_type.offset} px and repeats after "
-                f"{lens_type.steps} px, which is no part of the lattice of lenslets: give the types of this array."
+                f"{lens_type.steps} px, which is no part of the lattice of lenslets: give the "
+                "types of this array."
             )
         down, right = i - oi, j - oj
         mine = ((down * bj - right * bi) % area == 0) & ((right * ai - down * aj) % area == 0)
