@@ -1,1 +1,1 @@
-"""Operations on arrays of views and pictures: imports compute alone; arrays and numbers leave."""
+"""Operations on arrays of views and pictures; may import compute alone; arrays leave."""

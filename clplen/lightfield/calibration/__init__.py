@@ -1,1 +1,1 @@
-"""From captured frames to lattices and light fields: imports model, raw and arrays."""
+"""Lattices and light fields from captured frames; may import model, raw and arrays."""

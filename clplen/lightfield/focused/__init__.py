@@ -1,1 +1,1 @@
-"""Geometry, depth and pictures of focused (plenoptic 2.0) cameras: imports raw and arrays."""
+"""Depth and pictures of raw images of focused (plenoptic 2.0) cameras; may import raw."""
