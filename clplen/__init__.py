@@ -40,18 +40,18 @@ from clplen.lightfield.calibration.raw_decoding import decode_raw
 from clplen.lightfield.depth.alpha_estimate import AlphaEstimate, estimate_alpha
 from clplen.lightfield.depth.depth_map import DepthMap, metric_depth, sharpness_curve
 from clplen.lightfield.focus_and_depth import all_in_focus, depth_map, focal_stack
-from clplen.lightfield.focused.focused_depth import focused_depth
+from clplen.lightfield.focused.focused_depth import FocusedMaps, focused_depth, focused_maps
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry
-from clplen.lightfield.focused.focused_maps import FocusedMaps, focused_maps
 from clplen.lightfield.focused.focused_picture import seam
 from clplen.lightfield.focused.focused_rendering import focused_stack, render_focused
 from clplen.lightfield.focused.focused_spots import point_m
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.phase_space import PhaseSpace, phase_space
+from clplen.lightfield.model.rendering import plane_through
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.model.surface import plane_through
+from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
+from clplen.lightfield.raw.raw_image import RawImage
 from clplen.lightfield.raw.sensor import Sensor
 from clplen.lightfield.refocus.focal_stack import FocalStack, refocus
 from clplen.lightfield.refocus.fourier_slice import fourier_stack

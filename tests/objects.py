@@ -33,7 +33,7 @@ MICROSCOPE: dict[str, Any] = {
     "pixels_per_lenslet": 25,
 }
 SPACING = (-1e-3, -1e-3, 1e-5, 1e-5)
-LATTICE = Lattice("rectangular", (10.0, 10.0), (10.0, 0.0), (0.0, 10.0), (41, 41))
+LATTICE = Lattice("square", (10.0, 10.0), (10.0, 0.0), (0.0, 10.0), (41, 41))
 
 
 def samples(*shape: int) -> np.ndarray[Any, Any]:

@@ -50,7 +50,7 @@ def lattice(
     """Columns ``pitch`` apart along x, turned from +x to +y; y is stretched before turning."""
     t = np.deg2rad(degrees)
     turn = np.array([[np.cos(t), np.sin(t)], [-np.sin(t), np.cos(t)]])  # on (y, x)
-    second = {"rectangular": (1.0, 0.0), "hexagonal": (np.sqrt(3) / 2, 0.5)}
+    second = {"square": (1.0, 0.0), "hexagonal": (np.sqrt(3) / 2, 0.5)}
     if kind == "turned":
         steps = [np.array([0.5, np.sqrt(3) / 2]), np.array([1.0, 0.0])]
     else:

@@ -11,7 +11,8 @@ from reference_focused import Array, Rig, Texture, waves
 
 from clplen.compute.device import Device
 from clplen.io.raytrix_calibration import FocusType, RaytrixCalibration
-from clplen.lightfield.raw.raw_image import LensletGrid, LensType, RawImage
+from clplen.lightfield.raw.lenslet_grid import LensletGrid, LensType
+from clplen.lightfield.raw.raw_image import RawImage
 
 PIXEL = 5e-6
 PITCH = 30.0  # of lenslets on the array, in pixels

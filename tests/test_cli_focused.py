@@ -24,8 +24,7 @@ from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.config import read_camera_file
 from clplen.io import read_pfm, read_raw, write_picture, write_raw, write_raytrix
-from clplen.lightfield.focused.focused_depth import focused_depth
-from clplen.lightfield.focused.focused_maps import focused_maps
+from clplen.lightfield.focused.focused_depth import focused_depth, focused_maps
 from clplen.lightfield.focused.focused_rendering import focused_stack, render_focused
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import RawImage

@@ -179,10 +179,10 @@ def test_a_raw_image_with_its_white_image(tmp_path, raw_files, device, words):
         "info", raw, "--white", white, "--save-grid", grid, *words, "--device", device.place
     )
     found = table(result)
-    assert found["Lenslets"].startswith("rectangular, pitch 10.000")
+    assert found["Lenslets"].startswith("square, pitch 10.000")
     assert abs(float(found["Rotation"].split()[0])) < 0.01
     assert "trust high" in found["Residual"]
-    assert found["Lattice"].startswith("Rectangular lattice")
+    assert found["Lattice"].startswith("Square lattice")
     lattice = json.loads(
         run("info", raw, "--grid", grid, "--json", "--device", device.place).stdout
     )

@@ -18,7 +18,7 @@ from clplen.io.layout import encoded
 from clplen.io.shown import to_look_at, white_of
 from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.surface import plane_through
+from clplen.lightfield.model.rendering import plane_through
 from clplen.lightfield.refocus.focal_stack import refocus
 
 D = 1.0

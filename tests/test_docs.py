@@ -45,7 +45,7 @@ def flower(V: int, U: int, ny: int, nx: int) -> None:
 def frames(pitch: float, count: int, degrees: float = 0.0) -> Names:
     """Raw frame, white image and dark frame, as arrays and in files."""
     side = round(pitch * count)
-    true = lattice("rectangular", pitch, degrees=degrees, origin=(side / 2 - 0.5, side / 2 - 0.5))
+    true = lattice("square", pitch, degrees=degrees, origin=(side / 2 - 0.5, side / 2 - 0.5))
     even = white((side, side), true, vignetting=0.2)
     y, x = np.indices((side, side))
     dark = np.random.default_rng(1).integers(98, 103, (side, side))

@@ -49,7 +49,7 @@ from clplen.lightfield.focus_and_depth import all_in_focus
 from clplen.lightfield.focused.focused_depth import focused_depth
 from clplen.lightfield.focused.focused_rendering import render_focused
 from clplen.lightfield.focused.focused_spots import point_m
-from clplen.lightfield.raw.raw_image import LensType
+from clplen.lightfield.raw.lenslet_grid import LensType
 from clplen.lightfield.refocus.fourier_slice import fourier_stack
 from clplen.lightfield.refocus.hyperfan import hyperfan
 from clplen.microscopy.deconvolution import deconvolve
@@ -261,7 +261,7 @@ def views(device: Device) -> None:
         extremes(lf.data, device)
         spaced = LightField.from_array(samples, device=device, spacing=(2, 2, 1, 1))
         for interpolation in ("linear", "cubic"):
-            spaced.resample("point-angle", focal=9.0, interpolation=interpolation)
+            spaced.resample("point-angle", image_distance=9.0, interpolation=interpolation)
     rendered(lf)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from clplen.analysis.samples import Pair, Values, checked
-from clplen.lightfield.raw.raw_image import LensletGrid
+from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.wave.elements.hard_apertures import polygon_coverage
 from clplen.wave.field.field import Grid
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from clplen import io
 from clplen.cameras.plenoptic2 import Plenoptic2
-from clplen.lightfield.focused.focused_depth import focused_depth
-from clplen.lightfield.focused.focused_maps import focused_maps
+from clplen.lightfield.focused.focused_depth import focused_depth, focused_maps
 from clplen.lightfield.focused.focused_rendering import focused_stack, render_focused
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
@@ -215,7 +215,7 @@ def _by_rays(words: dict[str, Any], device: Device) -> Simulated:
         model="rays",
         sensor=None if file.sensor is None else file.sensor.build(),
     )
-    return Simulated(_decoded(raw), raw, raw.truth)
+    return Simulated(_decoded(raw), raw, cast("Truth | None", raw.truth))
 
 
 def _decoded(raw: RawImage) -> LightField:

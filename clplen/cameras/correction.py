@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from clplen.cameras.aberrations import Aberrations, slopes
-from clplen.lightfield.model.conversion import as_lightfield
+from clplen.lightfield.model.alpha_law import require_two_plane
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.parametrisation import require_two_plane
+from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import CameraModel
 from clplen.lightfield.refocus.phase_ramps import shift_views
 

@@ -11,7 +11,8 @@ import pyopencl.array as cla
 from clplen import units
 from clplen.checks import is_finite
 from clplen.errors import SamplingError
-from clplen.lightfield.raw.raw_image import LensletGrid, LensType, RawImage
+from clplen.lightfield.raw.lenslet_grid import LensletGrid, LensType
+from clplen.lightfield.raw.raw_image import RawImage
 from clplen.wave.elements.lenslets import SMALLEST_PITCH, MicrolensArray
 from clplen.wave.field.field import Grid
 

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     import pyopencl.array as cla
 
     from clplen.cameras.plenoptic import Plenoptic
-    from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
+    from clplen.lightfield.raw.lenslet_grid import LensletGrid
+    from clplen.lightfield.raw.raw_image import RawImage
     from clplen.wave.coherence.averaging import Averaging
     from clplen.wave.coherence.coherence import Coherence
 

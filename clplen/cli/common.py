@@ -148,7 +148,7 @@ def planes_of(
 ) -> dict[str, Any]:
     """The planes that were asked for, else those that suit the light field, `count` of them."""
     from clplen.lightfield.depth.best_focus import suitable_planes
-    from clplen.lightfield.model.view_shifts import shifts
+    from clplen.lightfield.model.alpha_law import shifts
 
     if disparities is None and alphas is None:
         suitable = suitable_planes(lf, count=count)

@@ -12,8 +12,7 @@ from clplen.cli.focused import Opened
 from clplen.cli.metres import distances, write_map
 
 if TYPE_CHECKING:
-    from clplen.lightfield.focused.focused_depth import FocusedDepth
-    from clplen.lightfield.focused.focused_maps import FocusedMaps
+    from clplen.lightfield.focused.focused_depth import FocusedDepth, FocusedMaps
 
 Values = np.ndarray[Any, Any]
 
@@ -36,8 +35,7 @@ def find_depth(
     """Find the depth, write it with a picture beside, and say what was found."""
     from clplen import plot
     from clplen.io import write_focused_depth
-    from clplen.lightfield.focused.focused_depth import focused_depth
-    from clplen.lightfield.focused.focused_maps import focused_maps
+    from clplen.lightfield.focused.focused_depth import focused_depth, focused_maps
     from clplen.lightfield.focused.focused_picture import PictureGrid
 
     if metric is not None and opened.raw.camera is None:

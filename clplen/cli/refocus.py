@@ -175,7 +175,7 @@ def _surface(
 ) -> tuple[Any, str]:
     """(disparity or map, what it is in words)."""
     from clplen.lightfield.focus_and_depth import depth_map
-    from clplen.lightfield.model.surface import plane_through
+    from clplen.lightfield.model.rendering import plane_through
 
     if disparity is not None:
         return disparity, f"d = {disparity:g}"

@@ -22,8 +22,7 @@ from clplen.io.npy import write_npy
 from clplen.io.pfm import write_pfm
 from clplen.io.picture import write_picture
 from clplen.io.stack import is_series, numbers, write_series
-from clplen.lightfield.focused.focused_depth import FocusedDepth
-from clplen.lightfield.focused.focused_maps import FocusedMaps
+from clplen.lightfield.focused.focused_depth import FocusedDepth, FocusedMaps
 from clplen.lightfield.focused.focused_picture import FocusedImage, FocusedStack, PictureGrid
 from clplen.lightfield.raw.raw_image import Spacing
 from clplen.outputs import MARK

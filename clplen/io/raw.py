@@ -23,8 +23,9 @@ from clplen.io.rawfile import read_raw_file
 from clplen.io.raytrix import read_raytrix
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.lattice_trust import require_camera, require_trust
+from clplen.lightfield.raw.lenslet_grid import LensType
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.lightfield.raw.raw_image import LensType, RawImage
+from clplen.lightfield.raw.raw_image import RawImage
 
 Frame = np.ndarray[Any, Any]
 

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from clplen.lightfield.raw.lenslet_grid import LensType
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.lightfield.raw.raw_image import LensType
 
 Vector = tuple[float, float]
 Array = np.ndarray[Any, np.dtype[np.float64]]

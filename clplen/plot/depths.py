@@ -167,7 +167,7 @@ def magnification(m: Array, confidence: Array, *, title: str = "") -> Figure:
     Parameters
     ----------
     m, confidence : numpy.ndarray
-        Shape (y, x), such as those of `clplen.lightfield.focused.focused_maps.FocusedMaps`.
+        Shape (y, x), such as those of `clplen.lightfield.focused.focused_depth.FocusedMaps`.
     title : str
     """
     return _map(m, confidence, title or "m = b/a", "m = b/a (nearer: larger)")

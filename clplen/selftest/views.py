@@ -158,7 +158,9 @@ def _parametrised(device: Device) -> Pairs:
     a, w, F = _views(9, 3, 4, 5, 7), _weights((3, 4)), 0.2
     spacing = (90e-6, -130e-6, 70e-6, -60e-6)
     lf = LightField.from_array(a, device=device, spacing=spacing, weights=w)
-    got = lf.resample("point-angle", focal=F, views=(5, 7), interpolation="linear").to_numpy()
+    got = lf.resample(
+        "point-angle", image_distance=F, views=(5, 7), interpolation="linear"
+    ).to_numpy()
     expected = np.zeros(got.shape)
     for i, j in np.ndindex(5, 7):
         rows = np.arange(5) - 1 + (i - 2) * spacing[2] / spacing[0]

@@ -20,8 +20,8 @@ from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
+from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.lightfield.raw.raw_image import LensletGrid
 from clplen.wave.elements.lenslets import MicrolensArray
 
 SHAPE = (67, 83)

@@ -11,8 +11,7 @@ from batchworks import run
 
 from clplen.compute.device import Device
 from clplen.io import read_raw
-from clplen.lightfield.focused.focused_depth import focused_depth
-from clplen.lightfield.focused.focused_maps import focused_maps
+from clplen.lightfield.focused.focused_depth import focused_depth, focused_maps
 from clplen.lightfield.focused.focused_rendering import focused_stack, render_focused
 
 CAMERA = """

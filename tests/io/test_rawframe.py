@@ -32,7 +32,7 @@ def waves(y, x):
 
 
 def frames(
-    kind: str = "rectangular", pitch: float = PITCH, *, left: float = 85.2
+    kind: str = "square", pitch: float = PITCH, *, left: float = 85.2
 ) -> dict[str, np.ndarray]:
     """Raw frame, white image, dark frame: uint16."""
     true = drawn_lattice(kind, pitch, degrees=1.5, origin=(81.4, left))
@@ -86,7 +86,7 @@ def test_a_frame_with_its_white_image_and_dark_frame(
         assert text in said
 
 
-@pytest.mark.parametrize("kind", ["rectangular", "hexagonal"])
+@pytest.mark.parametrize("kind", ["square", "hexagonal"])
 def test_a_lattice_is_kept_for_the_next_frame(
     folder: Path, values: dict[str, np.ndarray], device: Device, kind: str
 ):
@@ -131,14 +131,14 @@ def test_words_of_layout(folder: Path, values: dict[str, np.ndarray], device: De
     assert data.max() < 40000
     for demosaic in ("after", "before"):
         lf = read_lightfield(
-            raw, device=device, bayer="GRBG", demosaic=demosaic, lattice="rectangular", **beside
+            raw, device=device, bayer="GRBG", demosaic=demosaic, lattice="square", **beside
         )
         assert lf.shape[4:] == (3,)
     with pytest.raises(ValueError, match=r"raw\.tif: .*'after' or 'before'"):
         read_lightfield(raw, device=device, bayer="GRBG", demosaic="not at all", **beside)
     with pytest.raises(ValueError, match="order= does not apply"):
         read_lightfield(raw, device=device, order="vuyx", **beside)
-    with pytest.raises(ValueError, match=r"white\.tif: .*rectangular or hexagonal"):
+    with pytest.raises(ValueError, match=r"white\.tif: .*square or hexagonal"):
         read_lightfield(raw, device=device, lattice="round", **beside)
 
 
@@ -200,14 +200,14 @@ def test_a_frame_without_white_image(
         ({"row": [1]}, "'row' is 2 numbers"),
         ({"row": [0, 0]}, "rows of a lattice"),
         ({"origin": [None, 1]}, "'origin' is 2 numbers"),
-        ({"kind": "round"}, "rectangular or hexagonal"),
+        ({"kind": "round"}, "square or hexagonal"),
         ({"shape": [160, 171]}, r"of shape \(160, 171\)"),
     ],
 )
 def test_a_bad_lattice_is_refused(
     folder: Path, values: dict[str, np.ndarray], device: Device, content, text: str
 ):
-    good = json.loads(Lattice("rectangular", (81.4, 85.2), (11, 0), (0, 11), SHAPE, 0.1).to_json())
+    good = json.loads(Lattice("square", (81.4, 85.2), (11, 0), (0, 11), SHAPE, 0.1).to_json())
     written = content if isinstance(content, str) else json.dumps(good | content)
     (folder / "grid.json").write_text(written)
     with pytest.raises(FormatError, match=text) as caught:
@@ -216,7 +216,7 @@ def test_a_bad_lattice_is_refused(
 
 
 def test_lenslets_larger_than_the_picture(folder: Path, device: Device):
-    lattice = Lattice("rectangular", (81.4, 85.2), (400, 0), (0, 400), SHAPE)
+    lattice = Lattice("square", (81.4, 85.2), (400, 0), (0, 400), SHAPE)
     lattice.save(folder / "grid.json")
     with pytest.raises(ShapeError, match=r"raw\.tif: No lenslet of pitch 400"):
         read_lightfield(folder / "raw.tif", device=device, grid=folder / "grid.json")
@@ -227,10 +227,10 @@ def test_info_keeps_the_lattice(folder: Path, values: dict[str, np.ndarray], dev
     words = ["info", raw, "--white", flat, "--dark", dark, "--save-grid", folder / "grid.json"]
     result = CliRunner().invoke(main, [str(word) for word in [*words, "--device", device.place]])
     assert result.exit_code == 0, result.output
-    assert "rectangular, pitch 11.2" in result.stdout
+    assert "square, pitch 11.2" in result.stdout
     lattice = Lattice.load(folder / "grid.json")
     found = estimate_lattice(values["white"], dark=values["dark"])
     assert lattice == found
     assert (lattice.shape, lattice.trust) == (SHAPE, "high")
-    true = drawn_lattice("rectangular", PITCH, degrees=1.5, origin=(81.4, 85.2))
+    true = drawn_lattice("square", PITCH, degrees=1.5, origin=(81.4, 85.2))
     assert np.sqrt((true.off(lattice.centres()) ** 2).sum(1).mean()) < 0.05

@@ -119,7 +119,7 @@ def square(**words) -> RaytrixCalibration:
 
 def test_square_arrays_of_any_number_of_types():
     lattice = square(lens_base_y=(0, 1.02)).lattice((50, 40))
-    assert (lattice.kind, lattice.row, lattice.column) == ("rectangular", (10.2, 0), (0, 10))
+    assert (lattice.kind, lattice.row, lattice.column) == ("square", (10.2, 0), (0, 10))
     four = [FocusType((x, y), (1 + x, 3 + y)) for x in (0, 1) for y in (0, 1)]
     types = square(sub_grid_base=(2, 2), lens_types=tuple(four)).types()
     assert types[0].steps == ((-20, 0), (0, 20))

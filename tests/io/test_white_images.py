@@ -35,7 +35,7 @@ def random(seed: int = 0) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
-def drawn(pitch: float = PITCH, kind: str = "rectangular", degrees: float = 1.5) -> np.ndarray:
+def drawn(pitch: float = PITCH, kind: str = "square", degrees: float = 1.5) -> np.ndarray:
     """White image, 0 to 1."""
     true = lattice(kind, pitch, degrees=degrees, origin=(66.2, 70.4))
     return white(SHAPE, true, vignetting=0.2)
@@ -104,7 +104,7 @@ def test_white_images_pass(folder: Path, device: Device, name: str):
 
 
 @pytest.mark.parametrize(
-    "other", [(9.3, "rectangular"), (12.6, "rectangular"), (11.2, "hexagonal")]
+    "other", [(9.3, "square"), (12.6, "square"), (11.2, "hexagonal")]
 )
 def test_a_white_image_of_another_camera_is_refused(folder: Path, device: Device, other):
     write(folder / "white.tif", 3e4 * drawn(*other))

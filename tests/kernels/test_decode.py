@@ -10,9 +10,9 @@ import pytest
 from reference_lightfield import decode_calibrated, decode_naive, keys_kernel
 
 from clplen.errors import DeviceError, ShapeError
-from clplen.lightfield.raw.decode import resample
-from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
-from clplen.lightfield.raw.upright import has_room, is_upright
+from clplen.lightfield.raw.decode import fits_local_memory, is_upright, resample
+from clplen.lightfield.raw.lenslet_grid import LensletGrid
+from clplen.lightfield.raw.raw_image import RawImage
 
 # Round-off in units of 2^-24 of the largest pixel. Keys' four weights add up to at most 1.25 in
 # magnitude and each is off by at most 4 units; a value is a sum of 4 x 4 products, so at most
@@ -209,11 +209,11 @@ def test_a_row_that_local_memory_does_not_hold_is_decoded_all_the_same(device, m
     grid = UPRIGHT["fractions"]
     raw = raw_image(device, picture(47, 53), grid)
     room = SimpleNamespace(cl_device=SimpleNamespace(local_mem_size=4 * 61))
-    assert has_room(SimpleNamespace(device=room, shape=(47, 53)))
-    assert not has_room(SimpleNamespace(device=room, shape=(47, 54)))
+    assert fits_local_memory(SimpleNamespace(device=room, shape=(47, 53)))
+    assert not fits_local_memory(SimpleNamespace(device=room, shape=(47, 54)))
     quick = device.download(resample(raw, grid))
-    monkeypatch.setattr("clplen.lightfield.raw.decode.has_room", lambda _: False)
-    monkeypatch.setattr("clplen.lightfield.raw.decode.upright", None)
+    monkeypatch.setattr("clplen.lightfield.raw.decode.fits_local_memory", lambda _: False)
+    monkeypatch.setattr("clplen.lightfield.raw.decode.resample_upright", None)
     assert np.abs(quick - device.download(resample(raw, grid))).max() <= 2 * TOLERANCE
 
 

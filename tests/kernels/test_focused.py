@@ -16,7 +16,8 @@ from clplen.lightfield.focused.focused_geometry import FocusedGeometry
 from clplen.lightfield.focused.focused_matching import Matcher
 from clplen.lightfield.focused.focused_rendering import focused_stack, render_focused
 from clplen.lightfield.focused.focused_spots import point_m
-from clplen.lightfield.raw.raw_image import LensletGrid, LensType, RawImage
+from clplen.lightfield.raw.lenslet_grid import LensletGrid, LensType
+from clplen.lightfield.raw.raw_image import RawImage
 
 # Places are off by 2^-24 px in the tables and 2^-21 by the product with the ratio; a pixel's value
 # changes by at most 2.5 a pixel and axis, each of some 20 sums of 16 terms is off by 1e-6. A weight

@@ -14,8 +14,8 @@ from clplen.lightfield.depth.view_matching import (
     shift_tables,
     thresholds,
 )
+from clplen.lightfield.model.alpha_law import unit_steps
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.view_shifts import unit_steps
 
 PLANES = np.array([-3.3, -0.9, -0.25, 0.0, 0.4, 1.0, 2.7, 50.0])  # the last leaves the views
 

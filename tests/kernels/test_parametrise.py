@@ -58,12 +58,13 @@ def test_against_twin(device, shape, dtype, kind):
     for spacing in SPACINGS:
         lf = LightField.from_array(a, device=device, spacing=spacing, weights=weights)
         views = (shape[0] + 2, shape[1] + 3)
-        found = lf.resample("point-angle", focal=FOCAL, views=views, interpolation=kind)
+        found = lf.resample("point-angle", image_distance=FOCAL, views=views, interpolation=kind)
         want = twin(a, weights, spacing, views, True, kind)
         assert relative_max(want, found.to_numpy()) <= LIMIT
         angles = (-spacing[0] / FOCAL, -spacing[1] / FOCAL, *spacing[2:])
         np.testing.assert_allclose(found.spacing, angles)
-        back = found.resample("two-plane", focal=FOCAL, views=shape[:2], interpolation=kind)
+        options = {"image_distance": FOCAL, "views": shape[:2], "interpolation": kind}
+        back = found.resample("two-plane", **options)
         values = found.to_numpy()
         want = twin(values, found.weights, spacing, shape[:2], False, kind)
         assert relative_max(want, back.to_numpy()) <= LIMIT

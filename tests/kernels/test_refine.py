@@ -9,8 +9,8 @@ from tolerance import relative_max
 
 from clplen.lightfield.arrays.stored_samples import C_TYPE
 from clplen.lightfield.depth.view_matching import group_views, shift_tables
+from clplen.lightfield.model.alpha_law import unit_steps
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.view_shifts import unit_steps
 
 EPS = 2.0**-24
 LIMITS = (60.0, 1.2, 0.5)  # tau, ratio, margin

@@ -7,7 +7,7 @@ import pytest
 from tolerance import relative_max
 
 from clplen.errors import DeviceError, ShapeError
-from clplen.lightfield.arrays import shear, shear_blocks
+from clplen.lightfield.arrays import shear
 from clplen.lightfield.arrays.shear import shear_sum
 
 DISPARITIES = (-2, -1.37, -1, 0, 0.5, 1, 1.9, 2, 400.3)  # the last one leaves the views
@@ -181,33 +181,33 @@ def test_one_plane(device, disparity):
 @pytest.mark.thorough
 @pytest.mark.parametrize("vectors", [(4, 6), (8, 6), (16, 8)])
 def test_vectors_of_other_machines(device, vectors, monkeypatch):
-    monkeypatch.setattr(shear_blocks, "lanes_of", lambda device: vectors)
-    monkeypatch.setattr(shear, "lanes_of", lambda device: vectors)
+    monkeypatch.setattr(shear, "vector_lanes", lambda device: vectors)
+    monkeypatch.setattr(shear, "vector_lanes", lambda device: vectors)
     check(device, (4, 3, 13, 43, 3))
     check(device, (2, 3, 5, 301), edge="clamp")
 
 
 @pytest.mark.parametrize("kilobytes", [3, 6, 9, 24])
 def test_little_local_memory(device, kilobytes, monkeypatch):
-    monkeypatch.setattr(shear_blocks, "lanes_of", lambda device: (4, 6))
-    monkeypatch.setattr(shear, "lanes_of", lambda device: (4, 6))
-    monkeypatch.setattr(shear_blocks, "_LOCAL_BYTES", kilobytes * 1024)
+    monkeypatch.setattr(shear, "vector_lanes", lambda device: (4, 6))
+    monkeypatch.setattr(shear, "vector_lanes", lambda device: (4, 6))
+    monkeypatch.setattr(shear, "_LOCAL_BYTES", kilobytes * 1024)
     check(device, (4, 3, 13, 43, 3))
 
 
 def test_no_local_memory_falls_back_to_samples(device, monkeypatch):
-    monkeypatch.setattr(shear_blocks, "_LOCAL_BYTES", 64)
+    monkeypatch.setattr(shear, "_LOCAL_BYTES", 64)
     check(device, (4, 3, 13, 43, 3))
 
 
 def test_several_launches(device, monkeypatch):
     monkeypatch.setattr(shear, "_MOST_PLANES", 2)
-    monkeypatch.setattr(shear_blocks, "_MOST_PLANES", 2)
+    monkeypatch.setattr(shear, "_MOST_PLANES", 2)
     check(device, (3, 4, 7, 29))
 
 
 def test_high_blocks(device, monkeypatch):
-    monkeypatch.setattr(shear_blocks, "_ITEMS_PER_CORE", 1)
+    monkeypatch.setattr(shear, "_ITEMS_PER_CORE", 1)
     check(device, (2, 3, 41, 140), disparities=np.linspace(-0.7, 1.1, 5))
 
 

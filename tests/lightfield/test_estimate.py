@@ -23,7 +23,8 @@ from clplen.lightfield.arrays.spectral_sharpness import (
 from clplen.lightfield.depth.alpha_estimate import estimate_alpha
 from clplen.lightfield.depth.window_measures import read_window
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
+from clplen.lightfield.raw.lenslet_grid import LensletGrid
+from clplen.lightfield.raw.raw_image import RawImage
 
 OPTICS = reference_camera.Camera(count=(31, 35))  # narrow: enough for one point near the axis
 TOLERANCE = OPTICS.pitch / OPTICS.aperture_diameter  # p/D

@@ -11,7 +11,7 @@ from tolerance import relative_max
 
 from clplen.errors import ShapeError
 from clplen.lightfield.arrays.ray_samples import STATISTICS
-from clplen.lightfield.model.aperture_shapes import disc, gaussian
+from clplen.lightfield.model.apertures import disc, gaussian
 from clplen.lightfield.model.light_field import LightField
 
 TYPES = (np.uint8, np.uint16, np.float32)

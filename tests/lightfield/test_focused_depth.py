@@ -20,14 +20,13 @@ from setups_focused import (
 )
 
 from clplen.compute.device import Device
-from clplen.lightfield.focused.focused_depth import agreeing, focused_depth
-from clplen.lightfield.focused.focused_geometry import FocusedGeometry
-from clplen.lightfield.focused.focused_maps import focused_maps
+from clplen.lightfield.focused.focused_depth import focused_depth, focused_maps, refine_outliers
+from clplen.lightfield.focused.focused_geometry import FocusedGeometry, alpha_of_m, z_of_m
 from clplen.lightfield.focused.focused_matching import Matcher
-from clplen.lightfield.focused.focused_metric import alpha_of, z_of
 from clplen.lightfield.focused.focused_rendering import render_focused
 from clplen.lightfield.focused.focused_spots import point_m
-from clplen.lightfield.raw.raw_image import LensType, RawImage
+from clplen.lightfield.raw.lenslet_grid import LensType
+from clplen.lightfield.raw.raw_image import RawImage
 
 
 @pytest.mark.parametrize(
@@ -65,12 +64,12 @@ def test_distance_is_the_inverse_of_the_main_lens(device: Device) -> None:
     for z in (-0.02, 0.0, 0.015):
         inside = 1 / (1 / camera.focal_length - 1 / (camera.object_distance + z))
         m = camera.b / (camera.image_distance + camera.a - inside)
-        assert float(z_of(raw, m)) == pytest.approx(z, abs=1e-9)
-        assert float(alpha_of(raw, m)) == pytest.approx(camera.alpha(z))
+        assert float(z_of_m(raw, m)) == pytest.approx(z, abs=1e-9)
+        assert float(alpha_of_m(raw, m)) == pytest.approx(camera.alpha(z))
     # nearer objects are imaged farther from the lens, nearer to the array: m is larger
-    assert z_of(raw, 0.25) < 0 < z_of(raw, 0.15)
-    assert np.isnan(z_of(raw, [0.0, math.nan])).all()
-    assert np.isnan(z_of(replace(raw, camera=None), 0.2))
+    assert z_of_m(raw, 0.25) < 0 < z_of_m(raw, 0.15)
+    assert np.isnan(z_of_m(raw, [0.0, math.nan])).all()
+    assert np.isnan(z_of_m(replace(raw, camera=None), 0.2))
 
 
 @pytest.mark.parametrize("types", [True, False])
@@ -83,7 +82,7 @@ def test_a_slanted_plane_under_three_types(device: Device, types: bool) -> None:
     true = rig.m(depth.geometry.places, *slanted(rig))
     assert sure.sum() > 0.85 * depth.geometry.count
     assert np.std(depth.m[sure] / true[sure]) < 0.03
-    off = depth.z[sure] - z_of(raw, true)[sure]
+    off = depth.z[sure] - z_of_m(raw, true)[sure]
     assert np.sqrt((off**2).mean()) < 0.003 * raw.camera.object_distance
     picture = render_focused(raw, method="depth", depth=depth, step=6.0)
     y, x = picture.grid.axes()
@@ -94,7 +93,7 @@ def test_a_slanted_plane_under_three_types(device: Device, types: bool) -> None:
     maps = focused_maps(raw, depth, grid=picture.grid)
     assert np.array_equal(maps.m, depth.on(picture.grid))
     assert np.abs(maps.virtual_depth * here - 1)[inside].mean() < 0.03
-    off = (maps.z - z_of(raw, here))[inside]
+    off = (maps.z - z_of_m(raw, here))[inside]
     assert np.sqrt((off**2).mean()) < 0.003 * raw.camera.object_distance
     assert maps.confidence[inside].mean() > 0.8
     assert maps.confidence.min() >= 0
@@ -134,13 +133,13 @@ def test_what_went_astray_comes_back_and_an_edge_of_depth_stays(device: Device) 
     start = np.full(matcher.geometry.kinds.shape, right)
     start[4, 5], start[2, 3] = 0.48, 0.46
     assert np.abs(matcher.refined(start).ratio / right - 1)[[4, 2], [5, 3]].min() > 0.15
-    found = agreeing(matcher, start)
+    found = refine_outliers(matcher, start)
     assert np.abs(found.ratio / right - 1).max() < 0.01
     # a lenslet between others that are wrong fits better by itself than from their median
     start = np.full(matcher.geometry.kinds.shape, right)
     bad = np.array([[3, 3, 5, 5], [4, 6, 4, 6]])
     start[bad[0], bad[1]] = 0.48
-    assert abs(agreeing(matcher, start).ratio[4, 5] / right - 1) < 0.01
+    assert abs(refine_outliers(matcher, start).ratio[4, 5] / right - 1) < 0.01
 
 
 def test_noise_widens_the_uncertainty(device: Device) -> None:
@@ -175,7 +174,7 @@ def test_a_point_by_the_pitch_of_its_spots(device: Device, m: float, at: float) 
     assert found.place == pytest.approx(tuple(expected), abs=0.1 / abs(at))
     assert found.spots >= 4
     assert found.residual < 0.3
-    assert found.z == pytest.approx(float(z_of(raw, at)), abs=0.005 * raw.camera.object_distance)
+    assert found.z == pytest.approx(float(z_of_m(raw, at)), abs=0.005 * raw.camera.object_distance)
 
 
 def raw_with(device: Device, m: float) -> RawImage:

@@ -14,8 +14,8 @@ from reference_lattice import Drawn, lattice, white
 from scipy.ndimage import map_coordinates
 
 from clplen.errors import FormatError, ShapeError
-from clplen.lightfield.arrays.reciprocal import reduced
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
+from clplen.lightfield.calibration.reciprocal import reduced_basis
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 
 SHAPE = (250, 230)
@@ -42,7 +42,7 @@ def count(true: Drawn, shape: tuple[int, int]) -> int:
 
 def check(found: Lattice, true: Drawn, shape: tuple[int, int], *, within: float) -> None:
     """Both primitive vectors, all centres, and none between them."""
-    half = [0.0, 0.0] if found.kind == "rectangular" else [0.5, 0.5]
+    half = [0.0, 0.0] if found.kind == "square" else [0.5, 0.5]
     half[found.turned] = 0.0
     row, column = np.array(found.row), np.array(found.column)
     steps = np.array([row + half[1] * column, column + half[0] * row])
@@ -58,7 +58,7 @@ def check(found: Lattice, true: Drawn, shape: tuple[int, int], *, within: float)
 CASES = [
     (kind, pitch, name, degrees, dim)
     for kind, names in (
-        ("rectangular", ("disc", "gauss", "square")),
+        ("square", ("disc", "gauss", "square")),
         ("hexagonal", ("disc", "gauss")),
         ("turned", ("disc", "gauss")),
     )
@@ -84,7 +84,7 @@ def test_white_images(kind, pitch, name, degrees, dim):
     clean = white(shape, true, name=name, dim=dim, level=0.5, samples=finer)
     found = estimate_lattice(clean)
     check(found, true, shape, within=CLEAN)
-    assert found.kind == ("rectangular" if kind == "rectangular" else "hexagonal")
+    assert found.kind == ("square" if kind == "square" else "hexagonal")
     assert found.turned == (kind == "turned")
     assert math.degrees(found.rotation) == pytest.approx(degrees, abs=0.05)
     noise = 0.1 * np.random.default_rng(3).standard_normal(shape)
@@ -92,7 +92,7 @@ def test_white_images(kind, pitch, name, degrees, dim):
     assert rms(true.off(found.centres())) <= NOISY
 
 
-@pytest.mark.parametrize("kind", ["rectangular", "hexagonal"])
+@pytest.mark.parametrize("kind", ["square", "hexagonal"])
 def test_a_pitch_of_sixty_pixels(kind):
     shape = (560, 590)
     true = drawn(kind, 60.0, -9, shape)
@@ -103,17 +103,17 @@ def test_a_pitch_of_sixty_pixels(kind):
 @pytest.mark.parametrize("name", ["disc", "gauss"])
 @pytest.mark.parametrize("dim", ["none", "random", "second"])
 def test_white_images_are_trusted(name, dim):
-    true = drawn("rectangular", 9.3, 3)
+    true = drawn("square", 9.3, 3)
     noise = 0.05 * np.random.default_rng(3).standard_normal(SHAPE)
     found = estimate_lattice(white(SHAPE, true, name=name, dim=dim, level=0.5) + noise)
     assert found.trust == "high", found.verdict
-    assert found.verdict.startswith("Rectangular lattice, pitch 9.")
+    assert found.verdict.startswith("Square lattice, pitch 9.")
     assert found.residual < 0.1
 
 
 @pytest.mark.parametrize(
     ("kind", "pitch", "degrees", "dim"),
-    [("rectangular", 14.0, 0, "random"), ("hexagonal", 9.3, 0, "random"),
+    [("square", 14.0, 0, "random"), ("hexagonal", 9.3, 0, "random"),
      ("hexagonal", 9.3, -9, "second"), ("hexagonal", 14.0, 3, "random")],
 )  # fmt: skip
 def test_sharp_borders_of_bright_and_dim_lenslets_are_trusted(kind, pitch, degrees, dim):
@@ -130,7 +130,7 @@ def test_sharp_borders_of_bright_and_dim_lenslets_are_trusted(kind, pitch, degre
         assert one.neighbour == pytest.approx(pitch, rel=PITCH)
 
 
-@pytest.mark.parametrize("kind", ["rectangular", "hexagonal", "turned"])
+@pytest.mark.parametrize("kind", ["square", "hexagonal", "turned"])
 @pytest.mark.parametrize("pitch", [5.0, 6.0])
 @pytest.mark.parametrize("name", ["disc", "gauss"])
 def test_small_pitches_of_whole_pixels(kind, pitch, name):
@@ -148,7 +148,7 @@ def test_small_pitches_of_whole_pixels(kind, pitch, name):
 def test_chessboards_of_lenslets(pitch, level, noise):
     """The bright lenslets alone make a lattice that is turned by 45 degrees."""
     shape = (120, 131)
-    true = lattice("rectangular", pitch, origin=(60.3, 65))
+    true = lattice("square", pitch, origin=(60.3, 65))
     clean = white(shape, true, dim="second", level=level, samples=5)
     found = estimate_lattice(clean + noise * np.random.default_rng(4).standard_normal(shape))
     assert rms(true.off(found.centres())) <= (NOISY if noise else CLEAN)
@@ -160,7 +160,7 @@ def test_chessboards_of_lenslets(pitch, level, noise):
 @pytest.mark.parametrize("name", ["disc", "gauss", "square"])
 def test_gaps_are_no_dim_lenslets(name, pitch):
     """A lattice that is turned by 45 degrees is no chessboard if its gaps are dark."""
-    true = lattice("rectangular", pitch, degrees=45, origin=(60.3, 65))
+    true = lattice("square", pitch, degrees=45, origin=(60.3, 65))
     found = estimate_lattice(white((120, 131), true, name=name))
     assert found.trust == "low"
     assert found.neighbour == pytest.approx(pitch, rel=PITCH)
@@ -174,8 +174,8 @@ def fallen(law: str, r2: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("whole", [True, False])
 @pytest.mark.parametrize(
     ("kind", "pitch", "degrees", "law"),
-    [("rectangular", 7.3, 0, "gauss"), ("rectangular", 14.0, 0, "cos4"),
-     ("hexagonal", 15.4, 2, "gauss"), ("rectangular", 24.0, 0, "gauss")],
+    [("square", 7.3, 0, "gauss"), ("square", 14.0, 0, "cos4"),
+     ("hexagonal", 15.4, 2, "gauss"), ("square", 24.0, 0, "gauss")],
 )  # fmt: skip
 def test_strong_vignetting(kind, pitch, degrees, law, whole):
     """Of lenslets dimmed as a whole, and of the sensor's pixels: neither moves the centres.
@@ -212,7 +212,7 @@ def test_strong_vignetting(kind, pitch, degrees, law, whole):
 )
 def test_shortest_vectors_end(basis, area):
     for given in (np.array(basis), np.array(basis)[::-1]):
-        a, b = reduced(given)
+        a, b = reduced_basis(given)
         assert abs(a[0] * b[1] - a[1] * b[0]) == pytest.approx(
             area, rel=1e-5, abs=1e-12, nan_ok=True
         )
@@ -221,14 +221,14 @@ def test_shortest_vectors_end(basis, area):
 
 
 def test_a_stretched_lattice_is_no_square_one():
-    true = lattice("rectangular", 15, stretch=1.01, origin=(125.3, 113))
+    true = lattice("square", 15, stretch=1.01, origin=(125.3, 113))
     found = estimate_lattice(white(SHAPE, true))
     assert np.hypot(*found.row) / np.hypot(*found.column) == pytest.approx(1.01, rel=2e-4)
 
 
 def test_the_sign_of_the_rotation():
     """Positive turns +x towards +y, which is down."""
-    found = estimate_lattice(white(SHAPE, drawn("rectangular", 14, 3)))
+    found = estimate_lattice(white(SHAPE, drawn("square", 14, 3)))
     assert math.degrees(found.rotation) == pytest.approx(3, abs=0.02)
     assert found.column[0] > 0  # along +x the row of lenslets sinks
     assert found.row[1] < 0
@@ -295,7 +295,7 @@ def test_what_is_no_lattice_is_not_trusted(name):
 
 
 def test_the_nominal_pitch_must_be_near():
-    picture = white(SHAPE, drawn("rectangular", 9.3, 3))
+    picture = white(SHAPE, drawn("square", 9.3, 3))
     assert estimate_lattice(picture, pitch=10).trust == "high"
     assert estimate_lattice(picture, pitch=20).trust == "low"
 
@@ -309,7 +309,7 @@ def test_bad_input_is_refused():
         estimate_lattice(np.ones((40, 40)), dark=np.ones((40, 41)))
     with pytest.raises(ValueError, match="1 pixels that are NaN"):
         estimate_lattice(np.where(np.eye(40) * np.arange(40) == 5, np.nan, 1))
-    with pytest.raises(ValueError, match="rectangular or hexagonal, not 'round'"):
+    with pytest.raises(ValueError, match="square or hexagonal, not 'round'"):
         estimate_lattice(np.ones((40, 40)), kind="round")
     with pytest.raises(ValueError, match="pitch is 3 to 200 pixels, not 2"):
         estimate_lattice(np.ones((40, 40)), pitch=2)
@@ -331,7 +331,7 @@ def test_vesicle(data_folder: Path):
         tifffile.imread(folder / f"{name}_GUVExperim1.tif") for name in ("Radiometry", "DarkFrame")
     )
     found = estimate_lattice(flat, dark=dark)
-    assert (found.kind, found.trust) == ("rectangular", "high")
+    assert (found.kind, found.trust) == ("square", "high")
     assert found.pitch == pytest.approx((15.387, 15.410), rel=5e-4)
     assert math.degrees(found.rotation) == pytest.approx(-0.12, abs=0.03)
     assert distance(found, (210.05, 224.64)) < 0.2
@@ -350,7 +350,7 @@ def test_beads(data_folder: Path):
 
 ROWS = Lattice("hexagonal", (50.2, 40.7), (8.66, 0.1), (-0.1, 10.0), (101, 83))
 COLUMNS = Lattice("hexagonal", (50.2, 40.7), (10.0, 0.1), (-0.1, 8.66), (101, 83))
-SQUARE = Lattice("rectangular", (50.2, 40.7), (15.41, 0.03), (-0.03, 15.39), (101, 83))
+SQUARE = Lattice("square", (50.2, 40.7), (15.41, 0.03), (-0.03, 15.39), (101, 83))
 
 
 def nearest(points: np.ndarray, among: np.ndarray) -> np.ndarray:
@@ -376,7 +376,7 @@ def test_hexagonal_centres(given):
 
 def test_pitch_and_rotation():
     c, s = math.cos(0.1), math.sin(0.1)
-    given = Lattice("rectangular", (5, 5), (15 * c, -15 * s), (12 * s, 12 * c), (40, 40))
+    given = Lattice("square", (5, 5), (15 * c, -15 * s), (12 * s, 12 * c), (40, 40))
     assert given.pitch == pytest.approx((12, 15))
     assert given.rotation == pytest.approx(0.1)
     assert given.views() == (15, 12)
@@ -461,7 +461,7 @@ def changed(**entries: object) -> str:
         (changed(row=[True, 0]), "'row'"),
         (changed(column=["wide", 1]), "'column'"),
         (changed(shape=[0, 4]), "'shape'"),
-        (changed(kind="odd"), "rectangular or hexagonal"),
+        (changed(kind="odd"), "square or hexagonal"),
         (changed(trust="some"), "high or low"),
         (changed(row=[0, 0]), "follow one another"),
         (json.dumps({"LensletGridModel": {"HSpacing": "wide"}}), "'HSpacing'"),
@@ -478,3 +478,11 @@ def test_broken_files_are_refused(text, message, tmp_path: Path):
 def test_a_missing_file_is_refused(tmp_path: Path):
     with pytest.raises(FormatError, match=r"none\.json"):
         Lattice.load(tmp_path / "none.json")
+
+
+def test_the_old_name_of_a_square_lattice_is_read():
+    old = Lattice("rectangular", SQUARE.origin, SQUARE.row, SQUARE.column, SQUARE.shape)
+    assert old == replace(SQUARE, kind="rectangular") == SQUARE
+    assert old.kind == "square"
+    text = SQUARE.to_json().replace('"square"', '"rectangular"')
+    assert Lattice.from_json(text).kind == "square"

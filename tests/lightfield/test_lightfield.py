@@ -11,7 +11,8 @@ import pytest
 
 from clplen.errors import DeviceError, ShapeError
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
+from clplen.lightfield.raw.lenslet_grid import LensletGrid
+from clplen.lightfield.raw.raw_image import RawImage
 
 SPACING = (-120e-6, -120e-6, 150e-6, 150e-6)  # du/dx = -0.8
 

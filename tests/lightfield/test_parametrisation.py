@@ -14,7 +14,7 @@ from clplen.lightfield.refocus.focal_stack import refocus
 
 F, DU, DX = 0.24, 120e-6, 150e-6  # section 1.5: raw pixel order has du < 0
 SPACING = (-DU, -DU, DX, DX)
-OPTIONS = {"focal": F}
+OPTIONS = {"image_distance": F}
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ def test_what_cannot_be_resampled(device):
         (plain, OPTIONS, "needs the spacing of views and pixels"),
         (telecentric, OPTIONS, "needs the spacing of views and pixels"),
         (spaced, {}, "needs F > 0"),
-        (spaced, {"focal": -1.0}, "needs F > 0"),
+        (spaced, {"image_distance": -1.0}, "needs F > 0"),
         (scattered, OPTIONS, "positions of their own"),
         (spaced, OPTIONS | {"interpolation": "nearest"}, "'linear' or 'cubic'"),
         (spaced, OPTIONS | {"views": (0, 3)}, "at least one view"),
@@ -186,3 +186,10 @@ def test_what_cannot_be_resampled(device):
             lf.resample("point-angle", **options)
     with pytest.raises(ValueError, match="parametrisation is 'two-plane' or 'point-angle'"):
         spaced.resample("spherical")
+
+
+def test_the_old_name_of_the_image_distance_warns(device):
+    lf = LightField.from_array(point(0.9), device=device, spacing=SPACING)
+    with pytest.warns(DeprecationWarning, match="image_distance="):
+        old = lf.resample("point-angle", focal=F)
+    assert old.spacing == lf.resample("point-angle", image_distance=F).spacing

@@ -32,18 +32,18 @@ RANDOM = np.random.default_rng(11)
 # more where rows of lenslets are interpolated
 TOLERANCE = 2 * (2 * 16 * 1.25 + 16 * 1.25**2 + 2 * 2 * 2.5) * 2.0**-24
 
-KINDS = ("rectangular", "hexagonal", "turned")
+KINDS = ("square", "hexagonal", "turned")
 
 
 def of_drawn(true: Drawn, kind: str, shape: tuple[int, int]) -> Lattice:
     """The lattice that was drawn, as the package describes it."""
     first, second = true.first, true.second
     row, column = {
-        "rectangular": (second, first),
+        "square": (second, first),
         "hexagonal": (second - first / 2, first),
         "turned": (second, first - second / 2),
     }[kind]
-    name = "rectangular" if kind == "rectangular" else "hexagonal"
+    name = "square" if kind == "square" else "hexagonal"
     return Lattice(name, tuple(true.origin), tuple(row), tuple(column), shape)
 
 
@@ -96,7 +96,7 @@ def span(lattice: Lattice, lf: LightField) -> tuple[range, range]:
     return range(i, i + grid.count[0]), range(k, k + grid.count[1])
 
 
-RECTANGULAR = Lattice("rectangular", (31.3, 36.6), (9.41, 0.7), (-0.6, 8.87), (67, 83))
+RECTANGULAR = Lattice("square", (31.3, 36.6), (9.41, 0.7), (-0.6, 8.87), (67, 83))
 HEXAGONAL = Lattice("hexagonal", (31.3, 36.6), (7.9, 0.4), (-0.5, 9.2), (67, 83))
 
 
@@ -177,7 +177,7 @@ def pixels_of(lattice: Lattice, lf: LightField) -> tuple[np.ndarray, float]:
     grid = lf.raw.sub_images
     unit = min(lattice.pitch)
     steps = [np.array(s) / np.hypot(*s) * unit for s in (lattice.row, lattice.column)]
-    if lattice.kind == "rectangular":
+    if lattice.kind == "square":
         steps = [np.array(lattice.row), np.array(lattice.column)]
     i, k = np.indices(lf.shape[2:])[..., None]
     return np.array(grid.first) + i * steps[0] + k * steps[1], unit
@@ -190,7 +190,7 @@ def test_views_obey_the_law_of_disparity(device, kind, degrees, d):
     """L[v, u](y, x) = T(y + d (v - vc), x + d (u - uc)), T as the middle of the lenslets has it."""
     true = drawn_lattice(kind, 14.0, degrees=degrees, origin=(83.2, 88.9))
     lattice = of_drawn(true, kind, (167, 181))
-    unit = 14.0 if kind == "rectangular" else 14.0 * np.sqrt(0.75)
+    unit = 14.0 if kind == "square" else 14.0 * np.sqrt(0.75)
     frame = captured(true, (167, 181), d * unit)  # a pixel of the sub-image is a view
     lf = decode_raw(frame, lattice, device=device, views=(7, 6), step=1)
     at, distance = pixels_of(lattice, lf)
@@ -208,7 +208,7 @@ def test_views_obey_the_law_of_disparity(device, kind, degrees, d):
     assert np.abs(picture - waves(at))[4:-4, 4:-4].max() <= 0.35**2 / 8 + 1e-3
 
 
-def flat(kind: str = "rectangular", shape=(120, 131), **more) -> tuple[Lattice, np.ndarray]:
+def flat(kind: str = "square", shape=(120, 131), **more) -> tuple[Lattice, np.ndarray]:
     """A lattice of 11 pixels and its white image."""
     true = drawn_lattice(kind, 11.0, degrees=2.0, stretch=1.002, origin=(60.3, 65.8))
     return of_drawn(true, kind, shape), white(shape, true, **more)
@@ -244,8 +244,8 @@ def test_devignetting_can_be_left_out(device):
 
 
 def test_devignetted_views_of_a_scene(device):
-    true = drawn_lattice("rectangular", 14.0, degrees=3.0, origin=(83.2, 88.9))
-    lattice = of_drawn(true, "rectangular", (167, 181))
+    true = drawn_lattice("square", 14.0, degrees=3.0, origin=(83.2, 88.9))
+    lattice = of_drawn(true, "square", (167, 181))
     even = white((167, 181), true, name="gauss")
     scene = captured(true, (167, 181), 14.0 * 0.4)
     clean = decode_raw(scene, lattice, device=device, views=(9, 9), step=1).to_numpy()
@@ -316,8 +316,8 @@ def test_colours_of_a_mosaic(device, bayer, demosaic, kind):
 
 def test_after_mixes_no_directions(device):
     """Light from the left half of the pupil is red, from the right half blue."""
-    true = drawn_lattice("rectangular", 14.3, origin=(83.2, 88.9))
-    lattice = of_drawn(true, "rectangular", (167, 181))
+    true = drawn_lattice("square", 14.3, origin=(83.2, 88.9))
+    lattice = of_drawn(true, "square", (167, 181))
     y, x = np.mgrid[:167, :181].astype(np.float64)
     right = true.nearest(y, x)[3] > 0
     scene = np.stack([1.0 * ~right, np.full(right.shape, 0.5), 1.0 * right], -1)
@@ -340,7 +340,7 @@ def test_after_mixes_no_directions(device):
 
 def test_lenslets_an_even_number_of_pixels_apart(device):
     """A view has the same colour under all of them: the others come from the pixels around."""
-    lattice = Lattice("rectangular", (30.0, 40.0), (10.0, 0.0), (0.0, 10.0))
+    lattice = Lattice("square", (30.0, 40.0), (10.0, 0.0), (0.0, 10.0))
     frame = mosaic(np.broadcast_to(np.array([7.0, 3.0, 1.0]), (61, 81, 3)), "GRBG")
     frame[1::2, 1::2] = 5  # the other green
     lf = decode_raw(frame, lattice, device=device, views=(9, 9), step=1, bayer="GRBG")
@@ -355,8 +355,8 @@ def test_lenslets_an_even_number_of_pixels_apart(device):
 
 
 def test_hot_pixels_are_replaced(device):
-    true = drawn_lattice("rectangular", 14.0, origin=(83.2, 88.9))
-    lattice = of_drawn(true, "rectangular", (167, 181))
+    true = drawn_lattice("square", 14.0, origin=(83.2, 88.9))
+    lattice = of_drawn(true, "square", (167, 181))
     scene = 1000 * captured(true, (167, 181), 1.0)
     clean = decode_raw(scene, lattice, device=device).to_numpy()
     dark = np.full(scene.shape, 100, np.uint16)
@@ -371,7 +371,7 @@ def test_hot_pixels_are_replaced(device):
 
 
 def test_single_saturated_pixels_are_replaced_and_highlights_stay(device):
-    lattice = Lattice("rectangular", (30.0, 40.0), (10.0, 0.0), (0.0, 10.0))
+    lattice = Lattice("square", (30.0, 40.0), (10.0, 0.0), (0.0, 10.0))
     frame = np.full((61, 81), 200, np.uint16)
     frame[20, 30] = frame[33, 47] = 4095
     frame[38:44, 58:64] = 4095
@@ -383,7 +383,7 @@ def test_single_saturated_pixels_are_replaced_and_highlights_stay(device):
 
 
 def test_hot_pixels_of_a_mosaic_take_their_own_colour(device):
-    lattice = Lattice("rectangular", (30.0, 40.0), (10.3, 0.0), (0.0, 10.1))
+    lattice = Lattice("square", (30.0, 40.0), (10.3, 0.0), (0.0, 10.1))
     picture = np.broadcast_to(np.array([9000.0, 3000.0, 1000.0]), (61, 81, 3))
     frame, dark = mosaic(picture, "RGGB").astype(np.uint16), np.zeros((61, 81), np.uint16)
     for y, x in ((20, 30), (33, 45), (40, 51)):

@@ -13,7 +13,7 @@ from tolerance import relative_max
 
 from clplen.errors import DeviceError
 from clplen.lightfield.focus_and_depth import focal_stack
-from clplen.lightfield.model.aperture_weights import aperture_weights
+from clplen.lightfield.model.apertures import aperture_weights
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocus.focal_stack import refocus
 

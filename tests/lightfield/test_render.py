@@ -11,7 +11,7 @@ from reference_lightfield import render as twin
 from reference_lightfield import viewpoint_weights
 
 from clplen.errors import ShapeError
-from clplen.lightfield.model.aperture_weights import aperture_weights
+from clplen.lightfield.model.apertures import aperture_weights
 from clplen.lightfield.model.light_field import LightField
 
 TYPES = (np.uint8, np.uint16, np.float32)

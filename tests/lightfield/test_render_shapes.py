@@ -8,9 +8,10 @@ from reference_render import covered, raster
 from scipy.special import i0
 
 from clplen.errors import ShapeError
-from clplen.lightfield.model.aperture_shapes import (
+from clplen.lightfield.model.apertures import (
     annulus,
     disc,
+    f_number_radius,
     gaussian,
     half_plane,
     hann,
@@ -20,7 +21,6 @@ from clplen.lightfield.model.aperture_shapes import (
     regular_polygon,
     square,
 )
-from clplen.lightfield.model.aperture_weights import f_number_radius
 from clplen.lightfield.model.light_field import LightField
 
 VIEWS, FINE = (7, 9), 200

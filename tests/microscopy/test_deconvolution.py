@@ -200,7 +200,7 @@ def test_stopping_at_the_noise(fine):
     ],
 )
 def test_noise_of_rectified_photons(device, origin, row, column):
-    lattice = Lattice("rectangular", origin, row, column, (300, 300))
+    lattice = Lattice("square", origin, row, column, (300, 300))
     prepare = Preparation(16, device, None, lattice, None)
     counts = prepare(np.random.default_rng(0).poisson(20, (300, 300))).counts
     # 300^2 samples, correlated with a few neighbours

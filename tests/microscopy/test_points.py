@@ -143,7 +143,7 @@ def test_gain_and_noise_halves(monkeypatch):
     y, x = np.mod(index, 19.3) - 9.65 + jitter
     level = 20 + 300 / (1 + np.exp(2 * (np.hypot(y, x) - 8)))
     white = 2.2 * rng.poisson(level) + 95
-    lattice = Lattice("rectangular", (9.65, 9.65), (19.3, 0), (0, 19.3), white.shape)
+    lattice = Lattice("square", (9.65, 9.65), (19.3, 0), (0, 19.3), white.shape)
     gain, zero = beads.photon_transfer(white, lattice)
     # a variance from 4500 pixels by a quantile is known to 3 %, a line through 40 of them to 1 %
     assert gain == pytest.approx(2.2, rel=0.03)

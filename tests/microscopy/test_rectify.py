@@ -12,7 +12,7 @@ def test_a_plane_stays_a_plane(device):
     shape, step = (64, 71), ((6.31, 0.12), (-0.15, 6.47))
     y, x = np.indices(shape)
     frame = 3 + 0.02 * y - 0.01 * x
-    lattice = Lattice("rectangular", (12.3, 13.8), *step, shape)
+    lattice = Lattice("square", (12.3, 13.8), *step, shape)
     found = rectify(frame, lattice, device=device, pixels=7)
     rows, columns = (k // 7 for k in found.shape)
     grid = lattice.grid((7, 7))
@@ -35,11 +35,11 @@ def test_an_even_frame_stays_even_up_to_its_rim(device):
     shape, step = (41, 52), ((6.31, 0.0), (0.0, 6.47))
     for turn in (0.0, 0.02):
         rows, columns = (step[0][0], turn), (-turn, step[1][1])
-        lattice = Lattice("rectangular", (2.9, 3.0), rows, columns, shape)
+        lattice = Lattice("square", (2.9, 3.0), rows, columns, shape)
         found = rectify(np.full(shape, 7.0), lattice, device=device, pixels=7)
         assert found.shape[0] >= 42 - 7 * bool(turn)  # pixels within .3 of the rim
         assert np.allclose(found, 7 * np.prod(lattice.pitch) / 49, rtol=1e-6)
-    lattice = Lattice("rectangular", (0.0, 3.0), *step, shape)
+    lattice = Lattice("square", (0.0, 3.0), *step, shape)
     half = rectify(np.full(shape, 7.0), lattice, device=device, pixels=7, complete=False)
     assert half[0].max() == 0 < half[8].min()  # 2.7 pixels beyond the rim
 
@@ -48,7 +48,7 @@ def test_an_even_frame_stays_even_up_to_its_rim(device):
 def test_whole_pixels_stay_as_they_are(device, n):
     frame = np.random.default_rng(n).random((5 * n, 7 * n + 2), np.float32)
     middle = (n - 1) / 2
-    lattice = Lattice("rectangular", (middle + n, middle + 1), (n, 0), (0, n), frame.shape)
+    lattice = Lattice("square", (middle + n, middle + 1), (n, 0), (0, n), frame.shape)
     assert np.array_equal(rectify(frame, lattice, device=device), frame[:, 1:-1])
 
 
@@ -66,7 +66,7 @@ def test_point_images_of_a_turned_array(device):
 
     raw = seen(15.4, -0.002)
     grid = raw.sub_images
-    lattice = Lattice("rectangular", grid.first, grid.row_step, grid.column_step, raw.shape)
+    lattice = Lattice("square", grid.first, grid.row_step, grid.column_step, raw.shape)
     found = rectify(raw.to_numpy(), lattice, device=device, complete=False)
     expected = seen(16, 0.0).to_numpy()
     assert found.shape == expected.shape
@@ -77,7 +77,7 @@ def test_point_images_of_a_turned_array(device):
 
 
 def test_what_is_not_rectified(device):
-    lattice = Lattice("rectangular", (12, 13), (6, 0), (0, 6), (30, 30))
+    lattice = Lattice("square", (12, 13), (6, 0), (0, 6), (30, 30))
     with pytest.raises(ShapeError, match="is that of a frame of"):
         rectify(np.ones((30, 31)), lattice, device=device)
     with pytest.raises(ValueError, match="6 pixels apart, and 5 pixels a lenslet would step over"):

@@ -1,0 +1,1 @@
+"""Operations on arrays of views and pictures; may import compute alone; arrays leave."""

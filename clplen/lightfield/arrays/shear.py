@@ -12,19 +12,115 @@ import pyopencl as cl
 import pyopencl.array as cla
 
 from clplen.errors import DeviceError, KernelBuildError, ShapeError
-from clplen.lightfield.arrays.shear_blocks import Blocks, all_blocks, lanes_of, worth_timing
 from clplen.lightfield.arrays.shear_tables import (
     Norm,
     Table,
     Views,
-    norm_of,
+    kernel_tables,
     split_views,
-    tables_of,
+    weight_norms,
 )
 from clplen.lightfield.arrays.stored_samples import C_TYPE
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
+
+_BLOCK_PLANES = 64  # of one launch
+_LOCAL_BYTES = 1024 * 1024  # of one work-item: stays in a second-level cache
+_LOCAL_RESERVE = 1024  # what an OpenCL runtime may keep for itself
+_WIDEST = 16  # chunks of a block
+_ITEMS_PER_CORE = 8  # so that no core waits long for the last one
+_UNLIKE = 1.5  # ratio of widths
+_TRIED = 4  # blocks that are worth timing
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """What a work-item of shear_blocks does, and its share of the cost of a plane."""
+
+    planes: int
+    width: int
+    height: int
+    pitch: int
+    cost: float
+
+    @property
+    def label(self) -> str:
+        """What tells these blocks from others of the same views."""
+        return f"blocks of {self.planes} x {self.width}"
+
+
+def vector_lanes(device: Device) -> tuple[int, int]:
+    """Floats of a vector, and vectors summed at a time: two registers each of 32, or 16."""
+    lanes = min(max(int(device.cl_device.native_vector_width_float), 4), 16)
+    return lanes, 8 if lanes == 16 else 6
+
+
+def _candidate_blocks(views: Views, device: Device) -> list[_Blocks]:
+    """Blocks whose local memory the device has, the cheapest first."""
+    lanes, vectors = vector_lanes(device)
+    chunk = lanes * vectors
+    room = min(_LOCAL_BYTES, int(device.cl_device.local_mem_size) - _LOCAL_RESERVE) // 4
+    items = _ITEMS_PER_CORE * int(device.cl_device.max_compute_units)
+    first = views.channels // chunk + 1
+    last = max(first, min(_WIDEST, -(-(views.samples + views.channels) // chunk)))
+    passes = {-(-views.planes // most) for most in (1, 2, 4, 8, 16, 32, _BLOCK_PLANES)}
+    found = []
+    for planes in sorted({-(-views.planes // n) for n in passes}):
+        spread = _spread(views, planes)
+        for width in range(first * chunk, last * chunk + 1, chunk):
+            found.append(_blocks(views, planes, width, spread, room, items, lanes))
+    return sorted((b for b in found if b), key=lambda b: b.cost)
+
+
+def _blocks_to_time(blocks: list[_Blocks]) -> list[_Blocks]:
+    """The cheapest blocks that are unlike each other."""
+    unlike: list[_Blocks] = []
+    for b in blocks:
+        if all(
+            b.planes != o.planes or not 1 / _UNLIKE < b.width / o.width < _UNLIKE for o in unlike
+        ):
+            unlike.append(b)
+    return unlike[:_TRIED]
+
+
+def _spread(views: Views, planes: int) -> tuple[float, int]:
+    """Furthest that planes of one launch lie apart: in rows (mean over v) and in samples."""
+    first = np.arange(0, views.planes, planes)
+    rows, pixels = (
+        np.maximum.reduceat(a, first) - np.minimum.reduceat(a, first)
+        for a in (views.down, views.right)
+    )
+    return float(rows.mean(axis=1).max()), int(pixels.max()) * views.channels
+
+
+def _blocks(
+    views: Views,
+    planes: int,
+    width: int,
+    spread: tuple[float, int],
+    room: int,
+    items: int,
+    lanes: int,
+) -> _Blocks | None:
+    """Blocks of a width as high as local memory (room, in floats) and enough items allow.
+
+    The cost of a plane is counted in vectors that are multiplied and added; one that is fetched
+    from the light field costs about 8, and the start of a row 40 (measured on two cores with
+    512-bit vectors).
+    """
+    pitch = -(-(width + max(spread[1], views.channels)) // lanes) * lanes
+    columns = -(-views.samples // (width - views.channels))
+    second = width + max(views.channels, lanes)
+    highest = (room - views.weights.shape[1] * pitch - second) // (planes * width)
+    highest = min(highest, views.ny, max(1, -(-views.ny * columns // items)))
+    if highest < 1:
+        return None
+    height = -(-views.ny // -(-views.ny // highest))
+    rows = (height + 1 + spread[0]) / height
+    cost = columns * (width + rows * (8 * pitch + 40 * lanes) / planes)
+    return _Blocks(planes, width, height, pitch, cost)
+
 
 Edge = Literal["normalised", "clamp"]
 
@@ -100,7 +196,7 @@ def shear_sum(
             f"out holds {views.planes} float32 pictures of shape {shape[2:]}, not "
             f"{tuple(out.shape)} ({out.dtype})."
         )
-    _in_the_first_form_that_runs(_Sum(device, out, lf_data, views, total))
+    _run_first_form(_Sum(device, out, lf_data, views, total))
     return out
 
 
@@ -126,7 +222,7 @@ class _Sum:
         return min(most, max(1, of_norm))
 
 
-def _in_the_first_form_that_runs(work: _Sum) -> None:
+def _run_first_form(work: _Sum) -> None:
     """Enqueue everything; a form that the device cannot run is left and remembered."""
     tuning = work.device.tuning
     forms = [form for form in _forms(work.device) if f"shear {form}" not in tuning.set_aside]
@@ -155,7 +251,7 @@ def _forms(device: Device) -> tuple[str, ...]:
 
 def _enqueue_blocks(work: _Sum) -> bool:
     """Blocks of rows and columns; False where local memory does not suffice for any."""
-    blocks = all_blocks(work.views, work.device)
+    blocks = _candidate_blocks(work.views, work.device)
     if not blocks:
         return False
     chosen = _fastest(work, blocks)
@@ -165,7 +261,7 @@ def _enqueue_blocks(work: _Sum) -> bool:
     return True
 
 
-def _fastest(work: _Sum, blocks: list[Blocks]) -> Blocks:
+def _fastest(work: _Sum, blocks: list[_Blocks]) -> _Blocks:
     """The blocks that were found fastest, else those of least expected cost."""
     views, tuning = work.views, work.device.tuning
     V, U = work.lf_data.shape[:2]
@@ -192,16 +288,16 @@ def _fastest(work: _Sum, blocks: list[Blocks]) -> Blocks:
         _launch_blocks(work, b, part, 0, bands)
         return part.planes * min(bands * b.height, views.ny)
 
-    tried = [b.label for b in worth_timing(blocks)]
+    tried = [b.label for b in _blocks_to_time(blocks)]
     return by_label[tuning.fastest("shear.cl", problem, tried, part_of)]
 
 
 def _launch_blocks(
-    work: _Sum, blocks: Blocks, views: Views, first: int, bands: int | None = None
+    work: _Sum, blocks: _Blocks, views: Views, first: int, bands: int | None = None
 ) -> None:
     """Enqueue some planes (all bands of rows, or the first ones)."""
     device, defines = work.device, work.defines
-    lanes, vectors = lanes_of(device)
+    lanes, vectors = vector_lanes(device)
     if device.platform in _PREFETCH:
         defines["AHEAD"] = True
     if views.channels in (1, 3):
@@ -285,8 +381,8 @@ def _arguments(work: _Sum, views: Views, first: int, width: int) -> list[Any]:
     device = work.device
 
     def made() -> tuple[list[cla.Array], Norm]:
-        norm = norm_of(views, width)
-        return [device.upload(table) for table in (*tables_of(views), norm.table)], norm
+        norm = weight_norms(views, width)
+        return [device.upload(table) for table in (*kernel_tables(views), norm.table)], norm
 
     tables, norm = device.tables.get(
         ("shear", width, views.key), made, lambda both: sum(2 * table.nbytes for table in both[0])

@@ -91,7 +91,7 @@ def _split(shift: Table, size: int) -> tuple[Table, Table]:
     return np.clip(whole, -size - 1, size).astype(np.int32), shift - whole
 
 
-def tables_of(views: Views) -> list[Table]:
+def kernel_tables(views: Views) -> list[Table]:
     """count, order, span, slide, taps, down and blend of shear.cl."""
     w = views.weights
     order = np.argsort(w == 0, axis=1, kind="stable")
@@ -129,7 +129,7 @@ class Norm:
     far: int
 
 
-def norm_of(views: Views, width: int) -> Norm:
+def weight_norms(views: Views, width: int) -> Norm:
     """Of rows of `width` samples, those beyond a view with weight 0."""
     w = views.weights
     if views.clamp:

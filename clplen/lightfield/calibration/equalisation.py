@@ -1,4 +1,17 @@
-"""Lenslets of unequal light made alike, so that only their places are left to see."""
+"""Lenslets of unequal light made alike, and how much of the fall-off goes on within them.
+
+A filter, a lamp or a relay darkens the sensor's pixels, so that lenslets are brighter on one side;
+an objective that vignettes darkens every lenslet as a whole. The means of the lenslets do not tell
+the two apart, but a slope that is taken off and is not there moves all centres outwards.
+
+Of equal lenslets of the profile f(r), r from the centre, whose fall exp(g r) was taken off too
+much by the share 1 - s, and whose centres are off by d, linear in the place, the picture is
+
+    f(r) - (1 - s) (g r) f(r) - d grad f(r)
+
+to first order. s and the six numbers of d follow by least squares: d shows at the rims of lenslets,
+s all over them. Of a Gaussian profile grad f is r f up to a factor, and s cannot be told.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clplen.lightfield.arrays.reciprocal import Basis, Values, reduced
+from clplen.lightfield.calibration.reciprocal import Basis, Values, reduced_basis
 
 _BLOCK = 256  # rows at a time
 _CORE = 0.35  # of a period: brightness is taken within, where no other lenslet reaches
@@ -16,11 +29,11 @@ _ROUNDS = 12
 _MOST = 4.0  # times brighter or darker at most
 _UNLIKE = 0.02  # of the light, by which lenslets differ where a pixel of both is told apart
 # Places in a pixel (y, x), every one of another row and column.
-_INSIDE = ((-0.375, -0.125), (-0.125, 0.375), (0.125, -0.375), (0.375, 0.125))
+_SUBPIXELS = ((-0.375, -0.125), (-0.125, 0.375), (0.125, -0.375), (0.375, 0.125))
 
 
 @dataclass(frozen=True)
-class Lenslets:
+class LensletIndex:
     """Numbers of lenslets, row by row: the first has the place ``low`` on the lattice."""
 
     cell: Basis
@@ -54,7 +67,7 @@ class Lenslets:
 
 
 @dataclass(frozen=True)
-class Fall:
+class FallOff:
     """Logarithm of the brightness as a polynomial of places, up to a constant.
 
     ``factors`` [a, b] belongs to y**a x**b, y and x from -1 to 1 over a picture of a ``shape``.
@@ -88,7 +101,7 @@ class Fall:
 
 
 @dataclass(frozen=True)
-class Even:
+class EqualisedPicture:
     """A picture whose lenslets are alike, with their numbers and the fall that was taken off.
 
     ``picture`` float32, shape (ny, nx): a pixel belongs to the lenslet whose centre is nearest.
@@ -96,11 +109,13 @@ class Even:
     """
 
     picture: Values
-    lenslets: Lenslets
-    fall: Fall
+    lenslets: LensletIndex
+    fall: FallOff
 
 
-def equalised(picture: Values, cell: Basis, origin: Values, inside: float = 1.0) -> Even:
+def equalise_lenslets(
+    picture: Values, cell: Basis, origin: Values, share: float = 1.0
+) -> EqualisedPicture:
     """Every lenslet scaled to the same mean, and the fall of brightness within it taken off.
 
     The fall is the exponential of a polynomial of degree 4, fitted to the lenslets' means. A pixel
@@ -114,9 +129,9 @@ def equalised(picture: Values, cell: Basis, origin: Values, inside: float = 1.0)
         Base vectors (y, x) of the lattice in pixels, as rows.
     origin : numpy.ndarray
         (y, x) of a lenslet's centre.
-    inside : float
+    share : float
         How much of the fall goes on within lenslets, 0 to 1
-        (`clplen.lightfield.calibration.fall_off`): 1 where it lies over the sensor's pixels, 0
+        (`clplen.lightfield.calibration.equalisation`): 1 where it lies over the sensor's pixels, 0
         where every lenslet is dimmed as a whole.
 
     Returns
@@ -137,22 +152,22 @@ def equalised(picture: Values, cell: Basis, origin: Values, inside: float = 1.0)
     full = count > _FULL * np.median(count[count > 0])
     mean = np.log(np.maximum(light, 1e-30) / np.maximum(count, 1))
     centres = lenslets.centres(np.arange(light.size)).reshape(*light.shape, 2)
-    fall = _smooth(centres, mean, full, picture.shape)
+    fall = _fit_fall_off(centres, mean, full, picture.shape)
     smooth = fall.at(np.moveaxis(centres, -1, 0))
     own = smooth - mean
     own -= np.median(own[full])
-    own = np.clip(-own, -np.log(_MOST), np.log(_MOST)) + (1 - inside) * smooth
+    own = np.clip(-own, -np.log(_MOST), np.log(_MOST)) + (1 - share) * smooth
     bright = np.exp(own).astype(np.float32).ravel()
     out = np.empty(picture.shape, np.float32)
     for start in blocks:
         block = picture[start : start + _BLOCK]
         y = np.arange(start, start + len(block))
-        over = np.exp(inside * fall.over(y, columns))
-        out[y] = block / (_of_pixels(y, columns, bright, lenslets) * over)
-    return Even(out, lenslets, fall)
+        over = np.exp(share * fall.over(y, columns))
+        out[y] = block / (_pixel_brightness(y, columns, bright, lenslets) * over)
+    return EqualisedPicture(out, lenslets, fall)
 
 
-def _of_pixels(y: Values, x: Values, bright: Values, lenslets: Lenslets) -> Values:
+def _pixel_brightness(y: Values, x: Values, bright: Values, lenslets: LensletIndex) -> Values:
     """Brightness of the lenslets in all pixels of rows y and columns x, means over a pixel."""
     rows = np.concatenate([y[:1] - 1, y, y[-1:] + 1])
     light = bright[lenslets.nearest(rows[:, None], x)[0]]
@@ -164,23 +179,23 @@ def _of_pixels(y: Values, x: Values, bright: Values, lenslets: Lenslets) -> Valu
     step[:, :-1] = np.maximum(step[:, :-1], steps[1])
     of_two = step > _UNLIKE * light
     i, k = np.nonzero(of_two)
-    parts = [bright[lenslets.nearest(y[i] + dy, x[k] + dx)[0]] for dy, dx in _INSIDE]
+    parts = [bright[lenslets.nearest(y[i] + dy, x[k] + dx)[0]] for dy, dx in _SUBPIXELS]
     light[of_two] = np.mean(parts, axis=0)
     return light
 
 
-def _lenslets(cell: Basis, origin: Values, shape: tuple[int, ...]) -> Lenslets:
+def _lenslets(cell: Basis, origin: Values, shape: tuple[int, ...]) -> LensletIndex:
     """Numbers for all lenslets near a picture."""
-    short = reduced(cell)
+    short = reduced_basis(cell)
     if short[0] @ short[1] < 0:
         short[1] *= -1
     corners = np.array([(y, x) for y in (0, shape[0]) for x in (0, shape[1])])
     places = np.rint((corners - origin) @ np.linalg.inv(short)).astype(int)
     low, high = places.min(0) - 2, places.max(0) + 3
-    return Lenslets(short, origin, low, tuple(int(n) for n in high - low))
+    return LensletIndex(short, origin, low, tuple(int(n) for n in high - low))
 
 
-def _smooth(at: Values, mean: Values, full: Values, shape: tuple[int, ...]) -> Fall:
+def _fit_fall_off(at: Values, mean: Values, full: Values, shape: tuple[int, ...]) -> FallOff:
     """The fall of brightness, up to a constant.
 
     Fitted to differences of the logarithms of lenslets two apart, which are alike where lenslets
@@ -206,4 +221,79 @@ def _smooth(at: Values, mean: Values, full: Values, shape: tuple[int, ...]) -> F
         found = np.linalg.pinv(weighted @ matrix, hermitian=True) @ (weighted @ step)
     factors = np.zeros((degree + 1, degree + 1))
     factors[tuple(np.transpose(powers))] = found
-    return Fall(factors, shape)
+    return FallOff(factors, shape)
+
+
+_PIXELS = 150_000  # at random, that are enough
+_WIDTH = 0.5  # px: standard deviation of the smoothing of the profile
+_SMALL = 6.0  # px: smaller lenslets have too few pixels to tell
+_OWN = 0.15  # of the fall's energy that no shift of the centres explains: less tells nothing
+
+
+def fall_off_share(even: EqualisedPicture, margin: int) -> float:
+    """The share s of the fall that goes on within lenslets, 0 to 1.
+
+    Parameters
+    ----------
+    even : Even
+        With the whole fall taken off (``share=1``), by a lattice that fits to a part of a pixel.
+    margin : int
+        Pixels along the border that are left out.
+
+    Returns
+    -------
+    float
+        1 where it cannot be told.
+    """
+    if np.hypot(*even.lenslets.cell.T).min() < _SMALL:
+        return 1.0
+    at, value = _sample(even.picture, margin)
+    label, core = even.lenslets.nearest(*at)
+    at, value, centre = at[:, core], value[core], even.lenslets.centres(label[core]).T
+    away = at - centre
+    profile, slopes = _profile(away, value, even.lenslets.cell)
+    fall = profile * (even.fall.slopes(centre) * away).sum(axis=0)
+    half = (np.array(even.picture.shape)[:, None] - 1) / 2
+    place = np.stack([np.ones(len(value)), *(centre / half - 1)])
+    shifts: Values = (slopes[:, None] * place).reshape(6, -1)
+    only = fall - _fitted(shifts, fall)
+    if not only @ only > _OWN * (fall @ fall):
+        return 1.0
+    return float(np.clip(1 + only @ (value - profile) / (only @ only), 0, 1))
+
+
+def _sample(picture: Values, margin: int) -> tuple[Values, Values]:
+    """Places (2, n) and values of all pixels, of many ones chosen at random, always the same."""
+    whole = picture[margin : picture.shape[0] - margin, margin : picture.shape[1] - margin]
+    chosen = np.arange(whole.size)
+    if whole.size > _PIXELS:
+        chosen = np.random.default_rng(0).integers(0, whole.size, _PIXELS)
+    at = np.stack(np.divmod(chosen, whole.shape[1])) + margin
+    return at, picture[at[0], at[1]].astype(np.float64)
+
+
+def _profile(away: Values, value: Values, cell: Values) -> tuple[Values, Values]:
+    """The mean lenslet f at places (2, n) from the centre, and its gradient (2, n), smoothed."""
+    from scipy.ndimage import gaussian_filter
+
+    pitch = float(np.hypot(*cell.T).max())
+    n = int(np.clip(round(3 * pitch), 24, 96))
+    inverse = np.linalg.inv(cell)
+    index = np.rint(n * (inverse.T @ away)).astype(int) % n
+    where = index[0] * n + index[1]
+    count = np.bincount(where, minlength=n * n)
+    total = np.bincount(where, value, n * n)
+    soft = [
+        gaussian_filter(a.reshape(n, n).astype(float), _WIDTH * n / pitch, mode="wrap")
+        for a in (total, count)
+    ]
+    table = soft[0] / np.maximum(soft[1], 1e-9)
+    table = (table + np.roll(table[::-1, ::-1], (1, 1), (0, 1))) / 2  # lenslets are symmetric
+    steps = [(np.roll(table, -1, axis) - np.roll(table, 1, axis)) * n / 2 for axis in (0, 1)]
+    slopes = inverse @ np.stack([step.ravel()[where] for step in steps])
+    return table.ravel()[where], slopes
+
+
+def _fitted(rows: Values, value: Values) -> Values:
+    """The sum of rows that is nearest to values."""
+    return np.asarray(np.linalg.pinv(rows @ rows.T, hermitian=True) @ (rows @ value) @ rows)

@@ -10,12 +10,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen.errors import ShapeError
-from clplen.lightfield.arrays.reciprocal import PITCHES, Basis, Values, coarse, middle, reduced
-from clplen.lightfield.calibration.equalisation import equalised
-from clplen.lightfield.calibration.fall_off import inside
-from clplen.lightfield.calibration.local_phase import Fit, refine
-from clplen.lightfield.calibration.unit_cell import denser, fold, off_centre
-from clplen.lightfield.raw.lenslet_lattice import KINDS, Lattice
+from clplen.lightfield.calibration.equalisation import equalise_lenslets, fall_off_share
+from clplen.lightfield.calibration.reciprocal import (
+    PITCHES,
+    Basis,
+    PhaseFit,
+    Values,
+    central_crop,
+    coarse_basis,
+    fit_lattice,
+    reduced_basis,
+)
+from clplen.lightfield.calibration.sensor_frames import as_frame, balance_colours, subtract_dark
+from clplen.lightfield.calibration.unit_cell import centre_offset, denser_basis, mean_cell
+from clplen.lightfield.raw.lenslet_lattice import Lattice, lattice_kind
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -39,10 +47,10 @@ _CHESSBOARD = np.array([[1, 1], [1, -1]])
 
 
 @dataclass(frozen=True)
-class _Found:
+class _Candidate:
     """What a picture gave: the fit, the contrast and the strength that it explains."""
 
-    fit: Fit
+    fit: PhaseFit
     explained: float
     share: float
 
@@ -60,7 +68,7 @@ def estimate_lattice(
     Peaks of the Fourier transform give the base vectors roughly; the coarsest lattice that holds
     them is made denser where the mean cell shows several lenslets (bright and dim ones). Least
     squares on the local phases of both base frequencies
-    (`clplen.lightfield.calibration.local_phase`) then fit an affine lattice, first in the middle,
+    (`clplen.lightfield.calibration.reciprocal`) then fit an affine lattice, first in the middle,
     then over the whole picture, once more with the lenslets' light made equal. Where small pitches
     of whole pixels alias the phases, the profile of the mean lenslet tells its centre.
 
@@ -71,7 +79,7 @@ def estimate_lattice(
         finite. Pitches from 5 to 60 px are found.
     dark : array_like, optional
         Dark frame of the same shape, subtracted first.
-    kind : {"rectangular", "hexagonal"}, optional
+    kind : {"square", "hexagonal"}, optional
         None finds out. A hexagonal lattice may have its nearest neighbours along x or along y.
     pitch : float, optional
         Nominal distance of nearest neighbours in pixels; another one than it to a quarter is not
@@ -93,14 +101,15 @@ def estimate_lattice(
     ValueError
         If a pixel is NaN or infinite, or kind or pitch is out of range.
     """
-    _check(kind, pitch)
+    kind = None if kind is None else lattice_kind(kind)
+    _check_pitch(pitch)
     picture = _prepared(white, dark, bayer)
     pitches = PITCHES if pitch is None else (0.75 * pitch, 1.3 * pitch)
-    found = _find(picture, kind, pitches)
+    found = _best_candidate(picture, kind, pitches)
     if found is None:
-        return _nothing(picture.shape, kind or "rectangular", pitch)
-    lattice = _oriented(found.fit, kind, picture.shape)
-    return _judged(lattice, found, kind, pitch)
+        return _no_lattice(picture.shape, kind or "square", pitch)
+    lattice = _lattice_of(found.fit, kind, picture.shape)
+    return _with_trust(lattice, found, kind, pitch)
 
 
 def visible_lattice(
@@ -123,43 +132,41 @@ def visible_lattice(
     """
     if min(np.shape(frame)[:2]) < _LEAST:
         return None
-    found = _find(_prepared(frame, dark, bayer), None, PITCHES)
+    found = _best_candidate(_prepared(frame, dark, bayer), None, PITCHES)
     if found is None or found.explained < _VISIBLE or found.share < _SHARE:
         return None
-    lattice = _oriented(found.fit, None, np.shape(frame))
+    lattice = _lattice_of(found.fit, None, np.shape(frame))
     doubts = _doubts(lattice, replace(found, explained=1.0), len(lattice.centres()), None)
     return lattice if all(doubt.startswith("local lattices") for doubt in doubts) else None
 
 
-def _check(kind: str | None, pitch: float | None) -> None:
-    if kind not in (None, *KINDS):
-        raise ValueError(f"A lattice is {' or '.join(KINDS)}, not {kind!r}.")
+def _check_pitch(pitch: float | None) -> None:
     if pitch is not None and not 3 <= pitch <= 200:
         raise ValueError(f"The pitch is 3 to 200 pixels, not {pitch!r}.")
 
 
 def _prepared(white: Any, dark: Any, bayer: str | None) -> Values:
     """float32, dark frame taken off, single bright pixels cut."""
-    from clplen.lightfield.calibration.sensor_frames import as_frame, balanced, without_dark
-
     frame = as_frame(white, "white image")
     if min(frame.shape) < _LEAST:
         raise ShapeError(
             f"A lattice is estimated from at least {_LEAST} pixels a side, not {frame.shape}."
         )
-    picture = without_dark(frame, dark)
+    picture = subtract_dark(frame, dark)
     if bayer is not None:
-        picture = balanced(picture, bayer)
+        picture = balance_colours(picture, bayer)
     top = float(np.quantile(picture[:: max(1, len(picture) // 1024)], 0.9995))
     return np.clip(picture, min(0.0, top), top)
 
 
-def _find(picture: Values, kind: str | None, pitches: tuple[float, float]) -> _Found | None:
+def _best_candidate(
+    picture: Values, kind: str | None, pitches: tuple[float, float]
+) -> _Candidate | None:
     """The lattice that explains most, from the picture or else from the gaps between lenslets."""
-    best: _Found | None = None
+    best: _Candidate | None = None
     for seen in (lambda part: part, _dark_gaps, _narrow_gaps):
-        basis, share = coarse(seen(middle(picture)), pitches)
-        for found in _tried(picture, basis, share, kind, pitches):
+        basis, share = coarse_basis(seen(central_crop(picture)), pitches)
+        for found in _candidates(picture, basis, share, kind, pitches):
             if found.explained >= _EXPLAINED and _is_upright(found, kind, picture.shape):
                 return found
             if best is None or found.explained > best.explained:
@@ -167,30 +174,30 @@ def _find(picture: Values, kind: str | None, pitches: tuple[float, float]) -> _F
     return best
 
 
-def _tried(
+def _candidates(
     picture: Values,
     basis: Basis | None,
     share: float,
     kind: str | None,
     pitches: tuple[float, float],
-) -> Iterator[_Found]:
+) -> Iterator[_Candidate]:
     """The lattice of rough base vectors; if it is turned far, the one of which it is a chessboard.
 
-    The dim squares may be too small to rise over the gaps of the bright ones (`denser`); whether
-    they are lenslets tells the share of the contrast that is explained once they are made equal.
+    The dim squares may be too small to rise over the gaps of the bright ones (`denser_basis`);
+    whether they are lenslets tells the share of the contrast that is explained once they are equal.
     """
-    found = _followed(picture, basis, share, pitches)
+    found = _candidate(picture, basis, share, pitches)
     if found is None:
         return
     yield found
     if not _is_upright(found, kind, picture.shape):
-        closer = _followed(picture, _CHESSBOARD @ found.fit.basis, share, pitches)
+        closer = _candidate(picture, _CHESSBOARD @ found.fit.basis, share, pitches)
         if closer is not None:
             yield closer
 
 
-def _is_upright(found: _Found, kind: str | None, shape: tuple[int, ...]) -> bool:
-    return abs(_oriented(found.fit, kind, shape).rotation) <= math.radians(_TURN)
+def _is_upright(found: _Candidate, kind: str | None, shape: tuple[int, ...]) -> bool:
+    return abs(_lattice_of(found.fit, kind, shape).rotation) <= math.radians(_TURN)
 
 
 def _dark_gaps(picture: Values) -> Values:
@@ -207,40 +214,40 @@ def _narrow_gaps(picture: Values) -> Values:
     return np.asarray(picture / np.maximum(grey_closing(picture, (_GAP, _GAP)), _DEPTH * top))
 
 
-def _followed(
+def _candidate(
     picture: Values, basis: Basis | None, share: float, pitches: tuple[float, float]
-) -> _Found | None:
+) -> _Candidate | None:
     """What becomes of rough base vectors."""
     if basis is None:
         return None
-    fit = _refined(picture, basis)
+    fit = _refined_fit(picture, basis)
     for _ in range(4):
-        closer = denser(fold(picture, fit.basis, fit.phase), fit.basis)
-        if closer is None or 1 / np.hypot(*reduced(closer).T).max() < pitches[0] / 1.2:
+        closer = denser_basis(mean_cell(picture, fit.basis, fit.phase), fit.basis)
+        if closer is None or 1 / np.hypot(*reduced_basis(closer).T).max() < pitches[0] / 1.2:
             break
-        fit = _refined(picture, closer)
+        fit = _refined_fit(picture, closer)
     if not np.isfinite(fit.rms) or np.hypot(*fit.cell.T).max() > max(picture.shape) / 2:
         return None
     margin = min(int(np.hypot(*fit.cell.T).max()), min(picture.shape) // 6)
-    even = equalised(picture, fit.cell, fit.origin)
-    fit = refine(even.picture, fit.basis, margin=margin)
-    light = equalised(picture, fit.cell, fit.origin, inside(even, margin)).picture
-    fit = refine(light, fit.basis, margin=margin)
+    even = equalise_lenslets(picture, fit.cell, fit.origin)
+    fit = fit_lattice(even.picture, fit.basis, margin=margin)
+    light = equalise_lenslets(picture, fit.cell, fit.origin, fall_off_share(even, margin)).picture
+    fit = fit_lattice(light, fit.basis, margin=margin)
     # lenslets that the picture cuts are not equal
     whole = light[margin : light.shape[0] - margin, margin : light.shape[1] - margin]
     phase = fit.phase + margin * fit.basis.sum(axis=1)
-    moved = replace(fit, phase=fit.phase - fit.basis @ off_centre(whole, fit.basis, phase))
-    return _Found(moved, fold(whole, fit.basis, phase).explained, share)
+    moved = replace(fit, phase=fit.phase - fit.basis @ centre_offset(whole, fit.basis, phase))
+    return _Candidate(moved, mean_cell(whole, fit.basis, phase).explained, share)
 
 
-def _refined(picture: Values, basis: Basis) -> Fit:
-    fit = refine(picture, reduced(basis))
+def _refined_fit(picture: Values, basis: Basis) -> PhaseFit:
+    fit = fit_lattice(picture, reduced_basis(basis))
     for _ in range(_STEPS - 1):
-        fit = refine(picture, fit.basis)
+        fit = fit_lattice(picture, fit.basis)
     return fit
 
 
-def _nothing(shape: tuple[int, ...], kind: str, pitch: float | None) -> Lattice:
+def _no_lattice(shape: tuple[int, ...], kind: str, pitch: float | None) -> Lattice:
     """In place of a lattice where there is none."""
     step = 10.0 if pitch is None else float(pitch)
     high = step * (math.sqrt(3) / 2 if kind == "hexagonal" else 1.0)
@@ -254,13 +261,13 @@ def _nothing(shape: tuple[int, ...], kind: str, pitch: float | None) -> Lattice:
     )
 
 
-def _oriented(fit: Fit, kind: str | None, shape: tuple[int, ...]) -> Lattice:
+def _lattice_of(fit: PhaseFit, kind: str | None, shape: tuple[int, ...]) -> Lattice:
     """Rows and columns out of any two base vectors, and the lenslet nearest to the middle."""
-    short = reduced(fit.cell)
+    short = reduced_basis(fit.cell)
     if kind is None:
         cosine = abs(short[0] @ short[1]) / np.hypot(*short.T).prod()
-        kind = "hexagonal" if cosine > math.cos(math.radians(75)) else "rectangular"
-    row, column = _straight(short) if kind == "rectangular" else _staggered(short)
+        kind = "hexagonal" if cosine > math.cos(math.radians(75)) else "square"
+    row, column = _square_steps(short) if kind == "square" else _hexagonal_steps(short)
     middle = (np.array(shape) - 1) / 2
     near = np.rint((middle - fit.origin) @ np.linalg.inv(short)) - 1
     best = min(
@@ -271,14 +278,14 @@ def _oriented(fit: Fit, kind: str | None, shape: tuple[int, ...]) -> Lattice:
     return Lattice(kind, origin, down, right, (shape[0], shape[1]), fit.rms)
 
 
-def _straight(short: Basis) -> tuple[Values, Values]:
+def _square_steps(short: Basis) -> tuple[Values, Values]:
     """Row nearest to +y and column nearest to +x."""
     down = int(abs(short[1, 0]) * abs(short[0, 1]) > abs(short[0, 0]) * abs(short[1, 1]))
     row, column = short[down], short[1 - down]
     return row * (1 if row[0] > 0 else -1), column * (1 if column[1] > 0 else -1)
 
 
-def _staggered(short: Basis) -> tuple[Values, Values]:
+def _hexagonal_steps(short: Basis) -> tuple[Values, Values]:
     """Rows and columns of a hexagonal lattice, whichever axis its neighbours lie nearer to."""
     a, b = short
     if a @ b < 0:
@@ -295,13 +302,15 @@ def _staggered(short: Basis) -> tuple[Values, Values]:
     return row, next_ - row / 2
 
 
-def _judged(lattice: Lattice, found: _Found, kind: str | None, pitch: float | None) -> Lattice:
+def _with_trust(
+    lattice: Lattice, found: _Candidate, kind: str | None, pitch: float | None
+) -> Lattice:
     """The lattice with the trust that it deserves and the reason."""
     along, across = lattice.pitch
     count = len(lattice.centres())
     size = (
         f"{along:.3f} x {across:.3f} px"
-        if lattice.kind == "rectangular"
+        if lattice.kind == "square"
         else (f"{lattice.neighbour:.3f} px")
     )
     what = (
@@ -316,7 +325,7 @@ def _judged(lattice: Lattice, found: _Found, kind: str | None, pitch: float | No
     return replace(lattice, trust="high", verdict=verdict)
 
 
-def _doubts(lattice: Lattice, found: _Found, count: int, pitch: float | None) -> list[str]:
+def _doubts(lattice: Lattice, found: _Candidate, count: int, pitch: float | None) -> list[str]:
     near = lattice.neighbour
     row, column = np.array(lattice.row), np.array(lattice.column)
     skew = math.degrees(math.asin(abs(row @ column) / np.hypot(*row) / np.hypot(*column)))
@@ -328,7 +337,7 @@ def _doubts(lattice: Lattice, found: _Found, count: int, pitch: float | None) ->
         uneven = max(sides, 1 / sides) > _LONGER
     tests = {
         f"it has only {count} lenslets": count < _COUNT,
-        f"its cell is no {'square' if lattice.kind == 'rectangular' else 'hexagon'}": (
+        f"its cell is no {'square' if lattice.kind == 'square' else 'hexagon'}": (
             skew > _ANGLE or uneven
         ),
         f"only {100 * found.share:.0f} % of what repeats fits it": found.share < _SHARE,

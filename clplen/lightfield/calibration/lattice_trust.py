@@ -20,12 +20,13 @@ apart.
 from __future__ import annotations
 
 import math
-import warnings
 from typing import Any
 
 import numpy as np
 
+from clplen.deprecation import warn_caller
 from clplen.errors import SamplingWarning
+from clplen.lightfield.calibration.lattice_fit import visible_lattice
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 
 _PROPER = "give the white image of this camera, evenly lit and not saturated"
@@ -82,7 +83,7 @@ def require_trust(
             f"{source} is no white image to rely on ({verdict}): is it a frame, or saturated? "
             f"{_PROPER[0].upper()}{_PROPER[1:]}, or force=True to go on."
         )
-    warnings.warn(f"{source}: {verdict}.", SamplingWarning, stacklevel=3)
+    warn_caller(f"{source}: {verdict}.", SamplingWarning)
     return lattice
 
 
@@ -116,10 +117,10 @@ def require_camera(
     error
         If the frame's lattice has other steps: it is of another camera.
     """
-    from clplen.lightfield.calibration.lattice_fit import visible_lattice
-
-    own = visible_lattice(_middle(frame), dark=None if dark is None else _middle(dark), bayer=bayer)
-    if own is None or _fits(own, lattice):
+    own = visible_lattice(
+        _central_crop(frame), dark=None if dark is None else _central_crop(dark), bayer=bayer
+    )
+    if own is None or _steps_agree(own, lattice):
         return
     raise error(
         f"{source} is of another camera: its lenslets are {lattice.neighbour:.4g} px apart and "
@@ -128,14 +129,14 @@ def require_camera(
     )
 
 
-def _middle(picture: Any) -> Any:
+def _central_crop(picture: Any) -> Any:
     """The middle of a picture, its corner at even pixels."""
     values = np.asarray(picture)
     start = [max(0, (n - _MIDDLE) // 4 * 2) for n in values.shape[:2]]
     return values[start[0] : start[0] + _MIDDLE, start[1] : start[1] + _MIDDLE]
 
 
-def _fits(one: Lattice, other: Lattice) -> bool:
+def _steps_agree(one: Lattice, other: Lattice) -> bool:
     """Whether the steps of one lattice are whole multiples of the other's, either way."""
     a, b = (_steps(lattice) for lattice in (one, other))
     return any(_is_whole(m) for m in (a @ np.linalg.inv(b), b @ np.linalg.inv(a)))
@@ -144,7 +145,7 @@ def _fits(one: Lattice, other: Lattice) -> bool:
 def _steps(lattice: Lattice) -> Any:
     """Two primitive steps (y, x) between lenslets, as rows."""
     row, column = np.array(lattice.row), np.array(lattice.column)
-    if lattice.kind == "rectangular":
+    if lattice.kind == "square":
         return np.array([row, column])
     along, across = (row, column) if lattice.turned else (column, row)
     return np.array([along, across + along / 2])

@@ -1,4 +1,4 @@
-"""From a raw frame and its lattice of lenslets to a light field."""
+"""From a raw frame, its Bayer mosaic and its lattice of lenslets to a light field."""
 
 from __future__ import annotations
 
@@ -14,20 +14,24 @@ from clplen import units
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield.calibration import sensor_frames
-from clplen.lightfield.calibration.demosaicing import interpolated, views_of_colours
 from clplen.lightfield.calibration.lattice_trust import is_measured
-from clplen.lightfield.calibration.sensor_frames import Frame
+from clplen.lightfield.calibration.sensor_frames import Frame, colour_positions
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.decode import resample
+from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.lightfield.raw.raw_image import LensletGrid, RawImage, Spacing
+from clplen.lightfield.raw.raw_image import RawImage, Spacing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from clplen.compute.device import Device
+
+COLOURS = "RGB"
 _FLOOR = 0.05  # of the white image's bright pixels: what is darker is divided by that
 _BRIGHT = 0.995  # quantile of the white image that counts as bright
 _DEMOSAIC = ("after", "before")
+_LEAST = 1e-5  # of the white level: less than any view has that a lenslet lights
 
 
 @dataclass(frozen=True)
@@ -115,7 +119,7 @@ def decode_raw(
     _check(views, step, bayer, demosaic, devignette, white, pixel_pitch)
     if not is_measured(lattice):
         raise ValueError(f"This lattice was not measured: {lattice.verdict}")
-    lattice = _fitting(lattice, frame.shape)
+    lattice = _with_shape(lattice, frame.shape)
     divide = white is not None if devignette is None else devignette
     chosen = lattice.views() if views is None else (int(views[0]), int(views[1]))
     grid = lattice.grid(chosen, step=step, complete=complete, square=True)
@@ -155,7 +159,7 @@ def _check(
         raise ValueError("devignette=True divides by the white image: give white=.")
 
 
-def _fitting(lattice: Lattice, shape: tuple[int, int]) -> Lattice:
+def _with_shape(lattice: Lattice, shape: tuple[int, int]) -> Lattice:
     if lattice.shape is None:
         return replace(lattice, shape=shape)
     if lattice.shape != shape:
@@ -170,9 +174,11 @@ def _cleaned(frame: Any, white: Any, dark: Any, bayer: str | None) -> _Pixels:
     """Dark frame off, bad pixels filled, the white image scaled to 1 where it is bright."""
     apart = 1 if bayer is None else 2
     name = None if bayer is None else sensor_frames.require_bayer(bayer)
-    hot = np.zeros(frame.shape, bool) if dark is None else sensor_frames.hot(dark)
-    picture = sensor_frames.without_dark(frame, dark)
-    picture = sensor_frames.filled(picture, hot | sensor_frames.saturated(frame), step=apart)
+    hot = np.zeros(frame.shape, bool) if dark is None else sensor_frames.hot_pixels(dark)
+    picture = sensor_frames.subtract_dark(frame, dark)
+    picture = sensor_frames.fill_pixels(
+        picture, hot | sensor_frames.saturated_pixels(frame), step=apart
+    )
     if white is None:
         return _Pixels(picture, None, name)
     flat = sensor_frames.as_frame(white, "white image")
@@ -181,15 +187,17 @@ def _cleaned(frame: Any, white: Any, dark: Any, bayer: str | None) -> _Pixels:
             f"The white image has shape {flat.shape}, the raw frame {frame.shape}: give the white "
             "image of this camera."
         )
-    level = sensor_frames.filled(
-        sensor_frames.without_dark(flat, dark), hot | sensor_frames.saturated(flat), step=apart
+    level = sensor_frames.fill_pixels(
+        sensor_frames.subtract_dark(flat, dark),
+        hot | sensor_frames.saturated_pixels(flat),
+        step=apart,
     )
     for y, x in itertools.product(range(apart), repeat=2):
-        level[y::apart, x::apart] /= _bright(level[y::apart, x::apart])
+        level[y::apart, x::apart] /= _white_level(level[y::apart, x::apart])
     return _Pixels(picture, level, name)
 
 
-def _bright(values: Frame) -> float:
+def _white_level(values: Frame) -> float:
     """The level of a white image where it is bright."""
     level = float(np.quantile(values[:: max(1, len(values) // 1024)], _BRIGHT))
     if not level > 0:
@@ -234,15 +242,105 @@ def _coloured(
         lit = np.maximum(white, np.float32(_FLOOR))
         return views_of_colours(pixels.picture, lit, grid, bayer, device=device), level
     data = device.empty((*grid.shape, 3), np.float32)
-    planes = zip(interpolated(pixels.picture, bayer), interpolated(white, bayer), strict=True)
+    planes = zip(
+        bilinear_colours(pixels.picture, bayer), bilinear_colours(white, bayer), strict=True
+    )
     for channel, (picture, flat) in enumerate(planes):
         views = _sliced(picture, grid, device)
         _divide(data, views, _sliced(flat, grid, device), 3, channel, device)
     return data, level
 
 
-def _sliced(frame: Frame, grid: LensletGrid, device: Device) -> cla.Array:
-    return resample(RawImage(device.upload(frame), device, math.nan, grid, grid), grid)
+def views_of_colours(
+    picture: Frame, white: Frame, grid: LensletGrid, bayer: str, *, device: Device
+) -> cla.Array:
+    """Slice each colour by itself, then fill what it misses from the same view.
+
+    A view holds, at every lenslet, the colour of the pixel that it hits. Its other colours come
+    from the same view of the neighbouring lenslets, so that directions are not mixed; where those
+    miss the colour too (lenslets a whole, even number of pixels apart), from the nearest pixels of
+    that colour under the lenslet.
+
+    Parameters
+    ----------
+    picture : numpy.ndarray
+        Raw pixels, float32, shape (ny, nx).
+    white : numpy.ndarray
+        What every pixel would be in even light, positive; ones to keep the vignetting.
+    grid : LensletGrid
+    bayer : str
+    device : Device
+
+    Returns
+    -------
+    pyopencl.array.Array
+        float32, shape (V, U, y, x, 3): ``picture`` over ``white``.
+    """
+    shape = grid.shape
+    out = device.empty((*shape, 3), np.float32)
+    for channel, colour in enumerate(COLOURS):
+        positions = [at for at, name in colour_positions(bayer) if name == colour]
+        parts = []
+        for frame in (picture, white):
+            alone = np.zeros_like(frame)
+            for y, x in positions:
+                alone[y::2, x::2] = frame[y::2, x::2]
+            slices = [_sliced(alone, grid, device, linear=True)]
+            for y, x in (positions[0], positions[-1]):
+                own = np.ascontiguousarray(frame[y::2, x::2])
+                slices.append(_sliced(own, _halved(grid, y, x), device, linear=True))
+            parts.append(slices)
+        (raw, *near), (flat, *near_flat) = parts
+        device.launch_rows(
+            device.kernel("devignette.cl", "colours"),
+            (shape[0] * shape[1], *shape[2:]),
+            out,
+            *(raw, flat, *near, *near_flat),
+            np.float32(_LEAST),
+            *(np.int32(n) for n in (*shape[2:], channel)),
+        )
+    return out
+
+
+def _halved(grid: LensletGrid, y: int, x: int) -> LensletGrid:
+    """The same places among every second pixel, those from (y, x) on."""
+
+    def half(step: tuple[float, float]) -> tuple[float, float]:
+        return step[0] / 2, step[1] / 2
+
+    return replace(
+        grid,
+        first=((grid.first[0] - y) / 2, (grid.first[1] - x) / 2),
+        row_step=half(grid.row_step),
+        column_step=half(grid.column_step),
+        row_view_step=half(grid.row_view_step),
+        column_view_step=half(grid.column_view_step),
+    )
+
+
+def bilinear_colours(picture: Frame, bayer: str) -> list[Frame]:
+    """Red, green and blue at every pixel, bilinear: each (ny, nx), float32."""
+    from scipy.ndimage import convolve1d
+
+    weights = np.array([0.5, 1, 0.5], np.float32)
+
+    def spread(values: Frame) -> Frame:
+        across = convolve1d(values, weights, axis=1, mode="constant")
+        return np.asarray(convolve1d(across, weights, axis=0, mode="constant"))
+
+    planes = []
+    for colour in COLOURS:
+        mask = np.zeros_like(picture)
+        for (y, x), name in colour_positions(bayer):
+            if name == colour:
+                mask[y::2, x::2] = 1
+        planes.append(np.where(mask > 0, picture, spread(picture * mask) / spread(mask)))
+    return planes
+
+
+def _sliced(frame: Frame, grid: LensletGrid, device: Device, *, linear: bool = False) -> cla.Array:
+    raw = RawImage(device.upload(frame), device, math.nan, grid, grid)
+    return resample(raw, grid, linear=linear)
 
 
 def _divide(

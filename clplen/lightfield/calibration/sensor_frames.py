@@ -41,7 +41,7 @@ def as_frame(values: Any, what: str) -> Any:
     return array
 
 
-def without_dark(frame: Any, dark: Any) -> Frame:
+def subtract_dark(frame: Any, dark: Any) -> Frame:
     """A frame less the dark frame, float32, fractions and values below 0 kept.
 
     Raises
@@ -75,11 +75,11 @@ def require_bayer(bayer: str) -> str:
     return name
 
 
-def balanced(picture: Frame, bayer: str) -> Frame:
+def balance_colours(picture: Frame, bayer: str) -> Frame:
     """A Bayer mosaic whose colours are brought to the same mean."""
     out = picture.copy()
     means = colour_means(picture, bayer)
-    for (y, x), colour in colour_places(bayer):
+    for (y, x), colour in colour_positions(bayer):
         if means[colour] > 0:
             out[y::2, x::2] *= np.float32(means["G"] / means[colour])
     return out
@@ -88,18 +88,18 @@ def balanced(picture: Frame, bayer: str) -> Frame:
 def colour_means(picture: Frame, bayer: str) -> dict[str, float]:
     """Mean of each colour of a Bayer mosaic."""
     parts: dict[str, list[float]] = {"R": [], "G": [], "B": []}
-    for (y, x), colour in colour_places(bayer):
+    for (y, x), colour in colour_positions(bayer):
         parts[colour].append(float(picture[y::2, x::2].mean(dtype=np.float64)))
     return {colour: float(np.mean(values)) for colour, values in parts.items()}
 
 
-def colour_places(bayer: str) -> list[tuple[tuple[int, int], str]]:
+def colour_positions(bayer: str) -> list[tuple[tuple[int, int], str]]:
     """((y, x), colour) of the four pixels of a Bayer mosaic."""
     name = require_bayer(bayer)
     return [((0, 0), name[0]), ((0, 1), name[1]), ((1, 0), name[2]), ((1, 1), name[3])]
 
 
-def saturated(frame: Any) -> Mask:
+def saturated_pixels(frame: Any) -> Mask:
     """Pixels at the highest level of 8, 10, 12, 14 or 16 bits, where that is the highest value."""
     if frame.dtype.kind != "u":
         return np.zeros(frame.shape, bool)
@@ -109,7 +109,7 @@ def saturated(frame: Any) -> Mask:
     return np.asarray(frame == top)
 
 
-def hot(dark: Any) -> Mask:
+def hot_pixels(dark: Any) -> Mask:
     """Pixels of a dark frame far above its median: 12 robust standard deviations.
 
     These are one level at least of integers, and the plain one of others if they are 0.
@@ -123,7 +123,7 @@ def hot(dark: Any) -> Mask:
     return np.asarray(values > middle + _HOT * (spread or float(values.std())))
 
 
-def filled(picture: Frame, bad: Mask, *, step: int = 1) -> Frame:
+def fill_pixels(picture: Frame, bad: Mask, *, step: int = 1) -> Frame:
     """Bad pixels replaced by the mean of their good neighbours, eight of them ``step`` away.
 
     A bad pixel most of whose neighbours are bad too stays: a highlight keeps its level.

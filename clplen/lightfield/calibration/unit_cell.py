@@ -7,7 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from clplen.lightfield.arrays.reciprocal import Basis, Values, flattened, reduced
+from clplen.lightfield.calibration.reciprocal import (
+    Basis,
+    Values,
+    divide_by_local_mean,
+    reduced_basis,
+)
 
 _PATCH = 384  # px: the cell is taken from at most nine patches of the picture
 _LIT = 0.15  # of the brightest mean
@@ -51,7 +56,7 @@ class MeanCell:
     explained: float
 
 
-def fold(picture: Values, basis: Basis, phase: Values) -> MeanCell:
+def mean_cell(picture: Values, basis: Basis, phase: Values) -> MeanCell:
     """Lay all cells of a picture over one another.
 
     Parameters
@@ -61,7 +66,7 @@ def fold(picture: Values, basis: Basis, phase: Values) -> MeanCell:
     basis : numpy.ndarray
         Two reciprocal vectors (y, x) in cycles a pixel, as rows.
     phase : numpy.ndarray
-        Cycles, as in `clplen.lightfield.calibration.local_phase.Fit`.
+        Cycles, as in `clplen.lightfield.calibration.reciprocal.PhaseFit`.
 
     Returns
     -------
@@ -98,7 +103,11 @@ def _indexed(
         np.rint(n * ((g[0] * y[:, None] + g[1] * x + p) % 1)).astype(np.int32) % n
         for g, p in zip(basis, phase, strict=True)
     ]
-    return index[0] * n + index[1], flattened(patch, round(3 * pitch)), _lit(patch, round(pitch))
+    return (
+        index[0] * n + index[1],
+        divide_by_local_mean(patch, round(3 * pitch)),
+        _lit(patch, round(pitch)),
+    )
 
 
 def _neighbouring(parts: list[tuple[Values, Values, Values]], mean: Values) -> float:
@@ -111,7 +120,7 @@ def _neighbouring(parts: list[tuple[Values, Values, Values]], mean: Values) -> f
     return max(products / max(count, 1), 0.0)
 
 
-def denser(cell: MeanCell, basis: Basis) -> Basis | None:
+def denser_basis(cell: MeanCell, basis: Basis) -> Basis | None:
     """Reciprocal vectors of a denser lattice, if every cell holds several lenslets.
 
     Lenslets of unequal brightness make a coarser lattice than their centres: a chessboard of bright
@@ -132,7 +141,7 @@ def denser(cell: MeanCell, basis: Basis) -> Basis | None:
 
 def _all_rise(cell: MeanCell, closer: Basis, index: int, vectors: Basis) -> bool:
     """Whether all points of a denser lattice are blobs of their own."""
-    short = reduced(closer @ vectors)
+    short = reduced_basis(closer @ vectors)
     sides = np.hypot(*short.T)
     if sides.max() > 1.6 * sides.min() or abs(short[0] @ short[1]) > 0.6 * sides.prod():
         return False
@@ -181,7 +190,7 @@ def _lit(patch: Values, pitch: int) -> Values:
     return np.asarray(mean > _LIT * mean.max())
 
 
-def off_centre(picture: Values, basis: Basis, phase: Values) -> Values:
+def centre_offset(picture: Values, basis: Basis, phase: Values) -> Values:
     """How far the lenslets' centres lie from where the phases say, if these are aliased.
 
     Where the pitch is a small whole number of pixels and the lattice is not turned, all lenslets
@@ -192,14 +201,14 @@ def off_centre(picture: Values, basis: Basis, phase: Values) -> Values:
     Parameters
     ----------
     picture, basis, phase
-        As for `fold`, the lenslets made equal.
+        As for `mean_cell`, the lenslets made equal.
 
     Returns
     -------
     numpy.ndarray
         (y, x) in pixels; 0 where pixels lie anywhere in the lenslets, or these are not round.
     """
-    cell = reduced(np.linalg.inv(basis).T)
+    cell = reduced_basis(np.linalg.inv(basis).T)
     if np.hypot(*cell.T).max() > _SMALL:
         return np.zeros(2)
     at, value, count, of = _distinct(picture, cell, -phase @ np.linalg.inv(basis).T)

@@ -15,7 +15,7 @@ from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
 from clplen.lightfield.depth.best_focus import default_disparities
 from clplen.lightfield.depth.depth_map import DepthMap
 from clplen.lightfield.depth.energy_cue import ENERGY_REACH, LocalEnergy
-from clplen.lightfield.model.conversion import as_lightfield
+from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.refocus.focal_stack import FocalStack, focal_stack_in_memory, refocus
 from clplen.lightfield.refocus.memory_estimate import (
     DEVICE_FLOAT,

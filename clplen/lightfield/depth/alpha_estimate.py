@@ -26,10 +26,9 @@ from clplen.lightfield.depth.best_focus import (
     z_uncertainty,
 )
 from clplen.lightfield.depth.window_measures import brightest, fit_slope, read_window
-from clplen.lightfield.model.alpha_law import depth_at
-from clplen.lightfield.model.conversion import as_lightfield
+from clplen.lightfield.model.alpha_law import depth_at, require_two_plane
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.parametrisation import require_two_plane
+from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
 from clplen.reprs import OneLine
 

@@ -20,7 +20,7 @@ from clplen.lightfield.depth.sheared_views import (
     vectors_of,
     view_tables,
 )
-from clplen.lightfield.model.view_shifts import unit_steps
+from clplen.lightfield.model.alpha_law import unit_steps
 from clplen.lightfield.refocus.memory_estimate import MemoryEstimate
 
 if TYPE_CHECKING:

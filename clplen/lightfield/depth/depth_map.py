@@ -23,8 +23,7 @@ from clplen.lightfield.depth.best_focus import default_disparities, high_na_mess
 from clplen.lightfield.depth.cue import Cue
 from clplen.lightfield.depth.energy_cue import LocalEnergy
 from clplen.lightfield.model.alpha_law import depth_at
-from clplen.lightfield.model.conversion import as_lightfield
-from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
 from clplen.lightfield.refocus.focal_stack import FocalStack
 

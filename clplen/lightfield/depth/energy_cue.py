@@ -14,7 +14,7 @@ import pyopencl.array as cla
 from clplen.lightfield.arrays.peaks import Map, PeakTracker
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps, launch_stretches, whole_taps
 from clplen.lightfield.depth.cue import AT_ONCE, Cue, depth_memory, nearest_zero, require_maps
-from clplen.lightfield.model.view_shifts import view_shifts
+from clplen.lightfield.model.alpha_law import view_shifts
 from clplen.lightfield.refocus.focal_stack import FocalStack, focal_stack_in_memory
 from clplen.lightfield.refocus.memory_estimate import MemoryEstimate
 

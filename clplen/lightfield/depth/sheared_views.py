@@ -8,7 +8,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.lightfield.arrays.stored_samples import C_TYPE
-from clplen.lightfield.model.view_shifts import unit_steps
+from clplen.lightfield.model.alpha_law import unit_steps
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

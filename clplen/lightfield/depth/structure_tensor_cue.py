@@ -11,7 +11,7 @@ from clplen.lightfield.arrays.peaks import Map
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
 from clplen.lightfield.depth.cue import AT_ONCE, Cue, depth_memory, nearest_zero, require_maps
 from clplen.lightfield.depth.sheared_views import add_colours, launch_sheared, view_tables
-from clplen.lightfield.model.view_shifts import unit_steps
+from clplen.lightfield.model.alpha_law import unit_steps
 from clplen.lightfield.refocus.memory_estimate import MemoryEstimate
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import pyopencl as cl
 import pyopencl.array as cla
 
 from clplen.lightfield.arrays.stored_samples import C_TYPE
-from clplen.lightfield.model.view_shifts import row_ratio, unit_steps
+from clplen.lightfield.model.alpha_law import row_ratio, unit_steps
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

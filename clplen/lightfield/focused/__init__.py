@@ -1,0 +1,1 @@
+"""Depth and pictures of raw images of focused (plenoptic 2.0) cameras; may import raw."""

@@ -14,15 +14,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from clplen.checks import require
 from clplen.compute.arrays import count_bad
-from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Values
-from clplen.lightfield.focused.focused_lattice_maps import (
-    filled,
-    interpolated,
+from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Values, z_of_m
+from clplen.lightfield.focused.focused_matching import Match, Matcher
+from clplen.lightfield.focused.focused_picture import (
+    PictureGrid,
+    fill_lenslets,
+    interpolate_lenslets,
     median_of_neighbours,
 )
-from clplen.lightfield.focused.focused_matching import Match, Matcher
-from clplen.lightfield.focused.focused_metric import z_of
+from clplen.lightfield.raw.raw_image import RawImage
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -100,7 +102,7 @@ class FocusedDepth:
 
         Linear between the sub-images; those that are not sure are filled from their neighbours.
         """
-        return interpolated(self._filled, self.geometry, grid)
+        return interpolate_lenslets(self._filled, self.geometry, grid)
 
     def on(self, grid: PictureGrid) -> Values:
         """m at every sample of a picture, shape (height, width); see `ratios`."""
@@ -110,7 +112,7 @@ class FocusedDepth:
     def _filled(self) -> Values:
         weights = np.where(self.confidence >= self.sure, self.confidence, 0.0)
         ratio = self.geometry.ratio(np.where(weights > 0, self.m, self.median))
-        return filled(np.asarray(ratio), weights, self.geometry)
+        return fill_lenslets(np.asarray(ratio), weights, self.geometry)
 
 
 def focused_depth(
@@ -166,9 +168,9 @@ def focused_depth(
             "matching, for example by the mean of their neighbours."
         )
     matcher = Matcher(raw, geometry, _checked_window(geometry, window), white)
-    bounds = [_checked_range(geometry, ms)] if ms is not None else _likely(raw, geometry)
+    bounds = [_checked_range(geometry, ms)] if ms is not None else _default_ranges(raw, geometry)
     ratios = [(float(geometry.ratio(low)), float(geometry.ratio(high))) for low, high in bounds]
-    return _searched(raw, matcher, ratios)
+    return _match_planes(raw, matcher, ratios)
 
 
 def reference_m(raw: RawImage, *, white: ArrayLike | None = None) -> float:
@@ -211,7 +213,7 @@ def _checked_range(geometry: FocusedGeometry, ms: Any) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
-def _likely(raw: RawImage, geometry: FocusedGeometry) -> list[tuple[float, float]]:
+def _default_ranges(raw: RawImage, geometry: FocusedGeometry) -> list[tuple[float, float]]:
     """The ranges of m that a raw image suggests."""
     largest = _LARGEST
     camera: Any = raw.camera
@@ -234,14 +236,16 @@ def _likely(raw: RawImage, geometry: FocusedGeometry) -> list[tuple[float, float
     return [(min(s * low, s * high), max(s * low, s * high)) for s in signs]
 
 
-def _searched(raw: RawImage, matcher: Matcher, bounds: list[tuple[float, float]]) -> FocusedDepth:
+def _match_planes(
+    raw: RawImage, matcher: Matcher, bounds: list[tuple[float, float]]
+) -> FocusedDepth:
     """The best plane within that range of the ratio which fits best as a whole, refined."""
     geometry = matcher.geometry
     planes = [matcher.planes(low, high) for low, high in bounds]
     costs = [matcher.costs(values) for values in planes]
     fitting = int(np.argmin([np.minimum(cost.min(0), 1).mean() for cost in costs]))
     start, first, second = _best(planes[fitting], costs[fitting])
-    found = agreeing(matcher, start)
+    found = refine_outliers(matcher, start)
     low, high = bounds[fitting]
     slack = _SLACK * (high - low)
     inside = (found.ratio > low - slack) & (found.ratio < high + slack)
@@ -251,10 +255,10 @@ def _searched(raw: RawImage, matcher: Matcher, bounds: list[tuple[float, float]]
     m = np.where(confidence > 0, geometry.m(found.ratio), np.nan)
     scale = (1 + geometry.pupil) * math.sqrt(matcher.redundancy)
     deviation = np.where(there, scale * found.deviation, np.inf)
-    return FocusedDepth(geometry, m, confidence, deviation, z_of(raw, m))
+    return FocusedDepth(geometry, m, confidence, deviation, z_of_m(raw, m))
 
 
-def agreeing(matcher: Matcher, start: Values) -> Match:
+def refine_outliers(matcher: Matcher, start: Values) -> Match:
     """Refined ratios; what lies far from all neighbours is started again from their median.
 
     Parameters
@@ -285,3 +289,67 @@ def _best(planes: Values, cost: Values) -> tuple[Values, Values, Values]:
     is_beside = np.abs(np.arange(len(planes))[:, None, None] - order) < _BESIDE
     second = np.where(is_minimum & ~is_beside, cost, 1.0).min(0)
     return planes[order], first, second
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FocusedMaps:
+    """Maps over a picture, float64, shape (height, width). By `focused_maps`.
+
+    Attributes
+    ----------
+    grid : PictureGrid
+    m : numpy.ndarray
+        b/a, filled where it is not sure.
+    z : numpy.ndarray
+        dz in metres from the focused plane, farther positive; NaN without a camera.
+    confidence : numpy.ndarray
+        0 to 1, linear between the sub-images: 0 where m is filled.
+    """
+
+    grid: PictureGrid
+    m: Values
+    z: Values
+    confidence: Values
+
+    def __repr__(self) -> str:
+        height, width = self.grid.shape
+        return f"<FocusedMaps {height} x {width}>"
+
+    @property
+    def virtual_depth(self) -> Values:
+        """v = a/b = 1/m."""
+        return np.asarray(1 / self.m)
+
+
+def focused_maps(
+    raw: RawImage, depth: FocusedDepth, *, grid: PictureGrid | None = None
+) -> FocusedMaps:
+    """What `focused_depth` found, on the picture of `render_focused` with ``method="depth"``.
+
+    Parameters
+    ----------
+    raw : RawImage
+        Whose depth it is.
+    depth : FocusedDepth
+    grid : PictureGrid, optional
+        Of a picture; default that of the median of m.
+
+    Returns
+    -------
+    FocusedMaps
+
+    Raises
+    ------
+    ValueError
+        If no sub-image is sure.
+    """
+    require(RawImage, raw, "raw", "read_raw or camera.expose")
+    require(FocusedDepth, depth, "depth", "focused_depth")
+    if grid is None:
+        geometry = depth.geometry
+        grid = PictureGrid.over(geometry, geometry.patch(depth.median), None)
+    m = depth.on(grid)
+    confidence = np.where(depth.confidence >= depth.sure, depth.confidence, 0.0)
+    return FocusedMaps(
+        grid, m, z_of_m(raw, m), interpolate_lenslets(confidence, depth.geometry, grid)
+    )

@@ -25,12 +25,14 @@ import pyopencl.array as cla
 
 from clplen.checks import require
 from clplen.compute.device import DeviceLike, as_device
+from clplen.deprecation import renamed_attribute
 from clplen.errors import ShapeError
-from clplen.lightfield.raw.raw_image import LensletGrid, RawImage
+from clplen.lightfield.raw.lenslet_grid import LensletGrid
+from clplen.lightfield.raw.raw_image import RawImage
 
 if TYPE_CHECKING:
+    from clplen.lightfield.raw.lenslet_grid import LensType
     from clplen.lightfield.raw.lenslet_lattice import Lattice
-    from clplen.lightfield.raw.raw_image import LensType
 
 Pair = tuple[float, float]
 Values = np.ndarray[Any, np.dtype[np.float64]]
@@ -95,13 +97,13 @@ class FocusedGeometry:
         """
         require_focused(raw)
         origin, first, second = _primitive(raw)
-        indices, kinds = _on_sensor(raw, origin, first, second)
+        indices, kinds = _sensor_lenslets(raw, origin, first, second)
         if raw.lens_types:
-            kinds = _typed(kinds, indices, raw.lens_types, np.array([first, second]))
+            kinds = _lens_types(kinds, indices, raw.lens_types, np.array([first, second]))
         pupil, axis = _pupil(raw)
-        place = np.array(origin) + indices[0] * np.array(first) + indices[1] * np.array(second)
+        position = np.array(origin) + indices[0] * np.array(first) + indices[1] * np.array(second)
         return cls(
-            _pair(place),
+            _pair(position),
             first,
             second,
             kinds,
@@ -110,7 +112,7 @@ class FocusedGeometry:
             pupil,
             axis,
             raw.pixel_pitch,
-            tuple(_focus_range(one) for one in raw.lens_types),
+            tuple(_focus_range(lens_type) for lens_type in raw.lens_types),
         )
 
     def __repr__(self) -> str:
@@ -130,10 +132,12 @@ class FocusedGeometry:
         return float(np.mean(near)) if len(near) > 1 else lengths[0]
 
     @property
-    def places(self) -> Values:
+    def centres(self) -> Values:
         """Centres (y, x) of sub-images in pixels, shape (lines, lenslets, 2), missing ones too."""
         index = np.moveaxis(np.indices(self.kinds.shape), 0, -1)
         return np.asarray(self.origin) + index @ np.array([self.first, self.second])
+
+    places = renamed_attribute("places", "centres", warn=False)
 
     def ratio(self, m: Any) -> Any:
         """(m - b/z2)/(1 + b/z2), the size of a patch in pitches of the sub-images."""
@@ -150,7 +154,7 @@ class FocusedGeometry:
     def tables(self, device: DeviceLike) -> tuple[cla.Array, cla.Array, cla.Array]:
         """Centres as integers and fractions, and kinds, for the kernels."""
         device = as_device(device)
-        whole, part = split(self.places)
+        whole, part = split_positions(self.centres)
         return device.upload(whole), device.upload(part), device.upload(self.kinds)
 
     def lattice(self, view: Pair, device: DeviceLike) -> cla.Array:
@@ -176,8 +180,8 @@ def require_focused(raw: RawImage) -> None:
         )
 
 
-def split(values: Values) -> tuple[Whole, np.ndarray[Any, np.dtype[np.float32]]]:
-    """Integers and fractions in [0, 1) of places in pixels."""
+def split_positions(values: Values) -> tuple[Whole, np.ndarray[Any, np.dtype[np.float32]]]:
+    """Integers and fractions in [0, 1) of positions in pixels."""
     rounded = np.round(values * 2.0**24) / 2.0**24
     whole = np.floor(rounded)
     return whole.astype(np.int32), (rounded - whole).astype(np.float32)
@@ -219,7 +223,7 @@ def _primitive(raw: RawImage) -> tuple[Pair, Pair, Pair]:
     return grid.first, _pair(row), _pair(np.array(grid.column_step))
 
 
-def _on_sensor(
+def _sensor_lenslets(
     raw: RawImage, origin: Pair, first: Pair, second: Pair
 ) -> tuple[tuple[int, int], Whole]:
     """First indices (i, j) of the box round all lenslets, and 0 for each that there is, else -1."""
@@ -228,37 +232,38 @@ def _on_sensor(
     found = corners @ np.linalg.inv(np.array([first, second]))
     low, high = np.floor(found.min(0)).astype(int), np.ceil(found.max(0)).astype(int)
     i, j = np.mgrid[low[0] : high[0] + 1, low[1] : high[1] + 1]
-    place = np.array(origin) + i[..., None] * np.array(first) + j[..., None] * np.array(second)
-    there = ((place >= -0.5) & (place < np.array([ny, nx]) - 0.5)).all(-1)
+    position = np.array(origin) + i[..., None] * np.array(first) + j[..., None] * np.array(second)
+    inside = ((position >= -0.5) & (position < np.array([ny, nx]) - 0.5)).all(-1)
     if raw.lattice is None:
         grid = raw.sub_images
         k = j + np.floor_divide(i, 2) * round(2 * grid.odd_row_shift)
-        there &= (i >= 0) & (i < grid.count[0]) & (k >= 0) & (k < grid.count[1])
-    lines, lenses = np.flatnonzero(there.any(1)), np.flatnonzero(there.any(0))
+        inside &= (i >= 0) & (i < grid.count[0]) & (k >= 0) & (k < grid.count[1])
+    lines, lenses = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
     if len(lines) < 2 or len(lenses) < 2:
         raise ShapeError(
             f"Pictures of a focused camera are put together from many lenslets, but of {raw!r} "
-            f"{there.sum()} have their centre on the sensor: give a raw image with its lattice."
+            f"{inside.sum()} have their centre on the sensor: give a raw image with its lattice."
         )
     box = np.s_[lines[0] : lines[-1] + 1, lenses[0] : lenses[-1] + 1]
     start = (int(low[0] + lines[0]), int(low[1] + lenses[0]))
-    return start, np.where(there[box], 0, -1).astype(np.int32)
+    return start, np.where(inside[box], 0, -1).astype(np.int32)
 
 
-def _typed(
+def _lens_types(
     kinds: Whole, start: tuple[int, int], types: tuple[LensType, ...], base: Values
 ) -> Whole:
     """The type of each lenslet, from the sub-lattices of the types."""
     i, j = np.indices(kinds.shape) + np.array(start)[:, None, None]
     typed = np.full_like(kinds, -1)
-    for number, one in enumerate(types):
-        found = np.array([one.offset, *one.steps]) @ np.linalg.inv(base)
+    for number, lens_type in enumerate(types):
+        found = np.array([lens_type.offset, *lens_type.steps]) @ np.linalg.inv(base)
         (oi, oj), (ai, aj), (bi, bj) = np.round(found).astype(int)
         area = int(ai * bj - aj * bi)
         if np.abs(found - np.round(found)).max() > _NEAR or area == 0:
             raise ValueError(
-                f"Lens type {number} lies at {one.offset} px and repeats after {one.steps} px, "
-                "which is no part of the lattice of lenslets: give the types of this array."
+                f"Lens type {number} lies at {lens_type.offset} px and repeats after "
+                f"{lens_type.steps} px, which is no part of the lattice of lenslets: give the "
+                "types of this array."
             )
         down, right = i - oi, j - oj
         mine = ((down * bj - right * bi) % area == 0) & ((right * ai - down * aj) % area == 0)
@@ -287,11 +292,58 @@ def _cell(lattice: Lattice | None, grid: LensletGrid) -> Pair:
     return _pair(np.abs(np.array(steps)).max(0))
 
 
-def _focus_range(one: LensType) -> Pair:
+def _focus_range(lens_type: LensType) -> Pair:
     """abs(m) from its virtual depths 1/m."""
-    low, high = sorted(abs(depth) for depth in one.depth_range)
+    low, high = sorted(abs(depth) for depth in lens_type.depth_range)
     return (1 / high if high else math.inf, 1 / low if low else math.inf)
 
 
 def _pair(values: Values) -> Pair:
     return float(values[0]), float(values[1])
+
+
+if TYPE_CHECKING:
+    from clplen.lightfield.raw.raw_image import RawImage
+
+
+def alpha_of_m(raw: RawImage, m: Any) -> Values:
+    """alpha = F/F' of what the lenslets see with m = z3/(z2 - F').
+
+    z2 is the distance from the main lens to the array, z3 that from there to the sensor, where this
+    has moved too.
+
+    Parameters
+    ----------
+    raw : RawImage
+        Whose camera has ``image_distance`` (F), ``array_distance`` (z2) and ``sensor_distance``
+        (z3) in metres.
+    m : array_like
+
+    Returns
+    -------
+    numpy.ndarray
+        float64; NaN without a camera, where m is 0 or NaN, or F' <= 0.
+    """
+    m = np.asarray(m, np.float64)
+    camera: Any = raw.camera
+    if camera is None:
+        return np.full(m.shape, np.nan)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        image = camera.array_distance - camera.sensor_distance / m
+        return np.where(image > 0, camera.image_distance / image, np.nan)
+
+
+def z_of_m(raw: RawImage, m: Any) -> Values:
+    """dz of the object in metres, farther than the focused plane positive, as in `PointSources`.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64; NaN where `alpha_of_m` is.
+    """
+    alpha = alpha_of_m(raw, m)
+    if raw.camera is None:
+        return alpha
+    known = np.isfinite(alpha)
+    z = np.asarray(raw.camera.dz(np.where(known, alpha, 1.0)), np.float64)
+    return np.where(known, z, np.nan)

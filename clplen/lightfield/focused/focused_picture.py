@@ -1,9 +1,10 @@
-"""Pictures that are put together from the sub-images of a focused camera, and their grid."""
+"""Pictures put together from the sub-images of a focused camera, their grid, and maps on it."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,11 +12,11 @@ import pyopencl.array as cla
 
 from clplen.checks import require
 from clplen.compute.arrays import Image, OnDevice
+from clplen.deprecation import renamed_attribute
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
-
 
 _MOST = 2**24  # samples along an axis
 _EDGE = 1e-3  # pixels of a sub-image off the sensor that do not matter
@@ -54,9 +55,9 @@ class PictureGrid:
             raise ValueError(
                 f"step, pixels of the sensor from sample to sample, is positive, not {step!r}."
             )
-        places = geometry.places[geometry.kinds >= 0]
+        centres = geometry.centres[geometry.kinds >= 0]
         half = np.array(geometry.cell) / 2
-        low, high = places.min(0) - half, places.max(0) + half
+        low, high = centres.min(0) - half, centres.max(0) + half
         wanted = np.maximum(1, np.round((high - low) / step))
         if not wanted.max() < _MOST:
             raise ValueError(
@@ -105,10 +106,12 @@ class FocusedImage(Image):
         """
         return abs(self.grid.step * self._scale)
 
-    def places(self) -> tuple[Values, Values]:
-        """Places (y of rows, x of columns) on the image plane of ``m``, metres from the axis."""
+    def positions(self) -> tuple[Values, Values]:
+        """Positions (y of rows, x of columns) on the image plane of ``m``, metres from the axis."""
         y, x = self.grid.axes()
         return (y - self.geometry.axis[0]) * self._scale, (x - self.geometry.axis[1]) * self._scale
+
+    places = renamed_attribute("places", "positions", warn=False)
 
     @property
     def _scale(self) -> float:
@@ -221,3 +224,106 @@ def _owner(picture: FocusedImage) -> tuple[Values, np.ndarray[Any, np.dtype[np.b
     low, high = room - 0.5, np.array(geometry.shape) - 0.5 - room
     centre += geometry.origin
     return owner, ((centre >= low) & (centre <= high)).all(-1)
+
+
+if TYPE_CHECKING:
+    pass
+
+_WIDTHS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # pitches, of the Gaussians that fill gaps
+_ENOUGH = 0.15  # weight from which on a Gaussian's mean is taken
+_NEIGHBOURS = 1.8  # pitches
+_COUNTING = 0.3  # weight from which on a neighbour counts for the median
+
+
+def median_of_neighbours(values: Values, weights: Values, geometry: FocusedGeometry) -> Values:
+    """Median over the neighbours within 1.8 pitches, the lenslet itself left out.
+
+    Parameters
+    ----------
+    values, weights : numpy.ndarray
+        Shape (lines, lenslets); neighbours of weight below 0.3 do not count.
+    geometry : FocusedGeometry
+
+    Returns
+    -------
+    numpy.ndarray
+        NaN where no neighbour counts.
+    """
+    known = np.where((weights >= _COUNTING) & (geometry.kinds >= 0), values, np.nan)
+    lines, lenses = known.shape
+    margin = 3
+    padded = np.pad(known, margin, constant_values=np.nan)
+    base = np.array([geometry.first, geometry.second]) / geometry.pitch
+    near = []
+    for i, j in product(range(-margin, margin + 1), repeat=2):
+        far = np.linalg.norm(np.array([i, j]) @ base)
+        if 0 < far < _NEIGHBOURS:
+            near.append(padded[margin + i :, margin + j :][:lines, :lenses])
+    stack = np.array(near)
+    some = np.isfinite(stack).any(0)
+    stack[:, ~some] = 0
+    return np.where(some, np.nanmedian(stack, axis=0), np.nan)
+
+
+def fill_lenslets(values: Values, weights: Values, geometry: FocusedGeometry) -> Values:
+    """Values smoothed where they are known, and carried on where they are not.
+
+    Normalised convolution (Knutsson & Westin 1993) with the narrowest of some Gaussians that finds
+    enough weight.
+
+    Parameters
+    ----------
+    values, weights : numpy.ndarray
+        Shape (lines, lenslets), weights 0 to 1, not 0 throughout.
+    geometry : FocusedGeometry
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (lines, lenslets), finite.
+    """
+    from scipy.ndimage import convolve
+
+    out = np.full(values.shape, float(np.average(values, weights=weights)))
+    missing = np.ones(values.shape, bool)
+    for width in _WIDTHS:
+        kernel = _gaussian(width, geometry)
+        level = convolve(weights, kernel, mode="constant")
+        mean = convolve(weights * values, kernel, mode="constant")
+        now = missing & (level > _ENOUGH)
+        out[now] = mean[now] / level[now]
+        missing &= ~now
+    return out
+
+
+def interpolate_lenslets(values: Values, geometry: FocusedGeometry, grid: PictureGrid) -> Values:
+    """Values at the samples of a picture, bilinear along the lattice's vectors.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        Shape (lines, lenslets), finite; those at the edge go on beyond it.
+    geometry : FocusedGeometry
+    grid : PictureGrid
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (height, width).
+    """
+    from scipy.ndimage import map_coordinates
+
+    y, x = (axis - start for axis, start in zip(grid.axes(), geometry.origin, strict=True))
+    inverse = np.linalg.inv(np.array([geometry.first, geometry.second]))
+    at = [y[:, None] * inverse[0, n] + x[None, :] * inverse[1, n] for n in (0, 1)]
+    return np.asarray(map_coordinates(values, at, order=1, mode="nearest"))
+
+
+def _gaussian(width: float, geometry: FocusedGeometry) -> Values:
+    """A Gaussian over the lattice, sum 1; ``width`` in pitches."""
+    reach = int(np.ceil(3 * width)) + 1
+    base = np.array([geometry.first, geometry.second]) / geometry.pitch
+    i, j = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    square = ((np.stack([i, j], -1) @ base) ** 2).sum(-1)
+    kernel = np.exp(-square / (2 * width**2))
+    return np.asarray(kernel / kernel.sum())

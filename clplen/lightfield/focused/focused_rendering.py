@@ -15,8 +15,14 @@ import pyopencl.array as cla
 from clplen.compute.arrays import count_bad
 from clplen.errors import ShapeError
 from clplen.lightfield.focused.focused_depth import FocusedDepth, focused_depth, reference_m
-from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values, split
-from clplen.lightfield.focused.focused_metric import alpha_of, z_of
+from clplen.lightfield.focused.focused_geometry import (
+    FocusedGeometry,
+    Pair,
+    Values,
+    alpha_of_m,
+    split_positions,
+    z_of_m,
+)
 from clplen.lightfield.focused.focused_picture import FocusedImage, FocusedStack, PictureGrid
 
 if TYPE_CHECKING:
@@ -114,9 +120,9 @@ def render_focused(
     gather = _Gather(raw, white, interpolation, view, aperture)
     geometry = gather.geometry
     if method == "depth" and depth is None:
-        depth = focused_depth(raw, white=_flat(white))
+        depth = focused_depth(raw, white=_grey_white(white))
     if m is None:
-        m = reference_m(raw, white=_flat(white)) if depth is None else depth.median
+        m = reference_m(raw, white=_grey_white(white)) if depth is None else depth.median
     ratio = checked_ratio(geometry, m)
     if patch is not None:
         ratio = math.copysign(_checked_patch(geometry, patch), ratio)
@@ -127,7 +133,7 @@ def render_focused(
     if depth is None:
         data = gather(grid, np.array([ratio]), "nearest" if method == "basic" else "blend")
     else:
-        data = gather(grid, _limited(depth.ratios(grid), ratio), "blend")
+        data = gather(grid, _clipped_ratios(depth.ratios(grid), ratio), "blend")
     return FocusedImage(data.reshape(data.shape[1:]), raw.device, grid, float(m), geometry, ratio)
 
 
@@ -172,7 +178,7 @@ def focused_stack(
     grid = PictureGrid.over(gather.geometry, size, step)
     gather.require_room((len(planes), *grid.shape))
     data = gather(grid, ratios, "blend")
-    alphas, zs = alpha_of(raw, planes), z_of(raw, planes)
+    alphas, zs = alpha_of_m(raw, planes), z_of_m(raw, planes)
     return FocusedStack(data, raw.device, grid, planes, gather.geometry, alphas, zs)
 
 
@@ -227,7 +233,7 @@ def _choice(name: str, value: str, known: tuple[str, ...]) -> None:
         raise ValueError(f"{name} is one of {', '.join(map(repr, known))}, not {value!r}.")
 
 
-def _limited(ratios: Values, near: float) -> Values:
+def _clipped_ratios(ratios: Values, near: float) -> Values:
     """A map whose planes all can be rendered, on one side of 0."""
     size = np.clip(ratios * np.sign(near), 10 * _LEAST_RATIO, 1 - _LEAST_RATIO)
     return size * np.sign(near)
@@ -250,7 +256,7 @@ class _Gather:
                 f"The raw image has {bad} pixels that are NaN or infinite: replace them before "
                 "rendering, for example by the mean of their neighbours."
             )
-        self._white = raw.data if white is None else _white_of(raw, white)
+        self._white = raw.data if white is None else _checked_white(raw, white)
         self._has_white = white is not None
 
     def _window(self, view: Any, aperture: Any) -> tuple[Pair, float]:
@@ -276,7 +282,7 @@ class _Gather:
             shape,
             *(out, self.raw.data, self._white),
             *geometry.tables(device),
-            *(device.upload(table) for axis in grid.axes() for table in split(axis)),
+            *(device.upload(table) for axis in grid.axes() for table in split_positions(axis)),
             device.upload(ratios.astype(np.float32)),
             geometry.lattice(self._view, device),
             *(np.int32(n) for n in (*geometry.kinds.shape, *geometry.shape, *grid.shape)),
@@ -307,12 +313,12 @@ class _Gather:
         return (self.raw.device.upload(ranges), *(np.float32(n) for n in lengths))
 
 
-def _flat(white: Any) -> Any:
+def _grey_white(white: Any) -> Any:
     """A white image of one channel."""
     return white.mean(2) if np.ndim(white) == 3 else white
 
 
-def _white_of(raw: RawImage, white: Any) -> cla.Array:
+def _checked_white(raw: RawImage, white: Any) -> cla.Array:
     """The white image as the kernels take it: as many channels as the raw image, none below 0."""
     values = np.asarray(white, np.float32)
     if values.shape not in (raw.shape, tuple(raw.data.shape)):

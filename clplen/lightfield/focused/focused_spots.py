@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clplen.compute.arrays import count_bad
-from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values
-from clplen.lightfield.focused.focused_metric import z_of
+from clplen.deprecation import renamed_attribute
+from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values, z_of_m
 
 if TYPE_CHECKING:
     from clplen.lightfield.raw.raw_image import RawImage
@@ -30,7 +30,7 @@ class SpotFit:
         b/a.
     z : float
         dz in metres from the focused plane; NaN without a camera.
-    place : tuple of float
+    position : tuple of float
         (y, x) in pixels of the sensor where the point's chief ray meets it.
     spots : int
         How many were used.
@@ -40,9 +40,11 @@ class SpotFit:
 
     m: float
     z: float
-    place: Pair
+    position: Pair
     spots: int
     residual: float
+
+    place = renamed_attribute("place", "position", warn=False)
 
 
 def point_m(raw: RawImage, *, least: float = 0.25) -> SpotFit:
@@ -83,19 +85,19 @@ def point_m(raw: RawImage, *, least: float = 0.25) -> SpotFit:
             "for the point, for example by the mean of their neighbours."
         )
     strength, offset = _spots(raw, geometry)
-    centres, weight = geometry.places.reshape(-1, 2), strength**2
+    centres, weight = geometry.centres.reshape(-1, 2), strength**2
     use = strength > least * strength.max()
     for _ in range(_ROUNDS):
-        ratio, place = _line(centres[use], offset[use], weight[use])
-        far = np.hypot(*(offset - ratio * (centres - place)).T)
+        ratio, position = _line(centres[use], offset[use], weight[use])
+        far = np.hypot(*(offset - ratio * (centres - position)).T)
         agreeing = use & (far < max(_AGREE, 3 * float(np.median(far[use]))))
         if agreeing.sum() == use.sum():
             break
         use = agreeing
     residual = float(np.sqrt(np.average(far[use] ** 2, weights=weight[use])))
     m = float(geometry.m(ratio))
-    found = (float(place[0]), float(place[1]))
-    return SpotFit(m, float(z_of(raw, m)), found, int(use.sum()), residual)
+    at = (float(position[0]), float(position[1]))
+    return SpotFit(m, float(z_of_m(raw, m)), at, int(use.sum()), residual)
 
 
 def _line(centres: Values, offset: Values, weight: Values) -> tuple[float, Values]:

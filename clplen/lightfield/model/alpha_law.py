@@ -1,4 +1,4 @@
-"""How disparity and alpha = F/F' belong together: one law for every form of a light field.
+"""Disparity, alpha = F/F', depth, and the shifts of the views that they mean.
 
 A telecentric camera (`clplen.cameras.microscope`) has no F and so no alpha: it has disparities, and
 depths z that are proportional to them.
@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.lightfield.model.parametrisation import require_two_plane
-from clplen.lightfield.raw.raw_image import is_telecentric
+from clplen.lightfield.model.sampled_views import Parametrised, SampledViews
+from clplen.lightfield.raw.raw_image import CameraModel, Spacing, is_telecentric
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
-
-    from clplen.lightfield.raw.raw_image import CameraModel, Spacing
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -85,6 +83,21 @@ class AlphaLaw:
         return self.spacing[1] / self.spacing[3]
 
 
+def require_two_plane(lf: Parametrised, what: str) -> None:
+    """Refuse a light field of directions.
+
+    Raises
+    ------
+    ValueError
+        Naming what needs the other kind.
+    """
+    if lf.parametrisation != "two-plane":
+        raise ValueError(
+            f"{what} needs views that are positions on the main lens, and those of this light "
+            "field are directions: take lf.resample('two-plane')."
+        )
+
+
 def depth_at(source: Any, disparity: ArrayLike) -> Vector:
     """z of planes of a disparity in metres, farther positive; NaN without a camera."""
     camera: Any = getattr(source, "camera", None)
@@ -93,3 +106,72 @@ def depth_at(source: Any, disparity: ArrayLike) -> Vector:
     if is_telecentric(source):
         return np.asarray(camera.z(disparity))
     return np.asarray(camera.dz(source.alpha(disparity)))
+
+
+def shifts(lf: SampledViews, disparities: Vector) -> tuple[Vector, Vector]:
+    """`view_shifts` of a light field; a ValueError where its views are directions."""
+    require_two_plane(lf, "Focusing")
+    return view_shifts(lf.spacing, lf.weights.shape, disparities, positions=lf.positions)
+
+
+def view_shifts(
+    spacing: Spacing | None,
+    views: tuple[int, ...],
+    disparities: Vector,
+    *,
+    positions: Vector | None = None,
+) -> tuple[Vector, Vector]:
+    """Pixels from a point's position in the centre view to its position in every view.
+
+    Parameters
+    ----------
+    spacing : tuple of float or None
+        Signed (dv, du, dy, dx) of the light field, in metres.
+    views : tuple of int
+        (V, U).
+    disparities : numpy.ndarray
+        Shape (n,), pixels a view step along x.
+    positions : numpy.ndarray, optional
+        Of the views, shape (V, U, 2), as in `LightField`.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Along y, shape (n, V), and along x, shape (n, U); with positions, both (n, V, U); float64.
+        The sample of view (v, u) that belongs to (y, x) is the one at y + along_y[v] (or
+        along_y[v, u]), x + along_x[u].
+    """
+    v, u = (np.arange(n) - (n - 1) / 2 for n in views)
+    if positions is not None:
+        v, u = np.moveaxis(positions, -1, 0)
+    along_y = np.multiply.outer(disparities * row_ratio(spacing), -v)
+    return along_y, np.multiply.outer(disparities, -u)
+
+
+def row_ratio(spacing: Spacing | None) -> float:
+    """Disparity along y of a plane of disparity 1 along x: (dv/dy)/(du/dx), 1 if not known.
+
+    Views of a telecentric camera are directions, without a spacing in metres: taken as equal.
+    """
+    if spacing is None:
+        return 1.0
+    dv, du, dy, dx = spacing
+    return (dv / du if np.isfinite([dv, du]).all() else 1.0) * dx / dy
+
+
+def unit_steps(lf: SampledViews) -> Vector:
+    """Pixels (y, x) from a point's position in the centre view to that in each view, for d = 1.
+
+    Parameters
+    ----------
+    lf : LightField
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (V, U, 2).
+    """
+    down, right = (along[0] for along in shifts(lf, np.ones(1)))
+    if lf.positions is None:
+        down, right = np.broadcast_arrays(down[:, None], right[None, :])
+    return np.stack((down, right), axis=-1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,9 +10,9 @@ import pyopencl.array as cla
 
 from clplen.compute.arrays import Image, OnDevice
 from clplen.compute.device import Device, DeviceLike, as_device
-from clplen.lightfield.model import flatten as flattening
-from clplen.lightfield.model import parametrisation as parametrising
-from clplen.lightfield.model import rendering as rendering
+from clplen.deprecation import renamed_argument
+from clplen.lightfield.model import parametrisation as parametrisations
+from clplen.lightfield.model import rendering
 from clplen.lightfield.model.alpha_law import AlphaLaw
 from clplen.lightfield.model.sample_checks import (
     checked_positions,
@@ -21,7 +21,7 @@ from clplen.lightfield.model.sample_checks import (
     checked_weights,
     weights_of_lit,
 )
-from clplen.lightfield.raw import decode as decoding
+from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.raw_image import CameraModel, RawImage, Spacing
 
 if TYPE_CHECKING:
@@ -121,8 +121,8 @@ class LightField(AlphaLaw, OnDevice):
         device = as_device(device)
         data = checked_samples(a, device)
         known = weights_of_lit(data, device) if weights is None else checked_weights(weights, data)
-        places = checked_positions(positions, data)
-        return cls(data, device, checked_spacing(spacing), known, camera, positions=places)
+        at = checked_positions(positions, data)
+        return cls(data, device, checked_spacing(spacing), known, camera, positions=at)
 
     @classmethod
     def from_raw(cls, raw: RawImage, *, decode: str = "calibrated") -> LightField:
@@ -161,7 +161,7 @@ class LightField(AlphaLaw, OnDevice):
                 "pictures and no sets of views: make pictures with render_focused, or take the "
                 "pixels as they are with decode='naive'."
             )
-        data = decoding.resample(raw, grids[decode])
+        data = resample(raw, grids[decode])
         weights = np.ones(grids[decode].shape[:2], np.float32)
         return cls(data, raw.device, raw.spacing, weights, raw.camera, raw, decode)
 
@@ -318,7 +318,7 @@ class LightField(AlphaLaw, OnDevice):
         ShapeError
             If disparities or mask are not one for every pixel or ray.
         """
-        return flattening.flatten(
+        return rendering.flatten(
             self,
             statistic,
             disparity=disparity,
@@ -328,11 +328,12 @@ class LightField(AlphaLaw, OnDevice):
             interpolation=interpolation,
         )
 
+    @renamed_argument(old="focal", new="image_distance")
     def resample(
         self,
         parametrisation: str,
         *,
-        focal: float | None = None,
+        image_distance: float | None = None,
         views: tuple[int, int] | None = None,
         interpolation: str = "linear",
     ) -> LightField:
@@ -347,7 +348,7 @@ class LightField(AlphaLaw, OnDevice):
         Parameters
         ----------
         parametrisation : {"two-plane", "point-angle"}
-        focal : float, optional
+        image_distance : float, optional
             F, metres from the main lens to the image plane; by default that of ``camera``.
         views : tuple of int, optional
             (V, U) of the result, about the middle. By default as many directions as hold every
@@ -370,6 +371,11 @@ class LightField(AlphaLaw, OnDevice):
         DeviceError
             If the result is larger than the device's memory.
         """
-        return parametrising.resample(
-            self, parametrisation, focal=focal, views=views, interpolation=interpolation
+        changes = parametrisations.resample(
+            self,
+            parametrisation,
+            image_distance=image_distance,
+            views=views,
+            interpolation=interpolation,
         )
+        return replace(self, **changes) if changes else self

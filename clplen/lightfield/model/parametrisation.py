@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from clplen.lightfield.arrays.stored_samples import C_TYPE
+from clplen.lightfield.model.sampled_views import DeviceViews
 from clplen.lightfield.raw.raw_image import is_telecentric
-
-if TYPE_CHECKING:
-    from clplen.lightfield.model.alpha_law import AlphaLaw
-    from clplen.lightfield.model.light_field import LightField
 
 Real = np.ndarray[Any, np.dtype[np.float64]]
 View = tuple[int, int]
@@ -24,30 +21,15 @@ INTERPOLATIONS = ("linear", "cubic")
 _COVERED = 1e-6  # of a ray: what is less was not seen
 
 
-def require_two_plane(lf: LightField | AlphaLaw, what: str) -> None:
-    """Refuse a light field of directions.
-
-    Raises
-    ------
-    ValueError
-        Naming what needs the other kind.
-    """
-    if lf.parametrisation != "two-plane":
-        raise ValueError(
-            f"{what} needs views that are positions on the main lens, and those of this light "
-            "field are directions: take lf.resample('two-plane')."
-        )
-
-
 def resample(
-    lf: LightField,
+    lf: DeviceViews,
     parametrisation: str,
     *,
-    focal: float | None,
+    image_distance: float | None,
     views: View | None,
     interpolation: str,
-) -> LightField:
-    """See `LightField.resample`."""
+) -> dict[str, Any]:
+    """The attributes that change; see `LightField.resample`."""
     if parametrisation not in PARAMETRISATIONS:
         raise ValueError(
             f"parametrisation is {' or '.join(map(repr, PARAMETRISATIONS))}, not "
@@ -56,14 +38,19 @@ def resample(
     if interpolation not in INTERPOLATIONS:
         raise ValueError(f"interpolation is 'linear' or 'cubic', not {interpolation!r}.")
     if parametrisation == lf.parametrisation and views is None:
-        return lf
-    distance = _focal(lf, focal)
+        return {}
+    distance = _image_distance(lf, image_distance)
     axes = _axes(lf, parametrisation, distance)
     counts = tuple(axis.views(n) for axis, n in zip(axes, _counts(views), strict=True))
     data = _launch(lf, axes, counts, interpolation)
     spacing = (axes[0].step, axes[1].step, *lf.spacing[2:])  # type: ignore[index]
     weights = _weights(lf, axes, counts)
-    return replace(lf, data=data, spacing=spacing, weights=weights, parametrisation=parametrisation)
+    return {
+        "data": data,
+        "spacing": spacing,
+        "weights": weights,
+        "parametrisation": parametrisation,
+    }
 
 
 @dataclass(frozen=True)
@@ -113,7 +100,7 @@ class _Axis:
         return matrix
 
 
-def _axes(lf: LightField, parametrisation: str, distance: float) -> tuple[_Axis, _Axis]:
+def _axes(lf: DeviceViews, parametrisation: str, distance: float) -> tuple[_Axis, _Axis]:
     """Along v and y, and along u and x."""
     if lf.spacing is None or not np.isfinite(lf.spacing).all():
         raise ValueError(
@@ -139,16 +126,16 @@ def _axes(lf: LightField, parametrisation: str, distance: float) -> tuple[_Axis,
     return made[0], made[1]
 
 
-def _focal(lf: LightField, focal: float | None) -> float:
+def _image_distance(lf: DeviceViews, image_distance: float | None) -> float:
     """F, in metres."""
-    if focal is None and lf.camera is not None:
-        focal = float(lf.camera.image_distance)
-    if focal is None or not (math.isfinite(focal) and focal > 0):
+    if image_distance is None and lf.camera is not None:
+        image_distance = float(lf.camera.image_distance)
+    if image_distance is None or not (math.isfinite(image_distance) and image_distance > 0):
         raise ValueError(
             "Another parametrisation needs F > 0, the distance from the main lens to the image "
-            f"plane, by the camera or focal= in metres; it is {focal!r}."
+            f"plane, by the camera or image_distance= in metres; it is {image_distance!r}."
         )
-    return focal
+    return image_distance
 
 
 def _counts(views: View | None) -> tuple[int | None, int | None]:
@@ -156,7 +143,7 @@ def _counts(views: View | None) -> tuple[int | None, int | None]:
 
 
 def _launch(
-    lf: LightField, axes: tuple[_Axis, _Axis], counts: tuple[int, ...], interpolation: str
+    lf: DeviceViews, axes: tuple[_Axis, _Axis], counts: tuple[int, ...], interpolation: str
 ) -> Any:
     device = lf.device
     shape = (*counts, *lf.shape[2:])
@@ -199,7 +186,7 @@ def _keys(part: Real) -> Real:
     )
 
 
-def _weights(lf: LightField, axes: tuple[_Axis, _Axis], counts: tuple[int, ...]) -> Any:
+def _weights(lf: DeviceViews, axes: tuple[_Axis, _Axis], counts: tuple[int, ...]) -> Any:
     """Mean weight of the rays of each view that were seen; 0 where none was."""
     down, right = (axis.matrix(count) for axis, count in zip(axes, counts, strict=True))
     seen = down @ (lf.weights > 0) @ right.T

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from clplen.compute.arrays import HostArray
-from clplen.lightfield.model.conversion import as_lightfield
+from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
 from clplen.reprs import OneLine
 

@@ -1,4 +1,4 @@
-"""Pictures from the views as they are: one view, a synthetic aperture, an epipolar slice."""
+"""Pictures from the views of a light field: one view, a synthetic aperture, a surface, a slice."""
 
 from __future__ import annotations
 
@@ -8,26 +8,110 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen.compute.arrays import Image
+from clplen.errors import ShapeError
 from clplen.lightfield.arrays.ray_samples import along_rays, checked_disparity
 from clplen.lightfield.arrays.shear import shear_sum
 from clplen.lightfield.arrays.stored_samples import plane
-from clplen.lightfield.model.aperture_weights import Weights, aperture_weights
-from clplen.lightfield.model.surface import carried
-from clplen.lightfield.model.view_shifts import unit_steps
+from clplen.lightfield.model.alpha_law import shifts, unit_steps
+from clplen.lightfield.model.apertures import Weights, aperture_weights
+from clplen.lightfield.model.sampled_views import DeviceViews, SampledViews
 
 if TYPE_CHECKING:
-    from clplen.lightfield.model.light_field import LightField
-    from clplen.lightfield.model.stored_light_field import StoredLightField
+    from numpy.typing import ArrayLike
 
 
-def view(lf: LightField, v: float, u: float, *, disparity: Any, interpolation: str) -> Image:
+DisparityMap = np.ndarray[Any, np.dtype[np.float64]]
+
+_ROUNDS = 8  # of the fixed point in `carry_disparity`
+_FLAT = 1e-9  # points on one line, relative to their spread
+
+
+def plane_through(points: ArrayLike, shape: tuple[int, ...]) -> DisparityMap:
+    """Disparity of every pixel on the plane through three points, or nearest to more of them.
+
+    A plane in space is a plane d = a + b y + c x in the disparities of a light field (d is linear
+    in 1/z by the lens law, and perspective keeps planes).
+
+    Parameters
+    ----------
+    points : array_like
+        Shape (n, 3), n >= 3: y, x in pixels of the centre view and d there. Three are met exactly,
+        more by least squares.
+    shape : tuple of int
+        (y, x[, c]) of a view, as in ``lf.shape[2:]``.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (y, x); for ``refocus(lf, disparity=...)``.
+
+    Raises
+    ------
+    ShapeError
+        If the points are not (n, 3) with at least three.
+    ValueError
+        If one is not finite, or they lie on one line.
+    """
+    values = np.asarray(points, np.float64)
+    if values.ndim != 2 or values.shape[1:] != (3,) or len(values) < 3:
+        raise ShapeError(
+            f"A plane goes through at least three points (y, x, d), shape (n, 3), not "
+            f"{values.shape}."
+        )
+    if not np.isfinite(values).all():
+        raise ValueError(f"The points of a plane are finite numbers (y, x, d), not {points!r}.")
+    middle = values[:, :2].mean(axis=0)
+    around = values[:, :2] - middle
+    spread = np.linalg.svd(around, compute_uv=False)
+    if spread[1] <= _FLAT * spread[0]:
+        raise ValueError(
+            "The points of a plane lie on one line (or one place): pick one beside it."
+        )
+    known = np.column_stack((np.ones(len(values)), around))
+    offset, down, right = np.linalg.lstsq(known, values[:, 2], rcond=None)[0]
+    y, x = (np.arange(n) - at for n, at in zip(shape, middle, strict=False))
+    return offset + down * y[:, None] + right * x[None, :]
+
+
+def carry_disparity(disparity: DisparityMap, step: DisparityMap) -> DisparityMap:
+    """A disparity map of the centre view as another viewpoint sees it.
+
+    What lies at p in the centre view is at p + step d(p) in the other, so the map there solves
+    e(q) = d(q - step e(q)): a fixed point, found in a few rounds. Where a surface hides another
+    it takes one of the two, beyond the edges the nearest pixel.
+
+    Parameters
+    ----------
+    disparity : numpy.ndarray
+        Shape (y, x).
+    step : numpy.ndarray
+        (y, x) in pixels for disparity 1, as of `unit_steps`.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape (y, x).
+    """
+    from scipy.ndimage import map_coordinates
+
+    if not step.any():
+        return disparity
+    y, x = np.indices(disparity.shape)
+    result = disparity
+    for _ in range(_ROUNDS):
+        at = (y - step[0] * result, x - step[1] * result)
+        result = map_coordinates(disparity, at, order=1, mode="nearest")
+    return np.asarray(result)
+
+
+def view(lf: DeviceViews, v: float, u: float, *, disparity: Any, interpolation: str) -> Image:
     """See `LightField.view`."""
     if disparity is None:
         return _view(lf, (v, u))
     return _view_along_rays(lf, (v, u), disparity, interpolation)
 
 
-def render(lf: LightField, *, aperture: Any, viewpoint: Any, total: bool) -> Image:
+def render(lf: DeviceViews, *, aperture: Any, viewpoint: Any, total: bool) -> Image:
     """See `LightField.render`."""
     if aperture is None and viewpoint is not None and not total:
         return _view(lf, viewpoint)
@@ -35,7 +119,7 @@ def render(lf: LightField, *, aperture: Any, viewpoint: Any, total: bool) -> Ima
     return _sum(lf, weights) if total else _mean(lf, weights)
 
 
-def view_weights(lf: LightField | StoredLightField, aperture: Any, viewpoint: Any) -> Weights:
+def view_weights(lf: SampledViews, aperture: Any, viewpoint: Any) -> Weights:
     """Weights of an aperture times the light field's own.
 
     Parameters
@@ -63,55 +147,56 @@ def view_weights(lf: LightField | StoredLightField, aperture: Any, viewpoint: An
     return weights
 
 
-def epi(lf: LightField, *, y: int | None, x: int | None, v: int | None, u: int | None) -> Image:
+def epi(lf: DeviceViews, *, y: int | None, x: int | None, v: int | None, u: int | None) -> Image:
     """See `LightField.epi`."""
-    given = {name: n for name, n in zip("yxvu", (y, x, v, u), strict=True) if n is not None}
-    if set(given) not in ({"y", "v"}, {"x", "u"}):
+    indices = {name: n for name, n in zip("yxvu", (y, x, v, u), strict=True) if n is not None}
+    if set(indices) not in ({"y", "v"}, {"x", "u"}):
         raise ValueError(
-            f"An epipolar-plane image takes y and v, or x and u, not {', '.join(given) or 'none'}."
+            "An epipolar-plane image takes y and v, or x and u, not "
+            f"{', '.join(indices) or 'none'}."
         )
-    for name, n in given.items():
+    for name, n in indices.items():
         size = lf.shape["vuyx".index(name)]
         if not isinstance(n, Integral) or not 0 <= n < size:
             raise ValueError(f"{name} is a whole number from 0 to {size - 1}, not {n!r}.")
-    fixed = {"vuyx".index(name): int(n) for name, n in given.items()}
-    axes = (1, 3) if "y" in given else (0, 2)
+    fixed = {"vuyx".index(name): int(n) for name, n in indices.items()}
+    axes = (1, 3) if "y" in indices else (0, 2)
     return Image(plane(lf.data, fixed, axes, lf.device), lf.device)
 
 
-def _view(lf: LightField, viewpoint: Any) -> Image:
+def _view(lf: DeviceViews, viewpoint: Any) -> Image:
     return _mean(lf, _nearest(lf, viewpoint)[1])
 
 
-def _nearest(lf: LightField, viewpoint: Any) -> tuple[Weights, Weights]:
+def _nearest(lf: DeviceViews, viewpoint: Any) -> tuple[Weights, Weights]:
     """Bilinear weights of the four views round a viewpoint, and those that are used."""
     nearest = aperture_weights(lf, None, viewpoint)
     weights = nearest * lf.weights
     return nearest, weights if weights.any() else nearest
 
 
-def _view_along_rays(lf: LightField, viewpoint: Any, disparity: Any, interpolation: str) -> Image:
+def _view_along_rays(lf: DeviceViews, viewpoint: Any, disparity: Any, interpolation: str) -> Image:
     nearest, weights = _nearest(lf, viewpoint)
     steps = unit_steps(lf)
-    here = np.tensordot(nearest.astype(np.float64), steps, 2)
+    viewpoint_step = np.tensordot(nearest.astype(np.float64), steps, 2)
     d = checked_disparity(disparity, (lf.shape[2], lf.shape[3]))
     picture = along_rays(
         lf.data,
         "mean",
         device=lf.device,
         weights=weights,
-        steps=steps - here,
-        disparity=carried(d, here) if d.ndim else d,
+        steps=steps - viewpoint_step,
+        disparity=carry_disparity(d, viewpoint_step) if d.ndim else d,
         interpolation=interpolation,
     )
     return Image(picture, lf.device)
 
 
-def _mean(lf: LightField, weights: Weights) -> Image:
+def _mean(lf: DeviceViews, weights: Weights) -> Image:
     return _sum(lf, weights / weights.sum(dtype=np.float64))
 
 
-def _sum(lf: LightField, weights: np.ndarray[Any, Any]) -> Image:
+def _sum(lf: DeviceViews, weights: np.ndarray[Any, Any]) -> Image:
     """The sum of w[v, u] L[v, u]."""
     V, U = weights.shape
     picture = shear_sum(
@@ -123,3 +208,32 @@ def _sum(lf: LightField, weights: np.ndarray[Any, Any]) -> Image:
         total=True,
     )
     return Image(picture.reshape(lf.shape[2:]), lf.device)
+
+
+def flatten(
+    lf: DeviceViews,
+    statistic: str,
+    *,
+    disparity: Any,
+    aperture: Any,
+    viewpoint: Any,
+    mask: Any,
+    interpolation: str,
+) -> Image:
+    """See `LightField.flatten`."""
+    weights = view_weights(lf, aperture, viewpoint)
+    d = checked_disparity(disparity, (lf.shape[2], lf.shape[3]))
+    if statistic == "mean" and d.ndim == 0 and mask is None and interpolation == "linear":
+        picture = shear_sum(lf.data, weights, *shifts(lf, d.reshape(1)), device=lf.device)
+        return Image(picture.reshape(lf.shape[2:]), lf.device)
+    picture = along_rays(
+        lf.data,
+        statistic,
+        device=lf.device,
+        weights=weights,
+        steps=unit_steps(lf),
+        disparity=d,
+        interpolation=interpolation,
+        mask=None if mask is None else np.asarray(mask),
+    )
+    return Image(picture, lf.device)

@@ -47,7 +47,7 @@ def require_finite(bad: int) -> None:
         )
 
 
-def kept_dtype(dtype: np.dtype[Any]) -> np.dtype[Any]:
+def storage_dtype(dtype: np.dtype[Any]) -> np.dtype[Any]:
     """The type in which samples of a real type are kept: their own, or float32."""
     if dtype.kind not in "buif":
         raise TypeError(f"A light field is real, not {dtype}.")
@@ -59,7 +59,7 @@ def _adopt(a: Any, device: Device) -> cla.Array:
     if isinstance(a, cla.Array):
         return _adopt_device(a, device)
     values = np.asarray(a)
-    dtype = kept_dtype(values.dtype)
+    dtype = storage_dtype(values.dtype)
     device.require_memory(values.size * dtype.itemsize, "This light field")
     return device.upload(values.astype(dtype, copy=False))
 

@@ -1,4 +1,7 @@
-"""Light fields that stay where they are stored: read part by part, whole only when asked for."""
+"""Light fields that stay where they are stored, and what counts as a light field.
+
+A stored light field is read part by part, and whole only when asked for.
+"""
 
 from __future__ import annotations
 
@@ -9,20 +12,22 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+import pyopencl.array as cla
 
 from clplen.compute.arrays import HostArray
-from clplen.compute.device import DeviceLike, as_device
+from clplen.compute.device import DeviceLike, as_device, require_same_device
 from clplen.errors import ShapeError
 from clplen.lightfield.model.alpha_law import AlphaLaw
+from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.sample_checks import (
     check_shape,
     checked_positions,
     checked_spacing,
     checked_weights,
-    kept_dtype,
+    storage_dtype,
     weights_where,
 )
-from clplen.lightfield.raw.raw_image import CameraModel, Spacing
+from clplen.lightfield.raw.raw_image import CameraModel, RawImage, Spacing
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -113,7 +118,7 @@ class StoredLightField(AlphaLaw, HostArray):
         at_once = (int(chunks[0]), int(chunks[1]))
         found = cls(
             shape,
-            kept_dtype(np.dtype(a.dtype)),
+            storage_dtype(np.dtype(a.dtype)),
             partial(_copy, a, at_once),
             np.ones(shape[:2], np.float32),
             (int(chunks[2]), int(chunks[3])),
@@ -239,10 +244,6 @@ class StoredLightField(AlphaLaw, HostArray):
 
     def part(self, samples: Any, device: DeviceLike) -> LightField:
         """Samples of some rows and columns of all views as a light field of their own."""
-        from clplen.lightfield.model.light_field import (
-            LightField,  # which knows nothing of this one
-        )
-
         lf = LightField.from_array(
             samples,
             device=device,
@@ -294,3 +295,51 @@ def _copy(a: Any, at_once: tuple[int, int], block: Block, out: Array) -> None:
                 part = out[v : v + down, u : u + across]
                 views = slice(v0 + v, v0 + v + part.shape[0]), slice(u0 + u, u0 + u + part.shape[1])
                 part[...] = a[views[0], views[1], rows, columns]
+
+
+def as_lightfield(
+    source: Any, streams: str = "", *, device: DeviceLike | None = None
+) -> LightField:
+    """A light field as it is, and an array as one on a device.
+
+    Parameters
+    ----------
+    source : LightField or array_like
+        An array, of NumPy or with ``__array__``, is L[v, u, y, x(, c)].
+    streams : str, optional
+        The function that takes a stored light field.
+    device : Device or str, optional
+        Where an array goes; default ``Device.open()``.
+
+    Returns
+    -------
+    LightField
+
+    Raises
+    ------
+    TypeError
+        If it is anything else; of a stored light field and a raw image with what takes them.
+    ShapeError, ValueError
+        As `LightField.from_array`.
+    DeviceError
+        If a light field is on another device.
+    """
+    if isinstance(source, LightField):
+        if device is not None:
+            require_same_device(source.device, as_device(device))
+        return source
+    if isinstance(source, RawImage):
+        raise TypeError(
+            "This is a raw image, not a light field: decode it with LightField.from_raw, or take "
+            "render_focused where its camera is a focused one."
+        )
+    if isinstance(source, StoredLightField):
+        other = f"take {streams}, or .load(device)" if streams else "take .load(device)"
+        raise TypeError(f"This light field is stored, not on a device: {other} where it fits.")
+    is_array = hasattr(type(source), "__array__") and not isinstance(source, HostArray)
+    if is_array or isinstance(source, cla.Array):
+        return LightField.from_array(source, device=as_device(device, optional=True))
+    raise TypeError(
+        "A light field is needed, as LightField.from_array and read_lightfield give it, or an "
+        f"array L[v, u, y, x(, c)], not of type {type(source).__name__}."
+    )

@@ -11,12 +11,11 @@ import pyopencl.array as cla
 from clplen.compute.arrays import OnDevice
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
-from clplen.reprs import OneLine
+from clplen.lightfield.raw.lenslet_grid import LensletGrid, LensType
+from clplen.lightfield.raw.lenslet_lattice import Lattice
 
 if TYPE_CHECKING:
-    from clplen.cameras.truth import Truth
     from clplen.compute.arrays import Image
-    from clplen.lightfield.raw.lenslet_lattice import Lattice
 
 Spacing = tuple[float, float, float, float]
 Transforms = tuple[tuple[int, tuple[int, int]], ...]
@@ -113,80 +112,21 @@ class CameraModel(Protocol):
         """The inverse of `alpha`."""
 
 
+class DepthTruth(Protocol):
+    """Exact depth of the centre view, float32 maps of shape (y, x)."""
+
+    @property
+    def disparity(self) -> np.ndarray[Any, np.dtype[np.float32]]:
+        """In pixels a view step; NaN where there is no surface."""
+
+    @property
+    def z(self) -> np.ndarray[Any, np.dtype[np.float32]]:
+        """Metres from the focused plane, farther positive; NaN where not known."""
+
+
 def is_telecentric(source: Any) -> bool:
     """Whether what took a light field has its exit pupil at infinity."""
     return bool(getattr(getattr(source, "camera", None), "telecentric", False))
-
-
-@dataclass(frozen=True, repr=False)
-class LensletGrid(OneLine):
-    """Centres of the sub-images on the sensor, in pixels; pixel centres are integers.
-
-    Sub-image (i, k) has its centre at ``first + i row_step + k column_step``, and odd rows are
-    moved by ``odd_row_shift column_step``. View (v, u) of (V, U) lies ``(v - (V - 1)/2)
-    row_view_step + (u - (U - 1)/2) column_view_step`` from there.
-
-    Attributes
-    ----------
-    count : tuple of int
-        Sub-images, (rows, columns).
-    views : tuple of int
-        Pixels taken from each, (V, U).
-    first, row_step, column_step : tuple of float
-        (y, x) in pixels.
-    odd_row_shift : float
-        0 for a square lattice, 1/2 for a hexagonal one.
-    row_view_step, column_view_step : tuple of float
-        (y, x) in pixels; along the rows and columns of the lattice, so that a turned array obeys
-        the same law as a straight one.
-    columns : tuple or None
-        (count, step): how many columns the views have and how far apart, in steps of
-        ``column_step`` from ``first``; the rows are interpolated to them. None: those of the
-        lenslets of even rows.
-    exchanged : bool
-        Whether rows and columns of the picture are exchanged here, and views too: L[v, u, y, x]
-        is what this grid calls view (u, v) of (x, y).
-    """
-
-    count: tuple[int, int]
-    views: tuple[int, int]
-    first: tuple[float, float]
-    row_step: tuple[float, float]
-    column_step: tuple[float, float]
-    odd_row_shift: float = 0.0
-    row_view_step: tuple[float, float] = (1.0, 0.0)
-    column_view_step: tuple[float, float] = (0.0, 1.0)
-    columns: tuple[int, float] | None = None
-    exchanged: bool = False
-
-    @property
-    def shape(self) -> tuple[int, int, int, int]:
-        """(V, U, y, x) of the light field."""
-        (V, U), (y, x) = self.views, self.count
-        x = x if self.columns is None else self.columns[0]
-        return (U, V, x, y) if self.exchanged else (V, U, y, x)
-
-
-@dataclass(frozen=True)
-class LensType:
-    """One of the kinds of lenses of a multi-focus array.
-
-    Its lenses lie at ``origin + offset + i steps[0] + k steps[1]`` for all integers i and k, with
-    the origin of the array's lattice.
-
-    Attributes
-    ----------
-    offset : tuple of float
-        (y, x) in pixels.
-    depth_range : tuple of float
-        (least, greatest) virtual depth at which it is sharp.
-    steps : tuple
-        Two vectors (y, x) in pixels.
-    """
-
-    offset: tuple[float, float]
-    depth_range: tuple[float, float]
-    steps: tuple[tuple[float, float], tuple[float, float]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -215,7 +155,7 @@ class RawImage(OnDevice):
         Of a captured image: all its lenslets, of which ``sub_images`` are a full rectangle.
     lens_types : tuple of LensType
         Of a multi-focus array; empty for lenses of one kind.
-    truth : Truth or None
+    truth : DepthTruth or None
         Of a synthetic scene, on the lattice of the light field that it decodes to.
     """
 
@@ -229,7 +169,7 @@ class RawImage(OnDevice):
     exposure: Exposure | None = None
     lattice: Lattice | None = None
     lens_types: tuple[LensType, ...] = ()
-    truth: Truth | None = None
+    truth: DepthTruth | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -15,11 +15,10 @@ from clplen.lightfield.arrays.magnify import magnify
 from clplen.lightfield.arrays.ray_samples import INTERPOLATIONS, along_rays
 from clplen.lightfield.arrays.shear import shear_sum
 from clplen.lightfield.arrays.stored_samples import C_TYPE
-from clplen.lightfield.model.aperture_weights import Weights
-from clplen.lightfield.model.conversion import as_lightfield
+from clplen.lightfield.model.alpha_law import shifts, unit_steps
+from clplen.lightfield.model.apertures import Weights
 from clplen.lightfield.model.rendering import view_weights
-from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.model.view_shifts import shifts, unit_steps
+from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing, is_telecentric
 from clplen.lightfield.refocus.memory_estimate import (
     DEVICE_FLOAT,

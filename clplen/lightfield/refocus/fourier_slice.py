@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.lightfield.model.conversion import as_lightfield
-from clplen.lightfield.model.parametrisation import require_two_plane
+from clplen.lightfield.model.alpha_law import require_two_plane, row_ratio
 from clplen.lightfield.model.rendering import view_weights
-from clplen.lightfield.model.view_shifts import row_ratio
+from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.refocus.focal_stack import FocalStack, stack_planes
 from clplen.lightfield.refocus.phase_ramps import (
     Vector,

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.lightfield.model.conversion import as_lightfield
-from clplen.lightfield.model.view_shifts import row_ratio, unit_steps
+from clplen.lightfield.model.alpha_law import row_ratio, unit_steps
+from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.refocus.phase_ramps import (
     channels_of,
     fourier_matrix,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.lightfield.model.view_shifts import shifts
+from clplen.lightfield.model.alpha_law import shifts
 
 if TYPE_CHECKING:
     from clplen.lightfield.model.stored_light_field import StoredLightField

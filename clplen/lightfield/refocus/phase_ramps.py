@@ -10,7 +10,7 @@ import pyopencl.array as cla
 
 from clplen.errors import ShapeError
 from clplen.lightfield.arrays.stored_samples import C_TYPE
-from clplen.lightfield.model.view_shifts import shifts
+from clplen.lightfield.model.alpha_law import shifts
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

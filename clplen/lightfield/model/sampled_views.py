@@ -1,0 +1,63 @@
+"""What functions of this room ask of a light field, on a device or stored."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute.device import Device
+from clplen.lightfield.raw.raw_image import CameraModel, Spacing
+
+
+class Parametrised(Protocol):
+    """What says whether its views are positions on the main lens, or directions."""
+
+    @property
+    def parametrisation(self) -> str:
+        """ "two-plane" or "point-angle"."""
+
+
+class SampledViews(Parametrised, Protocol):
+    """Views and what is known of them, wherever the samples are; as in `LightField`."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(v, u, y, x[, c])."""
+
+    @property
+    def spacing(self) -> Spacing | None:
+        """Signed (dv, du, dy, dx) in metres."""
+
+    @property
+    def weights(self) -> np.ndarray[Any, np.dtype[np.float32]]:
+        """Of the views, shape (V, U)."""
+
+    @property
+    def camera(self) -> CameraModel | None:
+        """The camera that took it."""
+
+    @property
+    def positions(self) -> np.ndarray[Any, np.dtype[np.float64]] | None:
+        """Of the views, shape (V, U, 2), in view steps."""
+
+    @property
+    def decode(self) -> str:
+        """ "calibrated" or "naive"."""
+
+
+class DeviceViews(SampledViews, Protocol):
+    """Views whose samples are on a device."""
+
+    @property
+    def data(self) -> cla.Array:
+        """The samples."""
+
+    @property
+    def device(self) -> Device:
+        """Where they are."""
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of the samples."""
