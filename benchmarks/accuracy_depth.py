@@ -20,9 +20,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from reference_cues import plain_depth
 
-from clplen.cameras.outlines import Bars
-from clplen.cameras.surfaces import Plane, Sphere, SurfaceScene
-from clplen.cameras.textures import noise
+from clplen.cameras.scenes.outlines import Bars
+from clplen.cameras.scenes.surfaces import Plane, Sphere, SurfaceScene
+from clplen.cameras.scenes.textures import noise
 from clplen.compute.device import Device
 from clplen.lightfield.depth import CUES, depth_map
 

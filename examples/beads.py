@@ -17,7 +17,7 @@ from common import Run
 from scipy.ndimage import gaussian_filter
 
 from clplen import Lattice, LightField, MicrolensArray, PlenopticCamera, PointSources
-from clplen.cameras.microscope import Microscope
+from clplen.cameras.light_field_microscope import Microscope
 from clplen.lightfield.refocus import FocalStack, focal_stack
 from clplen.microscopy.points import Points, find_points, match_points
 

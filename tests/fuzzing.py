@@ -18,7 +18,7 @@ import numpy as np
 import scipy.io
 import tifffile
 
-from clplen.cameras.truth import Truth
+from clplen.cameras.scenes.ground_truth import Truth
 from clplen.compute.device import Device
 from clplen.config import read_camera_file
 from clplen.errors import FormatError, ShapeError

@@ -40,8 +40,8 @@ from clplen import (
     thin_lens,
 )
 from clplen.bench import ceilings
-from clplen.cameras.aberrations import Aberrations, LensletScatter
-from clplen.cameras.pictures import PicturePlane
+from clplen.cameras.optics.camera_aberrations import Aberrations, LensletScatter
+from clplen.cameras.scenes.picture_planes import PicturePlane
 from clplen.compute.device import Device
 from clplen.lightfield.allinfocus import all_in_focus
 from clplen.lightfield.depth import sharpness_curve

@@ -18,9 +18,9 @@ from clplen.analysis.rendered import as_seen
 from clplen.analysis.samples import Values
 from clplen.analysis.sampling import sampling_of
 from clplen.analysis.straylight import camera_crosstalk
-from clplen.cameras.pictures import parts
 from clplen.cameras.plenoptic import Plenoptic
-from clplen.cameras.scene import PointSources
+from clplen.cameras.scenes.picture_planes import parts
+from clplen.cameras.scenes.point_sources import PointSources
 from clplen.compute.oneline import OneLine
 from clplen.errors import SamplingError
 

@@ -9,17 +9,17 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from clplen.cameras import geometry, wavefronts
-from clplen.cameras.aberrations import Aberrations
-from clplen.cameras.emission import Method
-from clplen.cameras.exposing import expose_scene
-from clplen.cameras.optics import Optics
-from clplen.cameras.part import aperture_grid, from_part
-from clplen.cameras.pictures import PicturePlane
-from clplen.cameras.pupil import pupil_fields
-from clplen.cameras.rays import expose_rays, is_rays
-from clplen.cameras.scene import PointSources
-from clplen.cameras.surfaces import SurfaceScene
+from clplen.cameras.exposure.emission import Method
+from clplen.cameras.exposure.exposing import expose_scene
+from clplen.cameras.exposure.ray_exposure import expose_rays, is_rays
+from clplen.cameras.optics import camera_geometry, wave_optics
+from clplen.cameras.optics.camera_aberrations import Aberrations
+from clplen.cameras.optics.part import aperture_grid, from_part
+from clplen.cameras.optics.pupil_fields import pupil_fields
+from clplen.cameras.optics.ray_optics import Optics
+from clplen.cameras.scenes.picture_planes import PicturePlane
+from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.surfaces import SurfaceScene
 from clplen.compute.lines import smooth_length
 from clplen.files import PathLike
 from clplen.lightfield.raw import RawImage
@@ -74,7 +74,9 @@ class Plenoptic(Optics):
                 f"sensor_shift = {aberrations.sensor_shift:g} m puts the sensor at "
                 f"{found.sensor_distance:g} m, not behind the array."
             )
-        geometry.check_sampling(found, 0.0, max(1.0, self.array_distance / self.image_distance))
+        camera_geometry.check_sampling(
+            found, 0.0, max(1.0, self.array_distance / self.image_distance)
+        )
         return found
 
     def expose(
@@ -155,7 +157,7 @@ class Plenoptic(Optics):
             progress=progress,
         )
         data = total if total.dtype == np.float32 else total.astype(np.float32)
-        raw = replace(geometry.raw_image(self, data), exposure=exposure)
+        raw = replace(camera_geometry.raw_image(self, data), exposure=exposure)
         return raw if sensor is None else sensor.record(raw)
 
     def pupil(
@@ -187,7 +189,7 @@ class Plenoptic(Optics):
             device=self.device,
         )
         places = self.image_of(scene.positions[chosen])[:, ::-1]
-        return wavefronts.behind_main_lens(self, pupil, places)
+        return wave_optics.behind_main_lens(self, pupil, places)
 
     def array_field(self, pupil: Field, *, pad: int = 1) -> Field:
         """Fields behind the main lens propagated to the array, before its lenslets.
@@ -223,7 +225,7 @@ class Plenoptic(Optics):
         """
         if self.field_lens:
             at_array = thin_lens(at_array, self.array_distance)
-        behind = wavefronts.behind_lenslets(self, self.mla.apply(at_array))
+        behind = wave_optics.behind_lenslets(self, self.mla.apply(at_array))
         return self.propagator(self.sensor_distance, "as", pad)(behind)
 
     def padding(self, scene: PointSources) -> tuple[int, int]:
@@ -265,8 +267,8 @@ class Plenoptic(Optics):
 
     def check_scene(self, scene: PointSources) -> None:
         """Refuse sources that this camera cannot show; see `expose`."""
-        geometry.check_place(self, scene)
+        camera_geometry.check_place(self, scene)
         places = self.on_array(scene.positions)
         beta = np.abs(np.atleast_1d(self.array_alpha(scene.positions[:, 2])))
         for reach, b in zip(np.abs(places).max(axis=1), beta, strict=True):
-            geometry.check_sampling(self, float(reach), max(1.0, float(b)))
+            camera_geometry.check_sampling(self, float(reach), max(1.0, float(b)))

@@ -6,10 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from clplen.cameras import aberrations, geometry
-from clplen.cameras.describe import Description, Row
+from clplen.cameras.optics import camera_aberrations, camera_geometry
+from clplen.cameras.optics.derived_parameters import Description, Row
 from clplen.cameras.plenoptic import Plenoptic
-from clplen.cameras.scene import PointSources
+from clplen.cameras.scenes.point_sources import PointSources
 from clplen.wave.field import row_powers
 
 
@@ -51,8 +51,8 @@ class Plenoptic1(Plenoptic):
             Row(
                 "angle a pixel", self.pixel_pitch / self.sensor_distance, "rad", "angular sampling"
             ),
-            Row("aperture a pixel", geometry.view_step(self), "m", "du on the main lens"),
-            Row("views", geometry.views(self), "", "across, one a pixel of a lenslet"),
+            Row("aperture a pixel", camera_geometry.view_step(self), "m", "du on the main lens"),
+            Row("views", camera_geometry.views(self), "", "across, one a pixel of a lenslet"),
             Row(
                 "independent views",
                 self.mla.diameter**2 / (lam * f_mu),
@@ -67,7 +67,7 @@ class Plenoptic1(Plenoptic):
                 "",
                 "pixels a view step for 1 - alpha = 1",
             ),
-            *aberrations.rows(self.aberrations, lam),
+            *camera_aberrations.rows(self.aberrations, lam),
         )
         return Description("Plenoptic 1.0 camera", rows)
 

@@ -12,8 +12,8 @@ import math
 from dataclasses import dataclass
 from numbers import Real
 
-from clplen.cameras import aberrations
-from clplen.cameras.describe import Description, Row
+from clplen.cameras.optics import camera_aberrations
+from clplen.cameras.optics.derived_parameters import Description, Row
 from clplen.cameras.plenoptic import Plenoptic
 from clplen.compute import lengths
 from clplen.wave.lenslets import MicrolensArray
@@ -104,7 +104,7 @@ class Plenoptic2(Plenoptic):
             Row("views", self.views, "", "lenslets in a row that see a point, D abs(a)/(F p)"),
             Row("spot width", 0.886 * lam * self.b / d, "m", "on the sensor, .886 lam b/d"),
             Row("cut-off", d / (lam * abs(self.a)), "1/m", "of the main image, d/(lam a)"),
-            *aberrations.rows(self.aberrations, lam),
+            *camera_aberrations.rows(self.aberrations, lam),
         )
         return Description(f"Plenoptic 2.0 camera, {kind}", rows)
 

@@ -13,8 +13,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from clplen.cameras.geometry import raw_image
-from clplen.cameras.microscope import Microscope
+from clplen.cameras.light_field_microscope import Microscope
+from clplen.cameras.optics.camera_geometry import raw_image
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing

@@ -1,7 +1,7 @@
 """How disparity and alpha = F/F' belong together: one law for every form of a light field.
 
-A telecentric camera (`clplen.cameras.microscope`) has no F and so no alpha: it has disparities, and
-depths z that are proportional to them.
+A telecentric camera (`clplen.cameras.light_field_microscope`) has no F and so no alpha: it has
+disparities, and depths z that are proportional to them.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
 
 if TYPE_CHECKING:
-    from clplen.cameras.truth import Truth
+    from clplen.cameras.scenes.ground_truth import Truth
     from clplen.compute.image import Image
     from clplen.lightfield.lattice import Lattice
 

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.cameras import isoplanatic
-from clplen.cameras.objective import Objective
-from clplen.cameras.pupil import pupil_fields
-from clplen.cameras.scene import PointSources
+from clplen.cameras.exposure import isoplanatic
+from clplen.cameras.optics.objective import Objective
+from clplen.cameras.optics.pupil_fields import pupil_fields
+from clplen.cameras.scenes.point_sources import PointSources
 from clplen.selftest import twins
 from clplen.selftest.check import EPS, Check, Pairs
 from clplen.wave.abbe import abbe_image

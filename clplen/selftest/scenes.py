@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.cameras.camera import PlenopticCamera
-from clplen.cameras.rays import SAMPLES, sample_rays
-from clplen.cameras.surfaces import Plane, Sphere, SurfaceScene
-from clplen.cameras.textures import Texture
+from clplen.cameras.exposure.ray_exposure import SAMPLES, sample_rays
+from clplen.cameras.plenoptic_camera import PlenopticCamera
+from clplen.cameras.scenes.surfaces import Plane, Sphere, SurfaceScene
+from clplen.cameras.scenes.textures import Texture
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
 from clplen.wave.lenslets import MicrolensArray

@@ -26,11 +26,11 @@ from clplen import (
     refocus,
 )
 from clplen.analysis.psf import PSF
-from clplen.cameras.aberrations import Aberrations, LensletScatter
-from clplen.cameras.correction import correct_aberrations
-from clplen.cameras.isoplanatic import layout
+from clplen.cameras.exposure.isoplanatic import layout
+from clplen.cameras.exposure.slides import SlideWay, slide_field
+from clplen.cameras.optics.camera_aberrations import Aberrations, LensletScatter
+from clplen.cameras.optics.correction import correct_aberrations
 from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.cameras.slide import SlideWay, slide_field
 from clplen.compute.device import Device
 from clplen.lightfield.focused_spots import point_m
 from clplen.wave.elements import phase_plate, thin_lens

@@ -7,7 +7,7 @@ import pytest
 from scipy import special
 
 from clplen import LightField, MicrolensArray, PlenopticCamera
-from clplen.cameras.pictures import PicturePlane
+from clplen.cameras.scenes.picture_planes import PicturePlane
 
 PITCH, COUNT = 150e-6, 25
 

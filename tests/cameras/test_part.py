@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clplen.cameras.camera import PlenopticCamera
-from clplen.cameras.part import aperture_grid, from_part
-from clplen.cameras.scene import PointSources
+from clplen.cameras.optics.part import aperture_grid, from_part
+from clplen.cameras.plenoptic_camera import PlenopticCamera
+from clplen.cameras.scenes.point_sources import PointSources
 from clplen.errors import ShapeError
 from clplen.wave.field import Field, Grid
 from clplen.wave.lenslets import MicrolensArray

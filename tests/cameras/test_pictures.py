@@ -16,9 +16,9 @@ from clplen import (
     Sensor,
     ShapeError,
 )
-from clplen.cameras import emission, isoplanatic, lattice
-from clplen.cameras.pictures import PicturePlane
+from clplen.cameras.exposure import emission, isoplanatic, pattern_lattice
 from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.cameras.scenes.picture_planes import PicturePlane
 
 RANDOM = np.random.default_rng(3)
 
@@ -166,9 +166,9 @@ def short_camera(device):
 
 @pytest.mark.parametrize("monomials", ["CONSTANT", "LINEAR", "EVEN", "QUADRATIC"])
 def test_patches_interpolate_their_monomials(device, monomials):
-    camera, exponents = short_camera(device), getattr(lattice, monomials)
+    camera, exponents = short_camera(device), getattr(pattern_lattice, monomials)
     plane = PicturePlane(RANDOM.random((5, 9)) + 0.1, 2.2e-3, 1e-3)
-    found = lattice.patches(camera, plane, lattice.places(camera), exponents)
+    found = pattern_lattice.patches(camera, plane, pattern_lattice.places(camera), exponents)
     assert len(found) == len(exponents)
     scale = -camera.image_distance / (camera.object_distance + 1e-3)
     y, x = plane.y[:, None] * scale, plane.x * scale
@@ -181,7 +181,9 @@ def test_patches_interpolate_their_monomials(device, monomials):
 def test_one_row_of_samples_needs_fewer_patches(device):
     camera = short_camera(device)
     plane = PicturePlane(np.ones((1, 9)), 2.2e-3)
-    found = lattice.patches(camera, plane, lattice.places(camera), lattice.QUADRATIC)
+    found = pattern_lattice.patches(
+        camera, plane, pattern_lattice.places(camera), pattern_lattice.QUADRATIC
+    )
     assert len(found) == 3
     np.testing.assert_allclose(sum(p.share for p in found), np.ones((1, 9)), rtol=1e-10)
 
@@ -191,10 +193,15 @@ def test_monomials_follow_from_the_aberrations(device):
     uneven = replace(camera, object_distance=0.045, image_distance=0.09)
     corner = np.zeros((21, 21))
     corner[:3, :3] = 1
-    assert lattice.powers(camera, PicturePlane([[1, 1]], 1e-4)) == lattice.CONSTANT
-    assert lattice.powers(camera, PicturePlane(np.ones((5, 5)), 2e-3)) == lattice.EVEN
-    assert lattice.powers(uneven, PicturePlane(np.ones((5, 5)), 2e-3)) == lattice.QUADRATIC
-    assert lattice.powers(camera, PicturePlane(corner, 2e-3)) == lattice.LINEAR
+    assert pattern_lattice.powers(camera, PicturePlane([[1, 1]], 1e-4)) == pattern_lattice.CONSTANT
+    assert (
+        pattern_lattice.powers(camera, PicturePlane(np.ones((5, 5)), 2e-3)) == pattern_lattice.EVEN
+    )
+    assert (
+        pattern_lattice.powers(uneven, PicturePlane(np.ones((5, 5)), 2e-3))
+        == pattern_lattice.QUADRATIC
+    )
+    assert pattern_lattice.powers(camera, PicturePlane(corner, 2e-3)) == pattern_lattice.LINEAR
 
 
 @pytest.mark.nightly
@@ -206,7 +213,7 @@ def test_aberrations_are_interpolated(device, monkeypatch):
     values[4, 4], values[4, 8], values[0, 0] = 1, 0.99, 0.98
     plane = PicturePlane(values, 9 / 4 * 0.9e-3)
     exposure = camera.expose(plane, method="isoplanatic").exposure
-    monkeypatch.setattr(isoplanatic, "powers", lambda *_: lattice.CONSTANT)
+    monkeypatch.setattr(isoplanatic, "powers", lambda *_: pattern_lattice.CONSTANT)
     once = camera.expose(plane, method="isoplanatic").exposure
     assert exposure.error <= 2e-3 < 2 * exposure.error < once.error
 

@@ -16,7 +16,8 @@ from clplen import (
     estimate_alpha,
     refocus,
 )
-from clplen.cameras import emission, plenoptic1
+from clplen.cameras import plenoptic1
+from clplen.cameras.exposure import emission
 
 
 def small(device, **change):

@@ -21,10 +21,10 @@ from clplen import (
     Sphere,
     SurfaceScene,
 )
-from clplen.cameras.outlines import rectangle
+from clplen.cameras.exposure.ray_exposure import sample_rays
 from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.cameras.rays import sample_rays
-from clplen.cameras.textures import noise, uniform
+from clplen.cameras.scenes.outlines import rectangle
+from clplen.cameras.scenes.textures import noise, uniform
 from clplen.compute.device import Device
 
 SMOOTH = noise(3, 64, finest=0.12, coarsest=0.03)

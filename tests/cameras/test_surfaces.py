@@ -10,10 +10,10 @@ from reference_scene import texture as texture_at
 from scipy.ndimage import map_coordinates
 
 from clplen import Plane, Sphere, SurfaceScene, Texture, refocus, sample_scenes
-from clplen.cameras.gallery import SCENES
-from clplen.cameras.outlines import Bars, Ellipse, Polygon, rectangle
-from clplen.cameras.surfaces import Spot
-from clplen.cameras.textures import bricks, checker, noise, picture, stripes, uniform
+from clplen.cameras.scenes.gallery import SCENES
+from clplen.cameras.scenes.outlines import Bars, Ellipse, Polygon, rectangle
+from clplen.cameras.scenes.surfaces import Spot
+from clplen.cameras.scenes.textures import bricks, checker, noise, picture, stripes, uniform
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
 

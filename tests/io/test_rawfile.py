@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from clplen import LightField, MicrolensArray, PlenopticCamera
-from clplen.cameras.aberrations import Aberrations, LensletScatter
-from clplen.cameras.geometry import raw_image
+from clplen.cameras.optics.camera_aberrations import Aberrations, LensletScatter
+from clplen.cameras.optics.camera_geometry import raw_image
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import is_raw_file, read_lightfield, read_raw, write_lightfield, write_raw

@@ -9,8 +9,8 @@ import pytest
 import reference_scene as reference
 
 from clplen import MicrolensArray, Plane, PlenopticCamera, Sphere, SurfaceScene, Texture
-from clplen.cameras.outlines import Ellipse
-from clplen.cameras.rays import SAMPLES, sample_rays
+from clplen.cameras.exposure.ray_exposure import SAMPLES, sample_rays
+from clplen.cameras.scenes.outlines import Ellipse
 from clplen.compute import llvmpipe
 from clplen.compute.device import Device
 

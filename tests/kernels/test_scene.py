@@ -9,8 +9,8 @@ import pytest
 import reference_scene as reference
 
 from clplen import Plane, Sphere, SurfaceScene, Texture
-from clplen.cameras.outlines import Bars, Ellipse, Polygon
-from clplen.cameras.surfaces import Spot
+from clplen.cameras.scenes.outlines import Bars, Ellipse, Polygon
+from clplen.cameras.scenes.surfaces import Spot
 from clplen.compute.device import Device
 
 SHAPE, VIEWS = (11, 14), (2, 3)

@@ -5,8 +5,8 @@ import pytest
 import reference
 from scipy import special
 
-from clplen.cameras.pupil import pupil_fields
-from clplen.cameras.scene import PointSources
+from clplen.cameras.optics.pupil_fields import pupil_fields
+from clplen.cameras.scenes.point_sources import PointSources
 from clplen.errors import DeviceError
 from clplen.wave.field import Grid
 

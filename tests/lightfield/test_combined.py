@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clplen.cameras.outlines import Bars
-from clplen.cameras.surfaces import Plane, SurfaceScene
-from clplen.cameras.textures import noise, uniform
+from clplen.cameras.scenes.outlines import Bars
+from clplen.cameras.scenes.surfaces import Plane, SurfaceScene
+from clplen.cameras.scenes.textures import noise, uniform
 from clplen.lightfield import combined, matching
 from clplen.lightfield.combined import combined_disparity
 from clplen.lightfield.depth import depth_map

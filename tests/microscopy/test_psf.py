@@ -9,7 +9,7 @@ from reference_microscope import Setup, sensor
 from tolerance import relative_max
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources, files
-from clplen.cameras.objective import CoverGlass
+from clplen.cameras.optics.objective import CoverGlass
 from clplen.errors import DeviceError, FormatError, SamplingError
 from clplen.microscopy import psf as module
 from clplen.microscopy import psffile

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.cameras import tracing
-from clplen.cameras.outlines import Outline, Vector
-from clplen.cameras.textures import Texture, uniform
-from clplen.cameras.truth import Truth
+from clplen.cameras.scenes import surface_tables
+from clplen.cameras.scenes.ground_truth import Truth
+from clplen.cameras.scenes.outlines import Outline, Vector
+from clplen.cameras.scenes.textures import Texture, uniform
 from clplen.compute.device import DeviceLike, as_device
 from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
@@ -259,16 +259,16 @@ class SurfaceScene(OneLine):
         sd = _spread(noise, (ny, nx))
         levels = _gains(gain, (V, U))
         self.check_views((V - 1) / 2, (U - 1) / 2)
-        tables = tracing.tables(self, device)
+        tables = surface_tables.tables(self, device)
         full = (V, U, ny, nx) if self.channels == 1 else (V, U, ny, nx, 3)
         device.require_memory(kind.itemsize * math.prod(full), "This light field")
         result = np.empty(full, kind)
         random = np.random.default_rng(seed)
-        for v, row in enumerate(tracing.rows_of_views(tables, levels, (ny, nx))):
+        for v, row in enumerate(surface_tables.rows_of_views(tables, levels, (ny, nx))):
             result[v] = _stored(row.reshape(full[1:]), sd, random, kind)
         weights = np.ones((V, U), np.float32)
         lf = LightField.from_array(result, device=device, weights=weights)
-        return lf, tracing.truth(tables, (ny, nx))
+        return lf, surface_tables.truth(tables, (ny, nx))
 
     def check_views(self, down: float, right: float) -> None:
         """Refuse planes that a view up to (down, right) from the centre sees edge-on.

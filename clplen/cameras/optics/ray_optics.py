@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from clplen.cameras.aberrations import NONE, Aberrations
-from clplen.cameras.arrayed import Arrayed
-from clplen.cameras.describe import Description
+from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
+from clplen.cameras.optics.derived_parameters import Description
+from clplen.cameras.optics.lenslet_camera import Arrayed
 from clplen.compute.device import Device
 from clplen.wave.field import Grid
 from clplen.wave.lenslets import MicrolensArray

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.cameras.describe import Row
+from clplen.cameras.optics.derived_parameters import Row
 from clplen.compute import lengths
 from clplen.compute.oneline import OneLine
 from clplen.wave.lenslet_errors import HIGHEST_ORDER, LensletErrors

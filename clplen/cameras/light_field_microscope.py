@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.cameras import geometry
-from clplen.cameras.microscope_optics import MicroscopeOptics, check_places, check_sampling
-from clplen.cameras.scene import PointSources
+from clplen.cameras.optics import camera_geometry
+from clplen.cameras.optics.microscope_optics import MicroscopeOptics, check_places, check_sampling
+from clplen.cameras.scenes.point_sources import PointSources
 from clplen.compute.lines import smooth_length
 from clplen.errors import SamplingError
 from clplen.files import PathLike
@@ -224,7 +224,7 @@ class Microscope(MicroscopeOptics):
             float32, shape of ``grid``.
         """
         step = self.pixel_pitch * self.tube_lens / self.mla.f  # du on the pupil
-        lenslets = geometry.lenslet_grid(self, 1.0)
+        lenslets = camera_geometry.lenslet_grid(self, 1.0)
         spacing = (-step, -step, self.mla.row_pitch, self.mla.pitch)
         return RawImage(data, self.device, self.pixel_pitch, lenslets, lenslets, spacing, self)
 

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.cameras.lattice import Patch, Places, patches, places, powers
-from clplen.cameras.pictures import PicturePlane
-from clplen.cameras.scene import PointSources
+from clplen.cameras.exposure.pattern_lattice import Patch, Places, patches, places, powers
+from clplen.cameras.scenes.picture_planes import PicturePlane
+from clplen.cameras.scenes.point_sources import PointSources
 from clplen.compute.lines import smooth_length
 from clplen.lightfield.raw import Transforms
 from clplen.wave.average import Progress

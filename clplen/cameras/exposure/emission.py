@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.cameras.isoplanatic import Layout, layout, padded, raw_patterns
-from clplen.cameras.pictures import PicturePlane, parts
-from clplen.cameras.scene import PointSources
+from clplen.cameras.exposure.isoplanatic import Layout, layout, padded, raw_patterns
+from clplen.cameras.scenes.picture_planes import PicturePlane, parts
+from clplen.cameras.scenes.point_sources import PointSources
 from clplen.compute.image import Image
 from clplen.errors import SamplingWarning
 from clplen.lightfield.raw import Exposure, Transforms

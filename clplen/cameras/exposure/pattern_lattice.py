@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.cameras.pictures import PicturePlane
+from clplen.cameras.scenes.picture_planes import PicturePlane
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic import Plenoptic

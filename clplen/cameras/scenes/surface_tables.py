@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.cameras.outlines import Bars, Ellipse, Outline, Polygon
-from clplen.cameras.truth import Truth, truth_of
+from clplen.cameras.scenes.ground_truth import Truth, truth_of
+from clplen.cameras.scenes.outlines import Bars, Ellipse, Outline, Polygon
 
 if TYPE_CHECKING:
-    from clplen.cameras.surfaces import Plane, Sphere, SurfaceScene
+    from clplen.cameras.scenes.surfaces import Plane, Sphere, SurfaceScene
     from clplen.compute.device import Device
 
 SHAPE, WHICH = 17, 9  # numbers a surface in kernels/surfaces.cl

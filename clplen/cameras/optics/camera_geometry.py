@@ -16,9 +16,9 @@ from clplen.wave.field import Grid
 from clplen.wave.lenslets import SMALLEST_PITCH, MicrolensArray
 
 if TYPE_CHECKING:
-    from clplen.cameras.microscope import Microscope
+    from clplen.cameras.light_field_microscope import Microscope
     from clplen.cameras.plenoptic import Plenoptic
-    from clplen.cameras.scene import PointSources
+    from clplen.cameras.scenes.point_sources import PointSources
 
 LENS_LAW_TOLERANCE = 1e-6  # relative, of 1/f = 1/object + 1/image
 

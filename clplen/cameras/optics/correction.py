@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.cameras.aberrations import Aberrations, slopes
+from clplen.cameras.optics.camera_aberrations import Aberrations, slopes
 from clplen.lightfield.given import as_lightfield
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.moved import move_views

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.cameras import geometry, tracing
-from clplen.cameras.aberrations import slopes
-from clplen.cameras.pictures import PicturePlane, parts
-from clplen.cameras.scene import PointSources
-from clplen.cameras.surfaces import SurfaceScene
-from clplen.cameras.truth import Truth
+from clplen.cameras.optics import camera_geometry
+from clplen.cameras.optics.camera_aberrations import slopes
+from clplen.cameras.scenes import surface_tables
+from clplen.cameras.scenes.ground_truth import Truth
+from clplen.cameras.scenes.picture_planes import PicturePlane, parts
+from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.surfaces import SurfaceScene
 
 if TYPE_CHECKING:
     import pyopencl.array as cla
@@ -77,12 +78,12 @@ def expose_rays(camera: Plenoptic, scene: Any) -> RawImage:
             )
     sources = [part if isinstance(part, PointSources) else part.points() for part in members]
     for source in sources:
-        geometry.check_place(camera, source)
+        camera_geometry.check_place(camera, source)
     share = ALL_RAYS // max(1, sum(len(source) for source in sources))
     count = min(MOST_RAYS, max(LEAST_RAYS, share))
     for source in sources:
         _add_points(image, camera, source, count)
-    return geometry.raw_image(camera, camera.device.upload(image.astype(np.float32)))
+    return camera_geometry.raw_image(camera, camera.device.upload(image.astype(np.float32)))
 
 
 def is_rays(model: str, scene: Any, coherence: Coherence | None, how: Averaging) -> bool:
@@ -120,13 +121,13 @@ def _surfaces(camera: Plenoptic, scene: SurfaceScene) -> RawImage:
             "Rays of a SurfaceScene know no wavefronts of the lenses: of the camera's aberrations "
             "keep sensor_shift only, or expose points and pictures."
         )
-    raw = geometry.raw_image(camera, device.empty(camera.grid.shape, np.float32))
-    step = geometry.view_step(camera)
+    raw = camera_geometry.raw_image(camera, device.empty(camera.grid.shape, np.float32))
+    step = camera_geometry.view_step(camera)
     radius, aspect = camera.aperture_diameter / 2 / step, mla.pitch / mla.row_pitch
     blurs = _gains(camera)[:, None] * (mla.row_pitch / step, mla.pitch / step)
     blur = np.abs(blurs).max(axis=0)
     scene.check_views(*view_reach(camera))
-    tables = tracing.tables(scene, device)
+    tables = surface_tables.tables(scene, device)
     grid = raw.sub_images
     size = (math.hypot(*grid.row_step), math.hypot(*grid.column_step))  # pixels a sub-image
     samples = sample_rays(mla, count=SAMPLES)
@@ -157,7 +158,7 @@ def view_reach(camera: Plenoptic) -> tuple[float, float]:
 
     Those of a pixel and a lenslet that pass the main lens, and those beside it, which are traced.
     """
-    mla, step = camera.mla, geometry.view_step(camera)
+    mla, step = camera.mla, camera_geometry.view_step(camera)
     lenslet = mla.pitch / step * max(1.0, float(np.abs(_gains(camera)).max()))
     widest = camera.aperture_diameter / 2 / step + 1 + lenslet
     return widest * mla.pitch / mla.row_pitch, widest
@@ -174,10 +175,10 @@ def _gains(camera: Plenoptic) -> Vector:
     return np.asarray(bent if camera.field_lens else 1 + bent)
 
 
-def _truth(camera: Plenoptic, tables: tracing.Tables) -> Truth:
+def _truth(camera: Plenoptic, tables: surface_tables.Tables) -> Truth:
     """On the lattice of the lenslets, with z by the camera."""
-    found = tracing.truth(tables, camera.mla.count)
-    beta = 1 - found.disparity * (camera.mla.pitch / geometry.view_step(camera))
+    found = surface_tables.truth(tables, camera.mla.count)
+    beta = 1 - found.disparity * (camera.mla.pitch / camera_geometry.view_step(camera))
     alpha = beta * (camera.image_distance / camera.array_distance)
     return replace(found, z=np.asarray(camera.dz(alpha), np.float32))
 
@@ -225,14 +226,14 @@ def lenslet_bounds(
     for i, one in enumerate(scene.surfaces):
         points = one.bounds()
         if points is None:
-            found[i] = (-tracing.FAR, tracing.FAR) * 2
+            found[i] = (-surface_tables.FAR, surface_tables.FAR) * 2
             continue
         for axis, reach in ((0, widest * aspect), (1, widest)):
             middle = (count[axis] - 1) / 2
-            spread = np.abs(points[:, 2]).max() * reach + tracing.MARGIN
+            spread = np.abs(points[:, 2]).max() * reach + surface_tables.MARGIN
             low, high = points[:, axis].min() - spread, points[:, axis].max() + spread
             found[i, 2 * axis : 2 * axis + 2] = (low + middle, high + middle)
-    return np.clip(found, -tracing.FAR, tracing.FAR).astype(np.int32)
+    return np.clip(found, -surface_tables.FAR, surface_tables.FAR).astype(np.int32)
 
 
 def _pixel_tables(camera: Plenoptic, grid: LensletGrid) -> tuple[cla.Array, ...]:

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from clplen.cameras.scene import PointSources
+from clplen.cameras.scenes.point_sources import PointSources
 from clplen.compute.hostarray import HostArray
 from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError

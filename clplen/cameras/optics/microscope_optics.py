@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from clplen.cameras.arrayed import Arrayed
-from clplen.cameras.describe import Description, Row
-from clplen.cameras.objective import APODISATION, CoverGlass, Objective
+from clplen.cameras.optics.derived_parameters import Description, Row
+from clplen.cameras.optics.lenslet_camera import Arrayed
+from clplen.cameras.optics.objective import APODISATION, CoverGlass, Objective
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
 from clplen.wave.field import Grid

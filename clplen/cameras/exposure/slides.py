@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from clplen.cameras import wavefronts
-from clplen.cameras.pictures import PicturePlane
+from clplen.cameras.optics import wave_optics
+from clplen.cameras.scenes.picture_planes import PicturePlane
 from clplen.wave.elements import thin_lens, transparency
 from clplen.wave.field import Field
 
@@ -49,7 +49,7 @@ class SlideWay:
             lit = thin_lens(lit, self.z)
         at_lens = camera.propagator(self.z, "blas", 1 if self.koehler else 2)(lit)
         pupil = thin_lens(at_lens, camera.focal_length, diameter=camera.aperture_diameter)
-        pupil = wavefronts.behind_main_lens(camera, pupil)
+        pupil = wave_optics.behind_main_lens(camera, pupil)
         at_array = camera.array_field(pupil, pad=self.padding[0])
         return camera.sensor_field(at_array, pad=self.padding[1])
 

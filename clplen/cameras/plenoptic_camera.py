@@ -5,10 +5,10 @@ from __future__ import annotations
 import warnings
 from typing import Any, Literal
 
-from clplen.cameras import geometry, microscope_optics
-from clplen.cameras.aberrations import NONE, Aberrations
-from clplen.cameras.microscope import Microscope
-from clplen.cameras.objective import APODISATION, CoverGlass
+from clplen.cameras.light_field_microscope import Microscope
+from clplen.cameras.optics import camera_geometry, microscope_optics
+from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
+from clplen.cameras.optics.objective import APODISATION, CoverGlass
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2, magnification, matched_aperture
 from clplen.compute.device import Device, DeviceLike, as_device
@@ -90,7 +90,7 @@ class PlenopticCamera:
             field_lens=bool(field_lens),
             **shared,
         )
-        geometry.check_sampling(camera, 0.0, 1.0)
+        camera_geometry.check_sampling(camera, 0.0, 1.0)
         return camera.with_aberrations(aberrations)
 
     @staticmethod
@@ -174,7 +174,7 @@ class PlenopticCamera:
             m=float(m),
             **shared,
         )
-        geometry.check_sampling(camera, 0.0, max(1.0, z2 / F))
+        camera_geometry.check_sampling(camera, 0.0, max(1.0, z2 / F))
         return camera.with_aberrations(aberrations)
 
     @staticmethod
@@ -241,7 +241,7 @@ class PlenopticCamera:
             If the two f-numbers differ by more than 10 %.
         """
         device = as_device(device)
-        geometry.require_lengths(wavelength=wavelength, tube_lens=tube_lens)
+        camera_geometry.require_lengths(wavelength=wavelength, tube_lens=tube_lens)
         check_wavelength(wavelength)
         _check_objective(magnification, na, medium_index, mla)
         if not (is_finite(apodisation) and -1 <= apodisation <= 1):
@@ -256,7 +256,7 @@ class PlenopticCamera:
                 f"NA {na!r} does not pass a cover glass of index "
                 f"{min(cover.index, cover.designed_index)!r}."
             )
-        grid = geometry.sensor_grid(mla, pixels_per_lenslet)
+        grid = camera_geometry.sensor_grid(mla, pixels_per_lenslet)
         camera = Microscope(
             magnification=float(magnification),
             na=float(na),
@@ -311,7 +311,7 @@ def _distances(
     aperture_diameter: float | None,
 ) -> tuple[float, float]:
     """Object and image distance, after a look at everything that both cameras are given."""
-    geometry.require_lengths(
+    camera_geometry.require_lengths(
         focal_length=focal_length,
         wavelength=wavelength,
         object_distance=object_distance,
@@ -323,7 +323,7 @@ def _distances(
         raise ValueError(
             f"The lenslets of a camera converge: f > 0, not {min(mla.focal_lengths)!r}."
         )
-    return geometry.lens_law(focal_length, object_distance, image_distance)
+    return camera_geometry.lens_law(focal_length, object_distance, image_distance)
 
 
 def _shared(
@@ -334,7 +334,7 @@ def _shared(
     device: Device,
 ) -> dict[str, Any]:
     """Fields of both cameras that are as given, and the sensor's."""
-    grid = geometry.sensor_grid(mla, pixels_per_lenslet)
+    grid = camera_geometry.sensor_grid(mla, pixels_per_lenslet)
     return {
         "focal_length": float(focal_length),
         "mla": mla,

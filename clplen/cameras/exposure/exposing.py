@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import pyopencl.array as cla
 
-from clplen.cameras.emission import METHODS, Method, emit, together
-from clplen.cameras.isoplanatic import padded
-from clplen.cameras.pictures import PicturePlane, parts
-from clplen.cameras.scene import PointSources
-from clplen.cameras.slide import SlideWay, slide_field, slide_way
+from clplen.cameras.exposure.emission import METHODS, Method, emit, together
+from clplen.cameras.exposure.isoplanatic import padded
+from clplen.cameras.exposure.slides import SlideWay, slide_field, slide_way
+from clplen.cameras.scenes.picture_planes import PicturePlane, parts
+from clplen.cameras.scenes.point_sources import PointSources
 from clplen.lightfield.raw import Exposure
 from clplen.wave.average import Averaging, MeanIntensity, Progress
 from clplen.wave.checks import average_of

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from clplen.cameras.outlines import Bars, Ellipse, Pair, Polygon, rectangle
-from clplen.cameras.surfaces import Plane, Sphere, Spot, SurfaceScene
-from clplen.cameras.textures import Texture, bricks, checker, noise, picture
+from clplen.cameras.scenes.outlines import Bars, Ellipse, Pair, Polygon, rectangle
+from clplen.cameras.scenes.surfaces import Plane, Sphere, Spot, SurfaceScene
+from clplen.cameras.scenes.textures import Texture, bricks, checker, noise, picture
 
 Random = np.random.Generator
 NOISES = (0.0, 0.01, 0.02, 0.05)  # fractions of white, in turn

@@ -1,0 +1,1 @@
+"""What a camera looks at: descriptions in metres or disparities come in, sources and views go out."""
