@@ -1,1 +1,1 @@
-"""What a camera looks at: descriptions in metres or disparities come in, sources and views go out."""
+"""What a camera looks at: pictures and surfaces come in, sources and views of them go out."""
