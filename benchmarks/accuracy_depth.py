@@ -21,7 +21,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from reference_cues import plain_depth
 
 from clplen.cameras.scenes.outlines import Bars
-from clplen.cameras.scenes.surfaces import Plane, Sphere, SurfaceScene
+from clplen.cameras.scenes.surface_scene import SurfaceScene
+from clplen.cameras.scenes.surfaces import Plane, Sphere
 from clplen.cameras.scenes.textures import noise
 from clplen.compute.device import Device
 from clplen.lightfield.depth import CUES, depth_map

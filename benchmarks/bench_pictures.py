@@ -18,8 +18,7 @@ import numpy as np
 
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic_camera import PlenopticCamera
-from clplen.cameras.scenes.picture_planes import PicturePlane
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources
 from clplen.compute.device import Device
 from clplen.lightfield.raw import Exposure
 from clplen.wave.lenslets import MicrolensArray

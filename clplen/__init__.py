@@ -20,9 +20,9 @@ from clplen.cameras.optics.objective import CoverGlass
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.scenes.gallery import sample_scenes
 from clplen.cameras.scenes.ground_truth import Truth
-from clplen.cameras.scenes.picture_planes import PicturePlane
-from clplen.cameras.scenes.point_sources import PointSources
-from clplen.cameras.scenes.surfaces import Plane, Sphere, SurfaceScene
+from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources
+from clplen.cameras.scenes.surface_scene import SurfaceScene
+from clplen.cameras.scenes.surfaces import Plane, Sphere
 from clplen.cameras.scenes.textures import Texture
 from clplen.compute.device import Device
 from clplen.compute.image import Image

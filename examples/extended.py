@@ -16,7 +16,7 @@ from matplotlib.patches import Rectangle, Wedge
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, RawImage, SamplingWarning
 from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.cameras.scenes.picture_planes import PicturePlane
+from clplen.cameras.scenes.scene_sources import PicturePlane
 from clplen.plot.base import LIGHT, centred
 
 SHARE = 0.75  # of the array that the picture's image fills; at the border pixels alias

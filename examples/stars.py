@@ -14,7 +14,8 @@ from matplotlib.axes import Axes
 
 from clplen import MicrolensArray, PlenopticCamera, RawImage
 from clplen.cameras.scenes.outlines import Ellipse
-from clplen.cameras.scenes.surfaces import Plane, SurfaceScene
+from clplen.cameras.scenes.surface_scene import SurfaceScene
+from clplen.cameras.scenes.surfaces import Plane
 from clplen.cameras.scenes.textures import picture as table_of
 from clplen.lightfield.focused_picture import FocusedImage
 from clplen.plot.base import LIGHT

@@ -157,7 +157,7 @@ def test_no_imports_in_a_circle(graph: dict[str, list[tuple[str, int]]]) -> None
         ("wave/field", "from clplen.wave.phase import phasor", False),
         ("wave/field", "from clplen.lightfield import raw", True),
         ("lightfield/raw", "from clplen import wave", True),
-        ("lightfield/raw", "import clplen.cameras.scenes.point_sources", True),
+        ("lightfield/raw", "import clplen.cameras.scenes.scene_sources", True),
         ("compute/device", "def late():\n    from clplen.wave.field import Grid", True),
         ("compute/device", "if TYPE_CHECKING:\n    from clplen.wave.field import Grid", False),
         ("compute/device", "if TYPE_CHECKING:\n  pass\nelse:\n  import clplen.wave.field", True),

@@ -16,8 +16,7 @@ from tqdm import tqdm
 
 from clplen import cli
 from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.cameras.scenes.picture_planes import PicturePlane
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources
 from clplen.cli import common
 from clplen.compute.device import Device
 from clplen.config import read_camera_file

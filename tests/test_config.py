@@ -16,7 +16,7 @@ from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.camera_aberrations import LensletScatter
 from clplen.cameras.optics.objective import CoverGlass
 from clplen.cameras.plenoptic2 import Plenoptic2
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, CameraFile, CoherenceTable, read_camera_file
 from clplen.config.aberrations import AberrationsTable

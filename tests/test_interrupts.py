@@ -73,7 +73,7 @@ def check(done: subprocess.CompletedProcess[str]) -> None:
 
 @pytest.mark.parametrize(
     "module",
-    ["numpy", "clplen.cameras.scenes.point_sources", "pyopencl", "clplen.cli", "click",
+    ["numpy", "clplen.cameras.scenes.scene_sources", "pyopencl", "clplen.cli", "click",
      "clplen.cli.stack", "tqdm", "clplen.io", "clplen.lightfield.refocus"],
 )  # fmt: skip
 def test_while_modules_are_imported(tmp_path: Path, module: str):

@@ -41,7 +41,7 @@ from clplen import (
 )
 from clplen.bench import ceilings
 from clplen.cameras.optics.camera_aberrations import Aberrations, LensletScatter
-from clplen.cameras.scenes.picture_planes import PicturePlane
+from clplen.cameras.scenes.scene_sources import PicturePlane
 from clplen.compute.device import Device
 from clplen.lightfield.allinfocus import all_in_focus
 from clplen.lightfield.depth import sharpness_curve

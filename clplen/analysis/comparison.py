@@ -19,8 +19,7 @@ from clplen.analysis.samples import Values
 from clplen.analysis.sampling import sampling_of
 from clplen.analysis.straylight import camera_crosstalk
 from clplen.cameras.plenoptic import Plenoptic
-from clplen.cameras.scenes.picture_planes import parts
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PointSources, parts
 from clplen.compute.oneline import OneLine
 from clplen.errors import SamplingError
 

@@ -9,7 +9,7 @@ import numpy as np
 from clplen.analysis.samples import Pair, Values
 from clplen.cameras.optics.camera_aberrations import NONE
 from clplen.cameras.plenoptic import Plenoptic
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PointSources
 
 
 def is_focused(camera: Any) -> bool:

@@ -21,8 +21,8 @@ from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.plenoptic import Plenoptic
 from clplen.cameras.scenes.gallery import SCENES, SampleScene, sample_scenes
 from clplen.cameras.scenes.ground_truth import Truth
-from clplen.cameras.scenes.point_sources import PointSources
-from clplen.cameras.scenes.surfaces import EDGE_ON
+from clplen.cameras.scenes.scene_sources import PointSources
+from clplen.cameras.scenes.surface_scene import EDGE_ON
 from clplen.compute.device import Device
 from clplen.config import CameraFile, CoherenceTable
 from clplen.config.camera import CameraTable, SensorTable

@@ -12,7 +12,7 @@ from clplen.bench.measure import Case, finished, in_turn
 from clplen.bench.report import Goal, Report, time_rows
 from clplen.bench.sizes import halved, numbers
 from clplen.cameras.plenoptic_camera import PlenopticCamera
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.raw import RawImage, Transforms
 from clplen.wave.lenslets import MicrolensArray

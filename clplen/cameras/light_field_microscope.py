@@ -21,7 +21,7 @@ import pyopencl.array as cla
 
 from clplen.cameras.optics import camera_geometry
 from clplen.cameras.optics.microscope_optics import MicroscopeOptics, check_places, check_sampling
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.lines import smooth_length
 from clplen.errors import SamplingError
 from clplen.files import PathLike

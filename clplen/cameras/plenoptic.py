@@ -17,9 +17,8 @@ from clplen.cameras.optics.camera_aberrations import Aberrations
 from clplen.cameras.optics.part import aperture_grid, from_part
 from clplen.cameras.optics.pupil_fields import pupil_fields
 from clplen.cameras.optics.ray_optics import Optics
-from clplen.cameras.scenes.picture_planes import PicturePlane
-from clplen.cameras.scenes.point_sources import PointSources
-from clplen.cameras.scenes.surfaces import SurfaceScene
+from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources
+from clplen.cameras.scenes.surface_scene import SurfaceScene
 from clplen.compute.lines import smooth_length
 from clplen.files import PathLike
 from clplen.lightfield.raw import RawImage

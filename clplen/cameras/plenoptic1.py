@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from clplen.cameras.optics import camera_aberrations, camera_geometry
 from clplen.cameras.optics.derived_parameters import Description, Row
 from clplen.cameras.plenoptic import Plenoptic
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.wave.field import row_powers
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics import camera_geometry
 from clplen.cameras.optics.microscope_optics import check_places
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.checks import require
 from clplen.compute.hostmemory import free_memory
 from clplen.compute.lines import smooth_length

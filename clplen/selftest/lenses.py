@@ -9,7 +9,7 @@ import numpy as np
 from clplen.cameras.exposure import isoplanatic
 from clplen.cameras.optics.objective import Objective
 from clplen.cameras.optics.pupil_fields import pupil_fields
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.selftest import twins
 from clplen.selftest.check import EPS, Check, Pairs
 from clplen.wave.abbe import abbe_image

@@ -8,7 +8,8 @@ import numpy as np
 
 from clplen.cameras.exposure.ray_exposure import SAMPLES, sample_rays
 from clplen.cameras.plenoptic_camera import PlenopticCamera
-from clplen.cameras.scenes.surfaces import Plane, Sphere, SurfaceScene
+from clplen.cameras.scenes.surface_scene import SurfaceScene
+from clplen.cameras.scenes.surfaces import Plane, Sphere
 from clplen.cameras.scenes.textures import Texture
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs

@@ -33,7 +33,7 @@ from clplen.cameras.optics.camera_aberrations import Aberrations
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.plenoptic_camera import PlenopticCamera
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
 from clplen.wave.lenslets import MicrolensArray

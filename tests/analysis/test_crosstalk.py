@@ -17,7 +17,7 @@ from clplen.analysis.crosstalk import (
     nearest_cell,
 )
 from clplen.cameras.plenoptic_camera import PlenopticCamera
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.lightfield.lattice import Lattice

@@ -17,7 +17,7 @@ from clplen.batch.source import Source
 from clplen.batch.tables import EVERY, SceneTable, SimulationTable
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.scenes.gallery import SCENES, sample_scenes
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.cameras.scenes.surfaces import Plane
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, read_camera_file

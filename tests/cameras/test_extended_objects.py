@@ -7,7 +7,7 @@ import pytest
 from scipy import special
 
 from clplen import LightField, MicrolensArray, PlenopticCamera
-from clplen.cameras.scenes.picture_planes import PicturePlane
+from clplen.cameras.scenes.scene_sources import PicturePlane
 
 PITCH, COUNT = 150e-6, 25
 

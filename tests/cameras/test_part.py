@@ -7,7 +7,7 @@ import pytest
 
 from clplen.cameras.optics.part import aperture_grid, from_part
 from clplen.cameras.plenoptic_camera import PlenopticCamera
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.errors import ShapeError
 from clplen.wave.field import Field, Grid
 from clplen.wave.lenslets import MicrolensArray

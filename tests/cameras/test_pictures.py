@@ -18,7 +18,7 @@ from clplen import (
 )
 from clplen.cameras.exposure import emission, isoplanatic, pattern_lattice
 from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.cameras.scenes.picture_planes import PicturePlane
+from clplen.cameras.scenes.scene_sources import PicturePlane
 
 RANDOM = np.random.default_rng(3)
 

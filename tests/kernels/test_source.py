@@ -6,7 +6,7 @@ import reference
 from scipy import special
 
 from clplen.cameras.optics.pupil_fields import pupil_fields
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.errors import DeviceError
 from clplen.wave.field import Grid
 

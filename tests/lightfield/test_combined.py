@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from clplen.cameras.scenes.outlines import Bars
-from clplen.cameras.scenes.surfaces import Plane, SurfaceScene
+from clplen.cameras.scenes.surface_scene import SurfaceScene
+from clplen.cameras.scenes.surfaces import Plane
 from clplen.cameras.scenes.textures import noise, uniform
 from clplen.lightfield import combined, matching
 from clplen.lightfield.combined import combined_disparity

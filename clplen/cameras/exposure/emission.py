@@ -15,8 +15,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.cameras.exposure.isoplanatic import Layout, layout, padded, raw_patterns
-from clplen.cameras.scenes.picture_planes import PicturePlane, parts
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources, parts
 from clplen.compute.image import Image
 from clplen.errors import SamplingWarning
 from clplen.lightfield.raw import Exposure, Transforms

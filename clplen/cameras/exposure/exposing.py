@@ -11,8 +11,7 @@ import pyopencl.array as cla
 from clplen.cameras.exposure.emission import METHODS, Method, emit, together
 from clplen.cameras.exposure.isoplanatic import padded
 from clplen.cameras.exposure.slides import SlideWay, slide_field, slide_way
-from clplen.cameras.scenes.picture_planes import PicturePlane, parts
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources, parts
 from clplen.lightfield.raw import Exposure
 from clplen.wave.average import Averaging, MeanIntensity, Progress
 from clplen.wave.checks import average_of

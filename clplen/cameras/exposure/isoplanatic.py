@@ -17,8 +17,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.cameras.exposure.pattern_lattice import Patch, Places, patches, places, powers
-from clplen.cameras.scenes.picture_planes import PicturePlane
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources
 from clplen.compute.lines import smooth_length
 from clplen.lightfield.raw import Transforms
 from clplen.wave.average import Progress

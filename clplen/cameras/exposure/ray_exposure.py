@@ -10,11 +10,16 @@ import numpy as np
 
 from clplen.cameras.optics import camera_geometry
 from clplen.cameras.optics.camera_aberrations import slopes
-from clplen.cameras.scenes import surface_tables
 from clplen.cameras.scenes.ground_truth import Truth
-from clplen.cameras.scenes.picture_planes import PicturePlane, parts
-from clplen.cameras.scenes.point_sources import PointSources
-from clplen.cameras.scenes.surfaces import SurfaceScene
+from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources, parts
+from clplen.cameras.scenes.surface_scene import (
+    FAR,
+    MARGIN,
+    SurfaceScene,
+    SurfaceTables,
+    centre_truth,
+    surface_tables,
+)
 
 if TYPE_CHECKING:
     import pyopencl.array as cla
@@ -127,7 +132,7 @@ def _surfaces(camera: Plenoptic, scene: SurfaceScene) -> RawImage:
     blurs = _gains(camera)[:, None] * (mla.row_pitch / step, mla.pitch / step)
     blur = np.abs(blurs).max(axis=0)
     scene.check_views(*view_reach(camera))
-    tables = surface_tables.tables(scene, device)
+    tables = surface_tables(scene, device)
     grid = raw.sub_images
     size = (math.hypot(*grid.row_step), math.hypot(*grid.column_step))  # pixels a sub-image
     samples = sample_rays(mla, count=SAMPLES)
@@ -175,9 +180,9 @@ def _gains(camera: Plenoptic) -> Vector:
     return np.asarray(bent if camera.field_lens else 1 + bent)
 
 
-def _truth(camera: Plenoptic, tables: surface_tables.Tables) -> Truth:
+def _truth(camera: Plenoptic, tables: SurfaceTables) -> Truth:
     """On the lattice of the lenslets, with z by the camera."""
-    found = surface_tables.truth(tables, camera.mla.count)
+    found = centre_truth(tables, camera.mla.count)
     beta = 1 - found.disparity * (camera.mla.pitch / camera_geometry.view_step(camera))
     alpha = beta * (camera.image_distance / camera.array_distance)
     return replace(found, z=np.asarray(camera.dz(alpha), np.float32))
@@ -226,14 +231,14 @@ def lenslet_bounds(
     for i, one in enumerate(scene.surfaces):
         points = one.bounds()
         if points is None:
-            found[i] = (-surface_tables.FAR, surface_tables.FAR) * 2
+            found[i] = (-FAR, FAR) * 2
             continue
         for axis, reach in ((0, widest * aspect), (1, widest)):
             middle = (count[axis] - 1) / 2
-            spread = np.abs(points[:, 2]).max() * reach + surface_tables.MARGIN
+            spread = np.abs(points[:, 2]).max() * reach + MARGIN
             low, high = points[:, axis].min() - spread, points[:, axis].max() + spread
             found[i, 2 * axis : 2 * axis + 2] = (low + middle, high + middle)
-    return np.clip(found, -surface_tables.FAR, surface_tables.FAR).astype(np.int32)
+    return np.clip(found, -FAR, FAR).astype(np.int32)
 
 
 def _pixel_tables(camera: Plenoptic, grid: LensletGrid) -> tuple[cla.Array, ...]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clplen.cameras.optics import wave_optics
-from clplen.cameras.scenes.picture_planes import PicturePlane
+from clplen.cameras.scenes.scene_sources import PicturePlane
 from clplen.wave.elements import thin_lens, transparency
 from clplen.wave.field import Field
 

@@ -18,7 +18,7 @@ from clplen.wave.lenslets import SMALLEST_PITCH, MicrolensArray
 if TYPE_CHECKING:
     from clplen.cameras.light_field_microscope import Microscope
     from clplen.cameras.plenoptic import Plenoptic
-    from clplen.cameras.scenes.point_sources import PointSources
+    from clplen.cameras.scenes.scene_sources import PointSources
 
 LENS_LAW_TOLERANCE = 1e-6  # relative, of 1/f = 1/object + 1/image
 

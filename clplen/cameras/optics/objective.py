@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
 from clplen.wave.checks import is_finite
 from clplen.wave.field import Field, Grid

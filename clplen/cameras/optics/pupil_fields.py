@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.cameras.scenes.point_sources import PointSources
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
 from clplen.errors import DeviceError
 from clplen.wave.field import Field, Grid

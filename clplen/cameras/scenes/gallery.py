@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from clplen.cameras.scenes.outlines import Bars, Ellipse, Pair, Polygon, rectangle
-from clplen.cameras.scenes.surfaces import Plane, Sphere, Spot, SurfaceScene
+from clplen.cameras.scenes.surface_scene import SurfaceScene
+from clplen.cameras.scenes.surfaces import Plane, Sphere, Spot
 from clplen.cameras.scenes.textures import Texture, bricks, checker, noise, picture
 
 Random = np.random.Generator
