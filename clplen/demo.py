@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from clplen import plot
-from clplen.cameras.plenoptic1 import Plenoptic1, scene_energy
+from clplen.cameras.plenoptic import scene_energy
+from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device

@@ -19,7 +19,7 @@ from clplen.analysis.samples import Values
 from clplen.analysis.sampling import sampling_of
 from clplen.analysis.straylight import camera_crosstalk
 from clplen.cameras.plenoptic import Plenoptic
-from clplen.cameras.scenes.scene_sources import PointSources, parts
+from clplen.cameras.scenes.scene_sources import PointSources, as_sources
 from clplen.compute.oneline import OneLine
 from clplen.errors import SamplingError
 
@@ -196,7 +196,7 @@ def _wanted(
 
 def _check_scene(camera: Plenoptic, scene: Any) -> None:
     """Refuse a scene that a camera cannot show, before anything is simulated."""
-    for part in parts(scene):
+    for part in as_sources(scene):
         camera.check_scene(part if isinstance(part, PointSources) else part.corners())
 
 

@@ -14,12 +14,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.cameras.optics import camera_geometry
+from clplen.cameras.optics.lenslet_camera import Kind, lenslet_grid
 from clplen.cameras.optics.microscope_optics import MicroscopeOptics, check_places, check_sampling
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.lines import smooth_length
@@ -46,6 +46,8 @@ class Microscope(MicroscopeOptics):
 
     Attributes are those of `MicroscopeOptics`.
     """
+
+    kind: ClassVar[Kind] = "microscope"
 
     def expose(
         self,
@@ -224,7 +226,7 @@ class Microscope(MicroscopeOptics):
             float32, shape of ``grid``.
         """
         step = self.pixel_pitch * self.tube_lens / self.mla.f  # du on the pupil
-        lenslets = camera_geometry.lenslet_grid(self, 1.0)
+        lenslets = lenslet_grid(self, 1.0)
         spacing = (-step, -step, self.mla.row_pitch, self.mla.pitch)
         return RawImage(data, self.device, self.pixel_pitch, lenslets, lenslets, spacing, self)
 

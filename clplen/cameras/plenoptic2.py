@@ -11,9 +11,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from numbers import Real
+from typing import ClassVar
 
 from clplen.cameras.optics import camera_aberrations
 from clplen.cameras.optics.derived_parameters import Description, Row
+from clplen.cameras.optics.lenslet_camera import Kind
 from clplen.cameras.plenoptic import Plenoptic
 from clplen.compute import lengths
 from clplen.wave.lenslets import MicrolensArray
@@ -31,6 +33,8 @@ class Plenoptic2(Plenoptic):
     others
         Those of `Optics`; ``image_distance`` is F, main lens to its image of the focused plane.
     """
+
+    kind: ClassVar[Kind] = "focused"
 
     m: float
 

@@ -6,16 +6,29 @@ import warnings
 from typing import Any, Literal
 
 from clplen.cameras.light_field_microscope import Microscope
-from clplen.cameras.optics import camera_geometry, microscope_optics
+from clplen.cameras.optics import microscope_optics
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
+from clplen.cameras.optics.lenslet_camera import sensor_grid
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
+from clplen.cameras.optics.ray_optics import check_sampling
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2, magnification, matched_aperture
+from clplen.compute import lengths
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import SamplingWarning
 from clplen.wave.checks import is_finite
 from clplen.wave.lenslets import MicrolensArray
 from clplen.wave.spectra import check_wavelength
+
+LENS_LAW_TOLERANCE = 1e-6  # relative, of 1/f = 1/object + 1/image
+
+
+_LENGTHS = {
+    "focal_length": lengths.CAMERA_FOCAL_LENGTH,
+    "image_distance": lengths.CAMERA_FOCAL_LENGTH,
+    "aperture_diameter": lengths.CAMERA_DIAMETER,
+    "tube_lens": lengths.TUBE_LENS,
+}  # an object may be anywhere, and wavelengths have a check of their own
 
 
 class PlenopticCamera:
@@ -90,7 +103,7 @@ class PlenopticCamera:
             field_lens=bool(field_lens),
             **shared,
         )
-        camera_geometry.check_sampling(camera, 0.0, 1.0)
+        check_sampling(camera, 0.0, 1.0)
         return camera.with_aberrations(aberrations)
 
     @staticmethod
@@ -174,7 +187,7 @@ class PlenopticCamera:
             m=float(m),
             **shared,
         )
-        camera_geometry.check_sampling(camera, 0.0, max(1.0, z2 / F))
+        check_sampling(camera, 0.0, max(1.0, z2 / F))
         return camera.with_aberrations(aberrations)
 
     @staticmethod
@@ -241,7 +254,7 @@ class PlenopticCamera:
             If the two f-numbers differ by more than 10 %.
         """
         device = as_device(device)
-        camera_geometry.require_lengths(wavelength=wavelength, tube_lens=tube_lens)
+        _require_lengths(wavelength=wavelength, tube_lens=tube_lens)
         check_wavelength(wavelength)
         _check_objective(magnification, na, medium_index, mla)
         if not (is_finite(apodisation) and -1 <= apodisation <= 1):
@@ -256,7 +269,7 @@ class PlenopticCamera:
                 f"NA {na!r} does not pass a cover glass of index "
                 f"{min(cover.index, cover.designed_index)!r}."
             )
-        grid = camera_geometry.sensor_grid(mla, pixels_per_lenslet)
+        grid = sensor_grid(mla, pixels_per_lenslet)
         camera = Microscope(
             magnification=float(magnification),
             na=float(na),
@@ -311,7 +324,7 @@ def _distances(
     aperture_diameter: float | None,
 ) -> tuple[float, float]:
     """Object and image distance, after a look at everything that both cameras are given."""
-    camera_geometry.require_lengths(
+    _require_lengths(
         focal_length=focal_length,
         wavelength=wavelength,
         object_distance=object_distance,
@@ -323,7 +336,7 @@ def _distances(
         raise ValueError(
             f"The lenslets of a camera converge: f > 0, not {min(mla.focal_lengths)!r}."
         )
-    return camera_geometry.lens_law(focal_length, object_distance, image_distance)
+    return _lens_law(focal_length, object_distance, image_distance)
 
 
 def _shared(
@@ -334,7 +347,7 @@ def _shared(
     device: Device,
 ) -> dict[str, Any]:
     """Fields of both cameras that are as given, and the sensor's."""
-    grid = camera_geometry.sensor_grid(mla, pixels_per_lenslet)
+    grid = sensor_grid(mla, pixels_per_lenslet)
     return {
         "focal_length": float(focal_length),
         "mla": mla,
@@ -344,3 +357,52 @@ def _shared(
         "grid": grid,
         "device": device,
     }
+
+
+def _require_lengths(**given: float | None) -> None:
+    """Refuse lengths that are not positive and finite, or no metres; None is left out.
+
+    Raises
+    ------
+    ValueError
+        With the name of the length.
+    """
+    for name, value in given.items():
+        if value is not None and not (is_finite(value) and value > 0):
+            raise ValueError(f"{name} is positive, in metres, not {value!r}.")
+        if value is not None and name in _LENGTHS:
+            _LENGTHS[name].check(value, name)
+
+
+def _lens_law(
+    f: float, object_distance: float | None, image_distance: float | None
+) -> tuple[float, float]:
+    """Object and image distance that satisfy 1/f = 1/object + 1/image, in metres.
+
+    Neither given: 2f and 2f. One given: the other follows.
+
+    Raises
+    ------
+    ValueError
+        If both are given and contradict the law, or one lies within the focal length.
+    """
+    for name, distance in (("object", object_distance), ("image", image_distance)):
+        if distance is not None and distance <= f:
+            raise ValueError(
+                f"{name}_distance = {distance:g} m is within the focal length of {f:g} m: there is "
+                "no real image."
+            )
+    if object_distance is None:
+        if image_distance is None:
+            return (2 * f, 2 * f)
+        return (1 / (1 / f - 1 / image_distance), float(image_distance))
+    if image_distance is None:
+        return (float(object_distance), 1 / (1 / f - 1 / object_distance))
+    if abs(f / object_distance + f / image_distance - 1) > LENS_LAW_TOLERANCE:
+        fits = 1 / (1 / f - 1 / object_distance)
+        raise ValueError(
+            f"object_distance = {object_distance:g} m and image_distance = {image_distance:g} m "
+            f"contradict the lens law for f = {f:g} m: this object is imaged at {fits:.6g} m. Give "
+            "one of the two."
+        )
+    return (float(object_distance), float(image_distance))

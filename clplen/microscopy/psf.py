@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from clplen.cameras.light_field_microscope import Microscope
-from clplen.cameras.optics import camera_geometry
+from clplen.cameras.optics.lenslet_camera import sensor_grid
 from clplen.cameras.optics.microscope_optics import check_places
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.checks import require
@@ -326,7 +326,7 @@ def _with_lenslets(camera: Microscope, count: int) -> Microscope:
         camera.mla.pitch, camera.mla.f, count=count, fill=camera.mla.fill,  # type: ignore[arg-type]
         diameter=camera.mla.diameter,
     )  # fmt: skip
-    grid = camera_geometry.sensor_grid(mla, camera.pixels_per_lenslet)
+    grid = sensor_grid(mla, camera.pixels_per_lenslet)
     return replace(camera, mla=mla, grid=grid)
 
 

@@ -109,7 +109,7 @@ def _point_sources(device: Device) -> Pairs:
     grid, size = Grid((24, 37), (40e-6, 30e-6), origin=(20e-6, 0)), 400e-6
     points = np.array([(-3e-3, -2e-3, -0.05), (2.5e-3, 1e-3, 0.05)])
     got = pupil_fields(
-        PointSources(points, diameter=size), slice(None), grid=grid, object_distance=0.24,
+        points, size, grid=grid, object_distance=0.24,
         focal_length=0.12, aperture_diameter=0.5e-3, wavelength=LAM, device=device,
     ).to_numpy()  # fmt: skip
     y, x = np.meshgrid(grid.y, grid.x, indexing="ij")

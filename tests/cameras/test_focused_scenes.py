@@ -17,7 +17,7 @@ from clplen import (
     PointSources,
     SurfaceScene,
 )
-from clplen.cameras.optics.camera_geometry import view_step
+from clplen.cameras.optics.ray_optics import view_step
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.scenes.outlines import Ellipse
 from clplen.compute.device import Device

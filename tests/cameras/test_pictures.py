@@ -16,7 +16,7 @@ from clplen import (
     Sensor,
     ShapeError,
 )
-from clplen.cameras.exposure import emission, isoplanatic, pattern_lattice
+from clplen.cameras.exposure import isoplanatic, pattern_lattice, wave_exposure
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.scenes.scene_sources import PicturePlane
 
@@ -243,7 +243,7 @@ def test_auto_takes_what_transforms_less(device, monkeypatch):
     camera = camera_of(device, count=(11, 13))
     full = PicturePlane(RANDOM.random((12, 11)), 4e-4)
     assert camera.expose(full).exposure.route == "points"  # affordable, so exact
-    monkeypatch.setattr(emission, "AFFORDABLE", 0.0)
+    monkeypatch.setattr(wave_exposure, "AFFORDABLE", 0.0)
     one = camera.expose(PicturePlane([[0, 1], [0, 0]], 1e-4))
     many = camera.expose(full)
     assert (one.exposure.route, many.exposure.route) == ("points", "isoplanatic")
@@ -286,7 +286,7 @@ def test_units_of_brightness_and_a_sensor(device):
 def test_progress_and_batches(device, monkeypatch):
     camera, plane = camera_of(device, count=(9, 9)), picture(shape=(2, 2), width=1e-4)
     whole = camera.expose(plane, method="isoplanatic").to_numpy()
-    monkeypatch.setattr(emission, "BATCH_BYTES", 1)
+    monkeypatch.setattr(wave_exposure, "BATCH_BYTES", 1)
     calls = []
     single = camera.expose(plane, method="isoplanatic", progress=lambda *n: calls.append(n))
     assert calls == [(n, 9) for n in range(1, 10)]
@@ -321,6 +321,6 @@ def test_memory_is_asked_for_first(device, monkeypatch):
 
 
 def test_patterns_that_depart_are_said_aloud(device, monkeypatch):
-    monkeypatch.setattr(emission, "NOTABLE", 0.0)
+    monkeypatch.setattr(wave_exposure, "NOTABLE", 0.0)
     with pytest.warns(SamplingWarning, match=r"method='points' is exact, \d+ fields"):
         camera_of(device, count=(9, 9)).expose(picture(width=0.4e-3), method="isoplanatic")

@@ -1,17 +1,27 @@
-"""Lengths of the array of lenslets, as every camera with one tells them."""
+"""What every camera with an array of lenslets has: the array's lengths, the sensor's grid."""
 
 from __future__ import annotations
 
+import math
+from typing import Literal
+
 from clplen.compute.device import Device, as_device
+from clplen.errors import SamplingError
+from clplen.lightfield.raw import LensletGrid
+from clplen.wave.checks import is_finite
 from clplen.wave.field import Grid
-from clplen.wave.lenslets import MicrolensArray
+from clplen.wave.lenslets import SMALLEST_PITCH, MicrolensArray
 from clplen.wave.quantity import metres
 
+Kind = Literal["standard", "focused", "microscope"]
 
-class Arrayed:
-    """Attributes of what has an array ``mla``."""
+
+class LensletCamera:
+    """Attributes of a camera with an array ``mla``."""
 
     mla: MicrolensArray
+    pixels_per_lenslet: float
+    pixel_pitch: float
     grid: Grid
     device: Device
 
@@ -49,3 +59,49 @@ class Arrayed:
     def lenslet_lattice(self) -> str:
         """Lattice of the lenslets, "square" or "hexagonal"."""
         return self.mla.lattice
+
+
+def sensor_grid(mla: MicrolensArray, pixels_per_lenslet: float) -> Grid:
+    """The sensor behind an array: as many pixels as cover it, the axis in its middle.
+
+    Raises
+    ------
+    SamplingError
+        If a lenslet has less than two pixels.
+    """
+    if not (is_finite(pixels_per_lenslet) and pixels_per_lenslet >= SMALLEST_PITCH):
+        raise SamplingError(
+            f"A lenslet has {pixels_per_lenslet!r} pixels; at least {SMALLEST_PITCH} are needed."
+        )
+    pitch = mla.pitch / pixels_per_lenslet
+    ny, nx = (math.ceil(length / pitch - 1e-6) for length in mla.extent)
+    origin = (pitch / 2 if ny % 2 == 0 else 0.0, pitch / 2 if nx % 2 == 0 else 0.0)
+    return Grid((ny, nx), pitch, origin=origin)
+
+
+def views(camera: LensletCamera) -> int:
+    """Views across: the pixels of a lenslet, rounded."""
+    return max(1, round(camera.pixels_per_lenslet))
+
+
+def lenslet_grid(camera: LensletCamera, magnification: float) -> LensletGrid:
+    """Centres of the lenslets, projected by ``magnification`` from the axis, in pixels."""
+    mla, n = camera.mla, views(camera)
+    first = mla.centres()[0, 0]
+    cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
+    scale = magnification / camera.pixel_pitch
+    ny, nx = camera.grid.shape
+    oy, ox = camera.grid.origin
+    return LensletGrid(
+        count=mla.count,
+        views=(n, n),
+        first=(
+            first[0] * scale - oy / camera.pixel_pitch + ny // 2,
+            first[1] * scale - ox / camera.pixel_pitch + nx // 2,
+        ),
+        row_step=(mla.row_pitch * cos * scale, -mla.row_pitch * sin * scale),
+        column_step=(mla.pitch * sin * scale, mla.pitch * cos * scale),
+        row_view_step=(cos, -sin),
+        column_view_step=(sin, cos),
+        odd_row_shift=0.5 if mla.lattice == "hexagonal" else 0.0,
+    )

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from clplen.cameras.optics.derived_parameters import Description, Row
-from clplen.cameras.optics.lenslet_camera import Arrayed
+from clplen.cameras.optics.lenslet_camera import LensletCamera
 from clplen.cameras.optics.objective import APODISATION, CoverGlass, Objective
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
@@ -30,7 +30,7 @@ DEEPEST = 0.1  # metres; no objective has an image from farther away
 
 
 @dataclass(frozen=True, repr=False)
-class MicroscopeOptics(Arrayed):
+class MicroscopeOptics(LensletCamera):
     """A light-field microscope as lengths; `Microscope` takes its raw images.
 
     Attributes

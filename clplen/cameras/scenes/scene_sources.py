@@ -202,23 +202,26 @@ class PicturePlane(OneLine, HostArray):
         return (np.arange(n) - n // 2) * self.pitch
 
 
-def parts(scene: Any) -> tuple[PointSources | PicturePlane, ...]:
-    """What a scene is made of: itself, or the members of a list or tuple.
+Source = PointSources | PicturePlane
+
+
+def as_sources(scene: Any) -> tuple[Source, ...]:
+    """The sources of a scene: itself, or the members of a list or tuple.
 
     Raises
     ------
     TypeError
-        If a part is neither `PointSources` nor `PicturePlane`.
+        If a source is neither `PointSources` nor `PicturePlane`.
     ValueError
         If there is none.
     """
-    found = tuple(scene) if isinstance(scene, list | tuple) else (scene,)
-    if not found:
+    sources = tuple(scene) if isinstance(scene, list | tuple) else (scene,)
+    if not sources:
         raise ValueError("The scene is an empty list: give PointSources or PicturePlanes.")
-    for part in found:
-        if not isinstance(part, PointSources | PicturePlane):
+    for source in sources:
+        if not isinstance(source, PointSources | PicturePlane):
             raise TypeError(
                 "expose takes PointSources, a PicturePlane or a list of them, not "
-                f"{type(part).__name__}."
+                f"{type(source).__name__}."
             )
-    return found
+    return sources
