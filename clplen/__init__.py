@@ -14,8 +14,11 @@ from typing import Any
 
 from clplen import interrupts  # noqa: F401 (first: Ctrl-C while the rest is imported)
 from clplen.cameras.light_field_microscope import Microscope
-from clplen.cameras.optics.camera_aberrations import Aberrations, LensletScatter
-from clplen.cameras.optics.correction import correct_aberrations
+from clplen.cameras.optics.camera_aberrations import (
+    Aberrations,
+    LensletScatter,
+    correct_aberrations,
+)
 from clplen.cameras.optics.objective import CoverGlass
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.scenes.gallery import sample_scenes

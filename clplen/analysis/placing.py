@@ -13,8 +13,8 @@ from clplen.cameras.scenes.scene_sources import PointSources
 
 
 def is_focused(camera: Any) -> bool:
-    """Whether it is a focused (2.0) camera, which has an m."""
-    return hasattr(camera, "m")
+    """Whether it is a focused (2.0) camera."""
+    return bool(camera.kind == "focused")
 
 
 def offsets(step: float, count: int) -> Values:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen import io
-from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.lightfield.focused import focused_stack, render_focused
 from clplen.lightfield.focused_depth import focused_depth
 from clplen.lightfield.focused_maps import focused_maps
@@ -27,7 +26,7 @@ _NONE = {
 
 def is_focused(raw: Any) -> bool:
     """Whether a raw image is of a focused camera."""
-    return raw is not None and isinstance(raw.camera, Plenoptic2)
+    return raw is not None and raw.camera is not None and raw.camera.kind == "focused"
 
 
 def focused_products(

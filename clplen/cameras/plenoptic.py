@@ -5,14 +5,14 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeVar
+from typing import ClassVar, Literal, TypeVar
 
 import pyopencl.array as cla
 
 from clplen.cameras.exposure.ray_exposure import expose_rays, uses_rays
 from clplen.cameras.exposure.wave_exposure import Light, Method, expose_waves
 from clplen.cameras.optics.camera_aberrations import Aberrations
-from clplen.cameras.optics.derived_parameters import Description
+from clplen.cameras.optics.lenslet_camera import Description, Kind
 from clplen.cameras.optics.ray_optics import RayOptics, check_sampling, raw_image
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.cameras.scenes.scene_sources import PointSources, Source, as_sources
@@ -34,8 +34,14 @@ Self = TypeVar("Self", bound="Plenoptic")
 class Plenoptic(RayOptics):
     """A plenoptic camera that takes raw images: `Plenoptic1` or `Plenoptic2`.
 
-    Attributes are those of `RayOptics`.
+    Attributes
+    ----------
+    kind : {"standard", "focused"}
+    others
+        Those of `RayOptics`.
     """
+
+    kind: ClassVar[Kind]
 
     @abstractmethod
     def describe(self) -> Description:
@@ -71,9 +77,7 @@ class Plenoptic(RayOptics):
                 f"sensor_shift = {aberrations.sensor_shift:g} m puts the sensor at "
                 f"{camera.sensor_distance:g} m, not behind the array."
             )
-        check_sampling(
-            camera, 0.0, max(1.0, self.array_distance / self.image_distance)
-        )
+        check_sampling(camera, 0.0, max(1.0, self.array_distance / self.image_distance))
         return camera
 
     def expose(

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from clplen.cameras.optics import camera_aberrations
-from clplen.cameras.optics.derived_parameters import Description, Row
-from clplen.cameras.optics.lenslet_camera import Kind, views
+from clplen.cameras.optics.lenslet_camera import Description, Kind, Row, views
 from clplen.cameras.optics.ray_optics import view_step
 from clplen.cameras.plenoptic import Plenoptic
 

@@ -14,8 +14,7 @@ from numbers import Real
 from typing import ClassVar
 
 from clplen.cameras.optics import camera_aberrations
-from clplen.cameras.optics.derived_parameters import Description, Row
-from clplen.cameras.optics.lenslet_camera import Kind
+from clplen.cameras.optics.lenslet_camera import Description, Kind, Row
 from clplen.cameras.plenoptic import Plenoptic
 from clplen.compute import lengths
 from clplen.wave.lenslets import MicrolensArray

@@ -1,14 +1,15 @@
-"""The cameras by their names."""
+"""Plenoptic cameras by their parameters: what `PlenopticCamera` makes of lengths and an array."""
 
 from __future__ import annotations
 
 import warnings
+from abc import ABC, abstractmethod
 from typing import Any, Literal
 
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics import microscope_optics
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
-from clplen.cameras.optics.lenslet_camera import sensor_grid
+from clplen.cameras.optics.lenslet_camera import Description, Kind, LensletCamera, sensor_grid
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
 from clplen.cameras.optics.ray_optics import check_sampling
 from clplen.cameras.plenoptic1 import Plenoptic1
@@ -31,8 +32,30 @@ _LENGTHS = {
 }  # an object may be anywhere, and wavelengths have a check of their own
 
 
-class PlenopticCamera:
-    """Plenoptic cameras simulated by wave optics; see `type1`, `type2`, `microscope`."""
+class PlenopticCamera(LensletCamera, ABC):
+    """A plenoptic camera simulated by wave optics: made by `type1`, `type2` or `microscope`.
+
+    Every camera that they make is an instance of it, and says by its ``kind`` which one it is.
+
+    Attributes
+    ----------
+    kind : {"standard", "focused", "microscope"}
+    focal_length, object_distance, image_distance, aperture_diameter, wavelength : float
+        In metres.
+    others
+        Those of `LensletCamera`.
+    """
+
+    kind: Kind
+    focal_length: float
+    object_distance: float
+    image_distance: float
+    aperture_diameter: float
+    wavelength: float
+
+    @abstractmethod
+    def describe(self) -> Description:
+        """Derived parameters; see `Description`."""
 
     @staticmethod
     def type1(
@@ -294,6 +317,10 @@ class PlenopticCamera:
                 stacklevel=2,
             )
         return camera
+
+
+for _camera in (Plenoptic1, Plenoptic2, Microscope):
+    PlenopticCamera.register(_camera)
 
 
 def _check_objective(magnification: float, na: float, index: float, mla: MicrolensArray) -> None:

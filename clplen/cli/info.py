@@ -220,7 +220,7 @@ def _of_raw(source: Path, selector: str | None) -> tuple[Rows, dict[str, Any]]:
     raw = read_raw(source, device=Device.open(selector))
     camera: Any = raw.camera
     described = camera.describe()
-    kind = f"a raw image of a {_FOCUSED}" if hasattr(camera, "m") else "a raw image"
+    kind = f"a raw image of a {_FOCUSED}" if camera.kind == "focused" else "a raw image"
     values = raw.to_numpy()
     low, high = float(np.min(values)), float(np.max(values))
     ny, nx = raw.shape

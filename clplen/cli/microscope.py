@@ -20,7 +20,7 @@ from clplen.cli.messages import note
 
 if TYPE_CHECKING:
     from clplen.cameras.light_field_microscope import Microscope
-    from clplen.cameras.optics.derived_parameters import Description
+    from clplen.cameras.optics.lenslet_camera import Description
     from clplen.compute.device import Device
     from clplen.config.microscope import MicroscopeFile
     from clplen.microscopy.images import PointImages

@@ -28,8 +28,11 @@ from clplen import (
 from clplen.analysis.psf import PSF
 from clplen.cameras.exposure.isoplanatic import layout
 from clplen.cameras.exposure.slides import SlidePath, slide_field
-from clplen.cameras.optics.camera_aberrations import Aberrations, LensletScatter
-from clplen.cameras.optics.correction import correct_aberrations
+from clplen.cameras.optics.camera_aberrations import (
+    Aberrations,
+    LensletScatter,
+    correct_aberrations,
+)
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.compute.device import Device
 from clplen.lightfield.focused_spots import point_m

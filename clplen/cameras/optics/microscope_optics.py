@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.cameras.optics.derived_parameters import Description, Row
-from clplen.cameras.optics.lenslet_camera import LensletCamera
+from clplen.cameras.optics.lenslet_camera import Description, LensletCamera, Row
 from clplen.cameras.optics.objective import APODISATION, CoverGlass, Objective
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
