@@ -150,9 +150,9 @@ def _of_parameters(source: Path, selector: str | None) -> tuple[Rows, dict[str, 
 
 def _point_images(source: Path) -> tuple[dict[str, Any], list[tuple[int, ...]]] | None:
     """What the point images of a microscope were made with; None if it is something else."""
-    from clplen.microscopy import psffile
+    from clplen.microscopy import point_image_files
 
-    return psffile.described(source) if source.suffix.lower() in _HDF5 else None
+    return point_image_files.read_parameters(source) if source.suffix.lower() in _HDF5 else None
 
 
 def _of_point_images(

@@ -23,7 +23,7 @@ from clplen.compute.checks import require
 from clplen.compute.hostmemory import free_memory
 from clplen.compute.lines import smooth_length
 from clplen.files import PathLike, check_space, check_writable
-from clplen.microscopy import psffile
+from clplen.microscopy import point_image_files
 from clplen.microscopy.checks import real, whole
 from clplen.microscopy.images import PointImages, count_phases, unique_phases
 from clplen.wave.average import Progress
@@ -111,7 +111,7 @@ def point_images(
     voxels_per_lenslet, binning = int(voxels_per_lenslet), int(binning)
     parameters = described(camera, z, voxels_per_lenslet, binning, cut, store)
     if path is not None:
-        found = psffile.read_if_there(path, parameters)
+        found = point_image_files.read_matching(path, parameters)
         if found is not None:
             return found
         check_writable(path)
@@ -128,7 +128,7 @@ def point_images(
         parameters, z, voxels_per_lenslet, n, tuple(stored), np.array(scales, np.float64)
     )
     if path is not None:
-        psffile.write(path, made)
+        point_image_files.write_point_images(path, made)
     return made
 
 
@@ -251,9 +251,9 @@ def _check_room(
     camera: Microscope, planes: Vector, images: int, binning: int, cut: float, store: Store,
     path: PathLike | None,
 ) -> None:  # fmt: skip
-    """Refuse more images than fit host or disk; a file is made in memory, see `psffile.write`."""
+    """Refuse more images than fit host or disk; a file is made in memory first."""
     least = images * np.dtype(store).itemsize * _pixels(camera, planes, cut) / binning**2
-    file = 0 if path is None else psffile.DENSEST[store] * least
+    file = 0 if path is None else point_image_files.DENSEST[store] * least
     free = free_memory()
     if least + file > free:
         raise MemoryError(
