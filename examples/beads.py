@@ -128,7 +128,7 @@ def points_of(stack: FocalStack) -> Points:
 
 def compared(what: str, first: Points, second: Points, *, step: float = STEP) -> np.ndarray:
     """Differences (planes, lenslets) of two lists of the same beads, and a line on them."""
-    pairs = match_points(first.positions, second.positions, within=WITHIN)
+    pairs = match_points(first.positions, second.positions, tolerance=WITHIN)
     far = first.positions[pairs[:, 0]] - second.positions[pairs[:, 1]]
     off = np.stack([np.abs(far[:, 0]) / step, np.hypot(far[:, 1], far[:, 2])], axis=1)
     rms, most = np.sqrt((off**2).mean(0)), off.max(0)

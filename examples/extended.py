@@ -86,7 +86,7 @@ def ideal(cam: Plenoptic1, plane: PicturePlane) -> np.ndarray:
     p, cutoff = cam.lenslet_pitch, cam.aperture_diameter / (cam.wavelength * cam.image_distance)
     window = (cam.mla.count[0] + 2) * p
     f = np.arange(-int(cutoff * window), int(cutoff * window) + 1) / window
-    scale = -cam.image_distance / (cam.object_distance + plane.dz)
+    scale = -cam.image_distance / (cam.object_distance + plane.z)
     there_y, there_x = (np.exp(-2j * np.pi * scale * np.outer(f, axis))
                         for axis in (plane.y, plane.x))
     s = np.minimum(np.hypot(f[:, None], f) / cutoff, 1)

@@ -85,7 +85,7 @@ def test_a_picture_keeps_its_own_samples():
         ([[0, 0]], 1e-3, {}, ValueError, "sends no light"),
         ([[1, 0]], 0, {}, ValueError, "width"),
         ([[1, 0]], np.inf, {}, ValueError, "width"),
-        ([[1, 0]], 1e-3, {"dz": np.nan}, ValueError, "dz"),
+        ([[1, 0]], 1e-3, {"z": np.nan}, ValueError, "z of a picture"),
         ([[1, 0]], 1e-3, {"mode": "slide"}, ValueError, "'transmission'"),
         ([[1.5, 0]], 1e-3, {"mode": "transmission"}, ValueError, "at most 1"),
     ],

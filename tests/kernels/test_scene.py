@@ -32,8 +32,8 @@ SCENES = {
     "polygon": [GROUND, Plane(0.8, (-0.02, 0.01), texture=COLOUR, outline=TRIANGLES)],
     "sphere": [
         GROUND,
-        Sphere((0.8, -1.3), 4.6, d=-0.4, height=1.7, texture=GREY,
-               spots=[Spot((-1, 1), 1.7, strength=0.6, d=-0.8)]),
+        Sphere((0.8, -1.3), 4.6, disparity=-0.4, height=1.7, texture=GREY,
+               spots=[Spot((-1, 1), 1.7, strength=0.6, disparity=-0.8)]),
     ],
     "crossing": [GROUND, Plane(-0.7, (-0.05, 0.06), texture=COLOUR)],
     "nothing behind": [Plane(0.6, texture=GREY, outline=TRIANGLES)],

@@ -154,7 +154,7 @@ def _band(optics: WaveOptics) -> float:
 def _beyond(optics: WaveOptics, plane: PicturePlane) -> tuple[float, float]:
     """How far light reaches past the sensor's edge along y and x, in metres."""
     places = np.abs(optics.on_array(plane.corners().positions)).max(axis=0)[::-1]
-    past = places * optics.sub_image_scale + optics.spread(plane.dz)
+    past = places * optics.sub_image_scale + optics.spread(plane.z)
     past -= np.asarray(optics.grid.extent) / 2
     y, x = np.maximum(past, 0)
     return float(y), float(x)
@@ -162,8 +162,8 @@ def _beyond(optics: WaveOptics, plane: PicturePlane) -> tuple[float, float]:
 
 def _imaged_at(optics: WaveOptics, plane: PicturePlane, images: Vector) -> Vector:
     """(x, y, dz) of points in the picture's plane whose chief rays meet the array at (y, x)."""
-    scale = 1 / optics.array_scale(plane.dz)
-    flat = np.full(len(images), plane.dz)
+    scale = 1 / optics.array_scale(plane.z)
+    flat = np.full(len(images), plane.z)
     return np.stack([images[:, 1] * scale, images[:, 0] * scale, flat], axis=-1)
 
 

@@ -141,7 +141,7 @@ def aberrations(optics: RayOptics, plane: PicturePlane, distance: float) -> tupl
     sec. 4.2), u = D/2: k X u^3/(2 F) (1/z^2 - 1/F^2) and (3/4) k X^2 u^2/F^2 (1/z + 1/F).
     """
     F, u = optics.array_distance, optics.aperture_diameter / 2
-    z, k = optics.object_distance + plane.dz, 2 * math.pi / optics.wavelength
+    z, k = optics.object_distance + plane.z, 2 * math.pi / optics.wavelength
     coma = k * distance * u**3 / (2 * F) * abs(1 / z**2 - 1 / F**2)
     return coma, 0.75 * k * (distance * u / F) ** 2 * (1 / z + 1 / F)
 
@@ -167,7 +167,7 @@ def powers(optics: RayOptics, plane: PicturePlane) -> Powers:
 
 def lit_axes(optics: RayOptics, plane: PicturePlane) -> tuple[Vector, Vector]:
     """Where the rows and columns that hold light are imaged on the array, y and x in metres."""
-    scale = float(optics.array_scale(plane.dz))
+    scale = float(optics.array_scale(plane.z))
     lit = plane.image > 0
     return plane.y[lit.any(axis=1)] * scale, plane.x[lit.any(axis=0)] * scale
 
@@ -179,7 +179,7 @@ def patches(optics: RayOptics, plane: PicturePlane, grid: Places, monomials: Pow
     patterns at as many lenslets, the best of 5 x 5 across the picture (approximate Fekete points:
     Sommariva and Vianello 2009).
     """
-    scale = float(optics.array_scale(plane.dz))
+    scale = float(optics.array_scale(plane.z))
     y, x = plane.y * scale, plane.x * scale
     ys, xs = lit_axes(optics, plane)
     steps = np.zeros(1) if monomials == CONSTANT else np.linspace(-OUTERMOST, OUTERMOST, 5)

@@ -70,7 +70,7 @@ def _slide_path(optics: WaveOptics, plane: PicturePlane, koehler: bool) -> Slide
             "The light of a slide is one field, whose points have no wavefronts of their own: "
             "leave main_lens_field out, or use mode='emission'."
         )
-    return SlidePath(optics, plane.dz, koehler, optics.padding(plane.corners().positions))
+    return SlidePath(optics, plane.z, koehler, optics.padding(plane.corners().positions))
 
 
 def slide_field(optics: WaveOptics, plane: PicturePlane) -> Field:

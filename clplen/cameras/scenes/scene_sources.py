@@ -11,6 +11,7 @@ import numpy as np
 from clplen.compute import lengths
 from clplen.compute.hostarray import HostArray
 from clplen.compute.oneline import OneLine
+from clplen.deprecation import renamed_argument, renamed_attribute
 from clplen.errors import ShapeError
 from clplen.wave.checks import is_finite
 
@@ -82,6 +83,7 @@ class PointSources(OneLine):
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 
+@renamed_argument(old="dz", new="z")
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class PicturePlane(OneLine, HostArray):
     """A flat picture across the optical axis.
@@ -98,7 +100,7 @@ class PicturePlane(OneLine, HostArray):
         places); in transmission the intensity transmittance of a slide, at most 1.
     width : float
         Of the whole picture along x in metres, nx pixels.
-    dz : float
+    z : float
         In metres from the focused object plane; > 0 lies farther from the lens.
     mode : {"emission", "transmission"}
         Self-luminous, every sample incoherent with the others, or a slide.
@@ -107,7 +109,7 @@ class PicturePlane(OneLine, HostArray):
     ----------
     image : numpy.ndarray
         float64, shape (ny, nx).
-    width, dz : float
+    width, z : float
     mode : str
 
     Raises
@@ -115,21 +117,21 @@ class PicturePlane(OneLine, HostArray):
     ShapeError
         If the image is not two-dimensional or empty.
     ValueError
-        For samples, a width, a dz or a mode outside their range.
+        For samples, a width, a z or a mode outside their range.
     """
 
     _samples: ClassVar[str] = "image"
 
     image: Vector
     width: float
-    dz: float
+    z: float
     mode: str
 
     def __init__(
         self,
         image: Any,
         width: float,
-        dz: float = 0.0,
+        z: float = 0.0,
         *,
         mode: Literal["emission", "transmission"] = "emission",
     ) -> None:
@@ -153,12 +155,14 @@ class PicturePlane(OneLine, HostArray):
             )
         if not (is_finite(width) and width > 0):
             raise ValueError(f"The width of a picture is positive, in metres, not {width!r}.")
-        if not is_finite(dz):
-            raise ValueError(f"dz of a picture is a finite number of metres, not {dz!r}.")
+        if not is_finite(z):
+            raise ValueError(f"z of a picture is a finite number of metres, not {z!r}.")
         object.__setattr__(self, "image", values)
         object.__setattr__(self, "width", float(width))
-        object.__setattr__(self, "dz", float(dz))
+        object.__setattr__(self, "z", float(z))
         object.__setattr__(self, "mode", mode)
+
+    dz = renamed_attribute("dz", "z")
 
     @property
     def is_slide(self) -> bool:
@@ -183,7 +187,7 @@ class PicturePlane(OneLine, HostArray):
     def positions(self) -> Vector:
         """(x, y, dz) of every sample in metres, row by row, shape (ny nx, 3)."""
         y, x = np.meshgrid(self.y, self.x, indexing="ij")
-        return np.stack([x.ravel(), y.ravel(), np.full(x.size, self.dz)], axis=-1)
+        return np.stack([x.ravel(), y.ravel(), np.full(x.size, self.z)], axis=-1)
 
     def points(self) -> PointSources:
         """The samples that are not 0 as point sources."""
@@ -195,7 +199,7 @@ class PicturePlane(OneLine, HostArray):
         """The corners of the rectangle that holds every sample that is not 0."""
         lit = self.image > 0
         y, x = self.y[lit.any(axis=1)], self.x[lit.any(axis=0)]
-        return PointSources([(a, b, self.dz) for b in (y[0], y[-1]) for a in (x[0], x[-1])])
+        return PointSources([(a, b, self.z) for b in (y[0], y[-1]) for a in (x[0], x[-1])])
 
     def _axis(self, axis: int) -> Vector:
         n = self.image.shape[axis]

@@ -227,7 +227,7 @@ def surface_tables(scene: SurfaceScene, device: Device) -> SurfaceTables:
             len(lines), places[id(texture)], ny, nx, len(spots), len(one.spots),
         )  # fmt: skip
         edges.append(lines)
-        spots += [(*s.centre, 0.5 / s.width**2, s.strength, s.d) for s in one.spots]
+        spots += [(*s.centre, 0.5 / s.width**2, s.strength, s.disparity) for s in one.spots]
     return SurfaceTables(
         scene,
         device,
@@ -326,17 +326,17 @@ def view_bounds(
 def _geometry(surface: Plane | Sphere) -> tuple[float, ...]:
     """The first twelve numbers of a surface."""
     if isinstance(surface, Sphere):
-        start = (surface.d, surface.height, surface.radius, *surface.centre)
+        start = (surface.disparity, surface.height, surface.radius, *surface.centre)
         return (*start, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0)
     plane, outline = surface, surface.outline
     if outline is None or isinstance(outline, Polygon):
-        return (plane.d, *plane.slope, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0)
+        return (plane.disparity, *plane.slope, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0)
     period, widths = 1.0, (0.0, 0.0)
     if isinstance(outline, Bars):
         period, widths = outline.period, outline.widths
     turn = (math.cos(outline.angle), math.sin(outline.angle))
     halves = (widths[0] / 2, widths[1] / 2)
-    return (plane.d, *plane.slope, *outline.centre, *turn, *outline.half, period, *halves)
+    return (plane.disparity, *plane.slope, *outline.centre, *turn, *outline.half, period, *halves)
 
 
 def _not_empty(values: Any, width: int) -> np.ndarray[Any, np.dtype[np.float32]]:

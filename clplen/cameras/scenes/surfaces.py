@@ -10,10 +10,12 @@ import numpy as np
 from clplen.cameras.scenes.outlines import Outline, Vector
 from clplen.cameras.scenes.textures import Texture, uniform
 from clplen.compute.oneline import OneLine
+from clplen.deprecation import renamed_argument, renamed_attribute
 
 Pair = tuple[float, float]
 
 
+@renamed_argument(old="d", new="disparity")
 @dataclass(frozen=True)
 class Spot:
     """A highlight: a Gaussian spot of light on a surface that moves with the view.
@@ -26,8 +28,8 @@ class Spot:
         Standard deviation in pixels, positive.
     strength : float
         Brightness that it adds in its middle.
-    d : float
-        The disparity it moves with; that of a mirror image of a lamp differs from its surface's.
+    disparity : float
+        What it moves with; that of a mirror image of a lamp differs from its surface's.
 
     Raises
     ------
@@ -39,14 +41,17 @@ class Spot:
     width: float
     _: KW_ONLY
     strength: float = 0.4
-    d: float = 0.0
+    disparity: float = 0.0
+
+    d = renamed_attribute("d", "disparity")
 
     def __post_init__(self) -> None:
-        require_numbers("A spot", *self.centre, self.width, self.strength, self.d)
+        require_numbers("A spot", *self.centre, self.width, self.strength, self.disparity)
         if not self.width > 0:
             raise ValueError(f"The width of a spot is positive, in pixels, not {self.width!r}.")
 
 
+@renamed_argument(old="d", new="disparity")
 @dataclass(frozen=True, eq=False, repr=False)
 class Plane(OneLine):
     """A plane, d = d0 + gy Y + gx X with (Y, X) in pixels from the middle of the picture.
@@ -55,8 +60,8 @@ class Plane(OneLine):
 
     Parameters
     ----------
-    d : float
-        Disparity in the middle of the picture, pixels a view step, nearer is larger.
+    disparity : float
+        In the middle of the picture, pixels a view step, nearer is larger.
     slope : tuple of float
         (gy, gx), disparity a pixel.
     texture : Texture
@@ -72,7 +77,7 @@ class Plane(OneLine):
         If a number is not finite.
     """
 
-    d: float
+    disparity: float
     slope: Pair = (0.0, 0.0)
     _: KW_ONLY
     texture: Texture = field(default_factory=uniform)
@@ -80,17 +85,20 @@ class Plane(OneLine):
     shade: Pair = (0.0, 0.0)
     spots: Sequence[Spot] = ()
 
+    d = renamed_attribute("d", "disparity")
+
     def __post_init__(self) -> None:
-        require_numbers("A plane", self.d, *self.slope, *self.shade)
+        require_numbers("A plane", self.disparity, *self.slope, *self.shade)
 
     def bounds(self) -> Vector | None:
         """(Y, X, d) of points whose hull holds the plane's outline; None if it has none."""
         if self.outline is None:
             return None
         corners = self.outline.corners()
-        return np.column_stack([corners, self.d + corners @ np.asarray(self.slope)])
+        return np.column_stack([corners, self.disparity + corners @ np.asarray(self.slope)])
 
 
+@renamed_argument(old="d", new="disparity")
 @dataclass(frozen=True, eq=False, repr=False)
 class Sphere(OneLine):
     """An ellipsoid, (d - d0)^2/height^2 + r^2/radius^2 = 1, r from its centre in (Y, X).
@@ -101,10 +109,10 @@ class Sphere(OneLine):
         (Y, X) in pixels from the middle of the picture.
     radius : float
         In the centre view, pixels, positive.
-    d : float
-        Disparity of its rim as the centre view sees it.
+    disparity : float
+        Of its rim as the centre view sees it.
     height : float
-        Its nearest point has the disparity ``d + height``; positive.
+        Its nearest point has the ``disparity + height``; positive.
     texture : Texture
     shade, spots
         As for `Plane`.
@@ -118,14 +126,17 @@ class Sphere(OneLine):
     centre: Pair
     radius: float
     _: KW_ONLY
-    d: float
+    disparity: float
     height: float
     texture: Texture = field(default_factory=uniform)
     shade: Pair = (0.0, 0.0)
     spots: Sequence[Spot] = ()
 
+    d = renamed_attribute("d", "disparity")
+
     def __post_init__(self) -> None:
-        require_numbers("A sphere", *self.centre, self.radius, self.d, self.height, *self.shade)
+        lengths = (self.radius, self.disparity, self.height)
+        require_numbers("A sphere", *self.centre, *lengths, *self.shade)
         if not (self.radius > 0 and self.height > 0):
             raise ValueError(
                 "Radius and height of a sphere are positive, not "
@@ -137,7 +148,7 @@ class Sphere(OneLine):
         Y, X = self.centre
         signs = [(s, t, q) for s in (-1, 1) for t in (-1, 1) for q in (-1, 1)]
         return np.array(
-            [(Y + s * self.radius, X + t * self.radius, self.d + q * self.height)
+            [(Y + s * self.radius, X + t * self.radius, self.disparity + q * self.height)
              for s, t, q in signs]
         )  # fmt: skip
 
