@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, TypeVar
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, Literal, TypeVar
 
 import pyopencl.array as cla
 
-from clplen.cameras.exposure.ray_exposure import expose_rays, uses_rays
+from clplen.cameras.exposure.ray_exposure import expose_rays
 from clplen.cameras.exposure.wave_exposure import Light, Method, expose_waves
 from clplen.cameras.optics.camera_aberrations import Aberrations
 from clplen.cameras.optics.lenslet_camera import Description, Kind
@@ -146,7 +146,7 @@ class Plenoptic(RayOptics):
         """
         averaging = Averaging(snapshots, rtol, region, checkpoint)
         optics = self.optics
-        if uses_rays(model, scene, coherence, averaging):
+        if _uses_rays(model, scene, coherence, averaging):
             sources = scene if isinstance(scene, SurfaceScene) else as_sources(scene)
             raw = expose_rays(optics, sources)
         else:
@@ -158,7 +158,8 @@ class Plenoptic(RayOptics):
     @property
     def optics(self) -> WaveOptics:
         """The waves that go through the camera: fields of positions at each of its planes."""
-        return WaveOptics.of(self)
+        lengths = {field.name: getattr(self, field.name) for field in fields(RayOptics)}
+        return WaveOptics(**lengths, z2=self.array_distance, z3=self.sensor_distance)
 
     def raw_image(self, data: cla.Array) -> RawImage:
         """Intensity on the sensor with the positions of the sub-images on it.
@@ -269,3 +270,28 @@ def scene_energy(camera: Plenoptic, scene: PointSources) -> Sequence[tuple[float
         energies = [float(row_powers(f).sum()) for f in (pupil, at_array, at_sensor)]
         rows.append((1.0, energies[1] / energies[0], energies[2] / energies[0]))
     return rows
+
+
+def _uses_rays(model: str, scene: Any, coherence: Coherence | None, averaging: Averaging) -> bool:
+    """Whether a raw image is to be found by rays.
+
+    Raises
+    ------
+    ValueError
+        If the model is unknown, or does not know the scene or what it is asked for.
+    """
+    if model not in ("waves", "rays"):
+        raise ValueError(f"model is 'waves' or 'rays', not {model!r}.")
+    if model == "waves" and isinstance(scene, SurfaceScene):
+        raise ValueError(
+            "A SurfaceScene is exposed by rays: give model='rays'. Waves take PointSources and "
+            "PicturePlanes, which hide nothing of each other."
+        )
+    slides = (averaging.snapshots, averaging.rtol, averaging.region, averaging.checkpoint)
+    options = (coherence, *slides)
+    if model == "rays" and any(option is not None for option in options):
+        raise ValueError(
+            "coherence, snapshots, rtol, region and checkpoint are for model='waves': rays are "
+            "incoherent and exact at once."
+        )
+    return model == "rays"

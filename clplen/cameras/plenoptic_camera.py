@@ -64,7 +64,7 @@ class PlenopticCamera(LensletCamera, ABC):
         mla: MicrolensArray,
         wavelength: float,
         pixels_per_lenslet: float,
-        device: DeviceLike,
+        device: DeviceLike | None = None,
         object_distance: float | None = None,
         image_distance: float | None = None,
         aperture_diameter: float | None = None,
@@ -83,8 +83,8 @@ class PlenopticCamera(LensletCamera, ABC):
             In metres.
         pixels_per_lenslet : float
             At least 2; may be fractional.
-        device : Device or str
-            Where the simulation runs.
+        device : Device or str, optional
+            Where the simulation runs; None is ``Device.open()``.
         object_distance, image_distance : float, optional
             Main lens to focused object plane, and to the array, in metres. Neither: 2f and 2f.
             One: the other by the lens law.
@@ -107,7 +107,7 @@ class PlenopticCamera(LensletCamera, ABC):
         SamplingError
             If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
         """
-        device = as_device(device)
+        device = as_device(device, optional=True)
         z_obj, F = _distances(
             mla, wavelength, focal_length, object_distance, image_distance,
             aperture_diameter,
@@ -136,7 +136,7 @@ class PlenopticCamera(LensletCamera, ABC):
         mla: MicrolensArray,
         wavelength: float,
         pixels_per_lenslet: float,
-        device: DeviceLike,
+        device: DeviceLike | None = None,
         m: float | None = None,
         a: float | None = None,
         object_distance: float | None = None,
@@ -163,8 +163,8 @@ class PlenopticCamera(LensletCamera, ABC):
             In metres.
         pixels_per_lenslet : float
             At least 2; may be fractional.
-        device : Device or str
-            Where the simulation runs.
+        device : Device or str, optional
+            Where the simulation runs; None is ``Device.open()``.
         m, a : float, optional
             Exactly one of them: magnification of the lenslets, or the distance from the main
             lens' image to the array in metres (above f_mu or negative).
@@ -193,7 +193,7 @@ class PlenopticCamera(LensletCamera, ABC):
         SamplingError
             If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
         """
-        device = as_device(device)
+        device = as_device(device, optional=True)
         z_obj, F = _distances(
             mla, wavelength, focal_length, object_distance, image_distance,
             aperture_diameter,
@@ -221,7 +221,7 @@ class PlenopticCamera(LensletCamera, ABC):
         mla: MicrolensArray,
         wavelength: float,
         pixels_per_lenslet: float,
-        device: DeviceLike,
+        device: DeviceLike | None = None,
         medium_index: float = 1.0,
         tube_lens: float = 0.200,
         cover: CoverGlass | None = None,
@@ -244,8 +244,8 @@ class PlenopticCamera(LensletCamera, ABC):
             Of the fluorescence in vacuum, in metres.
         pixels_per_lenslet : float
             At least 2; may be fractional.
-        device : Device or str
-            Where the simulation runs.
+        device : Device or str, optional
+            Where the simulation runs; None is ``Device.open()``.
         medium_index : float
             Of the medium with the specimen, 1 (air) or more.
         tube_lens : float
@@ -276,7 +276,7 @@ class PlenopticCamera(LensletCamera, ABC):
         SamplingWarning
             If the two f-numbers differ by more than 10 %.
         """
-        device = as_device(device)
+        device = as_device(device, optional=True)
         _require_lengths(wavelength=wavelength, tube_lens=tube_lens)
         check_wavelength(wavelength)
         _check_objective(magnification, na, medium_index, mla)

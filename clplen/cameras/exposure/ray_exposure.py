@@ -23,8 +23,6 @@ from clplen.cameras.scenes.surface_scene import (
     surface_tables,
 )
 from clplen.lightfield.raw import LensletGrid, RawImage
-from clplen.wave.average import Averaging
-from clplen.wave.coherence import Coherence
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -84,30 +82,6 @@ def expose_rays(optics: RayOptics, scene: SurfaceScene | Sequence[Source]) -> Ra
     for source in points:
         _add_points(image, optics, source, count)
     return raw_image(optics, optics.device.upload(image.astype(np.float32)))
-
-
-def uses_rays(model: str, scene: Any, coherence: Coherence | None, how: Averaging) -> bool:
-    """Whether a raw image is to be found by rays.
-
-    Raises
-    ------
-    ValueError
-        If the model is unknown, or does not know the scene or what it is asked for.
-    """
-    if model not in ("waves", "rays"):
-        raise ValueError(f"model is 'waves' or 'rays', not {model!r}.")
-    if model == "waves" and isinstance(scene, SurfaceScene):
-        raise ValueError(
-            "A SurfaceScene is exposed by rays: give model='rays'. Waves take PointSources and "
-            "PicturePlanes, which hide nothing of each other."
-        )
-    words = (coherence, how.snapshots, how.rtol, how.region, how.checkpoint)
-    if model == "rays" and any(word is not None for word in words):
-        raise ValueError(
-            "coherence, snapshots, rtol, region and checkpoint are for model='waves': rays are "
-            "incoherent and exact at once."
-        )
-    return model == "rays"
 
 
 # Surfaces: every pixel looks back through its lenslets

@@ -224,6 +224,34 @@ class RayOptics(LensletCamera, ABC):
         return np.array([[1 - b / f, a + b - a * b / f], [-1 / f, 1 - a / f]])
 
 
+@dataclass(frozen=True, repr=False)
+class FixedOptics(RayOptics):
+    """A plenoptic camera as lengths and rays, with its two distances as plain numbers.
+
+    Attributes
+    ----------
+    z2 : float
+        In metres, from the main lens to the array.
+    z3 : float
+        In metres, from the array to the sensor, where it is.
+    others
+        Those of `RayOptics`.
+    """
+
+    z2: float
+    z3: float
+
+    @property
+    def array_distance(self) -> float:
+        """z2 in metres."""
+        return self.z2
+
+    @property
+    def sensor_distance(self) -> float:
+        """z3 in metres."""
+        return self.z3
+
+
 def check_sampling(optics: RayOptics, reach: float, alpha: float) -> None:
     """Refuse light that the pixels cannot sample.
 

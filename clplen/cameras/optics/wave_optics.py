@@ -6,13 +6,13 @@ Positions are plain arrays; what shines there, and how its energies add up, is f
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from clplen.cameras.optics.pupil_fields import pupil_fields
-from clplen.cameras.optics.ray_optics import RayOptics, check_in_view, check_sampling
+from clplen.cameras.optics.ray_optics import FixedOptics, check_in_view, check_sampling
 from clplen.compute.blocks import window
 from clplen.compute.lines import smooth_length
 from clplen.errors import ShapeError
@@ -29,37 +29,11 @@ FRESNEL_WIDTHS = 2  # diffraction beyond the geometric edge that a window withou
 
 
 @dataclass(frozen=True, repr=False)
-class WaveOptics(RayOptics):
+class WaveOptics(FixedOptics):
     """Fields behind the main lens, at the array and on the sensor of a plenoptic camera.
 
-    Attributes
-    ----------
-    z2 : float
-        In metres, from the main lens to the array.
-    z3 : float
-        In metres, from the array to the sensor, where it is.
-    others
-        Those of `RayOptics`.
+    Attributes are those of `FixedOptics`.
     """
-
-    z2: float
-    z3: float
-
-    @classmethod
-    def of(cls, camera: RayOptics) -> WaveOptics:
-        """The optics of a camera."""
-        lengths = {f.name: getattr(camera, f.name) for f in fields(RayOptics)}
-        return cls(**lengths, z2=camera.array_distance, z3=camera.sensor_distance)
-
-    @property
-    def array_distance(self) -> float:
-        """z2 in metres."""
-        return self.z2
-
-    @property
-    def sensor_distance(self) -> float:
-        """z3 in metres."""
-        return self.z3
 
     def pupil(self, positions: Values, diameter: float = 0.0, *, whole: bool = True) -> Field:
         """Fields of points right behind the main lens.

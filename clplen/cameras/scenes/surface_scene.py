@@ -78,7 +78,7 @@ class SurfaceScene(OneLine):
         views: tuple[int, int] = (9, 9),
         shape: tuple[int, int] = (512, 512),
         *,
-        device: DeviceLike,
+        device: DeviceLike | None = None,
         noise: Any = 0.0,
         seed: int = 0,
         dtype: Any = np.float32,
@@ -95,7 +95,8 @@ class SurfaceScene(OneLine):
             (V, U), at least 1 each.
         shape : tuple of int
             (ny, nx) of a view, at least 1 each.
-        device : Device or str
+        device : Device or str, optional
+            None is ``Device.open()``.
         noise : float or array_like
             Standard deviation of additive Gaussian noise, as a fraction of white; broadcast over
             (ny, nx), so shape (ny, 1) gives each row its own.
@@ -122,7 +123,7 @@ class SurfaceScene(OneLine):
         DeviceError
             If the light field does not fit the device.
         """
-        device = as_device(device)
+        device = as_device(device, optional=True)
         V, U = _counts(views, "views")
         ny, nx = _counts(shape, "shape")
         kind = np.dtype(dtype)
