@@ -17,8 +17,11 @@ import numpy as np
 
 import clplen
 from clplen.analysis.psf import PSF
-from clplen.cameras.aberrations import Aberrations, LensletScatter
-from clplen.cameras.correction import correct_aberrations
+from clplen.cameras.optics.camera_aberrations import (
+    Aberrations,
+    LensletScatter,
+    correct_aberrations,
+)
 
 WAVE = 532e-9
 NAMES = {

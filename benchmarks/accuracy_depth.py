@@ -20,9 +20,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from reference_cues import plain_depth
 
-from clplen.cameras.outlines import Bars
-from clplen.cameras.surfaces import Plane, Sphere, SurfaceScene
-from clplen.cameras.textures import noise
+from clplen.cameras.scenes.outlines import Bars
+from clplen.cameras.scenes.surface_scene import SurfaceScene
+from clplen.cameras.scenes.surfaces import Plane, Sphere
+from clplen.cameras.scenes.textures import noise
 from clplen.compute.device import Device
 from clplen.lightfield.depth.depth_map import CUES
 from clplen.lightfield.focus_and_depth import depth_map
@@ -40,7 +41,7 @@ def scenes(side: int) -> Iterator[tuple[str, SurfaceScene]]:
     yield "slant", SurfaceScene(Plane(0.2, (-0.8 / side, 1.6 / side), texture=noise(4)))
     bars = Bars((0.0, 0.0), 0.7 * side, count=5, period=0.14 * side, width=0.06 * side, angle=0.2)
     yield "bars", SurfaceScene((ground, Plane(0.9, texture=near, outline=bars)))
-    ball = Sphere((0.0, 0.0), 0.35 * side, d=0.0, height=1.2, texture=near)
+    ball = Sphere((0.0, 0.0), 0.35 * side, disparity=0.0, height=1.2, texture=near)
     yield "sphere", SurfaceScene((ground, ball))
 
 

@@ -26,7 +26,7 @@ from setups_focused import captured, exposed, raw_of
 from setups_slanted import Slanted, slanted
 
 from clplen import Device, MicrolensArray, PlenopticCamera, PointSources
-from clplen.cameras.plenoptic1 import scene_energy
+from clplen.cameras.plenoptic import scene_energy
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.io import read_raw, write_picture, write_raytrix
 from clplen.lightfield.focused.focused_depth import focused_depth

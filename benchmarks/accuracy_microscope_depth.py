@@ -25,7 +25,7 @@ from clplen import (
     SamplingWarning,
     estimate_alpha,
 )
-from clplen.cameras.microscope import Microscope
+from clplen.cameras.light_field_microscope import Microscope
 from clplen.lightfield.depth.best_focus import focus_ratio, ratio_at
 
 OBJECTIVES = {  # M, NA, n, wavelength, lenslets, pixels a lenslet

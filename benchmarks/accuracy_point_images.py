@@ -27,8 +27,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from reference_microscope import Setup, debye
 
 from clplen import Device, Grid, Lattice, MicrolensArray, PlenopticCamera, PointSources
-from clplen.cameras.microscope import Microscope
-from clplen.cameras.objective import Objective
+from clplen.cameras.light_field_microscope import Microscope
+from clplen.cameras.optics.objective import Objective
 from clplen.microscopy import psf
 from clplen.microscopy.deconvolution import deconvolve
 from clplen.microscopy.prepare import preparation

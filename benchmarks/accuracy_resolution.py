@@ -19,7 +19,7 @@ from clplen.analysis.camera_psf import camera_psf
 from clplen.analysis.otf import OTF
 from clplen.analysis.straylight import camera_crosstalk
 from clplen.analysis.twopoint import TwoPoints
-from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.compute.device import Device
 from clplen.wave.elements.lenslets import MicrolensArray
 

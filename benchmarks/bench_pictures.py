@@ -16,10 +16,9 @@ from typing import Any
 import click
 import numpy as np
 
-from clplen.cameras.camera import PlenopticCamera
-from clplen.cameras.pictures import PicturePlane
 from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.cameras.scene import PointSources
+from clplen.cameras.plenoptic_camera import PlenopticCamera
+from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources
 from clplen.compute.device import Device
 from clplen.lightfield.raw.raw_image import Exposure
 from clplen.wave.elements.lenslets import MicrolensArray

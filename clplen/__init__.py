@@ -13,17 +13,20 @@ from importlib import import_module
 from typing import Any
 
 from clplen import interrupts  # noqa: F401 (first: Ctrl-C while the rest is imported)
-from clplen.cameras.aberrations import Aberrations, LensletScatter
-from clplen.cameras.camera import PlenopticCamera
-from clplen.cameras.correction import correct_aberrations
-from clplen.cameras.gallery import sample_scenes
-from clplen.cameras.microscope import Microscope
-from clplen.cameras.objective import CoverGlass
-from clplen.cameras.pictures import PicturePlane
-from clplen.cameras.scene import PointSources
-from clplen.cameras.surfaces import Plane, Sphere, SurfaceScene
-from clplen.cameras.textures import Texture
-from clplen.cameras.truth import Truth
+from clplen.cameras.light_field_microscope import Microscope
+from clplen.cameras.optics.camera_aberrations import (
+    Aberrations,
+    LensletScatter,
+    correct_aberrations,
+)
+from clplen.cameras.optics.objective import CoverGlass
+from clplen.cameras.plenoptic_camera import PlenopticCamera
+from clplen.cameras.scenes.gallery import sample_scenes
+from clplen.cameras.scenes.ground_truth import Truth
+from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources
+from clplen.cameras.scenes.surface_scene import SurfaceScene
+from clplen.cameras.scenes.surfaces import Plane, Sphere
+from clplen.cameras.scenes.textures import Texture
 from clplen.compute.arrays import Image
 from clplen.compute.device import Device
 from clplen.errors import (

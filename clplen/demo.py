@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from clplen import plot
-from clplen.cameras.camera import PlenopticCamera
-from clplen.cameras.plenoptic1 import Plenoptic1, scene_energy
-from clplen.cameras.scene import PointSources
+from clplen.cameras.plenoptic import scene_energy
+from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.cameras.plenoptic_camera import PlenopticCamera
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
 from clplen.files import replacing
 from clplen.io import write_lightfield, write_picture, write_stack

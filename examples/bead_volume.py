@@ -76,7 +76,7 @@ if not run.quick:
     lists = [points_in(volume_of(frame - zero, square == k)) for k in (0, 1)]
     compared("chequerboard of pixels", *lists, step=d[1] - d[0])
 refocused = points_of(stack_of(lf))
-pairs = match_points(refocused.positions, found.positions, within=(0.2, 1, 1))
+pairs = match_points(refocused.positions, found.positions, tolerance=(0.2, 1, 1))
 first, second = refocused.positions[pairs[:, 0]], found.positions[pairs[:, 1]]
 apart = np.hypot(*(first - second)[:, 1:].T)
 far = np.abs(second[:, 0]) > OFF

@@ -17,7 +17,7 @@ from common import Run
 from scipy.ndimage import gaussian_filter
 
 from clplen import Lattice, LightField, MicrolensArray, PlenopticCamera, PointSources
-from clplen.cameras.microscope import Microscope
+from clplen.cameras.light_field_microscope import Microscope
 from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.refocus.focal_stack import FocalStack
 from clplen.microscopy.points import Points, find_points, match_points
@@ -129,7 +129,7 @@ def points_of(stack: FocalStack) -> Points:
 
 def compared(what: str, first: Points, second: Points, *, step: float = STEP) -> np.ndarray:
     """Differences (planes, lenslets) of two lists of the same beads, and a line on them."""
-    pairs = match_points(first.positions, second.positions, within=WITHIN)
+    pairs = match_points(first.positions, second.positions, tolerance=WITHIN)
     far = first.positions[pairs[:, 0]] - second.positions[pairs[:, 1]]
     off = np.stack([np.abs(far[:, 0]) / step, np.hypot(far[:, 1], far[:, 2])], axis=1)
     rms, most = np.sqrt((off**2).mean(0)), off.max(0)

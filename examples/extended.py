@@ -15,8 +15,8 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle, Wedge
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, RawImage, SamplingWarning
-from clplen.cameras.pictures import PicturePlane
 from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.cameras.scenes.scene_sources import PicturePlane
 from clplen.plot.base import LIGHT, centred
 
 SHARE = 0.75  # of the array that the picture's image fills; at the border pixels alias
@@ -86,7 +86,7 @@ def ideal(cam: Plenoptic1, plane: PicturePlane) -> np.ndarray:
     p, cutoff = cam.lenslet_pitch, cam.aperture_diameter / (cam.wavelength * cam.image_distance)
     window = (cam.mla.count[0] + 2) * p
     f = np.arange(-int(cutoff * window), int(cutoff * window) + 1) / window
-    scale = -cam.image_distance / (cam.object_distance + plane.dz)
+    scale = -cam.image_distance / (cam.object_distance + plane.z)
     there_y, there_x = (np.exp(-2j * np.pi * scale * np.outer(f, axis))
                         for axis in (plane.y, plane.x))
     s = np.minimum(np.hypot(f[:, None], f) / cutoff, 1)

@@ -5,8 +5,8 @@ from common import BLUE, GREEN, RED, begin, number, pixels
 from extended import show
 
 from clplen import LightField, MicrolensArray, Plane, PlenopticCamera, SurfaceScene
-from clplen.cameras.outlines import Bars
-from clplen.cameras.textures import uniform
+from clplen.cameras.scenes.outlines import Bars
+from clplen.cameras.scenes.textures import uniform
 from clplen.plot.base import LIGHT, bar, new_figure
 
 GROUPS = {"far": (14, -0.16), "in focus": (0, 0.0), "near": (-14, 0.22)}  # X and d, lenslets

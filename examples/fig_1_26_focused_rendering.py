@@ -7,7 +7,7 @@ from letters import disparity, star
 from matplotlib.patches import Rectangle
 
 from clplen import MicrolensArray, Plane, PlenopticCamera, SurfaceScene
-from clplen.cameras.textures import uniform
+from clplen.cameras.scenes.textures import uniform
 from clplen.lightfield.focused.focused_picture import seam
 from clplen.lightfield.focused.focused_rendering import render_focused
 from clplen.plot.base import new_figure

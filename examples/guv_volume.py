@@ -17,7 +17,7 @@ from common import BLUE, ORANGE, Run, begin
 from matplotlib.axes import Axes
 from matplotlib.colors import PowerNorm
 
-from clplen.cameras.microscope import Microscope
+from clplen.cameras.light_field_microscope import Microscope
 from clplen.io.volume import write_volume
 from clplen.lightfield.calibration.raw_decoding import decode_raw
 from clplen.lightfield.refocus.focal_stack import refocus

@@ -12,8 +12,8 @@ from matplotlib.path import Path
 from matplotlib.textpath import TextPath
 
 from clplen import Plane, SurfaceScene
-from clplen.cameras.outlines import Polygon
-from clplen.cameras.textures import Texture, uniform
+from clplen.cameras.scenes.outlines import Polygon
+from clplen.cameras.scenes.textures import Texture, uniform
 
 FINE = 5  # samples a lenslet
 

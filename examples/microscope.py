@@ -17,7 +17,7 @@ from scipy.ndimage import maximum_filter
 from scipy.optimize import minimize
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources
-from clplen.cameras.microscope import Microscope
+from clplen.cameras.light_field_microscope import Microscope
 from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.plot.base import LIGHT
 

@@ -109,7 +109,7 @@ def response1(cam: Plenoptic1, steps: int) -> PSF:
 
 def rendered(raw: RawImage, psf: PSF) -> tuple[np.ndarray, float]:
     """The picture of the point and its pitch: one pixel a lenslet, or as fine as the PSF."""
-    if hasattr(raw.camera, "m"):
+    if raw.camera.kind == "focused":
         return psf.values, psf.pitch[1]
     return pixels(LightField.from_raw(raw).render()), raw.camera.lenslet_pitch
 
@@ -117,7 +117,7 @@ def rendered(raw: RawImage, psf: PSF) -> tuple[np.ndarray, float]:
 def two_points(cam: Any, separation: float) -> tuple[np.ndarray, float]:
     """Rendering of two points beside each other on the axis, and its pitch."""
     raw = cam.expose(PointSources([(-separation / 2, 0, 0), (separation / 2, 0, 0)]))
-    if hasattr(cam, "m"):
+    if cam.kind == "focused":
         found = blended(about(raw, 1e-3), cam.m, 6e-6)
         return pixels(found), found.pitch
     return pixels(LightField.from_raw(raw).render()), cam.lenslet_pitch

@@ -13,9 +13,10 @@ from common import Run, pixels
 from matplotlib.axes import Axes
 
 from clplen import MicrolensArray, PlenopticCamera, RawImage
-from clplen.cameras.outlines import Ellipse
-from clplen.cameras.surfaces import Plane, SurfaceScene
-from clplen.cameras.textures import picture as table_of
+from clplen.cameras.scenes.outlines import Ellipse
+from clplen.cameras.scenes.surface_scene import SurfaceScene
+from clplen.cameras.scenes.surfaces import Plane
+from clplen.cameras.scenes.textures import picture as table_of
 from clplen.lightfield.focused.focused_picture import FocusedImage
 from clplen.plot.base import LIGHT
 

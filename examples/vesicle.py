@@ -19,7 +19,7 @@ from common import Run
 from scipy.optimize import minimize
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources
-from clplen.cameras.microscope import Microscope
+from clplen.cameras.light_field_microscope import Microscope
 from clplen.compute.device import Device
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.prepare import preparation

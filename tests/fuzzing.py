@@ -18,7 +18,7 @@ import numpy as np
 import scipy.io
 import tifffile
 
-from clplen.cameras.truth import Truth
+from clplen.cameras.scenes.ground_truth import Truth
 from clplen.compute.device import Device
 from clplen.config import read_camera_file
 from clplen.errors import FormatError, ShapeError
@@ -45,7 +45,7 @@ from clplen.io.zarrs import write_zarr
 from clplen.lightfield.depth.depth_map import DepthMap
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.microscopy import psffile
+from clplen.microscopy import point_image_files
 from clplen.microscopy.images import PointImages
 
 # Errors that a damaged file may cause: its own, and those of a value that makes no light field.
@@ -320,7 +320,7 @@ def _point_images(folder: Path, _: Device) -> Path:
     stored = (np.ones((1, 3, 3), np.float32), np.ones((1, 9, 9), np.float32))
     about = {"planes": (0.0, 1e-6), "voxels_per_lenslet": 1, "pixels_per_lenslet": 3}
     images = PointImages(about, np.array([0.0, 1e-6]), 1, 3, stored, np.ones(2))
-    psffile.write(folder / "a.h5", images)
+    point_image_files.write_point_images(folder / "a.h5", images)
     return folder / "a.h5"
 
 
@@ -359,5 +359,7 @@ PARSERS = {
     "camera": Parser(_camera, lambda path, _: read_camera_file(path)),
     "volume": Parser(_volume("a.ome.tif"), lambda path, _: read_volume(path)),
     "zarr-volume": Parser(_volume("a.ome.zarr"), lambda path, _: read_volume(path)),
-    "point-images": Parser(_point_images, lambda path, _: psffile.read(path)),
+    "point-images": Parser(
+        _point_images, lambda path, _: point_image_files.read_point_images(path)
+    ),
 }

@@ -166,7 +166,9 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "SlantedEdge": lambda _: edge(),
     "Space": lambda _: clplen.Space(0.1),
     "Spectrum": lambda _: clplen.Spectrum.mercury(),
-    "Sphere": lambda _: clplen.Sphere((0.0, 0.0), 3.0, d=0.5, height=0.5, texture=texture()),
+    "Sphere": lambda _: clplen.Sphere(
+        (0.0, 0.0), 3.0, disparity=0.5, height=0.5, texture=texture()
+    ),
     "StackTiles": stream,
     "Stop": lambda _: clplen.Stop(1e-3),
     "StoredLightField": lambda _: clplen.StoredLightField.from_array(samples(3, 3, 32, 32)),

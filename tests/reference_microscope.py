@@ -1,4 +1,4 @@
-"""A light-field microscope in float64, written plainly: the twin of clplen.cameras.microscope.
+"""A light-field microscope in float64: the twin of clplen.cameras.light_field_microscope.
 
 Lengths in metres, arrays [y, x], z > 0 farther from the objective, carrier dropped.
 """

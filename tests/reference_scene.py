@@ -64,15 +64,15 @@ def first_hit(surfaces: Any, y: Real, x: Real, a: float, b: float) -> tuple[Real
 def hit(one: Any, y: Real, x: Real, a: float, b: float) -> Real:
     """Where rays meet one surface."""
     if hasattr(one, "slope"):
-        d = np.full(y.shape, float(one.d))
+        d = np.full(y.shape, float(one.disparity))
         for _ in range(200):  # a contraction where |gy a + gx b| < 1
-            d = one.d + one.slope[0] * (y + d * a) + one.slope[1] * (x + d * b)
+            d = one.disparity + one.slope[0] * (y + d * a) + one.slope[1] * (x + d * b)
         Y, X = y + d * a, x + d * b
         return np.where(inside(one.outline, Y, X), d, NOTHING)
 
     def surface(d: float) -> Real:
         r2 = (y + d * a - one.centre[0]) ** 2 + (x + d * b - one.centre[1]) ** 2
-        return ((d - one.d) / one.height) ** 2 + r2 / one.radius**2 - 1
+        return ((d - one.disparity) / one.height) ** 2 + r2 / one.radius**2 - 1
 
     low, middle, high = (surface(d) for d in (-1.0, 0.0, 1.0))
     A, B = (low + high) / 2 - middle, (high - low) / 2
@@ -125,7 +125,8 @@ def brightness(one: Any, y: Real, x: Real, d: Real, a: float, b: float) -> Real:
     shade = np.maximum(0, 1 + one.shade[0] * Y + one.shade[1] * X)
     light = texture(one.texture, Y, X) * shade[..., None]
     for spot in one.spots:
-        r2 = (y + spot.d * a - spot.centre[0]) ** 2 + (x + spot.d * b - spot.centre[1]) ** 2
+        Y0, X0 = spot.centre
+        r2 = (y + spot.disparity * a - Y0) ** 2 + (x + spot.disparity * b - X0) ** 2
         light = light + (spot.strength * np.exp(-r2 / (2 * spot.width**2)))[..., None]
     return light
 

@@ -29,6 +29,7 @@ class Camera:
     b: float
     image_distance: float
     focal_length: float
+    kind: str = "focused"
 
     @property
     def array_distance(self) -> float:

@@ -11,9 +11,9 @@ from scipy.ndimage import gaussian_filter
 
 from clplen import Image, MicrolensArray, Plane, PlenopticCamera, PointSources, SurfaceScene
 from clplen.analysis.edge import slanted_edge
-from clplen.cameras.geometry import view_step
+from clplen.cameras.optics.ray_optics import view_step
 from clplen.cameras.plenoptic2 import Plenoptic2
-from clplen.cameras.textures import Texture, noise
+from clplen.cameras.scenes.textures import Texture, noise
 from clplen.compute.device import Device
 from clplen.lightfield.focused.focused_depth import FocusedDepth
 from clplen.lightfield.focused.focused_picture import FocusedImage

@@ -18,7 +18,7 @@ import tifffile
 from click.testing import CliRunner, Result
 
 import clplen
-from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cli import main
 from clplen.cli.messages import sentence
 from clplen.compute.device import Device

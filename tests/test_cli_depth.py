@@ -10,7 +10,7 @@ import pytest
 import tifffile
 from click.testing import CliRunner, Result
 
-from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.io import read_lightfield, read_pfm, write_lightfield

@@ -18,8 +18,8 @@ from click.testing import CliRunner, Result
 from setups_focused import captured
 
 from clplen import LightField, MicrolensArray, Plane, PlenopticCamera, PointSources, SurfaceScene
-from clplen.cameras.geometry import view_step
-from clplen.cameras.textures import noise
+from clplen.cameras.optics.ray_optics import view_step
+from clplen.cameras.scenes.textures import noise
 from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.config import read_camera_file

@@ -23,7 +23,7 @@ from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io.volume import describe_volume, read_volume, write_volume
-from clplen.microscopy import psffile
+from clplen.microscopy import point_image_files
 from clplen.microscopy.prepare import preparation
 from clplen.microscopy.projector import Projector
 
@@ -90,7 +90,7 @@ def psf(tmp_path_factory: pytest.TempPathFactory, device: Device) -> Path:
 
 @pytest.fixture(scope="module")
 def projector(psf: Path, device: Device) -> Projector:
-    return Projector(psffile.read(psf), SIZE, device=device)
+    return Projector(point_image_files.read_point_images(psf), SIZE, device=device)
 
 
 def beads(projector: Projector, *voxels: tuple[int, int, int]) -> Any:
@@ -284,8 +284,8 @@ def test_frames_of_a_job_share_point_images(
     for number in range(3):
         tifffile.imwrite(tmp_path / "in" / f"t{number}.tif", np.roll(counts, 15 * number, axis=1))
     tifffile.imwrite(tmp_path / "in" / "small.tif", counts[:60])
-    images = psffile.read(psf)
-    psffile.write(tmp_path / "psf.h5", images)
+    images = point_image_files.read_point_images(psf)
+    point_image_files.write_point_images(tmp_path / "psf.h5", images)
     job = tmp_path / "job.toml"
     job.write_text(
         'output = "out"\n[[inputs]]\nfiles = "in/*.tif"\n'
@@ -311,7 +311,8 @@ def test_frames_of_a_job_share_point_images(
     summary, _ = batchworks.run(job, device)
     assert (summary.done, summary.skipped, summary.failed) == (1, 2, {})
     assert (tmp_path / "out" / "t1" / "volume.ome.tif").stat().st_mtime_ns == before
-    psffile.write(tmp_path / "psf.h5", replace(images, scales=images.scales * 2))
+    doubled = replace(images, scales=images.scales * 2)
+    point_image_files.write_point_images(tmp_path / "psf.h5", doubled)
     summary, _ = batchworks.run(job, device)
     assert (summary.done, summary.skipped, summary.failed) == (3, 0, {})
 

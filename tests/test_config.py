@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 import tifffile
 
-from clplen.cameras.aberrations import LensletScatter
-from clplen.cameras.microscope import Microscope
-from clplen.cameras.objective import CoverGlass
+from clplen.cameras.light_field_microscope import Microscope
+from clplen.cameras.optics.camera_aberrations import LensletScatter
+from clplen.cameras.optics.objective import CoverGlass
 from clplen.cameras.plenoptic2 import Plenoptic2
-from clplen.cameras.scene import PointSources
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, CameraFile, CoherenceTable, read_camera_file
 from clplen.config.aberrations import AberrationsTable
@@ -203,10 +203,10 @@ def test_every_key_reaches_the_camera(tmp_path: Path, device: Device):
     points, first, second = file.scene.build()
     np.testing.assert_array_equal(points.power, [2.0, 0.5])
     np.testing.assert_array_equal(first.image, slide)
-    assert (first.width, first.dz, first.mode) == (2.5e-3, -4e-3, "transmission")
+    assert (first.width, first.z, first.mode) == (2.5e-3, -4e-3, "transmission")
     # sRGB: 10 is below the knee, 10/255/12.92; ((188/255 + .055)/1.055)^2.4
     np.testing.assert_allclose(second.image, [[0, 1], [0.00303527, 0.50288646], [0, 0]], rtol=1e-5)
-    assert (second.width, second.dz, second.mode) == (3e-3, 0.0, "emission")
+    assert (second.width, second.z, second.mode) == (3e-3, 0.0, "emission")
     light, table = file.light(), file.coherence
     assert light.spatial == RandomPhaseMask((30e-6, 40e-6), kernel="gaussian", kind="phase")
     assert light.spectrum == Spectrum.gaussian(633e-9, 20e-9)

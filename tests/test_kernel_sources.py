@@ -40,8 +40,8 @@ from clplen import (
     thin_lens,
 )
 from clplen.bench import ceilings
-from clplen.cameras.aberrations import Aberrations, LensletScatter
-from clplen.cameras.pictures import PicturePlane
+from clplen.cameras.optics.camera_aberrations import Aberrations, LensletScatter
+from clplen.cameras.scenes.scene_sources import PicturePlane
 from clplen.compute.device import Device
 from clplen.lightfield.arrays.stored_samples import extremes
 from clplen.lightfield.depth.depth_map import sharpness_curve

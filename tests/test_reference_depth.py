@@ -8,7 +8,7 @@ from reference_depth import depth
 
 from clplen import Plane, SurfaceScene
 from clplen.analysis.quality import score
-from clplen.cameras.textures import noise
+from clplen.cameras.scenes.textures import noise
 from clplen.compute.device import Device
 
 pytestmark = pytest.mark.thorough

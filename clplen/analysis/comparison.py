@@ -18,9 +18,8 @@ from clplen.analysis.rendered import as_seen
 from clplen.analysis.samples import Values
 from clplen.analysis.sampling import sampling_of
 from clplen.analysis.straylight import camera_crosstalk
-from clplen.cameras.pictures import parts
 from clplen.cameras.plenoptic import Plenoptic
-from clplen.cameras.scene import PointSources
+from clplen.cameras.scenes.scene_sources import PointSources, as_sources
 from clplen.errors import SamplingError
 from clplen.reprs import OneLine
 
@@ -197,7 +196,7 @@ def _wanted(
 
 def _check_scene(camera: Plenoptic, scene: Any) -> None:
     """Refuse a scene that a camera cannot show, before anything is simulated."""
-    for part in parts(scene):
+    for part in as_sources(scene):
         camera.check_scene(part if isinstance(part, PointSources) else part.corners())
 
 

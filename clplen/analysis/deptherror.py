@@ -12,7 +12,7 @@ import numpy as np
 from clplen.analysis.placing import is_focused, middle_lenslet
 from clplen.analysis.rendered import local_m
 from clplen.analysis.samples import Values
-from clplen.cameras.geometry import view_step
+from clplen.cameras.optics.ray_optics import view_step
 from clplen.errors import SamplingWarning
 from clplen.lightfield.depth.alpha_estimate import estimate_alpha, search_limit
 from clplen.lightfield.focused.focused_spots import point_m

@@ -16,7 +16,7 @@ from clplen.analysis.samples import Values
 from clplen.analysis.sampling import Sampling
 from clplen.analysis.transfer import DepthTransfer, line_curve
 from clplen.analysis.twopoint import SLIT, TwoPoints
-from clplen.cameras.aberrations import circumscribed
+from clplen.cameras.optics.camera_aberrations import circumscribed
 
 if TYPE_CHECKING:
     from clplen.cameras.plenoptic import Plenoptic

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from clplen.analysis.samples import Pair, Values
-from clplen.cameras.aberrations import NONE
+from clplen.cameras.optics.camera_aberrations import NONE
 from clplen.cameras.plenoptic import Plenoptic
-from clplen.cameras.scene import PointSources
+from clplen.cameras.scenes.scene_sources import PointSources
 
 
 def is_focused(camera: Any) -> bool:
-    """Whether it is a focused (2.0) camera, which has an m."""
-    return hasattr(camera, "m")
+    """Whether it is a focused (2.0) camera."""
+    return bool(camera.kind == "focused")
 
 
 def offsets(step: float, count: int) -> Values:

@@ -19,7 +19,7 @@ from clplen.errors import ShapeError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from clplen.cameras.truth import Truth
+    from clplen.cameras.scenes.ground_truth import Truth
 
 Real = np.ndarray[Any, np.dtype[np.float64]]
 Mask = np.ndarray[Any, np.dtype[np.bool_]]

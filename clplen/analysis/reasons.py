@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 from clplen.analysis.placing import is_focused
-from clplen.cameras.aberrations import NONE, rows
+from clplen.cameras.optics.camera_aberrations import NONE, rows
 
 if TYPE_CHECKING:
     from clplen.analysis.measured import Measured

@@ -221,7 +221,7 @@ def sampling_of(camera: Any, *, axis: int = 1) -> Sampling:
             "pixel_pitch": camera.pixel_pitch,
             "wavelength": camera.wavelength,
         }
-        if hasattr(camera, "a"):
+        if camera.kind == "focused":
             cone = camera.aperture_diameter / camera.image_distance
             pixels = camera.grid.shape[axis]
             return type2_sampling(a=camera.a, b=camera.b, cone=cone, pixels=pixels, **given)

@@ -13,7 +13,6 @@ from clplen.batch.stamps import stamp
 from clplen.batch.task import Task
 from clplen.batch.volumes import Deconvolver, How, read_picture, read_psf, write_result
 from clplen.batch.workshop import Workshop
-from clplen.cameras.microscope import Microscope
 from clplen.io.digest import digest
 
 if TYPE_CHECKING:
@@ -76,7 +75,7 @@ def _frame(path: Path | None, raw: RawImage | None) -> Any:
     """The raw frame of an item."""
     if path is not None:
         return read_picture(path)
-    if raw is None or not isinstance(raw.camera, Microscope):
+    if raw is None or raw.camera is None or raw.camera.kind != "microscope":
         raise ValueError(
             "[deconvolve] is of frames of a light-field microscope, and this one is none: give it "
             "a job of its own."

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen import io
-from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.lightfield.focused.focused_depth import focused_depth, focused_maps
 from clplen.lightfield.focused.focused_rendering import focused_stack, render_focused
 
@@ -26,7 +25,7 @@ _NONE = {
 
 def is_focused(raw: Any) -> bool:
     """Whether a raw image is of a focused camera."""
-    return raw is not None and isinstance(raw.camera, Plenoptic2)
+    return raw is not None and raw.camera is not None and raw.camera.kind == "focused"
 
 
 def focused_products(

@@ -16,13 +16,13 @@ from clplen.batch.focused import is_focused
 from clplen.batch.source import Source
 from clplen.batch.sweep import Setting, combinations, label, with_values
 from clplen.batch.tables import EVERY, SceneTable, SimulationTable
-from clplen.cameras.gallery import SCENES, SampleScene, sample_scenes
-from clplen.cameras.microscope import Microscope
+from clplen.cameras.exposure.ray_exposure import view_reach
+from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.plenoptic import Plenoptic
-from clplen.cameras.rays import view_reach
-from clplen.cameras.scene import PointSources
-from clplen.cameras.surfaces import EDGE_ON
-from clplen.cameras.truth import Truth
+from clplen.cameras.scenes.gallery import SCENES, SampleScene, sample_scenes
+from clplen.cameras.scenes.ground_truth import Truth
+from clplen.cameras.scenes.scene_sources import PointSources
+from clplen.cameras.scenes.surface_scene import EDGE_ON
 from clplen.compute.device import Device
 from clplen.config import CameraFile, CoherenceTable
 from clplen.config.camera import CameraTable, SensorTable

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from clplen.batch.quantities import Aperture, Planes, Size
 from clplen.batch.sweep import distinct, swept_once
-from clplen.cameras.gallery import SCENES
+from clplen.cameras.scenes.gallery import SCENES
 from clplen.config.tables import Count, NotNegative, Positive, Seed, Switch, Table, listed
 
 Format = Literal["ome-tiff", "ome-zarr"]

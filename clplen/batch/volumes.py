@@ -18,7 +18,7 @@ from clplen.io.digest import digest
 from clplen.io.frames import SUFFIXES
 from clplen.io.raw import read_frame
 from clplen.io.volume import is_volume, write_volume
-from clplen.microscopy import psffile
+from clplen.microscopy import point_image_files
 from clplen.microscopy.deconvolution import DeconvolutionResult, deconvolve
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.prepare import Prepared, preparation
@@ -194,7 +194,7 @@ def words_of(
     return {
         **asdict(how),
         "clplen": __version__,
-        "psf": psffile.digest(images),
+        "psf": point_image_files.digest(images),
         "white": digest(Path(white)) if white else None,
         "dark": digest(Path(dark)) if dark else None,
     }
@@ -207,7 +207,7 @@ def read_psf(path: PathLike) -> PointImages:
             f"{path} has the parameters of a microscope, not its point images: make them by "
             f"'clplen microscope psf {path} -o PSF.h5'."
         )
-    return psffile.read(path)
+    return point_image_files.read_point_images(path)
 
 
 def read_picture(path: PathLike, frame: int | None = None) -> Values:

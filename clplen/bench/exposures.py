@@ -12,8 +12,8 @@ from clplen import demo
 from clplen.bench import ceilings
 from clplen.bench.measure import Case, finished, halved, in_turn, numbers
 from clplen.bench.report import Benchmark, Goal, Report, time_rows
-from clplen.cameras.camera import PlenopticCamera
-from clplen.cameras.scene import PointSources
+from clplen.cameras.plenoptic_camera import PlenopticCamera
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage, Transforms

@@ -18,7 +18,7 @@ import numpy as np
 
 from clplen.bench.measure import Case, Times, finished, halved, in_turn, numbers
 from clplen.bench.report import Benchmark, Goal, Report, time_rows
-from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.compute.fft.lines import smooth_length
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.projector import Projector

@@ -1,51 +1,53 @@
-"""Waves through a plenoptic camera: from points to the main lens, the array and the sensor."""
+"""What both plenoptic cameras do: take raw images of scenes, and show their fields on the way."""
 
 from __future__ import annotations
 
-import math
+from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal, TypeVar
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, Literal, TypeVar
 
-import numpy as np
+import pyopencl.array as cla
 
-from clplen.cameras import geometry, wavefronts
-from clplen.cameras.aberrations import Aberrations
-from clplen.cameras.emission import Method
-from clplen.cameras.exposing import expose_scene
-from clplen.cameras.optics import Optics
-from clplen.cameras.part import aperture_grid, from_part
-from clplen.cameras.pictures import PicturePlane
-from clplen.cameras.pupil import pupil_fields
-from clplen.cameras.rays import expose_rays, is_rays
-from clplen.cameras.scene import PointSources
-from clplen.cameras.surfaces import SurfaceScene
-from clplen.compute.fft.lines import smooth_length
+from clplen.cameras.exposure.ray_exposure import expose_rays
+from clplen.cameras.exposure.wave_exposure import Light, Method, expose_waves
+from clplen.cameras.optics.camera_aberrations import Aberrations
+from clplen.cameras.optics.lenslet_camera import Description, Kind
+from clplen.cameras.optics.ray_optics import RayOptics, check_sampling, raw_image
+from clplen.cameras.optics.wave_optics import WaveOptics
+from clplen.cameras.scenes.scene_sources import PointSources, Source, as_sources
+from clplen.cameras.scenes.surface_scene import SurfaceScene
 from clplen.files import PathLike
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.lightfield.raw.sensor import Sensor
 from clplen.wave.coherence.averaging import Averaging, Progress
 from clplen.wave.coherence.coherence import Coherence
-from clplen.wave.elements.lens import thin_lens
-from clplen.wave.field.field import Field
+from clplen.wave.field.field import Field, row_powers
 from clplen.wave.field.intensity import Region
-from clplen.wave.propagation.band import blas_limit
-from clplen.wave.propagation.free_space import plan
 from clplen.wave.propagation.propagator import Propagator
 
-Scene = SurfaceScene | PointSources | PicturePlane | Sequence[PointSources | PicturePlane]
-Kind = TypeVar("Kind", bound="Plenoptic")
-FRESNEL_WIDTHS = 2  # diffraction beyond the geometric edge that a window without padding holds
+Scene = SurfaceScene | Source | Sequence[Source]
+Self = TypeVar("Self", bound="Plenoptic")
 
 
 @dataclass(frozen=True, repr=False)
-class Plenoptic(Optics):
+class Plenoptic(RayOptics):
     """A plenoptic camera that takes raw images: `Plenoptic1` or `Plenoptic2`.
 
-    Attributes are those of `Optics`.
+    Attributes
+    ----------
+    kind : {"standard", "focused"}
+    others
+        Those of `RayOptics`.
     """
 
-    def with_aberrations(self: Kind, aberrations: Aberrations) -> Kind:
+    kind: ClassVar[Kind]
+
+    @abstractmethod
+    def describe(self) -> Description:
+        """Derived parameters; see `Description`."""
+
+    def with_aberrations(self: Self, aberrations: Aberrations) -> Self:
         """The same camera as it is built: with these in place of its aberrations.
 
         Parameters
@@ -68,15 +70,15 @@ class Plenoptic(Optics):
         """
         if not isinstance(aberrations, Aberrations):
             raise TypeError(f"aberrations are Aberrations(...), not {type(aberrations).__name__}.")
-        found = replace(self, aberrations=aberrations)
+        camera = replace(self, aberrations=aberrations)
         aberrations.check_lenslets(self.mla)
-        if not found.sensor_distance > 0:
+        if not camera.sensor_distance > 0:
             raise ValueError(
                 f"sensor_shift = {aberrations.sensor_shift:g} m puts the sensor at "
-                f"{found.sensor_distance:g} m, not behind the array."
+                f"{camera.sensor_distance:g} m, not behind the array."
             )
-        geometry.check_sampling(found, 0.0, max(1.0, self.array_distance / self.image_distance))
-        return found
+        check_sampling(camera, 0.0, max(1.0, self.array_distance / self.image_distance))
+        return camera
 
     def expose(
         self,
@@ -142,22 +144,36 @@ class Plenoptic(Optics):
         DeviceError
             If the fields do not fit the device.
         """
-        how = Averaging(snapshots, rtol, region, checkpoint)
-        if is_rays(model, scene, coherence, how):
-            traced = expose_rays(self, scene)
-            return traced if sensor is None else sensor.record(traced)
-        total, exposure = expose_scene(
-            self,
-            scene,
-            coherence=coherence,
-            koehler=koehler,
-            method=method,
-            how=how,
-            progress=progress,
-        )
-        data = total if total.dtype == np.float32 else total.astype(np.float32)
-        raw = replace(geometry.raw_image(self, data), exposure=exposure)
+        averaging = Averaging(snapshots, rtol, region, checkpoint)
+        optics = self.optics
+        if _uses_rays(model, scene, coherence, averaging):
+            sources = scene if isinstance(scene, SurfaceScene) else as_sources(scene)
+            raw = expose_rays(optics, sources)
+        else:
+            light = Light(coherence, koehler, averaging)
+            raw = expose_waves(optics, as_sources(scene), light, method=method, progress=progress)
+        raw = replace(raw, camera=self)
         return raw if sensor is None else sensor.record(raw)
+
+    @property
+    def optics(self) -> WaveOptics:
+        """The waves that go through the camera: fields of positions at each of its planes."""
+        lengths = {field.name: getattr(self, field.name) for field in fields(RayOptics)}
+        return WaveOptics(**lengths, z2=self.array_distance, z3=self.sensor_distance)
+
+    def raw_image(self, data: cla.Array) -> RawImage:
+        """Intensity on the sensor with the positions of the sub-images on it.
+
+        Parameters
+        ----------
+        data : pyopencl.array.Array
+            float32, shape of ``grid``.
+
+        Returns
+        -------
+        RawImage
+        """
+        return replace(raw_image(self, data), camera=self)
 
     def pupil(
         self, scene: PointSources, chosen: slice = slice(None), *, whole: bool = True
@@ -177,18 +193,7 @@ class Plenoptic(Optics):
         Field
             Shape (n, ny, nx); not normalised.
         """
-        pupil = pupil_fields(
-            scene,
-            chosen,
-            grid=self.grid if whole else aperture_grid(self.grid, self.aperture_diameter),
-            object_distance=self.object_distance,
-            focal_length=self.focal_length,
-            aperture_diameter=self.aperture_diameter,
-            wavelength=self.wavelength,
-            device=self.device,
-        )
-        places = self.image_of(scene.positions[chosen])[:, ::-1]
-        return wavefronts.behind_main_lens(self, pupil, places)
+        return self.optics.pupil(scene.positions[chosen], scene.diameter, whole=whole)
 
     def array_field(self, pupil: Field, *, pad: int = 1) -> Field:
         """Fields behind the main lens propagated to the array, before its lenslets.
@@ -205,7 +210,7 @@ class Plenoptic(Optics):
         Field
             On the camera's grid.
         """
-        return from_part(self.propagator(self.array_distance, "blas", pad), pupil)
+        return self.optics.array_field(pupil, pad=pad)
 
     def sensor_field(self, at_array: Field, *, pad: int = 1) -> Field:
         """Fields at the array sent through it and on to the sensor.
@@ -222,52 +227,71 @@ class Plenoptic(Optics):
         Field
             Same shape.
         """
-        if self.field_lens:
-            at_array = thin_lens(at_array, self.array_distance)
-        behind = wavefronts.behind_lenslets(self, self.mla.apply(at_array))
-        return self.propagator(self.sensor_distance, "as", pad)(behind)
+        return self.optics.sensor_field(at_array, pad=pad)
 
     def padding(self, scene: PointSources) -> tuple[int, int]:
         """Padding of the ways to the array and to the sensor: 1 where no light leaves the window.
-
-        A ray to the array moves sideways by up to abs(X) + abs(beta) D/2 and z2 times the slope of
-        the main lens' wavefront; diffraction adds a few Fresnel widths sqrt(lam z2). Behind the
-        array it stays within `spread` of X (1 + z3/z2).
 
         Returns
         -------
         tuple of int
             1 or 2 each.
         """
-        D, z2 = self.aperture_diameter, self.array_distance
-        X = np.abs(self.on_array(scene.positions))[:, ::-1]  # (y, x)
-        beta = np.abs(np.atleast_1d(self.array_alpha(scene.positions[:, 2])))[:, None]
-        guard = FRESNEL_WIDTHS * math.sqrt(self.wavelength * z2)
-        moved = X + np.maximum(1, beta) * D / 2 + z2 * self.main_slope() + guard
-        limit = np.array(
-            [
-                blas_limit(n, d, z2, self.wavelength)
-                for n, d in zip(self.grid.shape, self.grid.pitch, strict=True)
-            ]
-        )
-        to_array = 1 if (moved / z2 / self.wavelength <= limit).all() else 2
-        spread = np.atleast_1d(self.spread(scene.positions[:, 2]))[:, None]
-        at_sensor = X * self.sub_image_scale + spread + guard
-        to_sensor = 1 if (at_sensor <= np.asarray(self.grid.extent) / 2).all() else 2
-        return to_array, to_sensor
+        return self.optics.padding(scene.positions)
 
     def propagator(self, z: float, method: str, pad: int) -> Propagator:
         """The plan of a distance on the camera's grid, ``pad`` times as wide or a little more."""
-        longest = max(self.grid.shape)
-        smooth = 1 if pad == 1 else smooth_length(pad * longest) / longest  # a quick transform
-        return plan(
-            self.grid, z, wavelength=self.wavelength, method=method, pad=smooth, device=self.device
-        )
+        return self.optics.propagator(z, method, pad)
 
     def check_scene(self, scene: PointSources) -> None:
         """Refuse sources that this camera cannot show; see `expose`."""
-        geometry.check_place(self, scene)
-        places = self.on_array(scene.positions)
-        beta = np.abs(np.atleast_1d(self.array_alpha(scene.positions[:, 2])))
-        for reach, b in zip(np.abs(places).max(axis=1), beta, strict=True):
-            geometry.check_sampling(self, float(reach), max(1.0, float(b)))
+        self.optics.check_positions(scene.positions)
+
+
+def scene_energy(camera: Plenoptic, scene: PointSources) -> Sequence[tuple[float, float, float]]:
+    """Energy of each source at the aperture, the array and the sensor, as fractions of the first.
+
+    Parameters
+    ----------
+    camera : Plenoptic
+    scene : PointSources
+
+    Returns
+    -------
+    list of tuple of float
+        (1.0, at the array, at the sensor) for each source.
+    """
+    rows = []
+    to_array, to_sensor = camera.padding(scene)
+    for n in range(len(scene)):
+        pupil = camera.pupil(scene, slice(n, n + 1), whole=False)
+        at_array = camera.array_field(pupil, pad=to_array)
+        at_sensor = camera.sensor_field(at_array, pad=to_sensor)
+        energies = [float(row_powers(f).sum()) for f in (pupil, at_array, at_sensor)]
+        rows.append((1.0, energies[1] / energies[0], energies[2] / energies[0]))
+    return rows
+
+
+def _uses_rays(model: str, scene: Any, coherence: Coherence | None, averaging: Averaging) -> bool:
+    """Whether a raw image is to be found by rays.
+
+    Raises
+    ------
+    ValueError
+        If the model is unknown, or does not know the scene or what it is asked for.
+    """
+    if model not in ("waves", "rays"):
+        raise ValueError(f"model is 'waves' or 'rays', not {model!r}.")
+    if model == "waves" and isinstance(scene, SurfaceScene):
+        raise ValueError(
+            "A SurfaceScene is exposed by rays: give model='rays'. Waves take PointSources and "
+            "PicturePlanes, which hide nothing of each other."
+        )
+    slides = (averaging.snapshots, averaging.rtol, averaging.region, averaging.checkpoint)
+    options = (coherence, *slides)
+    if model == "rays" and any(option is not None for option in options):
+        raise ValueError(
+            "coherence, snapshots, rtol, region and checkpoint are for model='waves': rays are "
+            "incoherent and exact at once."
+        )
+    return model == "rays"

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
-from clplen.cameras import aberrations, geometry
-from clplen.cameras.describe import Description, Row
+from clplen.cameras.optics import camera_aberrations
+from clplen.cameras.optics.lenslet_camera import Description, Kind, Row, views
+from clplen.cameras.optics.ray_optics import view_step
 from clplen.cameras.plenoptic import Plenoptic
-from clplen.cameras.scene import PointSources
-from clplen.wave.field.field import row_powers
 
 
 @dataclass(frozen=True, repr=False)
@@ -19,6 +18,8 @@ class Plenoptic1(Plenoptic):
 
     The array lies at F, the sensor f_mu behind it. Attributes are those of `Plenoptic`.
     """
+
+    kind: ClassVar[Kind] = "standard"
 
     @property
     def array_distance(self) -> float:
@@ -51,8 +52,8 @@ class Plenoptic1(Plenoptic):
             Row(
                 "angle a pixel", self.pixel_pitch / self.sensor_distance, "rad", "angular sampling"
             ),
-            Row("aperture a pixel", geometry.view_step(self), "m", "du on the main lens"),
-            Row("views", geometry.views(self), "", "across, one a pixel of a lenslet"),
+            Row("aperture a pixel", view_step(self), "m", "du on the main lens"),
+            Row("views", views(self), "", "across, one a pixel of a lenslet"),
             Row(
                 "independent views",
                 self.mla.diameter**2 / (lam * f_mu),
@@ -67,30 +68,6 @@ class Plenoptic1(Plenoptic):
                 "",
                 "pixels a view step for 1 - alpha = 1",
             ),
-            *aberrations.rows(self.aberrations, lam),
+            *camera_aberrations.rows(self.aberrations, lam),
         )
         return Description("Plenoptic 1.0 camera", rows)
-
-
-def scene_energy(camera: Plenoptic, scene: PointSources) -> Sequence[tuple[float, float, float]]:
-    """Energy of each source at the aperture, the array and the sensor, as fractions of the first.
-
-    Parameters
-    ----------
-    camera : Plenoptic
-    scene : PointSources
-
-    Returns
-    -------
-    list of tuple of float
-        (1.0, at the array, at the sensor) for each source.
-    """
-    rows = []
-    to_array, to_sensor = camera.padding(scene)
-    for n in range(len(scene)):
-        pupil = camera.pupil(scene, slice(n, n + 1), whole=False)
-        at_array = camera.array_field(pupil, pad=to_array)
-        at_sensor = camera.sensor_field(at_array, pad=to_sensor)
-        energies = [float(row_powers(f).sum()) for f in (pupil, at_array, at_sensor)]
-        rows.append((1.0, energies[1] / energies[0], energies[2] / energies[0]))
-    return rows

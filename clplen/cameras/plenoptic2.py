@@ -11,10 +11,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from numbers import Real
+from typing import ClassVar
 
 from clplen import units
-from clplen.cameras import aberrations
-from clplen.cameras.describe import Description, Row
+from clplen.cameras.optics import camera_aberrations
+from clplen.cameras.optics.lenslet_camera import Description, Kind, Row
 from clplen.cameras.plenoptic import Plenoptic
 from clplen.wave.elements.lenslets import MicrolensArray
 
@@ -31,6 +32,8 @@ class Plenoptic2(Plenoptic):
     others
         Those of `Optics`; ``image_distance`` is F, main lens to its image of the focused plane.
     """
+
+    kind: ClassVar[Kind] = "focused"
 
     m: float
 
@@ -104,7 +107,7 @@ class Plenoptic2(Plenoptic):
             Row("views", self.views, "", "lenslets in a row that see a point, D abs(a)/(F p)"),
             Row("spot width", 0.886 * lam * self.b / d, "m", "on the sensor, .886 lam b/d"),
             Row("cut-off", d / (lam * abs(self.a)), "1/m", "of the main image, d/(lam a)"),
-            *aberrations.rows(self.aberrations, lam),
+            *camera_aberrations.rows(self.aberrations, lam),
         )
         return Description(f"Plenoptic 2.0 camera, {kind}", rows)
 

@@ -85,7 +85,7 @@ def analyse(
       clplen analyse standard.toml focused.toml -o compared
     """
     from clplen.analysis.comparison import ANALYSES, OVER_DEPTH, compare, known_analyses, told_of
-    from clplen.cameras.microscope import Microscope
+    from clplen.cameras.light_field_microscope import Microscope
     from clplen.outputs import updating
 
     names = known_analyses(_split(only)) if only is not None else ANALYSES

@@ -150,9 +150,9 @@ def _of_parameters(source: Path, selector: str | None) -> tuple[Rows, dict[str, 
 
 def _point_images(source: Path) -> tuple[dict[str, Any], list[tuple[int, ...]]] | None:
     """What the point images of a microscope were made with; None if it is something else."""
-    from clplen.microscopy import psffile
+    from clplen.microscopy import point_image_files
 
-    return psffile.described(source) if source.suffix.lower() in _HDF5 else None
+    return point_image_files.read_parameters(source) if source.suffix.lower() in _HDF5 else None
 
 
 def _of_point_images(
@@ -220,7 +220,7 @@ def _of_raw(source: Path, selector: str | None) -> tuple[Rows, dict[str, Any]]:
     raw = read_raw(source, device=Device.open(selector))
     camera: Any = raw.camera
     described = camera.describe()
-    kind = f"a raw image of a {_FOCUSED}" if hasattr(camera, "m") else "a raw image"
+    kind = f"a raw image of a {_FOCUSED}" if camera.kind == "focused" else "a raw image"
     values = raw.to_numpy()
     low, high = float(np.min(values)), float(np.max(values))
     ny, nx = raw.shape

@@ -19,8 +19,8 @@ from clplen.cli.common import bar_of, check_output, check_suffix, opened, reach
 from clplen.cli.messages import note
 
 if TYPE_CHECKING:
-    from clplen.cameras.describe import Description
-    from clplen.cameras.microscope import Microscope
+    from clplen.cameras.light_field_microscope import Microscope
+    from clplen.cameras.optics.lenslet_camera import Description
     from clplen.compute.device import Device
     from clplen.config.microscope import MicroscopeFile
     from clplen.microscopy.images import PointImages
@@ -254,7 +254,7 @@ def _simulated(
     output: Path,
 ) -> PointImages:
     """The point images of a file's microscope, kept in ``output``."""
-    from clplen.cameras.microscope import Microscope
+    from clplen.cameras.light_field_microscope import Microscope
     from clplen.microscopy.psf import point_images
 
     camera = file.camera.build(device)

@@ -105,11 +105,10 @@ def simulate(
 
 def _write_samples(folder: Path, raw: RawImage) -> str:
     """The light field of a 1.0 camera, or the raw image of a focused one with its camera."""
-    from clplen.cameras.plenoptic2 import Plenoptic2
     from clplen.io import write_lightfield, write_raw
     from clplen.lightfield.model.light_field import LightField
 
-    if isinstance(raw.camera, Plenoptic2):
+    if raw.camera is not None and raw.camera.kind == "focused":
         write_raw(folder / "raw.h5", raw)
         rows, columns = raw.sub_images.count
         return f"raw.h5, {rows} x {columns} lenslets with their camera"

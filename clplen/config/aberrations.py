@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
-from clplen.cameras.aberrations import Aberrations, LensletScatter
+from clplen.cameras.optics.camera_aberrations import Aberrations, LensletScatter
 from clplen.config.tables import Finite, NotNegative, Positive, Seed, Table, divided, of
 
 Pair = Annotated[tuple[Finite, Finite], of(2, "two numbers, [along Y, along X]")]

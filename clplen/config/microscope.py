@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, model_validator
 
-from clplen.cameras.objective import APODISATION
+from clplen.cameras.optics.objective import APODISATION
 from clplen.config import ranges
 from clplen.config.camera import CameraTable, CoverTable, SensorTable
 from clplen.config.light import CoherenceTable

@@ -8,8 +8,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from clplen.cameras.pictures import PicturePlane
-from clplen.cameras.scene import PointSources
+from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources
 from clplen.config.tables import (
     File,
     Finite,

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from clplen.cameras.aberrations import NONE, Aberrations
-from clplen.cameras.camera import PlenopticCamera
-from clplen.cameras.microscope import Microscope
-from clplen.cameras.objective import APODISATION, CoverGlass
+from clplen.cameras.light_field_microscope import Microscope
+from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
+from clplen.cameras.optics.objective import APODISATION, CoverGlass
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2
+from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.compute.device import Device
 from clplen.errors import ClplenError, FormatError
 from clplen.io.layout import Layout
@@ -55,6 +55,7 @@ _OF_KIND = {
     "type2": (*_CAMERA, "m"),
     "microscope": _MICROSCOPE,
 }
+_KIND = {"standard": "type1", "focused": "type2", "microscope": "microscope"}  # as files say it
 _ABERRATIONS = "aberrations"  # JSON, where there are any
 _LENSLETS = 10**7  # that may scatter: some bytes for each are allocated
 CAMERA_NAMES = (
@@ -95,26 +96,21 @@ def of_camera(camera: Any) -> dict[str, Any] | None:
 
     ``mla_f`` is a list where the lenslets have several focal lengths.
     """
-    if not isinstance(camera, Plenoptic1 | Plenoptic2 | Microscope):
+    is_known = isinstance(camera, PlenopticCamera)
+    if not is_known:
         return None
-    kind = _kind(camera)
+    kind = _KIND[camera.kind]
     found = {name: getattr(camera, name) for name in _OF_KIND[kind]}
     found |= {f"mla_{name}": getattr(camera.mla, name) for name in _ARRAY}
     if len(camera.mla.focal_lengths) > 1:
         found["mla_f"] = camera.mla.focal_lengths
-    if isinstance(camera, Microscope):
+    if kind == "microscope":
         found[_APODISATION] = camera.apodisation
         if camera.cover is not None:
             found |= {f"cover_{name}": getattr(camera.cover, name) for name in _COVER}
     elif camera.aberrations != NONE:
         found[_ABERRATIONS] = camera.aberrations.to_json()
     return {"kind": kind} | {name: plain(value) for name, value in found.items()}
-
-
-def _kind(camera: Plenoptic1 | Plenoptic2 | Microscope) -> str:
-    if isinstance(camera, Microscope):
-        return "microscope"
-    return "type2" if isinstance(camera, Plenoptic2) else "type1"
 
 
 def plain(value: Any) -> Any:

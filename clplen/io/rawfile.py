@@ -13,8 +13,6 @@ from typing import Any
 import h5py
 import numpy as np
 
-from clplen.cameras.geometry import raw_image
-from clplen.cameras.microscope import Microscope
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
@@ -127,9 +125,7 @@ def read_raw_file(
             max_bytes=max_bytes,
         )
         data = np.ascontiguousarray(dataset[...], np.float32)
-    if isinstance(camera, Microscope):
-        return camera.raw_image(device.upload(data))
-    return raw_image(camera, device.upload(data))
+    return camera.raw_image(device.upload(data))
 
 
 def _require_sensor(dataset: h5py.Dataset, shape: tuple[int, int], path: Path) -> None:

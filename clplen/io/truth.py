@@ -13,7 +13,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from clplen.cameras.truth import Truth
+from clplen.cameras.scenes.ground_truth import Truth
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.io import hci
@@ -87,7 +87,7 @@ def read_masks(
     Returns
     -------
     dict of numpy.ndarray
-        bool, shape (y, x), by the names of `clplen.cameras.truth.Truth`.
+        bool, shape (y, x), by the names of `clplen.cameras.scenes.ground_truth.Truth`.
 
     Raises
     ------

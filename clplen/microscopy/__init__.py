@@ -1,1 +1,1 @@
-"""Volumes from light-field microscopes: point images, projection."""
+"""Light-field microscopes: frames and cameras come in, point images and volumes go out."""

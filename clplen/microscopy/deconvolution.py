@@ -21,8 +21,8 @@ import pyopencl.array as cla
 
 from clplen.checks import is_finite, positive_integer, real_array, require
 from clplen.compute.arrays import HostArray
+from clplen.compute.device import Device
 from clplen.errors import ShapeError
-from clplen.microscopy.acceleration import Ahead
 from clplen.microscopy.priors import Prior, blurs, prior_of
 from clplen.microscopy.projector import Projector
 from clplen.wave.coherence.averaging import Progress
@@ -34,6 +34,7 @@ FEWEST = 5  # lenslets of a frame along an axis
 VOLUMES = 3  # of a frame on the device: found, H'w and back
 OF_AHEAD = 4  # more of them
 OF_PRIOR = 3  # padded, smoothed; steepness
+LARGEST_STEP = 0.999  # of a, which is below 1
 PICTURES = 5  # counts, white, background, expected and ratio
 
 
@@ -175,7 +176,7 @@ def deconvolve(
     known = prior_of(prior, strength, projector, counts)
     found = _Iteration(projector, known, counts, weight, dim, start)
     least = variance * found.noise if residual == "noise" else residual
-    ahead = Ahead(found.volumes, found.device) if accelerate else None
+    ahead = Acceleration(found.volumes, found.device) if accelerate else None
     history: list[Vector] = []
     for done in range(iterations):
         if ahead is not None and done:
@@ -201,6 +202,57 @@ def degenerate_planes(projector: Projector) -> tuple[float, ...]:
     """
     images = projector.images
     return tuple(float(z) for z in images.planes[blurs(images) < 0.5])
+
+
+class Acceleration:
+    """Steps that begin ahead of the volume of the iteration; four more volumes on the device.
+
+        y = max(x + a (x - x'), 0),   a = <g, g'>/<g', g'> within 0 to 1,
+
+    x' the volume of the iteration before, g = x - y the last step and g' the one before it (Biggs
+    and Andrews 1997, "Acceleration of iterative image restoration algorithms"). Voxels that come to
+    0 stay there, dark ones for the most part: to leave them a tenth changes residuals and errors by
+    no more than 1 %.
+
+    Parameters
+    ----------
+    volumes : pyopencl.array.Array
+        float32, shape (frames, planes, rows, columns): where it starts.
+    device : Device
+    """
+
+    def __init__(self, volumes: cla.Array, device: Device) -> None:
+        self.device = device
+        self.begun, self.before = (device.empty(volumes.shape, np.float32) for _ in range(2))
+        for target in (self.begun, self.before):
+            device.copy_into(target, volumes, 0)
+        self.last: cla.Array | None = None
+
+    def move(self, volumes: cla.Array) -> Vector:
+        """Move volumes, as a step left them, ahead in place; a of each frame."""
+        frames, planes, rows, columns = volumes.shape
+        shape, device = (frames, planes * rows, columns), self.device
+        step = device.empty(volumes.shape, np.float32)
+        sizes = (np.int32(planes * rows), np.int32(columns))
+        kernel = device.kernel("richardson_lucy.cl", "moved")
+        device.launch_rows(kernel, shape, step, volumes, self.begun, *sizes)
+        a = self._length(step, int(frames))
+        kernel = device.kernel("richardson_lucy.cl", "ahead")
+        device.launch_rows(
+            kernel, shape, volumes, self.begun, self.before, device.upload(a), *sizes
+        )
+        self.last = step
+        return a
+
+    def _length(self, step: cla.Array, frames: int) -> Vector:
+        """a of each frame, 0 after the first step."""
+        if self.last is None:
+            return np.zeros(frames, np.float32)
+        on_host = self.device.on_host
+        with on_host(step, write=False) as these, on_host(self.last, write=False) as those:
+            pairs = [(g.ravel(), h.ravel()) for g, h in zip(these, those, strict=True)]
+            found = [float(np.vdot(g, h)) / max(float(np.vdot(h, h)), 1e-30) for g, h in pairs]
+        return np.clip(found, 0, LARGEST_STEP).astype(np.float32)
 
 
 class _Iteration:

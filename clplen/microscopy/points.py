@@ -17,6 +17,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, maximum_filter
 from scipy.spatial import cKDTree
 
+from clplen.deprecation import renamed_argument
 from clplen.errors import ShapeError
 from clplen.lightfield.refocus.focal_stack import FocalStack
 
@@ -125,14 +126,15 @@ def find_points(
     )
 
 
-def match_points(first: Vector, second: Vector, *, within: Sequence[float]) -> Vector:
+@renamed_argument(old="within", new="tolerance")
+def match_points(first: Vector, second: Vector, *, tolerance: Sequence[float]) -> Vector:
     """Which positions of two lists are of the same point: nearest neighbours of each other.
 
     Parameters
     ----------
     first, second : array_like
         Positions, shapes (n, 3) and (m, 3).
-    within : sequence of float
+    tolerance : sequence of float
         (plane, y, x), half axes of the ellipsoid in which the other one lies; they also are the
         units of distance.
 
@@ -142,7 +144,7 @@ def match_points(first: Vector, second: Vector, *, within: Sequence[float]) -> V
         int, shape (matched, 2): index in the first list, rising, and in the second.
     """
     one, other = (
-        np.asarray(places, np.float64).reshape(-1, 3) / within for places in (first, second)
+        np.asarray(points, np.float64).reshape(-1, 3) / tolerance for points in (first, second)
     )
     if not (len(one) and len(other)):
         return np.empty((0, 2), int)

@@ -234,7 +234,7 @@ class Preparation:
 def preparation(
     pixels: int,
     *,
-    device: DeviceLike,
+    device: DeviceLike | None = None,
     white: Any = None,
     dark: Any = None,
     saturation: float | None = None,
@@ -246,7 +246,8 @@ def preparation(
     ----------
     pixels : int
         n of the point images; another pitch, a fractional one or a turned lattice is rectified.
-    device : Device or str
+    device : Device or str, optional
+        None is ``Device.open()``.
     white : array_like, optional
         White frame, shape (ny, nx); without it frames are n x n pixels a lenslet already.
     dark : array_like, optional
@@ -273,7 +274,7 @@ def preparation(
     SamplingWarning
         If ``force`` is needed.
     """
-    device = as_device(device)
+    device = as_device(device, optional=True)
     pixels = positive_integer(pixels, "pixels")
     black = None if dark is None else np.asarray(samples(dark), np.float32)
     if white is None:

@@ -58,7 +58,8 @@ class Projector:
     images : PointImages
     shape : tuple of int
         (rows, columns) of lenslets.
-    device : Device or str
+    device : Device or str, optional
+        None is ``Device.open()``.
     memory : int, optional
         Bytes for matrices; where they need more they are made anew for some planes at a time,
         which is slower. Default: half of the device's memory, of a CPU half of what is free.
@@ -91,10 +92,10 @@ class Projector:
         images: PointImages,
         shape: tuple[int, int],
         *,
-        device: DeviceLike,
+        device: DeviceLike | None = None,
         memory: int | None = None,
     ) -> None:
-        device = as_device(device)
+        device = as_device(device, optional=True)
         require(PointImages, images, "images", "point_images")
         if np.shape(shape) != (2,) or any(not is_integer(n) or n < 1 for n in shape):
             raise ShapeError(f"shape is (rows, columns) of lenslets, not {shape!r}.")

@@ -15,15 +15,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from clplen.cameras import geometry
-from clplen.cameras.microscope import Microscope
-from clplen.cameras.microscope_optics import check_places
-from clplen.cameras.scene import PointSources
+from clplen.cameras.light_field_microscope import Microscope
+from clplen.cameras.optics.lenslet_camera import sensor_grid
+from clplen.cameras.optics.microscope_optics import check_places
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.checks import is_finite, positive_integer, real_array, require
 from clplen.compute.fft.lines import smooth_length
 from clplen.compute.memory import free_memory
 from clplen.files import PathLike, check_space, check_writable
-from clplen.microscopy import psffile
+from clplen.microscopy import point_image_files
 from clplen.microscopy.images import PointImages, count_phases, unique_phases
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.elements.lenslets import MicrolensArray
@@ -109,7 +109,7 @@ def point_images(
     voxels_per_lenslet, binning = int(voxels_per_lenslet), int(binning)
     parameters = described(camera, z, voxels_per_lenslet, binning, cut, store)
     if path is not None:
-        found = psffile.read_if_there(path, parameters)
+        found = point_image_files.read_matching(path, parameters)
         if found is not None:
             return found
         check_writable(path)
@@ -126,7 +126,7 @@ def point_images(
         parameters, z, voxels_per_lenslet, n, tuple(stored), np.array(scales, np.float64)
     )
     if path is not None:
-        psffile.write(path, made)
+        point_image_files.write_point_images(path, made)
     return made
 
 
@@ -249,9 +249,9 @@ def _check_room(
     camera: Microscope, planes: Vector, images: int, binning: int, cut: float, store: Store,
     path: PathLike | None,
 ) -> None:  # fmt: skip
-    """Refuse more images than fit host or disk; a file is made in memory, see `psffile.write`."""
+    """Refuse more images than fit host or disk; a file is made in memory first."""
     least = images * np.dtype(store).itemsize * _pixels(camera, planes, cut) / binning**2
-    file = 0 if path is None else psffile.DENSEST[store] * least
+    file = 0 if path is None else point_image_files.DENSEST[store] * least
     free = free_memory()
     if least + file > free:
         raise MemoryError(
@@ -324,7 +324,7 @@ def _with_lenslets(camera: Microscope, count: int) -> Microscope:
         camera.mla.pitch, camera.mla.f, count=count, fill=camera.mla.fill,  # type: ignore[arg-type]
         diameter=camera.mla.diameter,
     )  # fmt: skip
-    grid = geometry.sensor_grid(mla, camera.pixels_per_lenslet)
+    grid = sensor_grid(mla, camera.pixels_per_lenslet)
     return replace(camera, mla=mla, grid=grid)
 
 

@@ -25,7 +25,7 @@ def rectify(
     frame: Any,
     lattice: Lattice,
     *,
-    device: DeviceLike,
+    device: DeviceLike | None = None,
     pixels: int | None = None,
     complete: bool = True,
 ) -> Vector:
@@ -43,7 +43,8 @@ def rectify(
         Counts, shape (ny, nx), finite.
     lattice : Lattice
         Rectangular, as `estimate_lattice` finds it on the white frame.
-    device : Device or str
+    device : Device or str, optional
+        None is ``Device.open()``.
     pixels : int, optional
         n, along an axis, at least 0.9 of the pitch: fewer would step over light; default the pitch,
         rounded up.
@@ -66,7 +67,7 @@ def rectify(
     TypeError
         If the frame is no array of real numbers, or the lattice none.
     """
-    device = as_device(device)
+    device = as_device(device, optional=True)
     require(Lattice, lattice, "lattice", "estimate_lattice")
     values = real_array(frame, "A frame")
     if values.ndim != 2:

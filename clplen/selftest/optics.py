@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.cameras import isoplanatic
-from clplen.cameras.camera import PlenopticCamera
-from clplen.cameras.objective import Objective
-from clplen.cameras.pupil import pupil_fields
-from clplen.cameras.rays import SAMPLES, sample_rays
-from clplen.cameras.scene import PointSources
-from clplen.cameras.surfaces import Plane, Sphere, SurfaceScene
-from clplen.cameras.textures import Texture
+from clplen.cameras.exposure import isoplanatic
+from clplen.cameras.exposure.ray_exposure import SAMPLES, sample_rays
+from clplen.cameras.optics.objective import Objective
+from clplen.cameras.optics.pupil_fields import pupil_fields
+from clplen.cameras.plenoptic_camera import PlenopticCamera
+from clplen.cameras.scenes.scene_sources import PointSources
+from clplen.cameras.scenes.surface_scene import SurfaceScene
+from clplen.cameras.scenes.surfaces import Plane, Sphere
+from clplen.cameras.scenes.textures import Texture
 from clplen.selftest import twins
 from clplen.selftest.check import EPS, Check, Pairs
 from clplen.wave.coherence.abbe import abbe_image
@@ -111,7 +112,7 @@ def _point_sources(device: Device) -> Pairs:
     grid, size = Grid((24, 37), (40e-6, 30e-6), origin=(20e-6, 0)), 400e-6
     points = np.array([(-3e-3, -2e-3, -0.05), (2.5e-3, 1e-3, 0.05)])
     got = pupil_fields(
-        PointSources(points, diameter=size), slice(None), grid=grid, object_distance=0.24,
+        points, size, grid=grid, object_distance=0.24,
         focal_length=0.12, aperture_diameter=0.5e-3, wavelength=LAM, device=device,
     ).to_numpy()  # fmt: skip
     y, x = np.meshgrid(grid.y, grid.x, indexing="ij")
@@ -237,19 +238,19 @@ CHECKS = (
 
 GREY = Texture(twins.reals(1, 5, 7), 2.3, centre=(1.7, -0.6))
 GROUND = Plane(-0.9, (0.031, -0.043), texture=GREY, shade=(0.02, -0.013))
-BALL = Sphere((0.8, -1.3), 4.6, d=-0.4, height=1.7, texture=GREY)
+BALL = Sphere((0.8, -1.3), 4.6, disparity=-0.4, height=1.7, texture=GREY)
 
 
 def _hits(ball: Any, ground: Any, y: Any, x: Any, a: Any, b: Any) -> tuple[Any, Any]:
     """d of the ball (or -inf) and of the ground on the rays (y + d a, x + d b)."""
-    d = (ground.d + ground.slope[0] * y + ground.slope[1] * x) / (
+    d = (ground.disparity + ground.slope[0] * y + ground.slope[1] * x) / (
         1 - ground.slope[0] * a - ground.slope[1] * b
     )
     h, r = ball.height, ball.radius
     py, px = y - ball.centre[0], x - ball.centre[1]
     A = 1 / h**2 + (a**2 + b**2) / r**2  # A d^2 - 2 B d + C = 0
-    B = ball.d / h**2 - (py * a + px * b) / r**2
-    C = (ball.d / h) ** 2 + (py**2 + px**2) / r**2 - 1
+    B = ball.disparity / h**2 - (py * a + px * b) / r**2
+    C = (ball.disparity / h) ** 2 + (py**2 + px**2) / r**2 - 1
     root = B**2 - A * C
     return np.where(root >= 0, (B + np.sqrt(np.maximum(root, 0))) / A, -np.inf), d
 
@@ -304,7 +305,8 @@ def _scene(device: Device) -> Pairs:
 def _camera(device: Device) -> Pairs:
     """The sensor of a small camera: rays from each pixel through each lenslet, backwards."""
     ground = Plane(-0.15, (0.03, -0.02), texture=Texture(twins.reals(2, 5, 4), 1.3))
-    ball = Sphere((-0.3, 0.6), 0.7, d=0.1, height=0.2, texture=Texture(twins.reals(3, 3, 3)))
+    colour = Texture(twins.reals(3, 3, 3))
+    ball = Sphere((-0.3, 0.6), 0.7, disparity=0.1, height=0.2, texture=colour)
     mla = MicrolensArray(150e-6, 10e-3, count=(3, 2), fill="full")
     camera = PlenopticCamera.type1(
         focal_length=0.01, mla=mla, wavelength=700e-9, pixels_per_lenslet=6.3, device=device,

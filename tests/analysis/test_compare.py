@@ -29,11 +29,11 @@ from clplen.analysis.summary import report
 from clplen.analysis.tables import tables
 from clplen.analysis.transfer import DepthTransfer, line_curve, object_nyquist
 from clplen.analysis.verdicts import criteria, judged, over_depth, usable_limit, usable_mtf50
-from clplen.cameras.aberrations import Aberrations
-from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.optics.camera_aberrations import Aberrations
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2
-from clplen.cameras.scene import PointSources
+from clplen.cameras.plenoptic_camera import PlenopticCamera
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
 from clplen.wave.elements.lenslets import MicrolensArray

@@ -16,8 +16,8 @@ from clplen.analysis.crosstalk import (
     energy_in_cell,
     nearest_cell,
 )
-from clplen.cameras.camera import PlenopticCamera
-from clplen.cameras.scene import PointSources
+from clplen.cameras.plenoptic_camera import PlenopticCamera
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.lightfield.raw.lenslet_grid import LensletGrid

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from clplen.analysis.quality import Scores, roughness, score
-from clplen.cameras.truth import truth_of
+from clplen.cameras.scenes.ground_truth import truth_of
 from clplen.errors import ShapeError
 
 SHAPE = (41, 53)

@@ -16,9 +16,9 @@ from clplen.analysis.sampling import sampling_of
 from clplen.analysis.summary import report
 from clplen.analysis.transfer import DepthTransfer, line_curve
 from clplen.analysis.verdicts import criteria, judged
-from clplen.cameras.aberrations import Aberrations
-from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.optics.camera_aberrations import Aberrations
 from clplen.cameras.plenoptic2 import Plenoptic2
+from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.compute.device import Device
 from clplen.wave.elements.lenslets import MicrolensArray
 

@@ -80,7 +80,7 @@ def camera(**more: object) -> SimpleNamespace:
 
 
 def test_cameras_are_told_apart() -> None:
-    first = camera(image_distance=0.240, aperture_diameter=3.6e-3)
+    first = camera(kind="standard", image_distance=0.240, aperture_diameter=3.6e-3)
     assert sampling_of(first) == type1_sampling(**TYPE1)
     row = 150e-6 * 3**0.5 / 2
     along_y = sampling_of(first, axis=0)
@@ -91,7 +91,8 @@ def test_cameras_are_told_apart() -> None:
 
 def test_a_focused_camera_s_main_lens_and_sensor_count() -> None:
     # A hexagonal array's sensor is half a lenslet wider than a row.
-    given = {"image_distance": 0.240, "aperture_diameter": 4.8e-3, "a": -0.018, "b": 0.0036}
+    main_lens = {"image_distance": 0.240, "aperture_diameter": 4.8e-3}
+    given = {"kind": "focused", "a": -0.018, "b": 0.0036} | main_lens
     along_x, along_y = (
         sampling_of(camera(grid=SimpleNamespace(shape=(1601, 3045)), **given), axis=axis)
         for axis in (1, 0)
@@ -136,7 +137,7 @@ def test_bad_input_is_told() -> None:
     with pytest.raises(TypeError, match="Sampling is no plenoptic camera"):
         sampling_of(Sampling(**asdict(type2_sampling(**TYPE2))))
     with pytest.raises(TypeError, match="aperture_diameter"):
-        sampling_of(camera(image_distance=0.240))
+        sampling_of(camera(kind="standard", image_distance=0.240))
     with pytest.raises(ValueError, match="axis is 0"):
         sampling_of(camera(), axis=2)
     with pytest.raises(ValueError, match="at least one camera"):

@@ -24,7 +24,7 @@ from clplen.batch.tables import (
     SweepTable,
     ViewsTable,
 )
-from clplen.cameras.gallery import SCENES
+from clplen.cameras.scenes.gallery import SCENES
 from clplen.config.tables import Table
 
 if sys.version_info >= (3, 11):

@@ -15,10 +15,10 @@ from clplen.batch.items import tasks_of
 from clplen.batch.simulated import STEEPEST, Simulated, scenes_of, simulate, simulations_of
 from clplen.batch.source import Source
 from clplen.batch.tables import EVERY, SceneTable, SimulationTable
-from clplen.cameras.gallery import SCENES, sample_scenes
 from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.cameras.scene import PointSources
-from clplen.cameras.surfaces import Plane
+from clplen.cameras.scenes.gallery import SCENES, sample_scenes
+from clplen.cameras.scenes.scene_sources import PointSources
+from clplen.cameras.scenes.surfaces import Plane
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, read_camera_file
 from clplen.errors import FormatError

@@ -26,11 +26,14 @@ from clplen import (
     refocus,
 )
 from clplen.analysis.psf import PSF
-from clplen.cameras.aberrations import Aberrations, LensletScatter
-from clplen.cameras.correction import correct_aberrations
-from clplen.cameras.isoplanatic import layout
+from clplen.cameras.exposure.isoplanatic import layout
+from clplen.cameras.exposure.slides import SlidePath, slide_field
+from clplen.cameras.optics.camera_aberrations import (
+    Aberrations,
+    LensletScatter,
+    correct_aberrations,
+)
 from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.cameras.slide import SlideWay, slide_field
 from clplen.compute.device import Device
 from clplen.lightfield.focused.focused_spots import point_m
 from clplen.wave.elements.lens import thin_lens
@@ -301,7 +304,7 @@ def test_pictures_by_both_routes(device: Device) -> None:
     steep = camera.with_aberrations(
         Aberrations(lenslets={2: 0.3 * LAM}, lenslet_circle=213e-6)
     )  # wider patterns, whose intensity the pixels do not sample
-    assert (layout(camera, picture).finer, layout(steep, picture).finer) == (1, 2)
+    assert (layout(camera.optics, picture).finer, layout(steep.optics, picture).finer) == (1, 2)
     scattered = camera.with_aberrations(Aberrations(scatter=LensletScatter(tilt=1e-4)))
     assert scattered.expose(picture).exposure.route == "points"  # type: ignore[union-attr]
     with pytest.raises(ValueError, match="lenslets scatter"):
@@ -314,12 +317,12 @@ def test_a_slide_step_by_step(device: Device) -> None:
     values[2:7, 3:5] = 1
     plane = PicturePlane(values, 11 * 4 * camera.pixel_pitch, mode="transmission")
     got = camera.expose(plane, coherence=Coherence()).to_numpy()
-    lit = thin_lens(slide_field(camera, plane), camera.object_distance)
+    lit = thin_lens(slide_field(camera.optics, plane), camera.object_distance)
     pupil = thin_lens(
         camera.propagator(camera.object_distance, "blas", 1)(lit), 0.12, diameter=2 * R
     )
     bent = phase_plate(pupil, {8: 0.4 * LAM}, diameter=2 * R)
-    pads = SlideWay(camera, 0.0, True, camera.padding(plane.corners())).padding
+    pads = SlidePath(camera.optics, 0.0, True, camera.padding(plane.corners())).padding
     expected = camera.sensor_field(camera.array_field(bent, pad=pads[0]), pad=pads[1])
     assert relative_max(np.abs(expected.to_numpy().astype(np.complex128)) ** 2, got) <= 1e-5
     assert relative_max(np.abs(expected.to_numpy()) ** 2, camera_of(device, count=27).expose(

@@ -7,7 +7,7 @@ import pytest
 from scipy import special
 
 from clplen import LightField, MicrolensArray, PlenopticCamera
-from clplen.cameras.pictures import PicturePlane
+from clplen.cameras.scenes.scene_sources import PicturePlane
 
 PITCH, COUNT = 150e-6, 25
 
@@ -34,7 +34,7 @@ def airy_image(camera, plane):
 
     Each is imaged upside down at -x F/z, as (2 J1(v)/v)^2, v = pi D r/(lam F) (Airy 1835).
     """
-    F, z = camera.image_distance, camera.object_distance + plane.dz
+    F, z = camera.image_distance, camera.object_distance + plane.z
     finer = 12  # samples a cell, 6 across the pattern's dark ring
     at = (np.arange(COUNT * finer) - (COUNT * finer - 1) / 2) * PITCH / finer
     total = np.zeros((at.size, at.size))

@@ -17,9 +17,9 @@ from clplen import (
     PointSources,
     SurfaceScene,
 )
-from clplen.cameras.geometry import view_step
-from clplen.cameras.outlines import Ellipse
+from clplen.cameras.optics.ray_optics import view_step
 from clplen.cameras.plenoptic2 import Plenoptic2
+from clplen.cameras.scenes.outlines import Ellipse
 from clplen.compute.device import Device
 
 LAM = 532e-9

@@ -9,7 +9,7 @@ import pytest
 from reference_spots import Rings, slope, spot, width
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources
-from clplen.cameras.plenoptic1 import scene_energy
+from clplen.cameras.plenoptic import scene_energy
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.compute.device import Device
 from clplen.lightfield.focused.focused_rendering import render_focused

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clplen.cameras.camera import PlenopticCamera
-from clplen.cameras.part import aperture_grid, from_part
-from clplen.cameras.scene import PointSources
+from clplen.cameras.optics.wave_optics import aperture_grid, propagate_part
+from clplen.cameras.plenoptic_camera import PlenopticCamera
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.errors import ShapeError
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.field import Field, Grid
@@ -48,7 +48,7 @@ def test_a_part_is_propagated_like_the_whole(device, grid):
         Field.from_array(values, where, wavelength=5e-7, device=device)
         for values, where in ((u, part), (wide, grid))
     ]
-    got, expected = (from_part(plan, field) for field in fields)
+    got, expected = (propagate_part(plan, field) for field in fields)
     assert got.grid == expected.grid == grid
     assert np.array_equal(got.to_numpy(), expected.to_numpy())
 
@@ -60,7 +60,7 @@ def test_another_grid_is_no_part(device, grid):
     plan = Propagator(GRIDS[0], 1e-4, wavelength=5e-7, method="blas", pad=1, device=device)
     field = Field.from_array(np.ones(grid.shape), grid, wavelength=5e-7, device=device)
     with pytest.raises(ShapeError, match="no part of it"):
-        from_part(plan, field)
+        propagate_part(plan, field)
 
 
 def test_the_pupil_on_its_part_is_that_of_the_whole(precise):

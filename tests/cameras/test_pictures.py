@@ -16,9 +16,9 @@ from clplen import (
     Sensor,
     ShapeError,
 )
-from clplen.cameras import emission, isoplanatic, lattice
-from clplen.cameras.pictures import PicturePlane
+from clplen.cameras.exposure import isoplanatic, pattern_lattice, wave_exposure
 from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.cameras.scenes.scene_sources import PicturePlane
 
 RANDOM = np.random.default_rng(3)
 
@@ -85,7 +85,7 @@ def test_a_picture_keeps_its_own_samples():
         ([[0, 0]], 1e-3, {}, ValueError, "sends no light"),
         ([[1, 0]], 0, {}, ValueError, "width"),
         ([[1, 0]], np.inf, {}, ValueError, "width"),
-        ([[1, 0]], 1e-3, {"dz": np.nan}, ValueError, "dz"),
+        ([[1, 0]], 1e-3, {"z": np.nan}, ValueError, "z of a picture"),
         ([[1, 0]], 1e-3, {"mode": "slide"}, ValueError, "'transmission'"),
         ([[1.5, 0]], 1e-3, {"mode": "transmission"}, ValueError, "at most 1"),
     ],
@@ -166,9 +166,9 @@ def short_camera(device):
 
 @pytest.mark.parametrize("monomials", ["CONSTANT", "LINEAR", "EVEN", "QUADRATIC"])
 def test_patches_interpolate_their_monomials(device, monomials):
-    camera, exponents = short_camera(device), getattr(lattice, monomials)
+    camera, exponents = short_camera(device), getattr(pattern_lattice, monomials)
     plane = PicturePlane(RANDOM.random((5, 9)) + 0.1, 2.2e-3, 1e-3)
-    found = lattice.patches(camera, plane, lattice.places(camera), exponents)
+    found = pattern_lattice.patches(camera, plane, pattern_lattice.places(camera), exponents)
     assert len(found) == len(exponents)
     scale = -camera.image_distance / (camera.object_distance + 1e-3)
     y, x = plane.y[:, None] * scale, plane.x * scale
@@ -181,7 +181,9 @@ def test_patches_interpolate_their_monomials(device, monomials):
 def test_one_row_of_samples_needs_fewer_patches(device):
     camera = short_camera(device)
     plane = PicturePlane(np.ones((1, 9)), 2.2e-3)
-    found = lattice.patches(camera, plane, lattice.places(camera), lattice.QUADRATIC)
+    found = pattern_lattice.patches(
+        camera, plane, pattern_lattice.places(camera), pattern_lattice.QUADRATIC
+    )
     assert len(found) == 3
     np.testing.assert_allclose(sum(p.share for p in found), np.ones((1, 9)), rtol=1e-10)
 
@@ -191,10 +193,15 @@ def test_monomials_follow_from_the_aberrations(device):
     uneven = replace(camera, object_distance=0.045, image_distance=0.09)
     corner = np.zeros((21, 21))
     corner[:3, :3] = 1
-    assert lattice.powers(camera, PicturePlane([[1, 1]], 1e-4)) == lattice.CONSTANT
-    assert lattice.powers(camera, PicturePlane(np.ones((5, 5)), 2e-3)) == lattice.EVEN
-    assert lattice.powers(uneven, PicturePlane(np.ones((5, 5)), 2e-3)) == lattice.QUADRATIC
-    assert lattice.powers(camera, PicturePlane(corner, 2e-3)) == lattice.LINEAR
+    assert pattern_lattice.powers(camera, PicturePlane([[1, 1]], 1e-4)) == pattern_lattice.CONSTANT
+    assert (
+        pattern_lattice.powers(camera, PicturePlane(np.ones((5, 5)), 2e-3)) == pattern_lattice.EVEN
+    )
+    assert (
+        pattern_lattice.powers(uneven, PicturePlane(np.ones((5, 5)), 2e-3))
+        == pattern_lattice.QUADRATIC
+    )
+    assert pattern_lattice.powers(camera, PicturePlane(corner, 2e-3)) == pattern_lattice.LINEAR
 
 
 @pytest.mark.nightly
@@ -206,7 +213,7 @@ def test_aberrations_are_interpolated(device, monkeypatch):
     values[4, 4], values[4, 8], values[0, 0] = 1, 0.99, 0.98
     plane = PicturePlane(values, 9 / 4 * 0.9e-3)
     exposure = camera.expose(plane, method="isoplanatic").exposure
-    monkeypatch.setattr(isoplanatic, "powers", lambda *_: lattice.CONSTANT)
+    monkeypatch.setattr(isoplanatic, "powers", lambda *_: pattern_lattice.CONSTANT)
     once = camera.expose(plane, method="isoplanatic").exposure
     assert exposure.error <= 2e-3 < 2 * exposure.error < once.error
 
@@ -236,7 +243,7 @@ def test_auto_takes_what_transforms_less(device, monkeypatch):
     camera = camera_of(device, count=(11, 13))
     full = PicturePlane(RANDOM.random((12, 11)), 4e-4)
     assert camera.expose(full).exposure.route == "points"  # affordable, so exact
-    monkeypatch.setattr(emission, "AFFORDABLE", 0.0)
+    monkeypatch.setattr(wave_exposure, "AFFORDABLE", 0.0)
     one = camera.expose(PicturePlane([[0, 1], [0, 0]], 1e-4))
     many = camera.expose(full)
     assert (one.exposure.route, many.exposure.route) == ("points", "isoplanatic")
@@ -279,7 +286,7 @@ def test_units_of_brightness_and_a_sensor(device):
 def test_progress_and_batches(device, monkeypatch):
     camera, plane = camera_of(device, count=(9, 9)), picture(shape=(2, 2), width=1e-4)
     whole = camera.expose(plane, method="isoplanatic").to_numpy()
-    monkeypatch.setattr(emission, "BATCH_BYTES", 1)
+    monkeypatch.setattr(wave_exposure, "BATCH_BYTES", 1)
     calls = []
     single = camera.expose(plane, method="isoplanatic", progress=lambda *n: calls.append(n))
     assert calls == [(n, 9) for n in range(1, 10)]
@@ -314,6 +321,6 @@ def test_memory_is_asked_for_first(device, monkeypatch):
 
 
 def test_patterns_that_depart_are_said_aloud(device, monkeypatch):
-    monkeypatch.setattr(emission, "NOTABLE", 0.0)
+    monkeypatch.setattr(wave_exposure, "NOTABLE", 0.0)
     with pytest.warns(SamplingWarning, match=r"method='points' is exact, \d+ fields"):
         camera_of(device, count=(9, 9)).expose(picture(width=0.4e-3), method="isoplanatic")

@@ -16,7 +16,8 @@ from clplen import (
     estimate_alpha,
     refocus,
 )
-from clplen.cameras import emission, plenoptic1
+from clplen.cameras import plenoptic
+from clplen.cameras.exposure import wave_exposure
 
 
 def small(device, **change):
@@ -36,7 +37,7 @@ POINTS = [(0.3e-3, -0.2e-3, -0.03), (-0.5e-3, 0.4e-3, 0.02), (0.1e-3, 0.6e-3, 0.
 def test_batches_equal_single_sources(device, monkeypatch):
     camera = small(device, aperture_diameter=1.8e-3, object_distance=0.2)
     one_batch = camera.expose(PointSources(POINTS, diameter=10e-6)).to_numpy()
-    monkeypatch.setattr(emission, "BATCH_BYTES", 1)
+    monkeypatch.setattr(wave_exposure, "BATCH_BYTES", 1)
     calls = []
     singles = camera.expose(
         PointSources(POINTS, diameter=10e-6), progress=lambda n, total: calls.append((n, total))
@@ -197,7 +198,7 @@ def test_padding_follows_the_marginal_ray(device):
     assert camera.padding(PointSources((0, 0, 0))) == (1, 1)
     far = PointSources((1.2e-3, 0, 0.25))
     assert camera.padding(far)[0] == 2
-    _, at_array, _ = plenoptic1.scene_energy(camera, far)[0]
+    _, at_array, _ = plenoptic.scene_energy(camera, far)[0]
     assert at_array > 0.998
 
 

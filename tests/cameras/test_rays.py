@@ -21,10 +21,10 @@ from clplen import (
     Sphere,
     SurfaceScene,
 )
-from clplen.cameras.outlines import rectangle
+from clplen.cameras.exposure.ray_exposure import sample_rays
 from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.cameras.rays import sample_rays
-from clplen.cameras.textures import noise, uniform
+from clplen.cameras.scenes.outlines import rectangle
+from clplen.cameras.scenes.textures import noise, uniform
 from clplen.compute.device import Device
 
 SMOOTH = noise(3, 64, finest=0.12, coarsest=0.03)
@@ -96,7 +96,7 @@ def test_the_light_field_obeys_its_truth(words: Any, device: Device) -> None:
 def test_views_are_those_of_the_scene_seen_through_a_lenslet(device: Device) -> None:
     ground = Plane(-0.2, texture=noise(1, 64, finest=0.2))
     near = Plane(0.3, texture=noise(2, 64, finest=0.2), outline=rectangle((1, 2), (9, 13)))
-    ball = Sphere((-7, -7), 4, d=0.0, height=0.3, texture=noise(4, 64, finest=0.2))
+    ball = Sphere((-7, -7), 4, disparity=0.0, height=0.3, texture=noise(4, 64, finest=0.2))
     scene = SurfaceScene([ground, near, ball])
     raw = camera_of(device).expose(scene, model="rays")
     lf = LightField.from_raw(raw).to_numpy()

@@ -60,7 +60,7 @@ def by_hand(camera, plane, *, koehler=True, wavelength=532e-9):
     fine[y0 : y0 + big.shape[0], x0 : x0 + big.shape[1]] = big
     t = fine.reshape(grid.shape[0], 2, grid.shape[1], 2).mean(axis=(1, 3)) / size
     field = Field.from_array(t, grid, wavelength=wavelength, device=device)
-    z = camera.object_distance + plane.dz
+    z = camera.object_distance + plane.z
     if koehler:
         field = thin_lens(field, z)
     field = thin_lens(propagate(field, z), camera.focal_length, diameter=camera.aperture_diameter)

@@ -10,10 +10,10 @@ from reference_scene import texture as texture_at
 from scipy.ndimage import map_coordinates
 
 from clplen import Plane, Sphere, SurfaceScene, Texture, refocus, sample_scenes
-from clplen.cameras.gallery import SCENES
-from clplen.cameras.outlines import Bars, Ellipse, Polygon, rectangle
-from clplen.cameras.surfaces import Spot
-from clplen.cameras.textures import bricks, checker, noise, picture, stripes, uniform
+from clplen.cameras.scenes.gallery import SCENES
+from clplen.cameras.scenes.outlines import Bars, Ellipse, Polygon, rectangle
+from clplen.cameras.scenes.surfaces import Spot
+from clplen.cameras.scenes.textures import bricks, checker, noise, picture, stripes, uniform
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
 
@@ -56,7 +56,7 @@ def test_truth_of_slants_spheres_and_nothing(device: Device) -> None:
     slant = Plane(0.2, (0.013, -0.021))
     _, truth = SurfaceScene(slant).light_field((2, 2), SHAPE, device=device)
     np.testing.assert_allclose(truth.disparity, 0.2 + 0.013 * Y - 0.021 * X, atol=1e-6)
-    ball = Sphere((3, -5), 11, d=-0.4, height=1.3)
+    ball = Sphere((3, -5), 11, disparity=-0.4, height=1.3)
     _, truth = SurfaceScene(ball).light_field((2, 2), SHAPE, device=device)
     r2 = ((Y - 3) ** 2 + (X + 5) ** 2) / 11**2
     expected = np.where(r2 <= 1, -0.4 + 1.3 * np.sqrt(np.maximum(1 - r2, 0)), np.nan)
@@ -85,7 +85,7 @@ def consistency(scene: SurfaceScene, device: Device, sign: float = 1.0) -> float
 def test_views_agree_along_the_true_disparity(device: Device) -> None:
     smooth = noise(1, 128, finest=0.12, coarsest=0.02)
     ground = Plane(-0.7, (0.01, 0.005), texture=smooth)
-    scene = SurfaceScene([ground, Sphere((4, -6), 22, d=-0.2, height=1.2, texture=smooth)])
+    scene = SurfaceScene([ground, Sphere((4, -6), 22, disparity=-0.2, height=1.2, texture=smooth)])
     assert consistency(scene, device) < 1e-7  # cubic interpolation of a band below 0.12
     assert consistency(scene, device, sign=-1.0) > 1e-3
 
@@ -112,7 +112,7 @@ def test_surfaces_far_from_focus_are_found_in_every_view(device: Device) -> None
     Y, X = middles()
     for one in (
         Plane(2.7, texture=white, outline=Ellipse((1, -2), 3)),
-        Sphere((1, -2), 3, d=2.6, height=0.1, texture=white),
+        Sphere((1, -2), 3, disparity=2.6, height=0.1, texture=white),
     ):
         lf, _ = SurfaceScene(one).light_field((5, 4), SHAPE, device=device)
         for v, u in np.ndindex(5, 4):
@@ -145,7 +145,7 @@ def test_area_of_discs_and_of_polygons_with_holes(device: Device) -> None:
 
 
 def test_a_highlight_moves_with_its_own_disparity(device: Device) -> None:
-    spot = Spot((2.0, -3.0), 2.5, strength=0.5, d=-1.1)
+    spot = Spot((2.0, -3.0), 2.5, strength=0.5, disparity=-1.1)
     scene = SurfaceScene(Plane(0.8, texture=uniform(0.0), spots=[spot]))
     lf, _ = scene.light_field((3, 3), SHAPE, device=device)
     Y, X = middles()
@@ -245,8 +245,8 @@ PLANE = Plane(0.0)
     ("call", "error", "words"),
     [
         (lambda d: Plane(np.nan), ValueError, "finite"),
-        (lambda d: Sphere((0, 0), -1, d=0, height=1), ValueError, "radius|Radius"),
-        (lambda d: Sphere((0, 0), 1, d=0, height=0), ValueError, "height"),
+        (lambda d: Sphere((0, 0), -1, disparity=0, height=1), ValueError, "radius|Radius"),
+        (lambda d: Sphere((0, 0), 1, disparity=0, height=0), ValueError, "height"),
         (lambda d: Spot((0, 0), 0), ValueError, "width"),
         (lambda d: Bars((0, 0), 5, count=2, period=3, width=4), ValueError, "0 to 3 pixels wide"),
         (lambda d: Bars((0, 0), 5, count=0, period=3, width=2), ValueError, "at least one bar"),

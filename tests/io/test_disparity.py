@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from clplen.cameras.truth import Truth
+from clplen.cameras.scenes.ground_truth import Truth
 from clplen.errors import FormatError
 from clplen.io import read_disparity, read_pfm, write_depth, write_pfm, write_truth
 from clplen.lightfield.depth.depth_map import DepthMap

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from tolerance import relative_max
 
-from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import read_lightfield, write_lightfield

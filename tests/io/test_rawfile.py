@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from clplen import LightField, MicrolensArray, PlenopticCamera
-from clplen.cameras.aberrations import Aberrations, LensletScatter
-from clplen.cameras.geometry import raw_image
+from clplen.cameras.optics.camera_aberrations import Aberrations, LensletScatter
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import is_raw_file, read_lightfield, read_raw, write_lightfield, write_raw
@@ -45,7 +44,7 @@ def camera_of(device: Device, kind: str) -> Any:
 def raw_of(device: Device, kind: str, channels: tuple[int, ...] = ()) -> RawImage:
     camera = camera_of(device, kind)
     values = np.random.default_rng(3).normal(size=(*camera.grid.shape, *channels))
-    return raw_image(camera, device.upload(values.astype(np.float32)))
+    return camera.raw_image(device.upload(values.astype(np.float32)))
 
 
 @pytest.mark.parametrize("kind", ["type1", "galilean", "hexagonal"])

@@ -37,7 +37,7 @@ from clplen.io.focused import found_in
 from clplen.io.frames import read_tiff_frame
 from clplen.io.volume import describe_volume, read_volume
 from clplen.lightfield.model.light_field import LightField
-from clplen.microscopy import psffile
+from clplen.microscopy import point_image_files
 
 SHAPE = (2, 3, 5, 4)
 
@@ -167,10 +167,11 @@ def test_other_readers_of_hdf5(tmp_path: Path, secret: Path):
         for name in ("disparity", "masks", "raw", "planes", "scales"):
             linked(file, name, secret)
         file["lenslets/m"] = np.ones(2)
-        file.attrs["format"] = psffile.FORMAT
-    for read in (read_truth, read_masks, read_disparity, read_raw, psffile.read):
+        file.attrs["format"] = point_image_files.FORMAT
+    read_images = point_image_files.read_point_images
+    for read in (read_truth, read_masks, read_disparity, read_raw, read_images):
         refused(lambda read=read: read(path), SAID)
-    assert psffile.described(path) is None
+    assert point_image_files.read_parameters(path) is None
     assert found_in(path) is None
 
 
@@ -201,10 +202,13 @@ def test_hdf5_holds_no_objects(tmp_path: Path, one_device: Device, kind: str):
 
 def test_point_images_that_declare_more_than_they_hold(tmp_path: Path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
-        file.attrs.update({"format": psffile.FORMAT, "parameters": "{}", "digest": ""})
+        file.attrs.update({"format": point_image_files.FORMAT, "parameters": "{}", "digest": ""})
         file.create_dataset("planes/0000", (10**4, 10**3, 10**3), "f4", chunks=(1, 10**3, 10**3))
         file["scales"] = np.ones(1)
-    refused(lambda: psffile.read(tmp_path / "a.h5"), "no whole file of point images")
+    refused(
+        lambda: point_image_files.read_point_images(tmp_path / "a.h5"),
+        "no whole file of point images",
+    )
 
 
 # XML and TIFF

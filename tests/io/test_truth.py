@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from clplen.cameras.truth import Truth, truth_of
+from clplen.cameras.scenes.ground_truth import Truth, truth_of
 from clplen.errors import FormatError
 from clplen.io import read_masks, read_truth, write_truth
 

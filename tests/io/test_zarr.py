@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import read_lightfield, write_lightfield, zarrs

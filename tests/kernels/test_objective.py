@@ -5,7 +5,7 @@ import pytest
 from tolerance import relative_max
 
 from clplen import Grid, PointSources
-from clplen.cameras.objective import Objective
+from clplen.cameras.optics.objective import Objective
 
 
 @pytest.mark.parametrize("wave", ["single", "double"], indirect=True)

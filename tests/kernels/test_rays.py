@@ -9,17 +9,18 @@ import pytest
 import reference_scene as reference
 
 from clplen import MicrolensArray, Plane, PlenopticCamera, Sphere, SurfaceScene, Texture
-from clplen.cameras.outlines import Ellipse
-from clplen.cameras.rays import SAMPLES, sample_rays
+from clplen.cameras.exposure.ray_exposure import SAMPLES, sample_rays
+from clplen.cameras.scenes.outlines import Ellipse
 from clplen.compute.device import Device
 from clplen.compute.drivers import llvmpipe
 
 RANDOM = np.random.default_rng(8)
 TEXTURE = Texture(RANDOM.random((5, 4)), 1.3, centre=(0.4, -0.2))
+COLOUR = Texture(RANDOM.random((3, 3, 3)))
 SCENE = SurfaceScene(
     [
         Plane(-0.15, (0.03, -0.02), texture=TEXTURE, outline=Ellipse((0.1, 0.2), (1.2, 1.6))),
-        Sphere((-0.3, 0.6), 0.7, d=0.1, height=0.2, texture=Texture(RANDOM.random((3, 3, 3)))),
+        Sphere((-0.3, 0.6), 0.7, disparity=0.1, height=0.2, texture=COLOUR),
     ],
     background=0.2,
 )

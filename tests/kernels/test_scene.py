@@ -9,8 +9,8 @@ import pytest
 import reference_scene as reference
 
 from clplen import Plane, Sphere, SurfaceScene, Texture
-from clplen.cameras.outlines import Bars, Ellipse, Polygon
-from clplen.cameras.surfaces import Spot
+from clplen.cameras.scenes.outlines import Bars, Ellipse, Polygon
+from clplen.cameras.scenes.surfaces import Spot
 from clplen.compute.device import Device
 
 SHAPE, VIEWS = (11, 14), (2, 3)
@@ -32,8 +32,8 @@ SCENES = {
     "polygon": [GROUND, Plane(0.8, (-0.02, 0.01), texture=COLOUR, outline=TRIANGLES)],
     "sphere": [
         GROUND,
-        Sphere((0.8, -1.3), 4.6, d=-0.4, height=1.7, texture=GREY,
-               spots=[Spot((-1, 1), 1.7, strength=0.6, d=-0.8)]),
+        Sphere((0.8, -1.3), 4.6, disparity=-0.4, height=1.7, texture=GREY,
+               spots=[Spot((-1, 1), 1.7, strength=0.6, disparity=-0.8)]),
     ],
     "crossing": [GROUND, Plane(-0.7, (-0.05, 0.06), texture=COLOUR)],
     "nothing behind": [Plane(0.6, texture=GREY, outline=TRIANGLES)],

@@ -5,8 +5,7 @@ import pytest
 import reference
 from scipy import special
 
-from clplen.cameras.pupil import pupil_fields
-from clplen.cameras.scene import PointSources
+from clplen.cameras.optics.pupil_fields import pupil_fields
 from clplen.errors import DeviceError
 from clplen.wave.field.field import Grid
 
@@ -33,8 +32,8 @@ def test_sphere_pattern_aperture_and_lens(wave, diameter, shape):
     grid = Grid(shape, (40e-6, 30e-6), origin=(20e-6, 0))
     optics = {"f": 0.12, "D": 0.5e-3, "distance": 0.24, "wavelength": 532e-9}
     got = pupil_fields(
-        PointSources(POINTS, diameter=diameter),
-        slice(None),
+        np.array(POINTS),
+        diameter,
         grid=grid,
         object_distance=0.24,
         focal_length=0.12,
@@ -59,8 +58,7 @@ def test_near_sources_keep_their_phase(device, monkeypatch):
 
     def fields():
         return pupil_fields(
-            PointSources(point),
-            slice(None),
+            np.array([point]),
             grid=grid,
             object_distance=0.02,
             focal_length=0.03,
@@ -89,7 +87,6 @@ def test_a_slice_of_the_sources(device):
         "wavelength": 532e-9,
         "device": device,
     }
-    sources = PointSources(POINTS, diameter=10e-6)
-    every = pupil_fields(sources, slice(None), **optics).to_numpy()
-    last = pupil_fields(sources, slice(2, 3), **optics).to_numpy()
+    every = pupil_fields(np.array(POINTS), 10e-6, **optics).to_numpy()
+    last = pupil_fields(np.array(POINTS[2:3]), 10e-6, **optics).to_numpy()
     np.testing.assert_allclose(last[0], every[2], atol=1e-6)

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clplen.cameras.outlines import Bars
-from clplen.cameras.surfaces import Plane, SurfaceScene
-from clplen.cameras.textures import noise, uniform
+from clplen.cameras.scenes.outlines import Bars
+from clplen.cameras.scenes.surface_scene import SurfaceScene
+from clplen.cameras.scenes.surfaces import Plane
+from clplen.cameras.scenes.textures import noise, uniform
 from clplen.lightfield.depth import combined_cue, view_matching
 from clplen.lightfield.depth.combined_cue import combined_disparity
 from clplen.lightfield.focus_and_depth import depth_map

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clplen.cameras.camera import PlenopticCamera
+from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.lightfield.depth.depth_map import metric_depth
 from clplen.wave.elements.lenslets import MicrolensArray
 

@@ -18,7 +18,7 @@ from clplen import (
     SamplingError,
     Spectrum,
 )
-from clplen.cameras.objective import CoverGlass, Objective
+from clplen.cameras.optics.objective import CoverGlass, Objective
 from clplen.errors import SamplingWarning
 from clplen.io import read_lightfield, write_lightfield
 from clplen.lightfield.depth.alpha_estimate import estimate_alpha

@@ -9,8 +9,7 @@ from scipy.ndimage import gaussian_filter
 from setups_microscope import projector_of, voxels, wrong
 
 from clplen import DeviceError, Lattice, ShapeError
-from clplen.microscopy.acceleration import Ahead
-from clplen.microscopy.deconvolution import deconvolve
+from clplen.microscopy.deconvolution import Acceleration, deconvolve
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.prepare import Preparation
 from clplen.microscopy.priors import TotalVariation, blurs, noise_level
@@ -135,7 +134,7 @@ def test_ahead_no_farther_than_the_last_step(device):
     g = np.random.default_rng(1).random((3, 1, 2, 5), np.float32)
     start = 10 + g
     volumes = device.upload(start)
-    ahead = Ahead(volumes, device)
+    ahead = Acceleration(volumes, device)
     device.copy_into(volumes, device.upload(start + g), 0)
     assert not ahead.move(volumes).any()
     factors = np.array([0.5, 2, -1], np.float32)[:, None, None, None]

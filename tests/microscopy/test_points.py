@@ -70,7 +70,7 @@ def test_noise_has_no_points_and_less_bright_ones_beside_another_are_left():
     noise = np.random.default_rng(5).poisson(100, SHAPE)
     assert len(find_points(noise)) == 0
     found = find_points(gaussians(0.3), size=(2, 1), distance=(9.5, 15))
-    pairs = match_points(found.positions, CENTRES, within=(1, 1, 1))
+    pairs = match_points(found.positions, CENTRES, tolerance=(1, 1, 1))
     assert pairs[:, 1].tolist() == [0, 1, 2]  # the last is (1.5, 13.75, 3.5) from the second
 
 
@@ -92,7 +92,7 @@ def test_points_of_a_microscope(device):
         stack.to_numpy(), axes=(camera.z(planes), side, side), size=(8, 0.8), snr=10
     )
     assert len(found) == len(places)
-    pairs = match_points(found.positions, places[:, ::-1], within=(10e-6, 0.3 * p, 0.3 * p))
+    pairs = match_points(found.positions, places[:, ::-1], tolerance=(10e-6, 0.3 * p, 0.3 * p))
     assert len(pairs) == len(places)
     z, y, x = found.positions[pairs[:, 0]].T
     expected = places[pairs[:, 1]]
@@ -111,9 +111,9 @@ def test_matching():
         [(0, 0, 0), (1, 5, 5), (2, 9, 1), (3, 3, 9), (1.2, 5, 5.2), (9, 9, 8)], float
     )  # the last but one is farther from the second's than another is, the last too far
     second = np.array([(3, 3.2, 9), (1.4, 5, 4.8), (0, 0.4, 0), (0, 0.1, 0), (9, 9, 9)], float)
-    pairs = match_points(first, second, within=(1, 0.5, 0.5))
+    pairs = match_points(first, second, tolerance=(1, 0.5, 0.5))
     assert pairs.tolist() == [[0, 3], [1, 1], [3, 0]]
-    assert match_points(first, first[:0], within=(1, 1, 1)).shape == (0, 2)
+    assert match_points(first, first[:0], tolerance=(1, 1, 1)).shape == (0, 2)
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_beads_of_a_real_frame(device, data_folder, monkeypatch):
         return find_points(stack, size=(2.3, 0.64), distance=(4, 1.5))
 
     one, other = (points(half, white - zero) for half in beads.halves(frame, gain, zero, 7))
-    pairs = match_points(one.positions, other.positions, within=(0.2, 1.5, 1.5))
+    pairs = match_points(one.positions, other.positions, tolerance=(0.2, 1.5, 1.5))
     assert len(pairs) >= 25
     assert len(pairs) > 0.9 * max(len(one), len(other))
     far = np.abs(one.positions[pairs[:, 0]] - other.positions[pairs[:, 1]])

@@ -9,10 +9,10 @@ from reference_microscope import Setup, sensor
 from tolerance import relative_max
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources, files
-from clplen.cameras.objective import CoverGlass
+from clplen.cameras.optics.objective import CoverGlass
 from clplen.errors import DeviceError, FormatError, SamplingError
+from clplen.microscopy import point_image_files
 from clplen.microscopy import psf as module
-from clplen.microscopy import psffile
 from clplen.microscopy.psf import point_images
 
 S = Setup(M=60, na=1.2, p=100e-6, n=15, lam=593e-9, index=1.33)
@@ -129,26 +129,26 @@ def test_file_is_read_when_it_fits(device, tmp_path, monkeypatch):
     with pytest.raises(ValueError, match="made with 3 planes, not 2"):
         point_images(camera, Z[:2], voxels_per_lenslet=3, cut=0.02, store="float16", path=path)
     with monkeypatch.context() as patch:
-        patch.setattr(psffile, "free_memory", lambda: 1000)
+        patch.setattr(point_image_files, "free_memory", lambda: 1000)
         with pytest.raises(FormatError, match="bytes, and 1,000 are free"):
-            psffile.read(path)
+            point_image_files.read_point_images(path)
     with h5py.File(path, "r+") as file:
         file["planes/0001"][0, 3, 4] += np.float16(0.5)
     with pytest.raises(FormatError, match="damaged"):
-        psffile.read(path)
+        point_image_files.read_point_images(path)
     with h5py.File(path, "r+") as file:
         file.attrs["parameters"] = "{}"
     with pytest.raises(FormatError, match="no whole file"):
-        psffile.read(path)
-    psffile.write(path, made)
+        point_image_files.read_point_images(path)
+    point_image_files.write_point_images(path, made)
     good = path.read_bytes()
     text = good.index(b"clplen point images", good.index(b"GCOL")) - 16
     path.write_bytes(good[:text] + bytes(16) + good[text + 16 :])
     with pytest.raises(FormatError, match="the texts at byte"):  # HDF5 would not end
-        psffile.read(path)
+        point_image_files.read_point_images(path)
     path.write_bytes(b"nothing of the kind")
     with pytest.raises(FormatError, match="no whole file"):
-        psffile.read(path)
+        point_image_files.read_point_images(path)
 
 
 def test_room_is_looked_for_before_and_after(device, tmp_path, monkeypatch):

@@ -7,7 +7,7 @@ import pytest
 from tolerance import relative_max
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, Propagator
-from clplen.cameras.plenoptic1 import scene_energy
+from clplen.cameras.plenoptic import scene_energy
 from clplen.lightfield.refocus.focal_stack import refocus
 from clplen.wave.field.field import row_powers
 

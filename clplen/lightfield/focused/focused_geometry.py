@@ -173,7 +173,7 @@ def require_focused(raw: RawImage) -> None:
         If it is no raw image.
     """
     require(RawImage, raw, "raw", "read_raw or camera.expose")
-    if raw.camera is not None and not hasattr(raw.camera, "m"):
+    if raw.camera is not None and raw.camera.kind != "focused":
         raise ValueError(
             "This raw image is of a plenoptic 1.0 camera, whose lenslets hold directions and no "
             "pictures: decode it with LightField.from_raw and render that."

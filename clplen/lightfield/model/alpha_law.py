@@ -1,7 +1,7 @@
 """Disparity, alpha = F/F', depth, and the shifts of the views that they mean.
 
-A telecentric camera (`clplen.cameras.microscope`) has no F and so no alpha: it has disparities, and
-depths z that are proportional to them.
+A telecentric camera (`clplen.cameras.light_field_microscope`) has no F and so no alpha: it has
+disparities, and depths z that are proportional to them.
 """
 
 from __future__ import annotations

@@ -155,7 +155,7 @@ class LightField(AlphaLaw, OnDevice):
         grids = {"calibrated": raw.sub_images, "naive": raw.cells}
         if decode not in grids:
             raise ValueError(f"decode is 'calibrated' or 'naive', not {decode!r}.")
-        if decode != "naive" and hasattr(raw.camera, "m"):
+        if decode != "naive" and raw.camera is not None and raw.camera.kind == "focused":
             raise ValueError(
                 "This raw image is of a focused (plenoptic 2.0) camera, whose sub-images are "
                 "pictures and no sets of views: make pictures with render_focused, or take the "

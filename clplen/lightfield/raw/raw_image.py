@@ -70,6 +70,10 @@ class CameraModel(Protocol):
     """What the light-field tower asks of a camera; all lengths in metres."""
 
     @property
+    def kind(self) -> str:
+        """ "standard", "focused" or "microscope"."""
+
+    @property
     def image_distance(self) -> float:
         """F, main lens to microlens array."""
 

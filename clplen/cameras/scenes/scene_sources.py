@@ -1,21 +1,89 @@
-"""Flat pictures as scenes: self-luminous ones, and slides that something else lights."""
+"""What a camera looks at."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from clplen.cameras.scene import PointSources
+from clplen import units
 from clplen.checks import is_finite
 from clplen.compute.arrays import HostArray
+from clplen.deprecation import renamed_argument, renamed_attribute
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class PointSources(OneLine):
+    """Mutually incoherent point-like sources.
+
+    Parameters
+    ----------
+    positions : array_like
+        Shape (n, 3) or (3,): (x, y, dz) in metres relative to the axis point of the focused object
+        plane; dz > 0 lies farther from the lens.
+    diameter : float
+        Each source is a uniform coherent disc of this diameter in metres; 0 is a point.
+    power : float or array_like
+        Energy that leaves the main lens' aperture, one or one per source, not negative.
+
+    Attributes
+    ----------
+    positions : numpy.ndarray
+        float64, shape (n, 3).
+    diameter : float
+    power : numpy.ndarray
+        float64, shape (n,).
+
+    Raises
+    ------
+    ValueError
+        If a position is not three finite numbers, there is none, the diameter or a power is
+        negative, or there are not as many powers as positions.
+    """
+
+    positions: np.ndarray[Any, np.dtype[np.float64]]
+    diameter: float
+    power: np.ndarray[Any, np.dtype[np.float64]]
+
+    def __init__(
+        self,
+        positions: Sequence[Sequence[float]] | np.ndarray[Any, Any],
+        *,
+        diameter: float = 0.0,
+        power: float | Sequence[float] | np.ndarray[Any, Any] = 1.0,
+    ) -> None:
+        places = np.atleast_2d(np.asarray(positions, np.float64)).copy()
+        if places.ndim != 2 or places.shape[1] != 3 or places.shape[0] == 0:
+            raise ValueError(
+                f"Positions are (x, y, dz) for each source, shape (n, 3), not {places.shape}."
+            )
+        if not np.isfinite(places).all():
+            raise ValueError("Positions of sources are finite numbers of metres.")
+        if not (np.isfinite(diameter) and diameter >= 0):
+            raise ValueError(f"The diameter of sources is not negative, in metres, not {diameter}.")
+        units.POINT.check(diameter, "The diameter of sources")
+        powers = np.asarray(power, np.float64)
+        if powers.ndim and powers.shape != (len(places),):
+            raise ValueError(f"{len(places)} sources have {powers.shape} powers: give one or each.")
+        powers = np.broadcast_to(powers, (len(places),)).copy()
+        if not (np.isfinite(powers).all() and (powers >= 0).all()):
+            raise ValueError("Powers of sources are finite and not negative.")
+        object.__setattr__(self, "positions", places)
+        object.__setattr__(self, "diameter", float(diameter))
+        object.__setattr__(self, "power", powers)
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 
+@renamed_argument(old="dz", new="z")
 @dataclass(frozen=True, init=False, eq=False, repr=False)
 class PicturePlane(OneLine, HostArray):
     """A flat picture across the optical axis.
@@ -32,7 +100,7 @@ class PicturePlane(OneLine, HostArray):
         places); in transmission the intensity transmittance of a slide, at most 1.
     width : float
         Of the whole picture along x in metres, nx pixels.
-    dz : float
+    z : float
         In metres from the focused object plane; > 0 lies farther from the lens.
     mode : {"emission", "transmission"}
         Self-luminous, every sample incoherent with the others, or a slide.
@@ -41,7 +109,7 @@ class PicturePlane(OneLine, HostArray):
     ----------
     image : numpy.ndarray
         float64, shape (ny, nx).
-    width, dz : float
+    width, z : float
     mode : str
 
     Raises
@@ -49,21 +117,21 @@ class PicturePlane(OneLine, HostArray):
     ShapeError
         If the image is not two-dimensional or empty.
     ValueError
-        For samples, a width, a dz or a mode outside their range.
+        For samples, a width, a z or a mode outside their range.
     """
 
     _samples: ClassVar[str] = "image"
 
     image: Vector
     width: float
-    dz: float
+    z: float
     mode: str
 
     def __init__(
         self,
         image: Any,
         width: float,
-        dz: float = 0.0,
+        z: float = 0.0,
         *,
         mode: Literal["emission", "transmission"] = "emission",
     ) -> None:
@@ -87,12 +155,14 @@ class PicturePlane(OneLine, HostArray):
             )
         if not (is_finite(width) and width > 0):
             raise ValueError(f"The width of a picture is positive, in metres, not {width!r}.")
-        if not is_finite(dz):
-            raise ValueError(f"dz of a picture is a finite number of metres, not {dz!r}.")
+        if not is_finite(z):
+            raise ValueError(f"z of a picture is a finite number of metres, not {z!r}.")
         object.__setattr__(self, "image", values)
         object.__setattr__(self, "width", float(width))
-        object.__setattr__(self, "dz", float(dz))
+        object.__setattr__(self, "z", float(z))
         object.__setattr__(self, "mode", mode)
+
+    dz = renamed_attribute("dz", "z")
 
     @property
     def is_slide(self) -> bool:
@@ -117,7 +187,7 @@ class PicturePlane(OneLine, HostArray):
     def positions(self) -> Vector:
         """(x, y, dz) of every sample in metres, row by row, shape (ny nx, 3)."""
         y, x = np.meshgrid(self.y, self.x, indexing="ij")
-        return np.stack([x.ravel(), y.ravel(), np.full(x.size, self.dz)], axis=-1)
+        return np.stack([x.ravel(), y.ravel(), np.full(x.size, self.z)], axis=-1)
 
     def points(self) -> PointSources:
         """The samples that are not 0 as point sources."""
@@ -129,30 +199,33 @@ class PicturePlane(OneLine, HostArray):
         """The corners of the rectangle that holds every sample that is not 0."""
         lit = self.image > 0
         y, x = self.y[lit.any(axis=1)], self.x[lit.any(axis=0)]
-        return PointSources([(a, b, self.dz) for b in (y[0], y[-1]) for a in (x[0], x[-1])])
+        return PointSources([(a, b, self.z) for b in (y[0], y[-1]) for a in (x[0], x[-1])])
 
     def _axis(self, axis: int) -> Vector:
         n = self.image.shape[axis]
         return (np.arange(n) - n // 2) * self.pitch
 
 
-def parts(scene: Any) -> tuple[PointSources | PicturePlane, ...]:
-    """What a scene is made of: itself, or the members of a list or tuple.
+Source = PointSources | PicturePlane
+
+
+def as_sources(scene: Any) -> tuple[Source, ...]:
+    """The sources of a scene: itself, or the members of a list or tuple.
 
     Raises
     ------
     TypeError
-        If a part is neither `PointSources` nor `PicturePlane`.
+        If a source is neither `PointSources` nor `PicturePlane`.
     ValueError
         If there is none.
     """
-    found = tuple(scene) if isinstance(scene, list | tuple) else (scene,)
-    if not found:
+    sources = tuple(scene) if isinstance(scene, list | tuple) else (scene,)
+    if not sources:
         raise ValueError("The scene is an empty list: give PointSources or PicturePlanes.")
-    for part in found:
-        if not isinstance(part, PointSources | PicturePlane):
+    for source in sources:
+        if not isinstance(source, PointSources | PicturePlane):
             raise TypeError(
                 "expose takes PointSources, a PicturePlane or a list of them, not "
-                f"{type(part).__name__}."
+                f"{type(source).__name__}."
             )
-    return found
+    return sources

@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from clplen.cameras.arrayed import Arrayed
-from clplen.cameras.describe import Description, Row
-from clplen.cameras.objective import APODISATION, CoverGlass, Objective
+from clplen.cameras.optics.lenslet_camera import Description, LensletCamera, Row
+from clplen.cameras.optics.objective import APODISATION, CoverGlass, Objective
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
 from clplen.wave.elements.lenslets import MicrolensArray
@@ -30,7 +29,7 @@ DEEPEST = 0.1  # metres; no objective has an image from farther away
 
 
 @dataclass(frozen=True, repr=False)
-class MicroscopeOptics(Arrayed):
+class MicroscopeOptics(LensletCamera):
     """A light-field microscope as lengths; `Microscope` takes its raw images.
 
     Attributes

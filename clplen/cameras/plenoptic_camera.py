@@ -1,14 +1,18 @@
-"""The cameras by their names."""
+"""Plenoptic cameras by their parameters: what `PlenopticCamera` makes of lengths and an array."""
 
 from __future__ import annotations
 
 import warnings
+from abc import ABC, abstractmethod
 from typing import Any, Literal
 
-from clplen.cameras import geometry, microscope_optics
-from clplen.cameras.aberrations import NONE, Aberrations
-from clplen.cameras.microscope import Microscope
-from clplen.cameras.objective import APODISATION, CoverGlass
+from clplen import units
+from clplen.cameras.light_field_microscope import Microscope
+from clplen.cameras.optics import microscope_optics
+from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
+from clplen.cameras.optics.lenslet_camera import Description, Kind, LensletCamera, sensor_grid
+from clplen.cameras.optics.objective import APODISATION, CoverGlass
+from clplen.cameras.optics.ray_optics import check_sampling
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2, magnification, matched_aperture
 from clplen.checks import is_finite
@@ -17,9 +21,41 @@ from clplen.errors import SamplingWarning
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.spectrum.spectrum_tables import check_wavelength
 
+LENS_LAW_TOLERANCE = 1e-6  # relative, of 1/f = 1/object + 1/image
 
-class PlenopticCamera:
-    """Plenoptic cameras simulated by wave optics; see `type1`, `type2`, `microscope`."""
+
+_LENGTHS = {
+    "focal_length": units.CAMERA_FOCAL_LENGTH,
+    "image_distance": units.CAMERA_FOCAL_LENGTH,
+    "aperture_diameter": units.CAMERA_DIAMETER,
+    "tube_lens": units.TUBE_LENS,
+}  # an object may be anywhere, and wavelengths have a check of their own
+
+
+class PlenopticCamera(LensletCamera, ABC):
+    """A plenoptic camera simulated by wave optics: made by `type1`, `type2` or `microscope`.
+
+    Every camera that they make is an instance of it, and says by its ``kind`` which one it is.
+
+    Attributes
+    ----------
+    kind : {"standard", "focused", "microscope"}
+    focal_length, object_distance, image_distance, aperture_diameter, wavelength : float
+        In metres.
+    others
+        Those of `LensletCamera`.
+    """
+
+    kind: Kind
+    focal_length: float
+    object_distance: float
+    image_distance: float
+    aperture_diameter: float
+    wavelength: float
+
+    @abstractmethod
+    def describe(self) -> Description:
+        """Derived parameters; see `Description`."""
 
     @staticmethod
     def type1(
@@ -28,7 +64,7 @@ class PlenopticCamera:
         mla: MicrolensArray,
         wavelength: float,
         pixels_per_lenslet: float,
-        device: DeviceLike,
+        device: DeviceLike | None = None,
         object_distance: float | None = None,
         image_distance: float | None = None,
         aperture_diameter: float | None = None,
@@ -47,8 +83,8 @@ class PlenopticCamera:
             In metres.
         pixels_per_lenslet : float
             At least 2; may be fractional.
-        device : Device or str
-            Where the simulation runs.
+        device : Device or str, optional
+            Where the simulation runs; None is ``Device.open()``.
         object_distance, image_distance : float, optional
             Main lens to focused object plane, and to the array, in metres. Neither: 2f and 2f.
             One: the other by the lens law.
@@ -71,7 +107,7 @@ class PlenopticCamera:
         SamplingError
             If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
         """
-        device = as_device(device)
+        device = as_device(device, optional=True)
         z_obj, F = _distances(
             mla, wavelength, focal_length, object_distance, image_distance,
             aperture_diameter,
@@ -90,7 +126,7 @@ class PlenopticCamera:
             field_lens=bool(field_lens),
             **shared,
         )
-        geometry.check_sampling(camera, 0.0, 1.0)
+        check_sampling(camera, 0.0, 1.0)
         return camera.with_aberrations(aberrations)
 
     @staticmethod
@@ -100,7 +136,7 @@ class PlenopticCamera:
         mla: MicrolensArray,
         wavelength: float,
         pixels_per_lenslet: float,
-        device: DeviceLike,
+        device: DeviceLike | None = None,
         m: float | None = None,
         a: float | None = None,
         object_distance: float | None = None,
@@ -127,8 +163,8 @@ class PlenopticCamera:
             In metres.
         pixels_per_lenslet : float
             At least 2; may be fractional.
-        device : Device or str
-            Where the simulation runs.
+        device : Device or str, optional
+            Where the simulation runs; None is ``Device.open()``.
         m, a : float, optional
             Exactly one of them: magnification of the lenslets, or the distance from the main
             lens' image to the array in metres (above f_mu or negative).
@@ -157,7 +193,7 @@ class PlenopticCamera:
         SamplingError
             If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
         """
-        device = as_device(device)
+        device = as_device(device, optional=True)
         z_obj, F = _distances(
             mla, wavelength, focal_length, object_distance, image_distance,
             aperture_diameter,
@@ -174,7 +210,7 @@ class PlenopticCamera:
             m=float(m),
             **shared,
         )
-        geometry.check_sampling(camera, 0.0, max(1.0, z2 / F))
+        check_sampling(camera, 0.0, max(1.0, z2 / F))
         return camera.with_aberrations(aberrations)
 
     @staticmethod
@@ -185,7 +221,7 @@ class PlenopticCamera:
         mla: MicrolensArray,
         wavelength: float,
         pixels_per_lenslet: float,
-        device: DeviceLike,
+        device: DeviceLike | None = None,
         medium_index: float = 1.0,
         tube_lens: float = 0.200,
         cover: CoverGlass | None = None,
@@ -208,8 +244,8 @@ class PlenopticCamera:
             Of the fluorescence in vacuum, in metres.
         pixels_per_lenslet : float
             At least 2; may be fractional.
-        device : Device or str
-            Where the simulation runs.
+        device : Device or str, optional
+            Where the simulation runs; None is ``Device.open()``.
         medium_index : float
             Of the medium with the specimen, 1 (air) or more.
         tube_lens : float
@@ -240,8 +276,8 @@ class PlenopticCamera:
         SamplingWarning
             If the two f-numbers differ by more than 10 %.
         """
-        device = as_device(device)
-        geometry.require_lengths(wavelength=wavelength, tube_lens=tube_lens)
+        device = as_device(device, optional=True)
+        _require_lengths(wavelength=wavelength, tube_lens=tube_lens)
         check_wavelength(wavelength)
         _check_objective(magnification, na, medium_index, mla)
         if not (is_finite(apodisation) and -1 <= apodisation <= 1):
@@ -256,7 +292,7 @@ class PlenopticCamera:
                 f"NA {na!r} does not pass a cover glass of index "
                 f"{min(cover.index, cover.designed_index)!r}."
             )
-        grid = geometry.sensor_grid(mla, pixels_per_lenslet)
+        grid = sensor_grid(mla, pixels_per_lenslet)
         camera = Microscope(
             magnification=float(magnification),
             na=float(na),
@@ -281,6 +317,10 @@ class PlenopticCamera:
                 stacklevel=2,
             )
         return camera
+
+
+for _camera in (Plenoptic1, Plenoptic2, Microscope):
+    PlenopticCamera.register(_camera)
 
 
 def _check_objective(magnification: float, na: float, index: float, mla: MicrolensArray) -> None:
@@ -311,7 +351,7 @@ def _distances(
     aperture_diameter: float | None,
 ) -> tuple[float, float]:
     """Object and image distance, after a look at everything that both cameras are given."""
-    geometry.require_lengths(
+    _require_lengths(
         focal_length=focal_length,
         wavelength=wavelength,
         object_distance=object_distance,
@@ -323,7 +363,7 @@ def _distances(
         raise ValueError(
             f"The lenslets of a camera converge: f > 0, not {min(mla.focal_lengths)!r}."
         )
-    return geometry.lens_law(focal_length, object_distance, image_distance)
+    return _lens_law(focal_length, object_distance, image_distance)
 
 
 def _shared(
@@ -334,7 +374,7 @@ def _shared(
     device: Device,
 ) -> dict[str, Any]:
     """Fields of both cameras that are as given, and the sensor's."""
-    grid = geometry.sensor_grid(mla, pixels_per_lenslet)
+    grid = sensor_grid(mla, pixels_per_lenslet)
     return {
         "focal_length": float(focal_length),
         "mla": mla,
@@ -344,3 +384,52 @@ def _shared(
         "grid": grid,
         "device": device,
     }
+
+
+def _require_lengths(**given: float | None) -> None:
+    """Refuse lengths that are not positive and finite, or no metres; None is left out.
+
+    Raises
+    ------
+    ValueError
+        With the name of the length.
+    """
+    for name, value in given.items():
+        if value is not None and not (is_finite(value) and value > 0):
+            raise ValueError(f"{name} is positive, in metres, not {value!r}.")
+        if value is not None and name in _LENGTHS:
+            _LENGTHS[name].check(value, name)
+
+
+def _lens_law(
+    f: float, object_distance: float | None, image_distance: float | None
+) -> tuple[float, float]:
+    """Object and image distance that satisfy 1/f = 1/object + 1/image, in metres.
+
+    Neither given: 2f and 2f. One given: the other follows.
+
+    Raises
+    ------
+    ValueError
+        If both are given and contradict the law, or one lies within the focal length.
+    """
+    for name, distance in (("object", object_distance), ("image", image_distance)):
+        if distance is not None and distance <= f:
+            raise ValueError(
+                f"{name}_distance = {distance:g} m is within the focal length of {f:g} m: there is "
+                "no real image."
+            )
+    if object_distance is None:
+        if image_distance is None:
+            return (2 * f, 2 * f)
+        return (1 / (1 / f - 1 / image_distance), float(image_distance))
+    if image_distance is None:
+        return (float(object_distance), 1 / (1 / f - 1 / object_distance))
+    if abs(f / object_distance + f / image_distance - 1) > LENS_LAW_TOLERANCE:
+        fits = 1 / (1 / f - 1 / object_distance)
+        raise ValueError(
+            f"object_distance = {object_distance:g} m and image_distance = {image_distance:g} m "
+            f"contradict the lens law for f = {f:g} m: this object is imaged at {fits:.6g} m. Give "
+            "one of the two."
+        )
+    return (float(object_distance), float(image_distance))

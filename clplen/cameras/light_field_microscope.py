@@ -14,14 +14,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.cameras import geometry
-from clplen.cameras.microscope_optics import MicroscopeOptics, check_places, check_sampling
-from clplen.cameras.scene import PointSources
+from clplen.cameras.optics.lenslet_camera import Kind, lenslet_grid
+from clplen.cameras.optics.microscope_optics import MicroscopeOptics, check_places, check_sampling
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.fft.lines import smooth_length
 from clplen.errors import SamplingError
 from clplen.files import PathLike
@@ -45,6 +45,8 @@ class Microscope(MicroscopeOptics):
 
     Attributes are those of `MicroscopeOptics`.
     """
+
+    kind: ClassVar[Kind] = "microscope"
 
     def expose(
         self,
@@ -223,7 +225,7 @@ class Microscope(MicroscopeOptics):
             float32, shape of ``grid``.
         """
         step = self.pixel_pitch * self.tube_lens / self.mla.f  # du on the pupil
-        lenslets = geometry.lenslet_grid(self, 1.0)
+        lenslets = lenslet_grid(self, 1.0)
         spacing = (-step, -step, self.mla.row_pitch, self.mla.pitch)
         return RawImage(data, self.device, self.pixel_pitch, lenslets, lenslets, spacing, self)
 

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.cameras.scene import PointSources
+from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.checks import is_finite
 from clplen.compute.device import Device
 from clplen.wave.field.field import Field, Grid
@@ -265,7 +265,7 @@ def _disc(v: Vector) -> Vector:
     """2 J1(v)/v."""
     if not v.any():
         return np.ones_like(v)
-    from scipy import special  # here, because it takes a third of the package's import time
+    from scipy import special
 
     safe = np.where(v > 0, v, 1.0)
     return np.where(v > 0, 2 * special.j1(safe) / safe, 1.0)

@@ -12,23 +12,29 @@ chief ray of a lenslet (x = c, u = 0) to c (1 + z3/z2).
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import pyopencl.array as cla
 
-from clplen.cameras.aberrations import NONE, Aberrations
-from clplen.cameras.arrayed import Arrayed
-from clplen.cameras.describe import Description
+from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
+from clplen.cameras.optics.lenslet_camera import LensletCamera, lenslet_grid
 from clplen.compute.device import Device
+from clplen.errors import SamplingError
+from clplen.lightfield.raw.lenslet_grid import LensType
+from clplen.lightfield.raw.raw_image import RawImage
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.field import Grid
 from clplen.wave.field.number_format import metres
 
+Positions = np.ndarray[Any, np.dtype[np.float64]]
+
 
 @dataclass(frozen=True, repr=False)
-class Optics(Arrayed, ABC):
+class RayOptics(LensletCamera, ABC):
     """A plenoptic camera as lengths and rays.
 
     Attributes
@@ -78,10 +84,6 @@ class Optics(Arrayed, ABC):
     @abstractmethod
     def sensor_distance(self) -> float:
         """z3 in metres, from the array to the sensor."""
-
-    @abstractmethod
-    def describe(self) -> Description:
-        """Derived parameters; see `Description`."""
 
     def alpha(self, dz: Any) -> Any:
         """alpha = F/F' = F (1/f - 1/(object distance + dz)) of an object at dz.
@@ -221,3 +223,166 @@ class Optics(Arrayed, ABC):
         f, b = kinds[lens_type], self.sensor_distance
         a = self.array_distance - self.image_distance / alpha
         return np.array([[1 - b / f, a + b - a * b / f], [-1 / f, 1 - a / f]])
+
+
+@dataclass(frozen=True, repr=False)
+class FixedOptics(RayOptics):
+    """A plenoptic camera as lengths and rays, with its two distances as plain numbers.
+
+    Attributes
+    ----------
+    z2 : float
+        In metres, from the main lens to the array.
+    z3 : float
+        In metres, from the array to the sensor, where it is.
+    others
+        Those of `RayOptics`.
+    """
+
+    z2: float
+    z3: float
+
+    @property
+    def array_distance(self) -> float:
+        """z2 in metres."""
+        return self.z2
+
+    @property
+    def sensor_distance(self) -> float:
+        """z3 in metres."""
+        return self.z3
+
+
+def check_sampling(optics: RayOptics, reach: float, alpha: float) -> None:
+    """Refuse light that the pixels cannot sample.
+
+    [(beta D/2 + abs(X))/z2 + d/(2 f)]/lam < 1/(2 dx). A ray from u on the lens to X + u (1 - beta)
+    on the array has the slope (X - beta u)/z2, and a lenslet adds -(x - c)/f, x - c up to d/2.
+    For a 2.0 camera with its image in focus, beta = z2/F, this is (X/z2 + D/(2 F)) + d/(2 f):
+    about the chief ray of a lenslet, slope (c - X)/a, light converges within d/(2 b) only, but
+    lenslets at the rim of the blur, abs(c - X) up to a D/(2 F) + d/2, bring that to d/(2 f),
+    1/f = 1/a + 1/b. The steepest of several f counts, and aberrations add the slopes of their
+    wavefronts. And the window holds the main lens' aperture.
+
+    Parameters
+    ----------
+    optics : RayOptics
+    reach : float
+        abs(X) on the array, largest along x or y, in metres.
+    alpha : float
+        beta = z2/F' of the point (for a 1.0 camera alpha = F/F'), at least 1.
+
+    Raises
+    ------
+    SamplingError
+        With both sides of the rule and what would do.
+    """
+    D, z2, d, f_mu = (
+        optics.aperture_diameter,
+        optics.array_distance,
+        optics.mla.diameter,
+        min(optics.mla.focal_lengths),
+    )
+    bent = optics.main_slope(reach * optics.image_distance / z2)
+    bent += optics.aberrations.lenslet_slope(optics.mla)
+    slope = (alpha * D / 2 + reach) / z2 + d / (2 * f_mu) + bent
+    if 2 * optics.pixel_pitch * slope >= optics.wavelength:
+        fitting = optics.wavelength / (2 * slope)
+        raise SamplingError(
+            f"Light reaches the sensor at up to {slope / optics.wavelength:.4g} cycles/m "
+            f"((alpha D/2 + |X|)/z2 + d/(2 f_mu), |X| = {reach:.4g} m"
+            f"{f', aberrations {bent:.4g} rad' if bent else ''}), but pixels of "
+            f"{optics.pixel_pitch:.4g} m sample {1 / (2 * optics.pixel_pitch):.4g}: pixels below "
+            f"{fitting:.4g} m would do (pixels_per_lenslet = {optics.mla.pitch / fitting:.4g}), or "
+            f"a longer f_mu, {'smaller aberrations, ' if bent else ''}or a smaller aperture."
+        )
+    if min(optics.grid.extent) < D:
+        raise SamplingError(
+            f"The window of {min(optics.grid.extent):.4g} m does not hold the main lens' aperture "
+            f"of {D:.4g} m: use more lenslets or give a smaller aperture_diameter."
+        )
+
+
+def check_in_view(optics: RayOptics, positions: Positions) -> None:
+    """Refuse points behind the lens, or whose chief ray misses the array.
+
+    Parameters
+    ----------
+    optics : RayOptics
+    positions : numpy.ndarray
+        (x, y, dz) in metres, shape (n, 3).
+
+    Raises
+    ------
+    ValueError, SamplingError
+        Naming the first such point.
+    """
+    behind = optics.object_distance + positions[:, 2] <= 0
+    if behind.any():
+        x, y, dz = positions[behind][0]
+        raise ValueError(
+            f"The point (x, y, dz) = ({x:g}, {y:g}, {dz:g}) m lies behind the main lens, which "
+            f"is {optics.object_distance:g} m from the focused plane."
+        )
+    images, extent = optics.on_array(positions), optics.grid.extent
+    outside = (np.abs(images) > np.asarray(extent)[::-1] / 2).any(axis=1)
+    if outside.any():
+        (x, y, dz), (X, Y) = positions[outside][0], images[outside][0]
+        raise SamplingError(
+            f"The point (x, y, dz) = ({x:g}, {y:g}, {dz:g}) m is imaged at ({X:g}, {Y:g}) m, "
+            f"beyond the array of {extent[1]:g} x {extent[0]:g} m: move it or use more lenslets."
+        )
+
+
+def view_step(optics: RayOptics) -> float:
+    """du = dx z2/z3: how far apart on the main lens two pixels of a lenslet look, in metres."""
+    return optics.pixel_pitch * optics.array_distance / optics.sensor_distance
+
+
+def raw_image(optics: RayOptics, data: cla.Array) -> RawImage:
+    """Intensity on the sensor with the positions of sub-images and cells, without its camera.
+
+    Where the array does not lie on the main lens' image there is no spacing: what a lenslet sees
+    is a picture, and alpha is not that of the light field on the array.
+    """
+    step = view_step(optics)
+    on_image = optics.array_distance == optics.image_distance
+    return RawImage(
+        data,
+        optics.device,
+        optics.pixel_pitch,
+        lenslet_grid(optics, optics.sub_image_scale),
+        lenslet_grid(optics, 1.0),
+        (-step, -step, optics.mla.row_pitch, optics.mla.pitch) if on_image else None,
+        lens_types=lens_types(optics),
+    )
+
+
+def lens_types(optics: RayOptics) -> tuple[LensType, ...]:
+    """Where the lenslets of each focal length have their sub-images, and what they see sharply.
+
+    A type is in focus at the virtual depth a/b, 1/a = 1/f - 1/b. Its range ends where the next
+    one is as sharp: blur on the sensor is d abs(b/a' - b/a), so in the middle between their b/a;
+    the outermost go as far beyond.
+    """
+    mla, b = optics.mla, optics.sensor_distance
+    if len(mla.focal_lengths) == 1:
+        return ()
+    focus = np.array([b / f - 1 for f in mla.focal_lengths])  # b/a
+    order = np.argsort(focus)
+    steps = np.diff(focus[order]) / 2
+    low, high = np.empty_like(focus), np.empty_like(focus)
+    low[order] = focus[order] - np.concatenate([steps[:1], steps])
+    high[order] = focus[order] + np.concatenate([steps, steps[-1:]])
+    grid = lenslet_grid(optics, optics.sub_image_scale)
+    shift = np.array(grid.row_step) + grid.odd_row_shift * np.array(grid.column_step)
+    base = np.array([shift, grid.column_step])
+    found = []
+    for number, sharp in enumerate(focus):
+        side = (0, math.inf) if sharp > 0 else (-math.inf, 0)
+        ends = np.clip((low[number], high[number]), *side)
+        depths = sorted(float(1 / end) if end else math.copysign(math.inf, sharp) for end in ends)
+        vectors = np.array([(0, number), (1, -mla.type_step), (0, len(focus))]) @ base
+        offset, *steps_of = ((float(y), float(x)) for y, x in vectors)
+        found.append(LensType(offset, (depths[0], depths[1]), (steps_of[0], steps_of[1])))
+    return tuple(found)

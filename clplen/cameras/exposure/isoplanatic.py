@@ -11,22 +11,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.cameras.lattice import Patch, Places, patches, places, powers
-from clplen.cameras.pictures import PicturePlane
-from clplen.cameras.scene import PointSources
+from clplen.cameras.exposure.pattern_lattice import Patch, Places, patches, places, powers
+from clplen.cameras.optics.wave_optics import WaveOptics, padded_shape
+from clplen.cameras.scenes.scene_sources import PicturePlane
+from clplen.compute.device import Device
 from clplen.compute.fft.lines import smooth_length
 from clplen.lightfield.raw.raw_image import Transforms
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.field.field import Field, row_powers
-
-if TYPE_CHECKING:
-    from clplen.cameras.plenoptic import Plenoptic
-    from clplen.compute.device import Device
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
@@ -64,48 +61,42 @@ class Layout:
 
     def transforms(self, shape: tuple[int, int]) -> Transforms:
         """Fourier transforms by their shape: (how many, (ny, nx))."""
-        counts = [(2 * self.patterns, padded(shape, pad)) for pad in self.padding]
+        counts = [(2 * self.patterns, padded_shape(shape, pad)) for pad in self.padding]
         if self.finer > 1:
             fine = (self.finer * shape[0], self.finer * shape[1])
             counts += [(self.patterns, shape), (self.patterns, fine)]
         return (*counts, (2 * self.patterns + 1, self.window))
 
-    def memory(self, camera: Plenoptic, batch: int) -> int:
+    def memory(self, optics: WaveOptics, batch: int) -> int:
         """Bytes on the device."""
-        field = math.prod(camera.grid.shape)
+        field = math.prod(optics.grid.shape)
         fields = (2 * max(self.padding) ** 2 + 2 + self.finer**2) * field * batch
-        return (fields + 4 * math.prod(self.window) + 2 * field) * camera.device.complex.itemsize
+        return (fields + 4 * math.prod(self.window) + 2 * field) * optics.device.complex.itemsize
 
 
-def padded(shape: tuple[int, int], pad: int) -> tuple[int, int]:
-    """The window that a propagation pads to, as the camera's own."""
-    if pad == 1:
-        return shape
-    factor = smooth_length(pad * max(shape)) / max(shape)
-    return (round(factor * shape[0]), round(factor * shape[1]))
-
-
-def layout(camera: Plenoptic, plane: PicturePlane) -> Layout:
+def layout(optics: WaveOptics, plane: PicturePlane) -> Layout:
     """Places, patches and windows for a picture of a camera whose array is not turned."""
-    grid = places(camera)
-    parts = patches(camera, plane, grid, powers(camera, plane))
-    finer = max(1, math.ceil(2 * ROOM * _band(camera) * camera.pixel_pitch))
-    pixel = camera.pixel_pitch / finer
-    beyond = _beyond(camera, plane)
+    grid = places(optics)
+    patch_list = patches(optics, plane, grid, powers(optics, plane))
+    finer = max(1, math.ceil(2 * ROOM * _band(optics) * optics.pixel_pitch))
+    pixel = optics.pixel_pitch / finer
+    beyond = _beyond(optics, plane)
     window = []
     for axis, pitch in enumerate((grid.height, grid.pitch)):
-        ends = [abs(end) for p in parts for end in (p.first[axis], p.first[axis] + p.count[axis])]
-        shift = (max(ends) + 1) * pitch * camera.sub_image_scale / pixel
-        own = finer * camera.grid.shape[axis] + math.ceil(beyond[axis] / pixel)
+        first = [patch.first[axis] for patch in patch_list]
+        last = [patch.first[axis] + patch.count[axis] for patch in patch_list]
+        ends = np.abs([*first, *last])
+        shift = (int(ends.max()) + 1) * pitch * optics.sub_image_scale / pixel
+        own = finer * optics.grid.shape[axis] + math.ceil(beyond[axis] / pixel)
         window.append(smooth_length(max(own, math.ceil(2 * shift) + 2 * TEETH)))
-    padding = camera.padding(plane.corners())
-    return Layout(grid, parts, finer, (window[0], window[1]), padding)
+    padding = optics.padding(plane.corners().positions)
+    return Layout(grid, patch_list, finer, (window[0], window[1]), padding)
 
 
 def raw_patterns(
-    camera: Plenoptic,
+    optics: WaveOptics,
     plane: PicturePlane,
-    how: Layout,
+    plan: Layout,
     *,
     probes: Vector,
     batch: int,
@@ -115,9 +106,9 @@ def raw_patterns(
 
     Parameters
     ----------
-    camera : Plenoptic
+    optics : WaveOptics
     plane : PicturePlane
-    how : Layout
+    plan : Layout
     probes : numpy.ndarray
         Samples of the second picture, shape (ny, nx), 0 where ``plane`` is.
     batch : int
@@ -130,50 +121,50 @@ def raw_patterns(
     tuple of pyopencl.array.Array
         Both real, shape of the camera's grid.
     """
-    device = camera.device
+    device = optics.device
     unit = plane.image.max()
     level = np.linalg.norm(plane.image / unit) / np.linalg.norm(probes)
     image = plane.image / unit + 1j * level * probes
-    total, z, c = (device.zeros(how.window, device.complex) for _ in range(3))
+    total, z, c = (device.zeros(plan.window, device.complex) for _ in range(3))
     done = 0
-    for patch in how.patches:
-        teeth, part = _teeth(patch, camera, how), image * patch.share
-        for offsets in _batches(how.grid.offsets(), batch):
-            fields, gains = _fields(camera, plane, patch, offsets, how)
+    for patch in plan.patches:
+        teeth, part = _teeth(patch, optics, plan), image * patch.share
+        for offsets in _batches(plan.grid.offsets(), batch):
+            fields, gains = _fields(optics, plane, patch, offsets, plan)
             for b, offset in enumerate(offsets):
                 _put_pattern(z, fields, b, gains[b])
-                _put_comb(c, patch.weights(part, how.grid, offset), teeth, how, device)
+                _put_comb(c, patch.weights(part, plan.grid, offset), teeth, plan, device)
                 _add_product(total, z, c, device)
             done += len(offsets)
             if progress is not None:
-                progress(done, how.patterns)
-    return _finished(total, camera, how, unit, 1 / level)
+                progress(done, plan.patterns)
+    return _finished(total, optics, plan, unit, 1 / level)
 
 
-def _band(camera: Plenoptic) -> float:
+def _band(optics: WaveOptics) -> float:
     """Highest frequency of a pattern: twice that of its field, D/(2 z2) + d/(2 f_mu) over lam m.
 
     The main lens' wavefront adds none: on the array D/(2 z2) is the angle of its pupil.
     """
-    slopes = camera.aperture_diameter / camera.array_distance + camera.mla.diameter / camera.mla.f
-    slopes += 2 * camera.aberrations.lenslet_slope(camera.mla)
-    return slopes / (camera.wavelength * camera.sub_image_scale)
+    slopes = optics.aperture_diameter / optics.array_distance + optics.mla.diameter / optics.mla.f
+    slopes += 2 * optics.aberrations.lenslet_slope(optics.mla)
+    return slopes / (optics.wavelength * optics.sub_image_scale)
 
 
-def _beyond(camera: Plenoptic, plane: PicturePlane) -> tuple[float, float]:
+def _beyond(optics: WaveOptics, plane: PicturePlane) -> tuple[float, float]:
     """How far light reaches past the sensor's edge along y and x, in metres."""
-    places = np.abs(camera.on_array(plane.corners().positions)).max(axis=0)[::-1]
-    past = places * camera.sub_image_scale + camera.spread(plane.dz)
-    past -= np.asarray(camera.grid.extent) / 2
+    places = np.abs(optics.on_array(plane.corners().positions)).max(axis=0)[::-1]
+    past = places * optics.sub_image_scale + optics.spread(plane.z)
+    past -= np.asarray(optics.grid.extent) / 2
     y, x = np.maximum(past, 0)
     return float(y), float(x)
 
 
-def _imaged_at(camera: Plenoptic, plane: PicturePlane, images: Vector) -> PointSources:
-    """Sources in the picture's plane whose chief rays meet the array at (y, x)."""
-    scale = 1 / camera.array_scale(plane.dz)
-    flat = np.full(len(images), plane.dz)
-    return PointSources(np.stack([images[:, 1] * scale, images[:, 0] * scale, flat], axis=-1))
+def _imaged_at(optics: WaveOptics, plane: PicturePlane, images: Vector) -> Vector:
+    """(x, y, dz) of points in the picture's plane whose chief rays meet the array at (y, x)."""
+    scale = 1 / optics.array_scale(plane.z)
+    flat = np.full(len(images), plane.z)
+    return np.stack([images[:, 1] * scale, images[:, 0] * scale, flat], axis=-1)
 
 
 def _batches(offsets: Vector, batch: int) -> Iterator[Vector]:
@@ -182,15 +173,15 @@ def _batches(offsets: Vector, batch: int) -> Iterator[Vector]:
 
 
 def _fields(
-    camera: Plenoptic, plane: PicturePlane, patch: Patch, offsets: Vector, how: Layout
+    optics: WaveOptics, plane: PicturePlane, patch: Patch, offsets: Vector, plan: Layout
 ) -> tuple[Field, Vector]:
     """Fields on the sensor of points imaged about a lenslet, and their factors to energy 1."""
-    points = _imaged_at(camera, plane, np.asarray(patch.centre) + offsets)
-    pupil = camera.pupil(points, whole=False)
+    points = _imaged_at(optics, plane, np.asarray(patch.centre) + offsets)
+    pupil = optics.pupil(points, whole=False)
     gains = 1 / row_powers(pupil).sum(axis=-1)
-    to_array, to_sensor = how.padding
-    fields = camera.sensor_field(camera.array_field(pupil, pad=to_array), pad=to_sensor)
-    return _refined(fields, how.finer), gains
+    to_array, to_sensor = plan.padding
+    fields = optics.sensor_field(optics.array_field(pupil, pad=to_array), pad=to_sensor)
+    return _refined(fields, plan.finer), gains
 
 
 def _refined(fields: Field, finer: int) -> Field:
@@ -227,12 +218,12 @@ class Teeth:
     across: cla.Array
 
 
-def _teeth(patch: Patch, camera: Plenoptic, how: Layout) -> Teeth:
-    device, grid = camera.device, how.grid
-    per_pixel = camera.sub_image_scale * how.finer / camera.pixel_pitch
-    row, down = _meets(how.window[0], patch.first[0], grid.height * per_pixel, 0.0)
+def _teeth(patch: Patch, optics: WaveOptics, plan: Layout) -> Teeth:
+    device, grid = optics.device, plan.grid
+    per_pixel = optics.sub_image_scale * plan.finer / optics.pixel_pitch
+    row, down = _meets(plan.window[0], patch.first[0], grid.height * per_pixel, 0.0)
     pairs = [
-        _meets(how.window[1], patch.first[1], grid.pitch * per_pixel, kind / 2)
+        _meets(plan.window[1], patch.first[1], grid.pitch * per_pixel, kind / 2)
         for kind in range(grid.kinds)
     ]
     column, across = (np.stack(tables) for tables in zip(*pairs, strict=True))
@@ -263,14 +254,14 @@ def _beta() -> float:
     return math.pi * TEETH * (1 - 1 / (2 * ROOM))
 
 
-def _put_comb(c: cla.Array, weights: Complex, teeth: Teeth, how: Layout, device: Device) -> None:
+def _put_comb(c: cla.Array, weights: Complex, teeth: Teeth, plan: Layout, device: Device) -> None:
     """The weights of the lenslets on the window, transformed."""
     kernel = device.kernel("patterns.cl", "comb", **device.wave_defines())
     tall, wide = teeth.down.shape[-1], teeth.across.shape[-1]
-    sizes = (np.int32(n) for n in (*weights.shape, how.grid.kinds, tall, wide, *how.window))
+    sizes = (np.int32(n) for n in (*weights.shape, plan.grid.kinds, tall, wide, *plan.window))
     tables = (teeth.row, teeth.down, teeth.column, teeth.across)
     device.launch_rows(
-        kernel, how.window, c, device.upload(weights.astype(device.complex)), *tables, *sizes
+        kernel, plan.window, c, device.upload(weights.astype(device.complex)), *tables, *sizes
     )
     device.fft.forward(c, device)
 
@@ -281,20 +272,20 @@ def _add_product(total: cla.Array, a: cla.Array, b: cla.Array, device: Device) -
 
 
 def _finished(
-    total: cla.Array, camera: Plenoptic, how: Layout, unit: float, probe: float
+    total: cla.Array, optics: WaveOptics, plan: Layout, unit: float, probe: float
 ) -> tuple[cla.Array, cla.Array]:
     """Divide by the spreading kernel's spectrum, transform, and take the pixels' samples."""
-    device, (ny, nx) = camera.device, camera.grid.shape
+    device, (ny, nx) = optics.device, optics.grid.shape
     kernel = device.kernel("separable.cl", "multiply_separable", **device.wave_defines())
-    spectra = (device.upload(_unspread(n).astype(device.complex)) for n in how.window)
-    sizes = (np.int32(n) for n in how.window)
-    device.launch_rows(kernel, how.window, total, total, *spectra, *sizes)
+    spectra = (device.upload(_unspread(n).astype(device.complex)) for n in plan.window)
+    sizes = (np.int32(n) for n in plan.window)
+    device.launch_rows(kernel, plan.window, total, total, *spectra, *sizes)
     device.fft.inverse(total, device)
     images = []
     for pick in ((unit, 0.0), (0.0, probe)):
         out = device.zeros((ny, nx), device.real)
         kernel = device.kernel("patterns.cl", "add_part", **device.wave_defines())
-        numbers = (np.int32(n) for n in (how.finer, how.window[1], ny, nx))
+        numbers = (np.int32(n) for n in (plan.finer, plan.window[1], ny, nx))
         device.launch_rows(kernel, (ny, nx), out, total, np.array(pick, device.real), *numbers)
         images.append(out)
     return images[0], images[1]

@@ -27,7 +27,7 @@ FORMAT = "clplen point images 1"
 DENSEST = {"float32": 0.7, "float16": 0.4}
 
 
-def write(path: PathLike, images: PointImages) -> None:
+def write_point_images(path: PathLike, images: PointImages) -> None:
     """Write point images; the file appears whole or not at all.
 
     It is made in memory first: HDF5 ends the whole program where a disk is full.
@@ -63,7 +63,7 @@ def write(path: PathLike, images: PointImages) -> None:
         temporary.write_bytes(made.getbuffer())
 
 
-def read(path: PathLike) -> PointImages:
+def read_point_images(path: PathLike) -> PointImages:
     """Read point images.
 
     Parameters
@@ -114,7 +114,7 @@ def read(path: PathLike) -> PointImages:
     return images
 
 
-def described(path: PathLike) -> tuple[dict[str, Any], list[tuple[int, ...]]] | None:
+def read_parameters(path: PathLike) -> tuple[dict[str, Any], list[tuple[int, ...]]] | None:
     """What a file's point images depend on, and their shapes, without reading them.
 
     Parameters
@@ -153,7 +153,7 @@ def _check_memory(path: Path, datasets: list[h5py.Dataset]) -> None:
         )
 
 
-def read_if_there(path: PathLike, parameters: dict[str, Any]) -> PointImages | None:
+def read_matching(path: PathLike, parameters: dict[str, Any]) -> PointImages | None:
     """Point images of a file, None if there is no file.
 
     Raises
@@ -161,19 +161,19 @@ def read_if_there(path: PathLike, parameters: dict[str, Any]) -> PointImages | N
     ValueError
         If they have other parameters, naming the first that differs.
     FormatError
-        As `read`.
+        As `read_point_images`.
     """
     if not Path(path).is_file():
         return None
-    found = read(path)
+    images = read_point_images(path)
     for name, wanted in parameters.items():
-        there = found.parameters.get(name)
+        there = images.parameters.get(name)
         if there != wanted:
             raise ValueError(
                 f"The point images in {path} were made with {_difference(name, there, wanted)}: "
                 "give another path, or remove the file to have them made anew."
             )
-    return found
+    return images
 
 
 def _difference(name: str, there: Any, wanted: Any) -> str:

@@ -14,14 +14,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from clplen.cameras.pictures import PicturePlane
-
-if TYPE_CHECKING:
-    from clplen.cameras.plenoptic import Plenoptic
+from clplen.cameras.optics.ray_optics import RayOptics
+from clplen.cameras.scenes.scene_sources import PicturePlane
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
@@ -84,10 +82,10 @@ class Places:
         return np.sinc(t) * window
 
 
-def places(camera: Plenoptic) -> Places:
+def places(optics: RayOptics) -> Places:
     """The places of a camera; their number follows from 4 f_c p = 2 D p/(lam z2)."""
-    mla = camera.mla
-    least = 2 * camera.aperture_diameter * mla.pitch / (camera.wavelength * camera.array_distance)
+    mla = optics.mla
+    least = 2 * optics.aperture_diameter * mla.pitch / (optics.wavelength * optics.array_distance)
     count = math.ceil(SPARE * least)
     kinds = 2 if mla.lattice == "hexagonal" else 1
     return Places(mla.row_pitch, mla.pitch, kinds, count, count / least)
@@ -134,7 +132,7 @@ class Patch:
         return out
 
 
-def aberrations(camera: Plenoptic, plane: PicturePlane, distance: float) -> tuple[float, float]:
+def aberrations(optics: RayOptics, plane: PicturePlane, distance: float) -> tuple[float, float]:
     """Coma and astigmatism in radians at the rim of the main lens, of a point at ``distance``.
 
     The distance X is that of the chief ray from the axis on the array, F here stands for z2.
@@ -142,23 +140,23 @@ def aberrations(camera: Plenoptic, plane: PicturePlane, distance: float) -> tupl
     The terms X u^3 and X^2 u^2 of both spherical waves' fourth order, k r^4/(8 z^3) (Goodman 2005,
     sec. 4.2), u = D/2: k X u^3/(2 F) (1/z^2 - 1/F^2) and (3/4) k X^2 u^2/F^2 (1/z + 1/F).
     """
-    F, u = camera.array_distance, camera.aperture_diameter / 2
-    z, k = camera.object_distance + plane.dz, 2 * math.pi / camera.wavelength
+    F, u = optics.array_distance, optics.aperture_diameter / 2
+    z, k = optics.object_distance + plane.z, 2 * math.pi / optics.wavelength
     coma = k * distance * u**3 / (2 * F) * abs(1 / z**2 - 1 / F**2)
     return coma, 0.75 * k * (distance * u / F) ** 2 * (1 / z + 1 / F)
 
 
-def powers(camera: Plenoptic, plane: PicturePlane) -> Powers:
+def powers(optics: RayOptics, plane: PicturePlane) -> Powers:
     """Exponents of y and x by which to interpolate the pattern across a picture.
 
     Coma grows with X, astigmatism with X^2; what changes little from the middle of the picture on
     is left out.
     """
-    y, x = lit_axes(camera, plane)
-    far = max(math.hypot(np.abs(y).max(), np.abs(x).max()), camera.mla.pitch)
+    y, x = lit_axes(optics, plane)
+    far = max(math.hypot(np.abs(y).max(), np.abs(x).max()), optics.mla.pitch)
     middle = math.hypot((y.max() + y.min()) / 2, (x.max() + x.min()) / 2)
     half = math.hypot(np.ptp(y) / 2, np.ptp(x) / 2)
-    coma, all_astigmatism = aberrations(camera, plane, far)
+    coma, all_astigmatism = aberrations(optics, plane, far)
     limit = TOLERANCE / PER_RADIAN
     if coma * half / far + all_astigmatism * (1 - (middle / far) ** 2) <= limit:
         return CONSTANT
@@ -167,29 +165,29 @@ def powers(camera: Plenoptic, plane: PicturePlane) -> Powers:
     return QUADRATIC if coma > limit else EVEN
 
 
-def lit_axes(camera: Plenoptic, plane: PicturePlane) -> tuple[Vector, Vector]:
+def lit_axes(optics: RayOptics, plane: PicturePlane) -> tuple[Vector, Vector]:
     """Where the rows and columns that hold light are imaged on the array, y and x in metres."""
-    scale = float(camera.array_scale(plane.dz))
+    scale = float(optics.array_scale(plane.z))
     lit = plane.image > 0
     return plane.y[lit.any(axis=1)] * scale, plane.x[lit.any(axis=0)] * scale
 
 
-def patches(camera: Plenoptic, plane: PicturePlane, grid: Places, monomials: Powers) -> list[Patch]:
+def patches(optics: RayOptics, plane: PicturePlane, grid: Places, monomials: Powers) -> list[Patch]:
     """The picture as patches, one for each of the lenslets whose patterns are simulated.
 
     The pattern changes slowly with X (aberrations): it is interpolated by ``monomials`` through the
     patterns at as many lenslets, the best of 5 x 5 across the picture (approximate Fekete points:
     Sommariva and Vianello 2009).
     """
-    scale = float(camera.array_scale(plane.dz))
+    scale = float(optics.array_scale(plane.z))
     y, x = plane.y * scale, plane.x * scale
-    ys, xs = lit_axes(camera, plane)
+    ys, xs = lit_axes(optics, plane)
     steps = np.zeros(1) if monomials == CONSTANT else np.linspace(-OUTERMOST, OUTERMOST, 5)
     nodes_y, nodes_x = (
-        _lenslets(camera, axis, (c.max() + c.min()) / 2 + np.ptp(c) / 2 * steps)
+        _lenslets(optics, axis, (c.max() + c.min()) / 2 + np.ptp(c) / 2 * steps)
         for axis, c in enumerate((ys, xs))
     )
-    unit = max(np.abs(y).max(), np.abs(x).max(), camera.mla.pitch)
+    unit = max(np.abs(y).max(), np.abs(x).max(), optics.mla.pitch)
     values = _monomials(nodes_y / unit, nodes_x / unit, monomials)
     chosen = _independent(values)
     through = np.linalg.pinv(values[chosen])
@@ -235,12 +233,12 @@ def _patch(
     return Patch(centre, (first[0], first[1]), (count[0], count[1]), y, x, share)
 
 
-def _lenslets(camera: Plenoptic, axis: int, coordinates: Vector) -> Vector:
+def _lenslets(optics: RayOptics, axis: int, coordinates: Vector) -> Vector:
     """Coordinates of the lenslets nearest to some along an axis, each once.
 
     On a hexagonal lattice those of an even row.
     """
-    mla = camera.mla
+    mla = optics.mla
     pitch = (mla.row_pitch, mla.pitch)[axis]
     step = 2 if axis == 0 and mla.lattice == "hexagonal" else 1
     first, last = mla.centres()[0, 0][axis], (mla.count[axis] - 1) // step

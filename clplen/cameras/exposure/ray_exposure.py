@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyopencl.array as cla
 
-from clplen.cameras import geometry, tracing
-from clplen.cameras.aberrations import slopes
-from clplen.cameras.pictures import PicturePlane, parts
-from clplen.cameras.scene import PointSources
-from clplen.cameras.surfaces import SurfaceScene
-from clplen.cameras.truth import Truth
-
-if TYPE_CHECKING:
-    import pyopencl.array as cla
-
-    from clplen.cameras.plenoptic import Plenoptic
-    from clplen.lightfield.raw.lenslet_grid import LensletGrid
-    from clplen.lightfield.raw.raw_image import RawImage
-    from clplen.wave.coherence.averaging import Averaging
-    from clplen.wave.coherence.coherence import Coherence
+from clplen.cameras.optics.camera_aberrations import slopes
+from clplen.cameras.optics.ray_optics import RayOptics, check_in_view, raw_image, view_step
+from clplen.cameras.scenes.ground_truth import Truth
+from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources, Source
+from clplen.cameras.scenes.surface_scene import (
+    FAR,
+    MARGIN,
+    SurfaceScene,
+    SurfaceTables,
+    centre_truth,
+    surface_tables,
+)
+from clplen.lightfield.raw.lenslet_grid import LensletGrid
+from clplen.lightfield.raw.raw_image import RawImage
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -33,7 +34,7 @@ ALL_RAYS = 2**23  # of a scene of points, shared among them
 BATCH = 2**20
 
 
-def expose_rays(camera: Plenoptic, scene: Any) -> RawImage:
+def expose_rays(optics: RayOptics, scene: SurfaceScene | Sequence[Source]) -> RawImage:
     """The raw image of a scene by geometrical optics.
 
     A ray from u on the main lens through x on the array meets the sensor at z3 (x - u)/z2 -
@@ -44,8 +45,8 @@ def expose_rays(camera: Plenoptic, scene: Any) -> RawImage:
 
     Parameters
     ----------
-    camera : Plenoptic
-    scene : SurfaceScene, PointSources, PicturePlane or list of the latter two
+    optics : RayOptics
+    scene : SurfaceScene or sequence of PointSources and PicturePlane
         Of a `SurfaceScene`, Y and X count rows and columns of lenslets from the middle of the
         array and d is the disparity of the light field that the raw image decodes to; its
         brightness 1, seen through the whole lenslet and within the main lens, is 1 in the raw
@@ -54,80 +55,54 @@ def expose_rays(camera: Plenoptic, scene: Any) -> RawImage:
     Returns
     -------
     RawImage
-        With ``truth`` for a `SurfaceScene`: on the lattice of the light field, z in metres.
+        Without its camera; with ``truth`` for a `SurfaceScene`: on the lattice of the light field,
+        z in metres.
 
     Raises
     ------
-    TypeError
-        If the scene is none of these.
     ValueError
-        If a part of it is a slide, lies behind the lens, or is a plane seen edge-on, or a
+        If a source is a slide, lies behind the lens, or is a plane seen edge-on, or a
         `SurfaceScene` is seen through lenses with wavefronts of their own.
     SamplingError
         If a point is imaged beyond the array.
     """
     if isinstance(scene, SurfaceScene):
-        return _surfaces(camera, scene)
-    image = np.zeros(camera.grid.shape)
-    members = parts(scene)
-    for part in members:
-        if isinstance(part, PicturePlane) and part.is_slide:
+        return _surfaces(optics, scene)
+    image = np.zeros(optics.grid.shape)
+    for source in scene:
+        if isinstance(source, PicturePlane) and source.is_slide:
             raise ValueError(
                 "A picture with mode='transmission' is lit by waves: use model='waves', or "
                 "mode='emission' for a self-luminous one."
             )
-    sources = [part if isinstance(part, PointSources) else part.points() for part in members]
-    for source in sources:
-        geometry.check_place(camera, source)
-    share = ALL_RAYS // max(1, sum(len(source) for source in sources))
+    points = [s if isinstance(s, PointSources) else s.points() for s in scene]
+    for source in points:
+        check_in_view(optics, source.positions)
+    share = ALL_RAYS // max(1, sum(len(source) for source in points))
     count = min(MOST_RAYS, max(LEAST_RAYS, share))
-    for source in sources:
-        _add_points(image, camera, source, count)
-    return geometry.raw_image(camera, camera.device.upload(image.astype(np.float32)))
-
-
-def is_rays(model: str, scene: Any, coherence: Coherence | None, how: Averaging) -> bool:
-    """Whether a raw image is to be found by rays.
-
-    Raises
-    ------
-    ValueError
-        If the model is unknown, or does not know the scene or what it is asked for.
-    """
-    if model not in ("waves", "rays"):
-        raise ValueError(f"model is 'waves' or 'rays', not {model!r}.")
-    if model == "waves" and isinstance(scene, SurfaceScene):
-        raise ValueError(
-            "A SurfaceScene is exposed by rays: give model='rays'. Waves take PointSources and "
-            "PicturePlanes, which hide nothing of each other."
-        )
-    words = (coherence, how.snapshots, how.rtol, how.region, how.checkpoint)
-    if model == "rays" and any(word is not None for word in words):
-        raise ValueError(
-            "coherence, snapshots, rtol, region and checkpoint are for model='waves': rays are "
-            "incoherent and exact at once."
-        )
-    return model == "rays"
+    for source in points:
+        _add_points(image, optics, source, count)
+    return raw_image(optics, optics.device.upload(image.astype(np.float32)))
 
 
 # Surfaces: every pixel looks back through its lenslets
 
 
-def _surfaces(camera: Plenoptic, scene: SurfaceScene) -> RawImage:
+def _surfaces(optics: RayOptics, scene: SurfaceScene) -> RawImage:
     """The raw image and the truth of a scene of surfaces."""
-    device, mla = camera.device, camera.mla
-    if camera.aberrations.bends_main_lens or camera.aberrations.bends_lenslets:
+    device, mla = optics.device, optics.mla
+    if optics.aberrations.bends_main_lens or optics.aberrations.bends_lenslets:
         raise ValueError(
             "Rays of a SurfaceScene know no wavefronts of the lenses: of the camera's aberrations "
             "keep sensor_shift only, or expose points and pictures."
         )
-    raw = geometry.raw_image(camera, device.empty(camera.grid.shape, np.float32))
-    step = geometry.view_step(camera)
-    radius, aspect = camera.aperture_diameter / 2 / step, mla.pitch / mla.row_pitch
-    blurs = _gains(camera)[:, None] * (mla.row_pitch / step, mla.pitch / step)
+    raw = raw_image(optics, device.empty(optics.grid.shape, np.float32))
+    step = view_step(optics)
+    radius, aspect = optics.aperture_diameter / 2 / step, mla.pitch / mla.row_pitch
+    blurs = _gains(optics)[:, None] * (mla.row_pitch / step, mla.pitch / step)
     blur = np.abs(blurs).max(axis=0)
-    scene.check_views(*view_reach(camera))
-    tables = tracing.tables(scene, device)
+    scene.check_views(*view_reach(optics))
+    tables = surface_tables(scene, device)
     grid = raw.sub_images
     size = (math.hypot(*grid.row_step), math.hypot(*grid.column_step))  # pixels a sub-image
     samples = sample_rays(mla, count=SAMPLES)
@@ -135,14 +110,14 @@ def _surfaces(camera: Plenoptic, scene: SurfaceScene) -> RawImage:
     defines = {"TYPES": len(blurs), "TYPE_STEP": mla.type_step}
     defines |= {"HEXAGONAL": True} if mla.lattice == "hexagonal" else {}
     numbers = (radius, aspect, grid.odd_row_shift, scene.background)
-    counts = (reach, len(samples), *mla.count, tables.count, *camera.grid.shape, scene.channels)
+    counts = (reach, len(samples), *mla.count, tables.count, *optics.grid.shape, scene.channels)
     device.launch_rows(
         device.kernel("rays.cl", "expose", **defines),
-        camera.grid.shape,
+        optics.grid.shape,
         raw.data,
         *tables.all(),
-        device.upload(lenslet_bounds(scene, mla.count, view_reach(camera)[1], aspect)),
-        *_pixel_tables(camera, grid),
+        device.upload(lenslet_bounds(scene, mla.count, view_reach(optics)[1], aspect)),
+        *_pixel_tables(optics, grid),
         device.upload(samples),
         np.array(size, np.float32),
         device.upload(blurs.astype(np.float32)),
@@ -150,37 +125,37 @@ def _surfaces(camera: Plenoptic, scene: SurfaceScene) -> RawImage:
         *(np.float32(number) for number in numbers),
         *(np.int32(number) for number in counts),
     )
-    return replace(raw, truth=_truth(camera, tables))
+    return replace(raw, truth=_truth(optics, tables))
 
 
-def view_reach(camera: Plenoptic) -> tuple[float, float]:
+def view_reach(optics: RayOptics) -> tuple[float, float]:
     """How far from the centre view rays through a camera go, (down, right), in view steps.
 
     Those of a pixel and a lenslet that pass the main lens, and those beside it, which are traced.
     """
-    mla, step = camera.mla, geometry.view_step(camera)
-    lenslet = mla.pitch / step * max(1.0, float(np.abs(_gains(camera)).max()))
-    widest = camera.aperture_diameter / 2 / step + 1 + lenslet
+    mla, step = optics.mla, view_step(optics)
+    lenslet = mla.pitch / step * max(1.0, float(np.abs(_gains(optics)).max()))
+    widest = optics.aperture_diameter / 2 / step + 1 + lenslet
     return widest * mla.pitch / mla.row_pitch, widest
 
 
-def _gains(camera: Plenoptic) -> Vector:
+def _gains(optics: RayOptics) -> Vector:
     """g of each kind of lenslets: how u on the main lens moves with the place in a lenslet.
 
     From the pixel e of a sub-image u = g xi - z2 e/z3, g = 1 + z2/z3 - z2/f, 1 less with a field
-    lens; 1 for a 1.0 camera and -F/a for a 2.0 camera.
+    lens; 1 for a 1.0 camera and -F/a for a 2.0 optics.
     """
-    z2, z3 = camera.array_distance, camera.sensor_distance
-    bent = z2 * (1 / z3 - 1 / np.array(camera.mla.focal_lengths))
-    return np.asarray(bent if camera.field_lens else 1 + bent)
+    z2, z3 = optics.array_distance, optics.sensor_distance
+    bent = z2 * (1 / z3 - 1 / np.array(optics.mla.focal_lengths))
+    return np.asarray(bent if optics.field_lens else 1 + bent)
 
 
-def _truth(camera: Plenoptic, tables: tracing.Tables) -> Truth:
-    """On the lattice of the lenslets, with z by the camera."""
-    found = tracing.truth(tables, camera.mla.count)
-    beta = 1 - found.disparity * (camera.mla.pitch / geometry.view_step(camera))
-    alpha = beta * (camera.image_distance / camera.array_distance)
-    return replace(found, z=np.asarray(camera.dz(alpha), np.float32))
+def _truth(optics: RayOptics, tables: SurfaceTables) -> Truth:
+    """On the lattice of the lenslets, with z by the optics."""
+    found = centre_truth(tables, optics.mla.count)
+    beta = 1 - found.disparity * (optics.mla.pitch / view_step(optics))
+    alpha = beta * (optics.image_distance / optics.array_distance)
+    return replace(found, z=np.asarray(optics.dz(alpha), np.float32))
 
 
 def sample_rays(mla: Any, *, count: int) -> np.ndarray[Any, np.dtype[np.float32]]:
@@ -226,59 +201,59 @@ def lenslet_bounds(
     for i, one in enumerate(scene.surfaces):
         points = one.bounds()
         if points is None:
-            found[i] = (-tracing.FAR, tracing.FAR) * 2
+            found[i] = (-FAR, FAR) * 2
             continue
         for axis, reach in ((0, widest * aspect), (1, widest)):
             middle = (count[axis] - 1) / 2
-            spread = np.abs(points[:, 2]).max() * reach + tracing.MARGIN
+            spread = np.abs(points[:, 2]).max() * reach + MARGIN
             low, high = points[:, axis].min() - spread, points[:, axis].max() + spread
             found[i, 2 * axis : 2 * axis + 2] = (low + middle, high + middle)
-    return np.clip(found, -tracing.FAR, tracing.FAR).astype(np.int32)
+    return np.clip(found, -FAR, FAR).astype(np.int32)
 
 
-def _pixel_tables(camera: Plenoptic, grid: LensletGrid) -> tuple[cla.Array, ...]:
+def _pixel_tables(optics: RayOptics, grid: LensletGrid) -> tuple[cla.Array, ...]:
     """(row, column) among the sub-images that y and x of a pixel add, as whole and part."""
     to_index = np.linalg.inv(np.column_stack([grid.row_step, grid.column_step]))
-    ny, nx = camera.grid.shape
+    ny, nx = optics.grid.shape
     rows = (np.arange(ny)[:, None] - grid.first[0]) * to_index[:, 0]
     columns = (np.arange(nx)[:, None] - grid.first[1]) * to_index[:, 1]
     found = []
     for places in (rows, columns):
         whole = np.rint(places)
         found += [whole.astype(np.int32), (places - whole).astype(np.float32)]
-    return tuple(camera.device.upload(table) for table in found)
+    return tuple(optics.device.upload(table) for table in found)
 
 
 # Points: rays from each of them to the sensor
 
 
-def _add_points(image: Vector, camera: Plenoptic, source: PointSources, count: int) -> None:
+def _add_points(image: Vector, optics: RayOptics, source: PointSources, count: int) -> None:
     """Add the rays of points, ``count`` each, to an image."""
     spread = _spread(count, 4)
     turns = _spread(len(source), 4)
-    places = camera.on_array(source.positions)[:, ::-1]  # (y, x)
-    scale = np.abs(camera.array_scale(source.positions[:, 2]))
-    beta = np.atleast_1d(camera.array_alpha(source.positions[:, 2]))
-    images = camera.image_of(source.positions)[:, ::-1]
+    places = optics.on_array(source.positions)[:, ::-1]  # (y, x)
+    scale = np.abs(optics.array_scale(source.positions[:, 2]))
+    beta = np.atleast_1d(optics.array_alpha(source.positions[:, 2]))
+    images = optics.image_of(source.positions)[:, ::-1]
     step = max(1, BATCH // count)
     for first in range(0, len(source), step):
         part = slice(first, first + step)
         sample = (spread[None] + turns[part, None]) % 1
         on_disc = _disc(sample[..., :2])
-        u = on_disc * camera.aperture_diameter / 2
+        u = on_disc * optics.aperture_diameter / 2
         moved = _disc(sample[..., 2:]) * (source.diameter / 2 * scale[part])[:, None, None]
         x = places[part, None] + moved + u * (1 - beta[part])[:, None, None]
-        x += camera.array_distance * _main_slopes(camera, on_disc, images[part])
+        x += optics.array_distance * _main_slopes(optics, on_disc, images[part])
         energy = np.broadcast_to((source.power[part] / count)[:, None], u.shape[:2])
-        _deposit(image, camera, x.reshape(-1, 2), u.reshape(-1, 2), energy.ravel())
+        _deposit(image, optics, x.reshape(-1, 2), u.reshape(-1, 2), energy.ravel())
 
 
-def _main_slopes(camera: Plenoptic, on_disc: Vector, images: Vector) -> Any:
+def _main_slopes(optics: RayOptics, on_disc: Vector, images: Vector) -> Any:
     """Slopes (y, x) that the main lens' wavefront adds to rays, shape of ``on_disc`` or 0."""
-    aberrations = camera.aberrations
+    aberrations = optics.aberrations
     if not aberrations.bends_main_lens:
         return 0.0
-    radius = camera.aperture_diameter / 2
+    radius = optics.aperture_diameter / 2
     found = [
         np.stack(slopes(aberrations.main_terms(*place), *np.moveaxis(disc, -1, 0)), axis=-1)
         for disc, place in zip(on_disc, images, strict=True)
@@ -286,27 +261,27 @@ def _main_slopes(camera: Plenoptic, on_disc: Vector, images: Vector) -> Any:
     return np.stack(found) / radius
 
 
-def _deposit(image: Vector, camera: Plenoptic, x: Vector, u: Vector, energy: Vector) -> None:
+def _deposit(image: Vector, optics: RayOptics, x: Vector, u: Vector, energy: Vector) -> None:
     """Add rays from u on the lens to x on the array to the pixels that they meet, in place."""
-    bend, passes = _lenslet_bend(camera, x)
-    slope = ((0.0 if camera.field_lens else x) - u) / camera.array_distance
-    at = x + camera.sensor_distance * (slope + bend)
-    ny, nx = camera.grid.shape
-    place = np.rint((at - camera.grid.origin) / camera.grid.pitch).astype(np.int64)
+    bend, passes = _lenslet_bend(optics, x)
+    slope = ((0.0 if optics.field_lens else x) - u) / optics.array_distance
+    at = x + optics.sensor_distance * (slope + bend)
+    ny, nx = optics.grid.shape
+    place = np.rint((at - optics.grid.origin) / optics.grid.pitch).astype(np.int64)
     place += (ny // 2, nx // 2)
     passes &= ((place >= 0) & (place < (ny, nx))).all(axis=-1)
     index = place[passes] @ (nx, 1)
     image += np.bincount(index, energy[passes], ny * nx).reshape(ny, nx)
 
 
-def _lenslet_bend(camera: Plenoptic, x: Vector) -> tuple[Vector, Any]:
+def _lenslet_bend(optics: RayOptics, x: Vector) -> tuple[Vector, Any]:
     """Slopes (y, x) that lenslets add at places (y, x) on the array; whether light passes there."""
-    mla = camera.mla
+    mla = optics.mla
     cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
     turned = np.array([[cos, -sin], [sin, cos]])  # (y, x) of the array from those of the lattice
     lenslet, from_centre, inside = _nearest_lenslet(mla, (x - mla.offset) @ turned.T)
-    if camera.aberrations.bends_lenslets:
-        errors = camera.aberrations.lenslet_errors(mla)
+    if optics.aberrations.bends_lenslets:
+        errors = optics.aberrations.lenslet_errors(mla)
         bend = np.stack(errors.bend(lenslet, *from_centre.T), axis=-1)
     else:
         bend = -from_centre / np.asarray(mla.focal_lengths)[mla.types().ravel()[lenslet], None]

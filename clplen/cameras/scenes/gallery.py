@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from clplen.cameras.outlines import Bars, Ellipse, Pair, Polygon, rectangle
-from clplen.cameras.surfaces import Plane, Sphere, Spot, SurfaceScene
-from clplen.cameras.textures import Texture, bricks, checker, noise, picture
+from clplen.cameras.scenes.outlines import Bars, Ellipse, Pair, Polygon, rectangle
+from clplen.cameras.scenes.surface_scene import SurfaceScene
+from clplen.cameras.scenes.surfaces import Plane, Sphere, Spot
+from clplen.cameras.scenes.textures import Texture, bricks, checker, noise, picture
 
 Random = np.random.Generator
 NOISES = (0.0, 0.01, 0.02, 0.05)  # fractions of white, in turn
@@ -186,9 +187,8 @@ def _spheres(s: Studio) -> list[Any]:
     for _ in range(6):
         radius = s.uniform(0.15, 0.45) * s.unit
         height = s.uniform(0.4, 1.2)
-        found.append(
-            Sphere(s.place(), radius, d=s.uniform(-0.7, 0.6), height=height, texture=s.texture())
-        )
+        centre, rim = s.place(), s.uniform(-0.7, 0.6)
+        found.append(Sphere(centre, radius, disparity=rim, height=height, texture=s.texture()))
     return found
 
 
@@ -282,9 +282,10 @@ def _room(s: Studio) -> list[Any]:
     table = rectangle((0.55 * s.unit, s.uniform(-0.3, 0.3) * s.unit), (0.3 * s.unit, s.unit))
     found.append(Plane(-0.6, (1.4 / s.unit, 0.0), texture=s.texture(), outline=table))
     place = s.place(0.5)
-    lamp = Spot((place[0] - 0.05 * s.unit, place[1]), 0.04 * s.unit, strength=0.4, d=-0.3)
+    lamp = Spot((place[0] - 0.05 * s.unit, place[1]), 0.04 * s.unit, strength=0.4, disparity=-0.3)
     found.append(
-        Sphere(place, 0.2 * s.unit, d=0.2, height=0.6, texture=s.texture(0.04), spots=[lamp])
+        Sphere(place, 0.2 * s.unit, disparity=0.2, height=0.6, texture=s.texture(0.04),
+               spots=[lamp])
     )
     return found
 
@@ -295,8 +296,8 @@ def _glossy(s: Studio) -> list[Any]:
         Y, X = one.centre
         moved = 0.3 * one.radius
         lamp = Spot((Y - moved, X - moved), 0.1 * one.radius, strength=0.6,
-                    d=one.d + s.uniform(-1, 0.5))  # fmt: skip
-        found[number] = Sphere(one.centre, one.radius, d=one.d, height=one.height,
+                    disparity=one.disparity + s.uniform(-1, 0.5))  # fmt: skip
+        found[number] = Sphere(one.centre, one.radius, disparity=one.disparity, height=one.height,
                                texture=s.texture(0.05), spots=[lamp])  # fmt: skip
     return found
 

@@ -6,19 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from clplen.cameras.scene import PointSources
 from clplen.compute.device import Device
 from clplen.errors import DeviceError
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.transmission import phasor, split
+
+Positions = np.ndarray[Any, np.dtype[np.float64]]
 
 LARGEST_RESIDUAL = 2.0  # turns; float32 is then right to 5e-6 rad
 STEP = 1e-2  # of the table of 2 J1(v)/v; cubic Hermite interpolation is then right to 3e-12
 
 
 def pupil_fields(
-    sources: PointSources,
-    chosen: slice,
+    positions: Positions,
+    diameter: float = 0.0,
     *,
     grid: Grid,
     object_distance: float,
@@ -27,16 +28,18 @@ def pupil_fields(
     wavelength: float,
     device: Device,
 ) -> Field:
-    """Fields right behind a thin lens with a circular aperture, one for each chosen source.
+    """Fields right behind a thin lens with a circular aperture, one for each source.
 
     An exact spherical wave from the source, times 2 J1(v)/v, v = pi d rho/(lam z), for a uniform
     coherent disc of diameter d (Goodman 2005, eq. 4-31), times aperture and lens.
 
     Parameters
     ----------
-    sources : PointSources
-    chosen : slice
-        Which of them.
+    positions : numpy.ndarray
+        (x, y, dz) of the sources in metres from the axis point of the focused object plane, shape
+        (n, 3).
+    diameter : float
+        Of each source, in metres; 0 is a point.
     grid : Grid
         In the plane of the lens.
     object_distance : float
@@ -55,15 +58,14 @@ def pupil_fields(
     DeviceError
         If a source is so near that its phase needs double precision and the device has none.
     """
-    places = sources.positions[chosen]
     y, x = grid.y, grid.x
-    z = object_distance + places[:, 2]
+    z = object_distance + positions[:, 2]
     ty, tx = (
-        _quadratic_phasors(axis, places[:, column], z, focal_length, wavelength, device)
+        _quadratic_phasors(axis, positions[:, column], z, focal_length, wavelength, device)
         for axis, column in ((y, 1), (x, 0))
     )
-    scale = np.pi * sources.diameter / (wavelength * z)
-    reach = np.hypot(*(aperture_diameter / 2 + np.abs(places[:, :2]).max(axis=0)))
+    scale = np.pi * diameter / (wavelength * z)
+    reach = np.hypot(*(aperture_diameter / 2 + np.abs(positions[:, :2]).max(axis=0)))
     table, per_step = _disc_table(float(scale.max() * reach), device)
     defines = device.wave_defines() | _residual_route(reach, z.min(), wavelength, device)
     feet = np.stack([*split(z, device.real).T, scale, np.zeros_like(z)], axis=-1)
@@ -80,8 +82,8 @@ def pupil_fields(
         np.int32(len(table) - 1),
         real(per_step),
         split(wavelength, device.real),
-        device.upload(split(y[None, :] - places[:, 1:2], device.real)),
-        device.upload(split(x[None, :] - places[:, 0:1], device.real)),
+        device.upload(split(y[None, :] - positions[:, 1:2], device.real)),
+        device.upload(split(x[None, :] - positions[:, 0:1], device.real)),
         device.upload(y.astype(device.real)),
         device.upload(x.astype(device.real)),
         real(aperture_diameter / 2),

@@ -1,0 +1,134 @@
+"""Transparent pictures before a camera: lit by partially coherent light, one field a snapshot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from clplen.cameras.optics.wave_optics import WaveOptics, padded_shape
+from clplen.cameras.scenes.scene_sources import PicturePlane
+from clplen.lightfield.raw.raw_image import Exposure
+from clplen.wave.coherence.averaging import Averaging, Progress
+from clplen.wave.coherence.coherence import Coherence
+from clplen.wave.coherence.coherence_plan import Opening, check_opening
+from clplen.wave.elements.lens import thin_lens
+from clplen.wave.elements.transparency import transparency
+from clplen.wave.field.field import Field
+from clplen.wave.field.intensity import MeanIntensity
+
+MASK_TRANSFORMS = 2  # of the field of a random source
+
+
+@dataclass(frozen=True)
+class SlidePath:
+    """From a slide to the sensor of a camera, as a system for `Coherence.average`.
+
+    Attributes
+    ----------
+    optics : WaveOptics
+    dz : float
+        Of the slide, in metres from the focused plane.
+    koehler : bool
+        Whether the light converges on the main lens.
+    padding : tuple of int
+        Of the ways to the array and to the sensor; to the lens 1 with ``koehler``, whose light
+        stays in the window, else 2.
+    """
+
+    optics: WaveOptics
+    dz: float
+    koehler: bool
+    padding: tuple[int, int]
+
+    @property
+    def z(self) -> float:
+        """From the slide to the main lens in metres."""
+        return self.optics.object_distance + self.dz
+
+    def __call__(self, lit: Field) -> Field:
+        """The field on the sensor of a slide that is lit, at the field's wavelength."""
+        optics = replace(self.optics, wavelength=lit.wavelength)
+        if self.koehler:
+            lit = thin_lens(lit, self.z)
+        at_lens = optics.propagator(self.z, "blas", 1 if self.koehler else 2)(lit)
+        pupil = thin_lens(at_lens, optics.focal_length, diameter=optics.aperture_diameter)
+        pupil = optics.behind_main_lens(pupil)
+        at_array = optics.array_field(pupil, pad=self.padding[0])
+        return optics.sensor_field(at_array, pad=self.padding[1])
+
+
+def _slide_path(optics: WaveOptics, plane: PicturePlane, koehler: bool) -> SlidePath:
+    """The path of a slide's light, padded where it would leave the window.
+
+    Raises
+    ------
+    ValueError
+        If the main lens' wavefront changes over the field.
+    """
+    if optics.aberrations.varies:
+        raise ValueError(
+            "The light of a slide is one field, whose points have no wavefronts of their own: "
+            "leave main_lens_field out, or use mode='emission'."
+        )
+    return SlidePath(optics, plane.z, koehler, optics.padding(plane.corners().positions))
+
+
+def slide_field(optics: WaveOptics, plane: PicturePlane) -> Field:
+    """The amplitude transmission of a slide on the grid of a camera.
+
+    Its square root is scaled so that a clear sample of the slide, lit by unit intensity, has the
+    energy 1.
+
+    Parameters
+    ----------
+    optics : WaveOptics
+    plane : PicturePlane
+
+    Returns
+    -------
+    Field
+        Shape of the camera's grid.
+    """
+    grid, device = optics.grid, optics.device
+    unit = np.full(grid.shape, grid.pitch[1] / plane.pitch)
+    clear = Field.from_array(unit, grid, wavelength=optics.wavelength, device=device)
+    return transparency(clear, np.sqrt(plane.image), pitch=plane.pitch)
+
+
+def light_slide(
+    optics: WaveOptics,
+    slide: PicturePlane,
+    light: Coherence,
+    koehler: bool,
+    averaging: Averaging,
+    progress: Progress | None,
+) -> tuple[MeanIntensity, Exposure]:
+    """The raw image of one slide, and how it was found."""
+    path, field = _slide_path(optics, slide, koehler), slide_field(optics, slide)
+    if light.spatial is not None:
+        focus = path.z if koehler else math.inf
+        check_opening(field, light.spatial, Opening(path.z, optics.aperture_diameter, focus))
+    mean = light.average(
+        path, field, snapshots=averaging.snapshots, rtol=averaging.rtol, region=averaging.region,
+        checkpoint=averaging.checkpoint, progress=progress, method="monte-carlo",
+    )  # fmt: skip
+    return mean, _report(path, mean, light, len(light.lines(optics.wavelength)))
+
+
+def _report(path: SlidePath, mean: MeanIntensity, coherence: Coherence, lines: int) -> Exposure:
+    """How a slide was exposed."""
+    fields = mean.snapshots * lines if coherence.is_random else lines
+    shape = path.optics.grid.shape
+    counts: dict[tuple[int, int], int] = {}
+    for pad in (1 if path.koehler else 2, *path.padding):
+        size = padded_shape(shape, pad)
+        counts[size] = counts.get(size, 0) + 2 * fields
+    if coherence.is_random:
+        counts[shape] = counts.get(shape, 0) + MASK_TRANSFORMS * fields
+    transforms = tuple((count, size) for size, count in counts.items())
+    error = mean.standard_error if coherence.is_random else None
+    number = mean.snapshots if coherence.is_random else None
+    route = "snapshots" if coherence.is_random else "coherent"
+    return Exposure(route, transforms, 0.0, number, error, mean.relative_error if number else None)

@@ -1,0 +1,348 @@
+"""Raw images by wave optics: energies of points, pictures and slides added on the sensor.
+
+Sources that shine by themselves are incoherent from point to point, and have two routes. "points":
+one field for each point, four Fourier transforms each. "isoplanatic": a picture from patterns
+simulated at a few positions (pattern_lattice.py, isoplanatic.py), as many for any number of
+samples; its error is measured at a few of the picture's samples, exposed one by one. Slides are lit
+by coherent light, one field a snapshot (slides.py).
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.cameras.exposure.isoplanatic import Layout, layout, raw_patterns
+from clplen.cameras.exposure.slides import light_slide
+from clplen.cameras.optics.ray_optics import raw_image
+from clplen.cameras.optics.wave_optics import WaveOptics, padded_shape
+from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources, Source
+from clplen.compute.arrays import Image
+from clplen.compute.device import Device
+from clplen.errors import SamplingWarning
+from clplen.lightfield.raw.raw_image import Exposure, RawImage, Transforms
+from clplen.wave.coherence.averaging import Averaging, Progress
+from clplen.wave.coherence.coherence import Coherence
+from clplen.wave.coherence.spatial_models import LARGEST_SEED
+from clplen.wave.field.field import row_powers
+from clplen.wave.field.intensity import accumulate, add_scaled, average_of
+
+Method = Literal["auto", "points", "isoplanatic"]
+METHODS = ("auto", "points", "isoplanatic")
+NOTABLE = 0.01  # measured error that is said aloud
+AFFORDABLE = 5e11  # operations that "auto" spends on exactness: half a minute on two cores
+WORTH = 2  # times fewer operations, from which "auto" gives up exactness beyond that
+BATCH_BYTES = 2**28  # of fields that travel through the camera together
+APART = 2**40  # seeds of the light on two slides of a scene
+
+
+@dataclass(frozen=True)
+class Light:
+    """The light that a camera exposes by.
+
+    Attributes
+    ----------
+    coherence : Coherence or None
+        Its spectrum holds for every source, its spatial model for slides; None is the camera's
+        wavelength.
+    koehler : bool
+        Whether the light behind a slide converges on the main lens.
+    averaging : Averaging
+        Of the slides' snapshots.
+    """
+
+    coherence: Coherence | None
+    koehler: bool
+    averaging: Averaging
+
+    def lines(self, wavelength: float) -> Sequence[tuple[float, float]]:
+        """Wavelengths and their shares of the energy."""
+        return [(wavelength, 1.0)] if self.coherence is None else self.coherence.lines(wavelength)
+
+    def on_slide(self, number: int) -> Coherence:
+        """The light on one of the slides, independent of that on the others."""
+        assert self.coherence is not None  # `check` refuses a slide without
+        seed = (self.coherence.seed + number * APART) % (LARGEST_SEED + 1)
+        return replace(self.coherence, seed=seed)
+
+    def check(self, slides: int) -> None:
+        """Refuse slides without light, light without a slide, one checkpoint for two slides.
+
+        Raises
+        ------
+        ValueError
+            Saying which, and what would do.
+        """
+        coherence, averaging = self.coherence, self.averaging
+        if slides and coherence is None:
+            raise ValueError(
+                "A picture with mode='transmission' needs light that falls on it: give "
+                "coherence=, such as Coherence() for a plane wave, or use mode='emission' for a "
+                "self-luminous one."
+            )
+        if coherence is not None and coherence.spatial is not None and not slides:
+            raise ValueError(
+                "Point sources and self-luminous pictures are incoherent already; a spatial model "
+                "of coherence lights pictures with mode='transmission'. Leave it out: "
+                "Coherence(None, spectrum)."
+            )
+        options = (
+            averaging.snapshots, averaging.rtol, averaging.region, averaging.checkpoint
+        )  # fmt: skip
+        if not slides and any(option is not None for option in options):
+            raise ValueError(
+                "snapshots, rtol, region and checkpoint are for pictures with mode='transmission'; "
+                "this scene has none."
+            )
+        if slides > 1 and averaging.checkpoint is not None:
+            raise ValueError("A checkpoint serves one slide: expose several one by one.")
+
+
+def expose_waves(
+    optics: WaveOptics,
+    sources: Sequence[Source],
+    light: Light,
+    *,
+    method: Method,
+    progress: Progress | None,
+) -> RawImage:
+    """The raw image of points, self-luminous pictures and slides.
+
+    Parameters
+    ----------
+    optics : WaveOptics
+    sources : sequence of PointSources and PicturePlane
+    light : Light
+    method : {"auto", "points", "isoplanatic"}
+        Route of the self-luminous pictures; "auto" leaves the exact one, "points", where it is not
+        affordable and the other takes less than half as many operations.
+    progress : callable or None
+        Called as ``progress(done, total)`` after each batch of fields and each snapshot, from 0
+        again for each source.
+
+    Returns
+    -------
+    RawImage
+        float32, without its camera; ``exposure`` says how it was found.
+
+    Raises
+    ------
+    SamplingError, ValueError, FormatError, DeviceError
+        As `Plenoptic.expose`.
+    """
+    if light.coherence is not None:
+        average_of(light.coherence)
+    if method not in METHODS:
+        raise ValueError(f"method is 'auto', 'points' or 'isoplanatic', not {method!r}.")
+    slides = [s for s in sources if isinstance(s, PicturePlane) and s.is_slide]
+    emitters = [s for s in sources if s not in slides]
+    light.check(len(slides))
+    lines = light.lines(optics.wavelength)
+    colours = [replace(optics, wavelength=wavelength) for wavelength, _ in lines]
+    for source in sources:
+        points = source if isinstance(source, PointSources) else source.corners()
+        for colour in colours:
+            colour.check_positions(points.positions)
+    total: cla.Array | None = None
+    reports = []
+    for number, slide in enumerate(slides):
+        mean, report = light_slide(
+            optics, slide, light.on_slide(number), light.koehler, light.averaging, progress
+        )
+        total = _added(total, mean.intensity.data, 1.0, optics.device)
+        reports.append(report)
+    if emitters:
+        for colour, (_, share) in zip(colours, lines, strict=True):
+            image, report = _emit(colour, emitters, method, progress)
+            total = _added(total, image, share, optics.device)
+            reports.append(report)
+    assert total is not None  # a scene has a source
+    optics.device.finish()
+    data = total if total.dtype == np.float32 else total.astype(np.float32)
+    return replace(raw_image(optics, data), exposure=_joined(reports))
+
+
+def _added(total: cla.Array | None, picture: cla.Array, share: float, device: Device) -> cla.Array:
+    """A sum of pictures times their shares with one more; the first is taken as it is if whole."""
+    if total is None and share == 1:
+        return picture
+    if total is None:
+        total = device.zeros(picture.shape, picture.dtype)
+    add_scaled(total, picture, share, device)
+    return total
+
+
+def _emit(
+    optics: WaveOptics, sources: Sequence[Source], method: Method, progress: Progress | None
+) -> tuple[cla.Array, Exposure]:
+    """Energy of points and self-luminous pictures at one wavelength, and how it was found."""
+    layouts = [_layout(optics, source, method) for source in sources]
+    total = optics.device.zeros(optics.grid.shape, optics.device.real)
+    reports = []
+    for source, plan in zip(sources, layouts, strict=True):
+        if isinstance(source, PicturePlane) and plan is not None:
+            reports.append(_add_picture(optics, source, plan, total, progress))
+        else:
+            points = source if isinstance(source, PointSources) else source.points()
+            reports.append(_add_points(optics, points, total, progress))
+    optics.device.finish()
+    return total, _joined(reports)
+
+
+def _layout(optics: WaveOptics, source: Source, method: Method) -> Layout | None:
+    """The layout of a picture's patterns, or None for one field a point."""
+    if isinstance(source, PointSources) or method == "points":
+        return None
+    obstacle = _no_isoplanatic(optics)
+    if obstacle:
+        if method == "isoplanatic":
+            raise ValueError(f"{obstacle}: use method='points'.")
+        return None
+    plan = layout(optics, source)
+    exact = _operations(
+        _point_transforms(optics, source.corners(), int(np.count_nonzero(source.image)))
+    )
+    saved = exact > max(AFFORDABLE, WORTH * _operations(plan.transforms(optics.grid.shape)))
+    return plan if saved or method == "isoplanatic" else None
+
+
+def _no_isoplanatic(optics: WaveOptics) -> str:
+    """Why patterns do not repeat from lenslet to lenslet along rows; empty where they do."""
+    mla = optics.mla
+    if mla.rotation != 0:
+        return (
+            f"The array is turned by {mla.rotation:g} rad; method='isoplanatic' needs rows along x"
+        )
+    if len(mla.focal_lengths) > 1:
+        return "The lenslets differ in focal length; method='isoplanatic' needs equal ones"
+    if not optics.aberrations.scatter.is_none:
+        return "The lenslets scatter; method='isoplanatic' needs equal ones"
+    if optics.aberrations.varies:
+        return "The main lens' wavefront changes over the field, as method='isoplanatic' cannot"
+    return ""
+
+
+def _operations(transforms: Transforms) -> float:
+    """5 N log2 N for each Fourier transform."""
+    return sum(
+        count * 5 * math.prod(shape) * math.log2(max(2, math.prod(shape)))
+        for count, shape in transforms
+    )
+
+
+def _point_transforms(optics: WaveOptics, points: PointSources, count: int) -> Transforms:
+    pads = optics.padding(points.positions)
+    return tuple((2 * count, padded_shape(optics.grid.shape, pad)) for pad in pads)
+
+
+def _add_points(
+    optics: WaveOptics, points: PointSources, total: cla.Array, progress: Progress | None
+) -> Exposure:
+    """One field a point."""
+    to_array, to_sensor = optics.padding(points.positions)
+    widest = max(to_array, to_sensor) ** 2
+    step = _batch(optics, widest)
+    field_bytes = math.prod(optics.grid.shape) * optics.device.complex.itemsize
+    optics.device.require_memory(
+        (2 * widest + 2) * field_bytes * min(step, len(points)), "This exposure"
+    )
+    for start in range(0, len(points), step):
+        chosen = slice(start, min(start + step, len(points)))
+        pupil = optics.pupil(points.positions[chosen], points.diameter, whole=False)
+        energy = row_powers(pupil).sum(axis=-1)
+        at_array = optics.array_field(pupil, pad=to_array)
+        fields = optics.sensor_field(at_array, pad=to_sensor)
+        accumulate(total, fields.data, points.power[chosen] / energy, optics.device)
+        if progress is not None:
+            progress(chosen.stop, len(points))
+    return Exposure("points", _point_transforms(optics, points, len(points)), 0.0)
+
+
+def _batch(optics: WaveOptics, widest: int) -> int:
+    field_bytes = math.prod(optics.grid.shape) * optics.device.complex.itemsize
+    return max(1, int(BATCH_BYTES / (field_bytes * widest)))
+
+
+def _add_picture(
+    optics: WaveOptics,
+    plane: PicturePlane,
+    plan: Layout,
+    total: cla.Array,
+    progress: Progress | None,
+) -> Exposure:
+    """A picture from its patterns, its error from its probes' two images."""
+    step = _batch(optics, max(*plan.padding, plan.finer) ** 2)
+    optics.device.require_memory(plan.memory(optics, step), "This exposure")
+    chosen = _probes(plane, plan)
+    probes = np.zeros(plane.image.shape)
+    probes.ravel()[chosen] = 1
+    picture, seen = raw_patterns(optics, plane, plan, probes=probes, batch=step, progress=progress)
+    add_scaled(total, picture, 1.0, optics.device)
+    points = PointSources(plane.positions()[chosen])
+    exact = optics.device.zeros(optics.grid.shape, optics.device.real)
+    once = _add_points(optics, points, exact, None)
+    expected = optics.device.download(exact)
+    error = np.abs(optics.device.download(seen) - expected).max() / expected.max()
+    if error > NOTABLE:
+        warnings.warn(
+            f"The picture's patterns depart by {error:.2g} of the maximum from one field a sample: "
+            "its light is hardly sampled, or changes across the field. method='points' is exact, "
+            f"{np.count_nonzero(plane.image)} fields; finer pixels make both better.",
+            SamplingWarning,
+            stacklevel=5,
+        )
+    transforms = plan.transforms(optics.grid.shape) + once.transforms
+    return Exposure("isoplanatic", _merged(transforms), float(error))
+
+
+def _probes(plane: PicturePlane, plan: Layout) -> list[int]:
+    """Flat indices of samples: the brightest, the one farthest out, one far from all patches."""
+    lit = np.flatnonzero(plane.image)
+    iy, ix = np.unravel_index(lit, plane.image.shape)
+    first = plan.patches[0]
+    places = np.stack([first.y[iy], first.x[ix]], axis=-1) + first.centre
+    apart = np.min([np.hypot(patch.y[iy], patch.x[ix]) for patch in plan.patches], axis=0)
+    found = [int(plane.image.ravel()[lit].argmax()), int(np.hypot(*places.T).argmax())]
+    for n in found:
+        apart = np.minimum(apart, np.hypot(*(places - places[n]).T))
+    return [int(lit[n]) for n in sorted({*found, int(apart.argmax())})]
+
+
+def _merged(transforms: Transforms) -> Transforms:
+    """One entry for each shape."""
+    counts: dict[tuple[int, int], int] = {}
+    for n, shape in transforms:
+        counts[shape] = counts.get(shape, 0) + n
+    return tuple((n, shape) for shape, n in counts.items())
+
+
+def _joined(reports: list[Exposure]) -> Exposure:
+    """What several parts of a scene were exposed by; their errors as if they were independent."""
+    routes = sorted({report.route for report in reports})
+    transforms = _merged(tuple(pair for report in reports for pair in report.transforms))
+    numbers = [report.snapshots for report in reports if report.snapshots is not None]
+    relative = [report.relative_error for report in reports if report.relative_error is not None]
+    errors = [report.standard_error for report in reports if report.standard_error is not None]
+    return Exposure(
+        " + ".join(routes),
+        transforms,
+        max(report.error for report in reports),
+        max(numbers, default=None),
+        _joint_error(errors),
+        max(relative, default=None),
+    )
+
+
+def _joint_error(errors: list[Image]) -> Image | None:
+    """Standard error of a sum of independent images."""
+    if len(errors) < 2:
+        return errors[0] if errors else None
+    device = errors[0].device
+    squares = np.sum([error.to_numpy().astype(np.float64) ** 2 for error in errors], axis=0)
+    return Image(device.upload(np.sqrt(squares).astype(errors[0].data.dtype)), device)
