@@ -72,16 +72,16 @@ class Points:
         """The positive points but the weakest, which add up to at most ``tolerance``."""
         places = np.argwhere(source > 0)
         weights = source[source > 0]
-        kept, dropped = strongest(weights, tolerance)
-        return cls(places[kept], weights[kept], dropped)
+        selected, dropped = strongest(weights, tolerance)
+        return cls(places[selected], weights[selected], dropped)
 
     def lit(self, spectrum: Values, transfer: Values) -> Points:
         """Those whose light passes the pupil: all but `EMPTY` of sum_f' |O(f' - f) H(f')|^2."""
         power = np.abs(spectrum.astype(np.complex128)) ** 2
         passed = np.fft.fft2(np.abs(transfer) ** 2) * np.conj(np.fft.fft2(power))
         light = self.weights * np.maximum(np.fft.ifft2(passed).real, 0)[tuple(self.places.T)]
-        kept, _ = strongest(light, EMPTY * light.sum())
-        return Points(self.places[kept], self.weights[kept], self.dropped)
+        selected, _ = strongest(light, EMPTY * light.sum())
+        return Points(self.places[selected], self.weights[selected], self.dropped)
 
 
 @dataclass(frozen=True)
@@ -247,16 +247,16 @@ def _choose(
         raise ValueError(f"The tolerance is a part of the light, 0 to below 1, not {tolerance!r}.")
     if route not in ("auto", "points", "lags"):
         raise ValueError(f"The route is 'auto', 'points' or 'lags', not {route!r}.")
-    found: list[tuple[Points | Lags, float]] = []
+    candidates: list[tuple[Points | Lags, float]] = []
     if route != "lags":
         points = Points.of(source, tolerance)
         size = math.prod(Box.of(transfer).window)
         each = size * (5 * math.log2(max(size, 2)) + PER_SAMPLE)
-        found.append((points, len(points.weights) * each))
+        candidates.append((points, len(points.weights) * each))
     if route != "points":
         lags = Lags.of(source, tolerance)
-        found.append((lags, lag_flops(source.shape, len(lags.weights))))
-    return min(found, key=lambda one: one[1])
+        candidates.append((lags, lag_flops(source.shape, len(lags.weights))))
+    return min(candidates, key=lambda candidate: candidate[1])
 
 
 def _sum_of_images(spectrum: Any, transfer: Values, points: Points, device: Device) -> Values:
@@ -310,10 +310,10 @@ def _resampled(intensity: Values, shape: tuple[int, int]) -> Values:
 
 def _shortest(used: Values) -> tuple[int, int]:
     """First index and length of the shortest stretch of a periodic axis that holds all used."""
-    places = np.flatnonzero(used)
-    gaps = np.diff(places, append=places[0] + len(used))
+    indices = np.flatnonzero(used)
+    gaps = np.diff(indices, append=indices[0] + len(used))
     widest = int(np.argmax(gaps))
-    return int(places[(widest + 1) % len(places)]), len(used) - int(gaps[widest]) + 1
+    return int(indices[(widest + 1) % len(indices)]), len(used) - int(gaps[widest]) + 1
 
 
 def _image(values: Values, device: Device) -> Image:

@@ -161,9 +161,9 @@ def load(path: PathLike, setup: SetUp) -> State | None:
     target = check_writable(path)
     if not target.exists():
         return None
-    state, found = _read(target)
-    for name in dict.fromkeys([*setup, *found]):
-        then, now = found.get(name, "nothing"), setup.get(name, "nothing")
+    state, stored = _read(target)
+    for name in dict.fromkeys([*setup, *stored]):
+        then, now = stored.get(name, "nothing"), setup.get(name, "nothing")
         if then != now:
             raise FormatError(
                 f"The checkpoint {target} is of another set-up: its {name} is "
@@ -208,13 +208,13 @@ def _read(target: Path) -> tuple[State, dict[str, str]]:
                 float(heading["unit"]),
                 file["convergence"],
             )
-            whole = str(file["digest"]) == _digest(text, state)
-            known, found = heading["format"] == FORMAT, dict(heading["setup"])
+            intact = str(file["digest"]) == _digest(text, state)
+            known, stored = heading["format"] == FORMAT, dict(heading["setup"])
     except Exception as error:  # whatever a broken archive makes its readers say
         raise FormatError(f"{_damaged(target)}.") from error
-    if not (whole and known):
+    if not (intact and known):
         raise FormatError(_damaged(target) + ": its contents and their digest disagree")
-    return state, found
+    return state, stored
 
 
 def _damaged(target: Path) -> str:

@@ -223,15 +223,15 @@ class Coherence(OneLine):
         shares = [share for _, share in lines]
         self._check(system, objects)
         if self.spatial is None or not self.is_random:
-            lit = (system(self._lit(thing, 0)) for thing in objects)
+            lit = (system(self._lit(transmission, 0)) for transmission in objects)
             image, grid = weighted(lit, shares)
             Window.of(region, grid.shape)
             return without_noise(image, grid, "coherent", len(lines))
         if method != "monte-carlo":
             forced = method == "abbe"
-            found = sum_over_source(self.spatial, system, objects, shares, how, forced=forced)
-            if found is not None:
-                return found
+            exact = sum_over_source(self.spatial, system, objects, shares, how, forced=forced)
+            if exact is not None:
+                return exact
         return self._monte_carlo(system, objects, shares, how)
 
     @classmethod
@@ -254,19 +254,23 @@ class Coherence(OneLine):
         """Refuse light that the grid does not carry or that misses the system, at both ends."""
         if self.spatial is None:
             return
-        ends = {one.wavelength: one for one in sorted(objects, key=lambda one: one.wavelength)}
+        by_wavelength = sorted(objects, key=lambda transmission: transmission.wavelength)
+        ends = {transmission.wavelength: transmission for transmission in by_wavelength}
         for wavelength in dict.fromkeys([min(ends), max(ends)]):
             self.spatial.check(ends[wavelength].grid, wavelength=wavelength)
             check_reach(system, ends[wavelength], self.spatial)
 
-    def _lit(self, thing: Field, index: int) -> Field:
+    def _lit(self, transmission: Field, index: int) -> Field:
         """An object lit by one snapshot."""
         if self.spatial is None:
-            return thing
+            return transmission
         light = self.light(
-            thing.grid, wavelength=thing.wavelength, device=thing.device, index=index
+            transmission.grid,
+            wavelength=transmission.wavelength,
+            device=transmission.device,
+            index=index,
         )
-        return multiply(light, thing.data)
+        return multiply(light, transmission.data)
 
     def _monte_carlo(
         self, system: System, objects: list[Field], shares: list[float], how: Averaging
@@ -280,8 +284,8 @@ class Coherence(OneLine):
             if index in ahead:
                 return ahead.pop(index)
             fields = (
-                system(self._lit(thing, index * number + place))
-                for place, thing in enumerate(objects)
+                system(self._lit(transmission, index * number + line))
+                for line, transmission in enumerate(objects)
             )
             return next(fields) if number == 1 else weighted(fields, shares)[0].data
 
@@ -294,10 +298,10 @@ class Coherence(OneLine):
         return {
             "spatial model": fingerprint(self.spatial),
             "spectrum": fingerprint(self.spectrum),
-            "wavelengths": fingerprint([thing.wavelength for thing in objects]),
+            "wavelengths": fingerprint([transmission.wavelength for transmission in objects]),
             "seed": str(self.seed),
             "grid": fingerprint(first.grid),
-            "object": fingerprint([thing.to_numpy() for thing in objects]),
+            "object": fingerprint([transmission.to_numpy() for transmission in objects]),
             "system": fingerprint(system),
             "image grid": fingerprint(image.grid),
             "device": f"{first.device.name}, {first.device.driver}",
@@ -319,12 +323,16 @@ def _wavelength_of(field: Object, spectrum: Spectrum | None) -> float:
 
 
 def _object_at(field: Object, wavelength: float) -> Field:
-    thing = replace(field, wavelength=wavelength) if isinstance(field, Field) else field(wavelength)
-    if not isinstance(thing, Field):
-        raise TypeError(f"The object's function returns a Field, not {type(thing).__name__}.")
-    if len(thing.shape) != 2:
+    transmission = (
+        replace(field, wavelength=wavelength) if isinstance(field, Field) else field(wavelength)
+    )
+    if not isinstance(transmission, Field):
+        raise TypeError(
+            f"The object's function returns a Field, not {type(transmission).__name__}."
+        )
+    if len(transmission.shape) != 2:
         raise ShapeError(
             f"Partially coherent light illuminates one object of shape (ny, nx), not a batch of "
-            f"shape {thing.shape}."
+            f"shape {transmission.shape}."
         )
-    return replace(thing, wavelength=wavelength)
+    return replace(transmission, wavelength=wavelength)

@@ -173,28 +173,28 @@ def plan_coherence(
     if not isinstance(window, Grid):
         raise ValueError("Planning for a system without a grid of its own needs grid=.")
     if wavelength is None:
-        given = getattr(system, "wavelength", None) if spectrum is None else spectrum.centre
-        if given is None:
+        own = getattr(system, "wavelength", None) if spectrum is None else spectrum.centre
+        if own is None:
             raise ValueError("Planning needs wavelength= or spectrum=.")
-        wavelength = given
+        wavelength = own
     wavelength = check_wavelength(wavelength)
     fc = object_cutoff(system, wavelength)
-    wanted, least = AIRY / (iota * fc), LEAST_CELLS["square"]
-    ny, nx = (cells_along(window, axis, wanted, least=least, exactly=False) for axis in (0, 1))
+    target, least = AIRY / (iota * fc), LEAST_CELLS["square"]
+    ny, nx = (cells_along(window, axis, target, least=least, exactly=False) for axis in (0, 1))
     sides = (window.extent[0] / ny, window.extent[1] / nx)
-    p = max((side for side, n in zip(sides, window.shape, strict=True) if n > 1), default=wanted)
+    p = max((side for side, n in zip(sides, window.shape, strict=True) if n > 1), default=target)
     mask = RandomPhaseMask(sides, kind=kind)
     coherence = light(mask, spectrum, wavelengths=wavelengths, seed=seed)
     lines = coherence.lines(wavelength)
     reached = AIRY / (fc * p)
     table = _CONTRAST[kind, 1 if 1 in window.shape else 2]
     contrast = math.exp(np.interp(math.log(reached), np.log(_IOTA), np.log(table)))
-    one = contrast * math.sqrt(sum(share**2 for _, share in lines))
-    snapshots = max(1, math.ceil((one * snr) ** 2 * (1 - 1e-12)))
+    noise = contrast * math.sqrt(sum(share**2 for _, share in lines))
+    snapshots = max(1, math.ceil((noise * snr) ** 2 * (1 - 1e-12)))
     return CoherencePlan(
         coherence=coherence,
         snapshots=snapshots,
-        snr=math.sqrt(snapshots) / one,
+        snr=math.sqrt(snapshots) / noise,
         iota=reached,
         cells=(ny, nx),
         cell=p,

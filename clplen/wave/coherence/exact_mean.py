@@ -103,8 +103,8 @@ def sum_over_source(
         If it is forced and the system is not shift-invariant.
     """
     incoherent, terms, total = isinstance(light, IncoherentLight), 0, None
-    for place, (thing, share) in enumerate(zip(objects, shares, strict=True)):
-        transfer = transfer_of(system, thing.grid, thing.wavelength)
+    for index, (transmission, share) in enumerate(zip(objects, shares, strict=True)):
+        transfer = transfer_of(system, transmission.grid, transmission.wavelength)
         if transfer is None:
             if forced:
                 raise SamplingError(
@@ -114,16 +114,16 @@ def sum_over_source(
                 )
             return None
         if incoherent:
-            image, used = incoherent_image(thing, transfer), 1
+            image, used = incoherent_image(transmission, transfer), 1
         else:
             if not (forced or getattr(light, "degree_is_exact", True)):
                 return None
-            source = light.power_spectrum(thing.grid, wavelength=thing.wavelength)
-            if place == 0 and not (forced or _worth(thing, transfer, source, shares, how)):
+            source = light.power_spectrum(transmission.grid, wavelength=transmission.wavelength)
+            if index == 0 and not (forced or _worth(transmission, transfer, source, shares, how)):
                 return None
-            found = abbe_image(thing, transfer, source)
-            image, used = found.intensity, found.terms
-        Window.of(how.region, thing.grid.shape)
+            result = abbe_image(transmission, transfer, source)
+            image, used = result.intensity, result.terms
+        Window.of(how.region, transmission.grid.shape)
         values = share * image.to_numpy().astype(np.float64)
         total, terms = values if total is None else total + values, terms + used
     device, grid = objects[0].device, objects[0].grid
@@ -131,10 +131,12 @@ def sum_over_source(
     return without_noise(Image(data, device), grid, "incoherent" if incoherent else "abbe", terms)
 
 
-def _worth(thing: Field, transfer: Any, source: Any, shares: list[float], how: Averaging) -> bool:
+def _worth(
+    transmission: Field, transfer: Any, source: Any, shares: list[float], how: Averaging
+) -> bool:
     """Whether the sum is affordable at all wavelengths."""
-    samples = thing.grid.shape[0] * thing.grid.shape[1]
+    samples = transmission.grid.shape[0] * transmission.grid.shape[1]
     snapshot = SNAPSHOT_TRANSFORMS * 5 * samples * np.log2(max(samples, 2))
     many = 0.0 if how.rtol is not None else TIMES * snapshot * how.most
-    cost = abbe_cost(thing.grid, transfer, source)
+    cost = abbe_cost(transmission.grid, transfer, source)
     return bool(len(shares) * cost <= max(AFFORDABLE, len(shares) * many))

@@ -54,9 +54,9 @@ class Lags:
         partner = (-row % ny) * nx + -column % nx
         first = np.flatnonzero(np.arange(source.size) <= partner)
         weights = np.where(first == partner[first], 1, 2) * mu.ravel()[first]
-        kept, dropped = strongest(np.abs(weights), max(tolerance, NOTHING))
-        places = np.stack([row, column], axis=-1)[first[kept]].astype(np.int32)
-        return cls(places, weights[kept], dropped)
+        selected, dropped = strongest(np.abs(weights), max(tolerance, NOTHING))
+        places = np.stack([row, column], axis=-1)[first[selected]].astype(np.int32)
+        return cls(places, weights[selected], dropped)
 
 
 def strongest(weights: Values, tolerance: float) -> tuple[Values, float]:

@@ -257,10 +257,10 @@ class RandomPhaseMask:
         """
         device = as_device(device)
         cells = self.count(grid)
-        moved = uniform(seed, index, _JITTER, 1)[0, :2] if self.jitter else np.zeros(2)
+        shift = uniform(seed, index, _JITTER, 1)[0, :2] if self.jitter else np.zeros(2)
         tables = [
             self._taps(n, count, float(part))
-            for n, count, part in zip(grid.shape, cells, moved, strict=True)
+            for n, count, part in zip(grid.shape, cells, shift, strict=True)
         ]
         blocks = self._blocks(grid, cells, tables, device, key_of(seed), index)
         field = Field(blocks, grid, float(wavelength), device)
@@ -270,9 +270,9 @@ class RandomPhaseMask:
             field = along(field)
         return self._phase_of(field) if self.kind == "phase" else field
 
-    def _taps(self, n: int, cells: int, moved: float) -> tuple[Array, Array]:
+    def _taps(self, n: int, cells: int, shift: float) -> tuple[Array, Array]:
         """Cells that reach each sample, and the kernel there; shapes (n, taps)."""
-        at = np.arange(n) * cells / n + (moved if n > 1 else 0.0)  # in cells
+        at = np.arange(n) * cells / n + (shift if n > 1 else 0.0)  # in cells
         if self.kernel == "square" or n == 1:
             only = (np.floor(at).astype(np.int32) % cells)[:, None]
             if self.kernel == "square":

@@ -268,11 +268,11 @@ def _warn_beyond_nyquist(grid: Grid, frequencies: Pair, what: str) -> None:
 
 
 def _warn_steep_sphere(grid: Grid, z: float, source: Pair, wavelength: float) -> None:
-    places = [np.abs(s) for s in offsets(grid, source)]
+    distances = [np.abs(s) for s in offsets(grid, source)]
     for axis, name in enumerate("yx"):
         if grid.shape[axis] == 1:
             continue
-        reach, beside = float(places[axis].max()), float(places[1 - axis].min())
+        reach, beside = float(distances[axis].max()), float(distances[1 - axis].min())
         far = sampled_radius(math.hypot(z, beside), grid.pitch[axis], wavelength)
         if reach <= far * (1 + 1e-9):
             continue

@@ -229,18 +229,18 @@ def _across(grid: Grid, period: float, orientation: float) -> tuple[Values, tupl
 
 def _bars(periods: Values, duty: float, width: tuple[float, float]) -> Values:
     """The clear fraction of every cell; a cell reaches at most the edges of the next bars."""
-    place = periods - np.rint(periods)
+    position = periods - np.rint(periods)
     clear = np.zeros(periods.shape)
     for n in (-1, 0, 1):
-        clear += half_plane(place - n + duty / 2, width)
-        clear -= half_plane(place - n - duty / 2, width)
+        clear += half_plane(position - n + duty / 2, width)
+        clear -= half_plane(position - n - duty / 2, width)
     return clear
 
 
 def _ramps(periods: Values, depth: float, width: tuple[float, float]) -> Values:
     """exp(i depth frac(periods)), mixed in proportion in the cells that lie across a jump."""
-    place = periods - np.floor(periods)
-    here = np.exp(1j * depth * place)
-    below, above = half_plane(-place, width), half_plane(place - 1, width)
+    position = periods - np.floor(periods)
+    ramp = np.exp(1j * depth * position)
+    below, above = half_plane(-position, width), half_plane(position - 1, width)
     step = np.exp(1j * depth)
-    return here * (1 + below * (step - 1) + above * (1 / step - 1))
+    return ramp * (1 + below * (step - 1) + above * (1 / step - 1))

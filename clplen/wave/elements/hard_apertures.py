@@ -79,13 +79,13 @@ def polygon_coverage(grid: Grid, vertices: Any) -> Vector:
         If the polygon has no area or crosses itself.
     """
     corner = np.array([grid.y[0], grid.x[0]]) - np.array(grid.pitch) / 2
-    places = (np.asarray(vertices, np.float64) - corner) / grid.pitch
-    middle = places - places.mean(axis=0)
+    corners = (np.asarray(vertices, np.float64) - corner) / grid.pitch
+    middle = corners - corners.mean(axis=0)
     turned = np.roll(middle, -1, axis=0)
     area = np.sum(middle[:, 1] * turned[:, 0] - middle[:, 0] * turned[:, 1]) / 2
-    if abs(area) <= 1e-12 * np.ptp(places, axis=0).prod():
+    if abs(area) <= 1e-12 * np.ptp(corners, axis=0).prod():
         raise ValueError("A polygon encloses an area; these vertices lie on a line or cross.")
-    covered = _signed_coverage(places, grid.shape) * np.sign(area)
+    covered = _signed_coverage(corners, grid.shape) * np.sign(area)
     if covered.min() < -1e-6 or covered.max() > 1 + 1e-6:
         raise ValueError("The polygon crosses itself: give its outline once round, as vertices.")
     covered[covered < NOTHING] = 0
@@ -93,19 +93,19 @@ def polygon_coverage(grid: Grid, vertices: Any) -> Vector:
     return covered
 
 
-def _signed_coverage(places: Vector, shape: tuple[int, int]) -> Vector:
+def _signed_coverage(corners: Vector, shape: tuple[int, int]) -> Vector:
     """Coverage by a polygon given in cells; negative where it runs from +y to +x."""
     ny, nx = shape
-    pieces = [_cut(a, b, shape) for a, b in zip(places, np.roll(places, -1, axis=0), strict=True)]
+    pieces = [_cut(a, b, shape) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
     start, end = (np.concatenate(ends) for ends in zip(*pieces, strict=True))
     y, x = ((start + end) / 2).T
     row, column = np.floor(y).astype(np.int64), np.clip(np.floor(x), 0, nx).astype(np.int64)
-    kept = (row >= 0) & (row < ny) & (column < nx)
-    place = (row * (nx + 1) + column)[kept]
-    height = (start - end)[kept, 0]
-    left = np.clip(x - column, 0, 1)[kept]
-    sums = np.bincount(place, height * (1 - left), ny * (nx + 1))
-    sums += np.bincount(place + 1, height * left, ny * (nx + 1))
+    inside = (row >= 0) & (row < ny) & (column < nx)
+    cell = (row * (nx + 1) + column)[inside]
+    height = (start - end)[inside, 0]
+    left = np.clip(x - column, 0, 1)[inside]
+    sums = np.bincount(cell, height * (1 - left), ny * (nx + 1))
+    sums += np.bincount(cell + 1, height * left, ny * (nx + 1))
     return np.cumsum(sums.reshape(ny, nx + 1), axis=1, dtype=np.float64)[:, :nx]
 
 
@@ -275,20 +275,20 @@ def polygonal_aperture(field: Field, vertices: Any) -> Field:
         On a grid with an axis of length 1, along which a polygon has no meaning.
     """
     require_field(field)
-    places = np.asarray(vertices, np.float64)
-    if places.ndim != 2 or places.shape[0] < 3 or places.shape[1] != 2:
+    corners = np.asarray(vertices, np.float64)
+    if corners.ndim != 2 or corners.shape[0] < 3 or corners.shape[1] != 2:
         raise ValueError(
             f"A polygon has vertices of shape (n, 2), n at least 3, (y, x) in metres, not "
-            f"{places.shape}."
+            f"{corners.shape}."
         )
-    if not np.isfinite(places).all():
+    if not np.isfinite(corners).all():
         raise ValueError("The vertices of a polygon are all finite, (y, x) in metres.")
     if 1 in field.grid.shape:
         raise ShapeError(
             f"A polygon or turned rectangle needs two axes; nothing varies along one of a grid of "
             f"shape {field.grid.shape}: use rectangular_aperture without rotation."
         )
-    return _masked(field, polygon_coverage(field.grid, places))
+    return _masked(field, polygon_coverage(field.grid, corners))
 
 
 def disc(field: Field, radius: float, centre: Pair, *, out: cla.Array | None = None) -> Field:

@@ -221,8 +221,8 @@ def lens_sampling(
         Along the axis that is sampled worse.
     """
     used = []
-    for axis, places in enumerate((grid.y, grid.x)):
-        reach = float(np.abs(places).max())
+    for axis, coordinates in enumerate((grid.y, grid.x)):
+        reach = float(np.abs(coordinates).max())
         if grid.shape[axis] > 1:
             radius = reach if diameter is None else min(diameter / 2, reach)
             used.append((radius * grid.pitch[axis], radius, grid.pitch[axis]))

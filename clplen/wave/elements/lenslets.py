@@ -254,18 +254,18 @@ class MicrolensArray(OneLine):
 
 def _focal_lengths(f: float | Sequence[float], lattice: str) -> tuple[float, ...]:
     """The focal lengths of an array, checked."""
-    found = tuple(float(one) for one in np.atleast_1d(np.asarray(f, np.float64)).ravel())
-    if not found or not all(math.isfinite(one) and one != 0 for one in found):
+    values = tuple(float(value) for value in np.atleast_1d(np.asarray(f, np.float64)).ravel())
+    if not values or not all(math.isfinite(value) and value != 0 for value in values):
         raise ValueError(f"The focal length of lenslets is finite and not 0, not {f!r}.")
-    units.LENSLET_FOCAL_LENGTH.check(found, "The focal length of lenslets")
-    if len(set(found)) < len(found):
+    units.LENSLET_FOCAL_LENGTH.check(values, "The focal length of lenslets")
+    if len(set(values)) < len(values):
         raise ValueError(f"The focal lengths of a multi-focus array differ, unlike {f!r}.")
-    if lattice == "hexagonal" and len(found) not in (1, 3):
+    if lattice == "hexagonal" and len(values) not in (1, 3):
         raise ValueError(
-            f"A hexagonal array has lenslets of one kind or of three, not {len(found)}: its "
+            f"A hexagonal array has lenslets of one kind or of three, not {len(values)}: its "
             "neighbours would be alike."
         )
-    return found
+    return values
 
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
@@ -324,11 +324,11 @@ class LensletErrors:
 
     def _polynomial(self, order: int, pitch: float, wavelength: float) -> Values:
         """Turns c[i, k] of b^i a^k, b and a in pitches."""
-        found = np.zeros((order + 1, order + 1))
+        coefficients = np.zeros((order + 1, order + 1))
         powers = (2 * pitch / self.circle) ** np.arange(order + 1)
         for (n, m), metres in self.terms.items():
-            found[: n + 1, : n + 1] += metres / wavelength * zernike_monomials(n, m)
-        return found * np.outer(powers, powers)
+            coefficients[: n + 1, : n + 1] += metres / wavelength * zernike_monomials(n, m)
+        return coefficients * np.outer(powers, powers)
 
     def _own(self, mla: MicrolensArray, wavelength: float) -> Values:
         """Turns (constant, along a, along b, quadratic) of each lenslet, in pitches."""

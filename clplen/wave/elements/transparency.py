@@ -88,8 +88,8 @@ def _picture(amplitude: Any, phase: Any) -> Picture:
     if amplitude is None and phase is None:
         raise ValueError("A transparency has an amplitude, a phase or both; neither was given.")
     parts = {"amplitude": amplitude, "phase": phase}
-    given = {name: np.asarray(part) for name, part in parts.items() if part is not None}
-    for name, part in given.items():
+    arrays = {name: np.asarray(part) for name, part in parts.items() if part is not None}
+    for name, part in arrays.items():
         if part.ndim != 2 or 0 in part.shape:
             raise ShapeError(f"The {name} of a picture has shape (ny, nx), not {part.shape}.")
         bad = int(np.count_nonzero(~np.isfinite(part)))
@@ -98,17 +98,17 @@ def _picture(amplitude: Any, phase: Any) -> Picture:
                 f"The {name} of the picture has {bad} values that are NaN or infinite: replace "
                 "them, by 0 for no light."
             )
-    if len({part.shape for part in given.values()}) == 2:
+    if len({part.shape for part in arrays.values()}) == 2:
         raise ShapeError(
-            f"The amplitude has shape {given['amplitude'].shape}, the phase "
-            f"{given['phase'].shape}: they must agree."
+            f"The amplitude has shape {arrays['amplitude'].shape}, the phase "
+            f"{arrays['phase'].shape}: they must agree."
         )
-    if phase is not None and np.iscomplexobj(given["phase"]):
+    if phase is not None and np.iscomplexobj(arrays["phase"]):
         raise ValueError("The phase of a picture is real, in radians; an amplitude may be complex.")
     if phase is None:
-        values = given["amplitude"]
+        values = arrays["amplitude"]
         return values.astype(np.complex128 if np.iscomplexobj(values) else np.float64)
-    return given.get("amplitude", 1.0) * np.exp(1j * given["phase"].astype(np.float64))
+    return arrays.get("amplitude", 1.0) * np.exp(1j * arrays["phase"].astype(np.float64))
 
 
 def _place(
@@ -243,9 +243,9 @@ def usaf1951_elements(
     ValueError
         If there is no group, one comes twice or is no integer, or the centre is not finite.
     """
-    wanted = _groups(groups)
+    numbers = _groups(groups)
     check_centre(centre, "a target")
-    blocks = [block for block in _layers(wanted[0], wanted[-1]) if block[0] in wanted]
+    blocks = [block for block in _layers(numbers[0], numbers[-1]) if block[0] in numbers]
     corners = np.array([block[2:] for block in blocks])
     sizes = np.array(
         [np.array([2.5, 6.0]) / _frequency(group, number) for group, number, _, _ in blocks]
@@ -384,12 +384,12 @@ def _frequency(group: int, element: int) -> float:
 
 
 def _groups(groups: Sequence[int]) -> list[int]:
-    wanted = list(groups) if np.ndim(groups) == 1 else []
-    if not wanted or any(g != int(g) for g in wanted) or len(set(wanted)) < len(wanted):
+    numbers = list(groups) if np.ndim(groups) == 1 else []
+    if not numbers or any(g != int(g) for g in numbers) or len(set(numbers)) < len(numbers):
         raise ValueError(
             f"The groups of a target are different integers, such as (0, 1), not {groups!r}."
         )
-    return sorted(int(g) for g in wanted)
+    return sorted(int(g) for g in numbers)
 
 
 def _layers(lowest: int, highest: int) -> Iterator[tuple[int, int, float, float]]:

@@ -130,7 +130,7 @@ def zernike_monomials(n: int, m: int) -> Values:
     """
     zernike(n, m, 0.0, 0.0)
     n, order = int(n), abs(int(m))
-    found = np.zeros((n + 1, n + 1))
+    coefficients = np.zeros((n + 1, n + 1))
     for j in range(order + 1):  # (x + iy)^m: binomial (m, j) x^(m - j) (iy)^j
         part = 1j**j * math.comb(order, j)
         angular = part.imag if m < 0 else part.real
@@ -138,10 +138,10 @@ def zernike_monomials(n: int, m: int) -> Values:
             half = (n - order) // 2 - s  # of the exponent of rho^2 beside rho^m
             radial = (-1) ** s * math.comb(n - s, s) * math.comb(n - 2 * s, half)
             for i in range(half + 1):
-                found[j + 2 * i, order - j + 2 * (half - i)] += (
+                coefficients[j + 2 * i, order - j + 2 * (half - i)] += (
                     angular * radial * math.comb(half, i)
                 )
-    return found * math.sqrt((n + 1) * (1 if m == 0 else 2))
+    return coefficients * math.sqrt((n + 1) * (1 if m == 0 else 2))
 
 
 def noll(j: int) -> tuple[int, int]:
@@ -169,8 +169,8 @@ def noll(j: int) -> tuple[int, int]:
         raise ValueError(f"Noll's index is an integer of at least 1, not {j!r}.")
     j = int(j)
     n = (math.isqrt(8 * j - 7) - 1) // 2
-    place = j - n * (n + 1) // 2 - 1
-    m = 2 * ((place + 1) // 2) if n % 2 == 0 else 2 * (place // 2) + 1
+    rank = j - n * (n + 1) // 2 - 1
+    m = 2 * ((rank + 1) // 2) if n % 2 == 0 else 2 * (rank // 2) + 1
     return n, m if j % 2 == 0 else -m
 
 

@@ -129,9 +129,9 @@ def multiply_sphere(
         out = device.empty(field.shape, device.complex)
     if phase is None:
         phase = phase_route(residual_turns(field.grid, z, centre, field.wavelength), device)
-    places = offsets(field.grid, centre)
-    tables = [phasor(t**2 / (2 * field.wavelength * z), device.complex) for t in places]
-    squares = [split((t / z) ** 2, device.real) for t in places]
+    coordinates = offsets(field.grid, centre)
+    tables = [phasor(t**2 / (2 * field.wavelength * z), device.complex) for t in coordinates]
+    squares = [split((t / z) ** 2, device.real) for t in coordinates]
     defines = lanes_defines(device) if phase == "tables" else device.wave_defines()
     defines[f"PHASE_{phase.upper()}"] = True
     if fades:

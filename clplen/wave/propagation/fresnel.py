@@ -101,10 +101,10 @@ def one_step(r: Request) -> Description:
     return _separable(r, "fresnel-1fft", lines, "chirp", step, valid, warning, out_grid)
 
 
-def _is_same(one: Grid, other: Grid) -> bool:
+def _is_same(grid: Grid, other: Grid) -> bool:
     """Whether two grids agree but for the rounding of a pitch."""
-    close = np.allclose(one.pitch, other.pitch, rtol=WHOLE, atol=0)
-    return one.shape == other.shape and one.origin == other.origin and close
+    close = np.allclose(grid.pitch, other.pitch, rtol=WHOLE, atol=0)
+    return grid.shape == other.shape and grid.origin == other.origin and close
 
 
 def many_steps(r: Request) -> Description:

@@ -130,37 +130,37 @@ def _grid(grid: Grid) -> str:
     return text
 
 
-def report(made: Description, phase: str) -> Report:
+def report(description: Description, phase: str) -> Report:
     """The report of a description whose factor is formed by a phase route."""
-    r = made.request
+    r = description.request
     nyquist = [r.span(a).nyquist if r.grid.shape[a] > 1 else 0.0 for a in (0, 1)]
-    band = [max(abs(low), abs(high)) for low, high in made.band]
-    kept = [
+    band = [max(abs(low), abs(high)) for low, high in description.band]
+    shares = [
         max(0.0, high - low) / (2 * f) if f else 1.0
-        for (low, high), f in zip(made.band, nyquist, strict=True)
+        for (low, high), f in zip(description.band, nyquist, strict=True)
     ]
     corner = sum(r.span(axis).highest ** 2 for axis in (0, 1))
     paraxial = math.pi * abs(r.z) * r.wavelength**3 * corner**2 / 4
     return Report(
-        method=made.method,
-        why=made.why,
+        method=description.method,
+        why=description.why,
         z=r.z,
         wavelength=r.wavelength,
-        route=made.route,
-        padded_shape=made.window,
-        out_grid=made.out_grid,
-        sampled=made.sampled,
-        phase_step=made.phase_step,
-        aliases_miss=made.method == "cblas" or r.method == "auto",
-        fully_sampled_from=made.valid[0],
-        fully_sampled_to=made.valid[1],
+        route=description.route,
+        padded_shape=description.window,
+        out_grid=description.out_grid,
+        sampled=description.sampled,
+        phase_step=description.phase_step,
+        aliases_miss=description.method == "cblas" or r.method == "auto",
+        fully_sampled_from=description.valid[0],
+        fully_sampled_to=description.valid[1],
         band=(band[0], band[1]),
         nyquist=(nyquist[0], nyquist[1]),
-        lost_band=1 - kept[0] * kept[1],
-        residual_turns=0.0 if made.factor is None else made.factor.residual_turns(),
+        lost_band=1 - shares[0] * shares[1],
+        residual_turns=0.0 if description.factor is None else description.factor.residual_turns(),
         phase=phase,
-        paraxial_error=paraxial if made.method.startswith("fresnel") else 0.0,
-        flops=flops(made),
-        samples=samples_held(made),
-        warning=made.warning,
+        paraxial_error=paraxial if description.method.startswith("fresnel") else 0.0,
+        flops=flops(description),
+        samples=samples_held(description),
+        warning=description.warning,
     )

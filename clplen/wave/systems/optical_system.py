@@ -62,12 +62,12 @@ class OpticalSystem(OneLine):
     def __init__(self, parts: Iterable[Any]) -> None:
         if not isinstance(parts, Iterable):
             raise TypeError(f"An optical system is a sequence of parts, not {parts!r}.")
-        found: list[Part] = []
+        members: list[Part] = []
         for number, part in enumerate(parts, 1):
-            found.extend(part.parts if isinstance(part, OpticalSystem) else [_part(part, number)])
-        if not found:
+            members.extend(part.parts if isinstance(part, OpticalSystem) else [_part(part, number)])
+        if not members:
             raise ValueError("An optical system has at least one part; none was given.")
-        object.__setattr__(self, "parts", tuple(found))
+        object.__setattr__(self, "parts", tuple(members))
 
     @overload
     def __call__(self, field: Field) -> Field: ...
@@ -231,22 +231,22 @@ def imaging_system(
     return OpticalSystem([ConvergingLight(z1, aliasing=aliasing), *parts] if koehler else parts)
 
 
-def _part(given: Any, number: int) -> Part:
+def _part(item: Any, number: int) -> Part:
     """What was given for a part, as a part."""
-    if isinstance(given, Real) and not isinstance(given, bool):
-        if not math.isfinite(given):
+    if isinstance(item, Real) and not isinstance(item, bool):
+        if not math.isfinite(item):
             raise ValueError(
-                f"Part {number} of the system is a distance of {given!r}: a distance is one finite "
+                f"Part {number} of the system is a distance of {item!r}: a distance is one finite "
                 "number of metres."
             )
-        return Space(float(given))
-    if isinstance(given, Propagator):
-        return Element(given, f"propagator ({given.method})", length=given.z)
-    if isinstance(given, Part) and not isinstance(given, type):
-        return given
-    if callable(given) and not isinstance(given, type):
-        return Element(given, getattr(given, "__name__", type(given).__name__))
+        return Space(float(item))
+    if isinstance(item, Propagator):
+        return Element(item, f"propagator ({item.method})", length=item.z)
+    if isinstance(item, Part) and not isinstance(item, type):
+        return item
+    if callable(item) and not isinstance(item, type):
+        return Element(item, getattr(item, "__name__", type(item).__name__))
     raise TypeError(
-        f"Part {number} of the system is {given!r}, which is neither a distance in metres, nor has "
+        f"Part {number} of the system is {item!r}, which is neither a distance in metres, nor has "
         "it apply(field), nor is it a function of a field."
     )

@@ -294,10 +294,10 @@ def _is_filter(space: Space, grid: Grid) -> bool:
 
 def _free_space(space: Space, grid: Grid, wavelength: float) -> Values:
     """H of free space in float64: Goodman (2005), eq. 3-66, without the carrier exp(ikz)."""
-    made = describe(request(grid, space.z, wavelength, space.method, space.pad)).factor
-    if not isinstance(made, Transfer):  # z = 0
+    factor = describe(request(grid, space.z, wavelength, space.method, space.pad)).factor
+    if not isinstance(factor, Transfer):  # z = 0
         return np.ones(grid.shape, np.complex128)
-    wy, wx = (_mirrored(table, n) for table, n in zip(made.weights, grid.shape, strict=True))
+    wy, wx = (_mirrored(table, n) for table, n in zip(factor.weights, grid.shape, strict=True))
     s = wavelength**2 * np.add.outer(grid.fy**2, grid.fx**2)
     c = np.sqrt(np.maximum(1 - s, 0))
     H = phasor(-space.z / wavelength * s / (1 + c))
@@ -308,5 +308,5 @@ def _free_space(space: Space, grid: Grid, wavelength: float) -> Values:
 
 def _mirrored(half: Values, n: int) -> Values:
     """An even table of n frequencies from those up to the middle, FFT order."""
-    place = np.arange(n)
-    return half[np.minimum(place, n - place)]
+    index = np.arange(n)
+    return half[np.minimum(index, n - index)]
