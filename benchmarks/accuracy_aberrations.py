@@ -16,9 +16,8 @@ import click
 import numpy as np
 
 import clplen
+from clplen import Aberrations, LensletScatter, correct_aberrations
 from clplen.analysis.psf import PSF
-from clplen.cameras.aberrations import Aberrations, LensletScatter
-from clplen.cameras.correction import correct_aberrations
 
 WAVE = 532e-9
 NAMES = {

@@ -25,9 +25,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from reference_lattice import Drawn, white
 from reference_lattice import lattice as drawn_lattice
 
-from clplen import Device, LightField, Plane, SurfaceScene
+from clplen import Device, Lattice, LightField, Plane, SurfaceScene, decode_raw, estimate_lattice
 from clplen.demo import camera, scene
-from clplen.lightfield.calibration import Lattice, decode_raw, estimate_lattice
 
 DATA = Path(os.environ.get("CLPLEN_DATA", Path(__file__).parents[2] / "shared" / "data"))
 

@@ -20,11 +20,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from reference_cues import plain_depth
 
+from clplen import Device, Plane, Sphere, SurfaceScene, depth_map
 from clplen.cameras.outlines import Bars
-from clplen.cameras.surfaces import Plane, Sphere, SurfaceScene
 from clplen.cameras.textures import noise
-from clplen.compute.device import Device
-from clplen.lightfield.depth import CUES, depth_map
+from clplen.lightfield.depth import CUES
 
 Array = np.ndarray[Any, Any]
 PLANES = np.linspace(-2, 2, 41)

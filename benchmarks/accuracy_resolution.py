@@ -15,13 +15,11 @@ import sys
 import click
 import numpy as np
 
+from clplen import Device, MicrolensArray, PlenopticCamera
 from clplen.analysis.camera_psf import camera_psf
 from clplen.analysis.otf import OTF
 from clplen.analysis.straylight import camera_crosstalk
 from clplen.analysis.twopoint import TwoPoints
-from clplen.cameras.camera import PlenopticCamera
-from clplen.compute.device import Device
-from clplen.wave.lenslets import MicrolensArray
 
 LAM = 532e-9
 WIDTHS = (50, 70, 90, 100, 113.93, 135, 150, 175, 200, 250, 300)  # um

@@ -16,13 +16,9 @@ from typing import Any
 import click
 import numpy as np
 
-from clplen.cameras.camera import PlenopticCamera
-from clplen.cameras.pictures import PicturePlane
+from clplen import Device, MicrolensArray, PicturePlane, PlenopticCamera, PointSources
 from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.cameras.scene import PointSources
-from clplen.compute.device import Device
 from clplen.lightfield.raw import Exposure
-from clplen.wave.lenslets import MicrolensArray
 
 
 def picture(samples: int, width: float, dz: float) -> PicturePlane:
