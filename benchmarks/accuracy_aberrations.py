@@ -16,6 +16,7 @@ import click
 import numpy as np
 
 import clplen
+from clplen import Aberrations, LensletScatter, correct_aberrations
 from clplen.analysis.psf import PSF
 from clplen.cameras.optics.camera_aberrations import (
     Aberrations,

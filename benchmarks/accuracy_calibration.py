@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from reference_lattice import Drawn, white
 from reference_lattice import lattice as drawn_lattice
 
-from clplen import Device, LightField, Plane, SurfaceScene
+from clplen import Device, Lattice, LightField, Plane, SurfaceScene, decode_raw, estimate_lattice
 from clplen.demo import camera, scene
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.raw_decoding import decode_raw

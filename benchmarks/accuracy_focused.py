@@ -25,7 +25,14 @@ from reference_spots import Rings, slope, spot, width
 from setups_focused import captured, exposed, raw_of
 from setups_slanted import Slanted, slanted
 
-from clplen import Device, MicrolensArray, PlenopticCamera, PointSources
+from clplen import (
+    Device,
+    MicrolensArray,
+    PlenopticCamera,
+    PointSources,
+    focused_depth,
+    render_focused,
+)
 from clplen.cameras.plenoptic import scene_energy
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.io import read_raw, write_picture, write_raytrix

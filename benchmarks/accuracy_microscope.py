@@ -22,9 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from setups_microscope import beads, counted, filaments, projector_of, shell, voxels, wrong
 
-from clplen import Device
-from clplen.microscopy.deconvolution import deconvolve
-from clplen.microscopy.projector import Projector
+from clplen import Device, Projector, deconvolve
 
 Row = tuple[str, float, str, bool]
 Vector = np.ndarray[Any, Any]

@@ -26,14 +26,21 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from reference_microscope import Setup, debye
 
-from clplen import Device, Grid, Lattice, MicrolensArray, PlenopticCamera, PointSources
+from clplen import (
+    Device,
+    Grid,
+    Lattice,
+    MicrolensArray,
+    PlenopticCamera,
+    PointSources,
+    Projector,
+    deconvolve,
+    point_images,
+)
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.objective import Objective
 from clplen.microscopy import psf
-from clplen.microscopy.deconvolution import deconvolve
 from clplen.microscopy.prepare import preparation
-from clplen.microscopy.projector import Projector
-from clplen.microscopy.psf import point_images
 from clplen.microscopy.rectify import rectify
 
 Row = tuple[str, float, float]

@@ -15,12 +15,12 @@ import sys
 import click
 import numpy as np
 
+from clplen import Device, MicrolensArray, PlenopticCamera
 from clplen.analysis.camera_psf import camera_psf
 from clplen.analysis.otf import OTF
 from clplen.analysis.straylight import camera_crosstalk
 from clplen.analysis.twopoint import TwoPoints
 from clplen.cameras.plenoptic_camera import PlenopticCamera
-from clplen.compute.device import Device
 from clplen.wave.elements.lenslets import MicrolensArray
 
 LAM = 532e-9

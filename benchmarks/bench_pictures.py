@@ -16,10 +16,10 @@ from typing import Any
 import click
 import numpy as np
 
+from clplen import Device, MicrolensArray, PicturePlane, PlenopticCamera, PointSources
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources
-from clplen.compute.device import Device
 from clplen.lightfield.raw.raw_image import Exposure
 from clplen.wave.elements.lenslets import MicrolensArray
 

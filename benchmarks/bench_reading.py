@@ -21,7 +21,7 @@ import click
 import imageio.v3 as imageio
 import numpy as np
 
-from clplen.compute.device import Device
+from clplen import Device
 from clplen.io import read_lightfield
 
 

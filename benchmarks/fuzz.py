@@ -32,7 +32,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import fuzzing
 import mutations
 
-from clplen.compute.device import Device
+from clplen import Device
 
 LIMIT = 5  # seconds a file
 

@@ -30,7 +30,7 @@ import tifffile
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 import batchworks
 
-from clplen.compute.device import Device
+from clplen import Device
 
 KINDS = ("alone", "main", "worker", "scheduler", "worker outside", "main outside")
 

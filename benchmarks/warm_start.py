@@ -16,11 +16,9 @@ import click
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from clplen import Device, MicrolensArray, PlenopticCamera
+from clplen import Device, MicrolensArray, PlenopticCamera, Projector, point_images
 from clplen.batch.volumes import Deconvolver, How
 from clplen.microscopy.prepare import Prepared
-from clplen.microscopy.projector import Projector
-from clplen.microscopy.psf import point_images
 
 LENSLETS = 13
 BACKGROUND = 5.0

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable
 from importlib.util import find_spec
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,12 +23,12 @@ from clplen.compute.fft.lines import smooth_length
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import point_images
+from clplen.types import Array
 from clplen.wave.elements.lenslets import MicrolensArray
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device
 
-Vector = np.ndarray[Any, Any]
 
 FORM = "PLANESxLENSLETS"
 PIXELS, VOXELS = 15, 5  # of a lenslet, along an axis
@@ -129,12 +129,12 @@ class Plain:
             for s in range(VOXELS**2)
         ]
 
-    def _wrapped(self, image: Vector, r: int) -> Vector:
+    def _wrapped(self, image: Array, r: int) -> Array:
         out = np.zeros((self.window, self.window), np.float32)
         out[: len(image), : len(image)] = image
         return np.roll(out, (-r * PIXELS, -r * PIXELS), axis=(0, 1))
 
-    def forward(self, volume: Vector) -> Vector:
+    def forward(self, volume: Array) -> Array:
         """A volume's frame, of the first planes only."""
         total = np.zeros_like(self.otf[0])
         for number, otf in enumerate(self.otf):
@@ -146,7 +146,7 @@ class Plain:
         frame = self.irfft(total, self.window)
         return np.maximum(frame[: self.count * PIXELS, : self.count * PIXELS], 0)
 
-    def backward(self, frame: Vector) -> Vector:
+    def backward(self, frame: Array) -> Array:
         """The adjoint."""
         padded = np.zeros((self.window, self.window), np.float32)
         reach = self.count * PIXELS
@@ -167,15 +167,15 @@ class Plain:
             self.irfft(otf, self.window)
 
 
-def _transforms() -> tuple[Callable[[Vector], Vector], Callable[[Vector, int], Vector]]:
+def _transforms() -> tuple[Callable[[Array], Array], Callable[[Array, int], Array]]:
     """Real transforms of float32 with all cores."""
     if find_spec("ducc0") is not None:
         import ducc0
 
-        def rfft(a: Vector) -> Vector:
+        def rfft(a: Array) -> Array:
             return np.asarray(ducc0.fft.r2c(a, nthreads=0))
 
-        def irfft(a: Vector, n: int) -> Vector:
+        def irfft(a: Array, n: int) -> Array:
             return np.asarray(ducc0.fft.c2r(a, lastsize=n, inorm=2, forward=False, nthreads=0))
 
         return rfft, irfft

@@ -16,7 +16,6 @@ from clplen.errors import ClplenError, KernelBuildError
 if TYPE_CHECKING:
     from clplen.compute.device import Device
 
-Array = np.ndarray[Any, Any]
 Pairs = Iterable[tuple[Any, Any]]
 Status = Literal["ok", "FAILED", "left out"]
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-Array = np.ndarray[Any, Any]
+from clplen.types import Array
 
 
 def reals(seed: int, *shape: int, low: float = 0.0, high: float = 1.0) -> Array:
