@@ -33,15 +33,15 @@ from clplen.io import (
     write_lightfield,
     write_truth,
 )
-from clplen.io.hci import read_parameters
-from clplen.io.pfm import read_pfm, write_pfm
-from clplen.io.picture import write_picture
-from clplen.io.positions import read_positions
-from clplen.io.raw import read_frame
-from clplen.io.raytrix import write_raytrix
-from clplen.io.raytrix_calibration import FocusType, RaytrixCalibration
-from clplen.io.volume import read_volume, write_volume
-from clplen.io.zarrs import write_zarr
+from clplen.io.formats.pfm import read_pfm, write_pfm
+from clplen.io.formats.picture import write_picture
+from clplen.io.lightfields.view_positions import read_positions
+from clplen.io.lightfields.zarr_lightfields import write_zarr
+from clplen.io.raw.raw_files import read_frame
+from clplen.io.raw.raytrix import write_raytrix
+from clplen.io.raw.raytrix_calibration import FocusType, RaytrixCalibration
+from clplen.io.results.hci import read_parameters
+from clplen.io.results.volume_files import read_volume, write_volume
 from clplen.lightfield.depth import DepthMap
 from clplen.lightfield.lattice import Lattice
 from clplen.lightfield.lightfield import LightField

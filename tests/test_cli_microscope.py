@@ -22,7 +22,7 @@ from clplen.batch import deconvolved
 from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.errors import FormatError
-from clplen.io.volume import describe_volume, read_volume, write_volume
+from clplen.io.results.volume_files import describe_volume, read_volume, write_volume
 from clplen.microscopy import psffile
 from clplen.microscopy.prepare import preparation
 from clplen.microscopy.projector import Projector
@@ -501,7 +501,7 @@ def test_zarr_is_looked_for_before_anything_is_read(
     def missing(instead: str) -> None:
         raise FormatError(f"no package zarr: {instead}")
 
-    monkeypatch.setattr("clplen.io.zarrpackage.zarr_package", missing)
+    monkeypatch.setattr("clplen.io.store.zarr_files.zarr_package", missing)
     words = ("-c", tmp_path / "none.h5", "-o", tmp_path / "new" / "v.ome.zarr")
     assert "no package zarr: write .ome.tif" in said(run("deconvolve", frame, *words))
     assert not (tmp_path / "new").exists()

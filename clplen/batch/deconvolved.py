@@ -14,7 +14,7 @@ from clplen.batch.task import Task
 from clplen.batch.volumes import Deconvolver, How, read_picture, read_psf, write_result
 from clplen.batch.workshop import Workshop
 from clplen.cameras.microscope import Microscope
-from clplen.io.digest import digest
+from clplen.io.store.digest import digest
 
 if TYPE_CHECKING:
     from clplen.lightfield.raw import RawImage

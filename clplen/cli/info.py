@@ -75,7 +75,7 @@ def info(
       clplen info truth.pfm --json
     """
     from clplen.io import is_raw_file
-    from clplen.io.focused import found_in
+    from clplen.io.results.focused_files import found_in
 
     if save_grid is not None:
         check_outputs(source, layout, save_grid)
@@ -203,7 +203,7 @@ def _of_calibration(source: Path) -> tuple[Rows, dict[str, Any]]:
 def _picture_beside(source: Path) -> tuple[Path, tuple[int, int]] | None:
     """The raw image of a calibration and its shape, where it is there."""
     from clplen.errors import FormatError
-    from clplen.io.raw import picture_of, read_frame
+    from clplen.io.raw.raw_files import picture_of, read_frame
 
     try:
         path = picture_of(source)
@@ -246,7 +246,7 @@ def _of_lightfield(
     farthest: float,
     save_grid: Path | None,
 ) -> tuple[Rows, dict[str, Any]]:
-    from clplen.io.kinds import kind_of
+    from clplen.io.lightfields.kinds import kind_of
     from clplen.lightfield.check import after, check
 
     kind = kind_of(source).name

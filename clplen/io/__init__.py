@@ -12,24 +12,24 @@ from typing import Any, cast
 
 from clplen.compute.device import DeviceLike, as_device
 from clplen.files import PathLike, check_folder, check_writable, output_folder
-from clplen.io.disparity import read_disparity
-from clplen.io.focused import write_focused, write_focused_depth
-from clplen.io.hci import HciParameters, read_parameters
-from clplen.io.hdf5 import write_hdf5
-from clplen.io.kinds import kind_of
-from clplen.io.layout import Layout
-from clplen.io.mosaic import write_mosaic
-from clplen.io.pfm import read_pfm, write_pfm
-from clplen.io.picture import read_picture, write_picture
-from clplen.io.ply import points_of, write_ply
-from clplen.io.positions import NAMES
-from clplen.io.raw import read_raw
-from clplen.io.rawfile import is_raw_file, write_raw
-from clplen.io.raytrix import read_raytrix, write_raytrix
-from clplen.io.stack import write_depth, write_image, write_stack
-from clplen.io.truth import read_masks, read_truth, write_truth
-from clplen.io.views import find_views, write_views
-from clplen.io.zarrs import write_zarr
+from clplen.io.formats.pfm import read_pfm, write_pfm
+from clplen.io.formats.picture import read_picture, write_picture
+from clplen.io.formats.ply import points_of, write_ply
+from clplen.io.lightfields.hdf5_lightfields import write_hdf5
+from clplen.io.lightfields.kinds import kind_of
+from clplen.io.lightfields.layout import Layout
+from clplen.io.lightfields.mosaic import write_mosaic
+from clplen.io.lightfields.view_folders import find_views, write_views
+from clplen.io.lightfields.view_positions import NAMES
+from clplen.io.lightfields.zarr_lightfields import write_zarr
+from clplen.io.raw.raw_files import read_raw
+from clplen.io.raw.raw_hdf5 import is_raw_file, write_raw
+from clplen.io.raw.raytrix import read_raytrix, write_raytrix
+from clplen.io.results.disparity_maps import read_disparity
+from clplen.io.results.focused_files import write_focused, write_focused_depth
+from clplen.io.results.hci import HciParameters, read_parameters
+from clplen.io.results.stack_files import write_depth, write_image, write_stack
+from clplen.io.results.truth import read_masks, read_truth, write_truth
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.stored import StoredLightField
 
@@ -96,7 +96,7 @@ def read_lightfield(
     force: bool = False,
     progress: bool = False,
 ) -> LightField:
-    """Read a light field of any kind in `clplen.io.kinds`, told by its content.
+    """Read a light field of any kind in `clplen.io.lightfields.kinds`, told by its content.
 
     What was taken for what is logged at level INFO by the logger ``clplen.io``. A word of layout
     that does not apply to a kind of file is refused.
@@ -242,7 +242,7 @@ def files_of(path: PathLike, **layout: Any) -> list[Path]:
     words = Layout(**layout)
     named = (words.white, words.dark, words.grid, words.positions)
     beside = [Path(file) for file in named if file is not None and str(file) != NAMES]
-    if not path.is_dir() or kind_of(path).module != "clplen.io.views":
+    if not path.is_dir() or kind_of(path).module != "clplen.io.lightfields.view_folders":
         return [path, *beside]
     return [*(path / name for name in find_views(path, words)[2].values()), *beside]
 

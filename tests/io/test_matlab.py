@@ -14,7 +14,9 @@ from scipy.io import savemat
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError
-from clplen.io import loading, mat5, read_lightfield
+from clplen.io import read_lightfield
+from clplen.io.formats import mat5
+from clplen.io.lightfields import array_sources
 
 SHAPE = (3, 5, 7, 11, 3)
 
@@ -53,7 +55,7 @@ def test_weights(tmp_path: Path, device: Device, dtype: type, channels: int):
 def test_several_blocks_and_pieces(
     tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch, block: int, piece: int
 ):
-    monkeypatch.setattr(loading, "_BLOCK", block)
+    monkeypatch.setattr(array_sources, "_BLOCK", block)
     monkeypatch.setattr(mat5, "_PIECE", piece)
     values = values_of((3, 2, 7, 11, 4))
     values[:, :, 2:5, :, 1] = 7  # a run that packs well

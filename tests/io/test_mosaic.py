@@ -186,7 +186,7 @@ def test_what_is_a_raw_image(
         return LightField.from_array(noise(), device=device), "a raw image"
 
     double = SimpleNamespace(decode_frame=decode)
-    monkeypatch.setitem(sys.modules, "clplen.io.rawframe", double)
+    monkeypatch.setitem(sys.modules, "clplen.io.lightfields.lenslet_frames", double)
     read_lightfield(tmp_path / "a.png", device=device, **words)
     np.testing.assert_array_equal(seen[0][0], frame)
     assert seen[0][1:] == (tmp_path / "a.png", words)

@@ -11,8 +11,8 @@ import pytest
 
 from clplen.errors import FormatError
 from clplen.io import read_lightfield
-from clplen.io.raytrix import read_raytrix, write_raytrix
-from clplen.io.raytrix_calibration import (
+from clplen.io.raw.raytrix import read_raytrix, write_raytrix
+from clplen.io.raw.raytrix_calibration import (
     Distortion,
     FocusType,
     RaytrixCalibration,

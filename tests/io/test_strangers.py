@@ -33,9 +33,9 @@ from clplen.io import (
     write_lightfield,
     write_picture,
 )
-from clplen.io.focused import found_in
-from clplen.io.frames import read_tiff_frame
-from clplen.io.volume import describe_volume, read_volume
+from clplen.io.formats.tiff_frames import read_tiff_frame
+from clplen.io.results.focused_files import found_in
+from clplen.io.results.volume_files import describe_volume, read_volume
 from clplen.lightfield.lightfield import LightField
 from clplen.microscopy import psffile
 

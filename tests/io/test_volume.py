@@ -11,7 +11,7 @@ import pytest
 import tifffile
 
 from clplen.errors import FormatError
-from clplen.io.volume import describe_volume, read_volume, write_volume
+from clplen.io.results.volume_files import describe_volume, read_volume, write_volume
 
 VOLUME = np.arange(3 * 4 * 5, dtype=np.float32).reshape(3, 4, 5)
 

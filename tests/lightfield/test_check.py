@@ -10,7 +10,7 @@ import pytest
 
 from clplen.errors import FormatError
 from clplen.io import read_lightfield
-from clplen.io.layout import Layout
+from clplen.io.lightfields.layout import Layout
 from clplen.lightfield.check import after, check
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.samples import extremes

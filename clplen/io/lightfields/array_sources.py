@@ -1,0 +1,314 @@
+"""Arrays in files, block by block into the memory of a device."""
+
+from __future__ import annotations
+
+import itertools
+import lzma
+import math
+import struct
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyopencl.array as cla
+from tqdm import tqdm
+
+from clplen.compute.device import Device
+from clplen.errors import FormatError, ShapeError
+from clplen.io.formats.untrusted import require_bytes
+from clplen.io.lightfields.layout import Array, Layout, View, axes_of
+from clplen.lightfield.checks import (
+    require_finite,
+)
+from clplen.lightfield.samples import C_TYPE
+
+Selection = tuple[slice, ...]
+_VIEWS_LAST = {4: "yxvu", 5: "yxvuc"}
+
+_BLOCK = 4 << 20  # bytes read at a time: they stay in the cache while axes are exchanged
+UNREADABLE = (  # what libraries raise on files that are damaged or something else
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    EOFError,
+    ImportError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    SystemError,
+    TypeError,
+    ValueError,
+    SyntaxError,
+    lzma.LZMAError,
+    struct.error,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+
+
+@dataclass(frozen=True)
+class Source:
+    """A light field in a file, before it is read.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+    what : str
+        As the subject of a sentence: "the dataset 'LF'".
+    shape : tuple of int
+    dtype : numpy.dtype
+        Of what ``read`` gives.
+    axes : str
+        A letter of "vuyxc" for each dimension.
+    known : str
+        The axes and how they are known, for the sentence on what was taken.
+    read : callable
+        A slice for each dimension -> the samples there.
+    stored : int
+        Bytes that the file has for it.
+    ratio : float
+        Largest ratio of its compression; 1 for none.
+    chunks : tuple of int or None
+        Best read as a whole.
+    weighted : bool
+        Whether the last channel is a weight.
+    """
+
+    path: Path
+    what: str
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    axes: str
+    known: str
+    read: Callable[[Selection], Array]
+    stored: int
+    ratio: float = 1.0
+    chunks: tuple[int, ...] | None = None
+    weighted: bool = False
+
+    @property
+    def views(self) -> View:
+        """(V, U) in the file."""
+        return self.shape[self.axes.index("v")], self.shape[self.axes.index("u")]
+
+    @property
+    def colours(self) -> tuple[int, ...]:
+        """(c,), or () for grey; without the weight."""
+        if "c" not in self.axes:
+            return ()
+        count = self.shape[self.axes.index("c")] - self.weighted
+        return () if self.weighted and count == 1 else (count,)
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Make a FormatError, naming the file, of what a library says of one that it cannot read."""
+    try:
+        yield
+    except UNREADABLE as error:
+        reason = (str(error).splitlines() or [""])[0].strip(" .'\"") or type(error).__name__
+        raise FormatError(
+            f"{path} is truncated or damaged ({reason[:200]}): copy or write it again."
+        ) from error
+
+
+def axes_known(
+    path: Path, what: str, shape: tuple[int, ...], *, order: str | None, own: str | None = None
+) -> tuple[str, str]:
+    """The axes of an array, and how they are known.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    what : str
+        The array, as the subject of a sentence.
+    shape : tuple of int
+    order : str or None
+        What the user says.
+    own : str, optional
+        What the file says.
+
+    Returns
+    -------
+    str, str
+        A letter a dimension, and "axes v:u:y:x (guessed)", "(as given)" or "(as the file says)".
+
+    Raises
+    ------
+    FormatError
+        If there are not 4 or 5 dimensions, the axes are others, or they are only guessed and there
+        would be more views than pixels of a view.
+    """
+    if len(shape) not in (4, 5):
+        raise FormatError(
+            f"{path}: {what} has shape {shape}; a light field has 4 or 5 dimensions, v, u, y, x "
+            "and perhaps c."
+        )
+    default = "vuyxc"[: len(shape)]
+    try:
+        axes = axes_of(order or own or default, len(shape))
+    except FormatError as error:
+        raise FormatError(f"{path}: {what} has shape {shape}. {error}") from error
+    size = dict(zip(axes, shape, strict=True))
+    if not (order or own) and size["v"] * size["u"] > size["y"] * size["x"]:
+        raise FormatError(
+            f"{path}: {what} of shape {shape} would be {size['v']} x {size['u']} views of "
+            f"{size['y']} x {size['x']} pixels, more views than pixels: say which axis is which by "
+            f"order={default!r} (as it would be read), order={_VIEWS_LAST[len(shape)]!r} (views "
+            "last), or another one; a series of pictures is no light field."
+        )
+    how = "as given" if order else "as the file says" if own else "guessed"
+    return axes, f"axes {':'.join(axes)} ({how})"
+
+
+@contextmanager
+def making(path: Path) -> Iterator[None]:
+    """Make a FormatError of values in a file that make no light field."""
+    try:
+        yield
+    except (TypeError, ValueError, ShapeError) as error:
+        raise FormatError(f"{path}: {error}") from error
+
+
+def samples(source: Source, *, device: Device, layout: Layout, progress: bool) -> cla.Array:
+    """The samples of a source on a device, without a second copy of all on the host.
+
+    Parameters
+    ----------
+    source : Source
+    device : Device
+    layout : Layout
+    progress : bool
+
+    Returns
+    -------
+    pyopencl.array.Array
+        (v, u, y, x[, c]); uint8, uint16, float16 and float32 as stored, other types as float32.
+
+    Raises
+    ------
+    FormatError
+    """
+    require_samples(source, layout)
+    shape = shape_of(source, layout)
+    array = device.empty(shape, kept(source.dtype))
+    whole = math.prod(shape) * source.dtype.itemsize
+    bar = tqdm(total=whole, desc="reading", unit="B", unit_scale=True, disable=not progress)
+    everything = tuple(slice(0, n) for n in shape[:4])
+    with device.on_host(array) as host, bar:
+        for nbytes in _filled(source, layout, everything, host):
+            bar.update(nbytes)
+    return array
+
+
+def shape_of(source: Source, layout: Layout) -> tuple[int, ...]:
+    """Of the final light field."""
+    inside = tuple(source.shape[source.axes.index(letter)] for letter in "yx")
+    return (*layout.shape(source.views), *inside, *source.colours)
+
+
+def _filled(source: Source, layout: Layout, wanted: Selection, out: Array) -> Iterator[int]:
+    """Write a block (v, u, y, x) of the final light field into an array; bytes read, by and by."""
+    target = _as_stored(layout.stored(out), source)
+    views = layout.selected((wanted[0], wanted[1]), source.views)
+    places = dict(zip("vuyx", (*views, *wanted[2:]), strict=True)) | {"c": slice(0, None)}
+    first = [places[letter].start for letter in source.axes]
+    for block in blocks(target.shape, source.chunks, source.dtype.itemsize, first=first):
+        there = tuple(slice(b.start + a, b.stop + a) for a, b in zip(first, block, strict=True))
+        with reading(source.path), np.errstate(all="ignore"):
+            values = source.read(there)
+            target[block] = values
+        yield values.nbytes
+
+
+def fill_checked(source: Source, layout: Layout, wanted: Selection, out: Array) -> None:
+    """`_filled`, refusing NaN and infinite samples."""
+    for _ in _filled(source, layout, wanted, out):
+        pass
+    if out.dtype.kind == "f":
+        bad = sum(view.size - np.count_nonzero(np.isfinite(view)) for row in out for view in row)
+        with making(source.path):
+            require_finite(bad)
+
+
+def require_samples(source: Source, layout: Layout) -> None:
+    """Refuse samples that are no real numbers, none at all, or more than the file can hold.
+
+    Raises
+    ------
+    FormatError
+    """
+    if source.dtype.kind not in "buif":
+        raise FormatError(
+            f"{source.path}: {source.what} holds {source.dtype}, no real numbers: convert it."
+        )
+    if 0 in source.shape:
+        raise FormatError(f"{source.path}: {source.what} of shape {source.shape} is empty.")
+    wider = max(kept(source.dtype).itemsize / source.dtype.itemsize, 1)
+    require_bytes(
+        int(math.prod(source.shape) * source.dtype.itemsize * wider),
+        path=source.path,
+        what=source.what,
+        stored=source.stored,
+        ratio=source.ratio * wider,
+        max_bytes=layout.max_bytes,
+    )
+
+
+def kept(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """The type on the device."""
+    native = dtype.newbyteorder("=")
+    return native if native in C_TYPE else np.dtype(np.float32)
+
+
+def _as_stored(views: Array, source: Source) -> Array:
+    """The final array, its (v, u) being the file's, with the axes of the file."""
+    if "c" in source.axes and not source.colours:
+        views = views[..., None]
+    return views.transpose(["vuyxc".index(letter) for letter in source.axes])
+
+
+def blocks(
+    shape: tuple[int, ...],
+    chunks: tuple[int, ...] | None,
+    itemsize: int,
+    *,
+    first: Sequence[int] | None = None,
+) -> Iterator[Selection]:
+    """Cut an array into blocks of whole chunks, as near to `_BLOCK` bytes as they get.
+
+    Parameters
+    ----------
+    shape : tuple of int
+    chunks : tuple of int or None
+        None where the order in the file is that of the axes.
+    itemsize : int
+        Bytes of a sample.
+    first : sequence of int, optional
+        Where the array begins in a larger one to whose chunks the blocks are cut; default its own
+        beginning.
+
+    Yields
+    ------
+    tuple of slice
+        In the order of the axes, the last one fastest.
+    """
+    whole = chunks or (1,) * len(shape)
+    over = [a % c for a, c in zip(first or (0,) * len(shape), whole, strict=True)]
+    sizes = [n + o for n, o in zip(shape, over, strict=True)]
+    step = [min(c, n) for c, n in zip(whole, sizes, strict=True)]
+    for axis in reversed(range(len(shape))):
+        more = max(_BLOCK // (math.prod(step) * itemsize), 1)
+        step[axis] = min(step[axis] * more, sizes[axis])
+    starts = (range(-o, n, s) for o, n, s in zip(over, shape, step, strict=True))
+    for start in itertools.product(*starts):
+        ends = (min(a + s, n) for a, s, n in zip(start, step, shape, strict=True))
+        yield tuple(slice(max(a, 0), b) for a, b in zip(start, ends, strict=True))

@@ -1,0 +1,285 @@
+"""Raw sensor frames of any kind of file, and with the lattice of their lenslets."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clplen.compute.device import DeviceLike, as_device
+from clplen.errors import FormatError
+from clplen.files import PathLike, naming
+from clplen.io.formats.picture import SUFFIXES, read_picture
+from clplen.io.formats.tiff_frames import SUFFIXES as TIFF
+from clplen.io.formats.tiff_frames import read_tiff_frame
+from clplen.io.raw.lytro_container import MAGIC, read_container
+from clplen.io.raw.raw_hdf5 import SUFFIXES as HDF5
+from clplen.io.raw.raw_hdf5 import read_raw_file
+from clplen.io.raw.raytrix import read_raytrix
+from clplen.lightfield.lattice import Lattice
+from clplen.lightfield.latticefit import estimate_lattice
+from clplen.lightfield.latticetrust import require_camera, require_trust
+from clplen.lightfield.raw import LensType, RawImage
+
+Frame = np.ndarray[Any, Any]
+
+_DESCRIBED = (".raw", ".json", ".txt")
+_XML = (".xml", ".ray")
+
+
+def read_frame(
+    path: PathLike, *, frame: int | None = None, max_bytes: int | None = None
+) -> tuple[Frame, str | None]:
+    """One frame as it lies on the sensor.
+
+    Parameters
+    ----------
+    path : path-like
+        A picture, a Lytro container, or a raw image with its JSON beside it.
+    frame : int, optional
+        Which frame of a TIFF that holds several, from 0, in the file's own order (of OME-TIFF
+        usually time, channel, plane, the last running fastest); the log says where it lies.
+    max_bytes : int, optional
+        Largest allocation that a file may ask for; default half of the free memory.
+
+    Returns
+    -------
+    numpy.ndarray, str or None
+        Shape (ny, nx), or (ny, nx, 3) of a colour picture, with the file's own dtype; and the
+        colour filters, such as "GRBG", where the file tells them.
+
+    Raises
+    ------
+    FormatError
+        If it is missing, damaged or of another kind, or holds several frames and ``frame`` is not
+        one of them.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FormatError(f"There is no file {path}.")
+    if path.suffix.lower() in TIFF:
+        return read_tiff_frame(path, frame=frame, max_bytes=max_bytes), None
+    if frame is not None:
+        raise FormatError(f"frame= counts the frames of a TIFF, {path} holds one only.")
+    with path.open("rb") as file:
+        lytro = file.read(8) == MAGIC[:8]
+    if lytro or path.suffix.lower() in _DESCRIBED:
+        return read_container(path, max_bytes=max_bytes)
+    if path.suffix.lower() not in SUFFIXES:
+        raise FormatError(
+            f"{path} is no raw frame: give a picture ({', '.join(SUFFIXES)}), a Lytro container, "
+            "or a .raw file with its .json beside it."
+        )
+    return read_picture(path, max_bytes=max_bytes), None
+
+
+def read_raw(
+    path: PathLike,
+    *,
+    image: PathLike | None = None,
+    device: DeviceLike | None = None,
+    white: PathLike | None = None,
+    dark: PathLike | None = None,
+    grid: PathLike | None = None,
+    frame: int | None = None,
+    force: bool = False,
+) -> RawImage:
+    """Read a raw lenslet image with the lattice of its lenslets, without decoding it.
+
+    Parameters
+    ----------
+    path : path-like
+        The XML calibration of a Raytrix camera, whose lenses it tells; a file of `write_raw`, with
+        its camera; or a picture, a Lytro container or a raw image with its JSON, with ``white`` or
+        ``grid``.
+    image : path-like, optional
+        The picture that belongs to an XML; default the one of the same name beside it.
+    device : Device or str, optional
+        Default ``Device.open()``.
+    white : path-like, optional
+        White image of the same camera, on which the lenslets are found (`estimate_lattice`). The
+        raw image is not divided by it.
+    dark : path-like, optional
+        Dark frame, subtracted from the image and from the white one.
+    grid : path-like, optional
+        Lenslet lattice: JSON of `Lattice.save`, or a Raytrix XML, which tells its lens types too.
+    frame : int, optional
+        Which frame of a TIFF that holds several, as for `read_frame`.
+    force : bool
+        Whether to go on, with a `SamplingWarning`, where the lattice of the white image is not to
+        be trusted, or the frame shows another one.
+
+    Returns
+    -------
+    RawImage
+        float32, with the file's own values and `lattice`; ``sub_images`` and ``cells`` are its
+        lenslets of which a whole sub-image lies on the picture. The pixel pitch is NaN. Of a file
+        of `write_raw`, what was written.
+
+    Raises
+    ------
+    FormatError
+        If a file is missing, damaged or of another kind, nothing tells where the lenslets lie,
+        the white image is none or of another camera, or an XML has no lens types.
+    ValueError
+        If both white and grid are given, or words that do not apply to an XML or HDF5.
+    ShapeError
+        If not one lenslet lies on the picture.
+    """
+    path = Path(path)
+    types: tuple[LensType, ...] = ()
+    beside = any(one is not None for one in (white, dark, grid))
+    if beside and path.suffix.lower() in (*_XML, *HDF5):
+        raise ValueError(f"{path.name} tells the lenses: white=, dark= and grid= do not apply.")
+    if path.suffix.lower() in HDF5:
+        if image is not None or frame is not None:
+            raise ValueError(f"{path.name} holds one raw image: image= and frame= do not apply.")
+        return read_raw_file(path, device=device)
+    if path.suffix.lower() in _XML:
+        values, _ = read_frame(picture_of(path) if image is None else image, frame=frame)
+        lattice, types = _calibrated(path, _shape(values))
+    else:
+        if image is not None:
+            raise ValueError(f"image= belongs to an XML, {path.name} is an image itself.")
+        values, _ = read_frame(path, frame=frame)
+        black = None if dark is None else _like(dark, values, path)[0]
+        lattice = _lattice(path, values, white, black, grid, force)
+        if grid is not None and Path(grid).suffix.lower() in _XML:
+            types = _calibrated(Path(grid), _shape(values))[1]
+        values = values if black is None else values.astype(np.float32) - black
+    device = as_device(device, optional=True)
+    with naming(path):
+        grid_of_all = lattice.grid(lattice.views())
+    return RawImage(
+        device.upload(np.ascontiguousarray(values, np.float32)),
+        device,
+        math.nan,
+        grid_of_all,
+        grid_of_all,
+        lattice=lattice,
+        lens_types=types,
+    )
+
+
+def read_lattice(path: PathLike, shape: tuple[int, int]) -> Lattice:
+    """The lattice of the lenslets of a picture, from JSON or from a Raytrix XML.
+
+    Parameters
+    ----------
+    path : path-like
+    shape : tuple of int
+        (ny, nx) of the picture.
+
+    Returns
+    -------
+    Lattice
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged, of another kind, or tells another shape.
+    """
+    path = Path(path)
+    if path.suffix.lower() in _XML:
+        calibration = read_raytrix(path)
+        with _refusing(path):
+            return calibration.lattice(shape)
+    lattice = Lattice.load(path)
+    if lattice.shape not in (None, shape):
+        raise FormatError(
+            f"{path} is the lattice of a picture of shape {lattice.shape}, not of {shape}: it "
+            "belongs to another camera."
+        )
+    return replace(lattice, shape=shape)
+
+
+def _calibrated(path: Path, shape: tuple[int, int]) -> tuple[Lattice, tuple[LensType, ...]]:
+    """The lenses of a Raytrix XML and their kinds."""
+    calibration = read_raytrix(path)
+    if not calibration.lens_types:
+        raise FormatError(
+            f"{path} has no <lens_type>, which tells the depths at which a kind of lens is sharp: "
+            "add one for each kind, one in all if the lenses are alike."
+        )
+    with _refusing(path):
+        return calibration.lattice(shape), calibration.types()
+
+
+@contextmanager
+def _refusing(path: Path) -> Iterator[None]:
+    """A value in a file that makes no lattice, as what is wrong with the file."""
+    try:
+        yield
+    except ValueError as error:
+        raise FormatError(f"{path}: {error}") from error
+
+
+def picture_of(path: Path) -> Path:
+    """The picture of the same name beside a Raytrix XML.
+
+    Raises
+    ------
+    FormatError
+        If there is none.
+    """
+    for suffix in SUFFIXES:
+        for name in (path.with_suffix(suffix), path.with_suffix(suffix.upper())):
+            if name.is_file():
+                return name
+    raise FormatError(
+        f"There is no picture {path.stem} beside {path} ({', '.join(SUFFIXES)}): give image=."
+    )
+
+
+def _lattice(
+    path: Path,
+    frame: Frame,
+    white: PathLike | None,
+    dark: Frame | None,
+    grid: PathLike | None,
+    force: bool,
+) -> Lattice:
+    if white is not None and grid is not None:
+        raise ValueError("Give white=, to find the lenslets, or grid=, where they are; not both.")
+    if grid is not None:
+        return read_lattice(grid, _shape(frame))
+    if white is None:
+        raise FormatError(
+            f"Nothing tells where the lenslets of {path} lie: give white=, a white image of the "
+            "same camera, or grid=, a lattice saved before."
+        )
+    flat, bayer = _like(white, frame, path)
+    black = None if dark is None else _grey(dark)
+    with naming(white):
+        lattice = estimate_lattice(_grey(flat), dark=black, bayer=bayer)
+    require_trust(lattice, str(white), force=force, error=FormatError)
+    if not force:
+        with naming(path):
+            require_camera(
+                _grey(frame), lattice, str(white), dark=black, bayer=bayer, error=FormatError
+            )
+    return lattice
+
+
+def _like(other: PathLike, frame: Frame, path: Path) -> tuple[Frame, str | None]:
+    """A frame of the same shape as the raw image, float32, and its colour filters."""
+    found, bayer = read_frame(other)
+    if found.shape != frame.shape:
+        raise FormatError(
+            f"{other} has shape {found.shape}, {path} has {frame.shape}: they are of different "
+            "cameras."
+        )
+    return found.astype(np.float32), bayer
+
+
+def _grey(frame: Frame) -> Frame:
+    return frame.mean(2) if frame.ndim == 3 else frame
+
+
+def _shape(frame: Frame) -> tuple[int, int]:
+    return frame.shape[0], frame.shape[1]
