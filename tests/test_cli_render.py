@@ -13,8 +13,7 @@ from click.testing import CliRunner, Result
 from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.io import read_lightfield
-from clplen.io.formats.animation import write_animation
-from clplen.io.formats.display import to_look_at, white_of
+from clplen.io.formats.animation import to_look_at, white_of, write_animation
 from clplen.io.lightfields.layout import encoded
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.refocus import focal_stack, refocus

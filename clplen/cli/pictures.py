@@ -88,7 +88,7 @@ def write_shown(
     ``dtype`` is that of the samples it was made of, float32 for what is no brightness.
     """
     from clplen.io import write_picture
-    from clplen.io.formats.display import to_look_at, white_of
+    from clplen.io.formats.animation import to_look_at, white_of
 
     white = white_of(values, dtype, srgb=srgb)
     write_picture(output, to_look_at(values, white, srgb=srgb))
@@ -100,8 +100,7 @@ def animate(
     output: Path, frames: np.ndarray[Any, Any], dtype: np.dtype[Any], *, srgb: bool = False
 ) -> str:
     """Write pictures (n, y, x[, c]) as a GIF, all scaled alike, and say how."""
-    from clplen.io.formats.animation import write_animation
-    from clplen.io.formats.display import to_look_at, white_of
+    from clplen.io.formats.animation import to_look_at, white_of, write_animation
 
     white = white_of(frames, dtype, srgb=srgb)
     drawable(frames[0])

@@ -25,11 +25,10 @@ from clplen.io.lightfields.zarr_lightfields import write_zarr
 from clplen.io.raw.raw_files import read_raw
 from clplen.io.raw.raw_hdf5 import is_raw_file, write_raw
 from clplen.io.raw.raytrix import read_raytrix, write_raytrix
-from clplen.io.results.disparity_maps import read_disparity
+from clplen.io.results.disparity_maps import read_disparity, read_masks, read_truth, write_truth
 from clplen.io.results.focused_files import write_focused, write_focused_depth
 from clplen.io.results.hci import HciParameters, read_parameters
 from clplen.io.results.stack_files import write_depth, write_image, write_stack
-from clplen.io.results.truth import read_masks, read_truth, write_truth
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.stored import StoredLightField
 

@@ -29,7 +29,7 @@ def decode_png16(content: bytes) -> Array:
     Parameters
     ----------
     content : bytes
-        The file; its size must have been checked (`clplen.io.formats.header`).
+        The file; its size must have been checked (`clplen.io.formats.picture`).
 
     Returns
     -------

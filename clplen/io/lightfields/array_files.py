@@ -12,9 +12,15 @@ import numpy as np
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike
-from clplen.io.lightfields.array_sources import Source, axes_known, reading
+from clplen.io.lightfields.array_sources import (
+    Found,
+    Source,
+    axes_known,
+    light_field,
+    reading,
+    stored_light_field,
+)
 from clplen.io.lightfields.layout import Layout, linear
-from clplen.io.lightfields.opening import Found, light_field, stored_light_field
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.scratch import RawSamples
 from clplen.lightfield.stored import StoredLightField

@@ -1,7 +1,7 @@
 """Light fields of other programs in HDF5.
 
 - HCI 2013: ``LF`` (v, u, y, x, 3) beside ``GT_DEPTH``; ``convert2hdf5.py`` of HCI 2016 has ``LF``
-  too. `clplen.io.results.truth` reads their disparity.
+  too. `clplen.io.results.disparity_maps` reads their disparity.
 - MATLAB 7.3, as LFToolbox writes ``LF`` of MATLAB size (t, s, v, u, c), t and s being row and
   column of the view, which is our (v, u, y, x, c): HDF5 shows the axes reversed. 2 or 4 channels
   of ``LF`` are 1 or 3 and a weight, as in `clplen.io.lightfields.matlab`.

@@ -18,10 +18,9 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.hdf5_safety import require_own
-from clplen.io.lightfields.array_sources import reading
+from clplen.io.lightfields.array_sources import Found, light_field, reading, stored_light_field
 from clplen.io.lightfields.hdf5_foreign import find, source_of
 from clplen.io.lightfields.layout import Layout
-from clplen.io.lightfields.opening import Found, light_field, stored_light_field
 from clplen.io.raw.raw_hdf5 import is_raw
 from clplen.io.store import attributes
 from clplen.io.store.hdf5_files import attributes_of, dataset_of, opened, require_size

@@ -12,10 +12,16 @@ from clplen.errors import FormatError
 from clplen.files import PathLike
 from clplen.io.formats.mat5 import Samples, Variable, variables
 from clplen.io.formats.untrusted import DEFLATE
-from clplen.io.lightfields.array_sources import Selection, Source, axes_known, reading
+from clplen.io.lightfields.array_sources import (
+    Found,
+    Selection,
+    Source,
+    axes_known,
+    light_field,
+    reading,
+)
 from clplen.io.lightfields.hdf5_foreign import LF, has_weights
 from clplen.io.lightfields.layout import Array, Layout
-from clplen.io.lightfields.opening import Found, light_field
 from clplen.io.lightfields.view_names import listed
 from clplen.lightfield.lightfield import LightField
 

@@ -20,9 +20,15 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, filling
 from clplen.io.formats.untrusted import require_bytes
-from clplen.io.lightfields.array_sources import Source, axes_known, reading
+from clplen.io.lightfields.array_sources import (
+    Found,
+    Source,
+    axes_known,
+    light_field,
+    reading,
+    stored_light_field,
+)
 from clplen.io.lightfields.layout import Layout, View
-from clplen.io.lightfields.opening import Found, light_field, stored_light_field
 from clplen.io.lightfields.view_names import listed
 from clplen.io.store import attributes
 from clplen.io.store.attributes import SAMPLES
