@@ -38,8 +38,7 @@ from clplen.io.formats.picture import write_picture
 from clplen.io.lightfields.view_positions import read_positions
 from clplen.io.lightfields.zarr_lightfields import write_zarr
 from clplen.io.raw.raw_files import read_frame
-from clplen.io.raw.raytrix import write_raytrix
-from clplen.io.raw.raytrix_calibration import FocusType, RaytrixCalibration
+from clplen.io.raw.raytrix import FocusType, RaytrixCalibration, write_raytrix
 from clplen.io.results.hci import read_parameters
 from clplen.io.results.volume_files import read_volume, write_volume
 from clplen.lightfield.depth import DepthMap

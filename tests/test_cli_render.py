@@ -14,7 +14,7 @@ from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.io import read_lightfield
 from clplen.io.formats.animation import to_look_at, white_of, write_animation
-from clplen.io.lightfields.layout import encoded
+from clplen.io.formats.pixels import encoded
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.refocus import focal_stack, refocus
 from clplen.lightfield.surface import plane_through

@@ -14,7 +14,7 @@ from clplen.batch import remarks
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, naming
-from clplen.io.formats.tiff_frames import SUFFIXES
+from clplen.io.formats.tiff import SUFFIXES
 from clplen.io.raw.raw_files import read_frame
 from clplen.io.results.volume_files import is_volume, write_volume
 from clplen.io.store.digest import digest

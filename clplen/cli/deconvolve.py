@@ -225,7 +225,7 @@ class _Page:
 
 
 def _pages(path: Path) -> list[_Page]:
-    from clplen.io.formats.tiff_frames import frames_in
+    from clplen.io.formats.tiff import frames_in
     from clplen.io.results.volume_files import is_volume
 
     if is_volume(path):

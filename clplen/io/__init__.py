@@ -22,8 +22,7 @@ from clplen.io.lightfields.mosaic import write_mosaic
 from clplen.io.lightfields.view_folders import find_views, write_views
 from clplen.io.lightfields.view_positions import NAMES
 from clplen.io.lightfields.zarr_lightfields import write_zarr
-from clplen.io.raw.raw_files import read_raw
-from clplen.io.raw.raw_hdf5 import is_raw_file, write_raw
+from clplen.io.raw.raw_files import is_raw_file, read_raw, write_raw
 from clplen.io.raw.raytrix import read_raytrix, write_raytrix
 from clplen.io.results.disparity_maps import read_disparity, read_masks, read_truth, write_truth
 from clplen.io.results.focused_files import write_focused, write_focused_depth

@@ -13,8 +13,7 @@ from clplen.errors import FormatError, ShapeError
 from clplen.io import read_raw
 from clplen.io.formats.picture import write_picture
 from clplen.io.raw.raw_files import read_frame, read_lattice
-from clplen.io.raw.raytrix import write_raytrix
-from clplen.io.raw.raytrix_calibration import FocusType, RaytrixCalibration
+from clplen.io.raw.raytrix import FocusType, RaytrixCalibration, write_raytrix
 from clplen.lightfield.decode import resample
 from clplen.lightfield.lattice import Lattice
 

@@ -33,7 +33,7 @@ from clplen.io import (
     write_lightfield,
     write_picture,
 )
-from clplen.io.formats.tiff_frames import read_tiff_frame
+from clplen.io.formats.tiff import read_tiff_frame
 from clplen.io.results.focused_files import found_in
 from clplen.io.results.volume_files import describe_volume, read_volume
 from clplen.lightfield.lightfield import LightField

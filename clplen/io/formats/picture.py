@@ -15,6 +15,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
+from clplen.io.formats.pixels import without_alpha
 from clplen.io.formats.png16 import decode_png16
 from clplen.io.formats.tiff import decode_tiff
 from clplen.io.formats.untrusted import DEFLATE, require_bytes
@@ -284,35 +285,6 @@ def _by_pillow(content: bytes, header: Header) -> Array:
             f"{header.pixels:,} pixels, of which Pillow reads {_MOST_PIXELS:,}: write it as TIFF"
         )
     return np.asarray(imageio.imread(content, plugin="pillow", index=0))
-
-
-def without_alpha(values: Array, name: PathLike) -> Array:
-    """Colours or greys without an alpha channel that says nothing.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        As `read_channels` gives them.
-    name : path-like
-        For messages.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (y, x) or (y, x, 3).
-
-    Raises
-    ------
-    FormatError
-        If a pixel is transparent.
-    """
-    if values.ndim == 2 or values.shape[2] == 3:
-        return values
-    alpha = values[..., -1]
-    highest = np.iinfo(alpha.dtype).max if alpha.dtype.kind == "u" else 1
-    if not (alpha == highest).all():
-        raise FormatError(f"The picture {name} has transparent pixels: flatten first.")
-    return values[..., 0] if values.shape[2] == 2 else values[..., :-1]
 
 
 def write_picture(

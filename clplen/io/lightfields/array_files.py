@@ -12,6 +12,7 @@ import numpy as np
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike
+from clplen.io.formats.pixels import linear
 from clplen.io.lightfields.array_sources import (
     Found,
     Source,
@@ -20,7 +21,7 @@ from clplen.io.lightfields.array_sources import (
     reading,
     stored_light_field,
 )
-from clplen.io.lightfields.layout import Layout, linear
+from clplen.io.lightfields.layout import Layout
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.scratch import RawSamples
 from clplen.lightfield.stored import StoredLightField

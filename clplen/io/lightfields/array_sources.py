@@ -3,13 +3,8 @@
 from __future__ import annotations
 
 import itertools
-import lzma
 import math
-import struct
 import sys
-import tokenize
-import zipfile
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -22,7 +17,7 @@ from tqdm import tqdm
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError, ShapeError
-from clplen.io.formats.untrusted import require_bytes
+from clplen.io.formats.untrusted import reading, require_bytes
 from clplen.io.lightfields.layout import Array, Layout, View, axes_of, in_order
 from clplen.io.lightfields.view_positions import positions_of
 from clplen.lightfield.checks import (
@@ -39,26 +34,6 @@ Selection = tuple[slice, ...]
 _VIEWS_LAST = {4: "yxvu", 5: "yxvuc"}
 
 _BLOCK = 4 << 20  # bytes read at a time: they stay in the cache while axes are exchanged
-UNREADABLE = (  # what libraries raise on files that are damaged or something else
-    ArithmeticError,
-    AssertionError,
-    AttributeError,
-    EOFError,
-    ImportError,
-    LookupError,
-    MemoryError,
-    OSError,
-    RuntimeError,
-    SystemError,
-    TypeError,
-    ValueError,
-    SyntaxError,
-    lzma.LZMAError,
-    struct.error,
-    tokenize.TokenError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
 
 
 @dataclass(frozen=True)
@@ -113,18 +88,6 @@ class Source:
             return ()
         count = self.shape[self.axes.index("c")] - self.weighted
         return () if self.weighted and count == 1 else (count,)
-
-
-@contextmanager
-def reading(path: Path) -> Iterator[None]:
-    """Make a FormatError, naming the file, of what a library says of one that it cannot read."""
-    try:
-        yield
-    except UNREADABLE as error:
-        reason = (str(error).splitlines() or [""])[0].strip(" .'\"") or type(error).__name__
-        raise FormatError(
-            f"{path} is truncated or damaged ({reason[:200]}): copy or write it again."
-        ) from error
 
 
 def axes_known(

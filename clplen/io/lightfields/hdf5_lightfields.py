@@ -1,7 +1,7 @@
 """Light fields in HDF5, with everything that clplen knows about them.
 
-Our own files hold the dataset ``lightfield`` with the attributes of `clplen.io.store.attributes`; those
-of other programs are in `clplen.io.lightfields.hdf5_foreign`.
+Our own files hold the dataset ``lightfield`` with the attributes of
+`clplen.io.store.attributes`; those of other programs are in `clplen.io.lightfields.hdf5_foreign`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from clplen.hdf5_safety import require_own
 from clplen.io.lightfields.array_sources import Found, light_field, reading, stored_light_field
 from clplen.io.lightfields.hdf5_foreign import find, source_of
 from clplen.io.lightfields.layout import Layout
-from clplen.io.raw.raw_hdf5 import is_raw
+from clplen.io.raw.raw_files import is_raw
 from clplen.io.store import attributes
 from clplen.io.store.hdf5_files import attributes_of, dataset_of, opened, require_size
 from clplen.lightfield.lightfield import LightField

@@ -14,8 +14,6 @@ from clplen.files import PathLike
 View = tuple[int, int]
 Array = np.ndarray[Any, Any]
 
-_LINEAR = 0.04045  # sRGB below it is a straight line (IEC 61966-2-1:1999)
-
 
 @dataclass(frozen=True)
 class Layout:
@@ -133,32 +131,3 @@ def axes_of(order: str, ndim: int, *, letters: str = "vuyxc") -> str:
 def in_order(array: Array, axes: str) -> Array:
     """A view of an array as (v, u, y, x[, c]), its axes being ``axes``."""
     return array.transpose([axes.index(letter) for letter in "vuyxc"[: len(axes)]])
-
-
-def linear(values: Array) -> Array:
-    """sRGB decoded to linear light, 0 to 1, float32 (IEC 61966-2-1:1999).
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        uint8 or uint16 of the full range, or floats from 0 to 1.
-
-    Returns
-    -------
-    numpy.ndarray
-    """
-    if values.dtype.kind == "u":
-        levels = np.linspace(0, 1, int(np.iinfo(values.dtype).max) + 1)
-        return np.asarray(_decoded(levels).astype(np.float32)[values])
-    return _decoded(values.astype(np.float64)).astype(np.float32)
-
-
-def _decoded(s: Array) -> Array:
-    low = s <= _LINEAR
-    return np.where(low, s / 12.92, ((np.maximum(s, _LINEAR) + 0.055) / 1.055) ** 2.4)
-
-
-def encoded(values: Array) -> Array:
-    """The inverse of `linear`: linear light from 0 to 1, clipped, as sRGB from 0 to 1."""
-    s = np.clip(values, 0, 1)
-    return np.where(s <= _LINEAR / 12.92, 12.92 * s, 1.055 * s ** (1 / 2.4) - 0.055)

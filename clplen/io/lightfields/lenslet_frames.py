@@ -11,7 +11,8 @@ import numpy as np
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, naming
-from clplen.io.lightfields.layout import Layout, linear
+from clplen.io.formats.pixels import linear
+from clplen.io.lightfields.layout import Layout
 from clplen.io.lightfields.view_positions import positions_of
 from clplen.io.raw.raw_files import read_frame, read_lattice
 from clplen.lightfield.calibration import Lattice, decode_raw, estimate_lattice

@@ -17,7 +17,8 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, naming
 from clplen.io.formats.picture import read_channels, without_alpha, write_picture
-from clplen.io.lightfields.layout import Layout, View, linear
+from clplen.io.formats.pixels import linear
+from clplen.io.lightfields.layout import Layout, View
 from clplen.io.lightfields.view_folders import pictured
 from clplen.io.lightfields.view_positions import positions_of
 from clplen.io.lightfields.view_set import filled, form_of

@@ -16,8 +16,7 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike
 from clplen.io.formats.picture import SUFFIXES, decode_picture, without_alpha
-from clplen.io.formats.untrusted import DEFLATE, require_bytes
-from clplen.io.lightfields.array_sources import UNREADABLE
+from clplen.io.formats.untrusted import DEFLATE, UNREADABLE, require_bytes
 from clplen.io.lightfields.layout import Layout
 from clplen.io.lightfields.view_names import views_only
 from clplen.io.lightfields.view_set import ViewSet, arranged, assemble, stored_views

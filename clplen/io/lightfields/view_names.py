@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 from clplen.errors import FormatError
+from clplen.io.formats.untrusted import listed
 
 DEFAULT_PATTERN = "view_{v:02d}_{u:02d}"  # and .png or .tif
 _KNOWN = (
@@ -30,7 +31,6 @@ _OTHER = re.compile(
 )
 logger = logging.getLogger("clplen.io")
 
-_LISTED = 10  # how many names a message lists
 _FEW = 3  # views, too few to tell a counter
 _ROW = 2  # digits; a longer constant number is a date or a serial number, no row
 _MOST = 10**6  # views
@@ -305,9 +305,3 @@ def _proposed(
         f"give a pattern, perhaps pattern='{_filled(form, columns, fields)}', with {{v}} and {{u}} "
         "exchanged if columns come first ({n} is ignored)."
     )
-
-
-def listed(items: Sequence[str]) -> str:
-    """A list for a message, cut where it gets long."""
-    more = len(items) - _LISTED
-    return ", ".join(items[:_LISTED]) + (f" and {more} more" if more > 0 else "")

@@ -18,8 +18,9 @@ from tqdm import tqdm
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import naming
+from clplen.io.formats.pixels import linear
 from clplen.io.formats.untrusted import require_bytes
-from clplen.io.lightfields.layout import Layout, View, linear
+from clplen.io.lightfields.layout import Layout, View
 from clplen.io.lightfields.view_names import Pattern, arrange, guess, listed
 from clplen.io.lightfields.view_positions import positions_of
 from clplen.lightfield.checks import checked_positions, require_finite

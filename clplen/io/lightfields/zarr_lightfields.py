@@ -1,7 +1,7 @@
 """Light fields in Zarr (formats 2 and 3, a folder or a zip archive), laid out as in HDF5.
 
-A group with the array ``lightfield`` and what `clplen.io.store.attributes` names, or one array. Chunks
-are rows of views, (1, U, ny, nx, c), or bands of them, so that a set larger than memory can be read
+A group with the array ``lightfield`` and what `clplen.io.store.attributes` names, or one array.
+Chunks are rows of views, (1, U, ny, nx, c), or bands of them, so that a set larger than memory can be read
 part by part.
 """
 
@@ -19,7 +19,6 @@ import numpy as np
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, filling
-from clplen.io.formats.untrusted import require_bytes
 from clplen.io.lightfields.array_sources import (
     Found,
     Source,
@@ -32,14 +31,18 @@ from clplen.io.lightfields.layout import Layout, View
 from clplen.io.lightfields.view_names import listed
 from clplen.io.store import attributes
 from clplen.io.store.attributes import SAMPLES
-from clplen.io.store.zarr_files import FORMAT_2, opened_store, zarr_package
+from clplen.io.store.zarr_files import (
+    FORMAT_2,
+    array_name,
+    attributes_of,
+    opened_store,
+    storage,
+    zarr_package,
+)
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.stored import StoredLightField
 from clplen.outputs import MARK
 
-_RATIO = 32768.0  # of Zstandard, blocks of 128 KiB in 4 bytes (RFC 8878); others pack less
-_SPARSE = 4  # chunks that are not there hold the fill value: a quarter has to be there
-_FEW = 1000  # chunks that any array may lack
 _CHUNK = 64 << 20  # bytes of the largest chunk that is written: it is unpacked as a whole
 _DEPTH = 4  # groups in groups that are looked into
 
@@ -152,7 +155,7 @@ def _found(root: Any, path: Path, device: Device, layout: Layout) -> Found:
     array = _find(root, path, layout.dataset)
     found = attributes_of(array)
     source = _source(array, found, path, layout)
-    if _name(array) != SAMPLES:
+    if array_name(array) != SAMPLES:
         return Found(source)
     known: dict[str, Any] = dict(_arrays_beside(root, path, source.views, layout.max_bytes))
     placed = "positions" in known or layout.positions is not None
@@ -170,14 +173,10 @@ def _arrays(group: Any, depth: int = _DEPTH) -> dict[str, Any]:
     """The arrays of a group and of the groups in it."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = {_name(array): array for _, array in group.arrays()}
+        found = {array_name(array): array for _, array in group.arrays()}
         for _, inner in group.groups() if depth else ():
             found |= _arrays(inner, depth - 1)
     return found
-
-
-def _name(array: Any) -> str:
-    return str(array.path).strip("/")
 
 
 def _is_array(item: Any) -> bool:
@@ -206,13 +205,8 @@ def _find(root: Any, path: Path, name: str | None) -> Any:
     )
 
 
-def attributes_of(item: Any) -> dict[str, Any]:
-    """The attributes of an array or group as plain Python."""
-    return {name: attributes.plain(value) for name, value in dict(item.attrs).items()}
-
-
 def _source(array: Any, found: dict[str, Any], path: Path, layout: Layout) -> Source:
-    what = f"the dataset {_name(array)!r}" if _name(array) else "its array"
+    what = f"the dataset {array_name(array)!r}" if array_name(array) else "its array"
     shape = tuple(int(n) for n in array.shape)
     own = attributes.axes_in(found)
     axes, known = axes_known(path, what, shape, order=layout.order, own=own)
@@ -229,44 +223,6 @@ def _source(array: Any, found: dict[str, Any], path: Path, layout: Layout) -> So
         ratio,
         tuple(int(n) for n in array.chunks),
     )
-
-
-def storage(array: Any, path: Path, what: str, max_bytes: int | None) -> tuple[int, float]:
-    """Bytes that a store has for an array, and the largest ratio of their compression.
-
-    Raises
-    ------
-    FormatError
-        If chunks are missing, or larger than they can be.
-    """
-    inside = f"{_name(array)}/" if _name(array) else ""
-    sizes = [size for key, size in array.store.sizes.items() if key.startswith(inside)]
-    chunks = array.shards or array.chunks
-    count = math.prod(-(-n // c) for n, c in zip(array.shape, chunks, strict=True))
-    if count > _SPARSE * len(sizes) + _FEW:
-        raise FormatError(
-            f"{path}: {what} has {count:,} chunks, of which at most {len(sizes):,} are there: it "
-            "is damaged or incomplete."
-        )
-    packing = array.store.arrays[_name(array)]
-    require_bytes(
-        packing.index_bytes,
-        path=path,
-        what=f"the index of a shard of {what}",
-        stored=sum(sizes),
-        ratio=1,
-        max_bytes=max_bytes,
-    )
-    ratio = _RATIO if packing.packed else float(_SPARSE)
-    require_bytes(
-        math.prod(array.chunks) * np.dtype(array.dtype).itemsize,
-        path=path,
-        what=f"a chunk of {what}",
-        stored=sum(sizes),
-        ratio=ratio,
-        max_bytes=max_bytes,
-    )
-    return sum(sizes), ratio
 
 
 def _arrays_beside(

@@ -9,22 +9,147 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 
+from clplen.cameras.geometry import raw_image
+from clplen.cameras.microscope import Microscope
 from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import FormatError
-from clplen.files import PathLike, naming
-from clplen.io.formats.picture import SUFFIXES, read_picture
-from clplen.io.formats.tiff_frames import SUFFIXES as TIFF
-from clplen.io.formats.tiff_frames import read_tiff_frame
+from clplen.files import PathLike, naming, replacing
+from clplen.io.formats import picture, tiff
+from clplen.io.formats.picture import read_picture
+from clplen.io.formats.tiff import read_tiff_frame
+from clplen.io.formats.untrusted import require_bytes
 from clplen.io.raw.lytro_container import MAGIC, read_container
-from clplen.io.raw.raw_hdf5 import SUFFIXES as HDF5
-from clplen.io.raw.raw_hdf5 import read_raw_file
 from clplen.io.raw.raytrix import read_raytrix
+from clplen.io.store import hdf5_files
+from clplen.io.store.attributes import CAMERA, CAMERA_NAMES, RAW, SAMPLES, of_camera, read_camera
+from clplen.io.store.hdf5_files import attributes_of, dataset_of, opened, storage
 from clplen.lightfield.lattice import Lattice
 from clplen.lightfield.latticefit import estimate_lattice
 from clplen.lightfield.latticetrust import require_camera, require_trust
 from clplen.lightfield.raw import LensType, RawImage
+from clplen.outputs import MARK
+
+
+def write_raw(path: PathLike, raw: RawImage, *, durable: bool = False) -> None:
+    """Write a raw image with the camera that took it, so that `read_raw` gives both back.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.h5`` or ``.hdf5``.
+    raw : RawImage
+        Of a `PlenopticCamera`. How it was exposed and a scene's truth are not kept.
+    durable : bool
+        Whether to wait until the disk has the file, as in `clplen.files.replacing`.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another one, or the raw image has no camera of this package.
+    OSError
+        If the file cannot be written.
+    """
+    if Path(path).suffix.lower() not in hdf5_files.SUFFIXES:
+        raise ValueError(
+            f"A raw image with its camera is written as .h5, not as {Path(path).name}."
+        )
+    camera: Any = raw.camera
+    known = of_camera(camera)
+    if known is None:
+        raise ValueError(
+            "This raw image was taken by no camera of this package: keep its picture by "
+            "write_picture and its lattice by Lattice.save."
+        )
+    with replacing(path, durable=durable) as temporary:
+        try:
+            with h5py.File(temporary, "w") as file:
+                file.attrs["software"] = MARK
+                data = file.create_dataset(RAW, data=raw.to_numpy())
+                data.attrs["pixel_pitch"] = float(raw.pixel_pitch)
+                data.attrs["wavelength"] = float(camera.wavelength)
+                file.create_group(CAMERA).attrs.update(known)
+        except RuntimeError as error:  # a full disk, found when the file is closed
+            raise OSError(str(error)) from error
+
+
+def is_raw(file: h5py.File) -> bool:
+    """Whether an open file is one of `write_raw`."""
+    held = isinstance(file.get(RAW), h5py.Dataset) and isinstance(file.get(CAMERA), h5py.Group)
+    return held and SAMPLES not in file
+
+
+def is_raw_file(path: PathLike) -> bool:
+    """Whether a file is one of `write_raw`; False for what is no HDF5."""
+    path = Path(path)
+    if (
+        path.suffix.lower() not in hdf5_files.SUFFIXES
+        or not path.is_file()
+        or not h5py.is_hdf5(path)
+    ):
+        return False
+    with opened(path) as file:
+        return is_raw(file)
+
+
+def read_raw_file(
+    path: PathLike, *, device: DeviceLike | None = None, max_bytes: int | None = None
+) -> RawImage:
+    """Read what `write_raw` wrote.
+
+    Parameters
+    ----------
+    path : path-like
+    device : Device or str, optional
+        Default ``Device.open()``.
+    max_bytes : int, optional
+        Largest allocation that the file may ask for; default half of the free memory.
+
+    Returns
+    -------
+    RawImage
+        With ``camera``, and by it the places of sub-images and cells, the spacing and lens types.
+
+    Raises
+    ------
+    FormatError
+        If it is damaged, no such file, or its camera is none or of another sensor.
+    """
+    path = Path(path)
+    device = as_device(device, optional=True)
+    with opened(path) as file:
+        dataset = dataset_of(file, RAW, path)
+        group = file.get(CAMERA)
+        values = attributes_of(group, CAMERA_NAMES, path) if isinstance(group, h5py.Group) else {}
+        camera = read_camera(values, path, device)
+        if camera is None:
+            raise FormatError(f"{path} does not tell which camera took its raw image.")
+        _require_sensor(dataset, camera.grid.shape, path)
+        stored, ratio = storage(dataset, path, max_bytes)
+        require_bytes(
+            math.prod(dataset.shape) * dataset.dtype.itemsize,
+            path=path,
+            what=f"the dataset {RAW!r}",
+            stored=stored,
+            ratio=ratio,
+            max_bytes=max_bytes,
+        )
+        data = np.ascontiguousarray(dataset[...], np.float32)
+    if isinstance(camera, Microscope):
+        return camera.raw_image(device.upload(data))
+    return raw_image(camera, device.upload(data))
+
+
+def _require_sensor(dataset: h5py.Dataset, shape: tuple[int, int], path: Path) -> None:
+    fits = tuple(dataset.shape[:2]) == shape and dataset.shape[2:] in ((), (3,))
+    if not fits or dataset.dtype.kind not in "uif":
+        raise FormatError(
+            f"{path}: the dataset {RAW!r} of shape {dataset.shape} holds {dataset.dtype}, not real "
+            f"numbers on the sensor of its camera, {shape}."
+        )
+
 
 Frame = np.ndarray[Any, Any]
 
@@ -62,7 +187,7 @@ def read_frame(
     path = Path(path)
     if not path.is_file():
         raise FormatError(f"There is no file {path}.")
-    if path.suffix.lower() in TIFF:
+    if path.suffix.lower() in tiff.SUFFIXES:
         return read_tiff_frame(path, frame=frame, max_bytes=max_bytes), None
     if frame is not None:
         raise FormatError(f"frame= counts the frames of a TIFF, {path} holds one only.")
@@ -70,9 +195,9 @@ def read_frame(
         lytro = file.read(8) == MAGIC[:8]
     if lytro or path.suffix.lower() in _DESCRIBED:
         return read_container(path, max_bytes=max_bytes)
-    if path.suffix.lower() not in SUFFIXES:
+    if path.suffix.lower() not in picture.SUFFIXES:
         raise FormatError(
-            f"{path} is no raw frame: give a picture ({', '.join(SUFFIXES)}), a Lytro container, "
+            f"{path} is no raw frame: give a picture ({', '.join(picture.SUFFIXES)}), a Lytro container, "
             "or a .raw file with its .json beside it."
         )
     return read_picture(path, max_bytes=max_bytes), None
@@ -134,9 +259,9 @@ def read_raw(
     path = Path(path)
     types: tuple[LensType, ...] = ()
     beside = any(one is not None for one in (white, dark, grid))
-    if beside and path.suffix.lower() in (*_XML, *HDF5):
+    if beside and path.suffix.lower() in (*_XML, *hdf5_files.SUFFIXES):
         raise ValueError(f"{path.name} tells the lenses: white=, dark= and grid= do not apply.")
-    if path.suffix.lower() in HDF5:
+    if path.suffix.lower() in hdf5_files.SUFFIXES:
         if image is not None or frame is not None:
             raise ValueError(f"{path.name} holds one raw image: image= and frame= do not apply.")
         return read_raw_file(path, device=device)
@@ -227,12 +352,12 @@ def picture_of(path: Path) -> Path:
     FormatError
         If there is none.
     """
-    for suffix in SUFFIXES:
+    for suffix in picture.SUFFIXES:
         for name in (path.with_suffix(suffix), path.with_suffix(suffix.upper())):
             if name.is_file():
                 return name
     raise FormatError(
-        f"There is no picture {path.stem} beside {path} ({', '.join(SUFFIXES)}): give image=."
+        f"There is no picture {path.stem} beside {path} ({', '.join(picture.SUFFIXES)}): give image=."
     )
 
 

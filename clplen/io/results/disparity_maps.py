@@ -117,7 +117,8 @@ def read_truth(
     attributes of the file, from the centre view of ``GT_DEPTH`` (v, u, y, x). One view axis of that
     set is reversed against the set of 2016: read its light field with ``flip_v`` or ``flip_u``;
     ``clplen info`` tells which. Of HCI 2016 in HDF5, the dataset ``disp_lowres``; of a folder of
-    that set, what `clplen.io.results.hci.read_truth` gives. Of a file of `write_truth`, its ``disparity``.
+    that set, what `clplen.io.results.hci.read_truth` gives. Of a file of `write_truth`, its
+    ``disparity``.
 
     Parameters
     ----------

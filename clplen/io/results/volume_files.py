@@ -15,7 +15,7 @@ from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike
 from clplen.io.formats.tiff import decode_tiff_stack
 from clplen.io.formats.untrusted import require_bytes
-from clplen.io.lightfields.zarr_lightfields import storage
+from clplen.io.store.zarr_files import storage
 from clplen.io.results.stack_files import is_series, write_series
 from clplen.io.store.ome_tiff import SUFFIXES
 from clplen.io.store.ome_zarr import SUFFIX

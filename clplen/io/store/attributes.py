@@ -21,7 +21,7 @@ from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.compute.device import Device
 from clplen.errors import ClplenError, FormatError
-from clplen.io.lightfields.array_sources import UNREADABLE
+from clplen.io.formats.untrusted import UNREADABLE
 from clplen.io.lightfields.layout import Layout
 from clplen.lightfield.lightfield import LightField
 from clplen.wave.lenslets import MicrolensArray

@@ -18,6 +18,8 @@ from clplen.io.lightfields.array_sources import reading
 from clplen.io.lightfields.view_names import listed
 from clplen.io.store.attributes import plain
 
+SUFFIXES = (".h5", ".hdf5")
+MAGIC = b"\x89HDF\r\n\x1a\n"
 _ATTRIBUTE = 1 << 16  # bytes: HDF5's own limit of an attribute in an object's header
 _SPARSE = 4.0  # chunks that were never written hold the fill value: a quarter has to be there
 # Largest ratios of filters by number (HDF5 registry). SZIP codes up to 64 blocks of 32 samples of

@@ -1,15 +1,25 @@
-"""The package zarr, version 3, of the extra ``zarr``."""
+"""Zarr stores: the package zarr, version 3, of the extra ``zarr``, and what a store declares."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from clplen.errors import FormatError
+import numpy as np
 
+from clplen.errors import FormatError
+from clplen.io.formats.untrusted import require_bytes
+from clplen.io.store import attributes
+
+SUFFIX = ".zarr"
+MARKS = (".zgroup", ".zarray", "zarr.json")  # one of them lies in the root of a store
 FORMAT_2: dict[str, Any] = {"zarr_format": 2}  # what is written, and what most programs read
+_RATIO = 32768.0  # of Zstandard, blocks of 128 KiB in 4 bytes (RFC 8878); others pack less
+_SPARSE = 4  # chunks that are not there hold the fill value: a quarter has to be there
+_FEW = 1000  # chunks that any array may lack
 
 
 def zarr_package(instead: str) -> Any:
@@ -62,3 +72,50 @@ def opened_store(path: Path, instead: str, max_bytes: int | None = None) -> Iter
 
     with open_store(path, max_bytes) as root:
         yield root
+
+
+def array_name(array: Any) -> str:
+    return str(array.path).strip("/")
+
+
+def attributes_of(item: Any) -> dict[str, Any]:
+    """The attributes of an array or group as plain Python."""
+    return {name: attributes.plain(value) for name, value in dict(item.attrs).items()}
+
+
+def storage(array: Any, path: Path, what: str, max_bytes: int | None) -> tuple[int, float]:
+    """Bytes that a store has for an array, and the largest ratio of their compression.
+
+    Raises
+    ------
+    FormatError
+        If chunks are missing, or larger than they can be.
+    """
+    inside = f"{array_name(array)}/" if array_name(array) else ""
+    sizes = [size for key, size in array.store.sizes.items() if key.startswith(inside)]
+    chunks = array.shards or array.chunks
+    count = math.prod(-(-n // c) for n, c in zip(array.shape, chunks, strict=True))
+    if count > _SPARSE * len(sizes) + _FEW:
+        raise FormatError(
+            f"{path}: {what} has {count:,} chunks, of which at most {len(sizes):,} are there: it "
+            "is damaged or incomplete."
+        )
+    packing = array.store.arrays[array_name(array)]
+    require_bytes(
+        packing.index_bytes,
+        path=path,
+        what=f"the index of a shard of {what}",
+        stored=sum(sizes),
+        ratio=1,
+        max_bytes=max_bytes,
+    )
+    ratio = _RATIO if packing.packed else float(_SPARSE)
+    require_bytes(
+        math.prod(array.chunks) * np.dtype(array.dtype).itemsize,
+        path=path,
+        what=f"a chunk of {what}",
+        stored=sum(sizes),
+        ratio=ratio,
+        max_bytes=max_bytes,
+    )
+    return sum(sizes), ratio

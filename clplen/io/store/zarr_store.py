@@ -1,7 +1,14 @@
 """Zarr stores of unknown origin, a folder or a zip archive, opened to read and checked on the way.
 
-Metadata are checked when a store is opened (`clplen.io.store.zarr_metadata`), chunks when they are read
-(`clplen.io.store.zarr_store`). This module imports zarr; `clplen.io.lightfields.zarr_lightfields` imports it when it is needed.
+Metadata are checked when a store is opened (`clplen.io.store.zarr_metadata`), chunks when they are
+read: how large a packed chunk becomes is found before it is decoded. blosc, lz4 and zstd allocate
+what a chunk declares in its first bytes; gzip, zlib, bz2 and lzma give what comes out, without a
+limit. A chunk of a few bytes could so ask for gigabytes.
+
+This module imports zarr; `clplen.io.store.zarr_files` imports it when it is needed.
+
+Formats: blosc, 16 bytes of which 4 to 7 are the size (c-blosc, README_CHUNK_FORMAT); lz4 by
+numcodecs, 4 bytes of size; zstd, RFC 8878.
 """
 
 from __future__ import annotations
