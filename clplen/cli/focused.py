@@ -153,7 +153,7 @@ def is_meant(source: Path, words: dict[str, Any]) -> bool:
     UsageError
         If such a word is given with something else.
     """
-    from clplen.io.lightfields.kinds import kind_of
+    from clplen.io.lightfields.lightfield_files import kind_of
 
     if tells(source):
         return True

@@ -246,7 +246,7 @@ def _of_lightfield(
     farthest: float,
     save_grid: Path | None,
 ) -> tuple[Rows, dict[str, Any]]:
-    from clplen.io.lightfields.kinds import kind_of
+    from clplen.io.lightfields.lightfield_files import kind_of
     from clplen.lightfield.check import after, check
 
     kind = kind_of(source).name

@@ -14,7 +14,7 @@ from clplen.errors import FormatError
 from clplen.io import read_lightfield
 from clplen.io.formats import packing
 from clplen.io.formats.packing import Packing, unpack
-from clplen.io.lightfields import lytro
+from clplen.io.lightfields import lenslet_frames
 from clplen.io.lightfields.layout import Layout
 from clplen.io.raw import lytro_container
 from clplen.io.raw.lytro_container import read_container, sections_of
@@ -275,11 +275,12 @@ def test_the_white_image_is_the_users(
         given.update(words, frame=frame, path=path)
         return "light field", "sentence"
 
-    monkeypatch.setattr(lytro, "decode_frame", decode_frame)
-    assert lytro.read(path, device=device, layout=Layout(grid="g.json"))[0] == "light field"
+    monkeypatch.setattr(lenslet_frames, "decode_frame", decode_frame)
+    read = lenslet_frames.read_lytro
+    assert read(path, device=device, layout=Layout(grid="g.json"))[0] == "light field"
     np.testing.assert_array_equal(given["frame"], frame)
     assert given["layout"] == Layout(grid="g.json", bayer="GRBG")
-    lytro.read(path, device=device, layout=Layout(grid="g.json", bayer="RGGB"))
+    read(path, device=device, layout=Layout(grid="g.json", bayer="RGGB"))
     assert given["layout"].bayer == "RGGB"
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from clplen.errors import FormatError
-from clplen.io.lightfields.kinds import kind_of
+from clplen.io.lightfields.lightfield_files import kind_of
 from clplen.io.lightfields.view_names import Pattern, arrange, guess, views_only
 
 

@@ -9,7 +9,9 @@ import numpy as np
 from clplen.files import PathLike, replacing
 from clplen.outputs import NPY_HEADER
 
-_MAGIC = b"\x93NUMPY\x01\0"  # version 1.0; the length of the header follows in two bytes
+MAGIC = b"\x93NUMPY"
+SUFFIXES = (".npy",)
+_VERSION = b"\x01\0"  # the length of the header follows in two bytes
 
 
 def write_npy(path: PathLike, values: np.ndarray[Any, Any], *, durable: bool = False) -> None:
@@ -30,8 +32,8 @@ def write_npy(path: PathLike, values: np.ndarray[Any, Any], *, durable: bool = F
     """
     array = np.ascontiguousarray(values)
     about = np.lib.format.header_data_from_array_1_0(array)
-    length = NPY_HEADER - len(_MAGIC) - 2
+    length = NPY_HEADER - len(MAGIC + _VERSION) - 2
     header = repr(about).encode("ascii").ljust(length - 1) + b"\n"
     with replacing(path, durable) as temporary, temporary.open("wb") as file:
-        file.write(_MAGIC + length.to_bytes(2, "little") + header)
+        file.write(MAGIC + _VERSION + length.to_bytes(2, "little") + header)
         array.tofile(file)

@@ -1,18 +1,27 @@
-"""The words of layout: how what lies in files becomes L[v, u, y, x(, c)]."""
+"""The words of layout: how what lies in files becomes L[v, u, y, x(, c)], and who takes which."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from clplen.errors import FormatError
 from clplen.files import PathLike
+from clplen.lightfield.lightfield import LightField
+from clplen.lightfield.stored import StoredLightField
 
 View = tuple[int, int]
 Array = np.ndarray[Any, Any]
+
+VIEW_WORDS = ("flip_v", "flip_u", "swap_uv", "positions", "max_bytes")
+NAME_WORDS = (*VIEW_WORDS, "pattern", "views", "order", "allow_missing", "srgb")
+ARRAY_WORDS = (*VIEW_WORDS, "order", "dataset")
+RAW_WORDS = ("white", "dark", "grid", "views", "step", "lattice", "bayer", "demosaic", "devignette")
 
 
 @dataclass(frozen=True)
@@ -86,6 +95,15 @@ class Layout:
         )
         return (u, v) if self.swap_uv else (v, u)
 
+    def oriented_spacing(
+        self, spacing: tuple[float, float, float, float]
+    ) -> tuple[float, float, float, float]:
+        """Signed (dv, du, dy, dx): a view axis that is swapped or reversed takes its own along."""
+        dv, du, dy, dx = spacing
+        if self.swap_uv:
+            dv, du = du, dv
+        return (-dv if self.flip_v else dv, -du if self.flip_u else du, dy, dx)
+
     def shape(self, views: View) -> View:
         """(V, U) of the light field whose file has these."""
         return (views[1], views[0]) if self.swap_uv else views
@@ -94,6 +112,52 @@ class Layout:
         """What was done to the view axes, for the sentence on what was taken."""
         words = ("swap_uv", "flip_v", "flip_u", "srgb")
         return [word for word in words if getattr(self, word)]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of light-field file, stated by the module that reads it.
+
+    Attributes
+    ----------
+    name : str
+        As messages call it.
+    words : tuple of str
+        Words of layout that apply.
+    read : callable
+        (path, *, device, layout, progress) -> (LightField, str); the text says in one sentence
+        what was taken for what.
+    open_parts : callable or None
+        (path, *, device, layout) -> context of (StoredLightField, str), where the samples of some
+        rows and columns can be read alone.
+    magic : bytes
+        With which its files begin.
+    suffixes : tuple of str
+        Of its files, in lower case; any if there are none.
+    folder : bool
+        Whether it is a folder, not a file.
+    recognises : callable or None
+        (path, first bytes) -> bool, where the above does not tell; the bytes are empty for a
+        folder.
+    """
+
+    name: str
+    words: tuple[str, ...]
+    read: Callable[..., tuple[LightField, str]]
+    open_parts: Callable[..., AbstractContextManager[tuple[StoredLightField, str]]] | None = None
+    magic: bytes = b""
+    suffixes: tuple[str, ...] = ()
+    folder: bool = False
+    recognises: Callable[[Path, bytes], bool] | None = None
+
+    def fits(self, path: Path, head: bytes) -> bool:
+        """Whether a file or folder is of this kind; ``head`` is empty for a folder."""
+        if self.recognises is not None:
+            return self.recognises(path, head)
+        if self.folder or not head:
+            return self.folder and not head
+        named = not self.suffixes or path.suffix.lower() in self.suffixes
+        return named and head.startswith(self.magic)
 
 
 def axes_of(order: str, ndim: int, *, letters: str = "vuyxc") -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -12,9 +12,12 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, naming
 from clplen.io.formats.pixels import linear
-from clplen.io.lightfields.layout import Layout
+from clplen.io.lightfields.layout import RAW_WORDS, VIEW_WORDS, Kind, Layout
 from clplen.io.lightfields.view_positions import positions_of
+from clplen.io.raw import lytro_container, raytrix
+from clplen.io.raw.lytro_container import read_container
 from clplen.io.raw.raw_files import read_frame, read_lattice
+from clplen.io.raw.raytrix import read_raytrix
 from clplen.lightfield.calibration import Lattice, decode_raw, estimate_lattice
 from clplen.lightfield.latticetrust import require_camera, require_trust
 from clplen.lightfield.lightfield import LightField
@@ -188,3 +191,80 @@ def _sentence(lf: LightField, path: Path, lattice: Lattice, whence: str, layout:
         *layout.said(),
     ]
     return ", ".join(part for part in parts if part)
+
+
+def read_lytro(
+    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
+) -> tuple[LightField, str]:
+    """Read the raw image of a Lytro camera and decode it.
+
+    Parameters
+    ----------
+    path : path-like
+        A container; or a raw image, or the JSON that describes it, which lie side by side.
+    device : Device
+    layout : Layout
+        With the user's white image or lenslet grid.
+    progress : bool
+        Whether to show a bar on standard error.
+
+    Returns
+    -------
+    LightField, str
+        The light field, and what was taken for what, in one sentence.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged or holds no raw image, or neither a white image nor a grid is given.
+    """
+    path = Path(path)
+    frame, bayer = read_container(path, max_bytes=layout.max_bytes)
+    if layout.white is None and layout.grid is None:
+        raise FormatError(
+            f"{path} holds a raw image of {frame.shape[1]} x {frame.shape[0]} pixels, and its "
+            "lenslets cannot be found on the scene itself: give white=, the white image of the "
+            "same camera at the same zoom and focus, or grid=, a lenslet grid saved before."
+        )
+    layout = replace(layout, bayer=layout.bayer or bayer)
+    return decode_frame(frame, path, device=device, layout=layout, progress=progress)
+
+
+def refuse_raytrix(
+    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
+) -> NoReturn:
+    """Refuse: a focused raw image becomes no light field by slicing.
+
+    Raises
+    ------
+    FormatError
+        Always.
+    """
+    read_raytrix(path)
+    raise FormatError(
+        f"{path} is the calibration of a focused (plenoptic 2.0) raw image, whose views are "
+        "rendered, not sliced: clplen.io.read_raw(path) gives the raw image with its lenses."
+    )
+
+
+def _is_described(path: Path, head: bytes) -> bool:
+    return path.suffix.lower() in lytro_container.DESCRIBED or head.lstrip()[:1] == b"{"
+
+
+def _is_raytrix(path: Path, head: bytes) -> bool:
+    return path.suffix.lower() in raytrix.SUFFIXES or raytrix.MARK in head
+
+
+LYTRO = Kind(
+    "a Lytro container",
+    (*VIEW_WORDS, *RAW_WORDS),
+    read_lytro,
+    magic=lytro_container.MAGIC[:8],
+)
+DESCRIBED = Kind(
+    "a raw image described by JSON",
+    (*VIEW_WORDS, *RAW_WORDS),
+    read_lytro,
+    recognises=_is_described,
+)
+RAYTRIX = Kind("a Raytrix calibration", (), refuse_raytrix, recognises=_is_raytrix)

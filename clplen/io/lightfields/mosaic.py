@@ -16,9 +16,11 @@ import numpy as np
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, naming
+from clplen.io.formats import picture as pictures
 from clplen.io.formats.picture import read_channels, without_alpha, write_picture
 from clplen.io.formats.pixels import linear
-from clplen.io.lightfields.layout import Layout, View
+from clplen.io.lightfields.layout import RAW_WORDS, VIEW_WORDS, Kind, Layout, View
+from clplen.io.lightfields.lenslet_frames import decode_frame
 from clplen.io.lightfields.view_folders import pictured
 from clplen.io.lightfields.view_positions import positions_of
 from clplen.io.lightfields.view_set import filled, form_of
@@ -28,12 +30,11 @@ Array = np.ndarray[Any, Any]
 
 _ESLF = (14, 14)
 _ORDERS = ("yvxu", "vyux")  # lenslet images, views side by side
-_RAW = ("white", "dark", "grid", "step", "lattice", "bayer", "demosaic", "devignette")
 _CLEAR = 1.1  # ratio of the two costs from which on a guess is one
 _COMPARED = 1 << 22  # samples that a guess looks at along each axis
 
 
-def read(
+def read_mosaic(
     path: PathLike, *, device: Device, layout: Layout, progress: bool = False
 ) -> tuple[LightField, str]:
     """Read a picture that holds all views.
@@ -69,8 +70,6 @@ def read(
     path = Path(path)
     picture = read_channels(path, max_bytes=layout.max_bytes)
     if _is_raw(picture, path, layout):
-        from clplen.io.lightfields.lenslet_frames import decode_frame
-
         frame = without_alpha(picture, path)
         if frame.ndim == 3:
             raise FormatError(
@@ -82,7 +81,7 @@ def read(
 
 
 def _is_raw(picture: Array, path: Path, layout: Layout) -> bool:
-    if any(word in layout.given() for word in _RAW):
+    if any(word in layout.given() for word in RAW_WORDS if word != "views"):
         return True
     known = layout.views is not None or layout.order is not None or _named_eslf(path)
     return not known and picture.shape[2:] in ((), (2,))
@@ -272,3 +271,11 @@ def write_mosaic(path: PathLike, lf: LightField, *, order: str = "yvxu") -> None
     picture = np.empty((V * ny, U * nx, *values.shape[4:]), values.dtype)
     as_views(picture, (V, U), plain or "yvxu")[...] = values
     write_picture(path, picture)
+
+
+PICTURE = Kind(
+    "a picture",
+    (*VIEW_WORDS, *RAW_WORDS, "order", "srgb"),
+    read_mosaic,
+    suffixes=pictures.SUFFIXES,
+)

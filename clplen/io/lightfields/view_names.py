@@ -11,6 +11,7 @@ from itertools import pairwise
 
 from clplen.errors import FormatError
 from clplen.io.formats.untrusted import listed
+from clplen.io.lightfields.layout import Layout, View
 
 DEFAULT_PATTERN = "view_{v:02d}_{u:02d}"  # and .png or .tif
 _KNOWN = (
@@ -34,8 +35,6 @@ logger = logging.getLogger("clplen.io")
 _FEW = 3  # views, too few to tell a counter
 _ROW = 2  # digits; a longer constant number is a date or a serial number, no row
 _MOST = 10**6  # views
-
-View = tuple[int, int]
 
 
 class Pattern:
@@ -305,3 +304,40 @@ def _proposed(
         f"give a pattern, perhaps pattern='{_filled(form, columns, fields)}', with {{v}} and {{u}} "
         "exchanged if columns come first ({n} is ignored)."
     )
+
+
+def arranged(
+    names: list[str], pictures: list[str], layout: Layout, where: str
+) -> tuple[Pattern, View, dict[View, str]]:
+    """Which name is which view.
+
+    Parameters
+    ----------
+    names : list of str
+        All that a given pattern may match.
+    pictures : list of str
+        Those that a guess rests on.
+    layout : Layout
+    where : str
+        For messages.
+
+    Returns
+    -------
+    Pattern, (V, U), files
+        As `arrange`, with the pattern that was given or guessed.
+
+    Raises
+    ------
+    FormatError
+        If the names do not show what is what.
+    ValueError
+        If ``order`` is another than "lawnmower".
+    """
+    if layout.order not in (None, "lawnmower"):
+        raise ValueError(
+            f"Names of views are in order='lawnmower' or row by row (leave order out), not in "
+            f"order={layout.order!r}."
+        )
+    pattern = Pattern(layout.pattern) if layout.pattern else guess(pictures, where=where)
+    lawnmower = layout.order == "lawnmower"
+    return pattern, *arrange(pattern, names, views=layout.views, lawnmower=lawnmower, where=where)

@@ -21,7 +21,7 @@ from clplen.files import naming
 from clplen.io.formats.pixels import linear
 from clplen.io.formats.untrusted import require_bytes
 from clplen.io.lightfields.layout import Layout, View
-from clplen.io.lightfields.view_names import Pattern, arrange, guess, listed
+from clplen.io.lightfields.view_names import Pattern, listed
 from clplen.io.lightfields.view_positions import positions_of
 from clplen.lightfield.checks import checked_positions, require_finite
 from clplen.lightfield.lightfield import LightField
@@ -49,51 +49,14 @@ class ViewSet:
     files : dict
         The name of each (v, u) that is there.
     load : callable
-        Name -> picture (y, x) or (y, x, 3); called by several threads.
+        ``where / name`` -> picture (y, x) or (y, x, 3); called by several threads.
     """
 
     where: Path
     pattern: Pattern
     shape: View
     files: dict[View, str]
-    load: Callable[[str], Array]
-
-
-def arranged(
-    names: list[str], pictures: list[str], layout: Layout, where: str
-) -> tuple[Pattern, View, dict[View, str]]:
-    """Which name is which view.
-
-    Parameters
-    ----------
-    names : list of str
-        All that a given pattern may match.
-    pictures : list of str
-        Those that a guess rests on.
-    layout : Layout
-    where : str
-        For messages.
-
-    Returns
-    -------
-    Pattern, (V, U), files
-        As `arrange`, with the pattern that was given or guessed.
-
-    Raises
-    ------
-    FormatError
-        If the names do not show what is what.
-    ValueError
-        If ``order`` is another than "lawnmower".
-    """
-    if layout.order not in (None, "lawnmower"):
-        raise ValueError(
-            f"Names of views are in order='lawnmower' or row by row (leave order out), not in "
-            f"order={layout.order!r}."
-        )
-    pattern = Pattern(layout.pattern) if layout.pattern else guess(pictures, where=where)
-    lawnmower = layout.order == "lawnmower"
-    return pattern, *arrange(pattern, names, views=layout.views, lawnmower=lawnmower, where=where)
+    load: Callable[[Path], Array]
 
 
 def assemble(
@@ -190,7 +153,7 @@ def _fill_part(
             target[index] = 0
             return
         try:
-            picture = views.load(name)
+            picture = views.load(views.where / name)
         except FormatError as error:
             problems[name] = _cause(error, views.where / name)
             return
@@ -313,7 +276,7 @@ def _fill(
     def read(view: View) -> None:
         name = views.files[view]
         try:
-            picture = first if view == known else views.load(name)
+            picture = first if view == known else views.load(views.where / name)
         except FormatError as error:
             problems[name] = _cause(error, views.where / name)
             return
@@ -336,7 +299,7 @@ def _first_readable(views: ViewSet) -> tuple[View, Array]:
     problems = {}
     for view, name in views.files.items():
         try:
-            return view, views.load(name)
+            return view, views.load(views.where / name)
         except FormatError as error:
             problems[name] = _cause(error, views.where / name)
     raise _unusable(views, problems, len(problems))

@@ -1,14 +1,15 @@
 """Light fields in Zarr (formats 2 and 3, a folder or a zip archive), laid out as in HDF5.
 
 A group with the array ``lightfield`` and what `clplen.io.store.attributes` names, or one array.
-Chunks are rows of views, (1, U, ny, nx, c), or bands of them, so that a set larger than memory can be read
-part by part.
+Chunks are rows of views, (1, U, ny, nx, c), or bands of them, so that a set larger than memory can
+be read part by part.
 """
 
 from __future__ import annotations
 
 import math
 import warnings
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -27,9 +28,9 @@ from clplen.io.lightfields.array_sources import (
     reading,
     stored_light_field,
 )
-from clplen.io.lightfields.layout import Layout, View
+from clplen.io.lightfields.layout import ARRAY_WORDS, Kind, Layout, View
 from clplen.io.lightfields.view_names import listed
-from clplen.io.store import attributes
+from clplen.io.store import attributes, zarr_files
 from clplen.io.store.attributes import SAMPLES
 from clplen.io.store.zarr_files import (
     FORMAT_2,
@@ -88,7 +89,7 @@ def write_zarr(path: PathLike, lf: LightField) -> None:
             group.create_group(attributes.CAMERA).attrs.update(camera)
 
 
-def read(
+def read_zarr(
     path: PathLike, *, device: Device, layout: Layout, progress: bool = False
 ) -> tuple[LightField, str]:
     """Read a light field of `write_zarr`, or of another program.
@@ -124,10 +125,10 @@ def read(
 
 
 @contextmanager
-def open_parts(
+def open_zarr(
     path: PathLike, *, device: Device, layout: Layout
 ) -> Iterator[tuple[StoredLightField, str]]:
-    """What `read` reads, part by part while the store is open.
+    """What `read_zarr` reads, part by part while the store is open.
 
     Parameters
     ----------
@@ -142,7 +143,7 @@ def open_parts(
     Raises
     ------
     FormatError
-        As `read`; what is damaged or NaN, when it is read.
+        As `read_zarr`; what is damaged or NaN, when it is read.
     """
     path = Path(path)
     with opened_store(path, "use .h5", max_bytes=layout.max_bytes) as root:
@@ -159,7 +160,9 @@ def _found(root: Any, path: Path, device: Device, layout: Layout) -> Found:
         return Found(source)
     known: dict[str, Any] = dict(_arrays_beside(root, path, source.views, layout.max_bytes))
     placed = "positions" in known or layout.positions is not None
-    known |= attributes.known_of(found, path, layout, placed=placed)
+    spacing = attributes.spacing_in(found, path)
+    if spacing is not None:  # positions stay where they are, and so does their unit
+        known["spacing"] = spacing if placed else layout.oriented_spacing(spacing)
     known["camera"] = _camera(root, path, device)
     return Found(source, known, attributes.words_in(found, path))
 
@@ -247,3 +250,18 @@ def _camera(root: Any, path: Path, device: Device) -> Any:
 
 def _zarr() -> Any:
     return zarr_package("use .h5")
+
+
+def _is_zarr(path: Path, head: bytes) -> bool:
+    if path.is_dir():
+        return any((path / mark).is_file() for mark in zarr_files.MARKS)
+    if head[:4] != b"PK\3\4":
+        return False
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return any(mark in archive.NameToInfo for mark in zarr_files.MARKS)
+    except (OSError, ValueError, RuntimeError, zipfile.BadZipFile):
+        return False  # an archive of views says what is wrong with it
+
+
+ZARR = Kind("Zarr", ARRAY_WORDS, read_zarr, open_zarr, recognises=_is_zarr)

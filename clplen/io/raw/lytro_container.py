@@ -23,6 +23,7 @@ from clplen.files import PathLike
 from clplen.io.formats.packing import Packing, packing_of, unpack
 from clplen.io.formats.untrusted import require_bytes
 
+DESCRIBED = (".json", ".raw")  # what other tools take out of a container
 MAGIC = b"\x89LFP\r\n\x1a\n\0\0\0\1"
 _TABLE, _CONTENT = b"\x89LFM\r\n\x1a\n", b"\x89LFC\r\n\x1a\n"
 _HEAD = 16  # bytes of type, version and length

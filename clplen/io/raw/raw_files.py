@@ -21,7 +21,8 @@ from clplen.io.formats import picture, tiff
 from clplen.io.formats.picture import read_picture
 from clplen.io.formats.tiff import read_tiff_frame
 from clplen.io.formats.untrusted import require_bytes
-from clplen.io.raw.lytro_container import MAGIC, read_container
+from clplen.io.raw import lytro_container, raytrix
+from clplen.io.raw.lytro_container import read_container
 from clplen.io.raw.raytrix import read_raytrix
 from clplen.io.store import hdf5_files
 from clplen.io.store.attributes import CAMERA, CAMERA_NAMES, RAW, SAMPLES, of_camera, read_camera
@@ -153,9 +154,6 @@ def _require_sensor(dataset: h5py.Dataset, shape: tuple[int, int], path: Path) -
 
 Frame = np.ndarray[Any, Any]
 
-_DESCRIBED = (".raw", ".json", ".txt")
-_XML = (".xml", ".ray")
-
 
 def read_frame(
     path: PathLike, *, frame: int | None = None, max_bytes: int | None = None
@@ -192,13 +190,13 @@ def read_frame(
     if frame is not None:
         raise FormatError(f"frame= counts the frames of a TIFF, {path} holds one only.")
     with path.open("rb") as file:
-        lytro = file.read(8) == MAGIC[:8]
-    if lytro or path.suffix.lower() in _DESCRIBED:
+        lytro = file.read(8) == lytro_container.MAGIC[:8]
+    if lytro or path.suffix.lower() in (*lytro_container.DESCRIBED, ".txt"):
         return read_container(path, max_bytes=max_bytes)
     if path.suffix.lower() not in picture.SUFFIXES:
         raise FormatError(
-            f"{path} is no raw frame: give a picture ({', '.join(picture.SUFFIXES)}), a Lytro container, "
-            "or a .raw file with its .json beside it."
+            f"{path} is no raw frame: give a picture ({', '.join(picture.SUFFIXES)}), a Lytro "
+            "container, or a .raw file with its .json beside it."
         )
     return read_picture(path, max_bytes=max_bytes), None
 
@@ -259,13 +257,13 @@ def read_raw(
     path = Path(path)
     types: tuple[LensType, ...] = ()
     beside = any(one is not None for one in (white, dark, grid))
-    if beside and path.suffix.lower() in (*_XML, *hdf5_files.SUFFIXES):
+    if beside and path.suffix.lower() in (*raytrix.SUFFIXES, *hdf5_files.SUFFIXES):
         raise ValueError(f"{path.name} tells the lenses: white=, dark= and grid= do not apply.")
     if path.suffix.lower() in hdf5_files.SUFFIXES:
         if image is not None or frame is not None:
             raise ValueError(f"{path.name} holds one raw image: image= and frame= do not apply.")
         return read_raw_file(path, device=device)
-    if path.suffix.lower() in _XML:
+    if path.suffix.lower() in raytrix.SUFFIXES:
         values, _ = read_frame(picture_of(path) if image is None else image, frame=frame)
         lattice, types = _calibrated(path, _shape(values))
     else:
@@ -274,7 +272,7 @@ def read_raw(
         values, _ = read_frame(path, frame=frame)
         black = None if dark is None else _like(dark, values, path)[0]
         lattice = _lattice(path, values, white, black, grid, force)
-        if grid is not None and Path(grid).suffix.lower() in _XML:
+        if grid is not None and Path(grid).suffix.lower() in raytrix.SUFFIXES:
             types = _calibrated(Path(grid), _shape(values))[1]
         values = values if black is None else values.astype(np.float32) - black
     device = as_device(device, optional=True)
@@ -310,7 +308,7 @@ def read_lattice(path: PathLike, shape: tuple[int, int]) -> Lattice:
         If the file is damaged, of another kind, or tells another shape.
     """
     path = Path(path)
-    if path.suffix.lower() in _XML:
+    if path.suffix.lower() in raytrix.SUFFIXES:
         calibration = read_raytrix(path)
         with _refusing(path):
             return calibration.lattice(shape)
@@ -357,7 +355,8 @@ def picture_of(path: Path) -> Path:
             if name.is_file():
                 return name
     raise FormatError(
-        f"There is no picture {path.stem} beside {path} ({', '.join(picture.SUFFIXES)}): give image=."
+        f"There is no picture {path.stem} beside {path} ({', '.join(picture.SUFFIXES)}): "
+        "give image=."
     )
 
 

@@ -7,15 +7,13 @@ import re
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
-from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
-from clplen.io.lightfields.layout import Layout
 from clplen.lightfield.lattice import Lattice
 from clplen.lightfield.raw import LensType
 
@@ -222,26 +220,10 @@ def _vector(vector: Array) -> Vector:
     return float(vector[0]), float(vector[1])
 
 
+SUFFIXES = (".xml", ".ray")
+MARK = b"<RayCalibData"
 _LONGEST = 1 << 20  # bytes
 _RANGE = ("min", "max")
-
-
-def read(path: PathLike, *, device: Device, layout: Layout, progress: bool = False) -> NoReturn:
-    """Refuse: a focused raw image becomes no light field by slicing.
-
-    Raises
-    ------
-    FormatError
-        Always.
-    """
-    path = Path(path)
-    if path.suffix.lower() == ".ray":
-        raise FormatError(_proprietary(path))
-    read_raytrix(path)
-    raise FormatError(
-        f"{path} is the calibration of a focused (plenoptic 2.0) raw image, whose views are "
-        "rendered, not sliced: clplen.io.read_raw(path) gives the raw image with its lenses."
-    )
 
 
 def read_raytrix(path: PathLike) -> RaytrixCalibration:

@@ -15,7 +15,7 @@ from clplen.files import PathLike, replacing
 from clplen.io.formats.pfm import read_pfm
 from clplen.io.formats.picture import SUFFIXES, read_picture
 from clplen.io.formats.untrusted import require_bytes
-from clplen.io.lightfields.hdf5_foreign import is_matlab
+from clplen.io.lightfields.hdf5_lightfields import is_matlab
 from clplen.io.results import hci
 from clplen.io.store.hdf5_files import attributes_of, contents, dataset_of, number, opened, storage
 from clplen.io.store.ome_tiff import read_ome_page

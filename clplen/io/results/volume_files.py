@@ -15,12 +15,11 @@ from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike
 from clplen.io.formats.tiff import decode_tiff_stack
 from clplen.io.formats.untrusted import require_bytes
-from clplen.io.store.zarr_files import storage
 from clplen.io.results.stack_files import is_series, write_series
 from clplen.io.store.ome_tiff import SUFFIXES
 from clplen.io.store.ome_zarr import SUFFIX
 from clplen.io.store.picture_blocks import Array, whole
-from clplen.io.store.zarr_files import opened_store
+from clplen.io.store.zarr_files import opened_store, storage
 
 
 def write_volume(

@@ -22,7 +22,6 @@ from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.compute.device import Device
 from clplen.errors import ClplenError, FormatError
 from clplen.io.formats.untrusted import UNREADABLE
-from clplen.io.lightfields.layout import Layout
 from clplen.lightfield.lightfield import LightField
 from clplen.wave.lenslets import MicrolensArray
 
@@ -132,41 +131,24 @@ def axes_in(attributes: dict[str, Any]) -> str | None:
     return None if axes is None else "".join(str(axes).split(":"))
 
 
-def known_of(
-    attributes: dict[str, Any], path: Path, layout: Layout, *, placed: bool
-) -> dict[str, Any]:
-    """What `LightField.from_array` takes of the attributes of the samples.
-
-    A view axis that the layout reverses or swaps takes its signed spacing along.
-
-    Parameters
-    ----------
-    attributes : dict
-    path : pathlib.Path
-    layout : Layout
-    placed : bool
-        Whether the views have positions: these stay where they are, and so does the spacing, which
-        is their unit.
+def spacing_in(attributes: dict[str, Any], path: Path) -> tuple[float, float, float, float] | None:
+    """The signed spacing (dv, du, dy, dx) in metres that a file says; None without one.
 
     Raises
     ------
     FormatError
-        If the spacing is none.
+        If it is none.
     """
     spacing = attributes.get("spacing")
     if spacing is None:
-        return {}
+        return None
     numbers = isinstance(spacing, tuple | list) and all(isinstance(n, int | float) for n in spacing)
     if not numbers or len(spacing) != 4:
         raise FormatError(
             f"{path}: spacing is (dv, du, dy, dx) in metres, none of them 0, not {spacing!r}."
         )
     dv, du, dy, dx = spacing
-    if placed:
-        return {"spacing": (dv, du, dy, dx)}
-    if layout.swap_uv:
-        dv, du = du, dv
-    return {"spacing": (-dv if layout.flip_v else dv, -du if layout.flip_u else du, dy, dx)}
+    return dv, du, dy, dx
 
 
 def words_in(attributes: dict[str, Any], path: Path) -> dict[str, Any]:

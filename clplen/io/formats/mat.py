@@ -1,33 +1,40 @@
-"""MATLAB files of versions 5 to 7.2: variables and their samples, read as a stream.
+"""MATLAB files of versions 5 to 7.2: variables by their headers, samples by SciPy.
 
 A header of 128 bytes, then elements of an 8-byte tag (type, length) and data. A variable is an
 element ``miMATRIX`` of flags, dimensions, name and samples (the first dimension fastest), or a
 zlib stream of one (MATLAB MAT-File Format, MathWorks, chapter 1).
+
+SciPy reads the header of a variable and the samples without a limit on what is inflated. So the
+headers are read here, and SciPy gets one variable of numbers, inflated as far as its header says.
 """
 
 from __future__ import annotations
 
 import math
 import struct
+import warnings
 import zlib
-from collections.abc import Iterator
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from clplen.errors import FormatError
-from clplen.io.lightfields.layout import Array
 
+Array = np.ndarray[Any, Any]
+
+MAGIC = b"MATLAB"
+SUFFIXES = (".mat",)
 _HEADER = 128
 _HEAD = 4096  # bytes in which flags, dimensions and name of a variable lie
-_PIECE = 1 << 16
 _MATRIX, _COMPRESSED = 14, 15
 _COMPLEX, _LOGICAL = 0x800, 0x200
 _LARGEST = 15  # the largest class that has dimensions and a name
 _CLASSES = dict(enumerate(["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8"], 6))
 _STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"}
+_ABOUT = ("__header__", "__version__", "__globals__")  # what SciPy adds
 _STORED |= {12: "i8", 13: "u8"}
 
 
@@ -132,84 +139,48 @@ def _element(head: bytes, at: int, order: str) -> tuple[bytes, int]:
     return data, at + 8 if start == at + 4 else start + -(-nbytes // 8) * 8
 
 
-class Samples:
-    """The samples of a variable, read from front to back.
+def read_variable(file: BinaryIO, variable: Variable) -> Array:
+    """The samples of a variable of real numbers.
 
     Parameters
     ----------
     file : binary file
     variable : Variable
-        Of real numbers.
+
+    Returns
+    -------
+    numpy.ndarray
+        As stored, in the shape of MATLAB; contiguous in the order of the file.
+
+    Raises
+    ------
+    EOFError
+        If the file ends before.
+    ValueError, zlib.error
+        If it is damaged; SciPy raises others.
     """
+    from scipy.io import loadmat  # imported where it is needed: it takes a sixth of a second
+    from scipy.io.matlab import MatReadError
 
-    def __init__(self, file: BinaryIO, variable: Variable) -> None:
-        self._file = file
-        self._variable = variable
-        self._stream: Iterator[bytes] = iter(())
-        self._held = b""
-        self._at = -1  # of the first byte held, after it is inflated; none yet
-
-    def read(self, first: int, count: int) -> Array:
-        """Samples from the first one on, in the order of the file.
-
-        Parameters
-        ----------
-        first, count : int
-
-        Returns
-        -------
-        numpy.ndarray
-            1-D, as stored.
-
-        Raises
-        ------
-        EOFError
-            If the file ends before.
-        """
-        packed = self._variable.packed
-        assert packed is not None
-        start, size = self._variable.start + first * packed.itemsize, count * packed.itemsize
-        if self._variable.compressed:
-            data = self._inflated(start, size)
-        else:
-            self._file.seek(self._variable.place + start)
-            data = self._file.read(size)
-        if len(data) < size:
-            raise EOFError(f"{self._variable.name} ends after {start + len(data):,} bytes")
-        return np.frombuffer(data, packed)
-
-    def _inflated(self, start: int, size: int) -> bytes:
-        if not 0 <= self._at <= start:
-            self._stream, self._held, self._at = self._pieces(), b"", 0
-        parts, wanted, end = [], start, start + size
-        while wanted < end:
-            skip = wanted - self._at
-            if skip < len(self._held):
-                parts.append(self._held[skip : skip + end - wanted])
-                wanted += len(parts[-1])
-                continue
-            self._at += len(self._held)
-            self._held = b""
-            piece = next(self._stream, None)
-            if piece is None:
-                break
-            self._held = piece
-        return b"".join(parts)
-
-    def _pieces(self) -> Iterator[bytes]:
-        """The inflated element, piece by piece."""
-        inflate = zlib.decompressobj()
-        place, left = self._variable.place, self._variable.length
-        while left > 0:
-            self._file.seek(place)
-            data = self._file.read(min(_PIECE, left))
-            if not data:
-                return
-            place, left = place + len(data), left - len(data)
-            piece = b""
-            while data or len(piece) == _PIECE:  # the last piece may leave output behind
-                piece = inflate.decompress(data, _PIECE)
-                data = inflate.unconsumed_tail
-                yield piece
-                if inflate.eof:
-                    return
+    assert variable.packed is not None
+    nbytes = variable.start + math.prod(variable.shape) * variable.packed.itemsize
+    file.seek(0)
+    header = file.read(_HEADER)
+    file.seek(variable.place)
+    if variable.compressed:
+        matrix = zlib.decompressobj().decompress(file.read(variable.length), nbytes)
+    else:
+        file.seek(variable.place - 8)
+        matrix, nbytes = file.read(8 + nbytes), 8 + nbytes
+    if len(matrix) < nbytes:
+        raise EOFError(f"{variable.name} ends after {len(matrix):,} bytes")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            held = loadmat(BytesIO(header + matrix), squeeze_me=False)
+        except MatReadError as error:
+            raise ValueError(str(error)) from error
+    (values,) = (np.asarray(value) for name, value in held.items() if name not in _ABOUT)
+    if values.shape != variable.shape or values.dtype.kind not in "buif":
+        raise ValueError(f"{variable.name} is {values.dtype} of shape {values.shape}")
+    return values
