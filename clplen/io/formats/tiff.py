@@ -15,7 +15,7 @@ import numpy as np
 import tifffile
 
 from clplen.errors import FormatError
-from clplen.io.formats.picture import without_alpha
+from clplen.io.formats.pixels import without_alpha
 from clplen.io.formats.untrusted import DEFLATE, require_bytes
 
 # Largest ratio of each compression (TIFF 6.0 and Adobe's supplements): none, LZW (a code of 12

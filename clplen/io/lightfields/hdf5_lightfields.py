@@ -29,13 +29,13 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.hdf5_safety import require_own
+from clplen.io.formats.untrusted import reading
 from clplen.io.lightfields.array_sources import (
     Found,
     Selection,
     Source,
     axes_known,
     light_field,
-    reading,
     stored_light_field,
 )
 from clplen.io.lightfields.layout import ARRAY_WORDS, Array, Kind, Layout, View

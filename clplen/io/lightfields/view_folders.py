@@ -17,7 +17,8 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, filling
 from clplen.io.formats import picture
-from clplen.io.formats.picture import decode_picture, read_picture, without_alpha, write_picture
+from clplen.io.formats.picture import decode_picture, read_picture, write_picture
+from clplen.io.formats.pixels import without_alpha
 from clplen.io.formats.untrusted import DEFLATE, UNREADABLE, require_bytes
 from clplen.io.lightfields.layout import NAME_WORDS, Kind, Layout, View
 from clplen.io.lightfields.view_names import DEFAULT_PATTERN, Pattern, arranged, views_only

@@ -13,8 +13,8 @@ import numpy as np
 
 from clplen.errors import FormatError
 from clplen.files import PathLike
+from clplen.io.formats.untrusted import listed
 from clplen.io.lightfields.layout import Layout, View
-from clplen.io.lightfields.view_names import listed
 
 Positions = np.ndarray[Any, np.dtype[np.float64]]
 

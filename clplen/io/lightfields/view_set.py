@@ -19,9 +19,9 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import naming
 from clplen.io.formats.pixels import linear
-from clplen.io.formats.untrusted import require_bytes
+from clplen.io.formats.untrusted import listed, require_bytes
 from clplen.io.lightfields.layout import Layout, View
-from clplen.io.lightfields.view_names import Pattern, listed
+from clplen.io.lightfields.view_names import Pattern
 from clplen.io.lightfields.view_positions import positions_of
 from clplen.lightfield.checks import checked_positions, require_finite
 from clplen.lightfield.lightfield import LightField

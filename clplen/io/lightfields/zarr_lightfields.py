@@ -20,16 +20,15 @@ import numpy as np
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, filling
+from clplen.io.formats.untrusted import listed, reading
 from clplen.io.lightfields.array_sources import (
     Found,
     Source,
     axes_known,
     light_field,
-    reading,
     stored_light_field,
 )
 from clplen.io.lightfields.layout import ARRAY_WORDS, Kind, Layout, View
-from clplen.io.lightfields.view_names import listed
 from clplen.io.store import attributes, zarr_files
 from clplen.io.store.attributes import SAMPLES
 from clplen.io.store.zarr_files import (

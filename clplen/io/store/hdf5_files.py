@@ -13,9 +13,7 @@ import numpy as np
 
 from clplen.errors import FormatError
 from clplen.hdf5_safety import require_heaps, require_own
-from clplen.io.formats.untrusted import DEFLATE, require_bytes
-from clplen.io.lightfields.array_sources import reading
-from clplen.io.lightfields.view_names import listed
+from clplen.io.formats.untrusted import DEFLATE, listed, reading, require_bytes
 from clplen.io.store.attributes import plain
 
 SUFFIXES = (".h5", ".hdf5")

@@ -17,8 +17,7 @@ import numpy as np
 
 from clplen.errors import FormatError
 from clplen.files import PathLike, check_space, filling
-from clplen.io.formats.untrusted import require_bytes
-from clplen.io.lightfields.array_sources import reading
+from clplen.io.formats.untrusted import reading, require_bytes
 from clplen.io.store.picture_blocks import Array, Block, checked, put
 from clplen.io.store.zarr_files import FORMAT_2, opened_store, storage, zarr_package
 from clplen.lightfield.raw import Spacing

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from clplen.errors import FormatError
-from clplen.io.lightfields.array_sources import reading
+from clplen.io.formats.untrusted import reading
 
 _METADATA = (".zarray", ".zgroup", ".zattrs", ".zmetadata", "zarr.json")
 COMPRESSORS = ("blosc", "zstd", "lz4", "gzip", "zlib", "bz2", "lzma")

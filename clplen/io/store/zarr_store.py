@@ -32,8 +32,7 @@ from zarr.abc.store import OffsetByteRequest, RangeByteRequest, SuffixByteReques
 from zarr.storage import LocalStore, WrapperStore, ZipStore
 
 from clplen.errors import FormatError
-from clplen.io.formats.untrusted import DEFLATE, SLACK, require_bytes
-from clplen.io.lightfields.array_sources import reading
+from clplen.io.formats.untrusted import DEFLATE, SLACK, reading, require_bytes
 from clplen.io.store.zarr_metadata import Packing, checked_arrays, is_metadata
 
 _PIECE = 1 << 18
