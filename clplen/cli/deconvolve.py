@@ -324,9 +324,9 @@ def _jobs(
 
 
 def _is_done(output: Path, job: dict[str, Any]) -> bool:
-    from clplen.io.results.volume_files import describe_volume
+    from clplen.io.store.picture_series import describe_series
 
-    return output.exists() and describe_volume(output).get("job") == job
+    return output.exists() and describe_series(output).get("job") == job
 
 
 def _tell(page: _Page, remarks: list[str]) -> None:

@@ -35,7 +35,8 @@ from clplen.io import (
 )
 from clplen.io.formats.tiff import read_tiff_frame
 from clplen.io.results.focused_files import found_in
-from clplen.io.results.volume_files import describe_volume, read_volume
+from clplen.io.results.volume_files import read_volume
+from clplen.io.store.picture_series import describe_series
 from clplen.lightfield.lightfield import LightField
 from clplen.microscopy import psffile
 
@@ -219,7 +220,7 @@ def test_entities_in_xml(tmp_path: Path):
         refused(lambda: read_raytrix(tmp_path / "a.xml"), "declares a document type or entities")
         text = f"{head}<OME><Description>&x;</Description></OME>"
         tifffile.imwrite(tmp_path / "a.tif", np.zeros((4, 5), "f4"), description=text)
-        assert describe_volume(tmp_path / "a.tif") == {}
+        assert describe_series(tmp_path / "a.tif") == {}
 
 
 @pytest.mark.parametrize("companion", [True, False])

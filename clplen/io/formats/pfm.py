@@ -17,6 +17,8 @@ from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, replacing
 from clplen.outputs import PFM_SCALE
 
+SUFFIXES = (".pfm",)
+MAGICS = (b"Pf", b"PF")
 _SPACE = rb"(?:\s|#[^\n]*\n)+"  # comments run to the end of their line
 _HEADER = re.compile(
     rb"(P[Ff])"

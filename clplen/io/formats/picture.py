@@ -15,6 +15,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
+from clplen.io.formats import tiff
 from clplen.io.formats.pixels import without_alpha
 from clplen.io.formats.png16 import decode_png16
 from clplen.io.formats.tiff import decode_tiff
@@ -150,7 +151,6 @@ def pnm_layout(content: bytes) -> tuple[tuple[int, int, int], int, int]:
 
 
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm")
-_TIFF = (".tif", ".tiff")
 _MOST_PIXELS = 89_478_485  # from here on Pillow warns of bombs, at twice as many it refuses
 
 Array = np.ndarray[Any, Any]
@@ -310,7 +310,7 @@ def write_picture(
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix in _TIFF:
+    if suffix in tiff.SUFFIXES:
         colour = "rgb" if values.ndim == 3 else "minisblack"
         with replacing(path, durable) as temporary:
             tifffile.imwrite(

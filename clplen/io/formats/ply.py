@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.errors import ShapeError
+from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, replacing
 from clplen.lightfield.metric import metric_depth
 from clplen.outputs import MARK
@@ -16,6 +16,10 @@ Array = np.ndarray[Any, Any]
 
 _PLACE = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
 _COLOUR = [("red", "u1"), ("green", "u1"), ("blue", "u1")]
+_TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
+_TYPES |= {"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2"}
+_TYPES |= {"uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"}
+_LONGEST = 1 << 16  # bytes of a header
 _METRIC = "metres from the centre view: x right, y down, z along the optical axis"
 _PIXELS = "no camera: x and y in pixels, y down, z is the disparity in pixels per view step"
 
@@ -71,6 +75,52 @@ def write_ply(
     with replacing(path) as temporary, temporary.open("wb") as file:
         file.write(_header(vertices, comment).encode("ascii"))
         file.write(vertices.tobytes())
+
+
+def read_ply(path: PathLike) -> tuple[Array, Array | None]:
+    """Read the points of a binary PLY, such as `write_ply` writes.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    numpy.ndarray, numpy.ndarray or None
+        float32, shape (n, 3): x, y, z; and uint8, shape (n, 3): red, green, blue, where each point
+        has a colour.
+
+    Raises
+    ------
+    FormatError
+        If it is missing, damaged, no binary PLY, or its points have no x, y and z.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FormatError(f"There is no point cloud {path}.")
+    with path.open("rb") as file:
+        head, end, _ = file.read(_LONGEST).partition(b"end_header\n")
+    lines = [line.split() for line in head.decode("ascii", "replace").splitlines()]
+    order = {"binary_little_endian": "<", "binary_big_endian": ">"}.get(
+        lines[1][1] if len(lines) > 1 and len(lines[1]) > 1 else ""
+    )
+    elements = [index for index, line in enumerate(lines) if line[:1] == ["element"]]
+    first = lines[elements[0]] if elements else []
+    if not end or lines[0] != ["ply"] or order is None or first[1:2] != ["vertex"]:
+        raise FormatError(f"{path} is no binary PLY of points.")
+    inside = lines[elements[0] + 1 : elements[1] if len(elements) > 1 else None]
+    try:
+        fields = [(line[2], order + _TYPES[line[1]]) for line in inside if line[:1] == ["property"]]
+        kind, count = np.dtype(fields), int(first[2])
+        there = (path.stat().st_size - len(head + end)) // kind.itemsize
+        vertices = np.fromfile(path, kind, min(count, there), offset=len(head + end))
+        points = np.stack([vertices[name] for name, _ in _PLACE], -1).astype(np.float32)
+        colours = [vertices[name] for name, _ in _COLOUR if name in (vertices.dtype.names or ())]
+    except (ArithmeticError, LookupError, ValueError) as error:
+        raise FormatError(f"{path} is no PLY of points that can be read ({error}).") from error
+    if len(vertices) != count:
+        raise FormatError(f"{path} ends after {len(vertices):,} of {count:,} points.")
+    return points, np.stack(colours, -1).astype(np.uint8) if len(colours) == 3 else None
 
 
 def _header(vertices: Array, comment: str) -> str:

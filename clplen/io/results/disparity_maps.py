@@ -12,11 +12,14 @@ import numpy as np
 from clplen.cameras.truth import Truth
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
+from clplen.io.formats import npy, pfm, picture
+from clplen.io.formats.npy import map_npy
 from clplen.io.formats.pfm import read_pfm
-from clplen.io.formats.picture import SUFFIXES, read_picture
+from clplen.io.formats.picture import read_picture
 from clplen.io.formats.untrusted import require_bytes
 from clplen.io.lightfields.hdf5_lightfields import is_matlab
 from clplen.io.results import hci
+from clplen.io.store import hdf5_files, zarr_files
 from clplen.io.store.hdf5_files import attributes_of, contents, dataset_of, number, opened, storage
 from clplen.io.store.ome_tiff import read_ome_page
 from clplen.io.store.ome_zarr import read_omezarr_channel
@@ -71,6 +74,46 @@ def write_truth(path: PathLike, truth: Truth, *, durable: bool = False) -> None:
                     file[name].attrs.update({"units": units, "meaning": meaning})
         except RuntimeError as error:  # a full disk, found when the file is closed
             raise OSError(str(error)) from error
+
+
+def read_scene_truth(path: PathLike, *, max_bytes: int | None = None) -> Truth:
+    """Read what `write_truth` wrote, all of it; `read_truth` gives the disparity of any data set.
+
+    Parameters
+    ----------
+    path : path-like
+    max_bytes : int, optional
+        Largest allocation that the file may ask for; default half of the free memory.
+
+    Returns
+    -------
+    Truth
+        A ``z`` that the file does not hold is NaN.
+
+    Raises
+    ------
+    FormatError
+        If the file is missing, damaged, or not one of `write_truth`.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FormatError(f"There is no file {path}.")
+    with opened(path) as file:
+        disparity = _picture(dataset_of(file, "disparity", path), (), path, max_bytes)
+        surface = _picture(dataset_of(file, "surface", path), (), path, max_bytes)
+        z = np.full_like(disparity, np.nan)
+        if isinstance(file.get("z"), h5py.Dataset):
+            z = _picture(file["z"], (), path, max_bytes)
+        group = file.get(_MASKS)
+        names = [] if not isinstance(group, h5py.Group) else list(group)
+        masks = {
+            name: _picture(dataset_of(file, f"{_MASKS}/{name}", path), (), path, max_bytes) > 0
+            for name in names
+        }
+    differing = {values.shape for values in (disparity, surface, z, *masks.values())}
+    if len(differing) > 1:
+        raise FormatError(f"{path} holds maps of the shapes {sorted(differing)}, not of one.")
+    return Truth(disparity, z, surface.astype(np.int32), masks)
 
 
 def read_masks(
@@ -211,7 +254,6 @@ def _picture(
 
 Array = np.ndarray[Any, Any]
 
-_NUMPY, _HDF5 = b"\x93NUMPY", b"\x89HDF\r\n\x1a\n"
 _HEAD = 8
 
 
@@ -261,32 +303,23 @@ def read_disparity(
 
 def _values(path: Path, max_bytes: int | None) -> Array:
     """What a file of any of the kinds holds."""
-    if path.suffix.lower() == ".zarr" and path.is_dir():
+    if path.suffix.lower() == zarr_files.SUFFIX and path.is_dir():
         return read_omezarr_channel(path, 0, max_bytes=max_bytes)
     if not path.is_file():
         raise FormatError(f"There is no disparity map {path}.")
     with path.open("rb") as file:
         head = file.read(_HEAD)
-    if head.startswith(_NUMPY):
-        return _npy(path)
-    if head[:2] in (b"Pf", b"PF"):
+    if head.startswith(npy.MAGIC):
+        return map_npy(path, what="a disparity map")
+    if head[:2] in pfm.MAGICS:
         return read_pfm(path)
-    if head.startswith(_HDF5):
+    if head.startswith(hdf5_files.MAGIC):
         return read_truth(path, max_bytes=max_bytes)
     if [suffix.lower() for suffix in path.suffixes][-2:-1] == [".ome"]:
         return read_ome_page(path, 0, max_bytes=max_bytes)
-    if path.suffix.lower() in SUFFIXES:
+    if path.suffix.lower() in picture.SUFFIXES:
         return read_picture(path, max_bytes=max_bytes)
     raise FormatError(
         f"{path} is no disparity map: give PFM, a TIFF of floats, .npy, what write_depth wrote, or "
         "HDF5 with a truth."
     )
-
-
-def _npy(path: Path) -> Array:
-    """An array that is mapped, so that it cannot be larger than its file."""
-    try:
-        return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
-    except Exception as error:  # NumPy raises all kinds on damaged headers
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise FormatError(f"{path} cannot be read ({reason[:200]}).") from error

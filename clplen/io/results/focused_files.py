@@ -17,11 +17,14 @@ import tifffile
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.hdf5_safety import require_own
+from clplen.io.formats import npy, pfm, tiff
 from clplen.io.formats.npy import write_npy
 from clplen.io.formats.pfm import write_pfm
 from clplen.io.formats.picture import write_picture
-from clplen.io.results.stack_files import is_series, numbers, write_series
+from clplen.io.results.stack_files import numbers
+from clplen.io.store import hdf5_files
 from clplen.io.store.picture_blocks import Block, whole
+from clplen.io.store.picture_series import is_ome, is_series, write_series
 from clplen.lightfield.focused_depth import FocusedDepth
 from clplen.lightfield.focused_maps import FocusedMaps
 from clplen.lightfield.focused_picture import FocusedImage, FocusedStack, PictureGrid
@@ -165,9 +168,9 @@ def write_focused_depth(
     """
     path = Path(path)
     suffixes = [suffix.lower() for suffix in path.suffixes]
-    if suffixes[-1:] in ([".h5"], [".hdf5"]):
+    if suffixes[-1:] in ([suffix] for suffix in hdf5_files.SUFFIXES):
         _write_hdf5(path, depth, maps, durable)
-    elif suffixes[-1:] == [".zarr"] or suffixes[-2:] in ([".ome", ".tif"], [".ome", ".tiff"]):
+    elif is_ome(path):
         found = {name: np.asarray(v, np.float32) for name, v in _known(maps, _CHANNELS).items()}
         values = np.stack(list(found.values()))
         write_series(
@@ -197,9 +200,9 @@ def found_in(path: PathLike) -> tuple[str, dict[str, Any]] | None:
     path = Path(path)
     if not path.is_file():
         return None
-    if path.suffix.lower() in (".h5", ".hdf5"):
+    if path.suffix.lower() in hdf5_files.SUFFIXES:
         return _found_in_hdf5(path) if h5py.is_hdf5(path) else None
-    return _found_in_tiff(path) if path.suffix.lower() in (".tif", ".tiff") else None
+    return _found_in_tiff(path) if path.suffix.lower() in tiff.SUFFIXES else None
 
 
 def _found_in_hdf5(path: Path) -> tuple[str, dict[str, Any]] | None:
@@ -239,11 +242,11 @@ def _found_in_tiff(path: Path) -> tuple[str, dict[str, Any]] | None:
 
 def _write_map(path: Path, values: np.ndarray[Any, Any], durable: bool) -> None:
     suffix = path.suffix.lower()
-    if suffix == ".npy":
+    if suffix in npy.SUFFIXES:
         write_npy(path, values, durable=durable)
-    elif suffix == ".pfm":
+    elif suffix in pfm.SUFFIXES:
         write_pfm(path, values, durable=durable)
-    elif suffix in (".tif", ".tiff"):
+    elif suffix in tiff.SUFFIXES:
         write_picture(path, values, description=_MAP, durable=durable)
     else:
         raise ValueError(

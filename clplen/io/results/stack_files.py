@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
+from clplen.compute.device import DeviceLike, as_device
+from clplen.compute.image import Image
+from clplen.errors import FormatError
 from clplen.files import PathLike
+from clplen.io.formats import tiff
 from clplen.io.formats.pfm import write_pfm
 from clplen.io.formats.picture import write_picture
-from clplen.io.store.ome_tiff import SUFFIXES, write_ome
-from clplen.io.store.ome_zarr import SUFFIX, write_omezarr
+from clplen.io.results.disparity_maps import read_disparity
 from clplen.io.store.picture_blocks import Block, Tiles, whole
+from clplen.io.store.picture_series import is_ome, is_series, read_series, write_series
+from clplen.lightfield.depth import DepthMap
 from clplen.lightfield.law import depth_at
 from clplen.lightfield.raw import Spacing, is_telecentric
 from clplen.lightfield.refocus import FocalStack
-
-if TYPE_CHECKING:
-    from clplen.lightfield.depth import DepthMap
 
 _DISPARITY = "pixels per view step, nearer is larger"
 _ALPHA = "F/F', F main lens to microlens array, F' main lens to the plane"
@@ -91,16 +94,56 @@ def write_stack(
     )
 
 
-def is_series(path: PathLike) -> bool:
-    return Path(path).suffix.lower() in (*SUFFIXES, SUFFIX)
+def read_stack(
+    path: PathLike, *, device: DeviceLike | None = None, max_bytes: int | None = None
+) -> FocalStack:
+    """Read a focal stack of `write_stack`.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.tif`` or ``.tiff``; ``.zarr``, a folder.
+    device : Device or str, optional
+        Default ``Device.open()``.
+    max_bytes : int, optional
+        Largest allocation that the file may ask for; default half of the free memory.
+
+    Returns
+    -------
+    FocalStack
+        Of its ``spacing`` the file keeps the size of a pixel (dy, dx), the rest is NaN; it keeps
+        no camera, weights or positions.
+
+    Raises
+    ------
+    FormatError
+        If it is missing, damaged, of another kind, or does not say the disparity of each plane.
+    """
+    series = read_series(path, what="a focal stack", max_bytes=max_bytes)
+    count = len(series.values)
+    known = [_vector(series.about.get(name), count) for name in ("disparities", "alphas")]
+    if known[0] is None:
+        raise FormatError(
+            f"{path} does not say the disparities of its {count} planes: it is no focal stack of "
+            "write_stack."
+        )
+    device = as_device(device, optional=True)
+    return FocalStack(
+        device.upload(np.ascontiguousarray(series.values, np.float32)),
+        device,
+        known[0],
+        np.full(count, np.nan) if known[1] is None else known[1],
+        None if series.pixel is None else (math.nan, math.nan, *series.pixel),
+    )
 
 
-def write_series(path: PathLike, blocks: Iterable[Block], *, replace: bool, **known: Any) -> None:
-    """Write OME-TIFF or OME-Zarr, by the suffix."""
-    if Path(path).suffix.lower() == SUFFIX:
-        write_omezarr(path, blocks, replace=replace, **known)
-    else:
-        write_ome(path, blocks, **known)
+def _vector(values: Any, count: int) -> np.ndarray[Any, np.dtype[np.float64]] | None:
+    """Numbers of a description, NaN for null; None if there are not as many."""
+    if not isinstance(values, list | tuple) or len(values) != count:
+        return None
+    if not all(value is None or isinstance(value, int | float) for value in values):
+        return None
+    return np.array([math.nan if value is None else value for value in values], np.float64)
 
 
 def _planes(stack: FocalStack) -> Iterator[Block]:
@@ -176,7 +219,7 @@ def write_depth(
     suffixes = [suffix.lower() for suffix in Path(path).suffixes]
     if suffixes[-1:] == [".pfm"]:
         write_pfm(path, depth.disparity, durable=durable)
-    elif suffixes[-1:] == [SUFFIX] or suffixes[-2:] in ([".ome", suffix] for suffix in SUFFIXES):
+    elif is_ome(path):
         maps = _known(depth)
         values = np.stack(list(maps.values()))
         write_series(
@@ -190,7 +233,7 @@ def write_depth(
             durable=durable,
             replace=replace,
         )
-    elif suffixes[-1:] in ([suffix] for suffix in SUFFIXES):
+    elif suffixes[-1:] in ([suffix] for suffix in tiff.SUFFIXES):
         disparity = depth.disparity.astype(np.float32, copy=False)
         write_picture(path, disparity, description=f"disparity, {_DISPARITY}", durable=durable)
     else:
@@ -207,6 +250,39 @@ def _known(depth: DepthMap) -> dict[str, np.ndarray[Any, Any]]:
         for name, values in maps.items()
         if name in ("disparity", "confidence") or not np.isnan(values).all()
     }
+
+
+def read_depth(path: PathLike, *, max_bytes: int | None = None) -> DepthMap:
+    """Read a depth map of `write_depth`.
+
+    Parameters
+    ----------
+    path : path-like
+        OME-TIFF (``.ome.tif``) or OME-Zarr (``.zarr``) of `write_depth`, with all maps that they
+        hold; of other files disparity alone, as `read_disparity` takes it.
+    max_bytes : int, optional
+        Largest allocation that the file may ask for; default half of the free memory.
+
+    Returns
+    -------
+    DepthMap
+        Maps that the file does not hold are NaN.
+
+    Raises
+    ------
+    FormatError
+        If it is missing, damaged, or holds no disparity.
+    """
+    if is_ome(path):
+        series = read_series(path, what="a depth map", max_bytes=max_bytes)
+        names = [name for name in _CHANNELS if name in series.about]
+        if names[:1] != ["disparity"] or len(names) != len(series.values):
+            raise FormatError(f"{path} does not name its maps: it is no depth map of write_depth.")
+        known = dict(zip(names, series.values.astype(np.float32), strict=True))
+    else:
+        known = {"disparity": read_disparity(path, max_bytes=max_bytes)}
+    unknown = np.full_like(known["disparity"], np.nan)
+    return DepthMap(**{name: known.get(name, unknown) for name in _CHANNELS})
 
 
 def write_image(
@@ -259,3 +335,37 @@ def write_image(
         durable=durable,
         replace=replace,
     )
+
+
+def read_image(
+    path: PathLike, *, device: DeviceLike | None = None, max_bytes: int | None = None
+) -> Image:
+    """Read one linear picture of `write_image`.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.tif`` or ``.tiff``; ``.zarr``, a folder.
+    device : Device or str, optional
+        Default ``Device.open()``.
+    max_bytes : int, optional
+        Largest allocation that the file may ask for; default half of the free memory.
+
+    Returns
+    -------
+    Image
+        float32, shape (y, x) or (y, x, c).
+
+    Raises
+    ------
+    FormatError
+        If it is missing, damaged, of another kind, or holds several pictures.
+    """
+    series = read_series(path, what="a picture", max_bytes=max_bytes)
+    values = series.values
+    if series.axes == "cyx":
+        values = np.moveaxis(values, 0, -1)[None]
+    if len(values) != 1:
+        raise FormatError(f"{path} holds {len(values)} pictures, not one: read_stack takes it.")
+    device = as_device(device, optional=True)
+    return Image(device.upload(np.ascontiguousarray(values[0], np.float32)), device)

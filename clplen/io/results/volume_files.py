@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import math
-import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tifffile
 
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike
-from clplen.io.formats.tiff import decode_tiff_stack
+from clplen.io.formats import npy
+from clplen.io.formats.npy import map_npy
 from clplen.io.formats.untrusted import require_bytes
-from clplen.io.results.stack_files import is_series, write_series
-from clplen.io.store.ome_tiff import SUFFIXES
-from clplen.io.store.ome_zarr import SUFFIX
 from clplen.io.store.picture_blocks import Array, whole
-from clplen.io.store.zarr_files import opened_store, storage
+from clplen.io.store.picture_series import describe_series, is_series, read_series, write_series
 
 
 def write_volume(
@@ -108,59 +103,22 @@ def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array,
         If it is missing, damaged, of another kind or no volume of numbers.
     """
     path = Path(path)
-    if not path.exists():
-        raise FormatError(f"There is no volume {path}.")
-    try:
-        if path.suffix.lower() == SUFFIX:
-            with opened_store(path, "write .tif", max_bytes) as group:
-                level = group["0"]
-                stored, ratio = storage(level, path, "a volume", max_bytes)
-                _require(path, level, stored, ratio, max_bytes)
-                values = np.asarray(level[...])
-        elif path.suffix.lower() == ".npy":
-            mapped = np.load(path, mmap_mode="r", allow_pickle=False)
-            _require(path, mapped, path.stat().st_size, 1, max_bytes)
-            values = np.array(mapped)
-        elif path.suffix.lower() in SUFFIXES:
-            size = path.stat().st_size
-            require_bytes(
-                size, path=path, what="the volume", stored=size, ratio=1, max_bytes=max_bytes
-            )
-            values = decode_tiff_stack(path.read_bytes(), path, max_bytes=max_bytes)
-        else:
-            raise ValueError("volumes are .tif, .zarr and .npy")
-    except FormatError:
-        raise
-    except Exception as error:  # what parsers raise on damaged files
-        raise FormatError(f"{path} is no volume that can be read ({str(error)[:200]}).") from error
-    values = values[None] if values.ndim == 2 else values
+    if path.suffix.lower() not in npy.SUFFIXES:
+        series = read_series(
+            path, what="a volume", kinds=".tif, .zarr and .npy", max_bytes=max_bytes
+        )
+        values, about = series.values, series.about
+    else:
+        mapped = map_npy(path, what="a volume")
+        size = path.stat().st_size
+        require_bytes(
+            mapped.nbytes, path=path, what="a volume", stored=size, ratio=1, max_bytes=max_bytes
+        )
+        values, about = np.array(mapped), {}
+        values = values[None] if values.ndim == 2 else values
     if values.ndim != 3 or values.dtype.kind not in "uif" or values.size == 0:
         raise FormatError(f"{path} holds {values.dtype} of shape {values.shape}, not (z, y, x).")
-    return values, describe_volume(path)
-
-
-def describe_volume(path: PathLike) -> dict[str, Any]:
-    """What `write_volume` wrote about a volume; empty if there is no such file.
-
-    Parameters
-    ----------
-    path : path-like
-    """
-    path = Path(path)
-    try:
-        if path.suffix.lower() == SUFFIX:
-            with opened_store(path, "write .tif") as group:
-                found = group.attrs["clplen"] if "0" in group else {}
-        else:
-            with tifffile.TiffFile(path, is_ome=False, is_imagej=False) as file:
-                text = file.pages.first.description or "<OME/>"
-            if "<!DOCTYPE" in text or "<!ENTITY" in text:  # could claim any amount of memory
-                return {}
-            root = ET.fromstring(text)
-            found = json.loads(next(one.text or "" for one in root.iter() if _is_text(one)))
-    except Exception:  # what other programs wrote, or nothing
-        return {}
-    return dict(found) if isinstance(found, dict) else {}
+    return values, about
 
 
 def is_volume(path: PathLike) -> bool:
@@ -170,15 +128,4 @@ def is_volume(path: PathLike) -> bool:
     ----------
     path : path-like
     """
-    return "planes_um" in describe_volume(path)
-
-
-def _is_text(element: ET.Element) -> bool:
-    return element.tag.endswith("Description")
-
-
-def _require(path: Path, array: Any, stored: int, ratio: float, max_bytes: int | None) -> None:
-    nbytes = math.prod(array.shape) * np.dtype(array.dtype).itemsize
-    require_bytes(
-        nbytes, path=path, what="a volume", stored=stored, ratio=ratio, max_bytes=max_bytes
-    )
+    return "planes_um" in describe_series(path)

@@ -17,13 +17,13 @@ import tifffile
 
 from clplen.errors import FormatError
 from clplen.files import PathLike, check_space, replacing
+from clplen.io.formats import tiff
 from clplen.io.formats.tiff import decode_tiff
 from clplen.io.formats.untrusted import require_bytes
 from clplen.io.store.picture_blocks import Array, Block, checked, put
 from clplen.lightfield.raw import Spacing
 from clplen.outputs import MARK
 
-SUFFIXES = (".tif", ".tiff")
 _BIG = (1 << 32) - (1 << 25)  # bytes from which on BigTIFF is written; the rest is for the heads
 
 
@@ -75,7 +75,7 @@ def write_ome(
     OSError
         If the file cannot be written.
     """
-    if Path(path).suffix.lower() not in SUFFIXES:
+    if Path(path).suffix.lower() not in tiff.SUFFIXES:
         raise ValueError(f"OME-TIFF is written as .tif, not as {Path(path).name}.")
     stored = shape if axes[0] in "ZC" else shape[1:]
     if shape[3:] == (1,):  # TIFF knows no axis of one sample

@@ -18,12 +18,12 @@ import numpy as np
 from clplen.errors import FormatError
 from clplen.files import PathLike, check_space, filling
 from clplen.io.formats.untrusted import reading, require_bytes
+from clplen.io.store import zarr_files
 from clplen.io.store.picture_blocks import Array, Block, checked, put
 from clplen.io.store.zarr_files import FORMAT_2, opened_store, storage, zarr_package
 from clplen.lightfield.raw import Spacing
 from clplen.outputs import MARK
 
-SUFFIX = ".zarr"
 _INSTEAD = "write .tif"
 _CHUNK = 512  # pixels along y and x, at most
 _SMALLEST = 256  # pixels along the longer side of the last level, at most
@@ -92,7 +92,7 @@ def write_omezarr(
     OSError
         If the folder cannot be written.
     """
-    if Path(path).suffix.lower() != SUFFIX:
+    if Path(path).suffix.lower() != zarr_files.SUFFIX:
         raise ValueError(f"OME-Zarr is written as .zarr, not as {Path(path).name}.")
     _zarr()
     sizes = _sizes(shape, axes)
