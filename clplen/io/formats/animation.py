@@ -1,4 +1,4 @@
-"""Animated GIFs: to look at, never to measure."""
+"""Pictures to look at, never to measure: 8 bits, and animated GIFs."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ _MOST = 99.9  # per cent of the values
 _GLINT = 3  # times that percentile: a larger maximum is cut
 
 
-def white_of(values: Array, dtype: np.dtype[Any], *, srgb: bool = False) -> float:
+def white_level(values: Array, dtype: np.dtype[Any], *, srgb: bool = False) -> float:
     """The value that is shown as white.
 
     Parameters
@@ -103,7 +103,7 @@ def white_of(values: Array, dtype: np.dtype[Any], *, srgb: bool = False) -> floa
     return white if white > 0 else 1.0
 
 
-def to_look_at(values: Array, white: float, *, srgb: bool = False) -> Array:
+def to_eight_bits(values: Array, white: float, *, srgb: bool = False) -> Array:
     """A picture as uint8: values over white, cut to 0 to 1, encoded as sRGB where asked.
 
     Parameters

@@ -21,8 +21,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen.errors import FormatError
-from clplen.files import PathLike
+from clplen.files import PathLike, replacing
 from clplen.io.formats.pfm import read_pfm
+from clplen.outputs import MARK
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -32,7 +33,17 @@ Array = np.ndarray[Any, np.dtype[np.float64]]
 _FILE = "parameters.cfg"
 _LARGEST = 1 << 20  # bytes
 _MOST_PLANES = 10**6
-_SECTIONS = ("intrinsics", "extrinsics", "meta")
+_SECTIONS = {
+    "intrinsics": (
+        "focal_length_mm",
+        "image_resolution_x_px",
+        "image_resolution_y_px",
+        "sensor_size_mm",
+        "fstop",
+    ),
+    "extrinsics": ("num_cams_x", "num_cams_y", "baseline_mm", "focus_distance_m"),
+    "meta": ("scene", "category", "disp_min", "disp_max", "depth_map_scale"),
+}
 
 
 @dataclass(frozen=True)
@@ -216,6 +227,32 @@ def read_parameters(path: PathLike) -> HciParameters:
             if found.get(field.name, "").strip()
         }
     )
+
+
+def write_parameters(path: PathLike, parameters: HciParameters) -> None:
+    """Write the parameters of a scene as the HCI 4D benchmark does.
+
+    Parameters
+    ----------
+    path : path-like
+        The folder of the scene, which gets a ``parameters.cfg``, or the file itself.
+    parameters : HciParameters
+        What is None is left out.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    parser = configparser.ConfigParser(interpolation=None)
+    for section, names in _SECTIONS.items():
+        values = {name: getattr(parameters, name) for name in names}
+        parser[section] = {name: str(value) for name, value in values.items() if value is not None}
+    target = Path(path)
+    file = target / _FILE if target.is_dir() else target
+    with replacing(file) as temporary, temporary.open("w", encoding="utf-8") as stream:
+        parser.write(stream)
+        stream.write(f"# {MARK}\n")
 
 
 def _value(file: Path, name: str, kind: str, text: str) -> Any:

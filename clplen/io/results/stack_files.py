@@ -276,7 +276,7 @@ def read_depth(path: PathLike, *, max_bytes: int | None = None) -> DepthMap:
     if is_ome(path):
         series = read_series(path, what="a depth map", max_bytes=max_bytes)
         names = [name for name in _CHANNELS if name in series.about]
-        if names[:1] != ["disparity"] or len(names) != len(series.values):
+        if "confidence" not in names or len(names) != len(series.values):
             raise FormatError(f"{path} does not name its maps: it is no depth map of write_depth.")
         known = dict(zip(names, series.values.astype(np.float32), strict=True))
     else:
