@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 
 _RAW_DECADES = 5
 _SHOWN = 1000  # pixels of a raw image that a figure resolves
+_MILLI = {"m": 1e3, "rad": 1e3}
 
 
 @styled
@@ -278,9 +279,6 @@ def montage(
         label = f"mean of the views{said(scale)}"
         bar(figure, drawn, list(panels), label, extend=cut(values, norm))
     return figure
-
-
-_MILLI = {"m": 1e3, "rad": 1e3}
 
 
 @styled

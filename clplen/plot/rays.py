@@ -1,8 +1,8 @@
-"""Paraxial rays through an optical system, for its side view: (height, slope) at every part.
+"""Paraxial rays through an optical system, for its side view, and the words about its parts.
 
-A distance L moves a ray by L slope; a lens of focal length f adds -height/f to its slope, a
-lenslet centred at c adds -(height - c)/f (ray transfer matrices: Saleh and Teich 1991,
-section 1.4).
+A ray is (height, slope) at every part. A distance L moves it by L slope; a lens of focal length f
+adds -height/f to its slope, a lenslet centred at c adds -(height - c)/f (ray transfer matrices:
+Saleh and Teich 1991, section 1.4). The words share the room beside the drawing in rows.
 """
 
 from __future__ import annotations
@@ -22,6 +22,9 @@ _FILL = 0.7  # of the largest opening that objects and images may fill
 _FEW, _MANY = 9, 21  # rays between the marginal ones of a bundle that meets lenslets
 _ZERO = 1e-9  # relative
 _NARROW = 0.02  # half width over length of a bundle that nothing bounds
+LINE = 0.145  # inches of a line of text
+_LETTER = 0.068
+_FUNCTION = "function"  # a part that is one without a name
 
 
 @dataclass(frozen=True)
@@ -201,11 +204,6 @@ def _images(optics: OpticalSystem, z: Array, fan: Array, unit: Array) -> tuple[I
             where = z[i] + share * (z[i + 1] - z[i])
             found.append(ImagePoint(float(where), float(unit[i] + share * (unit[i + 1] - unit[i]))))
     return tuple(found)
-
-
-LINE = 0.145  # inches of a line of text
-_LETTER = 0.068
-_FUNCTION = "function"  # a part that is one without a name
 
 
 @dataclass(frozen=True)

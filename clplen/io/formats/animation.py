@@ -16,6 +16,9 @@ from clplen.outputs import MARK
 # Thresholds of ordered dithering (Bayer 1973), in sixteenths.
 _BAYER = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]])
 _STEPS = 31  # of a colour, from black to full
+Array = np.ndarray[Any, Any]
+_MOST = 99.9  # per cent of the values
+_GLINT = 3  # times that percentile: a larger maximum is cut
 
 
 def write_animation(
@@ -67,12 +70,6 @@ def _dithered(frame: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     thresholds = (_BAYER[rows[:, None], columns] + 0.5) / 16
     levels = np.floor(frame * (_STEPS / 255) + thresholds[..., None])
     return np.rint(levels * (255 / _STEPS)).astype(np.uint8)
-
-
-Array = np.ndarray[Any, Any]
-
-_MOST = 99.9  # per cent of the values
-_GLINT = 3  # times that percentile: a larger maximum is cut
 
 
 def white_level(values: Array, dtype: np.dtype[Any], *, srgb: bool = False) -> float:

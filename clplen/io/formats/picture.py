@@ -34,6 +34,9 @@ _SPACE = rb"(?:\s|#[^\n]*\n)+"
 _PNM = re.compile(
     rb"P([56])" + _SPACE + rb"(\d{1,9})" + _SPACE + rb"(\d{1,9})" + _SPACE + rb"(\d{1,5})\s"
 )
+SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm")
+_MOST_PIXELS = 89_478_485  # from here on Pillow warns of bombs, at twice as many it refuses
+Array = np.ndarray[Any, Any]
 
 
 @dataclass(frozen=True)
@@ -148,12 +151,6 @@ def pnm_layout(content: bytes) -> tuple[tuple[int, int, int], int, int]:
     if not 0 < highest < 2**16 or not width * height:
         raise ValueError("its header is damaged")
     return (height, width, 3 if kind == 6 else 1), 1 if highest < 256 else 2, match.end()
-
-
-SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm")
-_MOST_PIXELS = 89_478_485  # from here on Pillow warns of bombs, at twice as many it refuses
-
-Array = np.ndarray[Any, Any]
 
 
 def read_picture(path: PathLike, *, max_bytes: int | None = None) -> Array:

@@ -1,4 +1,4 @@
-"""One picture of a TIFF file, or a stack of them, without more memory than it declares."""
+"""TIFF without more memory than it declares: one picture, one frame of many, or a stack of them."""
 
 from __future__ import annotations
 
@@ -25,6 +25,9 @@ _BY_PILLOW = (5, 7)  # where tifffile's optional codecs are not installed
 _DEFLATED = (8, 32946)
 _PALETTE = 3
 _TILE = 16 << 20  # bytes by which a tile may be larger than its picture
+logger = logging.getLogger("clplen.io")
+SUFFIXES = (".tif", ".tiff")
+_LONGEST = 1 << 16  # characters of an OME description in which <Pixels> is looked for
 
 
 def decode_tiff(
@@ -152,12 +155,6 @@ def _check_deflated(page: Any, content: bytes) -> None:
         part = content[offset : offset + count]
         if len(zlib.decompressobj().decompress(part, largest + 1)) > largest:
             raise ValueError("a part of it inflates to more than it declares")
-
-
-logger = logging.getLogger("clplen.io")
-
-SUFFIXES = (".tif", ".tiff")
-_LONGEST = 1 << 16  # characters of an OME description in which <Pixels> is looked for
 
 
 def read_tiff_frame(

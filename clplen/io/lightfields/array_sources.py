@@ -1,4 +1,4 @@
-"""Arrays in files, block by block into the memory of a device."""
+"""Arrays in files as light fields: read whole, block by block onto a device, or in parts."""
 
 from __future__ import annotations
 

@@ -65,6 +65,9 @@ _NAMES = {
     "sensor": "sensor/position",
 }
 _OFF = 1e-3  # pixels by which a lenslet may miss whole ones; float32 keeps 1e-5
+LF = "LF"
+_USUAL = (SAMPLES, LF, f"{LF}/{LF}", IMAGE)  # LF/LF: a MATLAB struct of HCI 2016
+_USER_BLOCK = 512  # bytes that MATLAB 7.3 puts before the signature
 
 
 def vox_source(dataset: h5py.Dataset, path: Path, layout: Layout) -> Source:
@@ -142,10 +145,6 @@ def _pair(file: h5py.File, name: str, path: Path) -> np.ndarray[Any, np.dtype[np
 
 def _text(pair: np.ndarray[Any, Any]) -> str:
     return f"{pair[0]:g} x {pair[1]:g}"
-
-
-LF = "LF"
-_USUAL = (SAMPLES, LF, f"{LF}/{LF}", IMAGE)  # LF/LF: a MATLAB struct of HCI 2016
 
 
 def find_dataset(file: h5py.File, path: Path, name: str | None) -> h5py.Dataset:
@@ -239,9 +238,6 @@ def _own_axes(attributes: dict[str, Any]) -> str | None:
     if axes is not None and {"v", "u", "t", "s"} <= set(axes):
         return axes.replace("t", "y").replace("s", "x")
     return axes
-
-
-_USER_BLOCK = 512  # bytes that MATLAB 7.3 puts before the signature
 
 
 def write_hdf5(path: PathLike, lf: LightField) -> None:

@@ -1,4 +1,7 @@
-"""Raw lenslet frames as light fields: their lattice from a white image, a file, or themselves."""
+"""Raw lenslet frames, those of Lytro cameras too, as light fields.
+
+Their lattice comes from a white image, a file, or themselves.
+"""
 
 from __future__ import annotations
 

@@ -27,6 +27,9 @@ from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.stored import StoredLightField
 
 _PATTERNS = {"hci": "input_Cam{i:03d}", "stanford": "out_{v:02d}_{u:02d}_{y:.6f}_{x:.6f}_"}
+_RATIO = {zipfile.ZIP_STORED: 1.0, zipfile.ZIP_DEFLATED: DEFLATE}
+_ENCRYPTED = 1  # bit of the flags
+_DRIVE = re.compile(r"[A-Za-z]:")
 
 
 def read_folder(
@@ -201,11 +204,6 @@ def _stanford(lf: LightField, v: int, u: int) -> str:
     if lf.positions is not None:
         y, x = lf.positions[v, u]
     return _PATTERNS["stanford"].format(v=v, u=u, y=-y, x=x)
-
-
-_RATIO = {zipfile.ZIP_STORED: 1.0, zipfile.ZIP_DEFLATED: DEFLATE}
-_ENCRYPTED = 1  # bit of the flags
-_DRIVE = re.compile(r"[A-Za-z]:")
 
 
 def read_archive(

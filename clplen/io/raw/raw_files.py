@@ -1,4 +1,9 @@
-"""Raw sensor frames of any kind of file, and with the lattice of their lenslets."""
+"""Raw sensor frames of any kind of file, with the lattice of their lenslets or their camera.
+
+Simulated ones are HDF5: the dataset ``raw`` (y, x) or (y, x, c), float32, as it lies on the sensor,
+with the attributes ``pixel_pitch`` and ``wavelength`` in metres, and the group ``camera`` of
+`clplen.io.store.attributes`.
+"""
 
 from __future__ import annotations
 
@@ -32,6 +37,8 @@ from clplen.lightfield.latticefit import estimate_lattice
 from clplen.lightfield.latticetrust import require_camera, require_trust
 from clplen.lightfield.raw import LensType, RawImage
 from clplen.outputs import MARK
+
+Frame = np.ndarray[Any, Any]
 
 
 def write_raw(path: PathLike, raw: RawImage, *, durable: bool = False) -> None:
@@ -150,9 +157,6 @@ def _require_sensor(dataset: h5py.Dataset, shape: tuple[int, int], path: Path) -
             f"{path}: the dataset {RAW!r} of shape {dataset.shape} holds {dataset.dtype}, not real "
             f"numbers on the sensor of its camera, {shape}."
         )
-
-
-Frame = np.ndarray[Any, Any]
 
 
 def read_frame(

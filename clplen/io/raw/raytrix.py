@@ -1,4 +1,9 @@
-"""The XML in which Raytrix cameras keep their calibration."""
+"""The XML in which Raytrix cameras keep their calibration, and where it tells that the lenses lie.
+
+The calibration counts y upwards, the offset in pixels from the centre of the image, ((h - 1)/2,
+(w - 1)/2), and base vectors in lens diameters; the rotation turns them counter-clockwise
+(Palmieri, PlenopticToolbox2.0: plenopticIO/imgIO.py, lens_grid.py).
+"""
 
 from __future__ import annotations
 
@@ -26,6 +31,10 @@ _NEAR = 0.05  # lens diameters: how far a lens of a type may lie from the lattic
 
 _SQUARE = 0.1  # cosine up to which base vectors are at right angles
 _HEXAGON = 0.06  # relative differences among neighbours of a hexagonal lattice
+SUFFIXES = (".xml", ".ray")
+MARK = b"<RayCalibData"
+_LONGEST = 1 << 20  # bytes
+_RANGE = ("min", "max")
 
 
 @dataclass(frozen=True)
@@ -218,12 +227,6 @@ def _shortest(a: Array, b: Array) -> tuple[Array, Array]:
 
 def _vector(vector: Array) -> Vector:
     return float(vector[0]), float(vector[1])
-
-
-SUFFIXES = (".xml", ".ray")
-MARK = b"<RayCalibData"
-_LONGEST = 1 << 20  # bytes
-_RANGE = ("min", "max")
 
 
 def read_raytrix(path: PathLike) -> RaytrixCalibration:

@@ -1,4 +1,10 @@
-"""Disparity maps of any program: PFM, float TIFF and NumPy arrays."""
+"""Disparity maps of any program, and the true disparity of a scene.
+
+Maps are PFM, float TIFF, NumPy arrays, OME-TIFF and OME-Zarr. A truth lies in a file of its own, in
+that of its light field, or in a folder. Our own are HDF5 with the datasets ``disparity``,
+``surface`` and ``masks/NAME``, and ``z`` where it is known, all of shape (y, x); their attributes
+``units`` and ``meaning`` describe them.
+"""
 
 from __future__ import annotations
 
@@ -40,6 +46,8 @@ _MEANINGS = {  # units, meaning
     "planes": ("", "1: on a plane, away from edges of depth"),
     "smooth": ("", "1: on a curved surface, away from edges of depth"),
 }
+Array = np.ndarray[Any, Any]
+_HEAD = 8
 
 
 def write_truth(path: PathLike, truth: Truth, *, durable: bool = False) -> None:
@@ -250,11 +258,6 @@ def _picture(
     )
     values = np.asarray(dataset[view], np.float32)
     return np.ascontiguousarray(values.T) if turned else values
-
-
-Array = np.ndarray[Any, Any]
-
-_HEAD = 8
 
 
 def read_disparity(

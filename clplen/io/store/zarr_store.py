@@ -40,6 +40,10 @@ _LZMA_MEMORY = 256 << 20  # bytes of the largest dictionary; that of preset 9 is
 _ZSTD, _SKIPPED = 0xFD2FB528, 0x184D2A50
 _ZSTD_BLOCK = 1 << 17  # bytes of a block, at most
 _STORED, _REPEATED = 0, 1  # kinds of a block of zstd
+_ROOTS = ("zarr.json", ".zgroup", ".zarray")
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_KEPT = 64  # shards whose index is kept
+_MISSING = np.uint64(2**64 - 1)  # place of a chunk that a shard does not hold
 
 
 def require_chunk(content: bytes, packing: Packing, key: str) -> None:
@@ -165,12 +169,6 @@ _SIZES: dict[str, Callable[[bytes, int], int]] = {
     "zlib": _zlib,
     "lzma": _lzma,
 }
-
-
-_ROOTS = ("zarr.json", ".zgroup", ".zarray")
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-_KEPT = 64  # shards whose index is kept
-_MISSING = np.uint64(2**64 - 1)  # place of a chunk that a shard does not hold
 
 
 @contextmanager
