@@ -14,7 +14,7 @@ from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.io import read_lightfield
 from clplen.io.formats.animation import to_eight_bits, white_level, write_animation
-from clplen.io.formats.pixels import encoded
+from clplen.io.formats.picture import encoded
 from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.refocus import focal_stack, refocus
 from clplen.lightfield.surface import plane_through

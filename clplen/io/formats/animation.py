@@ -10,7 +10,7 @@ import imageio.v3 as imageio
 import numpy as np
 
 from clplen.files import PathLike, replacing
-from clplen.io.formats.pixels import encoded
+from clplen.io.formats.picture import encoded
 from clplen.outputs import MARK
 
 # Thresholds of ordered dithering (Bayer 1973), in sixteenths.

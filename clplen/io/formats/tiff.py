@@ -15,7 +15,6 @@ import numpy as np
 import tifffile
 
 from clplen.errors import FormatError
-from clplen.io.formats.pixels import without_alpha
 from clplen.io.formats.untrusted import DEFLATE, require_bytes
 
 # Largest ratio of each compression (TIFF 6.0 and Adobe's supplements): none, LZW (a code of 12
@@ -208,7 +207,7 @@ def read_tiff_frame(
         )
     if count > 1:
         logger.info("took frame %d of %d%s of %s", frame, count, _place(frame or 0, axes), path)
-    return without_alpha(values.astype(values.dtype.newbyteorder("="), copy=False), path)
+    return np.asarray(values.astype(values.dtype.newbyteorder("="), copy=False))
 
 
 def frames_in(path: Path) -> int:

@@ -16,7 +16,7 @@ from clplen.errors import FormatError
 from clplen.files import PathLike
 from clplen.io.formats import mat, npy
 from clplen.io.formats.mat import Variable, read_variable, variables
-from clplen.io.formats.pixels import linear
+from clplen.io.formats.picture import linear
 from clplen.io.formats.untrusted import DEFLATE, listed, reading, require_bytes
 from clplen.io.lightfields.array_sources import (
     Found,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields
@@ -18,6 +19,7 @@ from clplen.lightfield.stored import StoredLightField
 View = tuple[int, int]
 Array = np.ndarray[Any, Any]
 
+ZIP = b"PK\3\4"  # with which an archive begins
 VIEW_WORDS = ("flip_v", "flip_u", "swap_uv", "positions", "max_bytes")
 NAME_WORDS = (*VIEW_WORDS, "pattern", "views", "order", "allow_missing", "srgb")
 ARRAY_WORDS = (*VIEW_WORDS, "order", "dataset")
@@ -134,8 +136,10 @@ class Kind:
         With which its files begin.
     suffixes : tuple of str
         Of its files, in lower case; any if there are none.
+    marks : tuple of str
+        Files of which its folders and zip archives hold one.
     folder : bool
-        Whether it is a folder, not a file.
+        Whether any folder is of this kind.
     recognises : callable or None
         (path, first bytes) -> bool, where the above does not tell; the bytes are empty for a
         folder.
@@ -147,6 +151,7 @@ class Kind:
     open_parts: Callable[..., AbstractContextManager[tuple[StoredLightField, str]]] | None = None
     magic: bytes = b""
     suffixes: tuple[str, ...] = ()
+    marks: tuple[str, ...] = ()
     folder: bool = False
     recognises: Callable[[Path, bytes], bool] | None = None
 
@@ -154,10 +159,25 @@ class Kind:
         """Whether a file or folder is of this kind; ``head`` is empty for a folder."""
         if self.recognises is not None:
             return self.recognises(path, head)
+        if self.marks:
+            return _holds(path, head, self.marks)
         if self.folder or not head:
             return self.folder and not head
         named = not self.suffixes or path.suffix.lower() in self.suffixes
         return named and head.startswith(self.magic)
+
+
+def _holds(path: Path, head: bytes, names: tuple[str, ...]) -> bool:
+    """Whether a folder or a zip archive has a file of one of these names."""
+    if not head:
+        return any((path / name).is_file() for name in names)
+    if not head.startswith(ZIP):
+        return False
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return any(name in archive.NameToInfo for name in names)
+    except (OSError, ValueError, RuntimeError, zipfile.BadZipFile):
+        return False  # an archive of views says what is wrong with it
 
 
 def axes_of(order: str, ndim: int, *, letters: str = "vuyxc") -> str:

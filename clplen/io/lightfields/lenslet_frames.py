@@ -14,7 +14,7 @@ import numpy as np
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, naming
-from clplen.io.formats.pixels import linear
+from clplen.io.formats.picture import linear
 from clplen.io.lightfields.layout import RAW_WORDS, VIEW_WORDS, Kind, Layout
 from clplen.io.lightfields.view_positions import positions_of
 from clplen.io.raw import lytro_container, raytrix

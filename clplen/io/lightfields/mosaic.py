@@ -17,8 +17,7 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, naming
 from clplen.io.formats import picture as pictures
-from clplen.io.formats.picture import read_channels, write_picture
-from clplen.io.formats.pixels import linear, without_alpha
+from clplen.io.formats.picture import linear, read_channels, without_alpha, write_picture
 from clplen.io.lightfields.layout import RAW_WORDS, VIEW_WORDS, Kind, Layout, View
 from clplen.io.lightfields.lenslet_frames import decode_frame
 from clplen.io.lightfields.view_folders import pictured

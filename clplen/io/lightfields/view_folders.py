@@ -17,10 +17,9 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, filling
 from clplen.io.formats import picture
-from clplen.io.formats.picture import decode_picture, read_picture, write_picture
-from clplen.io.formats.pixels import without_alpha
+from clplen.io.formats.picture import decode_picture, read_picture, without_alpha, write_picture
 from clplen.io.formats.untrusted import DEFLATE, UNREADABLE, require_bytes
-from clplen.io.lightfields.layout import NAME_WORDS, Kind, Layout, View
+from clplen.io.lightfields.layout import NAME_WORDS, ZIP, Kind, Layout, View
 from clplen.io.lightfields.view_names import DEFAULT_PATTERN, Pattern, arranged, views_only
 from clplen.io.lightfields.view_set import ViewSet, assemble, stored_views
 from clplen.lightfield.lightfield import LightField
@@ -346,4 +345,4 @@ def _content(
 
 
 FOLDER = Kind("a folder of views", NAME_WORDS, read_folder, open_folder, folder=True)
-ARCHIVE = Kind("an archive of views", NAME_WORDS, read_archive, open_archive, magic=b"PK\3\4")
+ARCHIVE = Kind("an archive of views", NAME_WORDS, read_archive, open_archive, magic=ZIP)

@@ -18,7 +18,7 @@ from tqdm import tqdm
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import naming
-from clplen.io.formats.pixels import linear
+from clplen.io.formats.picture import linear
 from clplen.io.formats.untrusted import listed, require_bytes
 from clplen.io.lightfields.layout import Layout, View
 from clplen.io.lightfields.view_names import Pattern

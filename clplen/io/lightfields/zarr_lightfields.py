@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import warnings
-import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -251,16 +250,4 @@ def _zarr() -> Any:
     return zarr_package("use .h5")
 
 
-def _is_zarr(path: Path, head: bytes) -> bool:
-    if path.is_dir():
-        return any((path / mark).is_file() for mark in zarr_files.MARKS)
-    if head[:4] != b"PK\3\4":
-        return False
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return any(mark in archive.NameToInfo for mark in zarr_files.MARKS)
-    except (OSError, ValueError, RuntimeError, zipfile.BadZipFile):
-        return False  # an archive of views says what is wrong with it
-
-
-ZARR = Kind("Zarr", ARRAY_WORDS, read_zarr, open_zarr, recognises=_is_zarr)
+ZARR = Kind("Zarr", ARRAY_WORDS, read_zarr, open_zarr, marks=zarr_files.MARKS)

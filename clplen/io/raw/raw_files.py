@@ -23,7 +23,7 @@ from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import FormatError
 from clplen.files import PathLike, naming, replacing
 from clplen.io.formats import picture, tiff
-from clplen.io.formats.picture import read_picture
+from clplen.io.formats.picture import read_picture, without_alpha
 from clplen.io.formats.tiff import read_tiff_frame
 from clplen.io.formats.untrusted import require_bytes
 from clplen.io.raw import lytro_container, raytrix
@@ -190,7 +190,8 @@ def read_frame(
     if not path.is_file():
         raise FormatError(f"There is no file {path}.")
     if path.suffix.lower() in tiff.SUFFIXES:
-        return read_tiff_frame(path, frame=frame, max_bytes=max_bytes), None
+        values = read_tiff_frame(path, frame=frame, max_bytes=max_bytes)
+        return without_alpha(values, path), None
     if frame is not None:
         raise FormatError(f"frame= counts the frames of a TIFF, {path} holds one only.")
     with path.open("rb") as file:
