@@ -75,12 +75,12 @@ def info(
       clplen info truth.pfm --json
     """
     from clplen.io import is_raw_file
-    from clplen.io.results.focused_files import found_in
+    from clplen.io.results.focused_files import describe_focused
 
     if save_grid is not None:
         check_outputs(source, layout, save_grid)
     given = {name for name, value in layout.items() if value not in (None, False)} - {"force"}
-    focused = None if given or save_grid else found_in(source)
+    focused = None if given or save_grid else describe_focused(source)
     plain = not given and not save_grid and focused is None
     volume = volume_in(source) if plain else None
     values = map_in(source) if plain and volume is None else None

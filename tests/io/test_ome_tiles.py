@@ -20,7 +20,7 @@ from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.io import write_depth, write_image, write_stack
 from clplen.io.store import ome_tiff
-from clplen.io.store.picture_blocks import checked
+from clplen.io.store.picture_blocks import checked_blocks
 from clplen.lightfield.refocus import FocalStack
 
 SPACING = (-1e-3, -1e-3, -2e-6, 3e-6)
@@ -211,7 +211,7 @@ def test_parts_are_told_that_no_more_are_wanted(tmp_path: Path):
             return self.kept
 
     tiles = Kept(random_values(4, 6, 5), (4, 2, 5))
-    with closing(checked(tiles, (4, 6, 5))) as parts:
+    with closing(checked_blocks(tiles, (4, 6, 5))) as parts:
         next(parts)
         assert tiles.closed == []
     assert tiles.closed == [True]

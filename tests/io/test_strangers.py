@@ -34,7 +34,7 @@ from clplen.io import (
     write_picture,
 )
 from clplen.io.formats.tiff import read_tiff_frame
-from clplen.io.results.focused_files import found_in
+from clplen.io.results.focused_files import describe_focused
 from clplen.io.results.volume_files import read_volume
 from clplen.io.store.picture_series import describe_series
 from clplen.lightfield.lightfield import LightField
@@ -172,7 +172,7 @@ def test_other_readers_of_hdf5(tmp_path: Path, secret: Path):
     for read in (read_truth, read_masks, read_disparity, read_raw, psffile.read):
         refused(lambda read=read: read(path), SAID)
     assert psffile.described(path) is None
-    assert found_in(path) is None
+    assert describe_focused(path) is None
 
 
 def test_a_soft_link_inside_is_followed(tmp_path: Path, one_device: Device):
@@ -256,7 +256,7 @@ def test_ome_xml_that_names_other_files(
     assert (read_tiff_frame(path) == 3).all()
     assert (read_picture(path) == 3).all()
     assert (read_volume(path)[0] == 3).all()
-    assert found_in(path) is None
+    assert describe_focused(path) is None
     assert not [file for file in opened if "b.ome.tif" in file or "passwd" in file]
 
 

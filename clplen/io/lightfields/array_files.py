@@ -19,7 +19,7 @@ from clplen.io.formats.mat import Variable, read_variable, variables
 from clplen.io.formats.picture import linear
 from clplen.io.formats.untrusted import DEFLATE, listed, reading, require_bytes
 from clplen.io.lightfields.array_sources import (
-    Found,
+    OpenSource,
     Source,
     axes_known,
     light_field,
@@ -62,7 +62,7 @@ def read_npy(
         dimensions, or its values make no light field.
     """
     with open(path, "rb") as file:
-        found = _npy_found(file, Path(path), layout)
+        found = _npy_source(file, Path(path), layout)
         return light_field(found, device=device, layout=layout, progress=progress)
 
 
@@ -89,10 +89,10 @@ def open_npy(
         As `read_npy`; what is NaN, when it is read.
     """
     with open(path, "rb") as file:
-        yield stored_light_field(_npy_found(file, Path(path), layout), layout)
+        yield stored_light_field(_npy_source(file, Path(path), layout), layout)
 
 
-def _npy_found(file: BinaryIO, path: Path, layout: Layout) -> Found:
+def _npy_source(file: BinaryIO, path: Path, layout: Layout) -> OpenSource:
     with reading(path):  # mapped only for its shape
         values = np.load(path, mmap_mode="r", allow_pickle=False)
     if layout.srgb and values.dtype.kind != "f" and values.dtype not in _ENCODED:
@@ -115,7 +115,7 @@ def _npy_found(file: BinaryIO, path: Path, layout: Layout) -> Found:
         stored=values.nbytes,
         ratio=_FLOATS.itemsize / values.dtype.itemsize if layout.srgb else 1.0,
     )
-    return Found(source)
+    return OpenSource(source)
 
 
 def read_matlab(
@@ -153,7 +153,7 @@ def read_matlab(
     with reading(path), path.open("rb") as file:
         variable = _chosen_variable(variables(file, path), path, layout.dataset)
         source = _variable_source(variable, file, path, layout)
-        return light_field(Found(source), device=device, layout=layout, progress=progress)
+        return light_field(OpenSource(source), device=device, layout=layout, progress=progress)
 
 
 def _chosen_variable(found: list[Variable], path: Path, name: str | None) -> Variable:

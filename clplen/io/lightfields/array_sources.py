@@ -140,7 +140,7 @@ def axes_known(
 
 
 @contextmanager
-def making(path: Path) -> Iterator[None]:
+def as_format_error(path: Path) -> Iterator[None]:
     """Make a FormatError of values in a file that make no light field."""
     try:
         yield
@@ -169,7 +169,7 @@ def samples(source: Source, *, device: Device, layout: Layout, progress: bool) -
     """
     require_samples(source, layout)
     shape = shape_of(source, layout)
-    array = device.empty(shape, kept(source.dtype))
+    array = device.empty(shape, device_dtype(source.dtype))
     whole = math.prod(shape) * source.dtype.itemsize
     bar = tqdm(total=whole, desc="reading", unit="B", unit_scale=True, disable=not progress)
     everything = tuple(slice(0, n) for n in shape[:4])
@@ -205,7 +205,7 @@ def fill_checked(source: Source, layout: Layout, wanted: Selection, out: Array) 
         pass
     if out.dtype.kind == "f":
         bad = sum(view.size - np.count_nonzero(np.isfinite(view)) for row in out for view in row)
-        with making(source.path):
+        with as_format_error(source.path):
             require_finite(bad)
 
 
@@ -222,7 +222,7 @@ def require_samples(source: Source, layout: Layout) -> None:
         )
     if 0 in source.shape:
         raise FormatError(f"{source.path}: {source.what} of shape {source.shape} is empty.")
-    wider = max(kept(source.dtype).itemsize / source.dtype.itemsize, 1)
+    wider = max(device_dtype(source.dtype).itemsize / source.dtype.itemsize, 1)
     require_bytes(
         int(math.prod(source.shape) * source.dtype.itemsize * wider),
         path=source.path,
@@ -233,7 +233,7 @@ def require_samples(source: Source, layout: Layout) -> None:
     )
 
 
-def kept(dtype: np.dtype[Any]) -> np.dtype[Any]:
+def device_dtype(dtype: np.dtype[Any]) -> np.dtype[Any]:
     """The type on the device."""
     native = dtype.newbyteorder("=")
     return native if native in C_TYPE else np.dtype(np.float32)
@@ -285,8 +285,8 @@ def blocks(
 
 
 @dataclass(frozen=True)
-class Found:
-    """A light field found in a file that is open.
+class OpenSource:
+    """A light field in a file that is open.
 
     Attributes
     ----------
@@ -304,7 +304,7 @@ class Found:
 
 
 def light_field(
-    found: Found, *, device: Device, layout: Layout, progress: bool
+    found: OpenSource, *, device: Device, layout: Layout, progress: bool
 ) -> tuple[LightField, str]:
     """Read the samples of a source and make them a light field.
 
@@ -333,12 +333,12 @@ def light_field(
     if source.weighted:
         lit = lit_views(data, device)
         known["weights"] = layout.oriented(_mean_weights(source)) * (lit if lit.any() else 1)
-    with making(source.path):
+    with as_format_error(source.path):
         lf = LightField.from_array(data, device=device, **known)
     return replace(lf, **found.words), _sentence(source, lf, layout)
 
 
-def stored_light_field(found: Found, layout: Layout) -> tuple[StoredLightField, str]:
+def stored_light_field(found: OpenSource, layout: Layout) -> tuple[StoredLightField, str]:
     """A source as a light field that is read part by part.
 
     Parameters
@@ -360,7 +360,7 @@ def stored_light_field(found: Found, layout: Layout) -> tuple[StoredLightField, 
     known = _known(found, layout)
     require_samples(source, replace(layout, max_bytes=sys.maxsize))  # it is not read as a whole
     at_once = dict(zip(source.axes, source.chunks or (1,) * len(source.shape), strict=True))
-    dtype = kept(source.dtype)
+    dtype = device_dtype(source.dtype)
     whole = math.prod(source.shape) * source.dtype.itemsize
     copies = 1 if source.ratio == 1 else 4  # packed, unpacked and turned, with what is left over
     stored = StoredLightField(
@@ -372,7 +372,7 @@ def stored_light_field(found: Found, layout: Layout) -> tuple[StoredLightField, 
         layout.shape((at_once["v"], at_once["u"])),
         copies * max(min(_BLOCK, whole), math.prod(at_once.values()) * source.dtype.itemsize),
     )
-    with making(source.path):
+    with as_format_error(source.path):
         places = checked_positions(known.get("positions"), stored)
         spacing = checked_spacing(known.get("spacing"))
         stored = replace(stored, spacing=spacing, positions=places, camera=known.get("camera"))
@@ -387,7 +387,7 @@ def _stored_weights(source: Source, layout: Layout, stored: StoredLightField, kn
     return layout.oriented(_mean_weights(source)) * stored.lit_weights()
 
 
-def _known(found: Found, layout: Layout) -> dict[str, Any]:
+def _known(found: OpenSource, layout: Layout) -> dict[str, Any]:
     """What is known beside the samples, for the final order of views."""
     known = dict(found.known)
     for name in ("weights", "positions"):

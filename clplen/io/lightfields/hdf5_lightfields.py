@@ -31,7 +31,7 @@ from clplen.files import PathLike, replacing
 from clplen.hdf5_safety import require_own
 from clplen.io.formats.untrusted import reading
 from clplen.io.lightfields.array_sources import (
-    Found,
+    OpenSource,
     Selection,
     Source,
     axes_known,
@@ -305,7 +305,7 @@ def read_hdf5(
     """
     path = Path(path)
     with opened(path) as file:
-        found = _found(file, path, device, layout)
+        found = _open_source(file, path, device, layout)
         return light_field(found, device=device, layout=layout, progress=progress)
 
 
@@ -335,11 +335,11 @@ def open_hdf5(
         with reading(path):
             file = held.enter_context(h5py.File(path, "r"))
             require_own(file, path)
-            stored = stored_light_field(_found(file, path, device, layout), layout)
+            stored = stored_light_field(_open_source(file, path, device, layout), layout)
         yield stored
 
 
-def _found(file: h5py.File, path: Path, device: Device, layout: Layout) -> Found:
+def _open_source(file: h5py.File, path: Path, device: Device, layout: Layout) -> OpenSource:
     if layout.dataset is None and is_raw(file):
         raise FormatError(
             f"{path} holds a raw image, not a light field: 'clplen render', 'stack' and 'depth' "
@@ -348,7 +348,7 @@ def _found(file: h5py.File, path: Path, device: Device, layout: Layout) -> Found
     dataset = find_dataset(file, path, layout.dataset)
     source = dataset_source(dataset, path, layout)
     if str(dataset.name).strip("/") != attributes.SAMPLES:
-        return Found(source)
+        return OpenSource(source)
     found = attributes_of(dataset, attributes.NAMES, path)
     known: dict[str, Any] = dict(_arrays_beside(file, path, source.views))
     placed = "positions" in known or layout.positions is not None
@@ -356,7 +356,7 @@ def _found(file: h5py.File, path: Path, device: Device, layout: Layout) -> Found
     if spacing is not None:  # positions stay where they are, and so does their unit
         known["spacing"] = spacing if placed else layout.oriented_spacing(spacing)
     known["camera"] = _camera(file, path, device)
-    return Found(source, known, attributes.words_in(found, path))
+    return OpenSource(source, known, attributes.words_in(found, path))
 
 
 def _arrays_beside(

@@ -22,7 +22,7 @@ from clplen.io.lightfields.layout import RAW_WORDS, VIEW_WORDS, Kind, Layout, Vi
 from clplen.io.lightfields.lenslet_frames import decode_frame
 from clplen.io.lightfields.view_folders import pictured
 from clplen.io.lightfields.view_positions import positions_of
-from clplen.io.lightfields.view_set import filled, form_of
+from clplen.io.lightfields.view_set import form_of, new_samples
 from clplen.lightfield.lightfield import LightField
 
 Array = np.ndarray[Any, Any]
@@ -111,7 +111,7 @@ def _read_mosaic(
         for view in np.ndindex(*views):
             stored[view] = linear(whole[view]) if layout.srgb else whole[view]
 
-    data = filled(whole.shape, whole.dtype, path, device=device, layout=layout, fill=fill)
+    data = new_samples(whole.shape, whole.dtype, path, device=device, layout=layout, fill=fill)
     weights = None
     if alpha is not None:
         weights = layout.oriented(_weights(as_views(alpha, views, order), whole, path))

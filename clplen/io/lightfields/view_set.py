@@ -199,10 +199,10 @@ def _decode(
         _fill(stored, views, known, first, layout.srgb, progress)
 
     shape = (*views.shape, *first.shape)
-    return filled(shape, first.dtype, views.where, device=device, layout=layout, fill=fill)
+    return new_samples(shape, first.dtype, views.where, device=device, layout=layout, fill=fill)
 
 
-def filled(
+def new_samples(
     shape: tuple[int, ...],
     dtype: Any,
     where: Path,

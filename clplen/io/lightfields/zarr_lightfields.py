@@ -21,7 +21,7 @@ from clplen.errors import FormatError
 from clplen.files import PathLike, filling
 from clplen.io.formats.untrusted import listed, reading
 from clplen.io.lightfields.array_sources import (
-    Found,
+    OpenSource,
     Source,
     axes_known,
     light_field,
@@ -118,7 +118,7 @@ def read_zarr(
     """
     path = Path(path)
     with opened_store(path, "use .h5", max_bytes=layout.max_bytes) as root, reading(path):
-        found = _found(root, path, device, layout)
+        found = _open_source(root, path, device, layout)
         return light_field(found, device=device, layout=layout, progress=progress)
 
 
@@ -146,23 +146,23 @@ def open_zarr(
     path = Path(path)
     with opened_store(path, "use .h5", max_bytes=layout.max_bytes) as root:
         with reading(path):
-            stored = stored_light_field(_found(root, path, device, layout), layout)
+            stored = stored_light_field(_open_source(root, path, device, layout), layout)
         yield stored
 
 
-def _found(root: Any, path: Path, device: Device, layout: Layout) -> Found:
+def _open_source(root: Any, path: Path, device: Device, layout: Layout) -> OpenSource:
     array = _find(root, path, layout.dataset)
     found = attributes_of(array)
     source = _source(array, found, path, layout)
     if array_name(array) != SAMPLES:
-        return Found(source)
+        return OpenSource(source)
     known: dict[str, Any] = dict(_arrays_beside(root, path, source.views, layout.max_bytes))
     placed = "positions" in known or layout.positions is not None
     spacing = attributes.spacing_in(found, path)
     if spacing is not None:  # positions stay where they are, and so does their unit
         known["spacing"] = spacing if placed else layout.oriented_spacing(spacing)
     known["camera"] = _camera(root, path, device)
-    return Found(source, known, attributes.words_in(found, path))
+    return OpenSource(source, known, attributes.words_in(found, path))
 
 
 def _chunks(lf: LightField) -> tuple[int, ...]:

@@ -23,7 +23,7 @@ from clplen.io.formats.pfm import write_pfm
 from clplen.io.formats.picture import write_picture
 from clplen.io.results.stack_files import numbers
 from clplen.io.store import hdf5_files
-from clplen.io.store.picture_blocks import Block, whole
+from clplen.io.store.picture_blocks import Block, as_block
 from clplen.io.store.picture_series import is_ome, is_series, write_series
 from clplen.lightfield.focused_depth import FocusedDepth
 from clplen.lightfield.focused_maps import FocusedMaps
@@ -94,7 +94,7 @@ def write_focused(
     axes = ("ZYX" if is_stack else "YX") + ("S" if len(shape) == 4 else "")
     write_series(
         path,
-        _planes(made) if isinstance(made, FocusedStack) else whole(made.to_numpy()[None]),
+        _planes(made) if isinstance(made, FocusedStack) else as_block(made.to_numpy()[None]),
         shape=shape,
         axes=axes,
         description=_said_of(made) | _said_of_grid(made.grid),
@@ -175,7 +175,7 @@ def write_focused_depth(
         values = np.stack(list(found.values()))
         write_series(
             path,
-            whole(values),
+            as_block(values),
             shape=values.shape,
             axes="CYX",
             description={name: _CHANNELS[name] for name in found} | _said_of_grid(maps.grid),
@@ -188,7 +188,7 @@ def write_focused_depth(
         _write_map(path, np.asarray(maps.m, np.float32), durable)
 
 
-def found_in(path: PathLike) -> tuple[str, dict[str, Any]] | None:
+def describe_focused(path: PathLike) -> tuple[str, dict[str, Any]] | None:
     """What `write_focused` or `write_focused_depth` wrote into an HDF5 or OME-TIFF.
 
     Returns

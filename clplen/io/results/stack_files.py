@@ -18,7 +18,7 @@ from clplen.io.formats import tiff
 from clplen.io.formats.pfm import write_pfm
 from clplen.io.formats.picture import write_picture
 from clplen.io.results.disparity_maps import read_disparity
-from clplen.io.store.picture_blocks import Block, Tiles, whole
+from clplen.io.store.picture_blocks import Block, Tiles, as_block
 from clplen.io.store.picture_series import is_ome, is_series, read_series, write_series
 from clplen.lightfield.depth import DepthMap
 from clplen.lightfield.law import depth_at
@@ -224,7 +224,7 @@ def write_depth(
         values = np.stack(list(maps.values()))
         write_series(
             path,
-            whole(values),
+            as_block(values),
             shape=values.shape,
             axes="CYX",
             description={name: _CHANNELS[name] for name in maps},
@@ -327,7 +327,7 @@ def write_image(
         raise ValueError(f"A picture has shape (y, x) or (y, x, c), not {values.shape}.")
     write_series(
         path,
-        whole(values[None]),
+        as_block(values[None]),
         shape=(1, *values.shape),
         axes="YXS" if values.ndim == 3 else "YX",
         description={"values": description} if description else {},

@@ -13,7 +13,7 @@ from clplen.files import PathLike
 from clplen.io.formats import npy
 from clplen.io.formats.npy import map_npy
 from clplen.io.formats.untrusted import require_bytes
-from clplen.io.store.picture_blocks import Array, whole
+from clplen.io.store.picture_blocks import Array, as_block
 from clplen.io.store.picture_series import describe_series, is_series, read_series, write_series
 
 
@@ -62,7 +62,7 @@ def write_volume(
         )
     write_series(
         path,
-        whole(values),
+        as_block(values),
         shape=values.shape,
         axes="ZYX",
         description={**(description or {}), "planes_um": [round(one * 1e6, 9) for one in z]},

@@ -20,7 +20,7 @@ from clplen.files import PathLike, check_space, replacing
 from clplen.io.formats import tiff
 from clplen.io.formats.tiff import decode_tiff
 from clplen.io.formats.untrusted import require_bytes
-from clplen.io.store.picture_blocks import Array, Block, checked, put
+from clplen.io.store.picture_blocks import Array, Block, checked_blocks, write_rows
 from clplen.lightfield.raw import Spacing
 from clplen.outputs import MARK
 
@@ -104,12 +104,12 @@ def write_ome(
                 software=MARK,
                 returnoffset=True,
             )
-        with temporary.open("r+b") as file, closing(checked(blocks, shape)) as parts:
+        with temporary.open("r+b") as file, closing(checked_blocks(blocks, shape)) as parts:
             sample = 4 * math.prod(shape[3:])
             for planes, rows, columns, values in parts:
                 for plane, picture in zip(range(planes.start, planes.stop), values, strict=True):
                     before = (plane * shape[1] + rows.start) * shape[2] + columns.start
-                    put(file, picture, start=start + sample * before, step=sample * shape[2])
+                    write_rows(file, picture, start=start + sample * before, step=sample * shape[2])
 
 
 def read_ome_page(path: PathLike, index: int, *, max_bytes: int | None = None) -> Array:

@@ -19,7 +19,7 @@ from clplen.errors import FormatError
 from clplen.files import PathLike, check_space, filling
 from clplen.io.formats.untrusted import reading, require_bytes
 from clplen.io.store import zarr_files
-from clplen.io.store.picture_blocks import Array, Block, checked, put
+from clplen.io.store.picture_blocks import Array, Block, checked_blocks, write_rows
 from clplen.io.store.zarr_files import FORMAT_2, opened_store, storage, zarr_package
 from clplen.lightfield.raw import Spacing
 from clplen.outputs import MARK
@@ -101,7 +101,7 @@ def write_omezarr(
     check_space(path, 4 * sum(map(math.prod, sizes)))
     with filling(path, durable, replace=True) as folder:
         levels = [_array(folder, str(number), size) for number, size in enumerate(sizes)]
-        with closing(checked(blocks, shape)) as parts:
+        with closing(checked_blocks(blocks, shape)) as parts:
             limits = _fill(folder / "0", levels[0].chunks, parts, axes, len(channels))
         for finer, coarser in pairwise(levels):
             _halve(finer, coarser)
@@ -214,7 +214,7 @@ def _put(folder: Path, sides: tuple[int, ...], top: int, left: int, picture: Arr
             with name.open("r+b" if name.exists() else "w+b") as file:
                 file.truncate(4 * height * width)
                 start = 4 * ((y - i * height) * width + x - k * width)
-                put(file, part.astype("<f4", copy=False), start=start, step=4 * width)
+                write_rows(file, part.astype("<f4", copy=False), start=start, step=4 * width)
 
 
 def _pictures(place: tuple[int, ...], picture: Array) -> Iterator[tuple[tuple[int, ...], Array]]:

@@ -46,7 +46,7 @@ class Tiles(Protocol):
     def __iter__(self) -> Iterator[Block]: ...
 
 
-def whole(values: Array) -> list[Block]:
+def as_block(values: Array) -> list[Block]:
     """An array in host memory as one block.
 
     Parameters
@@ -62,7 +62,7 @@ def whole(values: Array) -> list[Block]:
     return [(planes, rows, columns, values)]
 
 
-def checked(blocks: Iterable[Block], shape: tuple[int, ...]) -> Generator[Block, None, None]:
+def checked_blocks(blocks: Iterable[Block], shape: tuple[int, ...]) -> Generator[Block, None, None]:
     """Pass blocks on as float32, and make sure that they make up the whole.
 
     Parameters
@@ -112,7 +112,7 @@ def checked(blocks: Iterable[Block], shape: tuple[int, ...]) -> Generator[Block,
         )
 
 
-def put(file: BinaryIO, values: Array, *, start: int, step: int) -> None:
+def write_rows(file: BinaryIO, values: Array, *, start: int, step: int) -> None:
     """Write a part of a picture to its place in a file; a map of it would count as memory in use.
 
     Parameters
