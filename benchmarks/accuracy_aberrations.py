@@ -18,11 +18,6 @@ import numpy as np
 import clplen
 from clplen import Aberrations, LensletScatter, correct_aberrations
 from clplen.analysis.psf import PSF
-from clplen.cameras.optics.camera_aberrations import (
-    Aberrations,
-    LensletScatter,
-    correct_aberrations,
-)
 
 WAVE = 532e-9
 NAMES = {

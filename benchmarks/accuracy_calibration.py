@@ -27,9 +27,6 @@ from reference_lattice import lattice as drawn_lattice
 
 from clplen import Device, Lattice, LightField, Plane, SurfaceScene, decode_raw, estimate_lattice
 from clplen.demo import camera, scene
-from clplen.lightfield.calibration.lattice_fit import estimate_lattice
-from clplen.lightfield.calibration.raw_decoding import decode_raw
-from clplen.lightfield.raw.lenslet_lattice import Lattice
 
 DATA = Path(os.environ.get("CLPLEN_DATA", Path(__file__).parents[2] / "shared" / "data"))
 

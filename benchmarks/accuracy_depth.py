@@ -22,11 +22,8 @@ from reference_cues import plain_depth
 
 from clplen import Device, Plane, Sphere, SurfaceScene, depth_map
 from clplen.cameras.scenes.outlines import Bars
-from clplen.cameras.scenes.surface_scene import SurfaceScene
-from clplen.cameras.scenes.surfaces import Plane, Sphere
 from clplen.cameras.scenes.textures import noise
 from clplen.lightfield.depth.depth_map import CUES
-from clplen.lightfield.focus_and_depth import depth_map
 
 Array = np.ndarray[Any, Any]
 PLANES = np.linspace(-2, 2, 41)

@@ -36,9 +36,7 @@ from clplen import (
 from clplen.cameras.plenoptic import scene_energy
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.io import read_raw, write_picture, write_raytrix
-from clplen.lightfield.focused.focused_depth import focused_depth
 from clplen.lightfield.focused.focused_picture import FocusedImage, seam
-from clplen.lightfield.focused.focused_rendering import render_focused
 from clplen.lightfield.focused.focused_spots import point_m
 
 Row = tuple[str, float, str, bool]

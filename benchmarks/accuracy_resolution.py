@@ -20,8 +20,6 @@ from clplen.analysis.camera_psf import camera_psf
 from clplen.analysis.otf import OTF
 from clplen.analysis.straylight import camera_crosstalk
 from clplen.analysis.twopoint import TwoPoints
-from clplen.cameras.plenoptic_camera import PlenopticCamera
-from clplen.wave.elements.lenslets import MicrolensArray
 
 LAM = 532e-9
 WIDTHS = (50, 70, 90, 100, 113.93, 135, 150, 175, 200, 250, 300)  # um

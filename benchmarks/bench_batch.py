@@ -35,7 +35,7 @@ from clplen.batch.local import here
 from clplen.batch.products import HostStack
 from clplen.batch.runner import run_job
 from clplen.batch.task import Report
-from clplen.io.digest import digest
+from clplen.io.store.digest import digest
 
 
 class Quiet:

@@ -18,10 +18,7 @@ import numpy as np
 
 from clplen import Device, MicrolensArray, PicturePlane, PlenopticCamera, PointSources
 from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.cameras.plenoptic_camera import PlenopticCamera
-from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources
 from clplen.lightfield.raw.raw_image import Exposure
-from clplen.wave.elements.lenslets import MicrolensArray
 
 
 def picture(samples: int, width: float, dz: float) -> PicturePlane:

@@ -153,22 +153,6 @@ def _beside(path: Path, state: str = "partial") -> Path:
     return path.with_name(f".{path.stem}-{secrets.token_hex(6)}.{state}{path.suffix}")
 
 
-def is_temporary(name: PathLike) -> bool:
-    """Whether a name is one that `replacing` or `filling` gives to what is not finished.
-
-    Parameters
-    ----------
-    name : path-like
-        Of a file or folder: ``.NAME-XXXXXXXXXXXX.partial.SUFFIX``, X a digit of 16, or ``replaced``
-        in place of ``partial`` for a folder that is being exchanged.
-
-    Returns
-    -------
-    bool
-    """
-    return _TEMPORARY.fullmatch(Path(name).name) is not None
-
-
 def clear_temporaries(folder: PathLike) -> list[Path]:
     """Remove what killed processes left in a folder, and mend an exchange that they did not end.
 

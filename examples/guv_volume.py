@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import PowerNorm
 
 from clplen.cameras.light_field_microscope import Microscope
-from clplen.io.volume import write_volume
+from clplen.io.results.volume_files import write_volume
 from clplen.lightfield.calibration.raw_decoding import decode_raw
 from clplen.lightfield.refocus.focal_stack import refocus
 from clplen.microscopy.deconvolution import DeconvolutionResult, deconvolve

@@ -23,28 +23,34 @@ from clplen.compute.device import Device
 from clplen.config import read_camera_file
 from clplen.errors import FormatError, ShapeError
 from clplen.io import (
+    read_depth,
     read_disparity,
     read_lightfield,
     read_masks,
     read_picture,
+    read_ply,
     read_raw,
+    read_scene_truth,
+    read_stack,
     read_truth,
     write_depth,
     write_lightfield,
+    write_ply,
+    write_stack,
     write_truth,
 )
-from clplen.io.hci import read_parameters
-from clplen.io.pfm import read_pfm, write_pfm
-from clplen.io.picture import write_picture
-from clplen.io.positions import read_positions
-from clplen.io.raw import read_frame
-from clplen.io.raytrix import write_raytrix
-from clplen.io.raytrix_calibration import FocusType, RaytrixCalibration
-from clplen.io.volume import read_volume, write_volume
-from clplen.io.zarrs import write_zarr
+from clplen.io.formats.pfm import read_pfm, write_pfm
+from clplen.io.formats.picture import write_picture
+from clplen.io.lightfields.view_positions import read_positions
+from clplen.io.lightfields.zarr_lightfields import write_zarr
+from clplen.io.raw.raw_files import read_frame
+from clplen.io.raw.raytrix import FocusType, RaytrixCalibration, write_raytrix
+from clplen.io.results.hci import read_parameters
+from clplen.io.results.volume_files import read_volume, write_volume
 from clplen.lightfield.depth.depth_map import DepthMap
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.lenslet_lattice import Lattice
+from clplen.lightfield.refocus.focal_stack import FocalStack
 from clplen.microscopy import point_image_files
 from clplen.microscopy.images import PointImages
 
@@ -316,6 +322,21 @@ def _volume(name: str) -> Callable[[Path, Device], Path]:
     return made
 
 
+def _stack(name: str) -> Callable[[Path, Device], Path]:
+    def made(folder: Path, device: Device) -> Path:
+        values = np.arange(2 * 99, dtype=np.float32).reshape(2, 9, 11)
+        stack = FocalStack(device.upload(values), device, np.arange(2.0), np.ones(2))
+        write_stack(folder / name, stack)
+        return folder / name
+
+    return made
+
+
+def _ply(folder: Path, _: Device) -> Path:
+    write_ply(folder / "a.ply", np.arange(27.0).reshape(9, 3), np.zeros((9, 3), np.uint8))
+    return folder / "a.ply"
+
+
 def _point_images(folder: Path, _: Device) -> Path:
     stored = (np.ones((1, 3, 3), np.float32), np.ones((1, 9, 9), np.float32))
     about = {"planes": (0.0, 1e-6), "voxels_per_lenslet": 1, "pixels_per_lenslet": 3}
@@ -351,6 +372,11 @@ PARSERS = {
     "ome-depth": Parser(_depth("a.ome.tif"), lambda path, _: read_disparity(path)),
     "zarr-depth": Parser(_depth("a.zarr"), lambda path, _: read_disparity(path)),
     "truth": Parser(_truth, lambda path, _: (read_truth(path), read_masks(path))),
+    "scene-truth": Parser(_truth, lambda path, _: read_scene_truth(path)),
+    "depth": Parser(_depth("a.ome.tif"), lambda path, _: read_depth(path)),
+    "stack": Parser(_stack("a.ome.tif"), lambda path, device: read_stack(path, device=device)),
+    "zarr-stack": Parser(_stack("a.zarr"), lambda path, device: read_stack(path, device=device)),
+    "ply": Parser(_ply, lambda path, _: read_ply(path)),
     "mosaic": Parser(_mosaic, _lightfield(views=(2, 3), order="yvxu")),
     "grid": Parser(_grid, lambda path, _: Lattice.load(path)),
     "calinfo": Parser(_calinfo, lambda path, _: Lattice.load(path)),

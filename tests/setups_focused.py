@@ -10,7 +10,7 @@ import numpy as np
 from reference_focused import Array, Rig, Texture, waves
 
 from clplen.compute.device import Device
-from clplen.io.raytrix_calibration import FocusType, RaytrixCalibration
+from clplen.io.raw.raytrix import FocusType, RaytrixCalibration
 from clplen.lightfield.raw.lenslet_grid import LensletGrid, LensType
 from clplen.lightfield.raw.raw_image import RawImage
 

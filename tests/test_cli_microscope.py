@@ -22,7 +22,8 @@ from clplen.batch import deconvolved
 from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.errors import FormatError
-from clplen.io.volume import describe_volume, read_volume, write_volume
+from clplen.io.results.volume_files import read_volume, write_volume
+from clplen.io.store.picture_series import describe_series
 from clplen.microscopy import point_image_files
 from clplen.microscopy.prepare import preparation
 from clplen.microscopy.projector import Projector
@@ -207,7 +208,7 @@ def test_a_series_that_was_ended_goes_on(
     assert "a.ome.tif is there already" in done(run(*words)).output
     assert (tmp_path / "a.ome.tif").read_bytes() == first
     resumed, about = read_volume(tmp_path / "b.ome.tif")
-    later = describe_volume(tmp_path / "a.ome.tif")["residuals"][-1]
+    later = describe_series(tmp_path / "a.ome.tif")["residuals"][-1]
     assert (about["residuals"][0] < later) == warm
     for out in tmp_path.glob("*.ome.tif"):
         out.unlink()
@@ -303,7 +304,7 @@ def test_frames_of_a_job_share_point_images(
     volume, about = read_volume(tmp_path / "out" / "t1" / "volume.ome.tif")
     np.testing.assert_array_equal(volume, read_volume(tmp_path / "v.tif")[0])
     assert (about["planes_um"], about["left_out"]) == ([-2.5, 0.0, 2.5], 0)
-    of_command = describe_volume(tmp_path / "v.tif")
+    of_command = describe_series(tmp_path / "v.tif")
     assert {name: about[name] for name in of_command} == of_command
     before = (tmp_path / "out" / "t1" / "volume.ome.tif").stat().st_mtime_ns
     tifffile.imwrite(tmp_path / "in" / "t2.tif", counts)
@@ -478,7 +479,7 @@ def test_what_is_said_of_a_series(
     result = done(run("deconvolve", "t.tif", *words, "--background", 5000))
     assert result.stderr.count("the background of 5000 counts is above the mean") == 2
     assert result.stderr.count("is the background too high?") == 2
-    about = describe_volume("out/new/t_0001.ome.tif")
+    about = describe_series("out/new/t_0001.ome.tif")
     assert [text.split()[0] for text in about["remarks"]] == ["1", "the", "the"]
     assert about["place"] == {"first": [2, 2], "down": [5, 0], "right": [0, 5]}
     told = CliRunner().invoke(main, ["info", "out/new/t_0001.ome.tif"]).output
@@ -502,7 +503,7 @@ def test_zarr_is_looked_for_before_anything_is_read(
     def missing(instead: str) -> None:
         raise FormatError(f"no package zarr: {instead}")
 
-    monkeypatch.setattr("clplen.io.zarrpackage.zarr_package", missing)
+    monkeypatch.setattr("clplen.io.store.zarr_files.zarr_package", missing)
     words = ("-c", tmp_path / "none.h5", "-o", tmp_path / "new" / "v.ome.zarr")
     assert "no package zarr: write .ome.tif" in said(run("deconvolve", frame, *words))
     assert not (tmp_path / "new").exists()

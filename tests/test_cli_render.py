@@ -13,9 +13,8 @@ from click.testing import CliRunner, Result
 from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.io import read_lightfield
-from clplen.io.animation import write_animation
-from clplen.io.layout import encoded
-from clplen.io.shown import to_look_at, white_of
+from clplen.io.formats.animation import to_eight_bits, white_level, write_animation
+from clplen.io.formats.picture import encoded
 from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import plane_through
@@ -260,17 +259,17 @@ def test_inputs_are_never_overwritten(views: Path, device: Device, command: str)
 
 def test_what_is_white():
     values = np.array([[0.5, 2.0]])
-    assert white_of(values, np.dtype(np.uint8)) == 255
-    assert white_of(values, np.dtype(np.float32)) == 2
-    assert white_of(values, np.dtype(np.uint16), srgb=True) == 1
-    assert white_of(0 * values, np.dtype(np.float32)) == 1
+    assert white_level(values, np.dtype(np.uint8)) == 255
+    assert white_level(values, np.dtype(np.float32)) == 2
+    assert white_level(values, np.dtype(np.uint16), srgb=True) == 1
+    assert white_level(0 * values, np.dtype(np.float32)) == 1
     glint = np.append(np.linspace(0, 1, 9999), 3.1)
-    assert white_of(glint, np.dtype(np.float32)) == pytest.approx(0.999, abs=1e-3)
-    assert white_of(np.append(glint[:-1], 2.9), np.dtype(np.uint16)) == 2.9
-    assert white_of(np.append(np.zeros(9999), 7.0), np.dtype(np.float32)) == 7
-    np.testing.assert_array_equal(to_look_at(values, 2.0), [[64, 255]])
+    assert white_level(glint, np.dtype(np.float32)) == pytest.approx(0.999, abs=1e-3)
+    assert white_level(np.append(glint[:-1], 2.9), np.dtype(np.uint16)) == 2.9
+    assert white_level(np.append(np.zeros(9999), 7.0), np.dtype(np.float32)) == 7
+    np.testing.assert_array_equal(to_eight_bits(values, 2.0), [[64, 255]])
     want = np.rint(255 * encoded(np.array([[0.25, 1.0]])))
-    np.testing.assert_array_equal(to_look_at(values, 2.0, srgb=True), want)
+    np.testing.assert_array_equal(to_eight_bits(values, 2.0, srgb=True), want)
 
 
 def test_animations_that_are_refused(tmp_path: Path):

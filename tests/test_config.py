@@ -26,7 +26,7 @@ from clplen.config.light import KEYS, SPECTRA
 from clplen.config.scene import PictureTable, SceneTable
 from clplen.config.tables import Table
 from clplen.errors import FormatError
-from clplen.io.attributes import CAMERA_NAMES, of_camera, read_camera
+from clplen.io.store.attributes import CAMERA_NAMES, of_camera, read_camera
 from clplen.wave.coherence import averaging, coherence
 from clplen.wave.coherence.extended_source import ExtendedSource
 from clplen.wave.coherence.phase_masks import RandomPhaseMask

@@ -23,7 +23,6 @@ from clplen.files import (
     check_writable,
     clear_temporaries,
     filling,
-    is_temporary,
     output_folder,
     replacing,
 )
@@ -178,10 +177,13 @@ def test_temporary_names_are_known(tmp_path: Path, name: str):
     with replacing(tmp_path / name) as temporary:
         assert temporary.name.startswith(".")
         assert temporary.suffix == (Path(name).suffix or ".partial")
-        assert is_temporary(temporary)
         temporary.touch()
-    for other in (*USERS, name):
-        assert not is_temporary(other)
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    for other in (temporary.name, *USERS, name):
+        (folder / other).touch()
+    assert clear_temporaries(folder) == [folder / temporary.name]
+    assert {file.name for file in folder.iterdir()} == {*USERS, name}
 
 
 KILLED = """
@@ -206,7 +208,7 @@ def test_what_a_killed_process_leaves(tmp_path: Path, how: str):
     command = [sys.executable, "-c", KILLED, how, str(target)]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
     assert subprocess.run(command, env=environment, timeout=60, check=False).returncode == 9
-    (left,) = (path for path in tmp_path.iterdir() if is_temporary(path))
+    (left,) = (path for path in tmp_path.iterdir() if path.name not in (*USERS, target.name))
     assert clear_temporaries(tmp_path) == [left]
     assert sorted(tmp_path.rglob("*")) == kept
     assert clear_temporaries(tmp_path) == []

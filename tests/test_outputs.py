@@ -16,8 +16,8 @@ from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.demo import FILES
 from clplen.files import check_writable
-from clplen.io.animation import write_animation
-from clplen.io.npy import write_npy
+from clplen.io.formats.animation import write_animation
+from clplen.io.formats.npy import write_npy
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.outputs import check_output, is_ours, listed, updating
 

@@ -8,7 +8,7 @@ from clplen.batch.manifest import Known
 from clplen.batch.stamps import is_unchanged, is_whole
 from clplen.batch.task import Task
 from clplen.batch.work import RECORD, folder_of, record_of
-from clplen.io.digest import digest
+from clplen.io.store.digest import digest
 
 STATES = ("done", "failed", "changed", "damaged", "missing")
 

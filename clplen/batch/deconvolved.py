@@ -13,7 +13,7 @@ from clplen.batch.stamps import stamp
 from clplen.batch.task import Task
 from clplen.batch.volumes import Deconvolver, How, read_picture, read_psf, write_result
 from clplen.batch.workshop import Workshop
-from clplen.io.digest import digest
+from clplen.io.store.digest import digest
 
 if TYPE_CHECKING:
     from clplen.lightfield.raw.raw_image import RawImage

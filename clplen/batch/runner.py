@@ -19,7 +19,7 @@ from clplen.batch.task import Report, Task
 from clplen.batch.work import folder_of, is_current, record_of, sentence
 from clplen.errors import FormatError
 from clplen.files import check_folder, clear_temporaries
-from clplen.io.zarrpackage import zarr_package
+from clplen.io.store.zarr_files import zarr_package
 
 if TYPE_CHECKING:
     from clplen.batch.job import Job

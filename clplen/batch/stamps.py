@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from clplen.io.digest import digest, size_of
+from clplen.io.store.digest import digest, size_of
 
 Stamp = tuple[int, int]  # bytes, time of change in nanoseconds
 

@@ -14,10 +14,10 @@ from clplen.batch import remarks
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, naming
-from clplen.io.digest import digest
-from clplen.io.frames import SUFFIXES
-from clplen.io.raw import read_frame
-from clplen.io.volume import is_volume, write_volume
+from clplen.io.formats.tiff import SUFFIXES
+from clplen.io.raw.raw_files import read_frame
+from clplen.io.results.volume_files import is_volume, write_volume
+from clplen.io.store.digest import digest
 from clplen.microscopy import point_image_files
 from clplen.microscopy.deconvolution import DeconvolutionResult, deconvolve
 from clplen.microscopy.images import PointImages

@@ -20,7 +20,7 @@ from clplen.batch.task import Report, Task
 from clplen.batch.workshop import StoppedError, Workshop
 from clplen.errors import ClplenError, FormatError
 from clplen.files import check_folder, clear_temporaries, replacing
-from clplen.io.digest import digest, size_of
+from clplen.io.store.digest import digest, size_of
 from clplen.outputs import is_ours
 
 RECORD = "item.json"

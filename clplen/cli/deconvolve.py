@@ -225,8 +225,8 @@ class _Page:
 
 
 def _pages(path: Path) -> list[_Page]:
-    from clplen.io.frames import frames_in
-    from clplen.io.volume import is_volume
+    from clplen.io.formats.tiff import frames_in
+    from clplen.io.results.volume_files import is_volume
 
     if is_volume(path):
         raise click.UsageError(f"{path} is a volume, as clplen writes them: give raw frames.")
@@ -245,7 +245,7 @@ def _made(
     """Write the volume of a frame; what it holds, in words."""
     from clplen.batch.volumes import read_picture, write_result
     from clplen.files import naming
-    from clplen.io.volume import read_volume
+    from clplen.io.results.volume_files import read_volume
 
     picture = read_picture(page.path, page.number)
     with naming(str(page)), bar_of(series.how.iterations, "iteration") as bar:
@@ -281,7 +281,7 @@ def _outputs(
 ) -> list[Path]:
     """A file for each frame, none of them one that is read or that clplen did not write."""
     from clplen.io import check_folder
-    from clplen.io.zarrpackage import zarr_package
+    from clplen.io.store.zarr_files import zarr_package
 
     check_suffix(output, (".tif", ".tiff", ".zarr"))
     if len(pages) > 1 and _NAME not in str(output):
@@ -312,7 +312,7 @@ def _jobs(
 ) -> list[dict[str, Any]]:
     """What each volume depends on, kept with it."""
     from clplen.batch.volumes import words_of
-    from clplen.io.digest import digest
+    from clplen.io.store.digest import digest
 
     shared = words_of(images, how, white, dark)
     digests = {path: digest(path) for path in {page.path for page in pages}}
@@ -324,9 +324,9 @@ def _jobs(
 
 
 def _is_done(output: Path, job: dict[str, Any]) -> bool:
-    from clplen.io.volume import describe_volume
+    from clplen.io.store.picture_series import describe_series
 
-    return output.exists() and describe_volume(output).get("job") == job
+    return output.exists() and describe_series(output).get("job") == job
 
 
 def _tell(page: _Page, remarks: list[str]) -> None:

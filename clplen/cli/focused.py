@@ -153,7 +153,7 @@ def is_meant(source: Path, words: dict[str, Any]) -> bool:
     UsageError
         If such a word is given with something else.
     """
-    from clplen.io.kinds import kind_of
+    from clplen.io.lightfields.lightfield_files import kind_of
 
     if tells(source):
         return True
@@ -197,7 +197,7 @@ def check_kept(source: Path, image: Path | None, *outputs: Path) -> None:
     UsageError
         Naming the output.
     """
-    from clplen.io.raw import picture_of
+    from clplen.io.raw.raw_files import picture_of
 
     if source.suffix.lower() not in _XML:
         return
@@ -219,7 +219,7 @@ def read(source: Path, selector: str | None, layout: dict[str, Any], image: Path
     """
     from clplen.compute.device import Device
     from clplen.io import read_raw
-    from clplen.io.layout import Layout
+    from clplen.io.lightfields.layout import Layout
     from clplen.lightfield.focused.focused_geometry import require_focused
 
     Layout(**layout).require(_LAYOUT, "a raw image of a focused camera")
@@ -247,7 +247,7 @@ def read(source: Path, selector: str | None, layout: dict[str, Any], image: Path
 
 
 def _white(white: Path | None, dark: Path | None) -> Values | None:
-    from clplen.io.raw import read_frame
+    from clplen.io.raw.raw_files import read_frame
 
     if white is None:
         return None

@@ -75,12 +75,12 @@ def info(
       clplen info truth.pfm --json
     """
     from clplen.io import is_raw_file
-    from clplen.io.focused import found_in
+    from clplen.io.results.focused_files import describe_focused
 
     if save_grid is not None:
         check_outputs(source, layout, save_grid)
     given = {name for name, value in layout.items() if value not in (None, False)} - {"force"}
-    focused = None if given or save_grid else found_in(source)
+    focused = None if given or save_grid else describe_focused(source)
     plain = not given and not save_grid and focused is None
     volume = volume_in(source) if plain else None
     values = map_in(source) if plain and volume is None else None
@@ -203,7 +203,7 @@ def _of_calibration(source: Path) -> tuple[Rows, dict[str, Any]]:
 def _picture_beside(source: Path) -> tuple[Path, tuple[int, int]] | None:
     """The raw image of a calibration and its shape, where it is there."""
     from clplen.errors import FormatError
-    from clplen.io.raw import picture_of, read_frame
+    from clplen.io.raw.raw_files import picture_of, read_frame
 
     try:
         path = picture_of(source)
@@ -246,7 +246,7 @@ def _of_lightfield(
     farthest: float,
     save_grid: Path | None,
 ) -> tuple[Rows, dict[str, Any]]:
-    from clplen.io.kinds import kind_of
+    from clplen.io.lightfields.lightfield_files import kind_of
     from clplen.lightfield.axis_check.lightfield_report import (
         check_light_field,
         combine_layout_words,

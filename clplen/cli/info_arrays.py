@@ -50,7 +50,7 @@ def of_map(source: Path, values: np.ndarray[Any, Any]) -> tuple[Rows, dict[str, 
 
 def volume_in(source: Path) -> tuple[np.ndarray[Any, Any], dict[str, Any]] | None:
     """A volume and its description; None if it is something else."""
-    from clplen.io.volume import is_volume, read_volume
+    from clplen.io.results.volume_files import is_volume, read_volume
 
     if source.suffix.lower() not in _VOLUMES or not is_volume(source):
         return None

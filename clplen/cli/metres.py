@@ -177,7 +177,7 @@ def _points_of_camera(lf: LightField | StoredLightField, z: Values) -> tuple[Val
 def write_map(path: Path, values: Values) -> None:
     """A float map (y, x) as PFM, TIFF or NumPy, by its suffix."""
     from clplen.io import write_pfm, write_picture
-    from clplen.io.npy import write_npy
+    from clplen.io.formats.npy import write_npy
 
     if path.suffix.lower() == ".npy":
         write_npy(path, values)

@@ -142,7 +142,7 @@ def project(
     """
     from clplen.batch.volumes import read_psf
     from clplen.io import write_picture
-    from clplen.io.volume import read_volume
+    from clplen.io.results.volume_files import read_volume
     from clplen.microscopy.projector import Projector
 
     check_suffix(output, (".tif", ".tiff"))

@@ -88,10 +88,10 @@ def write_shown(
     ``dtype`` is that of the samples it was made of, float32 for what is no brightness.
     """
     from clplen.io import write_picture
-    from clplen.io.shown import to_look_at, white_of
+    from clplen.io.formats.animation import to_eight_bits, white_level
 
-    white = white_of(values, dtype, srgb=srgb)
-    write_picture(output, to_look_at(values, white, srgb=srgb))
+    white = white_level(values, dtype, srgb=srgb)
+    write_picture(output, to_eight_bits(values, white, srgb=srgb))
     above = np.count_nonzero(values > white)
     return scaled(white, srgb) + (f"; {above} samples are brighter" if above else "")
 
@@ -100,12 +100,11 @@ def animate(
     output: Path, frames: np.ndarray[Any, Any], dtype: np.dtype[Any], *, srgb: bool = False
 ) -> str:
     """Write pictures (n, y, x[, c]) as a GIF, all scaled alike, and say how."""
-    from clplen.io.animation import write_animation
-    from clplen.io.shown import to_look_at, white_of
+    from clplen.io.formats.animation import to_eight_bits, white_level, write_animation
 
-    white = white_of(frames, dtype, srgb=srgb)
+    white = white_level(frames, dtype, srgb=srgb)
     drawable(frames[0])
-    pictures = [drawable(to_look_at(frame, white, srgb=srgb)) for frame in frames]
+    pictures = [drawable(to_eight_bits(frame, white, srgb=srgb)) for frame in frames]
     write_animation(output, pictures)
     return f"{len(pictures)} frames, {scaled(white, srgb)}"
 

@@ -97,7 +97,7 @@ def _plain(value: float) -> float | str | None:
 def _picture(path: Path, shape: tuple[int, ...]) -> Any:
     """Where a picture is not black."""
     from clplen.errors import FormatError
-    from clplen.io.picture import read_picture
+    from clplen.io.formats.picture import read_picture
 
     values = read_picture(path)
     lit = values.reshape(*values.shape[:2], -1)[..., :3].any(axis=2)

@@ -1,62 +1,96 @@
-"""Files in and out: folders of views, HDF5, focal stacks, depth maps and pictures."""
+"""Files in and out: light fields, raw images, focal stacks, depth maps, volumes and pictures.
 
-from __future__ import annotations
+Rooms, each of which may import those before it: `formats` < `store` < `raw` < `lightfields` <
+`results`. Paths come in and data leave, or the other way round.
+"""
 
-import logging
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import fields
-from importlib import import_module
-from pathlib import Path
-from typing import Any, cast
-
-from clplen.compute.device import DeviceLike, as_device
-from clplen.files import PathLike, check_folder, check_writable, output_folder
-from clplen.io.disparity import read_disparity
-from clplen.io.focused import write_focused, write_focused_depth
-from clplen.io.hci import HciParameters, read_parameters
-from clplen.io.hdf5 import write_hdf5
-from clplen.io.kinds import kind_of
-from clplen.io.layout import Layout
-from clplen.io.mosaic import write_mosaic
-from clplen.io.pfm import read_pfm, write_pfm
-from clplen.io.picture import read_picture, write_picture
-from clplen.io.ply import points_of, write_ply
-from clplen.io.positions import NAMES
-from clplen.io.raw import read_raw
-from clplen.io.rawfile import is_raw_file, write_raw
-from clplen.io.raytrix import read_raytrix, write_raytrix
-from clplen.io.stack import write_depth, write_image, write_stack
-from clplen.io.truth import read_masks, read_truth, write_truth
-from clplen.io.views import find_views, write_views
-from clplen.io.zarrs import write_zarr
-from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.files import check_folder, check_writable, clear_temporaries, output_folder
+from clplen.io.formats.animation import write_animation
+from clplen.io.formats.npy import read_npy, write_npy
+from clplen.io.formats.pfm import read_pfm, write_pfm
+from clplen.io.formats.picture import read_picture, write_picture
+from clplen.io.formats.ply import points_of, read_ply, write_ply
+from clplen.io.lightfields.lightfield_files import (
+    files_of,
+    open_lightfield,
+    read_lightfield,
+    write_lightfield,
+)
+from clplen.io.lightfields.mosaic import write_mosaic
+from clplen.io.lightfields.view_folders import write_views
+from clplen.io.raw.raw_files import is_raw_file, read_frame, read_lattice, read_raw, write_raw
+from clplen.io.raw.raytrix import (
+    Distortion,
+    FocusType,
+    RaytrixCalibration,
+    read_raytrix,
+    write_raytrix,
+)
+from clplen.io.results.disparity_maps import (
+    read_disparity,
+    read_masks,
+    read_scene_truth,
+    read_truth,
+    write_truth,
+)
+from clplen.io.results.focused_files import write_focused, write_focused_depth
+from clplen.io.results.hci import HciParameters, read_parameters, write_parameters
+from clplen.io.results.stack_files import (
+    read_depth,
+    read_image,
+    read_stack,
+    write_depth,
+    write_image,
+    write_stack,
+)
+from clplen.io.results.volume_files import is_volume, read_volume, write_volume
+from clplen.io.store.digest import digest, size_of
+from clplen.io.store.picture_blocks import Tiles
 
 __all__ = [
+    "Distortion",
+    "FocusType",
     "HciParameters",
+    "RaytrixCalibration",
+    "Tiles",
     "check_folder",
     "check_writable",
+    "clear_temporaries",
+    "digest",
     "files_of",
     "is_raw_file",
+    "is_volume",
     "open_lightfield",
     "output_folder",
     "points_of",
+    "read_depth",
     "read_disparity",
+    "read_frame",
+    "read_image",
+    "read_lattice",
     "read_lightfield",
     "read_masks",
+    "read_npy",
     "read_parameters",
     "read_pfm",
     "read_picture",
+    "read_ply",
     "read_raw",
     "read_raytrix",
+    "read_scene_truth",
+    "read_stack",
     "read_truth",
+    "read_volume",
+    "size_of",
+    "write_animation",
     "write_depth",
     "write_focused",
     "write_focused_depth",
     "write_image",
     "write_lightfield",
     "write_mosaic",
+    "write_npy",
+    "write_parameters",
     "write_pfm",
     "write_picture",
     "write_ply",
@@ -65,216 +99,5 @@ __all__ = [
     "write_stack",
     "write_truth",
     "write_views",
+    "write_volume",
 ]
-
-logger = logging.getLogger(__name__)
-
-
-def read_lightfield(
-    path: PathLike,
-    *,
-    device: DeviceLike | None = None,
-    pattern: str | None = None,
-    views: tuple[int, int] | None = None,
-    flip_v: bool = False,
-    flip_u: bool = False,
-    swap_uv: bool = False,
-    order: str | None = None,
-    white: PathLike | None = None,
-    dark: PathLike | None = None,
-    grid: PathLike | None = None,
-    allow_missing: bool = False,
-    positions: PathLike | None = None,
-    srgb: bool = False,
-    step: float | None = None,
-    lattice: str | None = None,
-    bayer: str | None = None,
-    demosaic: str | None = None,
-    devignette: bool | None = None,
-    dataset: str | None = None,
-    max_bytes: int | None = None,
-    force: bool = False,
-    progress: bool = False,
-) -> LightField:
-    """Read a light field of any kind in `clplen.io.kinds`, told by its content.
-
-    What was taken for what is logged at level INFO by the logger ``clplen.io``. A word of layout
-    that does not apply to a kind of file is refused.
-
-    Parameters
-    ----------
-    path : path-like
-        A folder or zip archive with one picture a view, a mosaic, a raw lenslet image, HDF5, Zarr,
-        MATLAB, NumPy or a Lytro container.
-    device : Device or str, optional
-        Default ``Device.open()``.
-    pattern : str, optional
-        Names of the views in a folder: ``{v}`` and ``{u}`` row and column of the view, or ``{i}``
-        row by row; ``{n}`` a counter that is ignored; ``*`` anything. The numbers are ranked, so
-        neither the first nor the step matters. None guesses.
-    views : tuple of int, optional
-        (V, U), rows and columns as the names count them; of a mosaic; of a raw image, the pixels
-        that are taken from each lenslet (default: its pitch, rounded).
-    flip_v, flip_u, swap_uv : bool
-        How the file's view axes become ours: swapped first, then the resulting axes reversed.
-    order : str, optional
-        Axes of an array, such as "uvyxc"; of a mosaic "yvxu" (lenslet images) or "vyux" (views
-        side by side); "lawnmower" for names that count every other row backwards.
-    white, dark : path-like, optional
-        White image and dark frame of a raw image.
-    grid : path-like, optional
-        Lenslet lattice of a raw image: JSON of `clplen.lightfield.calibration`, or Raytrix XML.
-    allow_missing : bool
-        Whether views may be missing; they get weight 0.
-    positions : path-like, optional
-        Where the views lie on the aperture, in view steps, in place of their row and column: a CSV
-        with the columns v, u, y, x, or "names" for file names of the Stanford archive.
-    srgb : bool
-        Whether to decode sRGB to linear light from 0 to 1 (float32).
-    step : float, optional
-        Pixels a view of a raw image (default: pitch over the number of views).
-    lattice : {"rectangular", "hexagonal"}, optional
-        Of the lenslets of a raw image; None finds out.
-    bayer : {"RGGB", "BGGR", "GRBG", "GBRG"}, optional
-        Colour filters of a raw image.
-    demosaic : {"after", "before"}, optional
-        Whether colours are interpolated after slicing, which mixes no directions (the default),
-        or before.
-    devignette : bool, optional
-        Whether a raw image is divided by its white image, where there is one (default).
-    dataset : str, optional
-        Which array of a file that holds several.
-    max_bytes : int, optional
-        Largest allocation that a file may ask for; default half of the free memory.
-    force : bool
-        Whether to go on, with a `SamplingWarning`, where the lattice of the white image is not to
-        be trusted, or the raw image shows another one.
-    progress : bool
-        Whether to show a bar on standard error.
-
-    Returns
-    -------
-    LightField
-        uint8, uint16, float16 or float32 as in the file (other types become float32).
-
-    Raises
-    ------
-    FormatError
-        If the file or folder is missing, damaged, incomplete or of an unknown kind; if a value in
-        an array file (a sample that is NaN, a spacing of 0) makes no light field.
-    ValueError, ShapeError
-        If a word of layout does not apply to this kind of file, or a value in pictures makes no
-        light field.
-    """
-    words = locals()
-    layout = Layout(**{field.name: words[field.name] for field in fields(Layout)})
-    path = Path(path)
-    kind = kind_of(path)
-    layout.require(kind.words, kind.name)
-    module = import_module(kind.module)
-    device = as_device(device, optional=True)
-    lf, took = module.read(path, device=device, layout=layout, progress=progress)
-    logger.info("read %s", took)
-    return cast(LightField, lf)
-
-
-@contextmanager
-def open_lightfield(
-    path: PathLike, *, device: DeviceLike | None = None, **layout: Any
-) -> Iterator[StoredLightField]:
-    """Open a light field of any kind without reading it all, for the ``stream_`` functions.
-
-    Arrays (HDF5, Zarr, NumPy, MATLAB 7.3), folders and archives of views are read part by part
-    while the file is open. What is one raw picture, and MATLAB up to 7.2, is read as a whole.
-
-    Parameters
-    ----------
-    path : path-like
-    device : Device or str, optional
-        Default ``Device.open()``; what is read as a whole lies there.
-    **layout
-        Words of layout as for `read_lightfield`; ``max_bytes`` bounds what is unpacked at once.
-
-    Yields
-    ------
-    StoredLightField
-
-    Raises
-    ------
-    FormatError, ValueError, ShapeError
-        As `read_lightfield`; samples that are damaged or NaN are found when they are read.
-    """
-    words, path = Layout(**layout), Path(path)
-    kind = kind_of(path)
-    words.require(kind.words, kind.name)
-    module = import_module(kind.module)
-    device = as_device(device, optional=True)
-    with ExitStack() as held:
-        if kind.parts:
-            opened = module.open_parts(path, device=device, layout=words)
-            stored, took = held.enter_context(opened)
-        else:
-            lf, took = module.read(path, device=device, layout=words)
-            stored = StoredLightField.from_light_field(lf)
-        logger.info("opened %s", took)
-        yield stored
-
-
-def files_of(path: PathLike, **layout: Any) -> list[Path]:
-    """The files that `read_lightfield` would read.
-
-    Parameters
-    ----------
-    path : path-like
-    **layout
-        Words of layout as for `read_lightfield`.
-
-    Returns
-    -------
-    list of pathlib.Path
-
-    Raises
-    ------
-    FormatError
-        If the names in a folder do not show which file is which view.
-    """
-    path = Path(path)
-    words = Layout(**layout)
-    named = (words.white, words.dark, words.grid, words.positions)
-    beside = [Path(file) for file in named if file is not None and str(file) != NAMES]
-    if not path.is_dir() or kind_of(path).module != "clplen.io.views":
-        return [path, *beside]
-    return [*(path / name for name in find_views(path, words)[2].values()), *beside]
-
-
-def write_lightfield(path: PathLike, lf: LightField) -> None:
-    """Write a light field so that `read_lightfield` gives it back.
-
-    Parameters
-    ----------
-    path : path-like
-        ``.h5``, ``.hdf5`` and ``.zarr`` (a new folder) keep everything; a name without suffix
-        becomes a new folder of pictures, which keeps the samples only.
-    lf : LightField
-
-    Raises
-    ------
-    ValueError
-        If the suffix is another one.
-    FormatError
-        If it is ``.zarr`` and the package zarr is not installed.
-    OSError
-        If it cannot be written, or the folder holds something already.
-    """
-    suffix = Path(path).suffix.lower()
-    if suffix in (".h5", ".hdf5"):
-        write_hdf5(path, lf)
-    elif suffix == ".zarr":
-        write_zarr(path, lf)
-    elif suffix == "" or Path(path).is_dir():
-        write_views(path, lf)
-    else:
-        raise ValueError(
-            "A light field is written to .h5, to .zarr or to a new folder, not to "
-            f"{Path(path).name}."
-        )

@@ -15,8 +15,7 @@ import numpy as np
 from clplen.compute.memory import free_memory
 from clplen.errors import FormatError
 from clplen.files import PathLike, check_space, replacing
-from clplen.hdf5_heap import require_heaps
-from clplen.hdf5_links import require_own
+from clplen.hdf5_safety import require_heaps, require_own
 from clplen.microscopy.images import PointImages
 from clplen.outputs import MARK
 

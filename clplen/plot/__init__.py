@@ -8,8 +8,7 @@ from clplen.plot.base import Region, Scale, save
 from clplen.plot.comparisons import comparison
 from clplen.plot.depths import alpha_curve, depth, energy_curves, magnification, phase_space
 from clplen.plot.fields import intensity, phase
-from clplen.plot.pictures import montage, picture, raw_image, refocused, views
-from clplen.plot.slices import epi
+from clplen.plot.pictures import epi, montage, picture, raw_image, refocused, views
 from clplen.plot.systems import system
 
 __all__ = [

@@ -14,8 +14,18 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from clplen.plot.base import Array, new_figure, styled
-from clplen.plot.labels import LINE, Label, in_rows, is_on_lenslets, names, spans
-from clplen.plot.rays import Rays, lenslet_rows, opening, rays_through
+from clplen.plot.rays import (
+    LINE,
+    Label,
+    Rays,
+    in_rows,
+    is_on_lenslets,
+    lenslet_rows,
+    names,
+    opening,
+    rays_through,
+    spans,
+)
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.systems.components import ConvergingLight, Lens, Part, Space, Stop, length_of
 from clplen.wave.systems.optical_system import OpticalSystem

@@ -10,7 +10,8 @@ import pytest
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError
-from clplen.io import loading, read_lightfield
+from clplen.io import read_lightfield
+from clplen.io.lightfields import array_sources
 
 SHAPE = (3, 5, 7, 11, 3)
 
@@ -50,7 +51,7 @@ def test_order_and_words(tmp_path: Path, device: Device, caplog: pytest.LogCaptu
 def test_more_than_a_block(
     tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch, block: int
 ):
-    monkeypatch.setattr(loading, "_BLOCK", block)
+    monkeypatch.setattr(array_sources, "_BLOCK", block)
     values = values_of()
     np.save(tmp_path / "a.npy", values)
     lf = read_lightfield(tmp_path / "a.npy", device=device, swap_uv=True)
@@ -60,9 +61,9 @@ def test_more_than_a_block(
 @pytest.mark.parametrize("chunks", [None, (1, 2, 3, 4, 5), (3, 5, 7, 11, 3)])
 @pytest.mark.parametrize("size", [1, 100, 3000, 10**5])
 def test_blocks(monkeypatch: pytest.MonkeyPatch, chunks: tuple[int, ...] | None, size: int):
-    monkeypatch.setattr(loading, "_BLOCK", size)
+    monkeypatch.setattr(array_sources, "_BLOCK", size)
     met = np.zeros(SHAPE, int)
-    for block in loading.blocks(SHAPE, chunks, 2):
+    for block in array_sources.blocks(SHAPE, chunks, 2):
         met[block] += 1
         whole = [part.start % n for part, n in zip(block, chunks or (1,) * 5, strict=True)]
         assert not any(whole)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from clplen.io import digest as module
-from clplen.io.digest import digest, size_of
+from clplen.io.store import digest as module
+from clplen.io.store.digest import digest, size_of
 
 
 def test_a_file_in_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -10,7 +10,8 @@ import pytest
 
 from clplen import io
 from clplen.errors import FormatError
-from clplen.io import HciParameters, hci, read_parameters, write_pfm
+from clplen.io import HciParameters, read_parameters, write_pfm
+from clplen.io.results import hci
 
 CFG = """
 [intrinsics]

@@ -11,10 +11,13 @@ import pytest
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError
-from clplen.io import container, lytro, packing, read_lightfield
-from clplen.io.container import read_container, sections_of
-from clplen.io.layout import Layout
-from clplen.io.packing import Packing, unpack
+from clplen.io import read_lightfield
+from clplen.io.formats import packing
+from clplen.io.formats.packing import Packing, unpack
+from clplen.io.lightfields import lenslet_frames
+from clplen.io.lightfields.layout import Layout
+from clplen.io.raw import lytro_container
+from clplen.io.raw.lytro_container import read_container, sections_of
 
 START = b"\x89LFP\x0d\x0a\x1a\x0a\x00\x00\x00\x01" + bytes(4)
 Section = tuple[bytes, bytes, bytes]  # type, name, data
@@ -272,11 +275,12 @@ def test_the_white_image_is_the_users(
         given.update(words, frame=frame, path=path)
         return "light field", "sentence"
 
-    monkeypatch.setattr(lytro, "decode_frame", decode_frame)
-    assert lytro.read(path, device=device, layout=Layout(grid="g.json"))[0] == "light field"
+    monkeypatch.setattr(lenslet_frames, "decode_frame", decode_frame)
+    read = lenslet_frames.read_lytro
+    assert read(path, device=device, layout=Layout(grid="g.json"))[0] == "light field"
     np.testing.assert_array_equal(given["frame"], frame)
     assert given["layout"] == Layout(grid="g.json", bayer="GRBG")
-    lytro.read(path, device=device, layout=Layout(grid="g.json", bayer="RGGB"))
+    read(path, device=device, layout=Layout(grid="g.json", bayer="RGGB"))
     assert given["layout"].bayer == "RGGB"
 
 
@@ -296,7 +300,7 @@ def test_a_container_becomes_a_light_field(tmp_path: Path, device: Device):
 
 
 def test_too_many_sections(tmp_path: Path, monkeypatch):
-    monkeypatch.setattr(container, "_MOST", 3)
+    monkeypatch.setattr(lytro_container, "_MOST", 3)
     empty = b"\x89LFC\r\n\x1a\n" + bytes(8)
     (tmp_path / "a.lfp").write_bytes(START + 4 * empty)
     with pytest.raises(FormatError, match="more than 3 sections"):

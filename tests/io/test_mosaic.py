@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import logging
-import sys
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import imageio.v3 as imageio
@@ -185,8 +183,7 @@ def test_what_is_a_raw_image(
         seen.append((values, path, layout.given()))
         return LightField.from_array(noise(), device=device), "a raw image"
 
-    double = SimpleNamespace(decode_frame=decode)
-    monkeypatch.setitem(sys.modules, "clplen.io.rawframe", double)
+    monkeypatch.setattr("clplen.io.lightfields.mosaic.decode_frame", decode)
     read_lightfield(tmp_path / "a.png", device=device, **words)
     np.testing.assert_array_equal(seen[0][0], frame)
     assert seen[0][1:] == (tmp_path / "a.png", words)

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from clplen.errors import FormatError
-from clplen.io.kinds import kind_of
-from clplen.io.names import Pattern, arrange, guess, views_only
+from clplen.io.lightfields.lightfield_files import kind_of
+from clplen.io.lightfields.view_names import Pattern, arrange, guess, views_only
 
 
 def grid(template: str, vs: range, us: range) -> list[str]:

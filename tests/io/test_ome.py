@@ -15,8 +15,9 @@ import tifffile
 from clplen.compute.arrays import Image
 from clplen.compute.device import Device
 from clplen.errors import FormatError
-from clplen.io import ome, read_pfm, write_depth, write_image, write_stack
-from clplen.io.raw import read_frame
+from clplen.io import read_pfm, write_depth, write_image, write_stack
+from clplen.io.raw.raw_files import read_frame
+from clplen.io.store import ome_tiff
 from clplen.lightfield.refocus.focal_stack import FocalStack
 
 SPACING = (-1e-3, -1e-3, -2e-6, 3e-6)
@@ -123,7 +124,7 @@ def test_stacks_are_valid_and_large_ones_bigtiff(tmp_path: Path, device: Device,
         require_valid(tmp_path / "s.tif", sizes=sizes, channels=1)
     with tifffile.TiffFile(tmp_path / "s.tif") as file:
         assert not file.is_bigtiff
-    monkeypatch.setattr(ome, "_BIG", 800)
+    monkeypatch.setattr(ome_tiff, "_BIG", 800)
     write_stack(tmp_path / "s.tif", stack)
     with tifffile.TiffFile(tmp_path / "s.tif") as file:
         assert file.is_bigtiff

@@ -18,8 +18,9 @@ from stack_tiles import Tiles, full_disk, random_values
 
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
-from clplen.io import ome, write_depth, write_image, write_stack
-from clplen.io.blocks import checked
+from clplen.io import write_depth, write_image, write_stack
+from clplen.io.store import ome_tiff
+from clplen.io.store.picture_blocks import checked_blocks
 from clplen.lightfield.refocus.focal_stack import FocalStack
 
 SPACING = (-1e-3, -1e-3, -2e-6, 3e-6)
@@ -92,7 +93,7 @@ def test_a_stack_on_a_device_and_its_parts_make_the_same_file(tmp_path: Path, de
 def test_large_ones_are_bigtiff(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     values = random_values(3, 7, 5, 3)
     for limit, is_big in ((4 * values.size, False), (4 * values.size - 1, True)):
-        monkeypatch.setattr(ome, "_BIG", limit)
+        monkeypatch.setattr(ome_tiff, "_BIG", limit)
         write_stack(tmp_path / "s.tif", Tiles(values, (2, 3, 4)))
         with tifffile.TiffFile(tmp_path / "s.tif") as file:
             assert file.is_bigtiff == is_big
@@ -210,7 +211,7 @@ def test_parts_are_told_that_no_more_are_wanted(tmp_path: Path):
             return self.kept
 
     tiles = Kept(random_values(4, 6, 5), (4, 2, 5))
-    with closing(checked(tiles, (4, 6, 5))) as parts:
+    with closing(checked_blocks(tiles, (4, 6, 5))) as parts:
         next(parts)
         assert tiles.closed == []
     assert tiles.closed == [True]

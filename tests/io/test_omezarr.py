@@ -18,7 +18,7 @@ from stack_tiles import Tiles, full_disk, random_values
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import write_depth, write_image, write_lightfield, write_stack
-from clplen.io.digest import digest
+from clplen.io.store.digest import digest
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocus.focal_stack import FocalStack
 

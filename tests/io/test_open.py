@@ -16,8 +16,9 @@ from click.testing import CliRunner
 from clplen.cli import main
 from clplen.cli.options import Size
 from clplen.errors import FormatError
-from clplen.io import loading, open_lightfield, read_lightfield, write_lightfield
-from clplen.io.loading import blocks
+from clplen.io import open_lightfield, read_lightfield, write_lightfield
+from clplen.io.lightfields import array_sources
+from clplen.io.lightfields.array_sources import blocks
 from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model import stored_light_field
 from clplen.lightfield.model.light_field import LightField
@@ -93,7 +94,7 @@ def test_own_files(device, tmp_path, suffix, layout):
 
 @pytest.mark.parametrize("chunks", [None, (1, 1, 8, 8, 3), (2, 3, 7, 23, 1), (3, 4, 41, 23, 3)])
 def test_hdf5_in_chunks(device, tmp_path, monkeypatch, chunks):
-    monkeypatch.setattr(loading, "_BLOCK", 500)
+    monkeypatch.setattr(array_sources, "_BLOCK", 500)
     with h5py.File(tmp_path / "lf.h5", "w") as file:
         packed = {} if chunks is None else {"compression": "gzip"}
         file.create_dataset("any", data=samples(), chunks=chunks, **packed)

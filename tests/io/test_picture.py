@@ -15,7 +15,7 @@ import tifffile
 from png_writer import SIGNATURE, chunk, encode, header
 
 from clplen.errors import FormatError
-from clplen.io.picture import decode_picture, read_channels, read_picture
+from clplen.io.formats.picture import decode_picture, read_channels, read_picture
 
 SHAPE = (7, 11)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from clplen.errors import ShapeError
-from clplen.io.ply import points_of, write_ply
+from clplen.io.formats.ply import points_of, write_ply
 
 POINTS = np.array([[1, 2, 3], [4, np.nan, 6], [7, 8, np.inf], [-1.5, 0.25, 9]])
 COLOURS = np.array([[10, 20, 30], [1, 1, 1], [2, 2, 2], [255, 0, 128]], np.uint8)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from clplen.errors import FormatError
-from clplen.io.layout import Layout
-from clplen.io.positions import positions_of, read_positions
+from clplen.io.lightfields.layout import Layout
+from clplen.io.lightfields.view_positions import positions_of, read_positions
 
 VIEWS = (2, 3)
 GRID = np.stack(np.indices(VIEWS) - np.array([0.5, 1.0])[:, None, None], axis=-1)

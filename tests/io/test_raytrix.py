@@ -11,12 +11,13 @@ import pytest
 
 from clplen.errors import FormatError
 from clplen.io import read_lightfield
-from clplen.io.raytrix import read_raytrix, write_raytrix
-from clplen.io.raytrix_calibration import (
+from clplen.io.raw.raytrix import (
     Distortion,
     FocusType,
     RaytrixCalibration,
     lattice_vectors,
+    read_raytrix,
+    write_raytrix,
 )
 
 # In the order and with the units of the cameras' own files; a hexagonal array of three types.

@@ -11,10 +11,9 @@ import pytest
 from clplen.compute.device import Device
 from clplen.errors import FormatError, ShapeError
 from clplen.io import read_raw
-from clplen.io.picture import write_picture
-from clplen.io.raw import read_frame, read_lattice
-from clplen.io.raytrix import write_raytrix
-from clplen.io.raytrix_calibration import FocusType, RaytrixCalibration
+from clplen.io.formats.picture import write_picture
+from clplen.io.raw.raw_files import read_frame, read_lattice
+from clplen.io.raw.raytrix import FocusType, RaytrixCalibration, write_raytrix
 from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 

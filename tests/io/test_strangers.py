@@ -33,9 +33,10 @@ from clplen.io import (
     write_lightfield,
     write_picture,
 )
-from clplen.io.focused import found_in
-from clplen.io.frames import read_tiff_frame
-from clplen.io.volume import describe_volume, read_volume
+from clplen.io.formats.tiff import read_tiff_frame
+from clplen.io.results.focused_files import describe_focused
+from clplen.io.results.volume_files import read_volume
+from clplen.io.store.picture_series import describe_series
 from clplen.lightfield.model.light_field import LightField
 from clplen.microscopy import point_image_files
 
@@ -168,11 +169,16 @@ def test_other_readers_of_hdf5(tmp_path: Path, secret: Path):
             linked(file, name, secret)
         file["lenslets/m"] = np.ones(2)
         file.attrs["format"] = point_image_files.FORMAT
-    read_images = point_image_files.read_point_images
-    for read in (read_truth, read_masks, read_disparity, read_raw, read_images):
+    for read in (
+        read_truth,
+        read_masks,
+        read_disparity,
+        read_raw,
+        point_image_files.read_point_images,
+    ):
         refused(lambda read=read: read(path), SAID)
     assert point_image_files.read_parameters(path) is None
-    assert found_in(path) is None
+    assert describe_focused(path) is None
 
 
 def test_a_soft_link_inside_is_followed(tmp_path: Path, one_device: Device):
@@ -223,7 +229,7 @@ def test_entities_in_xml(tmp_path: Path):
         refused(lambda: read_raytrix(tmp_path / "a.xml"), "declares a document type or entities")
         text = f"{head}<OME><Description>&x;</Description></OME>"
         tifffile.imwrite(tmp_path / "a.tif", np.zeros((4, 5), "f4"), description=text)
-        assert describe_volume(tmp_path / "a.tif") == {}
+        assert describe_series(tmp_path / "a.tif") == {}
 
 
 @pytest.mark.parametrize("companion", [True, False])
@@ -259,7 +265,7 @@ def test_ome_xml_that_names_other_files(
     assert (read_tiff_frame(path) == 3).all()
     assert (read_picture(path) == 3).all()
     assert (read_volume(path)[0] == 3).all()
-    assert found_in(path) is None
+    assert describe_focused(path) is None
     assert not [file for file in opened if "b.ome.tif" in file or "passwd" in file]
 
 

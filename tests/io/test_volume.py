@@ -11,7 +11,8 @@ import pytest
 import tifffile
 
 from clplen.errors import FormatError
-from clplen.io.volume import describe_volume, read_volume, write_volume
+from clplen.io.results.volume_files import read_volume, write_volume
+from clplen.io.store.picture_series import describe_series
 
 VOLUME = np.arange(3 * 4 * 5, dtype=np.float32).reshape(3, 4, 5)
 
@@ -50,9 +51,9 @@ def test_an_omezarr_lies_where_its_first_plane_does(tmp_path: Path) -> None:
 def test_an_omezarr_without_its_voxels_says_nothing(tmp_path: Path) -> None:
     pytest.importorskip("zarr", reason="the extra zarr is not installed")
     write_volume(tmp_path / "a.zarr", VOLUME, planes=np.arange(3.0), voxel=(1e-6, 1e-6))
-    assert describe_volume(tmp_path / "a.zarr")["planes_um"] == [0, 1e6, 2e6]
+    assert describe_series(tmp_path / "a.zarr")["planes_um"] == [0, 1e6, 2e6]
     shutil.rmtree(tmp_path / "a.zarr" / "0")
-    assert describe_volume(tmp_path / "a.zarr") == {}
+    assert describe_series(tmp_path / "a.zarr") == {}
 
 
 def test_volumes_of_other_programs(tmp_path: Path) -> None:
@@ -72,7 +73,7 @@ def test_volumes_of_other_programs(tmp_path: Path) -> None:
         read_volume(tmp_path / "e.tif")
     with pytest.raises(FormatError, match=r"868 bytes, more than 60 \(the given limit"):
         read_volume(tmp_path / "c.tif", max_bytes=60)
-    assert describe_volume(tmp_path / "none.tif") == {}
+    assert describe_series(tmp_path / "none.tif") == {}
     tifffile.imwrite(tmp_path / "f.tif", np.zeros((8, 64, 64), np.float32), compression="zlib")
     with pytest.raises(FormatError, match=r"the stack needs 131,072 bytes, more than 50,000"):
         read_volume(tmp_path / "f.tif", max_bytes=50000)

@@ -17,7 +17,8 @@ import pytest
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.compute.device import Device
 from clplen.errors import FormatError
-from clplen.io import read_lightfield, write_lightfield, zarrs
+from clplen.io import read_lightfield, write_lightfield
+from clplen.io.lightfields import zarr_lightfields
 from clplen.lightfield.model.light_field import LightField
 from clplen.wave.elements.lenslets import MicrolensArray
 
@@ -280,7 +281,7 @@ def test_a_truncated_archive(tmp_path: Path, device: Device):
 def test_large_rows_of_views_are_cut(
     tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(zarrs, "_CHUNK", 3 * 5 * 13 * 2 + 1)
+    monkeypatch.setattr(zarr_lightfields, "_CHUNK", 3 * 5 * 13 * 2 + 1)
     values = np.random.default_rng(1).integers(0, 999, (2, 3, 11, 13), np.uint16)
     write_lightfield(tmp_path / "lf.zarr", LightField.from_array(values, device=device))
     root = zarr.open_group(str(tmp_path / "lf.zarr"), mode="r")

@@ -15,7 +15,7 @@ import pytest
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import open_lightfield, read_disparity, read_lightfield, write_image
-from clplen.io.volume import is_volume, read_volume, write_volume
+from clplen.io.results.volume_files import is_volume, read_volume, write_volume
 
 zarr = pytest.importorskip("zarr")
 numcodecs = pytest.importorskip("numcodecs")

@@ -10,7 +10,7 @@ import pytest
 
 from clplen.errors import FormatError
 from clplen.io import read_lightfield
-from clplen.io.layout import Layout
+from clplen.io.lightfields.layout import Layout
 from clplen.lightfield.arrays.stored_samples import extremes
 from clplen.lightfield.axis_check.lightfield_report import check_light_field, combine_layout_words
 from clplen.lightfield.model.light_field import LightField

@@ -1,0 +1,121 @@
+"""Pictures to look at, never to measure: 8 bits, and animated GIFs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import imageio.v3 as imageio
+import numpy as np
+
+from clplen.files import PathLike, replacing
+from clplen.io.formats.picture import encoded
+from clplen.outputs import MARK
+
+# Thresholds of ordered dithering (Bayer 1973), in sixteenths.
+_BAYER = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]])
+_STEPS = 31  # of a colour, from black to full
+Array = np.ndarray[Any, Any]
+_MOST = 99.9  # per cent of the values
+_GLINT = 3  # times that percentile: a larger maximum is cut
+
+
+def write_animation(
+    path: PathLike, pictures: Iterable[np.ndarray[Any, Any]], *, seconds: float = 0.1
+) -> None:
+    """Write pictures as an animated GIF that repeats for ever.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.gif``.
+    pictures : iterable of numpy.ndarray
+        uint8, all of one shape (y, x) or (y, x, 3), at least one. A GIF keeps 256
+        colours a picture: colours are dithered to 32 levels of each first, greys stay.
+    seconds : float
+        For each picture, at least 0.02.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another one, there is no picture, or they differ.
+    OSError
+        If the file cannot be written.
+    """
+    frames = list(pictures)
+    if Path(path).suffix.lower() != ".gif":
+        raise ValueError(f"An animation is written as .gif, not as {Path(path).name}.")
+    if not frames or len({frame.shape for frame in frames}) != 1:
+        raise ValueError("An animation has at least one picture, all of one shape.")
+    if any(frame.dtype != np.uint8 or frame.ndim not in (2, 3) for frame in frames):
+        raise ValueError("The pictures of an animation are uint8, (y, x) or (y, x, 3).")
+    if not seconds >= 0.02:
+        raise ValueError(f"A picture is shown for at least 0.02 seconds, not {seconds!r}.")
+    with replacing(path) as temporary:
+        imageio.imwrite(
+            temporary,
+            np.stack([_dithered(frame) if frame.ndim == 3 else frame for frame in frames]),
+            plugin="pillow",
+            extension=".gif",
+            duration=1000 * seconds,
+            loop=0,
+            comment=MARK.encode(),
+        )
+
+
+def _dithered(frame: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """A picture of few colours, whose palette is found soon; smooth slopes keep their means."""
+    rows, columns = (np.arange(n) % 4 for n in frame.shape[:2])
+    thresholds = (_BAYER[rows[:, None], columns] + 0.5) / 16
+    levels = np.floor(frame * (_STEPS / 255) + thresholds[..., None])
+    return np.rint(levels * (255 / _STEPS)).astype(np.uint8)
+
+
+def white_level(values: Array, dtype: np.dtype[Any], *, srgb: bool = False) -> float:
+    """The value that is shown as white.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        All pictures that are shown alike.
+    dtype : dtype
+        Of the light field: 255 is white for uint8, so that its views look as their files do. Give
+        float32 for what is no brightness, such as a variance.
+    srgb : bool
+        Whether its values were decoded from sRGB: 1 is white then.
+
+    Returns
+    -------
+    float
+        Otherwise the largest value; where that is more than 3 times the 99.9th percentile of the
+        values, this percentile, so that a few glints do not darken all. 1 where none is positive.
+    """
+    if srgb:
+        return 1.0
+    if dtype == np.uint8:
+        return 255.0
+    largest, most = float(np.max(values)), float(np.percentile(values, _MOST))
+    white = most if 0 < _GLINT * most < largest else largest
+    return white if white > 0 else 1.0
+
+
+def to_eight_bits(values: Array, white: float, *, srgb: bool = False) -> Array:
+    """A picture as uint8: values over white, cut to 0 to 1, encoded as sRGB where asked.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        Shape (..., y, x[, c]).
+    white : float
+        Positive.
+    srgb : bool
+        Whether the values are linear light that a screen is to show as such.
+
+    Returns
+    -------
+    numpy.ndarray
+        uint8, same shape.
+    """
+    part = np.clip(np.asarray(values, np.float64) / white, 0, 1)
+    return np.rint(255 * (encoded(part) if srgb else part)).astype(np.uint8)

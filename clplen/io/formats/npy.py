@@ -1,0 +1,98 @@
+"""NumPy files (.npy): written whole or not at all, read without pickles."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clplen.errors import FormatError
+from clplen.files import PathLike, replacing
+from clplen.io.formats.untrusted import require_bytes
+from clplen.outputs import NPY_HEADER
+
+MAGIC = b"\x93NUMPY"
+SUFFIXES = (".npy",)
+_VERSION = b"\x01\0"  # the length of the header follows in two bytes
+
+
+def write_npy(path: PathLike, values: np.ndarray[Any, Any], *, durable: bool = False) -> None:
+    """Write an array for `numpy.load`, with the header of `clplen.outputs`.
+
+    Parameters
+    ----------
+    path : path-like
+    values : numpy.ndarray
+        Of real numbers; written in C order.
+    durable : bool
+        Whether to wait until the disk has the file, as in `clplen.files.replacing`.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    array = np.ascontiguousarray(values)
+    about = np.lib.format.header_data_from_array_1_0(array)
+    length = NPY_HEADER - len(MAGIC + _VERSION) - 2
+    header = repr(about).encode("ascii").ljust(length - 1) + b"\n"
+    with replacing(path, durable) as temporary, temporary.open("wb") as file:
+        file.write(MAGIC + _VERSION + length.to_bytes(2, "little") + header)
+        array.tofile(file)
+
+
+def read_npy(path: PathLike, *, max_bytes: int | None = None) -> np.ndarray[Any, Any]:
+    """Read an array of real numbers; it is never unpickled.
+
+    Parameters
+    ----------
+    path : path-like
+    max_bytes : int, optional
+        Largest allocation that the file may ask for; default half of the free memory.
+
+    Returns
+    -------
+    numpy.ndarray
+
+    Raises
+    ------
+    FormatError
+        If it is missing, damaged, or holds something else.
+    """
+    values = map_npy(path)
+    if values.dtype.kind not in "buif":
+        raise FormatError(f"{path} holds {values.dtype}, no real numbers.")
+    require_bytes(
+        values.nbytes,
+        path=Path(path),
+        what="its array",
+        stored=Path(path).stat().st_size,
+        ratio=1,
+        max_bytes=max_bytes,
+    )
+    return np.array(values)
+
+
+def map_npy(path: PathLike, *, what: str = "an array") -> np.ndarray[Any, Any]:
+    """An array that is mapped, so that it cannot be larger than its file; it is never unpickled.
+
+    Parameters
+    ----------
+    path : path-like
+    what : str
+        What it is, for the message.
+
+    Raises
+    ------
+    FormatError
+        If it is missing or damaged.
+    """
+    noun = what.partition(" ")[2]
+    if not Path(path).is_file():
+        raise FormatError(f"There is no {noun} {path}.")
+    try:
+        return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
+    except Exception as error:  # NumPy raises all kinds on damaged headers
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise FormatError(f"{path} cannot be read ({reason[:200]}).") from error

@@ -1,0 +1,393 @@
+"""Single pictures: PNG, TIFF, JPEG, BMP, PGM and PPM, with their own values; sRGB and alpha.
+
+What the first bytes declare is known before anything is decoded: kind, size, and how far it is
+compressed.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import imageio.v3 as imageio
+import numpy as np
+import tifffile
+from PIL.PngImagePlugin import PngInfo
+
+from clplen.errors import FormatError
+from clplen.files import PathLike, replacing
+from clplen.io.formats import tiff
+from clplen.io.formats.png16 import decode_png16
+from clplen.io.formats.tiff import decode_tiff
+from clplen.io.formats.untrusted import DEFLATE, require_bytes
+from clplen.outputs import MARK
+
+_LINEAR = 0.04045  # sRGB below it is a straight line (IEC 61966-2-1:1999)
+PNG = b"\x89PNG\r\n\x1a\n"
+TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_JPEG = b"\xff\xd8\xff"
+_JPEG_RATIO = 2048.0  # a bit for a block of 64 samples, colours halved twice (ITU-T T.81)
+_RLE_RATIO = 512.0  # BMP: 255 pixels of 4 bytes from 2 bytes
+_PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+_STANDALONE = {0x01, *range(0xD0, 0xD9)}  # JPEG markers without a length
+_FRAMES = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # JPEG markers with the size
+_SPACE = rb"(?:\s|#[^\n]*\n)+"
+_PNM = re.compile(
+    rb"P([56])" + _SPACE + rb"(\d{1,9})" + _SPACE + rb"(\d{1,9})" + _SPACE + rb"(\d{1,5})\s"
+)
+SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm")
+_MOST_PIXELS = 89_478_485  # from here on Pillow warns of bombs, at twice as many it refuses
+Array = np.ndarray[Any, Any]
+
+
+def linear(values: Array) -> Array:
+    """sRGB decoded to linear light, 0 to 1, float32 (IEC 61966-2-1:1999).
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        uint8 or uint16 of the full range, or floats from 0 to 1.
+
+    Returns
+    -------
+    numpy.ndarray
+    """
+    if values.dtype.kind == "u":
+        levels = np.linspace(0, 1, int(np.iinfo(values.dtype).max) + 1)
+        return np.asarray(_from_srgb(levels).astype(np.float32)[values])
+    return _from_srgb(values.astype(np.float64)).astype(np.float32)
+
+
+def _from_srgb(s: Array) -> Array:
+    low = s <= _LINEAR
+    return np.where(low, s / 12.92, ((np.maximum(s, _LINEAR) + 0.055) / 1.055) ** 2.4)
+
+
+def encoded(values: Array) -> Array:
+    """The inverse of `linear`: linear light from 0 to 1, clipped, as sRGB from 0 to 1."""
+    s = np.clip(values, 0, 1)
+    return np.where(s <= _LINEAR / 12.92, 12.92 * s, 1.055 * s ** (1 / 2.4) - 0.055)
+
+
+def without_alpha(values: Array, name: PathLike) -> Array:
+    """Colours or greys without an alpha channel that says nothing.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        As `read_channels` gives them.
+    name : path-like
+        For messages.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (y, x) or (y, x, 3).
+
+    Raises
+    ------
+    FormatError
+        If a pixel is transparent.
+    """
+    if values.ndim == 2 or values.shape[2] == 3:
+        return values
+    alpha = values[..., -1]
+    highest = np.iinfo(alpha.dtype).max if alpha.dtype.kind == "u" else 1
+    if not (alpha == highest).all():
+        raise FormatError(f"The picture {name} has transparent pixels: flatten first.")
+    return values[..., 0] if values.shape[2] == 2 else values[..., :-1]
+
+
+@dataclass(frozen=True)
+class Header:
+    """What a picture declares.
+
+    Attributes
+    ----------
+    kind : {"PNG", "TIFF", "JPEG", "BMP", "PNM"}
+    pixels : int
+        Rows times columns; 0 for TIFF, whose reader finds out.
+    nbytes : int
+        Of the decoded samples, at most.
+    ratio : float
+        Largest number of decoded bytes from one stored byte.
+    deep : bool
+        Whether it is a PNG with 16 bits a sample and more than one channel.
+    """
+
+    kind: str
+    pixels: int = 0
+    nbytes: int = 0
+    ratio: float = 1.0
+    deep: bool = False
+
+
+def header_of(content: bytes) -> Header:
+    """What a picture declares.
+
+    Parameters
+    ----------
+    content : bytes
+
+    Returns
+    -------
+    Header
+
+    Raises
+    ------
+    ValueError
+        If it is no picture of a known kind, or its header is damaged.
+    """
+    if content[:8] == PNG:
+        return _png(content)
+    if content[:4] in TIFF:
+        return Header("TIFF")
+    if content[:3] == _JPEG:
+        return _jpeg(content)
+    if content[:2] == b"BM":
+        return _bmp(content)
+    if content[:2] in (b"P5", b"P6"):
+        shape, dtype_size, _ = pnm_layout(content)
+        height, width, channels = shape
+        return Header("PNM", height * width, height * width * channels * dtype_size)
+    raise ValueError("it begins like no PNG, TIFF, JPEG, BMP, binary PGM or PPM")
+
+
+def _png(content: bytes) -> Header:
+    if content[12:16] != b"IHDR" or len(content) < 33:
+        raise ValueError("its header is damaged")
+    width, height, depth, colour = struct.unpack(">IIBB", content[16:26])
+    if colour not in _PNG_CHANNELS or depth not in (1, 2, 4, 8, 16) or not width * height:
+        raise ValueError("its header is damaged")
+    channels = _PNG_CHANNELS[colour]
+    filtered = height * (1 + -(-width * channels * depth // 8))
+    nbytes = width * height * (4 if colour == 3 else channels) * (2 if depth == 16 else 1)
+    ratio = DEFLATE * max(1.0, nbytes / filtered)
+    return Header("PNG", width * height, nbytes, ratio, depth == 16 and channels > 1)
+
+
+def _jpeg(content: bytes) -> Header:
+    position = 2
+    while position + 10 <= len(content):
+        marker = content[position + 1]
+        if content[position] != 0xFF:
+            break
+        if marker == 0xFF or marker in _STANDALONE:
+            position += 1 if marker == 0xFF else 2
+            continue
+        if marker in _FRAMES:
+            height, width, channels = struct.unpack(">HHB", content[position + 5 : position + 10])
+            if channels not in (1, 3) or not width * height:
+                raise ValueError(f"a JPEG of {height} x {width} pixels and {channels} channels")
+            return Header("JPEG", width * height, width * height * channels, _JPEG_RATIO)
+        position += 2 + int.from_bytes(content[position + 2 : position + 4], "big")
+    raise ValueError("its header is damaged")
+
+
+def _bmp(content: bytes) -> Header:
+    if len(content) < 54:
+        raise ValueError("it is truncated")
+    width, height, _, bits, compression = struct.unpack("<iiHHI", content[18:34])
+    pixels = abs(width * height)
+    if int.from_bytes(content[14:18], "little") < 40 or bits not in (1, 4, 8, 16, 24, 32):
+        raise ValueError("its header is damaged")
+    ratio = 32 / bits if compression in (0, 3) else _RLE_RATIO
+    return Header("BMP", pixels, 4 * pixels, ratio)
+
+
+def pnm_layout(content: bytes) -> tuple[tuple[int, int, int], int, int]:
+    """Of a binary PGM or PPM: (y, x, c), bytes a sample, and where the samples begin.
+
+    Raises
+    ------
+    ValueError
+        If the header is none.
+    """
+    match = _PNM.match(content[:4096])
+    if match is None:
+        raise ValueError("its header is damaged")
+    kind, width, height, highest = (int(group) for group in match.groups())
+    if not 0 < highest < 2**16 or not width * height:
+        raise ValueError("its header is damaged")
+    return (height, width, 3 if kind == 6 else 1), 1 if highest < 256 else 2, match.end()
+
+
+def read_picture(path: PathLike, *, max_bytes: int | None = None) -> Array:
+    """Read one picture as it is stored: no gamma, no scaling.
+
+    Parameters
+    ----------
+    path : path-like
+        PNG, TIFF, JPEG, BMP, PGM or PPM, told by its first bytes.
+    max_bytes : int, optional
+        Largest allocation that it may ask for; default half of the free memory.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (y, x) or (y, x, 3), the file's own dtype. An opaque alpha channel is dropped.
+
+    Raises
+    ------
+    FormatError
+        If it is missing, truncated, unreadable, declares more than it can hold or ``max_bytes``
+        allow, has another shape, is complex, or has transparent pixels.
+    """
+    return without_alpha(read_channels(path, max_bytes=max_bytes), path)
+
+
+def read_channels(path: PathLike, *, max_bytes: int | None = None) -> Array:
+    """Read one picture with its alpha channel, if it has one.
+
+    Parameters
+    ----------
+    path, max_bytes
+        As for `read_picture`.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (y, x) or (y, x, c), c = 2, 3 or 4; the last of 2 or 4 is alpha.
+
+    Raises
+    ------
+    FormatError
+        As `read_picture`, save for transparent pixels.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FormatError(f"There is no picture {path}.")
+    size = path.stat().st_size
+    require_bytes(size, path=path, what="the picture", stored=size, ratio=1, max_bytes=max_bytes)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise FormatError(f"The picture {path} cannot be read ({error.strerror}).") from error
+    return decode_picture(content, path, max_bytes=max_bytes)
+
+
+def decode_picture(content: bytes, name: PathLike, *, max_bytes: int | None = None) -> Array:
+    """Decode one picture from memory, with its alpha channel, if it has one.
+
+    Parameters
+    ----------
+    content : bytes
+    name : path-like
+        For messages.
+    max_bytes : int, optional
+        As for `read_picture`.
+
+    Returns
+    -------
+    numpy.ndarray
+        As `read_channels`.
+
+    Raises
+    ------
+    FormatError
+        As `read_channels`.
+    """
+    path = Path(name)
+    try:
+        values = _decoded(content, path, max_bytes)
+    except FormatError:
+        raise
+    except Exception as error:  # Pillow and tifffile raise all kinds on damaged files
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise FormatError(f"The picture {path} cannot be read ({reason}).") from error
+    if values.dtype.kind not in "buif":
+        raise FormatError(f"The picture {path} has samples of type {values.dtype}, not real ones.")
+    channels = values.shape[2:]
+    if values.ndim not in (2, 3) or values.size == 0 or channels not in ((), (2,), (3,), (4,)):
+        raise FormatError(f"The picture {path} has shape {values.shape}, not (y, x) or (y, x, 3).")
+    if values.dtype == bool:
+        return values.astype(np.uint8)
+    return values.astype(values.dtype.newbyteorder("="), copy=False)
+
+
+def _decoded(content: bytes, path: Path, max_bytes: int | None) -> Array:
+    if not content:
+        raise ValueError("it is empty")
+    header = header_of(content)
+    if header.kind == "TIFF":
+        return decode_tiff(content, path, max_bytes=max_bytes)
+    require_bytes(
+        header.nbytes,
+        path=path,
+        what="the picture",
+        stored=len(content),
+        ratio=header.ratio,
+        max_bytes=max_bytes,
+    )
+    if header.kind == "PNM":
+        return _pnm(content)
+    if header.deep:
+        return decode_png16(content)
+    return _by_pillow(content, header)
+
+
+def _pnm(content: bytes) -> Array:
+    shape, size, start = pnm_layout(content)
+    count = shape[0] * shape[1] * shape[2]
+    if len(content) - start < count * size:
+        raise ValueError("it is truncated")
+    values = np.frombuffer(content, ">u2" if size == 2 else "u1", count, start).reshape(shape)
+    return values[..., 0] if shape[2] == 1 else values
+
+
+def _by_pillow(content: bytes, header: Header) -> Array:
+    if header.pixels > _MOST_PIXELS:
+        raise ValueError(
+            f"{header.pixels:,} pixels, of which Pillow reads {_MOST_PIXELS:,}: write it as TIFF"
+        )
+    return np.asarray(imageio.imread(content, plugin="pillow", index=0))
+
+
+def write_picture(
+    path: PathLike, values: Array, *, description: str = "", durable: bool = False
+) -> None:
+    """Write one picture with its own values.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.png`` takes uint8 (y, x) and (y, x, 3) and uint16 (y, x); ``.tif`` any real dtype.
+    values : numpy.ndarray
+        Shape (y, x) or (y, x, 3).
+    description : str, optional
+        What the values are, in ASCII; kept by TIFF only.
+    durable : bool
+        Whether to wait until the disk has the file, as in `clplen.files.replacing`.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another one, or a PNG cannot hold the values.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix in tiff.SUFFIXES:
+        colour = "rgb" if values.ndim == 3 else "minisblack"
+        with replacing(path, durable) as temporary:
+            tifffile.imwrite(
+                temporary,
+                values,
+                photometric=colour,
+                description=description,
+                metadata=None,
+                software=MARK,
+            )
+        return
+    fits = values.dtype == np.uint8 or (values.dtype == np.uint16 and values.ndim == 2)
+    if suffix != ".png" or not fits:
+        raise ValueError(
+            f"{path.name} cannot hold {values.dtype} of shape {values.shape}: PNG takes uint8 and "
+            "grey uint16, .tif takes everything."
+        )
+    about = PngInfo()
+    about.add_text("Software", MARK)
+    with replacing(path, durable) as temporary:
+        imageio.imwrite(temporary, values, plugin="pillow", extension=".png", pnginfo=about)

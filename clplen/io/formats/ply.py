@@ -1,0 +1,199 @@
+"""Point clouds as PLY (Turk 1994, "The PLY Polygon File Format"), binary little endian."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clplen.errors import FormatError, ShapeError
+from clplen.files import PathLike, replacing
+from clplen.lightfield.depth.depth_map import metric_depth
+from clplen.outputs import MARK
+
+Array = np.ndarray[Any, Any]
+
+_PLACE = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+_COLOUR = [("red", "u1"), ("green", "u1"), ("blue", "u1")]
+_TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
+_TYPES |= {"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2"}
+_TYPES |= {"uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"}
+_LONGEST = 1 << 16  # bytes of a header
+_METRIC = "metres from the centre view: x right, y down, z along the optical axis"
+_PIXELS = "no camera: x and y in pixels, y down, z is the disparity in pixels per view step"
+
+
+def write_ply(
+    path: PathLike, points: Array, colours: Array | None = None, *, comment: str = ""
+) -> None:
+    """Write points, each with its colour.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.ply``.
+    points : numpy.ndarray
+        Shape (n, 3): x, y, z; stored as float32. Points with a coordinate that is NaN or infinite
+        are left out.
+    colours : numpy.ndarray, optional
+        uint8, shape (n, 3): red, green, blue.
+    comment : str, optional
+        What the coordinates are, in ASCII.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another one, colours are no uint8, or the comment is no ASCII.
+    ShapeError
+        If points are not (n, 3), or colours have another shape.
+    OSError
+        If the file cannot be written.
+    """
+    if Path(path).suffix.lower() != ".ply":
+        raise ValueError(f"A point cloud is written as .ply, not as {Path(path).name}.")
+    points = np.asarray(points)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ShapeError(f"Points have shape (n, 3), not {points.shape}.")
+    if colours is not None and colours.shape != points.shape:
+        raise ShapeError(
+            f"Each of {points.shape[0]} points has one colour: expected shape {points.shape}, not "
+            f"{colours.shape}."
+        )
+    if colours is not None and colours.dtype != np.uint8:
+        raise ValueError(f"Colours of points are uint8, not {colours.dtype}.")
+    if not comment.isascii():
+        raise ValueError(f"A comment of PLY is ASCII, not {comment!r}.")
+    # A coordinate that float32 cannot hold is infinite there.
+    with np.errstate(over="ignore"):
+        kept = np.isfinite(points.astype(np.float32)).all(1)
+    vertices = np.empty(int(kept.sum()), _PLACE + ([] if colours is None else _COLOUR))
+    for i, (name, _) in enumerate(_PLACE):
+        vertices[name] = points[kept, i]
+    for i, (name, _) in enumerate(_COLOUR if colours is not None else ()):
+        vertices[name] = colours[kept, i]  # type: ignore[index]
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        file.write(_header(vertices, comment).encode("ascii"))
+        file.write(vertices.tobytes())
+
+
+def read_ply(path: PathLike) -> tuple[Array, Array | None]:
+    """Read the points of a binary PLY, such as `write_ply` writes.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    numpy.ndarray, numpy.ndarray or None
+        float32, shape (n, 3): x, y, z; and uint8, shape (n, 3): red, green, blue, where each point
+        has a colour.
+
+    Raises
+    ------
+    FormatError
+        If it is missing, damaged, no binary PLY, or its points have no x, y and z.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FormatError(f"There is no point cloud {path}.")
+    with path.open("rb") as file:
+        head, end, _ = file.read(_LONGEST).partition(b"end_header\n")
+    lines = [line.split() for line in head.decode("ascii", "replace").splitlines()]
+    order = {"binary_little_endian": "<", "binary_big_endian": ">"}.get(
+        lines[1][1] if len(lines) > 1 and len(lines[1]) > 1 else ""
+    )
+    elements = [index for index, line in enumerate(lines) if line[:1] == ["element"]]
+    first = lines[elements[0]] if elements else []
+    if not end or lines[0] != ["ply"] or order is None or first[1:2] != ["vertex"]:
+        raise FormatError(f"{path} is no binary PLY of points.")
+    inside = lines[elements[0] + 1 : elements[1] if len(elements) > 1 else None]
+    try:
+        fields = [(line[2], order + _TYPES[line[1]]) for line in inside if line[:1] == ["property"]]
+        kind, count = np.dtype(fields), int(first[2])
+        there = (path.stat().st_size - len(head + end)) // kind.itemsize
+        vertices = np.fromfile(path, kind, min(count, there), offset=len(head + end))
+        points = np.stack([vertices[name] for name, _ in _PLACE], -1).astype(np.float32)
+        colours = [vertices[name] for name, _ in _COLOUR if name in (vertices.dtype.names or ())]
+    except (ArithmeticError, LookupError, ValueError) as error:
+        raise FormatError(f"{path} is no PLY of points that can be read ({error}).") from error
+    if len(vertices) != count:
+        raise FormatError(f"{path} ends after {len(vertices):,} of {count:,} points.")
+    return points, np.stack(colours, -1).astype(np.uint8) if len(colours) == 3 else None
+
+
+def _header(vertices: Array, comment: str) -> str:
+    properties = [
+        f"property {'float' if name in 'xyz' else 'uchar'} {name}"
+        for name in vertices.dtype.names or ()
+    ]
+    comments = [f"comment {line}" for line in (MARK, *comment.splitlines())]
+    lines = ["ply", "format binary_little_endian 1.0", *comments]
+    lines += [f"element vertex {len(vertices)}", *properties, "end_header"]
+    return "\n".join(lines) + "\n"
+
+
+def points_of(
+    disparity: Array,
+    *,
+    baseline: float | None = None,
+    focal_length: float | None = None,
+    pixel_pitch: float | None = None,
+    focus_distance: float | None = None,
+) -> tuple[Array, str]:
+    """The points of a disparity map, as the pinhole camera of the centre view sees them.
+
+    With Z = `metric_depth` of the disparity, a point of pixel (y, x) lies at Z (x - xc) p/f,
+    Z (y - yc) p/f, Z from the pinhole, (yc, xc) being the middle of the picture.
+
+    Parameters
+    ----------
+    disparity : numpy.ndarray
+        Shape (y, x), pixels a view step.
+    baseline : float, optional
+        b, from view to view, in metres. With ``focal_length`` and ``pixel_pitch``, or not at all.
+    focal_length : float, optional
+        f, pinhole to sensor, in metres.
+    pixel_pitch : float, optional
+        p, of a view's pixels, in metres.
+    focus_distance : float, optional
+        Z0, where the disparity is 0, in metres; default infinite.
+
+    Returns
+    -------
+    numpy.ndarray, str
+        float64, shape (y x, 3), row by row: x, y, z in metres, NaN where the point would not lie
+        at a finite distance before the camera; and what they are, for the comment of a PLY file.
+        Without a camera x and y in pixels from the upper left one, and z the disparity.
+
+    Raises
+    ------
+    ValueError
+        If only a part of the camera is given, or a length is not positive and finite.
+    ShapeError
+        If the map is not two-dimensional.
+    """
+    if disparity.ndim != 2:
+        raise ShapeError(f"A disparity map has shape (y, x), not {disparity.shape}.")
+    d = disparity.astype(np.float64)
+    y, x = np.indices(d.shape, dtype=np.float64)
+    if all(n is None for n in (baseline, focal_length, pixel_pitch, focus_distance)):
+        return np.stack([x, y, d], -1).reshape(-1, 3), _PIXELS
+    if baseline is None or focal_length is None or pixel_pitch is None:
+        raise ValueError(
+            "Points in metres need baseline=, focal_length= and pixel_pitch= together (and "
+            "focus_distance= of cameras that are not focused at infinity)."
+        )
+    z = metric_depth(
+        d,
+        baseline=baseline,
+        focal_length=focal_length,
+        pixel_pitch=pixel_pitch,
+        focus_distance=focus_distance,
+    )
+    z[~np.isfinite(z)] = np.nan
+    scale = z * pixel_pitch / focal_length
+    across, down = (np.array(n) - 1 for n in (d.shape[1], d.shape[0]))
+    places = [(x - across / 2) * scale, (y - down / 2) * scale, z]
+    return np.stack(places, -1).reshape(-1, 3), _METRIC

@@ -1,0 +1,258 @@
+"""TIFF without more memory than it declares: one picture, one frame of many, or a stack of them."""
+
+from __future__ import annotations
+
+import logging
+import math
+import re
+import zlib
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import imageio.v3 as imageio
+import numpy as np
+import tifffile
+
+from clplen.errors import FormatError
+from clplen.io.formats.untrusted import DEFLATE, require_bytes
+
+# Largest ratio of each compression (TIFF 6.0 and Adobe's supplements): none, LZW (a code of 12
+# bits is at most the longest of 4096 growing strings), JPEG, deflate twice, PackBits.
+_RATIO = {1: 1.0, 5: 2560.0, 7: 2048.0, 8: DEFLATE, 32946: DEFLATE, 32773: 64.0}
+_BY_PILLOW = (5, 7)  # where tifffile's optional codecs are not installed
+_DEFLATED = (8, 32946)
+_PALETTE = 3
+_TILE = 16 << 20  # bytes by which a tile may be larger than its picture
+logger = logging.getLogger("clplen.io")
+SUFFIXES = (".tif", ".tiff")
+_LONGEST = 1 << 16  # characters of an OME description in which <Pixels> is looked for
+
+
+def decode_tiff(
+    content: bytes, path: Path, *, max_bytes: int | None, page: int | None = None
+) -> np.ndarray[Any, Any]:
+    """One page of a TIFF file.
+
+    Parameters
+    ----------
+    content : bytes
+    path : pathlib.Path
+        For messages.
+    max_bytes : int or None
+        As for `require_bytes`.
+    page : int or None
+        Which one; None where there must be one only.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (y, x) or (y, x, c), the file's own dtype.
+
+    Raises
+    ------
+    FormatError
+        If it declares more than it holds, or more than ``max_bytes``.
+    ValueError
+        If it holds several pages, a colour table or an unknown compression; tifffile's own errors
+        where it is damaged.
+    """
+    with tifffile.TiffFile(BytesIO(content), is_ome=False, is_imagej=False) as file:
+        if page is None and len(file.pages) > 1:
+            raise ValueError(f"it holds {len(file.pages)} pictures, one is meant")
+        return _values(file.pages[page or 0], content, path, max_bytes)
+
+
+def decode_tiff_stack(content: bytes, path: Path, *, max_bytes: int | None) -> np.ndarray[Any, Any]:
+    """All pages of a TIFF file, which are alike.
+
+    Parameters
+    ----------
+    content, path, max_bytes
+        As of `decode_tiff`.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (pages, y, x) or (pages, y, x, c), the file's own dtype.
+
+    Raises
+    ------
+    FormatError, ValueError
+        As `decode_tiff`, and if pages are of several shapes or types.
+    """
+    with tifffile.TiffFile(BytesIO(content), is_ome=False, is_imagej=False) as file:
+        pages: list[Any] = list(file.pages)
+        kinds = {(page.shape, page.dtype) for page in pages}
+        if len(kinds) > 1:
+            raise ValueError(f"its {len(pages)} pages are of {len(kinds)} shapes or types")
+        _check(pages[0], content, path, max_bytes)
+        require_bytes(
+            len(pages) * pages[0].nbytes,
+            path=path,
+            what="the stack",
+            stored=len(content),
+            ratio=_RATIO[pages[0].compression] * _unpacked(pages[0]),
+            max_bytes=max_bytes,
+        )
+        first = _values(pages[0], content, path, max_bytes)
+        stack = np.empty((len(pages), *first.shape), first.dtype)
+        for number, page in enumerate(pages):
+            stack[number] = _values(page, content, path, max_bytes) if number else first
+    return stack
+
+
+def _values(page: Any, content: bytes, path: Path, max_bytes: int | None) -> np.ndarray[Any, Any]:
+    """The samples of a page, (y, x) or (y, x, c)."""
+    _check(page, content, path, max_bytes)
+    try:
+        values = page.asarray()
+    except ValueError as error:
+        if page.compression not in _BY_PILLOW or "imagecodecs" not in str(error):
+            raise
+        values = imageio.imread(content, plugin="pillow", index=page.index)
+        if values.shape != page.shape or values.dtype != page.dtype:
+            raise ValueError("a compression that needs imagecodecs: install that") from error
+    return np.asarray(values.transpose(1, 2, 0) if page.axes == "SYX" else values)
+
+
+def _check(page: Any, content: bytes, path: Path, max_bytes: int | None) -> None:
+    """Refuse what is no single picture, or would need more memory than it says."""
+    if page.compression not in _RATIO:
+        raise ValueError(f"compression {page.compression}; write it with deflate or none")
+    if page.photometric == _PALETTE:
+        raise ValueError("it has a colour table; write it as RGB")
+    if page.dtype is None or page.axes not in ("YX", "YXS", "SYX"):
+        raise ValueError(f"its axes are {page.axes}, not those of a picture")
+    stored = sum(page.databytecounts)
+    if stored > len(content):
+        raise ValueError("it is truncated, or its parts overlap")
+    require_bytes(
+        page.nbytes,
+        path=path,
+        what="the picture",
+        stored=stored,
+        ratio=_RATIO[page.compression] * _unpacked(page),
+        max_bytes=max_bytes,
+    )
+    if page.is_tiled and math.prod(page.chunks) * page.dtype.itemsize > page.nbytes + _TILE:
+        raise ValueError(f"its tiles, {page.chunks}, are much larger than the picture")
+    if page.compression in _DEFLATED:
+        _check_deflated(page, content)
+
+
+def _unpacked(page: Any) -> float:
+    """Bits of a sample in memory over those in the file."""
+    return max(1.0, 8 * page.dtype.itemsize / page.bitspersample)
+
+
+def _check_deflated(page: Any, content: bytes) -> None:
+    """Refuse a strip or tile that is larger than declared: tifffile would inflate all of it."""
+    whole = page.chunks if page.is_tiled else (page.rowsperstrip, *page.shape[1:])
+    largest = min(math.prod(whole) * page.dtype.itemsize, page.nbytes + _TILE)
+    for offset, count in zip(page.dataoffsets, page.databytecounts, strict=False):
+        part = content[offset : offset + count]
+        if len(zlib.decompressobj().decompress(part, largest + 1)) > largest:
+            raise ValueError("a part of it inflates to more than it declares")
+
+
+def read_tiff_frame(
+    path: Path, *, frame: int | None = None, max_bytes: int | None = None
+) -> np.ndarray[Any, Any]:
+    """One page of a TIFF file; which one is logged where there are several.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    frame : int, optional
+        Number of the page, from 0, in the file's own order; not needed where there is one only.
+    max_bytes : int, optional
+        Largest allocation that it may ask for; default half of the free memory.
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (y, x) or (y, x, c), the file's own dtype.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged, or holds several frames and none or one that is not there is asked
+        for.
+    """
+    size = path.stat().st_size
+    require_bytes(size, path=path, what="the picture", stored=size, ratio=1, max_bytes=max_bytes)
+    content = path.read_bytes()
+    try:
+        with tifffile.TiffFile(BytesIO(content), is_ome=False, is_imagej=False) as file:
+            count, text = len(file.pages), file.pages.first.description[:_LONGEST]
+        axes = _axes(text, count)
+        _require(path, frame, count, axes)
+        values = decode_tiff(content, path, max_bytes=max_bytes, page=frame or 0)
+    except FormatError:
+        raise
+    except Exception as error:  # tifffile raises all kinds on damaged files
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise FormatError(f"The picture {path} cannot be read ({reason}).") from error
+    channels = values.shape[2:]
+    if (
+        values.dtype.kind not in "buif"
+        or values.ndim not in (2, 3)
+        or values.size == 0
+        or channels not in ((), (2,), (3,), (4,))
+    ):
+        raise FormatError(
+            f"The picture {path} holds {values.dtype} of shape {values.shape}, not real numbers "
+            "(y, x) or (y, x, 3)."
+        )
+    if count > 1:
+        logger.info("took frame %d of %d%s of %s", frame, count, _place(frame or 0, axes), path)
+    return np.asarray(values.astype(values.dtype.newbyteorder("="), copy=False))
+
+
+def frames_in(path: Path) -> int:
+    """How many frames a picture holds; 1 where it is no TIFF or cannot be read.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        return 1
+    try:
+        with tifffile.TiffFile(path, is_ome=False, is_imagej=False) as file:
+            return max(1, len(file.pages))
+    except Exception:  # reading it says why
+        return 1
+
+
+def _axes(text: str, count: int) -> dict[str, int]:
+    """Lengths of the axes T, C and Z of an OME description, the slowest first; else empty."""
+    pixels = re.search(r"<(?:\w+:)?Pixels\b[^>]*>", text)
+    if pixels is None:
+        return {}
+    order = re.search(r'DimensionOrder="XY([CZT]{3})"', pixels[0])
+    sizes = dict(re.findall(r'Size([CZT])="(\d{1,9})"', pixels[0]))
+    if order is None or sorted(order[1]) != list("CTZ") or len(sizes) != 3:
+        return {}
+    axes = {axis: int(sizes[axis]) for axis in reversed(order[1])}
+    return axes if np.prod(list(axes.values()), dtype=object) == count else {}
+
+
+def _require(path: Path, frame: int | None, count: int, axes: dict[str, int]) -> None:
+    held = f"{count} frames"
+    if axes:
+        held += f" ({', '.join(f'{axis} = {size}' for axis, size in axes.items())})"
+    if frame is None and count > 1:
+        raise FormatError(f"{path} holds {held}: give frame=, from 0 to {count - 1}.")
+    if frame is not None and not 0 <= frame < count:
+        raise FormatError(f"frame={frame} is not in {path}, which holds {held}.")
+
+
+def _place(frame: int, axes: dict[str, int]) -> str:
+    """Where in the series a frame lies."""
+    if not axes:
+        return ""
+    places = np.unravel_index(frame, list(axes.values()))
+    said = ", ".join(f"{axis} = {place}" for axis, place in zip(axes, places, strict=True))
+    return f" ({said})"

@@ -1,0 +1,98 @@
+"""Files of unknown origin: how much memory they may ask for, and what is said of damaged ones.
+
+A few bytes must not claim gigabytes, and what a library raises becomes one `FormatError`.
+"""
+
+from __future__ import annotations
+
+import lzma
+import struct
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from clplen.compute.memory import free_memory
+from clplen.errors import FormatError
+
+DEFLATE = 1032.0  # largest ratio of zlib, gzip, zip and PNG (RFC 1951: 258 bytes from 2 bits)
+SLACK = 1 << 20  # bytes that any file may ask for
+UNREADABLE = (  # what libraries raise on files that are damaged or something else
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    EOFError,
+    ImportError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    SystemError,
+    TypeError,
+    ValueError,
+    SyntaxError,
+    lzma.LZMAError,
+    struct.error,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+_LISTED = 10  # how many names a message lists
+
+
+def require_bytes(
+    wanted: int, *, path: Path, what: str, stored: int, ratio: float, max_bytes: int | None
+) -> None:
+    """Refuse a size that a file declares but cannot hold, or that would fill the memory.
+
+    Parameters
+    ----------
+    wanted : int
+        Bytes that would be allocated.
+    path : pathlib.Path
+    what : str
+        What they would be, as the subject of a sentence: "the dataset 'LF'".
+    stored : int
+        Bytes that the file has for it.
+    ratio : float
+        Largest ratio of its compression; 1 for what is not compressed.
+    max_bytes : int or None
+        Largest allocation; None for half of the free memory.
+
+    Raises
+    ------
+    FormatError
+        Naming the file, the size and the limit.
+    """
+    if wanted < 0 or wanted > stored * ratio + SLACK:
+        raise FormatError(
+            f"{path}: {what} declares {wanted:,} bytes, more than {stored:,} stored bytes can "
+            "hold: the file is damaged."
+        )
+    limit = free_memory() // 2 if max_bytes is None else max_bytes
+    if wanted > limit:
+        rule = "half of the free memory" if max_bytes is None else "the given limit"
+        raise FormatError(
+            f"{path}: {what} needs {wanted:,} bytes, more than {limit:,} ({rule}): raise "
+            "max_bytes= if that is meant."
+        )
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Make a FormatError, naming the file, of what a library says of one that it cannot read."""
+    try:
+        yield
+    except UNREADABLE as error:
+        reason = (str(error).splitlines() or [""])[0].strip(" .'\"") or type(error).__name__
+        raise FormatError(
+            f"{path} is truncated or damaged ({reason[:200]}): copy or write it again."
+        ) from error
+
+
+def listed(items: Sequence[str]) -> str:
+    """A list for a message, cut where it gets long."""
+    more = len(items) - _LISTED
+    return ", ".join(items[:_LISTED]) + (f" and {more} more" if more > 0 else "")

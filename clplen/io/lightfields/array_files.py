@@ -1,0 +1,205 @@
+"""Light fields as bare arrays: NumPy (.npy), and MATLAB of versions 5 to 7.2 (7.3 is HDF5)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from clplen.compute.device import Device
+from clplen.errors import FormatError
+from clplen.files import PathLike
+from clplen.io.formats import mat, npy
+from clplen.io.formats.mat import Variable, read_variable, variables
+from clplen.io.formats.picture import linear
+from clplen.io.formats.untrusted import DEFLATE, listed, reading, require_bytes
+from clplen.io.lightfields.array_sources import (
+    OpenSource,
+    Source,
+    axes_known,
+    light_field,
+    stored_light_field,
+)
+from clplen.io.lightfields.hdf5_lightfields import LF, has_weights
+from clplen.io.lightfields.layout import ARRAY_WORDS, VIEW_WORDS, Array, Kind, Layout
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.streaming.tile_reading import RawSamples
+
+_COPIES = 3  # of the samples of a MATLAB file that are held while SciPy reads them
+_FLOATS = np.dtype(np.float32)
+_ENCODED = (np.dtype(np.uint8), np.dtype(np.uint16))
+
+
+def read_npy(
+    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
+) -> tuple[LightField, str]:
+    """Read an array of 4 or 5 dimensions; it is never unpickled.
+
+    Parameters
+    ----------
+    path : path-like
+    device : Device
+    layout : Layout
+        ``order`` names its axes; without it they are v, u, y, x and perhaps c.
+    progress : bool
+        Whether to show a bar on standard error.
+
+    Returns
+    -------
+    LightField, str
+        The light field, and what was taken for what, in one sentence.
+
+    Raises
+    ------
+    FormatError
+        If the file is truncated or damaged, holds something else than real numbers in 4 or 5
+        dimensions, or its values make no light field.
+    """
+    with open(path, "rb") as file:
+        found = _npy_source(file, Path(path), layout)
+        return light_field(found, device=device, layout=layout, progress=progress)
+
+
+@contextmanager
+def open_npy(
+    path: PathLike, *, device: Device, layout: Layout
+) -> Iterator[tuple[StoredLightField, str]]:
+    """What `read_npy` reads, part by part while the file is open.
+
+    Parameters
+    ----------
+    path : path-like
+    device : Device
+        Not used.
+    layout : Layout
+
+    Yields
+    ------
+    StoredLightField, str
+
+    Raises
+    ------
+    FormatError
+        As `read_npy`; what is NaN, when it is read.
+    """
+    with open(path, "rb") as file:
+        yield stored_light_field(_npy_source(file, Path(path), layout), layout)
+
+
+def _npy_source(file: BinaryIO, path: Path, layout: Layout) -> OpenSource:
+    with reading(path):  # mapped only for its shape
+        values = np.load(path, mmap_mode="r", allow_pickle=False)
+    if layout.srgb and values.dtype.kind != "f" and values.dtype not in _ENCODED:
+        raise FormatError(
+            f"{path} holds {values.dtype}; srgb= takes uint8, uint16 and floats from 0 to 1."
+        )
+    axes, known = axes_known(path, "its array", values.shape, order=layout.order)
+    shape = values.shape
+    if values.flags.f_contiguous and not values.flags.c_contiguous:
+        shape, axes = shape[::-1], axes[::-1]
+    samples = RawSamples(file.fileno(), int(values.offset), shape, values.dtype)
+    source = Source(
+        path,
+        "its array",
+        shape,
+        _FLOATS if layout.srgb else values.dtype,
+        axes,
+        known,
+        lambda block: linear(samples.read(block)) if layout.srgb else samples.read(block),
+        stored=values.nbytes,
+        ratio=_FLOATS.itemsize / values.dtype.itemsize if layout.srgb else 1.0,
+    )
+    return OpenSource(source)
+
+
+def read_matlab(
+    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
+) -> tuple[LightField, str]:
+    """Read a light field of LFToolbox, or any array of 4 or 5 dimensions.
+
+    Taken is the variable that ``dataset=`` names, else ``LF``, else the only one of 4 or 5
+    dimensions. LFToolbox's MATLAB size (t, s, v, u, c), t and s being row and column of the view,
+    is our (v, u, y, x, c). 2 or 4 channels of ``LF`` are 1 or 3 and a weight: the weight of a view
+    is its mean over the view, of the whole range of its type (of 1 if it is real), and 0 for a view
+    that is dark throughout.
+
+    Parameters
+    ----------
+    path : path-like
+    device : Device
+    layout : Layout
+        ``order`` counts the axes as MATLAB does.
+    progress : bool
+        Whether to show a bar on standard error.
+
+    Returns
+    -------
+    LightField, str
+        The light field, and what was taken for what, in one sentence.
+
+    Raises
+    ------
+    FormatError
+        If the file is truncated or damaged, has no such variable or several, or its values make no
+        light field.
+    """
+    path = Path(path)
+    with reading(path), path.open("rb") as file:
+        variable = _chosen_variable(variables(file, path), path, layout.dataset)
+        source = _variable_source(variable, file, path, layout)
+        return light_field(OpenSource(source), device=device, layout=layout, progress=progress)
+
+
+def _chosen_variable(found: list[Variable], path: Path, name: str | None) -> Variable:
+    held = listed([f"{item.name} {item.shape} {item.dtype or 'no real array'}" for item in found])
+    for item in found:
+        if item.name == (name or LF) and item.dtype is not None:
+            return item
+    if name is not None:
+        raise FormatError(f"{path} has no variable {name!r} of real numbers; it holds {held}.")
+    fitting = [item for item in found if item.dtype is not None and len(item.shape) in (4, 5)]
+    if len(fitting) == 1:
+        return fitting[0]
+    count = "several variables" if fitting else "no variable"
+    raise FormatError(
+        f"{path} has {count} of real numbers in 4 or 5 dimensions and none named {LF}; it holds "
+        f"{held or 'none'}; name one by dataset=."
+    )
+
+
+def _variable_source(variable: Variable, file: BinaryIO, path: Path, layout: Layout) -> Source:
+    what = f"the variable {variable.name!r}"
+    axes, known = axes_known(path, what, variable.shape, order=layout.order)
+    assert variable.dtype is not None
+    assert variable.packed is not None
+    nbytes = _COPIES * math.prod(variable.shape) * variable.packed.itemsize
+
+    @cache
+    def samples() -> Array:
+        if layout.max_bytes is None:
+            require_bytes(nbytes, path=path, what=what, stored=nbytes, ratio=1, max_bytes=None)
+        return read_variable(file, variable).T  # as they lie in the file
+
+    return Source(
+        path,
+        what,
+        variable.shape[::-1],
+        variable.dtype,
+        axes[::-1],
+        known,
+        lambda block: samples()[block],
+        stored=variable.length,
+        ratio=(DEFLATE if variable.compressed else 1.0)
+        * (variable.dtype.itemsize / variable.packed.itemsize),
+        weighted=has_weights(variable.name, axes, variable.shape),
+    )
+
+
+NUMPY = Kind("a NumPy array", (*VIEW_WORDS, "order", "srgb"), read_npy, open_npy, magic=npy.MAGIC)
+MATLAB = Kind("a MATLAB file", ARRAY_WORDS, read_matlab, magic=mat.MAGIC, suffixes=mat.SUFFIXES)

@@ -1,0 +1,437 @@
+"""Arrays in files as light fields: read whole, block by block onto a device, or in parts."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyopencl.array as cla
+from tqdm import tqdm
+
+from clplen.compute.device import Device
+from clplen.errors import FormatError, ShapeError
+from clplen.io.formats.untrusted import reading, require_bytes
+from clplen.io.lightfields.layout import Array, Layout, View, axes_of, in_order
+from clplen.io.lightfields.view_positions import positions_of
+from clplen.lightfield.arrays.stored_samples import C_TYPE, lit_views
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.sample_checks import (
+    checked_positions,
+    checked_spacing,
+    checked_weights,
+    require_finite,
+)
+from clplen.lightfield.model.stored_light_field import StoredLightField
+
+Selection = tuple[slice, ...]
+_VIEWS_LAST = {4: "yxvu", 5: "yxvuc"}
+
+_BLOCK = 4 << 20  # bytes read at a time: they stay in the cache while axes are exchanged
+
+
+@dataclass(frozen=True)
+class Source:
+    """A light field in a file, before it is read.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+    what : str
+        As the subject of a sentence: "the dataset 'LF'".
+    shape : tuple of int
+    dtype : numpy.dtype
+        Of what ``read`` gives.
+    axes : str
+        A letter of "vuyxc" for each dimension.
+    known : str
+        The axes and how they are known, for the sentence on what was taken.
+    read : callable
+        A slice for each dimension -> the samples there.
+    stored : int
+        Bytes that the file has for it.
+    ratio : float
+        Largest ratio of its compression; 1 for none.
+    chunks : tuple of int or None
+        Best read as a whole.
+    weighted : bool
+        Whether the last channel is a weight.
+    """
+
+    path: Path
+    what: str
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    axes: str
+    known: str
+    read: Callable[[Selection], Array]
+    stored: int
+    ratio: float = 1.0
+    chunks: tuple[int, ...] | None = None
+    weighted: bool = False
+
+    @property
+    def views(self) -> View:
+        """(V, U) in the file."""
+        return self.shape[self.axes.index("v")], self.shape[self.axes.index("u")]
+
+    @property
+    def colours(self) -> tuple[int, ...]:
+        """(c,), or () for grey; without the weight."""
+        if "c" not in self.axes:
+            return ()
+        count = self.shape[self.axes.index("c")] - self.weighted
+        return () if self.weighted and count == 1 else (count,)
+
+
+def axes_known(
+    path: Path, what: str, shape: tuple[int, ...], *, order: str | None, own: str | None = None
+) -> tuple[str, str]:
+    """The axes of an array, and how they are known.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    what : str
+        The array, as the subject of a sentence.
+    shape : tuple of int
+    order : str or None
+        What the user says.
+    own : str, optional
+        What the file says.
+
+    Returns
+    -------
+    str, str
+        A letter a dimension, and "axes v:u:y:x (guessed)", "(as given)" or "(as the file says)".
+
+    Raises
+    ------
+    FormatError
+        If there are not 4 or 5 dimensions, the axes are others, or they are only guessed and there
+        would be more views than pixels of a view.
+    """
+    if len(shape) not in (4, 5):
+        raise FormatError(
+            f"{path}: {what} has shape {shape}; a light field has 4 or 5 dimensions, v, u, y, x "
+            "and perhaps c."
+        )
+    default = "vuyxc"[: len(shape)]
+    try:
+        axes = axes_of(order or own or default, len(shape))
+    except FormatError as error:
+        raise FormatError(f"{path}: {what} has shape {shape}. {error}") from error
+    size = dict(zip(axes, shape, strict=True))
+    if not (order or own) and size["v"] * size["u"] > size["y"] * size["x"]:
+        raise FormatError(
+            f"{path}: {what} of shape {shape} would be {size['v']} x {size['u']} views of "
+            f"{size['y']} x {size['x']} pixels, more views than pixels: say which axis is which by "
+            f"order={default!r} (as it would be read), order={_VIEWS_LAST[len(shape)]!r} (views "
+            "last), or another one; a series of pictures is no light field."
+        )
+    how = "as given" if order else "as the file says" if own else "guessed"
+    return axes, f"axes {':'.join(axes)} ({how})"
+
+
+@contextmanager
+def as_format_error(path: Path) -> Iterator[None]:
+    """Make a FormatError of values in a file that make no light field."""
+    try:
+        yield
+    except (TypeError, ValueError, ShapeError) as error:
+        raise FormatError(f"{path}: {error}") from error
+
+
+def samples(source: Source, *, device: Device, layout: Layout, progress: bool) -> cla.Array:
+    """The samples of a source on a device, without a second copy of all on the host.
+
+    Parameters
+    ----------
+    source : Source
+    device : Device
+    layout : Layout
+    progress : bool
+
+    Returns
+    -------
+    pyopencl.array.Array
+        (v, u, y, x[, c]); uint8, uint16, float16 and float32 as stored, other types as float32.
+
+    Raises
+    ------
+    FormatError
+    """
+    require_samples(source, layout)
+    shape = shape_of(source, layout)
+    array = device.empty(shape, device_dtype(source.dtype))
+    whole = math.prod(shape) * source.dtype.itemsize
+    bar = tqdm(total=whole, desc="reading", unit="B", unit_scale=True, disable=not progress)
+    everything = tuple(slice(0, n) for n in shape[:4])
+    with device.on_host(array) as host, bar:
+        for nbytes in _filled(source, layout, everything, host):
+            bar.update(nbytes)
+    return array
+
+
+def shape_of(source: Source, layout: Layout) -> tuple[int, ...]:
+    """Of the final light field."""
+    inside = tuple(source.shape[source.axes.index(letter)] for letter in "yx")
+    return (*layout.shape(source.views), *inside, *source.colours)
+
+
+def _filled(source: Source, layout: Layout, wanted: Selection, out: Array) -> Iterator[int]:
+    """Write a block (v, u, y, x) of the final light field into an array; bytes read, by and by."""
+    target = _as_stored(layout.stored(out), source)
+    views = layout.selected((wanted[0], wanted[1]), source.views)
+    places = dict(zip("vuyx", (*views, *wanted[2:]), strict=True)) | {"c": slice(0, None)}
+    first = [places[letter].start for letter in source.axes]
+    for block in blocks(target.shape, source.chunks, source.dtype.itemsize, first=first):
+        there = tuple(slice(b.start + a, b.stop + a) for a, b in zip(first, block, strict=True))
+        with reading(source.path), np.errstate(all="ignore"):
+            values = source.read(there)
+            target[block] = values
+        yield values.nbytes
+
+
+def fill_checked(source: Source, layout: Layout, wanted: Selection, out: Array) -> None:
+    """`_filled`, refusing NaN and infinite samples."""
+    for _ in _filled(source, layout, wanted, out):
+        pass
+    if out.dtype.kind == "f":
+        bad = sum(view.size - np.count_nonzero(np.isfinite(view)) for row in out for view in row)
+        with as_format_error(source.path):
+            require_finite(bad)
+
+
+def require_samples(source: Source, layout: Layout) -> None:
+    """Refuse samples that are no real numbers, none at all, or more than the file can hold.
+
+    Raises
+    ------
+    FormatError
+    """
+    if source.dtype.kind not in "buif":
+        raise FormatError(
+            f"{source.path}: {source.what} holds {source.dtype}, no real numbers: convert it."
+        )
+    if 0 in source.shape:
+        raise FormatError(f"{source.path}: {source.what} of shape {source.shape} is empty.")
+    wider = max(device_dtype(source.dtype).itemsize / source.dtype.itemsize, 1)
+    require_bytes(
+        int(math.prod(source.shape) * source.dtype.itemsize * wider),
+        path=source.path,
+        what=source.what,
+        stored=source.stored,
+        ratio=source.ratio * wider,
+        max_bytes=layout.max_bytes,
+    )
+
+
+def device_dtype(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """The type on the device."""
+    native = dtype.newbyteorder("=")
+    return native if native in C_TYPE else np.dtype(np.float32)
+
+
+def _as_stored(views: Array, source: Source) -> Array:
+    """The final array, its (v, u) being the file's, with the axes of the file."""
+    if "c" in source.axes and not source.colours:
+        views = views[..., None]
+    return views.transpose(["vuyxc".index(letter) for letter in source.axes])
+
+
+def blocks(
+    shape: tuple[int, ...],
+    chunks: tuple[int, ...] | None,
+    itemsize: int,
+    *,
+    first: Sequence[int] | None = None,
+) -> Iterator[Selection]:
+    """Cut an array into blocks of whole chunks, as near to `_BLOCK` bytes as they get.
+
+    Parameters
+    ----------
+    shape : tuple of int
+    chunks : tuple of int or None
+        None where the order in the file is that of the axes.
+    itemsize : int
+        Bytes of a sample.
+    first : sequence of int, optional
+        Where the array begins in a larger one to whose chunks the blocks are cut; default its own
+        beginning.
+
+    Yields
+    ------
+    tuple of slice
+        In the order of the axes, the last one fastest.
+    """
+    whole = chunks or (1,) * len(shape)
+    over = [a % c for a, c in zip(first or (0,) * len(shape), whole, strict=True)]
+    sizes = [n + o for n, o in zip(shape, over, strict=True)]
+    step = [min(c, n) for c, n in zip(whole, sizes, strict=True)]
+    for axis in reversed(range(len(shape))):
+        more = max(_BLOCK // (math.prod(step) * itemsize), 1)
+        step[axis] = min(step[axis] * more, sizes[axis])
+    starts = (range(-o, n, s) for o, n, s in zip(over, shape, step, strict=True))
+    for start in itertools.product(*starts):
+        ends = (min(a + s, n) for a, s, n in zip(start, step, shape, strict=True))
+        yield tuple(slice(max(a, 0), b) for a, b in zip(start, ends, strict=True))
+
+
+@dataclass(frozen=True)
+class OpenSource:
+    """A light field in a file that is open.
+
+    Attributes
+    ----------
+    source : Source
+    known : dict
+        What `LightField.from_array` takes beside the samples; weights and positions for the views
+        of the file.
+    words : dict
+        ``decode`` and ``parametrisation``, where the file says them.
+    """
+
+    source: Source
+    known: dict[str, Any] = field(default_factory=dict)
+    words: dict[str, Any] = field(default_factory=dict)
+
+
+def light_field(
+    found: OpenSource, *, device: Device, layout: Layout, progress: bool
+) -> tuple[LightField, str]:
+    """Read the samples of a source and make them a light field.
+
+    Parameters
+    ----------
+    found : Found
+    device : Device
+    layout : Layout
+    progress : bool
+        Whether to show a bar on standard error.
+
+    Returns
+    -------
+    LightField, str
+        The light field, and what was taken for what, in one sentence.
+
+    Raises
+    ------
+    FormatError
+        If the file cannot hold what it declares, is damaged, or holds values that make no light
+        field.
+    """
+    source = found.source
+    known = _known(found, layout)
+    data = samples(source, device=device, layout=layout, progress=progress)
+    if source.weighted:
+        lit = lit_views(data, device)
+        known["weights"] = layout.oriented(_mean_weights(source)) * (lit if lit.any() else 1)
+    with as_format_error(source.path):
+        lf = LightField.from_array(data, device=device, **known)
+    return replace(lf, **found.words), _sentence(source, lf, layout)
+
+
+def stored_light_field(found: OpenSource, layout: Layout) -> tuple[StoredLightField, str]:
+    """A source as a light field that is read part by part.
+
+    Parameters
+    ----------
+    found : Found
+    layout : Layout
+
+    Returns
+    -------
+    StoredLightField, str
+        The light field, and what was taken for what, in one sentence.
+
+    Raises
+    ------
+    FormatError
+        As `light_field`; what is damaged or NaN, when it is read.
+    """
+    source = found.source
+    known = _known(found, layout)
+    require_samples(source, replace(layout, max_bytes=sys.maxsize))  # it is not read as a whole
+    at_once = dict(zip(source.axes, source.chunks or (1,) * len(source.shape), strict=True))
+    dtype = device_dtype(source.dtype)
+    whole = math.prod(source.shape) * source.dtype.itemsize
+    copies = 1 if source.ratio == 1 else 4  # packed, unpacked and turned, with what is left over
+    stored = StoredLightField(
+        shape_of(source, layout),
+        dtype,
+        lambda block, out: fill_checked(source, layout, block, out),
+        np.ones(layout.shape(source.views), np.float32),
+        (at_once["y"], at_once["x"] if source.chunks else source.shape[source.axes.index("x")]),
+        layout.shape((at_once["v"], at_once["u"])),
+        copies * max(min(_BLOCK, whole), math.prod(at_once.values()) * source.dtype.itemsize),
+    )
+    with as_format_error(source.path):
+        places = checked_positions(known.get("positions"), stored)
+        spacing = checked_spacing(known.get("spacing"))
+        stored = replace(stored, spacing=spacing, positions=places, camera=known.get("camera"))
+        weights = _stored_weights(source, layout, stored, known.get("weights"))
+        stored = replace(stored, weights=checked_weights(weights, stored), **found.words)
+    return stored, _sentence(source, stored, layout)
+
+
+def _stored_weights(source: Source, layout: Layout, stored: StoredLightField, known: Any) -> Array:
+    if not source.weighted:
+        return stored.lit_weights() if known is None else np.asarray(known)
+    return layout.oriented(_mean_weights(source)) * stored.lit_weights()
+
+
+def _known(found: OpenSource, layout: Layout) -> dict[str, Any]:
+    """What is known beside the samples, for the final order of views."""
+    known = dict(found.known)
+    for name in ("weights", "positions"):
+        if known.get(name) is not None:
+            known[name] = _fitting(np.asarray(known[name]), name, found.source, layout)
+    places = positions_of(layout, found.source.views)
+    if places is not None:
+        known["positions"] = places
+    return known
+
+
+def _fitting(values: Array, name: str, source: Source, layout: Layout) -> Array:
+    if values.shape[:2] != source.views:
+        raise FormatError(
+            f"{source.path}: the {name} have shape {values.shape}, the views {source.views}."
+        )
+    return layout.oriented(values)
+
+
+def _mean_weights(source: Source) -> Array:
+    """Mean of the last channel over each view of the file, of its type's range if integer."""
+    axis = source.axes.index("c")
+    last = source.shape[axis] - 1
+    shape = (*source.shape[:axis], 1, *source.shape[axis + 1 :])
+    total = np.zeros(source.views, np.float64)
+    for block in blocks(shape, source.chunks, source.dtype.itemsize):
+        chosen = (*block[:axis], slice(last, last + 1), *block[axis + 1 :])
+        with reading(source.path), np.errstate(all="ignore"):
+            values = in_order(source.read(chosen), source.axes)
+            v, u = (block[source.axes.index(letter)] for letter in "vu")
+            total[v, u] += values.sum(axis=(2, 3, 4), dtype=np.float64)
+    full = np.iinfo(source.dtype).max if source.dtype.kind in "ui" else 1
+    return np.asarray(total * total.size / math.prod(shape) / full)
+
+
+def _sentence(source: Source, lf: LightField | StoredLightField, layout: Layout) -> str:
+    size = " x ".join(str(n) for n in lf.shape[2:])
+    stored = "" if lf.dtype == source.dtype.newbyteorder("=") else f" (stored as {source.dtype})"
+    parts = [
+        f"{lf.shape[0]} x {lf.shape[1]} views (V x U) of {size} {lf.dtype}{stored} "
+        f"from {source.path}",
+        f"{source.what} with {source.known}",
+        *layout.said(),
+    ]
+    if source.weighted:
+        parts.append("its last channel taken for weights, their mean for each view")
+    return ", ".join(parts)

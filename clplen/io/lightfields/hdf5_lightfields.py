@@ -1,0 +1,390 @@
+"""Light fields in HDF5, with everything that clplen knows about them.
+
+Our own files hold the dataset ``lightfield`` with the attributes of `clplen.io.store.attributes`.
+Those of other programs:
+
+- HCI 2013: ``LF`` (v, u, y, x, 3) beside ``GT_DEPTH``; ``convert2hdf5.py`` of HCI 2016 has ``LF``
+  too. `clplen.io.results.disparity_maps` reads their disparity.
+- MATLAB 7.3, as LFToolbox writes ``LF`` of MATLAB size (t, s, v, u, c), t and s being row and
+  column of the view, which is our (v, u, y, x, c): HDF5 shows the axes reversed. 2 or 4 channels
+  of ``LF`` are 1 or 3 and a weight, as in `clplen.io.lightfields.array_files`.
+- plenoptomos ``.vox``: ``data/image`` with ``axes`` such as "t:s:v:u", t and s being row and column
+  inside a view; or a raw picture, in which every lenslet has whole pixels. Its rows are V y + v,
+  its columns U x + u, as plenoptomos writes every light field (cicwi/plenoptomos, data_format.py);
+  V x U is ``micro_lens/size``. A picture as a camera recorded it, whose lenslets do not lie on
+  whole pixels, has to be decoded as a raw image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from clplen.compute.device import Device
+from clplen.errors import FormatError
+from clplen.files import PathLike, replacing
+from clplen.hdf5_safety import require_own
+from clplen.io.formats.untrusted import reading
+from clplen.io.lightfields.array_sources import (
+    OpenSource,
+    Selection,
+    Source,
+    axes_known,
+    light_field,
+    stored_light_field,
+)
+from clplen.io.lightfields.layout import ARRAY_WORDS, Array, Kind, Layout, View
+from clplen.io.raw.raw_files import is_raw
+from clplen.io.store import attributes, hdf5_files
+from clplen.io.store.attributes import SAMPLES, axes_in
+from clplen.io.store.hdf5_files import (
+    attributes_of,
+    contents,
+    dataset_of,
+    datasets,
+    opened,
+    require_size,
+    storage,
+)
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.outputs import MARK
+
+IMAGE = "data/image"
+_CAMERA = "instrument/camera/"
+_SIZE = "micro_lens/size"
+_NAMES = {
+    "pitch": "micro_lens/physical_size",
+    "pixel": "sensor/pixel_size",
+    "array": "micro_lenses_array/position",
+    "sensor": "sensor/position",
+}
+_OFF = 1e-3  # pixels by which a lenslet may miss whole ones; float32 keeps 1e-5
+LF = "LF"
+_USUAL = (SAMPLES, LF, f"{LF}/{LF}", IMAGE)  # LF/LF: a MATLAB struct of HCI 2016
+_USER_BLOCK = 512  # bytes that MATLAB 7.3 puts before the signature
+
+
+def vox_source(dataset: h5py.Dataset, path: Path, layout: Layout) -> Source:
+    """A raw picture as the source of a light field with axes y, v, x, u.
+
+    Raises
+    ------
+    FormatError
+        If the lenslets have no whole pixels, or the picture no whole lenslets.
+    """
+    if layout.order is not None:
+        raise FormatError(
+            f"{path}: order= does not apply to the raw picture {IMAGE!r}, whose axes are y:v:x:u."
+        )
+    views = _views(dataset.file, path)
+    shape = (dataset.shape[0] // views[0], views[0], dataset.shape[1] // views[1], views[1])
+    if (shape[0] * views[0], shape[2] * views[1]) != dataset.shape:
+        raise FormatError(
+            f"{path}: {IMAGE!r} of shape {dataset.shape} has no whole number of lenslets of "
+            f"{views[0]} x {views[1]} pixels."
+        )
+
+    def read(block: Selection) -> Array:
+        y, v, x, u = block
+        rows = slice(y.start * views[0], y.stop * views[0])
+        columns = slice(x.start * views[1], x.stop * views[1])
+        part = np.asarray(dataset[rows, columns])
+        lenslets = (y.stop - y.start, views[0], x.stop - x.start, views[1])
+        return part.reshape(lenslets)[:, v, :, u]
+
+    stored, ratio = storage(dataset, path, layout.max_bytes)
+    return Source(
+        path,
+        f"the raw picture {IMAGE!r}",
+        shape,
+        dataset.dtype,
+        "yvxu",
+        "axes y:v:x:u, as plenoptomos writes it",
+        read,
+        stored,
+        ratio,
+        chunks=(1, views[0], shape[2], views[1]),
+    )
+
+
+def _views(file: h5py.File, path: Path) -> View:
+    """(V, U) whole pixels of every lenslet."""
+    size = _pair(file, _SIZE, path)
+    found = {key: _pair(file, name, path) for key, name in _NAMES.items()}
+    with np.errstate(all="ignore"):
+        pitch = found["pitch"] / found["pixel"]
+        offset = (found["sensor"] - found["array"]) / found["pixel"]
+    if not (np.abs(pitch - size) < _OFF).all() or not (np.abs(offset) < _OFF).all():
+        raise FormatError(
+            f"{path} holds a raw picture whose lenslets, {_text(pitch)} pixels wide from "
+            f"{_text(offset)} on, do not lie on {_text(size)} whole pixels each: save {IMAGE!r} as "
+            "TIFF and read that as a raw lenslet image."
+        )
+    if not (size >= 1).all() or (size % 1).any():
+        raise FormatError(f"{path}: the lenslets have {_text(size)} pixels, no views.")
+    return int(size[0]), int(size[1])
+
+
+def _pair(file: h5py.File, name: str, path: Path) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """The first two numbers of a dataset."""
+    dataset = file.get(_CAMERA + name)
+    if not isinstance(dataset, h5py.Dataset) or dataset.shape not in ((2,), (3,)):
+        raise FormatError(
+            f"{path} holds a raw picture without {_CAMERA + name!r}, which says where its lenslets "
+            f"lie: save {IMAGE!r} as TIFF and read that as a raw lenslet image."
+        )
+    require_size(dataset, 3, path)
+    return np.asarray(dataset[:2], np.float64)
+
+
+def _text(pair: np.ndarray[Any, Any]) -> str:
+    return f"{pair[0]:g} x {pair[1]:g}"
+
+
+def find_dataset(file: h5py.File, path: Path, name: str | None) -> h5py.Dataset:
+    """The dataset of the light field.
+
+    Parameters
+    ----------
+    file : h5py.File
+    path : pathlib.Path
+    name : str or None
+        As the user says; None takes a usual name, else the only dataset of 4 or 5 dimensions.
+
+    Raises
+    ------
+    FormatError
+        Listing the datasets, if it is not there or there are several.
+    """
+    if name is not None:
+        return dataset_of(file, name, path)
+    for usual in _USUAL:
+        if isinstance(file.get(usual), h5py.Dataset):
+            return file[usual]
+    fitting = [item for item in datasets(file).values() if _may_be(item)]
+    if len(fitting) == 1:
+        return fitting[0]
+    count = "several datasets" if fitting else "no dataset"
+    raise FormatError(
+        f"{path} has {count} of real numbers in 4 or 5 dimensions and none named "
+        f"{', '.join(_USUAL)}; it holds {contents(file)}; name one by dataset=."
+    )
+
+
+def _may_be(item: h5py.Dataset) -> bool:
+    return len(item.shape or ()) in (4, 5) and item.dtype.kind in "buif"
+
+
+def dataset_source(dataset: h5py.Dataset, path: Path, layout: Layout) -> Source:
+    """A dataset as the source of a light field.
+
+    Parameters
+    ----------
+    dataset : h5py.Dataset
+    path : pathlib.Path
+    layout : Layout
+        Its ``order`` counts the axes of MATLAB files as MATLAB does.
+
+    Raises
+    ------
+    FormatError
+        If its axes are none, or it cannot be read.
+    """
+    name = str(dataset.name).strip("/")
+    if name == IMAGE and dataset.ndim == 2:
+        return vox_source(dataset, path, layout)
+    turned = is_matlab(dataset)
+    shape = dataset.shape[::-1] if turned else dataset.shape
+    what = f"the dataset {name!r}"
+    own = _own_axes(attributes_of(dataset, ("axes",), path))
+    axes, known = axes_known(path, what, shape, order=layout.order, own=own)
+    known += " of MATLAB, which HDF5 shows reversed" if turned else ""
+    stored, ratio = storage(dataset, path, layout.max_bytes)
+    return Source(
+        path,
+        what,
+        dataset.shape,
+        dataset.dtype,
+        axes[::-1] if turned else axes,
+        known,
+        dataset.__getitem__,
+        stored,
+        ratio,
+        dataset.chunks,
+        weighted=turned and has_weights(name, axes, shape),
+    )
+
+
+def is_matlab(dataset: h5py.Dataset) -> bool:
+    """Whether MATLAB 7.3 wrote a dataset, whose axes HDF5 then shows reversed."""
+    return "MATLAB_class" in dataset.attrs
+
+
+def has_weights(name: str, axes: str, shape: tuple[int, ...]) -> bool:
+    """Whether the last channel of a MATLAB array is LFToolbox's weight."""
+    last = name.rpartition("/")[2]
+    return last == LF and axes[4:] == "c" and shape[4] in (2, 4)
+
+
+def _own_axes(attributes: dict[str, Any]) -> str | None:
+    """The axes that a file says; plenoptomos writes t and s for y and x."""
+    axes = axes_in(attributes)
+    if axes is not None and {"v", "u", "t", "s"} <= set(axes):
+        return axes.replace("t", "y").replace("s", "x")
+    return axes
+
+
+def write_hdf5(path: PathLike, lf: LightField) -> None:
+    """Write a light field with its spacing, weights, positions and camera.
+
+    Parameters
+    ----------
+    path : path-like
+    lf : LightField
+        Its samples are stored as they are (uint8, uint16, float16 or float32). The raw image that
+        it was decoded from is not stored.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    with replacing(path) as temporary:
+        try:
+            with h5py.File(temporary, "w") as file:
+                file.attrs["software"] = MARK
+                _write(file, lf)
+        except RuntimeError as error:  # a full disk, found when the file is closed
+            raise OSError(str(error)) from error
+
+
+def _write(file: h5py.File, lf: LightField) -> None:
+    with lf.device.on_host(lf.data, write=False) as values:
+        data = file.create_dataset(attributes.SAMPLES, data=values)
+    data.attrs.update(attributes.of_samples(lf))
+    for name, array in attributes.arrays_beside(lf).items():
+        file.create_dataset(name, data=array)
+    camera = attributes.of_camera(lf.camera)
+    if camera is not None:
+        file.create_group(attributes.CAMERA).attrs.update(camera)
+
+
+def read_hdf5(
+    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
+) -> tuple[LightField, str]:
+    """Read a light field of `write_hdf5`, or of another program.
+
+    Taken is the dataset that ``dataset=`` names, else ``lightfield``, else that of a known
+    program, else the only one of 4 or 5 dimensions. Its axes are those of ``order=``, else of its
+    attribute ``axes``, else v, u, y, x, c.
+
+    Parameters
+    ----------
+    path : path-like
+    device : Device
+    layout : Layout
+    progress : bool
+        Whether to show a bar on standard error.
+
+    Returns
+    -------
+    LightField, str
+        The light field, and what was taken for what, in one sentence.
+
+    Raises
+    ------
+    FormatError
+        If the file is truncated or damaged, has no such dataset or several, its axes or camera are
+        none, or its values make no light field.
+    """
+    path = Path(path)
+    with opened(path) as file:
+        found = _open_source(file, path, device, layout)
+        return light_field(found, device=device, layout=layout, progress=progress)
+
+
+@contextmanager
+def open_hdf5(
+    path: PathLike, *, device: Device, layout: Layout
+) -> Iterator[tuple[StoredLightField, str]]:
+    """What `read_hdf5` reads, part by part while the file is open.
+
+    Parameters
+    ----------
+    path : path-like
+    device : Device
+    layout : Layout
+
+    Yields
+    ------
+    StoredLightField, str
+
+    Raises
+    ------
+    FormatError
+        As `read_hdf5`; what is damaged or NaN, when it is read.
+    """
+    path = Path(path)
+    with ExitStack() as held:
+        with reading(path):
+            file = held.enter_context(h5py.File(path, "r"))
+            require_own(file, path)
+            stored = stored_light_field(_open_source(file, path, device, layout), layout)
+        yield stored
+
+
+def _open_source(file: h5py.File, path: Path, device: Device, layout: Layout) -> OpenSource:
+    if layout.dataset is None and is_raw(file):
+        raise FormatError(
+            f"{path} holds a raw image, not a light field: 'clplen render', 'stack' and 'depth' "
+            "take that of a focused camera; LightField.from_raw(read_raw(path)) decodes another."
+        )
+    dataset = find_dataset(file, path, layout.dataset)
+    source = dataset_source(dataset, path, layout)
+    if str(dataset.name).strip("/") != attributes.SAMPLES:
+        return OpenSource(source)
+    found = attributes_of(dataset, attributes.NAMES, path)
+    known: dict[str, Any] = dict(_arrays_beside(file, path, source.views))
+    placed = "positions" in known or layout.positions is not None
+    spacing = attributes.spacing_in(found, path)
+    if spacing is not None:  # positions stay where they are, and so does their unit
+        known["spacing"] = spacing if placed else layout.oriented_spacing(spacing)
+    known["camera"] = _camera(file, path, device)
+    return OpenSource(source, known, attributes.words_in(found, path))
+
+
+def _arrays_beside(
+    file: h5py.File, path: Path, views: tuple[int, int]
+) -> dict[str, np.ndarray[Any, Any]]:
+    found = {}
+    for name in attributes.BESIDE:
+        if name in file:
+            dataset = dataset_of(file, name, path)
+            require_size(dataset, 2 * views[0] * views[1], path)
+            found[name] = dataset[...]
+    return found
+
+
+def _camera(file: h5py.File, path: Path, device: Device) -> Any:
+    group = file.get(attributes.CAMERA)
+    if not isinstance(group, h5py.Group):
+        return None
+    values = attributes_of(group, attributes.CAMERA_NAMES, path)
+    return attributes.read_camera(values, path, device)
+
+
+def _is_hdf5(path: Path, head: bytes) -> bool:
+    if head.startswith(hdf5_files.MAGIC) or path.is_dir():
+        return bool(head)
+    with path.open("rb") as file:
+        file.seek(_USER_BLOCK)
+        return file.read(len(hdf5_files.MAGIC)) == hdf5_files.MAGIC
+
+
+HDF5 = Kind("HDF5", ARRAY_WORDS, read_hdf5, open_hdf5, recognises=_is_hdf5)

@@ -1,0 +1,275 @@
+"""Raw lenslet frames, those of Lytro cameras too, as light fields.
+
+Their lattice comes from a white image, a file, or themselves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from clplen.compute.device import Device
+from clplen.errors import FormatError
+from clplen.files import PathLike, naming
+from clplen.io.formats.picture import linear
+from clplen.io.lightfields.layout import RAW_WORDS, VIEW_WORDS, Kind, Layout
+from clplen.io.lightfields.view_positions import positions_of
+from clplen.io.raw import lytro_container, raytrix
+from clplen.io.raw.lytro_container import read_container
+from clplen.io.raw.raw_files import read_frame, read_lattice
+from clplen.io.raw.raytrix import read_raytrix
+from clplen.lightfield.calibration.lattice_fit import estimate_lattice
+from clplen.lightfield.calibration.lattice_trust import require_camera, require_trust
+from clplen.lightfield.calibration.raw_decoding import decode_raw
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.lenslet_lattice import Lattice
+
+Frame = np.ndarray[Any, Any]
+
+_APART = 0.15  # pitches rms, by which the lattices of grid= and white= may differ
+
+
+def decode_frame(
+    frame: Frame, path: PathLike, *, device: Device, layout: Layout, progress: bool = False
+) -> tuple[LightField, str]:
+    """Decode a raw frame as the words of layout say.
+
+    The lattice of lenslets is that of ``grid=``, else of the white image, else of the frame itself,
+    where even light and a plain object let it be trusted (fluorescence microscopy).
+
+    Parameters
+    ----------
+    frame : numpy.ndarray
+        Shape (ny, nx), as it lies on the sensor.
+    path : path-like
+        Of the frame, for messages.
+    device : Device
+    layout : Layout
+        ``white``, ``dark``, ``grid``, ``views``, ``step``, ``lattice``, ``bayer``, ``demosaic``,
+        ``devignette``, and how the view axes are turned.
+    progress : bool
+        Not used: decoding is one pass.
+
+    Returns
+    -------
+    LightField, str
+        The light field, and what was taken for what, in one sentence.
+
+    Raises
+    ------
+    FormatError
+        If a picture cannot be read or is of another size, the white image is none or of another
+        camera than the grid or the frame, or nothing tells where the lenslets are.
+    ValueError
+        If a sample is NaN or infinite, or a word is out of range.
+    """
+    path = Path(path)
+    if frame.ndim != 2:
+        raise FormatError(f"{path} has shape {frame.shape}; a raw lenslet image has one channel.")
+    if layout.order is not None:
+        raise ValueError("order= does not apply to a raw lenslet image.")
+    shape = (int(frame.shape[0]), int(frame.shape[1]))
+    frame = linear(frame) if layout.srgb else frame
+    white = _beside(layout.white, "white image", shape, path, layout)
+    dark = _beside(layout.dark, "dark frame", shape, path, layout)
+    if white is not None and dark is not None and white.mean() <= dark.mean():
+        raise FormatError(
+            f"The white image {layout.white} is no brighter than the dark frame {layout.dark}: are "
+            "they exchanged?"
+        )
+    lattice, whence = _lattice(frame, white, dark, path, layout)
+    with naming(path):
+        lf = decode_raw(
+            frame,
+            lattice,
+            device=device,
+            white=white,
+            dark=dark,
+            views=layout.views,
+            step=layout.step,
+            devignette=layout.devignette,
+            bayer=layout.bayer,
+            demosaic=layout.demosaic or "after",
+        )
+        lf = _oriented(lf, layout)
+    return lf, _sentence(lf, path, lattice, whence, layout)
+
+
+def _beside(
+    source: PathLike | None, what: str, shape: tuple[int, int], path: Path, layout: Layout
+) -> Frame | None:
+    """A picture that belongs to the frame."""
+    if source is None:
+        return None
+    picture, _ = read_frame(source, max_bytes=layout.max_bytes)
+    if picture.shape != shape:
+        raise FormatError(
+            f"The {what} {source} has shape {picture.shape} and {path} has {shape}: it is of "
+            f"another camera or another crop; give the {what} of this one."
+        )
+    return linear(picture) if layout.srgb else picture
+
+
+def _lattice(
+    frame: Frame, white: Frame | None, dark: Frame | None, path: Path, layout: Layout
+) -> tuple[Lattice, str]:
+    """The lattice and where it comes from."""
+    if layout.grid is not None:
+        given = read_lattice(layout.grid, (int(frame.shape[0]), int(frame.shape[1])))
+        if white is not None and layout.white is not None:
+            _require_same(given, _estimated(white, dark, layout.white, layout), layout)
+        return given, f"of {layout.grid}"
+    if white is not None and layout.white is not None:
+        found = _estimated(white, dark, layout.white, layout)
+        require_trust(found, str(layout.white), force=layout.force, error=FormatError)
+        if not layout.force:
+            _require_camera(frame, found, dark, path, layout)
+        return found, f"of the white image {layout.white}"
+    found = _estimated(frame, dark, path, layout)
+    if found.trust == "low":
+        raise FormatError(
+            f"{path} does not tell where its lenslets are: give white=, a white image of the same "
+            f"camera, or grid=, its lattice ({found.verdict})"
+        )
+    return found, "of the frame itself, without a white image"
+
+
+def _require_camera(
+    frame: Frame, found: Lattice, dark: Frame | None, path: Path, layout: Layout
+) -> None:
+    with naming(path):
+        require_camera(
+            frame, found, str(layout.white), dark=dark, bayer=layout.bayer, error=FormatError
+        )
+
+
+def _estimated(picture: Frame, dark: Frame | None, source: PathLike, layout: Layout) -> Lattice:
+    with naming(source):
+        return estimate_lattice(picture, dark=dark, kind=layout.lattice, bayer=layout.bayer)
+
+
+def _require_same(given: Lattice, found: Lattice, layout: Layout) -> None:
+    """The lattice of a file agrees with the one of the white image, if that can be trusted."""
+    if found.trust == "low":
+        return
+    centres = found.centres()
+    inverse = np.linalg.inv(np.array([given.row, given.column]))
+    places = (centres - given.origin) @ inverse
+    if given.kind == "hexagonal":
+        odd = np.rint(places[:, 1 if given.turned else 0]) % 2 / 2
+        places[:, 0 if given.turned else 1] -= odd
+    apart = (places - np.rint(places)) @ np.array([given.row, given.column])
+    off = float(np.sqrt((apart**2).sum(1).mean()))
+    if off > _APART * found.neighbour or given.kind != found.kind:
+        raise FormatError(
+            f"{layout.grid} and the white image {layout.white} are of different cameras: their "
+            f"lenslets lie {off:.2g} px rms apart ({found.verdict}) Give one of them only."
+        )
+
+
+def _oriented(lf: LightField, layout: Layout) -> LightField:
+    """The light field with its view axes as the words of layout say."""
+    positions = positions_of(layout, (lf.shape[0], lf.shape[1]))
+    if not (layout.swap_uv or layout.flip_v or layout.flip_u):
+        return lf if positions is None else replace(lf, positions=positions)
+    data = np.ascontiguousarray(layout.oriented(lf.to_numpy()))
+    return LightField.from_array(
+        data,
+        device=lf.device,
+        spacing=lf.spacing,
+        weights=layout.oriented(lf.weights),
+        positions=positions,
+    )
+
+
+def _sentence(lf: LightField, path: Path, lattice: Lattice, whence: str, layout: Layout) -> str:
+    V, U, ny, nx = lf.shape[:4]
+    colours = " of 3 colours" if len(lf.shape) == 5 else ""
+    flat = "divided by the white image" if layout.white and layout.devignette is not False else ""
+    parts = [
+        f"{V} x {U} views (V x U) of {ny} x {nx} pixels{colours} from {path}",
+        flat,
+        f"lattice {whence} ({lattice.verdict.rstrip('.')})",
+        *layout.said(),
+    ]
+    return ", ".join(part for part in parts if part)
+
+
+def read_lytro(
+    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
+) -> tuple[LightField, str]:
+    """Read the raw image of a Lytro camera and decode it.
+
+    Parameters
+    ----------
+    path : path-like
+        A container; or a raw image, or the JSON that describes it, which lie side by side.
+    device : Device
+    layout : Layout
+        With the user's white image or lenslet grid.
+    progress : bool
+        Whether to show a bar on standard error.
+
+    Returns
+    -------
+    LightField, str
+        The light field, and what was taken for what, in one sentence.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged or holds no raw image, or neither a white image nor a grid is given.
+    """
+    path = Path(path)
+    frame, bayer = read_container(path, max_bytes=layout.max_bytes)
+    if layout.white is None and layout.grid is None:
+        raise FormatError(
+            f"{path} holds a raw image of {frame.shape[1]} x {frame.shape[0]} pixels, and its "
+            "lenslets cannot be found on the scene itself: give white=, the white image of the "
+            "same camera at the same zoom and focus, or grid=, a lenslet grid saved before."
+        )
+    layout = replace(layout, bayer=layout.bayer or bayer)
+    return decode_frame(frame, path, device=device, layout=layout, progress=progress)
+
+
+def refuse_raytrix(
+    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
+) -> NoReturn:
+    """Refuse: a focused raw image becomes no light field by slicing.
+
+    Raises
+    ------
+    FormatError
+        Always.
+    """
+    read_raytrix(path)
+    raise FormatError(
+        f"{path} is the calibration of a focused (plenoptic 2.0) raw image, whose views are "
+        "rendered, not sliced: clplen.io.read_raw(path) gives the raw image with its lenses."
+    )
+
+
+def _is_described(path: Path, head: bytes) -> bool:
+    return path.suffix.lower() in lytro_container.DESCRIBED or head.lstrip()[:1] == b"{"
+
+
+def _is_raytrix(path: Path, head: bytes) -> bool:
+    return path.suffix.lower() in raytrix.SUFFIXES or raytrix.MARK in head
+
+
+LYTRO = Kind(
+    "a Lytro container",
+    (*VIEW_WORDS, *RAW_WORDS),
+    read_lytro,
+    magic=lytro_container.MAGIC[:8],
+)
+DESCRIBED = Kind(
+    "a raw image described by JSON",
+    (*VIEW_WORDS, *RAW_WORDS),
+    read_lytro,
+    recognises=_is_described,
+)
+RAYTRIX = Kind("a Raytrix calibration", (), refuse_raytrix, recognises=_is_raytrix)

@@ -1,0 +1,289 @@
+"""Light fields from files of any kind: read, opened part by part, listed and written."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from clplen.compute.device import DeviceLike, as_device
+from clplen.errors import FormatError
+from clplen.files import PathLike
+from clplen.io.lightfields.array_files import MATLAB, NUMPY
+from clplen.io.lightfields.hdf5_lightfields import HDF5, write_hdf5
+from clplen.io.lightfields.layout import Kind, Layout
+from clplen.io.lightfields.lenslet_frames import DESCRIBED, LYTRO, RAYTRIX
+from clplen.io.lightfields.mosaic import PICTURE
+from clplen.io.lightfields.view_folders import ARCHIVE, FOLDER, find_views, write_views
+from clplen.io.lightfields.view_positions import NAMES
+from clplen.io.lightfields.zarr_lightfields import ZARR, write_zarr
+from clplen.io.store import hdf5_files, zarr_files
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
+
+logger = logging.getLogger("clplen.io")
+
+KINDS = (ZARR, FOLDER, ARCHIVE, HDF5, MATLAB, NUMPY, LYTRO, DESCRIBED, RAYTRIX, PICTURE)
+_HEAD = 64  # bytes that recognition looks at
+
+
+def read_lightfield(
+    path: PathLike,
+    *,
+    device: DeviceLike | None = None,
+    pattern: str | None = None,
+    views: tuple[int, int] | None = None,
+    flip_v: bool = False,
+    flip_u: bool = False,
+    swap_uv: bool = False,
+    order: str | None = None,
+    white: PathLike | None = None,
+    dark: PathLike | None = None,
+    grid: PathLike | None = None,
+    allow_missing: bool = False,
+    positions: PathLike | None = None,
+    srgb: bool = False,
+    step: float | None = None,
+    lattice: str | None = None,
+    bayer: str | None = None,
+    demosaic: str | None = None,
+    devignette: bool | None = None,
+    dataset: str | None = None,
+    max_bytes: int | None = None,
+    force: bool = False,
+    progress: bool = False,
+) -> LightField:
+    """Read a light field from files of any kind, told by their content.
+
+    What was taken for what is logged at level INFO by the logger ``clplen.io``. A word of layout
+    that does not apply to a kind of file is refused.
+
+    Parameters
+    ----------
+    path : path-like
+        A folder or zip archive with one picture a view, a mosaic, a raw lenslet image, HDF5, Zarr,
+        MATLAB, NumPy or a Lytro container.
+    device : Device or str, optional
+        Default ``Device.open()``.
+    pattern : str, optional
+        Names of the views in a folder: ``{v}`` and ``{u}`` row and column of the view, or ``{i}``
+        row by row; ``{n}`` a counter that is ignored; ``*`` anything. The numbers are ranked, so
+        neither the first nor the step matters. None guesses.
+    views : tuple of int, optional
+        (V, U), rows and columns as the names count them; of a mosaic; of a raw image, the pixels
+        that are taken from each lenslet (default: its pitch, rounded).
+    flip_v, flip_u, swap_uv : bool
+        How the file's view axes become ours: swapped first, then the resulting axes reversed.
+    order : str, optional
+        Axes of an array, such as "uvyxc"; of a mosaic "yvxu" (lenslet images) or "vyux" (views
+        side by side); "lawnmower" for names that count every other row backwards.
+    white, dark : path-like, optional
+        White image and dark frame of a raw image.
+    grid : path-like, optional
+        Lenslet lattice of a raw image: JSON of `clplen.lightfield.calibration`, or Raytrix XML.
+    allow_missing : bool
+        Whether views may be missing; they get weight 0.
+    positions : path-like, optional
+        Where the views lie on the aperture, in view steps, in place of their row and column: a CSV
+        with the columns v, u, y, x, or "names" for file names of the Stanford archive.
+    srgb : bool
+        Whether to decode sRGB to linear light from 0 to 1 (float32).
+    step : float, optional
+        Pixels a view of a raw image (default: pitch over the number of views).
+    lattice : {"rectangular", "hexagonal"}, optional
+        Of the lenslets of a raw image; None finds out.
+    bayer : {"RGGB", "BGGR", "GRBG", "GBRG"}, optional
+        Colour filters of a raw image.
+    demosaic : {"after", "before"}, optional
+        Whether colours are interpolated after slicing, which mixes no directions (the default),
+        or before.
+    devignette : bool, optional
+        Whether a raw image is divided by its white image, where there is one (default).
+    dataset : str, optional
+        Which array of a file that holds several.
+    max_bytes : int, optional
+        Largest allocation that a file may ask for; default half of the free memory.
+    force : bool
+        Whether to go on, with a `SamplingWarning`, where the lattice of the white image is not to
+        be trusted, or the raw image shows another one.
+    progress : bool
+        Whether to show a bar on standard error.
+
+    Returns
+    -------
+    LightField
+        uint8, uint16, float16 or float32 as in the file (other types become float32).
+
+    Raises
+    ------
+    FormatError
+        If the file or folder is missing, damaged, incomplete or of an unknown kind; if a value in
+        an array file (a sample that is NaN, a spacing of 0) makes no light field.
+    ValueError, ShapeError
+        If a word of layout does not apply to this kind of file, or a value in pictures makes no
+        light field.
+    """
+    words = locals()
+    layout = Layout(**{field.name: words[field.name] for field in fields(Layout)})
+    path = Path(path)
+    kind = kind_of(path)
+    layout.require(kind.words, kind.name)
+    device = as_device(device, optional=True)
+    lf, took = kind.read(path, device=device, layout=layout, progress=progress)
+    logger.info("read %s", took)
+    return lf
+
+
+@contextmanager
+def open_lightfield(
+    path: PathLike, *, device: DeviceLike | None = None, **layout: Any
+) -> Iterator[StoredLightField]:
+    """Open a light field of any kind without reading it all, for the ``stream_`` functions.
+
+    Arrays (HDF5, Zarr, NumPy, MATLAB 7.3), folders and archives of views are read part by part
+    while the file is open. What is one raw picture, and MATLAB up to 7.2, is read as a whole.
+
+    Parameters
+    ----------
+    path : path-like
+    device : Device or str, optional
+        Default ``Device.open()``; what is read as a whole lies there.
+    **layout
+        Words of layout as for `read_lightfield`; ``max_bytes`` bounds what is unpacked at once.
+
+    Yields
+    ------
+    StoredLightField
+
+    Raises
+    ------
+    FormatError, ValueError, ShapeError
+        As `read_lightfield`; samples that are damaged or NaN are found when they are read.
+    """
+    words, path = Layout(**layout), Path(path)
+    kind = kind_of(path)
+    words.require(kind.words, kind.name)
+    device = as_device(device, optional=True)
+    with ExitStack() as held:
+        if kind.open_parts is not None:
+            opened = kind.open_parts(path, device=device, layout=words)
+            stored, took = held.enter_context(opened)
+        else:
+            lf, took = kind.read(path, device=device, layout=words)
+            stored = StoredLightField.from_light_field(lf)
+        logger.info("opened %s", took)
+        yield stored
+
+
+def files_of(path: PathLike, **layout: Any) -> list[Path]:
+    """The files that `read_lightfield` would read.
+
+    Parameters
+    ----------
+    path : path-like
+    **layout
+        Words of layout as for `read_lightfield`.
+
+    Returns
+    -------
+    list of pathlib.Path
+
+    Raises
+    ------
+    FormatError
+        If the names in a folder do not show which file is which view.
+    """
+    path = Path(path)
+    words = Layout(**layout)
+    named = (words.white, words.dark, words.grid, words.positions)
+    beside = [Path(file) for file in named if file is not None and str(file) != NAMES]
+    if not path.is_dir() or kind_of(path) is not FOLDER:
+        return [path, *beside]
+    return [*(path / name for name in find_views(path, words)[2].values()), *beside]
+
+
+def write_lightfield(path: PathLike, lf: LightField) -> None:
+    """Write a light field so that `read_lightfield` gives it back.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.h5``, ``.hdf5`` and ``.zarr`` (a new folder) keep everything; a name without suffix
+        becomes a new folder of pictures, which keeps the samples only.
+    lf : LightField
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another one.
+    FormatError
+        If it is ``.zarr`` and the package zarr is not installed.
+    OSError
+        If it cannot be written, or the folder holds something already.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix in hdf5_files.SUFFIXES:
+        write_hdf5(path, lf)
+    elif suffix == zarr_files.SUFFIX:
+        write_zarr(path, lf)
+    elif suffix == "" or Path(path).is_dir():
+        write_views(path, lf)
+    else:
+        raise ValueError(
+            "A light field is written to .h5, to .zarr or to a new folder, not to "
+            f"{Path(path).name}."
+        )
+
+
+def _beginning(head: bytes) -> str:
+    """The first bytes of a file in words."""
+    if not head:
+        return "it is a folder"
+    text = head.decode("ascii", errors="replace")
+    if all(character.isprintable() or character.isspace() for character in text) and head.isascii():
+        start = " ".join(text.split())[:24]
+        return f"it is text: {start!r}" if start else "it is text"
+    return f"it begins with the bytes {head[:8].hex(' ')}"
+
+
+def kind_of(path: Path) -> Kind:
+    """What a file or folder is.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+
+    Returns
+    -------
+    Kind
+
+    Raises
+    ------
+    FormatError
+        If there is none, or it is of no kind that is known.
+    """
+    if not path.exists():
+        raise FormatError(f"There is no file or folder {path}.")
+    if not path.is_file() and not path.is_dir():
+        raise FormatError(f"{path} is neither a file nor a folder.")
+    head = b""
+    if path.is_file():
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+        if not head:
+            raise FormatError(f"{path} is empty.")
+    if head and path.suffix.lower() == ".npz":
+        raise FormatError(
+            f"{path} is an archive of NumPy arrays (.npz), which clplen does not read: save the "
+            "light field alone as .npy with numpy.save."
+        )
+    for kind in KINDS:
+        if kind.fits(path, head):
+            return kind
+    raise FormatError(
+        f"{path} is no light field that clplen reads ({_beginning(head)}): "
+        f"give {', '.join(kind.name for kind in KINDS[:-1])} or {KINDS[-1].name}."
+    )

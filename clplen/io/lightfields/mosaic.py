@@ -1,0 +1,280 @@
+"""Mosaics: one picture that holds all views, lenslet by lenslet or side by side.
+
+    lenslet images   I[y V + v, x U + u]   order "yvxu"; ESLF has V = U = 14
+    views            I[v H + y, u W + x]   order "vyux"
+
+A picture of neither kind, one channel without a word on its views, is a raw lenslet image.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clplen.compute.device import Device
+from clplen.errors import FormatError
+from clplen.files import PathLike, naming
+from clplen.io.formats import picture as pictures
+from clplen.io.formats.picture import linear, read_channels, without_alpha, write_picture
+from clplen.io.lightfields.layout import RAW_WORDS, VIEW_WORDS, Kind, Layout, View
+from clplen.io.lightfields.lenslet_frames import decode_frame
+from clplen.io.lightfields.view_folders import pictured
+from clplen.io.lightfields.view_positions import positions_of
+from clplen.io.lightfields.view_set import form_of, new_samples
+from clplen.lightfield.model.light_field import LightField
+
+Array = np.ndarray[Any, Any]
+
+_ESLF = (14, 14)
+_ORDERS = ("yvxu", "vyux")  # lenslet images, views side by side
+_CLEAR = 1.1  # ratio of the two costs from which on a guess is one
+_COMPARED = 1 << 22  # samples that a guess looks at along each axis
+
+
+def read_mosaic(
+    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
+) -> tuple[LightField, str]:
+    """Read a picture that holds all views.
+
+    Parameters
+    ----------
+    path : path-like
+        A picture. With a word on raw images (``white``, ``grid``, ...), or in one channel without
+        ``views`` and ``order``, it is taken for a raw lenslet image. Else it is a mosaic: an ESLF
+        if its name holds "eslf", which is padded at its lower and right edges to whole lenslets of
+        14 x 14 views; in others ``views`` must be given. An alpha channel is the weight of the
+        views.
+    device : Device
+    layout : Layout
+        Without ``order``, both orders are tried: in the right one, neighbouring pixels of a view
+        and neighbouring views differ less.
+    progress : bool
+        Whether to show a bar on standard error.
+
+    Returns
+    -------
+    LightField, str
+        The light field, and what was taken for what, in one sentence.
+
+    Raises
+    ------
+    FormatError
+        If the picture cannot be read, the views are not known, its size is no multiple of them, or
+        both orders are alike.
+    ValueError
+        If ``order`` is another one, or a sample is NaN or infinite.
+    """
+    path = Path(path)
+    picture = read_channels(path, max_bytes=layout.max_bytes)
+    if _is_raw(picture, path, layout):
+        frame = without_alpha(picture, path)
+        if frame.ndim == 3:
+            raise FormatError(
+                f"{path} has {frame.shape[2]} channels; a raw lenslet image has one: give the "
+                "frame as it lies on the sensor."
+            )
+        return decode_frame(frame, path, device=device, layout=layout, progress=progress)
+    return _read_mosaic(picture, path, device, layout)
+
+
+def _is_raw(picture: Array, path: Path, layout: Layout) -> bool:
+    if any(word in layout.given() for word in RAW_WORDS if word != "views"):
+        return True
+    known = layout.views is not None or layout.order is not None or _named_eslf(path)
+    return not known and picture.shape[2:] in ((), (2,))
+
+
+def _named_eslf(path: Path) -> bool:
+    return "eslf" in path.name.lower()
+
+
+def _read_mosaic(
+    picture: Array, path: Path, device: Device, layout: Layout
+) -> tuple[LightField, str]:
+    order, views = _order(layout.order), _views(path, layout)
+    alpha = picture[..., -1] if picture.shape[2:] in ((2,), (4,)) else None
+    colours = picture if alpha is None else picture[..., :-1]
+    if colours.shape[2:] == (1,):
+        colours = colours[..., 0]
+    if tuple(views) == _ESLF and order != "vyux":
+        colours, alpha = _padded(colours, views), None if alpha is None else _padded(alpha, views)
+    _require_multiple(colours.shape[:2], views, path)
+    said = "as given" if order else "guessed from the content"
+    if order is None and _named_eslf(path):
+        order, said = "yvxu", "by its name"
+    order = order or _guess(colours, views, path)
+    whole = as_views(colours, views, order)
+
+    def fill(stored: Array) -> None:
+        for view in np.ndindex(*views):
+            stored[view] = linear(whole[view]) if layout.srgb else whole[view]
+
+    data = new_samples(whole.shape, whole.dtype, path, device=device, layout=layout, fill=fill)
+    weights = None
+    if alpha is not None:
+        weights = layout.oriented(_weights(as_views(alpha, views, order), whole, path))
+    with naming(path):
+        lf = LightField.from_array(
+            data,
+            device=device,
+            weights=weights,
+            positions=positions_of(layout, views),
+        )
+    return lf, _sentence(lf, path, f"order {order!r} ({said})", alpha is not None, layout)
+
+
+def _sentence(lf: LightField, path: Path, order: str, weighted: bool, layout: Layout) -> str:
+    parts = [
+        f"{lf.shape[0]} x {lf.shape[1]} views (V x U) of {form_of(lf.shape[2:], lf.dtype)} from "
+        f"{path}",
+        f"a mosaic in {order}",
+        *(["its alpha channel taken for the weight of the views"] if weighted else []),
+        *layout.said(),
+    ]
+    return ", ".join(parts)
+
+
+def _order(order: str | None) -> str | None:
+    """One of our two orders, or None."""
+    plain = None if order is None else order.replace(":", "").lower().removesuffix("c")
+    if plain not in (None, *_ORDERS):
+        raise ValueError(
+            f"The order of a mosaic is {' or '.join(map(repr, _ORDERS))}, not {order!r}."
+        )
+    return plain
+
+
+def _views(path: Path, layout: Layout) -> View:
+    if layout.views is None:
+        if _named_eslf(path):
+            return _ESLF
+        raise FormatError(
+            f"{path} is a mosaic of how many views? Give views=(V, U), rows and columns; or white= "
+            "or grid= if it is a raw lenslet image."
+        )
+    if min(layout.views) < 1:
+        raise ValueError(f"views=(V, U) counts rows and columns from 1, not {layout.views}.")
+    return layout.views
+
+
+def _padded(values: Array, views: View) -> Array:
+    """Zeros below and to the right, up to whole lenslets, as LFToolbox's LFReadESLF does."""
+    more = [(0, -size % count) for size, count in zip(values.shape, views, strict=False)]
+    if more == [(0, 0), (0, 0)]:
+        return values
+    return np.pad(values, more + [(0, 0)] * (values.ndim - 2))
+
+
+def _require_multiple(size: tuple[int, ...], views: View, path: Path) -> None:
+    if all(n % count == 0 for n, count in zip(size, views, strict=True)):
+        return
+    rows, columns = (_nearest(n, count) for n, count in zip(size, views, strict=True))
+    raise FormatError(
+        f"{path} has {size[0]} x {size[1]} pixels, no multiple of views={tuple(views)}: the "
+        f"nearest sizes are {rows} rows and {columns} columns; crop it, or give other views."
+    )
+
+
+def _nearest(size: int, count: int) -> str:
+    below = size - size % count
+    return " or ".join(str(n) for n in sorted({below, -(-size // count) * count}) if n)
+
+
+def as_views(picture: Array, views: View, order: str) -> Array:
+    """A picture seen as its views, without a copy.
+
+    Parameters
+    ----------
+    picture : numpy.ndarray
+        Shape (rows, columns[, c]), multiples of ``views``.
+    views : tuple of int
+        (V, U).
+    order : {"yvxu", "vyux"}
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (v, u, y, x[, c]).
+    """
+    (V, U), (rows, columns) = views, picture.shape[:2]
+    rest = tuple(range(4, picture.ndim + 2))
+    if order == "yvxu":
+        split = picture.reshape(rows // V, V, columns // U, U, *picture.shape[2:])
+        return split.transpose(1, 3, 0, 2, *rest)
+    split = picture.reshape(V, rows // V, U, columns // U, *picture.shape[2:])
+    return split.transpose(0, 2, 1, 3, *rest)
+
+
+def _guess(picture: Array, views: View, path: Path) -> str:
+    """In which order neighbours differ less: pixels in a view, and the same pixel in two views."""
+    costs = {order: _roughness(as_views(picture, views, order)) for order in _ORDERS}
+    best, other = sorted(costs, key=lambda order: costs[order])
+    if costs[other] <= _CLEAR * costs[best]:
+        raise FormatError(
+            f"{path} looks alike as a mosaic of lenslet images and of views: say which, "
+            "order='yvxu' or order='vyux'."
+        )
+    return best
+
+
+def _roughness(views: Array) -> float:
+    """Mean square differences along v, u, y and x, added."""
+    values = views if views.ndim == 4 else views[..., views.shape[4] // 2]
+    total = 0.0
+    for axis in range(4):
+        if values.shape[axis] == 1:
+            continue
+        across = 3 - axis if axis in (1, 2) else (2 if axis == 3 else 3)
+        skip = [slice(None)] * 4
+        skip[across] = slice(None, None, 1 + values.size // _COMPARED)
+        difference = np.diff(values[tuple(skip)].astype(np.float32), axis=axis)
+        total += float(np.mean(difference * difference, dtype=np.float64))
+    return total
+
+
+def _weights(alpha: Array, whole: Array, path: Path) -> Array:
+    """Mean alpha of each view, from 0 to 1; 0 for views that are black throughout."""
+    full = np.iinfo(alpha.dtype).max if alpha.dtype.kind == "u" else 1
+    lit = np.array([[view.any() for view in row] for row in whole])
+    weights = np.asarray(
+        alpha.mean(axis=(2, 3), dtype=np.float64) / full * (lit if lit.any() else 1)
+    )
+    if not weights.any():
+        raise FormatError(f"{path} is transparent wherever it is not black: remove its alpha.")
+    return weights
+
+
+def write_mosaic(path: PathLike, lf: LightField, *, order: str = "yvxu") -> None:
+    """Write a light field as one picture.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.png`` takes uint8 and grey uint16, ``.tif`` everything.
+    lf : LightField
+    order : {"yvxu", "vyux"}
+        Lenslet images, or views, side by side.
+
+    Raises
+    ------
+    ValueError
+        If the order or the suffix is another one, or a PNG cannot hold the samples.
+    ShapeError
+        If the views have other than 1 or 3 channels.
+    """
+    plain = _order(order)
+    values = pictured(lf)
+    V, U, ny, nx = values.shape[:4]
+    picture = np.empty((V * ny, U * nx, *values.shape[4:]), values.dtype)
+    as_views(picture, (V, U), plain or "yvxu")[...] = values
+    write_picture(path, picture)
+
+
+PICTURE = Kind(
+    "a picture",
+    (*VIEW_WORDS, *RAW_WORDS, "order", "srgb"),
+    read_mosaic,
+    suffixes=pictures.SUFFIXES,
+)

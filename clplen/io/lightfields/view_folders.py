@@ -1,0 +1,348 @@
+"""Views as pictures, one a view: in a folder, or in a zip archive that is read from memory."""
+
+from __future__ import annotations
+
+import posixpath
+import re
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clplen.compute.device import Device
+from clplen.errors import FormatError, ShapeError
+from clplen.files import PathLike, filling
+from clplen.io.formats import picture
+from clplen.io.formats.picture import decode_picture, read_picture, without_alpha, write_picture
+from clplen.io.formats.untrusted import DEFLATE, UNREADABLE, require_bytes
+from clplen.io.lightfields.layout import NAME_WORDS, ZIP, Kind, Layout, View
+from clplen.io.lightfields.view_names import DEFAULT_PATTERN, Pattern, arranged, views_only
+from clplen.io.lightfields.view_set import ViewSet, assemble, stored_views
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
+
+_PATTERNS = {"hci": "input_Cam{i:03d}", "stanford": "out_{v:02d}_{u:02d}_{y:.6f}_{x:.6f}_"}
+_RATIO = {zipfile.ZIP_STORED: 1.0, zipfile.ZIP_DEFLATED: DEFLATE}
+_ENCRYPTED = 1  # bit of the flags
+_DRIVE = re.compile(r"[A-Za-z]:")
+
+
+def read_folder(
+    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
+) -> tuple[LightField, str]:
+    """Read a folder of views.
+
+    Parameters
+    ----------
+    path : path-like
+        The folder.
+    device : Device
+    layout : Layout
+    progress : bool
+        Whether to show a bar on standard error.
+
+    Returns
+    -------
+    LightField, str
+        The light field, and what was taken for what, in one sentence.
+
+    Raises
+    ------
+    FormatError
+        Listing the views that are missing, and the pictures that cannot be read or have another
+        size than most.
+    ValueError
+        If a sample is NaN or infinite.
+    """
+    views = _folder_views(Path(path), layout)
+    return assemble(views, device=device, layout=layout, progress=progress)
+
+
+@contextmanager
+def open_folder(
+    path: PathLike, *, device: Device, layout: Layout
+) -> Iterator[tuple[StoredLightField, str]]:
+    """What `read_folder` reads, view by view when it is asked for.
+
+    Parameters
+    ----------
+    path : path-like
+    device : Device
+        Not used.
+    layout : Layout
+
+    Yields
+    ------
+    StoredLightField, str
+
+    Raises
+    ------
+    FormatError, ValueError
+        As `stored_views`.
+    """
+    yield stored_views(_folder_views(Path(path), layout), layout=layout)
+
+
+def _folder_views(folder: Path, layout: Layout) -> ViewSet:
+    pattern, shape, files = find_views(folder, layout)
+    load = partial(read_picture, max_bytes=layout.max_bytes)
+    return ViewSet(folder, pattern, shape, files, load)
+
+
+def find_views(folder: Path, layout: Layout) -> tuple[Pattern, View, dict[View, str]]:
+    """Which file of a folder is which view, from the names alone.
+
+    Masks, depths and object ids, as their names call them, are no views.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+    layout : Layout
+
+    Returns
+    -------
+    Pattern, (V, U), files
+        As `arrange`, with the pattern that was given or guessed.
+
+    Raises
+    ------
+    FormatError
+        If the names do not show what is what.
+    ValueError
+        If ``order`` is another than "lawnmower".
+    """
+    deep = layout.pattern is not None and "/" in layout.pattern
+    try:
+        files = [
+            file for file in (folder.rglob("*") if deep else folder.iterdir()) if file.is_file()
+        ]
+    except OSError as error:
+        raise FormatError(f"The folder {folder} cannot be read ({error.strerror}).") from error
+    every = sorted(f.relative_to(folder).as_posix() for f in files)
+    names = views_only(every, pattern=layout.pattern)
+    pictures = [name for name in names if name.lower().endswith(picture.SUFFIXES)]
+    return arranged(names, pictures, layout, str(folder))
+
+
+def write_views(path: PathLike, lf: LightField, *, pattern: str = DEFAULT_PATTERN) -> None:
+    """Write a light field as a new folder of pictures.
+
+    uint8 becomes PNG; uint16, float16 and float32 become TIFF, which keeps them; float16 is read
+    back as float32. Spacing, weights and camera have no place in pictures: HDF5 keeps them.
+
+    Parameters
+    ----------
+    path : path-like
+        A folder that does not exist yet, or is empty.
+    lf : LightField
+    pattern : str
+        Names without suffix, by ``{v}`` and ``{u}`` or by ``{i}`` row by row, formatted as Python
+        does: ``view_{v:02d}_{u:02d}``. "hci" is ``input_Cam{i:03d}`` of the HCI 4D benchmark;
+        "stanford" is ``out_{v:02d}_{u:02d}_{y}_{x}_`` of the Stanford archive, y upwards and x to
+        the right in view steps, from the positions of the views or their rows and columns.
+
+    Raises
+    ------
+    FileExistsError
+        If the folder holds something.
+    ShapeError
+        If the views have other than 1 or 3 channels.
+    ValueError
+        If the pattern is none, or holds ``{n}``, ``*`` or a folder.
+    """
+    values = pictured(lf)
+    name = _namer(pattern, lf)
+    suffix = ".png" if lf.dtype == np.uint8 else ".tif"
+    with filling(path) as folder:
+        for v, u in np.ndindex(*values.shape[:2]):
+            write_picture(folder / (name(v, u) + suffix), values[v, u])
+
+
+def pictured(lf: LightField) -> np.ndarray[Any, Any]:
+    """The samples of a light field as pictures hold them: one channel without its axis.
+
+    Parameters
+    ----------
+    lf : LightField
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (v, u, y, x) or (v, u, y, x, 3).
+
+    Raises
+    ------
+    ShapeError
+        If it has other than 1 or 3 channels.
+    """
+    if len(lf.shape) == 5 and lf.shape[4] not in (1, 3):
+        raise ShapeError(
+            f"Pictures have 1 or 3 channels, this light field {lf.shape[4]}: write .h5 instead."
+        )
+    values = lf.to_numpy()
+    return values[..., 0] if values.ndim == 5 and values.shape[4] == 1 else values
+
+
+def _namer(pattern: str, lf: LightField) -> Any:
+    """(v, u) -> name without suffix."""
+    if pattern != "stanford":
+        text = _PATTERNS.get(pattern, pattern)
+        Pattern(text)
+        if "*" in text or "{n" in text or "/" in text:
+            raise ValueError(f"The pattern {text!r} writes no names: it holds {{n}}, * or /.")
+        return lambda v, u: text.format_map({"v": v, "u": u, "i": v * lf.shape[1] + u})
+    return partial(_stanford, lf)
+
+
+def _stanford(lf: LightField, v: int, u: int) -> str:
+    y, x = v - (lf.shape[0] - 1) / 2, u - (lf.shape[1] - 1) / 2
+    if lf.positions is not None:
+        y, x = lf.positions[v, u]
+    return _PATTERNS["stanford"].format(v=v, u=u, y=-y, x=x)
+
+
+def read_archive(
+    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
+) -> tuple[LightField, str]:
+    """Read a zip archive with one picture a view.
+
+    The names follow the rules of a folder, from the deepest folder on that holds all pictures.
+
+    Parameters
+    ----------
+    path : path-like
+    device : Device
+    layout : Layout
+    progress : bool
+        Whether to show a bar on standard error.
+
+    Returns
+    -------
+    LightField, str
+        The light field, and what was taken for what, in one sentence.
+
+    Raises
+    ------
+    FormatError
+        If the archive is damaged or encrypted, a member lies outside of it or declares more than it
+        can hold; else as for a folder of views.
+    ValueError
+        If a sample is NaN or infinite.
+    """
+    path = Path(path)
+    with _opened_archive(path) as archive:
+        views = _archive_views(archive, path, layout)
+        return assemble(views, device=device, layout=layout, progress=progress)
+
+
+@contextmanager
+def open_archive(
+    path: PathLike, *, device: Device, layout: Layout
+) -> Iterator[tuple[StoredLightField, str]]:
+    """What `read_archive` reads, view by view while the archive is open.
+
+    Parameters
+    ----------
+    path : path-like
+    device : Device
+        Not used.
+    layout : Layout
+
+    Yields
+    ------
+    StoredLightField, str
+
+    Raises
+    ------
+    FormatError, ValueError
+        As `read_archive` and `stored_views`.
+    """
+    path = Path(path)
+    with _opened_archive(path) as archive:
+        yield stored_views(_archive_views(archive, path, layout), layout=layout)
+
+
+def _opened_archive(path: Path) -> zipfile.ZipFile:
+    try:
+        return zipfile.ZipFile(path)
+    except UNREADABLE as error:
+        raise FormatError(f"{path} is no zip archive that can be read ({error}).") from error
+
+
+def _archive_views(archive: zipfile.ZipFile, path: Path, layout: Layout) -> ViewSet:
+    members = _members(archive, path)
+    size = path.stat().st_size
+    shown = views_only(members, pattern=layout.pattern)
+    pictures = [name for name in shown if name.lower().endswith(picture.SUFFIXES)]
+    inside = posixpath.commonpath([posixpath.dirname(name) for name in pictures] or [""])
+    root = f"{inside}/" if inside else ""
+    cut = len(root)
+    names = [name[cut:] for name in shown if name.startswith(root)]
+    found = arranged(names, [name[cut:] for name in pictures], layout, str(path))
+
+    def load(where: Path) -> np.ndarray[Any, Any]:
+        info = members[where.relative_to(path).as_posix()]
+        content = _content(archive, info, where, size, layout.max_bytes)
+        values = decode_picture(content, where, max_bytes=layout.max_bytes)
+        return without_alpha(values, where)
+
+    return ViewSet(path / inside, *found, load)
+
+
+def _members(archive: zipfile.ZipFile, path: Path) -> dict[str, zipfile.ZipInfo]:
+    """The files of an archive by name."""
+    members = {}
+    for info in archive.infolist():
+        name = info.filename.replace("\\", "/")
+        if name.startswith("/") or _DRIVE.match(name) or ".." in name.split("/"):
+            raise FormatError(
+                f"{path}: the member {info.filename[:200]!r} lies outside of the archive: make a "
+                "new one of the pictures only."
+            )
+        if name.endswith("/"):
+            continue
+        if (name := posixpath.normpath(name)) in members:
+            raise FormatError(f"{path}: the member {name[:200]!r} is there twice.")
+        members[name] = info
+    return members
+
+
+def _content(
+    archive: zipfile.ZipFile,
+    info: zipfile.ZipInfo,
+    where: Path,
+    size: int,
+    max_bytes: int | None,
+) -> bytes:
+    """The bytes of a member, never more than it declares; ``size`` is that of the archive."""
+    if info.flag_bits & _ENCRYPTED:
+        raise FormatError(f"The picture {where} is encrypted: make an archive without a password.")
+    if info.compress_type not in _RATIO:
+        raise FormatError(
+            f"The picture {where} is compressed by method {info.compress_type}: write the archive "
+            "with deflate."
+        )
+    require_bytes(
+        info.file_size,
+        path=where,
+        what="the picture",
+        stored=min(info.compress_size, size),
+        ratio=_RATIO[info.compress_type],
+        max_bytes=max_bytes,
+    )
+    try:
+        with archive.open(info) as member:
+            content = member.read(info.file_size + 1)
+    except UNREADABLE as error:
+        raise FormatError(f"The picture {where} cannot be read ({error}).") from error
+    if len(content) != info.file_size:
+        raise FormatError(f"The picture {where} has another size than its archive declares.")
+    return content
+
+
+FOLDER = Kind("a folder of views", NAME_WORDS, read_folder, open_folder, folder=True)
+ARCHIVE = Kind("an archive of views", NAME_WORDS, read_archive, open_archive, magic=ZIP)

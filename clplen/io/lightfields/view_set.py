@@ -1,0 +1,356 @@
+"""Views that are pictures with names, of a folder or an archive, put together on the device."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyopencl.array as cla
+from tqdm import tqdm
+
+from clplen.compute.device import Device
+from clplen.errors import FormatError
+from clplen.files import naming
+from clplen.io.formats.picture import linear
+from clplen.io.formats.untrusted import listed, require_bytes
+from clplen.io.lightfields.layout import Layout, View
+from clplen.io.lightfields.view_names import Pattern
+from clplen.io.lightfields.view_positions import positions_of
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.sample_checks import checked_positions, require_finite
+from clplen.lightfield.model.stored_light_field import StoredLightField
+
+Array = np.ndarray[Any, Any]
+Selection = tuple[slice, ...]
+
+_THREADS = 16
+_CAUSES = 10  # how many a message tells
+_KEPT = (np.dtype(np.uint8), np.dtype(np.uint16))
+
+
+@dataclass(frozen=True)
+class ViewSet:
+    """Which picture is which view, and how it is read.
+
+    Attributes
+    ----------
+    where : pathlib.Path
+        The folder, or the folder in an archive, for messages.
+    pattern : Pattern
+    shape : tuple of int
+        (V, U) as the names count them.
+    files : dict
+        The name of each (v, u) that is there.
+    load : callable
+        ``where / name`` -> picture (y, x) or (y, x, 3); called by several threads.
+    """
+
+    where: Path
+    pattern: Pattern
+    shape: View
+    files: dict[View, str]
+    load: Callable[[Path], Array]
+
+
+def assemble(
+    views: ViewSet, *, device: Device, layout: Layout, progress: bool = False
+) -> tuple[LightField, str]:
+    """Read all views straight into the memory of the device.
+
+    Parameters
+    ----------
+    views : ViewSet
+    device : Device
+    layout : Layout
+    progress : bool
+        Whether to show a bar on standard error.
+
+    Returns
+    -------
+    LightField, str
+        The light field, and what was taken for what, in one sentence.
+
+    Raises
+    ------
+    FormatError
+        Listing the views that are missing, and the pictures that cannot be read or have another
+        size than most.
+    ValueError
+        If a sample is NaN or infinite.
+    """
+    missing = _missing(views, layout.allow_missing)
+    places = positions_of(layout, views.shape, names=views.files)
+    data = _decode(views, missing, device, layout, progress)
+    took = _sentence(data, views, layout, len(missing))
+    with naming(views.where):
+        return LightField.from_array(data, device=device, positions=places), took
+
+
+def stored_views(views: ViewSet, *, layout: Layout) -> tuple[StoredLightField, str]:
+    """The same views read when they are asked for, each unpacked as a whole.
+
+    Parameters
+    ----------
+    views : ViewSet
+    layout : Layout
+
+    Returns
+    -------
+    StoredLightField, str
+        The light field, and what was taken for what, in one sentence. Reading a view that is
+        damaged or of another size than the first one raises a FormatError that names it.
+
+    Raises
+    ------
+    FormatError
+        If views are missing.
+    ValueError
+        If a sample is NaN or infinite.
+    """
+    missing = _missing(views, layout.allow_missing)
+    places = positions_of(layout, views.shape, names=views.files)
+    first = _first_readable(views)[1]
+    form, dtype = (first.shape, first.dtype), _kept(first.dtype, layout)
+    threads = min(_THREADS, os.cpu_count() or 1)
+    V, U = layout.shape(views.shape)
+
+    def fill(block: Selection, out: Array) -> None:
+        _fill_part(views, layout, form, block, out)
+
+    stored = StoredLightField(
+        (V, U, *first.shape),
+        dtype,
+        fill,
+        np.ones((V, U), np.float32),
+        (first.shape[0], first.shape[1]),
+        overhead=2 * threads * first.size * max(dtype.itemsize, first.itemsize),
+    )
+    took = _sentence(stored, views, layout, len(missing))
+    with naming(views.where):
+        places = checked_positions(places, stored)
+        return replace(stored, positions=places, weights=stored.lit_weights()), took
+
+
+def _fill_part(
+    views: ViewSet, layout: Layout, form: tuple[Any, ...], block: Selection, out: Array
+) -> None:
+    """Some rows and columns of some views, unpacked by several threads."""
+    v, u = layout.selected((block[0], block[1]), views.shape)
+    target = layout.stored(out)
+    problems: dict[str, str] = {}
+
+    def read(index: View) -> None:
+        view = (v.start + index[0], u.start + index[1])
+        name = views.files.get(view)
+        if name is None:
+            target[index] = 0
+            return
+        try:
+            picture = views.load(views.where / name)
+        except FormatError as error:
+            problems[name] = _cause(error, views.where / name)
+            return
+        if (picture.shape, picture.dtype) != form:
+            found = form_of(picture.shape, picture.dtype)
+            problems[name] = f"is {found}, most are {form_of(*form)}."
+            return
+        part = picture[block[2], block[3]]
+        with np.errstate(all="ignore"):
+            target[index] = linear(part) if layout.srgb else part
+
+    with ThreadPoolExecutor(min(_THREADS, os.cpu_count() or 1)) as pool:
+        list(pool.map(read, np.ndindex(*target.shape[:2])))
+    if problems:
+        raise _unusable(views, problems, len(views.files))
+    if out.dtype.kind == "f":
+        with naming(views.where):
+            require_finite(out.size - int(np.count_nonzero(np.isfinite(out))))
+
+
+def _missing(views: ViewSet, allowed: bool) -> list[View]:
+    """The views without a file."""
+    missing = [view for view in np.ndindex(*views.shape) if view not in views.files]
+    if missing and not allowed:
+        names = listed([f"(v={v}, u={u})" for v, u in missing])
+        raise FormatError(
+            f"{len(missing)} of {views.shape[0]} x {views.shape[1]} views are missing in "
+            f"{views.where} (pattern {views.pattern.text!r}, counted from 0): {names}; "
+            "allow_missing=True gives them weight 0."
+        )
+    return missing
+
+
+def _decode(
+    views: ViewSet, missing: list[View], device: Device, layout: Layout, progress: bool
+) -> cla.Array:
+    """All pictures in one array on the device; views that are missing are black."""
+    known, first = _first_readable(views)
+
+    def fill(stored: Array) -> None:
+        for view in missing:
+            stored[view] = 0
+        _fill(stored, views, known, first, layout.srgb, progress)
+
+    shape = (*views.shape, *first.shape)
+    return new_samples(shape, first.dtype, views.where, device=device, layout=layout, fill=fill)
+
+
+def new_samples(
+    shape: tuple[int, ...],
+    dtype: Any,
+    where: Path,
+    *,
+    device: Device,
+    layout: Layout,
+    fill: Callable[[Array], None],
+) -> cla.Array:
+    """A new light field on a device whose samples a function writes, on a CPU without a copy.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        (V, U, y, x[, c]) as the file counts the views.
+    dtype : numpy.dtype
+        Of the file; other types than uint8 and uint16, and these too if sRGB is decoded, become
+        float32.
+    where : pathlib.Path
+        For messages.
+    device : Device
+    layout : Layout
+    fill : callable
+        Takes an uninitialised array of this shape.
+
+    Returns
+    -------
+    pyopencl.array.Array
+        In the final order of views.
+
+    Raises
+    ------
+    DeviceError
+        If the device has less memory.
+    FormatError
+        If it would be larger than ``max_bytes``.
+    """
+    kept = _kept(dtype, layout)
+    nbytes = math.prod(shape) * kept.itemsize
+    device.require_memory(nbytes, "This light field")
+    require_bytes(
+        nbytes,
+        path=where,
+        what="the light field",
+        stored=nbytes,
+        ratio=1,
+        max_bytes=layout.max_bytes,
+    )
+    final = layout.shape((shape[0], shape[1])) + shape[2:]
+    if not device.is_cpu:
+        host = np.empty(final, kept)
+        fill(layout.stored(host))
+        return device.upload(host)
+    data = device.empty(final, kept)
+    with device.on_host(data) as mapped:
+        fill(layout.stored(mapped))
+    return data
+
+
+def _kept(dtype: Any, layout: Layout) -> np.dtype[Any]:
+    """The type on the device."""
+    return np.dtype(dtype) if dtype in _KEPT and not layout.srgb else np.dtype(np.float32)
+
+
+def _fill(
+    stored: Array, views: ViewSet, known: View, first: Array, srgb: bool, progress: bool
+) -> None:
+    """Decode all pictures by several threads; ``first`` is that of ``known``."""
+    forms: dict[View, tuple[Any, ...]] = {}
+    problems: dict[str, str] = {}
+
+    def read(view: View) -> None:
+        name = views.files[view]
+        try:
+            picture = first if view == known else views.load(views.where / name)
+        except FormatError as error:
+            problems[name] = _cause(error, views.where / name)
+            return
+        forms[view] = (picture.shape, picture.dtype)
+        if forms[view] == (first.shape, first.dtype):
+            stored[view] = linear(picture) if srgb else picture
+
+    with ThreadPoolExecutor(min(_THREADS, os.cpu_count() or 1)) as pool:
+        bar = tqdm(total=len(views.files), desc="reading", unit="view", disable=not progress)
+        for _ in pool.map(read, views.files):
+            bar.update()
+        bar.close()
+    problems |= _differing(forms, views.files)
+    if problems:
+        raise _unusable(views, problems, len(views.files))
+
+
+def _first_readable(views: ViewSet) -> tuple[View, Array]:
+    """The first picture that can be read: it sets the size until the others are known."""
+    problems = {}
+    for view, name in views.files.items():
+        try:
+            return view, views.load(views.where / name)
+        except FormatError as error:
+            problems[name] = _cause(error, views.where / name)
+    raise _unusable(views, problems, len(problems))
+
+
+def _cause(error: FormatError, file: Path) -> str:
+    """What is wrong with a picture, without its name."""
+    said = str(error).removeprefix(f"The picture {file} ")
+    return said.removeprefix(f"{file}: the picture ")
+
+
+def _unusable(views: ViewSet, problems: dict[str, str], count: int) -> FormatError:
+    """Which pictures cannot be used, together where they have one cause."""
+    together: dict[str, list[str]] = {}
+    for name, cause in sorted(problems.items()):
+        together.setdefault(cause, []).append(name)
+    said = []
+    plural = {"is": "are", "has": "have", "declares": "declare", "needs": "need"}
+    for cause, names in together.items():
+        verb, rest = cause.split(" ", 1)
+        said.append(f"{listed(names)} {plural.get(verb, verb) if len(names) > 1 else verb} {rest}")
+    more = len(said) - _CAUSES
+    text = " ".join(said[:_CAUSES]) + (f" And {more} other causes." if more > 0 else "")
+    return FormatError(f"{len(problems)} of {count} views in {views.where} cannot be used: {text}")
+
+
+def _differing(forms: dict[View, tuple[Any, ...]], files: dict[View, str]) -> dict[str, str]:
+    """The pictures of another size or type than most."""
+    if not forms:
+        return {}
+    (shape, dtype), _ = Counter(forms.values()).most_common(1)[0]
+    return {
+        files[view]: f"is {form_of(*form)}, most are {form_of(shape, dtype)}."
+        for view, form in forms.items()
+        if form != (shape, dtype)
+    }
+
+
+def form_of(shape: tuple[int, ...], dtype: Any) -> str:
+    """Size and type in words."""
+    return f"{' x '.join(str(n) for n in shape)} {dtype}"
+
+
+def _sentence(data: Any, views: ViewSet, layout: Layout, missing: int) -> str:
+    parts = [
+        f"{data.shape[0]} x {data.shape[1]} views (V x U) of {form_of(data.shape[2:], data.dtype)} "
+        f"from {views.where}",
+        f"pattern {views.pattern.text!r}" + ("" if layout.pattern else " (guessed from the names)"),
+        *([layout.order] if layout.order else []),
+        *layout.said(),
+    ]
+    if missing:
+        parts.append(f"{missing} missing views with weight 0")
+    return ", ".join(parts)

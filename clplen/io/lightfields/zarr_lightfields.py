@@ -1,0 +1,253 @@
+"""Light fields in Zarr (formats 2 and 3, a folder or a zip archive), laid out as in HDF5.
+
+A group with the array ``lightfield`` and what `clplen.io.store.attributes` names, or one array.
+Chunks are rows of views, (1, U, ny, nx, c), or bands of them, so that a set larger than memory can
+be read part by part.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clplen.compute.device import Device
+from clplen.errors import FormatError
+from clplen.files import PathLike, filling
+from clplen.io.formats.untrusted import listed, reading
+from clplen.io.lightfields.array_sources import (
+    OpenSource,
+    Source,
+    axes_known,
+    light_field,
+    stored_light_field,
+)
+from clplen.io.lightfields.layout import ARRAY_WORDS, Kind, Layout, View
+from clplen.io.store import attributes, zarr_files
+from clplen.io.store.attributes import SAMPLES
+from clplen.io.store.zarr_files import (
+    FORMAT_2,
+    array_name,
+    attributes_of,
+    opened_store,
+    storage,
+    zarr_package,
+)
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.outputs import MARK
+
+_CHUNK = 64 << 20  # bytes of the largest chunk that is written: it is unpacked as a whole
+_DEPTH = 4  # groups in groups that are looked into
+
+
+def write_zarr(path: PathLike, lf: LightField) -> None:
+    """Write a light field with its spacing, weights, positions and camera, in Zarr format 2.
+
+    Parameters
+    ----------
+    path : path-like
+        A folder that does not exist yet, or is empty.
+    lf : LightField
+        Its samples are stored as they are (uint8, uint16, float16 or float32), a chunk a row of
+        views, or as many lines of it as make up 64 MiB. The raw image that it was decoded from is
+        not stored.
+
+    Raises
+    ------
+    FormatError
+        If the package zarr is not installed.
+    OSError
+        If the folder holds something, or cannot be written.
+    """
+    zarr = _zarr()
+    with filling(path) as folder:
+        store = zarr.storage.LocalStore(folder)  # a name may look like an address
+        group = zarr.open_group(store, mode="w", **FORMAT_2)
+        group.attrs["software"] = MARK
+        chunks = _chunks(lf)
+        data = zarr.create(
+            lf.shape, chunks=chunks, dtype=lf.dtype, store=store, path=SAMPLES, **FORMAT_2
+        )
+        with lf.device.on_host(lf.data, write=False) as values:
+            for v, row in enumerate(values):
+                data[v] = row
+        data.attrs.update(attributes.of_samples(lf))
+        for name, array in attributes.arrays_beside(lf).items():
+            words = {"chunks": array.shape, "dtype": array.dtype, "path": name, **FORMAT_2}
+            beside = zarr.create(array.shape, store=store, **words)
+            beside[...] = array
+        camera = attributes.of_camera(lf.camera)
+        if camera is not None:
+            group.create_group(attributes.CAMERA).attrs.update(camera)
+
+
+def read_zarr(
+    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
+) -> tuple[LightField, str]:
+    """Read a light field of `write_zarr`, or of another program.
+
+    Taken is the array that ``dataset=`` names, else the only array itself, else ``lightfield``,
+    else the only one of 4 or 5 dimensions. Its axes are those of ``order=``, else of its attribute
+    ``axes``, else v, u, y, x, c.
+
+    Parameters
+    ----------
+    path : path-like
+        A folder or a zip archive.
+    device : Device
+    layout : Layout
+    progress : bool
+        Whether to show a bar on standard error.
+
+    Returns
+    -------
+    LightField, str
+        The light field, and what was taken for what, in one sentence.
+
+    Raises
+    ------
+    FormatError
+        If the package zarr is not installed; if the store is damaged, has no such array or
+        several, its axes or camera are none, or its values make no light field.
+    """
+    path = Path(path)
+    with opened_store(path, "use .h5", max_bytes=layout.max_bytes) as root, reading(path):
+        found = _open_source(root, path, device, layout)
+        return light_field(found, device=device, layout=layout, progress=progress)
+
+
+@contextmanager
+def open_zarr(
+    path: PathLike, *, device: Device, layout: Layout
+) -> Iterator[tuple[StoredLightField, str]]:
+    """What `read_zarr` reads, part by part while the store is open.
+
+    Parameters
+    ----------
+    path : path-like
+    device : Device
+    layout : Layout
+
+    Yields
+    ------
+    StoredLightField, str
+
+    Raises
+    ------
+    FormatError
+        As `read_zarr`; what is damaged or NaN, when it is read.
+    """
+    path = Path(path)
+    with opened_store(path, "use .h5", max_bytes=layout.max_bytes) as root:
+        with reading(path):
+            stored = stored_light_field(_open_source(root, path, device, layout), layout)
+        yield stored
+
+
+def _open_source(root: Any, path: Path, device: Device, layout: Layout) -> OpenSource:
+    array = _find(root, path, layout.dataset)
+    found = attributes_of(array)
+    source = _source(array, found, path, layout)
+    if array_name(array) != SAMPLES:
+        return OpenSource(source)
+    known: dict[str, Any] = dict(_arrays_beside(root, path, source.views, layout.max_bytes))
+    placed = "positions" in known or layout.positions is not None
+    spacing = attributes.spacing_in(found, path)
+    if spacing is not None:  # positions stay where they are, and so does their unit
+        known["spacing"] = spacing if placed else layout.oriented_spacing(spacing)
+    known["camera"] = _camera(root, path, device)
+    return OpenSource(source, known, attributes.words_in(found, path))
+
+
+def _chunks(lf: LightField) -> tuple[int, ...]:
+    line = math.prod((lf.shape[1], *lf.shape[3:])) * lf.dtype.itemsize
+    return (1, lf.shape[1], min(lf.shape[2], max(_CHUNK // line, 1)), *lf.shape[3:])
+
+
+def _arrays(group: Any, depth: int = _DEPTH) -> dict[str, Any]:
+    """The arrays of a group and of the groups in it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = {array_name(array): array for _, array in group.arrays()}
+        for _, inner in group.groups() if depth else ():
+            found |= _arrays(inner, depth - 1)
+    return found
+
+
+def _is_array(item: Any) -> bool:
+    return isinstance(item, _zarr().Array)
+
+
+def _find(root: Any, path: Path, name: str | None) -> Any:
+    if _is_array(root):
+        if name is not None:
+            raise FormatError(f"{path} is one array, with no dataset {name!r}: leave dataset= out.")
+        return root
+    found = _arrays(root)
+    held = listed([f"{key} {item.shape} {item.dtype}" for key, item in found.items()])
+    wanted = SAMPLES if name is None else name.strip("/")
+    if wanted in found:
+        return found[wanted]
+    if name is not None:
+        raise FormatError(f"{path} has no dataset {name!r}; it holds {held or 'no array'}.")
+    fitting = [item for item in found.values() if len(item.shape) in (4, 5)]
+    if len(fitting) == 1:
+        return fitting[0]
+    count = "several arrays" if fitting else "no array"
+    raise FormatError(
+        f"{path} has {count} in 4 or 5 dimensions and none named {SAMPLES}; it holds "
+        f"{held or 'none'}; name one by dataset=."
+    )
+
+
+def _source(array: Any, found: dict[str, Any], path: Path, layout: Layout) -> Source:
+    what = f"the dataset {array_name(array)!r}" if array_name(array) else "its array"
+    shape = tuple(int(n) for n in array.shape)
+    own = attributes.axes_in(found)
+    axes, known = axes_known(path, what, shape, order=layout.order, own=own)
+    stored, ratio = storage(array, path, what, layout.max_bytes)
+    return Source(
+        path,
+        what,
+        shape,
+        np.dtype(array.dtype),
+        axes,
+        known,
+        lambda block: np.asarray(array[block]),
+        stored,
+        ratio,
+        tuple(int(n) for n in array.chunks),
+    )
+
+
+def _arrays_beside(
+    root: Any, path: Path, views: View, max_bytes: int | None
+) -> dict[str, np.ndarray[Any, Any]]:
+    found = {}
+    for name in attributes.BESIDE:
+        if name in root:
+            array = root[name]
+            if not _is_array(array) or tuple(array.shape) not in (views, (*views, 2)):
+                raise FormatError(f"{path}: {name!r} is no array of {views[0]} x {views[1]} views.")
+            storage(array, path, f"the array {name!r}", max_bytes)
+            found[name] = np.asarray(array[...])
+    return found
+
+
+def _camera(root: Any, path: Path, device: Device) -> Any:
+    if attributes.CAMERA not in root or _is_array(root[attributes.CAMERA]):
+        return None
+    return attributes.read_camera(attributes_of(root[attributes.CAMERA]), path, device)
+
+
+def _zarr() -> Any:
+    return zarr_package("use .h5")
+
+
+ZARR = Kind("Zarr", ARRAY_WORDS, read_zarr, open_zarr, marks=zarr_files.MARKS)

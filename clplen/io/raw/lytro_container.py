@@ -1,0 +1,316 @@
+"""Lytro containers (LFP, LFR), and the raw image with its JSON that other tools take out of them.
+
+A container begins with 12 bytes of magic and a length of 0. Sections follow: 8 bytes of type (a
+table of contents or content), 4 of version, the length (big endian), and, unless that is 0, 80
+bytes with the name ``sha1-...``, the data and zeros up to the next section. The table of contents
+is JSON and refers to the other sections by name (LFToolbox, Dansereau 2013-2020: LFReadLFP.m).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BufferedReader
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clplen.errors import FormatError
+from clplen.files import PathLike
+from clplen.io.formats.packing import Packing, packing_of, unpack
+from clplen.io.formats.untrusted import require_bytes
+
+DESCRIBED = (".json", ".raw")  # what other tools take out of a container
+MAGIC = b"\x89LFP\r\n\x1a\n\0\0\0\1"
+_TABLE, _CONTENT = b"\x89LFM\r\n\x1a\n", b"\x89LFC\r\n\x1a\n"
+_HEAD = 16  # bytes of type, version and length
+_NAME = 80  # bytes of the name with its zeros
+_BLOCK = 1 << 16
+_MOST = 4096  # sections
+_JSON = 1 << 21  # bytes: a table with thousands of entries
+_LISTED = 12  # sections that a message names
+# Where the two generations keep what belongs to a frame.
+_FRAMES = (("frames",), ("picture", "frameArray"), ("master", "picture", "frameArray"))
+_BESIDE = (".json", ".JSON", ".txt", ".TXT")
+_RAW = (".raw", ".RAW")
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of a container.
+
+    Attributes
+    ----------
+    table : bool
+        Whether it is the table of contents.
+    name : str
+        ``sha1-...``; empty for a section without data.
+    start, length : int
+        Where its data lie, in bytes.
+    """
+
+    table: bool
+    name: str
+    start: int
+    length: int
+
+
+def read_container(
+    path: PathLike, *, max_bytes: int | None = None
+) -> tuple[np.ndarray[Any, np.dtype[np.uint16]], str | None]:
+    """The raw image of a container, or of a raw file with its JSON.
+
+    Parameters
+    ----------
+    path : path-like
+    max_bytes : int, optional
+        Largest allocation; default half of the free memory.
+
+    Returns
+    -------
+    numpy.ndarray, str or None
+        uint16, shape (ny, nx), as it lies on the sensor, no level subtracted; and its colour
+        filters, such as "GRBG".
+
+    Raises
+    ------
+    FormatError
+        If it is damaged or holds no raw image.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FormatError(f"There is no file {path}.")
+    with path.open("rb") as file:
+        if file.read(8) == MAGIC[:8]:
+            return _read_container(path, file, max_bytes)
+    raw, metadata = _pair(path)
+    with raw.open("rb") as file:
+        whole = Section(table=False, name=raw.name, start=0, length=raw.stat().st_size)
+        return _read_image(raw, file, whole, packing_of(metadata, raw, whole.length), max_bytes)
+
+
+def sections_of(path: PathLike) -> list[tuple[str, int]]:
+    """What a container holds.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    list of (str, int)
+        For each section what the table of contents calls it, and its length in bytes.
+
+    Raises
+    ------
+    FormatError
+        If the container is damaged.
+    """
+    path = Path(path)
+    with path.open("rb") as file:
+        sections = list(_sections(path, file))
+        return _titles(sections, _table(path, file, sections))
+
+
+def _read_container(
+    path: Path, file: BufferedReader, max_bytes: int | None
+) -> tuple[np.ndarray[Any, np.dtype[np.uint16]], str | None]:
+    sections = list(_sections(path, file))
+    table = _table(path, file, sections)
+    frame = _frame(table)
+    image = _referred("imageRef", frame, path, sections)
+    if image is None:
+        raise FormatError(
+            f"{path} holds no raw image, only {_listing(_titles(sections, table))}: take the "
+            "file that the camera wrote, before it was processed."
+        )
+    described = _referred("metadataRef", frame, path, sections)
+    metadata = frame.get("metadata")
+    if described is not None:
+        metadata = _json(path, file, described, "the metadata of the frame")
+    return _read_image(path, file, image, packing_of(metadata or {}, path, image.length), max_bytes)
+
+
+def _read_image(
+    path: Path, file: BufferedReader, section: Section, packing: Packing, max_bytes: int | None
+) -> tuple[np.ndarray[Any, np.dtype[np.uint16]], str | None]:
+    needed = packing.stored
+    if section.length != needed:
+        raise FormatError(
+            f"{path}: a raw image of {packing.width} x {packing.height} pixels in {packing.bits} "
+            f"bits takes {needed:,} bytes, but {section.length:,} are there: the image is cut "
+            "off, or the metadata belong to another one."
+        )
+    require_bytes(
+        2 * packing.width * packing.height,
+        path=path,
+        what="the raw image",
+        stored=section.length,
+        ratio=2,
+        max_bytes=max_bytes,
+    )
+    file.seek(section.start)
+    return unpack(np.frombuffer(file.read(section.length), np.uint8), packing), packing.bayer
+
+
+def _sections(path: Path, file: BufferedReader) -> Iterator[Section]:
+    """The sections of a container, by their heads."""
+    size = path.stat().st_size
+    file.seek(0)
+    if file.read(_HEAD) != MAGIC + bytes(4):
+        raise FormatError(f"{path} does not begin as a Lytro container of version 1.")
+    place = _next_section(file, _HEAD)
+    for number in range(_MOST):
+        if place >= size:
+            return
+        section = _section(path, file, place, size, number)
+        yield section
+        place = _next_section(file, section.start + section.length)
+    raise FormatError(f"{path} has more than {_MOST} sections: it is damaged.")
+
+
+def _section(path: Path, file: BufferedReader, place: int, size: int, number: int) -> Section:
+    file.seek(place)
+    head = file.read(_HEAD)
+    where = f"{path}: section {number} at byte {place:,}"
+    if len(head) < _HEAD or head[:8] not in (_TABLE, _CONTENT):
+        raise FormatError(f"{where} begins with none of the types LFM and LFC: it is damaged.")
+    length = int.from_bytes(head[12:], "big")
+    if length == 0:
+        return Section(head[:8] == _TABLE, "", place + _HEAD, 0)
+    start = place + _HEAD + _NAME
+    if start + length > size:
+        raise FormatError(
+            f"{where} declares {length:,} bytes, {max(size - start, 0):,} are there: the file is "
+            "truncated or damaged."
+        )
+    name = file.read(_NAME).rstrip(b"\0").decode("ascii", "replace")
+    return Section(head[:8] == _TABLE, name, start, length)
+
+
+def _next_section(file: BufferedReader, place: int) -> int:
+    """The first byte from ``place`` on that is not 0, or the end of the file."""
+    file.seek(place)
+    while block := file.read(_BLOCK):
+        rest = block.lstrip(b"\0")
+        if rest:
+            return place + len(block) - len(rest)
+        place += len(block)
+    return place
+
+
+def _table(path: Path, file: BufferedReader, sections: list[Section]) -> dict[str, Any]:
+    for section in sections:
+        if section.table and section.length:
+            return _json(path, file, section, "the table of contents")
+    raise FormatError(f"{path} has no table of contents among its {len(sections)} sections.")
+
+
+def _json(path: Path, file: BufferedReader, section: Section, what: str) -> dict[str, Any]:
+    file.seek(section.start)
+    return parse_json(file.read(min(section.length, _JSON + 1)), path, what)
+
+
+def parse_json(data: bytes, path: Path, what: str) -> dict[str, Any]:
+    """The object of a JSON text.
+
+    Parameters
+    ----------
+    data : bytes
+    path : pathlib.Path
+    what : str
+        What it is, as the subject of a sentence.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    FormatError
+        If it is longer than 2 MiB, no JSON or no object.
+    """
+    if len(data) > _JSON:
+        raise FormatError(f"{path}: {what} is longer than {_JSON:,} bytes: it is damaged.")
+    try:
+        found = json.loads(data.rstrip(b"\0"))
+    except (ValueError, RecursionError) as error:
+        raise FormatError(f"{path}: {what} is no JSON ({error}).") from error
+    if not isinstance(found, dict):
+        raise FormatError(f"{path}: {what} is no JSON object.")
+    return found
+
+
+def _frame(table: dict[str, Any]) -> dict[str, Any]:
+    """What a table says of its first frame; empty where it has none."""
+    for keys in _FRAMES:
+        found: Any = table
+        for key in keys:
+            found = found.get(key) if isinstance(found, dict) else None
+        if isinstance(found, list) and found and isinstance(found[0], dict):
+            frame = found[0].get("frame")
+            if isinstance(frame, dict):
+                return frame
+    return {}
+
+
+def _referred(
+    key: str, frame: dict[str, Any], path: Path, sections: list[Section]
+) -> Section | None:
+    name = frame.get(key)
+    if name is None:
+        return None
+    for section in sections:
+        if section.name == name:
+            return section
+    raise FormatError(
+        f"{path}: the table of contents refers to {key} {str(name)[:60]!r}, but no section has "
+        "this name: the file is truncated or damaged."
+    )
+
+
+def _titles(sections: list[Section], table: dict[str, Any]) -> list[tuple[str, int]]:
+    names = dict(_references(table))
+    called = []
+    for section in sections:
+        title = "the table of contents" if section.table else names.get(section.name, section.name)
+        called.append((title or "an empty section", section.length))
+    return called
+
+
+def _references(table: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """(name of a section, where the table refers to it), for every reference."""
+    left: list[tuple[str, Any]] = [("", table)]
+    while left:
+        place, value = left.pop()
+        if isinstance(value, dict):
+            left.extend((f"{place}.{key}".lstrip("."), item) for key, item in value.items())
+        elif isinstance(value, list):
+            left.extend((f"{place}[{i}]", item) for i, item in enumerate(value))
+        elif isinstance(value, str) and re.match("sha1-", value):
+            yield value, place
+
+
+def _listing(titles: list[tuple[str, int]]) -> str:
+    said = [f"{title} ({length:,} bytes)" for title, length in titles[:_LISTED]]
+    more = len(titles) - _LISTED
+    return ", ".join(said) + (f" and {more} more sections" if more > 0 else "")
+
+
+def _pair(path: Path) -> tuple[Path, dict[str, Any]]:
+    """A raw file and its metadata, from either of the two; {} where there are none."""
+    described = path.suffix.lower() in (".json", ".txt")
+    beside = [path.with_suffix(suffix) for suffix in (_RAW if described else _BESIDE)]
+    other = next((file for file in beside if file.is_file()), None)
+    if described and other is None:
+        raise FormatError(
+            f"{path} is to describe a raw image, but there is no {beside[0].name} beside it."
+        )
+    if other is None:
+        return path, {}
+    raw, text = (other, path) if described else (path, other)
+    with text.open("rb") as file:
+        return raw, parse_json(file.read(_JSON + 1), text, "the description of the raw image")

@@ -1,0 +1,411 @@
+"""Raw sensor frames of any kind of file, with the lattice of their lenslets or their camera.
+
+Simulated ones are HDF5: the dataset ``raw`` (y, x) or (y, x, c), float32, as it lies on the sensor,
+with the attributes ``pixel_pitch`` and ``wavelength`` in metres, and the group ``camera`` of
+`clplen.io.store.attributes`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from clplen.compute.device import DeviceLike, as_device
+from clplen.errors import FormatError
+from clplen.files import PathLike, naming, replacing
+from clplen.io.formats import picture, tiff
+from clplen.io.formats.picture import read_picture, without_alpha
+from clplen.io.formats.tiff import read_tiff_frame
+from clplen.io.formats.untrusted import require_bytes
+from clplen.io.raw import lytro_container, raytrix
+from clplen.io.raw.lytro_container import read_container
+from clplen.io.raw.raytrix import read_raytrix
+from clplen.io.store import hdf5_files
+from clplen.io.store.attributes import CAMERA, CAMERA_NAMES, RAW, SAMPLES, of_camera, read_camera
+from clplen.io.store.hdf5_files import attributes_of, dataset_of, opened, storage
+from clplen.lightfield.calibration.lattice_fit import estimate_lattice
+from clplen.lightfield.calibration.lattice_trust import require_camera, require_trust
+from clplen.lightfield.raw.lenslet_grid import LensType
+from clplen.lightfield.raw.lenslet_lattice import Lattice
+from clplen.lightfield.raw.raw_image import RawImage
+from clplen.outputs import MARK
+
+Frame = np.ndarray[Any, Any]
+
+
+def write_raw(path: PathLike, raw: RawImage, *, durable: bool = False) -> None:
+    """Write a raw image with the camera that took it, so that `read_raw` gives both back.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.h5`` or ``.hdf5``.
+    raw : RawImage
+        Of a `PlenopticCamera`. How it was exposed and a scene's truth are not kept.
+    durable : bool
+        Whether to wait until the disk has the file, as in `clplen.files.replacing`.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another one, or the raw image has no camera of this package.
+    OSError
+        If the file cannot be written.
+    """
+    if Path(path).suffix.lower() not in hdf5_files.SUFFIXES:
+        raise ValueError(
+            f"A raw image with its camera is written as .h5, not as {Path(path).name}."
+        )
+    camera: Any = raw.camera
+    known = of_camera(camera)
+    if known is None:
+        raise ValueError(
+            "This raw image was taken by no camera of this package: keep its picture by "
+            "write_picture and its lattice by Lattice.save."
+        )
+    with replacing(path, durable=durable) as temporary:
+        try:
+            with h5py.File(temporary, "w") as file:
+                file.attrs["software"] = MARK
+                data = file.create_dataset(RAW, data=raw.to_numpy())
+                data.attrs["pixel_pitch"] = float(raw.pixel_pitch)
+                data.attrs["wavelength"] = float(camera.wavelength)
+                file.create_group(CAMERA).attrs.update(known)
+        except RuntimeError as error:  # a full disk, found when the file is closed
+            raise OSError(str(error)) from error
+
+
+def is_raw(file: h5py.File) -> bool:
+    """Whether an open file is one of `write_raw`."""
+    held = isinstance(file.get(RAW), h5py.Dataset) and isinstance(file.get(CAMERA), h5py.Group)
+    return held and SAMPLES not in file
+
+
+def is_raw_file(path: PathLike) -> bool:
+    """Whether a file is one of `write_raw`; False for what is no HDF5."""
+    path = Path(path)
+    if (
+        path.suffix.lower() not in hdf5_files.SUFFIXES
+        or not path.is_file()
+        or not h5py.is_hdf5(path)
+    ):
+        return False
+    with opened(path) as file:
+        return is_raw(file)
+
+
+def read_raw_file(
+    path: PathLike, *, device: DeviceLike | None = None, max_bytes: int | None = None
+) -> RawImage:
+    """Read what `write_raw` wrote.
+
+    Parameters
+    ----------
+    path : path-like
+    device : Device or str, optional
+        Default ``Device.open()``.
+    max_bytes : int, optional
+        Largest allocation that the file may ask for; default half of the free memory.
+
+    Returns
+    -------
+    RawImage
+        With ``camera``, and by it the places of sub-images and cells, the spacing and lens types.
+
+    Raises
+    ------
+    FormatError
+        If it is damaged, no such file, or its camera is none or of another sensor.
+    """
+    path = Path(path)
+    device = as_device(device, optional=True)
+    with opened(path) as file:
+        dataset = dataset_of(file, RAW, path)
+        group = file.get(CAMERA)
+        values = attributes_of(group, CAMERA_NAMES, path) if isinstance(group, h5py.Group) else {}
+        camera = read_camera(values, path, device)
+        if camera is None:
+            raise FormatError(f"{path} does not tell which camera took its raw image.")
+        _require_sensor(dataset, camera.grid.shape, path)
+        stored, ratio = storage(dataset, path, max_bytes)
+        require_bytes(
+            math.prod(dataset.shape) * dataset.dtype.itemsize,
+            path=path,
+            what=f"the dataset {RAW!r}",
+            stored=stored,
+            ratio=ratio,
+            max_bytes=max_bytes,
+        )
+        data = np.ascontiguousarray(dataset[...], np.float32)
+    return camera.raw_image(device.upload(data))
+
+
+def _require_sensor(dataset: h5py.Dataset, shape: tuple[int, int], path: Path) -> None:
+    fits = tuple(dataset.shape[:2]) == shape and dataset.shape[2:] in ((), (3,))
+    if not fits or dataset.dtype.kind not in "uif":
+        raise FormatError(
+            f"{path}: the dataset {RAW!r} of shape {dataset.shape} holds {dataset.dtype}, not real "
+            f"numbers on the sensor of its camera, {shape}."
+        )
+
+
+def read_frame(
+    path: PathLike, *, frame: int | None = None, max_bytes: int | None = None
+) -> tuple[Frame, str | None]:
+    """One frame as it lies on the sensor.
+
+    Parameters
+    ----------
+    path : path-like
+        A picture, a Lytro container, or a raw image with its JSON beside it.
+    frame : int, optional
+        Which frame of a TIFF that holds several, from 0, in the file's own order (of OME-TIFF
+        usually time, channel, plane, the last running fastest); the log says where it lies.
+    max_bytes : int, optional
+        Largest allocation that a file may ask for; default half of the free memory.
+
+    Returns
+    -------
+    numpy.ndarray, str or None
+        Shape (ny, nx), or (ny, nx, 3) of a colour picture, with the file's own dtype; and the
+        colour filters, such as "GRBG", where the file tells them.
+
+    Raises
+    ------
+    FormatError
+        If it is missing, damaged or of another kind, or holds several frames and ``frame`` is not
+        one of them.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FormatError(f"There is no file {path}.")
+    if path.suffix.lower() in tiff.SUFFIXES:
+        values = read_tiff_frame(path, frame=frame, max_bytes=max_bytes)
+        return without_alpha(values, path), None
+    if frame is not None:
+        raise FormatError(f"frame= counts the frames of a TIFF, {path} holds one only.")
+    with path.open("rb") as file:
+        lytro = file.read(8) == lytro_container.MAGIC[:8]
+    if lytro or path.suffix.lower() in (*lytro_container.DESCRIBED, ".txt"):
+        return read_container(path, max_bytes=max_bytes)
+    if path.suffix.lower() not in picture.SUFFIXES:
+        raise FormatError(
+            f"{path} is no raw frame: give a picture ({', '.join(picture.SUFFIXES)}), a Lytro "
+            "container, or a .raw file with its .json beside it."
+        )
+    return read_picture(path, max_bytes=max_bytes), None
+
+
+def read_raw(
+    path: PathLike,
+    *,
+    image: PathLike | None = None,
+    device: DeviceLike | None = None,
+    white: PathLike | None = None,
+    dark: PathLike | None = None,
+    grid: PathLike | None = None,
+    frame: int | None = None,
+    force: bool = False,
+) -> RawImage:
+    """Read a raw lenslet image with the lattice of its lenslets, without decoding it.
+
+    Parameters
+    ----------
+    path : path-like
+        The XML calibration of a Raytrix camera, whose lenses it tells; a file of `write_raw`, with
+        its camera; or a picture, a Lytro container or a raw image with its JSON, with ``white`` or
+        ``grid``.
+    image : path-like, optional
+        The picture that belongs to an XML; default the one of the same name beside it.
+    device : Device or str, optional
+        Default ``Device.open()``.
+    white : path-like, optional
+        White image of the same camera, on which the lenslets are found (`estimate_lattice`). The
+        raw image is not divided by it.
+    dark : path-like, optional
+        Dark frame, subtracted from the image and from the white one.
+    grid : path-like, optional
+        Lenslet lattice: JSON of `Lattice.save`, or a Raytrix XML, which tells its lens types too.
+    frame : int, optional
+        Which frame of a TIFF that holds several, as for `read_frame`.
+    force : bool
+        Whether to go on, with a `SamplingWarning`, where the lattice of the white image is not to
+        be trusted, or the frame shows another one.
+
+    Returns
+    -------
+    RawImage
+        float32, with the file's own values and `lattice`; ``sub_images`` and ``cells`` are its
+        lenslets of which a whole sub-image lies on the picture. The pixel pitch is NaN. Of a file
+        of `write_raw`, what was written.
+
+    Raises
+    ------
+    FormatError
+        If a file is missing, damaged or of another kind, nothing tells where the lenslets lie,
+        the white image is none or of another camera, or an XML has no lens types.
+    ValueError
+        If both white and grid are given, or words that do not apply to an XML or HDF5.
+    ShapeError
+        If not one lenslet lies on the picture.
+    """
+    path = Path(path)
+    types: tuple[LensType, ...] = ()
+    beside = any(one is not None for one in (white, dark, grid))
+    if beside and path.suffix.lower() in (*raytrix.SUFFIXES, *hdf5_files.SUFFIXES):
+        raise ValueError(f"{path.name} tells the lenses: white=, dark= and grid= do not apply.")
+    if path.suffix.lower() in hdf5_files.SUFFIXES:
+        if image is not None or frame is not None:
+            raise ValueError(f"{path.name} holds one raw image: image= and frame= do not apply.")
+        return read_raw_file(path, device=device)
+    if path.suffix.lower() in raytrix.SUFFIXES:
+        values, _ = read_frame(picture_of(path) if image is None else image, frame=frame)
+        lattice, types = _calibrated(path, _shape(values))
+    else:
+        if image is not None:
+            raise ValueError(f"image= belongs to an XML, {path.name} is an image itself.")
+        values, _ = read_frame(path, frame=frame)
+        black = None if dark is None else _like(dark, values, path)[0]
+        lattice = _lattice(path, values, white, black, grid, force)
+        if grid is not None and Path(grid).suffix.lower() in raytrix.SUFFIXES:
+            types = _calibrated(Path(grid), _shape(values))[1]
+        values = values if black is None else values.astype(np.float32) - black
+    device = as_device(device, optional=True)
+    with naming(path):
+        grid_of_all = lattice.grid(lattice.views())
+    return RawImage(
+        device.upload(np.ascontiguousarray(values, np.float32)),
+        device,
+        math.nan,
+        grid_of_all,
+        grid_of_all,
+        lattice=lattice,
+        lens_types=types,
+    )
+
+
+def read_lattice(path: PathLike, shape: tuple[int, int]) -> Lattice:
+    """The lattice of the lenslets of a picture, from JSON or from a Raytrix XML.
+
+    Parameters
+    ----------
+    path : path-like
+    shape : tuple of int
+        (ny, nx) of the picture.
+
+    Returns
+    -------
+    Lattice
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged, of another kind, or tells another shape.
+    """
+    path = Path(path)
+    if path.suffix.lower() in raytrix.SUFFIXES:
+        calibration = read_raytrix(path)
+        with _refusing(path):
+            return calibration.lattice(shape)
+    lattice = Lattice.load(path)
+    if lattice.shape not in (None, shape):
+        raise FormatError(
+            f"{path} is the lattice of a picture of shape {lattice.shape}, not of {shape}: it "
+            "belongs to another camera."
+        )
+    return replace(lattice, shape=shape)
+
+
+def _calibrated(path: Path, shape: tuple[int, int]) -> tuple[Lattice, tuple[LensType, ...]]:
+    """The lenses of a Raytrix XML and their kinds."""
+    calibration = read_raytrix(path)
+    if not calibration.lens_types:
+        raise FormatError(
+            f"{path} has no <lens_type>, which tells the depths at which a kind of lens is sharp: "
+            "add one for each kind, one in all if the lenses are alike."
+        )
+    with _refusing(path):
+        return calibration.lattice(shape), calibration.types()
+
+
+@contextmanager
+def _refusing(path: Path) -> Iterator[None]:
+    """A value in a file that makes no lattice, as what is wrong with the file."""
+    try:
+        yield
+    except ValueError as error:
+        raise FormatError(f"{path}: {error}") from error
+
+
+def picture_of(path: Path) -> Path:
+    """The picture of the same name beside a Raytrix XML.
+
+    Raises
+    ------
+    FormatError
+        If there is none.
+    """
+    for suffix in picture.SUFFIXES:
+        for name in (path.with_suffix(suffix), path.with_suffix(suffix.upper())):
+            if name.is_file():
+                return name
+    raise FormatError(
+        f"There is no picture {path.stem} beside {path} ({', '.join(picture.SUFFIXES)}): "
+        "give image=."
+    )
+
+
+def _lattice(
+    path: Path,
+    frame: Frame,
+    white: PathLike | None,
+    dark: Frame | None,
+    grid: PathLike | None,
+    force: bool,
+) -> Lattice:
+    if white is not None and grid is not None:
+        raise ValueError("Give white=, to find the lenslets, or grid=, where they are; not both.")
+    if grid is not None:
+        return read_lattice(grid, _shape(frame))
+    if white is None:
+        raise FormatError(
+            f"Nothing tells where the lenslets of {path} lie: give white=, a white image of the "
+            "same camera, or grid=, a lattice saved before."
+        )
+    flat, bayer = _like(white, frame, path)
+    black = None if dark is None else _grey(dark)
+    with naming(white):
+        lattice = estimate_lattice(_grey(flat), dark=black, bayer=bayer)
+    require_trust(lattice, str(white), force=force, error=FormatError)
+    if not force:
+        with naming(path):
+            require_camera(
+                _grey(frame), lattice, str(white), dark=black, bayer=bayer, error=FormatError
+            )
+    return lattice
+
+
+def _like(other: PathLike, frame: Frame, path: Path) -> tuple[Frame, str | None]:
+    """A frame of the same shape as the raw image, float32, and its colour filters."""
+    found, bayer = read_frame(other)
+    if found.shape != frame.shape:
+        raise FormatError(
+            f"{other} has shape {found.shape}, {path} has {frame.shape}: they are of different "
+            "cameras."
+        )
+    return found.astype(np.float32), bayer
+
+
+def _grey(frame: Frame) -> Frame:
+    return frame.mean(2) if frame.ndim == 3 else frame
+
+
+def _shape(frame: Frame) -> tuple[int, int]:
+    return frame.shape[0], frame.shape[1]

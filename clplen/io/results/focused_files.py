@@ -1,0 +1,285 @@
+"""Pictures, stacks and depth of focused cameras as files that other programs read."""
+
+from __future__ import annotations
+
+import html
+import json
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import tifffile
+
+from clplen.errors import FormatError
+from clplen.files import PathLike, replacing
+from clplen.hdf5_safety import require_own
+from clplen.io.formats import npy, pfm, tiff
+from clplen.io.formats.npy import write_npy
+from clplen.io.formats.pfm import write_pfm
+from clplen.io.formats.picture import write_picture
+from clplen.io.results.stack_files import numbers
+from clplen.io.store import hdf5_files
+from clplen.io.store.picture_blocks import Block, as_block
+from clplen.io.store.picture_series import is_ome, is_series, write_series
+from clplen.lightfield.focused.focused_depth import FocusedDepth, FocusedMaps
+from clplen.lightfield.focused.focused_picture import FocusedImage, FocusedStack, PictureGrid
+from clplen.lightfield.raw.raw_image import Spacing
+from clplen.outputs import MARK
+
+_M = "b/a, magnification of the lenslets; > 0: they see an image before the array"
+_MAP = f"m, {_M}"
+_BY = "of a focused camera (plenoptic 2.0)"
+_DZ = "metres from the focused plane, farther is positive"
+_ALPHA = "F/F', F main lens to its image of the focused plane, F' to that of the plane"
+_GRID = "sample (i, k) is the chief ray that meets the sensor at first_px + step_px (i, k)"
+_CHANNELS = {
+    "m": _M,
+    "virtual_depth": "1/m = a/b",
+    "z": _DZ,
+    "confidence": "0 to 1; 0 where m is filled from its neighbours",
+}
+_LENSLETS = {
+    "centre": "(y, x) of each sub-image, in pixels of the sensor",
+    "m": _M,
+    "virtual_depth": "1/m = a/b",
+    "z": _DZ,
+    "confidence": "0 to 1",
+    "uncertainty": "standard deviation of m",
+    "type": "kind of lens; -1: no lenslet",
+}
+
+
+def write_focused(
+    path: PathLike,
+    made: FocusedImage | FocusedStack,
+    *,
+    durable: bool = False,
+    replace: bool = False,
+) -> None:
+    """Write a rendered picture or focal stack of a focused camera, linear float32.
+
+    The OME description is JSON: of a picture ``m``, of a stack ``ms``, ``alphas`` and ``dz_m`` of
+    the planes (null where unknown), of both the patch in pixels and where samples lie on the
+    sensor. The size of a pixel is that on the main lens' image plane of ``m``; a stack, which has
+    several, tells none.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.tif``, OME-TIFF, or ``.zarr``, OME-Zarr; axes YX or ZYX, and S for colours.
+    made : FocusedImage or FocusedStack
+    durable, replace : bool
+        As in `clplen.io.write_stack`.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another one.
+    FormatError
+        If it is ``.zarr`` and the package zarr is not installed.
+    OSError
+        If it cannot be written.
+    """
+    if not is_series(path):
+        raise ValueError(
+            f"Pictures of a focused camera are written as .tif or .zarr, not as {Path(path).name}."
+        )
+    is_stack = isinstance(made, FocusedStack)
+    shape = made.shape if is_stack else (1, *made.shape)
+    axes = ("ZYX" if is_stack else "YX") + ("S" if len(shape) == 4 else "")
+    write_series(
+        path,
+        _planes(made) if isinstance(made, FocusedStack) else as_block(made.to_numpy()[None]),
+        shape=shape,
+        axes=axes,
+        description=_said_of(made) | _said_of_grid(made.grid),
+        spacing=None if isinstance(made, FocusedStack) else _spacing(made.pitch),
+        durable=durable,
+        replace=replace,
+    )
+
+
+def _planes(stack: FocusedStack) -> Iterator[Block]:
+    rows, columns = (slice(0, n) for n in stack.shape[1:3])
+    for i in range(stack.shape[0]):
+        yield slice(i, i + 1), rows, columns, stack.device.download(stack.data[i])[None]
+
+
+def _said_of(made: FocusedImage | FocusedStack) -> dict[str, Any]:
+    """What is said about the planes."""
+    said: dict[str, Any] = {"lenslet_pitch_px": made.geometry.pitch, "magnification": _M}
+    if isinstance(made, FocusedStack):
+        patches = [made.geometry.patch(float(m)) for m in made.ms]
+        said |= {"ms": numbers(made.ms), "patches_px": patches}
+        return said | {
+            "alphas": numbers(made.alphas),
+            "alpha": _ALPHA,
+            "dz_m": numbers(made.zs),
+            "dz": _DZ,
+        }
+    return said | {"m": made.m, "patch_px": abs(made.ratio) * made.geometry.pitch}
+
+
+def _said_of_grid(grid: PictureGrid) -> dict[str, Any]:
+    return {"first_px": list(grid.first), "step_px": grid.step, "grid": _GRID}
+
+
+def _spacing(pitch: float) -> Spacing | None:
+    """Signed (dv, du, dy, dx), of which a picture has the last two."""
+    return (math.nan, math.nan, pitch, pitch) if math.isfinite(pitch) else None
+
+
+def write_focused_depth(
+    path: PathLike,
+    depth: FocusedDepth,
+    maps: FocusedMaps,
+    *,
+    durable: bool = False,
+    replace: bool = False,
+) -> None:
+    """Write the depth that a focused camera tells.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.h5``: group ``lenslets`` with centre, m, virtual_depth, z, confidence, uncertainty and
+        type of every sub-image, and group ``picture`` with the maps m, virtual_depth, z and
+        confidence; ``.ome.tif`` or ``.zarr``: these maps as channels, OME-TIFF or OME-Zarr;
+        ``.pfm``, ``.npy`` or ``.tif``: the map of m alone, float32. z only where it is known.
+    depth : FocusedDepth
+    maps : FocusedMaps
+        Of the same depth.
+    durable, replace : bool
+        As in `clplen.io.write_stack`.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another one.
+    FormatError
+        If it is ``.zarr`` and the package zarr is not installed.
+    OSError
+        If it cannot be written.
+    """
+    path = Path(path)
+    suffixes = [suffix.lower() for suffix in path.suffixes]
+    if suffixes[-1:] in ([suffix] for suffix in hdf5_files.SUFFIXES):
+        _write_hdf5(path, depth, maps, durable)
+    elif is_ome(path):
+        found = {name: np.asarray(v, np.float32) for name, v in _known(maps, _CHANNELS).items()}
+        values = np.stack(list(found.values()))
+        write_series(
+            path,
+            as_block(values),
+            shape=values.shape,
+            axes="CYX",
+            description={name: _CHANNELS[name] for name in found} | _said_of_grid(maps.grid),
+            spacing=None,
+            channels=tuple(found),
+            durable=durable,
+            replace=replace,
+        )
+    else:
+        _write_map(path, np.asarray(maps.m, np.float32), durable)
+
+
+def describe_focused(path: PathLike) -> tuple[str, dict[str, Any]] | None:
+    """What `write_focused` or `write_focused_depth` wrote into an HDF5 or OME-TIFF.
+
+    Returns
+    -------
+    (str, dict) or None
+        In words, with the shape and the m = b/a of its planes where there are such; None of any
+        other file.
+    """
+    path = Path(path)
+    if not path.is_file():
+        return None
+    if path.suffix.lower() in hdf5_files.SUFFIXES:
+        return _found_in_hdf5(path) if h5py.is_hdf5(path) else None
+    return _found_in_tiff(path) if path.suffix.lower() in tiff.SUFFIXES else None
+
+
+def _found_in_hdf5(path: Path) -> tuple[str, dict[str, Any]] | None:
+    try:
+        with h5py.File(path) as file:
+            require_own(file, path)
+            m = file.get("lenslets/m")
+            if m is None or "picture/m" not in file or m.attrs.get("meaning") != _M:
+                return None
+            shapes = {"lenslets": m.shape, "shape": file["picture/m"].shape}
+    except (FormatError, OSError, RuntimeError, ValueError, AttributeError, KeyError):
+        return None
+    return f"depth {_BY}", shapes
+
+
+def _found_in_tiff(path: Path) -> tuple[str, dict[str, Any]] | None:
+    try:
+        with tifffile.TiffFile(path, is_ome=False, is_imagej=False) as file:
+            first, count = file.pages.first, len(file.pages)
+            about, shape = first.description, tuple(first.shape)
+        if about == _MAP:
+            return f"a map of m = b/a {_BY}", {"shape": shape}
+        text = re.search("<Description>(.*?)</Description>", about, re.DOTALL)
+        said = json.loads(html.unescape(text[1])) if text else None
+        found: dict[str, Any] = {"shape": (count, *shape) if count > 1 else shape}
+        if not isinstance(said, dict):
+            return None
+        if said.get("m") == _M:
+            return f"depth {_BY}", found
+        if said.get("magnification") != _M:
+            return None
+        found["m"] = [float(m) for m in said.get("ms", [said.get("m")])]
+    except Exception:  # tifffile raises all kinds on damaged files
+        return None
+    return f"{'a focal stack' if 'ms' in said else 'a picture'} {_BY}", found
+
+
+def _write_map(path: Path, values: np.ndarray[Any, Any], durable: bool) -> None:
+    suffix = path.suffix.lower()
+    if suffix in npy.SUFFIXES:
+        write_npy(path, values, durable=durable)
+    elif suffix in pfm.SUFFIXES:
+        write_pfm(path, values, durable=durable)
+    elif suffix in tiff.SUFFIXES:
+        write_picture(path, values, description=_MAP, durable=durable)
+    else:
+        raise ValueError(
+            f"Depth of a focused camera is written as .h5, .tif, .zarr, .pfm or .npy, not as "
+            f"{path.name}."
+        )
+
+
+def _known(of: Any, names: dict[str, str]) -> dict[str, np.ndarray[Any, Any]]:
+    """Maps of an object by their names, without a z of which nothing is known."""
+    found = {name: np.asarray(getattr(of, name)) for name in names}
+    if not np.isfinite(found["z"]).any():
+        del found["z"]
+    return found
+
+
+def _write_hdf5(path: Path, depth: FocusedDepth, maps: FocusedMaps, durable: bool) -> None:
+    geometry = depth.geometry
+    of_lenslets = {name: text for name, text in _LENSLETS.items() if name not in ("centre", "type")}
+    lenslets: dict[str, np.ndarray[Any, Any]] = {"centre": geometry.places, "type": geometry.kinds}
+    lenslets |= _known(depth, of_lenslets)
+    with replacing(path, durable=durable) as temporary:
+        try:
+            with h5py.File(temporary, "w") as file:
+                file.attrs["software"] = MARK
+                _put(file.create_group("lenslets"), lenslets, _LENSLETS)
+                picture = file.create_group("picture")
+                _put(picture, _known(maps, _CHANNELS), _CHANNELS)
+                picture.attrs.update(_said_of_grid(maps.grid))
+        except RuntimeError as error:  # a full disk, found when the file is closed
+            raise OSError(str(error)) from error
+
+
+def _put(group: h5py.Group, arrays: dict[str, np.ndarray[Any, Any]], texts: dict[str, str]) -> None:
+    for name, values in arrays.items():
+        stored = values.astype(np.float32) if values.dtype.kind == "f" else values
+        group.create_dataset(name, data=stored).attrs["meaning"] = texts[name]

@@ -1,0 +1,131 @@
+"""Volumes of microscopes: OME-TIFF and OME-Zarr with the size of a voxel."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clplen.errors import FormatError, ShapeError
+from clplen.files import PathLike
+from clplen.io.formats import npy
+from clplen.io.formats.npy import map_npy
+from clplen.io.formats.untrusted import require_bytes
+from clplen.io.store.picture_blocks import Array, as_block
+from clplen.io.store.picture_series import describe_series, is_series, read_series, write_series
+
+
+def write_volume(
+    path: PathLike,
+    volume: Any,
+    *,
+    planes: Any,
+    voxel: tuple[float, float],
+    description: dict[str, Any] | None = None,
+    durable: bool = False,
+    replace: bool = False,
+) -> None:
+    """Write a volume as linear float32, whole or not at all.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.tif`` or ``.tiff``, OME-TIFF; ``.zarr``, OME-Zarr (a folder).
+    volume : array_like
+        Shape (planes, y, x).
+    planes : array_like
+        z of each plane in metres: OME's PositionZ, or the place of an OME-Zarr. Where they rise
+        and are equidistant their step is the size of a voxel.
+    voxel : tuple of float
+        (dy, dx) in metres.
+    description : dict, optional
+        What else is known, of JSON; "planes_um" is added.
+    durable, replace : bool
+        As in `write_stack`.
+
+    Raises
+    ------
+    ValueError, ShapeError
+        If the suffix is another one, or there are not as many planes as z.
+    FormatError, FileExistsError, OSError
+        As `write_stack`.
+    """
+    if not is_series(path):
+        raise ValueError(f"A volume is written as .tif or .zarr, not as {Path(path).name}.")
+    values, z = np.asarray(volume, np.float32), np.asarray(planes, np.float64)
+    if values.ndim != 3 or z.shape != values.shape[:1]:
+        raise ShapeError(
+            f"A volume has shape (planes, y, x) and a z for each plane, not {values.shape} and "
+            f"{z.shape}."
+        )
+    write_series(
+        path,
+        as_block(values),
+        shape=values.shape,
+        axes="ZYX",
+        description={**(description or {}), "planes_um": [round(one * 1e6, 9) for one in z]},
+        spacing=(math.nan, math.nan, *voxel),
+        depth=_step(z),
+        positions=z.tolist(),
+        durable=durable,
+        replace=replace,
+    )
+
+
+def _step(z: Array) -> float | None:
+    """The distance of planes in metres, None where they do not rise or are not equidistant."""
+    steps = np.diff(z)
+    if steps.size == 0 or steps[0] <= 0 or np.ptp(steps) > 1e-6 * steps[0]:
+        return None
+    return round(float(steps.mean()), 15)
+
+
+def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array, dict[str, Any]]:
+    """Read a volume, and what its file says of it.
+
+    Parameters
+    ----------
+    path : path-like
+        TIFF of pages that are alike, OME-Zarr or ``.npy``.
+    max_bytes : int, optional
+        Largest allocation; default half of the free memory.
+
+    Returns
+    -------
+    numpy.ndarray, dict
+        Shape (planes, y, x); the description of `write_volume`, empty for other files.
+
+    Raises
+    ------
+    FormatError
+        If it is missing, damaged, of another kind or no volume of numbers.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in npy.SUFFIXES:
+        series = read_series(
+            path, what="a volume", kinds=".tif, .zarr and .npy", max_bytes=max_bytes
+        )
+        values, about = series.values, series.about
+    else:
+        mapped = map_npy(path, what="a volume")
+        size = path.stat().st_size
+        require_bytes(
+            mapped.nbytes, path=path, what="a volume", stored=size, ratio=1, max_bytes=max_bytes
+        )
+        values, about = np.array(mapped), {}
+        values = values[None] if values.ndim == 2 else values
+    if values.ndim != 3 or values.dtype.kind not in "uif" or values.size == 0:
+        raise FormatError(f"{path} holds {values.dtype} of shape {values.shape}, not (z, y, x).")
+    return values, about
+
+
+def is_volume(path: PathLike) -> bool:
+    """Whether a file was written by `write_volume`.
+
+    Parameters
+    ----------
+    path : path-like
+    """
+    return "planes_um" in describe_series(path)

@@ -1,0 +1,170 @@
+"""HDF5 files of unknown origin: opening, bounded reading, compression."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from clplen.errors import FormatError
+from clplen.hdf5_safety import require_heaps, require_own
+from clplen.io.formats.untrusted import DEFLATE, listed, reading, require_bytes
+from clplen.io.store.attributes import plain
+
+SUFFIXES = (".h5", ".hdf5")
+MAGIC = b"\x89HDF\r\n\x1a\n"
+_ATTRIBUTE = 1 << 16  # bytes: HDF5's own limit of an attribute in an object's header
+_SPARSE = 4.0  # chunks that were never written hold the fill value: a quarter has to be there
+# Largest ratios of filters by number (HDF5 registry). SZIP codes up to 64 blocks of 32 samples of
+# 32 bits in 9 bits or more (CCSDS 121.0-B, "remainder of segment"); LZF copies up to 264 bytes by
+# 3; n-bit keeps at least 1 of 64 bits; shuffle and checksum keep the size.
+_RATIOS = {
+    h5py.h5z.FILTER_DEFLATE: DEFLATE,
+    h5py.h5z.FILTER_SHUFFLE: 1.0,
+    h5py.h5z.FILTER_FLETCHER32: 1.0,
+    h5py.h5z.FILTER_SZIP: 8192.0,
+    h5py.h5z.FILTER_NBIT: 64.0,
+    h5py.h5z.FILTER_LZF: 88.0,
+}
+_OTHER = DEFLATE  # of scale-offset and of filters that plugins bring
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[h5py.File]:
+    """An HDF5 file to read; what HDF5 says of a damaged one is a FormatError.
+
+    Raises
+    ------
+    FormatError
+        Also if it leads to other files.
+    """
+    with reading(path), h5py.File(path, "r") as file:
+        require_own(file, path)
+        yield file
+
+
+def datasets(file: h5py.File) -> dict[str, h5py.Dataset]:
+    """Every dataset of a file, by its name without the first slash; links are not followed."""
+    found: dict[str, h5py.Dataset] = {}
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset):
+            found[name] = item
+
+    file.visititems(visit)
+    return found
+
+
+def dataset_of(file: h5py.File, name: str, path: Path) -> h5py.Dataset:
+    """A dataset by its name.
+
+    Raises
+    ------
+    FormatError
+        Listing those that are there, with their shapes.
+    """
+    dataset = file.get(name)
+    if not isinstance(dataset, h5py.Dataset):
+        raise FormatError(f"{path} has no dataset {name!r}; it holds {contents(file)}.")
+    return dataset
+
+
+def contents(file: h5py.File) -> str:
+    """The datasets of a file with shapes and types, for a message."""
+    found = [f"{name} {item.shape} {item.dtype}" for name, item in datasets(file).items()]
+    return listed(found) if found else "no dataset"
+
+
+def attributes_of(item: Any, names: Iterable[str], path: Path) -> dict[str, Any]:
+    """Some attributes of a dataset or group as plain Python; those that are not there are left out.
+
+    Raises
+    ------
+    FormatError
+        If one is larger than an attribute may be.
+    """
+    found = {}
+    for name in names:
+        if name not in item.attrs:
+            continue
+        attribute = item.attrs.get_id(name)
+        if _is_variable(attribute.get_type()):
+            require_heaps(path)
+        size = attribute.get_storage_size()
+        if size > _ATTRIBUTE:
+            raise FormatError(
+                f"{path}: the attribute {name!r} of {item.name} declares {size:,} bytes, more than "
+                "an attribute holds: the file is damaged."
+            )
+        found[name] = plain(item.attrs[name])
+    return found
+
+
+def _is_variable(kind: Any) -> bool:
+    """Whether values are of variable length, which lie in heaps."""
+    return bool(kind.detect_class(h5py.h5t.VLEN)) or (
+        isinstance(kind, h5py.h5t.TypeStringID) and bool(kind.is_variable_str())
+    )
+
+
+def require_size(dataset: h5py.Dataset, largest: int, path: Path) -> None:
+    """Refuse a small dataset of real numbers that is none or declares too many samples.
+
+    Raises
+    ------
+    FormatError
+    """
+    if dataset.dtype.kind not in "buif" or math.prod(dataset.shape) > largest:
+        raise FormatError(
+            f"{path}: the dataset {dataset.name!r} of shape {dataset.shape} holds {dataset.dtype}, "
+            f"not up to {largest} real numbers."
+        )
+
+
+def storage(dataset: h5py.Dataset, path: Path, max_bytes: int | None) -> tuple[int, float]:
+    """Bytes that a file has for a dataset, and the largest ratio of their compression.
+
+    Raises
+    ------
+    FormatError
+        If they are compressed by a filter that is not there, or in chunks larger than they can be.
+    """
+    stored = min(dataset.id.get_storage_size(), path.stat().st_size)
+    if dataset.chunks is None:
+        return stored, 1.0
+    ratio = _ratio(dataset, path)
+    require_bytes(
+        math.prod(dataset.chunks) * dataset.dtype.itemsize,
+        path=path,
+        what=f"a chunk of {dataset.name!r}",
+        stored=stored,
+        ratio=ratio,
+        max_bytes=max_bytes,
+    )
+    return stored, ratio
+
+
+def _ratio(dataset: h5py.Dataset, path: Path) -> float:
+    made = dataset.id.get_create_plist()
+    filters = [made.get_filter(i) for i in range(made.get_nfilters())]
+    missing = [f for f in filters if not h5py.h5z.filter_avail(f[0])]
+    if missing:
+        names = ", ".join(f"{f[3].decode('ascii', 'replace')} ({f[0]})" for f in missing)
+        raise FormatError(
+            f"{path}: {dataset.name!r} is compressed by {names}, a filter that is not installed: "
+            "install hdf5plugin and import it, or repack the file with gzip."
+        )
+    return max(math.prod(_RATIOS.get(f[0], _OTHER) for f in filters), _SPARSE)
+
+
+def number(value: Any) -> float:
+    """One finite number of an attribute or dataset, NaN where there is none."""
+    values = np.asarray(value)
+    if values.size != 1 or values.dtype.kind not in "buif":
+        return math.nan
+    return float(values.reshape(-1)[0])

@@ -1,0 +1,143 @@
+"""OME-TIFF: linear float32 pictures with their axes, pixel sizes in micrometres and a description.
+
+OME data model 2016-06 (Goldberg et al., Genome Biology 6, R47, 2005); the description is JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+
+from clplen.errors import FormatError
+from clplen.files import PathLike, check_space, replacing
+from clplen.io.formats import tiff
+from clplen.io.formats.tiff import decode_tiff
+from clplen.io.formats.untrusted import require_bytes
+from clplen.io.store.picture_blocks import Array, Block, checked_blocks, write_rows
+from clplen.lightfield.raw.raw_image import Spacing
+from clplen.outputs import MARK
+
+_BIG = (1 << 32) - (1 << 25)  # bytes from which on BigTIFF is written; the rest is for the heads
+
+
+def write_ome(
+    path: PathLike,
+    blocks: Iterable[Block],
+    *,
+    shape: tuple[int, ...],
+    axes: str,
+    description: dict[str, Any],
+    spacing: Spacing | None,
+    channels: tuple[str, ...] = (),
+    depth: float | None = None,
+    positions: Sequence[float] = (),
+    durable: bool = False,
+) -> None:
+    """Write pictures as one series of OME-TIFF, float32; BigTIFF from 4 GB on.
+
+    The file is laid out first, without compression, and each block then goes to its place, so that
+    no more than one plane of one block is held besides the block.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.tif`` or ``.tiff``.
+    blocks : iterable of Block
+        In any order.
+    shape : tuple of int
+        (n, y, x) or (n, y, x, c) of all of them together.
+    axes : str
+        A letter a dimension: Z planes, C channels, S samples of a colour; without Z and C n is 1.
+    description : dict
+        What the values are; written as JSON.
+    spacing : tuple of float or None
+        Signed (dv, du, dy, dx) in metres.
+    channels : tuple of str, optional
+        Names of the channels.
+    depth : float, optional
+        Distance of planes in metres.
+    positions : sequence of float, optional
+        z of each plane in metres: PositionZ.
+    durable : bool
+        Whether to wait until the disk has the file, as in `clplen.files.replacing`.
+
+    Raises
+    ------
+    ValueError, ShapeError
+        If the suffix is another one, or the blocks are not the whole.
+    OSError
+        If the file cannot be written.
+    """
+    if Path(path).suffix.lower() not in tiff.SUFFIXES:
+        raise ValueError(f"OME-TIFF is written as .tif, not as {Path(path).name}.")
+    stored = shape if axes[0] in "ZC" else shape[1:]
+    if shape[3:] == (1,):  # TIFF knows no axis of one sample
+        stored, axes = stored[:-1], axes.removesuffix("S")
+    metadata: dict[str, Any] = {"axes": axes, "Description": json.dumps(description)}
+    if spacing is not None:
+        for axis, step in zip("YX", spacing[2:], strict=True):
+            metadata |= {f"PhysicalSize{axis}": abs(step) * 1e6, f"PhysicalSize{axis}Unit": "µm"}
+    if depth is not None:
+        metadata |= {"PhysicalSizeZ": abs(depth) * 1e6, "PhysicalSizeZUnit": "µm"}
+    places = [round(z * 1e6, 9) for z in positions]
+    if places:
+        metadata["Plane"] = {"PositionZ": places, "PositionZUnit": ["µm"] * len(places)}
+    if channels:
+        metadata["Channel"] = {"Name": list(channels)}
+    nbytes = 4 * math.prod(shape)
+    check_space(path, nbytes)
+    with replacing(path, durable) as temporary:
+        with tifffile.TiffWriter(temporary, ome=True, bigtiff=nbytes > _BIG) as writer:
+            start, _ = writer.write(
+                shape=stored,
+                dtype=np.float32,
+                photometric="rgb" if shape[3:] == (3,) else "minisblack",
+                planarconfig="contig" if math.prod(shape[3:]) > 1 else None,
+                metadata=metadata,
+                software=MARK,
+                returnoffset=True,
+            )
+        with temporary.open("r+b") as file, closing(checked_blocks(blocks, shape)) as parts:
+            sample = 4 * math.prod(shape[3:])
+            for planes, rows, columns, values in parts:
+                for plane, picture in zip(range(planes.start, planes.stop), values, strict=True):
+                    before = (plane * shape[1] + rows.start) * shape[2] + columns.start
+                    write_rows(file, picture, start=start + sample * before, step=sample * shape[2])
+
+
+def read_ome_page(path: PathLike, index: int, *, max_bytes: int | None = None) -> Array:
+    """One picture of an OME-TIFF, as stored.
+
+    Parameters
+    ----------
+    path : path-like
+    index : int
+        Of the page, from 0.
+    max_bytes : int, optional
+        Largest allocation; default half of the free memory.
+
+    Returns
+    -------
+    numpy.ndarray
+
+    Raises
+    ------
+    FormatError
+        If it is damaged, or has no such page.
+    """
+    path = Path(path)
+    size = path.stat().st_size
+    require_bytes(size, path=path, what="the file", stored=size, ratio=1, max_bytes=max_bytes)
+    try:
+        return decode_tiff(path.read_bytes(), path, max_bytes=max_bytes, page=index)
+    except FormatError:
+        raise
+    except Exception as error:  # tifffile raises all kinds on damaged files
+        raise FormatError(f"{path} cannot be read ({str(error)[:200]}).") from error

@@ -1,0 +1,195 @@
+"""Series of linear pictures in OME-TIFF or OME-Zarr, by the suffix, with what is said of them."""
+
+from __future__ import annotations
+
+import json
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+
+from clplen.errors import FormatError
+from clplen.files import PathLike
+from clplen.io.formats import tiff
+from clplen.io.formats.tiff import decode_tiff_stack
+from clplen.io.formats.untrusted import require_bytes
+from clplen.io.store import zarr_files
+from clplen.io.store.ome_tiff import write_ome
+from clplen.io.store.ome_zarr import write_omezarr
+from clplen.io.store.picture_blocks import Array, Block
+from clplen.io.store.zarr_files import opened_store, storage
+
+_INSTEAD = "write .tif"
+_MICROMETRES = ("µm", "micrometer")
+
+
+def is_series(path: PathLike) -> bool:
+    """Whether a name is one of OME-TIFF or OME-Zarr, by its suffix."""
+    return Path(path).suffix.lower() in (*tiff.SUFFIXES, zarr_files.SUFFIX)
+
+
+def is_ome(path: PathLike) -> bool:
+    """Whether a name is one of OME-Zarr, or of an OME-TIFF that says so (``.ome.tif``)."""
+    suffixes = [suffix.lower() for suffix in Path(path).suffixes]
+    tiffs = ([".ome", suffix] for suffix in tiff.SUFFIXES)
+    return suffixes[-1:] == [zarr_files.SUFFIX] or suffixes[-2:] in tiffs
+
+
+def write_series(path: PathLike, blocks: Iterable[Block], *, replace: bool, **known: Any) -> None:
+    """Write OME-TIFF or OME-Zarr, by the suffix."""
+    if Path(path).suffix.lower() == zarr_files.SUFFIX:
+        write_omezarr(path, blocks, replace=replace, **known)
+    else:
+        write_ome(path, blocks, **known)
+
+
+@dataclass(frozen=True)
+class PictureSeries:
+    """Pictures that a file holds, and what it says of them.
+
+    Attributes
+    ----------
+    values : numpy.ndarray
+        As stored, shape (n, y, x) or (n, y, x, c).
+    about : dict
+        The description that `write_series` was given; empty for files of other programs.
+    pixel : tuple of float or None
+        (dy, dx) in metres, where the file says them.
+    axes : str
+        A letter for each axis that an OME-Zarr names, in its own order; else empty.
+    """
+
+    values: Array
+    about: dict[str, Any]
+    pixel: tuple[float, float] | None = None
+    axes: str = ""
+
+
+def read_series(
+    path: PathLike, *, what: str, kinds: str = ".tif and .zarr", max_bytes: int | None = None
+) -> PictureSeries:
+    """Read all pictures of an OME-TIFF, of another TIFF whose pages are alike, or of an OME-Zarr.
+
+    Parameters
+    ----------
+    path : path-like
+    what : str
+        What they are, for messages: "a volume".
+    kinds : str
+        Suffixes of the files that hold such, for messages.
+    max_bytes : int, optional
+        Largest allocation; default half of the free memory.
+
+    Returns
+    -------
+    PictureSeries
+
+    Raises
+    ------
+    FormatError
+        If it is missing, damaged, of another kind, or holds no real numbers.
+    """
+    path = Path(path)
+    noun, axes = what.partition(" ")[2], ""
+    if not path.exists():
+        raise FormatError(f"There is no {noun} {path}.")
+    try:
+        if path.suffix.lower() == zarr_files.SUFFIX:
+            values, axes = _zarr_pictures(path, what, max_bytes)
+        elif path.suffix.lower() in tiff.SUFFIXES:
+            size = path.stat().st_size
+            require_bytes(
+                size, path=path, what=f"the {noun}", stored=size, ratio=1, max_bytes=max_bytes
+            )
+            values = decode_tiff_stack(path.read_bytes(), path, max_bytes=max_bytes)
+        else:
+            raise ValueError(f"{noun}s are {kinds}")
+    except FormatError:
+        raise
+    except Exception as error:  # what parsers raise on damaged files
+        raise FormatError(f"{path} is no {noun} that can be read ({str(error)[:200]}).") from error
+    if values.ndim not in (3, 4) or values.dtype.kind not in "uif" or values.size == 0:
+        raise FormatError(f"{path} holds {values.dtype} of shape {values.shape}, no {noun}.")
+    return PictureSeries(values, describe_series(path), _pixel(path), axes)
+
+
+def _zarr_pictures(path: Path, what: str, max_bytes: int | None) -> tuple[Array, str]:
+    """The full size of an OME-Zarr as (n, y, x) or (n, y, x, c), and the letters of its axes."""
+    with opened_store(path, _INSTEAD, max_bytes) as group:
+        level = group["0"]
+        stored, ratio = storage(level, path, what, max_bytes)
+        nbytes = math.prod(level.shape) * np.dtype(level.dtype).itemsize
+        require_bytes(nbytes, path=path, what=what, stored=stored, ratio=ratio, max_bytes=max_bytes)
+        values, axes = np.asarray(level[...]), _axes_in(group)
+    if values.ndim == 2:
+        values = values[None]
+    if values.ndim == 4 and axes.startswith("c"):
+        values = np.moveaxis(values, 0, -1)
+    return values, axes
+
+
+def _axes_in(group: Any) -> str:
+    """A letter for each axis of an OME-Zarr; empty where it names none."""
+    try:
+        names = [str(axis["name"]) for axis in group.attrs["multiscales"][0]["axes"]]
+    except (KeyError, IndexError, TypeError):
+        return ""
+    return "".join(name[:1] for name in names)
+
+
+def describe_series(path: PathLike) -> dict[str, Any]:
+    """What `write_series` was given as description; empty if there is no such file.
+
+    Parameters
+    ----------
+    path : path-like
+    """
+    path = Path(path)
+    try:
+        if path.suffix.lower() == zarr_files.SUFFIX:
+            with opened_store(path, _INSTEAD) as group:
+                about = group.attrs["clplen"] if "0" in group else {}
+        else:
+            root = _ome(path)
+            about = json.loads(next(item.text or "" for item in root.iter() if _is_text(item)))
+    except Exception:  # what other programs wrote, or nothing
+        return {}
+    return dict(about) if isinstance(about, dict) else {}
+
+
+def _ome(path: Path) -> ET.Element:
+    """The OME description of a TIFF."""
+    with tifffile.TiffFile(path, is_ome=False, is_imagej=False) as file:
+        text = file.pages.first.description or "<OME/>"
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:  # could claim any amount of memory
+        raise ValueError("a description with entities")
+    return ET.fromstring(text)
+
+
+def _is_text(element: ET.Element) -> bool:
+    return element.tag.endswith("Description")
+
+
+def _pixel(path: Path) -> tuple[float, float] | None:
+    """The size of a pixel in metres, where a file says it in micrometres."""
+    try:
+        if path.suffix.lower() == zarr_files.SUFFIX:
+            with opened_store(path, _INSTEAD) as group:
+                (scales, *_) = group.attrs["multiscales"]
+                units = [axis.get("unit") for axis in scales["axes"][-2:]]
+                (moves, *_) = (data["coordinateTransformations"] for data in scales["datasets"])
+                sizes = moves[0]["scale"][-2:]
+        else:
+            (pixels, *_) = (item for item in _ome(path).iter() if item.tag.endswith("Pixels"))
+            units = [pixels.get(f"PhysicalSize{axis}Unit") for axis in "YX"]
+            sizes = [pixels.attrib[f"PhysicalSize{axis}"] for axis in "YX"]
+        dy, dx = (1e-6 * float(size) for size in sizes)
+    except Exception:  # what other programs wrote, or nothing
+        return None
+    known = all(unit in _MICROMETRES for unit in units) and 0 < min(dy, dx) < math.inf
+    return (dy, dx) if known else None

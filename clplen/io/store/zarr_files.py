@@ -1,0 +1,121 @@
+"""Zarr stores: the package zarr, version 3, of the extra ``zarr``, and what a store declares."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clplen.errors import FormatError
+from clplen.io.formats.untrusted import require_bytes
+from clplen.io.store import attributes
+
+SUFFIX = ".zarr"
+MARKS = (".zgroup", ".zarray", "zarr.json")  # one of them lies in the root of a store
+FORMAT_2: dict[str, Any] = {"zarr_format": 2}  # what is written, and what most programs read
+_RATIO = 32768.0  # of Zstandard, blocks of 128 KiB in 4 bytes (RFC 8878); others pack less
+_SPARSE = 4  # chunks that are not there hold the fill value: a quarter has to be there
+_FEW = 1000  # chunks that any array may lack
+
+
+def zarr_package(instead: str) -> Any:
+    """The package, imported when it is needed.
+
+    Parameters
+    ----------
+    instead : str
+        What else serves, for the message: "use .h5".
+
+    Raises
+    ------
+    FormatError
+        If it is not installed, or is a version before 3.
+    """
+    try:
+        import zarr
+    except ImportError as error:
+        raise FormatError(
+            f'Zarr needs the package zarr: pip install "clplen[zarr]", or {instead}.'
+        ) from error
+    if zarr.__version__.startswith("2."):
+        raise FormatError(
+            f"Zarr needs the package zarr 3 (Python 3.11 or newer), not {zarr.__version__}, which "
+            f'runs code that data contain: pip install "clplen[zarr]", or {instead}.'
+        )
+    return zarr
+
+
+@contextmanager
+def opened_store(path: Path, instead: str, max_bytes: int | None = None) -> Iterator[Any]:
+    """The root of a store to read, a group or an array, whose metadata and chunks are checked.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A folder or a zip archive.
+    instead : str
+        As for `zarr_package`.
+    max_bytes : int, optional
+        Largest member of an archive; default half of the free memory.
+
+    Raises
+    ------
+    FormatError
+        As `clplen.io.store.zarr_store.open_store`, and if the package zarr is not installed.
+    """
+    zarr_package(instead)
+    from clplen.io.store.zarr_store import open_store
+
+    with open_store(path, max_bytes) as root:
+        yield root
+
+
+def array_name(array: Any) -> str:
+    return str(array.path).strip("/")
+
+
+def attributes_of(item: Any) -> dict[str, Any]:
+    """The attributes of an array or group as plain Python."""
+    return {name: attributes.plain(value) for name, value in dict(item.attrs).items()}
+
+
+def storage(array: Any, path: Path, what: str, max_bytes: int | None) -> tuple[int, float]:
+    """Bytes that a store has for an array, and the largest ratio of their compression.
+
+    Raises
+    ------
+    FormatError
+        If chunks are missing, or larger than they can be.
+    """
+    inside = f"{array_name(array)}/" if array_name(array) else ""
+    sizes = [size for key, size in array.store.sizes.items() if key.startswith(inside)]
+    chunks = array.shards or array.chunks
+    count = math.prod(-(-n // c) for n, c in zip(array.shape, chunks, strict=True))
+    if count > _SPARSE * len(sizes) + _FEW:
+        raise FormatError(
+            f"{path}: {what} has {count:,} chunks, of which at most {len(sizes):,} are there: it "
+            "is damaged or incomplete."
+        )
+    packing = array.store.arrays[array_name(array)]
+    require_bytes(
+        packing.index_bytes,
+        path=path,
+        what=f"the index of a shard of {what}",
+        stored=sum(sizes),
+        ratio=1,
+        max_bytes=max_bytes,
+    )
+    ratio = _RATIO if packing.packed else float(_SPARSE)
+    require_bytes(
+        math.prod(array.chunks) * np.dtype(array.dtype).itemsize,
+        path=path,
+        what=f"a chunk of {what}",
+        stored=sum(sizes),
+        ratio=ratio,
+        max_bytes=max_bytes,
+    )
+    return sum(sizes), ratio
