@@ -12,12 +12,12 @@ from clplen.wave.checks import is_finite
 Vector = np.ndarray[Any, Any]
 
 
-def is_whole(value: Any) -> bool:
+def is_integer(value: Any) -> bool:
     """Whether something is one whole number; True and False are none."""
     return not isinstance(value, bool) and is_finite(value) and value == int(value)
 
 
-def whole(value: Any, what: str) -> int:
+def positive_integer(value: Any, what: str) -> int:
     """One whole number from 1 on.
 
     Raises
@@ -25,12 +25,12 @@ def whole(value: Any, what: str) -> int:
     ValueError
         For anything else.
     """
-    if not is_whole(value) or value < 1:
+    if not is_integer(value) or value < 1:
         raise ValueError(f"{what} is a whole number from 1 on, not {value!r}.")
     return int(value)
 
 
-def real(values: Any, what: str, dtype: Any = np.float32) -> Vector:
+def real_array(values: Any, what: str, dtype: Any = np.float32) -> Vector:
     """An array of real numbers; those that ``dtype`` cannot hold are infinite.
 
     Raises
@@ -50,7 +50,7 @@ def real(values: Any, what: str, dtype: Any = np.float32) -> Vector:
         return found.astype(dtype, copy=False)
 
 
-def finite(values: Any, shape: tuple[int, ...], what: str) -> Vector:
+def finite_array(values: Any, shape: tuple[int, ...], what: str) -> Vector:
     """Volumes or frames for a projector, float32, with one leading axis.
 
     Raises
@@ -62,7 +62,7 @@ def finite(values: Any, shape: tuple[int, ...], what: str) -> Vector:
     ValueError
         If some are not finite.
     """
-    found = real(values, what)
+    found = real_array(values, what)
     if found.shape[-len(shape) :] != shape or not found.size:
         raise ShapeError(
             f"{what} for this projector has shape (..., {', '.join(map(str, shape))}), "

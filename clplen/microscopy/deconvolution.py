@@ -23,7 +23,7 @@ from clplen.compute.checks import require
 from clplen.compute.device import Device
 from clplen.compute.hostarray import HostArray
 from clplen.errors import ShapeError
-from clplen.microscopy.checks import real, whole
+from clplen.microscopy.checks import positive_integer, real_array
 from clplen.microscopy.priors import Prior, blurs, prior_of
 from clplen.microscopy.projector import Projector
 from clplen.wave.average import Progress
@@ -157,8 +157,8 @@ def deconvolve(
         isinstance(residual, str) or not (is_finite(residual) and residual > 0)
     ):
         raise ValueError(f"residual is a positive number, 'noise' or None, not {residual!r}.")
-    iterations = whole(iterations, "iterations")
-    frame = real(frame, "A frame")
+    iterations = positive_integer(iterations, "iterations")
+    frame = real_array(frame, "A frame")
     lead = frame.shape[:-2]
     volumes = VOLUMES + OF_AHEAD * accelerate + OF_PRIOR * bool(prior)
     projector.require_memory(math.prod(lead), volumes=volumes, pictures=PICTURES)
@@ -327,7 +327,7 @@ class _Iteration:
 
 def _background(values: Any, shape: tuple[int, ...]) -> Vector:
     """Counts from nowhere in the volume, of each pixel of each frame."""
-    found = real(values, "background")
+    found = real_array(values, "background")
     try:
         found = np.broadcast_to(found, shape)
     except ValueError:
@@ -341,7 +341,7 @@ def _background(values: Any, shape: tuple[int, ...]) -> Vector:
 
 def _positive(values: Any, shape: tuple[int, ...], what: str, advice: str) -> Vector:
     """Values as float32 after a look at their shape and signs."""
-    found = real(values, what)
+    found = real_array(values, what)
     if found.shape[-len(shape) :] != shape or not found.size:
         raise ShapeError(
             f"{what} has shape (..., {', '.join(map(str, shape))}), not {found.shape}."

@@ -21,7 +21,7 @@ from clplen.errors import ShapeError
 from clplen.lightfield.lattice import Lattice
 from clplen.lightfield.latticefit import estimate_lattice
 from clplen.lightfield.latticetrust import require_trust
-from clplen.microscopy.checks import whole
+from clplen.microscopy.checks import positive_integer
 from clplen.microscopy.rectify import REACH, area, rectify, variance
 
 Vector = np.ndarray[Any, Any]
@@ -275,7 +275,7 @@ def preparation(
         If ``force`` is needed.
     """
     device = as_device(device, optional=True)
-    pixels = whole(pixels, "pixels")
+    pixels = positive_integer(pixels, "pixels")
     black = None if dark is None else np.asarray(samples(dark), np.float32)
     if white is None:
         return Preparation(pixels, device, black, None, None)

@@ -22,7 +22,7 @@ from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.compute.hostmemory import free_memory
 from clplen.compute.lines import smooth_length
 from clplen.errors import ShapeError
-from clplen.microscopy.checks import finite, is_whole
+from clplen.microscopy.checks import finite_array, is_integer
 from clplen.microscopy.images import PointImages
 from clplen.wave.checks import is_finite
 
@@ -99,7 +99,7 @@ class Projector:
     ) -> None:
         device = as_device(device, optional=True)
         require(PointImages, images, "images", "point_images")
-        if np.shape(shape) != (2,) or any(not is_whole(n) or n < 1 for n in shape):
+        if np.shape(shape) != (2,) or any(not is_integer(n) or n < 1 for n in shape):
             raise ShapeError(f"shape is (rows, columns) of lenslets, not {shape!r}.")
         if memory is not None and not (is_finite(memory) and memory >= 0):
             raise ValueError(f"memory is a number of bytes from 0 on or None, not {memory!r}.")
@@ -189,7 +189,7 @@ class Projector:
         DeviceError
             If so many frames do not fit the device.
         """
-        values = finite(volume, self.volume_shape, "A volume")
+        values = finite_array(volume, self.volume_shape, "A volume")
         self.require_memory(len(values))
         frames = self.project(self.device.upload(values), clamp=clamp)
         lead = np.shape(volume)[:-3]
@@ -219,7 +219,7 @@ class Projector:
         DeviceError
             If so many frames do not fit the device.
         """
-        values = finite(frame, self.frame_shape, "A frame")
+        values = finite_array(frame, self.frame_shape, "A frame")
         self.require_memory(len(values))
         volumes = self.back_project(self.device.upload(values))
         lead = np.shape(frame)[:-2]

@@ -17,14 +17,14 @@ import numpy as np
 
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.lenslet_camera import sensor_grid
-from clplen.cameras.optics.microscope_optics import check_places
+from clplen.cameras.optics.microscope_optics import check_positions
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.checks import require
 from clplen.compute.hostmemory import free_memory
 from clplen.compute.lines import smooth_length
 from clplen.files import PathLike, check_space, check_writable
 from clplen.microscopy import point_image_files
-from clplen.microscopy.checks import real, whole
+from clplen.microscopy.checks import positive_integer, real_array
 from clplen.microscopy.images import PointImages, count_phases, unique_phases
 from clplen.wave.average import Progress
 from clplen.wave.checks import is_finite
@@ -197,21 +197,21 @@ def _checked(camera: Any, planes: Any, voxels: Any, binning: Any, cut: float, st
     """The planes as numbers, after the checks."""
     require(Microscope, camera, "camera", "PlenopticCamera.microscope")
     _check_lattice(camera)
-    binning = whole(binning, "binning")
+    binning = positive_integer(binning, "binning")
     if round(camera.pixels_per_lenslet) % binning:
         raise ValueError(
             f"A lenslet has {camera.pixels_per_lenslet:g} pixels, which are not divided into "
             f"pixels of the sensor of {binning} x {binning}: give the camera a multiple of them."
         )
-    z = real(planes, "planes", np.float64)
+    z = real_array(planes, "planes", np.float64)
     if z.ndim != 1 or z.size == 0 or not np.isfinite(z).all() or np.unique(z).size != z.size:
         raise ValueError(f"planes are different finite numbers of metres, not {planes!r}.")
-    check_places(z)
+    check_positions(z)
     if (np.diff(z) < 0).any():
         raise ValueError(
             "planes rise, so that plane 0 is the nearest to the objective: give sorted(planes)."
         )
-    whole(voxels, "voxels_per_lenslet")
+    positive_integer(voxels, "voxels_per_lenslet")
     if not (is_finite(cut) and 0 < cut < 0.5):
         raise ValueError(f"cut is a share of the light between 0 and 0.5, not {cut!r}.")
     if store not in ("float32", "float16"):

@@ -14,7 +14,7 @@ from clplen.errors import ShapeError
 from clplen.lightfield.decode import resample
 from clplen.lightfield.lattice import Lattice
 from clplen.lightfield.raw import RawImage
-from clplen.microscopy.checks import real, whole
+from clplen.microscopy.checks import positive_integer, real_array
 
 Vector = np.ndarray[Any, Any]
 
@@ -70,14 +70,14 @@ def rectify(
     """
     device = as_device(device, optional=True)
     require(Lattice, lattice, "lattice", "estimate_lattice")
-    values = real(frame, "A frame")
+    values = real_array(frame, "A frame")
     if values.ndim != 2:
         raise ShapeError(f"A frame has shape (ny, nx), not {values.shape}: rectify each by itself.")
     if lattice.shape is not None and values.shape != lattice.shape:
         raise ShapeError(f"The lattice is that of a frame of {lattice.shape}, not {values.shape}.")
     if lattice.kind == "hexagonal":
         raise ValueError("Frames of hexagonal lattices are not rectified: the lattice is square.")
-    n = max(map(math.ceil, lattice.pitch)) if pixels is None else whole(pixels, "pixels")
+    n = max(map(math.ceil, lattice.pitch)) if pixels is None else positive_integer(pixels, "pixels")
     least = math.ceil(LEAST * max(lattice.pitch))
     if n < least:
         raise ValueError(
