@@ -72,7 +72,7 @@ def trace(camera: Any, point: Sequence[float], u: Any) -> np.ndarray:
 def through(camera: Any, point: Sequence[float], lenslets: Any, at: float = 0.0) -> np.ndarray:
     """u of the rays of a point out of focus that meet lenslets ``at`` so much from their centres.
 
-    Of u (1 - beta) + X = x, with beta and X of `Optics`.
+    Of u (1 - beta) + X = x, with beta and X of `RayOptics`.
     """
     X = camera.on_array([(point[0], 0, point[1])])[0, 0]
     return (centres(camera)[np.atleast_1d(lenslets)] + at - X) / (1 - camera.array_alpha(point[1]))

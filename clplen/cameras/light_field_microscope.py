@@ -20,7 +20,11 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.cameras.optics.lenslet_camera import Kind, lenslet_grid
-from clplen.cameras.optics.microscope_optics import MicroscopeOptics, check_places, check_sampling
+from clplen.cameras.optics.microscope_optics import (
+    MicroscopeOptics,
+    check_positions,
+    check_sampling,
+)
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.fft.lines import smooth_length
 from clplen.errors import SamplingError
@@ -190,7 +194,7 @@ class Microscope(MicroscopeOptics):
         SamplingError
             If a point is imaged beyond the array.
         """
-        check_places(points.positions)
+        check_positions(points.positions)
         places = np.abs(points.positions[:, 1::-1]) * self.magnification  # (y, x)
         half = np.asarray(self.grid.extent) / 2
         if (places > half).any():

@@ -17,6 +17,7 @@ from clplen.cameras.optics.ray_optics import RayOptics, check_sampling, raw_imag
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.cameras.scenes.scene_sources import PointSources, Source, as_sources
 from clplen.cameras.scenes.surface_scene import SurfaceScene
+from clplen.deprecation import renamed_argument
 from clplen.files import PathLike
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.lightfield.raw.sensor import Sensor
@@ -175,8 +176,9 @@ class Plenoptic(RayOptics):
         """
         return replace(raw_image(self, data), camera=self)
 
+    @renamed_argument(old="whole", new="full_grid")
     def pupil(
-        self, scene: PointSources, chosen: slice = slice(None), *, whole: bool = True
+        self, scene: PointSources, chosen: slice = slice(None), *, full_grid: bool = True
     ) -> Field:
         """Fields of sources right behind the main lens.
 
@@ -185,7 +187,7 @@ class Plenoptic(RayOptics):
         scene : PointSources
         chosen : slice
             Which of them.
-        whole : bool
+        full_grid : bool
             On the whole grid, or only on those of its samples that the aperture touches.
 
         Returns
@@ -193,7 +195,7 @@ class Plenoptic(RayOptics):
         Field
             Shape (n, ny, nx); not normalised.
         """
-        return self.optics.pupil(scene.positions[chosen], scene.diameter, whole=whole)
+        return self.optics.pupil(scene.positions[chosen], scene.diameter, full_grid=full_grid)
 
     def array_field(self, pupil: Field, *, pad: int = 1) -> Field:
         """Fields behind the main lens propagated to the array, before its lenslets.
@@ -264,7 +266,7 @@ def scene_energy(camera: Plenoptic, scene: PointSources) -> Sequence[tuple[float
     rows = []
     to_array, to_sensor = camera.padding(scene)
     for n in range(len(scene)):
-        pupil = camera.pupil(scene, slice(n, n + 1), whole=False)
+        pupil = camera.pupil(scene, slice(n, n + 1), full_grid=False)
         at_array = camera.array_field(pupil, pad=to_array)
         at_sensor = camera.sensor_field(at_array, pad=to_sensor)
         energies = [float(row_powers(f).sum()) for f in (pupil, at_array, at_sensor)]

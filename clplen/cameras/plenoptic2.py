@@ -30,7 +30,7 @@ class Plenoptic2(Plenoptic):
         b/a, magnification of the lenslets (of the first kind in a multi-focus array): > 0
         Keplerian, < 0 Galilean.
     others
-        Those of `Optics`; ``image_distance`` is F, main lens to its image of the focused plane.
+        Those of `RayOptics`; ``image_distance`` is F, main lens to its image of the focused plane.
     """
 
     kind: ClassVar[Kind] = "focused"

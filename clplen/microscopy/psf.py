@@ -17,7 +17,7 @@ import numpy as np
 
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.lenslet_camera import sensor_grid
-from clplen.cameras.optics.microscope_optics import check_places
+from clplen.cameras.optics.microscope_optics import check_positions
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.checks import is_finite, positive_integer, real_array, require
 from clplen.compute.fft.lines import smooth_length
@@ -204,7 +204,7 @@ def _checked(camera: Any, planes: Any, voxels: Any, binning: Any, cut: float, st
     z = real_array(planes, "planes", np.float64)
     if z.ndim != 1 or z.size == 0 or not np.isfinite(z).all() or np.unique(z).size != z.size:
         raise ValueError(f"planes are different finite numbers of metres, not {planes!r}.")
-    check_places(z)
+    check_positions(z)
     if (np.diff(z) < 0).any():
         raise ValueError(
             "planes rise, so that plane 0 is the nearest to the objective: give sorted(planes)."

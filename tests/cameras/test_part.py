@@ -69,7 +69,7 @@ def test_the_pupil_on_its_part_is_that_of_the_whole(precise):
         focal_length=0.012, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=30, device=precise
     )
     points = PointSources([(2e-5, -3e-5, 1e-4), (0.0, 1e-5, -1e-4)], diameter=1e-6)
-    whole, part = (cam.pupil(points, whole=one) for one in (True, False))
+    whole, part = (cam.pupil(points, full_grid=full) for full in (True, False))
     assert part.grid.shape[0] < whole.grid.shape[0]
     y, x = (m // 2 - n // 2 for n, m in zip(part.grid.shape, whole.grid.shape, strict=True))
     inside = np.s_[..., y : y + part.grid.shape[0], x : x + part.grid.shape[1]]

@@ -168,7 +168,7 @@ def short_camera(device):
 def test_patches_interpolate_their_monomials(device, monomials):
     camera, exponents = short_camera(device), getattr(pattern_lattice, monomials)
     plane = PicturePlane(RANDOM.random((5, 9)) + 0.1, 2.2e-3, 1e-3)
-    found = pattern_lattice.patches(camera, plane, pattern_lattice.places(camera), exponents)
+    found = pattern_lattice.patches(camera, plane, pattern_lattice.pattern_grid(camera), exponents)
     assert len(found) == len(exponents)
     scale = -camera.image_distance / (camera.object_distance + 1e-3)
     y, x = plane.y[:, None] * scale, plane.x * scale
@@ -182,7 +182,7 @@ def test_one_row_of_samples_needs_fewer_patches(device):
     camera = short_camera(device)
     plane = PicturePlane(np.ones((1, 9)), 2.2e-3)
     found = pattern_lattice.patches(
-        camera, plane, pattern_lattice.places(camera), pattern_lattice.QUADRATIC
+        camera, plane, pattern_lattice.pattern_grid(camera), pattern_lattice.QUADRATIC
     )
     assert len(found) == 3
     np.testing.assert_allclose(sum(p.share for p in found), np.ones((1, 9)), rtol=1e-10)

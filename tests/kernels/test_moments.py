@@ -7,7 +7,8 @@ import pytest
 from reference_cues import grid_steps, moments
 from reference_lightfield import refocus
 
-from clplen.lightfield.depth.correspondence_cue import add_colours, shear_moments
+from clplen.lightfield.depth.correspondence_cue import shear_moments
+from clplen.lightfield.depth.sheared_views import add_colours
 from clplen.lightfield.model.light_field import LightField
 
 EPS = 2.0**-24

@@ -1,9 +1,9 @@
-"""The raw image of a self-luminous picture from the patterns of a few places under one lenslet.
+"""The raw image of a self-luminous picture from its patterns at a few positions under one lenslet.
 
-See lattice.py for why a few places do. The sum over places of pattern * comb of weights is done in
-the Fourier domain: one inverse transform for the whole picture. The combs lie on fractions of a
-pixel: each tooth is spread by a short kernel that the last step divides out (Greengard and Lee
-2004, "Accelerating the nonuniform fast Fourier transform").
+See pattern_lattice.py for why a few positions do. The sum over positions of pattern * comb of
+weights is done in the Fourier domain: one inverse transform for the whole picture. The combs lie on
+fractions of a pixel: each tooth is spread by a short kernel that the last step divides out
+(Greengard and Lee 2004, "Accelerating the nonuniform fast Fourier transform").
 """
 
 from __future__ import annotations
@@ -16,7 +16,13 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.cameras.exposure.pattern_lattice import Patch, Places, patches, places, powers
+from clplen.cameras.exposure.pattern_lattice import (
+    Patch,
+    PatternGrid,
+    patches,
+    pattern_grid,
+    powers,
+)
 from clplen.cameras.optics.wave_optics import WaveOptics, padded_shape
 from clplen.cameras.scenes.scene_sources import PicturePlane
 from clplen.compute.device import Device
@@ -38,7 +44,7 @@ class Layout:
 
     Attributes
     ----------
-    grid : Places
+    grid : PatternGrid
     patches : list of Patch
     finer : int
         Samples a pixel and axis of the patterns, so that an intensity is sampled.
@@ -48,7 +54,7 @@ class Layout:
         Of the ways to the array and to the sensor.
     """
 
-    grid: Places
+    grid: PatternGrid
     patches: list[Patch]
     finer: int
     window: tuple[int, int]
@@ -75,8 +81,8 @@ class Layout:
 
 
 def layout(optics: WaveOptics, plane: PicturePlane) -> Layout:
-    """Places, patches and windows for a picture of a camera whose array is not turned."""
-    grid = places(optics)
+    """PatternGrid, patches and windows for a picture of a camera whose array is not turned."""
+    grid = pattern_grid(optics)
     patch_list = patches(optics, plane, grid, powers(optics, plane))
     finer = max(1, math.ceil(2 * ROOM * _band(optics) * optics.pixel_pitch))
     pixel = optics.pixel_pitch / finer
@@ -177,7 +183,7 @@ def _fields(
 ) -> tuple[Field, Vector]:
     """Fields on the sensor of points imaged about a lenslet, and their factors to energy 1."""
     points = _imaged_at(optics, plane, np.asarray(patch.centre) + offsets)
-    pupil = optics.pupil(points, whole=False)
+    pupil = optics.pupil(points, full_grid=False)
     gains = 1 / row_powers(pupil).sum(axis=-1)
     to_array, to_sensor = plan.padding
     fields = optics.sensor_field(optics.array_field(pupil, pad=to_array), pad=to_sensor)

@@ -36,7 +36,7 @@ PER_RADIAN = 0.35  # of the maximum, that a raw image changes with the aberratio
 
 
 @dataclass(frozen=True)
-class Places:
+class PatternGrid:
     """The places of X at which patterns are simulated, about one lenslet.
 
     Attributes
@@ -82,13 +82,13 @@ class Places:
         return np.sinc(t) * window
 
 
-def places(optics: RayOptics) -> Places:
+def pattern_grid(optics: RayOptics) -> PatternGrid:
     """The places of a camera; their number follows from 4 f_c p = 2 D p/(lam z2)."""
     mla = optics.mla
     least = 2 * optics.aperture_diameter * mla.pitch / (optics.wavelength * optics.array_distance)
     count = math.ceil(SPARE * least)
     kinds = 2 if mla.lattice == "hexagonal" else 1
-    return Places(mla.row_pitch, mla.pitch, kinds, count, count / least)
+    return PatternGrid(mla.row_pitch, mla.pitch, kinds, count, count / least)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +115,7 @@ class Patch:
     x: Vector
     share: Vector
 
-    def weights(self, image: Complex, grid: Places, offset: Vector) -> Complex:
+    def weights(self, image: Complex, grid: PatternGrid, offset: Vector) -> Complex:
         """Weights of the lenslets, shape ``count``, for the places at ``offset`` from each.
 
         ``image`` is the picture times ``share``.
@@ -172,7 +172,9 @@ def lit_axes(optics: RayOptics, plane: PicturePlane) -> tuple[Vector, Vector]:
     return plane.y[lit.any(axis=1)] * scale, plane.x[lit.any(axis=0)] * scale
 
 
-def patches(optics: RayOptics, plane: PicturePlane, grid: Places, monomials: Powers) -> list[Patch]:
+def patches(
+    optics: RayOptics, plane: PicturePlane, grid: PatternGrid, monomials: Powers
+) -> list[Patch]:
     """The picture as patches, one for each of the lenslets whose patterns are simulated.
 
     The pattern changes slowly with X (aberrations): it is interpolated by ``monomials`` through the
@@ -217,7 +219,7 @@ def _independent(values: Vector) -> list[int]:
 
 
 def _patch(
-    grid: Places,
+    grid: PatternGrid,
     centre: tuple[float, float],
     picture: tuple[Vector, Vector],
     lit: tuple[Vector, Vector],

@@ -159,7 +159,7 @@ def _truth(optics: RayOptics, tables: SurfaceTables) -> Truth:
 
 
 def sample_rays(mla: Any, *, count: int) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """Places in a lenslet and in a pixel, well spread over both, each with its mirror image.
+    """PatternGrid in a lenslet and in a pixel, well spread over both, each with its mirror image.
 
     The additive recurrence of the generalised golden ratio in four dimensions (Roberts 2018),
     those within the lenslet's aperture; the mirror images make linear terms cancel.

@@ -254,7 +254,7 @@ def _add_points(
     )
     for start in range(0, len(points), step):
         chosen = slice(start, min(start + step, len(points)))
-        pupil = optics.pupil(points.positions[chosen], points.diameter, whole=False)
+        pupil = optics.pupil(points.positions[chosen], points.diameter, full_grid=False)
         energy = row_powers(pupil).sum(axis=-1)
         at_array = optics.array_field(pupil, pad=to_array)
         fields = optics.sensor_field(at_array, pad=to_sensor)

@@ -234,7 +234,7 @@ def check_sampling(camera: MicroscopeOptics) -> None:
         )
 
 
-def check_places(places: Any) -> None:
+def check_positions(places: Any) -> None:
     """Refuse places about the native plane that are no metres, or of no microscope.
 
     Raises

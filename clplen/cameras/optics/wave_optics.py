@@ -35,7 +35,7 @@ class WaveOptics(FixedOptics):
     Attributes are those of `FixedOptics`.
     """
 
-    def pupil(self, positions: Values, diameter: float = 0.0, *, whole: bool = True) -> Field:
+    def pupil(self, positions: Values, diameter: float = 0.0, *, full_grid: bool = True) -> Field:
         """Fields of points right behind the main lens.
 
         Parameters
@@ -44,7 +44,7 @@ class WaveOptics(FixedOptics):
             (x, y, dz) in metres from the axis point of the focused plane, shape (n, 3).
         diameter : float
             Each is a uniform coherent disc of this diameter in metres; 0 is a point.
-        whole : bool
+        full_grid : bool
             On the whole grid, or only on those of its samples that the aperture touches.
 
         Returns
@@ -55,7 +55,7 @@ class WaveOptics(FixedOptics):
         spherical = pupil_fields(
             positions,
             diameter,
-            grid=self.grid if whole else aperture_grid(self.grid, self.aperture_diameter),
+            grid=self.grid if full_grid else aperture_grid(self.grid, self.aperture_diameter),
             object_distance=self.object_distance,
             focal_length=self.focal_length,
             aperture_diameter=self.aperture_diameter,
