@@ -7,7 +7,7 @@ from pathlib import Path
 from clplen.batch.manifest import Known
 from clplen.batch.stamps import is_unchanged, is_whole
 from clplen.batch.task import Task
-from clplen.batch.work import RECORD, folder_of, record_of
+from clplen.batch.execution import RECORD, folder_of, record_of
 from clplen.io.digest import digest
 
 STATES = ("done", "failed", "changed", "damaged", "missing")

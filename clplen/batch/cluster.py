@@ -30,7 +30,7 @@ from clplen.batch.network import (
     require_dask,
 )
 from clplen.batch.task import Report, Task
-from clplen.batch.work import sentence
+from clplen.batch.execution import sentence
 from clplen.batch.workshop import LANES
 from clplen.errors import DeviceError
 

@@ -17,7 +17,7 @@ from clplen.batch.products import bytes_in_core, bytes_written
 from clplen.batch.runner import plan_of
 from clplen.batch.stamps import stamp
 from clplen.batch.task import Task
-from clplen.batch.work import perform, sentence
+from clplen.batch.execution import perform, sentence
 from clplen.batch.workshop import Workshop
 
 if TYPE_CHECKING:

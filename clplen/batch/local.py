@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from clplen.batch.task import Report, Task
-from clplen.batch.work import perform
+from clplen.batch.execution import perform
 from clplen.batch.workshop import LANES, StoppedError, Workshop
 
 Running = Callable[[str, int, int], None]

@@ -10,7 +10,7 @@ from typing import Any
 
 from clplen import __version__
 from clplen.batch.task import Task
-from clplen.batch.work import perform
+from clplen.batch.execution import perform
 from clplen.batch.workshop import Workshop, default_memory
 from clplen.compute.device import Device
 from clplen.errors import ClplenError, DeviceError

@@ -16,7 +16,7 @@ from clplen.batch.locks import job_lock
 from clplen.batch.manifest import Known, Manifest
 from clplen.batch.stamps import is_whole
 from clplen.batch.task import Report, Task
-from clplen.batch.work import folder_of, is_current, record_of, sentence
+from clplen.batch.execution import folder_of, is_current, record_of, sentence
 from clplen.errors import FormatError
 from clplen.files import check_folder, clear_temporaries
 from clplen.io.zarrpackage import zarr_package

@@ -24,7 +24,7 @@ from clplen.batch.local import here
 from clplen.batch.manifest import Manifest
 from clplen.batch.runner import run_job, status_of
 from clplen.batch.task import Report
-from clplen.batch.work import perform
+from clplen.batch.execution import perform
 from clplen.batch.workshop import Workshop
 from clplen.compute.device import Device
 
