@@ -30,9 +30,9 @@ import batchworks
 
 from clplen import Device, LightField, depth_map, focal_stack, io
 from clplen.batch import Job
-from clplen.batch.cores import environment_of
 from clplen.batch.local import here
 from clplen.batch.products import HostStack
+from clplen.batch.remote import environment_of
 from clplen.batch.runner import run_job
 from clplen.batch.task import Report
 from clplen.io.digest import digest

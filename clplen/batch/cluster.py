@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from clplen import __version__
-from clplen.batch.cores import environment_of, share_of
+from clplen.batch.execution import sentence
 from clplen.batch.network import (
     STATUS_PAGES,
     Network,
@@ -29,8 +29,8 @@ from clplen.batch.network import (
     network_of,
     require_dask,
 )
+from clplen.batch.remote import environment_of, share_of
 from clplen.batch.task import Report, Task
-from clplen.batch.execution import sentence
 from clplen.batch.workshop import LANES
 from clplen.errors import DeviceError
 

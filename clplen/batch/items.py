@@ -9,9 +9,8 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from clplen.batch.simulated import scenes_of, simulations_of
-from clplen.batch.source import Source
 from clplen.batch.tables import WORK, InputTable
-from clplen.batch.task import Task
+from clplen.batch.task import Source, Task
 from clplen.errors import ClplenError, FormatError
 from clplen.io import files_of
 

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen import Device, LightField, all_in_focus, depth_map, focal_stack, io
-from clplen.batch.deconvolved import volumes
 from clplen.batch.focused import focused_products, is_focused
 from clplen.batch.items import layout_in
 from clplen.batch.simulated import simulate
 from clplen.batch.task import Task
+from clplen.batch.volumes import volumes
 from clplen.batch.workshop import Workshop
 from clplen.errors import DeviceError
 from clplen.files import filling, replacing

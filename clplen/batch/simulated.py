@@ -13,9 +13,9 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from clplen.batch.focused import is_focused
-from clplen.batch.source import Source
 from clplen.batch.sweep import Setting, combinations, label, with_values
 from clplen.batch.tables import EVERY, SceneTable, SimulationTable
+from clplen.batch.task import Source
 from clplen.cameras.gallery import SCENES, SampleScene, sample_scenes
 from clplen.cameras.microscope import Microscope
 from clplen.cameras.plenoptic import Plenoptic

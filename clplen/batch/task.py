@@ -106,3 +106,22 @@ class Report:
         except (TypeError, KeyError, AttributeError) as error:
             raise ValueError(f"It is no report: {error!r}.") from error
         return found
+
+
+@dataclass(frozen=True)
+class Source:
+    """One light field of a job.
+
+    Attributes
+    ----------
+    name : str
+        Of its item.
+    words : dict
+        ``kind`` and all that decides the light field, but for the content of the files.
+    files : tuple of str
+        What is read, seen from the folder of the job.
+    """
+
+    name: str
+    words: dict[str, Any]
+    files: tuple[str, ...] = ()

@@ -13,8 +13,8 @@ import pytest
 from clplen.batch import Job
 from clplen.batch.items import tasks_of
 from clplen.batch.simulated import STEEPEST, Simulated, scenes_of, simulate, simulations_of
-from clplen.batch.source import Source
 from clplen.batch.tables import EVERY, SceneTable, SimulationTable
+from clplen.batch.task import Source
 from clplen.cameras.gallery import SCENES, sample_scenes
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.scene import PointSources

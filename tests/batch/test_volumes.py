@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clplen.batch import deconvolved, volumes
+from clplen.batch import volumes
 from clplen.batch.tables import DeconvolveTable
 from clplen.batch.volumes import Deconvolver, How
 from clplen.cli.deconvolve import _jobs, _Page
@@ -107,12 +107,12 @@ def test_a_changed_file_is_read_again(
     for path in paths.values():
         path.write_bytes(b"1")
     made: list[Any] = []
-    monkeypatch.setattr(deconvolved, "read_psf", lambda path: path)
-    monkeypatch.setattr(deconvolved, "Deconvolver", lambda *a, **k: made.append((a, k)) or made[-1])
+    monkeypatch.setattr(volumes, "read_psf", lambda path: path)
+    monkeypatch.setattr(volumes, "Deconvolver", lambda *a, **k: made.append((a, k)) or made[-1])
     shop: Any = SimpleNamespace(deconvolver=None, device=device, memory=8)
 
     def kept(how: How = ALL) -> Any:
-        return deconvolved._kept(shop, {name: str(path) for name, path in paths.items()}, how)
+        return volumes._kept(shop, {name: str(path) for name, path in paths.items()}, how)
 
     assert kept() is kept()
     for number, path in enumerate(paths.values()):

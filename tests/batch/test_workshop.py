@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from clplen.batch.cores import environment_of, share_of, usable_cores
 from clplen.batch.locks import ItemLocks, job_lock
+from clplen.batch.remote import environment_of, share_of, usable_cores
 from clplen.batch.workshop import Room, StoppedError, Workshop
 from clplen.compute.device import Device
 
