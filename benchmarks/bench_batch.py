@@ -30,11 +30,11 @@ import batchworks
 
 from clplen import Device, LightField, depth_map, focal_stack, io
 from clplen.batch import Job
-from clplen.batch.local import here
-from clplen.batch.products import HostStack
-from clplen.batch.remote import environment_of
-from clplen.batch.runner import run_job
-from clplen.batch.task import Report
+from clplen.batch.jobs.task import Report
+from clplen.batch.running.local import here
+from clplen.batch.running.runner import run_job
+from clplen.batch.running.worker import environment_of
+from clplen.batch.work.products import HostStack
 from clplen.io.digest import digest
 
 
@@ -170,7 +170,7 @@ import sys, time
 from functools import partial
 from pathlib import Path
 from clplen.batch import cluster
-from clplen.batch.runner import run_job
+from clplen.batch.running.runner import run_job
 sys.path.insert(0, {here!r})
 from bench_batch import Quiet, job_of
 

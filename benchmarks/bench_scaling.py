@@ -21,8 +21,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from bench_batch import Quiet, job_of
 
 from clplen import Device
-from clplen.batch.local import here
-from clplen.batch.runner import run_job
+from clplen.batch.running.local import here
+from clplen.batch.running.runner import run_job
 
 BASE = (9, 512, 33)
 CASES = (

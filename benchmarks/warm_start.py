@@ -17,7 +17,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from clplen import Device, MicrolensArray, PlenopticCamera
-from clplen.batch.volumes import Deconvolver, How
+from clplen.batch.work.deconvolution import Deconvolver, How
 from clplen.microscopy.prepare import Prepared
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import point_images

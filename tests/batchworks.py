@@ -12,9 +12,9 @@ import tifffile
 
 from clplen import Device, LightField, all_in_focus, depth_map, focal_stack, read_lightfield
 from clplen.batch import Job
-from clplen.batch.local import here
-from clplen.batch.runner import Summary, run_job
-from clplen.batch.task import Report
+from clplen.batch.jobs.task import Report
+from clplen.batch.running.local import here
+from clplen.batch.running.runner import Summary, run_job
 
 PLANES = np.linspace(-1, 1, 5)
 WORK = """

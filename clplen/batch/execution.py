@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from clplen import __version__
-from clplen.batch.products import compute, read, write
-from clplen.batch.stamps import is_unchanged, is_whole, stamps
-from clplen.batch.task import Report, Task
-from clplen.batch.workshop import StoppedError, Workshop
+from clplen.batch.jobs.task import Report, Task
+from clplen.batch.work.fingerprints import is_unchanged, is_whole, stamps
+from clplen.batch.work.products import compute, read, write
+from clplen.batch.work.resources import StoppedError, Workshop
 from clplen.errors import ClplenError, FormatError
 from clplen.files import check_folder, clear_temporaries, replacing
 from clplen.io.digest import digest, size_of

@@ -11,7 +11,7 @@ import os
 import signal
 from typing import Any
 
-from clplen.batch.remote import CORES, keep_to
+from clplen.batch.running.worker import CORES, keep_to
 from clplen.compute.device import Device
 
 

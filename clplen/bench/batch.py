@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clplen.batch import Job
-from clplen.batch.tables import InputTable, StackTable
+from clplen.batch.jobs.tables import InputTable, StackTable
 from clplen.bench.measure import Case, in_turn
 from clplen.bench.report import Report, rate_rows
 from clplen.bench.sizes import halved, numbers

@@ -19,9 +19,9 @@ from clplen.cli import options
 
 if TYPE_CHECKING:
     from clplen.batch import Job
-    from clplen.batch.forecast import Forecast
-    from clplen.batch.runner import Summary
-    from clplen.batch.task import Report
+    from clplen.batch.jobs.task import Report
+    from clplen.batch.running.estimate import Forecast
+    from clplen.batch.running.runner import Summary
 
 _SHOWN = 20  # items of a list
 
@@ -42,7 +42,7 @@ def batch() -> None:
 
 def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     if wanted:
-        from clplen.batch.example import EXAMPLE
+        from clplen.batch.jobs.example import EXAMPLE
 
         click.echo(EXAMPLE, nl=False)
         ctx.exit()
@@ -227,7 +227,7 @@ def _tell(summary: Summary, job: Job, path: Path) -> None:
 
 
 def _forecast(job: Job) -> None:
-    from clplen.batch.forecast import forecast_of
+    from clplen.batch.running.estimate import forecast_of
 
     found = forecast_of(job)
     for line in found.lines[:_SHOWN]:
@@ -280,7 +280,7 @@ def status(path: Path, verify: bool) -> None:
       clplen batch status job.toml --verify
     """
     from clplen.batch import Job
-    from clplen.batch.runner import counted, status_of
+    from clplen.batch.running.runner import counted, status_of
 
     states = []
     for task, state, why in status_of(Job.read(path), verify=verify):
@@ -321,8 +321,8 @@ def worker(
       clplen worker tcp://localhost:8786 --device 0:0
       clplen worker tls://10.0.0.1:8786 --host 10.0.0.2 --certificates FOLDER
     """
-    from clplen.batch.cluster import worker_command
-    from clplen.batch.network import check_certificates, check_reachable, network_of
+    from clplen.batch.running.cluster import worker_command
+    from clplen.batch.running.network import check_certificates, check_reachable, network_of
     from clplen.compute.device import Device
 
     network = network_of(scheduler, host=host, certificates=certificates, insecure=insecure)

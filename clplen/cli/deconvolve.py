@@ -17,7 +17,7 @@ from clplen.cli.common import bar_of, check_output, check_suffix, opened, reach
 from clplen.cli.messages import note
 
 if TYPE_CHECKING:
-    from clplen.batch.volumes import Deconvolver, How
+    from clplen.batch.work.deconvolution import Deconvolver, How
     from clplen.microscopy.images import PointImages
     from clplen.microscopy.prepare import Prepared
 
@@ -127,7 +127,7 @@ def deconvolve(
       clplen microscope deconvolve guv.tif -c psf.h5 --white white.tif -o guv.ome.zarr
       clplen microscope deconvolve t*.tif -c psf.h5 --white white.tif -o "out/{name}.ome.tif"
     """
-    from clplen.batch.volumes import Deconvolver, How, read_psf
+    from clplen.batch.work.deconvolution import Deconvolver, How, read_psf
 
     if background < 0:
         raise click.UsageError(f"--background is not negative, not {background:g}.")
@@ -243,7 +243,7 @@ def _made(
     before: Path | None,
 ) -> str:
     """Write the volume of a frame; what it holds, in words."""
-    from clplen.batch.volumes import read_picture, write_result
+    from clplen.batch.work.deconvolution import read_picture, write_result
     from clplen.files import naming
     from clplen.io.volume import read_volume
 
@@ -311,7 +311,7 @@ def _jobs(
     warm_start: bool,
 ) -> list[dict[str, Any]]:
     """What each volume depends on, kept with it."""
-    from clplen.batch.volumes import words_of
+    from clplen.batch.work.deconvolution import words_of
     from clplen.io.digest import digest
 
     shared = words_of(images, how, white, dark)

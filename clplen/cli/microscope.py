@@ -140,7 +140,7 @@ def project(
     Example:
       clplen microscope project volume.ome.tif -c psf.h5 -o frame.tif
     """
-    from clplen.batch.volumes import read_psf
+    from clplen.batch.work.deconvolution import read_psf
     from clplen.io import write_picture
     from clplen.io.volume import read_volume
     from clplen.microscopy.projector import Projector

@@ -16,11 +16,12 @@ import numpy as np
 import pytest
 
 from clplen import __version__
-from clplen.batch import Job, cluster, remote
-from clplen.batch.cluster import Cluster, check_workers, workers_here, workers_of
-from clplen.batch.network import network_of, require_dask
-from clplen.batch.runner import run_job
-from clplen.batch.task import Report
+from clplen.batch import Job
+from clplen.batch.jobs.task import Report
+from clplen.batch.running import cluster
+from clplen.batch.running.cluster import Cluster, check_workers, workers_here, workers_of
+from clplen.batch.running.network import network_of, require_dask
+from clplen.batch.running.runner import run_job
 from clplen.compute.device import Device
 from clplen.errors import DeviceError, FormatError
 
@@ -140,19 +141,19 @@ def test_memory_is_that_of_the_latest_run(tmp_path: Path, device: Device, monkey
     monkeypatch.setenv("CLPLEN_DEVICE", device.place)
     worker = Worker()
     how = {"run": "a", "folder": str(tmp_path), "memory": 5000, "sharing": 1}
-    shop = remote._shop(worker, how)
-    assert remote._shop(worker, how) is shop
+    shop = worker._shop(worker, how)
+    assert worker._shop(worker, how) is shop
     assert shop.memory == 5000
-    assert remote._shop(worker, how | {"run": "b", "memory": 7000}) is shop  # with its locks
+    assert worker._shop(worker, how | {"run": "b", "memory": 7000}) is shop  # with its locks
     assert shop.memory == 7000
-    one = remote._shop(worker, how | {"run": "c", "memory": None}).memory
-    half = remote._shop(worker, how | {"run": "d", "memory": None, "sharing": 2}).memory
+    one = worker._shop(worker, how | {"run": "c", "memory": None}).memory
+    half = worker._shop(worker, how | {"run": "d", "memory": None, "sharing": 2}).memory
     assert 0.4 * one < half < 0.6 * one  # free memory changes meanwhile
     shop.close()
 
 
 def test_a_scheduler_that_does_not_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("clplen.batch.cluster._ANSWER", 0.5)
+    monkeypatch.setattr("clplen.batch.running.cluster._ANSWER", 0.5)
     with (
         pytest.raises(DeviceError, match=r"No Dask scheduler answers at tcp://127\.0\.0\.1:9 "),
         workers_of(tmp_path, network=network_of("tcp://127.0.0.1:9"), memory=None),
@@ -219,7 +220,7 @@ class Future:
 def test_a_scheduler_that_is_lost_is_said(tmp_path: Path):
     works = Cluster(None, tmp_path, memory=None, sharing=1)
     np.save(tmp_path / "a.npy", np.ones((2, 2, 9, 9)))
-    from clplen.batch.items import tasks_of
+    from clplen.batch.jobs.items import tasks_of
 
     (task,) = tasks_of(Job(output="o", inputs=[{"files": "*"}], stack={}).within(tmp_path))
     for status in ("cancelled", "lost"):

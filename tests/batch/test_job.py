@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from clplen.batch import Job
-from clplen.batch.items import tasks_of
-from clplen.batch.runner import check_same
-from clplen.batch.tables import bytes_of, planes_of
+from clplen.batch.jobs.items import tasks_of
+from clplen.batch.jobs.tables import bytes_of, planes_of
+from clplen.batch.running.runner import check_same
 from clplen.errors import FormatError
 
 BASE = 'output = "out"\n[[inputs]]\nfiles = "in/*.npy"\n'

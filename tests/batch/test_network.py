@@ -21,8 +21,8 @@ import listening
 import pytest
 
 from clplen.batch import Job, make_certificates, security_of
-from clplen.batch.cluster import worker_command, workers_here
-from clplen.batch.network import check_certificates, check_reachable, network_of
+from clplen.batch.running.cluster import worker_command, workers_here
+from clplen.batch.running.network import check_certificates, check_reachable, network_of
 from clplen.compute.device import Device
 from clplen.errors import DeviceError
 

@@ -14,11 +14,11 @@ from batchworks import Watcher, run
 
 from clplen import LightField, all_in_focus
 from clplen.batch import Job
-from clplen.batch.check import state_of
-from clplen.batch.items import tasks_of
-from clplen.batch.manifest import Manifest
-from clplen.batch.runner import status_of
-from clplen.batch.task import Report
+from clplen.batch.jobs.items import tasks_of
+from clplen.batch.jobs.task import Report
+from clplen.batch.running.manifest import Manifest
+from clplen.batch.running.runner import status_of
+from clplen.batch.running.status import state_of
 from clplen.compute.device import Device
 from clplen.errors import DeviceError, FormatError
 
@@ -138,7 +138,7 @@ def test_the_manifest_is_not_written_for_each_item(
         put(manifest, *reports)
 
     monkeypatch.setattr(Manifest, "put", counted)
-    monkeypatch.setattr("clplen.batch.runner._SAVE", 1e3)
+    monkeypatch.setattr("clplen.batch.running.runner._SAVE", 1e3)
     run(job, device)
     assert puts == [0, 6]
     with Manifest(job.parent / "out") as manifest:

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from clplen.batch import Job
-from clplen.batch.items import tasks_of
-from clplen.batch.simulated import STEEPEST, Simulated, scenes_of, simulate, simulations_of
-from clplen.batch.tables import EVERY, SceneTable, SimulationTable
-from clplen.batch.task import Source
+from clplen.batch.jobs.items import tasks_of
+from clplen.batch.jobs.tables import EVERY, SceneTable, SimulationTable
+from clplen.batch.jobs.task import Source
+from clplen.batch.work.simulation import STEEPEST, Simulated, scenes_of, simulate, simulations_of
 from clplen.cameras.gallery import SCENES, sample_scenes
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.scene import PointSources

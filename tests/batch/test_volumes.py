@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clplen.batch import volumes
-from clplen.batch.tables import DeconvolveTable
-from clplen.batch.volumes import Deconvolver, How
+from clplen.batch.jobs.tables import DeconvolveTable
+from clplen.batch.work import deconvolution
+from clplen.batch.work.deconvolution import Deconvolver, How
 from clplen.cli.deconvolve import _jobs, _Page
 from clplen.compute.device import Device
 from clplen.lightfield.lattice import Lattice
@@ -70,8 +70,8 @@ def test_what_is_darker_than_the_dark_frame_is_0_and_counted(device: Device) -> 
 def test_every_word_arrives(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     level = lenslets(np.arange(25.0).reshape(5, 5) + 1)
     prepare = preparation_of(device, level)
-    monkeypatch.setattr(volumes, "preparation", lambda *a, **k: prepare)
-    monkeypatch.setattr(volumes, "deconvolve", lambda *a, **k: (a, k))
+    monkeypatch.setattr(deconvolution, "preparation", lambda *a, **k: prepare)
+    monkeypatch.setattr(deconvolution, "deconvolve", lambda *a, **k: (a, k))
     series = Deconvolver(images(), ALL, device=device)
     even = 3.0 * 1.25**2 / 2.0  # background, area of a pixel, gain
     light = 2 * (0.5 * level + even)
@@ -86,7 +86,7 @@ def test_every_word_arrives(device: Device, monkeypatch: pytest.MonkeyPatch) -> 
     assert given["variance"] == prepare.variance
     for name in ("iterations", "residual", "accelerate", "prior", "strength"):
         assert given[name] == getattr(ALL, name)
-    monkeypatch.setattr("clplen.batch.remarks.of_volume", lambda *words: words)
+    monkeypatch.setattr("clplen.batch.work.diagnostics.of_volume", lambda *words: words)
     _, seen, dim, known, n, ratio = series.remarks(frame, SimpleNamespace(residuals=[]))  # type: ignore[arg-type, misc]
     assert seen is frame
     assert known is level
@@ -107,12 +107,14 @@ def test_a_changed_file_is_read_again(
     for path in paths.values():
         path.write_bytes(b"1")
     made: list[Any] = []
-    monkeypatch.setattr(volumes, "read_psf", lambda path: path)
-    monkeypatch.setattr(volumes, "Deconvolver", lambda *a, **k: made.append((a, k)) or made[-1])
+    monkeypatch.setattr(deconvolution, "read_psf", lambda path: path)
+    monkeypatch.setattr(
+        deconvolution, "Deconvolver", lambda *a, **k: made.append((a, k)) or made[-1]
+    )
     shop: Any = SimpleNamespace(deconvolver=None, device=device, memory=8)
 
     def kept(how: How = ALL) -> Any:
-        return volumes._kept(shop, {name: str(path) for name, path in paths.items()}, how)
+        return deconvolution._kept(shop, {name: str(path) for name, path in paths.items()}, how)
 
     assert kept() is kept()
     for number, path in enumerate(paths.values()):

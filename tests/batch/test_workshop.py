@@ -11,15 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from clplen.batch.locks import ItemLocks, job_lock
-from clplen.batch.remote import environment_of, share_of, usable_cores
-from clplen.batch.workshop import Room, StoppedError, Workshop
+from clplen.batch.running.worker import environment_of, share_of, usable_cores
+from clplen.batch.work.locks import ItemLocks, job_lock
+from clplen.batch.work.resources import Room, StoppedError, Workshop
 from clplen.compute.device import Device
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from clplen.batch.locks import ItemLocks, job_lock
+from clplen.batch.work.locks import ItemLocks, job_lock
 folder = Path(sys.argv[1])
 if sys.argv[2] == "job":
     lock = job_lock(folder)

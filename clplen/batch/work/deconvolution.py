@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from clplen.batch import remarks
-from clplen.batch.items import layout_in
-from clplen.batch.stamps import stamp
-from clplen.batch.task import Task
-from clplen.batch.workshop import Workshop
+from clplen.batch.jobs.items import layout_in
+from clplen.batch.jobs.task import Task
+from clplen.batch.work import diagnostics
+from clplen.batch.work.fingerprints import stamp
+from clplen.batch.work.resources import Workshop
 from clplen.cameras.microscope import Microscope
 from clplen.compute.device import Device
 from clplen.errors import FormatError
@@ -127,13 +127,13 @@ class Deconvolver:
         return self._prepare.place(self.images.voxels)
 
     def remarks(self, frame: Prepared, found: DeconvolutionResult | None = None) -> list[str]:
-        """What there is to say of a frame, or of the volume found; see `clplen.batch.remarks`."""
+        """What there is to say of a frame, or of the volume found; see `clplen.batch.work.diagnostics`."""
         if found is None:
-            return remarks.of_frame(self._prepare, frame, self.how.background)
+            return diagnostics.of_frame(self._prepare, frame, self.how.background)
         _, background = self._light(frame)
         gain, variance = self.how.gain, self._prepare.variance
         level = self._prepare.level
-        return remarks.of_volume(
+        return diagnostics.of_volume(
             found.residuals, frame, background * gain, level, self._prepare.pixels, gain * variance
         )
 

@@ -8,10 +8,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from clplen.batch.local import Running, here
+from clplen.batch.running.local import Running, here
 
 if TYPE_CHECKING:
-    from clplen.batch.job import Job
+    from clplen.batch.jobs.spec import Job
 
 
 def executor_of(
@@ -53,8 +53,8 @@ def executor_of(
     if scheduler is None and job.workers == 1:
         selector = job.device[0] if job.device else None
         return partial(here, selector=selector, memory=job.memory, running=running)
-    from clplen.batch.cluster import workers_here, workers_of
-    from clplen.batch.network import network_of
+    from clplen.batch.running.cluster import workers_here, workers_of
+    from clplen.batch.running.network import network_of
 
     network = network_of(
         scheduler, host=host, certificates=job.certificates_folder, insecure=insecure

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator, Field, PrivateAttr, ValidationError, model_validator
 
-from clplen.batch.tables import (
+from clplen.batch.jobs.tables import (
     WORK,
     AllInFocusTable,
     DeconvolveTable,
@@ -28,7 +28,7 @@ from clplen.errors import FormatError
 from clplen.files import PathLike
 
 if TYPE_CHECKING:
-    from clplen.batch.runner import Summary, Watcher
+    from clplen.batch.running.runner import Summary, Watcher
 
 
 class Job(HowTable):
@@ -182,7 +182,7 @@ class Job(HowTable):
         force : bool
             Whether a job that differs from the one that ran before may go on in its output.
         watcher : Watcher, optional
-            Is told how it goes on; see `clplen.batch.runner.Watcher`.
+            Is told how it goes on; see `clplen.batch.running.runner.Watcher`.
 
         Returns
         -------
@@ -205,8 +205,8 @@ class Job(HowTable):
         OSError
             If the output takes no files.
         """
-        from clplen.batch.executors import executor_of
-        from clplen.batch.runner import Silent, run_job
+        from clplen.batch.running.executors import executor_of
+        from clplen.batch.running.runner import Silent, run_job
 
         job = self.done_by(workers=workers, device=device, memory=memory, certificates=certificates)
         watcher = watcher or Silent()

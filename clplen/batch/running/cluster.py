@@ -22,16 +22,16 @@ from typing import Any
 
 from clplen import __version__
 from clplen.batch.execution import sentence
-from clplen.batch.network import (
+from clplen.batch.jobs.task import Report, Task
+from clplen.batch.running.network import (
     STATUS_PAGES,
     Network,
     check_certificates,
     network_of,
     require_dask,
 )
-from clplen.batch.remote import environment_of, share_of
-from clplen.batch.task import Report, Task
-from clplen.batch.workshop import LANES
+from clplen.batch.running.worker import environment_of, share_of
+from clplen.batch.work.resources import LANES
 from clplen.errors import DeviceError
 
 _log = logging.getLogger(__name__)
@@ -108,7 +108,7 @@ class Cluster:
         return max(1, self._workers) * _IN_FLIGHT
 
     def _submitted(self, task: Task) -> Any:
-        from clplen.batch.remote import perform_here
+        from clplen.batch.running.worker import perform_here
 
         key = f"clplen-{self._run}-{secrets.token_hex(4)}-{task.name}"
         return self._client.submit(
@@ -286,7 +286,7 @@ def check_workers(client: Any, scheduler: str) -> int:
     DeviceError
         If there are none, or some have no device, no clplen or another version of it.
     """
-    from clplen.batch.remote import describe
+    from clplen.batch.running.worker import describe
 
     try:
         client.wait_for_workers(1, timeout=_ANSWER)

@@ -9,12 +9,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from clplen.batch.locks import ItemLocks
+from clplen.batch.work.locks import ItemLocks
 from clplen.compute.device import Device
 from clplen.compute.hostmemory import free_memory
 
 if TYPE_CHECKING:
-    from clplen.batch.volumes import Deconvolver
+    from clplen.batch.work.deconvolution import Deconvolver
 
 LANES = 3  # items under way at a time: one is read, one computed, one written
 STAGES = ("read", "compute", "write")

@@ -20,7 +20,7 @@ class Task:
         Of the job's output, absolute.
     source : dict
         Where the light field comes from: ``kind`` "file" with ``path`` and ``layout``, "camera" or
-        "scene" with what `clplen.batch.simulated` makes them of.
+        "scene" with what `clplen.batch.work.simulation` makes them of.
     work : dict
         What is made, by the names of the job's tables; and ``formats``.
     base : str

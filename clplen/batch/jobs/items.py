@@ -8,14 +8,14 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
-from clplen.batch.simulated import scenes_of, simulations_of
-from clplen.batch.tables import WORK, InputTable
-from clplen.batch.task import Source, Task
+from clplen.batch.jobs.tables import WORK, InputTable
+from clplen.batch.jobs.task import Source, Task
+from clplen.batch.work.simulation import scenes_of, simulations_of
 from clplen.errors import ClplenError, FormatError
 from clplen.io import files_of
 
 if TYPE_CHECKING:
-    from clplen.batch.job import Job
+    from clplen.batch.jobs.spec import Job
 
 _BESIDE = ("white", "dark", "grid", "positions")  # words of layout that may name files
 _NAMES = "names"  # the one word of positions that is no file

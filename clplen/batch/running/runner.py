@@ -11,18 +11,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from clplen.batch.items import tasks_of
-from clplen.batch.locks import job_lock
-from clplen.batch.manifest import Known, Manifest
-from clplen.batch.stamps import is_whole
-from clplen.batch.task import Report, Task
 from clplen.batch.execution import folder_of, is_current, record_of, sentence
+from clplen.batch.jobs.items import tasks_of
+from clplen.batch.jobs.task import Report, Task
+from clplen.batch.running.manifest import Known, Manifest
+from clplen.batch.work.fingerprints import is_whole
+from clplen.batch.work.locks import job_lock
 from clplen.errors import FormatError
 from clplen.files import check_folder, clear_temporaries
 from clplen.io.zarrpackage import zarr_package
 
 if TYPE_CHECKING:
-    from clplen.batch.job import Job
+    from clplen.batch.jobs.spec import Job
 
 _DIFFERENCES = 6  # how many a message tells
 _SAVE = 0.5  # seconds between two writings of the manifest: each waits for the disk
@@ -322,7 +322,7 @@ def status_of(job: Job, *, verify: bool = False) -> Iterator[tuple[Task, str, st
     tuple
         Task, one of "done", "failed", "changed", "damaged", "missing", and words.
     """
-    from clplen.batch.check import state_of
+    from clplen.batch.running.status import state_of
 
     tasks = tasks_of(job)
     with Manifest(job.output_folder) as manifest:

@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen import io
-from clplen.batch.items import layout_in, tasks_of
-from clplen.batch.products import bytes_in_core, bytes_written
-from clplen.batch.runner import plan_of
-from clplen.batch.stamps import stamp
-from clplen.batch.task import Task
 from clplen.batch.execution import perform, sentence
-from clplen.batch.workshop import Workshop
+from clplen.batch.jobs.items import layout_in, tasks_of
+from clplen.batch.jobs.task import Task
+from clplen.batch.running.runner import plan_of
+from clplen.batch.work.fingerprints import stamp
+from clplen.batch.work.products import bytes_in_core, bytes_written
+from clplen.batch.work.resources import Workshop
 
 if TYPE_CHECKING:
-    from clplen.batch.job import Job
+    from clplen.batch.jobs.spec import Job
 
 _OPENED = 200  # items whose sizes are looked at; of more, those of the others are extrapolated
 

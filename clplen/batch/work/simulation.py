@@ -12,10 +12,10 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from clplen.batch.focused import is_focused
-from clplen.batch.sweep import Setting, combinations, label, with_values
-from clplen.batch.tables import EVERY, SceneTable, SimulationTable
-from clplen.batch.task import Source
+from clplen.batch.jobs.sweep import Setting, combinations, label, with_values
+from clplen.batch.jobs.tables import EVERY, SceneTable, SimulationTable
+from clplen.batch.jobs.task import Source
+from clplen.batch.work.focused import is_focused
 from clplen.cameras.gallery import SCENES, SampleScene, sample_scenes
 from clplen.cameras.microscope import Microscope
 from clplen.cameras.plenoptic import Plenoptic

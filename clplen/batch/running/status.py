@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from clplen.batch.manifest import Known
-from clplen.batch.stamps import is_unchanged, is_whole
-from clplen.batch.task import Task
 from clplen.batch.execution import RECORD, folder_of, record_of
+from clplen.batch.jobs.task import Task
+from clplen.batch.running.manifest import Known
+from clplen.batch.work.fingerprints import is_unchanged, is_whole
 from clplen.io.digest import digest
 
 STATES = ("done", "failed", "changed", "damaged", "missing")

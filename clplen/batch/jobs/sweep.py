@@ -10,7 +10,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
-    from clplen.batch.tables import SweepTable
+    from clplen.batch.jobs.tables import SweepTable
 
 ALL = "*"  # in a key, every entry of a list
 _DIGITS = range(6, 18)  # of floats in names; 17 tell all of them apart

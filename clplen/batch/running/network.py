@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from clplen.batch.certificates import MAKE, Certificates
+from clplen.batch.running.certificates import MAKE, Certificates
 from clplen.errors import DeviceError, FormatError
 from clplen.files import PathLike
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from clplen import __version__
-from clplen.batch.task import Report
+from clplen.batch.jobs.task import Report
 from clplen.errors import FormatError
 
 NAME = "manifest.sqlite"

@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-from clplen.batch.task import Report, Task
 from clplen.batch.execution import perform
-from clplen.batch.workshop import LANES, StoppedError, Workshop
+from clplen.batch.jobs.task import Report, Task
+from clplen.batch.work.resources import LANES, StoppedError, Workshop
 
 Running = Callable[[str, int, int], None]
 

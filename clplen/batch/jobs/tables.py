@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from clplen.batch.sweep import distinct, swept_once
+from clplen.batch.jobs.sweep import distinct, swept_once
 from clplen.cameras.gallery import SCENES
 from clplen.config.tables import Count, NotNegative, Positive, Seed, Switch, Table, listed
 

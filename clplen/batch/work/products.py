@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen import Device, LightField, all_in_focus, depth_map, focal_stack, io
-from clplen.batch.focused import focused_products, is_focused
-from clplen.batch.items import layout_in
-from clplen.batch.simulated import simulate
-from clplen.batch.task import Task
-from clplen.batch.volumes import volumes
-from clplen.batch.workshop import Workshop
+from clplen.batch.jobs.items import layout_in
+from clplen.batch.jobs.task import Task
+from clplen.batch.work.deconvolution import volumes
+from clplen.batch.work.focused import focused_products, is_focused
+from clplen.batch.work.resources import Workshop
+from clplen.batch.work.simulation import simulate
 from clplen.errors import DeviceError
 from clplen.files import filling, replacing
 from clplen.lightfield.planes import suitable_planes
