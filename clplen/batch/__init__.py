@@ -1,7 +1,10 @@
-"""Many light fields: jobs, their items, a manifest of what is done, workers."""
+"""Many light fields: a job file comes in; results, their records and a manifest go out.
 
-from clplen.batch.jobs.spec import Job
+Rooms from the ground up: ``jobs``, ``work``, ``running``. ``preload`` is the entry of Dask workers.
+"""
+
 from clplen.batch.running.certificates import make_certificates
+from clplen.batch.jobs.spec import Job
 from clplen.batch.running.network import security_of
 
 __all__ = ["Job", "make_certificates", "security_of"]

@@ -18,13 +18,13 @@ import tifffile
 from batchworks import Watcher, run
 
 from clplen.batch import Job
-from clplen.batch.execution import perform
 from clplen.batch.jobs.items import tasks_of
 from clplen.batch.jobs.task import Report
 from clplen.batch.running.local import here
 from clplen.batch.running.manifest import Manifest
 from clplen.batch.running.runner import run_job, status_of
 from clplen.batch.work import products as making
+from clplen.batch.work.execution import perform
 from clplen.batch.work.resources import Workshop
 from clplen.compute.device import Device
 

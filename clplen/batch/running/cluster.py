@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 from clplen import __version__
-from clplen.batch.execution import sentence
 from clplen.batch.jobs.task import Report, Task
 from clplen.batch.running.network import (
     STATUS_PAGES,
@@ -31,6 +30,7 @@ from clplen.batch.running.network import (
     require_dask,
 )
 from clplen.batch.running.worker import environment_of, share_of
+from clplen.batch.work.execution import sentence
 from clplen.batch.work.resources import LANES
 from clplen.errors import DeviceError
 

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen import io
-from clplen.batch.execution import perform, sentence
 from clplen.batch.jobs.items import layout_in, tasks_of
 from clplen.batch.jobs.task import Task
 from clplen.batch.running.runner import plan_of
+from clplen.batch.work.execution import perform, sentence
 from clplen.batch.work.fingerprints import stamp
 from clplen.batch.work.products import bytes_in_core, bytes_written
 from clplen.batch.work.resources import Workshop

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-from clplen.batch.execution import perform
 from clplen.batch.jobs.task import Report, Task
+from clplen.batch.work.execution import perform
 from clplen.batch.work.resources import LANES, StoppedError, Workshop
 
 Running = Callable[[str, int, int], None]

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from clplen.batch.execution import folder_of, is_current, record_of, sentence
 from clplen.batch.jobs.items import tasks_of
 from clplen.batch.jobs.task import Report, Task
 from clplen.batch.running.manifest import Known, Manifest
+from clplen.batch.work.execution import folder_of, is_current, record_of, sentence
 from clplen.batch.work.fingerprints import is_whole
 from clplen.batch.work.locks import job_lock
 from clplen.errors import FormatError

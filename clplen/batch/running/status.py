@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from clplen.batch.execution import RECORD, folder_of, record_of
 from clplen.batch.jobs.task import Task
 from clplen.batch.running.manifest import Known
+from clplen.batch.work.execution import RECORD, folder_of, record_of
 from clplen.batch.work.fingerprints import is_unchanged, is_whole
 from clplen.io.digest import digest
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from clplen import __version__
-from clplen.batch.execution import perform
 from clplen.batch.jobs.task import Task
+from clplen.batch.work.execution import perform
 from clplen.batch.work.resources import Workshop, default_memory
 from clplen.compute.device import Device
 from clplen.errors import ClplenError, DeviceError
