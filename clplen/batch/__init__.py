@@ -4,7 +4,7 @@ Rooms from the ground up: ``jobs``, ``work``, ``running``. ``preload`` is the en
 """
 
 from clplen.batch.running.certificates import make_certificates
-from clplen.batch.jobs.spec import Job
+from clplen.batch.running.job import Job, run_job
 from clplen.batch.running.network import security_of
 
-__all__ = ["Job", "make_certificates", "security_of"]
+__all__ = ["Job", "make_certificates", "run_job", "security_of"]

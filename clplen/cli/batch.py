@@ -20,7 +20,7 @@ from clplen.cli import options
 if TYPE_CHECKING:
     from clplen.batch import Job
     from clplen.batch.jobs.task import Report
-    from clplen.batch.running.estimate import Forecast
+    from clplen.batch.running.estimate import JobEstimate
     from clplen.batch.running.runner import Summary
 
 _SHOWN = 20  # items of a list
@@ -139,7 +139,7 @@ def run(
     from clplen.batch import Job
 
     with _quiet():
-        job = Job.read(path).done_by(workers=workers, device=selector, memory=memory)
+        job = Job.read(path).with_settings(workers=workers, device=selector, memory=memory)
         if dry_run:
             _forecast(job)
             return
@@ -227,9 +227,9 @@ def _tell(summary: Summary, job: Job, path: Path) -> None:
 
 
 def _forecast(job: Job) -> None:
-    from clplen.batch.running.estimate import forecast_of
+    from clplen.batch.running.estimate import estimate_job
 
-    found = forecast_of(job)
+    found = estimate_job(job)
     for line in found.lines[:_SHOWN]:
         how = f"fails: {line.problem}" if line.problem else _sizes(line.read, line.written)
         how = how if line.problem or line.written else "how much it writes is not known"
@@ -246,7 +246,7 @@ def _forecast(job: Job) -> None:
     click.echo(_time(found, job.workers))
 
 
-def _time(found: Forecast, workers: int) -> str:
+def _time(found: JobEstimate, workers: int) -> str:
     if not found.todo:
         return "Nothing is to be done."
     if math.isnan(found.seconds):
@@ -280,14 +280,14 @@ def status(path: Path, verify: bool) -> None:
       clplen batch status job.toml --verify
     """
     from clplen.batch import Job
-    from clplen.batch.running.runner import counted, status_of
+    from clplen.batch.running.status import count_states, status_of
 
     states = []
     for task, state, why in status_of(Job.read(path), verify=verify):
         states.append(state)
         if state != "done":
             click.echo(f"{task.name}: {state}: {why}")
-    click.echo(f"{len(states)} items: {counted(states)}.")
+    click.echo(f"{len(states)} items: {count_states(states)}.")
     if set(states) - {"done"}:
         click.get_current_context().exit(1)
 

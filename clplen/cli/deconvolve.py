@@ -17,7 +17,7 @@ from clplen.cli.common import bar_of, check_output, check_suffix, opened, reach
 from clplen.cli.messages import note
 
 if TYPE_CHECKING:
-    from clplen.batch.work.deconvolution import Deconvolver, How
+    from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
     from clplen.microscopy.images import PointImages
     from clplen.microscopy.prepare import Prepared
 
@@ -127,7 +127,7 @@ def deconvolve(
       clplen microscope deconvolve guv.tif -c psf.h5 --white white.tif -o guv.ome.zarr
       clplen microscope deconvolve t*.tif -c psf.h5 --white white.tif -o "out/{name}.ome.tif"
     """
-    from clplen.batch.work.deconvolution import Deconvolver, How, read_psf
+    from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver, read_psf
 
     if background < 0:
         raise click.UsageError(f"--background is not negative, not {background:g}.")
@@ -143,7 +143,7 @@ def deconvolve(
     pages = [page for path in frames for page in _pages(path)]
     outputs = _outputs(pages, output, [source, white, dark], force)
     images = read_psf(source)
-    how = How(
+    how = DeconvolutionSettings(
         iterations=iterations,
         background=background,
         gain=1.0 if gain is None else gain,
@@ -305,16 +305,16 @@ def _outputs(
 def _jobs(
     pages: list[_Page],
     images: PointImages,
-    how: How,
+    how: DeconvolutionSettings,
     white: Path | None,
     dark: Path | None,
     warm_start: bool,
 ) -> list[dict[str, Any]]:
     """What each volume depends on, kept with it."""
-    from clplen.batch.work.deconvolution import words_of
+    from clplen.batch.work.deconvolution import provenance
     from clplen.io.digest import digest
 
-    shared = words_of(images, how, white, dark)
+    shared = provenance(images, how, white, dark)
     digests = {path: digest(path) for path in {page.path for page in pages}}
     jobs = [{"frame": digests[one.path], "number": one.number, **shared} for one in pages]
     if warm_start:

@@ -44,7 +44,7 @@ def test_of_frames(device: Device, white: Any) -> None:
     light = np.kron(np.random.default_rng(5).uniform(0.2, 2, SIZE), np.ones((N, N)))
 
     def said(counts: Any, background: float = 0.0, **more: Any) -> str:
-        return " ".join(diagnostics.of_frame(prepare, prepared(counts, **more), background))
+        return " ".join(diagnostics.diagnose_frame(prepare, prepared(counts, **more), background))
 
     frame = white * light
     assert not said(frame, 0.9 * frame.mean())
@@ -68,10 +68,10 @@ def test_pixels_below_the_dark_frame(device: Device, white: Any) -> None:
     frame[0, :4] = dark[0, :4] - (1, 20, 35, 60)  # 5 sqrt(2) 4 = 28
     found = prepare(frame)
     assert (found.negative, found.deep, found.size) == (4, 2, white.size)
-    (text,) = diagnostics.of_frame(replace(prepare, level=None), found, 0)
+    (text,) = diagnostics.diagnose_frame(replace(prepare, level=None), found, 0)
     assert "taken as 0 (0.12 %), 2 of them by more than the noise" in text
     frame[0, 2:4] += 60
-    (text,) = diagnostics.of_frame(replace(prepare, level=None), prepare(frame), 0)
+    (text,) = diagnostics.diagnose_frame(replace(prepare, level=None), prepare(frame), 0)
     assert "all of them within the noise of the dark frame" in text
     with pytest.raises(ValueError, match=r"in the mean, is brighter than the frame, 49\.9"):
         prepare(dark / 2)
@@ -85,7 +85,7 @@ def test_of_volumes(white: Any) -> None:
 
     def said(last: float, level: Any = white, variance: float = 0.0) -> str:
         residuals = np.array([1.0, last])
-        return " ".join(diagnostics.of_volume(residuals, frame, nothing, level, N, variance))
+        return " ".join(diagnostics.diagnose_volume(residuals, frame, nothing, level, N, variance))
 
     assert not said(0.149)
     assert "residual of 0.151 is high, lenslets lit evenly would leave 0.2:" in said(0.151)
@@ -127,11 +127,13 @@ def test_real_frames(device: Device, data_folder: Path, name: str, pixels: int, 
     if name == "guv":
         moves["was the array"] = frame[::-1, ::-1]
     for text, seen in moves.items():
-        said = [one for one in diagnostics.of_frame(prepare, prepare(seen), 0) if "sub-im" in one]
+        said = [
+            one for one in diagnostics.diagnose_frame(prepare, prepare(seen), 0) if "sub-im" in one
+        ]
         assert len(said) == bool(text)
         assert text in "".join(said)
     exchanged = replace(prepare, level=prepare(frame).counts)
-    assert any("exch" in one for one in diagnostics.of_frame(exchanged, prepare(white), 0))
+    assert any("exch" in one for one in diagnostics.diagnose_frame(exchanged, prepare(white), 0))
 
 
 def test_raw_images_are_frames(device: Device, white: Any) -> None:

@@ -12,9 +12,10 @@ import pytest
 
 from clplen.batch import Job
 from clplen.batch.jobs.items import tasks_of
+from clplen.batch.jobs.simulations import STEEPEST, scenes_of, simulations_of
 from clplen.batch.jobs.tables import EVERY, SceneTable, SimulationTable
 from clplen.batch.jobs.task import Source
-from clplen.batch.work.simulation import STEEPEST, Simulated, scenes_of, simulate, simulations_of
+from clplen.batch.work.simulation import Simulated, simulate
 from clplen.cameras.gallery import SCENES, sample_scenes
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.scene import PointSources

@@ -12,14 +12,14 @@ import pytest
 
 from clplen.batch.jobs.tables import DeconvolveTable
 from clplen.batch.work import deconvolution
-from clplen.batch.work.deconvolution import Deconvolver, How
+from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
 from clplen.cli.deconvolve import _jobs, _Page
 from clplen.compute.device import Device
 from clplen.lightfield.lattice import Lattice
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.prepare import Preparation
 
-ALL = How(7, 3.0, 2.0, 900.0, True, 0.25, True, "tv", 0.5)
+ALL = DeconvolutionSettings(7, 3.0, 2.0, 900.0, True, 0.25, True, "tv", 0.5)
 N = 4
 
 
@@ -86,7 +86,7 @@ def test_every_word_arrives(device: Device, monkeypatch: pytest.MonkeyPatch) -> 
     assert given["variance"] == prepare.variance
     for name in ("iterations", "residual", "accelerate", "prior", "strength"):
         assert given[name] == getattr(ALL, name)
-    monkeypatch.setattr("clplen.batch.work.diagnostics.of_volume", lambda *words: words)
+    monkeypatch.setattr("clplen.batch.work.diagnostics.diagnose_volume", lambda *words: words)
     _, seen, dim, known, n, ratio = series.remarks(frame, SimpleNamespace(residuals=[]))  # type: ignore[arg-type, misc]
     assert seen is frame
     assert known is level
@@ -97,7 +97,7 @@ def test_every_word_arrives(device: Device, monkeypatch: pytest.MonkeyPatch) -> 
 def test_jobs_and_commands_know_the_same_words() -> None:
     made = DeconvolveTable(psf="psf.h5").model_dump()
     assert made.pop("psf") == "psf.h5"
-    assert made == asdict(How())
+    assert made == asdict(DeconvolutionSettings())
 
 
 def test_a_changed_file_is_read_again(
@@ -111,10 +111,12 @@ def test_a_changed_file_is_read_again(
     monkeypatch.setattr(
         deconvolution, "Deconvolver", lambda *a, **k: made.append((a, k)) or made[-1]
     )
-    shop: Any = SimpleNamespace(deconvolver=None, device=device, memory=8)
+    resources: Any = SimpleNamespace(deconvolver=None, device=device, memory=8)
 
-    def kept(how: How = ALL) -> Any:
-        return deconvolution._kept(shop, {name: str(path) for name, path in paths.items()}, how)
+    def kept(how: DeconvolutionSettings = ALL) -> Any:
+        return deconvolution._kept(
+            resources, {name: str(path) for name, path in paths.items()}, how
+        )
 
     assert kept() is kept()
     for number, path in enumerate(paths.values()):
@@ -130,10 +132,13 @@ def test_what_a_volume_depends_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     files = [tmp_path / name for name in "abc"]
     for path in files:
         path.write_bytes(path.name.encode())
-    other = How(8, 4.0, 3.0, 901.0, False, "noise", False, "gaussian", 0.6)
-    hows = [ALL, *(replace(ALL, **{f.name: getattr(other, f.name)}) for f in fields(How))]
+    other = DeconvolutionSettings(8, 4.0, 3.0, 901.0, False, "noise", False, "gaussian", 0.6)
+    hows = [
+        ALL,
+        *(replace(ALL, **{f.name: getattr(other, f.name)}) for f in fields(DeconvolutionSettings)),
+    ]
 
-    def job(how: How = ALL, page: int = 0, **changed: Any) -> str:
+    def job(how: DeconvolutionSettings = ALL, page: int = 0, **changed: Any) -> str:
         given: dict[str, Any] = {"images": images(), "white": files[1], "dark": files[2]}
         given |= {"warm_start": False} | changed
         pages = [_Page(files[0], number) for number in range(2)]

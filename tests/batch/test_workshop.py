@@ -13,7 +13,7 @@ import pytest
 
 from clplen.batch.running.worker import environment_of, share_of, usable_cores
 from clplen.batch.work.locks import ItemLocks, job_lock
-from clplen.batch.work.resources import Room, StoppedError, Workshop
+from clplen.batch.work.resources import MemoryBudget, Resources, StoppedError
 from clplen.compute.device import Device
 
 HOLD = """
@@ -126,7 +126,7 @@ def test_locks_in_a_folder_that_was_removed(tmp_path: Path):
 
 
 def test_room_is_given_in_turn():
-    room, order = Room(100), []
+    room, order = MemoryBudget(100), []
 
     def take(name: str, size: int, seconds: float) -> None:
         with room.of(size):
@@ -146,11 +146,11 @@ def test_room_is_given_in_turn():
 
 
 def test_one_item_in_a_stage(tmp_path: Path, device: Device):
-    shop = Workshop(tmp_path, selector=device.place, memory=1000)
+    resources = Resources(tmp_path, selector=device.place, memory=1000)
     inside, most = [0], [0]
 
     def visit() -> None:
-        with shop.stage("read", {}):
+        with resources.stage("read", {}):
             inside[0] += 1
             most[0] = max(most[0], inside[0])
             time.sleep(0.01)
@@ -163,13 +163,13 @@ def test_one_item_in_a_stage(tmp_path: Path, device: Device):
         thread.join()
     assert most == [1]
     seconds: dict[str, float] = {}
-    with shop.stage("compute", seconds):
+    with resources.stage("compute", seconds):
         time.sleep(0.02)
     assert seconds["compute"] >= 0.02
-    shop.stop()
-    with pytest.raises(StoppedError), shop.stage("read", {}):
+    resources.stop()
+    with pytest.raises(StoppedError), resources.stage("read", {}):
         pass
-    shop.close()
+    resources.close()
 
 
 def test_cores_are_shared_out():

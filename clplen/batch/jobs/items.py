@@ -6,27 +6,25 @@ import glob
 import os
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from clplen.batch.jobs.simulations import scenes_of, simulations_of
+from clplen.batch.jobs.spec import JobSpec
 from clplen.batch.jobs.tables import WORK, InputTable
 from clplen.batch.jobs.task import Source, Task
-from clplen.batch.work.simulation import scenes_of, simulations_of
 from clplen.errors import ClplenError, FormatError
 from clplen.io import files_of
-
-if TYPE_CHECKING:
-    from clplen.batch.jobs.spec import Job
 
 _BESIDE = ("white", "dark", "grid", "positions")  # words of layout that may name files
 _NAMES = "names"  # the one word of positions that is no file
 
 
-def tasks_of(job: Job) -> list[Task]:
+def tasks_of(job: JobSpec) -> list[Task]:
     """What the job asks for, in the order of its tables.
 
     Parameters
     ----------
-    job : Job
+    job : JobSpec
 
     Returns
     -------
@@ -52,7 +50,7 @@ def tasks_of(job: Job) -> list[Task]:
     return [Task(one.name, output, one.words, work, base, (*one.files, *shared)) for one in sources]
 
 
-def _shared(job: Job) -> tuple[str, ...]:
+def _shared(job: JobSpec) -> tuple[str, ...]:
     """Files that all items read."""
     if job.deconvolve is None:
         return ()
@@ -65,7 +63,7 @@ def _shared(job: Job) -> tuple[str, ...]:
     return (psf,)
 
 
-def _sources(job: Job) -> Iterator[Source]:
+def _sources(job: JobSpec) -> Iterator[Source]:
     for i, inputs in enumerate(job.inputs):
         yield from _files(inputs, job, f"inputs.{i}")
     for i, simulation in enumerate(job.simulations):
@@ -80,7 +78,7 @@ def _named(sources: list[Source], key: str) -> list[Source]:
     return sources
 
 
-def _files(inputs: InputTable, job: Job, key: str) -> Iterator[Source]:
+def _files(inputs: InputTable, job: JobSpec, key: str) -> Iterator[Source]:
     layout = _layout(inputs, job.folder, key)
     found: dict[str, None] = {}
     output = Path(os.path.realpath(job.output_folder))

@@ -1,9 +1,9 @@
-"""A job: what is read, what is made of it, and where it goes. TOML, or from Python."""
+"""The content of a job: what is read, what is made of it, and where it goes."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from pydantic import BeforeValidator, Field, PrivateAttr, ValidationError, model_validator
 
@@ -13,10 +13,10 @@ from clplen.batch.jobs.tables import (
     DeconvolveTable,
     DepthTable,
     Format,
-    HowTable,
     InputTable,
     LightFieldTable,
     RawTable,
+    RunTable,
     SceneTable,
     SimulationTable,
     StackTable,
@@ -27,12 +27,11 @@ from clplen.config.tables import listed
 from clplen.errors import FormatError
 from clplen.files import PathLike
 
-if TYPE_CHECKING:
-    from clplen.batch.running.runner import Summary, Watcher
+Spec = TypeVar("Spec", bound="JobSpec")
 
 
-class Job(HowTable):
-    """Many light fields, and what is made of each. See ``clplen batch --example``.
+class JobSpec(RunTable):
+    """Many light fields, and what is made of each; `clplen.batch.Job` runs it.
 
     Attributes
     ----------
@@ -76,7 +75,7 @@ class Job(HowTable):
     _folder: Path = PrivateAttr(default_factory=Path.cwd)
 
     @model_validator(mode="after")
-    def _not_empty(self) -> Job:
+    def _not_empty(self: Spec) -> Spec:
         if not (self.inputs or self.simulations or self.scenes):
             raise ValueError(
                 "the job has no light fields: give [[inputs]], [[simulations]] or [[scenes]]"
@@ -96,7 +95,7 @@ class Job(HowTable):
         return self
 
     @classmethod
-    def read(cls, path: PathLike) -> Job:
+    def read(cls: type[Spec], path: PathLike) -> Spec:
         """Read a job file.
 
         Parameters
@@ -117,103 +116,32 @@ class Job(HowTable):
         """
         path = Path(path)
         content = read_toml(path, f"job file {path}; 'clplen batch --example' prints one")
-        return validated(cls, content, path).within(path.parent)
+        return validated(cls, content, path).relative_to(path.parent)
 
-    def within(self, folder: PathLike) -> Job:
-        """The same job with the names of files seen from another folder than the current one."""
+    def relative_to(self: Spec, folder: PathLike) -> Spec:
+        """The same job with file names relative to another folder than the current one."""
         job = self.model_copy()
         job._folder = Path(folder).absolute()
         return job
 
-    def done_by(
-        self,
+    def with_settings(
+        self: Spec,
         *,
         workers: int | None = None,
         device: str | list[str] | None = None,
         memory: int | str | None = None,
         certificates: PathLike | None = None,
-    ) -> Job:
-        """The same job done otherwise; see `run`."""
+    ) -> Spec:
+        """The same job with other settings of its run; see `clplen.batch.run_job`."""
         given = {"workers": workers, "device": device, "memory": memory}
         if certificates is not None:
             given["certificates"] = str(Path(certificates).absolute())
         given = {name: value for name, value in given.items() if value is not None}
         try:
-            how = HowTable.model_validate(given)
+            how = RunTable.model_validate(given)
         except ValidationError as error:
-            raise FormatError(f"{problems_of(HowTable, error)}.") from error
+            raise FormatError(f"{problems_of(RunTable, error)}.") from error
         return self.model_copy(update={name: getattr(how, name) for name in given})
-
-    def run(
-        self,
-        *,
-        workers: int | None = None,
-        scheduler: str | None = None,
-        device: str | list[str] | None = None,
-        memory: int | str | None = None,
-        host: str | None = None,
-        certificates: PathLike | None = None,
-        insecure: bool = False,
-        force: bool = False,
-        watcher: Watcher | None = None,
-    ) -> Summary:
-        """Do what is missing, changed or failed.
-
-        Parameters
-        ----------
-        workers : int, optional
-            Processes on this computer, at least 1; default: as the job says. With more than one, a
-            script must call this below ``if __name__ == "__main__":``, as its workers import it.
-        scheduler : str, optional
-            Address of a Dask scheduler whose workers do it, ``tls://host:8786``.
-        device : str or list of str, optional
-            As for `Device.open`, a list for each worker its own; default: as the job says. Workers
-            of a scheduler have theirs.
-        memory : int or str, optional
-            Bytes or a size such as "4 GiB" of each worker; default: as the job says.
-        host : str, optional
-            Address or name of this computer on which workers listen, so that others may join;
-            default: 127.0.0.1.
-        certificates : path-like, optional
-            Folder of `make_certificates`; default: as the job says.
-        insecure : bool
-            Whether to go without TLS, also beyond this computer: anyone who reaches the ports runs
-            programs as this user.
-        force : bool
-            Whether a job that differs from the one that ran before may go on in its output.
-        watcher : Watcher, optional
-            Is told how it goes on; see `clplen.batch.running.runner.Watcher`.
-
-        Returns
-        -------
-        Summary
-            ``failed`` has a sentence for each item that failed; the others are done.
-
-        Raises
-        ------
-        FormatError
-            If a value is out of range, the items cannot be told, the job differs from the one that
-            ran before, certificates cannot be used, or the extra ``batch`` is needed and not
-            installed.
-        ValueError
-            If ``host`` or ``scheduler`` is reached from beyond this computer without certificates
-            and not ``insecure``, or ``host`` is no address of it.
-        DeviceError
-            If there is no such device, or the workers cannot do the job.
-        BlockingIOError
-            If another process is at work on the output.
-        OSError
-            If the output takes no files.
-        """
-        from clplen.batch.running.executors import executor_of
-        from clplen.batch.running.runner import Silent, run_job
-
-        job = self.done_by(workers=workers, device=device, memory=memory, certificates=certificates)
-        watcher = watcher or Silent()
-        executor = executor_of(
-            job, scheduler=scheduler, host=host, insecure=insecure, running=watcher.running
-        )
-        return run_job(job, executor, watcher=watcher, force=force)
 
     @property
     def folder(self) -> Path:
@@ -230,7 +158,7 @@ class Job(HowTable):
         """Where the certificates are."""
         return None if self.certificates is None else self._folder / self.certificates
 
-    def what(self) -> dict[str, Any]:
-        """What decides the results, without how they are computed: for comparing jobs."""
-        how = {*HowTable.model_fields, "output"}
+    def contents(self) -> dict[str, Any]:
+        """All keys that decide the results, without those of the run: for comparing jobs."""
+        how = {*RunTable.model_fields, "output"}
         return self.model_dump(mode="json", exclude=how, exclude_defaults=True)

@@ -7,10 +7,11 @@ import difflib
 import re
 from collections.abc import Iterable, Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
-if TYPE_CHECKING:
-    from clplen.batch.jobs.tables import SweepTable
+from pydantic import BeforeValidator, Field
+
+from clplen.config.tables import Table
 
 ALL = "*"  # in a key, every entry of a list
 _DIGITS = range(6, 18)  # of floats in names; 17 tell all of them apart
@@ -47,6 +48,14 @@ def distinct(values: Any) -> Any:
         if value in values[:number]:
             raise ValueError(f"has {value!r} twice")
     return values
+
+
+class SweepTable(Table):
+    """``[[simulations.sweep]]``: one key of the camera file, or of a scene, with its values."""
+
+    key: Annotated[str, Field(pattern=r"^[^.]+(\.[^.]+)*$")]
+    values: Annotated[list[Any], BeforeValidator(distinct)]
+    name: Annotated[str, Field(min_length=1)] | None = None
 
 
 def swept_once(sweep: list[SweepTable]) -> list[SweepTable]:

@@ -1,4 +1,4 @@
-"""The tables of a job file."""
+"""Tables of a job file, with the forms of their values: planes, memory sizes, apertures."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from clplen.batch.jobs.sweep import distinct, swept_once
+from clplen.batch.jobs.sweep import SweepTable, swept_once
 from clplen.cameras.gallery import SCENES
 from clplen.config.tables import Count, NotNegative, Positive, Seed, Switch, Table, listed
 
@@ -119,14 +119,6 @@ class InputTable(Table):
     files: Annotated[list[str], BeforeValidator(listed), Field(min_length=1)]
     name: str = "{stem}"
     layout: LayoutTable = LayoutTable()
-
-
-class SweepTable(Table):
-    """``[[simulations.sweep]]``: one key of the camera file, or of a scene, with its values."""
-
-    key: Annotated[str, Field(pattern=r"^[^.]+(\.[^.]+)*$")]
-    values: Annotated[list[Any], BeforeValidator(distinct)]
-    name: Annotated[str, Field(min_length=1)] | None = None
 
 
 class SimulationTable(Table):
@@ -241,7 +233,7 @@ class DeconvolveTable(Table):
 WORK = ("stack", "depth", "all_in_focus", "views", "light_field", "deconvolve", "raw")
 
 
-class HowTable(Table):
+class RunTable(Table):
     """How a job is done; it decides no result."""
 
     device: Annotated[list[str], BeforeValidator(listed)] | None = None

@@ -99,10 +99,10 @@ class Report:
         """
         try:
             found = cls(**json.loads(text))
-            for stamp in (*found.inputs.values(), *found.outputs.values()):
-                int(stamp["bytes"]), str(stamp["sha256"])
-            for stamp in found.inputs.values():
-                int(stamp["changed"])
+            for entry in (*found.inputs.values(), *found.outputs.values()):
+                int(entry["bytes"]), str(entry["sha256"])
+            for entry in found.inputs.values():
+                int(entry["changed"])
         except (TypeError, KeyError, AttributeError) as error:
             raise ValueError(f"It is no report: {error!r}.") from error
         return found

@@ -30,19 +30,19 @@ from clplen.batch.running.network import (
     require_dask,
 )
 from clplen.batch.running.worker import environment_of, share_of
-from clplen.batch.work.execution import sentence
-from clplen.batch.work.resources import LANES
+from clplen.batch.work.execution import describe_error
+from clplen.batch.work.resources import PIPELINE_DEPTH
 from clplen.errors import DeviceError
 
 _log = logging.getLogger(__name__)
-_IN_FLIGHT = 4 * LANES  # tasks of each worker that the scheduler knows of
+_IN_FLIGHT = 4 * PIPELINE_DEPTH  # tasks of each worker that the scheduler knows of
 _ANSWER = 20.0  # seconds
 _LOOK = 1.0  # seconds after which workers are counted again
 _TLS_OPTIONS = {"--tls-ca-file": "ca_file", "--tls-cert": "cert", "--tls-key": "key"}
 _LATE = (TimeoutError, asyncio.TimeoutError)  # two of them in Python 3.10
 
 
-class Cluster:
+class ClusterExecutor:
     """Does tasks on the workers of a Dask client.
 
     Parameters
@@ -108,11 +108,11 @@ class Cluster:
         return max(1, self._workers) * _IN_FLIGHT
 
     def _submitted(self, task: Task) -> Any:
-        from clplen.batch.running.worker import perform_here
+        from clplen.batch.running.worker import execute_on_worker
 
         key = f"clplen-{self._run}-{secrets.token_hex(4)}-{task.name}"
         return self._client.submit(
-            perform_here, asdict(task), self._how, __version__, key=key, pure=False
+            execute_on_worker, asdict(task), self._how, __version__, key=key, pure=False
         )
 
     def _report(self, task: Task, future: Any) -> Report:
@@ -126,7 +126,7 @@ class Cluster:
         if _was_killed(future):
             text = "the workers that took it died (too little memory?): see their logs"
         else:
-            text = f"the worker could not do it ({sentence(future.exception())})"
+            text = f"the worker could not do it ({describe_error(future.exception())})"
         passing = not _was_killed(future)  # it was tried again already
         return Report(
             task.name, "failed", task.parameters, time.time(), error=text, passing=passing
@@ -146,7 +146,7 @@ def _was_killed(future: Any) -> bool:
 
 
 @contextmanager
-def workers_here(
+def local_cluster(
     folder: Path,
     *,
     workers: int,
@@ -154,7 +154,7 @@ def workers_here(
     memory: int | None,
     retries: int,
     network: Network | None = None,
-) -> Iterator[Cluster]:
+) -> Iterator[ClusterExecutor]:
     """Worker processes on this computer, one a device; the cores of a CPU are shared out.
 
     Parameters
@@ -203,7 +203,7 @@ def workers_here(
             ) from error
         check_workers(client, "this computer")
         _invite(cluster.scheduler_address, network)
-        yield Cluster(client, folder, memory=memory, sharing=workers)
+        yield ClusterExecutor(client, folder, memory=memory, sharing=workers)
 
 
 def _invite(scheduler: str, network: Network) -> None:
@@ -231,7 +231,7 @@ def _options(number: int, workers: int, devices: list[str] | None) -> dict[str, 
     if devices:
         environment["CLPLEN_DEVICE"] = devices[number % len(devices)]
     return {
-        "nthreads": LANES,
+        "nthreads": PIPELINE_DEPTH,
         "memory_limit": 0,
         "env": environment,
         "preload": ["clplen.batch.preload"],
@@ -240,7 +240,9 @@ def _options(number: int, workers: int, devices: list[str] | None) -> dict[str, 
 
 
 @contextmanager
-def workers_of(folder: Path, *, network: Network, memory: int | None) -> Iterator[Cluster]:
+def existing_cluster(
+    folder: Path, *, network: Network, memory: int | None
+) -> Iterator[ClusterExecutor]:
     """The workers of a Dask cluster that is there.
 
     Parameters
@@ -270,7 +272,7 @@ def workers_of(folder: Path, *, network: Network, memory: int | None) -> Iterato
         ) from error
     with client:
         sharing = check_workers(client, str(network.scheduler))
-        yield Cluster(client, folder, memory=memory, sharing=sharing)
+        yield ClusterExecutor(client, folder, memory=memory, sharing=sharing)
 
 
 def check_workers(client: Any, scheduler: str) -> int:
@@ -286,7 +288,7 @@ def check_workers(client: Any, scheduler: str) -> int:
     DeviceError
         If there are none, or some have no device, no clplen or another version of it.
     """
-    from clplen.batch.running.worker import describe
+    from clplen.batch.running.worker import describe_worker
 
     try:
         client.wait_for_workers(1, timeout=_ANSWER)
@@ -296,9 +298,9 @@ def check_workers(client: Any, scheduler: str) -> int:
             f"{scheduler}'."
         ) from error
     wrong, hosts = [], Counter[str]()
-    for address, found in client.run(describe, on_error="return").items():
+    for address, found in client.run(describe_worker, on_error="return").items():
         if isinstance(found, Exception):
-            wrong.append(f"{address} has no clplen that answers ({sentence(found)})")
+            wrong.append(f"{address} has no clplen that answers ({describe_error(found)})")
             continue
         hosts[found["host"]] += 1
         if found["version"] != __version__:
@@ -324,7 +326,7 @@ def worker_command(network: Network, selector: str | None) -> tuple[list[str], d
         As for `Device.open`.
     """
     arguments = [sys.executable, "-m", "distributed.cli.dask_worker", str(network.scheduler)]
-    arguments += ["--nthreads", str(LANES), "--nworkers", "1", "--memory-limit", "0"]
+    arguments += ["--nthreads", str(PIPELINE_DEPTH), "--nworkers", "1", "--memory-limit", "0"]
     arguments += ["--preload", "clplen.batch.preload"]
     arguments += ["--host", network.host, "--protocol", network.protocol]
     arguments += ["--no-dashboard", "--dashboard-address", STATUS_PAGES]

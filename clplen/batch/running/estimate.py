@@ -7,27 +7,25 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from clplen import io
 from clplen.batch.jobs.items import layout_in, tasks_of
+from clplen.batch.jobs.spec import JobSpec
 from clplen.batch.jobs.task import Task
-from clplen.batch.running.runner import plan_of
-from clplen.batch.work.execution import perform, sentence
-from clplen.batch.work.fingerprints import stamp
+from clplen.batch.running.runner import plan_tasks
+from clplen.batch.work.execution import describe_error, execute_task
+from clplen.batch.work.fingerprints import fingerprint
 from clplen.batch.work.products import bytes_in_core, bytes_written
-from clplen.batch.work.resources import Workshop
-
-if TYPE_CHECKING:
-    from clplen.batch.jobs.spec import Job
+from clplen.batch.work.resources import Resources
 
 _OPENED = 200  # items whose sizes are looked at; of more, those of the others are extrapolated
 
 
 @dataclass(frozen=True)
-class Line:
+class ItemEstimate:
     """One item that is to be done.
 
     Attributes
@@ -49,7 +47,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Forecast:
+class JobEstimate:
     """What there is to do.
 
     Attributes
@@ -66,7 +64,7 @@ class Forecast:
         What was measured.
     """
 
-    lines: list[Line]
+    lines: list[ItemEstimate]
     todo: int
     skipped: int
     read: float
@@ -75,12 +73,12 @@ class Forecast:
     sample: str
 
 
-def forecast_of(job: Job, *, sample: bool = True) -> Forecast:
+def estimate_job(job: JobSpec, *, sample: bool = True) -> JobEstimate:
     """Look at what a job will do; nothing is written to its output.
 
     Parameters
     ----------
-    job : Job
+    job : JobSpec
     sample : bool
         Whether to do the item of middle size, in a temporary folder, to know how long it takes.
 
@@ -88,45 +86,47 @@ def forecast_of(job: Job, *, sample: bool = True) -> Forecast:
     -------
     Forecast
     """
-    plan = plan_of(tasks_of(job))
+    plan = plan_tasks(tasks_of(job))
     scratch = Path(tempfile.mkdtemp(prefix="clplen-sample-"))
     try:
         selector = job.device[0] if job.device else None
-        shop = Workshop(scratch, selector=selector, memory=job.memory)
-        lines = [_line(task, shop) for task in plan.todo[:_OPENED]]
+        resources = Resources(scratch, selector=selector, memory=job.memory)
+        lines = [_line(task, resources) for task in plan.todo[:_OPENED]]
         share = len(plan.todo) / max(len(lines), 1)
         read, written = (share * sum(getattr(x, n) for x in lines) for n in ("read", "written"))
         seconds, said = float("nan"), "not measured"
         chosen = _middle(plan.todo, lines) if sample else None
         if chosen is not None:
             task, line = chosen
-            seconds, said = _measured(replace(task, folder=str(scratch)), shop)
+            seconds, said = _measured(replace(task, folder=str(scratch)), resources)
             known = all(one.written for one in lines if not one.problem)
             size = line.read + line.written
             seconds *= (read + written) / size if known else len(plan.todo)
-        shop.close()
+        resources.close()
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
-    return Forecast(lines, len(plan.todo), len(plan.current), read, written, seconds, said)
+    return JobEstimate(lines, len(plan.todo), len(plan.current), read, written, seconds, said)
 
 
-def _line(task: Task, shop: Workshop) -> Line:
+def _line(task: Task, resources: Resources) -> ItemEstimate:
     try:
-        read = sum(stamp(Path(task.base, name))[0] for name in task.files)
+        read = sum(fingerprint(Path(task.base, name))[0] for name in task.files)
         if task.source["kind"] != "file":
-            return Line(task.name, read, 0, False, "")
+            return ItemEstimate(task.name, read, 0, False, "")
         if not {*task.work} - {"deconvolve", "formats"}:
-            return Line(task.name, read, 0, False, "")
+            return ItemEstimate(task.name, read, 0, False, "")
         layout = layout_in(task.source["layout"], task.base)
         path = Path(task.base, task.source["path"])
-        with io.open_lightfield(path, device=shop.device, **layout) as stored:
-            streamed = bytes_in_core(stored, task.work) > shop.memory
-            return Line(task.name, read, bytes_written(stored, task.work), streamed, "")
-    except Exception as error:  # as in `perform`: a bug in one item is said of that one
-        return Line(task.name, 0, 0, False, sentence(error))
+        with io.open_lightfield(path, device=resources.device, **layout) as stored:
+            streamed = bytes_in_core(stored, task.work) > resources.memory
+            return ItemEstimate(task.name, read, bytes_written(stored, task.work), streamed, "")
+    except Exception as error:  # as in `execute_task`: a bug in one item is said of that one
+        return ItemEstimate(task.name, 0, 0, False, describe_error(error))
 
 
-def _middle(tasks: Sequence[Task], lines: Sequence[Line]) -> tuple[Task, Line] | None:
+def _middle(
+    tasks: Sequence[Task], lines: Sequence[ItemEstimate]
+) -> tuple[Task, ItemEstimate] | None:
     """The item of middle size among those that nothing is wrong with."""
     good = [pair for pair in zip(tasks, lines, strict=False) if not pair[1].problem]
     if not good:
@@ -135,8 +135,8 @@ def _middle(tasks: Sequence[Task], lines: Sequence[Line]) -> tuple[Task, Line] |
     return good[int(order[len(order) // 2])]
 
 
-def _measured(task: Task, shop: Workshop) -> tuple[float, str]:
-    report = perform(task, shop)
+def _measured(task: Task, resources: Resources) -> tuple[float, str]:
+    report = execute_task(task, resources)
     if report.state != "done":
         return float("nan"), f"{task.name} failed: {report.error}"
     slowest: Any = max(

@@ -93,7 +93,7 @@ class Manifest:
 
     @property
     def job(self) -> dict[str, Any] | None:
-        """What the job was when it ran last (`Job.what`)."""
+        """What the job was when it ran last (`Job.contents`)."""
         with self._lock, _said(self._path):
             found = self._get("job")
         return found if isinstance(found, dict) else None

@@ -5,24 +5,21 @@ from __future__ import annotations
 import contextlib
 import json
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from clplen.batch.jobs.items import tasks_of
+from clplen.batch.jobs.spec import JobSpec
 from clplen.batch.jobs.task import Report, Task
 from clplen.batch.running.manifest import Known, Manifest
-from clplen.batch.work.execution import folder_of, is_current, record_of, sentence
-from clplen.batch.work.fingerprints import is_whole
+from clplen.batch.work.execution import describe_error, is_current, read_record, result_folder
+from clplen.batch.work.fingerprints import find_damage
 from clplen.batch.work.locks import job_lock
 from clplen.errors import FormatError
 from clplen.files import check_folder, clear_temporaries
 from clplen.io.zarrpackage import zarr_package
-
-if TYPE_CHECKING:
-    from clplen.batch.jobs.spec import Job
 
 _DIFFERENCES = 6  # how many a message tells
 _SAVE = 0.5  # seconds between two writings of the manifest: each waits for the disk
@@ -48,7 +45,7 @@ class Watcher(Protocol):
         """How far one has come that is streamed or simulated; from another thread."""
 
 
-class Silent:
+class SilentWatcher:
     """A watcher that does nothing."""
 
     def begin(self, *, total: int, skipped: int) -> None:
@@ -103,7 +100,7 @@ class Plan:
     found: list[Report]
 
 
-def plan_of(tasks: list[Task], known: dict[str, Known] | None = None) -> Plan:
+def plan_tasks(tasks: list[Task], known: dict[str, Known] | None = None) -> Plan:
     """Which tasks are to be done: those without a record beside whole results that fits them.
 
     Parameters
@@ -114,7 +111,7 @@ def plan_of(tasks: list[Task], known: dict[str, Known] | None = None) -> Plan:
     """
     plan = Plan([], [], [])
     for task in tasks:
-        record = record_of(task)
+        record = read_record(task)
         if record is None or not is_current(task, record):
             plan.todo.append(task)
             continue
@@ -124,8 +121,8 @@ def plan_of(tasks: list[Task], known: dict[str, Known] | None = None) -> Plan:
     return plan
 
 
-def run_job(
-    job: Job,
+def execute_job(
+    job: JobSpec,
     executor: Callable[[Path], contextlib.AbstractContextManager[Executor]],
     *,
     watcher: Watcher,
@@ -135,7 +132,7 @@ def run_job(
 
     Parameters
     ----------
-    job : Job
+    job : JobSpec
     executor : callable
         Output folder -> what does tasks, as a context.
     watcher : Watcher
@@ -161,9 +158,9 @@ def run_job(
     with job_lock(folder), Manifest(folder, create=True) as manifest:
         some = any(one.state == "done" for one in manifest.known().values())
         check_same(manifest.job if some else None, job, force=force, where=folder)
-        manifest.job = job.what()
+        manifest.job = job.contents()
         clear_temporaries(folder)
-        plan = plan_of(tasks, manifest.known())
+        plan = plan_tasks(tasks, manifest.known())
         manifest.put(*plan.found)
         watcher.begin(total=len(tasks), skipped=len(plan.current))
         book = _Book(job, manifest, plan)
@@ -178,7 +175,7 @@ def run_job(
         return book.summary
 
 
-def _require_packages(job: Job) -> None:
+def _require_packages(job: JobSpec) -> None:
     """What every item needs is missed before the first."""
     if "ome-zarr" in job.formats or (job.light_field and job.light_field.format == "zarr"):
         zarr_package("take ome-tiff and hdf5")
@@ -187,7 +184,7 @@ def _require_packages(job: Job) -> None:
 class _Book:
     """Keeps the manifest, also on a disk that is full or gone for a while."""
 
-    def __init__(self, job: Job, manifest: Manifest, plan: Plan) -> None:
+    def __init__(self, job: JobSpec, manifest: Manifest, plan: Plan) -> None:
         self._job, self._manifest, self._plan = job, manifest, plan
         self._failed: dict[str, Report] = {}
         self._unsaved: list[Report] = []
@@ -226,26 +223,26 @@ class _Book:
         try:
             if not self._manifest.is_there():
                 self._vanished = True
-                self._manifest.renew(self._job.what())
+                self._manifest.renew(self._job.contents())
                 self._unsaved = [*self._failed.values(), *self._records()]
             self._manifest.put(*self._unsaved)
             self._unsaved.clear()
             self.summary.unsaved = ""
         except OSError as error:
-            self.summary.unsaved = sentence(error)
+            self.summary.unsaved = describe_error(error)
         self._saved = time.monotonic()
 
     def _records(self) -> Iterator[Report]:
         """What lies beside results that are there still."""
         for task in (*self._plan.current, *self._plan.todo):
-            record = record_of(task)
+            record = read_record(task)
             if record is not None and task.name not in self._failed:
                 yield record
 
 
 def _has_vanished(task: Task) -> bool:
-    record = record_of(task)
-    return record is None or bool(is_whole(folder_of(task), record.outputs))
+    record = read_record(task)
+    return record is None or bool(find_damage(result_folder(task), record.outputs))
 
 
 def _with_retries(works: Executor, tasks: list[Task], retries: int) -> Iterator[Report]:
@@ -263,7 +260,7 @@ def _with_retries(works: Executor, tasks: list[Task], retries: int) -> Iterator[
         waiting = again
 
 
-def check_same(known: dict[str, Any] | None, job: Job, *, force: bool, where: Path) -> None:
+def check_same(known: dict[str, Any] | None, job: JobSpec, *, force: bool, where: Path) -> None:
     """Refuse a job that makes something else than the one that ran before, unless forced.
 
     Raises
@@ -271,7 +268,7 @@ def check_same(known: dict[str, Any] | None, job: Job, *, force: bool, where: Pa
     FormatError
         Naming what differs.
     """
-    now = json.loads(json.dumps(job.what()))
+    now = json.loads(json.dumps(job.contents()))
     if known is None or force or known == now:
         return
     found = list(_differences(known, now))
@@ -306,32 +303,3 @@ def _short(value: Any) -> str:
         return "not there"
     text = json.dumps(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
-
-
-def status_of(job: Job, *, verify: bool = False) -> Iterator[tuple[Task, str, str]]:
-    """Each item of a job with its state and what there is to say, without doing anything.
-
-    Parameters
-    ----------
-    job : Job
-    verify : bool
-        Whether to compare the digests of outputs and inputs.
-
-    Yields
-    ------
-    tuple
-        Task, one of "done", "failed", "changed", "damaged", "missing", and words.
-    """
-    from clplen.batch.running.status import state_of
-
-    tasks = tasks_of(job)
-    with Manifest(job.output_folder) as manifest:
-        known = manifest.known()
-    for task in tasks:
-        yield (task, *state_of(task, known.get(task.name), verify=verify))
-
-
-def counted(states: Iterable[str]) -> str:
-    """How many of each, in words."""
-    count = Counter(states)
-    return ", ".join(f"{count[name]} {name}" for name in sorted(count))

@@ -11,16 +11,16 @@ from typing import Any
 
 from clplen import __version__
 from clplen.batch.jobs.task import Task
-from clplen.batch.work.execution import perform
-from clplen.batch.work.resources import Workshop, default_memory
+from clplen.batch.work.execution import execute_task
+from clplen.batch.work.resources import Resources, default_memory
 from clplen.compute.device import Device
 from clplen.errors import ClplenError, DeviceError
 
-_SHOPS = "clplen_shops"  # attribute of the worker that keeps its workshops, with their run
+_RESOURCES = "clplen_resources"  # attribute of the worker that keeps its workshops, with their run
 _opening = threading.Lock()
 
 
-def describe() -> dict[str, str]:
+def describe_worker() -> dict[str, str]:
     """Version and computer of this worker, and what is wrong with its device."""
     known = {"version": __version__, "host": socket.gethostname(), "error": ""}
     try:
@@ -30,7 +30,7 @@ def describe() -> dict[str, str]:
     return known
 
 
-def perform_here(words: dict[str, Any], how: dict[str, Any], version: str) -> dict[str, Any]:
+def execute_on_worker(words: dict[str, Any], how: dict[str, Any], version: str) -> dict[str, Any]:
     """Do one item on this worker.
 
     Parameters
@@ -57,25 +57,25 @@ def perform_here(words: dict[str, Any], how: dict[str, Any], version: str) -> di
         raise DeviceError(f"it has clplen {__version__}, the job {version}")
     from distributed import get_worker
 
-    return asdict(perform(Task(**words), _shop(get_worker(), how)))
+    return asdict(execute_task(Task(**words), _resources_of(get_worker(), how)))
 
 
-def _shop(worker: Any, how: dict[str, Any]) -> Workshop:
+def _resources_of(worker: Any, how: dict[str, Any]) -> Resources:
     """The workshop of this worker for an output folder; its memory is that of the latest run."""
     with _opening:
-        shops: dict[str, tuple[str, Workshop]] = worker.__dict__.setdefault(_SHOPS, {})
-        run, shop = shops.get(how["folder"], ("", None))
-        if shop is not None and run == how["run"]:
-            return shop
+        shops: dict[str, tuple[str, Resources]] = worker.__dict__.setdefault(_RESOURCES, {})
+        run, resources = shops.get(how["folder"], ("", None))
+        if resources is not None and run == how["run"]:
+            return resources
         memory = how["memory"]
         if memory is None:
             memory = max(1, default_memory(Device.open()) // how["sharing"])
-        if shop is None:
-            shop = Workshop(Path(how["folder"]), selector=None, memory=memory)
+        if resources is None:
+            resources = Resources(Path(how["folder"]), selector=None, memory=memory)
         else:
-            shop.limit(memory)
-        shops[how["folder"]] = (how["run"], shop)
-        return shop
+            resources.limit(memory)
+        shops[how["folder"]] = (how["run"], resources)
+        return resources
 
 
 # What bounds threads, read by PoCL, OpenMP, BLAS, ducc0 when they are loaded.

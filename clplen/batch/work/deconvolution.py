@@ -14,8 +14,8 @@ import numpy as np
 from clplen.batch.jobs.items import layout_in
 from clplen.batch.jobs.task import Task
 from clplen.batch.work import diagnostics
-from clplen.batch.work.fingerprints import stamp
-from clplen.batch.work.resources import Workshop
+from clplen.batch.work.fingerprints import fingerprint
+from clplen.batch.work.resources import Resources
 from clplen.cameras.microscope import Microscope
 from clplen.compute.device import Device
 from clplen.errors import FormatError
@@ -39,7 +39,7 @@ FLOOR = 1e-3  # of the mean voxel: a warm start leaves none at 0, where it would
 
 
 @dataclass(frozen=True)
-class How:
+class DeconvolutionSettings:
     """How frames are deconvolved; it decides the volumes.
 
     Attributes
@@ -74,7 +74,7 @@ class Deconvolver:
     Parameters
     ----------
     images : PointImages
-    how : How
+    how : DeconvolutionSettings
     device : Device
     white, dark : path-like, optional
         Frames; without a white one frames are rectified already.
@@ -94,7 +94,7 @@ class Deconvolver:
     def __init__(
         self,
         images: PointImages,
-        how: How,
+        how: DeconvolutionSettings,
         *,
         device: Device,
         white: PathLike | None = None,
@@ -115,8 +115,8 @@ class Deconvolver:
 
     @cached_property
     def words(self) -> dict[str, Any]:
-        """What all volumes depend on; see `words_of`."""
-        return words_of(self.images, self.how, self._white, self._dark)
+        """What all volumes depend on; see `provenance`."""
+        return provenance(self.images, self.how, self._white, self._dark)
 
     def prepared(self, frame: Values) -> Prepared:
         """A raw frame, rectified."""
@@ -127,13 +127,13 @@ class Deconvolver:
         return self._prepare.place(self.images.voxels)
 
     def remarks(self, frame: Prepared, found: DeconvolutionResult | None = None) -> list[str]:
-        """What there is to say of a frame, or of the volume found; see `clplen.batch.work.diagnostics`."""
+        """Sentences on a frame, or on its volume; see `clplen.batch.work.diagnostics`."""
         if found is None:
-            return diagnostics.of_frame(self._prepare, frame, self.how.background)
+            return diagnostics.diagnose_frame(self._prepare, frame, self.how.background)
         _, background = self._light(frame)
         gain, variance = self.how.gain, self._prepare.variance
         level = self._prepare.level
-        return diagnostics.of_volume(
+        return diagnostics.diagnose_volume(
             found.residuals, frame, background * gain, level, self._prepare.pixels, gain * variance
         )
 
@@ -194,8 +194,8 @@ class Deconvolver:
         return self._projector
 
 
-def words_of(
-    images: PointImages, how: How, white: PathLike | None, dark: PathLike | None
+def provenance(
+    images: PointImages, how: DeconvolutionSettings, white: PathLike | None, dark: PathLike | None
 ) -> dict[str, Any]:
     """What volumes of one camera depend on besides their frames, kept with them."""
     from clplen import __version__
@@ -280,8 +280,12 @@ Written = tuple[str, Callable[[Path], Any]]
 Advance = Callable[[int, int], None]
 
 
-def volumes(
-    task: Task, raw: RawImage | None, shop: Workshop, suffixes: dict[str, str], advance: Advance
+def volume_products(
+    task: Task,
+    raw: RawImage | None,
+    resources: Resources,
+    suffixes: dict[str, str],
+    advance: Advance,
 ) -> Iterator[Written]:
     """Names and writers of the volume of a frame.
 
@@ -308,7 +312,9 @@ def volumes(
     path = Path(task.base, task.source["path"]) if task.source["kind"] == "file" else None
     files = {"psf": str(Path(task.base, table.pop("psf")))}
     files |= {name: layout[name] for name in ("white", "dark") if name in layout}
-    series = _kept(shop, files, How(**table), force=layout.get("force", False))
+    series = _kept(
+        resources, files, DeconvolutionSettings(**table), force=layout.get("force", False)
+    )
     frame = series.prepared(_frame(path, raw))
     said = series.remarks(frame)
     found = series(frame, progress=advance)
@@ -339,14 +345,16 @@ def _frame(path: Path | None, raw: RawImage | None) -> Any:
     return raw.to_numpy()
 
 
-def _kept(shop: Workshop, files: dict[str, str], how: How, *, force: bool = False) -> Deconvolver:
+def _kept(
+    resources: Resources, files: dict[str, str], how: DeconvolutionSettings, *, force: bool = False
+) -> Deconvolver:
     """That of the item before, where it has the same files and words."""
-    key = (how, force, *((name, path, stamp(Path(path))) for name, path in files.items()))
-    if shop.deconvolver is None or shop.deconvolver[0] != key:
-        shop.deconvolver = None  # its matrices go before others come
+    key = (how, force, *((name, path, fingerprint(Path(path))) for name, path in files.items()))
+    if resources.deconvolver is None or resources.deconvolver[0] != key:
+        resources.deconvolver = None  # its matrices go before others come
         images = read_psf(files.pop("psf"))
         made = Deconvolver(
-            images, how, device=shop.device, memory=shop.memory // 2, force=force, **files
+            images, how, device=resources.device, memory=resources.memory // 2, force=force, **files
         )
-        shop.deconvolver = (key, made)
-    return shop.deconvolver[1]
+        resources.deconvolver = (key, made)
+    return resources.deconvolver[1]

@@ -15,7 +15,7 @@ EXPLAINED = 0.75  # of what lenslets without depth leave: a volume that leaves m
 UNEVEN = 2  # times the unevenness of the frame: a white frame that is more so is none
 
 
-def of_frame(prepare: Preparation, frame: Prepared, background: float) -> list[str]:
+def diagnose_frame(prepare: Preparation, frame: Prepared, background: float) -> list[str]:
     """What a frame looks like beside the white and the dark frame.
 
     Parameters
@@ -75,7 +75,7 @@ def _pixels(frame: Prepared, noise: float) -> list[str]:
     return said
 
 
-def of_volume(
+def diagnose_volume(
     residuals: Values,
     frame: Prepared,
     background: Values,

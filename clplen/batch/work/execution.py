@@ -15,9 +15,9 @@ from typing import Any
 
 from clplen import __version__
 from clplen.batch.jobs.task import Report, Task
-from clplen.batch.work.fingerprints import is_unchanged, is_whole, stamps
+from clplen.batch.work.fingerprints import find_damage, fingerprints, is_unchanged
 from clplen.batch.work.products import compute, read, write
-from clplen.batch.work.resources import StoppedError, Workshop
+from clplen.batch.work.resources import Resources, StoppedError
 from clplen.errors import ClplenError, FormatError
 from clplen.files import check_folder, clear_temporaries, replacing
 from clplen.io.digest import digest, size_of
@@ -31,7 +31,7 @@ logger = logging.getLogger(__name__)
 Advance = Callable[[int, int], None]
 
 
-def perform(task: Task, shop: Workshop, *, advance: Advance | None = None) -> Report:
+def execute_task(task: Task, resources: Resources, *, advance: Advance | None = None) -> Report:
     """Do one item and write its record.
 
     Another process that works on it is waited for, and what it did is taken over, as is what a
@@ -57,11 +57,11 @@ def perform(task: Task, shop: Workshop, *, advance: Advance | None = None) -> Re
     started, began = time.time(), time.perf_counter()
     seconds: dict[str, float] = {}
     try:
-        with shop.locks.hold(task.name, check=shop.check):
-            known = record_of(task)
+        with resources.locks.hold(task.name, check=resources.check):
+            known = read_record(task)
             if known is not None and is_current(task, known):
                 return known  # by a worker whose word did not arrive
-            inputs, outputs = _results(task, shop, seconds, advance or (lambda *_: None))
+            inputs, outputs = _results(task, resources, seconds, advance or (lambda *_: None))
             seconds["total"] = time.perf_counter() - began
             report = Report(
                 task.name,
@@ -71,7 +71,7 @@ def perform(task: Task, shop: Workshop, *, advance: Advance | None = None) -> Re
                 inputs,
                 outputs,
                 seconds,
-                repr(shop.device),
+                repr(resources.device),
                 f"clplen {__version__}",
                 f"{socket.gethostname()}:{os.getpid()}",
                 {"source": task.source, "work": task.work},
@@ -85,15 +85,15 @@ def perform(task: Task, shop: Workshop, *, advance: Advance | None = None) -> Re
         return _failed(task, started, seconds, error)
 
 
-def folder_of(task: Task) -> Path:
+def result_folder(task: Task) -> Path:
     """Where the results of an item lie."""
     return Path(task.folder, task.name)
 
 
-def record_of(task: Task) -> Report | None:
+def read_record(task: Task) -> Report | None:
     """The record beside the results of an item, if there is a whole one."""
     try:
-        return Report.from_json((folder_of(task) / RECORD).read_text(encoding="utf-8"))
+        return Report.from_json((result_folder(task) / RECORD).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
 
@@ -103,31 +103,31 @@ def is_current(task: Task, known: Report) -> bool:
     return (
         known.state == "done"
         and known.parameters == task.parameters
-        and not is_whole(folder_of(task), known.outputs)
+        and not find_damage(result_folder(task), known.outputs)
         and is_unchanged(task.base, task.files, known.inputs)
     )
 
 
 def _results(
-    task: Task, shop: Workshop, seconds: dict[str, float], advance: Advance
+    task: Task, resources: Resources, seconds: dict[str, float], advance: Advance
 ) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
     """Stamps of inputs and outputs, when everything is written."""
-    folder = folder_of(task)
+    folder = result_folder(task)
     before = _stamps(task)
     check_folder(folder)
     clear_temporaries(folder)
-    with read(task, shop, seconds, advance) as light:
-        products = compute(task, light, shop, seconds, advance)
+    with read(task, resources, seconds, advance) as light:
+        products = compute(task, light, resources, seconds, advance)
         with _clocked("digest", seconds):
             inputs = {
                 name: {"bytes": size, "changed": changed, "sha256": digest(Path(task.base, name))}
                 for name, (size, changed) in before.items()
             }
         _check_unchanged(task, before)
-        old = record_of(task)
+        old = read_record(task)
         _check_own(folder, {product.name for product in products} - set(old.outputs if old else ()))
         (folder / RECORD).unlink(missing_ok=True)  # from here on old and new results mix
-        names = write(folder, products, shop, seconds)
+        names = write(folder, products, resources, seconds)
     _remove(folder, set(old.outputs if old else ()) - set(names))
     with _clocked("digest", seconds):
         outputs = {
@@ -159,7 +159,7 @@ def _remove(folder: Path, names: set[str]) -> None:
 
 def _stamps(task: Task) -> dict[str, tuple[int, int]]:
     try:
-        return stamps(task.base, task.files)
+        return fingerprints(task.base, task.files)
     except FileNotFoundError as error:
         raise FormatError(f"There is no file {error.filename} any more.") from error
 
@@ -176,7 +176,7 @@ def _check_unchanged(task: Task, before: dict[str, tuple[int, int]]) -> None:
 
 def _write_record(task: Task, report: Report) -> None:
     """Whole, but not waited for: after a loss of power the manifest knows it."""
-    with replacing(folder_of(task) / RECORD) as temporary:
+    with replacing(result_folder(task) / RECORD) as temporary:
         temporary.write_text(report.to_json(), encoding="utf-8")
 
 
@@ -201,7 +201,7 @@ def _failed(task: Task, started: float, seconds: dict[str, float], error: Except
         software=f"clplen {__version__}",
         worker=f"{socket.gethostname()}:{os.getpid()}",
         settings={"source": task.source, "work": task.work},
-        error=sentence(error),
+        error=describe_error(error),
         passing=passing,
     )
 
@@ -215,7 +215,7 @@ def _errno(error: BaseException | None) -> int | None:
     return None
 
 
-def sentence(error: BaseException) -> str:
+def describe_error(error: BaseException) -> str:
     """What went wrong, in one line."""
     if isinstance(error, MemoryError):
         return "This computer has not enough memory for it: lower memory= or workers=."

@@ -8,10 +8,10 @@ from typing import Any
 
 from clplen.io.digest import digest, size_of
 
-Stamp = tuple[int, int]  # bytes, time of change in nanoseconds
+Fingerprint = tuple[int, int]  # bytes, time of change in nanoseconds
 
 
-def stamp(path: Path) -> Stamp:
+def fingerprint(path: Path) -> Fingerprint:
     """Size and latest change; of a folder, of all files in it.
 
     Raises
@@ -29,9 +29,9 @@ def stamp(path: Path) -> Stamp:
     )
 
 
-def stamps(base: str, files: Iterable[str]) -> dict[str, Stamp]:
+def fingerprints(base: str, files: Iterable[str]) -> dict[str, Fingerprint]:
     """The stamp of each file, by its name as seen from ``base``."""
-    return {name: stamp(Path(base, name)) for name in files}
+    return {name: fingerprint(Path(base, name)) for name in files}
 
 
 def is_unchanged(base: str, files: Iterable[str], known: dict[str, dict[str, Any]]) -> bool:
@@ -51,7 +51,7 @@ def is_unchanged(base: str, files: Iterable[str], known: dict[str, dict[str, Any
     for name in names:
         path = Path(base, name)
         try:
-            size, changed = stamp(path)
+            size, changed = fingerprint(path)
             then = known[name]
             if (size, changed) == (then["bytes"], then["changed"]):
                 continue
@@ -62,7 +62,7 @@ def is_unchanged(base: str, files: Iterable[str], known: dict[str, dict[str, Any
     return True
 
 
-def is_whole(folder: Path, outputs: dict[str, dict[str, Any]], *, thorough: bool = False) -> str:
+def find_damage(folder: Path, outputs: dict[str, dict[str, Any]], *, thorough: bool = False) -> str:
     """What is wrong with written files, in words; empty if nothing is.
 
     Parameters

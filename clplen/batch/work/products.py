@@ -15,9 +15,9 @@ import numpy as np
 from clplen import Device, LightField, all_in_focus, depth_map, focal_stack, io
 from clplen.batch.jobs.items import layout_in
 from clplen.batch.jobs.task import Task
-from clplen.batch.work.deconvolution import volumes
+from clplen.batch.work.deconvolution import volume_products
 from clplen.batch.work.focused import focused_products, is_focused
-from clplen.batch.work.resources import Workshop
+from clplen.batch.work.resources import Resources
 from clplen.batch.work.simulation import simulate
 from clplen.errors import DeviceError
 from clplen.files import filling, replacing
@@ -92,27 +92,27 @@ class HostStack:
 
 @contextmanager
 def read(
-    task: Task, shop: Workshop, seconds: dict[str, float], advance: Advance
+    task: Task, resources: Resources, seconds: dict[str, float], advance: Advance
 ) -> Iterator[Light]:
     """The light field of a task, on the host, or open to be streamed."""
     if task.source["kind"] != "file":
-        with shop.room.of(shop.memory), shop.stage("compute", seconds):
-            made = simulate(task.source, device=shop.device, base=task.base, progress=advance)
+        with resources.budget.of(resources.memory), resources.stage("compute", seconds):
+            made = simulate(task.source, device=resources.device, base=task.base, progress=advance)
         yield Light(made=made.light_field, raw=made.raw, truth=made.truth)
         return
     if not {*task.work} - {"deconvolve", "formats"}:
-        with shop.room.of(shop.memory):
+        with resources.budget.of(resources.memory):
             yield Light()
         return
     path = Path(task.base, task.source["path"])
     layout = layout_in(task.source["layout"], task.base)
-    with io.open_lightfield(path, device=shop.device, **layout) as stored:
+    with io.open_lightfield(path, device=resources.device, **layout) as stored:
         needed = bytes_in_core(stored, task.work)
-        with shop.room.of(shop.memory if "deconvolve" in task.work else needed):
-            if needed > shop.memory:
+        with resources.budget.of(resources.memory if "deconvolve" in task.work else needed):
+            if needed > resources.memory:
                 yield Light(stored)
                 return
-            with shop.stage("read", seconds):
+            with resources.stage("read", seconds):
                 values = stored.read(_EVERYTHING)
             yield Light(stored, values)
 
@@ -158,50 +158,53 @@ def _planes(lf: Any, table: dict[str, Any]) -> dict[str, Any]:
 
 
 def compute(
-    task: Task, light: Light, shop: Workshop, seconds: dict[str, float], advance: Advance
+    task: Task, light: Light, resources: Resources, seconds: dict[str, float], advance: Advance
 ) -> list[Product]:
     """What is to be written, computed unless it is streamed."""
     found: list[Product] = []
     if "deconvolve" in task.work:
-        with shop.stage("compute", seconds):
-            found = [Product(*one) for one in volumes(task, light.raw, shop, SUFFIXES, advance)]
+        with resources.stage("compute", seconds):
+            found = [
+                Product(*one)
+                for one in volume_products(task, light.raw, resources, SUFFIXES, advance)
+            ]
     if light.stored is not None or light.made is not None:
-        found += _of_light(task, light, shop, seconds, advance)
+        found += _of_light(task, light, resources, seconds, advance)
     return found
 
 
 def _of_light(
-    task: Task, light: Light, shop: Workshop, seconds: dict[str, float], advance: Advance
+    task: Task, light: Light, resources: Resources, seconds: dict[str, float], advance: Advance
 ) -> list[Product]:
     """What is made of a light field."""
     if light.made is None and light.values is None:
-        return _streamed(task, light.stored, shop, advance)
-    with shop.stage("compute", seconds):
+        return _streamed(task, light.stored, resources, advance)
+    with resources.stage("compute", seconds):
         if is_focused(light.raw):
             made = focused_products(light.raw, task.work, SUFFIXES)
             return [*_simulated(light), *(Product(*one) for one in made)]
-        lf = light.made if light.made is not None else _loaded(light, shop)
+        lf = light.made if light.made is not None else _loaded(light, resources)
         return [*_simulated(light), *_own_light(light, task.work), *_in_core(lf, task.work)]
 
 
 def write(
-    folder: Path, products: list[Product], shop: Workshop, seconds: dict[str, float]
+    folder: Path, products: list[Product], resources: Resources, seconds: dict[str, float]
 ) -> list[str]:
     """Write everything and name it."""
-    with shop.stage("write", seconds):
+    with resources.stage("write", seconds):
         for product in products:
-            shop.check()
+            resources.check()
             product.write(folder / product.name)
     return [product.name for product in products]
 
 
-def _loaded(light: Light, shop: Workshop) -> LightField:
+def _loaded(light: Light, resources: Resources) -> LightField:
     stored, values = light.stored, light.values
     assert stored is not None
     assert values is not None
     lf = LightField.from_array(
         values,
-        device=shop.device,
+        device=resources.device,
         spacing=stored.spacing,
         weights=stored.weights,
         camera=stored.camera,
@@ -252,16 +255,20 @@ def _in_core(lf: LightField, work: dict[str, Any]) -> list[Product]:
     return found
 
 
-def _streamed(task: Task, stored: Any, shop: Workshop, advance: Advance) -> list[Product]:
+def _streamed(task: Task, stored: Any, resources: Resources, advance: Advance) -> list[Product]:
     """The same of a light field that does not fit, each streamed when it is written."""
     work, formats = task.work, task.work["formats"]
-    how: dict[str, Any] = {"memory": shop.memory, "device": shop.device, "progress": advance}
+    how: dict[str, Any] = {
+        "memory": resources.memory,
+        "device": resources.device,
+        "progress": advance,
+    }
     found: list[Product] = []
     if "light_field" in work:
         raise DeviceError(
             f"The light field of shape {stored.shape} and its results need more than the memory of "
-            f"{shop.memory:,} bytes, and [light_field] writes it as a whole: raise memory=, or "
-            "leave the table out."
+            f"{resources.memory:,} bytes, and [light_field] writes it as a whole: raise memory=, "
+            "or leave the table out."
         )
     if "stack" in work:
         words = _stack_words(stored, work["stack"])
@@ -283,7 +290,7 @@ def _streamed(task: Task, stored: Any, shop: Workshop, advance: Advance) -> list
         sharp = stream_all_in_focus(stored, depth=depth, **planes, **how)
         found += _pictures("all_in_focus", sharp, stored.spacing, formats)
     if "views" in work:
-        found += _streamed_views(stored, work["views"], formats, shop.device)
+        found += _streamed_views(stored, work["views"], formats, resources.device)
     return found
 
 

@@ -16,7 +16,7 @@ from clplen.compute.hostmemory import free_memory
 if TYPE_CHECKING:
     from clplen.batch.work.deconvolution import Deconvolver
 
-LANES = 3  # items under way at a time: one is read, one computed, one written
+PIPELINE_DEPTH = 3  # items under way at a time: one is read, one computed, one written
 STAGES = ("read", "compute", "write")
 
 
@@ -24,7 +24,7 @@ class StoppedError(Exception):
     """The job was told to stop."""
 
 
-class Workshop:
+class Resources:
     """Where a process works on items, several at a time but one in each stage.
 
     Parameters
@@ -58,7 +58,7 @@ class Workshop:
     def limit(self, memory: int) -> None:
         """Set what the items that begin from now on may take together, in bytes."""
         self.memory = memory
-        self.room = Room(memory)
+        self.budget = MemoryBudget(memory)
 
     @contextmanager
     def stage(self, name: str, seconds: dict[str, float]) -> Iterator[None]:
@@ -93,7 +93,7 @@ class Workshop:
         self.locks.close()
 
 
-class Room:
+class MemoryBudget:
     """Memory that items take and give back; who comes first is served first.
 
     Parameters
