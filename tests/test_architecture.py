@@ -42,7 +42,7 @@ GUESTS = {
     "io": {"PIL", "h5py", "imageio", "tifffile", "tqdm", "zarr"},
     "plot": {"matplotlib"},
     "config": {"pydantic", "tomli"},
-    "batch": {"cryptography", "dask", "distributed", "pydantic"},
+    "batch": {"cryptography", "dask", "distributed", "filelock", "pydantic"},
     "bench": {"cv2", "ducc0", "numba", "torch"},
     "cli": {"click", "tqdm"},
 }

@@ -62,7 +62,7 @@ def run(device: Device, size: str, repeats: int) -> Report:
                 inputs=[InputTable(files=["in/*.npy"])],
                 stack=StackTable(disparities=planes),
             )
-            made.within(folder).run(device=device.place)
+            made.relative_to(folder).run(device=device.place)
 
         cases = [
             Case("loop by hand", loop, count, "light fields"),

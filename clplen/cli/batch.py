@@ -42,7 +42,7 @@ def batch() -> None:
 
 def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     if wanted:
-        from clplen.batch.jobs.example import EXAMPLE
+        from clplen.batch.jobs.tables import EXAMPLE
 
         click.echo(EXAMPLE, nl=False)
         ctx.exit()

@@ -158,7 +158,6 @@ def test_memory_is_that_of_the_latest_run(tmp_path: Path, device: Device, monkey
         worker, how | {"run": "d", "memory": None, "sharing": 2}
     ).memory
     assert 0.4 * one < half < 0.6 * one  # free memory changes meanwhile
-    resources.close()
 
 
 def test_a_scheduler_that_does_not_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

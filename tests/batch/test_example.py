@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from clplen.batch import Job
-from clplen.batch.jobs.example import EXAMPLE
 from clplen.batch.jobs.tables import (
+    EXAMPLE,
     AllInFocusTable,
     DeconvolveTable,
     DepthTable,

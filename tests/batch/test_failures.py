@@ -164,7 +164,7 @@ def test_what_was_done_by_a_worker_that_was_lost_is_not_done_again(
     """Its record is there, its report never came."""
     job, _ = small
     task = tasks_of(Job.read(job))[0]
-    resources = Resources(job.parent / "out", selector=device.place, memory=None)
+    resources = Resources(selector=device.place, memory=None)
     report = execute_task(task, resources)
     path = job.parent / "out" / task.name / "stack.ome.tif"
     inode = path.stat().st_ino
@@ -172,7 +172,6 @@ def test_what_was_done_by_a_worker_that_was_lost_is_not_done_again(
     assert path.stat().st_ino == inode
     path.unlink()
     assert execute_task(task, resources).started > report.started
-    resources.close()
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,7 @@ def estimate_job(job: JobSpec, *, sample: bool = True) -> JobEstimate:
     scratch = Path(tempfile.mkdtemp(prefix="clplen-sample-"))
     try:
         selector = job.device[0] if job.device else None
-        resources = Resources(scratch, selector=selector, memory=job.memory)
+        resources = Resources(selector=selector, memory=job.memory)
         lines = [_line(task, resources) for task in plan.todo[:_OPENED]]
         share = len(plan.todo) / max(len(lines), 1)
         read, written = (share * sum(getattr(x, n) for x in lines) for n in ("read", "written"))
@@ -102,7 +102,6 @@ def estimate_job(job: JobSpec, *, sample: bool = True) -> JobEstimate:
             known = all(one.written for one in lines if not one.problem)
             size = line.read + line.written
             seconds *= (read + written) / size if known else len(plan.todo)
-        resources.close()
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
     return JobEstimate(lines, len(plan.todo), len(plan.current), read, written, seconds, said)

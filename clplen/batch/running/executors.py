@@ -110,7 +110,7 @@ def local_executor(
     Parameters
     ----------
     folder : pathlib.Path
-        Of the job's output.
+        Of the job's output, as every executor takes it; tasks name it themselves.
     selector : str or None
         As for `Device.open`.
     memory : int or None
@@ -118,11 +118,7 @@ def local_executor(
     running, depth
         As for `LocalExecutor`.
     """
-    resources = Resources(folder, selector=selector, memory=memory)
-    try:
-        yield LocalExecutor(resources, running, depth=depth)
-    finally:
-        resources.close()
+    yield LocalExecutor(Resources(selector=selector, memory=memory), running, depth=depth)
 
 
 def choose_executor(

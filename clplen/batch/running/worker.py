@@ -6,7 +6,6 @@ import os
 import socket
 import threading
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 from clplen import __version__
@@ -71,7 +70,7 @@ def _resources_of(worker: Any, how: dict[str, Any]) -> Resources:
         if memory is None:
             memory = max(1, default_memory(Device.open()) // how["sharing"])
         if resources is None:
-            resources = Resources(Path(how["folder"]), selector=None, memory=memory)
+            resources = Resources(selector=None, memory=memory)
         else:
             resources.limit(memory)
         shops[how["folder"]] = (how["run"], resources)

@@ -16,6 +16,7 @@ from typing import Any
 from clplen import __version__
 from clplen.batch.jobs.task import Report, Task
 from clplen.batch.work.fingerprints import find_damage, fingerprints, is_unchanged
+from clplen.batch.work.locks import item_lock
 from clplen.batch.work.products import compute, read, write
 from clplen.batch.work.resources import Resources, StoppedError
 from clplen.errors import ClplenError, FormatError
@@ -57,7 +58,7 @@ def execute_task(task: Task, resources: Resources, *, advance: Advance | None = 
     started, began = time.time(), time.perf_counter()
     seconds: dict[str, float] = {}
     try:
-        with resources.locks.hold(task.name, check=resources.check):
+        with item_lock(Path(task.folder), task.name, check=resources.check):
             known = read_record(task)
             if known is not None and is_current(task, known):
                 return known  # by a worker whose word did not arrive

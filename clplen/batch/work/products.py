@@ -16,9 +16,8 @@ from clplen import Device, LightField, all_in_focus, depth_map, focal_stack, io
 from clplen.batch.jobs.items import layout_in
 from clplen.batch.jobs.task import Task
 from clplen.batch.work.deconvolution import volume_products
-from clplen.batch.work.focused import focused_products, is_focused
 from clplen.batch.work.resources import Resources
-from clplen.batch.work.simulation import simulate
+from clplen.batch.work.simulation import focused_products, is_focused, simulate
 from clplen.errors import DeviceError
 from clplen.files import filling, replacing
 from clplen.lightfield.planes import suitable_planes

@@ -1,4 +1,4 @@
-"""What the items of one process share: the device, the memory, and one gate for each stage."""
+"""Device, memory and stages that the items of one process share."""
 
 from __future__ import annotations
 
@@ -6,15 +6,10 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from clplen.batch.work.locks import ItemLocks
 from clplen.compute.device import Device
 from clplen.compute.hostmemory import free_memory
-
-if TYPE_CHECKING:
-    from clplen.batch.work.deconvolution import Deconvolver
 
 PIPELINE_DEPTH = 3  # items under way at a time: one is read, one computed, one written
 STAGES = ("read", "compute", "write")
@@ -25,12 +20,10 @@ class StoppedError(Exception):
 
 
 class Resources:
-    """Where a process works on items, several at a time but one in each stage.
+    """What the items of one process share; several are under way, one in each stage.
 
     Parameters
     ----------
-    folder : pathlib.Path
-        Of the job's output.
     selector : str or None
         As for `Device.open`.
     memory : int or None
@@ -40,20 +33,17 @@ class Resources:
     ----------
     device : Device
     memory : int
-    locks : ItemLocks
     deconvolver : tuple or None
-        What the frame before was deconvolved with, and what that depends on; of the stage
-        "compute" alone.
+        Key and `Deconvolver` of the frame before; used in the stage "compute" alone.
     """
 
-    def __init__(self, folder: Path, *, selector: str | None, memory: int | None) -> None:
+    def __init__(self, *, selector: str | None, memory: int | None) -> None:
         self.device = Device.open(selector)
         self.device.ensure_usable()
-        self.locks = ItemLocks(folder)
         self.limit(memory or default_memory(self.device))
         self._gates = {name: threading.Lock() for name in STAGES}
         self._stop = threading.Event()
-        self.deconvolver: tuple[Any, Deconvolver] | None = None
+        self.deconvolver: tuple[Any, Any] | None = None
 
     def limit(self, memory: int) -> None:
         """Set what the items that begin from now on may take together, in bytes."""
@@ -87,10 +77,6 @@ class Resources:
         """Raise `StoppedError` if the job was told to stop."""
         if self._stop.is_set():
             raise StoppedError
-
-    def close(self) -> None:
-        """Let go of the locks."""
-        self.locks.close()
 
 
 class MemoryBudget:

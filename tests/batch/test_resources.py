@@ -2,29 +2,33 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
 import subprocess
 import sys
 import threading
 import time
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
+from filelock import FileLock
 
 from clplen.batch.running.worker import environment_of, share_of, usable_cores
-from clplen.batch.work.locks import ItemLocks, job_lock
+from clplen.batch.work.locks import item_lock, job_lock
 from clplen.batch.work.resources import MemoryBudget, Resources, StoppedError
 from clplen.compute.device import Device
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from clplen.batch.work.locks import ItemLocks, job_lock
+from clplen.batch.work.locks import item_lock, job_lock
 folder = Path(sys.argv[1])
 if sys.argv[2] == "job":
     lock = job_lock(folder)
 else:
-    lock = ItemLocks(folder).hold(sys.argv[2])
+    lock = item_lock(folder, sys.argv[2])
 with lock:
     print("held", flush=True)
     time.sleep(30)
@@ -59,16 +63,14 @@ def test_a_second_job_is_refused_until_the_first_dies(tmp_path: Path):
 
 def test_an_item_is_waited_for(tmp_path: Path):
     process = holding(tmp_path, "one")
-    locks = ItemLocks(tmp_path)
     try:
-        with locks.hold("another"):
+        with item_lock(tmp_path, "another"):
             pass
         checks: list[int] = []
         threading.Timer(0.3, process.kill).start()
-        with locks.hold("one", check=lambda: checks.append(1)):
+        with item_lock(tmp_path, "one", check=lambda: checks.append(1)):
             assert checks
     finally:
-        locks.close()
         process.kill()
         process.wait()
         process.stdout.close()  # type: ignore[union-attr]
@@ -77,12 +79,10 @@ def test_an_item_is_waited_for(tmp_path: Path):
 def test_who_waits_can_be_told_to_stop(tmp_path: Path):
     """Also while a process that hangs holds the item."""
     process = holding(tmp_path, "one")
-    locks = ItemLocks(tmp_path)
     try:
-        with pytest.raises(KeyError), locks.hold("one", check=lambda: {}["stop"]):
+        with pytest.raises(KeyError), item_lock(tmp_path, "one", check=lambda: {}["stop"]):
             pass
     finally:
-        locks.close()
         process.kill()
         process.wait()
         process.stdout.close()  # type: ignore[union-attr]
@@ -90,10 +90,10 @@ def test_who_waits_can_be_told_to_stop(tmp_path: Path):
 
 def test_an_item_is_held_by_one_thread(tmp_path: Path):
     """A worker may be given an item again while a run that ended still does it there."""
-    locks, inside, most = ItemLocks(tmp_path), [0], [0]
+    inside, most = [0], [0]
 
     def visit() -> None:
-        with locks.hold("one"):
+        with item_lock(tmp_path, "one"):
             inside[0] += 1
             most[0] = max(most[0], inside[0])
             time.sleep(0.02)
@@ -104,25 +104,36 @@ def test_an_item_is_held_by_one_thread(tmp_path: Path):
         thread.start()
     for thread in threads:
         thread.join(5)
-    locks.close()
     assert most == [1]
 
 
 def test_locks_in_a_folder_that_was_removed(tmp_path: Path):
     """Who opened them before and who did after exclude each other."""
-    locks = ItemLocks(tmp_path / "out")
+    with item_lock(tmp_path / "out", "another"):
+        pass
     shutil.rmtree(tmp_path / "out")
     process = holding(tmp_path / "out", "one")
     try:
-        with pytest.raises(KeyError), locks.hold("one", check=lambda: {}["held"]):
+        with pytest.raises(KeyError), item_lock(tmp_path / "out", "one", check=lambda: {}["held"]):
             pass
-        with locks.hold("another"):
+        with item_lock(tmp_path / "out", "another"):
             pass
     finally:
-        locks.close()
         process.kill()
         process.wait()
         process.stdout.close()  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("lock", [job_lock, partial(item_lock, name="one")])
+def test_a_disk_without_locks_is_refused(lock: Any, tmp_path: Path, monkeypatch: Any):
+    """Such as a network disk without a lock service."""
+
+    def refuse(_: Any) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(FileLock, "_acquire", refuse)
+    with pytest.raises(OSError, match=r"cannot be locked \(No locks available\)"), lock(tmp_path):
+        pass
 
 
 def test_room_is_given_in_turn():
@@ -145,8 +156,8 @@ def test_room_is_given_in_turn():
         pass
 
 
-def test_one_item_in_a_stage(tmp_path: Path, device: Device):
-    resources = Resources(tmp_path, selector=device.place, memory=1000)
+def test_one_item_in_a_stage(device: Device):
+    resources = Resources(selector=device.place, memory=1000)
     inside, most = [0], [0]
 
     def visit() -> None:
@@ -169,7 +180,6 @@ def test_one_item_in_a_stage(tmp_path: Path, device: Device):
     resources.stop()
     with pytest.raises(StoppedError), resources.stage("read", {}):
         pass
-    resources.close()
 
 
 def test_cores_are_shared_out():
