@@ -16,8 +16,8 @@ import click
 import numpy as np
 
 from clplen.analysis.camera_psf import camera_psf
+from clplen.analysis.crosstalk import camera_crosstalk
 from clplen.analysis.otf import OTF
-from clplen.analysis.straylight import camera_crosstalk
 from clplen.analysis.twopoint import TwoPoints
 from clplen.cameras.camera import PlenopticCamera
 from clplen.compute.device import Device

@@ -5,8 +5,7 @@ from common import begin, number
 from matplotlib.axes import Axes
 from resolving import COLOURS, QUICK, TRANSFERS, focused, pair, responses
 
-from clplen.analysis.curve import Curve
-from clplen.analysis.otf import OTF
+from clplen.analysis.otf import OTF, Curve
 from clplen.analysis.sampling import sampling_of
 from clplen.plot.base import new_figure
 

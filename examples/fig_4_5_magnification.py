@@ -4,8 +4,7 @@ import numpy as np
 from common import BLUE, GREEN, ORANGE, RED, begin, number
 from resolving import QUICK, draw_spots, focused, response2, standard, transfer2
 
-from clplen.analysis.curve import Curve
-from clplen.analysis.otf import OTF
+from clplen.analysis.otf import OTF, Curve
 from clplen.analysis.sampling import sampling_of
 from clplen.plot.base import new_figure
 

@@ -7,15 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.analysis.placing import (
+from clplen.analysis.psf import PSF
+from clplen.analysis.rendered import (
     beside_lenslet,
+    blended,
     is_focused,
     is_mirrored,
+    local_m,
     middle_lenslet,
     offsets,
+    refocused,
 )
-from clplen.analysis.psf import PSF
-from clplen.analysis.rendered import blended, local_m, refocused
 from clplen.analysis.samples import between
 
 if TYPE_CHECKING:

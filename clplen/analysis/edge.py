@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.analysis.curve import Curve
+from clplen.analysis.otf import Curve
 from clplen.analysis.samples import Pair, Values, checked
 from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.analysis.curve import Curve
-from clplen.analysis.placing import is_focused
-from clplen.analysis.rendered import blended, refocused
+from clplen.analysis.otf import Curve
+from clplen.analysis.rendered import blended, is_focused, refocused
 from clplen.analysis.samples import Values
 
 if TYPE_CHECKING:
@@ -94,7 +93,7 @@ def transfer_of(raws: Sequence[RawImage], dz: float) -> Curve:
     ----------
     raws : sequence of RawImage
         Of one camera; the point moved along x in equal steps which together are a lenslet's pitch
-        (`clplen.analysis.placing.offsets`).
+        (`clplen.analysis.rendered.offsets`).
     dz : float
         Of the point, in metres.
 

@@ -280,7 +280,7 @@ def status(path: Path, verify: bool) -> None:
       clplen batch status job.toml --verify
     """
     from clplen.batch import Job
-    from clplen.batch.running.status import count_states, status_of
+    from clplen.batch.running.manifest import count_states, status_of
 
     states = []
     for task, state, why in status_of(Job.read(path), verify=verify):

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from clplen.plot.base import bar, new_figure, styled
 
 if TYPE_CHECKING:
-    from clplen.analysis.comparison import Comparison
-    from clplen.analysis.measured import Measured
+    from clplen.analysis.comparison import Comparison, Measured
     from clplen.analysis.rendered import Rendered
 
 COLOURS = ("#0072b2", "#cc3311", "#009e73", "#e69f00", "#cc79a7", "#56b4e9")

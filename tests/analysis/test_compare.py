@@ -14,21 +14,16 @@ from reference_closed import airy
 
 from clplen.analysis import camera_psf as of_camera
 from clplen.analysis.camera_psf import camera_psf, psf_exposures
-from clplen.analysis.comparison import ANALYSES, Comparison, compare, known_analyses
-from clplen.analysis.curve import Curve
-from clplen.analysis.deptherror import DepthErrors, depth_of, search_of
-from clplen.analysis.depthscan import default_depths, depth_scan
-from clplen.analysis.measured import Measured
-from clplen.analysis.otf import OTF, circular_mtf, square_mtf
-from clplen.analysis.placing import beside_lenslet, middle_lenslet
+from clplen.analysis.comparison import ANALYSES, Comparison, Measured, compare, known_analyses
+from clplen.analysis.crosstalk import camera_crosstalk, met
+from clplen.analysis.depthscan import DepthErrors, default_depths, depth_of, depth_scan, search_of
+from clplen.analysis.otf import OTF, Curve, circular_mtf, square_mtf
 from clplen.analysis.psf import PSF
-from clplen.analysis.rendered import as_seen, blended, local_m
+from clplen.analysis.rendered import as_seen, beside_lenslet, blended, local_m, middle_lenslet
 from clplen.analysis.sampling import sampling_of
-from clplen.analysis.straylight import camera_crosstalk, met
-from clplen.analysis.summary import report
+from clplen.analysis.summary import criteria, judged, over_depth, report, usable_limit, usable_mtf50
 from clplen.analysis.tables import tables
 from clplen.analysis.transfer import DepthTransfer, line_curve, object_nyquist
-from clplen.analysis.verdicts import criteria, judged, over_depth, usable_limit, usable_mtf50
 from clplen.cameras.aberrations import Aberrations
 from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.plenoptic1 import Plenoptic1

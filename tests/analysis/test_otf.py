@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from reference_closed import airy
 
-from clplen.analysis.curve import Curve
-from clplen.analysis.otf import OTF, circular_mtf, pixel_mtf, square_mtf
+from clplen.analysis.otf import OTF, Curve, circular_mtf, pixel_mtf, square_mtf
 from clplen.analysis.psf import PSF
 from clplen.errors import ShapeError
 from clplen.wave.field import Grid

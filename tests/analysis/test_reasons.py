@@ -8,14 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clplen.analysis.comparison import Comparison
-from clplen.analysis.deptherror import DepthErrors
-from clplen.analysis.measured import Measured
+from clplen.analysis.comparison import Comparison, Measured
+from clplen.analysis.depthscan import DepthErrors
 from clplen.analysis.psf import PSF
 from clplen.analysis.sampling import sampling_of
-from clplen.analysis.summary import report
+from clplen.analysis.summary import criteria, judged, report
 from clplen.analysis.transfer import DepthTransfer, line_curve
-from clplen.analysis.verdicts import criteria, judged
 from clplen.cameras.aberrations import Aberrations
 from clplen.cameras.camera import PlenopticCamera
 from clplen.cameras.plenoptic2 import Plenoptic2

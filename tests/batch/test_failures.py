@@ -21,9 +21,8 @@ from clplen.batch import Job
 from clplen.batch.jobs.items import tasks_of
 from clplen.batch.jobs.task import Report
 from clplen.batch.running.executors import local_executor
-from clplen.batch.running.manifest import Manifest
+from clplen.batch.running.manifest import Manifest, status_of
 from clplen.batch.running.runner import execute_job
-from clplen.batch.running.status import status_of
 from clplen.batch.work import products as making
 from clplen.batch.work.execution import execute_task
 from clplen.batch.work.resources import Resources

@@ -16,8 +16,7 @@ from clplen import LightField, all_in_focus
 from clplen.batch import Job
 from clplen.batch.jobs.items import tasks_of
 from clplen.batch.jobs.task import Report
-from clplen.batch.running.manifest import Manifest
-from clplen.batch.running.status import state_of, status_of
+from clplen.batch.running.manifest import Manifest, state_of, status_of
 from clplen.compute.device import Device
 from clplen.errors import DeviceError, FormatError
 
