@@ -16,7 +16,7 @@ import click
 import numpy as np
 
 import clplen
-from clplen.analysis.psf import PSF
+from clplen.analysis.point.psf import PSF
 from clplen.cameras.aberrations import Aberrations, LensletScatter
 from clplen.cameras.correction import correct_aberrations
 

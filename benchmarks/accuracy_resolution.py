@@ -15,10 +15,10 @@ import sys
 import click
 import numpy as np
 
-from clplen.analysis.camera_psf import camera_psf
-from clplen.analysis.crosstalk import camera_crosstalk
-from clplen.analysis.otf import OTF
-from clplen.analysis.twopoint import TwoPoints
+from clplen.analysis.cameras.camera_psf import camera_psf
+from clplen.analysis.cameras.crosstalk import camera_crosstalk
+from clplen.analysis.point.otf import OTF
+from clplen.analysis.point.twopoint import TwoPoints
 from clplen.cameras.camera import PlenopticCamera
 from clplen.compute.device import Device
 from clplen.wave.lenslets import MicrolensArray

@@ -12,7 +12,7 @@ from common import begin
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
-from clplen.analysis.tables import Table
+from clplen.analysis.report.tables import Table
 from clplen.lightfield.calibration import decode_raw, estimate_lattice
 from clplen.microscopy.points import Points, find_points
 from clplen.plot.base import bar, new_figure

@@ -12,7 +12,7 @@ from clplen.cli.common import bar_of, note_link, opened, reach
 from clplen.cli.messages import note
 
 if TYPE_CHECKING:
-    from clplen.analysis.comparison import Comparison
+    from clplen.analysis.cameras.comparison import Comparison
     from clplen.cameras.plenoptic import Plenoptic
     from clplen.config import CameraFile
 
@@ -84,11 +84,17 @@ def analyse(
       clplen analyse --example focused > focused.toml
       clplen analyse standard.toml focused.toml -o compared
     """
-    from clplen.analysis.comparison import ANALYSES, OVER_DEPTH, compare, known_analyses, told_of
+    from clplen.analysis.cameras.comparison import (
+        ANALYSES,
+        OVER_DEPTH,
+        check_analyses,
+        compare,
+        prefix_errors,
+    )
     from clplen.cameras.microscope import Microscope
     from clplen.outputs import updating
 
-    names = known_analyses(_split(only)) if only is not None else ANALYSES
+    names = check_analyses(_split(only)) if only is not None else ANALYSES
     if depths_mm is not None and not set(names) & set(OVER_DEPTH):
         note(f"--depths-mm is not used: depths belong to {' and '.join(OVER_DEPTH)}.")
     files = _read(cameras)
@@ -98,7 +104,7 @@ def analyse(
         device = opened(selector)
         built: dict[str, Plenoptic] = {}
         for name, file in files.items():
-            with told_of(name):
+            with prefix_errors(name):
                 camera = file.camera.build(device)
             if isinstance(camera, Microscope):
                 raise click.UsageError(
@@ -158,8 +164,8 @@ def _scenes(files: dict[str, CameraFile]) -> dict[str, Any]:
 def _write(folder: Path, found: Comparison) -> tuple[str, str]:
     """The report, and what was written in words."""
     from clplen import plot
-    from clplen.analysis.summary import report
-    from clplen.analysis.tables import tables
+    from clplen.analysis.report.summary import report
+    from clplen.analysis.report.tables import tables
     from clplen.outputs import listed
 
     text = report(found)

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from clplen.plot.base import bar, new_figure, styled
 
 if TYPE_CHECKING:
-    from clplen.analysis.comparison import Comparison, Measured
-    from clplen.analysis.rendered import Rendered
+    from clplen.analysis.cameras.comparison import Comparison, Measured
+    from clplen.analysis.cameras.imaging import Rendered
 
 COLOURS = ("#0072b2", "#cc3311", "#009e73", "#e69f00", "#cc79a7", "#56b4e9")
 _MARKERS = "osD^vP"

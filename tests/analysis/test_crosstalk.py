@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from reference_closed import airy
 
-from clplen.analysis.crosstalk import (
+from clplen.analysis.cameras.crosstalk import (
     cell_centres,
     cell_energies,
     cell_outline,

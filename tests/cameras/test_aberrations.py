@@ -25,7 +25,7 @@ from clplen import (
     estimate_alpha,
     refocus,
 )
-from clplen.analysis.psf import PSF
+from clplen.analysis.point.psf import PSF
 from clplen.cameras.aberrations import Aberrations, LensletScatter
 from clplen.cameras.correction import correct_aberrations
 from clplen.cameras.isoplanatic import layout

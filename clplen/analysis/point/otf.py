@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from clplen.analysis.psf import PSF
-from clplen.analysis.samples import Pair, Values, check_axis, check_positive, first_fall
+from clplen.analysis.point.psf import PSF
+from clplen.analysis.point.samples import Pair, Values, check_axis, check_positive, first_fall
 from clplen.compute.hostarray import HostArray
 from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.analysis.sampling import Sampling
-from clplen.analysis.transfer import object_nyquist
+from clplen.analysis.cameras.sampling import Sampling
+from clplen.analysis.cameras.transfer import object_nyquist
 from clplen.files import PathLike, replacing
 
 if TYPE_CHECKING:
-    from clplen.analysis.comparison import Comparison, Measured
+    from clplen.analysis.cameras.comparison import Comparison, Measured
 
 AXES = ("y", "x")
 _UNITS = {
@@ -87,7 +87,7 @@ def tables(comparison: Comparison) -> dict[str, Table]:
     return found
 
 
-def summary_of(one: Measured, analyses: tuple[str, ...]) -> dict[str, tuple[float, str]]:
+def summary_values(one: Measured, analyses: tuple[str, ...]) -> dict[str, tuple[float, str]]:
     """The numbers of one camera, (value, unit) by name, of what was asked for."""
     found: dict[str, tuple[float, str]] = {}
     if "psf" in analyses and one.psf is not None:
@@ -127,7 +127,7 @@ def summary_of(one: Measured, analyses: tuple[str, ...]) -> dict[str, tuple[floa
 
 def _summary(comparison: Comparison) -> Iterator[Row]:
     for one in comparison.cameras:
-        for name, (value, unit) in summary_of(one, comparison.analyses).items():
+        for name, (value, unit) in summary_values(one, comparison.analyses).items():
             yield one.name, name, value, unit
 
 

@@ -7,21 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.analysis.psf import PSF
-from clplen.analysis.rendered import (
-    beside_lenslet,
-    blended,
+from clplen.analysis.cameras.imaging import (
+    blended_picture,
+    central_lenslet,
     is_focused,
-    is_mirrored,
+    is_symmetric,
     local_m,
-    middle_lenslet,
-    offsets,
-    refocused,
+    point_at_lenslet,
+    refocused_picture,
+    sample_offsets,
 )
-from clplen.analysis.samples import between
+from clplen.analysis.point.psf import PSF
+from clplen.analysis.point.samples import Values, between
 
 if TYPE_CHECKING:
-    from clplen.analysis.samples import Values
     from clplen.cameras.plenoptic import Plenoptic
 
 PLACES = 9  # of a point under a lenslet, along each axis
@@ -92,9 +91,9 @@ def _focused(camera: Any, done: Done) -> PSF:
     """The mean of pictures of a point at places on a pixel, each about its own place."""
     to_image = camera.image_distance / camera.array_distance
     total, pitch = np.zeros((1, 1)), (1.0, 1.0)
-    for offset in offsets(camera.pixel_pitch / abs(local_m(camera, 0.0)), PIXEL_PLACES):
-        point = beside_lenslet(camera, (offset / to_image, offset / to_image), 0.0)
-        found = blended(camera.expose(point), 0.0)
+    for offset in sample_offsets(camera.pixel_pitch / abs(local_m(camera, 0.0)), PIXEL_PLACES):
+        point = point_at_lenslet(camera, (offset / to_image, offset / to_image), 0.0)
+        found = blended_picture(camera.expose(point), 0.0)
         x, y = camera.image_of(point.positions)[0]
         psf, pitch = PSF(found.values, found.pitch, found.origin), found.pitch
         total = total + _about(psf, (float(y), float(x)), _half(camera, psf))
@@ -128,20 +127,24 @@ def _standard(camera: Plenoptic, places: int, done: Done) -> PSF:
     for i, k in np.ndindex(places, places):
         near = _alike(camera, (i, k), places)
         if near not in known:
-            down, right = (offsets(step, places)[n] for step, n in zip(steps, near, strict=True))
-            known[near] = refocused(camera.expose(beside_lenslet(camera, (down, right), 0.0)), 0.0)
+            down, right = (
+                sample_offsets(step, places)[n] for step, n in zip(steps, near, strict=True)
+            )
+            known[near] = refocused_picture(
+                camera.expose(point_at_lenslet(camera, (down, right), 0.0)), 0.0
+            )
             done(1)
         fine[:, places - 1 - i, :, places - 1 - k] = _mirrored(known[near], near, (i, k), places)
     values = fine.reshape(count[0] * places, count[1] * places)
     pitch = (steps[0] / places, steps[1] / places)
-    first = [-n * places - places // 2 for n in middle_lenslet(camera)]
+    first = [-n * places - places // 2 for n in central_lenslet(camera)]
     origin = [(n // 2 + at) * d for n, at, d in zip(values.shape, first, pitch, strict=True)]
     return PSF(values, pitch, (origin[0], origin[1]))
 
 
 def _alike(camera: Plenoptic, place: Place, places: int) -> Place:
     """The place whose picture is that of another one but for a mirror."""
-    if not is_mirrored(camera):
+    if not is_symmetric(camera):
         return place
     i, k = (min(n, places - 1 - n) for n in place)
     is_square = camera.mla.count[0] == camera.mla.count[1]

@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
-from clplen.analysis.rendered import is_focused
+from clplen.analysis.cameras.imaging import is_focused
 from clplen.cameras.aberrations import NONE, rows
 
 if TYPE_CHECKING:
-    from clplen.analysis.comparison import Measured
+    from clplen.analysis.cameras.comparison import Measured
 
 EXPLAINS = 1.5  # ratio up to which what a reason alone would make is taken for what is measured
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from clplen.analysis.psf import FINER, PSF
-from clplen.analysis.samples import Pair, Values, check_axis, finer, line_of
+from clplen.analysis.point.psf import FINER, PSF
+from clplen.analysis.point.samples import Pair, Values, check_axis, finer, line_of
 
 RAYLEIGH = 0.73503  # mid/peak of two Airy patterns whose maximum lies on the other's first zero
 SLIT = 0.81057  # 8/pi^2, the same of two sinc^2: a slit, or a square along one of its sides

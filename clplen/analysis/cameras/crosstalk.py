@@ -1,4 +1,4 @@
-"""How much of a point's light leaves its own cell of a raw lenslet image."""
+"""Light of a point outside its own cell of a raw image, or outside its cone's lenslets."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.analysis.rendered import beside_lenslet, is_focused, middle_lenslet
-from clplen.analysis.samples import Pair, Values, checked
+from clplen.analysis.cameras.imaging import central_lenslet, is_focused, point_at_lenslet
+from clplen.analysis.point.samples import Pair, Values, checked
 from clplen.lightfield.raw import LensletGrid
 from clplen.wave.coverage import polygon_coverage
 from clplen.wave.field import Grid
@@ -203,15 +203,17 @@ def camera_crosstalk(camera: Plenoptic | Any) -> float:
     float
         Between 0 and 1.
     """
-    raw = camera.expose(beside_lenslet(camera, (0.0, 0.0), 0.0))
-    light, middle = np.asarray(raw.to_numpy(), np.float64), middle_lenslet(camera)
+    raw = camera.expose(point_at_lenslet(camera, (0.0, 0.0), 0.0))
+    light, middle = np.asarray(raw.to_numpy(), np.float64), central_lenslet(camera)
     if not is_focused(camera):
         return crosstalk(light, raw.cells, cell=middle)
-    own = sum(energy_in_cell(light, raw.sub_images, cell) for cell in met(camera, middle))
+    own = sum(
+        energy_in_cell(light, raw.sub_images, cell) for cell in lenslets_in_cone(camera, middle)
+    )
     return max(0.0, 1 - own / float(light.sum()))
 
 
-def met(camera: Any, middle: tuple[int, int]) -> list[tuple[int, int]]:
+def lenslets_in_cone(camera: Any, middle: tuple[int, int]) -> list[tuple[int, int]]:
     """(row, column) of the lenslets that the cone through one of them meets, itself included."""
     reach = camera.aperture_diameter * abs(camera.a) / camera.image_distance / 2
     mla = camera.mla

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from clplen.analysis.samples import check_positive
+from clplen.analysis.point.samples import check_positive
 from clplen.compute.checks import require
 from clplen.compute.oneline import OneLine
 

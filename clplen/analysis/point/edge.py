@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from clplen.analysis.otf import Curve
-from clplen.analysis.samples import Pair, Values, checked
+from clplen.analysis.point.otf import Curve
+from clplen.analysis.point.samples import Pair, Values, checked
 from clplen.compute.oneline import OneLine
 from clplen.errors import ShapeError
 from clplen.wave.field import Grid

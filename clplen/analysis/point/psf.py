@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from clplen.analysis.samples import (
+from clplen.analysis.point.samples import (
     Pair,
     Values,
     between,

@@ -1,4 +1,4 @@
-"""Points at several depths through one camera, for what is measured over depth."""
+"""Contrast and depth error of points at several depths through one camera."""
 
 from __future__ import annotations
 
@@ -10,11 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.analysis.camera_psf import Done, check_places
-from clplen.analysis.otf import Curve
-from clplen.analysis.rendered import beside_lenslet, is_focused, local_m, middle_lenslet, offsets
-from clplen.analysis.samples import Values
-from clplen.analysis.transfer import DepthTransfer, transfer_of
+from clplen.analysis.cameras.camera_psf import Done, check_places
+from clplen.analysis.cameras.imaging import (
+    central_lenslet,
+    is_focused,
+    local_m,
+    point_at_lenslet,
+    sample_offsets,
+)
+from clplen.analysis.cameras.transfer import DepthTransfer, transfer_of
+from clplen.analysis.point.otf import Curve
+from clplen.analysis.point.samples import Values
 from clplen.cameras.geometry import view_step
 from clplen.errors import SamplingError, SamplingWarning
 from clplen.lightfield.estimate import estimate_alpha, search_limit
@@ -60,7 +66,7 @@ class DepthErrors:
         return np.asarray(np.mean(self.errors, axis=1))
 
 
-def depth_of(raw: RawImage, *, c_max: float = LEAST_SEARCH) -> float:
+def measured_depth(raw: RawImage, *, c_max: float = LEAST_SEARCH) -> float:
     """dz in metres of the point in a raw image, which lies by the middle lenslet.
 
     1.0: `estimate_alpha`, method "compensated". 2.0: `point_m`, by the pitch of its spots.
@@ -81,7 +87,7 @@ def depth_of(raw: RawImage, *, c_max: float = LEAST_SEARCH) -> float:
     if is_focused(raw.camera):
         return _of_object(point_m(raw).z)
     camera: Any = raw.camera
-    row, column = middle_lenslet(camera)
+    row, column = central_lenslet(camera)
     lf = LightField.from_raw(raw)
     search = min(c_max, WIDEST * search_limit(lf))
     with warnings.catch_warnings():
@@ -111,7 +117,7 @@ def too_few_views(camera: Plenoptic | Any, dz: float) -> str:
     return f"too few views: at m = {m:.3g} a point is seen by {1 / m:.2g} lenslets a row"
 
 
-def search_of(camera: Plenoptic | Any, depths: Values) -> float:
+def search_range(camera: Plenoptic | Any, depths: Values) -> float:
     """c_max of `estimate_alpha` that holds all of these depths, in pixels a view step."""
     if is_focused(camera):
         return LEAST_SEARCH
@@ -168,7 +174,7 @@ def depth_scan(
     """
     dz = _checked(camera, depths)
     check_places(places)
-    c_max = search_of(camera, dz)
+    c_max = search_range(camera, dz)
     curves: list[Curve | None] = []
     measured = np.full((len(dz), places), np.nan)
     notes: list[tuple[str, str]] = []
@@ -196,9 +202,9 @@ def _checked(camera: Plenoptic, depths: Sequence[float] | Values) -> Values:
 def _exposed(camera: Plenoptic, dz: float, places: int, done: Done) -> tuple[list[RawImage], str]:
     """Raw images of the point at all places, or why there are none."""
     raws = []
-    for n, right in enumerate(offsets(camera.mla.pitch, places)):
+    for n, right in enumerate(sample_offsets(camera.mla.pitch, places)):
         try:
-            raws.append(camera.expose(beside_lenslet(camera, (0.0, float(right)), dz)))
+            raws.append(camera.expose(point_at_lenslet(camera, (0.0, float(right)), dz)))
         except SamplingError as error:
             done(places - n)
             return [], str(error)
@@ -215,6 +221,6 @@ def _curve(raws: list[RawImage], dz: float) -> tuple[Curve | None, str]:
 
 def _depths(raws: list[RawImage], c_max: float) -> tuple[Values, str]:
     try:
-        return np.array([depth_of(raw, c_max=c_max) for raw in raws]), ""
+        return np.array([measured_depth(raw, c_max=c_max) for raw in raws]), ""
     except ValueError as error:
         return np.full(len(raws), np.nan), str(error)

@@ -1,4 +1,4 @@
-"""A comparison of cameras as a short text: one table, and which of them wins where and why."""
+"""A comparison of cameras as Markdown: one table, and which camera is best at what and why."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.analysis import reasons
-from clplen.analysis.sampling import ROWS
-from clplen.analysis.tables import summary_of
-from clplen.analysis.transfer import object_nyquist
+from clplen.analysis.cameras.sampling import ROWS
+from clplen.analysis.cameras.transfer import object_nyquist
+from clplen.analysis.report import reasons
+from clplen.analysis.report.tables import summary_values
 
 if TYPE_CHECKING:
-    from clplen.analysis.comparison import Comparison, Measured
+    from clplen.analysis.cameras.comparison import Comparison, Measured
 
 EQUAL = 1.05  # ratio up to which two numbers count as the same
 
@@ -95,7 +95,7 @@ def depth_rms(one: Measured, chosen: Any) -> float:
     return float(np.sqrt(np.mean(one.depth.errors[chosen] ** 2)))
 
 
-def judged(criterion: Criterion, cameras: Sequence[Measured]) -> str:
+def judge(criterion: Criterion, cameras: Sequence[Measured]) -> str:
     """One sentence: who is best, by how much, and what limits each."""
     numbers = [(criterion.value(one) * criterion.scale, one) for one in cameras]
     known = [(value, one) for value, one in numbers if math.isfinite(value)]
@@ -109,7 +109,7 @@ def judged(criterion: Criterion, cameras: Sequence[Measured]) -> str:
     return f"**{criterion.name}**: {_verdict(criterion, order)} {said}. {why}".rstrip()
 
 
-def over_depth(comparison: Comparison) -> list[str]:
+def depth_verdicts(comparison: Comparison) -> list[str]:
     """Who resolves most at which depths: a sentence for each run of depths."""
     cameras = [one for one in comparison.cameras if one.transfer is not None]
     if not cameras:
@@ -254,8 +254,8 @@ def report(comparison: Comparison) -> str:
         lines += ["## Which wins where, and why", ""]
     else:
         lines += ["## What limits it", ""]
-    lines += [f"- {judged(one, comparison.cameras)}" for one in criteria(comparison)]
-    depths = over_depth(comparison)
+    lines += [f"- {judge(one, comparison.cameras)}" for one in criteria(comparison)]
+    depths = depth_verdicts(comparison)
     if depths:
         lines.append("- **usable MTF50 over depth**, each picture focused on its depth:")
         lines += [f"  - {line}" for line in depths]
@@ -283,7 +283,7 @@ def _rows(comparison: Comparison) -> list[list[str]]:
     rows = [["type", *(one.sampling.kind for one in comparison.cameras), ""]]
     if "sampling" in comparison.analyses:
         rows += [_sampling_row(comparison, *row) for row in ROWS]
-    every = [summary_of(one, comparison.analyses) for one in comparison.cameras]
+    every = [summary_values(one, comparison.analyses) for one in comparison.cameras]
     for name, (_, unit) in every[0].items():
         if name.endswith(" y") and all(_alike(one, name) for one in every):
             continue

@@ -1,4 +1,4 @@
-"""Several plenoptic cameras measured alike."""
+"""Measurements of one plenoptic camera, and of several cameras alike."""
 
 from __future__ import annotations
 
@@ -7,30 +7,27 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from clplen.analysis.camera_psf import PLACES, Done, camera_psf, psf_exposures
-from clplen.analysis.crosstalk import camera_crosstalk
-from clplen.analysis.depthscan import PLACES as DEPTH_PLACES
-from clplen.analysis.depthscan import DepthErrors, default_depths, depth_scan
-from clplen.analysis.otf import Curve
-from clplen.analysis.psf import PSF
-from clplen.analysis.rendered import Rendered, as_seen
-from clplen.analysis.samples import Values
-from clplen.analysis.sampling import Sampling, sampling_of
-from clplen.analysis.transfer import DepthTransfer, line_curve
-from clplen.analysis.twopoint import SLIT, TwoPoints
+from clplen.analysis.cameras.camera_psf import PLACES, Done, camera_psf, psf_exposures
+from clplen.analysis.cameras.crosstalk import camera_crosstalk
+from clplen.analysis.cameras.depth_scan import PLACES as DEPTH_PLACES
+from clplen.analysis.cameras.depth_scan import DepthErrors, default_depths, depth_scan
+from clplen.analysis.cameras.imaging import Rendered, native_picture
+from clplen.analysis.cameras.sampling import Sampling, sampling_of
+from clplen.analysis.cameras.transfer import DepthTransfer, line_curve
+from clplen.analysis.point.otf import Curve
+from clplen.analysis.point.psf import PSF
+from clplen.analysis.point.samples import Values
+from clplen.analysis.point.twopoint import SLIT, TwoPoints
 from clplen.cameras.aberrations import circumscribed
 from clplen.cameras.pictures import parts
 from clplen.cameras.plenoptic import Plenoptic
 from clplen.cameras.scene import PointSources
 from clplen.compute.oneline import OneLine
 from clplen.errors import SamplingError
-
-if TYPE_CHECKING:
-    from clplen.cameras.plenoptic import Plenoptic
 
 HIGHEST = 1.05  # of the diffraction cut-off: where a cut-off that is measured may lie
 _STEPS = 61  # of separations and radii
@@ -275,7 +272,7 @@ def compare(
     wanted = _wanted(only, cameras, scenes)
     if scenes is not None and "pictures" in wanted:
         for name, camera in cameras.items():
-            with told_of(name):
+            with prefix_errors(name):
                 _check_scene(camera, scenes[name])
     if depths is None:
         depths = default_depths(next(iter(cameras.values())), quick=quick)
@@ -291,14 +288,14 @@ def compare(
 
     found = []
     for name, camera in cameras.items():
-        with told_of(name):
+        with prefix_errors(name):
             scene = None if scenes is None else scenes.get(name)
             found.append(plan.measure(name, camera, scene, done))
     return Comparison(tuple(found), wanted)
 
 
 @contextmanager
-def told_of(name: str) -> Iterator[None]:
+def prefix_errors(name: str) -> Iterator[None]:
     """Put the name of a camera before what is said about it."""
     try:
         yield
@@ -306,7 +303,7 @@ def told_of(name: str) -> Iterator[None]:
         raise type(error)(f"{name}: {error}") from error
 
 
-def known_analyses(names: Iterable[str]) -> tuple[str, ...]:
+def check_analyses(names: Iterable[str]) -> tuple[str, ...]:
     """These names, in the order of `ANALYSES`.
 
     Raises
@@ -344,7 +341,7 @@ def _wanted(
     missing = [name for name in cameras if name not in (scenes or {})]
     if only is None:
         return tuple(name for name in ANALYSES if name != "pictures" or not missing)
-    wanted = known_analyses(only)
+    wanted = check_analyses(only)
     if "pictures" in wanted and missing:
         raise ValueError(f"For 'pictures' give a scene of every camera; {missing[0]!r} has none.")
     return wanted
@@ -390,7 +387,7 @@ class _Plan:
                 done=done,
             )
         if self._asks(("pictures",)):
-            picture = as_seen(camera.expose(scene))
+            picture = native_picture(camera.expose(scene))
             done(1)
         return Measured(name, camera, sampling, psf, light, transfer, depth, picture)
 

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.analysis.otf import Curve
-from clplen.analysis.rendered import blended, is_focused, refocused
-from clplen.analysis.samples import Values
+from clplen.analysis.cameras.imaging import blended_picture, is_focused, refocused_picture
+from clplen.analysis.point.otf import Curve
+from clplen.analysis.point.samples import Values
 
 if TYPE_CHECKING:
     from clplen.lightfield.raw import RawImage
@@ -93,7 +93,7 @@ def transfer_of(raws: Sequence[RawImage], dz: float) -> Curve:
     ----------
     raws : sequence of RawImage
         Of one camera; the point moved along x in equal steps which together are a lenslet's pitch
-        (`clplen.analysis.rendered.offsets`).
+        (`clplen.analysis.cameras.imaging.sample_offsets`).
     dz : float
         Of the point, in metres.
 
@@ -111,14 +111,14 @@ def transfer_of(raws: Sequence[RawImage], dz: float) -> Curve:
     camera: Any = raws[0].camera
     if is_focused(camera):
         return _mean([_focused_line(raw, dz) for raw in raws])
-    lines = [refocused(raw, dz).sum(axis=0) for raw in raws]
+    lines = [refocused_picture(raw, dz).sum(axis=0) for raw in raws]
     fine = np.stack(lines[::-1], axis=1).ravel()
     return line_curve(fine, camera.mla.pitch / len(raws) / abs(camera.array_scale(dz)))
 
 
 def _focused_line(raw: RawImage, dz: float) -> Curve:
     camera: Any = raw.camera
-    picture = blended(raw, dz)
+    picture = blended_picture(raw, dz)
     magnified = abs(camera.image_distance / camera.alpha(dz) / (camera.object_distance + dz))
     return line_curve(picture.values.sum(axis=0), picture.pitch[1] / magnified)
 

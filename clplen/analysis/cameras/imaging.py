@@ -1,4 +1,4 @@
-"""Pictures from the raw images of either camera, with their scale, on the host."""
+"""Point sources placed for a camera, and the pictures of its raw images, with their scale."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen.analysis.samples import Pair, Values
+from clplen.analysis.point.samples import Pair, Values
 from clplen.cameras.aberrations import NONE
 from clplen.cameras.plenoptic import Plenoptic
 from clplen.cameras.scene import PointSources
@@ -27,19 +27,19 @@ def is_focused(camera: Any) -> bool:
     return hasattr(camera, "m")
 
 
-def offsets(step: float, count: int) -> Values:
+def sample_offsets(step: float, count: int) -> Values:
     """``count`` places a step / count apart about 0, which together sample a grid of that step."""
     return np.asarray((np.arange(count) - (count - 1) / 2) * (step / count), np.float64)
 
 
-def middle_lenslet(camera: Plenoptic) -> tuple[int, int]:
+def central_lenslet(camera: Plenoptic) -> tuple[int, int]:
     """(row, column) of the lenslet next to the middle of the array, in a row that is not moved."""
     rows, columns = camera.mla.count
     row = rows // 2
     return row - (row % 2 if camera.mla.lattice == "hexagonal" else 0), columns // 2
 
 
-def beside_lenslet(camera: Plenoptic, offset: Pair, dz: float) -> PointSources:
+def point_at_lenslet(camera: Plenoptic, offset: Pair, dz: float) -> PointSources:
     """A point whose chief ray meets the array beside the middle lenslet's centre.
 
     Parameters
@@ -53,12 +53,12 @@ def beside_lenslet(camera: Plenoptic, offset: Pair, dz: float) -> PointSources:
     turn = camera.mla.rotation
     y, x = offset
     across = (y * np.cos(turn) + x * np.sin(turn), -y * np.sin(turn) + x * np.cos(turn))
-    place = np.asarray(camera.mla.centres()[middle_lenslet(camera)]) + across
+    place = np.asarray(camera.mla.centres()[central_lenslet(camera)]) + across
     place = place / camera.array_scale(dz)
     return PointSources([(place[1], place[0], dz)])
 
 
-def is_mirrored(camera: Plenoptic) -> bool:
+def is_symmetric(camera: Plenoptic) -> bool:
     """Whether a camera looks the same in a mirror through the middle lenslet, both ways."""
     mla = camera.mla
     plain = mla.lattice == "square" and len(mla.focal_lengths) == 1
@@ -106,7 +106,7 @@ def local_m(camera: Any, dz: float) -> float:
     return float(camera.sensor_distance / a) if a else math.inf
 
 
-def refocused(raw: RawImage, dz: float) -> Values:
+def refocused_picture(raw: RawImage, dz: float) -> Values:
     """The picture of a 1.0 camera refocused on dz, one sample a lenslet, float64 (rows, columns).
 
     In the unscaled form, so that places are those of chief rays on the array. Views are moved in
@@ -118,7 +118,7 @@ def refocused(raw: RawImage, dz: float) -> Values:
     return np.asarray(picture.to_numpy(), np.float64)
 
 
-def blended(raw: RawImage, dz: float) -> Rendered:
+def blended_picture(raw: RawImage, dz: float) -> Rendered:
     """The blended picture of a 2.0 camera with dz in focus, finely sampled.
 
     `FINER` samples in the place of one that either the lenslets' diffraction, lam a/(2 d), or the
@@ -141,7 +141,7 @@ def blended(raw: RawImage, dz: float) -> Rendered:
     return _on_host(render_focused(raw, m=m, step=step))
 
 
-def as_seen(raw: RawImage) -> Rendered:
+def native_picture(raw: RawImage) -> Rendered:
     """The picture focused on the camera's own plane, with the samples that its user gets.
 
     A lenslet each (1.0), or abs(m) of the pixels along each axis (2.0), blended.
@@ -150,7 +150,7 @@ def as_seen(raw: RawImage) -> Rendered:
     if is_focused(camera):
         return _on_host(render_focused(raw, m=local_m(camera, 0.0)))
     pitch = (camera.mla.row_pitch, camera.mla.pitch)
-    return Rendered(refocused(raw, 0.0), pitch, _middle(camera.mla))
+    return Rendered(refocused_picture(raw, 0.0), pitch, _middle(camera.mla))
 
 
 def _middle(mla: Any) -> Pair:
