@@ -20,7 +20,7 @@ from click.testing import CliRunner, Result
 import clplen
 from clplen.cameras.camera import PlenopticCamera
 from clplen.cli import main
-from clplen.cli.messages import sentence
+from clplen.cli.common import sentence
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, read_camera_file
 from clplen.io import read_lightfield, read_pfm, write_lightfield

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from clplen.cli import options
-from clplen.cli.common import bar_of, note_link, opened, reach
-from clplen.cli.messages import note
+from clplen.cli.common import bar_of, note, note_link, opened, reach
 
 if TYPE_CHECKING:
     from clplen.analysis.cameras.comparison import Comparison
@@ -22,7 +21,7 @@ _REPORT = "report.md"
 
 def _print_example(ctx: click.Context, _: click.Parameter, kind: str | None) -> None:
     if kind:
-        from clplen.config.pair import pair
+        from clplen.config.example import pair
 
         click.echo(pair()[kind], nl=False)
         ctx.exit()

@@ -11,13 +11,13 @@ from clplen import __version__
 from clplen.cli.analyse import analyse
 from clplen.cli.batch import batch, worker
 from clplen.cli.bench import bench
+from clplen.cli.common import Commands
 from clplen.cli.deconvolve import deconvolve
 from clplen.cli.demo import demo
 from clplen.cli.depth import depth
 from clplen.cli.devices import devices
 from clplen.cli.epi import epi
 from clplen.cli.info import info
-from clplen.cli.messages import Commands
 from clplen.cli.microscope import microscope
 from clplen.cli.refocus import refocus
 from clplen.cli.render import render

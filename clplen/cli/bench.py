@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from clplen.cli import options
-from clplen.cli.messages import note
+from clplen.cli.common import note
 
 if TYPE_CHECKING:
     from clplen.bench.report import Report

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from clplen.cli import options
-from clplen.cli.common import bar_of, check_output, check_suffix, opened, reach
-from clplen.cli.messages import note
+from clplen.cli.common import bar_of, check_output, check_suffix, note, opened, reach
 
 if TYPE_CHECKING:
     from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver

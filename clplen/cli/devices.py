@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from clplen.cli import options
-from clplen.cli.messages import sentence
+from clplen.cli.common import sentence
 from clplen.errors import ClplenError
 
 if TYPE_CHECKING:

@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from clplen.cli.focused import Opened
+from clplen.cli.focused import Opened, Values
 from clplen.cli.metres import distances, write_map
 
 if TYPE_CHECKING:
     from clplen.lightfield.focused_depth import FocusedDepth
     from clplen.lightfield.focused_maps import FocusedMaps
-
-Values = np.ndarray[Any, Any]
 
 SUFFIXES = (".h5", ".hdf5", ".tif", ".tiff", ".pfm", ".npy")
 _FROM_FOCUS = " from the plane in focus, farther positive"

@@ -13,9 +13,8 @@ import click
 import numpy as np
 
 from clplen.cli import options
-from clplen.cli.common import check_outputs, listening, read
+from clplen.cli.common import check_outputs, listening, read, typed
 from clplen.cli.info_arrays import map_in, of_map, of_volume, volume_in
-from clplen.cli.messages import typed
 from clplen.cli.microscope import described
 
 if TYPE_CHECKING:

@@ -15,8 +15,7 @@ import click
 import numpy as np
 
 from clplen.cli import options
-from clplen.cli.common import bar_of, check_output, check_suffix, opened, reach
-from clplen.cli.messages import note
+from clplen.cli.common import bar_of, check_output, check_suffix, note, opened, reach
 
 if TYPE_CHECKING:
     from clplen.cameras.describe import Description

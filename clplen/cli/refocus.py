@@ -9,8 +9,7 @@ import click
 import numpy as np
 
 from clplen.cli import options
-from clplen.cli.common import check_planes, note_end, planes_of, read, sharpest_of, tried_by
-from clplen.cli.messages import note
+from clplen.cli.common import check_planes, note, note_end, planes_of, read, sharpest_of, tried_by
 from clplen.cli.pictures import PICTURES, Point, check_output, pixel_of, write
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from typing import Any
 
 import click
 
-from clplen.cli.messages import note, typed
-from clplen.cli.units import Length, Lengths, Shape
+from clplen.cli.common import note, typed
+from clplen.cli.options import Length, Lengths, Shape
 from clplen.wave import fresnel, sommerfeld, transfer
 from clplen.wave.band import GUARD, fully_sampled_distance
 from clplen.wave.choice import describe
