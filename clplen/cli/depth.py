@@ -22,9 +22,8 @@ from clplen.cli.common import (
     tiles_shown,
     tried_by,
 )
-from clplen.cli.focused import check_kept, depth_words, is_meant, refuse
+from clplen.cli.focused import SUFFIXES, check_kept, depth_words, find_depth, is_meant, refuse
 from clplen.cli.focused import read as open_raw
-from clplen.cli.focused_depth import SUFFIXES, find_depth
 
 if TYPE_CHECKING:
     from clplen.compute.device import Device

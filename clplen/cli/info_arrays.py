@@ -6,9 +6,9 @@ import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from clplen.cli.info import Rows
 
-Rows = list[tuple[str, str]]
+import numpy as np
 
 _MAPS = (".pfm", ".npy", ".tif", ".tiff")
 _VOLUMES = (".tif", ".tiff", ".zarr")

@@ -1,4 +1,4 @@
-"""Files in TOML that tell instruments: text comes in; cameras, scenes and light in SI units leave."""
+"""Camera files: TOML text comes in; cameras, scenes, light and sensors in SI units leave."""
 
 from clplen.config.camera_file import CameraFile, read_camera_file
 from clplen.config.example import EXAMPLE
