@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clplen.cli import main
-from clplen.cli.options import Length, Lengths, Shape
+from clplen.cli.shared.options import Length, Lengths, Shape
 from clplen.errors import SamplingError
 from clplen.wave.choice import describe
 from clplen.wave.cost import flops, samples_held

@@ -18,7 +18,7 @@ from clplen import cli
 from clplen.cameras.pictures import PicturePlane
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.scene import PointSources
-from clplen.cli import common
+from clplen.cli.shared import console
 from clplen.compute.device import Device
 from clplen.config import read_camera_file
 from clplen.wave import average
@@ -134,7 +134,7 @@ def test_simulate_goes_on_after_an_interrupt(
     checkpoint = small.parent / "reached"
     with monkeypatch.context() as patch:
         patch.setattr(average, "SAVE_SECONDS", -1.0)
-        patch.setattr(import_module("clplen.cli.simulate"), "reach", interrupt)
+        patch.setattr(import_module("clplen.cli.simulate"), "update_bar", interrupt)
         result, _ = simulated(small, SLIDE + MASK, device, "--checkpoint", checkpoint)
     assert result.exit_code == 130, result.output
     assert not raw.parent.exists()
@@ -173,7 +173,7 @@ def test_progress_of_one_part_after_another():
     with tqdm(total=0, file=io.StringIO()) as bar:
         begun = []
         for done, total in ((2, 5), (5, 5), (1, 3), (3, 3)):
-            common.reach(bar, done, total)
+            console.reach(bar, done, total)
             assert (bar.n, bar.total) == (done, total)
             begun.append(bar.start_t)
     assert begun[0] == begun[1] < begun[2] == begun[3]  # the time left is that of this part

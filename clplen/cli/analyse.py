@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from clplen.cli import options
-from clplen.cli.common import bar_of, note, note_link, opened, reach
+from clplen.cli.shared import options
+from clplen.cli.shared.console import note, note_link, open_device, progress_bar, update_bar
 
 if TYPE_CHECKING:
     from clplen.analysis.cameras.comparison import Comparison
@@ -100,7 +100,7 @@ def analyse(
     scenes = _scenes(files) if "pictures" in names else None
     note_link(output)
     with updating(output, _REPORT, force=force) as folder:
-        device = opened(selector)
+        device = open_device(selector)
         built: dict[str, Plenoptic] = {}
         for name, file in files.items():
             with prefix_errors(name):
@@ -112,14 +112,14 @@ def analyse(
                 )
             built[name] = camera
             click.echo(f"{name}: {built[name].describe()}\n")
-        with bar_of(0, "exposure") as bar:
+        with progress_bar(0, "exposure") as bar:
             found = compare(
                 built,
                 only=names,
                 depths=None if depths_mm is None else depths_mm / 1e3,
                 scenes=scenes,
                 quick=quick,
-                progress=lambda done, total: reach(bar, done, total),
+                progress=lambda done, total: update_bar(bar, done, total),
             )
         text, written = _write(folder, found)
     click.echo(text)

@@ -11,7 +11,6 @@ from clplen import __version__
 from clplen.cli.analyse import analyse
 from clplen.cli.batch import batch, worker
 from clplen.cli.bench import bench
-from clplen.cli.common import Commands
 from clplen.cli.deconvolve import deconvolve
 from clplen.cli.demo import demo
 from clplen.cli.depth import depth
@@ -23,6 +22,7 @@ from clplen.cli.refocus import refocus
 from clplen.cli.render import render
 from clplen.cli.sampling import sampling
 from clplen.cli.score import score
+from clplen.cli.shared.console import Commands
 from clplen.cli.simulate import simulate
 from clplen.cli.stack import stack
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from tqdm import tqdm
 
-from clplen.cli import options
+from clplen.cli.shared import options
 
 if TYPE_CHECKING:
     from clplen.batch import Job

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from clplen.cli import options
-from clplen.cli.common import note
+from clplen.cli.shared import options
+from clplen.cli.shared.console import note
 
 if TYPE_CHECKING:
     from clplen.bench.report import Report

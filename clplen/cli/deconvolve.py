@@ -12,8 +12,15 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from clplen.cli import options
-from clplen.cli.common import bar_of, check_output, check_suffix, note, opened, reach
+from clplen.cli.shared import options
+from clplen.cli.shared.console import (
+    check_output,
+    check_suffix,
+    note,
+    open_device,
+    progress_bar,
+    update_bar,
+)
 
 if TYPE_CHECKING:
     from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
@@ -160,7 +167,13 @@ def deconvolve(
     if not any(todo):
         return
     series = Deconvolver(
-        images, how, device=opened(selector), white=white, dark=dark, memory=memory, force=force
+        images,
+        how,
+        device=open_device(selector),
+        white=white,
+        dark=dark,
+        memory=memory,
+        force=force,
     )
     before, tally = None, _Tally()
     for page, out, job, wanted in zip(pages, outputs, jobs, todo, strict=True):
@@ -247,7 +260,7 @@ def _made(
     from clplen.io.volume import read_volume
 
     picture = read_picture(page.path, page.number)
-    with naming(str(page)), bar_of(series.how.iterations, "iteration") as bar:
+    with naming(str(page)), progress_bar(series.how.iterations, "iteration") as bar:
         frame = series.prepared(picture)
         tally.add(frame)
         said = series.remarks(frame)
@@ -256,7 +269,7 @@ def _made(
         found = series(
             frame,
             start=None if before is None else read_volume(before)[0],
-            progress=lambda done, total: reach(bar, done, total),
+            progress=lambda done, total: update_bar(bar, done, total),
             watch=lambda now: bar.set_postfix_str(f"residual {float(now[0]):.3g}"),
         )
     judged = series.remarks(frame, found)

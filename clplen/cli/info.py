@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from clplen.cli import options
-from clplen.cli.common import check_outputs, listening, read, typed
 from clplen.cli.microscope import described
+from clplen.cli.shared import options
+from clplen.cli.shared.console import capture_messages, check_outputs, read, to_option_names
 
 if TYPE_CHECKING:
     from clplen.lightfield.check import Report
@@ -203,7 +203,7 @@ def _of_parameters(source: Path, selector: str | None) -> tuple[Rows, dict[str, 
     from clplen.compute.device import Device
     from clplen.config import read_camera_file
     from clplen.config.microscope import read_microscope_file
-    from clplen.config.reading import read_toml
+    from clplen.config.tables import read_toml
 
     table = read_toml(source, f"file {source}").get("camera", {"kind": "microscope"})
     if isinstance(table, dict) and table.get("kind") == "microscope":
@@ -327,7 +327,7 @@ def _of_lightfield(
     from clplen.lightfield.check import after, check
 
     kind = kind_of(source).name
-    with listening() as said:
+    with capture_messages() as said:
         lf = read(source, selector, layout)
     report = check(lf, farthest=farthest)
     took = said[-1].removeprefix("read ")
@@ -423,7 +423,7 @@ def _of_lattice(lattice: Lattice) -> Rows:
         ("Rotation", f"{math.degrees(lattice.rotation):+.4f} degrees (+x towards +y)"),
         ("Centre", f"(y, x) = ({lattice.origin[0]:.3f}, {lattice.origin[1]:.3f}) px"),
         ("Residual", f"{lattice.residual:.4f} px rms, trust {lattice.trust}"),
-        ("Lattice", typed(lattice.verdict)),
+        ("Lattice", to_option_names(lattice.verdict)),
     ]
 
 

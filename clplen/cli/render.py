@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from clplen.cli import options
-from clplen.cli.common import check_planes, planes_of, read
-from clplen.cli.focused import (
+from clplen.cli.shared import options
+from clplen.cli.shared.console import check_planes, planes_of, read
+from clplen.cli.shared.focused import (
     Opened,
     check_kept,
     fraction,
@@ -19,8 +19,8 @@ from clplen.cli.focused import (
     refuse,
     suitable_ms,
 )
-from clplen.cli.focused import read as open_raw
-from clplen.cli.pictures import PICTURES, animate, check_output, write, write_shown
+from clplen.cli.shared.focused import read as open_raw
+from clplen.cli.shared.pictures import PICTURES, animate, check_output, write, write_shown
 from clplen.lightfield.rays import STATISTICS
 
 if TYPE_CHECKING:

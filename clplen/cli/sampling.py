@@ -9,8 +9,8 @@ from typing import Any
 
 import click
 
-from clplen.cli.common import note, typed
-from clplen.cli.options import Length, Lengths, Shape
+from clplen.cli.shared.console import note, to_option_names
+from clplen.cli.shared.options import Length, Lengths, Shape
 from clplen.wave import fresnel, sommerfeld, transfer
 from clplen.wave.band import GUARD, fully_sampled_distance
 from clplen.wave.choice import describe
@@ -94,7 +94,7 @@ def sampling(
     for one in made:
         _say(f"z = {metres(one.request.z)}", _propagation_rows(one))
         if one.warning:
-            note(typed(one.warning))
+            note(to_option_names(one.warning))
     if wanted:
         _say_methods(wanted)
     if words["f"] is not None:

@@ -1,4 +1,4 @@
-"""The tables ``[camera]``, ``[camera.microlenses]`` and ``[sensor]`` of a camera file."""
+"""The tables ``[camera]``, its sub-tables, and ``[sensor]`` of a camera file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from clplen.cameras.objective import APODISATION, CoverGlass
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.compute.device import Device
-from clplen.config.reading import (
+from clplen.config.tables import (
     Count,
     Finite,
     NotNegative,

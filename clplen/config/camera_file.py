@@ -8,8 +8,8 @@ from pydantic import model_validator
 
 from clplen.config.camera import CameraTable, SensorTable
 from clplen.config.light import CoherenceTable
-from clplen.config.reading import Table, read_toml, validated
 from clplen.config.scene import SceneTable
+from clplen.config.tables import Table, read_toml, validated
 from clplen.files import PathLike
 from clplen.wave.coherence import Coherence
 

@@ -1,4 +1,4 @@
-"""Files with comments: of a camera, and of a microscope by the names of LFAnalyze."""
+"""Commented example files: a camera, a pair of cameras to compare, a microscope."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from clplen.config.reading import (
+from clplen.config.tables import (
     Count,
     File,
     NotNegative,

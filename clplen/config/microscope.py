@@ -16,8 +16,8 @@ from pydantic import AfterValidator, Field, model_validator
 from clplen.cameras.objective import APODISATION
 from clplen.config.camera import CameraTable, CoverTable, SensorTable
 from clplen.config.light import CoherenceTable
-from clplen.config.reading import Count, Positive, Table, read_toml, validated
 from clplen.config.scene import SceneTable
+from clplen.config.tables import Count, Positive, Table, read_toml, validated
 from clplen.errors import FormatError
 from clplen.files import PathLike
 

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from clplen.cameras.pictures import PicturePlane
 from clplen.cameras.scene import PointSources
-from clplen.config.reading import (
+from clplen.config.tables import (
     File,
     Finite,
     NotNegative,

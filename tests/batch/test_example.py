@@ -25,7 +25,7 @@ from clplen.batch.jobs.tables import (
     ViewsTable,
 )
 from clplen.cameras.gallery import SCENES
-from clplen.config.reading import Table
+from clplen.config.tables import Table
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -24,9 +24,9 @@ from clplen.cameras.surfaces import EDGE_ON
 from clplen.compute.device import Device
 from clplen.config import CameraFile
 from clplen.config.camera import CameraTable, SensorTable
-from clplen.config.reading import Table, problems_of, read_toml, value_of
 from clplen.config.scene import PictureTable
 from clplen.config.scene import SceneTable as SceneKeys
+from clplen.config.tables import Table, problems_of, read_toml, value_of
 from clplen.errors import ClplenError, FormatError
 from clplen.wave.lens import check_lens_sampling
 

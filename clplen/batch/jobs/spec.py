@@ -22,7 +22,7 @@ from clplen.batch.jobs.tables import (
     StackTable,
     ViewsTable,
 )
-from clplen.config.reading import listed, problems_of, read_toml, validated
+from clplen.config.tables import listed, problems_of, read_toml, validated
 from clplen.errors import FormatError
 from clplen.files import PathLike
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import BeforeValidator, Field
 
-from clplen.config.reading import Table
+from clplen.config.tables import Table
 
 ALL = "*"  # in a key, every entry of a list
 _DIGITS = range(6, 18)  # of floats in names; 17 tell all of them apart

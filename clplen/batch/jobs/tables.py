@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from clplen.batch.jobs.sweep import SweepTable, swept_once
 from clplen.cameras.gallery import SCENES
-from clplen.config.reading import Count, NotNegative, Positive, Seed, Switch, Table, listed
+from clplen.config.tables import Count, NotNegative, Positive, Seed, Switch, Table, listed
 
 _UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _UNITS |= {"KIB": 1 << 10, "MIB": 1 << 20, "GIB": 1 << 30, "TIB": 1 << 40}

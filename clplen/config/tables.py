@@ -1,4 +1,4 @@
-"""TOML files as tables, and what is said about a wrong one."""
+"""Tables of TOML files: types of their values, reading, and messages about wrong keys."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The words that several commands take."""
+"""Types and options of several commands: planes, lengths with units, sizes, layouts."""
 
 from __future__ import annotations
 

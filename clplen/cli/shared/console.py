@@ -1,4 +1,4 @@
-"""What several commands do: open, read, check, show progress."""
+"""Messages, progress bars and checks of outputs on the command line."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 from clplen import interrupts
-from clplen.cli import options
+from clplen.cli.shared import options
 from clplen.errors import ClplenError
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class Commands(click.Group):
             except BrokenPipeError:
                 raise
             except (ClplenError, ValueError, OSError, MemoryError) as error:
-                raise click.ClickException(sentence(error)) from error
+                raise click.ClickException(error_sentence(error)) from error
             except _opencl_errors() as error:
                 reason = (str(error).splitlines() or [type(error).__name__])[0]
                 raise click.ClickException(
@@ -90,17 +90,17 @@ def note(text: str) -> None:
     click.echo(f"Note: {text}", err=True)
 
 
-def sentence(error: BaseException) -> str:
+def error_sentence(error: BaseException) -> str:
     """What went wrong, without a compiler's log and in the words of the command line."""
     if isinstance(error, MemoryError):
         detail = str(error).rstrip(".")
         return "This computer has not enough memory" + (f": {detail}." if detail else " for it.")
     if isinstance(error, OSError) and error.errno is not None:
         return str(error)
-    return typed(str(error.args[0]) if error.args else type(error).__name__)
+    return to_option_names(str(error.args[0]) if error.args else type(error).__name__)
 
 
-def typed(text: str) -> str:
+def to_option_names(text: str) -> str:
     """A sentence of the package in the words of the command line."""
     for python, words in _TYPED:
         text = re.sub(python, words, text)
@@ -110,7 +110,7 @@ def typed(text: str) -> str:
 _DETAIL = 1e-5  # of the brightest pixel, rms: what is less is rounding
 
 
-def opened(selector: str | None) -> Device:
+def open_device(selector: str | None) -> Device:
     """The device and its way to transform, named before anything is computed."""
     from clplen.compute.device import Device
 
@@ -119,7 +119,7 @@ def opened(selector: str | None) -> Device:
     return device
 
 
-def bar_of(total: int, unit: str) -> tqdm[Any]:
+def progress_bar(total: int, unit: str) -> tqdm[Any]:
     return tqdm(total=total, unit=unit, disable=not sys.stderr.isatty(), leave=False)
 
 
@@ -128,7 +128,7 @@ def advance(bar: tqdm[Any], name: str) -> None:
     bar.update()
 
 
-def reach(bar: tqdm[Any], done: int, total: int) -> None:
+def update_bar(bar: tqdm[Any], done: int, total: int) -> None:
     """How far one part of several has come; each begins anew."""
     if done < bar.n:
         bar.reset()
@@ -137,7 +137,7 @@ def reach(bar: tqdm[Any], done: int, total: int) -> None:
 
 
 @contextmanager
-def listening() -> Iterator[list[str]]:
+def capture_messages() -> Iterator[list[str]]:
     """What the readers say, kept instead of being shown."""
     said: list[str] = []
     logger = logging.getLogger("clplen.io")
@@ -153,7 +153,7 @@ def listening() -> Iterator[list[str]]:
         logger.removeHandler(handler)
 
 
-def size_of(lf: LightField) -> str:
+def describe_shape(lf: LightField) -> str:
     return "(v, u, y, x) = (" + ", ".join(str(n) for n in lf.shape) + ")"
 
 
@@ -180,10 +180,10 @@ def stored(
 
 
 @contextmanager
-def tiles_shown() -> Iterator[Callable[[int, int], None]]:
+def tile_progress() -> Iterator[Callable[[int, int], None]]:
     """What shows how many tiles are done."""
-    with bar_of(0, "tile") as bar:
-        yield lambda done, total: reach(bar, done, total)
+    with progress_bar(0, "tile") as bar:
+        yield lambda done, total: update_bar(bar, done, total)
 
 
 def check_planes(disparities: Any, alphas: Any) -> None:
@@ -249,7 +249,7 @@ def planes_of(
     return {"alphas": alphas} if disparities is None else {"disparities": disparities}
 
 
-def tried_by(lf: LightField | StoredLightField, planes: dict[str, Any]) -> Any:
+def tried_disparities(lf: LightField | StoredLightField, planes: dict[str, Any]) -> Any:
     """The disparities of `planes_of`."""
     return planes["disparities"] if "disparities" in planes else lf.disparity(planes["alphas"])
 
@@ -258,7 +258,7 @@ def check_outputs(source: Path, layout: dict[str, Any], *outputs: Path) -> None:
     """Refuse outputs that cannot be written, are read, or were not written by clplen."""
     from clplen.io import files_of
 
-    with listening():  # reading says it again
+    with capture_messages():  # reading says it again
         files = files_of(source, **layout) if any(path.exists() for path in outputs) else []
     for output in outputs:
         check_output(output, layout["force"], files, f" of {source}")

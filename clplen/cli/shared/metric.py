@@ -1,4 +1,4 @@
-"""From disparity to metres on the command line: lengths of the camera, distances, points."""
+"""Distances in metres on the command line: lengths of the camera, maps, points."""
 
 from __future__ import annotations
 

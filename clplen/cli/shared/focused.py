@@ -1,4 +1,4 @@
-"""Raw images of focused (plenoptic 2.0) cameras on the command line: what tells them, and words."""
+"""Raw images of focused (plenoptic 2.0) cameras on the command line."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from clplen.cli import options
-from clplen.cli.metres import distances, write_map
+from clplen.cli.shared import options
+from clplen.cli.shared.metric import distances, write_map
 
 if TYPE_CHECKING:
     from clplen.lightfield.focused_depth import FocusedDepth

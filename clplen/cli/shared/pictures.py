@@ -1,4 +1,4 @@
-"""What the commands that make a picture share: points, outputs, what is said of them."""
+"""Pictures on the command line: points in them, outputs, scaling."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from clplen.cli.common import check_outputs, check_suffix
+from clplen.cli.shared.console import check_outputs, check_suffix
 from clplen.errors import ShapeError
 
 if TYPE_CHECKING:
