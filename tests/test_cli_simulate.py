@@ -173,7 +173,7 @@ def test_progress_of_one_part_after_another():
     with tqdm(total=0, file=io.StringIO()) as bar:
         begun = []
         for done, total in ((2, 5), (5, 5), (1, 3), (3, 3)):
-            console.reach(bar, done, total)
+            console.update_bar(bar, done, total)
             assert (bar.n, bar.total) == (done, total)
             begun.append(bar.start_t)
     assert begun[0] == begun[1] < begun[2] == begun[3]  # the time left is that of this part
