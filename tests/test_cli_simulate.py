@@ -73,7 +73,7 @@ def simulated(file: Path, tables: str, device: Device, *words: object) -> tuple[
 def test_simulate_a_scene_of_points_and_pictures(small: Path, device: Device):
     points = "points_mm = [[0.2, -0.1, 3.0]]\npower = 0.5\n"
     lines = "[coherence]\nlines_nm = [532, 500]\nline_powers = [3, 1]\n"
-    result, raw = simulated(small, points + PICTURE + "dz_mm = 1\n" + lines, device)
+    result, raw = simulated(small, points + PICTURE + "z_mm = 1\n" + lines, device)
     assert result.exit_code == 0, result.output
     image = np.zeros((9, 8))
     image[1:7, 2:4] = 1

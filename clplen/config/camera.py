@@ -105,10 +105,16 @@ class MicrolensTable(Table):
         tuple[Count, Count], of(2, "one number or [rows, columns]"), BeforeValidator(twice)
     ]
     lattice: Literal["square", "hexagonal"] = "square"
-    fill: Literal["circular", "full"] = "circular"
+    fill: Literal["circular", "square", "full"] = "circular"
     diameter_um: Positive | None = None
     offset_um: Annotated[tuple[Finite, Finite], of(2, "two numbers, [y, x]")] = (0.0, 0.0)
     rotation_deg: Finite = 0.0
+
+    @model_validator(mode="after")
+    def _fits_the_lattice(self) -> MicrolensTable:
+        if self.fill == "square" and self.lattice != "square":
+            raise ValueError("has fill = 'square', and its cells are hexagons: give fill = 'full'")
+        return self
 
     def build(self) -> MicrolensArray:
         """The array, in SI units."""
@@ -117,7 +123,7 @@ class MicrolensTable(Table):
             [value / 1e3 for value in self.focal_length_mm],
             count=self.count,
             lattice=self.lattice,
-            fill=self.fill,
+            fill="circular" if self.fill == "circular" else "full",
             diameter=divided(self.diameter_um, 1e6),
             offset=(self.offset_um[0] / 1e6, self.offset_um[1] / 1e6),
             rotation=math.radians(self.rotation_deg),

@@ -19,6 +19,7 @@ from clplen.config.tables import (
     Table,
     listed,
     of,
+    rename_key,
     value_of,
 )
 from clplen.io import read_picture
@@ -36,9 +37,14 @@ class PictureTable(Table):
 
     file: File
     width_mm: Positive
-    dz_mm: Finite = 0.0
+    z_mm: Finite = 0.0
     mode: Literal["emission", "transmission"] = "emission"
     srgb: Switch = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_old_key(cls, content: Any) -> Any:
+        return rename_key(content, "dz_mm", "z_mm")
 
     def build(self) -> PicturePlane:
         """The picture in grey and linear light, in SI units."""
@@ -47,7 +53,7 @@ class PictureTable(Table):
             plane = PicturePlane(
                 _grey(_linear(stored, self.srgb)),
                 self.width_mm / 1e3,
-                self.dz_mm / 1e3,
+                self.z_mm / 1e3,
                 mode=self.mode,
             )
         except ValueError as error:
@@ -64,7 +70,7 @@ class PictureTable(Table):
         return plane
 
 
-Point = Annotated[tuple[Finite, Finite, Finite], of(3, "three numbers, [x, y, dz]")]
+Point = Annotated[tuple[Finite, Finite, Finite], of(3, "three numbers, [x, y, z]")]
 
 
 class SceneTable(Table):

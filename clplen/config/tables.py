@@ -11,6 +11,7 @@ from typing import Annotated, Any, TypeVar, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo
 
+from clplen.deprecation import warn_caller
 from clplen.errors import ClplenError, FormatError
 
 if sys.version_info >= (3, 11):
@@ -174,6 +175,28 @@ class Table(BaseModel):
     """A table of the file; keys that it does not know are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def rename_key(content: Any, old: str, new: str) -> Any:
+    """The content of a table with a key by its present name; its old name is warned about.
+
+    Parameters
+    ----------
+    content : object
+        Of a validator before others; what is no table is left alone.
+    old, new : str
+
+    Raises
+    ------
+    ValueError
+        If both are there.
+    """
+    if not isinstance(content, dict) or old not in content:
+        return content
+    if new in content:
+        raise ValueError(f"has {new} and {old}, its old name: leave one out")
+    warn_caller(f"the key {old} is called {new} now; its old name is deprecated.", FutureWarning)
+    return {new if key == old else key: value for key, value in content.items()}
 
 
 @contextmanager

@@ -187,11 +187,11 @@ def _extent(scene: SceneKeys, known: dict[PictureTable, PointSources]) -> list[P
     """Points, and the corners of pictures; a picture is read once for all depths."""
     found: list[Any] = scene.model_copy(update={"pictures": []}).build()
     for number, picture in enumerate(scene.pictures):
-        flat = picture.model_copy(update={"dz_mm": 0.0})
+        flat = picture.model_copy(update={"z_mm": 0.0})
         if flat not in known:
             with value_of(f"scene.pictures.{number}.file"):
                 known[flat] = flat.build().corners()
-        moved = np.array([0, 0, picture.dz_mm / 1e3])
+        moved = np.array([0, 0, picture.z_mm / 1e3])
         found.append(PointSources(known[flat].positions + moved))
     return found
 
@@ -222,7 +222,7 @@ def _check_lenses(file: CameraFile, camera: Plenoptic) -> None:
         lenses.append((camera.array_distance, None))
     for number in file.scene.slides():
         if file.coherence is None or file.coherence.koehler:
-            z = camera.object_distance + file.scene.pictures[number].dz_mm / 1e3
+            z = camera.object_distance + file.scene.pictures[number].z_mm / 1e3
             lenses.append((z, None))
         lenses.append((camera.focal_length, camera.aperture_diameter / 2))
     for f, radius in lenses:

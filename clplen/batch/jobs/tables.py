@@ -12,6 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from clplen.batch.jobs.sweep import SweepTable, swept_once
 from clplen.cameras.gallery import SCENES
 from clplen.config.tables import Count, NotNegative, Positive, Seed, Switch, Table, listed
+from clplen.deprecation import warn_caller
 
 _UNITS = {"": 1, "B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _UNITS |= {"KIB": 1 << 10, "MIB": 1 << 20, "GIB": 1 << 30, "TIB": 1 << 40}
@@ -77,6 +78,17 @@ def aperture_of(value: Any) -> int | float | str:
     raise ValueError('must be views across (9), a fraction of the diameter (0.5) or "f/66"')
 
 
+def present_lattice(value: Any) -> Any:
+    """A lattice of lenslets by its present word; the old one is warned about."""
+    if value != "rectangular":
+        return value
+    warn_caller(
+        "the lattice 'rectangular' is called 'square' now; its old name is deprecated.",
+        FutureWarning,
+    )
+    return "square"
+
+
 Size = Annotated[int, BeforeValidator(bytes_of), Field(ge=1)]
 Planes = Annotated[list[float], BeforeValidator(planes_of)]
 Aperture = Annotated[Any, BeforeValidator(aperture_of)]
@@ -104,7 +116,9 @@ class LayoutTable(Table):
     positions: str | None = None
     srgb: Switch = False
     step: float | None = None
-    lattice: Literal["rectangular", "hexagonal"] | None = None
+    lattice: Annotated[Literal["square", "hexagonal"], BeforeValidator(present_lattice)] | None = (
+        None
+    )
     bayer: Literal["RGGB", "BGGR", "GRBG", "GBRG"] | None = None
     demosaic: Literal["after", "before"] | None = None
     devignette: Switch | None = None
@@ -284,7 +298,7 @@ output = "results"              # a folder in it for each light field
 # positions = "names"           # default: a grid; or a CSV with the columns v, u, y, x
 # srgb = false                  # true: decode to linear light from 0 to 1
 # step = 1.0                    # default: found out; pixels a view of a raw image
-# lattice = "rectangular"       # default: found out; or "hexagonal"
+# lattice = "square"            # default: found out; or "hexagonal"
 # bayer = "RGGB"                # default: none; or "BGGR", "GRBG" or "GBRG"
 # demosaic = "after"            # default: after; or "before" slicing
 # devignette = true             # default: where there is a white image
@@ -299,7 +313,7 @@ output = "results"              # a folder in it for each light field
 # [[simulations.sweep]]         # one item for each combination of all sweeps of this table
 # key = "scene.points_mm.*.2"   # needed; of the camera file. Numbers count entries from 0, * is all
 # values = [-100, -50, 0, 50]   # needed
-# name = "dz_mm"                # default: the key's last word that is no number; in items' names
+# name = "z_mm"                 # default: the key's last word that is no number; in items' names
 
 [[scenes]]                      # scenes whose depth is known exactly
 kind = ["bars", "spheres"]      # needed; "all", or any of: plane, slant, layers, roof, valley,

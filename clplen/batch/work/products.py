@@ -12,20 +12,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clplen import Device, LightField, all_in_focus, depth_map, focal_stack, io
+from clplen import io
 from clplen.batch.jobs.items import layout_in
 from clplen.batch.jobs.task import Task
 from clplen.batch.work.deconvolution import volume_products
 from clplen.batch.work.resources import Resources
 from clplen.batch.work.simulation import focused_products, is_focused, simulate
+from clplen.compute.device import Device
 from clplen.errors import DeviceError
 from clplen.files import filling, replacing
+from clplen.lightfield.allinfocus import all_in_focus
+from clplen.lightfield.depth import DepthMap, depth_map
+from clplen.lightfield.lightfield import LightField
 from clplen.lightfield.planes import suitable_planes
+from clplen.lightfield.refocus import FocalStack, focal_stack
 from clplen.lightfield.streaming import stream_all_in_focus, stream_depth, stream_stack
 
 if TYPE_CHECKING:
-    from clplen.lightfield.depth import DepthMap
-    from clplen.lightfield.refocus import FocalStack
     from clplen.lightfield.stored import StoredLightField
 
 Advance = Callable[[int, int], None]

@@ -16,7 +16,11 @@ if TYPE_CHECKING:
 
 Values = np.ndarray[Any, Any]
 
-_NEEDED = {"baseline_mm": "--baseline-mm", "focal_mm": "--focal-mm", "pixel_um": "--pixel-um"}
+_NEEDED = {
+    "baseline_mm": "--baseline-mm",
+    "focal_length_mm": "--focal-length-mm",
+    "pixel_um": "--pixel-um",
+}
 _ALSO = {"focus_m": "--focus-m", "metric": "--metric", "ply": "--ply"}
 _LENGTHS = (*_NEEDED, "focus_m")
 _FROM_FOCUS = "metres: x right, y down from the axis, z from the plane in focus, farther positive"
@@ -25,7 +29,7 @@ _OPTIONS = (
     click.option(
         "--baseline-mm", type=float, help="Between neighbouring views; with the next two: metres."
     ),
-    click.option("--focal-mm", type=float, help="From the lens to the sensor."),
+    click.option("--focal-length-mm", type=float, help="From the lens to the sensor."),
     click.option("--pixel-um", type=float, help="Pitch of the pixels."),
     click.option("--focus-m", type=float, help="Where disparity is 0; default: infinity."),
     click.option(
@@ -81,7 +85,7 @@ def lengths_of(words: dict[str, Any]) -> Lengths | None:
     missing = [name for key, name in _NEEDED.items() if key not in given]
     if some and missing:
         raise click.UsageError(
-            "Distances in metres need --baseline-mm, --focal-mm and --pixel-um together; "
+            "Distances in metres need --baseline-mm, --focal-length-mm and --pixel-um together; "
             f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing."
         )
     for key, value in given.items():
@@ -91,7 +95,7 @@ def lengths_of(words: dict[str, Any]) -> Lengths | None:
     if some:
         camera = {
             "baseline": given["baseline_mm"] * 1e-3,
-            "focal_length": given["focal_mm"] * 1e-3,
+            "focal_length": given["focal_length_mm"] * 1e-3,
             "pixel_pitch": given["pixel_um"] * 1e-6,
             "focus_distance": given.get("focus_m"),
         }
@@ -103,7 +107,7 @@ def check_camera(lf: LightField | StoredLightField, lengths: Lengths) -> None:
     if lengths.metric is not None and lengths.camera is None and not _knows_camera(lf):
         raise click.UsageError(
             "--metric needs lengths, as this light field knows no camera: give --baseline-mm, "
-            "--focal-mm and --pixel-um."
+            "--focal-length-mm and --pixel-um."
         )
 
 

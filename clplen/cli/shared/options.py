@@ -10,6 +10,7 @@ from typing import Any, Literal, NoReturn
 import click
 import numpy as np
 
+from clplen.deprecation import warn_caller
 from clplen.lightfield import planes as planes_default
 
 _MOST_PLANES = 10**6
@@ -87,6 +88,23 @@ class Aperture(click.ParamType):
                 param,
                 ctx,
             )
+
+
+class Lattice(click.Choice):
+    """A lattice of lenslets: square or hexagonal; the readers say rectangular for square."""
+
+    def __init__(self) -> None:
+        super().__init__(["square", "hexagonal"])
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> str:
+        if value == "rectangular":
+            message = (
+                "the lattice 'rectangular' is called 'square' now; its old name is deprecated."
+            )
+            warn_caller(message, FutureWarning)
+            return str(value)
+        kind = super().convert(value, param, ctx)
+        return "rectangular" if kind == "square" else kind
 
 
 class Size(click.ParamType):
@@ -183,7 +201,7 @@ layout = _with_options(
     click.option("--step", type=float, help="Pixels a view of a raw image; default: pitch over N."),
     click.option(
         "--lattice",
-        type=click.Choice(["rectangular", "hexagonal"]),
+        type=Lattice(),
         help="Of the lenslets; default: found out.",
     ),
     click.option(
