@@ -33,7 +33,7 @@ from clplen.batch import Job
 from clplen.batch.jobs.task import Report
 from clplen.batch.running.executors import local_executor
 from clplen.batch.running.runner import execute_job
-from clplen.batch.running.worker import environment_of
+from clplen.batch.running.worker import worker_environment
 from clplen.batch.work.products import HostStack
 from clplen.io.digest import digest
 
@@ -200,7 +200,7 @@ def workers(device: Device, count: int, side: int, planes: int) -> None:
             command = ["taskset", "-c", ",".join(map(str, cores)), sys.executable, str(script)]
             done = subprocess.run(
                 [*command, str(folder), str(n), str(planes), device.place],
-                env={**os.environ, **environment_of([0])} if n == 1 else None,
+                env={**os.environ, **worker_environment([0])} if n == 1 else None,
                 capture_output=True,
                 text=True,
                 check=False,

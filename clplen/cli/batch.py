@@ -141,7 +141,7 @@ def run(
     with _quiet():
         job = Job.read(path).with_settings(workers=workers, device=selector, memory=memory)
         if dry_run:
-            _forecast(job)
+            _print_estimate(job)
             return
         with _Bar() as bar:
             summary = job.run(
@@ -226,7 +226,7 @@ def _tell(summary: Summary, job: Job, path: Path) -> None:
         click.get_current_context().exit(1)
 
 
-def _forecast(job: Job) -> None:
+def _print_estimate(job: Job) -> None:
     from clplen.batch.running.estimate import estimate_job
 
     found = estimate_job(job)

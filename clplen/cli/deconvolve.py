@@ -263,7 +263,7 @@ def _made(
     with naming(str(page)), progress_bar(series.how.iterations, "iteration") as bar:
         frame = series.prepared(picture)
         tally.add(frame)
-        said = series.remarks(frame)
+        said = series.diagnose(frame)
         _tell(page, said)
         bar.set_description(page.name)
         found = series(
@@ -272,7 +272,7 @@ def _made(
             progress=lambda done, total: update_bar(bar, done, total),
             watch=lambda now: bar.set_postfix_str(f"residual {float(now[0]):.3g}"),
         )
-    judged = series.remarks(frame, found)
+    judged = series.diagnose(frame, found)
     _tell(page, judged)
     more = {"remarks": said + judged, "place": series.place(), "job": job}
     write_result(output, found, series.images, more=more, replace=True)

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from filelock import FileLock
 
-from clplen.batch.running.worker import environment_of, share_of, usable_cores
+from clplen.batch.running.worker import share_cores, usable_cores, worker_environment
 from clplen.batch.work.locks import item_lock, job_lock
 from clplen.batch.work.resources import MemoryBudget, Resources, StoppedError
 from clplen.compute.device import Device
@@ -185,9 +185,9 @@ def test_one_item_in_a_stage(device: Device):
 def test_cores_are_shared_out():
     cores = usable_cores()
     for workers in range(1, len(cores) + 1):
-        shares = [share_of(i, workers) for i in range(workers)]
+        shares = [share_cores(i, workers) for i in range(workers)]
         assert sorted(core for share in shares for core in share) == cores
         assert max(map(len, shares)) - min(map(len, shares)) <= 1
-    assert len(share_of(len(cores) + 3, 2 * len(cores) + 5)) == 1
-    assert environment_of([3, 5])["CLPLEN_CORES"] == "3,5"
-    assert environment_of([3, 5])["POCL_MAX_PTHREAD_COUNT"] == "2"
+    assert len(share_cores(len(cores) + 3, 2 * len(cores) + 5)) == 1
+    assert worker_environment([3, 5])["CLPLEN_CORES"] == "3,5"
+    assert worker_environment([3, 5])["POCL_MAX_PTHREAD_COUNT"] == "2"

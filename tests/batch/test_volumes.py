@@ -87,7 +87,7 @@ def test_every_word_arrives(device: Device, monkeypatch: pytest.MonkeyPatch) -> 
     for name in ("iterations", "residual", "accelerate", "prior", "strength"):
         assert given[name] == getattr(ALL, name)
     monkeypatch.setattr("clplen.batch.work.diagnostics.diagnose_volume", lambda *words: words)
-    _, seen, dim, known, n, ratio = series.remarks(frame, SimpleNamespace(residuals=[]))  # type: ignore[arg-type, misc]
+    _, seen, dim, known, n, ratio = series.diagnose(frame, SimpleNamespace(residuals=[]))  # type: ignore[arg-type, misc]
     assert seen is frame
     assert known is level
     assert (n, ratio) == (N, 2 * prepare.variance)
@@ -114,7 +114,7 @@ def test_a_changed_file_is_read_again(
     resources: Any = SimpleNamespace(deconvolver=None, device=device, memory=8)
 
     def kept(how: DeconvolutionSettings = ALL) -> Any:
-        return deconvolution._kept(
+        return deconvolution._cached_deconvolver(
             resources, {name: str(path) for name, path in paths.items()}, how
         )
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clplen.analysis.cameras.imaging import central_lenslet, is_focused, point_at_lenslet
-from clplen.analysis.point.samples import Pair, Values, checked
+from clplen.analysis.point.samples import Values, checked
 from clplen.lightfield.raw import LensletGrid
 from clplen.wave.coverage import polygon_coverage
 from clplen.wave.field import Grid
@@ -60,13 +60,6 @@ def cell_outline(cells: LensletGrid, cell: Cell) -> Values:
         for a, b in zip(around, around[1:] + around[:1], strict=True)
     ]
     return centre + np.array(corners)
-
-
-def nearest_cell(cells: LensletGrid, place: Pair) -> Cell:
-    """(row, column) of the cell whose centre is nearest to (y, x) in pixels."""
-    distance = ((cell_centres(cells) - np.asarray(place, np.float64)) ** 2).sum(axis=-1)
-    i, k = np.unravel_index(np.argmin(distance), distance.shape)
-    return int(i), int(k)
 
 
 def cell_energies(raw: Any, cells: LensletGrid) -> Values:

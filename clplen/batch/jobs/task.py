@@ -1,4 +1,4 @@
-"""One item of a job as it travels to a worker, and what comes back: no arrays."""
+"""Sources, tasks and reports of items, as they travel to workers: no arrays."""
 
 from __future__ import annotations
 

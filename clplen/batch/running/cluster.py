@@ -1,4 +1,4 @@
-"""Items done by the workers of a Dask cluster, on this computer or on many.
+"""Executors on the workers of a Dask cluster, on this computer or on many.
 
 Paths travel through the scheduler, arrays do not. A worker that dies is replaced where Dask does
 so, and its items are done again by another.
@@ -29,7 +29,7 @@ from clplen.batch.running.network import (
     network_of,
     require_dask,
 )
-from clplen.batch.running.worker import environment_of, share_of
+from clplen.batch.running.worker import share_cores, worker_environment
 from clplen.batch.work.execution import describe_error
 from clplen.batch.work.resources import PIPELINE_DEPTH
 from clplen.errors import DeviceError
@@ -226,7 +226,7 @@ def _settings(retries: int) -> dict[str, Any]:
 
 
 def _options(number: int, workers: int, devices: list[str] | None) -> dict[str, Any]:
-    environment = environment_of(share_of(number, workers))
+    environment = worker_environment(share_cores(number, workers))
     environment["PYTHONWARNINGS"] = "ignore"  # said once by the process that runs the job
     if devices:
         environment["CLPLEN_DEVICE"] = devices[number % len(devices)]

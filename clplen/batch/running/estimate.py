@@ -1,4 +1,4 @@
-"""What a job will do, before it does it: items, sizes, and time from a measured sample."""
+"""Estimates before a run: items, sizes, and time from a measured sample."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The manifest: what was done with every item of a job, in one SQLite file."""
+"""The manifest, one SQLite file: the last report of every item, and the state of each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A job from its items to its summary: what is left to do, done, and kept in the manifest."""
+"""Runs of a job: which items are pending, their execution, the manifest, the summary."""
 
 from __future__ import annotations
 
@@ -163,16 +163,16 @@ def execute_job(
         plan = plan_tasks(tasks, manifest.known())
         manifest.put(*plan.found)
         watcher.begin(total=len(tasks), skipped=len(plan.current))
-        book = _Book(job, manifest, plan)
+        ledger = _Ledger(job, manifest, plan)
         try:
             if plan.todo:
                 with executor(folder) as works:
                     for report in _with_retries(works, plan.todo, job.retries):
-                        book.take(report)
+                        ledger.take(report)
                         watcher.report(report)
         finally:
-            book.close()
-        return book.summary
+            ledger.close()
+        return ledger.summary
 
 
 def _require_packages(job: JobSpec) -> None:
@@ -181,7 +181,7 @@ def _require_packages(job: JobSpec) -> None:
         zarr_package("take ome-tiff and hdf5")
 
 
-class _Book:
+class _Ledger:
     """Keeps the manifest, also on a disk that is full or gone for a while."""
 
     def __init__(self, job: JobSpec, manifest: Manifest, plan: Plan) -> None:

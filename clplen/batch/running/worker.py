@@ -1,4 +1,4 @@
-"""What runs on a Dask worker."""
+"""Execution of tasks on a Dask worker, and the cores of this computer that workers share."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from clplen.batch.work.resources import Resources, default_memory
 from clplen.compute.device import Device
 from clplen.errors import ClplenError, DeviceError
 
-_RESOURCES = "clplen_resources"  # attribute of the worker that keeps its workshops, with their run
+_RESOURCES = "clplen_resources"  # attribute of the worker: resources and run by folder
 _opening = threading.Lock()
 
 
@@ -60,10 +60,10 @@ def execute_on_worker(words: dict[str, Any], how: dict[str, Any], version: str) 
 
 
 def _resources_of(worker: Any, how: dict[str, Any]) -> Resources:
-    """The workshop of this worker for an output folder; its memory is that of the latest run."""
+    """The resources of this worker for an output folder; its memory is that of the latest run."""
     with _opening:
-        shops: dict[str, tuple[str, Resources]] = worker.__dict__.setdefault(_RESOURCES, {})
-        run, resources = shops.get(how["folder"], ("", None))
+        known: dict[str, tuple[str, Resources]] = worker.__dict__.setdefault(_RESOURCES, {})
+        run, resources = known.get(how["folder"], ("", None))
         if resources is not None and run == how["run"]:
             return resources
         memory = how["memory"]
@@ -73,7 +73,7 @@ def _resources_of(worker: Any, how: dict[str, Any]) -> Resources:
             resources = Resources(selector=None, memory=memory)
         else:
             resources.limit(memory)
-        shops[how["folder"]] = (how["run"], resources)
+        known[how["folder"]] = (how["run"], resources)
         return resources
 
 
@@ -93,7 +93,7 @@ def usable_cores() -> list[int]:
     return list(range(os.cpu_count() or 1))
 
 
-def share_of(worker: int, workers: int) -> list[int]:
+def share_cores(worker: int, workers: int) -> list[int]:
     """The cores of one of several workers; beyond one a core they share them.
 
     Parameters
@@ -108,13 +108,13 @@ def share_of(worker: int, workers: int) -> list[int]:
     return cores[worker * len(cores) // workers : (worker + 1) * len(cores) // workers]
 
 
-def environment_of(cores: list[int]) -> dict[str, str]:
-    """Variables that keep a new process to these cores; `keep_to` reads the first."""
+def worker_environment(cores: list[int]) -> dict[str, str]:
+    """Variables that keep a new process to these cores; `restrict_cores` reads the first."""
     count = str(len(cores))
     return {CORES: ",".join(map(str, cores))} | dict.fromkeys(_VARIABLES, count)
 
 
-def keep_to() -> None:
+def restrict_cores() -> None:
     """Keep this process to the cores of its environment, before any device is opened."""
     wanted = os.environ.get(CORES)
     if wanted and hasattr(os, "sched_setaffinity"):

@@ -1,4 +1,4 @@
-"""Volumes behind frames of a light-field microscope, one after the other with one projector."""
+"""Deconvolution of frames of a light-field microscope; matrices are shared from item to item."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ class Deconvolver:
         """Of the voxels on the raw frame; see `Preparation.place`."""
         return self._prepare.place(self.images.voxels)
 
-    def remarks(self, frame: Prepared, found: DeconvolutionResult | None = None) -> list[str]:
+    def diagnose(self, frame: Prepared, found: DeconvolutionResult | None = None) -> list[str]:
         """Sentences on a frame, or on its volume; see `clplen.batch.work.diagnostics`."""
         if found is None:
             return diagnostics.diagnose_frame(self._prepare, frame, self.how.background)
@@ -295,7 +295,7 @@ def volume_products(
         Its work has [deconvolve].
     raw : RawImage or None
         The frame, if it was simulated.
-    shop : Workshop
+    resources : Resources
         Keeps what the next frame needs too.
     suffixes : dict
         Of the formats.
@@ -312,23 +312,23 @@ def volume_products(
     path = Path(task.base, task.source["path"]) if task.source["kind"] == "file" else None
     files = {"psf": str(Path(task.base, table.pop("psf")))}
     files |= {name: layout[name] for name in ("white", "dark") if name in layout}
-    series = _kept(
+    deconvolver = _cached_deconvolver(
         resources, files, DeconvolutionSettings(**table), force=layout.get("force", False)
     )
-    frame = series.prepared(_frame(path, raw))
-    said = series.remarks(frame)
-    found = series(frame, progress=advance)
-    said += series.remarks(frame, found)
+    frame = deconvolver.prepared(_frame(path, raw))
+    said = deconvolver.diagnose(frame)
+    found = deconvolver(frame, progress=advance)
+    said += deconvolver.diagnose(frame, found)
     for text in said:
         logger.warning("%s: %s", task.name, text)
     more = {
         "left_out": frame.left_out,
         "below_0": frame.negative,
         "remarks": said,
-        "place": series.place(),
-        "job": {"frame": digest(path) if path else None, "number": None, **series.words},
+        "place": deconvolver.place(),
+        "job": {"frame": digest(path) if path else None, "number": None, **deconvolver.words},
     }
-    write = partial(write_result, found=found, images=series.images, more=more, replace=True)
+    write = partial(write_result, found=found, images=deconvolver.images, more=more, replace=True)
     for name in task.work["formats"]:
         yield f"volume{suffixes[name]}", write
 
@@ -345,7 +345,7 @@ def _frame(path: Path | None, raw: RawImage | None) -> Any:
     return raw.to_numpy()
 
 
-def _kept(
+def _cached_deconvolver(
     resources: Resources, files: dict[str, str], how: DeconvolutionSettings, *, force: bool = False
 ) -> Deconvolver:
     """That of the item before, where it has the same files and words."""

@@ -1,4 +1,4 @@
-"""What there is to say of a frame and of the volume behind it, a sentence each."""
+"""Diagnostics of a frame and of the volume behind it, a sentence each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One item, from its files to its results: read, compute, write; whole or not at all."""
+"""Execution of one task: read, compute, write; whole or not at all."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def execute_task(task: Task, resources: Resources, *, advance: Advance | None = 
     Parameters
     ----------
     task : Task
-    shop : Workshop
+    resources : Resources
     advance : callable, optional
         (done, all) of the parts of a light field that is streamed, or of a simulation.
 

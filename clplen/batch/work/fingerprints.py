@@ -1,4 +1,4 @@
-"""What a file or folder was like when it was read: size, time of change, digest."""
+"""Fingerprints of files and folders: size, time of change, digest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is made of a light field: in core where there is room, else streamed to its file."""
+"""Results of one item: computed in memory where there is room, else streamed to their files."""
 
 from __future__ import annotations
 

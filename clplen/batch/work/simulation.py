@@ -1,4 +1,4 @@
-"""Light fields of simulated items: cameras by waves, and scenes of exact depth."""
+"""Light fields of simulated items, and the products of focused (plenoptic 2.0) raw images."""
 
 from __future__ import annotations
 
