@@ -169,7 +169,7 @@ WORKERS = """
 import sys, time
 from functools import partial
 from pathlib import Path
-from clplen.batch import cluster
+from clplen.batch.running import cluster
 from clplen.batch.running.runner import execute_job
 sys.path.insert(0, {here!r})
 from bench_batch import Quiet, job_of
@@ -180,7 +180,7 @@ if __name__ == "__main__":
     for output in ("warm", "out"):
         job = job_of(folder, planes, f"{{output}}{{workers}}")
         watcher = Quiet()
-        execute_job(job, partial(cluster.workers_here, workers=workers, **how), watcher=watcher)
+        execute_job(job, partial(cluster.local_cluster, workers=workers, **how), watcher=watcher)
     first = min(r.started for r in watcher.reports)
     last = max(r.started + r.seconds["total"] for r in watcher.reports)
     print(last - first)

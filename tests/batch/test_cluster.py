@@ -85,7 +85,7 @@ def test_an_item_that_kills_its_workers_fails_alone(tmp_path: Path, device: Devi
     deadly = tmp_path / "deadly.py"
     deadly.write_text(
         "import os\n"
-        "from clplen.batch import execution as work\n"
+        "from clplen.batch.work import execution as work\n"
         "read = work.read\n"
         "def deadly(task, *rest):\n"
         "    if task.name == 'field_002':\n"
