@@ -17,7 +17,7 @@ import numpy as np
 
 import clplen
 from clplen import Aberrations, LensletScatter, correct_aberrations
-from clplen.analysis.psf import PSF
+from clplen.analysis.point.psf import PSF
 
 WAVE = 532e-9
 NAMES = {

@@ -30,11 +30,11 @@ import batchworks
 
 from clplen import Device, LightField, depth_map, focal_stack, io
 from clplen.batch import Job
-from clplen.batch.cores import environment_of
-from clplen.batch.local import here
-from clplen.batch.products import HostStack
-from clplen.batch.runner import run_job
-from clplen.batch.task import Report
+from clplen.batch.jobs.task import Report
+from clplen.batch.running.executors import local_executor
+from clplen.batch.running.runner import execute_job
+from clplen.batch.running.worker import worker_environment
+from clplen.batch.work.products import HostStack
 from clplen.io.store.digest import digest
 
 
@@ -60,7 +60,7 @@ def job_of(folder: Path, planes: int, output: str = "out", cue: str | None = Non
         inputs=[{"files": "in/*"}],
         stack={"disparities": disparities},
         depth={"disparities": disparities, "cue": cue} if cue else None,
-    ).within(folder)
+    ).relative_to(folder)
 
 
 def timed(work: Callable[[], Any]) -> tuple[float, Any]:
@@ -112,10 +112,10 @@ def overhead(device: Device, count: int) -> None:
         alone(files, folder / "warm", planes, device)
         parts = alone(files, folder / "alone", planes, device)
         watcher = Quiet()
-        executor = partial(here, selector=device.place, memory=None)
-        one = partial(executor, lanes=1)
-        taken, _ = timed(lambda: run_job(job_of(folder, 9, "one"), one, watcher=watcher))
-        wall, _ = timed(lambda: run_job(job_of(folder, 9), executor, watcher=Quiet()))
+        executor = partial(local_executor, selector=device.place, memory=None)
+        one = partial(executor, depth=1)
+        taken, _ = timed(lambda: execute_job(job_of(folder, 9, "one"), one, watcher=watcher))
+        wall, _ = timed(lambda: execute_job(job_of(folder, 9), executor, watcher=Quiet()))
         item = sum(r.seconds["total"] for r in watcher.reports)
         said = ", ".join(f"{part} {1e3 * taken / count:.2f}" for part, taken in parts.items())
         print(f"{count} small items, milliseconds each: parts alone {said}")
@@ -146,13 +146,13 @@ def overlap(
         files = write_large(folder / "in", count, side)
         some = np.linspace(-1, 1, planes)
         alone(files[:2], folder / "warm", some, device, cue)
-        executor = partial(here, selector=device.place, memory=None)
+        executor = partial(local_executor, selector=device.place, memory=None)
         found, walls = [], []
         for i in range(rounds):
             found.append(alone(files, folder / f"alone{i}", some, device, cue))
             shutil.rmtree(folder / f"alone{i}")
             job = job_of(folder, planes, f"out{i}", cue)
-            walls.append(timed(lambda job=job: run_job(job, executor, watcher=Quiet()))[0])
+            walls.append(timed(lambda job=job: execute_job(job, executor, watcher=Quiet()))[0])
             shutil.rmtree(folder / f"out{i}")
         parts = {part: float(np.median([one[part] for one in found])) for part in found[0]}
         wall = float(np.median(walls))
@@ -169,8 +169,8 @@ WORKERS = """
 import sys, time
 from functools import partial
 from pathlib import Path
-from clplen.batch import cluster
-from clplen.batch.runner import run_job
+from clplen.batch.running import cluster
+from clplen.batch.running.runner import execute_job
 sys.path.insert(0, {here!r})
 from bench_batch import Quiet, job_of
 
@@ -180,7 +180,7 @@ if __name__ == "__main__":
     for output in ("warm", "out"):
         job = job_of(folder, planes, f"{{output}}{{workers}}")
         watcher = Quiet()
-        run_job(job, partial(cluster.workers_here, workers=workers, **how), watcher=watcher)
+        execute_job(job, partial(cluster.local_cluster, workers=workers, **how), watcher=watcher)
     first = min(r.started for r in watcher.reports)
     last = max(r.started + r.seconds["total"] for r in watcher.reports)
     print(last - first)
@@ -200,7 +200,7 @@ def workers(device: Device, count: int, side: int, planes: int) -> None:
             command = ["taskset", "-c", ",".join(map(str, cores)), sys.executable, str(script)]
             done = subprocess.run(
                 [*command, str(folder), str(n), str(planes), device.place],
-                env={**os.environ, **environment_of([0])} if n == 1 else None,
+                env={**os.environ, **worker_environment([0])} if n == 1 else None,
                 capture_output=True,
                 text=True,
                 check=False,

@@ -15,7 +15,7 @@ from script import command
 
 from clplen import Device, focal_stack
 from clplen.batch import Job
-from clplen.batch.tables import InputTable, StackTable
+from clplen.batch.jobs.tables import InputTable, StackTable
 from clplen.bench.measure import Case, halved, in_turn, numbers
 from clplen.bench.report import Benchmark, Report, rate_rows
 from clplen.io import read_lightfield, write_stack
@@ -58,7 +58,7 @@ def measure_batch(device: Device, size: str, repeats: int) -> Report:
                 inputs=[InputTable(files=["in/*.npy"])],
                 stack=StackTable(disparities=planes),
             )
-            plan.within(folder).run(device=device.place)
+            plan.relative_to(folder).run(device=device.place)
 
         cases = [
             Case("loop by hand", loop, count, "light fields"),

@@ -21,8 +21,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from bench_batch import Quiet, job_of
 
 from clplen import Device
-from clplen.batch.local import here
-from clplen.batch.runner import run_job
+from clplen.batch.running.executors import local_executor
+from clplen.batch.running.runner import execute_job
 
 BASE = (9, 512, 33)
 CASES = (
@@ -47,8 +47,8 @@ def seconds(device: Device, views: int, side: int, planes: int, repeats: int) ->
             values = random.integers(0, 255, (views, views, side, side), np.uint8)
             np.save(folder / "in" / f"{i}.npy", values)
         watcher = Quiet()
-        executor = partial(here, selector=device.place, memory=None, lanes=1)
-        run_job(job_of(folder, planes), executor, watcher=watcher)
+        executor = partial(local_executor, selector=device.place, memory=None, depth=1)
+        execute_job(job_of(folder, planes), executor, watcher=watcher)
         kept = watcher.reports[1:]  # the first one compiles
         return {stage: float(np.median([r.seconds[stage] for r in kept])) for stage in STAGES}
 

@@ -60,7 +60,7 @@ def real(device: Device, folder: Path) -> None:
         {"files": str(guv / "Lightfield_GUVExperim1.tif"), "name": "guv", "layout": frames},
     ]
     words = {"stack": PLANES, "depth": PLANES, "all_in_focus": {}}
-    job = Job(output="captures", inputs=inputs, device=device.place, **words).within(folder)
+    job = Job(output="captures", inputs=inputs, device=device.place, **words).relative_to(folder)
     summary = job.run()
     print(f"captures: {summary.done} done, {summary.failed or 'none'} failed, in {folder}/captures")
 

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from clplen import Device, MicrolensArray, PlenopticCamera, Projector, point_images
-from clplen.batch.volumes import Deconvolver, How
+from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
 from clplen.microscopy.prepare import Prepared
 
 LENSLETS = 13
@@ -71,7 +71,7 @@ def main(selector: str | None, frames: int, photons: float) -> None:
     )  # fmt: skip
     images = point_images(camera, np.linspace(-20e-6, 20e-6, 21), cut=1e-2)
     projector = Projector(images, (LENSLETS, LENSLETS), device=device)
-    series = Deconvolver(images, How(COLD, BACKGROUND), device=device)
+    series = Deconvolver(images, DeconvolutionSettings(COLD, BACKGROUND), device=device)
     scene, random = Scene(projector.volume_shape), np.random.default_rng(1)
     before: Values | None = None
     print("frame  residual, iterations, error of an even start;  of the volume before")
@@ -82,9 +82,9 @@ def main(selector: str | None, frames: int, photons: float) -> None:
         cold = warm = series(frame)
         goal = float(cold.residuals[-1])
         if before is not None:
-            series.how = How(COLD, BACKGROUND, residual=goal * (1 + 1e-9))
+            series.how = DeconvolutionSettings(COLD, BACKGROUND, residual=goal * (1 + 1e-9))
             warm = series(frame, start=before)
-            series.how = How(COLD, BACKGROUND)
+            series.how = DeconvolutionSettings(COLD, BACKGROUND)
         before = warm.volume
         print(
             f"{time:5d}  {goal:.4f}  {cold.iterations}  {error(cold.volume, truth):.3f};  "

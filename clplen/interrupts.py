@@ -13,14 +13,12 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import sys
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any, NoReturn
-
-if TYPE_CHECKING:
-    import socket
-    from collections.abc import Iterator
-    from pathlib import Path
+from pathlib import Path
+from typing import Any, NoReturn
 
 STATUS = 130  # 128 + SIGINT, as shells count
 SENTENCE = "Interrupted; no file was left half-written."

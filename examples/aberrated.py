@@ -8,7 +8,7 @@ from common import BLUE, GREEN, ORANGE, RED, number
 from matplotlib.axes import Axes
 
 from clplen import Aberrations, PointSources
-from clplen.analysis.psf import PSF
+from clplen.analysis.point.psf import PSF
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.plot.base import LIGHT, norm_of
 

@@ -11,7 +11,7 @@ from common import begin
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
-from clplen.analysis.tables import Table
+from clplen.analysis.report.tables import Table
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.raw_decoding import decode_raw
 from clplen.microscopy.deconvolution import deconvolve

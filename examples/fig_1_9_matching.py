@@ -6,7 +6,7 @@ from matplotlib.colors import PowerNorm
 from matplotlib.patches import Polygon
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources
-from clplen.analysis.crosstalk import crosstalk
+from clplen.analysis.cameras.crosstalk import crosstalk
 from clplen.plot.base import LIGHT, bar, new_figure
 
 DIAMETERS = {2.4: (0.14, RED), 3.6: (0.107, ORANGE), 4.8: (0.24, GREEN)}  # mm

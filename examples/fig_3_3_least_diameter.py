@@ -4,7 +4,7 @@ from arrays import LAM, draw_least
 from common import BLUE, ORANGE, RED, begin, number
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources
-from clplen.analysis.crosstalk import crosstalk
+from clplen.analysis.cameras.crosstalk import crosstalk
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.plot.base import new_figure
 

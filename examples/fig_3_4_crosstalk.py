@@ -6,7 +6,7 @@ from matplotlib.patheffects import withStroke
 from slices import camera
 
 from clplen import PointSources
-from clplen.analysis.crosstalk import cell_energies, crosstalk
+from clplen.analysis.cameras.crosstalk import cell_energies, crosstalk
 from clplen.plot.base import LIGHT, bar, for_display, new_figure, norm_of
 
 SHOWN = 7  # cells across

@@ -5,8 +5,8 @@ from common import begin, number
 from matplotlib.axes import Axes
 from resolving import COLOURS, QUICK, TRANSFERS, line_of, pair, responses, two_points
 
-from clplen.analysis.psf import PSF
-from clplen.analysis.twopoint import SLIT, TwoPoints
+from clplen.analysis.point.psf import PSF
+from clplen.analysis.point.twopoint import SLIT, TwoPoints
 from clplen.plot.base import LIGHT, new_figure
 
 UNIT = 532e-9 * 18e-3 / 150e-6  # lam a/d of the 2.0 camera

@@ -16,8 +16,8 @@ from common import BLUE, RED, Run, pixels
 from matplotlib.axes import Axes
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, RawImage
-from clplen.analysis.otf import circular_mtf, square_mtf
-from clplen.analysis.psf import PSF
+from clplen.analysis.point.otf import circular_mtf, square_mtf
+from clplen.analysis.point.psf import PSF
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry

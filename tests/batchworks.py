@@ -12,9 +12,9 @@ import tifffile
 
 from clplen import Device, LightField, all_in_focus, depth_map, focal_stack, read_lightfield
 from clplen.batch import Job
-from clplen.batch.local import here
-from clplen.batch.runner import Summary, run_job
-from clplen.batch.task import Report
+from clplen.batch.jobs.task import Report
+from clplen.batch.running.executors import local_executor
+from clplen.batch.running.runner import Summary, execute_job
 
 PLANES = np.linspace(-1, 1, 5)
 WORK = """
@@ -122,6 +122,6 @@ class Watcher:
 def run(job: Job | Path, device: Device, **how: Any) -> tuple[Summary, Watcher]:
     """Run a job in this process."""
     watcher = Watcher()
-    executor = partial(here, selector=device.place, memory=how.pop("memory", None))
+    executor = partial(local_executor, selector=device.place, memory=how.pop("memory", None))
     chosen = job if isinstance(job, Job) else Job.read(job)
-    return run_job(chosen, executor, watcher=watcher, **how), watcher
+    return execute_job(chosen, executor, watcher=watcher, **how), watcher

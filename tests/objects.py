@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import clplen
-from clplen.analysis.comparison import Comparison
+from clplen.analysis.cameras.comparison import Comparison
 from clplen.compute.device import Device
 from clplen.lightfield.focused.focused_picture import PictureGrid
 from clplen.lightfield.raw.lenslet_lattice import Lattice

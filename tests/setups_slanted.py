@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from clplen import Image, MicrolensArray, Plane, PlenopticCamera, PointSources, SurfaceScene
-from clplen.analysis.edge import slanted_edge
+from clplen.analysis.point.edge import slanted_edge
 from clplen.cameras.optics.ray_optics import view_step
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.scenes.textures import Texture, noise

@@ -20,7 +20,8 @@ from click.testing import CliRunner, Result
 import clplen
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cli import main
-from clplen.cli.messages import sentence
+from clplen.cli.shared.console import error_sentence
+from clplen.cli.shared.options import Lattice
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, read_camera_file
 from clplen.io import read_lightfield, read_pfm, write_lightfield
@@ -434,14 +435,14 @@ def test_a_failed_build_is_one_sentence(tmp_path: Path, monkeypatch: pytest.Monk
     ],
 )
 def test_words_are_those_that_a_user_types(python: str, typed: str):
-    assert sentence(ValueError(python)) == typed
+    assert error_sentence(ValueError(python)) == typed
 
 
 def test_little_memory_says_how_little():
-    assert sentence(MemoryError("Unable to allocate 14 TiB")) == (
+    assert error_sentence(MemoryError("Unable to allocate 14 TiB")) == (
         "This computer has not enough memory: Unable to allocate 14 TiB."
     )
-    assert sentence(MemoryError()) == "This computer has not enough memory for it."
+    assert error_sentence(MemoryError()) == "This computer has not enough memory for it."
 
 
 def test_warnings_become_notes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -525,3 +526,11 @@ def test_a_stack_as_ome_zarr(tmp_path: Path, device: Device):
         assert run.exit_code == 0, run.output
         written = zarr.open_group(str(tmp_path / "s.zarr"), mode="r")["0"]
         assert written.shape == (count, 21, 17)
+
+
+def test_words_for_lattices():
+    kind = Lattice()
+    assert kind.convert("hexagonal", None, None) == "hexagonal"
+    assert kind.convert("square", None, None) == "rectangular"  # the readers' word
+    with pytest.warns(FutureWarning, match="'rectangular' is called 'square' now"):
+        assert kind.convert("rectangular", None, None) == "rectangular"

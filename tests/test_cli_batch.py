@@ -77,7 +77,7 @@ def test_wrong_words_get_one_sentence(
     job: Path, arguments: list[str], said: str, monkeypatch: pytest.MonkeyPatch
 ):
     pytest.importorskip("distributed", reason="the extra batch is not installed")
-    monkeypatch.setattr("clplen.batch.cluster._ANSWER", 0.5)
+    monkeypatch.setattr("clplen.batch.running.cluster._ANSWER", 0.5)
     done = clplen("batch", *(str(job) if word == "JOB" else word for word in arguments))
     assert done.exit_code in (1, 2)
     assert said in done.output

@@ -21,7 +21,7 @@ from clplen.wave.elements.lenslets import MicrolensArray
 
 D = 1.2
 PLANES = ("--disparities", "0.6:1.8:7")
-LENGTHS = ("--baseline-mm", 2, "--focal-mm", 50, "--pixel-um", 10)
+LENGTHS = ("--baseline-mm", 2, "--focal-length-mm", 50, "--pixel-um", 10)
 
 
 @pytest.fixture
@@ -66,6 +66,13 @@ def test_maps_of_a_cue(device: Device, tmp_path: Path, views: Path, cue: str):
     assert "metre" not in text
 
 
+def test_an_old_name_of_an_option_is_taken_with_a_note(device: Device, tmp_path: Path, views: Path):
+    lengths = ["--focal-mm" if word == "--focal-length-mm" else word for word in LENGTHS]
+    result = run(device, views, "-o", tmp_path / "d.pfm", "--cue", "energy", *PLANES, *lengths)
+    assert "Distances: median" in done(result)
+    assert result.stderr.count("the option --focal-mm is called --focal-length-mm now") == 1
+
+
 def test_metres_and_points(device: Device, tmp_path: Path, views: Path):
     out, metric, ply = tmp_path / "d.pfm", tmp_path / "z.pfm", tmp_path / "p.ply"
     words = ("-o", out, "--cue", "energy", "--metric", metric, "--ply", ply, *PLANES, *LENGTHS)
@@ -90,8 +97,8 @@ def test_metres_and_points(device: Device, tmp_path: Path, views: Path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--baseline-mm", 2, "--pixel-um", 3), "together; --focal-mm is missing."),
-        (("--focus-m", 3), "--baseline-mm and --focal-mm and --pixel-um are missing."),
+        (("--baseline-mm", 2, "--pixel-um", 3), "together; --focal-length-mm is missing."),
+        (("--focus-m", 3), "--baseline-mm and --focal-length-mm and --pixel-um are missing."),
         ((*LENGTHS[:4], "--pixel-um", 0), "--pixel-um is a length, positive and finite, not 0"),
         ((*LENGTHS, "--focus-m", -2), "--focus-m is a length"),
         ((*LENGTHS, "--ply", "p.obj"), "ends in .ply"),

@@ -281,7 +281,11 @@ BAD = [
     (("depth", "--cue", "energy"), 2, "--cue is for light fields"),
     (("depth", "--m", "0.2"), 2, "is not LEAST:GREATEST"),
     (("depth", "--m", "0.2:0.6"), 1, "seen by 1.7 lenslets a row, which is too few"),
-    (("depth", "--baseline-mm", 1, "--focal-mm", 1, "--pixel-um", 1), 2, "--baseline-mm is for"),
+    (
+        ("depth", "--baseline-mm", 1, "--focal-length-mm", 1, "--pixel-um", 1),
+        2,
+        "--baseline-mm is for",
+    ),
 ]
 
 

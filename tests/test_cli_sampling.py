@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clplen.cli import main
-from clplen.cli.units import Length, Lengths, Shape
+from clplen.cli.shared.options import Length, Lengths, Shape
 from clplen.errors import SamplingError
 from clplen.wave.elements.lens import check_lens_sampling, lens_sampling, lenslet_sampling
 from clplen.wave.field.field import Grid

@@ -17,7 +17,7 @@ from tqdm import tqdm
 from clplen import cli
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources
-from clplen.cli import common
+from clplen.cli.shared import console
 from clplen.compute.device import Device
 from clplen.config import read_camera_file
 from clplen.wave.coherence import averaging
@@ -72,7 +72,7 @@ def simulated(file: Path, tables: str, device: Device, *words: object) -> tuple[
 def test_simulate_a_scene_of_points_and_pictures(small: Path, device: Device):
     points = "points_mm = [[0.2, -0.1, 3.0]]\npower = 0.5\n"
     lines = "[coherence]\nlines_nm = [532, 500]\nline_powers = [3, 1]\n"
-    result, raw = simulated(small, points + PICTURE + "dz_mm = 1\n" + lines, device)
+    result, raw = simulated(small, points + PICTURE + "z_mm = 1\n" + lines, device)
     assert result.exit_code == 0, result.output
     image = np.zeros((9, 8))
     image[1:7, 2:4] = 1
@@ -133,7 +133,7 @@ def test_simulate_goes_on_after_an_interrupt(
     checkpoint = small.parent / "reached"
     with monkeypatch.context() as patch:
         patch.setattr(averaging, "SAVE_SECONDS", -1.0)
-        patch.setattr(import_module("clplen.cli.simulate"), "reach", interrupt)
+        patch.setattr(import_module("clplen.cli.simulate"), "update_bar", interrupt)
         result, _ = simulated(small, SLIDE + MASK, device, "--checkpoint", checkpoint)
     assert result.exit_code == 130, result.output
     assert not raw.parent.exists()
@@ -172,7 +172,7 @@ def test_progress_of_one_part_after_another():
     with tqdm(total=0, file=io.StringIO()) as bar:
         begun = []
         for done, total in ((2, 5), (5, 5), (1, 3), (3, 3)):
-            common.reach(bar, done, total)
+            console.update_bar(bar, done, total)
             assert (bar.n, bar.total) == (done, total)
             begun.append(bar.start_t)
     assert begun[0] == begun[1] < begun[2] == begun[3]  # the time left is that of this part

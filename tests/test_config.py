@@ -19,9 +19,8 @@ from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, CameraFile, CoherenceTable, read_camera_file
-from clplen.config.aberrations import AberrationsTable
 from clplen.config.camera import KEYS as CAMERA_KEYS
-from clplen.config.camera import CameraTable, MicrolensTable, SensorTable
+from clplen.config.camera import AberrationsTable, CameraTable, MicrolensTable, SensorTable
 from clplen.config.light import KEYS, SPECTRA
 from clplen.config.scene import PictureTable, SceneTable
 from clplen.config.tables import Table
@@ -164,7 +163,7 @@ def test_every_key_reaches_the_camera(tmp_path: Path, device: Device):
         [[scene.pictures]]
         file = "there/slide.tif"
         width_mm = 2.5
-        dz_mm = -4
+        z_mm = -4
         mode = "transmission"
         [[scene.pictures]]
         file = "lamp.png"
@@ -253,11 +252,12 @@ def test_every_key_reaches_the_camera(tmp_path: Path, device: Device):
             "count = 0",
             r"microlenses\.count must be greater than or equal to 1 \(found 0\)\.$",
         ),
-        ('fill = "full"', 'fill = "half"', r"fill must be 'circular' or 'full' \(found 'half'\)"),
+        ('fill = "square"', 'fill = "half"', r"fill must be 'circular', 'square' or 'full'"),
+        ('fill = "square"', 'fill = "square"\nlattice = "hexagonal"', "cells are hexagons"),
         (
             "[0.0, 0.0, 0.0]",
             "[0.0, 0.0]",
-            r"points_mm\.1 must be three numbers, \[x, y, dz\] \(found \[0\.0, 0\.0\]\)\.$",
+            r"points_mm\.1 must be three numbers, \[x, y, z\] \(found \[0\.0, 0\.0\]\)\.$",
         ),
         ("count = 101", "count = 101.5", r"count must be a valid integer \(found 101\.5\)\.$"),
         (
@@ -295,6 +295,24 @@ def test_what_is_said_about_a_wrong_file(tmp_path: Path, old: str, new: str, sai
         read(tmp_path, EXAMPLE.replace(old, new, 1))
     assert "camera.toml" in str(caught.value)
     assert "pydantic" not in str(caught.value)
+
+
+OLD_PICTURE = """
+[[scene.pictures]]
+file = "a.png"
+width_mm = 1.0
+dz_mm = 2.0
+"""
+
+
+def test_old_names_of_keys_are_taken_with_a_warning(tmp_path: Path):
+    (tmp_path / "a.png").touch()
+    with pytest.warns(FutureWarning, match="the key dz_mm is called z_mm now"):
+        file = read(tmp_path, EXAMPLE.replace("[sensor]", f"{OLD_PICTURE}\n[sensor]", 1))
+    assert file.scene.pictures[0].z_mm == 2
+    both = OLD_PICTURE + "z_mm = 1.0\n"
+    with pytest.raises(FormatError, match="has z_mm and dz_mm, its old name"):
+        read(tmp_path, EXAMPLE.replace("[sensor]", f"{both}\n[sensor]", 1))
 
 
 FOCUSED = """

@@ -10,16 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from clplen.cameras.scenes.ground_truth import Truth
 from clplen.errors import ShapeError
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from clplen.cameras.scenes.ground_truth import Truth
 
 Real = np.ndarray[Any, np.dtype[np.float64]]
 Mask = np.ndarray[Any, np.dtype[np.bool_]]
@@ -179,22 +176,22 @@ def score(
     if where is not None:
         inner &= _mask(where, known.shape, "where")
     cut = _cut(found.shape, known.shape, offset)
-    judged = inner[cut]
-    if not judged.any():
+    judge = inner[cut]
+    if not judge.any():
         raise ValueError(
             f"No pixel is left to judge: the truth of {known.shape} has a border of {border} and "
             f"{np.isfinite(known).sum()} finite values, the result has {found.shape} pixels."
         )
     given = masks if masks is not None else getattr(truth, "masks", {})
-    chosen = _chosen(given, judged, cut, known.shape)
-    covered = 100 * judged.sum() / inner.sum()
-    return _scores(found, known[cut], judged, chosen, float(covered), parameters)
+    chosen = _chosen(given, judge, cut, known.shape)
+    covered = 100 * judge.sum() / inner.sum()
+    return _scores(found, known[cut], judge, chosen, float(covered), parameters)
 
 
 def _scores(
     found: Real,
     known: Real,
-    judged: Mask,
+    judge: Mask,
     chosen: dict[str, Mask],
     covered: float,
     parameters: Depths | None,
@@ -203,19 +200,19 @@ def _scores(
     found = np.where(np.isfinite(found), found, np.nan)
     error = found - known
     size = np.where(np.isnan(error), np.inf, np.abs(error))
-    ordered = np.sort(size[judged])
-    some = judged & np.isfinite(size)
+    ordered = np.sort(size[judge])
+    some = judge & np.isfinite(size)
     near, far, edges = (chosen.get(name) for name in ("near", "far", "edges"))
     is_shaped = bool({"planes", "smooth"} & chosen.keys())
     rough = roughness(error) if is_shaped else error
     turn = _angles(found, known, parameters) if is_shaped and parameters is not None else None
     return Scores(
-        pixels=int(judged.sum()),
-        missing=_percent(np.isinf(size), judged),
+        pixels=int(judge.sum()),
+        missing=_percent(np.isinf(size), judge),
         covered=covered,
-        badpix_07=_percent(size > 0.07, judged),
-        badpix_03=_percent(size > 0.03, judged),
-        badpix_01=_percent(size > 0.01, judged),
+        badpix_07=_percent(size > 0.07, judge),
+        badpix_03=_percent(size > 0.03, judge),
+        badpix_01=_percent(size > 0.01, judge),
         mse=100 * float(np.mean(error[some] ** 2)) if some.any() else math.nan,
         q25=100 * float(ordered[int(0.25 * ordered.size)]),
         median=float(np.median(ordered)),
@@ -322,13 +319,13 @@ def _cut(
 
 
 def _chosen(
-    given: Mapping[str, ArrayLike], judged: Mask, cut: Any, shape: tuple[int, ...]
+    given: Mapping[str, ArrayLike], judge: Mask, cut: Any, shape: tuple[int, ...]
 ) -> dict[str, Mask]:
     """The judged pixels of each mask."""
     for name in given:
         if name not in MASKS:
             raise ValueError(f"There is no mask {name!r}; masks are {', '.join(MASKS)}.")
-    return {name: _mask(mask, shape, name)[cut] & judged for name, mask in given.items()}
+    return {name: _mask(mask, shape, name)[cut] & judge for name, mask in given.items()}
 
 
 def _percent(bad: Mask, of: Mask | None) -> float:

@@ -11,7 +11,7 @@ import os
 import signal
 from typing import Any
 
-from clplen.batch.cores import CORES, keep_to
+from clplen.batch.running.worker import CORES, restrict_cores
 from clplen.compute.device import Device
 
 
@@ -19,5 +19,5 @@ def dask_setup(worker: Any) -> None:
     """Called by Dask when the worker starts."""
     if CORES in os.environ:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-    keep_to()
+    restrict_cores()
     Device.open().ensure_usable()

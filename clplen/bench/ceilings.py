@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from clplen.bench.measure import Case, finished, in_turn
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
+from clplen.compute.device import Device
 
 _FEW = 256  # floats, in the nearest cache
 _CHAINS = {16: 12, 8: 10, 4: 10, 1: 16}  # sums in flight, by floats of a vector

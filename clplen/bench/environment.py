@@ -6,12 +6,10 @@ import importlib.metadata
 import os
 import platform
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from clplen import __version__
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
+from clplen.compute.device import Device
 
 PACKAGES = (
     "numpy",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,17 +11,15 @@ from clplen import demo
 from clplen.bench import ceilings
 from clplen.bench.measure import Case, finished, halved, in_turn, numbers
 from clplen.bench.report import Benchmark, Goal, Report, time_rows
+from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.scenes.scene_sources import PointSources
+from clplen.compute.device import Device
 from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage, Transforms
 from clplen.wave.elements.lenslets import MicrolensArray
-
-if TYPE_CHECKING:
-    from clplen.cameras.plenoptic1 import Plenoptic1
-    from clplen.cameras.plenoptic2 import Plenoptic2
-    from clplen.compute.device import Device
 
 _FORM = "a number of lenslets across"
 _FEWEST = 75  # lenslets that hold the aperture of the focused camera

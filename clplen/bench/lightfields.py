@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,13 +12,11 @@ from clplen.bench import ceilings
 from clplen.bench.measure import Case, Times, finished, halved, in_turn, numbers
 from clplen.bench.report import Benchmark, Goal, Report, rate_rows, time_rows
 from clplen.compute.arrays import count_bad
+from clplen.compute.device import Device
 from clplen.lightfield.depth.depth_map import CUES
 from clplen.lightfield.focus_and_depth import depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocus.focal_stack import refocus
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 FORM = "VxUxYxX[xC]"
 MAIN = "15x15x434x625x3"

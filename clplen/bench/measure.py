@@ -10,12 +10,10 @@ import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from clplen.compute.device import Device
 from clplen.errors import ShapeError
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 
 @dataclass(frozen=True)

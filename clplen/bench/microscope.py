@@ -12,23 +12,19 @@ import math
 from collections.abc import Callable
 from importlib.util import find_spec
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from clplen.bench.measure import Case, Times, finished, halved, in_turn, numbers
 from clplen.bench.report import Benchmark, Goal, Report, time_rows
 from clplen.cameras.plenoptic_camera import PlenopticCamera
+from clplen.compute.device import Device
 from clplen.compute.fft.lines import smooth_length
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import point_images
 from clplen.types import Array
 from clplen.wave.elements.lenslets import MicrolensArray
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
-
 
 FORM = "PLANESxLENSLETS"
 PIXELS, VOXELS = 15, 5  # of a lenslet, along an axis

@@ -7,16 +7,13 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import pyopencl as cl
 
 from clplen.bench.report import Benchmark, Report
+from clplen.compute.device import Device
 from clplen.compute.memory import free_memory
 from clplen.errors import ClplenError, DeviceError
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 # Modules are imported when one of their benchmarks is asked for.
 _MODULES = {

@@ -7,13 +7,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from clplen.bench.measure import Times
+from clplen.compute.device import Device
 from clplen.errors import FormatError
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 FORMAT = "clplen bench"
 VERSION = 1

@@ -10,15 +10,12 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 from clplen.bench.measure import Case, Times
 from clplen.bench.report import Benchmark, Goal, Report, time_rows
+from clplen.compute.device import Device
 from clplen.errors import ClplenError
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
-    from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.light_field import LightField
 
 SIZES = ("focal_stack", "depth_map", "depth_default", "propagate", "expose")
 MOST_BEYOND = 5.0  # seconds

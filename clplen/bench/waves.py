@@ -5,22 +5,19 @@ from __future__ import annotations
 import multiprocessing
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from clplen.bench import ceilings
 from clplen.bench.measure import Case, Times, finished, halved, in_turn, numbers
 from clplen.bench.report import Benchmark, Goal, Report, time_rows
+from clplen.compute.device import Device
 from clplen.compute.fft.blocks import Spectrum, multiplied
 from clplen.wave.elements.lens import thin_lens
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.propagation.free_space import propagate
 from clplen.wave.propagation.propagator import Propagator
 from clplen.wave.propagation.transfer_function import Transfer
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 PITCH, WAVELENGTH, DISTANCE = 6.6e-6, 550e-9, 0.1
 DISTANCES = tuple(0.05 + 0.01 * n for n in range(8))

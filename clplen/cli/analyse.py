@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from clplen.cli import options
-from clplen.cli.common import bar_of, note_link, opened, reach
-from clplen.cli.messages import note
-
-if TYPE_CHECKING:
-    from clplen.analysis.comparison import Comparison
-    from clplen.cameras.plenoptic import Plenoptic
-    from clplen.config import CameraFile
+from clplen.analysis.cameras.comparison import Comparison
+from clplen.cameras.plenoptic import Plenoptic
+from clplen.cli.shared import options
+from clplen.cli.shared.console import note, note_link, open_device, progress_bar, update_bar
+from clplen.config import CameraFile
 
 _NAMES = ("standard", "focused")
 _REPORT = "report.md"
@@ -22,7 +19,7 @@ _REPORT = "report.md"
 
 def _print_example(ctx: click.Context, _: click.Parameter, kind: str | None) -> None:
     if kind:
-        from clplen.config.pair import pair
+        from clplen.config.example import pair
 
         click.echo(pair()[kind], nl=False)
         ctx.exit()
@@ -49,7 +46,7 @@ def _print_example(ctx: click.Context, _: click.Parameter, kind: str | None) -> 
 @click.option(
     "--depths-mm",
     type=options.Planes(),
-    help="Depths dz of transfer and depth, from the focused plane, farther positive; default: 7 up "
+    help="Depths z of transfer and depth, from the focused plane, farther positive; default: 7 up "
     "to 15 % of the object distance on either side.",
 )
 @click.option("--quick", is_flag=True, help="Fewer places of the point, and three depths.")
@@ -84,21 +81,27 @@ def analyse(
       clplen analyse --example focused > focused.toml
       clplen analyse standard.toml focused.toml -o compared
     """
-    from clplen.analysis.comparison import ANALYSES, OVER_DEPTH, compare, known_analyses, told_of
+    from clplen.analysis.cameras.comparison import (
+        ANALYSES,
+        OVER_DEPTH,
+        check_analyses,
+        compare,
+        prefix_errors,
+    )
     from clplen.cameras.light_field_microscope import Microscope
     from clplen.outputs import updating
 
-    names = known_analyses(_split(only)) if only is not None else ANALYSES
+    names = check_analyses(_split(only)) if only is not None else ANALYSES
     if depths_mm is not None and not set(names) & set(OVER_DEPTH):
         note(f"--depths-mm is not used: depths belong to {' and '.join(OVER_DEPTH)}.")
     files = _read(cameras)
     scenes = _scenes(files) if "pictures" in names else None
     note_link(output)
     with updating(output, _REPORT, force=force) as folder:
-        device = opened(selector)
+        device = open_device(selector)
         built: dict[str, Plenoptic] = {}
         for name, file in files.items():
-            with told_of(name):
+            with prefix_errors(name):
                 camera = file.camera.build(device)
             if isinstance(camera, Microscope):
                 raise click.UsageError(
@@ -107,14 +110,14 @@ def analyse(
                 )
             built[name] = camera
             click.echo(f"{name}: {built[name].describe()}\n")
-        with bar_of(0, "exposure") as bar:
+        with progress_bar(0, "exposure") as bar:
             found = compare(
                 built,
                 only=names,
                 depths=None if depths_mm is None else depths_mm / 1e3,
                 scenes=scenes,
                 quick=quick,
-                progress=lambda done, total: reach(bar, done, total),
+                progress=lambda done, total: update_bar(bar, done, total),
             )
         text, written = _write(folder, found)
     click.echo(text)
@@ -158,8 +161,8 @@ def _scenes(files: dict[str, CameraFile]) -> dict[str, Any]:
 def _write(folder: Path, found: Comparison) -> tuple[str, str]:
     """The report, and what was written in words."""
     from clplen import plot
-    from clplen.analysis.summary import report
-    from clplen.analysis.tables import tables
+    from clplen.analysis.report.summary import report
+    from clplen.analysis.report.tables import tables
     from clplen.outputs import listed
 
     text = report(found)

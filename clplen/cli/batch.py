@@ -10,18 +10,16 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from tqdm import tqdm
 
-from clplen.cli import options
-
-if TYPE_CHECKING:
-    from clplen.batch import Job
-    from clplen.batch.forecast import Forecast
-    from clplen.batch.runner import Summary
-    from clplen.batch.task import Report
+from clplen.batch import Job
+from clplen.batch.jobs.task import Report
+from clplen.batch.running.estimate import JobEstimate
+from clplen.batch.running.runner import Summary
+from clplen.cli.shared import options
 
 _SHOWN = 20  # items of a list
 
@@ -42,7 +40,7 @@ def batch() -> None:
 
 def _print_example(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     if wanted:
-        from clplen.batch.example import EXAMPLE
+        from clplen.batch.jobs.tables import EXAMPLE
 
         click.echo(EXAMPLE, nl=False)
         ctx.exit()
@@ -139,9 +137,9 @@ def run(
     from clplen.batch import Job
 
     with _quiet():
-        job = Job.read(path).done_by(workers=workers, device=selector, memory=memory)
+        job = Job.read(path).with_settings(workers=workers, device=selector, memory=memory)
         if dry_run:
-            _forecast(job)
+            _print_estimate(job)
             return
         with _Bar() as bar:
             summary = job.run(
@@ -226,10 +224,10 @@ def _tell(summary: Summary, job: Job, path: Path) -> None:
         click.get_current_context().exit(1)
 
 
-def _forecast(job: Job) -> None:
-    from clplen.batch.forecast import forecast_of
+def _print_estimate(job: Job) -> None:
+    from clplen.batch.running.estimate import estimate_job
 
-    found = forecast_of(job)
+    found = estimate_job(job)
     for line in found.lines[:_SHOWN]:
         how = f"fails: {line.problem}" if line.problem else _sizes(line.read, line.written)
         how = how if line.problem or line.written else "how much it writes is not known"
@@ -246,7 +244,7 @@ def _forecast(job: Job) -> None:
     click.echo(_time(found, job.workers))
 
 
-def _time(found: Forecast, workers: int) -> str:
+def _time(found: JobEstimate, workers: int) -> str:
     if not found.todo:
         return "Nothing is to be done."
     if math.isnan(found.seconds):
@@ -280,14 +278,14 @@ def status(path: Path, verify: bool) -> None:
       clplen batch status job.toml --verify
     """
     from clplen.batch import Job
-    from clplen.batch.runner import counted, status_of
+    from clplen.batch.running.manifest import count_states, status_of
 
     states = []
     for task, state, why in status_of(Job.read(path), verify=verify):
         states.append(state)
         if state != "done":
             click.echo(f"{task.name}: {state}: {why}")
-    click.echo(f"{len(states)} items: {counted(states)}.")
+    click.echo(f"{len(states)} items: {count_states(states)}.")
     if set(states) - {"done"}:
         click.get_current_context().exit(1)
 
@@ -321,8 +319,8 @@ def worker(
       clplen worker tcp://localhost:8786 --device 0:0
       clplen worker tls://10.0.0.1:8786 --host 10.0.0.2 --certificates FOLDER
     """
-    from clplen.batch.cluster import worker_command
-    from clplen.batch.network import check_certificates, check_reachable, network_of
+    from clplen.batch.running.cluster import worker_command
+    from clplen.batch.running.network import check_certificates, check_reachable, network_of
     from clplen.compute.device import Device
 
     network = network_of(scheduler, host=host, certificates=certificates, insecure=insecure)

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from clplen.cli import options
-from clplen.cli.messages import note
-
-if TYPE_CHECKING:
-    from clplen.bench.report import Benchmark, Report
-    from clplen.compute.device import Device
+from clplen.bench.report import Benchmark, Report
+from clplen.cli.shared import options
+from clplen.cli.shared.console import note
+from clplen.compute.device import Device
 
 
 @click.command()

@@ -8,18 +8,22 @@ from dataclasses import dataclass
 from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import click
 
-from clplen.cli import options
-from clplen.cli.common import bar_of, check_output, check_suffix, opened, reach
-from clplen.cli.messages import note
-
-if TYPE_CHECKING:
-    from clplen.batch.volumes import Deconvolver, How
-    from clplen.microscopy.images import PointImages
-    from clplen.microscopy.prepare import Prepared
+from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
+from clplen.cli.shared import options
+from clplen.cli.shared.console import (
+    check_output,
+    check_suffix,
+    note,
+    open_device,
+    progress_bar,
+    update_bar,
+)
+from clplen.microscopy.images import PointImages
+from clplen.microscopy.prepare import Prepared
 
 _PATH = click.Path(path_type=Path)
 _NAME = "{name}"
@@ -127,7 +131,7 @@ def deconvolve(
       clplen microscope deconvolve guv.tif -c psf.h5 --white white.tif -o guv.ome.zarr
       clplen microscope deconvolve t*.tif -c psf.h5 --white white.tif -o "out/{name}.ome.tif"
     """
-    from clplen.batch.volumes import Deconvolver, How, read_psf
+    from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver, read_psf
 
     if background < 0:
         raise click.UsageError(f"--background is not negative, not {background:g}.")
@@ -143,7 +147,7 @@ def deconvolve(
     pages = [page for path in frames for page in _pages(path)]
     outputs = _outputs(pages, output, [source, white, dark], force)
     images = read_psf(source)
-    how = How(
+    how = DeconvolutionSettings(
         iterations=iterations,
         background=background,
         gain=1.0 if gain is None else gain,
@@ -161,7 +165,13 @@ def deconvolve(
     if not any(todo):
         return
     series = Deconvolver(
-        images, how, device=opened(selector), white=white, dark=dark, memory=memory, force=force
+        images,
+        how,
+        device=open_device(selector),
+        white=white,
+        dark=dark,
+        memory=memory,
+        force=force,
     )
     before, tally = None, _Tally()
     for page, out, job, wanted in zip(pages, outputs, jobs, todo, strict=True):
@@ -243,24 +253,24 @@ def _made(
     before: Path | None,
 ) -> str:
     """Write the volume of a frame; what it holds, in words."""
-    from clplen.batch.volumes import read_picture, write_result
+    from clplen.batch.work.deconvolution import read_picture, write_result
     from clplen.files import naming
     from clplen.io.results.volume_files import read_volume
 
     picture = read_picture(page.path, page.number)
-    with naming(str(page)), bar_of(series.how.iterations, "iteration") as bar:
+    with naming(str(page)), progress_bar(series.how.iterations, "iteration") as bar:
         frame = series.prepared(picture)
         tally.add(frame)
-        said = series.remarks(frame)
+        said = series.diagnose(frame)
         _tell(page, said)
         bar.set_description(page.name)
         found = series(
             frame,
             start=None if before is None else read_volume(before)[0],
-            progress=lambda done, total: reach(bar, done, total),
+            progress=lambda done, total: update_bar(bar, done, total),
             watch=lambda now: bar.set_postfix_str(f"residual {float(now[0]):.3g}"),
         )
-    judged = series.remarks(frame, found)
+    judged = series.diagnose(frame, found)
     _tell(page, judged)
     more = {"remarks": said + judged, "place": series.place(), "job": job}
     write_result(output, found, series.images, more=more, replace=True)
@@ -305,16 +315,16 @@ def _outputs(
 def _jobs(
     pages: list[_Page],
     images: PointImages,
-    how: How,
+    how: DeconvolutionSettings,
     white: Path | None,
     dark: Path | None,
     warm_start: bool,
 ) -> list[dict[str, Any]]:
     """What each volume depends on, kept with it."""
-    from clplen.batch.volumes import words_of
+    from clplen.batch.work.deconvolution import provenance
     from clplen.io.store.digest import digest
 
-    shared = words_of(images, how, white, dark)
+    shared = provenance(images, how, white, dark)
     digests = {path: digest(path) for path in {page.path for page in pages}}
     jobs = [{"frame": digests[one.path], "number": one.number, **shared} for one in pages]
     if warm_start:

@@ -7,8 +7,8 @@ import sys
 import click
 from tqdm import tqdm
 
-from clplen.cli import options
-from clplen.cli.common import advance, bar_of, note_link, opened
+from clplen.cli.shared import options
+from clplen.cli.shared.console import advance, note_link, open_device, progress_bar
 
 
 @click.command()
@@ -44,8 +44,8 @@ def demo(output: str, lenslets: int, force: bool, selector: str | None) -> None:
 
     note_link(output)
     check_outputs(output, experiment.FILES, force=force)
-    device = opened(selector)
-    with output_folder(output) as folder, bar_of(experiment.STEPS, "step") as bar:
+    device = open_device(selector)
+    with output_folder(output) as folder, progress_bar(experiment.STEPS, "step") as bar:
         experiment.run(
             folder,
             device,

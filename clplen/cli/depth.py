@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import numpy as np
 
-from clplen.cli import metres, options
-from clplen.cli.common import (
+from clplen.cli.shared import metric, options
+from clplen.cli.shared.console import (
     check_outputs,
     check_planes,
     check_suffix,
@@ -19,18 +19,22 @@ from clplen.cli.common import (
     planes_of,
     read,
     stored,
-    tiles_shown,
-    tried_by,
+    tile_progress,
+    tried_disparities,
 )
-from clplen.cli.focused import check_kept, depth_words, is_meant, refuse
-from clplen.cli.focused import read as open_raw
-from clplen.cli.focused_depth import SUFFIXES, find_depth
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
-    from clplen.lightfield.depth.depth_map import DepthMap
-    from clplen.lightfield.model.light_field import LightField
-    from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.cli.shared.focused import (
+    SUFFIXES,
+    check_kept,
+    depth_words,
+    find_depth,
+    is_meant,
+    refuse,
+)
+from clplen.cli.shared.focused import read as open_raw
+from clplen.compute.device import Device
+from clplen.lightfield.depth.depth_map import DepthMap
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
 
 Values = np.ndarray[Any, Any]
 
@@ -61,7 +65,7 @@ _SURE = 0.5  # confidence above which a pixel counts as sure
 )
 @depth_words
 @options.plane_range
-@metres.lengths
+@metric.lengths
 @options.memory
 @options.layout
 @options.device
@@ -93,7 +97,7 @@ def depth(
     from clplen.io import write_depth
 
     check_planes(disparities, alphas)
-    lengths = metres.lengths_of(words)
+    lengths = metric.lengths_of(words)
     picture = output.with_suffix(".png")
     if is_meant(source, {"m": ms, "focused": focused, "image": image}):
         refuse(cue=cue, disparities=disparities, alphas=alphas, memory=memory)
@@ -117,19 +121,23 @@ def depth(
     _check_names(source, words, (output, confidence), lengths, picture)
     with _opened(source, selector, words, memory) as (lf, device):
         if lengths is not None:
-            metres.check_camera(lf, lengths)
+            metric.check_camera(lf, lengths)
         planes = planes_of(lf, disparities, alphas)
         found = _found(lf, device, cue, memory, planes)
-        said = metres.write(lf, found, lengths) if lengths is not None else metres.Said("", ())
+        said = metric.write(lf, found, lengths) if lengths is not None else metric.Said("", ())
     if output.suffix.lower() == ".npy":
-        metres.write_map(output, found.disparity)
+        metric.write_map(output, found.disparity)
     else:
         write_depth(output, found, spacing=lf.spacing, replace=True)
     if confidence is not None:
-        metres.write_map(confidence, found.confidence)
+        metric.write_map(confidence, found.confidence)
     plot.save(plot.depth(found, title=f"disparity of {source.name}"), picture)
     known = found.disparity[np.isfinite(found.disparity)]
-    note_end(tried_by(lf, planes), known, "for more than half of the pixels the sharpest plane is")
+    note_end(
+        tried_disparities(lf, planes),
+        known,
+        "for more than half of the pixels the sharpest plane is",
+    )
     sure = "" if confidence is None else f", {confidence} holds their confidence"
     shown = f"{picture} shows them" + (" with their confidence" if confidence is None else "")
     click.echo(f"{output} holds the disparities, {shown}{sure}{''.join(said.files)}.")
@@ -164,7 +172,7 @@ def _found(
 
     if not isinstance(lf, StoredLightField):
         return depth_map(lf, cue=cue, **planes)
-    with tiles_shown() as progress:
+    with tile_progress() as progress:
         return stream_depth(lf, cue=cue, memory=memory, device=device, progress=progress, **planes)
 
 
@@ -172,7 +180,7 @@ def _check_names(
     source: Path,
     layout: dict[str, Any],
     maps: tuple[Path | None, ...],
-    lengths: metres.Lengths | None,
+    lengths: metric.Lengths | None,
     *more: Path,
 ) -> None:
     """Refuse maps of another kind, outputs of the same name, or that cannot be written."""

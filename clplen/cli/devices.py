@@ -5,17 +5,14 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from typing import TYPE_CHECKING
 
 import click
 
-from clplen.cli import options
-from clplen.cli.messages import sentence
+from clplen.cli.shared import options
+from clplen.cli.shared.console import error_sentence
+from clplen.compute.device import Device
 from clplen.errors import ClplenError
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
-    from clplen.selftest.report import DeviceReport
+from clplen.selftest.report import DeviceReport
 
 
 @click.command()
@@ -61,7 +58,7 @@ def _listed(device: Device, taken: Device | None) -> str:
     try:
         note = Device.open(device.place).note
     except ClplenError as error:
-        note = sentence(error)
+        note = error_sentence(error)
     mark = "*" if taken is not None and device.cl_device == taken.cl_device else " "
     route = device.fft.name
     if route != "vkfft":
@@ -83,7 +80,7 @@ def _taken(wanted: str | None) -> tuple[Device | None, str]:
     try:
         device = Device.open(wanted)
     except ClplenError as error:
-        return None, f"None would be taken: {sentence(error)}"
+        return None, f"None would be taken: {error_sentence(error)}"
     if wanted is not None:
         reason = f"it fits {wanted!r}"
     elif not device.is_cpu:

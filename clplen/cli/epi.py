@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
-from clplen.cli import options
-from clplen.cli.common import read
-from clplen.cli.pictures import PICTURES, check_output, write
+from clplen.cli.shared import options
+from clplen.cli.shared.console import read
+from clplen.cli.shared.pictures import PICTURES, check_output, write
 
 
 @click.command()

@@ -7,21 +7,96 @@ import math
 import textwrap
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import numpy as np
 
-from clplen.cli import options
-from clplen.cli.common import check_outputs, listening, read
-from clplen.cli.info_arrays import map_in, of_map, of_volume, volume_in
-from clplen.cli.messages import typed
 from clplen.cli.microscope import described
+from clplen.cli.shared import options
+from clplen.cli.shared.console import capture_messages, check_outputs, read, to_option_names
+from clplen.lightfield.axis_check.lightfield_report import LightFieldReport
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.lenslet_lattice import Lattice
 
-if TYPE_CHECKING:
-    from clplen.lightfield.axis_check.lightfield_report import LightFieldReport
-    from clplen.lightfield.model.light_field import LightField
-    from clplen.lightfield.raw.lenslet_lattice import Lattice
+_MAPS = (".pfm", ".npy", ".tif", ".tiff")
+_VOLUMES = (".tif", ".tiff", ".zarr")
+
+
+def map_in(source: Path) -> np.ndarray[Any, Any] | None:
+    """The values of a disparity map; None if it is something else."""
+    from clplen.errors import FormatError
+    from clplen.io import read_disparity
+
+    if source.suffix.lower() not in _MAPS:
+        return None
+    try:
+        return read_disparity(source)
+    except FormatError:
+        if source.suffix.lower() == ".pfm":
+            raise
+        return None
+
+
+def of_map(source: Path, values: np.ndarray[Any, Any]) -> tuple[Rows, dict[str, Any]]:
+    """Of a disparity map."""
+    known = values[np.isfinite(values)]
+    low, median, high = (
+        (float(known.min()), float(np.median(known)), float(known.max()))
+        if known.size
+        else (math.nan,) * 3
+    )
+    unknown = values.size - known.size
+    rows = [
+        ("File", f"{source}, a disparity map"),
+        ("Size", f"{values.shape[0]} x {values.shape[1]} pixels (y, x)"),
+        ("Range", f"{low:.6g} to {high:.6g}, median {median:.6g}"),
+        ("Not known", f"{unknown} of {values.size} pixels (NaN or infinite)"),
+    ]
+    data = {"shape": values.shape, "low": low, "median": median, "high": high}
+    return rows, {"file": source, "kind": "a disparity map", **data, "unknown": unknown}
+
+
+def volume_in(source: Path) -> tuple[np.ndarray[Any, Any], dict[str, Any]] | None:
+    """A volume and its description; None if it is something else."""
+    from clplen.io.results.volume_files import is_volume, read_volume
+
+    if source.suffix.lower() not in _VOLUMES or not is_volume(source):
+        return None
+    return read_volume(source)
+
+
+def of_volume(
+    source: Path, values: np.ndarray[Any, Any], about: dict[str, Any]
+) -> tuple[Rows, dict[str, Any]]:
+    """Of a volume of a light-field microscope."""
+    planes, kind = about["planes_um"], "a volume of a light-field microscope"
+    steps = {round(step, 6) for step in np.diff(planes)}
+    total, high = values.sum(dtype=np.float64), float(values.max())
+    rows = [
+        ("File", f"{source}, {kind}"),
+        ("Size", f"{' x '.join(map(str, values.shape))} voxels (z, y, x)"),
+        ("Planes", f"z from {planes[0]:g} to {planes[-1]:g} um"
+         + (f" every {steps.pop():g} um" if len(steps) == 1 else "")),
+        ("Light", f"{total:.6g} in all, up to {high:.6g} in a voxel"),
+    ]  # fmt: skip
+    if "voxel_um" in about:
+        rows.insert(3, ("Voxels", "{:g} x {:g} um (y, x)".format(*about["voxel_um"])))
+    if about.get("residuals"):
+        rows.append(
+            ("Residual", f"{about['residuals'][-1]:.3g} after {len(about['residuals'])} iterations")
+        )
+    near = about.get("degenerate_um")
+    if near:
+        ends = f"z from {min(near):g} to {max(near):g} um"
+        rows.append(("Degenerate", f"{ends}: nothing finer than a lenslet is resolved"))
+    if "place" in about:
+        y, x = about["place"]["first"]
+        rows.append(("Place", f"voxel (0, 0) lies at (y, x) = ({y:g}, {x:g}) px of the raw frame"))
+    rows += [("Also", text) for text in about.get("remarks", [])]
+    data = {"file": source, "kind": kind, "shape": values.shape, "light": total, "high": high}
+    return rows, data | about
+
 
 Rows = list[tuple[str, str]]
 
@@ -126,7 +201,7 @@ def _of_parameters(source: Path, selector: str | None) -> tuple[Rows, dict[str, 
     from clplen.compute.device import Device
     from clplen.config import read_camera_file
     from clplen.config.microscope import read_microscope_file
-    from clplen.config.reading import read_toml
+    from clplen.config.tables import read_toml
 
     table = read_toml(source, f"file {source}").get("camera", {"kind": "microscope"})
     if isinstance(table, dict) and table.get("kind") == "microscope":
@@ -253,7 +328,7 @@ def _of_lightfield(
     )
 
     kind = kind_of(source).name
-    with listening() as said:
+    with capture_messages() as said:
         lf = read(source, selector, layout)
     report = check_light_field(lf, farthest=farthest)
     took = said[-1].removeprefix("read ")
@@ -349,7 +424,7 @@ def _of_lattice(lattice: Lattice) -> Rows:
         ("Rotation", f"{math.degrees(lattice.rotation):+.4f} degrees (+x towards +y)"),
         ("Centre", f"(y, x) = ({lattice.origin[0]:.3f}, {lattice.origin[1]:.3f}) px"),
         ("Residual", f"{lattice.residual:.4f} px rms, trust {lattice.trust}"),
-        ("Lattice", typed(lattice.verdict)),
+        ("Lattice", to_option_names(lattice.verdict)),
     ]
 
 

@@ -9,21 +9,25 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import numpy as np
 
-from clplen.cli import options
-from clplen.cli.common import bar_of, check_output, check_suffix, opened, reach
-from clplen.cli.messages import note
-
-if TYPE_CHECKING:
-    from clplen.cameras.light_field_microscope import Microscope
-    from clplen.cameras.optics.lenslet_camera import Description
-    from clplen.compute.device import Device
-    from clplen.config.microscope import MicroscopeFile
-    from clplen.microscopy.images import PointImages
+from clplen.cameras.light_field_microscope import Microscope
+from clplen.cameras.optics.lenslet_camera import Description
+from clplen.cli.shared import options
+from clplen.cli.shared.console import (
+    check_output,
+    check_suffix,
+    note,
+    open_device,
+    progress_bar,
+    update_bar,
+)
+from clplen.compute.device import Device
+from clplen.config.microscope import MicroscopeFile
+from clplen.microscopy.images import PointImages
 
 _PATH = click.Path(path_type=Path)
 VOXELS = 5
@@ -111,7 +115,7 @@ def psf(camera: Path, output: Path, force: bool, selector: str | None, **samplin
     z = _planes_of(file, sampling, camera)
     check_output(output, force, [camera])
     with _ended_politely():
-        images = _simulated(file, z, sampling, opened(selector), output)
+        images = _simulated(file, z, sampling, open_device(selector), output)
     kept = min(images.kept(plane) for plane in range(len(z)))
     click.echo(f"{output} holds {images!r}; at least {kept:.2%} of the light of a voxel is kept.")
 
@@ -140,7 +144,7 @@ def project(
     Example:
       clplen microscope project volume.ome.tif -c psf.h5 -o frame.tif
     """
-    from clplen.batch.volumes import read_psf
+    from clplen.batch.work.deconvolution import read_psf
     from clplen.io import write_picture
     from clplen.io.results.volume_files import read_volume
     from clplen.microscopy.projector import Projector
@@ -152,7 +156,7 @@ def project(
     _check_volume(volume, values, about, images)
     v = images.voxels
     shape = (values.shape[1] // v, values.shape[2] // v)
-    projector = Projector(images, shape, device=opened(selector), memory=memory)
+    projector = Projector(images, shape, device=open_device(selector), memory=memory)
     frame = projector.forward(values)
     write_picture(output, frame)
     rows, columns = shape
@@ -269,7 +273,7 @@ def _simulated(
         )
     if abs(file.pixels - pixels) > 1e-6:
         note(f"A lenslet has {file.pixels:.6g} pixels: frames are rectified to {pixels:g}.")
-    with bar_of(0, "image") as bar:
+    with progress_bar(0, "image") as bar:
         return point_images(
             camera,
             z,
@@ -278,7 +282,7 @@ def _simulated(
             cut=sampling["cut"],
             store="float16" if sampling["half"] else "float32",
             path=output,
-            progress=_timed(lambda done, total: reach(bar, done, total), camera, z),
+            progress=_timed(lambda done, total: update_bar(bar, done, total), camera, z),
         )
 
 

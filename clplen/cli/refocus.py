@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import numpy as np
 
-from clplen.cli import options
-from clplen.cli.common import check_planes, note_end, planes_of, read, sharpest_of, tried_by
-from clplen.cli.messages import note
-from clplen.cli.pictures import PICTURES, Point, check_output, pixel_of, write
-
-if TYPE_CHECKING:
-    from clplen.lightfield.depth.depth_map import DepthMap
-    from clplen.lightfield.model.light_field import LightField
+from clplen.cli.shared import options
+from clplen.cli.shared.console import (
+    check_planes,
+    note,
+    note_end,
+    planes_of,
+    read,
+    sharpest_of,
+    tried_disparities,
+)
+from clplen.cli.shared.pictures import PICTURES, Point, check_output, pixel_of, write
+from clplen.lightfield.depth.depth_map import DepthMap
+from clplen.lightfield.model.light_field import LightField
 
 Values = np.ndarray[Any, Any]
 
@@ -184,7 +189,7 @@ def _surface(
     found, tried = None, np.array([])
     if any(len(point) == 2 for point in points):
         planes = planes_of(lf, disparities, alphas)
-        found, tried = depth_map(lf, **planes), tried_by(lf, planes)
+        found, tried = depth_map(lf, **planes), tried_disparities(lf, planes)
     depths = [
         point[2] if len(point) == 3 else _depth_at(found, pixel, tried)
         for point, pixel in zip(points, pixels, strict=True)

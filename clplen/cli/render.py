@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import numpy as np
 
-from clplen.cli import options
-from clplen.cli.common import check_planes, planes_of, read
-from clplen.cli.focused import (
+from clplen.cli.shared import options
+from clplen.cli.shared.console import check_planes, planes_of, read
+from clplen.cli.shared.focused import (
     Opened,
     check_kept,
     fraction,
@@ -19,12 +19,10 @@ from clplen.cli.focused import (
     refuse,
     suitable_ms,
 )
-from clplen.cli.focused import read as open_raw
-from clplen.cli.pictures import PICTURES, animate, check_output, write, write_shown
+from clplen.cli.shared.focused import read as open_raw
+from clplen.cli.shared.pictures import PICTURES, animate, check_output, write, write_shown
 from clplen.lightfield.arrays.ray_samples import STATISTICS
-
-if TYPE_CHECKING:
-    from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.light_field import LightField
 
 _FRAMES = 24
 _PLANES = 17  # there and back: 32 frames

@@ -9,8 +9,8 @@ from typing import Any
 
 import click
 
-from clplen.cli.messages import note, typed
-from clplen.cli.units import Length, Lengths, Shape
+from clplen.cli.shared.console import note, to_option_names
+from clplen.cli.shared.options import Length, Lengths, Shape
 from clplen.wave.elements.lens import LensSampling, lens_sampling, lenslet_sampling
 from clplen.wave.elements.lenslets import SMALLEST_PITCH
 from clplen.wave.field.field import Grid
@@ -93,7 +93,7 @@ def sampling(
     for one in made:
         _say(f"z = {metres(one.request.z)}", _propagation_rows(one))
         if one.warning:
-            note(typed(one.warning))
+            note(to_option_names(one.warning))
     if wanted:
         _say_methods(wanted)
     if words["f"] is not None:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from clplen.cli import options
-from clplen.cli.common import bar_of, note_link, opened, reach, size_of
-
-if TYPE_CHECKING:
-    from clplen.lightfield.raw.raw_image import RawImage
+from clplen.cli.shared import options
+from clplen.cli.shared.console import (
+    describe_shape,
+    note_link,
+    open_device,
+    progress_bar,
+    update_bar,
+)
+from clplen.lightfield.raw.raw_image import RawImage
 
 _FILES = ("raw.tif", "raw.png", "lightfield.h5", "raw.h5")
 
@@ -79,19 +82,19 @@ def simulate(
     note_link(output)
     check_outputs(output, _FILES, force=force)
     scene, light = wanted.scene.build(), wanted.light()
-    device = opened(selector)
+    device = open_device(selector)
     built = wanted.camera.build(device)
     sensor = wanted.sensor.build() if wanted.sensor is not None else None
     with output_folder(output) as folder:
         if checkpoint is not None:
             check_writable(checkpoint)
         click.echo(built.describe())
-        with bar_of(0, "step") as bar:
+        with progress_bar(0, "step") as bar:
             raw = built.expose(
                 scene,
                 coherence=light,
                 sensor=sensor,
-                progress=lambda done, total: reach(bar, done, total),
+                progress=lambda done, total: update_bar(bar, done, total),
                 koehler=how.koehler,
                 snapshots=how.snapshots,
                 rtol=how.rtol,
@@ -114,4 +117,4 @@ def _write_samples(folder: Path, raw: RawImage) -> str:
         return f"raw.h5, {rows} x {columns} lenslets with their camera"
     lf = LightField.from_raw(raw)
     write_lightfield(folder / "lightfield.h5", lf)
-    return f"lightfield.h5, {size_of(lf)}"
+    return f"lightfield.h5, {describe_shape(lf)}"

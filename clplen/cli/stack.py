@@ -9,8 +9,8 @@ from typing import Any
 import click
 import numpy as np
 
-from clplen.cli import options
-from clplen.cli.common import (
+from clplen.cli.shared import options
+from clplen.cli.shared.console import (
     check_outputs,
     check_planes,
     check_suffix,
@@ -19,10 +19,17 @@ from clplen.cli.common import (
     read,
     sharpest_of,
     stored,
-    tiles_shown,
+    tile_progress,
 )
-from clplen.cli.focused import check_kept, fraction, is_meant, refuse, stack_words, suitable_ms
-from clplen.cli.focused import read as open_raw
+from clplen.cli.shared.focused import (
+    check_kept,
+    fraction,
+    is_meant,
+    refuse,
+    stack_words,
+    suitable_ms,
+)
+from clplen.cli.shared.focused import read as open_raw
 
 _MS = 11  # planes of a focused raw image where none are said
 
@@ -144,7 +151,7 @@ def _stream(
     from clplen.io import write_stack
     from clplen.lightfield.streaming.streamed_results import stream_stack
 
-    with stored(source, selector, layout) as (lf, device), tiles_shown() as progress:
+    with stored(source, selector, layout) as (lf, device), tile_progress() as progress:
         made = stream_stack(
             lf,
             aperture=aperture,

@@ -1,4 +1,4 @@
-"""The tables ``[camera]``, ``[camera.microlenses]`` and ``[sensor]`` of a camera file."""
+"""The tables ``[camera]``, its sub-tables, and ``[sensor]`` of a camera file."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from clplen.cameras.light_field_microscope import Microscope
-from clplen.cameras.optics.camera_aberrations import NONE
+from clplen.cameras.optics.camera_aberrations import NONE, Aberrations, LensletScatter
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.compute.device import Device
-from clplen.config.aberrations import AberrationsTable
 from clplen.config.tables import (
     Count,
     Finite,
@@ -30,6 +29,56 @@ from clplen.config.tables import (
 )
 from clplen.lightfield.raw.sensor import Sensor
 from clplen.wave.elements.lenslets import MicrolensArray
+
+Pair = Annotated[tuple[Finite, Finite], of(2, "two numbers, [along Y, along X]")]
+
+
+def _indices(value: object) -> object:
+    """Keys of a TOML table, which are words, as Noll's indices."""
+    if not isinstance(value, dict):
+        raise ValueError("must be a table of Noll's indices, such as { 5 = 0.5 }")
+    bad = [key for key in value if not (str(key).isdecimal() and int(key) >= 1)]
+    if bad:
+        raise ValueError(f"has Noll's indices, 1 or more, for keys, not {bad[0]!r}")
+    found = {int(key): number for key, number in value.items()}
+    if len(found) < len(value):
+        raise ValueError(f"has an index twice, {', '.join(map(str, value))}")
+    return found
+
+
+class AberrationsTable(Table):
+    """``[camera.aberrations]``."""
+
+    main_lens_waves: Annotated[dict[int, Finite], BeforeValidator(_indices)] = Field({})
+    main_lens_field_waves_per_mm: Annotated[dict[int, Pair], BeforeValidator(_indices)] = Field({})
+    lenslets_waves: Annotated[dict[int, Finite], BeforeValidator(_indices)] = Field({})
+    lenslet_circle_um: Positive | None = None
+    focal_length_scatter: Annotated[float, Field(ge=0, le=0.2, strict=True)] = 0.0
+    tilt_scatter_mrad: NotNegative = 0.0
+    position_scatter_um: NotNegative = 0.0
+    scatter_seed: Seed = 0
+    sensor_shift_um: Finite = 0.0
+
+    def build(self, wavelength: float) -> Aberrations:
+        """The aberrations, in SI units; waves are of this length in metres."""
+        field = {
+            j: (y * wavelength * 1e3, x * wavelength * 1e3)
+            for j, (y, x) in self.main_lens_field_waves_per_mm.items()
+        }
+        return Aberrations(
+            main_lens={j: c * wavelength for j, c in self.main_lens_waves.items()},
+            main_lens_field=field,
+            lenslets={j: c * wavelength for j, c in self.lenslets_waves.items()},
+            lenslet_circle=divided(self.lenslet_circle_um, 1e6),
+            scatter=LensletScatter(
+                self.focal_length_scatter,
+                self.tilt_scatter_mrad / 1e3,
+                self.position_scatter_um / 1e6,
+                self.scatter_seed,
+            ),
+            sensor_shift=self.sensor_shift_um / 1e6,
+        )
+
 
 # What only one kind of camera has, what it needs, and what it has no use for.
 KEYS = {
@@ -56,10 +105,16 @@ class MicrolensTable(Table):
         tuple[Count, Count], of(2, "one number or [rows, columns]"), BeforeValidator(twice)
     ]
     lattice: Literal["square", "hexagonal"] = "square"
-    fill: Literal["circular", "full"] = "circular"
+    fill: Literal["circular", "square", "full"] = "circular"
     diameter_um: Positive | None = None
     offset_um: Annotated[tuple[Finite, Finite], of(2, "two numbers, [y, x]")] = (0.0, 0.0)
     rotation_deg: Finite = 0.0
+
+    @model_validator(mode="after")
+    def _fits_the_lattice(self) -> MicrolensTable:
+        if self.fill == "square" and self.lattice != "square":
+            raise ValueError("has fill = 'square', and its cells are hexagons: give fill = 'full'")
+        return self
 
     def build(self) -> MicrolensArray:
         """The array, in SI units."""
@@ -68,7 +123,7 @@ class MicrolensTable(Table):
             [value / 1e3 for value in self.focal_length_mm],
             count=self.count,
             lattice=self.lattice,
-            fill=self.fill,
+            fill="circular" if self.fill == "circular" else "full",
             diameter=divided(self.diameter_um, 1e6),
             offset=(self.offset_um[0] / 1e6, self.offset_um[1] / 1e6),
             rotation=math.radians(self.rotation_deg),

@@ -1,4 +1,6 @@
-"""Files with comments: of a camera, and of a microscope by the names of LFAnalyze."""
+"""Commented example files: a camera, a pair of cameras to compare, a microscope."""
+
+from __future__ import annotations
 
 EXAMPLE = """\
 # A plenoptic camera, a scene and a sensor: clplen simulate camera.toml -o OUT
@@ -34,7 +36,7 @@ pitch_um = 150.0
 focal_length_mm = 10.0          # of a plenoptic1 also the distance from the array to the sensor;
                                 # several, [10.0, 11.0], make a multi-focus plenoptic2
 count = 101                     # or [rows, columns]
-fill = "full"                   # or "circular" (default)
+fill = "square"                 # or "circular" (default); "full": a cell of any lattice
 # lattice = "square"            # or "hexagonal"
 # diameter_um = 150.0           # default: the pitch
 # offset_um = [0.0, 0.0]        # y, x
@@ -45,7 +47,7 @@ fill = "full"                   # or "circular" (default)
 # main_lens_field_waves_per_mm = { 7 = [0.1, 0.0] }     # default: none. Added for each mm of the
                                 # image from the axis, along Y and along X
 # lenslets_waves = { 11 = 0.05 }                        # default: none. Of every lenslet
-# lenslet_circle_um = 212.2     # needed with fill = "full": the disc, about a lenslet's corners
+# lenslet_circle_um = 212.2     # needed with fill = "square": the disc, about a lenslet's corners
 # focal_length_scatter = 0.0    # rms of what differs from lenslet to lenslet: f over its design - 1
 # tilt_scatter_mrad = 0.0       # slopes that lenslets add to rays, each axis
 # position_scatter_um = 0.0     # vertices from the centres of their apertures, each axis
@@ -53,7 +55,7 @@ fill = "full"                   # or "circular" (default)
 # sensor_shift_um = 0.0         # by how much farther from the array the sensor lies
 
 [scene]
-# x, y, dz of each point: from the axis point of the focused plane, dz > 0 farther from the lens
+# x, y, z of each point: from the axis point of the focused plane, z > 0 farther from the lens
 points_mm = [[-3.0, -3.0, -50.0], [0.0, 0.0, 0.0], [3.0, 3.0, 50.0]]
 diameter_um = 10.0              # of each source, a coherent disc; 0 (default): a point
 # power = 1.0                   # energy through the aperture; one number, or one for each point
@@ -64,7 +66,7 @@ diameter_um = 10.0              # of each source, a coherent disc; 0 (default): 
                                 # whole numbers over the largest of their type (8 bits: 255);
                                 # colours become grey, .2126 R + .7152 G + .0722 B
 # width_mm = 5.0                # needed; of the whole picture; row 0 lies at the smallest y
-# dz_mm = 0.0
+# z_mm = 0.0
 # mode = "emission"             # each sample shines by itself, with its value as energy through
                                 # the aperture; or "transmission", a slide of that transmittance
 # srgb = false                  # true: decode 8-bit values to linear light
@@ -122,3 +124,53 @@ num_slices = 20
 um_per_slice = 2.0              # z from -19 to 19 um, farther from the objective positive
 supersample = 5                 # voxels of a lenslet along an axis, default 5; or --voxels
 """
+
+
+_PAIR = """\
+# {title}
+# clplen analyse standard.toml focused.toml -o compared
+
+[camera]
+{kind}
+focal_length_mm = 120.0         # main lens, 2f in front of it and 2f behind
+aperture_diameter_mm = 10.75    # of both: the focused camera's pupil fills its sub-images
+wavelength_nm = 532.0
+pixels_per_lenslet = 30
+
+[camera.microlenses]
+pitch_um = 150.0
+focal_length_mm = 3.0
+count = 101
+fill = "square"
+
+[scene]
+# pairs of points 0.06, 0.1, 0.16, 0.24 and 0.36 mm apart
+points_mm = [
+{points}
+]
+"""
+_KINDS = {
+    "standard": (
+        "A standard plenoptic camera (1.0): the array on the main lens' image",
+        'kind = "plenoptic1"',
+    ),
+    "focused": (
+        "A focused plenoptic camera (2.0): the array 18 mm behind the main lens' image",
+        'kind = "plenoptic2"\nm = 0.2                         # a lenslet\'s b/a: a = 18 mm, '
+        "b = 3.6 mm",
+    ),
+}
+_SEPARATIONS = (0.06, 0.1, 0.16, 0.24, 0.36)  # mm
+_APART = 0.55  # mm from pair to pair
+
+
+def pair() -> dict[str, str]:
+    """The camera files "standard" and "focused", by name."""
+    rows = []
+    for k, separation in enumerate(_SEPARATIONS):
+        x = (k - (len(_SEPARATIONS) - 1) / 2) * _APART
+        rows += [f"  [{x - separation / 2:.3f}, 0.0, 0.0], [{x + separation / 2:.3f}, 0.0, 0.0],"]
+    return {
+        name: _PAIR.format(title=title, kind=kind, points="\n".join(rows))
+        for name, (title, kind) in _KINDS.items()
+    }

@@ -14,14 +14,65 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field, model_validator
 
 from clplen.cameras.optics.objective import APODISATION
-from clplen.config import ranges
 from clplen.config.camera import CameraTable, CoverTable, SensorTable
 from clplen.config.light import CoherenceTable
-from clplen.config.reading import read_toml, validated
 from clplen.config.scene import SceneTable
-from clplen.config.tables import Count, Positive, Table
+from clplen.config.tables import Count, Positive, Table, read_toml, validated
 from clplen.errors import FormatError
 from clplen.files import PathLike
+
+_POWERS = (3, -3, 6, -6, 9, -9)  # of 10: from m, mm, um and nm to one another
+
+
+@dataclass(frozen=True)
+class Range:
+    """From ``low`` to ``high``, both included, of instruments that exist.
+
+    Attributes
+    ----------
+    low, high : float
+    unit : str
+        Of both, empty for plain numbers.
+    """
+
+    low: float
+    high: float
+    unit: str = ""
+
+    def check(self, value: float) -> float:
+        """The value, refused outside the range.
+
+        Raises
+        ------
+        ValueError
+            With the value that another unit would have meant, where one is in the range.
+        """
+        if self.low <= value <= self.high:
+            return value
+        said = f"lies between {self.low:g} and {self.high:g}"
+        if self.unit:
+            said = f"is in {self.unit} here, from {self.low:g} to {self.high:g}"
+        for power in _POWERS if self.unit else ():
+            meant = value * 10.0**power
+            if self.low <= meant <= self.high:
+                said += f": did you mean {meant:.6g}?"
+                break
+        raise ValueError(said)
+
+
+MAGNIFICATION = Range(1, 250)
+NA = Range(0.01, 1.8)
+INDEX = Range(1, 2.5)
+WAVELENGTH = Range(150, 3000, "nm")
+TUBE_LENS = Range(10, 2000, "mm")
+PITCH = Range(3, 5000, "um")
+FOCAL_LENGTH = Range(10, 2e5, "um")
+FOCAL_LENGTH_MM = Range(0.01, 200, "mm")
+PIXEL = Range(0.3, 200, "um")
+STEP = Range(1e-4, 1e4, "um")
+PIXELS = Range(3, 1000)  # of a lenslet, along an axis
+F_NUMBER = Range(0.5, 1000)  # of a lenslet
+
 
 _COUNT = 35  # lenslets of the camera that is built: point images do not depend on it
 _PRINTED = "'clplen microscope psf --example' prints one"
@@ -31,25 +82,25 @@ _F_NUMBER = "the f-number of the lenslets, focal length over pitch, is {:.3g}; i
 class KnownTable(Table):
     """A microscope by the names of LFAnalyze; the whole file."""
 
-    magnification: Annotated[Positive, AfterValidator(ranges.MAGNIFICATION.check)]
-    na: Annotated[Positive, AfterValidator(ranges.NA.check)]
-    medium_index: Annotated[Positive, AfterValidator(ranges.INDEX.check)]
-    wavelength: Annotated[Positive, AfterValidator(ranges.WAVELENGTH.check)]
-    tubelens_focal_length: Annotated[Positive, AfterValidator(ranges.TUBE_LENS.check)] = 200.0
-    ulens_pitch: Annotated[Positive, AfterValidator(ranges.PITCH.check)]
-    ulens_focal_length: Annotated[Positive, AfterValidator(ranges.FOCAL_LENGTH.check)]
-    pixel_size: Annotated[Positive, AfterValidator(ranges.PIXEL.check)]
+    magnification: Annotated[Positive, AfterValidator(MAGNIFICATION.check)]
+    na: Annotated[Positive, AfterValidator(NA.check)]
+    medium_index: Annotated[Positive, AfterValidator(INDEX.check)]
+    wavelength: Annotated[Positive, AfterValidator(WAVELENGTH.check)]
+    tubelens_focal_length: Annotated[Positive, AfterValidator(TUBE_LENS.check)] = 200.0
+    ulens_pitch: Annotated[Positive, AfterValidator(PITCH.check)]
+    ulens_focal_length: Annotated[Positive, AfterValidator(FOCAL_LENGTH.check)]
+    pixel_size: Annotated[Positive, AfterValidator(PIXEL.check)]
     apodisation: Annotated[float, Field(ge=-1, le=1, strict=True)] = APODISATION
     cover: CoverTable | None = None
     num_slices: Count | None = None
-    um_per_slice: Annotated[Positive, AfterValidator(ranges.STEP.check)] | None = None
+    um_per_slice: Annotated[Positive, AfterValidator(STEP.check)] | None = None
     supersample: Count | None = None
 
     @model_validator(mode="after")
     def _pixels_of_lenslets(self) -> KnownTable:
         _in_range("pixel_size gives a lenslet {:.3g} pixels, a number that",
-                  self.ulens_pitch / self.pixel_size, ranges.PIXELS)  # fmt: skip
-        _in_range(_F_NUMBER, self.ulens_focal_length / self.ulens_pitch, ranges.F_NUMBER)
+                  self.ulens_pitch / self.pixel_size, PIXELS)  # fmt: skip
+        _in_range(_F_NUMBER, self.ulens_focal_length / self.ulens_pitch, F_NUMBER)
         return self
 
     def camera(self) -> CameraTable:
@@ -91,21 +142,21 @@ class _CameraAlone(Table):
             return self
         focal = array.focal_length_mm[0]
         for key, value, limits in (
-            ("magnification", camera.magnification or 0, ranges.MAGNIFICATION),
-            ("na", camera.na or 0, ranges.NA),
-            ("medium_index", camera.medium_index, ranges.INDEX),
-            ("wavelength_nm", camera.wavelength_nm, ranges.WAVELENGTH),
-            ("tube_lens_mm", camera.tube_lens_mm, ranges.TUBE_LENS),
-            ("pixels_per_lenslet", camera.pixels_per_lenslet, ranges.PIXELS),
-            ("microlenses.pitch_um", array.pitch_um, ranges.PITCH),
-            ("microlenses.focal_length_mm", focal, ranges.FOCAL_LENGTH_MM),
+            ("magnification", camera.magnification or 0, MAGNIFICATION),
+            ("na", camera.na or 0, NA),
+            ("medium_index", camera.medium_index, INDEX),
+            ("wavelength_nm", camera.wavelength_nm, WAVELENGTH),
+            ("tube_lens_mm", camera.tube_lens_mm, TUBE_LENS),
+            ("pixels_per_lenslet", camera.pixels_per_lenslet, PIXELS),
+            ("microlenses.pitch_um", array.pitch_um, PITCH),
+            ("microlenses.focal_length_mm", focal, FOCAL_LENGTH_MM),
         ):
             _in_range(f"camera.{key} = {{:g}}", value, limits)
-        _in_range(_F_NUMBER, 1e3 * focal / array.pitch_um, ranges.F_NUMBER)
+        _in_range(_F_NUMBER, 1e3 * focal / array.pitch_um, F_NUMBER)
         return self
 
 
-def _in_range(words: str, value: float, limits: ranges.Range) -> None:
+def _in_range(words: str, value: float, limits: Range) -> None:
     """Refuse a value with these words before what is said of it."""
     try:
         limits.check(value)

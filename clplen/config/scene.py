@@ -18,6 +18,7 @@ from clplen.config.tables import (
     Table,
     listed,
     of,
+    rename_key,
     value_of,
 )
 from clplen.io import read_picture
@@ -35,9 +36,14 @@ class PictureTable(Table):
 
     file: File
     width_mm: Positive
-    dz_mm: Finite = 0.0
+    z_mm: Finite = 0.0
     mode: Literal["emission", "transmission"] = "emission"
     srgb: Switch = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_old_key(cls, content: Any) -> Any:
+        return rename_key(content, "dz_mm", "z_mm")
 
     def build(self) -> PicturePlane:
         """The picture in grey and linear light, in SI units."""
@@ -46,7 +52,7 @@ class PictureTable(Table):
             plane = PicturePlane(
                 _grey(_linear(stored, self.srgb)),
                 self.width_mm / 1e3,
-                self.dz_mm / 1e3,
+                self.z_mm / 1e3,
                 mode=self.mode,
             )
         except ValueError as error:
@@ -63,7 +69,7 @@ class PictureTable(Table):
         return plane
 
 
-Point = Annotated[tuple[Finite, Finite, Finite], of(3, "three numbers, [x, y, dz]")]
+Point = Annotated[tuple[Finite, Finite, Finite], of(3, "three numbers, [x, y, z]")]
 
 
 class SceneTable(Table):

@@ -1,15 +1,132 @@
-"""What the tables of a camera file are made of: numbers within limits, pairs, names of files."""
+"""Tables of TOML files: types of their values, reading, and messages about wrong keys."""
 
 from __future__ import annotations
 
+import difflib
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo
 
+from clplen.deprecation import warn_caller
 from clplen.errors import ClplenError, FormatError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def read_toml(path: Path, what: str) -> dict[str, Any]:
+    """The content of a TOML file.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    what : str
+        What is missing if it is not there, as "camera file CAMERA; 'clplen ...' prints one".
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    FormatError
+        If there is no such file, or it is not TOML.
+    """
+    if not path.is_file():
+        raise FormatError(f"There is no {what}.")
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        raise FormatError(f"{path} is no text, so no TOML: is it another file?") from error
+    except tomllib.TOMLDecodeError as error:
+        raise FormatError(f"{path} is not TOML: {error}.") from error
+
+
+def validated(model: type[Model], content: dict[str, Any], path: Path) -> Model:
+    """A file's content as a model; names of files in it are seen from its folder.
+
+    Parameters
+    ----------
+    model : type
+        Of pydantic.
+    content : dict
+    path : pathlib.Path
+        The file, for messages.
+
+    Returns
+    -------
+    model
+
+    Raises
+    ------
+    FormatError
+        If a key is unknown (with the nearest known one), missing or out of range, or does not fit
+        the others.
+    """
+    try:
+        return model.model_validate(content, context={"folder": path.parent})
+    except ValidationError as error:
+        said = problems_of(model, error)
+        raise FormatError(f"{path}: {said}{'' if said.endswith('?') else '.'}") from error
+
+
+def problems_of(model: type[BaseModel], error: ValidationError) -> str:
+    """What pydantic found, in words."""
+    return "; ".join(dict.fromkeys(_problem(model, one) for one in error.errors()))
+
+
+def _problem(model: type[BaseModel], error: Any) -> str:
+    """One finding."""
+    path = [str(part) for part in error["loc"]]
+    key = ".".join(path)
+    if error["type"] == "missing":
+        return f"{key} is missing"
+    if error["type"] != "extra_forbidden":
+        return _wrong_value(error)
+    known = list(_table_at(model, path[:-1]).model_fields)
+    near = difflib.get_close_matches(path[-1], known, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]}?" if near else f"known here are {', '.join(known)}"
+    return f"unknown key {key}; {hint}"
+
+
+def _table_at(model: type[BaseModel], path: list[str]) -> type[BaseModel]:
+    """The model of a table in a table."""
+    for name in path:
+        if name in model.model_fields:
+            model = _model_in(model.model_fields[name].annotation) or model
+    return model
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """The model that an annotation such as ``list[Table] | None`` speaks of."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for part in get_args(annotation) if (found := _model_in(part))), None)
+
+
+def _wrong_value(error: Any) -> str:
+    """A value, or values of a whole table that do not go together."""
+    said = error["msg"].removeprefix("Value error, ").replace("Input should", "must", 1)
+    sentence = f"{_key(error)} {said[0].lower()}{said[1:]}".lstrip()
+    is_table = error["type"] == "value_error" and isinstance(error["input"], dict)
+    return sentence if is_table else f"{sentence} (found {error['input']!r})"
+
+
+def _key(error: Any) -> str:
+    """Where it was found: without the place in a pair of numbers, where the value tells enough."""
+    path = list(error["loc"])
+    if path and isinstance(path[-1], int) and error["type"] != "value_error":
+        path.pop()
+    return ".".join(map(str, path))
+
 
 # Strict: "120", true and 101.5 are no whole numbers here.
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
@@ -58,6 +175,28 @@ class Table(BaseModel):
     """A table of the file; keys that it does not know are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def rename_key(content: Any, old: str, new: str) -> Any:
+    """The content of a table with a key by its present name; its old name is warned about.
+
+    Parameters
+    ----------
+    content : object
+        Of a validator before others; what is no table is left alone.
+    old, new : str
+
+    Raises
+    ------
+    ValueError
+        If both are there.
+    """
+    if not isinstance(content, dict) or old not in content:
+        return content
+    if new in content:
+        raise ValueError(f"has {new} and {old}, its old name: leave one out")
+    warn_caller(f"the key {old} is called {new} now; its old name is deprecated.", FutureWarning)
+    return {new if key == old else key: value for key, value in content.items()}
 
 
 @contextmanager

@@ -6,7 +6,9 @@ and else streamed tile by tile; the result is of the same type and has the same 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from numpy.typing import ArrayLike
 
 from clplen.compute.arrays import Image
 from clplen.compute.device import DeviceLike, as_device
@@ -20,9 +22,6 @@ from clplen.lightfield.streaming.streamed_results import (
     stream_all_in_focus,
     stream_depth,
 )
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 
 def focal_stack(

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from clplen.analysis.cameras.comparison import Comparison, Measured
+from clplen.analysis.cameras.imaging import Rendered
 from clplen.plot.base import bar, new_figure, styled
-
-if TYPE_CHECKING:
-    from clplen.analysis.comparison import Comparison
-    from clplen.analysis.measured import Measured
-    from clplen.analysis.rendered import Rendered
 
 COLOURS = ("#0072b2", "#cc3311", "#009e73", "#e69f00", "#cc79a7", "#56b4e9")
 _MARKERS = "osD^vP"

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
 
+from clplen.lightfield.depth.alpha_estimate import AlphaEstimate
+from clplen.lightfield.depth.depth_map import DepthMap
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.raw_image import CameraModel
 from clplen.plot.base import LIGHT, Array, bar, coordinates, cut, new_figure, styled
-
-if TYPE_CHECKING:
-    from clplen.lightfield.depth.alpha_estimate import AlphaEstimate
-    from clplen.lightfield.depth.depth_map import DepthMap
-    from clplen.lightfield.model.light_field import LightField
-    from clplen.lightfield.raw.raw_image import CameraModel
 
 _ROUNDING = 1e-3  # of a confidence
 _DRAWN = 800  # pixels along the longer side that are drawn, at least: more only take memory

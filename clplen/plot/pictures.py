@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +12,10 @@ from matplotlib.patches import Rectangle
 
 from clplen.compute.arrays import Image
 from clplen.errors import ShapeError
+from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.phase_space import PhaseSpace
+from clplen.lightfield.raw.raw_image import RawImage
+from clplen.lightfield.refocus.focal_stack import FocalStack
 from clplen.plot.base import (
     LIGHT,
     WHOLE,
@@ -34,11 +36,6 @@ from clplen.plot.base import (
 )
 from clplen.plot.base import said as scale_said
 from clplen.wave.field.field import Field
-
-if TYPE_CHECKING:
-    from clplen.lightfield.model.light_field import LightField
-    from clplen.lightfield.raw.raw_image import RawImage
-    from clplen.lightfield.refocus.focal_stack import FocalStack
 
 _RAW_DECADES = 5
 _SHOWN = 1000  # pixels of a raw image that a figure resolves

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from functools import partial
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyopencl.array as cla
 
 from clplen.compute.device import Device
 from clplen.compute.drivers import builtin_functions
@@ -17,9 +18,6 @@ from clplen.selftest.check import EPS, Check, Pairs
 from clplen.wave.elements.lens import thin_lens
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.propagation.propagator import Propagator
-
-if TYPE_CHECKING:
-    import pyopencl.array as cla
 
 LAM = 532e-9
 SHARE = 4  # of the memory: the large array takes one in so many bytes

@@ -7,14 +7,12 @@ import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
+from clplen.compute.device import Device
 from clplen.errors import ClplenError, KernelBuildError
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 Pairs = Iterable[tuple[Any, Any]]
 Status = Literal["ok", "FAILED", "left out"]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from clplen.compute.device import Device
 from clplen.lightfield.arrays.peaks import PeakTracker
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
 from clplen.lightfield.depth import combined_cue
@@ -24,9 +25,6 @@ from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocus.focal_stack import FocalStack
 from clplen.selftest import twins
 from clplen.selftest.check import EPS, Check, Pairs
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 
 def _smooth(device: Device) -> Pairs:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from clplen.compute.device import Device
 from clplen.lightfield.calibration import raw_decoding
 from clplen.lightfield.calibration.raw_decoding import views_of_colours
 from clplen.lightfield.focused import focused_spots
@@ -22,9 +23,6 @@ from clplen.microscopy.priors import EVEN, SMOOTH, Sieve, TotalVariation, blurs
 from clplen.microscopy.projector import Projector
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 TURNED = LensletGrid((5, 7), (4, 6), (13.2, 9.7), (9.3, -1.1), (1.2, 9.4), 0.5)
 UPRIGHT = LensletGrid((5, 8), (6, 4), (9.3, 7.1), (9.41, 0.0), (0.0, 9.87))

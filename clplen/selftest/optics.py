@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.cameras.scenes.surface_scene import SurfaceScene
 from clplen.cameras.scenes.surfaces import Plane, Sphere
 from clplen.cameras.scenes.textures import Texture
+from clplen.compute.device import Device
 from clplen.selftest import twins
 from clplen.selftest.check import EPS, Check, Pairs
 from clplen.wave.coherence.abbe import abbe_image
@@ -24,9 +25,6 @@ from clplen.wave.coherence.spatial_models import IncoherentLight, key_of, philox
 from clplen.wave.elements.hard_apertures import disc
 from clplen.wave.elements.lenslets import LensletErrors, MicrolensArray
 from clplen.wave.field.field import Field, Grid
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 LAM = 532e-9
 DX = 5e-6

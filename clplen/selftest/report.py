@@ -8,17 +8,14 @@ import platform
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pyopencl as cl
 
 from clplen import __version__
 from clplen.bench.environment import PACKAGES, processor
+from clplen.compute.device import Device
 from clplen.errors import ClplenError
 from clplen.selftest.check import CheckResult, sentence_of
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 PREFIXES = ("CLPLEN_", "POCL_", "OCL_", "PYOPENCL_", "RUSTICL_")
 # What decides which built-in library and which compiler's target a CPU is given.

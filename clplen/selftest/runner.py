@@ -18,15 +18,13 @@ from dataclasses import asdict
 from queue import SimpleQueue
 from threading import Event, Thread
 from time import perf_counter
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
+from clplen.compute.device import Device
 from clplen.errors import ClplenError
 from clplen.selftest import basics, depth, frames, optics, views, waves
 from clplen.selftest.check import Check, CheckResult, run_check, sentence_of
 from clplen.selftest.report import DeviceReport, device_facts, environment
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 Watch = Callable[[CheckResult], None]
 

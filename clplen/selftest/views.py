@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from clplen.compute.device import Device
 from clplen.lightfield.arrays.magnify import magnify
 from clplen.lightfield.arrays.ray_samples import along_rays
 from clplen.lightfield.arrays.shear import shear_sum
@@ -20,9 +21,6 @@ from clplen.lightfield.refocus.hyperfan import hyperfan
 from clplen.lightfield.refocus.phase_ramps import fourier_refocus
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 ROUNDING = 1e-5  # sums over the views, each term with the rounding of its place and weights
 

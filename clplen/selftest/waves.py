@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from clplen.compute.arrays import count_bad
+from clplen.compute.device import Device
 from clplen.compute.fft.blocks import Spectrum, multiplied, window
 from clplen.selftest import twins
 from clplen.selftest.check import EPS, Check, Pairs
@@ -16,9 +16,6 @@ from clplen.wave.field.intensity import Statistics, Window, accumulate, add_scal
 from clplen.wave.field.transmission import multiply, multiply_separable, multiply_sphere
 from clplen.wave.propagation.propagator import Propagator
 from clplen.wave.propagation.transfer_function import Transfer, impulse_response
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 LAM = 532e-9
 GRID = Grid((13, 37), (6e-6, 5e-6), origin=(2e-6, -3e-6))

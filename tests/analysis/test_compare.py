@@ -12,23 +12,43 @@ import numpy as np
 import pytest
 from reference_closed import airy
 
-from clplen.analysis import camera_psf as of_camera
-from clplen.analysis.camera_psf import camera_psf, psf_exposures
-from clplen.analysis.comparison import ANALYSES, Comparison, compare, known_analyses
-from clplen.analysis.curve import Curve
-from clplen.analysis.deptherror import DepthErrors, depth_of, search_of
-from clplen.analysis.depthscan import default_depths, depth_scan
-from clplen.analysis.measured import Measured
-from clplen.analysis.otf import OTF, circular_mtf, square_mtf
-from clplen.analysis.placing import beside_lenslet, middle_lenslet
-from clplen.analysis.psf import PSF
-from clplen.analysis.rendered import as_seen, blended, local_m
-from clplen.analysis.sampling import sampling_of
-from clplen.analysis.straylight import camera_crosstalk, met
-from clplen.analysis.summary import report
-from clplen.analysis.tables import tables
-from clplen.analysis.transfer import DepthTransfer, line_curve, object_nyquist
-from clplen.analysis.verdicts import criteria, judged, over_depth, usable_limit, usable_mtf50
+from clplen.analysis.cameras import camera_psf as of_camera
+from clplen.analysis.cameras.camera_psf import camera_psf, psf_exposures
+from clplen.analysis.cameras.comparison import (
+    ANALYSES,
+    Comparison,
+    Measured,
+    check_analyses,
+    compare,
+)
+from clplen.analysis.cameras.crosstalk import camera_crosstalk, lenslets_in_cone
+from clplen.analysis.cameras.depth_scan import (
+    DepthErrors,
+    default_depths,
+    depth_scan,
+    measured_depth,
+    search_range,
+)
+from clplen.analysis.cameras.imaging import (
+    blended_picture,
+    central_lenslet,
+    local_m,
+    native_picture,
+    point_at_lenslet,
+)
+from clplen.analysis.cameras.sampling import sampling_of
+from clplen.analysis.cameras.transfer import DepthTransfer, line_curve, object_nyquist
+from clplen.analysis.point.otf import OTF, Curve, circular_mtf, square_mtf
+from clplen.analysis.point.psf import PSF
+from clplen.analysis.report.summary import (
+    criteria,
+    depth_verdicts,
+    judge,
+    report,
+    usable_limit,
+    usable_mtf50,
+)
+from clplen.analysis.report.tables import tables
 from clplen.cameras.optics.camera_aberrations import Aberrations
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2
@@ -110,7 +130,7 @@ def test_mirrored_places_stand_for_each_other(
         quick = camera_psf(camera, places=3, done=made.append)
         assert (sum(made), psf_exposures(camera, 3)) == (few, few)
         with monkeypatch.context() as patch:
-            patch.setattr(of_camera, "is_mirrored", lambda _: False)
+            patch.setattr(of_camera, "is_symmetric", lambda _: False)
             whole = camera_psf(camera, places=3)
             assert psf_exposures(camera, 3) == 9
         np.testing.assert_allclose(quick.values, whole.values, atol=2e-5 * whole.peak)
@@ -164,8 +184,8 @@ def test_depth_beyond_the_search_is_no_depth(device: Device) -> None:
     )  # fmt: skip
     raw = camera.expose(PointSources([(0.0, 0.0, 9e-3)]))  # .09 pixels a view step
     with pytest.raises(ValueError, match=r"end of the search, 0\.05 pixels a view step"):
-        depth_of(raw, c_max=0.05)
-    whole = depth_of(raw, c_max=50.0)  # more than the light field allows: as far as it does
+        measured_depth(raw, c_max=0.05)
+    whole = measured_depth(raw, c_max=50.0)  # more than the light field allows: as far as it does
     assert whole == pytest.approx(9e-3, abs=1e-3)
 
 
@@ -187,7 +207,7 @@ def test_a_moved_sensor_counts(device: Device) -> None:
     )  # fmt: skip
     moved = plain.with_aberrations(Aberrations(sensor_shift=shift))
     far = np.array([0.0, 0.1])
-    assert search_of(moved, far) / search_of(plain, far) == pytest.approx(3 / 3.5)
+    assert search_range(moved, far) / search_range(plain, far) == pytest.approx(3 / 3.5)
 
 
 def test_depth_scan_makes_what_is_asked_for(device: Device) -> None:
@@ -217,13 +237,13 @@ def test_contrast_over_depth_is_that_of_the_object(device: Device) -> None:
     assert transfer.at(0.05)[1] == pytest.approx(0.95 * expected, rel=0.1)
     assert object_nyquist(camera, 0.0) == pytest.approx(0.2 / (2 * camera.pixel_pitch) / 3)
     raw = camera.expose(PointSources([(0.0, 0.0, 2e-3)]))
-    seen = blended(raw, 2e-3)
+    seen = blended_picture(raw, 2e-3)
     assert seen.pitch[1] <= min(LAM * a / (2 * PITCH), camera.pixel_pitch * a / camera.b) / 3.9
 
 
 def test_crosstalk_counts_the_lenslets_that_the_cone_meets(device: Device) -> None:
     camera = focused(device)
-    cells = met(camera, (6, 7))
+    cells = lenslets_in_cone(camera, (6, 7))
     reach = D * camera.a / IMAGE / 2  # radius of the cone on the array: 2.4 lenslets
     assert len({k for _, k in cells}) == 2 * math.floor(reach / PITCH + 0.5) + 1
     assert (6, 7) in cells
@@ -233,7 +253,7 @@ def test_crosstalk_counts_the_lenslets_that_the_cone_meets(device: Device) -> No
         cone = SimpleNamespace(
             mla=turned, a=IMAGE, image_distance=IMAGE, aperture_diameter=2 * reach * PITCH
         )
-        assert len(met(cone, (4, 4))) == count
+        assert len(lenslets_in_cone(cone, (4, 4))) == count
     assert 0.005 < camera_crosstalk(camera) < 0.06
     wide = standard(device, count=51, fill="circular")
     assert 0 < camera_crosstalk(wide) < 0.1
@@ -288,14 +308,14 @@ def test_compare_measures_what_is_asked_for(device: Device, tmp_path: Path) -> N
 def test_a_picture_lies_where_its_lenslets_do(device: Device, rotation: float) -> None:
     offset = (25e-6, -40e-6)
     camera = standard(device, count=(10, 13), offset=offset, rotation=rotation)
-    seen = as_seen(camera.expose(beside_lenslet(camera, (0.0, 0.0), 0.0)))
+    seen = native_picture(camera.expose(point_at_lenslet(camera, (0.0, 0.0), 0.0)))
     i, k = np.unravel_index(np.argmax(seen.values), seen.values.shape)
     y, x = (
         (n - size // 2) * d + at
         for n, size, d, at in zip((i, k), seen.values.shape, seen.pitch, seen.origin, strict=True)
     )
     cos, sin = math.cos(rotation), math.sin(rotation)
-    place = camera.mla.centres()[middle_lenslet(camera)]
+    place = camera.mla.centres()[central_lenslet(camera)]
     assert (y * cos + x * sin, x * cos - y * sin) == pytest.approx(tuple(place), abs=1e-9)
 
 
@@ -310,8 +330,8 @@ def test_bad_comparisons_are_told(device: Device) -> None:
     with pytest.raises(ValueError, match=r"no analysis 'mft' of sampling.* Did you mean 'mtf'"):
         compare({"one": camera}, only=["mft"])
     with pytest.raises(ValueError, match="Name at least one analysis"):
-        known_analyses([])
-    assert known_analyses(reversed(ANALYSES)) == ANALYSES
+        check_analyses([])
+    assert check_analyses(reversed(ANALYSES)) == ANALYSES
     with pytest.raises(ValueError, match="'pictures' give a scene of every camera; 'one'"):
         compare({"one": camera}, only=["pictures"])
     with pytest.raises(ValueError, match="finite numbers of metres"):
@@ -344,7 +364,7 @@ def test_verdicts_follow_from_the_numbers(device: Device, tmp_path: Path) -> Non
     )  # fmt: skip
     names = ("sampling", "psf", "mtf", "two-points", "strehl", "energy", "crosstalk", "transfer")
     found = Comparison(known, names)
-    said = {c.name: judged(c, known) for c in criteria(found)}
+    said = {c.name: judge(c, known) for c in criteria(found)}
     assert "`narrow` wins by a factor of 3.33:" in said["crosstalk"]
     # exp(-(pi f w)^2) = .5
     assert usable_mtf50(known[1]) == pytest.approx(math.sqrt(math.log(2)) / (math.pi * 30e-6), 1e-2)
@@ -355,20 +375,20 @@ def test_verdicts_follow_from_the_numbers(device: Device, tmp_path: Path) -> Non
     assert "meets D abs(a)/(F p) lenslets" in said["independent directions"]
     assert "aberrations" not in said["usable MTF50"]
     thrice = (known[0], known[1], replace(known[1], name="same"))
-    by_name = {c.name: judged(c, thrice) for c in criteria(found)}
+    by_name = {c.name: judge(c, thrice) for c in criteria(found)}
     assert "`narrow`, `same` win alike:" in by_name["crosstalk"]
     assert (
         "`narrow`, `same`: the tails of a lenslet's diffraction, 3.4 % at" in by_name["crosstalk"]
     )
-    assert "no difference" in judged(criteria(found)[0], thrice[1:])
+    assert "no difference" in judge(criteria(found)[0], thrice[1:])
     none = DepthErrors(dz, np.full((2, 1), math.nan), ("dark", "dark"))
     some = DepthErrors(dz, np.array([[1e-3], [math.nan]]), ("", "dark"))
     deep = Comparison((replace(known[0], depth=some), replace(known[1], depth=none)), ("depth",))
-    count, error = (judged(c, deep.cameras) for c in criteria(deep))
+    count, error = (judge(c, deep.cameras) for c in criteria(deep))
     assert "`wide` wins: 1 of `wide`; 0 of `narrow`" in count
     assert "no camera has one" in error
-    assert "no difference" in judged(criteria(deep)[0], deep.cameras[1:] * 2)
-    lines = over_depth(found)
+    assert "no difference" in judge(criteria(deep)[0], deep.cameras[1:] * 2)
+    lines = depth_verdicts(found)
     assert lines[0].startswith("at dz -1 mm: `wide`")
     assert "`narrow` none" in lines[0]
     text = report(found)

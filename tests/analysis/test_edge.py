@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from clplen.analysis.edge import slanted_edge
-from clplen.analysis.otf import pixel_mtf
+from clplen.analysis.point.edge import slanted_edge
+from clplen.analysis.point.otf import pixel_mtf
 from clplen.errors import ShapeError
 from clplen.wave.elements.hard_apertures import polygon_coverage
 from clplen.wave.field.field import Grid

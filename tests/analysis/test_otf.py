@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from reference_closed import airy
 
-from clplen.analysis.curve import Curve
-from clplen.analysis.otf import OTF, circular_mtf, pixel_mtf, square_mtf
-from clplen.analysis.psf import PSF
+from clplen.analysis.point.otf import OTF, Curve, circular_mtf, pixel_mtf, square_mtf
+from clplen.analysis.point.psf import PSF
 from clplen.errors import ShapeError
 from clplen.wave.field.field import Grid
 

@@ -10,7 +10,7 @@ from reference_closed import airy
 from scipy.optimize import brentq
 from scipy.special import j0, j1
 
-from clplen.analysis.psf import PSF
+from clplen.analysis.point.psf import PSF
 from clplen.errors import ShapeError
 from clplen.wave.field.field import Grid
 

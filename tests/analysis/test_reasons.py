@@ -8,14 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clplen.analysis.comparison import Comparison
-from clplen.analysis.deptherror import DepthErrors
-from clplen.analysis.measured import Measured
-from clplen.analysis.psf import PSF
-from clplen.analysis.sampling import sampling_of
-from clplen.analysis.summary import report
-from clplen.analysis.transfer import DepthTransfer, line_curve
-from clplen.analysis.verdicts import criteria, judged
+from clplen.analysis.cameras.comparison import Comparison, Measured
+from clplen.analysis.cameras.depth_scan import DepthErrors
+from clplen.analysis.cameras.sampling import sampling_of
+from clplen.analysis.cameras.transfer import DepthTransfer, line_curve
+from clplen.analysis.point.psf import PSF
+from clplen.analysis.report.summary import criteria, judge, report
 from clplen.cameras.optics.camera_aberrations import Aberrations
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.plenoptic_camera import PlenopticCamera
@@ -53,7 +51,7 @@ def test_reasons_are_given_where_they_make_the_numbers(device: Device) -> None:
     names = ("mtf", "two-points", "energy", "strehl", "crosstalk", "transfer", "depth")
 
     def said(*cameras: Measured) -> dict[str, str]:
-        return {c.name: judged(c, cameras) for c in criteria(Comparison(cameras, names))}
+        return {c.name: judge(c, cameras) for c in criteria(Comparison(cameras, names))}
 
     widths = ("usable MTF50", "two-point limit", "Strehl ratio")
     plain = said(sharp, blurred)

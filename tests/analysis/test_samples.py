@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from clplen.analysis.samples import between, finer, first_fall, line_of
+from clplen.analysis.point.samples import between, finer, first_fall, line_of
 
 RANDOM = np.random.default_rng(8)
 

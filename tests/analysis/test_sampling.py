@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from clplen.analysis.sampling import (
+from clplen.analysis.cameras.sampling import (
     Sampling,
     sampling_of,
     sampling_table,

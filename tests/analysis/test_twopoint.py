@@ -9,8 +9,8 @@ import pytest
 from reference_closed import airy
 from scipy.optimize import brentq
 
-from clplen.analysis.psf import PSF
-from clplen.analysis.twopoint import RAYLEIGH, SLIT, TwoPoints
+from clplen.analysis.point.psf import PSF
+from clplen.analysis.point.twopoint import RAYLEIGH, SLIT, TwoPoints
 from clplen.errors import ShapeError
 from clplen.wave.field.field import Grid
 

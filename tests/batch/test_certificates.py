@@ -13,8 +13,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from clplen.batch import certificates, make_certificates, security_of
-from clplen.batch.certificates import FILES, Certificates
+from clplen.batch import make_certificates, security_of
+from clplen.batch.running import certificates
+from clplen.batch.running.certificates import FILES, Certificates
 from clplen.cli import main
 from clplen.errors import FormatError
 

@@ -16,11 +16,18 @@ import numpy as np
 import pytest
 
 from clplen import __version__
-from clplen.batch import Job, cluster, remote
-from clplen.batch.cluster import Cluster, check_workers, workers_here, workers_of
-from clplen.batch.network import network_of, require_dask
-from clplen.batch.runner import run_job
-from clplen.batch.task import Report
+from clplen.batch import Job
+from clplen.batch.jobs.task import Report
+from clplen.batch.running import cluster
+from clplen.batch.running import worker as dask_worker
+from clplen.batch.running.cluster import (
+    ClusterExecutor,
+    check_workers,
+    existing_cluster,
+    local_cluster,
+)
+from clplen.batch.running.network import network_of, require_dask
+from clplen.batch.running.runner import execute_job
 from clplen.compute.device import Device
 from clplen.errors import DeviceError, FormatError
 
@@ -59,8 +66,8 @@ def test_two_workers_and_one_that_is_killed(tmp_path: Path, device: Device):
             os.kill(killed[0], signal.SIGKILL)
 
     watcher = Watcher(kill)
-    executor = partial(workers_here, workers=2, devices=[device.place], memory=None, retries=2)
-    summary = run_job(job, executor, watcher=watcher)
+    executor = partial(local_cluster, workers=2, devices=[device.place], memory=None, retries=2)
+    summary = execute_job(job, executor, watcher=watcher)
     assert (summary.done, summary.failed) == (24, {})
     assert batchworks.wrong_outputs(tmp_path / "out", files, device) == []
     assert batchworks.strays(tmp_path / "out") == []
@@ -78,7 +85,7 @@ def test_an_item_that_kills_its_workers_fails_alone(tmp_path: Path, device: Devi
     deadly = tmp_path / "deadly.py"
     deadly.write_text(
         "import os\n"
-        "from clplen.batch import work\n"
+        "from clplen.batch.work import execution as work\n"
         "read = work.read\n"
         "def deadly(task, *rest):\n"
         "    if task.name == 'field_002':\n"
@@ -96,8 +103,8 @@ def test_an_item_that_kills_its_workers_fails_alone(tmp_path: Path, device: Devi
             return known | {"preload": [*known["preload"], str(deadly)]}
 
         patch.setattr(cluster, "_options", with_deadly)
-        executor = partial(workers_here, workers=1, devices=[device.place], memory=None, retries=0)
-        summary = run_job(job, executor, watcher=Watcher())
+        executor = partial(local_cluster, workers=1, devices=[device.place], memory=None, retries=0)
+        summary = execute_job(job, executor, watcher=Watcher())
     assert summary.done == 7
     assert summary.failed.keys() == {"field_002"}
     assert "the workers that took it died" in summary.failed["field_002"]
@@ -107,7 +114,7 @@ def test_an_item_that_kills_its_workers_fails_alone(tmp_path: Path, device: Devi
 
 def test_a_worker_without_a_device_is_refused(tmp_path: Path):
     """Before it fails one item after the other."""
-    executor = workers_here(tmp_path, workers=1, devices=["no such"], memory=None, retries=0)
+    executor = local_cluster(tmp_path, workers=1, devices=["no such"], memory=None, retries=0)
     with pytest.raises(DeviceError, match=r"1 workers of this computer cannot.*No OpenCL device"):
         executor.__enter__()
 
@@ -124,7 +131,7 @@ class Counting:
 def test_workers_that_join_late_get_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(cluster, "_LOOK", 0.0)
     client = Counting()
-    works = Cluster(client, tmp_path, memory=None, sharing=1)
+    works = ClusterExecutor(client, tmp_path, memory=None, sharing=1)
     first = works._window()
     client.workers = 7
     assert works._window() == 7 * first
@@ -140,29 +147,31 @@ def test_memory_is_that_of_the_latest_run(tmp_path: Path, device: Device, monkey
     monkeypatch.setenv("CLPLEN_DEVICE", device.place)
     worker = Worker()
     how = {"run": "a", "folder": str(tmp_path), "memory": 5000, "sharing": 1}
-    shop = remote._shop(worker, how)
-    assert remote._shop(worker, how) is shop
-    assert shop.memory == 5000
-    assert remote._shop(worker, how | {"run": "b", "memory": 7000}) is shop  # with its locks
-    assert shop.memory == 7000
-    one = remote._shop(worker, how | {"run": "c", "memory": None}).memory
-    half = remote._shop(worker, how | {"run": "d", "memory": None, "sharing": 2}).memory
+    resources = dask_worker._resources_of(worker, how)
+    assert dask_worker._resources_of(worker, how) is resources
+    assert resources.memory == 5000
+    again = dask_worker._resources_of(worker, how | {"run": "b", "memory": 7000})
+    assert again is resources
+    assert resources.memory == 7000
+    one = dask_worker._resources_of(worker, how | {"run": "c", "memory": None}).memory
+    half = dask_worker._resources_of(
+        worker, how | {"run": "d", "memory": None, "sharing": 2}
+    ).memory
     assert 0.4 * one < half < 0.6 * one  # free memory changes meanwhile
-    shop.close()
 
 
 def test_a_scheduler_that_does_not_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("clplen.batch.cluster._ANSWER", 0.5)
+    monkeypatch.setattr("clplen.batch.running.cluster._ANSWER", 0.5)
     with (
         pytest.raises(DeviceError, match=r"No Dask scheduler answers at tcp://127\.0\.0\.1:9 "),
-        workers_of(tmp_path, network=network_of("tcp://127.0.0.1:9"), memory=None),
+        existing_cluster(tmp_path, network=network_of("tcp://127.0.0.1:9"), memory=None),
     ):
         pass
 
 
 @pytest.mark.parametrize("address", ["nowhere", "tcp://", "carrier-pigeon://a:1"])
 def test_an_address_that_is_none(tmp_path: Path, address: str):
-    job = Job(output="o", scenes=[{"kind": "bars"}]).within(tmp_path)
+    job = Job(output="o", scenes=[{"kind": "bars"}]).relative_to(tmp_path)
     with pytest.raises(DeviceError, match="No Dask scheduler answers at"):
         job.run(scheduler=address)
 
@@ -217,11 +226,11 @@ class Future:
 
 
 def test_a_scheduler_that_is_lost_is_said(tmp_path: Path):
-    works = Cluster(None, tmp_path, memory=None, sharing=1)
+    works = ClusterExecutor(None, tmp_path, memory=None, sharing=1)
     np.save(tmp_path / "a.npy", np.ones((2, 2, 9, 9)))
-    from clplen.batch.items import tasks_of
+    from clplen.batch.jobs.items import tasks_of
 
-    (task,) = tasks_of(Job(output="o", inputs=[{"files": "*"}], stack={}).within(tmp_path))
+    (task,) = tasks_of(Job(output="o", inputs=[{"files": "*"}], stack={}).relative_to(tmp_path))
     for status in ("cancelled", "lost"):
         with pytest.raises(DeviceError, match=r"no longer answers: .* what is done stays done"):
             works._report(task, Future("k", status))
@@ -236,8 +245,8 @@ def test_threads_end(tmp_path: Path, device: Device):
     (tmp_path / "in").mkdir()
     np.save(tmp_path / "in" / "a.npy", np.ones((2, 2, 20, 20), np.uint8))
     job = Job(output="o", inputs=[{"files": "in/*"}], stack={"disparities": [0.0]})
-    executor = partial(workers_here, workers=2, devices=[device.place], memory=10**8, retries=0)
-    assert run_job(job.within(tmp_path), executor, watcher=Watcher()).is_good
+    executor = partial(local_cluster, workers=2, devices=[device.place], memory=10**8, retries=0)
+    assert execute_job(job.relative_to(tmp_path), executor, watcher=Watcher()).is_good
     time.sleep(0.2)
     after = {thread.name for thread in threading.enumerate()}
     assert not {name for name in after - before if "lane" in name}

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from clplen.batch import Job
-from clplen.batch.example import EXAMPLE
-from clplen.batch.tables import (
+from clplen.batch.jobs.tables import (
+    EXAMPLE,
     AllInFocusTable,
     DeconvolveTable,
     DepthTable,

@@ -18,14 +18,14 @@ import tifffile
 from batchworks import Watcher, run
 
 from clplen.batch import Job
-from clplen.batch import products as making
-from clplen.batch.items import tasks_of
-from clplen.batch.local import here
-from clplen.batch.manifest import Manifest
-from clplen.batch.runner import run_job, status_of
-from clplen.batch.task import Report
-from clplen.batch.work import perform
-from clplen.batch.workshop import Workshop
+from clplen.batch.jobs.items import tasks_of
+from clplen.batch.jobs.task import Report
+from clplen.batch.running.executors import local_executor
+from clplen.batch.running.manifest import Manifest, status_of
+from clplen.batch.running.runner import execute_job
+from clplen.batch.work import products as making
+from clplen.batch.work.execution import execute_task
+from clplen.batch.work.resources import Resources
 from clplen.compute.device import Device
 
 
@@ -163,15 +163,14 @@ def test_what_was_done_by_a_worker_that_was_lost_is_not_done_again(
     """Its record is there, its report never came."""
     job, _ = small
     task = tasks_of(Job.read(job))[0]
-    shop = Workshop(job.parent / "out", selector=device.place, memory=None)
-    report = perform(task, shop)
+    resources = Resources(selector=device.place, memory=None)
+    report = execute_task(task, resources)
     path = job.parent / "out" / task.name / "stack.ome.tif"
     inode = path.stat().st_ino
-    assert perform(task, shop) == report
+    assert execute_task(task, resources) == report
     assert path.stat().st_ino == inode
     path.unlink()
-    assert perform(task, shop).started > report.started
-    shop.close()
+    assert execute_task(task, resources).started > report.started
 
 
 @pytest.mark.parametrize(
@@ -216,9 +215,9 @@ def test_an_interrupt_leaves_nothing_half_done(small: tuple[Path, list[Path]], d
         raise KeyboardInterrupt
 
     watcher.report = interrupt  # type: ignore[method-assign]
-    executor = partial(here, selector=device.place, memory=None)
+    executor = partial(local_executor, selector=device.place, memory=None)
     with pytest.raises(KeyboardInterrupt):
-        run_job(Job.read(job), executor, watcher=watcher)
+        execute_job(Job.read(job), executor, watcher=watcher)
     out = job.parent / "out"
     assert batchworks.strays(out) == []
     with Manifest(out) as manifest:
@@ -241,7 +240,7 @@ def test_a_full_disk(tmp_path: Path, device: Device):
         for i, side in enumerate((32, 400, 40, 420, 36)):
             np.save(folder / f"field_{i}.npy", np.full((2, 2, side, side), i + 1, np.uint8))
         job = Job(output=str(disk / "out"), inputs=[{"files": "in/*"}], stack={"disparities": [0]})
-        summary, _ = run(job.within(tmp_path), device)
+        summary, _ = run(job.relative_to(tmp_path), device)
         out = disk / "out"
         assert summary.done >= 3
         assert summary.failed

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from clplen.batch import Job
-from clplen.batch.items import tasks_of
-from clplen.batch.quantities import bytes_of, planes_of
-from clplen.batch.runner import check_same
+from clplen.batch.jobs.items import layout_in, tasks_of
+from clplen.batch.jobs.tables import bytes_of, planes_of
+from clplen.batch.running.runner import check_same
 from clplen.errors import FormatError
 
 BASE = 'output = "out"\n[[inputs]]\nfiles = "in/*.npy"\n'
@@ -41,7 +41,7 @@ def test_a_job_is_read(tmp_path: Path):
 def test_a_job_is_made_in_python(tmp_path: Path):
     inputs(tmp_path, "a.npy")
     job = Job(output="out", inputs=[{"files": "in/*.npy"}], stack={"disparities": [0.0, 0.5]})
-    (task,) = tasks_of(job.within(tmp_path))
+    (task,) = tasks_of(job.relative_to(tmp_path))
     assert task.name == "a"
     assert task.files == ("in/a.npy",)
     assert task.work["stack"]["disparities"] == [0.0, 0.5]
@@ -127,28 +127,28 @@ def test_the_outputs_are_no_inputs_by_another_way(tmp_path: Path):
     for output in (tmp_path / "in" / "out", tmp_path / "link"):
         job = Job(output=str(output), inputs=[{"files": "in/**/*.npy"}], stack={})
         within = tmp_path / "in" / ".."
-        assert [task.name for task in tasks_of(job.within(within))] == ["a"]
+        assert [task.name for task in tasks_of(job.relative_to(within))] == ["a"]
     job = Job(output=".", inputs=[{"files": "in/*.npy"}], stack={})
     with pytest.raises(FormatError, match="names only what lies in the output"):
-        tasks_of(job.within(tmp_path))
+        tasks_of(job.relative_to(tmp_path))
 
 
 def test_a_job_seen_from_elsewhere_is_another(tmp_path: Path):
     job = Job(output="out", inputs=[{"files": "*"}], stack={})
-    one, two = job.within(tmp_path / "one"), job.within(tmp_path / "two")
+    one, two = job.relative_to(tmp_path / "one"), job.relative_to(tmp_path / "two")
     assert one.output_folder == tmp_path / "one" / "out"
     assert two.output_folder == tmp_path / "two" / "out"
 
 
 def test_how_a_job_is_done_is_no_other_job(tmp_path: Path):
-    job = Job(output="out", inputs=[{"files": "*"}], stack={}, workers=2).within(tmp_path)
-    other = job.done_by(memory="2 kB", device="cpu")
+    job = Job(output="out", inputs=[{"files": "*"}], stack={}, workers=2).relative_to(tmp_path)
+    other = job.with_settings(memory="2 kB", device="cpu")
     assert (other.workers, other.memory, other.device) == (2, 2000, ["cpu"])
-    assert (other.folder, other.what()) == (job.folder, job.what())
+    assert (other.folder, other.contents()) == (job.folder, job.contents())
     assert job.memory is None
     for how, said in (({"workers": 0}, "workers must be"), ({"memory": "much"}, "memory must be")):
         with pytest.raises(FormatError, match=said):
-            job.done_by(**how)
+            job.with_settings(**how)
 
 
 def test_a_white_image_has_to_be_there(tmp_path: Path):
@@ -162,13 +162,13 @@ def test_what_differs_is_said(tmp_path: Path):
     old = read(tmp_path, f"{BASE}[stack]\ndisparities = [0.0, 1.0]\n")
     new = read(tmp_path, f"{BASE}[stack]\ndisparities = [0.0, 2.0]\n[depth]\n")
     with pytest.raises(FormatError) as caught:
-        check_same(old.what(), new, force=False, where=tmp_path)
+        check_same(old.contents(), new, force=False, where=tmp_path)
     for text in ("stack.disparities was [0.0, 1.0], is [0.0, 2.0]", "depth was not there", "force"):
         assert text in str(caught.value)
-    check_same(old.what(), new, force=True, where=tmp_path)
+    check_same(old.contents(), new, force=True, where=tmp_path)
     check_same(None, new, force=False, where=tmp_path)
     how = read(tmp_path, f"workers = 3\nmemory = 5000\n{BASE}[stack]\ndisparities = [0.0, 1.0]\n")
-    check_same(old.what(), how, force=False, where=tmp_path)
+    check_same(old.contents(), how, force=False, where=tmp_path)
 
 
 def test_parameters_tell_what_decides_the_result(tmp_path: Path):
@@ -212,3 +212,11 @@ def test_single_brackets_are_one_table(tmp_path: Path):
     inputs(tmp_path, "a.npy")
     job = read(tmp_path, BASE.replace("[[inputs]]", "[inputs]") + "[stack]\n")
     assert [task.name for task in tasks_of(job)] == ["a"]
+
+
+def test_the_old_word_for_a_square_lattice_is_taken_with_a_warning():
+    table = {"files": ["a.h5"], "layout": {"lattice": "rectangular"}}
+    with pytest.warns(FutureWarning, match="'rectangular' is called 'square' now"):
+        job = Job(output="out", inputs=table, views={})
+    assert job.inputs[0].layout.lattice == "square"
+    assert layout_in({"lattice": "square"}, ".") == {"lattice": "rectangular"}  # the readers' word

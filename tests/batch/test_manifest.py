@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from clplen.batch.manifest import NAME, Manifest
-from clplen.batch.task import Report
+from clplen.batch.jobs.task import Report
+from clplen.batch.running.manifest import NAME, Manifest
 from clplen.errors import FormatError
 
 

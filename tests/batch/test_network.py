@@ -21,8 +21,8 @@ import listening
 import pytest
 
 from clplen.batch import Job, make_certificates, security_of
-from clplen.batch.cluster import worker_command, workers_here
-from clplen.batch.network import check_certificates, check_reachable, network_of
+from clplen.batch.running.cluster import local_cluster, worker_command
+from clplen.batch.running.network import check_certificates, check_reachable, network_of
 from clplen.compute.device import Device
 from clplen.errors import DeviceError
 
@@ -179,7 +179,7 @@ def test_what_excludes_each_other(certificates: Path, tmp_path: Path):
         network_of(certificates=certificates, insecure=True)
     with pytest.raises(ValueError, match=r"tls://127\.0\.0\.1:1 needs certificates"):
         network_of("tls://127.0.0.1:1", insecure=True)
-    job = Job(output="o", scenes=[{"kind": "bars"}]).within(tmp_path)
+    job = Job(output="o", scenes=[{"kind": "bars"}]).relative_to(tmp_path)
     for words in ({"scheduler": "tcp://127.0.0.1:1"}, {"workers": 1}):
         with pytest.raises(ValueError, match="this job starts none"):
             job.run(host="127.0.0.1", **words)
@@ -215,10 +215,10 @@ def test_certificates_of_dasks_own_configuration(certificates: Path, tmp_path: P
 
 def test_the_job_file_names_certificates(tmp_path: Path, certificates: Path):
     """Seen from its folder; those of the command line from the current one."""
-    job = Job(output="o", certificates="pems", scenes=[{"kind": "bars"}]).within(tmp_path)
+    job = Job(output="o", certificates="pems", scenes=[{"kind": "bars"}]).relative_to(tmp_path)
     assert job.certificates_folder == tmp_path / "pems"
-    assert job.done_by(certificates=certificates).certificates_folder == certificates
-    assert "certificates" not in job.what()
+    assert job.with_settings(certificates=certificates).certificates_folder == certificates
+    assert "certificates" not in job.contents()
 
 
 def start(stack: ExitStack, *arguments: str, log: Path, **more: str) -> subprocess.Popen[bytes]:
@@ -385,7 +385,7 @@ def test_strangers_are_refused_beyond_the_loopback_interface(
 def test_other_users_of_this_computer_are_refused(tmp_path: Path, place: str, strangers: Any):
     """Workers of a job know each other by certificates that nobody else has."""
     canary = tmp_path / "canary"
-    executor = workers_here(tmp_path, workers=1, devices=[place], memory=None, retries=0)
+    executor = local_cluster(tmp_path, workers=1, devices=[place], memory=None, retries=0)
     with executor as cluster:
         info = cluster._client.scheduler_info()
         (worker,) = info["workers"].values()
@@ -403,7 +403,7 @@ def test_who_has_the_certificates_may_join(
     """Where a job listens on an address that is named; it says which."""
     network = network_of(host=OWN, certificates=certificates)
     caplog.set_level("INFO", "clplen")
-    executor = workers_here(
+    executor = local_cluster(
         tmp_path, workers=1, devices=[place], memory=None, retries=0, network=network
     )
     with executor as cluster:

@@ -14,11 +14,9 @@ from batchworks import Watcher, run
 
 from clplen import LightField, all_in_focus
 from clplen.batch import Job
-from clplen.batch.check import state_of
-from clplen.batch.items import tasks_of
-from clplen.batch.manifest import Manifest
-from clplen.batch.runner import status_of
-from clplen.batch.task import Report
+from clplen.batch.jobs.items import tasks_of
+from clplen.batch.jobs.task import Report
+from clplen.batch.running.manifest import Manifest, state_of, status_of
 from clplen.compute.device import Device
 from clplen.errors import DeviceError, FormatError
 
@@ -133,12 +131,12 @@ def test_the_manifest_is_not_written_for_each_item(
     job, _ = small
     puts, put = [], Manifest.put
 
-    def counted(manifest: Manifest, *reports: Report) -> None:
+    def count_states(manifest: Manifest, *reports: Report) -> None:
         puts.append(len(reports))
         put(manifest, *reports)
 
-    monkeypatch.setattr(Manifest, "put", counted)
-    monkeypatch.setattr("clplen.batch.runner._SAVE", 1e3)
+    monkeypatch.setattr(Manifest, "put", count_states)
+    monkeypatch.setattr("clplen.batch.running.runner._SAVE", 1e3)
     run(job, device)
     assert puts == [0, 6]
     with Manifest(job.parent / "out") as manifest:
@@ -163,7 +161,7 @@ def test_a_job_is_run_from_python(small: tuple[Path, list[Path]], device: Device
     watcher = Watcher()
     assert job.run(device=device.place, watcher=watcher).skipped == watcher.skipped == 6
     with pytest.raises(DeviceError, match="No OpenCL device fits 'none such'"):
-        Job(output="new", inputs=[{"files": "in/*"}], stack={}).within(path.parent).run(
+        Job(output="new", inputs=[{"files": "in/*"}], stack={}).relative_to(path.parent).run(
             device="none such"
         )
 
@@ -183,9 +181,9 @@ def test_all_kinds_of_work(tmp_path: Path, device: Device):
         "all_in_focus": {},
         "views": {"at": [[0, 3], [1.5, 2.25]]},
     }
-    core = Job(output="core", light_field={}, **words).within(tmp_path)
+    core = Job(output="core", light_field={}, **words).relative_to(tmp_path)
     assert run(core, device)[0].is_good
-    streamed = Job(output="streamed", **words).within(tmp_path)
+    streamed = Job(output="streamed", **words).relative_to(tmp_path)
     summary, _ = run(streamed, device, memory=12_000_000)
     assert summary.failed == {}
     one, two = tmp_path / "core" / "a", tmp_path / "streamed" / "a"
@@ -206,7 +204,7 @@ def test_all_kinds_of_work(tmp_path: Path, device: Device):
 def test_what_is_missing_is_said(tmp_path: Path):
     (tmp_path / "in").mkdir()
     np.save(tmp_path / "in" / "a.npy", np.ones((2, 2, 8, 8), np.uint8))
-    job = Job(output="o", inputs=[{"files": "in/*"}], stack={}).within(tmp_path)
+    job = Job(output="o", inputs=[{"files": "in/*"}], stack={}).relative_to(tmp_path)
     (task,) = tasks_of(job)
     assert state_of(task, None) == ("missing", "not done yet")
     with pytest.raises(FormatError, match="run the job first"):
@@ -220,7 +218,7 @@ def test_other_channels_than_colours(tmp_path: Path, device: Device, channels: i
     np.save(tmp_path / "in" / "a.npy", values)
     planes = {"disparities": [-1.0, 0.0, 1.0]}
     job = Job(output="o", inputs=[{"files": "in/*"}], stack=planes, all_in_focus=planes, views={})
-    summary, _ = run(job.within(tmp_path), device)
+    summary, _ = run(job.relative_to(tmp_path), device)
     assert summary.failed == {}
     lf = LightField.from_array(values, device=device)
     found = tifffile.imread(tmp_path / "o" / "a" / "all_in_focus.ome.tif")

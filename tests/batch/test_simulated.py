@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from clplen.batch import Job
-from clplen.batch.items import tasks_of
-from clplen.batch.simulated import STEEPEST, Simulated, scenes_of, simulate, simulations_of
-from clplen.batch.source import Source
-from clplen.batch.tables import EVERY, SceneTable, SimulationTable
+from clplen.batch.jobs.items import tasks_of
+from clplen.batch.jobs.simulations import STEEPEST, scenes_of, simulations_of
+from clplen.batch.jobs.tables import EVERY, SceneTable, SimulationTable
+from clplen.batch.jobs.task import Source
+from clplen.batch.work.simulation import Simulated, simulate
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.scenes.gallery import SCENES, sample_scenes
 from clplen.cameras.scenes.scene_sources import PointSources
@@ -201,12 +202,12 @@ def test_pictures_are_read_once_for_all_combinations(
 ):
     camera_file(tmp_path, SMALL + PICTURE)
     pixels = {"key": "camera.pixels_per_lenslet", "values": [12, 13, 14]}
-    depths = {"key": "scene.pictures.0.dz_mm", "values": [0, 1.5]}
+    depths = {"key": "scene.pictures.0.z_mm", "values": [0, 1.5]}
     with caplog.at_level("INFO", logger="clplen.config.scene"):
         assert len(items(tmp_path, pixels, depths)) == 6
     assert caplog.text.count("read ") == 1
     depths["values"] = [0, 1.5, -60.5]
-    with pytest.raises(FormatError, match=r"dz_mm = -60\.5\): The point .* lies behind the main"):
+    with pytest.raises(FormatError, match=r"z_mm = -60\.5\): The point .* lies behind the main"):
         items(tmp_path, depths)
     (tmp_path / "L.png").write_text("L")
     with pytest.raises(FormatError, match=r"item 'small': scene\.pictures\.0\.file: The picture "):
@@ -216,9 +217,9 @@ def test_pictures_are_read_once_for_all_combinations(
 def test_a_picture_beyond_the_array(tmp_path: Path):
     """Columns 2 to 6 of 8 are lit, rows 1 to 6 of 9, and the array is 3 mm high."""
     camera_file(tmp_path, (SMALL + PICTURE).replace("= 12", "= 20").replace("0.6", "3.0"))
-    depths = {"key": "scene.pictures.0.dz_mm", "values": [0, -30]}
+    depths = {"key": "scene.pictures.0.z_mm", "values": [0, -30]}
     place = r"\(-0\.00075, -0\.001125, -0\.03\) m is imaged at \(0\.0015, 0\.00225\) m, beyond"
-    with pytest.raises(FormatError, match=rf"dz_mm = -30\): The point .* = {place}"):
+    with pytest.raises(FormatError, match=rf"z_mm = -30\): The point .* = {place}"):
         items(tmp_path, depths)
 
 
@@ -229,10 +230,10 @@ def test_a_picture_beyond_the_array(tmp_path: Path):
 def test_a_camera_item_is_that_of_simulate(tmp_path: Path, device: Device, tables: str):
     text = SMALL + tables
     camera_file(tmp_path, text)
-    key = "scene.points_mm.1.2" if "points" in tables else "scene.pictures.0.dz_mm"
+    key = "scene.points_mm.1.2" if "points" in tables else "scene.pictures.0.z_mm"
     source = items(tmp_path, {"key": key, "values": [5, -2]})[1]
     found = run(source, tmp_path, device)
-    changed = text.replace("-1.0]]", "-2]]").replace("width_mm", "dz_mm = -2\nwidth_mm")
+    changed = text.replace("-1.0]]", "-2]]").replace("width_mm", "z_mm = -2\nwidth_mm")
     file = read_camera_file(camera_file(tmp_path, changed, "changed.toml"))
     sensor = None if file.sensor is None else file.sensor.build()
     raw = file.camera.build(device).expose(file.scene.build(), sensor=sensor)

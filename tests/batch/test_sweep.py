@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from clplen.batch.sweep import Setting, combinations, label, with_values
-from clplen.batch.tables import SceneTable, SimulationTable, SweepTable
-from clplen.config.reading import problems_of
+from clplen.batch.jobs.sweep import Setting, combinations, label, with_values
+from clplen.batch.jobs.tables import SceneTable, SimulationTable, SweepTable
+from clplen.config.tables import problems_of
 
 CONTENT: dict[str, Any] = {
     "camera": {"wavelength_nm": 532.0, "microlenses": {"pitch_um": 150.0, "count": [20, 24]}},

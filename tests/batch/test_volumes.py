@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clplen.batch import deconvolved, volumes
-from clplen.batch.tables import DeconvolveTable
-from clplen.batch.volumes import Deconvolver, How
+from clplen.batch.jobs.tables import DeconvolveTable
+from clplen.batch.work import deconvolution
+from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
 from clplen.cli.deconvolve import _jobs, _Page
 from clplen.compute.device import Device
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.prepare import Preparation
 
-ALL = How(7, 3.0, 2.0, 900.0, True, 0.25, True, "tv", 0.5)
+ALL = DeconvolutionSettings(7, 3.0, 2.0, 900.0, True, 0.25, True, "tv", 0.5)
 N = 4
 
 
@@ -70,8 +70,8 @@ def test_what_is_darker_than_the_dark_frame_is_0_and_counted(device: Device) -> 
 def test_every_word_arrives(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     level = lenslets(np.arange(25.0).reshape(5, 5) + 1)
     prepare = preparation_of(device, level)
-    monkeypatch.setattr(volumes, "preparation", lambda *a, **k: prepare)
-    monkeypatch.setattr(volumes, "deconvolve", lambda *a, **k: (a, k))
+    monkeypatch.setattr(deconvolution, "preparation", lambda *a, **k: prepare)
+    monkeypatch.setattr(deconvolution, "deconvolve", lambda *a, **k: (a, k))
     series = Deconvolver(images(), ALL, device=device)
     even = 3.0 * 1.25**2 / 2.0  # background, area of a pixel, gain
     light = 2 * (0.5 * level + even)
@@ -86,8 +86,8 @@ def test_every_word_arrives(device: Device, monkeypatch: pytest.MonkeyPatch) -> 
     assert given["variance"] == prepare.variance
     for name in ("iterations", "residual", "accelerate", "prior", "strength"):
         assert given[name] == getattr(ALL, name)
-    monkeypatch.setattr("clplen.batch.remarks.of_volume", lambda *words: words)
-    _, seen, dim, known, n, ratio = series.remarks(frame, SimpleNamespace(residuals=[]))  # type: ignore[arg-type, misc]
+    monkeypatch.setattr("clplen.batch.work.diagnostics.diagnose_volume", lambda *words: words)
+    _, seen, dim, known, n, ratio = series.diagnose(frame, SimpleNamespace(residuals=[]))  # type: ignore[arg-type, misc]
     assert seen is frame
     assert known is level
     assert (n, ratio) == (N, 2 * prepare.variance)
@@ -97,7 +97,7 @@ def test_every_word_arrives(device: Device, monkeypatch: pytest.MonkeyPatch) -> 
 def test_jobs_and_commands_know_the_same_words() -> None:
     made = DeconvolveTable(psf="psf.h5").model_dump()
     assert made.pop("psf") == "psf.h5"
-    assert made == asdict(How())
+    assert made == asdict(DeconvolutionSettings())
 
 
 def test_a_changed_file_is_read_again(
@@ -107,12 +107,16 @@ def test_a_changed_file_is_read_again(
     for path in paths.values():
         path.write_bytes(b"1")
     made: list[Any] = []
-    monkeypatch.setattr(deconvolved, "read_psf", lambda path: path)
-    monkeypatch.setattr(deconvolved, "Deconvolver", lambda *a, **k: made.append((a, k)) or made[-1])
-    shop: Any = SimpleNamespace(deconvolver=None, device=device, memory=8)
+    monkeypatch.setattr(deconvolution, "read_psf", lambda path: path)
+    monkeypatch.setattr(
+        deconvolution, "Deconvolver", lambda *a, **k: made.append((a, k)) or made[-1]
+    )
+    resources: Any = SimpleNamespace(deconvolver=None, device=device, memory=8)
 
-    def kept(how: How = ALL) -> Any:
-        return deconvolved._kept(shop, {name: str(path) for name, path in paths.items()}, how)
+    def kept(how: DeconvolutionSettings = ALL) -> Any:
+        return deconvolution._cached_deconvolver(
+            resources, {name: str(path) for name, path in paths.items()}, how
+        )
 
     assert kept() is kept()
     for number, path in enumerate(paths.values()):
@@ -128,10 +132,13 @@ def test_what_a_volume_depends_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     files = [tmp_path / name for name in "abc"]
     for path in files:
         path.write_bytes(path.name.encode())
-    other = How(8, 4.0, 3.0, 901.0, False, "noise", False, "gaussian", 0.6)
-    hows = [ALL, *(replace(ALL, **{f.name: getattr(other, f.name)}) for f in fields(How))]
+    other = DeconvolutionSettings(8, 4.0, 3.0, 901.0, False, "noise", False, "gaussian", 0.6)
+    hows = [
+        ALL,
+        *(replace(ALL, **{f.name: getattr(other, f.name)}) for f in fields(DeconvolutionSettings)),
+    ]
 
-    def job(how: How = ALL, page: int = 0, **changed: Any) -> str:
+    def job(how: DeconvolutionSettings = ALL, page: int = 0, **changed: Any) -> str:
         given: dict[str, Any] = {"images": images(), "white": files[1], "dark": files[2]}
         given |= {"warm_start": False} | changed
         pages = [_Page(files[0], number) for number in range(2)]

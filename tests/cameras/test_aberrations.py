@@ -25,7 +25,7 @@ from clplen import (
     estimate_alpha,
     refocus,
 )
-from clplen.analysis.psf import PSF
+from clplen.analysis.point.psf import PSF
 from clplen.cameras.exposure.isoplanatic import layout
 from clplen.cameras.exposure.slides import SlidePath, slide_field
 from clplen.cameras.optics.camera_aberrations import (

@@ -14,7 +14,7 @@ import tifffile
 from click.testing import CliRunner
 
 from clplen.cli import main
-from clplen.cli.options import Size
+from clplen.cli.shared.options import Size
 from clplen.errors import FormatError
 from clplen.io import open_lightfield, read_lightfield, write_lightfield
 from clplen.io.lightfields import array_sources

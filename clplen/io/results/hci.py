@@ -16,17 +16,15 @@ import configparser
 import math
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.io.formats.pfm import read_pfm
 from clplen.outputs import MARK
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pyopencl.array as cla
 
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
+from clplen.compute.device import Device
 
 
 def magnify(picture: cla.Array, alpha: float, *, device: Device) -> cla.Array:

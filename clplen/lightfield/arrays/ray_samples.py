@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.lightfield.arrays.stored_samples import C_TYPE
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 Table = np.ndarray[Any, Any]
 

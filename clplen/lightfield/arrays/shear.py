@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import pyopencl as cl
 import pyopencl.array as cla
 
+from clplen.compute.device import Device
 from clplen.errors import DeviceError, KernelBuildError, ShapeError
 from clplen.lightfield.arrays.shear_tables import (
     Norm,
@@ -21,9 +22,6 @@ from clplen.lightfield.arrays.shear_tables import (
     weight_norms,
 )
 from clplen.lightfield.arrays.stored_samples import C_TYPE
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 _BLOCK_PLANES = 64  # of one launch
 _LOCAL_BYTES = 1024 * 1024  # of one work-item: stays in a second-level cache

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl as cl
 import pyopencl.array as cla
 
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
+from clplen.compute.device import Device
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
 
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
+from clplen.compute.device import Device
 
 C_TYPE = {
     np.dtype(np.uint8): "uchar",

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from clplen.lightfield.arrays.stored_samples import extremes
 from clplen.lightfield.axis_check.axis_test import FARTHEST, AxisTest, Order, axis_test
 from clplen.lightfield.model.light_field import LightField
-
-if TYPE_CHECKING:
-    from clplen.lightfield.raw.raw_image import Spacing
+from clplen.lightfield.raw.raw_image import Spacing
 
 View = tuple[int, int]
 Words = tuple[str, ...]

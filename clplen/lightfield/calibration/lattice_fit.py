@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clplen.errors import ShapeError
 from clplen.lightfield.calibration.equalisation import equalise_lenslets, fall_off_share
@@ -24,9 +25,6 @@ from clplen.lightfield.calibration.reciprocal import (
 from clplen.lightfield.calibration.sensor_frames import as_frame, balance_colours, subtract_dark
 from clplen.lightfield.calibration.unit_cell import centre_offset, denser_basis, mean_cell
 from clplen.lightfield.raw.lenslet_lattice import Lattice, lattice_kind
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 _LEAST = 32  # pixels a side
 _STEPS = 3  # refinements, each from the last

@@ -5,10 +5,11 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
+from numpy.typing import ArrayLike
 
 from clplen import units
 from clplen.compute.device import Device, DeviceLike, as_device
@@ -21,11 +22,6 @@ from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import RawImage, Spacing
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from clplen.compute.device import Device
 
 COLOURS = "RGB"
 _FLOOR = 0.05  # of the white image's bright pixels: what is darker is divided by that

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
+from numpy.typing import ArrayLike
 
 from clplen.compute.arrays import Image
 from clplen.compute.device import DeviceLike
@@ -15,7 +16,8 @@ from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
 from clplen.lightfield.depth.best_focus import default_disparities
 from clplen.lightfield.depth.depth_map import DepthMap
 from clplen.lightfield.depth.energy_cue import ENERGY_REACH, LocalEnergy
-from clplen.lightfield.model.stored_light_field import as_lightfield
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 from clplen.lightfield.refocus.focal_stack import FocalStack, focal_stack_in_memory, refocus
 from clplen.lightfield.refocus.memory_estimate import (
     DEVICE_FLOAT,
@@ -23,12 +25,6 @@ from clplen.lightfield.refocus.memory_estimate import (
     MemoryEstimate,
     shear_halo,
 )
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from clplen.lightfield.model.light_field import LightField
-    from clplen.lightfield.model.stored_light_field import StoredLightField
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

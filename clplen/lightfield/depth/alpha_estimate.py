@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -29,11 +29,8 @@ from clplen.lightfield.depth.window_measures import brightest, fit_slope, read_w
 from clplen.lightfield.model.alpha_law import depth_at, require_two_plane
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import as_lightfield
-from clplen.lightfield.raw.raw_image import is_telecentric
+from clplen.lightfield.raw.raw_image import CameraModel, Spacing, is_telecentric
 from clplen.reprs import OneLine
-
-if TYPE_CHECKING:
-    from clplen.lightfield.raw.raw_image import CameraModel, Spacing
 
 METHODS = ("compensated", "energy", "slope", "thesis")
 

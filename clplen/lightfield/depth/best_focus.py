@@ -16,19 +16,16 @@ NA/n = .3 and 1.10 for .5.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from clplen.deprecation import warn_caller
 from clplen.errors import SamplingWarning
-from clplen.lightfield.arrays.spectral_sharpness import BAND
+from clplen.lightfield.arrays.spectral_sharpness import BAND, Peak
 from clplen.lightfield.model.alpha_law import depth_at
+from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import is_telecentric
-
-if TYPE_CHECKING:
-    from clplen.lightfield.arrays.spectral_sharpness import Peak
-    from clplen.lightfield.model.light_field import LightField
 
 DEFAULT_DISPARITIES = (-2.0, 2.0, 33)  # first, last, how many
 DEFAULT_ALPHAS = (0.65, 1.35, 33)

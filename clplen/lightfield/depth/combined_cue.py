@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
@@ -30,11 +30,9 @@ from clplen.lightfield.depth.view_matching import (
     support_block,
     thresholds,
 )
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.refocus.memory_estimate import DEVICE_FLOAT, HOST_FLOAT, MemoryEstimate
-
-if TYPE_CHECKING:
-    from clplen.lightfield.model.light_field import LightField
-    from clplen.lightfield.model.stored_light_field import StoredLightField
 
 Map = np.ndarray[Any, np.dtype[np.float32]]
 Vector = np.ndarray[Any, np.dtype[np.float64]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl as cl
@@ -21,11 +21,9 @@ from clplen.lightfield.depth.sheared_views import (
     view_tables,
 )
 from clplen.lightfield.model.alpha_law import unit_steps
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.refocus.memory_estimate import MemoryEstimate
-
-if TYPE_CHECKING:
-    from clplen.lightfield.model.light_field import LightField
-    from clplen.lightfield.model.stored_light_field import StoredLightField
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from clplen.lightfield.arrays.peaks import Map
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.refocus.focal_stack import FocalStack
 from clplen.lightfield.refocus.memory_estimate import (
     DEVICE_FLOAT,
@@ -16,10 +18,6 @@ from clplen.lightfield.refocus.memory_estimate import (
     MemoryEstimate,
     shear_halo,
 )
-
-if TYPE_CHECKING:
-    from clplen.lightfield.model.light_field import LightField
-    from clplen.lightfield.model.stored_light_field import StoredLightField
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clplen.checks import require
 from clplen.compute.arrays import HostArray
@@ -23,14 +24,10 @@ from clplen.lightfield.depth.best_focus import default_disparities, high_na_mess
 from clplen.lightfield.depth.cue import Cue
 from clplen.lightfield.depth.energy_cue import LocalEnergy
 from clplen.lightfield.model.alpha_law import depth_at
+from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
 from clplen.lightfield.refocus.focal_stack import FocalStack
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from clplen.lightfield.model.light_field import LightField
 
 _CUES = {
     "energy": energy_cue.CUE,

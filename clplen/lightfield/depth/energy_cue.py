@@ -6,22 +6,20 @@ The measure is the local energy of detail of refocused pictures (`LocalEnergy`).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.device import Device
 from clplen.lightfield.arrays.peaks import Map, PeakTracker
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps, launch_stretches, whole_taps
 from clplen.lightfield.depth.cue import AT_ONCE, Cue, depth_memory, nearest_zero, require_maps
 from clplen.lightfield.model.alpha_law import view_shifts
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.refocus.focal_stack import FocalStack, focal_stack_in_memory
 from clplen.lightfield.refocus.memory_estimate import MemoryEstimate
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
-    from clplen.lightfield.model.light_field import LightField
-    from clplen.lightfield.model.stored_light_field import StoredLightField
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

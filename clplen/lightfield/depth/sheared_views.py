@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.device import Device
 from clplen.lightfield.arrays.stored_samples import C_TYPE
 from clplen.lightfield.model.alpha_law import unit_steps
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
-    from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.light_field import LightField
 
 Table = np.ndarray[Any, Any]
 Vector = np.ndarray[Any, np.dtype[np.float64]]

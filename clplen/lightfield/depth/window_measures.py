@@ -7,18 +7,15 @@ The slope of a point in phase space (`fit_slope`), and the focus measure as the 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl as cl
+import scipy.sparse
 
 from clplen.compute.drivers.failures import device_errors
 from clplen.lightfield.arrays.spectral_sharpness import Real
-
-if TYPE_CHECKING:
-    import scipy.sparse
-
-    from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.light_field import LightField
 
 THESIS_WINDOW = 31
 THESIS_ALPHAS = np.round(0.7 + 0.005 * np.arange(121), 3)

@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clplen.checks import require
 from clplen.compute.arrays import count_bad
@@ -25,12 +26,6 @@ from clplen.lightfield.focused.focused_picture import (
     median_of_neighbours,
 )
 from clplen.lightfield.raw.raw_image import RawImage
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from clplen.lightfield.focused.focused_picture import PictureGrid
-    from clplen.lightfield.raw.raw_image import RawImage
 
 _WINDOW = 0.2  # radius in pitches
 _MIN_VIEWS = 4.0  # per point, both ways: at abs(m) = 1/2

@@ -18,7 +18,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
@@ -27,12 +27,9 @@ from clplen.checks import require
 from clplen.compute.device import DeviceLike, as_device
 from clplen.deprecation import renamed_attribute
 from clplen.errors import ShapeError
-from clplen.lightfield.raw.lenslet_grid import LensletGrid
+from clplen.lightfield.raw.lenslet_grid import LensletGrid, LensType
+from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import RawImage
-
-if TYPE_CHECKING:
-    from clplen.lightfield.raw.lenslet_grid import LensType
-    from clplen.lightfield.raw.lenslet_lattice import Lattice
 
 Pair = tuple[float, float]
 Values = np.ndarray[Any, np.dtype[np.float64]]
@@ -300,10 +297,6 @@ def _focus_range(lens_type: LensType) -> Pair:
 
 def _pair(values: Values) -> Pair:
     return float(values[0]), float(values[1])
-
-
-if TYPE_CHECKING:
-    from clplen.lightfield.raw.raw_image import RawImage
 
 
 def alpha_of_m(raw: RawImage, m: Any) -> Values:

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,9 +22,7 @@ from clplen.lightfield.focused.focused_geometry import (
     Whole,
     same_type_steps,
 )
-
-if TYPE_CHECKING:
-    from clplen.lightfield.raw.raw_image import RawImage
+from clplen.lightfield.raw.raw_image import RawImage
 
 Mask = np.ndarray[Any, np.dtype[np.bool_]]
 

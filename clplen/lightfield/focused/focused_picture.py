@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
 
 from clplen.checks import require
 from clplen.compute.arrays import Image, OnDevice
+from clplen.compute.device import Device
 from clplen.deprecation import renamed_attribute
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 _MOST = 2**24  # samples along an axis
 _EDGE = 1e-3  # pixels of a sub-image off the sensor that do not matter
@@ -225,9 +223,6 @@ def _owner(picture: FocusedImage) -> tuple[Values, np.ndarray[Any, np.dtype[np.b
     centre += geometry.origin
     return owner, ((centre >= low) & (centre <= high)).all(-1)
 
-
-if TYPE_CHECKING:
-    pass
 
 _WIDTHS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # pitches, of the Gaussians that fill gaps
 _ENOUGH = 0.15  # weight from which on a Gaussian's mean is taken

@@ -7,10 +7,11 @@ what.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
+from numpy.typing import ArrayLike
 
 from clplen.compute.arrays import count_bad
 from clplen.errors import ShapeError
@@ -24,11 +25,7 @@ from clplen.lightfield.focused.focused_geometry import (
     z_of_m,
 )
 from clplen.lightfield.focused.focused_picture import FocusedImage, FocusedStack, PictureGrid
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from clplen.lightfield.raw.raw_image import RawImage
+from clplen.lightfield.raw.raw_image import RawImage
 
 METHODS = ("basic", "blended", "depth")
 INTERPOLATIONS = ("cubic", "linear")

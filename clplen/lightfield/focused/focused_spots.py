@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from clplen.compute.arrays import count_bad
 from clplen.deprecation import renamed_attribute
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values, z_of_m
-
-if TYPE_CHECKING:
-    from clplen.lightfield.raw.raw_image import RawImage
+from clplen.lightfield.raw.raw_image import RawImage
 
 _FEWEST = 3  # spots
 _ROUNDS = 6

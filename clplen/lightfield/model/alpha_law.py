@@ -6,15 +6,13 @@ disparities, and depths z that are proportional to them.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clplen.lightfield.model.sampled_views import Parametrised, SampledViews
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing, is_telecentric
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

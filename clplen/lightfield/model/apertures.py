@@ -11,15 +11,13 @@ from __future__ import annotations
 
 import re
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clplen.errors import ShapeError
 from clplen.lightfield.model.sampled_views import SampledViews
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 Weights = np.ndarray[Any, np.dtype[np.float32]]
 Vector = np.ndarray[Any, np.dtype[np.float64]]

@@ -7,12 +7,10 @@ numbers and arrays are taken alike.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike
 
 Real = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
+from numpy.typing import ArrayLike
 
 from clplen.compute.arrays import Image, OnDevice
 from clplen.compute.device import Device, DeviceLike, as_device
@@ -23,9 +24,6 @@ from clplen.lightfield.model.sample_checks import (
 )
 from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.raw_image import CameraModel, RawImage, Spacing
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True, eq=False, repr=False)

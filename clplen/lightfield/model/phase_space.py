@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from clplen.compute.arrays import HostArray
+from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
 from clplen.reprs import OneLine
-
-if TYPE_CHECKING:
-    from clplen.lightfield.model.light_field import LightField
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from numbers import Integral
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clplen.compute.arrays import Image
 from clplen.errors import ShapeError
@@ -15,10 +16,6 @@ from clplen.lightfield.arrays.stored_samples import plane
 from clplen.lightfield.model.alpha_law import shifts, unit_steps
 from clplen.lightfield.model.apertures import Weights, aperture_weights
 from clplen.lightfield.model.sampled_views import DeviceViews, SampledViews
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
 
 DisparityMap = np.ndarray[Any, np.dtype[np.float64]]
 

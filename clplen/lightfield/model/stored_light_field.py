@@ -9,10 +9,11 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pyopencl.array as cla
+from numpy.typing import ArrayLike
 
 from clplen.compute.arrays import HostArray
 from clplen.compute.device import DeviceLike, as_device, require_same_device
@@ -28,11 +29,6 @@ from clplen.lightfield.model.sample_checks import (
     weights_where,
 )
 from clplen.lightfield.raw.raw_image import CameraModel, RawImage, Spacing
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from clplen.lightfield.model.light_field import LightField
 
 Array = np.ndarray[Any, Any]
 Block = tuple[slice, slice, slice, slice]

@@ -5,19 +5,17 @@ On CPUs a lattice along the sensor's rows and columns has a kernel of its own.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl as cl
 import pyopencl.array as cla
 
 from clplen.compute.arrays import count_bad
+from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.raw_image import RawImage
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -9,7 +9,7 @@ import json
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,9 +17,6 @@ from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, replacing
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.outputs import MARK
-
-if TYPE_CHECKING:
-    pass
 
 _FORMAT = "clplen lattice"
 _VERSION = 1

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.arrays import OnDevice
+from clplen.compute.arrays import Image, OnDevice
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.lightfield.raw.lenslet_grid import LensletGrid, LensType
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-
-if TYPE_CHECKING:
-    from clplen.compute.arrays import Image
 
 Spacing = tuple[float, float, float, float]
 Transforms = tuple[tuple[int, tuple[int, int]], ...]

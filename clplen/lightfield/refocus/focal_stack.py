@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from numbers import Integral
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
+from numpy.typing import ArrayLike
 
 from clplen.compute.arrays import Image, OnDevice
 from clplen.compute.device import Device, DeviceLike
@@ -17,6 +18,7 @@ from clplen.lightfield.arrays.shear import shear_sum
 from clplen.lightfield.arrays.stored_samples import C_TYPE
 from clplen.lightfield.model.alpha_law import shifts, unit_steps
 from clplen.lightfield.model.apertures import Weights
+from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing, is_telecentric
@@ -27,11 +29,6 @@ from clplen.lightfield.refocus.memory_estimate import (
     shear_halo,
 )
 from clplen.lightfield.refocus.phase_ramps import fourier_refocus
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from clplen.lightfield.model.light_field import LightField
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

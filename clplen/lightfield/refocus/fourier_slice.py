@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
+from numpy.typing import ArrayLike
 
 from clplen.lightfield.model.alpha_law import require_two_plane, row_ratio
+from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.refocus.focal_stack import FocalStack, stack_planes
@@ -19,11 +21,6 @@ from clplen.lightfield.refocus.phase_ramps import (
     take_views,
     transform_views,
 )
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from clplen.lightfield.model.light_field import LightField
 
 _OVERSAMPLING = 2  # of the views' spectrum
 _WIDTHS = range(2, 13)  # taps of a slice along each axis of views

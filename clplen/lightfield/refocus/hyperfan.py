@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
 
 from clplen.lightfield.model.alpha_law import row_ratio, unit_steps
+from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.refocus.phase_ramps import (
     channels_of,
@@ -18,9 +19,6 @@ from clplen.lightfield.refocus.phase_ramps import (
     take_views,
     transform_views,
 )
-
-if TYPE_CHECKING:
-    from clplen.lightfield.model.light_field import LightField
 
 
 def hyperfan(lf: LightField, low: float, high: float, *, bandwidth: float = 0.05) -> LightField:

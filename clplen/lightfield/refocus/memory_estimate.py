@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from clplen.lightfield.model.alpha_law import shifts
-
-if TYPE_CHECKING:
-    from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.lightfield.arrays.stored_samples import C_TYPE
 from clplen.lightfield.model.alpha_law import shifts
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
-    from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.light_field import LightField
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Matrix = np.ndarray[Any, np.dtype[np.complex128]]

@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.lightfield.arrays.ray_samples import INTERPOLATIONS
@@ -33,6 +34,7 @@ from clplen.lightfield.depth.depth_map import (
     distinct_planes,
     with_depth,
 )
+from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing
@@ -53,11 +55,6 @@ from clplen.lightfield.streaming.tile_reading import (
     report,
 )
 from clplen.reprs import OneLine
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from clplen.lightfield.model.light_field import LightField
 
 Array = np.ndarray[Any, Any]
 Vector = np.ndarray[Any, np.dtype[np.float64]]

@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from clplen.compute.device import Device
 from clplen.compute.memory import free_memory
+from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.refocus.memory_estimate import MemoryEstimate
 from clplen.reprs import OneLine
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
-    from clplen.lightfield.model.stored_light_field import StoredLightField
 
 _LEAST = 16  # rows and columns that a tile writes, at least
 _ALIGNED = 16  # columns: where vectors of a row begin

@@ -9,19 +9,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from clplen.compute.arrays import Image
+from clplen.compute.device import Device
 from clplen.compute.fft.lines import smooth_length
 from clplen.errors import ShapeError
 from clplen.wave.coherence.lags import BLOCK, Lags, batch_count, lag_flops, lag_image, strongest
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.intensity import accumulate
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 Values = np.ndarray[Any, Any]
 Route = Literal["auto", "points", "lags"]

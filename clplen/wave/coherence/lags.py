@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
-    from clplen.wave.field.field import Field
+from clplen.compute.device import Device
+from clplen.wave.field.field import Field
 
 Values = np.ndarray[Any, Any]
 

@@ -5,16 +5,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.device import Device
 from clplen.compute.fft.blocks import Spectrum, lanes_defines, window
 from clplen.wave.field.transmission import phasor, split
-
-if TYPE_CHECKING:
-    from clplen.compute.device import Device
 
 Shape = tuple[int, int]
 Pitch = tuple[float, float]

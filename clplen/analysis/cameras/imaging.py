@@ -1,0 +1,166 @@
+"""Point sources placed for a camera, and the pictures of its raw images, with their scale."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clplen.analysis.point.samples import Pair, Values
+from clplen.cameras.optics.camera_aberrations import NONE
+from clplen.cameras.plenoptic import Plenoptic
+from clplen.cameras.scenes.scene_sources import PointSources
+from clplen.lightfield.focused.focused_geometry import FocusedGeometry
+from clplen.lightfield.focused.focused_picture import FocusedImage
+from clplen.lightfield.focused.focused_rendering import render_focused
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.raw_image import RawImage
+from clplen.lightfield.refocus.focal_stack import refocus
+
+
+def is_focused(camera: Any) -> bool:
+    """Whether it is a focused (2.0) camera."""
+    return bool(camera.kind == "focused")
+
+
+def sample_offsets(step: float, count: int) -> Values:
+    """``count`` places a step / count apart about 0, which together sample a grid of that step."""
+    return np.asarray((np.arange(count) - (count - 1) / 2) * (step / count), np.float64)
+
+
+def central_lenslet(camera: Plenoptic) -> tuple[int, int]:
+    """(row, column) of the lenslet next to the middle of the array, in a row that is not moved."""
+    rows, columns = camera.mla.count
+    row = rows // 2
+    return row - (row % 2 if camera.mla.lattice == "hexagonal" else 0), columns // 2
+
+
+def point_at_lenslet(camera: Plenoptic, offset: Pair, dz: float) -> PointSources:
+    """A point whose chief ray meets the array beside the middle lenslet's centre.
+
+    Parameters
+    ----------
+    camera : Plenoptic
+    offset : tuple of float
+        Along the columns and the rows of the array, (y, x) in metres where it is not turned.
+    dz : float
+        Of the point, in metres.
+    """
+    turn = camera.mla.rotation
+    y, x = offset
+    across = (y * np.cos(turn) + x * np.sin(turn), -y * np.sin(turn) + x * np.cos(turn))
+    place = np.asarray(camera.mla.centres()[central_lenslet(camera)]) + across
+    place = place / camera.array_scale(dz)
+    return PointSources([(place[1], place[0], dz)])
+
+
+def is_symmetric(camera: Plenoptic) -> bool:
+    """Whether a camera looks the same in a mirror through the middle lenslet, both ways."""
+    mla = camera.mla
+    plain = mla.lattice == "square" and len(mla.focal_lengths) == 1
+    centred = mla.rotation == 0 and tuple(mla.offset) == (0, 0) and all(n % 2 for n in mla.count)
+    return plain and centred and camera.aberrations == NONE
+
+
+FINER = 4  # samples of a focused camera's picture for one that its light needs
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Rendered:
+    """A picture and its scale.
+
+    Attributes
+    ----------
+    values : numpy.ndarray
+        float64, shape (ny, nx).
+    pitch : tuple of float
+        (dy, dx) in metres on the main lens' image of the plane in focus.
+    origin : tuple of float
+        (y, x) of sample (ny//2, nx//2) in metres; of a 1.0 camera along its array's rows.
+    """
+
+    values: Values
+    pitch: Pair
+    origin: Pair = (0.0, 0.0)
+
+    def __repr__(self) -> str:
+        ny, nx = self.values.shape
+        return f"<Rendered {ny} x {nx}, pitch {self.pitch[0]:g} x {self.pitch[1]:g} m>"
+
+
+def local_m(camera: Any, dz: float) -> float:
+    """z3/(z2 - F') of a focused camera's lenslets for an object at dz; infinite on the array.
+
+    Parameters
+    ----------
+    camera : Plenoptic2
+    dz : float
+        In metres from the focused plane.
+    """
+    alpha = camera.alpha(dz)
+    a = camera.array_distance - camera.image_distance / alpha if alpha else -math.inf
+    return float(camera.sensor_distance / a) if a else math.inf
+
+
+def refocused_picture(raw: RawImage, dz: float) -> Values:
+    """The picture of a 1.0 camera refocused on dz, one sample a lenslet, float64 (rows, columns).
+
+    In the unscaled form, so that places are those of chief rays on the array. Views are moved in
+    Fourier space: no interpolation is measured with them.
+    """
+    camera: Any = raw.camera
+    lf = LightField.from_raw(raw)
+    picture = refocus(lf, alpha=camera.alpha(dz), interpolation="fourier")
+    return np.asarray(picture.to_numpy(), np.float64)
+
+
+def blended_picture(raw: RawImage, dz: float) -> Rendered:
+    """The blended picture of a 2.0 camera with dz in focus, finely sampled.
+
+    `FINER` samples in the place of one that either the lenslets' diffraction, lam a/(2 d), or the
+    pixels, dx/abs(m), call for.
+
+    Raises
+    ------
+    ValueError
+        If abs(m) at dz is 1 or more, where not every point is seen, or the main lens images dz at
+        infinity.
+    """
+    camera: Any = raw.camera
+    m = local_m(camera, dz)
+    if m == 0:
+        raise ValueError(f"An object at dz = {dz:g} m is imaged at infinity: no m focuses there.")
+    diffraction = camera.wavelength * abs(camera.sensor_distance / m) / (2 * camera.mla.diameter)
+    wanted = min(diffraction, camera.pixel_pitch / abs(m)) / FINER
+    ratio = float(FocusedGeometry.of(raw).ratio(m))
+    step = wanted / abs(camera.pixel_pitch * ratio / m) if ratio else None
+    return _on_host(render_focused(raw, m=m, step=step))
+
+
+def native_picture(raw: RawImage) -> Rendered:
+    """The picture focused on the camera's own plane, with the samples that its user gets.
+
+    A lenslet each (1.0), or abs(m) of the pixels along each axis (2.0), blended.
+    """
+    camera: Any = raw.camera
+    if is_focused(camera):
+        return _on_host(render_focused(raw, m=local_m(camera, 0.0)))
+    pitch = (camera.mla.row_pitch, camera.mla.pitch)
+    return Rendered(refocused_picture(raw, 0.0), pitch, _middle(camera.mla))
+
+
+def _middle(mla: Any) -> Pair:
+    """(y, x) of lenslet (rows//2, columns//2), of a row that is not moved, along the array."""
+    cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
+    (down, right), (rows, columns) = mla.offset, mla.count
+    y = (rows // 2 - (rows - 1) / 2) * mla.row_pitch + down * cos - right * sin
+    x = (columns // 2 - (columns - 1) / 2) * mla.pitch + down * sin + right * cos
+    return y, x
+
+
+def _on_host(image: FocusedImage) -> Rendered:
+    y, x = image.places()
+    origin = (float(y[len(y) // 2]), float(x[len(x) // 2]))
+    return Rendered(np.asarray(image.to_numpy(), np.float64), (image.pitch, image.pitch), origin)

@@ -1,0 +1,291 @@
+"""How a plenoptic camera shares its pixels between place and direction.
+
+Ng, Levoy, Bredif, Duval, Horowitz and Hanrahan 2005, for the standard camera (1.0): one spatial
+sample a lenslet, one direction a pixel under it. Lumsdaine and Georgiev 2009 and Georgiev and
+Lumsdaine 2010 for the focused one (2.0), whose lenslets see the main lens' image at distance a and
+throw it on the sensor at distance b: with m = b/a, abs(m) of the sensor's resolution in place, and
+1/abs(m) views of every point where main lens and lenslets have the same f-number.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from clplen.analysis.point.samples import check_positive
+from clplen.checks import require
+from clplen.reprs import OneLine
+
+
+@dataclass(frozen=True, repr=False)
+class Sampling(OneLine):
+    """Samples of one axis; places are on the plane of the main lens' image, all in metres.
+
+    Attributes
+    ----------
+    kind : str
+        "1.0" or "2.0".
+    spatial_samples : float
+        Places: lenslets (1.0), pixels times abs(m) (2.0).
+    spatial_share : float
+        Places over the pixels of the sensor.
+    spatial_pitch : float
+        Between places: the lenslets' pitch (1.0), a pixel over abs(m) (2.0).
+    views : float
+        Directions in which a place is seen: pixels a lenslet (1.0), lenslets that its light meets,
+        D abs(a)/(F p), which is 1/abs(m) where the main lens has the lenslets' f-number b/p (2.0).
+    angular_step : float
+        Between directions, in radians: pixel/f_mu (1.0), p/abs(a) (2.0).
+    angular_range : float
+        All directions, in radians: d/f_mu, those a lenslet takes (1.0); D/F, those that the main
+        lens passes (2.0).
+    independent_views : float
+        Directions that diffraction by the lenslet leaves independent: d^2/(lam f_mu), at most the
+        pixels a lenslet (1.0); the views themselves (2.0), since other lenslets see them.
+    nyquist : float
+        Highest spatial frequency of the samples, 1/(2 spatial_pitch), cycles a metre.
+    diffraction_cutoff : float
+        Highest spatial frequency of the light: D/(lam F) of the main lens (1.0), d/(lam abs(a)) of
+        the lenslet (2.0), cycles a metre.
+    """
+
+    kind: str
+    spatial_samples: float
+    spatial_share: float
+    spatial_pitch: float
+    views: float
+    angular_step: float
+    angular_range: float
+    independent_views: float
+    nyquist: float
+    diffraction_cutoff: float
+
+    @property
+    def cutoff(self) -> float:
+        """The lower of the two limits in cycles a metre."""
+        return min(self.nyquist, self.diffraction_cutoff)
+
+
+def type1_sampling(
+    *,
+    lenslets: float,
+    pitch: float,
+    diameter: float,
+    focal_length: float,
+    pixel_pitch: float,
+    wavelength: float,
+    image_distance: float,
+    aperture_diameter: float,
+) -> Sampling:
+    """Sampling of a standard plenoptic camera along one axis.
+
+    Parameters
+    ----------
+    lenslets : float
+        Along the axis.
+    pitch, diameter, focal_length : float
+        p, d and f_mu of the lenslets, in metres.
+    pixel_pitch : float
+        In metres.
+    wavelength : float
+        In metres.
+    image_distance, aperture_diameter : float
+        F and D of the main lens, in metres.
+
+    Raises
+    ------
+    ValueError
+        If a number is not positive, or a lenslet wider than its pitch.
+    """
+    _check(
+        lenslets=lenslets,
+        pitch=pitch,
+        diameter=diameter,
+        focal_length=focal_length,
+        pixel_pitch=pixel_pitch,
+        wavelength=wavelength,
+        image_distance=image_distance,
+        aperture_diameter=aperture_diameter,
+    )
+    pixels = pitch / pixel_pitch
+    return Sampling(
+        kind="1.0",
+        spatial_samples=float(lenslets),
+        spatial_share=1 / pixels,
+        spatial_pitch=pitch,
+        views=pixels,
+        angular_step=pixel_pitch / focal_length,
+        angular_range=diameter / focal_length,
+        independent_views=min(pixels, diameter**2 / (wavelength * focal_length)),
+        nyquist=1 / (2 * pitch),
+        diffraction_cutoff=aperture_diameter / (wavelength * image_distance),
+    )
+
+
+def type2_sampling(
+    *,
+    lenslets: float,
+    pitch: float,
+    diameter: float,
+    a: float,
+    b: float,
+    pixel_pitch: float,
+    wavelength: float,
+    cone: float | None = None,
+    pixels: float | None = None,
+) -> Sampling:
+    """Sampling of a focused plenoptic camera along one axis.
+
+    Parameters
+    ----------
+    lenslets : float
+        Along the axis.
+    pitch, diameter : float
+        p and d of the lenslets, in metres.
+    a : float
+        Main lens' image to lenslets, in metres; negative when it lies behind them (Galilean).
+    b : float
+        Lenslets to sensor, in metres.
+    pixel_pitch : float
+        In metres.
+    wavelength : float
+        In metres.
+    cone : float, optional
+        D/F of the main lens; default p/b, that of the lenslets.
+    pixels : float, optional
+        Of the sensor along the axis; default those of the lenslets' cells.
+
+    Raises
+    ------
+    ValueError
+        If ``a`` is 0 or not finite, another number not positive, or a lenslet wider than its pitch.
+    """
+    if not (math.isfinite(a) and a != 0):
+        raise ValueError(f"a is finite and not 0, negative for a Galilean camera, not {a!r}.")
+    _check(
+        lenslets=lenslets,
+        pitch=pitch,
+        diameter=diameter,
+        b=b,
+        pixel_pitch=pixel_pitch,
+        wavelength=wavelength,
+    )
+    share = b / abs(a)
+    cone = pitch / b if cone is None else cone
+    pixels = lenslets * pitch / pixel_pitch if pixels is None else pixels
+    check_positive(cone=cone, pixels=pixels)
+    views = cone * abs(a) / pitch
+    return Sampling(
+        kind="2.0",
+        spatial_samples=pixels * share,
+        spatial_share=share,
+        spatial_pitch=pixel_pitch / share,
+        views=views,
+        angular_step=pitch / abs(a),
+        angular_range=cone,
+        independent_views=views,
+        nyquist=share / (2 * pixel_pitch),
+        diffraction_cutoff=diameter / (wavelength * abs(a)),
+    )
+
+
+def sampling_of(camera: Any, *, axis: int = 1) -> Sampling:
+    """Sampling of a plenoptic camera, standard or focused, along its rows or columns.
+
+    Parameters
+    ----------
+    camera : PlenopticCamera
+        Or anything with ``mla``, ``pixel_pitch``, ``wavelength``, ``image_distance`` and
+        ``aperture_diameter``, and for a focused one ``a``, ``b`` and ``grid``.
+    axis : int
+        0 along y, where the rows of a hexagonal array count with the pitch and width of a row;
+        1 along x.
+
+    Raises
+    ------
+    TypeError
+        If it is no such camera.
+    ValueError
+        If the axis is neither.
+    """
+    if axis not in (0, 1):
+        raise ValueError(f"axis is 0 for y or 1 for x, not {axis!r}.")
+    try:
+        mla = camera.mla
+        given = {
+            "lenslets": mla.count[axis],
+            "pitch": mla.pitch if axis == 1 else mla.row_pitch,
+            "diameter": min(mla.diameter, mla.pitch if axis == 1 else mla.row_pitch),
+            "pixel_pitch": camera.pixel_pitch,
+            "wavelength": camera.wavelength,
+        }
+        if camera.kind == "focused":
+            cone = camera.aperture_diameter / camera.image_distance
+            pixels = camera.grid.shape[axis]
+            return type2_sampling(a=camera.a, b=camera.b, cone=cone, pixels=pixels, **given)
+        return type1_sampling(
+            focal_length=mla.f,
+            image_distance=camera.image_distance,
+            aperture_diameter=camera.aperture_diameter,
+            **given,
+        )
+    except AttributeError as error:
+        raise TypeError(
+            f"{type(camera).__name__} is no plenoptic camera of type 1 or 2: {error}."
+        ) from error
+
+
+ROWS = (
+    ("places along the axis", "spatial_samples", 1.0, ""),
+    ("share of the pixels", "spatial_share", 1.0, ""),
+    ("pitch of places", "spatial_pitch", 1e6, "um"),
+    ("views of a place", "views", 1.0, ""),
+    ("independent views", "independent_views", 1.0, ""),
+    ("step of directions", "angular_step", 1e3, "mrad"),
+    ("range of directions", "angular_range", 1e3, "mrad"),
+    ("Nyquist frequency", "nyquist", 1e-3, "cycles/mm"),
+    ("diffraction cut-off", "diffraction_cutoff", 1e-3, "cycles/mm"),
+)
+
+
+def sampling_table(cameras: Mapping[str, Sampling]) -> str:
+    """A table of the sampling of cameras, one a column.
+
+    Parameters
+    ----------
+    cameras : mapping of str to Sampling
+        Their names, at least one.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    require(Mapping, cameras, "cameras", "{name: sampling_of(camera)}")
+    if not cameras:
+        raise ValueError("A table of sampling needs at least one camera.")
+    lines = [["", *cameras, ""]]
+    lines.append(["type", *(one.kind for one in cameras.values()), ""])
+    for label, name, unit, text in ROWS:
+        values = (getattr(one, name) * unit for one in cameras.values())
+        lines.append([label, *(f"{value:.4g}" for value in values), text])
+    wide = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
+    return "\n".join(
+        "  ".join(
+            [line[0].ljust(wide[0])]
+            + [cell.rjust(w) for cell, w in zip(line[1:-1], wide[1:-1], strict=True)]
+            + [line[-1]]
+        ).rstrip()
+        for line in lines
+    )
+
+
+def _check(**numbers: float) -> None:
+    check_positive(**numbers)
+    if numbers["diameter"] > numbers["pitch"] * (1 + 1e-12):
+        raise ValueError(
+            f"A lenslet of {numbers['diameter']:g} m is wider than its pitch of "
+            f"{numbers['pitch']:g} m."
+        )

@@ -1,0 +1,294 @@
+"""Optical transfer functions of point spread functions, and what they are in closed form.
+
+Goodman, Introduction to Fourier Optics, 3rd edition, 2005, sections 2.1 and 6.3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from clplen.analysis.point.psf import PSF
+from clplen.analysis.point.samples import Pair, Values, check_axis, check_positive, first_fall
+from clplen.compute.arrays import HostArray
+from clplen.errors import ShapeError
+from clplen.reprs import OneLine
+from clplen.wave.systems.pupil_filter import otf as ideal_otf
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Curve(OneLine):
+    """Contrast against spatial frequency.
+
+    Attributes
+    ----------
+    frequency : numpy.ndarray
+        Cycles a metre, ascending from 0, float64, shape (n,).
+    value : numpy.ndarray
+        Contrast, 1 at frequency 0, float64, shape (n,).
+
+    Raises
+    ------
+    ShapeError
+        If the two have not the same length, at least 2.
+    ValueError
+        If a number is not finite or the frequencies do not ascend.
+    """
+
+    frequency: Values
+    value: Values
+
+    def __post_init__(self) -> None:
+        f, v = (np.array(a, np.float64) for a in (self.frequency, self.value))
+        if f.ndim != 1 or f.shape != v.shape or f.size < 2:
+            raise ShapeError(
+                f"A curve has as many frequencies as values, at least 2, not {f.shape} and "
+                f"{v.shape}."
+            )
+        if not (np.isfinite(f).all() and np.isfinite(v).all() and (np.diff(f) > 0).all()):
+            raise ValueError("The frequencies of a curve ascend, and all its numbers are finite.")
+        object.__setattr__(self, "frequency", f)
+        object.__setattr__(self, "value", v)
+
+    def at(self, value: float) -> float:
+        """The frequency of a contrast: where the curve first falls below it.
+
+        Between samples by a straight line. MTF50 is ``at(0.5)``, MTF10 ``at(0.1)``.
+
+        Parameters
+        ----------
+        value : float
+            Between 0 and 1.
+
+        Returns
+        -------
+        float
+            Cycles a metre; NaN where the curve never falls so low.
+
+        Raises
+        ------
+        ValueError
+            For another contrast.
+        """
+        if not 0 < value < 1:
+            raise ValueError(f"A contrast to look for lies between 0 and 1, not {value!r}.")
+        return first_fall(self.frequency, self.value, value)
+
+    def contrast(self, frequency: Any) -> Any:
+        """The contrast at frequencies, between samples by a straight line.
+
+        Parameters
+        ----------
+        frequency : array_like
+            Cycles a metre.
+
+        Returns
+        -------
+        numpy.ndarray or float
+            NaN outside the curve.
+        """
+        found = np.interp(frequency, self.frequency, self.value, left=np.nan, right=np.nan)
+        return float(found) if np.ndim(found) == 0 else found
+
+    def floor(self, beyond: float) -> float:
+        """rms of the curve beyond a frequency where no signal can be: its noise floor.
+
+        Parameters
+        ----------
+        beyond : float
+            Cycles a metre.
+
+        Raises
+        ------
+        ValueError
+            If the curve ends before it.
+        """
+        rest = self.value[self.frequency > beyond]
+        if not rest.size:
+            raise ValueError(
+                f"The curve ends at {self.frequency[-1]:.6g} cycles/m, not beyond {beyond!r}."
+            )
+        return float(np.sqrt(np.mean(rest**2)))
+
+    def cutoff(self, *, level: float = 0.01, noise: float = 0.0) -> float:
+        """The first frequency from which on the curve stays at or below ``level + noise``.
+
+        Zeros between lobes are passed over, unlike by `at`.
+
+        Parameters
+        ----------
+        level : float
+            Contrast that counts as nothing.
+        noise : float
+            Noise floor, such as `floor` gives.
+
+        Returns
+        -------
+        float
+            Cycles a metre, between samples by a straight line; NaN where the curve ends above.
+
+        Raises
+        ------
+        ValueError
+            If a number is negative, or their sum is 0 or not below 1.
+        """
+        least = level + noise
+        if not (level >= 0 and noise >= 0 and 0 < least < 1):
+            raise ValueError(
+                f"level and noise are not negative and sum to between 0 and 1, not to {level!r} "
+                f"+ {noise!r}."
+            )
+        above = np.flatnonzero(self.value > least)
+        if not above.size:
+            return float(self.frequency[0])
+        k = int(above[-1])
+        if k + 1 == self.value.size:
+            return float("nan")
+        (f0, f1), (v0, v1) = self.frequency[k : k + 2], self.value[k : k + 2]
+        return float(f0 + (f1 - f0) * (v0 - least) / (v0 - v1))
+
+
+Complex = np.ndarray[Any, np.dtype[np.complex128]]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OTF(HostArray):
+    """Fourier transform of an intensity over its value at frequency 0 (Goodman 2005, sec. 6.3.1).
+
+    Made by `OTF.of`.
+
+    Attributes
+    ----------
+    values : numpy.ndarray
+        complex128, shape (ny, nx), frequencies ascending, 0 at (ny//2, nx//2).
+    fy, fx : numpy.ndarray
+        Cycles a metre, float64, shapes (ny,) and (nx,).
+    centre : tuple of float
+        (y, x) in metres, to which phases refer.
+    """
+
+    _samples: ClassVar[str] = "values"
+
+    values: Complex
+    fy: Values
+    fx: Values
+    centre: Pair
+
+    @classmethod
+    def of(cls, psf: PSF, *, pad: float = 2, centre: Pair | None = None) -> OTF:
+        """The transfer function int I(x) exp(-2 pi i f (x - centre)) dx / int I(x) dx.
+
+        Parameters
+        ----------
+        psf : PSF
+        pad : float
+            Length of the transform over that of the window, at least 1: how finely it is sampled.
+        centre : tuple of float, optional
+            (y, x) in metres; default the centroid of I^2, so that of a symmetric function no phase
+            is left.
+
+        Raises
+        ------
+        ValueError
+            If ``pad`` is less than 1.
+        """
+        if not (np.isfinite(pad) and pad >= 1):
+            raise ValueError(f"pad is at least 1, not {pad!r}.")
+        middle = psf.centroid() if centre is None else centre
+        ny, nx = (int(np.ceil(n * pad)) for n in psf.values.shape)
+        fy, fx = (np.fft.fftfreq(n, d) for n, d in zip((ny, nx), psf.pitch, strict=True))
+        spectrum = np.fft.fft2(psf.values, (ny, nx))
+        y, x = middle[0] - psf.grid.y[0], middle[1] - psf.grid.x[0]
+        spectrum *= np.multiply.outer(np.exp(2j * np.pi * fy * y), np.exp(2j * np.pi * fx * x))
+        values = np.fft.fftshift(spectrum / psf.values.sum())
+        return cls(values, np.fft.fftshift(fy), np.fft.fftshift(fx), (middle[0], middle[1]))
+
+    def __repr__(self) -> str:
+        ny, nx = self.values.shape
+        return f"<OTF {ny} x {nx}, up to {-self.fy[0]:.4g} x {-self.fx[0]:.4g} cycles/m>"
+
+    def mtf(self, axis: int) -> Curve:
+        """Modulus along one axis, at frequency 0 of the other one.
+
+        Parameters
+        ----------
+        axis : int
+            0 along y, 1 along x.
+
+        Returns
+        -------
+        Curve
+            From 0 to half a cycle a sample of the point spread function.
+        """
+        axis = check_axis(axis)
+        ny, nx = self.values.shape
+        line = self.values[ny // 2] if axis == 1 else self.values[:, nx // 2]
+        f = self.fx if axis == 1 else self.fy
+        kept = (np.arange(f.size // 2 + 1) + f.size // 2) % f.size
+        return Curve(np.abs(f[kept]), np.abs(line[kept]))
+
+
+def square_mtf(frequency: Any, *, wavelength: float, distance: float, width: float) -> Values:
+    """Transfer function of a square aperture along one of its sides: 1 - f lam a/d.
+
+    Goodman 2005, section 6.3.3; 0 from the cut-off d/(lam a) on.
+
+    Parameters
+    ----------
+    frequency : array_like
+        Cycles a metre, on the plane from which the aperture is seen.
+    wavelength : float
+        lam in metres.
+    distance : float
+        a in metres, from the aperture to that plane.
+    width : float
+        d in metres.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, of the shape of ``frequency``.
+
+    Raises
+    ------
+    ValueError
+        If a length is not positive.
+    """
+    return ideal_otf(_fraction(frequency, wavelength, distance, width), shape="square")
+
+
+def circular_mtf(frequency: Any, *, wavelength: float, distance: float, width: float) -> Values:
+    """Transfer function of a circular aperture: (2/pi)(acos s - s sqrt(1 - s^2)), s = f lam a/d.
+
+    Goodman 2005, section 6.3.3; parameters as in `square_mtf`, ``width`` the diameter.
+    """
+    return ideal_otf(_fraction(frequency, wavelength, distance, width))
+
+
+def pixel_mtf(frequency: Any, *, width: float) -> Values:
+    """Transfer function of a pixel that is evenly sensitive over its width: abs(sinc(f w)).
+
+    Goodman 2005, section 2.1: the transform of a rectangle.
+
+    Parameters
+    ----------
+    frequency : array_like
+        Cycles a metre.
+    width : float
+        w in metres, along the frequency.
+
+    Raises
+    ------
+    ValueError
+        If the width is not positive.
+    """
+    check_positive(width=width)
+    return np.abs(np.sinc(np.asarray(frequency, np.float64) * width))
+
+
+def _fraction(frequency: Any, wavelength: float, distance: float, width: float) -> Values:
+    """Frequency over the incoherent cut-off."""
+    check_positive(wavelength=wavelength, distance=distance, width=width)
+    return np.asarray(frequency, np.float64) * (wavelength * distance / width)

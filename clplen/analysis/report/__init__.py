@@ -1,0 +1,1 @@
+"""Comparisons in words: a `Comparison` comes in; tables and Markdown text leave."""

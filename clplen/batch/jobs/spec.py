@@ -1,0 +1,163 @@
+"""The content of a job: what is read, what is made of it, and where it goes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BeforeValidator, Field, PrivateAttr, ValidationError, model_validator
+
+from clplen.batch.jobs.tables import (
+    WORK,
+    AllInFocusTable,
+    DeconvolveTable,
+    DepthTable,
+    Format,
+    InputTable,
+    LightFieldTable,
+    RawTable,
+    RunTable,
+    SceneTable,
+    SimulationTable,
+    StackTable,
+    ViewsTable,
+)
+from clplen.config.tables import listed, problems_of, read_toml, validated
+from clplen.errors import FormatError
+from clplen.files import PathLike
+
+Spec = TypeVar("Spec", bound="JobSpec")
+
+
+class JobSpec(RunTable):
+    """Many light fields, and what is made of each; `clplen.batch.Job` runs it.
+
+    Attributes
+    ----------
+    output : str
+        Folder of the results, a folder in it for each item; seen from the job file.
+    formats : list of str
+        Of stacks, depth maps and pictures: "ome-tiff", "ome-zarr" or both.
+    inputs, simulations, scenes : list
+        Where light fields come from; at least one.
+    stack, depth, all_in_focus, views, light_field, deconvolve, raw
+        What is made; at least one, or simulations and scenes, which write all that they know.
+    device : str or None
+        As for `Device.open`; a list gives each worker its own.
+    memory : int or None
+        Bytes that light field, results and what lies between may take in each worker; beyond it
+        light fields are streamed. None: half of the free memory, shared by the workers.
+    workers : int
+        Processes on this computer; more than one needs the extra ``batch``.
+    certificates : str or None
+        Folder of ``clplen batch --make-certificates``, by which workers on several computers know
+        each other; seen from the job file.
+    retries : int
+        How often an item that failed for a reason that may pass, or was lost, is tried again.
+    """
+
+    output: str
+    formats: Annotated[list[Format], BeforeValidator(listed)] = Field(
+        default=["ome-tiff"], min_length=1
+    )
+    inputs: Annotated[list[InputTable], BeforeValidator(listed)] = Field(default=[])
+    simulations: Annotated[list[SimulationTable], BeforeValidator(listed)] = Field(default=[])
+    scenes: Annotated[list[SceneTable], BeforeValidator(listed)] = Field(default=[])
+    stack: StackTable | None = None
+    depth: DepthTable | None = None
+    all_in_focus: AllInFocusTable | None = None
+    views: ViewsTable | None = None
+    light_field: LightFieldTable | None = None
+    deconvolve: DeconvolveTable | None = None
+    raw: RawTable | None = None
+
+    _folder: Path = PrivateAttr(default_factory=Path.cwd)
+
+    @model_validator(mode="after")
+    def _not_empty(self: Spec) -> Spec:
+        if not (self.inputs or self.simulations or self.scenes):
+            raise ValueError(
+                "the job has no light fields: give [[inputs]], [[simulations]] or [[scenes]]"
+            )
+        if self.inputs and not any(getattr(self, name) is not None for name in WORK[:-1]):
+            raise ValueError(
+                "the job makes nothing of its inputs: give [stack], [depth], [all_in_focus], "
+                "[views], [light_field] or [deconvolve]"
+            )
+        strange = [
+            f"inputs.{i}.layout.{word}"
+            for i, one in enumerate(self.inputs)
+            for word in sorted(one.layout.model_fields_set - {"white", "dark", "force"})
+        ]
+        if strange and not any(getattr(self, name) is not None for name in WORK[:-2]):
+            raise ValueError(f"{strange[0]} says nothing to [deconvolve]: leave it out")
+        return self
+
+    @classmethod
+    def read(cls: type[Spec], path: PathLike) -> Spec:
+        """Read a job file.
+
+        Parameters
+        ----------
+        path : path-like
+            TOML as ``clplen batch --example`` prints it. Files that it names are seen from its
+            folder.
+
+        Returns
+        -------
+        Job
+
+        Raises
+        ------
+        FormatError
+            If there is no such file, it is not TOML, or a key is unknown (with the nearest known
+            one), missing or out of range, or does not fit the others.
+        """
+        path = Path(path)
+        content = read_toml(path, f"job file {path}; 'clplen batch --example' prints one")
+        return validated(cls, content, path).relative_to(path.parent)
+
+    def relative_to(self: Spec, folder: PathLike) -> Spec:
+        """The same job with file names relative to another folder than the current one."""
+        job = self.model_copy()
+        job._folder = Path(folder).absolute()
+        return job
+
+    def with_settings(
+        self: Spec,
+        *,
+        workers: int | None = None,
+        device: str | list[str] | None = None,
+        memory: int | str | None = None,
+        certificates: PathLike | None = None,
+    ) -> Spec:
+        """The same job with other settings of its run; see `clplen.batch.run_job`."""
+        given = {"workers": workers, "device": device, "memory": memory}
+        if certificates is not None:
+            given["certificates"] = str(Path(certificates).absolute())
+        given = {name: value for name, value in given.items() if value is not None}
+        try:
+            how = RunTable.model_validate(given)
+        except ValidationError as error:
+            raise FormatError(f"{problems_of(RunTable, error)}.") from error
+        return self.model_copy(update={name: getattr(how, name) for name in given})
+
+    @property
+    def folder(self) -> Path:
+        """From where names of files are seen."""
+        return self._folder
+
+    @property
+    def output_folder(self) -> Path:
+        """Where the results go."""
+        return self._folder / self.output
+
+    @property
+    def certificates_folder(self) -> Path | None:
+        """Where the certificates are."""
+        return None if self.certificates is None else self._folder / self.certificates
+
+    def contents(self) -> dict[str, Any]:
+        """All keys that decide the results, without those of the run: for comparing jobs."""
+        how = {*RunTable.model_fields, "output"}
+        return self.model_dump(mode="json", exclude=how, exclude_defaults=True)

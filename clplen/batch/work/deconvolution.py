@@ -1,0 +1,358 @@
+"""Deconvolution of frames of a light-field microscope; matrices are shared from item to item."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from clplen.batch.jobs.items import layout_in
+from clplen.batch.jobs.task import Task
+from clplen.batch.work import diagnostics
+from clplen.batch.work.fingerprints import fingerprint
+from clplen.batch.work.resources import Resources
+from clplen.cameras.light_field_microscope import Microscope
+from clplen.compute.device import Device
+from clplen.errors import FormatError
+from clplen.files import PathLike, naming
+from clplen.io.formats.tiff import SUFFIXES
+from clplen.io.raw.raw_files import read_frame
+from clplen.io.results.volume_files import is_volume, write_volume
+from clplen.io.store.digest import digest
+from clplen.lightfield.raw.raw_image import RawImage
+from clplen.microscopy import point_image_files
+from clplen.microscopy.deconvolution import DeconvolutionResult, deconvolve
+from clplen.microscopy.images import PointImages
+from clplen.microscopy.prepare import Prepared, preparation
+from clplen.microscopy.projector import Projector
+
+Values = np.ndarray[Any, Any]
+
+FLOOR = 1e-3  # of the mean voxel: a warm start leaves none at 0, where it would stay
+
+
+@dataclass(frozen=True)
+class DeconvolutionSettings:
+    """How frames are deconvolved; it decides the volumes.
+
+    Attributes
+    ----------
+    iterations : int
+    background : float
+        Counts of a pixel of the camera above the dark frame.
+    gain : float
+        Counts of a photon.
+    saturation : float or None
+        Level from which on pixels are left out.
+    haze : bool
+        Whether light from far beyond the volume is told from it; see `Preparation.haze`.
+    residual, accelerate, prior, strength
+        Of `deconvolve`.
+    """
+
+    iterations: int = 20
+    background: float = 0.0
+    gain: float = 1.0
+    saturation: float | None = None
+    haze: bool = False
+    residual: float | Literal["noise"] | None = None
+    accelerate: bool = False
+    prior: Literal["tv", "gaussian"] | None = None
+    strength: float = 1.0
+
+
+class Deconvolver:
+    """What frames of one camera share: point images, lattice and matrices.
+
+    Parameters
+    ----------
+    images : PointImages
+    how : DeconvolutionSettings
+    device : Device
+    white, dark : path-like, optional
+        Frames; without a white one frames are rectified already.
+    memory : int, optional
+        As of `Projector`.
+    force : bool
+        As of `preparation`.
+
+    Raises
+    ------
+    FormatError
+        If a file is missing, damaged or of another kind.
+    ShapeError, ValueError
+        As `preparation`.
+    """
+
+    def __init__(
+        self,
+        images: PointImages,
+        how: DeconvolutionSettings,
+        *,
+        device: Device,
+        white: PathLike | None = None,
+        dark: PathLike | None = None,
+        memory: int | None = None,
+        force: bool = False,
+    ) -> None:
+        self.images, self.how, self.device, self._memory = images, how, device, memory
+        self._white, self._dark = white, dark
+        beside = {
+            name: read_picture(path) for name, path in (("white", white), ("dark", dark)) if path
+        }
+        with naming(white or "Without a white frame"):
+            self._prepare = preparation(
+                self.images.pixels, device=device, saturation=how.saturation, force=force, **beside
+            )
+        self._projector: Projector | None = None
+
+    @cached_property
+    def words(self) -> dict[str, Any]:
+        """What all volumes depend on; see `provenance`."""
+        return provenance(self.images, self.how, self._white, self._dark)
+
+    def prepared(self, frame: Values) -> Prepared:
+        """A raw frame, rectified."""
+        return self._prepare(frame, saturation=self.how.saturation)
+
+    def place(self) -> dict[str, tuple[float, float]]:
+        """Of the voxels on the raw frame; see `Preparation.place`."""
+        return self._prepare.place(self.images.voxels)
+
+    def diagnose(self, frame: Prepared, found: DeconvolutionResult | None = None) -> list[str]:
+        """Sentences on a frame, or on its volume; see `clplen.batch.work.diagnostics`."""
+        if found is None:
+            return diagnostics.diagnose_frame(self._prepare, frame, self.how.background)
+        _, background = self._light(frame)
+        gain, variance = self.how.gain, self._prepare.variance
+        level = self._prepare.level
+        return diagnostics.diagnose_volume(
+            found.residuals, frame, background * gain, level, self._prepare.pixels, gain * variance
+        )
+
+    def _light(self, frame: Prepared) -> tuple[Values, Values]:
+        """Photons of a frame, and those from nowhere in the volume."""
+        how = self.how
+        counts = frame.counts / np.float32(how.gain)
+        background = np.full_like(counts, how.background * self._prepare.area / how.gain)
+        if how.haze:
+            background += self._prepare.haze(counts - background, frame.white)
+        return counts, background
+
+    def __call__(
+        self,
+        frame: Prepared,
+        *,
+        start: Values | None = None,
+        progress: Callable[[int, int], None] | None = None,
+        watch: Callable[[Values], None] | None = None,
+    ) -> DeconvolutionResult:
+        """The volume behind a frame.
+
+        Parameters
+        ----------
+        frame : Prepared
+        start : numpy.ndarray, optional
+            Volume of the frame before.
+        progress, watch : callable, optional
+            As of `deconvolve`.
+        """
+        how = self.how
+        counts, background = self._light(frame)
+        if start is not None:
+            start = np.maximum(start, np.float32(FLOOR * start.mean(dtype=np.float64)))
+        return deconvolve(
+            counts,
+            self._projector_for(frame.counts.shape),
+            iterations=how.iterations,
+            background=background,
+            white=frame.white,
+            start=start,
+            residual=how.residual,
+            variance=self._prepare.variance,
+            accelerate=how.accelerate,
+            prior=how.prior,
+            strength=how.strength,
+            progress=progress,
+            watch=watch,
+        )
+
+    def _projector_for(self, shape: tuple[int, ...]) -> Projector:
+        lenslets = (shape[0] // self.images.pixels, shape[1] // self.images.pixels)
+        if self._projector is None or self._projector.shape != lenslets:
+            self._projector = None  # its matrices go before others come
+            self._projector = Projector(
+                self.images, lenslets, device=self.device, memory=self._memory
+            )
+        return self._projector
+
+
+def provenance(
+    images: PointImages, how: DeconvolutionSettings, white: PathLike | None, dark: PathLike | None
+) -> dict[str, Any]:
+    """What volumes of one camera depend on besides their frames, kept with them."""
+    from clplen import __version__
+
+    return {
+        **asdict(how),
+        "clplen": __version__,
+        "psf": point_image_files.digest(images),
+        "white": digest(Path(white)) if white else None,
+        "dark": digest(Path(dark)) if dark else None,
+    }
+
+
+def read_psf(path: PathLike) -> PointImages:
+    """Point images of a file; a parameter file in its place is told from it."""
+    if Path(path).suffix.lower() == ".toml":
+        raise FormatError(
+            f"{path} has the parameters of a microscope, not its point images: make them by "
+            f"'clplen microscope psf {path} -o PSF.h5'."
+        )
+    return point_image_files.read_point_images(path)
+
+
+def read_picture(path: PathLike, frame: int | None = None) -> Values:
+    """A frame of one channel, of a file or of its ``frame``."""
+    if is_volume(path):
+        raise FormatError(f"{path} is a volume, as clplen writes them, and no raw frame.")
+    picture, _ = read_frame(path, frame=frame)
+    if picture.ndim != 2:
+        text = f"{path} has shape {picture.shape}; a raw frame has one channel."
+        if Path(path).suffix.lower() in SUFFIXES:
+            text += (
+                f" If it is a series of {picture.shape[2]} frames, write it with "
+                "photometric='minisblack'."
+            )
+        raise FormatError(text)
+    return picture
+
+
+def write_result(
+    path: PathLike,
+    found: DeconvolutionResult,
+    images: PointImages,
+    *,
+    more: dict[str, Any],
+    replace: bool = False,
+) -> None:
+    """Write a volume with what is known of it.
+
+    Parameters
+    ----------
+    path : path-like
+        As of `write_volume`.
+    found : DeconvolutionResult
+        Of one frame.
+    images : PointImages
+    more : dict
+        What else its description says.
+    replace : bool
+        As of `write_volume`.
+    """
+    write_volume(
+        path,
+        found.volume,
+        planes=images.planes,
+        voxel=(images.side, images.side),
+        description={
+            "voxel_um": [round(images.side * 1e6, 9)] * 2,
+            "values": "energy of a voxel, photons (counts over the gain) of the frame",
+            "residuals": [float(one) for one in found.residuals],
+            "degenerate_um": [round(z * 1e6, 9) for z in found.degenerate],
+            **more,
+        },
+        durable=True,
+        replace=replace,
+    )
+
+
+logger = logging.getLogger(__name__)
+
+Written = tuple[str, Callable[[Path], Any]]
+Advance = Callable[[int, int], None]
+
+
+def volume_products(
+    task: Task,
+    raw: RawImage | None,
+    resources: Resources,
+    suffixes: dict[str, str],
+    advance: Advance,
+) -> Iterator[Written]:
+    """Names and writers of the volume of a frame.
+
+    Parameters
+    ----------
+    task : Task
+        Its work has [deconvolve].
+    raw : RawImage or None
+        The frame, if it was simulated.
+    resources : Resources
+        Keeps what the next frame needs too.
+    suffixes : dict
+        Of the formats.
+    advance : callable
+        (done, all) of the iterations.
+
+    Raises
+    ------
+    ValueError
+        If what was simulated is no frame of a microscope.
+    """
+    layout = layout_in(task.source.get("layout", {}), task.base)
+    table = dict(task.work["deconvolve"])
+    path = Path(task.base, task.source["path"]) if task.source["kind"] == "file" else None
+    files = {"psf": str(Path(task.base, table.pop("psf")))}
+    files |= {name: layout[name] for name in ("white", "dark") if name in layout}
+    deconvolver = _cached_deconvolver(
+        resources, files, DeconvolutionSettings(**table), force=layout.get("force", False)
+    )
+    frame = deconvolver.prepared(_frame(path, raw))
+    said = deconvolver.diagnose(frame)
+    found = deconvolver(frame, progress=advance)
+    said += deconvolver.diagnose(frame, found)
+    for text in said:
+        logger.warning("%s: %s", task.name, text)
+    more = {
+        "left_out": frame.left_out,
+        "below_0": frame.negative,
+        "remarks": said,
+        "place": deconvolver.place(),
+        "job": {"frame": digest(path) if path else None, "number": None, **deconvolver.words},
+    }
+    write = partial(write_result, found=found, images=deconvolver.images, more=more, replace=True)
+    for name in task.work["formats"]:
+        yield f"volume{suffixes[name]}", write
+
+
+def _frame(path: Path | None, raw: RawImage | None) -> Any:
+    """The raw frame of an item."""
+    if path is not None:
+        return read_picture(path)
+    if raw is None or not isinstance(raw.camera, Microscope):
+        raise ValueError(
+            "[deconvolve] is of frames of a light-field microscope, and this one is none: give it "
+            "a job of its own."
+        )
+    return raw.to_numpy()
+
+
+def _cached_deconvolver(
+    resources: Resources, files: dict[str, str], how: DeconvolutionSettings, *, force: bool = False
+) -> Deconvolver:
+    """That of the item before, where it has the same files and words."""
+    key = (how, force, *((name, path, fingerprint(Path(path))) for name, path in files.items()))
+    if resources.deconvolver is None or resources.deconvolver[0] != key:
+        resources.deconvolver = None  # its matrices go before others come
+        images = read_psf(files.pop("psf"))
+        made = Deconvolver(
+            images, how, device=resources.device, memory=resources.memory // 2, force=force, **files
+        )
+        resources.deconvolver = (key, made)
+    return resources.deconvolver[1]

@@ -1,0 +1,197 @@
+"""Light fields of simulated items, and the products of focused (plenoptic 2.0) raw images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from clplen import io
+from clplen.batch.jobs.simulations import (
+    InstrumentFile,
+    check_traceable,
+    sample_scene,
+    validate_content,
+)
+from clplen.cameras.scenes.ground_truth import Truth
+from clplen.compute.device import Device
+from clplen.config import CameraFile, CoherenceTable
+from clplen.files import PathLike
+from clplen.lightfield.focused.focused_depth import focused_depth, focused_maps
+from clplen.lightfield.focused.focused_rendering import focused_stack, render_focused
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.raw_image import RawImage
+from clplen.wave.coherence.averaging import Progress
+
+Written = tuple[str, Callable[[Path], Any]]
+
+_NONE = {
+    "views": "has no views of directions: leave [views] out",
+    "light_field": "has no light field, its raw.h5 is written: leave [light_field] out",
+}
+
+
+def is_focused(raw: Any) -> bool:
+    """Whether a raw image is of a focused camera."""
+    return raw is not None and raw.camera is not None and raw.camera.kind == "focused"
+
+
+def focused_products(
+    raw: RawImage, work: dict[str, Any], suffixes: dict[str, str]
+) -> Iterator[Written]:
+    """Names and writers: raw.h5 always, stack, depth and all_in_focus where they are asked for.
+
+    Parameters
+    ----------
+    raw : RawImage
+        Of a `Plenoptic2`.
+    work : dict
+        The job's tables; [stack] needs ``alphas``, the planes F/F'.
+    suffixes : dict
+        Of the formats.
+
+    Raises
+    ------
+    ValueError
+        For a table that makes no sense here, or depth that cannot be told.
+    """
+    for name, why in _NONE.items():
+        if name in work:
+            raise ValueError(f"A focused camera {why}.")
+    endings = [suffixes[name] for name in work["formats"]]
+    yield "raw.h5", lambda path: io.write_raw(path, raw, durable=True)
+    if "stack" in work:
+        stack = focused_stack(raw, ms=_ms(raw, work["stack"]))
+        for ending in endings:
+            yield f"stack{ending}", _writer(io.write_focused, stack)
+    if "depth" not in work and "all_in_focus" not in work:
+        return
+    depth = focused_depth(raw)
+    if "depth" in work:
+        maps = focused_maps(raw, depth)
+        for ending in endings:
+            yield f"depth{ending}", _writer(io.write_focused_depth, depth, maps)
+    if "all_in_focus" in work:
+        picture = render_focused(raw, method="depth", depth=depth)
+        for ending in endings:
+            yield f"all_in_focus{ending}", _writer(io.write_focused, picture)
+
+
+def _writer(write: Callable[..., None], *made: Any) -> Callable[[Path], Any]:
+    def put(path: Path) -> None:
+        write(path, *made, durable=True, replace=True)
+
+    return put
+
+
+def _ms(raw: RawImage, table: dict[str, Any]) -> np.ndarray[Any, Any]:
+    """m = b/(z2 - F/alpha) of the planes."""
+    camera: Any = raw.camera
+    if "alphas" not in table:
+        raise ValueError(
+            "The planes of a focused camera have no disparities: give alphas in [stack], F/F' as "
+            "for other cameras."
+        )
+    alphas = np.asarray(table["alphas"], np.float64)
+    return np.asarray(
+        camera.sensor_distance / (camera.array_distance - camera.image_distance / alphas)
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """What a simulation gives.
+
+    Attributes
+    ----------
+    light_field : LightField
+    raw : RawImage or None
+        Of a camera.
+    truth : Truth or None
+        Of a scene of surfaces.
+    """
+
+    light_field: LightField
+    raw: RawImage | None = None
+    truth: Truth | None = None
+
+
+def simulate(
+    words: dict[str, Any],
+    *,
+    device: Device,
+    base: PathLike = ".",
+    progress: Progress | None = None,
+) -> Simulated:
+    """Simulate an item; the same words give the same bits on the same device.
+
+    Parameters
+    ----------
+    words : dict
+        Of its `Source`.
+    device : Device
+    base : path-like
+        Folder of the job file, from where the folder of a camera file is seen.
+    progress : callable, optional
+        Called as ``progress(done, total)``; see `Plenoptic.expose`.
+
+    Returns
+    -------
+    Simulated
+
+    Raises
+    ------
+    FormatError
+        If the words make no camera, or a picture cannot be read.
+    ValueError, SamplingError, DeviceError
+        As `Plenoptic.expose` and `SurfaceScene.light_field`.
+    """
+    if words["kind"] == "camera":
+        return _by_waves(words, Path(base, words["folder"]), device, progress)
+    if "content" in words:
+        return _by_rays(words, device)
+    sample = sample_scene(words, tuple(words["shape"]))
+    lf, truth = sample.scene.light_field(
+        tuple(words["views"]),
+        tuple(words["shape"]),
+        device=device,
+        noise=sample.noise if words["noise"] is None else words["noise"],
+        seed=words["seed"],
+    )
+    return Simulated(lf, truth=truth)
+
+
+def _by_waves(
+    words: dict[str, Any], folder: Path, device: Device, progress: Progress | None
+) -> Simulated:
+    file = validate_content(CameraFile, words["content"], folder)
+    how = file.coherence or CoherenceTable()
+    raw = file.camera.build(device).expose(
+        file.scene.build(),
+        coherence=file.light(),
+        sensor=None if file.sensor is None else file.sensor.build(),
+        progress=progress,
+        koehler=how.koehler,
+        snapshots=how.snapshots,
+        rtol=how.rtol,
+    )
+    return Simulated(_decoded(raw), raw)
+
+
+def _by_rays(words: dict[str, Any], device: Device) -> Simulated:
+    file = validate_content(InstrumentFile, words["content"], Path())
+    camera = check_traceable(file.camera.build(device))
+    raw = camera.expose(
+        sample_scene(words, camera.mla.count).scene,
+        model="rays",
+        sensor=None if file.sensor is None else file.sensor.build(),
+    )
+    return Simulated(_decoded(raw), raw, cast("Truth | None", raw.truth))
+
+
+def _decoded(raw: RawImage) -> LightField:
+    """The light field; of a focused camera, of which the raw image is used, its plain pixels."""
+    return LightField.from_raw(raw, decode="naive" if is_focused(raw) else "calibrated")

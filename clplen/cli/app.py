@@ -1,0 +1,64 @@
+"""The command ``clplen``."""
+
+from __future__ import annotations
+
+import logging
+import sys
+
+import click
+
+from clplen import __version__
+from clplen.cli.analyse import analyse
+from clplen.cli.batch import batch, worker
+from clplen.cli.bench import bench
+from clplen.cli.deconvolve import deconvolve
+from clplen.cli.demo import demo
+from clplen.cli.depth import depth
+from clplen.cli.devices import devices
+from clplen.cli.epi import epi
+from clplen.cli.info import info
+from clplen.cli.microscope import microscope
+from clplen.cli.refocus import refocus
+from clplen.cli.render import render
+from clplen.cli.sampling import sampling
+from clplen.cli.score import score
+from clplen.cli.shared.console import Commands
+from clplen.cli.simulate import simulate
+from clplen.cli.stack import stack
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="clplen")
+def main() -> None:
+    """Light fields by wave optics, on any OpenCL device.
+
+    Begin with 'clplen demo'; 'clplen COMMAND -h' shows an example of each command.
+    """
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(logging.Formatter("%(message)s"))
+    logger = logging.getLogger("clplen")
+    logger.handlers = [handler]
+    logger.setLevel(logging.INFO)
+
+
+_COMMANDS = (
+    analyse,
+    batch,
+    bench,
+    demo,
+    depth,
+    devices,
+    epi,
+    info,
+    microscope,
+    refocus,
+    render,
+    sampling,
+    score,
+    simulate,
+    stack,
+    worker,
+)
+microscope.add_command(deconvolve)
+for command in _COMMANDS:
+    main.add_command(command)

@@ -1,0 +1,1 @@
+"""Helpers of several commands: what users type comes in; values, notes and written files leave."""

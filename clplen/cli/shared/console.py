@@ -1,0 +1,308 @@
+"""Messages, progress bars and checks of outputs on the command line."""
+
+from __future__ import annotations
+
+import logging
+import re
+import sys
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from tqdm import tqdm
+
+from clplen import interrupts
+from clplen.cli.shared import options
+from clplen.compute.device import Device
+from clplen.errors import ClplenError
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
+from clplen.lightfield.refocus.focal_stack import FocalStack
+
+# Python's words, and what the command line has for them.
+_TYPED = (
+    (r"\ballow_missing=True gives", "--allow-missing gives"),
+    (r"\bforce=True", "--force"),
+    (r"\bviews=\((\w+), (\w+)\)", r"--views \1 \2"),
+    (r"\bpattern=(?=')", "--pattern "),
+    (r"\border='(\w+)'", r"--order \1"),
+    (
+        r"\b(pattern|views|flip_v|flip_u|swap_uv|allow_missing|order|dataset|positions|srgb|white|"
+        r"dark|grid|image|step|lattice|bayer|demosaic|devignette|max_bytes)=",
+        r"--\1",
+    ),
+    (r"give spacing=\(dv, du, dy, dx\), or use disparity", "use --disparities"),
+    (r" and give their views weight 0 \(weights=\)", ""),
+    (r"--(swap|flip|allow|max)_", r"--\1-"),
+    (r"\bms=(?=\W)", "--m"),
+    (r"\bmethod='([\w-]+)'(?: or '([\w-]+)')", r"--method \1 or \2"),
+    (r"\bmethod='([\w-]+)'", r"--method \1"),
+    (r"\bor 'auto'", "or auto"),
+    (r"\breplace it \(replace=True\)", "remove it"),
+    (r"\ba larger pad\b", "a larger --pad"),
+    (r"\bby support=", "by --support"),
+)
+
+
+_RENAMED = {("depth", "--focal-mm"): "--focal-length-mm"}  # old options that are still taken
+
+
+class Commands(click.Group):
+    """Commands whose expected failures are one sentence, not a traceback."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command that is meant, with its options by their present names."""
+        name, command, words = super().resolve_command(ctx, args)
+        return name, command, [_present_option(name, word) for word in words]
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with interrupts.unwinding(), warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            try:
+                return super().invoke(ctx)
+            except KeyboardInterrupt:
+                if interrupts.is_command():
+                    interrupts.leave()
+                click.echo(f"\n{interrupts.SENTENCE}", err=True)
+                ctx.exit(interrupts.STATUS)
+            except BrokenPipeError:
+                raise
+            except (ClplenError, ValueError, OSError, MemoryError) as error:
+                raise click.ClickException(error_sentence(error)) from error
+            except _opencl_errors() as error:
+                reason = (str(error).splitlines() or [type(error).__name__])[0]
+                raise click.ClickException(
+                    f"OpenCL failed ({reason}): run `clplen devices --check` to see what works, or "
+                    "choose another device by --device."
+                ) from error
+
+
+def _present_option(command: str | None, word: str) -> str:
+    """A word of the command line; an old option by its present name, with a note."""
+    old, equals, value = word.partition("=")
+    new = _RENAMED.get((command or "", old))
+    if new is None:
+        return word
+    note(f"the option {old} is called {new} now; its old name is deprecated.")
+    return f"{new}{equals}{value}"
+
+
+def _opencl_errors() -> tuple[type[Exception], ...]:
+    """What OpenCL raises, where it is in use."""
+    opencl = sys.modules.get("pyopencl")
+    return () if opencl is None else (opencl.Error,)
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    note(str(message))
+
+
+def note(text: str) -> None:
+    """Say something on standard error that does not end the command."""
+    click.echo(f"Note: {text}", err=True)
+
+
+def error_sentence(error: BaseException) -> str:
+    """What went wrong, without a compiler's log and in the words of the command line."""
+    if isinstance(error, MemoryError):
+        detail = str(error).rstrip(".")
+        return "This computer has not enough memory" + (f": {detail}." if detail else " for it.")
+    if isinstance(error, OSError) and error.errno is not None:
+        return str(error)
+    return to_option_names(str(error.args[0]) if error.args else type(error).__name__)
+
+
+def to_option_names(text: str) -> str:
+    """A sentence of the package in the words of the command line."""
+    for python, words in _TYPED:
+        text = re.sub(python, words, text)
+    return text
+
+
+_DETAIL = 1e-5  # of the brightest pixel, rms: what is less is rounding
+
+
+def open_device(selector: str | None) -> Device:
+    """The device and its way to transform, named before anything is computed."""
+    from clplen.compute.device import Device
+
+    device = Device.open(selector)
+    click.echo(f"Device: {device!r}, FFT by {device.fft.name}\n")
+    return device
+
+
+def progress_bar(total: int, unit: str) -> tqdm[Any]:
+    return tqdm(total=total, unit=unit, disable=not sys.stderr.isatty(), leave=False)
+
+
+def advance(bar: tqdm[Any], name: str) -> None:
+    bar.set_description(name)
+    bar.update()
+
+
+def update_bar(bar: tqdm[Any], done: int, total: int) -> None:
+    """How far one part of several has come; each begins anew."""
+    if done < bar.n:
+        bar.reset()
+    bar.total = total
+    bar.update(done - bar.n)
+
+
+@contextmanager
+def capture_messages() -> Iterator[list[str]]:
+    """What the readers say, kept instead of being shown."""
+    said: list[str] = []
+    logger = logging.getLogger("clplen.io")
+    handler = logging.Handler()
+    handler.emit = lambda record: said.append(record.getMessage())  # type: ignore[method-assign]
+    propagated = logger.propagate
+    logger.addHandler(handler)
+    logger.propagate = False
+    try:
+        yield said
+    finally:
+        logger.propagate = propagated
+        logger.removeHandler(handler)
+
+
+def describe_shape(lf: LightField) -> str:
+    return "(v, u, y, x) = (" + ", ".join(str(n) for n in lf.shape) + ")"
+
+
+def read(source: Path, selector: str | None, layout: dict[str, Any]) -> LightField:
+    from clplen.compute.device import Device
+    from clplen.io import read_lightfield
+
+    return read_lightfield(
+        source, device=Device.open(selector), progress=sys.stderr.isatty(), **layout
+    )
+
+
+@contextmanager
+def stored(
+    source: Path, selector: str | None, layout: dict[str, Any]
+) -> Iterator[tuple[StoredLightField, Device]]:
+    """A light field that is read part by part, and the device for it."""
+    from clplen.compute.device import Device
+    from clplen.io import open_lightfield
+
+    device = Device.open(selector)
+    with open_lightfield(source, device=device, **layout) as found:
+        yield found, device
+
+
+@contextmanager
+def tile_progress() -> Iterator[Callable[[int, int], None]]:
+    """What shows how many tiles are done."""
+    with progress_bar(0, "tile") as bar:
+        yield lambda done, total: update_bar(bar, done, total)
+
+
+def check_planes(disparities: Any, alphas: Any) -> None:
+    if disparities is not None and alphas is not None:
+        raise click.UsageError("Give --disparities or --alphas, not both.")
+
+
+def note_end(disparities: Any, found: Any, what: str = "the sharpest plane is") -> bool:
+    """Say that the best of several planes is the first or the last one, if it is.
+
+    ``found`` is its disparity, or those of many pixels, of which more than half count.
+    """
+    planes = np.asarray(disparities, np.float64)
+    if planes.size < 3:
+        return False
+    ends = np.sort(planes)[[0, 1, -2, -1]]
+    if np.mean(found < (ends[0] + ends[1]) / 2) > 0.5:
+        end, side = ends[0], "below"
+    elif np.mean(found > (ends[2] + ends[3]) / 2) > 0.5:
+        end, side = ends[3], "above"
+    else:
+        return False
+    which = "first" if end == planes[0] else "last"
+    note(
+        f"{what} the {which} of those tried: the scene may lie {side} disparity {end:g}; "
+        "'clplen info' finds its range."
+    )
+    return True
+
+
+def sharpest_of(stack: FocalStack, lf: LightField) -> int | str:
+    """Which plane is the sharpest, or why none is: there is one view, or nothing to be sharp."""
+    from clplen.lightfield.depth.depth_map import sharpness_curve
+
+    if np.count_nonzero(lf.weights) < 2:
+        return "there is one view only, which looks the same on every plane"
+    curve = sharpness_curve(stack)
+    best = int(curve.argmax())
+    level = float(np.abs(stack.device.download(stack.data[best])).max())
+    if curve[best] <= (_DETAIL * level) ** 2:
+        return "the views show no detail" + ("" if level else ", they are black")
+    return best
+
+
+def planes_of(
+    lf: LightField | StoredLightField, disparities: Any, alphas: Any, *, count: int | None = None
+) -> dict[str, Any]:
+    """The planes that were asked for, else those that suit the light field, `count` of them."""
+    from clplen.lightfield.depth.best_focus import suitable_planes
+    from clplen.lightfield.model.alpha_law import shifts
+
+    if disparities is None and alphas is None:
+        suitable = suitable_planes(lf, count=count)
+        disparities, alphas = suitable.get("disparities"), suitable.get("alphas")
+    chosen = lf.disparity(alphas) if disparities is None else disparities
+    moved = [np.abs(along).reshape(len(along), -1).max(axis=1) for along in shifts(lf, chosen)]
+    beyond = (moved[0] >= lf.shape[2]) | (moved[1] >= lf.shape[3])
+    if beyond.any():
+        note(
+            f"{beyond.sum()} of {options.planes(beyond.size)} move the outermost views by more "
+            "than a whole picture, so that parts stay empty: choose planes nearer to disparity 0."
+        )
+    return {"alphas": alphas} if disparities is None else {"disparities": disparities}
+
+
+def tried_disparities(lf: LightField | StoredLightField, planes: dict[str, Any]) -> Any:
+    """The disparities of `planes_of`."""
+    return planes["disparities"] if "disparities" in planes else lf.disparity(planes["alphas"])
+
+
+def check_outputs(source: Path, layout: dict[str, Any], *outputs: Path) -> None:
+    """Refuse outputs that cannot be written, are read, or were not written by clplen."""
+    from clplen.io import files_of
+
+    with capture_messages():  # reading says it again
+        files = files_of(source, **layout) if any(path.exists() for path in outputs) else []
+    for output in outputs:
+        check_output(output, layout["force"], files, f" of {source}")
+
+
+def check_output(output: Path, force: bool, inputs: Iterable[Path], of: str = "") -> None:
+    """Refuse an output that cannot be written, is read, or was not written by clplen.
+
+    ``of`` tells what the inputs belong to.
+    """
+    from clplen import outputs
+
+    for file in inputs:
+        if output.exists() and file.exists() and file.samefile(output):
+            raise click.UsageError(
+                f"{output} is one of the files{of} that are read: name an output elsewhere."
+            )
+    outputs.check_output(output, force=force)
+
+
+def note_link(folder: Path | str) -> None:
+    """Say where files go if an output folder is a link."""
+    if Path(folder).is_symlink():
+        note(f"{folder} is a link: files go to {Path(folder).resolve()}.")
+
+
+def check_suffix(output: Path, suffixes: tuple[str, ...]) -> None:
+    if output.suffix.lower() not in suffixes:
+        raise click.UsageError(f"The output ends in {' or '.join(suffixes)}, not as {output.name}.")

@@ -1,0 +1,125 @@
+"""Pictures on the command line: points in them, outputs, scaling."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from clplen.cli.shared.console import check_outputs, check_suffix
+from clplen.errors import ShapeError
+from clplen.lightfield.model.light_field import LightField
+
+PICTURES = (".tif", ".tiff", ".png")
+
+
+class Point(click.ParamType):
+    """Y,X of a pixel; with `depth`, Y,X,D is taken too."""
+
+    name = "Y,X"
+
+    def __init__(self, *, depth: bool = False) -> None:
+        self._counts = (2, 3) if depth else (2,)
+        self.name = "Y,X[,D]" if depth else "Y,X"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[float, ...]:
+        try:
+            numbers = tuple(float(part) for part in str(value).split(","))
+        except ValueError:
+            numbers = ()
+        if len(numbers) not in self._counts or not np.isfinite(numbers).all():
+            self.fail(f"{value!r} is not {self.name}, for example 120,88.", param, ctx)
+        return numbers
+
+
+def check_output(source: Path, output: Path, layout: dict[str, Any], suffixes: Any) -> None:
+    """Refuse an output that cannot be written, or would replace what is read."""
+    check_suffix(output, suffixes)
+    check_outputs(source, layout, output)
+
+
+def pixel_of(lf: LightField, point: tuple[float, ...]) -> tuple[int, int]:
+    """The pixel that a point names, inside the views."""
+    y, x = (round(n) for n in point[:2])
+    if not (0 <= y < lf.shape[2] and 0 <= x < lf.shape[3]):
+        raise click.UsageError(
+            f"The pixel {point[0]:g},{point[1]:g} lies outside the views: Y is from 0 to "
+            f"{lf.shape[2] - 1}, X from 0 to {lf.shape[3] - 1}."
+        )
+    return y, x
+
+
+def write(
+    output: Path,
+    values: np.ndarray[Any, Any],
+    lf: LightField,
+    *,
+    srgb: bool,
+    upsample: int | None = 1,
+    brightness: bool = True,
+) -> str:
+    """Write a picture, and say what is in the file.
+
+    ``upsample`` is how many of its pixels lie on one of a view; None where its axes are others.
+    ``brightness`` says that the values are those of the views, not a variance.
+    """
+    from clplen.io import write_image
+
+    values = drawable(values)
+    if output.suffix.lower() != ".png":
+        sizes = None
+        if lf.spacing is not None and upsample is not None:
+            sizes = (*lf.spacing[:2], lf.spacing[2] / upsample, lf.spacing[3] / upsample)
+        write_image(output, values, spacing=sizes, description="linear values")
+        return "linear float32"
+    dtype = lf.dtype if brightness else np.dtype(np.float32)
+    return write_shown(output, values, dtype, srgb=srgb and brightness)
+
+
+def write_shown(
+    output: Path, values: np.ndarray[Any, Any], dtype: np.dtype[Any], *, srgb: bool = False
+) -> str:
+    """Write a picture of 8 bits, to look at, and say how it was scaled.
+
+    ``dtype`` is that of the samples it was made of, float32 for what is no brightness.
+    """
+    from clplen.io import write_picture
+    from clplen.io.formats.animation import to_eight_bits, white_level
+
+    white = white_level(values, dtype, srgb=srgb)
+    write_picture(output, to_eight_bits(values, white, srgb=srgb))
+    above = np.count_nonzero(values > white)
+    return scaled(white, srgb) + (f"; {above} samples are brighter" if above else "")
+
+
+def animate(
+    output: Path, frames: np.ndarray[Any, Any], dtype: np.dtype[Any], *, srgb: bool = False
+) -> str:
+    """Write pictures (n, y, x[, c]) as a GIF, all scaled alike, and say how."""
+    from clplen.io.formats.animation import to_eight_bits, white_level, write_animation
+
+    white = white_level(frames, dtype, srgb=srgb)
+    drawable(frames[0])
+    pictures = [drawable(to_eight_bits(frame, white, srgb=srgb)) for frame in frames]
+    write_animation(output, pictures)
+    return f"{len(pictures)} frames, {scaled(white, srgb)}"
+
+
+def scaled(white: float, srgb: bool) -> str:
+    """What was done to values of 8 bits."""
+    curve = ", encoded as sRGB" if srgb else ""
+    return f"scaled to look at ({white:.6g} is white{curve}), not to measure"
+
+
+def drawable(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Pictures (..., y, x) or (..., y, x, 3), of one channel without its axis."""
+    if values.ndim >= 3 and values.shape[-1] == 1:
+        values = values[..., 0]
+    if values.ndim == 3 and values.shape[-1] != 3:
+        raise ShapeError(
+            f"A picture file holds one or three channels, and this light field has "
+            f"{values.shape[-1]}: take some of them with clplen.LightField in Python."
+        )
+    return values

@@ -1,0 +1,76 @@
+"""The camera file: a camera, a scene and a sensor in TOML, with units in the names of the keys."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import model_validator
+
+from clplen.config.camera import CameraTable, SensorTable
+from clplen.config.light import CoherenceTable
+from clplen.config.scene import SceneTable
+from clplen.config.tables import Table, read_toml, validated
+from clplen.files import PathLike
+from clplen.wave.coherence.coherence import Coherence
+
+
+class CameraFile(Table):
+    """A whole camera file."""
+
+    camera: CameraTable
+    scene: SceneTable
+    coherence: CoherenceTable | None = None
+    sensor: SensorTable | None = None
+
+    @model_validator(mode="after")
+    def _light_for_slides(self) -> CameraFile:
+        slides = self.scene.slides()
+        if slides and self.coherence is None:
+            raise ValueError(
+                f"scene.pictures.{slides[0]} is a slide (mode = 'transmission') without light: "
+                "add a table [coherence]"
+            )
+        if self.coherence is not None and not slides:
+            stray = self.coherence.of_slides()
+            if stray:
+                raise ValueError(
+                    f"coherence.{stray[0]} is for slides, and the scene has none: set mode = "
+                    "'transmission' in a table of [[scene.pictures]], or leave it out"
+                )
+        return self
+
+    def light(self) -> Coherence | None:
+        """The light on the slides and the spectrum of the scene, in SI units, or None.
+
+        Raises
+        ------
+        FormatError
+            If a spectrum is out of range, or its file cannot be read.
+        """
+        if self.coherence is None:
+            return None
+        return self.coherence.build(self.camera.wavelength_nm / 1e9)
+
+
+def read_camera_file(path: PathLike) -> CameraFile:
+    """Read a camera file.
+
+    Parameters
+    ----------
+    path : path-like
+        TOML as ``clplen simulate --example`` prints it. Files that it names are seen from its
+        folder; they must be there, and are read later.
+
+    Returns
+    -------
+    CameraFile
+
+    Raises
+    ------
+    FormatError
+        If there is no such file, it is not TOML, or a key is unknown (with the nearest known
+        one), missing or out of range, or does not fit the others.
+    """
+    path = Path(path)
+    content = read_toml(path, f"camera file {path}; 'clplen simulate --example' prints one")
+    return validated(CameraFile, content, path)
