@@ -23,7 +23,7 @@ from reference_cues import plain_depth
 from clplen import Device, Plane, Sphere, SurfaceScene, depth_map
 from clplen.cameras.scenes.outlines import Bars
 from clplen.cameras.scenes.textures import noise
-from clplen.lightfield.depth.depth_map import CUES
+from clplen.lightfield.depth.depth_maps import CUES
 
 Array = np.ndarray[Any, Any]
 PLANES = np.linspace(-2, 2, 41)

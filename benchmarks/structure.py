@@ -1,4 +1,5 @@
-"""The package's structure in figures: modules, folders, circles of imports, and five calls followed.
+"""The package's structure in figures: modules, folders, circles of imports, and five calls
+followed.
 
     python benchmarks/structure.py [folder of another checkout ...]
 
@@ -182,9 +183,7 @@ def followed(root: Path, graph: dict[str, set[str]]) -> dict[str, str]:
         entered = {callee for _, callee in edges}
         above = {m for m in entered if not m.startswith("clplen.compute")}
         climbs = [(a, b) for a, b in edges if a in below.get(b, ()) and a != b]
-        rows[f"{name}: modules entered, climbs"] = (
-            f"{len(above)} ({len(entered)}), {len(climbs)}"
-        )
+        rows[f"{name}: modules entered, climbs"] = f"{len(above)} ({len(entered)}), {len(climbs)}"
         for caller, callee in climbs:
             print(f"  {name}: {caller} -> {callee}", file=sys.stderr)
     return rows

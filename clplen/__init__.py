@@ -41,7 +41,7 @@ from clplen.errors import (
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.raw_decoding import decode_raw
 from clplen.lightfield.depth.alpha_estimate import AlphaEstimate, estimate_alpha
-from clplen.lightfield.depth.depth_map import DepthMap, metric_depth, sharpness_curve
+from clplen.lightfield.depth.depth_maps import DepthMap, metric_depth, sharpness_curve
 from clplen.lightfield.focus_and_depth import all_in_focus, depth_map, focal_stack
 from clplen.lightfield.focused.focused_depth import FocusedMaps, focused_depth, focused_maps
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry
@@ -56,9 +56,9 @@ from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.lightfield.raw.sensor import Sensor
-from clplen.lightfield.refocus.focal_stack import FocalStack, refocus
 from clplen.lightfield.refocus.fourier_slice import fourier_stack
 from clplen.lightfield.refocus.hyperfan import hyperfan
+from clplen.lightfield.refocus.refocusing import FocalStack, refocus
 from clplen.lightfield.streaming.streamed_results import (
     StackTiles,
     stream_all_in_focus,

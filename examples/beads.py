@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter
 from clplen import Lattice, LightField, MicrolensArray, PlenopticCamera, PointSources
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.lightfield.focus_and_depth import focal_stack
-from clplen.lightfield.refocus.focal_stack import FocalStack
+from clplen.lightfield.refocus.refocusing import FocalStack
 from clplen.microscopy.points import Points, find_points, match_points
 
 DATA = Path(os.environ.get("CLPLEN_DATA", Path(__file__).parents[2] / "shared" / "data"))

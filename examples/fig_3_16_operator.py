@@ -5,7 +5,7 @@ from common import begin, number, pixels
 from matplotlib.axes import Axes
 from slices import DEPTHS, QUICK, axes_of, camera, draw_slice, sheared, summed, three
 
-from clplen.lightfield.refocus.focal_stack import refocus
+from clplen.lightfield.refocus.refocusing import refocus
 from clplen.plot.base import LIGHT, new_figure
 
 SHOWN = 31  # lenslets

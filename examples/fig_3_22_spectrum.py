@@ -3,7 +3,7 @@
 import numpy as np
 from common import BLUE, RED, mm, number, pixels, start
 
-from clplen.lightfield.refocus.focal_stack import refocus
+from clplen.lightfield.refocus.refocusing import refocus
 from clplen.plot.base import new_figure
 
 CUT = 0.1  # cycles a lenslet: the focus measures count what lies above

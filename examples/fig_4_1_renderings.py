@@ -7,7 +7,7 @@ from stars import DEPTHS, QUICK, cameras, exposed, likeness, places, show
 from clplen import LightField
 from clplen.lightfield.focused.focused_depth import focused_depth
 from clplen.lightfield.focused.focused_rendering import render_focused
-from clplen.lightfield.refocus.focal_stack import refocus
+from clplen.lightfield.refocus.refocusing import refocus
 from clplen.plot.base import new_figure
 
 run = begin(__doc__, __file__, quick=QUICK)

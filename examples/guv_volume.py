@@ -20,7 +20,7 @@ from matplotlib.colors import PowerNorm
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.io.results.volume_files import write_volume
 from clplen.lightfield.calibration.raw_decoding import decode_raw
-from clplen.lightfield.refocus.focal_stack import refocus
+from clplen.lightfield.refocus.refocusing import refocus
 from clplen.microscopy.deconvolution import DeconvolutionResult, deconvolve
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import point_images

@@ -17,7 +17,7 @@ from rays import draw_camera, planes, stage, trace
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources
 from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.lightfield.refocus.focal_stack import refocus
+from clplen.lightfield.refocus.refocusing import refocus
 from clplen.plot.base import LIGHT
 
 QUICK = "a camera of 51 x 51 lenslets"

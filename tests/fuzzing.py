@@ -47,10 +47,10 @@ from clplen.io.raw.raw_files import read_frame
 from clplen.io.raw.raytrix import FocusType, RaytrixCalibration, write_raytrix
 from clplen.io.results.hci import read_parameters
 from clplen.io.results.volume_files import read_volume, write_volume
-from clplen.lightfield.depth.depth_map import DepthMap
+from clplen.lightfield.depth.depth_maps import DepthMap
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.lightfield.refocus.focal_stack import FocalStack
+from clplen.lightfield.refocus.refocusing import FocalStack
 from clplen.microscopy import point_image_files
 from clplen.microscopy.images import PointImages
 

@@ -14,7 +14,7 @@ from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cli import main
 from clplen.compute.device import Device
 from clplen.io import read_lightfield, read_pfm, write_lightfield
-from clplen.lightfield.depth.depth_map import metric_depth
+from clplen.lightfield.depth.depth_maps import metric_depth
 from clplen.lightfield.focus_and_depth import depth_map
 from clplen.lightfield.model.light_field import LightField
 from clplen.wave.elements.lenslets import MicrolensArray

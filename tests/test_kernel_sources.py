@@ -44,7 +44,7 @@ from clplen.cameras.optics.camera_aberrations import Aberrations, LensletScatter
 from clplen.cameras.scenes.scene_sources import PicturePlane
 from clplen.compute.device import Device
 from clplen.lightfield.arrays.stored_samples import extremes
-from clplen.lightfield.depth.depth_map import sharpness_curve
+from clplen.lightfield.depth.depth_maps import sharpness_curve
 from clplen.lightfield.focus_and_depth import all_in_focus
 from clplen.lightfield.focused.focused_depth import focused_depth
 from clplen.lightfield.focused.focused_rendering import render_focused

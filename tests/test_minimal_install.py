@@ -40,9 +40,9 @@ import numpy as np
 from clplen import (
     Device, Field, Grid, LightField, MicrolensArray, PlenopticCamera, PointSources, propagate,
 )
-from clplen.lightfield.depth.depth_map import depth_map
+from clplen.lightfield.depth.depth_maps import depth_map
 from clplen.lightfield.depth.alpha_estimate import estimate_alpha
-from clplen.lightfield.refocus.focal_stack import focal_stack, refocus
+from clplen.lightfield.refocus.refocusing import focal_stack, refocus
 
 device = Device.open()
 beam = np.exp(-np.linspace(-2, 2, 64)[:, None] ** 2 - np.linspace(-3, 1, 48) ** 2)

@@ -1,4 +1,5 @@
-"""What is public: few names on top, the rest by topic, and every type that a public call returns."""
+"""What is public: few names on top, the rest by topic, and every type that a public call
+returns."""
 
 from __future__ import annotations
 

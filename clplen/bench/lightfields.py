@@ -13,10 +13,10 @@ from clplen.bench.measure import Case, Times, finished, halved, in_turn, numbers
 from clplen.bench.report import Benchmark, Goal, Report, rate_rows, time_rows
 from clplen.compute.arrays import count_bad
 from clplen.compute.device import Device
-from clplen.lightfield.depth.depth_map import CUES
+from clplen.lightfield.depth.depth_maps import CUES
 from clplen.lightfield.focus_and_depth import depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.focal_stack import refocus
+from clplen.lightfield.refocus.refocusing import refocus
 
 FORM = "VxUxYxX[xC]"
 MAIN = "15x15x434x625x3"

@@ -32,7 +32,7 @@ from clplen.cli.shared.focused import (
 )
 from clplen.cli.shared.focused import read as open_raw
 from clplen.compute.device import Device
-from clplen.lightfield.depth.depth_map import DepthMap
+from clplen.lightfield.depth.depth_maps import DepthMap
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
 

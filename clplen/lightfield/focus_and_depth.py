@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike
 from clplen.compute.arrays import Image
 from clplen.compute.device import DeviceLike, as_device
 from clplen.lightfield.depth.all_in_focus import all_in_focus_in_memory
-from clplen.lightfield.depth.depth_map import DepthMap, depth_map_in_memory
+from clplen.lightfield.depth.depth_maps import DepthMap, depth_map_in_memory
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocus.focal_stack import FocalStack, focal_stack_in_memory
+from clplen.lightfield.refocus.refocusing import FocalStack, focal_stack_in_memory
 from clplen.lightfield.streaming.streamed_results import (
     assemble_stack,
     stream_all_in_focus,

@@ -10,7 +10,7 @@ from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
 
 from clplen.lightfield.depth.alpha_estimate import AlphaEstimate
-from clplen.lightfield.depth.depth_map import DepthMap
+from clplen.lightfield.depth.depth_maps import DepthMap
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import CameraModel
 from clplen.plot.base import LIGHT, Array, bar, coordinates, cut, new_figure, styled

@@ -15,10 +15,10 @@ from clplen.lightfield.depth.all_in_focus import _launch
 from clplen.lightfield.depth.view_matching import row_sums
 from clplen.lightfield.focus_and_depth import all_in_focus
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.focal_stack import UPSAMPLE_BASE, FocalStack, upsampled
 from clplen.lightfield.refocus.fourier_slice import fourier_stack
 from clplen.lightfield.refocus.hyperfan import hyperfan
 from clplen.lightfield.refocus.phase_ramps import fourier_refocus
+from clplen.lightfield.refocus.refocusing import UPSAMPLE_BASE, FocalStack, upsampled
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
 

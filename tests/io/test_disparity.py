@@ -13,7 +13,7 @@ import tifffile
 from clplen.cameras.scenes.ground_truth import Truth
 from clplen.errors import FormatError
 from clplen.io import read_disparity, read_pfm, write_depth, write_pfm, write_truth
-from clplen.lightfield.depth.depth_map import DepthMap
+from clplen.lightfield.depth.depth_maps import DepthMap
 
 SHAPE = (5, 7)
 

@@ -29,8 +29,8 @@ from clplen.io import (
     write_stack,
     write_truth,
 )
-from clplen.lightfield.depth.depth_map import DepthMap
-from clplen.lightfield.refocus.focal_stack import FocalStack
+from clplen.lightfield.depth.depth_maps import DepthMap
+from clplen.lightfield.refocus.refocusing import FocalStack
 from clplen.outputs import is_ours
 
 SPACING = (-1e-3, -1e-3, -2e-6, 3e-6)

@@ -103,9 +103,7 @@ def test_white_images_pass(folder: Path, device: Device, name: str):
     assert read_lightfield(folder / "raw.tif", device=device, white=folder / "white.tif")
 
 
-@pytest.mark.parametrize(
-    "other", [(9.3, "square"), (12.6, "square"), (11.2, "hexagonal")]
-)
+@pytest.mark.parametrize("other", [(9.3, "square"), (12.6, "square"), (11.2, "hexagonal")])
 def test_a_white_image_of_another_camera_is_refused(folder: Path, device: Device, other):
     write(folder / "white.tif", 3e4 * drawn(*other))
     for read in (read_lightfield, read_raw):

@@ -7,7 +7,7 @@ import pytest
 from reference_lightfield import refocus as twin_refocus
 
 from clplen.errors import ShapeError
-from clplen.lightfield.depth.depth_map import DepthMap
+from clplen.lightfield.depth.depth_maps import DepthMap
 from clplen.lightfield.focus_and_depth import all_in_focus, focal_stack
 from clplen.lightfield.model.light_field import LightField
 

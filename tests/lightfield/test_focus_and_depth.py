@@ -10,11 +10,11 @@ from clplen.compute.arrays import Image
 from clplen.compute.device import Device
 from clplen.errors import DeviceError, ShapeError
 from clplen.io import open_lightfield, write_lightfield
-from clplen.lightfield.depth.depth_map import CUES, DepthMap
+from clplen.lightfield.depth.depth_maps import CUES, DepthMap
 from clplen.lightfield.focus_and_depth import all_in_focus, depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocus.focal_stack import FocalStack
+from clplen.lightfield.refocus.refocusing import FocalStack
 from clplen.lightfield.streaming import tile_reading
 
 PLANES = np.linspace(-0.6, 0.8, 5)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clplen.cameras.plenoptic_camera import PlenopticCamera
-from clplen.lightfield.depth.depth_map import metric_depth
+from clplen.lightfield.depth.depth_maps import metric_depth
 from clplen.wave.elements.lenslets import MicrolensArray
 
 RIG = {"baseline": 0.05, "focal_length": 0.1, "pixel_pitch": 35e-3 / 512}

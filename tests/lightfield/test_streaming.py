@@ -10,7 +10,7 @@ import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from clplen.errors import ShapeError
-from clplen.lightfield.depth.depth_map import CUES, cue_named
+from clplen.lightfield.depth.depth_maps import CUES, cue_named
 from clplen.lightfield.focus_and_depth import all_in_focus, depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField

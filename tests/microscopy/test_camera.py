@@ -25,7 +25,7 @@ from clplen.lightfield.depth.alpha_estimate import estimate_alpha
 from clplen.lightfield.depth.best_focus import suitable_planes
 from clplen.lightfield.focus_and_depth import depth_map, focal_stack
 from clplen.lightfield.model.phase_space import phase_space
-from clplen.lightfield.refocus.focal_stack import refocus
+from clplen.lightfield.refocus.refocusing import refocus
 from clplen.wave.field.field import Grid
 
 S = Setup()

@@ -22,11 +22,11 @@ from clplen.compute.device import Device
 from clplen.errors import DeviceError
 from clplen.files import filling, replacing
 from clplen.lightfield.depth.best_focus import suitable_planes
-from clplen.lightfield.depth.depth_map import DepthMap
+from clplen.lightfield.depth.depth_maps import DepthMap
 from clplen.lightfield.focus_and_depth import all_in_focus, depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocus.focal_stack import FocalStack
+from clplen.lightfield.refocus.refocusing import FocalStack
 from clplen.lightfield.streaming.streamed_results import (
     stream_all_in_focus,
     stream_depth,

@@ -284,8 +284,9 @@ def _room(s: Studio) -> list[Any]:
     place = s.place(0.5)
     lamp = Spot((place[0] - 0.05 * s.unit, place[1]), 0.04 * s.unit, strength=0.4, disparity=-0.3)
     found.append(
-        Sphere(place, 0.2 * s.unit, disparity=0.2, height=0.6, texture=s.texture(0.04),
-               spots=[lamp])
+        Sphere(
+            place, 0.2 * s.unit, disparity=0.2, height=0.6, texture=s.texture(0.04), spots=[lamp]
+        )
     )
     return found
 

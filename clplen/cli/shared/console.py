@@ -21,7 +21,7 @@ from clplen.compute.device import Device
 from clplen.errors import ClplenError
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocus.focal_stack import FocalStack
+from clplen.lightfield.refocus.refocusing import FocalStack
 
 # Python's words, and what the command line has for them.
 _TYPED = (
@@ -234,7 +234,7 @@ def note_end(disparities: Any, found: Any, what: str = "the sharpest plane is") 
 
 def sharpest_of(stack: FocalStack, lf: LightField) -> int | str:
     """Which plane is the sharpest, or why none is: there is one view, or nothing to be sharp."""
-    from clplen.lightfield.depth.depth_map import sharpness_curve
+    from clplen.lightfield.depth.depth_maps import sharpness_curve
 
     if np.count_nonzero(lf.weights) < 2:
         return "there is one view only, which looks the same on every plane"

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import click
 import numpy as np
 
-from clplen.lightfield.depth.depth_map import DepthMap
+from clplen.lightfield.depth.depth_maps import DepthMap
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
 
@@ -117,7 +117,7 @@ def _knows_camera(lf: LightField | StoredLightField) -> bool:
 def write(lf: LightField | StoredLightField, found: DepthMap, lengths: Lengths) -> Said:
     """Write distances and points where they are asked for; what to say of them."""
     from clplen.io import points_of, write_ply
-    from clplen.lightfield.depth.depth_map import metric_depth
+    from clplen.lightfield.depth.depth_maps import metric_depth
 
     where, unit = "", "in metres"
     z: Values | None = None

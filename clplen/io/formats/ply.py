@@ -9,7 +9,7 @@ import numpy as np
 
 from clplen.errors import FormatError, ShapeError
 from clplen.files import PathLike, replacing
-from clplen.lightfield.depth.depth_map import metric_depth
+from clplen.lightfield.depth.depth_maps import metric_depth
 from clplen.outputs import MARK
 
 Array = np.ndarray[Any, Any]

@@ -20,10 +20,10 @@ from clplen.io.formats.picture import write_picture
 from clplen.io.results.disparity_maps import read_disparity
 from clplen.io.store.picture_blocks import Block, Tiles, as_block
 from clplen.io.store.picture_series import is_ome, is_series, read_series, write_series
-from clplen.lightfield.depth.depth_map import DepthMap
+from clplen.lightfield.depth.depth_maps import DepthMap
 from clplen.lightfield.model.alpha_law import depth_at
 from clplen.lightfield.raw.raw_image import Spacing, is_telecentric
-from clplen.lightfield.refocus.focal_stack import FocalStack
+from clplen.lightfield.refocus.refocusing import FocalStack
 
 _DISPARITY = "pixels per view step, nearer is larger"
 _ALPHA = "F/F', F main lens to microlens array, F' main lens to the plane"

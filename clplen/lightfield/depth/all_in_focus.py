@@ -14,17 +14,17 @@ from clplen.errors import ShapeError
 from clplen.lightfield.arrays.ray_samples import checked_disparity
 from clplen.lightfield.arrays.smoothing import Smoother, gaussian_taps
 from clplen.lightfield.depth.best_focus import default_disparities
-from clplen.lightfield.depth.depth_map import DepthMap
+from clplen.lightfield.depth.depth_maps import DepthMap
 from clplen.lightfield.depth.energy_cue import ENERGY_REACH, LocalEnergy
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
-from clplen.lightfield.refocus.focal_stack import FocalStack, focal_stack_in_memory, refocus
 from clplen.lightfield.refocus.memory_estimate import (
     DEVICE_FLOAT,
     HOST_FLOAT,
     MemoryEstimate,
     shear_halo,
 )
+from clplen.lightfield.refocus.refocusing import FocalStack, focal_stack_in_memory, refocus
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -11,13 +11,13 @@ import numpy as np
 from clplen.lightfield.arrays.peaks import Map
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocus.focal_stack import FocalStack
 from clplen.lightfield.refocus.memory_estimate import (
     DEVICE_FLOAT,
     HOST_FLOAT,
     MemoryEstimate,
     shear_halo,
 )
+from clplen.lightfield.refocus.refocusing import FocalStack
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -76,7 +76,7 @@ class TwoPasses:
 
 @dataclass(frozen=True)
 class Cue:
-    """One way to find depth; `clplen.lightfield.depth.depth_map` lists them all.
+    """One way to find depth; `clplen.lightfield.depth.depth_maps` lists them all.
 
     Attributes
     ----------

@@ -26,7 +26,7 @@ from clplen.lightfield.depth.all_in_focus import (
 )
 from clplen.lightfield.depth.best_focus import default_disparities
 from clplen.lightfield.depth.cue import TwoPasses
-from clplen.lightfield.depth.depth_map import (
+from clplen.lightfield.depth.depth_maps import (
     DepthMap,
     cue_named,
     default_cue,
@@ -38,7 +38,7 @@ from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing
-from clplen.lightfield.refocus.focal_stack import (
+from clplen.lightfield.refocus.refocusing import (
     FocalStack,
     focal_stack_in_memory,
     refocus,
