@@ -17,7 +17,8 @@ PACKAGE = ROOT / "clplen"
 # Units from the ground up; those of one storey never import each other. `clplen` is the list of
 # public names: it imports the towers, and only what stands above them imports it.
 STOREYS = (
-    {"errors", "deprecation", "interrupts"},
+    {"errors", "deprecation", "interrupts", "types"},
+    {"checks", "units", "reprs"},
     {"files", "hdf5_heap", "hdf5_links"},
     {"outputs"},
     {"compute"},

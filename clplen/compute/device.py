@@ -19,7 +19,7 @@ from clplen.compute.fft.routes import FFTRoute, choose_route
 from clplen.compute.fft.workspace import Workspace
 from clplen.compute.launcher import Launcher
 from clplen.compute.tuning import Tuning
-from clplen.diagnostics import warn_caller
+from clplen.deprecation import warn_caller
 from clplen.errors import DeviceError
 
 Precision = Literal["single", "double"]
@@ -66,6 +66,7 @@ class Device(Launcher):
         self.rows = self.is_cpu and not llvmpipe.is_llvmpipe(cl_device)
         self.note = ""
         self._usable = False
+        self._fft: FFTRoute | None = None
         self._context: cl.Context | None = None
         if precision == "double" and not self.has_fp64:
             raise DeviceError(
@@ -176,10 +177,16 @@ class Device(Launcher):
                     self._queue = cl.CommandQueue(self.context)
             return self._queue
 
-    @cached_property
+    @property  # not a cached one, whose frame would hide the line that a warning points to
     def fft(self) -> FFTRoute:
         """How Fourier transforms are done on this device; chosen once."""
-        return choose_route(self.is_cpu, self.platform)
+        if self._fft is None:
+            self._fft = choose_route(self.is_cpu, self.platform)
+        return self._fft
+
+    @fft.setter
+    def fft(self, route: FFTRoute) -> None:
+        self._fft = route
 
     @cached_property
     def plans(self) -> PlanCache:

@@ -21,7 +21,7 @@ import pyopencl as cl
 import pyopencl.array as cla
 
 from clplen.compute.fft.plans import PlanCache
-from clplen.diagnostics import warn_caller
+from clplen.deprecation import warn_caller
 from clplen.errors import DeviceError
 from clplen.types import Array
 
