@@ -36,7 +36,7 @@ from clplen import (
     propagate,
     refocus,
 )
-from clplen.cameras.plenoptic import scene_energy
+from clplen.cameras import scene_energy
 from clplen.compute.fft.routes import FFTRoute
 from clplen.demo import POINTS, SOURCE_DIAMETER, camera, scene
 from clplen.wave.propagation.description import Request

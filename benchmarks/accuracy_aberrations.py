@@ -16,8 +16,8 @@ import click
 import numpy as np
 
 import clplen
-from clplen import Aberrations, LensletScatter, correct_aberrations
-from clplen.analysis.point.psf import PSF
+from clplen.analysis import PSF
+from clplen.cameras import Aberrations, LensletScatter, correct_aberrations
 
 WAVE = 532e-9
 NAMES = {

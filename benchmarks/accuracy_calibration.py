@@ -25,8 +25,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from reference_lattice import Drawn, white
 from reference_lattice import lattice as drawn_lattice
 
-from clplen import Device, Lattice, LightField, Plane, SurfaceScene, decode_raw, estimate_lattice
+from clplen import Device, LightField, SurfaceScene, decode_raw, estimate_lattice
+from clplen.cameras import Plane
 from clplen.demo import camera, scene
+from clplen.lightfield import Lattice
 
 DATA = Path(os.environ.get("CLPLEN_DATA", Path(__file__).parents[2] / "shared" / "data"))
 

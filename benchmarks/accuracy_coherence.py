@@ -15,20 +15,8 @@ import click
 import numpy as np
 from scipy.special import j1
 
-from clplen import (
-    Coherence,
-    Device,
-    ExtendedSource,
-    Field,
-    Grid,
-    OpticalSystem,
-    Pupil,
-    RandomPhaseMask,
-    SamplingWarning,
-    Spectrum,
-    measured_degree,
-    usaf1951,
-)
+from clplen import Coherence, Device, Field, Grid, OpticalSystem, SamplingWarning, Spectrum
+from clplen.wave import ExtendedSource, Pupil, RandomPhaseMask, measured_degree, usaf1951
 
 LAM, FC = 550e-9, 13636.0  # m; 1/m: D/(2 lam z2) of D = 3.6 mm at 240 mm
 

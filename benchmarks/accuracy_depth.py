@@ -20,10 +20,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from reference_cues import plain_depth
 
-from clplen import Device, Plane, Sphere, SurfaceScene, depth_map
-from clplen.cameras.scenes.outlines import Bars
-from clplen.cameras.scenes.textures import noise
-from clplen.lightfield.depth.depth_maps import CUES
+from clplen import Device, SurfaceScene, depth_map
+from clplen.cameras import Bars, Plane, Sphere, noise
+from clplen.lightfield import CUES
 
 Array = np.ndarray[Any, Any]
 PLANES = np.linspace(-2, 2, 41)

@@ -25,19 +25,10 @@ from reference_spots import Rings, slope, spot, width
 from setups_focused import captured, exposed, raw_of
 from setups_slanted import Slanted, slanted
 
-from clplen import (
-    Device,
-    MicrolensArray,
-    PlenopticCamera,
-    PointSources,
-    focused_depth,
-    render_focused,
-)
-from clplen.cameras.plenoptic import scene_energy
-from clplen.cameras.plenoptic2 import Plenoptic2
-from clplen.io import read_raw, write_picture, write_raytrix
-from clplen.lightfield.focused.focused_picture import FocusedImage, seam
-from clplen.lightfield.focused.focused_spots import point_m
+from clplen import Device, MicrolensArray, PlenopticCamera, PointSources, read_raw, render_focused
+from clplen.cameras import Plenoptic2, scene_energy
+from clplen.io import write_picture, write_raytrix
+from clplen.lightfield import FocusedImage, focused_depth, point_m, seam
 
 Row = tuple[str, float, str, bool]
 PITCH = 150e-6

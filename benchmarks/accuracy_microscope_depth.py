@@ -25,8 +25,9 @@ from clplen import (
     SamplingWarning,
     estimate_alpha,
 )
-from clplen.cameras.light_field_microscope import Microscope
-from clplen.lightfield.depth.best_focus import focus_ratio, ratio_at
+from clplen.cameras import Microscope
+from clplen.lightfield import focus_ratio
+from clplen.lightfield.depth.best_focus import ratio_at
 
 OBJECTIVES = {  # M, NA, n, wavelength, lenslets, pixels a lenslet
     "20x/0.3 air": (20, 0.3, 1.0, 525e-9, 125e-6, 27),

@@ -29,7 +29,6 @@ from reference_microscope import Setup, debye
 from clplen import (
     Device,
     Grid,
-    Lattice,
     MicrolensArray,
     PlenopticCamera,
     PointSources,
@@ -37,11 +36,9 @@ from clplen import (
     deconvolve,
     point_images,
 )
-from clplen.cameras.light_field_microscope import Microscope
-from clplen.cameras.optics.objective import Objective
-from clplen.microscopy import psf
-from clplen.microscopy.prepare import preparation
-from clplen.microscopy.rectify import rectify
+from clplen.cameras import Microscope, Objective
+from clplen.lightfield import Lattice
+from clplen.microscopy import preparation, psf, rectify
 
 Row = tuple[str, float, float]
 DEPTHS = (0.0, 3e-6, 10e-6)

@@ -16,10 +16,7 @@ import click
 import numpy as np
 
 from clplen import Device, MicrolensArray, PlenopticCamera
-from clplen.analysis.cameras.camera_psf import camera_psf
-from clplen.analysis.cameras.crosstalk import camera_crosstalk
-from clplen.analysis.point.otf import OTF
-from clplen.analysis.point.twopoint import TwoPoints
+from clplen.analysis import OTF, TwoPoints, camera_crosstalk, camera_psf
 
 LAM = 532e-9
 WIDTHS = (50, 70, 90, 100, 113.93, 135, 150, 175, 200, 250, 300)  # um

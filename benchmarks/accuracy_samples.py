@@ -46,7 +46,7 @@ def main(selector: str | None, seeds: str, shape: str) -> None:
     count = 0
     click.echo(f"{'BadPix % / median':24s}{'default':>16s}{'energy':>16s}{'variance':>16s}")
     for seed in map(int, seeds.split(",")):
-        for sample in clplen.sample_scenes(seed, (ny, nx)):
+        for sample in clplen.cameras.sample_scenes(seed, (ny, nx)):
             lf, truth = sample.scene.light_field(
                 (9, 9), (ny, nx), device=device, noise=sample.noise, seed=seed
             )

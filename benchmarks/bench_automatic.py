@@ -14,8 +14,8 @@ import numpy as np
 from script import command
 
 from clplen import Device, Field, Propagator, SamplingWarning
-from clplen.bench.measure import Case, finished, halved, in_turn, numbers
-from clplen.bench.report import Benchmark, Goal, Report, Row, time_rows
+from clplen.bench import Benchmark, Case, Goal, Report, Row, finished, halved, in_turn, numbers
+from clplen.bench.report import time_rows
 from clplen.bench.waves import PITCH, WAVELENGTH, speckle
 
 Array = np.ndarray[Any, Any]

@@ -17,19 +17,8 @@ import time
 import click
 import numpy as np
 
-from clplen import (
-    Coherence,
-    Device,
-    ExtendedSource,
-    Field,
-    Grid,
-    IncoherentLight,
-    Lens,
-    OpticalSystem,
-    Pupil,
-    RandomPhaseMask,
-    Space,
-)
+from clplen import Coherence, Device, Field, Grid, OpticalSystem
+from clplen.wave import ExtendedSource, IncoherentLight, Lens, Pupil, RandomPhaseMask, Space
 
 PITCH, WAVELENGTH = 6.6e-6, 550e-9
 BLOCK = 10  # snapshots between two looks at the bare transforms

@@ -17,8 +17,7 @@ import numpy as np
 from script import measure
 
 from clplen import Device, Field, Grid, LightField, Propagator, focal_stack
-from clplen.bench.measure import Case, Times, finished, in_turn, numbers
-from clplen.bench.report import Benchmark, Goal, Report, Row
+from clplen.bench import Benchmark, Case, Goal, Report, Row, Times, finished, in_turn, numbers
 
 FORM = "SCALExPOINTS"
 PITCH, WAVELENGTH, DISTANCE = 6.6e-6, 550e-9, 0.05

@@ -13,12 +13,10 @@ from pathlib import Path
 import numpy as np
 from script import command
 
-from clplen import Device, focal_stack
-from clplen.batch import Job
-from clplen.batch.jobs.tables import InputTable, StackTable
-from clplen.bench.measure import Case, halved, in_turn, numbers
-from clplen.bench.report import Benchmark, Report, rate_rows
-from clplen.io import read_lightfield, write_stack
+from clplen import Device, focal_stack, read_lightfield
+from clplen.batch import InputTable, Job, StackTable
+from clplen.bench import Benchmark, Case, Report, halved, in_turn, numbers, rate_rows
+from clplen.io import write_stack
 
 FORM = "FILESxVxUxYxX"
 PLANES = 16

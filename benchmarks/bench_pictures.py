@@ -17,8 +17,8 @@ import click
 import numpy as np
 
 from clplen import Device, MicrolensArray, PicturePlane, PlenopticCamera, PointSources
-from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.lightfield.raw.raw_image import Exposure
+from clplen.cameras import Plenoptic1
+from clplen.lightfield import Exposure
 
 
 def picture(samples: int, width: float, dz: float) -> PicturePlane:

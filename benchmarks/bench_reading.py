@@ -21,8 +21,7 @@ import click
 import imageio.v3 as imageio
 import numpy as np
 
-from clplen import Device
-from clplen.io import read_lightfield
+from clplen import Device, read_lightfield
 
 
 def write_folder(folder: Path, views: int, side: int) -> None:

@@ -16,6 +16,7 @@ from byhand import PLANES_TOGETHER, ByHand, by_hand, margins, numba_planes, nump
 from script import command
 
 from clplen import Device, LightField, refocus
+from clplen.bench import Case, Goal, Report, Times, in_turn, numbers, rate_rows
 from clplen.bench.lightfields import (
     BENCHMARKS,
     DISPARITY,
@@ -28,8 +29,6 @@ from clplen.bench.lightfields import (
     stack_cases,
     stack_goals,
 )
-from clplen.bench.measure import Case, Times, in_turn, numbers
-from clplen.bench.report import Goal, Report, rate_rows
 
 _INTEL = "Intel"
 _MARGIN = 0.9  # of the best time by hand, that refocus is to stay below

@@ -5,9 +5,8 @@ from __future__ import annotations
 import click
 
 from clplen import Device
-from clplen.bench import registry, table
+from clplen.bench import Benchmark, Report, registry, table
 from clplen.bench.environment import environment, quiet_enough
-from clplen.bench.report import Benchmark, Report
 
 
 def command(benchmark: Benchmark, words: str | None) -> click.Command:

@@ -17,8 +17,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from clplen import Device, MicrolensArray, PlenopticCamera, Projector, point_images
-from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
-from clplen.microscopy.prepare import Prepared
+from clplen.batch import DeconvolutionSettings, Deconvolver
+from clplen.microscopy import Prepared
 
 LENSLETS = 13
 BACKGROUND = 5.0

@@ -24,7 +24,7 @@ from clplen.lightfield.depth.alpha_estimate import AlphaEstimate, estimate_alpha
 from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage
-from clplen.lightfield.refocus.refocusing import refocus
+from clplen.lightfield.refocusing.focal_stacks import refocus
 from clplen.outputs import MARK
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.intensity import add_scaled

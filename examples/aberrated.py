@@ -7,10 +7,10 @@ import numpy as np
 from common import BLUE, GREEN, ORANGE, RED, number
 from matplotlib.axes import Axes
 
-from clplen import Aberrations, PointSources
-from clplen.analysis.point.psf import PSF
-from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.plot.base import LIGHT, norm_of
+from clplen import PointSources
+from clplen.analysis import PSF
+from clplen.cameras import Aberrations, Plenoptic1
+from clplen.plot import LIGHT, norm_of
 
 LAM, NEAR = 532e-9, 1.2  # wavelength; mm shown
 NAMES = {4: "defocus", 6: "astigmatism", 8: "coma", 11: "spherical"}  # by Noll's index

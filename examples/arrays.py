@@ -9,7 +9,7 @@ from rays import PURPLE, draw_camera, names, stage
 from slices import span
 
 from clplen import Grid, MicrolensArray
-from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.cameras import Plenoptic1
 
 LAM = 532e-9
 

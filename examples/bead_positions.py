@@ -12,11 +12,10 @@ from common import begin
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
-from clplen.analysis.report.tables import Table
-from clplen.lightfield.calibration.lattice_fit import estimate_lattice
-from clplen.lightfield.calibration.raw_decoding import decode_raw
-from clplen.microscopy.points import Points, find_points
-from clplen.plot.base import bar, new_figure
+from clplen import decode_raw, estimate_lattice
+from clplen.analysis import Table
+from clplen.microscopy import Points, find_points
+from clplen.plot import bar, new_figure
 
 SHOWN = 12  # lenslets of the raw frame
 LEAST = 1e-4  # what is nearer is drawn there

@@ -11,15 +11,11 @@ from common import begin
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
-from clplen.analysis.report.tables import Table
-from clplen.lightfield.calibration.lattice_fit import estimate_lattice
-from clplen.lightfield.calibration.raw_decoding import decode_raw
-from clplen.microscopy.deconvolution import deconvolve
-from clplen.microscopy.points import Points, find_points, match_points
-from clplen.microscopy.prepare import preparation
-from clplen.microscopy.projector import Projector
-from clplen.microscopy.psf import point_images
-from clplen.plot.base import Array, bar, new_figure
+from clplen import Projector, decode_raw, deconvolve, estimate_lattice, point_images
+from clplen.analysis import Table
+from clplen.microscopy import Points, find_points, match_points, preparation
+from clplen.plot import bar, new_figure
+from clplen.plot.base import Array
 
 VOXELS = 3  # of a lenslet along an axis
 DEPTH = 1.5  # |d| of the outermost planes

@@ -16,11 +16,17 @@ import tifffile
 from common import Run
 from scipy.ndimage import gaussian_filter
 
-from clplen import Lattice, LightField, MicrolensArray, PlenopticCamera, PointSources
-from clplen.cameras.light_field_microscope import Microscope
-from clplen.lightfield.focus_and_depth import focal_stack
-from clplen.lightfield.refocus.refocusing import FocalStack
-from clplen.microscopy.points import Points, find_points, match_points
+from clplen import (
+    FocalStack,
+    LightField,
+    MicrolensArray,
+    PlenopticCamera,
+    PointSources,
+    focal_stack,
+)
+from clplen.cameras import Microscope
+from clplen.lightfield import Lattice
+from clplen.microscopy import Points, find_points, match_points
 
 DATA = Path(os.environ.get("CLPLEN_DATA", Path(__file__).parents[2] / "shared" / "data"))
 REAL = (DATA / "lfm_beads").is_dir()

@@ -10,8 +10,8 @@ import numpy as np
 from closed import LAM
 from matplotlib.axes import Axes
 
-from clplen import Coherence, Device, Field, Grid, RandomPhaseMask, propagate
-from clplen.wave.coherence.degree import measured_degree
+from clplen import Coherence, Device, Field, Grid, propagate
+from clplen.wave import RandomPhaseMask, measured_degree
 
 WINDOW, SEED = 20e-3, 0  # of the thesis, in metres; of masks
 PHASES = "twilight"  # colours that close, for -pi to pi

@@ -11,7 +11,7 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from clplen import ClplenError, Device, Image, LightField, demo, plot
-from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.cameras import Plenoptic1
 from clplen.io import check_folder
 
 FOLDER = "clplen-figures"

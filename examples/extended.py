@@ -14,10 +14,16 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle, Wedge
 
-from clplen import LightField, MicrolensArray, PlenopticCamera, RawImage, SamplingWarning
-from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.cameras.scenes.scene_sources import PicturePlane
-from clplen.plot.base import LIGHT, centred
+from clplen import (
+    LightField,
+    MicrolensArray,
+    PicturePlane,
+    PlenopticCamera,
+    RawImage,
+    SamplingWarning,
+)
+from clplen.cameras import Plenoptic1
+from clplen.plot import LIGHT, centred
 
 SHARE = 0.75  # of the array that the picture's image fills; at the border pixels alias
 SAMPLES = 3  # of the card, a lenslet

@@ -6,7 +6,7 @@ from common import BLUE, GREEN, RED, begin, mm, number
 from matplotlib.colors import PowerNorm
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources
-from clplen.plot.base import LIGHT, bar, new_figure
+from clplen.plot import LIGHT, bar, new_figure
 
 POINTS = {"A": (-1.1e-3, -60e-3), "B": (0.0, 0.0), "C": (2e-3, 100e-3)}  # (x, dz)
 COLOURS = dict(zip(POINTS, (BLUE, GREEN, RED), strict=True))

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from clplen import LightField
-from clplen.plot.base import bar, new_figure
+from clplen.plot import bar, new_figure
 
 PLACE = (0.2, 0.14)  # (y, x) of the zoom's middle, of the sensor from its middle
 SHOWN = (27, 7)  # sub-images across

@@ -5,7 +5,7 @@ from common import begin, number
 from extended import QUICK, camera, card, expose, ideal, like, mosaic
 
 from clplen import LightField
-from clplen.plot.base import LIGHT, bar, new_figure
+from clplen.plot import LIGHT, bar, new_figure
 
 run = begin(__doc__, __file__, quick=QUICK)
 cam = camera(run)

@@ -4,7 +4,7 @@ from common import begin, number
 from extended import QUICK, camera, card, expose, like, mosaic
 
 from clplen import LightField
-from clplen.plot.base import LIGHT, bar, new_figure
+from clplen.plot import LIGHT, bar, new_figure
 
 ACROSS = 3
 

@@ -4,10 +4,9 @@ import numpy as np
 from common import BLUE, GREEN, RED, begin, number, pixels
 from extended import show
 
-from clplen import LightField, MicrolensArray, Plane, PlenopticCamera, SurfaceScene
-from clplen.cameras.scenes.outlines import Bars
-from clplen.cameras.scenes.textures import uniform
-from clplen.plot.base import LIGHT, bar, new_figure
+from clplen import LightField, MicrolensArray, PlenopticCamera, SurfaceScene
+from clplen.cameras import Bars, Plane, uniform
+from clplen.plot import LIGHT, bar, new_figure
 
 GROUPS = {"far": (14, -0.16), "in focus": (0, 0.0), "near": (-14, 0.22)}  # X and d, lenslets
 COLOURS = dict(zip(GROUPS, (RED, GREEN, BLUE), strict=True))

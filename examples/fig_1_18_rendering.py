@@ -4,7 +4,7 @@ from common import begin, number, pixels
 from extended import QUICK, camera, card, expose, ideal, like, show, show_object
 
 from clplen import LightField
-from clplen.plot.base import bar, new_figure
+from clplen.plot import bar, new_figure
 
 run = begin(__doc__, __file__, quick=QUICK)
 cam = camera(run)

@@ -4,7 +4,7 @@ from common import begin, number
 from matplotlib.patches import Rectangle
 from spots import QUICK, show, spots
 
-from clplen.plot.base import bar, new_figure
+from clplen.plot import bar, new_figure
 
 run = begin(__doc__, __file__, quick=QUICK)
 found = spots(run, 0.3)

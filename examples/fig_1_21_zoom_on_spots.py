@@ -5,7 +5,7 @@ from common import begin, number
 from matplotlib.patches import Circle
 from spots import QUICK, show, spots
 
-from clplen.plot.base import bar, new_figure
+from clplen.plot import bar, new_figure
 
 SHOWN = 7  # lenslets
 

@@ -5,8 +5,8 @@ import rays
 from common import BLUE, GREEN, ORANGE, begin, number
 from matplotlib.patches import Polygon
 
-from clplen.analysis.cameras.sampling import sampling_of
-from clplen.plot.base import new_figure
+from clplen.analysis import sampling_of
+from clplen.plot import new_figure
 
 LENSLETS = dict(zip((4, 5, 6), (GREEN, ORANGE, BLUE), strict=True))
 

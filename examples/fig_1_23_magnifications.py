@@ -4,7 +4,7 @@ from common import begin, number
 from matplotlib.patches import Circle
 from spots import QUICK, show, spots
 
-from clplen.plot.base import bar, new_figure
+from clplen.plot import bar, new_figure
 
 SHOWN = 17  # lenslets
 # m: lenslets of the row above half of the brightest one's energy, m by the pitch of the spots

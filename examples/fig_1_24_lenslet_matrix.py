@@ -5,7 +5,7 @@ import rays
 from common import BLUE, GREEN, ORANGE, RED, begin, number
 from matplotlib.patches import Polygon
 
-from clplen.plot.base import new_figure
+from clplen.plot import new_figure
 
 M = 0.4
 BOX = np.array([[-20, -1.4], [20, -1.4], [20, 1.4], [-20, 1.4]])  # um and mrad

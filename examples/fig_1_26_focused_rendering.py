@@ -6,11 +6,10 @@ from common import BLUE, ORANGE, begin, number, pixels
 from letters import disparity, star
 from matplotlib.patches import Rectangle
 
-from clplen import MicrolensArray, Plane, PlenopticCamera, SurfaceScene
-from clplen.cameras.scenes.textures import uniform
-from clplen.lightfield.focused.focused_picture import seam
-from clplen.lightfield.focused.focused_rendering import render_focused
-from clplen.plot.base import new_figure
+from clplen import MicrolensArray, PlenopticCamera, SurfaceScene, render_focused
+from clplen.cameras import Plane, uniform
+from clplen.lightfield import seam
+from clplen.plot import new_figure
 
 ZOOM = (0.45, 1.25)  # mm on the main image, from and to, in x and y
 FINE = 18  # samples a lenslet: patches drawn finer than pixels show how they join

@@ -6,7 +6,7 @@ from common import BLUE, GREEN, ORANGE, begin, number
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Rectangle
 
-from clplen.plot.base import new_figure
+from clplen.plot import new_figure
 
 SHOWN = 5  # lenslets across, from the front
 

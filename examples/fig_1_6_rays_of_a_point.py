@@ -4,7 +4,7 @@ import numpy as np
 import rays
 from common import BLUE, GREEN, ORANGE, RED, begin, number
 
-from clplen.plot.base import new_figure
+from clplen.plot import new_figure
 
 COLOURS = (BLUE, GREEN, RED)  # of the directions 1, 2, 3
 

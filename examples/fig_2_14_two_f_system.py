@@ -7,8 +7,8 @@ from matplotlib.colors import to_rgb
 from two_f import PITCH, D, F, Z
 
 from clplen import Field, Grid, plot, propagate, thin_lens
-from clplen.plot.rays import rays_through
-from clplen.wave.systems.optical_system import imaging_system
+from clplen.plot import rays_through
+from clplen.wave import imaging_system
 
 N, BESIDE = 1010, 190  # samples along y; the second point is so many above the axis
 run = begin(__doc__, __file__)

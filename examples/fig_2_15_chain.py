@@ -5,9 +5,8 @@ from closed import LAM
 from common import RED, begin, number
 from two_f import EXTENT, GRID, PEAK, PITCH, D, F, N, Z, point
 
-from clplen.plot.base import LIGHT, new_figure
-from clplen.wave.systems.components import label_of, text_of
-from clplen.wave.systems.optical_system import imaging_system
+from clplen.plot import LIGHT, new_figure
+from clplen.wave import imaging_system, label_of, text_of
 
 ROW, COLUMN, MM = 60, -110, 1e3  # samples from the axis to the point: up, and to the left
 HALF, SMALL = (1.3, 2.3, 2.3, 1.3), (0.035, 1, 1, 0.15)  # half widths / mm

@@ -6,7 +6,7 @@ from common import begin, number
 from scipy.signal import resample
 from two_f import EXTENT, GRID, METHODS, PEAK, PITCH, N, airy_image, image
 
-from clplen.plot.base import LIGHT, bar, new_figure
+from clplen.plot import LIGHT, bar, new_figure
 
 TABLE = {  # SNR / dB: window, r < 0.5 mm; peak: by independent float64; colour of what is drawn
     "multi-step, pad 1": (0.51, 0.51, 5.37067, "C0--"),

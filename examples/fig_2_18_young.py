@@ -6,8 +6,9 @@ from coherent import Young
 from common import BLUE, GREEN, RED, begin, number
 from scipy.signal import resample
 
-from clplen import Coherence, ExtendedSource
-from clplen.plot.base import LIGHT, new_figure
+from clplen import Coherence
+from clplen.plot import LIGHT, new_figure
+from clplen.wave import ExtendedSource
 
 FAR, SIZE, PAIR = 0.5, 0.5e-3, 8  # m, source to pinholes to screen; m; samples: what is drawn
 SIZES = {0.25e-3: GREEN, SIZE: BLUE, 1e-3: RED}  # diameters of the source

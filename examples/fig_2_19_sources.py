@@ -5,8 +5,9 @@ from closed import LAM
 from coherent import WINDOW, intensity, phase_bar, show_phase, show_points, snapshot, sources
 from common import BLUE, RED, begin, number
 
-from clplen import Grid, RandomPhaseMask
-from clplen.plot.base import LIGHT, bar, new_figure
+from clplen import Grid
+from clplen.plot import LIGHT, bar, new_figure
+from clplen.wave import RandomPhaseMask
 
 CELLS, N = 10, 500  # sources and samples a side
 CONTRASTS = {0: 0, 0.1: 0.62, 0.25: 0.81, 0.5: 1.03, 1: 0.79, 2: 0.944, 4: 0.985, 8: 0.998}

@@ -6,8 +6,9 @@ from coherent import WINDOW, degree_of, phase_bar, show_phase, snapshot
 from common import BLUE, RED, begin, number
 from matplotlib.patches import Rectangle
 
-from clplen import Grid, RandomPhaseMask
-from clplen.plot.base import new_figure
+from clplen import Grid
+from clplen.plot import new_figure
+from clplen.wave import RandomPhaseMask
 
 MASKS = {10: (15, 400), 50: (8, 16), 100: (8, 4), 200: (8, 1)}  # samples a cell, masks: of mu
 DISTANCES = {10: 29.0909, 50: 1.1636, 100: 0.2909, 200: 0.0727}  # m

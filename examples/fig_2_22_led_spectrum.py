@@ -3,8 +3,8 @@
 import numpy as np
 from common import begin, number
 
-from clplen.plot.base import new_figure
-from clplen.wave.spectrum.spectrum import Spectrum
+from clplen import Spectrum
+from clplen.plot import new_figure
 
 C, LAM, FWHM = 299792458.0, 550e-9, 30e-9
 NM = np.linspace(380, 780, 4001)

@@ -6,8 +6,8 @@ from responses import FC, PLANE, filtered, point_image, transfer_of_grating
 from target import COHERENT, LAMP
 
 from clplen import Grid
-from clplen.plot.base import LIGHT, new_figure
-from clplen.wave.systems.pupil_filter import otf
+from clplen.plot import LIGHT, new_figure
+from clplen.wave import otf
 
 RATIOS = (0.5, 0.91, 1.09, 1.5, 1.91, 2.09)  # of the gratings' frequencies to fc
 FINE = (0.96, 0.98, 1.0, 1.02, 1.04)  # where the transfer function ends

@@ -6,9 +6,9 @@ from responses import FC, edge_through_the_lens, edge_through_the_pupil
 from scipy.signal import resample
 from target import COHERENT, LAMP
 
-from clplen import Coherence, RandomPhaseMask
-from clplen.plot.base import LIGHT, bar, new_figure
-from clplen.wave.systems.pupil_filter import coherent_edge, incoherent_edge
+from clplen import Coherence
+from clplen.plot import LIGHT, bar, new_figure
+from clplen.wave import RandomPhaseMask, coherent_edge, incoherent_edge
 
 MASKS = {  # iota: samples of a cell (y, x), cells (y, x); edge, maximum: independent, float64
     0.25: ((13, 39), (3, 14), 0.262, 1.143, "0.5"), 0.5: ((6, 20), (4, 26), 0.270, 1.104, GREEN),

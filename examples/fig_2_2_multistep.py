@@ -6,7 +6,7 @@ from common import BLUE, GREEN, ORANGE, RED, begin, number
 from matplotlib.colors import LogNorm
 
 from clplen import Field, Grid, propagate
-from clplen.plot.base import LIGHT, bar, new_figure
+from clplen.plot import LIGHT, bar, new_figure
 
 N, PITCH, STEPS = 1024, 6.6e-6, "fresnel-multistep"
 GRID, WINDOW = Grid((1, N), PITCH), Grid((1, 2 * N), PITCH)

@@ -9,7 +9,7 @@ from matplotlib.patches import Rectangle
 from stages import phase, transfer
 
 from clplen import Grid, Propagator, SamplingWarning
-from clplen.plot.base import new_figure
+from clplen.plot import new_figure
 
 GRID = Grid((128, 128), 2 * LAM)  # periodic, so that these are the frequencies of H
 DF = 1 / GRID.extent[1]

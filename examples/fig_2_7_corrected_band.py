@@ -6,7 +6,7 @@ from common import BLUE, ORANGE, RED, begin, number
 from stages import phase
 
 from clplen import Propagator
-from clplen.plot.base import new_figure
+from clplen.plot import new_figure
 
 Z = 64 * S
 NARROW = {"method": "cblas", "guard": 0, "support": S / 2}

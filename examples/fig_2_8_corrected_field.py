@@ -7,7 +7,7 @@ from closed import SETUP_A, S, exact_slit, fitted, slit, snr_db
 from common import BLUE, ORANGE, RED, begin, number
 
 from clplen import SamplingWarning, propagate
-from clplen.plot.base import new_figure
+from clplen.plot import new_figure
 
 Z = 64 * S
 WAYS = {  # options of propagate, SNR in dB, colour

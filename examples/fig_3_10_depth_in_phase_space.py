@@ -15,7 +15,7 @@ from slices import (
     taken,
 )
 
-from clplen.plot.base import bar, new_figure
+from clplen.plot import bar, new_figure
 
 SHOWN = 11  # lenslets
 SLOPES = {"in focus": 0.0, "closer": 0.249, "farther": -0.158}  # float64 simulation, as measured

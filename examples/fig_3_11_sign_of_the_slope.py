@@ -6,8 +6,8 @@ from matplotlib.axes import Axes
 from rays import image, mark_plane, names, stage
 from slices import COLOURS, DEPTHS, QUICK, axes_of, camera, draw_slice, slope, summed, taken, zones
 
-from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.plot.base import new_figure
+from clplen.cameras import Plenoptic1
+from clplen.plot import new_figure
 
 SHOWN = 11  # lenslets
 # dx/du and dx/dtheta of the light over those of the rays, in a float64 simulation

@@ -3,10 +3,8 @@
 import numpy as np
 from common import BLUE, mm, number, pixels, start
 
-from clplen import demo
-from clplen.lightfield.depth.alpha_estimate import estimate_alpha
-from clplen.lightfield.model.light_field import LightField
-from clplen.plot.base import LIGHT, new_figure
+from clplen import LightField, demo, estimate_alpha
+from clplen.plot import LIGHT, new_figure
 
 DEPTHS = (0, 0.125, 0.25)
 BLURS = (0, 8.219, 12.245)  # lenslets, D |1 - alpha|/p

@@ -6,9 +6,8 @@ from rays import distance, draw_camera, image, names, note, planes, say_scale, s
 from slices import camera, span
 
 from clplen import OpticalSystem
-from clplen.plot.base import new_figure
-from clplen.plot.rays import rays_through
-from clplen.wave.systems.components import Lens
+from clplen.plot import new_figure, rays_through
+from clplen.wave import Lens
 
 DZ, Y0 = -50e-3, -0.6e-3  # the object is nearer than the focused plane
 

@@ -7,9 +7,8 @@ from rays import distance, draw_camera, mark_plane, names, note, say_scale, stag
 from slices import camera
 
 from clplen import OpticalSystem
-from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.plot.base import new_figure
-from clplen.plot.rays import trace
+from clplen.cameras import Plenoptic1
+from clplen.plot import new_figure, trace
 
 CASES = {-50e-3: (1.2e-3, -0.9e-3), 50e-3: (-1.2e-3, 1.0e-3)}  # dz: u, x'
 

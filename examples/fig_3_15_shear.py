@@ -4,7 +4,7 @@ import numpy as np
 from common import BLUE, GREEN, RED, begin, mm, number
 from slices import BESIDE, DEPTHS, QUICK, axes_of, camera, draw_slice, sheared, slope, summed, three
 
-from clplen.plot.base import bar, new_figure
+from clplen.plot import bar, new_figure
 
 SHOWN = 27  # lenslets
 COLOURS = {"closer": BLUE, "in focus": GREEN, "farther": RED}

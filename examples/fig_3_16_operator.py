@@ -5,8 +5,8 @@ from common import begin, number, pixels
 from matplotlib.axes import Axes
 from slices import DEPTHS, QUICK, axes_of, camera, draw_slice, sheared, summed, three
 
-from clplen.lightfield.refocus.refocusing import refocus
-from clplen.plot.base import LIGHT, new_figure
+from clplen import refocus
+from clplen.plot import LIGHT, new_figure
 
 SHOWN = 31  # lenslets
 STAGES = ("captured light field\nL(x, u)",

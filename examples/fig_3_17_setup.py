@@ -5,8 +5,8 @@ from common import BLUE, COLOURS, ORANGE, PAPER, mm, number, start
 from matplotlib.axes import Axes
 
 from clplen import demo
-from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.plot.base import new_figure
+from clplen.cameras import Plenoptic1
+from clplen.plot import new_figure
 
 
 def draw_system(axes: Axes, camera: Plenoptic1) -> None:

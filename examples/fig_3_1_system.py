@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from rays import distance, draw_camera, draw_rays, names, planes, stage, trace
 from slices import camera
 
-from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.plot.base import new_figure
+from clplen.cameras import Plenoptic1
+from clplen.plot import new_figure
 
 BESIDE = 12  # lenslets from the axis
 

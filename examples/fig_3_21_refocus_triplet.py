@@ -3,8 +3,7 @@
 import numpy as np
 from common import number, pixels, start
 
-from clplen import LightField, demo, plot
-from clplen.lightfield.refocus.refocusing import refocus
+from clplen import LightField, demo, plot, refocus
 
 # Peaks of each point over the highest of the rendering, at the three alphas.
 PEAKS = {"A": (0.2653, 0.0525, 0.0260), "B": (0.0467, 1, 0.0933), "C": (0.0245, 0.0831, 0.2061)}

@@ -6,8 +6,8 @@ from matplotlib.patheffects import withStroke
 from slices import camera
 
 from clplen import PointSources
-from clplen.analysis.cameras.crosstalk import cell_energies, crosstalk
-from clplen.plot.base import LIGHT, bar, for_display, new_figure, norm_of
+from clplen.analysis import cell_energies, crosstalk
+from clplen.plot import LIGHT, bar, for_display, new_figure, norm_of
 
 SHOWN = 7  # cells across
 CASES = {150e-6: 0.107, 100e-6: 0.185}  # d: light outside the cell, float64 simulation

@@ -6,8 +6,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
 from matplotlib.patches import Rectangle
 
-from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.plot.base import new_figure
+from clplen.cameras import Plenoptic1
+from clplen.plot import new_figure
 
 SHOWN = 7  # lenslets
 APERTURES = (30, 12, 2)  # N', pixels of a sub-image across that are kept

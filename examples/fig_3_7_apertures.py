@@ -5,7 +5,7 @@ from common import BLUE, ORANGE, number, pixels, start
 from extended import camera, card, compare, expose, show
 
 from clplen import LightField, demo
-from clplen.plot.base import bar, new_figure
+from clplen.plot import bar, new_figure
 
 KEPT = (30, 24, 18, 12, 6, 2)  # N'
 TOTALS = (1, 0.791, 0.493, 0.214, 0.0463, 0.00466)  # of A + B + C, in a float64 simulation

@@ -5,9 +5,8 @@ import vesicle
 from common import begin, number
 from matplotlib.axes import Axes
 
-from clplen.lightfield.calibration.lattice_fit import estimate_lattice
-from clplen.lightfield.calibration.raw_decoding import decode_raw
-from clplen.plot.base import LIGHT, bar, new_figure
+from clplen import decode_raw, estimate_lattice
+from clplen.plot import LIGHT, bar, new_figure
 
 PITCH = (15.387, 15.410)  # pixels along x and y, of the white frame in an independent fit
 SHOWN = 6  # lenslets of the zoom

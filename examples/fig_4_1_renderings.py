@@ -4,11 +4,9 @@ import numpy as np
 from common import begin, number, pixels
 from stars import DEPTHS, QUICK, cameras, exposed, likeness, places, show
 
-from clplen import LightField
-from clplen.lightfield.focused.focused_depth import focused_depth
-from clplen.lightfield.focused.focused_rendering import render_focused
-from clplen.lightfield.refocus.refocusing import refocus
-from clplen.plot.base import new_figure
+from clplen import LightField, refocus, render_focused
+from clplen.lightfield import focused_depth
+from clplen.plot import new_figure
 
 run = begin(__doc__, __file__, quick=QUICK)
 focused, standard = cameras(run)

@@ -17,7 +17,7 @@ from resolving import (
     responses,
 )
 
-from clplen.plot.base import LIGHT, bar, new_figure, norm_of
+from clplen.plot import LIGHT, bar, new_figure, norm_of
 
 NEAR = 0.45e-3  # metres to either side of the point
 PEAK = 60.9  # FWHM in um of the image of a point by the 2.0 camera, in a float64 simulation

@@ -5,9 +5,8 @@ from common import begin, number
 from matplotlib.axes import Axes
 from resolving import COLOURS, QUICK, TRANSFERS, focused, pair, responses
 
-from clplen.analysis.cameras.sampling import sampling_of
-from clplen.analysis.point.otf import OTF, Curve
-from clplen.plot.base import new_figure
+from clplen.analysis import OTF, Curve, sampling_of
+from clplen.plot import new_figure
 
 HIGHEST = 25e3  # cycles a metre
 

@@ -5,8 +5,9 @@ from common import begin, number, pixels
 from resolving import about, blended, exposed, focused
 from slices import camera
 
-from clplen import Aberrations, LightField, PointSources, correct_aberrations
-from clplen.plot.base import bar, new_figure
+from clplen import LightField, PointSources
+from clplen.cameras import Aberrations, correct_aberrations
+from clplen.plot import bar, new_figure
 
 P = 150e-6  # pitch of the lenslets
 WORDS = ("1.0, as taken", "1.0, corrected", "2.0, blended")

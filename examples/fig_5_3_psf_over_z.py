@@ -6,7 +6,7 @@ from common import BLUE, GREEN, RED, begin, number
 from matplotlib.colors import LogNorm
 
 from clplen import PointSources
-from clplen.plot.base import bar, new_figure
+from clplen.plot import bar, new_figure
 
 DEPTHS = {-20e-6: (115, 21, 0.708), -10e-6: (67, 9, np.nan), 0.0: (40, 1, np.nan),
           10e-6: (67, 9, np.nan), 20e-6: (115, 25, 1.292)}  # float64 simulation

@@ -17,14 +17,11 @@ from common import BLUE, ORANGE, Run, begin
 from matplotlib.axes import Axes
 from matplotlib.colors import PowerNorm
 
-from clplen.cameras.light_field_microscope import Microscope
-from clplen.io.results.volume_files import write_volume
-from clplen.lightfield.calibration.raw_decoding import decode_raw
-from clplen.lightfield.refocus.refocusing import refocus
-from clplen.microscopy.deconvolution import DeconvolutionResult, deconvolve
-from clplen.microscopy.projector import Projector
-from clplen.microscopy.psf import point_images
-from clplen.plot.base import LIGHT, new_figure
+from clplen import Projector, decode_raw, deconvolve, point_images, refocus
+from clplen.cameras import Microscope
+from clplen.io import write_volume
+from clplen.microscopy import DeconvolutionResult
+from clplen.plot import LIGHT, new_figure
 
 PIXELS, ITERATIONS, QUICK = 15, 20, 6
 OTHERS: dict[str, dict[str, Any]] = {

@@ -11,9 +11,8 @@ import numpy as np
 from matplotlib.path import Path
 from matplotlib.textpath import TextPath
 
-from clplen import Plane, SurfaceScene
-from clplen.cameras.scenes.outlines import Polygon
-from clplen.cameras.scenes.textures import Texture, uniform
+from clplen import SurfaceScene
+from clplen.cameras import Plane, Polygon, Texture, uniform
 
 FINE = 5  # samples a lenslet
 

@@ -16,10 +16,9 @@ from matplotlib.axes import Axes
 from scipy.ndimage import maximum_filter
 from scipy.optimize import minimize
 
-from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources
-from clplen.cameras.light_field_microscope import Microscope
-from clplen.lightfield.focus_and_depth import focal_stack
-from clplen.plot.base import LIGHT
+from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, focal_stack
+from clplen.cameras import Microscope
+from clplen.plot import LIGHT
 
 SHOWN = 32  # um of x in a slice
 

@@ -14,7 +14,9 @@ import fsspec
 import numpy as np
 import zarr
 
-from clplen import Device, StoredLightField, sample_scenes, stream_stack
+from clplen import Device, StoredLightField
+from clplen.cameras import sample_scenes
+from clplen.lightfield import stream_stack
 
 SAMPLE = "memory://sample.zarr"
 

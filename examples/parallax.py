@@ -6,8 +6,8 @@ from extended import DEPTHS, PLACES, across, camera, expose, letters, show
 from matplotlib.axes import Axes
 
 from clplen import LightField
-from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.plot.base import LIGHT, bar, new_figure
+from clplen.cameras import Plenoptic1
+from clplen.plot import LIGHT, bar, new_figure
 
 COUNT = 41  # lenslets
 RIM = 0.25  # of the views, those outside of the two

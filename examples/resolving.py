@@ -15,15 +15,18 @@ import numpy as np
 from common import BLUE, RED, Run, pixels
 from matplotlib.axes import Axes
 
-from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, RawImage
-from clplen.analysis.point.otf import circular_mtf, square_mtf
-from clplen.analysis.point.psf import PSF
-from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.cameras.plenoptic2 import Plenoptic2
-from clplen.lightfield.focused.focused_geometry import FocusedGeometry
-from clplen.lightfield.focused.focused_picture import FocusedImage
-from clplen.lightfield.focused.focused_rendering import render_focused
-from clplen.plot.base import LIGHT
+from clplen import (
+    LightField,
+    MicrolensArray,
+    PlenopticCamera,
+    PointSources,
+    RawImage,
+    render_focused,
+)
+from clplen.analysis import PSF, circular_mtf, square_mtf
+from clplen.cameras import Plenoptic1, Plenoptic2
+from clplen.lightfield import FocusedGeometry, FocusedImage
+from clplen.plot import LIGHT
 
 M = 0.2
 QUICK = "cameras of 75 x 75 lenslets, coarser curves"

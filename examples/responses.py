@@ -7,7 +7,8 @@ from closed import LAM
 from target import LAMP, on
 from two_f import D, F, Z
 
-from clplen import Coherence, Device, Grid, OpticalSystem, Pupil, imaging_system
+from clplen import Coherence, Device, Grid, OpticalSystem
+from clplen.wave import Pupil, imaging_system
 
 FC = D / (2 * LAM * Z)
 PUPIL = OpticalSystem([Pupil(D, Z)])  # as a filter of frequencies

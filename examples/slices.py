@@ -15,10 +15,9 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 from rays import draw_camera, planes, stage, trace
 
-from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources
-from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.lightfield.refocus.refocusing import refocus
-from clplen.plot.base import LIGHT
+from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, refocus
+from clplen.cameras import Plenoptic1
+from clplen.plot import LIGHT
 
 QUICK = "a camera of 51 x 51 lenslets"
 DEPTHS = {"in focus": 0.0, "closer": -50e-3, "farther": 50e-3}  # dz

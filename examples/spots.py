@@ -14,7 +14,7 @@ from matplotlib.colors import PowerNorm
 from matplotlib.image import AxesImage
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources, RawImage
-from clplen.plot.base import LIGHT, centred
+from clplen.plot import LIGHT, centred
 
 LEAST = 0.05  # of the brightest spot: darker ones are no spots
 PIXELS = 12  # a lenslet of the reduced camera

@@ -8,8 +8,9 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from clplen import Device, Field, Grid, Propagator, polygonal_aperture
-from clplen.plot.base import LIGHT, bar, new_figure
+from clplen import Device, Field, Grid, Propagator
+from clplen.plot import LIGHT, bar, new_figure
+from clplen.wave import polygonal_aperture
 
 
 @dataclass(frozen=True)

@@ -12,20 +12,18 @@ from closed import LAM, snr_db
 from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
 
-from clplen import (
-    Coherence,
-    Device,
-    Field,
-    Grid,
+from clplen import Coherence, Device, Field, Grid, OpticalSystem
+from clplen.plot import LIGHT
+from clplen.wave import (
     IncoherentLight,
     MeanIntensity,
-    OpticalSystem,
     Pupil,
     RandomPhaseMask,
+    TargetElement,
+    abbe_image,
+    usaf1951,
+    usaf1951_elements,
 )
-from clplen.plot.base import LIGHT
-from clplen.wave.coherence.abbe import abbe_image
-from clplen.wave.elements.transparency import TargetElement, usaf1951, usaf1951_elements
 
 FC = 13636.0  # cycles a metre
 AIRY = 0.61 / FC

@@ -9,9 +9,8 @@ import numpy as np
 from closed import LAM
 from scipy.special import j1
 
-from clplen import Device, Field, Grid, Propagator, SamplingWarning
-from clplen.wave.systems.components import Lens
-from clplen.wave.systems.optical_system import OpticalSystem
+from clplen import Device, Field, Grid, OpticalSystem, Propagator, SamplingWarning
+from clplen.wave import Lens
 
 F, Z, D, PITCH, N = 0.12, 0.24, 3.6e-3, 6.6e-6, 1010  # Z: of the object and of the image
 GRID = Grid((N, N), PITCH)

@@ -18,12 +18,10 @@ import tifffile
 from common import Run
 from scipy.optimize import minimize
 
-from clplen import MicrolensArray, PlenopticCamera, PointSources
-from clplen.cameras.light_field_microscope import Microscope
-from clplen.compute.device import Device
-from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.microscopy.prepare import preparation
-from clplen.microscopy.projector import Projector
+from clplen import Device, MicrolensArray, PlenopticCamera, PointSources, Projector
+from clplen.cameras import Microscope
+from clplen.lightfield import Lattice
+from clplen.microscopy import preparation
 
 DATA = Path(os.environ.get("CLPLEN_DATA", Path(__file__).parents[2] / "shared" / "data"))
 RADIUS = 13.2e-6  # metres, of the real one

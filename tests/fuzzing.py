@@ -50,7 +50,7 @@ from clplen.io.results.volume_files import read_volume, write_volume
 from clplen.lightfield.depth.depth_maps import DepthMap
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.lightfield.refocus.refocusing import FocalStack
+from clplen.lightfield.refocusing.focal_stacks import FocalStack
 from clplen.microscopy import point_image_files
 from clplen.microscopy.images import PointImages
 

@@ -74,111 +74,121 @@ def lightfield(device: Device) -> clplen.LightField:
 
 
 def field(device: Device) -> clplen.Field:
-    return clplen.plane_wave(GRID, wavelength=LAM, device=device)
+    return clplen.wave.plane_wave(GRID, wavelength=LAM, device=device)
 
 
-def psf() -> clplen.PSF:
+def psf() -> clplen.analysis.PSF:
     y, x = np.mgrid[-16:17, -16:17] * 1e-6
-    return clplen.PSF(np.exp(-(x**2 + y**2) / 2e-11), 1e-6)
+    return clplen.analysis.PSF(np.exp(-(x**2 + y**2) / 2e-11), 1e-6)
 
 
 def edge() -> Any:
     y, x = np.mgrid[0:64, 0:64]
-    return clplen.slanted_edge(1 / (1 + np.exp(-(x - 32 - 0.1 * y))), pitch=1e-6)
+    return clplen.analysis.slanted_edge(1 / (1 + np.exp(-(x - 32 - 0.1 * y))), pitch=1e-6)
 
 
 def depth() -> clplen.DepthMap:
     return clplen.DepthMap(*(samples(16, 16) for _ in range(4)))
 
 
-def texture() -> clplen.Texture:
-    return clplen.Texture(samples(16, 16))
+def texture() -> clplen.cameras.Texture:
+    return clplen.cameras.Texture(samples(16, 16))
 
 
-def stream(device: Device) -> clplen.StackTiles:
+def stream(device: Device) -> clplen.lightfield.StackTiles:
     stored = clplen.StoredLightField.from_array(samples(3, 3, 32, 32))
-    return clplen.stream_stack(stored, disparities=[0, 1], device=device)
+    return clplen.lightfield.stream_stack(stored, disparities=[0, 1], device=device)
 
 
 EXAMPLES: dict[str, Callable[[Device], Any]] = {
-    "OTF": lambda _: clplen.OTF.of(psf()),
+    "OTF": lambda _: clplen.analysis.OTF.of(psf()),
     "PSF": lambda _: psf(),
-    "Aberrations": lambda _: clplen.Aberrations(main_lens={4: 1e-7}, lenslets={4: 1e-7}),
+    "Aberrations": lambda _: clplen.cameras.Aberrations(main_lens={4: 1e-7}, lenslets={4: 1e-7}),
     "AlphaEstimate": lambda device: clplen.estimate_alpha(lightfield(device), method="energy"),
     "Coherence": lambda _: clplen.Coherence(
-        clplen.RandomPhaseMask(66e-6), clplen.Spectrum.gaussian(550e-9, 30e-9)
+        clplen.wave.RandomPhaseMask(66e-6), clplen.Spectrum.gaussian(550e-9, 30e-9)
     ),
-    "CoherencePlan": lambda _: clplen.CoherencePlan(
-        clplen.Coherence(clplen.RandomPhaseMask(66e-6)), 50, 5.0, 1.0, (3, 3), 1e-5, 0.1, 1, 0.2
+    "CoherencePlan": lambda _: clplen.wave.CoherencePlan(
+        clplen.Coherence(clplen.wave.RandomPhaseMask(66e-6)),
+        50,
+        5.0,
+        1.0,
+        (3, 3),
+        1e-5,
+        0.1,
+        1,
+        0.2,
     ),
     "Comparison": lambda device: Comparison((), ("sampling",)),
-    "ConvergingLight": lambda _: clplen.ConvergingLight(0.1),
-    "CoverGlass": lambda _: clplen.CoverGlass(150e-6),
+    "ConvergingLight": lambda _: clplen.wave.ConvergingLight(0.1),
+    "CoverGlass": lambda _: clplen.cameras.CoverGlass(150e-6),
     "Curve": lambda _: edge().mtf,
-    "DeconvolutionResult": lambda _: clplen.DeconvolutionResult(
+    "DeconvolutionResult": lambda _: clplen.microscopy.DeconvolutionResult(
         samples(2, 9, 9), samples(3), 3, (0.0,)
     ),
     "DepthMap": lambda _: depth(),
     "Device": lambda device: device,
-    "Element": lambda _: clplen.Element(abs, "any"),
-    "ExtendedSource": lambda _: clplen.ExtendedSource(1e-3, 0.1, picture=samples(64, 64)),
+    "Element": lambda _: clplen.wave.Element(abs, "any"),
+    "ExtendedSource": lambda _: clplen.wave.ExtendedSource(1e-3, 0.1, picture=samples(64, 64)),
     "Field": field,
     "FocalStack": lambda device: clplen.focal_stack(lightfield(device), disparities=[-1, 0, 1]),
-    "FocusedGeometry": lambda device: clplen.FocusedGeometry.of(
+    "FocusedGeometry": lambda device: clplen.lightfield.FocusedGeometry.of(
         focused(device).expose(clplen.PointSources([(0.0, 0.0, 0.0)]))
     ),
-    "FocusedMaps": lambda _: clplen.FocusedMaps(
+    "FocusedMaps": lambda _: clplen.lightfield.FocusedMaps(
         PictureGrid((0.0, 0.0), 1.0, (9, 9)), samples(9, 9), samples(9, 9), samples(9, 9)
     ),
     "Grid": lambda _: GRID,
     "Image": lambda device: lightfield(device).view(1, 1),
-    "IncoherentLight": lambda _: clplen.IncoherentLight(),
+    "IncoherentLight": lambda _: clplen.wave.IncoherentLight(),
     "Lattice": lambda _: LATTICE,
-    "Lens": lambda _: clplen.Lens(0.1),
+    "Lens": lambda _: clplen.wave.Lens(0.1),
     "LensletGrid": lambda device: raw(device).sub_images,
-    "LensletScatter": lambda _: clplen.LensletScatter(0.01),
+    "LensletScatter": lambda _: clplen.cameras.LensletScatter(0.01),
     "LightField": lightfield,
     "MeanIntensity": lambda device: clplen.propagate(
         field(device),
         1e-4,
-        coherence=clplen.Coherence(clplen.IncoherentLight()),
+        coherence=clplen.Coherence(clplen.wave.IncoherentLight()),
         snapshots=4,
     ),
     "MicrolensArray": lambda _: MLA,
     "Microscope": lambda device: clplen.PlenopticCamera.microscope(**MICROSCOPE, device=device),
     "OpticalSystem": lambda _: clplen.OpticalSystem(
-        [clplen.Space(0.1), clplen.Lens(0.05), clplen.Pupil(3e-3, 0.1)]
+        [clplen.wave.Space(0.1), clplen.wave.Lens(0.05), clplen.wave.Pupil(3e-3, 0.1)]
     ),
-    "PhaseSpace": lambda device: clplen.phase_space(lightfield(device), y=3, v=1),
+    "PhaseSpace": lambda device: clplen.lightfield.phase_space(lightfield(device), y=3, v=1),
     "PicturePlane": lambda _: clplen.PicturePlane(samples(64, 64), 1e-3),
-    "Plane": lambda _: clplen.Plane(0.5, texture=texture()),
+    "Plane": lambda _: clplen.cameras.Plane(0.5, texture=texture()),
     "PlenopticCamera": camera,
     "PointImages": lambda _: point_images(),
     "PointSources": lambda _: clplen.PointSources(np.zeros((100, 3))),
-    "Points": lambda _: clplen.Points(samples(50, 3), samples(50), samples(50), samples(50, 3)),
+    "Points": lambda _: clplen.microscopy.Points(
+        samples(50, 3), samples(50), samples(50), samples(50, 3)
+    ),
     "Projector": lambda device: clplen.Projector(point_images(), (3, 3), device=device),
     "Propagator": lambda device: clplen.Propagator(GRID, 1e-4, wavelength=LAM, device=device),
-    "Pupil": lambda _: clplen.Pupil(3e-3, 0.1),
-    "RandomPhaseMask": lambda _: clplen.RandomPhaseMask(66e-6),
+    "Pupil": lambda _: clplen.wave.Pupil(3e-3, 0.1),
+    "RandomPhaseMask": lambda _: clplen.wave.RandomPhaseMask(66e-6),
     "RawImage": raw,
-    "Sampling": lambda device: clplen.sampling_of(camera(device)),
+    "Sampling": lambda device: clplen.analysis.sampling_of(camera(device)),
     "Sensor": lambda _: clplen.Sensor(1e4, shot_noise=True),
     "SlantedEdge": lambda _: edge(),
-    "Space": lambda _: clplen.Space(0.1),
+    "Space": lambda _: clplen.wave.Space(0.1),
     "Spectrum": lambda _: clplen.Spectrum.mercury(),
-    "Sphere": lambda _: clplen.Sphere(
+    "Sphere": lambda _: clplen.cameras.Sphere(
         (0.0, 0.0), 3.0, disparity=0.5, height=0.5, texture=texture()
     ),
     "StackTiles": stream,
-    "Stop": lambda _: clplen.Stop(1e-3),
+    "Stop": lambda _: clplen.wave.Stop(1e-3),
     "StoredLightField": lambda _: clplen.StoredLightField.from_array(samples(3, 3, 32, 32)),
     "StreamPlan": lambda device: stream(device).plan,
-    "SurfaceScene": lambda _: clplen.SurfaceScene([clplen.Plane(0.5, texture=texture())]),
+    "SurfaceScene": lambda _: clplen.SurfaceScene([clplen.cameras.Plane(0.5, texture=texture())]),
     "Texture": lambda _: texture(),
-    "Truth": lambda _: clplen.Truth(
+    "Truth": lambda _: clplen.cameras.Truth(
         samples(9, 9), samples(9, 9), np.zeros((9, 9), np.int32), {"all": np.ones((9, 9), bool)}
     ),
-    "TwoPoints": lambda _: clplen.TwoPoints.incoherent(psf(), axis=1),
+    "TwoPoints": lambda _: clplen.analysis.TwoPoints.incoherent(psf(), axis=1),
 }
 EXAMPLES |= {
     name: partial(lambda kind, _: kind("one sentence"), getattr(clplen, name))

@@ -9,8 +9,9 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from clplen import Image, MicrolensArray, Plane, PlenopticCamera, PointSources, SurfaceScene
+from clplen import Image, MicrolensArray, PlenopticCamera, PointSources, SurfaceScene
 from clplen.analysis.point.edge import slanted_edge
+from clplen.cameras import Plane
 from clplen.cameras.optics.ray_optics import view_step
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.scenes.textures import Texture, noise

@@ -1,4 +1,4 @@
-"""A focal stack in host memory that comes in parts, as `clplen.StackTiles` does."""
+"""A focal stack in host memory that comes in parts, as `clplen.lightfield.StackTiles` does."""
 
 from __future__ import annotations
 

@@ -17,7 +17,8 @@ import tifffile
 from click.testing import CliRunner, Result
 from setups_focused import captured
 
-from clplen import LightField, MicrolensArray, Plane, PlenopticCamera, PointSources, SurfaceScene
+from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, SurfaceScene
+from clplen.cameras import Plane
 from clplen.cameras.optics.ray_optics import view_step
 from clplen.cameras.scenes.textures import noise
 from clplen.cli import main

@@ -74,7 +74,7 @@ def check(done: subprocess.CompletedProcess[str]) -> None:
 @pytest.mark.parametrize(
     "module",
     ["numpy", "clplen.cameras.scenes.scene_sources", "pyopencl", "clplen.cli", "click",
-     "clplen.cli.stack", "tqdm", "clplen.io", "clplen.lightfield.refocus.refocusing"],
+     "clplen.cli.stack", "tqdm", "clplen.io", "clplen.lightfield.refocusing.focal_stacks"],
 )  # fmt: skip
 def test_while_modules_are_imported(tmp_path: Path, module: str):
     (tmp_path / "sitecustomize.py").write_text(AT_IMPORT)

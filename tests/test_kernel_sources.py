@@ -18,17 +18,13 @@ from clplen import (
     Coherence,
     Field,
     Grid,
-    Lattice,
     LightField,
     MicrolensArray,
-    Plane,
     PlenopticCamera,
     PointSources,
     Propagator,
-    RandomPhaseMask,
     RawImage,
     SamplingWarning,
-    Space,
     Spectrum,
     SurfaceScene,
     aperture,
@@ -40,9 +36,11 @@ from clplen import (
     thin_lens,
 )
 from clplen.bench import ceilings
+from clplen.cameras import Plane
 from clplen.cameras.optics.camera_aberrations import Aberrations, LensletScatter
 from clplen.cameras.scenes.scene_sources import PicturePlane
 from clplen.compute.device import Device
+from clplen.lightfield import Lattice
 from clplen.lightfield.arrays.stored_samples import extremes
 from clplen.lightfield.depth.depth_maps import sharpness_curve
 from clplen.lightfield.focus_and_depth import all_in_focus
@@ -50,12 +48,13 @@ from clplen.lightfield.focused.focused_depth import focused_depth
 from clplen.lightfield.focused.focused_rendering import render_focused
 from clplen.lightfield.focused.focused_spots import point_m
 from clplen.lightfield.raw.lenslet_grid import LensType
-from clplen.lightfield.refocus.fourier_slice import fourier_stack
-from clplen.lightfield.refocus.hyperfan import hyperfan
+from clplen.lightfield.refocusing.fourier_slice import fourier_stack
+from clplen.lightfield.refocusing.hyperfan_filter import hyperfan
 from clplen.microscopy.deconvolution import deconvolve
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import point_images
 from clplen.selftest.basics import built_in_values
+from clplen.wave import RandomPhaseMask, Space
 from clplen.wave.coherence.abbe import abbe_image
 from clplen.wave.coherence.extended_source import ExtendedSource
 from clplen.wave.elements.beams import spherical_wave

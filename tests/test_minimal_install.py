@@ -42,7 +42,7 @@ from clplen import (
 )
 from clplen.lightfield.depth.depth_maps import depth_map
 from clplen.lightfield.depth.alpha_estimate import estimate_alpha
-from clplen.lightfield.refocus.refocusing import focal_stack, refocus
+from clplen.lightfield.refocusing.focal_stacks import focal_stack, refocus
 
 device = Device.open()
 beam = np.exp(-np.linspace(-2, 2, 64)[:, None] ** 2 - np.linspace(-3, 1, 48) ** 2)

@@ -20,7 +20,7 @@ from clplen.compute.arrays import Image
 from clplen.compute.device import Device
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage
-from clplen.lightfield.refocus.refocusing import FocalStack
+from clplen.lightfield.refocusing.focal_stacks import FocalStack
 from clplen.plot.base import spread
 from clplen.wave.elements.lenslets import MicrolensArray
 

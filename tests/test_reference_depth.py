@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from reference_depth import depth
 
-from clplen import Plane, SurfaceScene
+from clplen import SurfaceScene
 from clplen.analysis.quality import score
+from clplen.cameras import Plane
 from clplen.cameras.scenes.textures import noise
 from clplen.compute.device import Device
 

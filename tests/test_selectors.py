@@ -23,11 +23,11 @@ WAVE: dict[str, Any] = {"wavelength": LAM}
 SNAPSHOT: dict[str, Any] = {"wavelength": LAM, "seed": 1, "index": 0}
 
 
-def geometry() -> clplen.FocusedGeometry:
+def geometry() -> clplen.lightfield.FocusedGeometry:
     """Of 5 x 5 lenslets."""
     device = Device.open()
     raw = objects.focused(device).expose(clplen.PointSources([(0.0, 0.0, 0.0)]))
-    return clplen.FocusedGeometry.of(raw)
+    return clplen.lightfield.FocusedGeometry.of(raw)
 
 
 def opened(path: Path, device: Any) -> Any:
@@ -37,7 +37,7 @@ def opened(path: Path, device: Any) -> Any:
 
 
 def scene() -> clplen.SurfaceScene:
-    return clplen.SurfaceScene([clplen.Plane(0.5, texture=objects.texture())])
+    return clplen.SurfaceScene([clplen.cameras.Plane(0.5, texture=objects.texture())])
 
 
 def bare(name: str) -> Callable[[Path, Any], Any]:
@@ -57,7 +57,7 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
     "Coherence.snapshots": lambda _, d: next(
         clplen.Coherence(None).snapshots(GRID, device=d, **WAVE)
     ),
-    "ExtendedSource.field": lambda _, d: clplen.ExtendedSource(1e-3, 0.1).field(
+    "ExtendedSource.field": lambda _, d: clplen.wave.ExtendedSource(1e-3, 0.1).field(
         GRID, device=d, **SNAPSHOT
     ),
     "Field": bare("Field"),
@@ -68,7 +68,7 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
     "FocusedGeometry.lattice": lambda _, d: geometry().lattice((0.0, 0.0), d),
     "FocusedGeometry.tables": lambda _, d: geometry().tables(d),
     "Image": bare("Image"),
-    "IncoherentLight.field": lambda _, d: clplen.IncoherentLight().field(
+    "IncoherentLight.field": lambda _, d: clplen.wave.IncoherentLight().field(
         GRID, device=d, **SNAPSHOT
     ),
     "LightField": bare("LightField"),
@@ -88,7 +88,7 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
     "Propagator.of": lambda _, d: clplen.Propagator.of(
         clplen.Propagator(GRID, 1e-4, device=Device.open(), **WAVE).request, d
     ),
-    "RandomPhaseMask.field": lambda _, d: clplen.RandomPhaseMask(2e-6).field(
+    "RandomPhaseMask.field": lambda _, d: clplen.wave.RandomPhaseMask(2e-6).field(
         GRID, device=d, **SNAPSHOT
     ),
     "RawImage": bare("RawImage"),
@@ -96,21 +96,21 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
     "StoredLightField.part": lambda _, d: STORED.part(objects.samples(3, 3, 32, 32), d),
     "SurfaceScene.light_field": lambda _, d: scene().light_field((3, 3), (8, 8), device=d)[0],
     "decode_raw": lambda _, d: clplen.decode_raw(FRAME[:41, :41], LATTICE, device=d),
-    "gaussian_beam": lambda _, d: clplen.gaussian_beam(GRID, 1e-5, device=d, **WAVE),
+    "gaussian_beam": lambda _, d: clplen.wave.gaussian_beam(GRID, 1e-5, device=d, **WAVE),
     "open_lightfield": opened,
-    "plane_wave": lambda _, d: clplen.plane_wave(GRID, device=d, **WAVE),
-    "preparation": lambda _, d: clplen.preparation(10, device=d),
+    "plane_wave": lambda _, d: clplen.wave.plane_wave(GRID, device=d, **WAVE),
+    "preparation": lambda _, d: clplen.microscopy.preparation(10, device=d),
     "read_lightfield": lambda path, d: clplen.read_lightfield(path / "l.h5", device=d),
     "read_raw": lambda path, d: clplen.io.read_raw(path / "raw.h5", device=d),
-    "rectify": lambda _, d: clplen.rectify(FRAME[:41, :41], LATTICE, device=d),
-    "spherical_wave": lambda _, d: clplen.spherical_wave(GRID, 1e-3, device=d, **WAVE),
-    "stream_all_in_focus": lambda _, d: clplen.stream_all_in_focus(
+    "rectify": lambda _, d: clplen.microscopy.rectify(FRAME[:41, :41], LATTICE, device=d),
+    "spherical_wave": lambda _, d: clplen.wave.spherical_wave(GRID, 1e-3, device=d, **WAVE),
+    "stream_all_in_focus": lambda _, d: clplen.lightfield.stream_all_in_focus(
         STORED, disparities=[-1, 0, 1], device=d
     ),
-    "stream_depth": lambda _, d: clplen.stream_depth(
+    "stream_depth": lambda _, d: clplen.lightfield.stream_depth(
         STORED, disparities=[-1, 0, 1], cue="energy", device=d
     ),
-    "stream_stack": lambda _, d: clplen.stream_stack(STORED, disparities=[0], device=d),
+    "stream_stack": lambda _, d: clplen.lightfield.stream_stack(STORED, disparities=[0], device=d),
 }
 OPTIONAL = {"open_lightfield", "read_lightfield", "read_raw"}
 

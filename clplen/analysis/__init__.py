@@ -1,4 +1,5 @@
-"""Measures of optical quality: fields, pictures, cameras and results come in; numbers leave.
+"""What a camera resolves: point spread, transfer, quality measures, cameras compared."""
 
-Rooms from the ground up: ``point``, ``cameras``, ``report``; ``quality`` needs none of them.
-"""
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -1,1 +1,5 @@
-"""Benchmarks of `clplen bench`: a device and a size come in, reports against ceilings leave."""
+"""Benchmarks of a device against its ceilings, and the helpers that scripts of benchmarks share."""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -16,7 +16,7 @@ from clplen.compute.device import Device
 from clplen.lightfield.depth.depth_maps import CUES
 from clplen.lightfield.focus_and_depth import depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.refocusing import refocus
+from clplen.lightfield.refocusing.focal_stacks import refocus
 
 FORM = "VxUxYxX[xC]"
 MAIN = "15x15x434x625x3"

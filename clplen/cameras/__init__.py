@@ -1,4 +1,5 @@
-"""Plenoptic cameras: a scene comes in, the raw image of its light comes out.
+"""Scenes, and the plenoptic cameras and microscopes that take raw images of them."""
 
-Rooms: scenes < optics < exposure < the cameras themselves.
-"""
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

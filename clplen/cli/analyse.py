@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from clplen.analysis.cameras.comparison import Comparison
-from clplen.cameras.plenoptic import Plenoptic
 from clplen.cli.shared import options
 from clplen.cli.shared.console import note, note_link, open_device, progress_bar, update_bar
-from clplen.config import CameraFile
+
+if TYPE_CHECKING:
+    from clplen.analysis.cameras.comparison import Comparison
+    from clplen.cameras.plenoptic import Plenoptic
+    from clplen.config import CameraFile
 
 _NAMES = ("standard", "focused")
 _REPORT = "report.md"

@@ -10,16 +10,18 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from tqdm import tqdm
 
-from clplen.batch import Job
-from clplen.batch.jobs.task import Report
-from clplen.batch.running.estimate import JobEstimate
-from clplen.batch.running.runner import Summary
 from clplen.cli.shared import options
+
+if TYPE_CHECKING:
+    from clplen.batch import Job
+    from clplen.batch.jobs.task import Report
+    from clplen.batch.running.estimate import JobEstimate
+    from clplen.batch.running.runner import Summary
 
 _SHOWN = 20  # items of a list
 

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from clplen.bench.report import Benchmark, Report
+from clplen.bench.report import Benchmark
 from clplen.cli.shared import options
 from clplen.cli.shared.console import note
-from clplen.compute.device import Device
+
+if TYPE_CHECKING:
+    from clplen.bench.report import Report
+    from clplen.compute.device import Device
 
 
 @click.command()

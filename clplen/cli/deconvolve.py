@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
 from clplen.cli.shared import options
 from clplen.cli.shared.console import (
     check_output,
@@ -22,8 +21,11 @@ from clplen.cli.shared.console import (
     progress_bar,
     update_bar,
 )
-from clplen.microscopy.images import PointImages
-from clplen.microscopy.prepare import Prepared
+
+if TYPE_CHECKING:
+    from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
+    from clplen.microscopy.images import PointImages
+    from clplen.microscopy.prepare import Prepared
 
 _PATH = click.Path(path_type=Path)
 _NAME = "{name}"
@@ -290,7 +292,7 @@ def _outputs(
     pages: list[_Page], output: Path, others: list[Path | None], force: bool
 ) -> list[Path]:
     """A file for each frame, none of them one that is read or that clplen did not write."""
-    from clplen.io import check_folder
+    from clplen.files import check_folder
     from clplen.io.store.zarr_files import zarr_package
 
     check_suffix(output, (".tif", ".tiff", ".zarr"))

@@ -39,7 +39,7 @@ def demo(output: str, lenslets: int, force: bool, selector: str | None) -> None:
       clplen demo --lenslets 53
     """
     from clplen import demo as experiment
-    from clplen.io import output_folder
+    from clplen.files import output_folder
     from clplen.outputs import check_outputs
 
     note_link(output)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -31,10 +31,12 @@ from clplen.cli.shared.focused import (
     refuse,
 )
 from clplen.cli.shared.focused import read as open_raw
-from clplen.compute.device import Device
-from clplen.lightfield.depth.depth_maps import DepthMap
-from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+    from clplen.lightfield.depth.depth_maps import DepthMap
+    from clplen.lightfield.model.light_field import LightField
+    from clplen.lightfield.model.stored_light_field import StoredLightField
 
 Values = np.ndarray[Any, Any]
 

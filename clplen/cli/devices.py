@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 import os
 import warnings
+from typing import TYPE_CHECKING
 
 import click
 
 from clplen.cli.shared import options
 from clplen.cli.shared.console import error_sentence
-from clplen.compute.device import Device
 from clplen.errors import ClplenError
-from clplen.selftest.report import DeviceReport
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+    from clplen.selftest.report import DeviceReport
 
 
 @click.command()

@@ -7,7 +7,7 @@ import math
 import textwrap
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -16,8 +16,10 @@ from clplen.cli.microscope import described
 from clplen.cli.shared import options
 from clplen.cli.shared.console import capture_messages, check_outputs, read, to_option_names
 from clplen.lightfield.axis_check.lightfield_report import LightFieldReport
-from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.raw.lenslet_lattice import Lattice
+
+if TYPE_CHECKING:
+    from clplen.lightfield.model.light_field import LightField
+    from clplen.lightfield.raw.lenslet_lattice import Lattice
 
 _MAPS = (".pfm", ".npy", ".tif", ".tiff")
 _VOLUMES = (".tif", ".tiff", ".zarr")

@@ -9,13 +9,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 
-from clplen.cameras.light_field_microscope import Microscope
-from clplen.cameras.optics.lenslet_camera import Description
 from clplen.cli.shared import options
 from clplen.cli.shared.console import (
     check_output,
@@ -25,9 +23,13 @@ from clplen.cli.shared.console import (
     progress_bar,
     update_bar,
 )
-from clplen.compute.device import Device
-from clplen.config.microscope import MicroscopeFile
-from clplen.microscopy.images import PointImages
+
+if TYPE_CHECKING:
+    from clplen.cameras.light_field_microscope import Microscope
+    from clplen.cameras.optics.lenslet_camera import Description
+    from clplen.compute.device import Device
+    from clplen.config.microscope import MicroscopeFile
+    from clplen.microscopy.images import PointImages
 
 _PATH = click.Path(path_type=Path)
 VOXELS = 5

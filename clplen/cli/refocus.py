@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -19,8 +19,10 @@ from clplen.cli.shared.console import (
     tried_disparities,
 )
 from clplen.cli.shared.pictures import PICTURES, Point, check_output, pixel_of, write
-from clplen.lightfield.depth.depth_maps import DepthMap
-from clplen.lightfield.model.light_field import LightField
+
+if TYPE_CHECKING:
+    from clplen.lightfield.depth.depth_maps import DepthMap
+    from clplen.lightfield.model.light_field import LightField
 
 Values = np.ndarray[Any, Any]
 
@@ -153,7 +155,7 @@ def _focused(
     lf: LightField, plane: dict[str, Any], aperture: Any, upsample: int, interpolation: str
 ) -> Values:
     from clplen.lightfield.focus_and_depth import focal_stack
-    from clplen.lightfield.refocus.refocusing import refocus
+    from clplen.lightfield.refocusing.focal_stacks import refocus
 
     if aperture is None:
         picture = refocus(lf, **plane, upsample=upsample, interpolation=interpolation)

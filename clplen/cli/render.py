@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -22,7 +22,9 @@ from clplen.cli.shared.focused import (
 from clplen.cli.shared.focused import read as open_raw
 from clplen.cli.shared.pictures import PICTURES, animate, check_output, write, write_shown
 from clplen.lightfield.arrays.ray_samples import STATISTICS
-from clplen.lightfield.model.light_field import LightField
+
+if TYPE_CHECKING:
+    from clplen.lightfield.model.light_field import LightField
 
 _FRAMES = 24
 _PLANES = 17  # there and back: 32 frames

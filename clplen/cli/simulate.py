@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -14,7 +15,9 @@ from clplen.cli.shared.console import (
     progress_bar,
     update_bar,
 )
-from clplen.lightfield.raw.raw_image import RawImage
+
+if TYPE_CHECKING:
+    from clplen.lightfield.raw.raw_image import RawImage
 
 _FILES = ("raw.tif", "raw.png", "lightfield.h5", "raw.h5")
 
@@ -69,7 +72,8 @@ def simulate(
     """
     from clplen import plot
     from clplen.config import CoherenceTable, read_camera_file
-    from clplen.io import check_writable, output_folder, write_picture
+    from clplen.files import check_writable, output_folder
+    from clplen.io import write_picture
     from clplen.outputs import check_outputs
 
     wanted = read_camera_file(camera)

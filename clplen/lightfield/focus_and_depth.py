@@ -16,7 +16,7 @@ from clplen.lightfield.depth.all_in_focus import all_in_focus_in_memory
 from clplen.lightfield.depth.depth_maps import DepthMap, depth_map_in_memory
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocus.refocusing import FocalStack, focal_stack_in_memory
+from clplen.lightfield.refocusing.focal_stacks import FocalStack, focal_stack_in_memory
 from clplen.lightfield.streaming.streamed_results import (
     assemble_stack,
     stream_all_in_focus,

@@ -1,1 +1,5 @@
-"""Light-field microscopes: frames and cameras come in, point images and volumes go out."""
+"""The light-field microscope: point images, projector, deconvolution, positions of points."""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from clplen.deprecation import renamed_argument
 from clplen.errors import ShapeError
-from clplen.lightfield.refocus.refocusing import FocalStack
+from clplen.lightfield.refocusing.focal_stacks import FocalStack
 
 Vector = np.ndarray[Any, Any]
 

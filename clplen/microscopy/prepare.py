@@ -22,7 +22,7 @@ from clplen.errors import ShapeError
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.lattice_trust import require_trust
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.microscopy.rectify import REACH, area, rectify, variance
+from clplen.microscopy.rectification import REACH, area, rectify, variance
 
 Vector = np.ndarray[Any, Any]
 

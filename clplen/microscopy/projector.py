@@ -12,11 +12,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyopencl.array as cla
-from scipy.sparse.linalg import LinearOperator
 
 from clplen.checks import finite_batch, is_finite, is_integer, require
 from clplen.compute.device import Device, DeviceLike, as_device
@@ -24,6 +23,9 @@ from clplen.compute.fft.lines import smooth_length
 from clplen.compute.memory import free_memory
 from clplen.errors import ShapeError
 from clplen.microscopy.images import PointImages
+
+if TYPE_CHECKING:
+    from scipy.sparse.linalg import LinearOperator
 
 Vector = np.ndarray[Any, Any]
 

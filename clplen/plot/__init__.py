@@ -4,30 +4,6 @@ Every function returns a `matplotlib.figure.Figure`; `save` writes it. Values ar
 unless the colour bar says otherwise.
 """
 
-from clplen.plot.base import Region, Scale, save
-from clplen.plot.comparisons import comparison
-from clplen.plot.depths import alpha_curve, depth, energy_curves, magnification, phase_space
-from clplen.plot.fields import intensity, phase
-from clplen.plot.pictures import epi, montage, picture, raw_image, refocused, views
-from clplen.plot.systems import system
+from lazy_loader import attach_stub
 
-__all__ = [
-    "Region",
-    "Scale",
-    "alpha_curve",
-    "comparison",
-    "depth",
-    "energy_curves",
-    "epi",
-    "intensity",
-    "magnification",
-    "montage",
-    "phase",
-    "phase_space",
-    "picture",
-    "raw_image",
-    "refocused",
-    "save",
-    "system",
-    "views",
-]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -15,7 +15,7 @@ from clplen.errors import ShapeError
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.phase_space import PhaseSpace
 from clplen.lightfield.raw.raw_image import RawImage
-from clplen.lightfield.refocus.refocusing import FocalStack
+from clplen.lightfield.refocusing.focal_stacks import FocalStack
 from clplen.plot.base import (
     LIGHT,
     WHOLE,

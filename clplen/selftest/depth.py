@@ -22,7 +22,7 @@ from clplen.lightfield.depth.view_matching import (
     thresholds,
 )
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.refocusing import FocalStack
+from clplen.lightfield.refocusing.focal_stacks import FocalStack
 from clplen.selftest import twins
 from clplen.selftest.check import EPS, Check, Pairs
 

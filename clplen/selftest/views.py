@@ -15,10 +15,10 @@ from clplen.lightfield.depth.all_in_focus import _launch
 from clplen.lightfield.depth.view_matching import row_sums
 from clplen.lightfield.focus_and_depth import all_in_focus
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.fourier_slice import fourier_stack
-from clplen.lightfield.refocus.hyperfan import hyperfan
-from clplen.lightfield.refocus.phase_ramps import fourier_refocus
-from clplen.lightfield.refocus.refocusing import UPSAMPLE_BASE, FocalStack, upsampled
+from clplen.lightfield.refocusing.focal_stacks import UPSAMPLE_BASE, FocalStack, upsampled
+from clplen.lightfield.refocusing.fourier_slice import fourier_stack
+from clplen.lightfield.refocusing.hyperfan_filter import hyperfan
+from clplen.lightfield.refocusing.phase_ramps import fourier_refocus
 from clplen.selftest import twins
 from clplen.selftest.check import Check, Pairs
 

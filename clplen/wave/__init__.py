@@ -1,6 +1,5 @@
-"""Light as scalar waves.
+"""Wave optics: fields, propagation, elements, sources, spectra, systems of elements, coherence."""
 
-Sampled complex fields come in; the fields and mean intensities behind elements, distances and
-systems go out. Rooms, each built on those before: field; elements, spectrum and propagation;
-systems; coherence.
-"""
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

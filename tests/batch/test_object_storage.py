@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clplen import focal_stack, read_lightfield, sample_scenes
+from clplen import focal_stack, read_lightfield
+from clplen.cameras import sample_scenes
 from clplen.compute.device import Device
 
 fsspec = pytest.importorskip("fsspec", reason="the extra batch is not installed")

@@ -10,7 +10,7 @@ import pytest
 
 from clplen.compute.device import Device
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.refocusing import refocus
+from clplen.lightfield.refocusing.focal_stacks import refocus
 
 SHAPES = [(3, 4, 31, 37, 3), (4, 3, 29, 33)]
 DISPARITY = 1.37

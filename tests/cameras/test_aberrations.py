@@ -17,7 +17,6 @@ from clplen import (
     LightField,
     MicrolensArray,
     PicturePlane,
-    Plane,
     PlenopticCamera,
     PointSources,
     SamplingError,
@@ -26,6 +25,7 @@ from clplen import (
     refocus,
 )
 from clplen.analysis.point.psf import PSF
+from clplen.cameras import Plane
 from clplen.cameras.exposure.isoplanatic import layout
 from clplen.cameras.exposure.slides import SlidePath, slide_field
 from clplen.cameras.optics.camera_aberrations import (

@@ -12,11 +12,11 @@ from clplen import (
     Coherence,
     MicrolensArray,
     PicturePlane,
-    Plane,
     PlenopticCamera,
     PointSources,
     SurfaceScene,
 )
+from clplen.cameras import Plane
 from clplen.cameras.optics.ray_optics import view_step
 from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.scenes.outlines import Ellipse

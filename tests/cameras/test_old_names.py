@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clplen import PicturePlane, Plane, Sphere
+from clplen import PicturePlane
+from clplen.cameras import Plane, Sphere
 from clplen.cameras.scenes.surfaces import Spot
 from clplen.microscopy.points import match_points
 

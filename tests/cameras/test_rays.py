@@ -14,13 +14,12 @@ from clplen import (
     LightField,
     MicrolensArray,
     PicturePlane,
-    Plane,
     PlenopticCamera,
     PointSources,
     Sensor,
-    Sphere,
     SurfaceScene,
 )
+from clplen.cameras import Plane, Sphere
 from clplen.cameras.exposure.ray_exposure import sample_rays
 from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.scenes.outlines import rectangle

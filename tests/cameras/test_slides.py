@@ -7,20 +7,18 @@ import pytest
 
 from clplen import (
     Coherence,
-    ExtendedSource,
     Field,
-    IncoherentLight,
     LightField,
     MicrolensArray,
     PicturePlane,
     PlenopticCamera,
     PointSources,
-    RandomPhaseMask,
     SamplingError,
     Spectrum,
     propagate,
     thin_lens,
 )
+from clplen.wave import ExtendedSource, IncoherentLight, RandomPhaseMask
 
 COUNT, PIXELS = 15, 13  # an odd grid: samples of a slide lie on those of the grid
 

@@ -9,7 +9,8 @@ import pytest
 from reference_scene import texture as texture_at
 from scipy.ndimage import map_coordinates
 
-from clplen import Plane, Sphere, SurfaceScene, Texture, refocus, sample_scenes
+from clplen import SurfaceScene, refocus
+from clplen.cameras import Plane, Sphere, Texture, sample_scenes
 from clplen.cameras.scenes.gallery import SCENES
 from clplen.cameras.scenes.outlines import Bars, Ellipse, Polygon, rectangle
 from clplen.cameras.scenes.surfaces import Spot

@@ -24,7 +24,7 @@ import clplen
 warnings.simplefilter("ignore")  # newer Pythons advise against forks of threads
 device = clplen.Device.open(sys.argv[1])
 grid = clplen.Grid((64, 64), 1e-6)
-field = clplen.plane_wave(grid, wavelength=5e-7, device=device)
+field = clplen.wave.plane_wave(grid, wavelength=5e-7, device=device)
 plan = clplen.Propagator(grid, 1e-3, wavelength=5e-7, device=device)
 plan(field)
 lf = clplen.LightField.from_array(np.ones((3, 3, 16, 16), "f4"), device=device)
@@ -60,7 +60,7 @@ WAYS = {
     "light field": "clplen.LightField.from_array(np.ones((3, 3, 8, 8)), device=device)",
     "view": "lf.view(0, 0)",
     "stack": "clplen.focal_stack(lf, disparities=[0, 1])",
-    "new wave": "clplen.plane_wave(grid, wavelength=5e-7, device=device)",
+    "new wave": "clplen.wave.plane_wave(grid, wavelength=5e-7, device=device)",
     "a plan": "plan(field)",
     "a new plan": "clplen.propagate(field, 2e-3)",
 }

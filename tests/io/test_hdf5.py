@@ -16,7 +16,7 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import read_lightfield, write_lightfield
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.refocusing import refocus
+from clplen.lightfield.refocusing.focal_stacks import refocus
 from clplen.wave.elements.lenslets import MicrolensArray
 
 SHAPE = (3, 4, 5, 7, 2)

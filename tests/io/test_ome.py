@@ -18,7 +18,7 @@ from clplen.errors import FormatError
 from clplen.io import read_pfm, write_depth, write_image, write_stack
 from clplen.io.raw.raw_files import read_frame
 from clplen.io.store import ome_tiff
-from clplen.lightfield.refocus.refocusing import FocalStack
+from clplen.lightfield.refocusing.focal_stacks import FocalStack
 
 SPACING = (-1e-3, -1e-3, -2e-6, 3e-6)
 

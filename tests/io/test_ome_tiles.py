@@ -21,7 +21,7 @@ from clplen.errors import ShapeError
 from clplen.io import write_depth, write_image, write_stack
 from clplen.io.store import ome_tiff
 from clplen.io.store.picture_blocks import checked_blocks
-from clplen.lightfield.refocus.refocusing import FocalStack
+from clplen.lightfield.refocusing.focal_stacks import FocalStack
 
 SPACING = (-1e-3, -1e-3, -2e-6, 3e-6)
 CAMERA = SimpleNamespace(dz=lambda alpha: (alpha - 1) / 10)

@@ -20,7 +20,7 @@ from clplen.errors import FormatError
 from clplen.io import write_depth, write_image, write_lightfield, write_stack
 from clplen.io.store.digest import digest
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.refocusing import FocalStack
+from clplen.lightfield.refocusing.focal_stacks import FocalStack
 
 zarr = pytest.importorskip("zarr")
 SPACING = (-1e-3, -1e-3, -2e-6, 3e-6)

@@ -21,7 +21,7 @@ from clplen.io import (
     write_picture,
     write_stack,
 )
-from clplen.lightfield.refocus.refocusing import FocalStack
+from clplen.lightfield.refocusing.focal_stacks import FocalStack
 
 
 def a_stack(device: Device, shape: tuple[int, ...], **known) -> FocalStack:

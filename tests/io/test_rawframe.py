@@ -20,7 +20,7 @@ from clplen.io import read_lightfield
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.raw_decoding import decode_raw
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.lightfield.refocus.refocusing import refocus
+from clplen.lightfield.refocusing.focal_stacks import refocus
 
 SHAPE = (163, 171)
 PITCH = 11.2

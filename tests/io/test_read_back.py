@@ -30,7 +30,7 @@ from clplen.io import (
     write_truth,
 )
 from clplen.lightfield.depth.depth_maps import DepthMap
-from clplen.lightfield.refocus.refocusing import FocalStack
+from clplen.lightfield.refocusing.focal_stacks import FocalStack
 from clplen.outputs import is_ours
 
 SPACING = (-1e-3, -1e-3, -2e-6, 3e-6)

@@ -9,7 +9,7 @@ from tolerance import relative_max
 
 from clplen.lightfield.depth.all_in_focus import _launch
 from clplen.lightfield.focus_and_depth import all_in_focus
-from clplen.lightfield.refocus.refocusing import FocalStack
+from clplen.lightfield.refocusing.focal_stacks import FocalStack
 
 ORDER = np.array([0.5, -1.0, 2.0, 0.0])
 

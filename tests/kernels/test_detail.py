@@ -9,7 +9,7 @@ import pytest
 from scipy.ndimage import correlate1d, gaussian_filter
 
 from clplen.lightfield.depth.energy_cue import LocalEnergy, evening_taps
-from clplen.lightfield.refocus.refocusing import FocalStack
+from clplen.lightfield.refocusing.focal_stacks import FocalStack
 
 EPS = 2.0**-24
 LUMA = np.array([0.2126, 0.7152, 0.0722])

@@ -9,8 +9,8 @@ from reference_render import steps
 from tolerance import relative_max
 
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.fourier_slice import fourier_stack
-from clplen.lightfield.refocus.phase_ramps import fourier_refocus, transform_views
+from clplen.lightfield.refocusing.fourier_slice import fourier_stack
+from clplen.lightfield.refocusing.phase_ramps import fourier_refocus, transform_views
 
 TYPES = (np.uint8, np.uint16, np.float16, np.float32)
 SHAPES = [(3, 4, 7, 10), (2, 3, 12, 5, 3), (1, 5, 6, 11)]

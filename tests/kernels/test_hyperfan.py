@@ -8,7 +8,7 @@ from reference_render import hyperfan as twin
 from tolerance import relative_max
 
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.hyperfan import hyperfan
+from clplen.lightfield.refocusing.hyperfan_filter import hyperfan
 
 SPACING = (-3e-4, -2e-4, 1e-4, 1.5e-4)
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import reference_scene as reference
 
-from clplen import MicrolensArray, Plane, PlenopticCamera, Sphere, SurfaceScene, Texture
+from clplen import MicrolensArray, PlenopticCamera, SurfaceScene
+from clplen.cameras import Plane, Sphere, Texture
 from clplen.cameras.exposure.ray_exposure import SAMPLES, sample_rays
 from clplen.cameras.scenes.outlines import Ellipse
 from clplen.compute.device import Device

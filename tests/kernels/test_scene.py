@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import reference_scene as reference
 
-from clplen import Plane, Sphere, SurfaceScene, Texture
+from clplen import SurfaceScene
+from clplen.cameras import Plane, Sphere, Texture
 from clplen.cameras.scenes.outlines import Bars, Ellipse, Polygon
 from clplen.cameras.scenes.surfaces import Spot
 from clplen.compute.device import Device

@@ -9,7 +9,7 @@ from reference_render import upsampled as twin
 from tolerance import relative_max
 
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.refocusing import UPSAMPLE_BASE, upsampled
+from clplen.lightfield.refocusing.focal_stacks import UPSAMPLE_BASE, upsampled
 
 
 @pytest.mark.parametrize(

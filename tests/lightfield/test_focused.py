@@ -34,7 +34,7 @@ from clplen.lightfield.focused.focused_picture import FocusedImage, seam
 from clplen.lightfield.focused.focused_rendering import focused_stack, render_focused
 from clplen.lightfield.focused.focused_spots import point_m
 from clplen.lightfield.raw.raw_image import RawImage
-from clplen.lightfield.refocus.refocusing import refocus
+from clplen.lightfield.refocusing.focal_stacks import refocus
 
 BORDER = 8  # samples that lenslets beyond the array would have to help with
 

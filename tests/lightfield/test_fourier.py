@@ -8,8 +8,8 @@ from reference_lightfield import refocus as twin_refocus
 
 from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.fourier_slice import fourier_stack
-from clplen.lightfield.refocus.hyperfan import hyperfan
+from clplen.lightfield.refocusing.fourier_slice import fourier_stack
+from clplen.lightfield.refocusing.hyperfan_filter import hyperfan
 
 D = (-1.3, -0.65, 0.4, 1.0)
 

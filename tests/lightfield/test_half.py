@@ -9,7 +9,7 @@ import clplen.io
 from clplen.lightfield.focus_and_depth import depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocus.refocusing import refocus
+from clplen.lightfield.refocusing.focal_stacks import refocus
 from clplen.lightfield.streaming.streamed_results import stream_stack
 
 PLANES = np.linspace(-0.6, 0.8, 5)

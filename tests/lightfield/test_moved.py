@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clplen import LightField, ShapeError
-from clplen.lightfield.refocus.phase_ramps import shift_views
+from clplen.lightfield.refocusing.phase_ramps import shift_views
 
 
 def test_each_view_by_its_own_distance(device):

@@ -11,7 +11,7 @@ from clplen.lightfield.depth.depth_maps import sharpness_curve
 from clplen.lightfield.depth.energy_cue import stack_taps
 from clplen.lightfield.focus_and_depth import depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.refocusing import refocus
+from clplen.lightfield.refocusing.focal_stacks import refocus
 
 D = 1.9  # of the textured plane
 VIEWS = (5, 4)

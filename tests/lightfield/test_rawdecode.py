@@ -15,13 +15,13 @@ from reference_lightfield import keys_kernel
 from clplen import (
     LightField,
     MicrolensArray,
-    Plane,
     PlenopticCamera,
     PointSources,
     SurfaceScene,
     focal_stack,
     refocus,
 )
+from clplen.cameras import Plane
 from clplen.errors import DeviceError, ShapeError
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.raw_decoding import decode_raw

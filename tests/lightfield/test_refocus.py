@@ -15,7 +15,7 @@ from clplen.errors import DeviceError
 from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model.apertures import aperture_weights
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.refocusing import refocus
+from clplen.lightfield.refocusing.focal_stacks import refocus
 
 TYPES = (np.uint8, np.uint16, np.float32)
 SHAPES = [(3, 4, 17, 23), (4, 3, 13, 11, 3), (1, 6, 5, 19), (5, 2, 31, 7)]

@@ -12,7 +12,7 @@ from clplen.compute.device import Device
 from clplen.io import read_lightfield
 from clplen.lightfield.focus_and_depth import all_in_focus, focal_stack
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.refocusing import refocus
+from clplen.lightfield.refocusing.focal_stacks import refocus
 
 D = -0.65  # where the scene is sharpest
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.refocusing import refocus
+from clplen.lightfield.refocusing.focal_stacks import refocus
 
 FINE = 0.7  # cycles a pixel of the views: above their Nyquist frequency, 0.5
 

@@ -14,7 +14,6 @@ from clplen import (
     MicrolensArray,
     PlenopticCamera,
     PointSources,
-    RandomPhaseMask,
     SamplingError,
     Spectrum,
 )
@@ -25,7 +24,8 @@ from clplen.lightfield.depth.alpha_estimate import estimate_alpha
 from clplen.lightfield.depth.best_focus import suitable_planes
 from clplen.lightfield.focus_and_depth import depth_map, focal_stack
 from clplen.lightfield.model.phase_space import phase_space
-from clplen.lightfield.refocus.refocusing import refocus
+from clplen.lightfield.refocusing.focal_stacks import refocus
+from clplen.wave import RandomPhaseMask
 from clplen.wave.field.field import Grid
 
 S = Setup()

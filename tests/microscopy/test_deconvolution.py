@@ -8,7 +8,8 @@ import setups_microscope as setups
 from scipy.ndimage import gaussian_filter
 from setups_microscope import projector_of, voxels, wrong
 
-from clplen import DeviceError, Lattice, ShapeError
+from clplen import DeviceError, ShapeError
+from clplen.lightfield import Lattice
 from clplen.microscopy.deconvolution import Acceleration, deconvolve
 from clplen.microscopy.images import PointImages
 from clplen.microscopy.prepare import Preparation

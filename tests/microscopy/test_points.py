@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import tifffile
 
-from clplen import Lattice, LightField, MicrolensArray, PlenopticCamera, PointSources, ShapeError
+from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, ShapeError
+from clplen.lightfield import Lattice
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.raw_decoding import decode_raw
 from clplen.lightfield.focus_and_depth import focal_stack

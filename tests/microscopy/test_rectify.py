@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from clplen import Lattice, MicrolensArray, PlenopticCamera, PointSources, ShapeError
-from clplen.microscopy.rectify import rectify
+from clplen import MicrolensArray, PlenopticCamera, PointSources, ShapeError
+from clplen.lightfield import Lattice
+from clplen.microscopy.rectification import rectify
 
 
 def test_a_plane_stays_a_plane(device):

@@ -8,7 +8,7 @@ from tolerance import relative_max
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, Propagator
 from clplen.cameras.plenoptic import scene_energy
-from clplen.lightfield.refocus.refocusing import refocus
+from clplen.lightfield.refocusing.focal_stacks import refocus
 from clplen.wave.field.field import row_powers
 
 POINTS = {"A": (-3e-3, -3e-3, -0.05), "B": (0.0, 0.0, 0.0), "C": (3e-3, 3e-3, 0.05)}

@@ -10,17 +10,8 @@ import pytest
 import reference_abbe as abbe
 from tolerance import snr_db
 
-from clplen import (
-    Coherence,
-    Device,
-    Field,
-    Grid,
-    IncoherentLight,
-    OpticalSystem,
-    Pupil,
-    RandomPhaseMask,
-    imaging_system,
-)
+from clplen import Coherence, Device, Field, Grid, OpticalSystem
+from clplen.wave import IncoherentLight, Pupil, RandomPhaseMask, imaging_system
 from clplen.wave.elements.transparency import usaf1951
 from clplen.wave.systems.pupil_filter import coherent_edge, incoherent_edge, otf
 

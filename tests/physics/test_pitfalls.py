@@ -18,17 +18,8 @@ from scipy.special import j1
 from setups import LAM, gaussian_a, set_up_a, slit_fresnel
 from tolerance import err_db, snr_db
 
-from clplen import (
-    Coherence,
-    ExtendedSource,
-    Grid,
-    Propagator,
-    RandomPhaseMask,
-    SamplingError,
-    SamplingWarning,
-    propagate,
-    thin_lens,
-)
+from clplen import Coherence, Grid, Propagator, SamplingError, SamplingWarning, propagate, thin_lens
+from clplen.wave import ExtendedSource, RandomPhaseMask
 from clplen.wave.elements.beams import spherical_wave
 from clplen.wave.elements.hard_apertures import rectangular_aperture
 from clplen.wave.systems.components import Lens

@@ -10,16 +10,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clplen import (
-    Coherence,
-    Device,
-    ExtendedSource,
-    Field,
-    Grid,
-    RandomPhaseMask,
-    Spectrum,
-    propagate,
-)
+from clplen import Coherence, Device, Field, Grid, Spectrum, propagate
+from clplen.wave import ExtendedSource, RandomPhaseMask
 
 pytestmark = pytest.mark.thorough
 

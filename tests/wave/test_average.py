@@ -19,12 +19,11 @@ from clplen import (
     FormatError,
     Grid,
     OpticalSystem,
-    RandomPhaseMask,
     SamplingWarning,
-    Space,
     Spectrum,
     propagate,
 )
+from clplen.wave import RandomPhaseMask, Space
 from clplen.wave.coherence import averaging as module
 from clplen.wave.coherence.averaging import fingerprint
 

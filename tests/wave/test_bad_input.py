@@ -9,20 +9,10 @@ import numpy as np
 import pytest
 from fields import LAM, field_of
 
-from clplen import (
-    DeviceError,
-    Field,
-    Grid,
-    Propagator,
-    SamplingError,
-    SamplingWarning,
-    gaussian_beam,
-    plane_wave,
-    propagate,
-    spherical_wave,
-)
+from clplen import DeviceError, Field, Grid, Propagator, SamplingError, SamplingWarning, propagate
 from clplen.compute.fft.routes import FFTRoute
 from clplen.errors import ShapeError
+from clplen.wave import gaussian_beam, plane_wave, spherical_wave
 from clplen.wave.propagation.description import METHODS, Request
 from clplen.wave.propagation.free_space import plan, propagate_wavelengths
 

@@ -7,21 +7,23 @@ import pytest
 
 from clplen import (
     Coherence,
-    ExtendedSource,
     Field,
     Grid,
-    IncoherentLight,
-    Lens,
     OpticalSystem,
-    Pupil,
-    RandomPhaseMask,
     SamplingError,
     SamplingWarning,
     ShapeError,
-    Space,
     Spectrum,
-    imaging_system,
     propagate,
+)
+from clplen.wave import (
+    ExtendedSource,
+    IncoherentLight,
+    Lens,
+    Pupil,
+    RandomPhaseMask,
+    Space,
+    imaging_system,
 )
 
 LAM = 550e-9

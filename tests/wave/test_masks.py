@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from clplen import Grid, RandomPhaseMask, SamplingError, SamplingWarning
+from clplen import Grid, SamplingError, SamplingWarning
 from clplen.compute.device import Device
+from clplen.wave import RandomPhaseMask
 from clplen.wave.coherence.phase_masks import hard_limited
 
 LAM = 550e-9

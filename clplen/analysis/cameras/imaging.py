@@ -17,7 +17,7 @@ from clplen.lightfield.focused.focused_picture import FocusedImage
 from clplen.lightfield.focused.focused_rendering import render_focused
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage
-from clplen.lightfield.refocus.refocusing import refocus
+from clplen.lightfield.refocusing.focal_stacks import refocus
 
 
 def is_focused(camera: Any) -> bool:

@@ -26,7 +26,7 @@ from clplen.lightfield.depth.depth_maps import DepthMap
 from clplen.lightfield.focus_and_depth import all_in_focus, depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocus.refocusing import FocalStack
+from clplen.lightfield.refocusing.focal_stacks import FocalStack
 from clplen.lightfield.streaming.streamed_results import (
     stream_all_in_focus,
     stream_depth,

@@ -23,7 +23,7 @@ from clplen.lightfield.model.alpha_law import require_two_plane
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import CameraModel
-from clplen.lightfield.refocus.phase_ramps import shift_views
+from clplen.lightfield.refocusing.phase_ramps import shift_views
 from clplen.reprs import OneLine
 from clplen.wave.elements.lenslets import HIGHEST_ORDER, LensletErrors, MicrolensArray
 from clplen.wave.elements.zernike import noll, zernike_gradient

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -17,11 +17,13 @@ from tqdm import tqdm
 
 from clplen import interrupts
 from clplen.cli.shared import options
-from clplen.compute.device import Device
 from clplen.errors import ClplenError
-from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocus.refocusing import FocalStack
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+    from clplen.lightfield.model.light_field import LightField
+    from clplen.lightfield.model.stored_light_field import StoredLightField
+    from clplen.lightfield.refocusing.focal_stacks import FocalStack
 
 # Python's words, and what the command line has for them.
 _TYPED = (

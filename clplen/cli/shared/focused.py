@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 
 from clplen.cli.shared import options
 from clplen.cli.shared.metric import distances, write_map
-from clplen.lightfield.focused.focused_depth import FocusedDepth, FocusedMaps
-from clplen.lightfield.raw.raw_image import RawImage
+
+if TYPE_CHECKING:
+    from clplen.lightfield.focused.focused_depth import FocusedDepth, FocusedMaps
+    from clplen.lightfield.raw.raw_image import RawImage
 
 Values = np.ndarray[Any, Any]
 

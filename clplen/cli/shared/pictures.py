@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 
 from clplen.cli.shared.console import check_outputs, check_suffix
 from clplen.errors import ShapeError
-from clplen.lightfield.model.light_field import LightField
+
+if TYPE_CHECKING:
+    from clplen.lightfield.model.light_field import LightField
 
 PICTURES = (".tif", ".tiff", ".png")
 

@@ -23,7 +23,7 @@ from clplen.io.store.picture_series import is_ome, is_series, read_series, write
 from clplen.lightfield.depth.depth_maps import DepthMap
 from clplen.lightfield.model.alpha_law import depth_at
 from clplen.lightfield.raw.raw_image import Spacing, is_telecentric
-from clplen.lightfield.refocus.refocusing import FocalStack
+from clplen.lightfield.refocusing.focal_stacks import FocalStack
 
 _DISPARITY = "pixels per view step, nearer is larger"
 _ALPHA = "F/F', F main lens to microlens array, F' main lens to the plane"

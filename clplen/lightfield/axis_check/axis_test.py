@@ -13,7 +13,7 @@ from clplen.lightfield.arrays.stored_samples import plane
 from clplen.lightfield.depth.energy_cue import LocalEnergy
 from clplen.lightfield.model.alpha_law import unit_steps
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocus.refocusing import focal_stack_in_memory
+from clplen.lightfield.refocusing.focal_stacks import focal_stack_in_memory
 
 Real = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -18,13 +18,13 @@ from clplen.lightfield.depth.depth_maps import DepthMap
 from clplen.lightfield.depth.energy_cue import ENERGY_REACH, LocalEnergy
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
-from clplen.lightfield.refocus.memory_estimate import (
+from clplen.lightfield.refocusing.focal_stacks import FocalStack, focal_stack_in_memory, refocus
+from clplen.lightfield.refocusing.memory_estimate import (
     DEVICE_FLOAT,
     HOST_FLOAT,
     MemoryEstimate,
     shear_halo,
 )
-from clplen.lightfield.refocus.refocusing import FocalStack, focal_stack_in_memory, refocus
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

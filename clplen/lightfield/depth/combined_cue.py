@@ -32,7 +32,7 @@ from clplen.lightfield.depth.view_matching import (
 )
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocus.memory_estimate import DEVICE_FLOAT, HOST_FLOAT, MemoryEstimate
+from clplen.lightfield.refocusing.memory_estimate import DEVICE_FLOAT, HOST_FLOAT, MemoryEstimate
 
 Map = np.ndarray[Any, np.dtype[np.float32]]
 Vector = np.ndarray[Any, np.dtype[np.float64]]

@@ -23,7 +23,7 @@ from clplen.lightfield.depth.sheared_views import (
 from clplen.lightfield.model.alpha_law import unit_steps
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocus.memory_estimate import MemoryEstimate
+from clplen.lightfield.refocusing.memory_estimate import MemoryEstimate
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

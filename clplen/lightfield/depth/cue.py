@@ -11,13 +11,13 @@ import numpy as np
 from clplen.lightfield.arrays.peaks import Map
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocus.memory_estimate import (
+from clplen.lightfield.refocusing.focal_stacks import FocalStack
+from clplen.lightfield.refocusing.memory_estimate import (
     DEVICE_FLOAT,
     HOST_FLOAT,
     MemoryEstimate,
     shear_halo,
 )
-from clplen.lightfield.refocus.refocusing import FocalStack
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

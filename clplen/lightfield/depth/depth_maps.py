@@ -27,7 +27,7 @@ from clplen.lightfield.model.alpha_law import depth_at
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
-from clplen.lightfield.refocus.refocusing import FocalStack
+from clplen.lightfield.refocusing.focal_stacks import FocalStack
 
 _CUES = {
     "energy": energy_cue.CUE,

@@ -18,8 +18,8 @@ from clplen.lightfield.depth.cue import AT_ONCE, Cue, depth_memory, nearest_zero
 from clplen.lightfield.model.alpha_law import view_shifts
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
-from clplen.lightfield.refocus.memory_estimate import MemoryEstimate
-from clplen.lightfield.refocus.refocusing import FocalStack, focal_stack_in_memory
+from clplen.lightfield.refocusing.focal_stacks import FocalStack, focal_stack_in_memory
+from clplen.lightfield.refocusing.memory_estimate import MemoryEstimate
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -7,15 +7,17 @@ The slope of a point in phase space (`fit_slope`), and the focus measure as the 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyopencl as cl
-import scipy.sparse
 
 from clplen.compute.drivers.failures import device_errors
 from clplen.lightfield.arrays.spectral_sharpness import Real
 from clplen.lightfield.model.light_field import LightField
+
+if TYPE_CHECKING:
+    import scipy.sparse
 
 THESIS_WINDOW = 31
 THESIS_ALPHAS = np.round(0.7 + 0.005 * np.arange(121), 3)

@@ -38,7 +38,7 @@ from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing
-from clplen.lightfield.refocus.refocusing import (
+from clplen.lightfield.refocusing.focal_stacks import (
     FocalStack,
     focal_stack_in_memory,
     refocus,

@@ -22,13 +22,13 @@ from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 from clplen.lightfield.raw.raw_image import CameraModel, Spacing, is_telecentric
-from clplen.lightfield.refocus.memory_estimate import (
+from clplen.lightfield.refocusing.memory_estimate import (
     DEVICE_FLOAT,
     HOST_FLOAT,
     MemoryEstimate,
     shear_halo,
 )
-from clplen.lightfield.refocus.phase_ramps import fourier_refocus
+from clplen.lightfield.refocusing.phase_ramps import fourier_refocus
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -12,7 +12,8 @@ from clplen.lightfield.model.alpha_law import require_two_plane, row_ratio
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import view_weights
 from clplen.lightfield.model.stored_light_field import as_lightfield
-from clplen.lightfield.refocus.phase_ramps import (
+from clplen.lightfield.refocusing.focal_stacks import FocalStack, stack_planes
+from clplen.lightfield.refocusing.phase_ramps import (
     Vector,
     channels_of,
     fourier_matrix,
@@ -20,7 +21,6 @@ from clplen.lightfield.refocus.phase_ramps import (
     take_views,
     transform_views,
 )
-from clplen.lightfield.refocus.refocusing import FocalStack, stack_planes
 
 _OVERSAMPLING = 2  # of the views' spectrum
 _WIDTHS = range(2, 13)  # taps of a slice along each axis of views

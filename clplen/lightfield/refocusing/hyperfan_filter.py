@@ -11,7 +11,7 @@ import pyopencl.array as cla
 from clplen.lightfield.model.alpha_law import row_ratio, unit_steps
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import as_lightfield
-from clplen.lightfield.refocus.phase_ramps import (
+from clplen.lightfield.refocusing.phase_ramps import (
     channels_of,
     fourier_matrix,
     keep_real,

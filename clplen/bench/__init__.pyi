@@ -1,0 +1,11 @@
+from .measure import Case as Case
+from .measure import Times as Times
+from .measure import finished as finished
+from .measure import halved as halved
+from .measure import in_turn as in_turn
+from .measure import numbers as numbers
+from .report import Benchmark as Benchmark
+from .report import Goal as Goal
+from .report import Report as Report
+from .report import Row as Row
+from .report import rate_rows as rate_rows

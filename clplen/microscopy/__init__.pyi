@@ -1,0 +1,15 @@
+from .deconvolution import DeconvolutionResult as DeconvolutionResult
+from .deconvolution import deconvolve as deconvolve
+from .deconvolution import degenerate_planes as degenerate_planes
+from .images import PointImages as PointImages
+from .point_image_files import read_point_images as read_point_images
+from .point_image_files import write_point_images as write_point_images
+from .points import Points as Points
+from .points import find_points as find_points
+from .points import match_points as match_points
+from .prepare import Preparation as Preparation
+from .prepare import Prepared as Prepared
+from .prepare import preparation as preparation
+from .projector import Projector as Projector
+from .psf import point_images as point_images
+from .rectification import rectify as rectify
