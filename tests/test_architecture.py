@@ -1,11 +1,14 @@
-"""Imports go one way; importing the package touches no device and is quick."""
+"""Imports go down from room to room; five calls are followed in few files; importing is quick."""
 
 from __future__ import annotations
 
 import ast
+import importlib
 import os
+import re
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -14,12 +17,12 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "clplen"
-# Units from the ground up; those of one storey never import each other. `clplen` is the list of
-# public names: it imports the towers, and only what stands above them imports it.
-STOREYS = (
-    {"errors", "deprecation", "interrupts", "types"},
-    {"checks", "units", "reprs"},
-    {"files", "hdf5_heap", "hdf5_links"},
+# Storeys from the ground up: modules and folders of the package. Those of one line never import
+# each other. `clplen` is the list of public names on top: only what stands above it imports it.
+# An import counts wherever it stands, in functions and under TYPE_CHECKING too.
+STOREYS: tuple[set[str], ...] = (
+    {"errors", "interrupts", "deprecation", "types", "units", "reprs", "results"},
+    {"checks", "files", "hdf5_safety"},
     {"outputs"},
     {"compute"},
     {"wave", "lightfield"},
@@ -33,18 +36,43 @@ STOREYS = (
     {"cli"},
     {"__main__"},
 )
+# Rooms of a storey, from the ground up; what lies in the storey's own folder stands above them.
+ROOMS: dict[str, tuple[set[str], ...]] = {
+    "compute": ({"drivers"}, {"fft"}),
+    "wave": ({"field"}, {"elements", "spectrum", "propagation"}, {"systems"}, {"coherence"}),
+    "lightfield": (
+        {"arrays"},
+        {"raw"},
+        {"model"},
+        {"calibration", "refocusing", "focused"},
+        {"depth"},
+        {"streaming", "axis_check"},
+    ),
+    "cameras": ({"scenes"}, {"optics"}, {"exposure"}),
+    "analysis": ({"point"}, {"cameras"}, {"report"}),
+    "io": ({"formats"}, {"store"}, {"raw"}, {"lightfields"}, {"results"}),
+    "batch": ({"jobs"}, {"work"}, {"running"}),
+    "cli": ({"shared"},),
+}
 HEIGHT = {unit: height for height, units in enumerate(STOREYS) for unit in units}
+TOPICS = ("analysis", "batch", "cameras", "io", "lightfield", "microscopy", "plot", "wave")
+SCRIPTS = (*TOPICS, "bench")  # what scripts of benchmarks may name, too
+ENTRIES = ("cli", "config", "selftest")  # folders whose names other storeys take
+LARGEST_FOLDER = 17  # modules
+LEAST = 40  # lines
+SHORT = {"__main__", "preload", "types"}  # programs and names of types
+LONGEST_WAY = 10  # files
 # Who may import what is not in the Python standard library.
-ANYWHERE = {"numpy", "scipy", "pyopencl"}
+ANYWHERE = {"numpy", "scipy", "pyopencl", "lazy_loader"}
 GUESTS = {
     "compute": {"ducc0", "pyvkfft"},
-    "hdf5_links": {"h5py"},
+    "hdf5_safety": {"h5py"},
     "microscopy": {"h5py"},
     "io": {"PIL", "h5py", "imageio", "tifffile", "tqdm", "zarr"},
     "plot": {"matplotlib"},
+    "bench": {"ducc0"},
     "config": {"pydantic", "tomli"},
     "batch": {"cryptography", "dask", "distributed", "filelock", "pydantic"},
-    "bench": {"cv2", "ducc0", "numba", "torch"},
     "cli": {"click", "tqdm"},
 }
 
@@ -56,34 +84,34 @@ def module_name(file: Path, package: Path) -> str:
 
 
 def unit_of(module: str) -> str:
-    """The unit that a module of the package belongs to."""
+    """The unit of the storeys that a module belongs to."""
     return module.split(".")[1] if "." in module else module
 
 
-def is_type_checking(node: ast.AST) -> bool:
-    return isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+def room_height(module: str) -> int:
+    """How high a module's room stands in its storey; above all rooms if it lies in none."""
+    rooms = ROOMS.get(unit_of(module), ())
+    room = module.split(".")[2] if module.count(".") > 1 else ""
+    return next((height for height, names in enumerate(rooms) if room in names), len(rooms))
 
 
-def run_nodes(node: ast.AST) -> Iterator[ast.AST]:
-    """Every node that a running program may reach, that is without ``if TYPE_CHECKING:``."""
-    yield node
-    children = ast.iter_child_nodes(node)
-    if is_type_checking(node):
-        children = iter(node.orelse)
-    for child in children:
-        yield from run_nodes(child)
+def room_of(module: str) -> tuple[str, str]:
+    """Unit and room; no room of what lies in the unit's own folder."""
+    unit = unit_of(module)
+    inside = room_height(module) < len(ROOMS.get(unit, ()))
+    return unit, module.split(".")[2] if inside else ""
 
 
 def imports(module: str, source: str, modules: set[str]) -> Iterator[tuple[str, int]]:
-    """(module, line) of everything that a module imports, at its top or later."""
-    for node in run_nodes(ast.parse(source)):
+    """(module, line) of everything that a module imports, wherever the import stands."""
+    for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             yield from ((alias.name, node.lineno) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{module}:{node.lineno}: imports are absolute here"
             for alias in node.names:
-                whole = f"{node.module}.{alias.name}"
-                yield (whole if whole in modules else str(node.module), node.lineno)
+                full = f"{node.module}.{alias.name}"
+                yield (full if full in modules else str(node.module), node.lineno)
 
 
 def read(package: Path) -> dict[str, list[tuple[str, int]]]:
@@ -95,24 +123,31 @@ def read(package: Path) -> dict[str, list[tuple[str, int]]]:
 
 
 def wrong_arrows(graph: dict[str, list[tuple[str, int]]]) -> list[str]:
-    """Imports inside the package that do not go down the storeys."""
+    """Imports inside the package that do not go down the storeys and rooms."""
     wrong = []
     for module, targets in graph.items():
         for target, line in targets:
-            above, below = unit_of(module), unit_of(target)
-            if target.split(".")[0] != "clplen" or (above == below and above != "clplen"):
+            if target.split(".")[0] != "clplen":
                 continue
-            unknown = {above, below} - HEIGHT.keys()
-            if unknown or HEIGHT[below] >= HEIGHT[above]:
+            above, below = unit_of(module), unit_of(target)
+            if {above, below} - HEIGHT.keys():
+                goes_down = False
+            elif above != below:
+                goes_down = HEIGHT[below] < HEIGHT[above]
+            else:
+                goes_down = room_of(module) == room_of(target) and above != "clplen"
+                goes_down |= room_height(target) < room_height(module)
+            if not goes_down:
                 wrong.append(f"{module}:{line} imports {target}")
     return wrong
 
 
 def wrong_guests(graph: dict[str, list[tuple[str, int]]]) -> list[str]:
-    """Imports from outside that this unit has no use for."""
+    """Imports of libraries by rooms that have no use for them."""
     wrong = []
     for module, targets in graph.items():
-        welcome = ANYWHERE | GUESTS.get(unit_of(module), set()) | sys.stdlib_module_names
+        storey = module.split(".")[1] if "." in module else module
+        welcome = ANYWHERE | GUESTS.get(storey, set()) | sys.stdlib_module_names
         for target, line in targets:
             if target.split(".")[0] not in welcome | {"clplen"}:
                 wrong.append(f"{module}:{line} imports {target}")
@@ -135,8 +170,12 @@ def graph() -> dict[str, list[tuple[str, int]]]:
     return read(PACKAGE)
 
 
-def test_every_unit_has_its_storey(graph: dict[str, list[tuple[str, int]]]) -> None:
-    assert {unit_of(module) for module in graph} <= HEIGHT.keys()
+def test_every_folder_has_its_place() -> None:
+    units = {f.relative_to(PACKAGE).parts[0].removesuffix(".py") for f in PACKAGE.rglob("*.py")}
+    assert units - {"__init__"} == HEIGHT.keys() - {"clplen"}
+    for unit in HEIGHT:
+        folders = {f.parent.name for f in PACKAGE.glob(f"{unit}/*/*.py")}
+        assert folders == set().union(*ROOMS.get(unit, ()))
 
 
 def test_imports_go_down(graph: dict[str, list[tuple[str, int]]]) -> None:
@@ -151,24 +190,101 @@ def test_no_imports_in_a_circle(graph: dict[str, list[tuple[str, int]]]) -> None
     assert circle(graph) == []
 
 
+def test_no_folder_is_crowded() -> None:
+    files = [f.parent for f in PACKAGE.rglob("*.py") if f.name != "__init__.py"]
+    crowded = {str(f.relative_to(ROOT)): n for f, n in Counter(files).items() if f != PACKAGE}
+    assert {f: n for f, n in crowded.items() if n > LARGEST_FOLDER} == {}
+
+
+def test_every_folder_says_what_lives_there() -> None:
+    for init in PACKAGE.rglob("__init__.py"):
+        assert ast.get_docstring(ast.parse(init.read_text())), f"{init} says nothing"
+
+
+def test_no_module_only_passes_names_on() -> None:
+    shims = []
+    for file in PACKAGE.rglob("*.py"):
+        kinds = {type(node) for node in ast.parse(file.read_text()).body}
+        passes_on = kinds <= {ast.Expr, ast.Import, ast.ImportFrom, ast.Assign, ast.If}
+        if passes_on and ast.ImportFrom in kinds and file.stem not in {"__init__", *SHORT}:
+            shims.append(str(file.relative_to(ROOT)))
+    assert shims == []
+
+
+def test_only_lists_of_public_names_have_code_in_init() -> None:
+    for init in PACKAGE.rglob("__init__.py"):
+        code = ast.parse(init.read_text()).body[1:]
+        is_list = init.parent == PACKAGE or init.parent.name in SCRIPTS + ENTRIES
+        assert not code or is_list, f"{init.relative_to(ROOT)} has code"
+
+
+def test_no_module_is_very_short() -> None:
+    short = {
+        file.stem
+        for file in PACKAGE.rglob("*.py")
+        if file.name != "__init__.py" and len(file.read_text().splitlines()) < LEAST
+    }
+    assert short == SHORT
+
+
+def public_names(topic: str) -> set[str]:
+    """``__all__`` of the package or of a topic."""
+    return set(importlib.import_module(topic).__all__)
+
+
+def deep_imports(text: str, topics: tuple[str, ...] = TOPICS) -> list[str]:
+    """Imports of a script that are neither of the top nor of a topic's public names."""
+    public = {f"clplen.{topic}": public_names(f"clplen.{topic}") for topic in topics}
+    public["clplen"] = {*public_names("clplen"), *topics, "demo"}
+    public["clplen.demo"] = public_names("clplen.demo")
+    deep = []
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.ImportFrom) and str(node.module).split(".")[0] == "clplen":
+            names = public.get(str(node.module), set())
+            deep += [f"{node.module}.{a.name}" for a in node.names if a.name not in names]
+        elif isinstance(node, ast.Import):
+            of_ours = [a.name for a in node.names if a.name.split(".")[0] == "clplen"]
+            deep += [name for name in of_ours if name not in public]
+    return deep
+
+
+@pytest.mark.parametrize(("folder", "topics"), [("examples", TOPICS), ("benchmarks", SCRIPTS)])
+def test_scripts_import_public_names(folder: str, topics: tuple[str, ...]) -> None:
+    found = {
+        file.name: deep_imports(file.read_text(), topics)
+        for file in sorted((ROOT / folder).rglob("*.py"))
+    }
+    assert {name: deep for name, deep in found.items() if deep} == {}
+
+
+def test_pages_import_public_names() -> None:
+    deep: dict[str, list[str]] = {}
+    for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
+        for block in re.findall(r"^```python\n(.*?)^```", page.read_text(), re.M | re.S):
+            deep[page.name] = deep.get(page.name, []) + deep_imports(block)
+    assert {name: found for name, found in deep.items() if found} == {}
+
+
 @pytest.mark.parametrize(
     ("module", "text", "is_wrong"),
     [
-        ("wave/field", "from clplen.errors import ShapeError", False),
-        ("wave/field", "from clplen.wave.phase import phasor", False),
-        ("wave/field", "from clplen.lightfield import raw", True),
-        ("lightfield/raw", "from clplen import wave", True),
-        ("lightfield/raw", "import clplen.cameras.scene", True),
-        ("compute/device", "def late():\n    from clplen.wave.field import Grid", True),
-        ("compute/device", "if TYPE_CHECKING:\n    from clplen.wave.field import Grid", False),
+        ("wave/field/grid", "from clplen.errors import ShapeError", False),
+        ("wave/field/grid", "from clplen.wave.field.phase import phasor", False),
+        ("wave/field/grid", "from clplen.wave.elements import lens", True),
+        ("wave/elements/lens", "from clplen.wave.field.grid import Grid", False),
+        ("wave/field/grid", "from clplen.lightfield.raw import decode", True),
+        ("lightfield/raw/decode", "from clplen import wave", True),
+        ("lightfield/raw/decode", "import clplen.cameras.scenes.points", True),
+        ("compute/device", "def late():\n    from clplen.wave.field.grid import Grid", True),
+        ("compute/device", "if TYPE_CHECKING:\n    from clplen.wave.field.grid import Grid", True),
         ("compute/device", "if TYPE_CHECKING:\n  pass\nelse:\n  import clplen.wave.field", True),
-        ("cameras/scene", "from clplen import Device", True),
-        ("io/pfm", "from clplen import Device", False),
-        ("io/pfm", "from clplen import plot", True),
-        ("plot", "from clplen.io import pfm", False),
-        ("plot", "from clplen import batch", True),
+        ("cameras/scenes/points", "from clplen import Device", True),
+        ("io/formats/pfm", "from clplen import Device", False),
+        ("io/formats/pfm", "from clplen import plot", True),
+        ("plot/base", "from clplen.io.formats import pfm", False),
+        ("plot/base", "from clplen import batch", True),
         ("demo", "from clplen import batch", True),
-        ("cli", "from clplen import demo, config", False),
+        ("cli/demo", "from clplen import demo, config", False),
         ("demo", "from clplen import cli", True),
         ("errors", "from clplen.compute import device", True),
         ("other", "from clplen import errors", True),
@@ -176,24 +292,26 @@ def test_no_imports_in_a_circle(graph: dict[str, list[tuple[str, int]]]) -> None
 )
 def test_a_planted_arrow_is_judged(tmp_path: Path, module: str, text: str, is_wrong: bool) -> None:
     for name in (
-        "wave/field",
-        "wave/phase",
-        "lightfield/raw",
-        "cameras/scene",
+        "wave/field/grid",
+        "wave/field/phase",
+        "wave/elements/lens",
+        "lightfield/raw/decode",
+        "cameras/scenes/points",
         "compute/device",
-        "io/pfm",
-        "plot",
-        "batch",
-        "config",
+        "io/formats/pfm",
+        "plot/base",
+        "batch/__init__",
+        "config/__init__",
         "demo",
-        "cli",
+        "cli/demo",
         "errors",
         "other",
     ):
         file = tmp_path / f"clplen/{name}.py"
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text if name == module else "")
-        (file.parent / "__init__.py").touch()
+        for folder in file.relative_to(tmp_path).parents[:-1]:
+            (tmp_path / folder / "__init__.py").touch()
     assert bool(wrong_arrows(read(tmp_path / "clplen"))) == is_wrong
 
 
@@ -204,6 +322,43 @@ def test_a_planted_guest_and_a_planted_circle_are_found() -> None:
     ring = {"clplen.wave.a": [("clplen.wave.b", 1)], "clplen.wave.b": [("clplen.wave.a", 1)]}
     assert len(circle(ring)) == 3
     assert circle({"clplen.wave.a": [("clplen.wave.b", 1)], "clplen.wave.b": []}) == []
+
+
+def test_a_planted_deep_import_is_found() -> None:
+    assert deep_imports("from clplen import Device\nimport clplen.io\n") == []
+    assert deep_imports("from clplen.errors import ShapeError") != []
+    assert deep_imports("def late():\n    import clplen.wave.field") != []
+    assert deep_imports("from clplen import no_such_name") != []
+
+
+WAY = re.compile(r"^\d+\. `(clplen/[\w/]+\.py)` `(\w+(?:\.\w+)?)`", re.M)
+WAYS = ("propagate", "expose", "read_lightfield", "focal_stack", "deconvolve")
+
+
+def ways() -> dict[str, list[tuple[str, str]]]:
+    """(file, function) of each stop of the ways that docs/architecture.md lists."""
+    text = (ROOT / "docs/architecture.md").read_text()
+    parts = re.split(r"^### `(\w+)`.*$", text, flags=re.M)
+    return {name: WAY.findall(part) for name, part in zip(parts[1::2], parts[2::2], strict=True)}
+
+
+@pytest.mark.parametrize("name", WAYS)
+def test_a_way_goes_down_in_few_files(name: str, graph: dict[str, list[tuple[str, int]]]) -> None:
+    stops = ways()[name]
+    assert 3 <= len({file for file, _ in stops}) <= LONGEST_WAY
+    modules = [module_name(ROOT / file, PACKAGE) for file, _ in stops]
+    for number, (module, (file, function)) in enumerate(zip(modules, stops, strict=True)):
+        tree = ast.parse((ROOT / file).read_text())
+        owner, _, method = function.rpartition(".")
+        body = tree.body
+        if owner:
+            body = next(n.body for n in body if isinstance(n, ast.ClassDef) and n.name == owner)
+        names = {getattr(n, "name", "") for n in body}
+        assert method in names, f"{file} has no {function}"
+        above = {target for m in modules[:number] for target, _ in graph[m]}
+        assert not number or module in {*above, *modules[:number]}, f"nothing leads to {file}"
+        later = {target for target, _ in graph[module]} & set(modules[:number]) - {module}
+        assert not later, f"{file} climbs to {later}"
 
 
 IMPORT = """
