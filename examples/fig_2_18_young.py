@@ -13,7 +13,6 @@ from clplen.wave import ExtendedSource
 FAR, SIZE, PAIR = 0.5, 0.5e-3, 8  # m, source to pinholes to screen; m; samples: what is drawn
 SIZES = {0.25e-3: GREEN, SIZE: BLUE, 1e-3: RED}  # diameters of the source
 SHOWN, DEEP = (4, 8, 16, 24), 0.05  # separations in samples; depth of the screen as drawn, m
-
 run = begin(__doc__, __file__, quick="fewer snapshots")
 young, snapshots = Young(np.arange(2, 32, 2), distance=FAR), 80 if run.quick else 400
 d, fine = young.lengths * 1e3, np.linspace(1e-6, 1.25, 500)

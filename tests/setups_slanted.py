@@ -73,7 +73,7 @@ class Slanted:
 
     def _beta(self, X: np.ndarray) -> np.ndarray:
         plane = self.plane(flat())
-        return 1 - (plane.d + plane.slope[1] * np.asarray(X)) / self._step
+        return 1 - (plane.disparity + plane.slope[1] * np.asarray(X)) / self._step
 
     def by_rays(self) -> RawImage:
         return self.camera.expose(SurfaceScene(self.plane(edges())), model="rays")

@@ -32,7 +32,7 @@ def microscope(**more: Any) -> Any:
 
 
 def wave(name: str, *words: Any, **more: Any) -> Any:
-    return getattr(clplen, name)(GRID, *words, **{"wavelength": LAM, "device": "cpu"} | more)
+    return getattr(clplen.wave, name)(GRID, *words, **{"wavelength": LAM, "device": "cpu"} | more)
 
 
 # Numbers as people give them in other units, and the length that is meant.

@@ -180,7 +180,7 @@ class Microscope(MicroscopeOptics):
         at_array = self.objective.fields(points, window, self.device)
         behind = self.mla.apply(at_array, aliasing="allow")  # checked with the whole camera
         way = plan(
-            window, self.mla.f, wavelength=self.wavelength, method="as", pad=1, device=self.device
+            window, self.mla.focal_length, wavelength=self.wavelength, method="as", pad=1, device=self.device
         )
         return way(behind)
 
@@ -228,7 +228,7 @@ class Microscope(MicroscopeOptics):
         data : pyopencl.array.Array
             float32, shape of ``grid``.
         """
-        step = self.pixel_pitch * self.tube_lens / self.mla.f  # du on the pupil
+        step = self.pixel_pitch * self.tube_lens / self.mla.focal_length  # du on the pupil
         lenslets = lenslet_grid(self, 1.0)
         spacing = (-step, -step, self.mla.row_pitch, self.mla.pitch)
         return RawImage(data, self.device, self.pixel_pitch, lenslets, lenslets, spacing, self)

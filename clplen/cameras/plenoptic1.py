@@ -29,11 +29,11 @@ class Plenoptic1(Plenoptic):
     @property
     def sensor_distance(self) -> float:
         """z3 = f_mu in metres, from the array to the sensor, and what this is moved by."""
-        return self.mla.f + self.aberrations.sensor_shift
+        return self.mla.focal_length + self.aberrations.sensor_shift
 
     def describe(self) -> Description:
         """Derived parameters; see `Description`."""
-        p, f_mu, lam = self.mla.pitch, self.mla.f, self.wavelength
+        p, f_mu, lam = self.mla.pitch, self.mla.focal_length, self.wavelength
         D, F = self.aperture_diameter, self.image_distance
         ny, nx = self.grid.shape
         limit = math.sqrt(2.44 * lam * f_mu)

@@ -40,12 +40,12 @@ class Plenoptic2(Plenoptic):
     @property
     def a(self) -> float:
         """f (1 + 1/m) in metres, from the main lens' image to the array; < 0: Galilean."""
-        return self.mla.f * (1 + 1 / self.m)
+        return self.mla.focal_length * (1 + 1 / self.m)
 
     @property
     def b(self) -> float:
         """f (1 + m) in metres, from the array to the sensor."""
-        return self.mla.f * (1 + self.m)
+        return self.mla.focal_length * (1 + self.m)
 
     @property
     def array_distance(self) -> float:
@@ -115,7 +115,7 @@ class Plenoptic2(Plenoptic):
 def _focal_rows(mla: MicrolensArray) -> tuple[Row, ...]:
     """The focal length, or those of all kinds."""
     if len(mla.focal_lengths) == 1:
-        return (Row("lenslet focal length", mla.f, "m", "f_mu"),)
+        return (Row("lenslet focal length", mla.focal_length, "m", "f_mu"),)
     return tuple(
         Row(f"lenslet focal length {n}", f, "m", "f_mu of one kind")
         for n, f in enumerate(mla.focal_lengths)

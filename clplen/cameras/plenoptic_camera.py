@@ -117,7 +117,7 @@ class PlenopticCamera(LensletCamera, ABC):
                 f"The sensor of a 1.0 camera lies f_mu behind its lenslets, which here have "
                 f"{len(mla.focal_lengths)} focal lengths: give one, or use PlenopticCamera.type2."
             )
-        D = mla.pitch * F / mla.f if aperture_diameter is None else aperture_diameter
+        D = mla.pitch * F / mla.focal_length if aperture_diameter is None else aperture_diameter
         shared = _shared(focal_length, wavelength, mla, pixels_per_lenslet, device)
         camera = Plenoptic1(
             object_distance=z_obj,
@@ -198,8 +198,8 @@ class PlenopticCamera(LensletCamera, ABC):
             mla, wavelength, focal_length, object_distance, image_distance,
             aperture_diameter,
         )  # fmt: skip
-        m = magnification(mla.f, m, a)
-        z2, b = F + mla.f * (1 + 1 / m), mla.f * (1 + m)
+        m = magnification(mla.focal_length, m, a)
+        z2, b = F + mla.focal_length * (1 + 1 / m), mla.focal_length * (1 + m)
         D = matched_aperture(match, pitch=mla.pitch, F=F, z2=z2, b=b)
         shared = _shared(focal_length, wavelength, mla, pixels_per_lenslet, device)
         camera = Plenoptic2(
@@ -311,7 +311,7 @@ class PlenopticCamera(LensletCamera, ABC):
         if abs(camera.matched - 1) > microscope_optics.MISMATCH:
             warnings.warn(
                 f"The f-numbers of objective and lenslets differ: M/(2 NA) = "
-                f"{magnification / (2 * na):.4g}, f_mu/d = {mla.f / mla.diameter:.4g}; sub-images "
+                f"{magnification / (2 * na):.4g}, f_mu/d = {mla.focal_length / mla.diameter:.4g}; sub-images "
                 + ("overlap." if camera.matched < 1 else "leave part of their cells dark."),
                 SamplingWarning,
                 stacklevel=2,
@@ -336,7 +336,7 @@ def _check_objective(magnification: float, na: float, index: float, mla: Microle
             f"NA = n sin(theta) lies between 0 and the index of the medium, {index!r}, not at "
             f"{na!r}: give medium_index (water 1.33, oil 1.52) or another NA."
         )
-    if len(mla.focal_lengths) > 1 or mla.f <= 0:
+    if len(mla.focal_lengths) > 1 or mla.focal_length <= 0:
         raise ValueError(
             f"The lenslets of a microscope have one focal length > 0, not {mla.focal_lengths}."
         )

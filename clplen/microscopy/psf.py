@@ -178,7 +178,7 @@ def described(
         "cover": None if camera.cover is None else asdict(camera.cover),
         "apodisation": camera.apodisation,
         "lenslet_pitch": mla.pitch,
-        "lenslet_focal_length": mla.f,
+        "lenslet_focal_length": mla.focal_length,
         "lenslet_diameter": mla.diameter,
         "lenslet_fill": mla.fill,
         "pixels_per_lenslet": round(camera.pixels_per_lenslet) // binning,
@@ -321,7 +321,7 @@ def _window(camera: Microscope, z: float) -> int:
 def _with_lenslets(camera: Microscope, count: int) -> Microscope:
     """The same optics before another number of lenslets, centred."""
     mla = MicrolensArray(
-        camera.mla.pitch, camera.mla.f, count=count, fill=camera.mla.fill,  # type: ignore[arg-type]
+        camera.mla.pitch, camera.mla.focal_length, count=count, fill=camera.mla.fill,  # type: ignore[arg-type]
         diameter=camera.mla.diameter,
     )  # fmt: skip
     grid = sensor_grid(mla, camera.pixels_per_lenslet)

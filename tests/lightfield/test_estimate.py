@@ -36,6 +36,7 @@ DEPTHS = (-0.05, 0.0, 0.05)
 class Model:
     """What estimate_alpha asks of a camera."""
 
+    kind: str = "standard"
     image_distance: float = OPTICS.image_distance
     aperture_diameter: float = OPTICS.aperture_diameter
     pixel_pitch: float = OPTICS.pixel

@@ -226,7 +226,7 @@ def sampling_of(camera: Any, *, axis: int = 1) -> Sampling:
             pixels = camera.grid.shape[axis]
             return type2_sampling(a=camera.a, b=camera.b, cone=cone, pixels=pixels, **given)
         return type1_sampling(
-            focal_length=mla.f,
+            focal_length=mla.focal_length,
             image_distance=camera.image_distance,
             aperture_diameter=camera.aperture_diameter,
             **given,

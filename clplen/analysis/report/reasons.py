@@ -58,7 +58,7 @@ def views(one: Measured) -> str:
         mla: Any = one.camera.mla
         return (
             f"{s.views:.3g} pixels a lenslet, blurred by its diffraction to d^2/(lam f_mu), d = "
-            f"{mla.diameter * 1e6:.4g} um, f_mu = {mla.f * 1e3:.3g} mm"
+            f"{mla.diameter * 1e6:.4g} um, f_mu = {mla.focal_length * 1e3:.3g} mm"
         )
     return f"one a pixel of a lenslet, {s.angular_step * 1e3:.3g} mrad apart"
 

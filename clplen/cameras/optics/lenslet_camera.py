@@ -60,7 +60,7 @@ class LensletCamera:
     @property
     def lenslet_focal_length(self) -> float:
         """f_mu in metres; of several kinds of lenslets the first."""
-        return self.mla.f
+        return self.mla.focal_length
 
     @property
     def lenslet_fill(self) -> str:

@@ -107,7 +107,7 @@ class MicroscopeOptics(LensletCamera):
     @property
     def matched(self) -> float:
         """Image-side f-number of the objective over that of a lenslet, M/(2 NA) d/f_mu."""
-        return self.magnification / (2 * self.na) * self.mla.diameter / self.mla.f
+        return self.magnification / (2 * self.na) * self.mla.diameter / self.mla.focal_length
 
     def alpha(self, dz: Any) -> Any:
         """NaN: the exit pupil is at infinity; see `disparity`."""
@@ -139,7 +139,7 @@ class MicroscopeOptics(LensletCamera):
     def _depth_of_disparity(self) -> float:
         """n f_mu p/(M^2 dx): abs(z) of d = 1."""
         scale = self.medium_index / self.magnification**2
-        return scale * self.mla.f * self.mla.pitch / self.pixel_pitch
+        return scale * self.mla.focal_length * self.mla.pitch / self.pixel_pitch
 
     def describe(self) -> Description:
         """Derived parameters; see `Description`."""
@@ -154,12 +154,12 @@ class MicroscopeOptics(LensletCamera):
             Row("objective focal length", self.focal_length, "m", "tube lens/M"),
             Row("pupil", self.aperture_diameter, "m", "2 NA f, back pupil of the objective"),
             Row("image f-number", M / (2 * self.na), "", "M/(2 NA)"),
-            Row("lenslet f-number", self.mla.f / d, "", "f_mu/d; matched: the same"),
+            Row("lenslet f-number", self.mla.focal_length / d, "", "f_mu/d; matched: the same"),
             Row("match", self.matched, "", "matched" if close else "not matched: sub-images "
                 + ("overlap" if self.matched < 1 else "are smaller than their cells")),
             Row("lenslets", self.mla.count[1], "", f"a row, {self.mla.count[0]} rows"),
             Row("lenslet pitch", self.mla.pitch, "m", f"{self.pixels_per_lenslet:.6g} pixels"),
-            Row("lenslet focal length", self.mla.f, "m", "f_mu, array to sensor"),
+            Row("lenslet focal length", self.mla.focal_length, "m", "f_mu, array to sensor"),
             Row("pixel pitch", self.pixel_pitch, "m", f"sensor {ny} x {nx}"),
             Row("field of view", nx * self.pixel_pitch / M, "m", "across, in the medium"),
             Row("lateral resolution", d / M, "m", "d/M, of one lenslet at the native plane"),
@@ -223,7 +223,7 @@ def check_sampling(camera: MicroscopeOptics) -> None:
     SamplingError
         With both sides of the rule and what would do.
     """
-    slope = camera.na / camera.magnification + camera.mla.diameter / (2 * camera.mla.f)
+    slope = camera.na / camera.magnification + camera.mla.diameter / (2 * camera.mla.focal_length)
     if 2 * camera.pixel_pitch * slope >= camera.wavelength:
         fitting = camera.wavelength / (2 * slope)
         raise SamplingError(
