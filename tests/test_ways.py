@@ -103,9 +103,7 @@ def test_a_call_goes_the_way_that_is_written_down(
         name = "__post_init__" if name[0].isupper() else name  # a class is entered by that
         assert (file, name) in entered, f"{file} {function} is not on the way"
     place = {file: number for number, (file, _) in enumerate(stops)}
-    climbs = [
-        (back, file) for back, file, _ in calls if place.get(file, 99) < place.get(back, -1)
-    ]
+    climbs = [(back, file) for back, file, _ in calls if place.get(file, 99) < place.get(back, -1)]
     assert climbs == []
 
 

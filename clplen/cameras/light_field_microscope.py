@@ -180,7 +180,12 @@ class Microscope(MicroscopeOptics):
         at_array = self.objective.fields(points, window, self.device)
         behind = self.mla.apply(at_array, aliasing="allow")  # checked with the whole camera
         way = plan(
-            window, self.mla.focal_length, wavelength=self.wavelength, method="as", pad=1, device=self.device
+            window,
+            self.mla.focal_length,
+            wavelength=self.wavelength,
+            method="as",
+            pad=1,
+            device=self.device,
         )
         return way(behind)
 

@@ -311,7 +311,8 @@ class PlenopticCamera(LensletCamera, ABC):
         if abs(camera.matched - 1) > microscope_optics.MISMATCH:
             warnings.warn(
                 f"The f-numbers of objective and lenslets differ: M/(2 NA) = "
-                f"{magnification / (2 * na):.4g}, f_mu/d = {mla.focal_length / mla.diameter:.4g}; sub-images "
+                f"{magnification / (2 * na):.4g}, f_mu/d = "
+                f"{mla.focal_length / mla.diameter:.4g}; sub-images "
                 + ("overlap." if camera.matched < 1 else "leave part of their cells dark."),
                 SamplingWarning,
                 stacklevel=2,
