@@ -35,7 +35,7 @@ from .lightfield.focused.focused_rendering import render_focused as render_focus
 from .lightfield.model.light_field import LightField as LightField
 from .lightfield.model.stored_light_field import StoredLightField as StoredLightField
 from .lightfield.raw.raw_image import RawImage as RawImage
-from .lightfield.raw.sensor import Sensor as Sensor
+from .lightfield.raw.raw_image import Sensor as Sensor
 from .lightfield.refocusing.focal_stacks import FocalStack as FocalStack
 from .lightfield.refocusing.focal_stacks import refocus as refocus
 from .microscopy.deconvolution import deconvolve as deconvolve

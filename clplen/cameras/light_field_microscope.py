@@ -29,8 +29,7 @@ from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.fft.lines import smooth_length
 from clplen.errors import SamplingError
 from clplen.files import PathLike
-from clplen.lightfield.raw.raw_image import Exposure, RawImage
-from clplen.lightfield.raw.sensor import Sensor
+from clplen.lightfield.raw.raw_image import Exposure, RawImage, Sensor
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.field.field import Field, Grid

@@ -19,8 +19,7 @@ from clplen.cameras.scenes.scene_sources import PointSources, Source, as_sources
 from clplen.cameras.scenes.surface_scene import SurfaceScene
 from clplen.deprecation import renamed_argument
 from clplen.files import PathLike
-from clplen.lightfield.raw.raw_image import RawImage
-from clplen.lightfield.raw.sensor import Sensor
+from clplen.lightfield.raw.raw_image import RawImage, Sensor
 from clplen.wave.coherence.averaging import Averaging, Progress
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.field.field import Field, row_powers

@@ -11,10 +11,10 @@ import click
 
 from clplen.cli.shared.console import note, to_option_names
 from clplen.cli.shared.options import Length, Lengths, Shape
+from clplen.units import angle, both, interval, metres
 from clplen.wave.elements.lens import LensSampling, lens_sampling, lenslet_sampling
 from clplen.wave.elements.lenslets import SMALLEST_PITCH
 from clplen.wave.field.field import Grid
-from clplen.wave.field.number_format import angle, both, interval, metres
 from clplen.wave.propagation import fresnel, transfer_function
 from clplen.wave.propagation.band import GUARD, fully_sampled_distance
 from clplen.wave.propagation.description import METHODS, Description, Request

@@ -10,13 +10,12 @@ from typing import Any, Literal
 import numpy as np
 import pyopencl as cl
 
-from clplen.compute.drivers import llvmpipe, pocl
+from clplen.compute.drivers import pocl, selection
 from clplen.compute.drivers.failures import device_errors
 from clplen.compute.drivers.forked import is_forked
 from clplen.compute.drivers.selection import find_devices, select
-from clplen.compute.fft.plans import PlanCache
+from clplen.compute.fft.plans import PlanCache, Workspace
 from clplen.compute.fft.routes import FFTRoute, choose_route
-from clplen.compute.fft.workspace import Workspace
 from clplen.compute.launcher import Launcher
 from clplen.compute.tuning import Tuning
 from clplen.deprecation import warn_caller
@@ -63,7 +62,7 @@ class Device(Launcher):
         self.has_fp64 = "cl_khr_fp64" in cl_device.extensions
         self.memory_bytes = int(cl_device.global_mem_size)
         # one work-item a row (CPU) or one a sample (GPU, and the CPU that works like one)
-        self.rows = self.is_cpu and not llvmpipe.is_llvmpipe(cl_device)
+        self.rows = self.is_cpu and not selection.is_llvmpipe(cl_device)
         self.note = ""
         self._usable = False
         self._fft: FFTRoute | None = None
@@ -143,7 +142,7 @@ class Device(Launcher):
         """
         with self._lock:
             if not self._usable:
-                self.note = pocl.ensure_usable(self.cl_device) or llvmpipe.warning(self.cl_device)
+                self.note = pocl.ensure_usable(self.cl_device) or selection.warning(self.cl_device)
                 self._usable = True
                 if self.note:
                     warn_caller(self.note, RuntimeWarning)

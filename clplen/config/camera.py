@@ -27,7 +27,7 @@ from clplen.config.tables import (
     of,
     twice,
 )
-from clplen.lightfield.raw.sensor import Sensor
+from clplen.lightfield.raw.raw_image import Sensor
 from clplen.wave.elements.lenslets import MicrolensArray
 
 Pair = Annotated[tuple[Finite, Finite], of(2, "two numbers, [along Y, along X]")]

@@ -22,7 +22,7 @@ from clplen.config.tables import (
     value_of,
 )
 from clplen.io import read_picture
-from clplen.wave.field.number_format import metres
+from clplen.units import metres
 
 GREY = (0.2126, 0.7152, 0.0722)  # R, G, B: luminance (Rec. ITU-R BT.709)
 OF_POINTS = ("diameter_um", "power")

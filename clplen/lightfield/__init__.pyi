@@ -45,7 +45,7 @@ from .raw.lenslet_lattice import Lattice as Lattice
 from .raw.raw_image import CameraModel as CameraModel
 from .raw.raw_image import Exposure as Exposure
 from .raw.raw_image import RawImage as RawImage
-from .raw.sensor import Sensor as Sensor
+from .raw.raw_image import Sensor as Sensor
 from .refocusing.focal_stacks import FocalStack as FocalStack
 from .refocusing.focal_stacks import refocus as refocus
 from .refocusing.fourier_slice import fourier_stack as fourier_stack

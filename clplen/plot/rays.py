@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from clplen.plot.base import Array
+from clplen.units import metres
 from clplen.wave.elements.lenslets import MicrolensArray
-from clplen.wave.field.number_format import metres
 from clplen.wave.systems.components import Lens, Part, Space, Stop, label_of, length_of
 from clplen.wave.systems.optical_system import OpticalSystem
 

@@ -9,7 +9,7 @@ import numpy as np
 from clplen.cameras.exposure import isoplanatic
 from clplen.cameras.exposure.ray_exposure import SAMPLES, sample_rays
 from clplen.cameras.optics.objective import Objective
-from clplen.cameras.optics.pupil_fields import pupil_fields
+from clplen.cameras.optics.wave_optics import pupil_fields
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.cameras.scenes.surface_scene import SurfaceScene

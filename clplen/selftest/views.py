@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from clplen.compute.device import Device
-from clplen.lightfield.arrays.magnify import magnify
 from clplen.lightfield.arrays.ray_samples import along_rays
 from clplen.lightfield.arrays.shear import shear_sum
 from clplen.lightfield.arrays.stored_samples import extremes, lit_views, plane
@@ -15,7 +14,7 @@ from clplen.lightfield.depth.all_in_focus import _launch
 from clplen.lightfield.depth.view_matching import row_sums
 from clplen.lightfield.focus_and_depth import all_in_focus
 from clplen.lightfield.model.light_field import LightField
-from clplen.lightfield.refocusing.focal_stacks import UPSAMPLE_BASE, FocalStack, upsampled
+from clplen.lightfield.refocusing.focal_stacks import UPSAMPLE_BASE, FocalStack, magnify, upsampled
 from clplen.lightfield.refocusing.fourier_slice import fourier_stack
 from clplen.lightfield.refocusing.hyperfan_filter import hyperfan
 from clplen.lightfield.refocusing.phase_ramps import fourier_refocus

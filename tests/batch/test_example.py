@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from clplen.batch import Job
+from clplen.batch.jobs.sweep import SweepTable
 from clplen.batch.jobs.tables import (
     EXAMPLE,
     AllInFocusTable,
@@ -21,7 +22,6 @@ from clplen.batch.jobs.tables import (
     SceneTable,
     SimulationTable,
     StackTable,
-    SweepTable,
     ViewsTable,
 )
 from clplen.cameras.scenes.gallery import SCENES

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from clplen.batch.jobs.sweep import Setting, combinations, label, with_values
-from clplen.batch.jobs.tables import SceneTable, SimulationTable, SweepTable
+from clplen.batch.jobs.sweep import Setting, SweepTable, combinations, label, with_values
+from clplen.batch.jobs.tables import SceneTable, SimulationTable
 from clplen.config.tables import problems_of
 
 CONTENT: dict[str, Any] = {

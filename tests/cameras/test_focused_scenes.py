@@ -19,7 +19,7 @@ from clplen import (
 from clplen.cameras import Plane
 from clplen.cameras.optics.ray_optics import view_step
 from clplen.cameras.plenoptic2 import Plenoptic2
-from clplen.cameras.scenes.outlines import Ellipse
+from clplen.cameras.scenes.surfaces import Ellipse
 from clplen.compute.device import Device
 
 LAM = 532e-9

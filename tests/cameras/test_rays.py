@@ -22,7 +22,7 @@ from clplen import (
 from clplen.cameras import Plane, Sphere
 from clplen.cameras.exposure.ray_exposure import sample_rays
 from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.cameras.scenes.outlines import rectangle
+from clplen.cameras.scenes.surfaces import rectangle
 from clplen.cameras.scenes.textures import noise, uniform
 from clplen.compute.device import Device
 

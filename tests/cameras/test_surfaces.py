@@ -12,8 +12,7 @@ from scipy.ndimage import map_coordinates
 from clplen import SurfaceScene, refocus
 from clplen.cameras import Plane, Sphere, Texture, sample_scenes
 from clplen.cameras.scenes.gallery import SCENES
-from clplen.cameras.scenes.outlines import Bars, Ellipse, Polygon, rectangle
-from clplen.cameras.scenes.surfaces import Spot
+from clplen.cameras.scenes.surfaces import Bars, Ellipse, Polygon, Spot, rectangle
 from clplen.cameras.scenes.textures import bricks, checker, noise, picture, stripes, uniform
 from clplen.compute.device import Device
 from clplen.errors import ShapeError

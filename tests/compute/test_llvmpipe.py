@@ -9,7 +9,7 @@ import pytest
 
 from clplen.compute import device as devices
 from clplen.compute.device import Device
-from clplen.compute.drivers import llvmpipe, selection
+from clplen.compute.drivers import selection
 
 CPU, GPU = cl.device_type.CPU, cl.device_type.GPU
 
@@ -55,21 +55,23 @@ def test_llvmpipe_gets_an_item_a_sample_and_other_cpus_an_item_a_row():
 @pytest.mark.parametrize("cut", [True, False])
 def test_a_loop_that_ends_early_is_found(device, monkeypatch, cut):
     if cut:
-        monkeypatch.setattr(llvmpipe, "_PROBE", llvmpipe._PROBE.replace("i < n", "i < n - 1"))
-    monkeypatch.setattr(llvmpipe, "is_llvmpipe", lambda cl_device: True)
-    measured = llvmpipe.loops_are_cut.__wrapped__(device.cl_device)
+        monkeypatch.setattr(selection, "_PROBE", selection._PROBE.replace("i < n", "i < n - 1"))
+    monkeypatch.setattr(selection, "is_llvmpipe", lambda cl_device: True)
+    measured = selection.loops_are_cut.__wrapped__(device.cl_device)
     assert measured or not cut
     if "llvmpipe" not in device.name:
         assert measured == cut
 
 
 def test_a_device_that_is_not_llvmpipe_is_not_tried():
-    assert not llvmpipe.loops_are_cut.__wrapped__(POCL)  # which has nothing that could run a kernel
+    assert not selection.loops_are_cut.__wrapped__(
+        POCL
+    )  # which has nothing that could run a kernel
 
 
 def test_what_is_cut_is_said_once(monkeypatch):
     monkeypatch.setattr(devices.pocl, "ensure_usable", lambda cl_device: "")
-    monkeypatch.setattr(llvmpipe, "loops_are_cut", lambda cl_device: cl_device is LLVMPIPE)
+    monkeypatch.setattr(selection, "loops_are_cut", lambda cl_device: cl_device is LLVMPIPE)
     opened = Device(LLVMPIPE)
     with pytest.warns(RuntimeWarning, match="llvmpipe ends the loops of a work-item after 65535"):
         opened.ensure_usable()

@@ -8,7 +8,7 @@ from time import sleep
 
 import pytest
 
-from clplen.compute.fft.threads import share
+from clplen.compute.fft.columns import share
 
 
 def test_every_part_is_done_once_by_whoever_is_free() -> None:

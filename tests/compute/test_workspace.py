@@ -18,8 +18,8 @@ from clplen.compute.device import Device
 from clplen.compute.fft import columns
 from clplen.compute.fft.blocks import Spectrum, run
 from clplen.compute.fft.lines import Separable, padded_spectrum
+from clplen.compute.fft.plans import Slots, Workspace
 from clplen.compute.fft.routes import FFTRoute
-from clplen.compute.fft.workspace import Slots, Workspace
 
 BYTE, COMPLEX = np.dtype(np.uint8), np.dtype(np.complex64)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from reference_lightfield import magnify as twin
 
-from clplen.lightfield.arrays.magnify import magnify
+from clplen.lightfield.refocusing.focal_stacks import magnify
 
 # Units of 2^-24 of the largest value: three roundings in each of the two linear steps, one for
 # the gain, and positions whose fractions are off by half a unit at a slope of at most 2 per axis.

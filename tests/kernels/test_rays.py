@@ -11,9 +11,9 @@ import reference_scene as reference
 from clplen import MicrolensArray, PlenopticCamera, SurfaceScene
 from clplen.cameras import Plane, Sphere, Texture
 from clplen.cameras.exposure.ray_exposure import SAMPLES, sample_rays
-from clplen.cameras.scenes.outlines import Ellipse
+from clplen.cameras.scenes.surfaces import Ellipse
 from clplen.compute.device import Device
-from clplen.compute.drivers import llvmpipe
+from clplen.compute.drivers import selection
 
 RANDOM = np.random.default_rng(8)
 TEXTURE = Texture(RANDOM.random((5, 4)), 1.3, centre=(0.4, -0.2))
@@ -30,7 +30,7 @@ SCENE = SurfaceScene(
 @pytest.fixture(autouse=True)
 def loops_run_to_their_end(device: Device, mapping: str, request: pytest.FixtureRequest) -> None:
     """All rays of a row are too many for a work-item of llvmpipe, which owns a sample by itself."""
-    if mapping == "row" and llvmpipe.loops_are_cut(device.cl_device):
+    if mapping == "row" and selection.loops_are_cut(device.cl_device):
         reason = "llvmpipe ends the loops of a work-item after 65535 iterations"
         request.applymarker(pytest.mark.xfail(reason=reason, strict=True))
 

@@ -10,8 +10,7 @@ import reference_scene as reference
 
 from clplen import SurfaceScene
 from clplen.cameras import Plane, Sphere, Texture
-from clplen.cameras.scenes.outlines import Bars, Ellipse, Polygon
-from clplen.cameras.scenes.surfaces import Spot
+from clplen.cameras.scenes.surfaces import Bars, Ellipse, Polygon, Spot
 from clplen.compute.device import Device
 
 SHAPE, VIEWS = (11, 14), (2, 3)

@@ -5,7 +5,7 @@ import pytest
 import reference
 from scipy import special
 
-from clplen.cameras.optics.pupil_fields import pupil_fields
+from clplen.cameras.optics.wave_optics import pupil_fields
 from clplen.errors import DeviceError
 from clplen.wave.field.field import Grid
 

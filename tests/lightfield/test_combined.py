@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clplen.cameras.scenes.outlines import Bars
 from clplen.cameras.scenes.surface_scene import SurfaceScene
-from clplen.cameras.scenes.surfaces import Plane
+from clplen.cameras.scenes.surfaces import Bars, Plane
 from clplen.cameras.scenes.textures import noise, uniform
 from clplen.lightfield.depth import combined_cue, view_matching
 from clplen.lightfield.depth.combined_cue import combined_disparity

@@ -10,9 +10,9 @@ from clplen.checks import is_finite
 from clplen.compute.device import Device, as_device
 from clplen.errors import SamplingError
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
+from clplen.units import metres
 from clplen.wave.elements.lenslets import SMALLEST_PITCH, MicrolensArray
 from clplen.wave.field.field import Grid
-from clplen.wave.field.number_format import metres
 
 Kind = Literal["standard", "focused", "microscope"]
 

@@ -17,9 +17,9 @@ from clplen.cameras.optics.lenslet_camera import Description, LensletCamera, Row
 from clplen.cameras.optics.objective import APODISATION, CoverGlass, Objective
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
+from clplen.units import metres
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.field import Grid
-from clplen.wave.field.number_format import metres
 
 Vector = np.ndarray[Any, Any]
 

@@ -26,9 +26,9 @@ from clplen.compute.device import Device
 from clplen.errors import SamplingError
 from clplen.lightfield.raw.lenslet_grid import LensType
 from clplen.lightfield.raw.raw_image import RawImage
+from clplen.units import metres
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.field import Grid
-from clplen.wave.field.number_format import metres
 
 Positions = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -8,9 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from clplen.cameras.scenes.outlines import Bars, Ellipse, Pair, Polygon, rectangle
 from clplen.cameras.scenes.surface_scene import SurfaceScene
-from clplen.cameras.scenes.surfaces import Plane, Sphere, Spot
+from clplen.cameras.scenes.surfaces import (
+    Bars,
+    Ellipse,
+    Pair,
+    Plane,
+    Polygon,
+    Sphere,
+    Spot,
+    rectangle,
+)
 from clplen.cameras.scenes.textures import Texture, bricks, checker, noise, picture
 
 Random = np.random.Generator

@@ -11,8 +11,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.cameras.scenes.ground_truth import Truth, truth_of
-from clplen.cameras.scenes.outlines import Bars, Ellipse, Polygon
-from clplen.cameras.scenes.surfaces import Plane, Sphere, require_numbers
+from clplen.cameras.scenes.surfaces import Bars, Ellipse, Plane, Polygon, Sphere, require_numbers
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield.model.light_field import LightField

@@ -1,14 +1,65 @@
-"""Which OpenCL devices there are, and which of them a selector means."""
+"""Which OpenCL devices there are, which a selector means, and what Mesa's llvmpipe needs."""
 
 from __future__ import annotations
 
+import functools
 import re
 
+import numpy as np
 import pyopencl as cl
 
-from clplen.compute.drivers import environment, llvmpipe
+from clplen.compute.drivers import environment
 from clplen.compute.drivers.forked import begin_use
 from clplen.errors import DeviceError
+
+ITERATIONS = 70_000
+_PROBE = """
+kernel void probe(global int *sum, const int n)
+{
+    int k = 0;
+    for (int i = 0; i < n; ++i)
+        k += sum[0];  /* unknown to the compiler, which would otherwise remove the loop */
+    sum[1] = k;
+}
+"""
+
+
+def is_llvmpipe(device: cl.Device) -> bool:
+    """Whether a device is Mesa's software rasteriser, told by its name."""
+    return "llvmpipe" in str(device.name)
+
+
+@functools.cache
+def loops_are_cut(device: cl.Device) -> bool:
+    """Whether a work-item's loop of `ITERATIONS` ends early.
+
+    Parameters
+    ----------
+    device : pyopencl.Device
+        Any device; one that is not llvmpipe is not tried.
+    """
+    if not is_llvmpipe(device):
+        return False
+    context = cl.Context([device])
+    queue = cl.CommandQueue(context)
+    result = np.array([1, 0], np.int32)
+    flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
+    buffer = cl.Buffer(context, flags, hostbuf=result)
+    kernel = cl.Kernel(cl.Program(context, _PROBE).build(), "probe")
+    kernel(queue, (1,), (1,), buffer, np.int32(ITERATIONS))
+    cl.enqueue_copy(queue, result, buffer)
+    return int(result[1]) != ITERATIONS
+
+
+def warning(device: cl.Device) -> str:
+    """One sentence for the user of llvmpipe whose loops are cut, else the empty string."""
+    if not loops_are_cut(device):
+        return ""
+    return (
+        "llvmpipe ends the loops of a work-item after 65535 iterations without an error, so that "
+        "long sums come out too small; use it for trials only."
+    )
+
 
 Found = tuple[str, cl.Device]
 
@@ -95,7 +146,7 @@ def select(devices: list[Found], selector: str | None) -> list[Found]:
 def _rank(found: Found) -> int:
     """Order of devices that no name chooses: GPUs, then CPUs, then llvmpipe."""
     device = found[1]
-    return 2 if llvmpipe.is_llvmpipe(device) else int(not device.type & cl.device_type.GPU)
+    return 2 if is_llvmpipe(device) else int(not device.type & cl.device_type.GPU)
 
 
 def _platform_words(device: cl.Device) -> str:

@@ -18,8 +18,8 @@ import pyopencl.array as cla
 from clplen.compute.drivers.forked import Guard
 from clplen.compute.fft.columns import Factors, Product, run_on_host
 from clplen.compute.fft.lines import Line, Separable, still
+from clplen.compute.fft.plans import Workspace
 from clplen.compute.fft.routes import FFTRoute, TransformDevice
-from clplen.compute.fft.workspace import Workspace
 from clplen.types import Array
 
 

@@ -8,18 +8,79 @@ side. Zeros are not transformed along x, and the padded array never exists.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
+from threading import Event
+from typing import Any, TypeVar
 
 import numpy as np
 
 from clplen.compute.fft.lines import Line, Separable
+from clplen.compute.fft.plans import Slots, Workspace
 from clplen.compute.fft.routes import FFTRoute
-from clplen.compute.fft.threads import share
-from clplen.compute.fft.workspace import Slots, Workspace
 from clplen.types import Array
+
+Part = TypeVar("Part")
+Own = TypeVar("Own")
+
+
+def share(work: Callable[[Part, Own], None], parts: Sequence[Part], owned: Sequence[Own]) -> None:
+    """``work`` on every part, the calling thread and others taking the next one each.
+
+    Parameters
+    ----------
+    work : callable
+        Of a part and of what the thread owns.
+    parts : sequence
+    owned : sequence
+        One for each thread, the first for the caller's.
+
+    Raises
+    ------
+    BaseException
+        What ``work`` raised, in the calling thread before the others, when all have ended.
+    """
+    left, failed = iter(parts), Event()
+
+    def run(own: Own) -> None:
+        try:
+            for part in left:
+                if failed.is_set():
+                    return
+                work(part, own)
+        except BaseException:
+            failed.set()
+            raise
+
+    helpers = owned[1 : len(parts)]
+    others = [_kept(len(owned) - 1).submit(run, own) for own in helpers]
+    try:
+        run(owned[0])
+    finally:
+        begun = [other for other in others if not other.cancel()]
+        try:
+            wait(begun)
+        except BaseException:  # an interrupt: what they work on is the caller's
+            failed.set()
+            wait(begun)
+            raise
+    for other in begun:
+        other.result()
+
+
+@cache
+def _kept(count: int) -> ThreadPoolExecutor:
+    """So many threads; a process that was forked off makes its own."""
+    return ThreadPoolExecutor(count, thread_name_prefix="clplen-blocks")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_kept.cache_clear)
+
 
 BLOCK_BYTES = 2**20  # of a block of rows or columns, about what a core's cache holds
 SMALL_BYTES = 2**19  # of a block that is worth a thread's while

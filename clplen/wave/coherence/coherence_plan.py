@@ -12,10 +12,10 @@ import numpy as np
 from clplen.checks import is_finite
 from clplen.errors import SamplingError
 from clplen.reprs import OneLine
+from clplen.units import metres
 from clplen.wave.coherence.phase_masks import KINDS, LEAST_CELLS, RandomPhaseMask, cells_along
 from clplen.wave.coherence.spatial_models import SpatialModel
 from clplen.wave.field.field import Field, Grid
-from clplen.wave.field.number_format import metres
 from clplen.wave.spectrum.spectrum import Spectrum
 from clplen.wave.spectrum.spectrum_tables import check_wavelength
 from clplen.wave.systems.components import ConvergingLight, Lens, Part, Space, Stop

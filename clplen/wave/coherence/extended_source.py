@@ -15,10 +15,10 @@ from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.deprecation import warn_caller
 from clplen.errors import SamplingError, SamplingWarning, ShapeError
 from clplen.reprs import OneLine
+from clplen.units import metres
 from clplen.wave.coherence.spatial_models import uniform
 from clplen.wave.elements.hard_apertures import disc_coverage, interval_coverage
 from clplen.wave.field.field import Field, Grid
-from clplen.wave.field.number_format import metres
 from clplen.wave.field.transmission import multiply_separable, offsets, phasor
 
 Vector = np.ndarray[Any, Any]

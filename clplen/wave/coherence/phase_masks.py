@@ -14,9 +14,9 @@ from clplen.checks import is_finite
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.deprecation import warn_caller
 from clplen.errors import SamplingError, SamplingWarning
+from clplen.units import metres
 from clplen.wave.coherence.spatial_models import key_of, periodic_power_spectrum, uniform
 from clplen.wave.field.field import Field, Grid
-from clplen.wave.field.number_format import metres
 from clplen.wave.propagation.free_space import plan
 
 Array = np.ndarray[Any, Any]

@@ -9,8 +9,8 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen import units
+from clplen.checks import check_centre, check_diameter
 from clplen.errors import ShapeError
-from clplen.wave.field.arguments import check_centre, check_diameter
 from clplen.wave.field.field import Field, Grid, require_field
 from clplen.wave.field.transmission import Vector, multiply, multiply_separable, offsets
 

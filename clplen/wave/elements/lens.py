@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 
 from clplen import units
+from clplen.checks import Aliasing, act_on_aliasing, check_aliasing, check_diameter
 from clplen.deprecation import renamed_argument
 from clplen.wave.elements.hard_apertures import disc
-from clplen.wave.field.arguments import Aliasing, act_on_aliasing, check_aliasing, check_diameter
 from clplen.wave.field.field import Field, Grid, require_field
 from clplen.wave.field.transmission import (
     multiply_separable,

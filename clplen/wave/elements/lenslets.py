@@ -11,13 +11,13 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen import units
+from clplen.checks import Aliasing
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.deprecation import renamed_argument, renamed_attribute
 from clplen.errors import SamplingError
 from clplen.reprs import OneLine
 from clplen.wave.elements.lens import check_lens_sampling
 from clplen.wave.elements.zernike import zernike_gradient, zernike_monomials
-from clplen.wave.field.arguments import Aliasing
 from clplen.wave.field.field import Field, Grid, require_field
 from clplen.wave.field.transmission import multiply, whole_and_part
 

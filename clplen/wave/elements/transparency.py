@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from clplen import units
+from clplen.checks import Aliasing, act_on_aliasing, check_centre
 from clplen.errors import ShapeError
 from clplen.wave.elements.hard_apertures import interval_coverage, polygon_coverage
-from clplen.wave.field.arguments import Aliasing, act_on_aliasing, check_centre
 from clplen.wave.field.field import Field, Grid, require_field, require_grid
 from clplen.wave.field.transmission import multiply
 

@@ -9,8 +9,8 @@ from typing import Any, Literal
 import numpy as np
 
 from clplen import units
+from clplen.checks import Aliasing, act_on_aliasing, check_centre
 from clplen.wave.elements.transparency import apply_transmission
-from clplen.wave.field.arguments import Aliasing, act_on_aliasing, check_centre
 from clplen.wave.field.field import Field, Grid, require_field
 from clplen.wave.field.transmission import offsets, phasor
 

@@ -14,7 +14,7 @@ from clplen.checks import require
 from clplen.compute.arrays import Image, OnDevice, count_bad
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError
-from clplen.wave.field.number_format import both, metres
+from clplen.units import both, metres
 
 Vector = np.ndarray[Any, np.dtype[np.floating[Any]]]
 

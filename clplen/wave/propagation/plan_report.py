@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from clplen.units import amount, angle, both, interval, metres
 from clplen.wave.field.field import Grid
-from clplen.wave.field.number_format import amount, angle, both, interval, metres
 from clplen.wave.propagation.description import Description, flops, samples_held
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from clplen.checks import is_finite
 from clplen.errors import FormatError
-from clplen.wave.field.number_format import metres
+from clplen.units import metres
 
 SHORTEST, LONGEST = 1e-10, 1e-3  # metres
 UNITS = {"m": 1.0, "um": 1e6, "nm": 1e9}  # in a metre

@@ -11,15 +11,15 @@ from typing import Literal, Protocol, runtime_checkable
 import numpy as np
 
 from clplen import units
+from clplen.checks import Aliasing
 from clplen.deprecation import renamed_argument, renamed_attribute, warn_caller
 from clplen.errors import SamplingWarning
 from clplen.reprs import OneLine
+from clplen.units import metres
 from clplen.wave.elements.hard_apertures import aperture
 from clplen.wave.elements.lens import Form, thin_lens
 from clplen.wave.elements.lenslets import MicrolensArray
-from clplen.wave.field.arguments import Aliasing
 from clplen.wave.field.field import Field, Grid
-from clplen.wave.field.number_format import metres
 from clplen.wave.propagation.description import SELF_PADDED
 from clplen.wave.propagation.free_space import propagate
 

@@ -9,12 +9,12 @@ from numbers import Real
 from typing import Any, overload
 
 from clplen import units
+from clplen.checks import Aliasing
 from clplen.deprecation import renamed_argument
 from clplen.reprs import OneLine
-from clplen.wave.field.arguments import Aliasing
+from clplen.units import metres
 from clplen.wave.field.field import Field
 from clplen.wave.field.intensity import MeanIntensity, Object, PartialCoherence, average_of
-from clplen.wave.field.number_format import metres
 from clplen.wave.propagation.propagator import Propagator
 from clplen.wave.systems.components import (
     ConvergingLight,

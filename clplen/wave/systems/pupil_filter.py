@@ -14,9 +14,9 @@ from clplen.compute.device import Device
 from clplen.compute.fft.blocks import Spectrum, run
 from clplen.compute.fft.lines import Separable, cropped_inverse, padded_spectrum
 from clplen.reprs import OneLine
+from clplen.units import metres
 from clplen.wave.elements.hard_apertures import disc_coverage, interval_coverage
 from clplen.wave.field.field import Field, Grid
-from clplen.wave.field.number_format import metres
 from clplen.wave.field.transmission import offsets, phasor
 from clplen.wave.propagation.description import request
 from clplen.wave.propagation.free_space import FreeSpace
