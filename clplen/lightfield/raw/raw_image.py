@@ -1,4 +1,4 @@
-"""Raw lenslet images: what the sensor records, with its noise, and where the sub-images lie on it."""
+"""Raw lenslet images: what the sensor records, its noise, and where sub-images lie on it."""
 
 from __future__ import annotations
 
