@@ -47,14 +47,14 @@ def drawings() -> Iterator[tuple[str, Drawn, np.ndarray]]:
     """(name, lattice, white image): kinds, pitches, angles, dim lenslets, noise."""
     random = np.random.default_rng(1)
     for kind, pitch, degrees, dim, noisy in (
-        ("rectangular", 5.0, 0.0, "none", False),
-        ("rectangular", 14.0, -9.0, "random", False),
+        ("square", 5.0, 0.0, "none", False),
+        ("square", 14.0, -9.0, "random", False),
         ("hexagonal", 9.3, 3.0, "none", False),
         ("hexagonal", 30.7, -9.0, "second", False),
         ("turned", 14.0, 3.0, "none", False),
-        ("rectangular", 9.3, 3.0, "none", True),
+        ("square", 9.3, 3.0, "none", True),
         ("hexagonal", 14.0, 0.0, "random", True),
-        ("rectangular", 60.0, 3.0, "none", True),
+        ("square", 60.0, 3.0, "none", True),
     ):
         n = max(300, int(16 * pitch))
         true = drawn_lattice(

@@ -140,7 +140,7 @@ def rectified(device: Device) -> Iterator[Row]:
                 seen.append(camera.expose(PointSources([place])))
             raw, true = seen[0], seen[1].to_numpy().astype(float)
             grid = raw.sub_images
-            lattice = Lattice("rectangular", grid.first, grid.row_step, grid.column_step, raw.shape)
+            lattice = Lattice("square", grid.first, grid.row_step, grid.column_step, raw.shape)
             found = rectify(raw.to_numpy(), lattice, device=device, complete=False).astype(float)
             cells = [a.reshape(21, whole, 21, whole).sum(axis=(1, 3)) for a in (found, true)]
             what = f"{fractional} to {whole} pixels, point at ({x * 1e6:g}, {y * 1e6:g}) um: "

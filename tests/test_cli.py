@@ -531,6 +531,6 @@ def test_a_stack_as_ome_zarr(tmp_path: Path, device: Device):
 def test_words_for_lattices():
     kind = Lattice()
     assert kind.convert("hexagonal", None, None) == "hexagonal"
-    assert kind.convert("square", None, None) == "rectangular"  # the readers' word
+    assert kind.convert("square", None, None) == "square"
     with pytest.warns(FutureWarning, match="'rectangular' is called 'square' now"):
-        assert kind.convert("rectangular", None, None) == "rectangular"
+        assert kind.convert("rectangular", None, None) == "square"

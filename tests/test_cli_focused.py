@@ -231,7 +231,7 @@ def test_a_raw_picture_needs_a_word_that_it_is_focused(
     raw = exposed(device)
     write_picture(tmp_path / "raw.tif", raw.to_numpy())
     grid = raw.sub_images
-    lattice = Lattice("rectangular", grid.first, grid.row_step, grid.column_step, raw.shape)
+    lattice = Lattice("square", grid.first, grid.row_step, grid.column_step, raw.shape)
     lattice.save(tmp_path / "grid.json")
     words = ("-o", tmp_path / "d.npy", "--grid", tmp_path / "grid.json", "--focused")
     done(run(device, "depth", tmp_path / "raw.tif", *words))

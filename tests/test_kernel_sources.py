@@ -267,7 +267,7 @@ def views(device: Device) -> None:
 def captured(device: Device) -> None:
     """Every kernel that decodes the raw frame of a real camera."""
     frame = np.random.default_rng(3).random((30, 36))
-    lattice = Lattice("rectangular", (14.3, 15.1), (6.2, 0.1), (-0.1, 6.1))
+    lattice = Lattice("square", (14.3, 15.1), (6.2, 0.1), (-0.1, 6.1))
     for bayer in (None, "GRBG"):
         decode_raw(frame, lattice, device=device, white=frame + 1, bayer=bayer)
 
@@ -275,7 +275,7 @@ def captured(device: Device) -> None:
 def focused(device: Device) -> None:
     """Every kernel that renders and compares the sub-images of a focused camera."""
     frame = np.random.default_rng(4).random((50, 52, 3), np.float32)
-    lattice = Lattice("rectangular", (24.3, 25.1), (12.2, 0.1), (-0.1, 12.1), frame.shape[:2])
+    lattice = Lattice("square", (24.3, 25.1), (12.2, 0.1), (-0.1, 12.1), frame.shape[:2])
     grid = lattice.grid(lattice.views())
     types = tuple(LensType((0, 12.1 * k), (3 + k, 4 + k), ((12.2, 0.1), (0, 24.2))) for k in (0, 1))
     for data, kinds in ((frame, types), (frame[..., 0], ())):

@@ -21,7 +21,7 @@ from clplen.io.formats.npy import write_npy
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.outputs import check_output, is_ours, listed, updating
 
-LATTICE = Lattice("rectangular", (40.2, 41.1), (11, 0), (0, 11), (81, 83))
+LATTICE = Lattice("square", (40.2, 41.1), (11, 0), (0, 11), (81, 83))
 NOTES = "notes of the user\n"
 
 

@@ -296,7 +296,7 @@ def preparation(
     light = np.maximum(light, 0)
     if not light.any():
         raise ValueError("The white frame is no brighter than the dark one: are they exchanged?")
-    lattice = estimate_lattice(light, kind="rectangular", pitch=max(pixels, LEAST_PITCH))
+    lattice = estimate_lattice(light, kind="square", pitch=max(pixels, LEAST_PITCH))
     if math.isnan(lattice.residual):
         raise ValueError(
             f"The white frame has no lenslets of about {pixels} pixels, as the point images have: "

@@ -35,7 +35,7 @@ def white() -> Any:
 
 
 def prepare_of(device: Device, level: Any, dark: Any = None) -> Preparation:
-    lattice = Lattice("rectangular", (2.5, 2.5), (N, 0), (0, N), level.shape)
+    lattice = Lattice("square", (2.5, 2.5), (N, 0), (0, N), level.shape)
     return Preparation(N, device, dark, lattice, np.ones_like(level), level)
 
 
@@ -98,7 +98,7 @@ def test_of_volumes(white: Any) -> None:
 
 
 def test_voxels_have_their_place_on_the_raw_frame(device: Device) -> None:
-    lattice = Lattice("rectangular", (31.2, 24.7), (9.6, 0.3), (-0.2, 9.8), (98, 113))
+    lattice = Lattice("square", (31.2, 24.7), (9.6, 0.3), (-0.2, 9.8), (98, 113))
     prepare = Preparation(10, device, None, lattice, None)
     centre = lattice.at(3, 5)
     y, x = np.indices(lattice.shape)
@@ -137,7 +137,7 @@ def test_real_frames(device: Device, data_folder: Path, name: str, pixels: int, 
 
 
 def test_raw_images_are_frames(device: Device, white: Any) -> None:
-    lattice = Lattice("rectangular", (2.5, 2.5), (N, 0), (0, N), white.shape)
+    lattice = Lattice("square", (2.5, 2.5), (N, 0), (0, N), white.shape)
     grid = lattice.grid((N, N))
     raw = RawImage(device.upload(white), device, 1e-6, grid, grid)
     whole = Preparation(N, device, None, None, None)

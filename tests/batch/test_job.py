@@ -219,4 +219,4 @@ def test_the_old_word_for_a_square_lattice_is_taken_with_a_warning():
     with pytest.warns(FutureWarning, match="'rectangular' is called 'square' now"):
         job = Job(output="out", inputs=table, views={})
     assert job.inputs[0].layout.lattice == "square"
-    assert layout_in({"lattice": "square"}, ".") == {"lattice": "rectangular"}  # the readers' word
+    assert layout_in({"lattice": "square"}, ".") == {"lattice": "square"}

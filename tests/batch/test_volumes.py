@@ -39,7 +39,7 @@ def preparation_of(device: Device, level: Any) -> Preparation:
     """Of pixels 1.25 times as wide as those of the camera."""
     step = 1.25 * N
     shape = tuple(int(1.25 * n) for n in level.shape)
-    lattice = Lattice("rectangular", (2, 2), (step, 0), (0, step), shape)
+    lattice = Lattice("square", (2, 2), (step, 0), (0, step), shape)
     return Preparation(N, device, None, lattice, np.ones_like(level), level)
 
 

@@ -150,7 +150,7 @@ def test_any_base_vectors_give_the_same_lattice(degrees: float, angle: float):
     a, b = 9 * np.stack([np.sin(turn), np.cos(turn)], 1)
     for first, second in ((a, b), (b, -a), (2 * a + b, a + b), (-a, b + 3 * a)):
         kind, row, column = lattice_vectors(tuple(first), tuple(second))
-        assert kind == ("rectangular" if angle == 90 else "hexagonal")
+        assert kind == ("square" if angle == 90 else "hexagonal")
         assert row[0] > 0
         assert column[1] > 0
         along, across = (column, row) if math.hypot(*column) >= math.hypot(*row) else (row, column)
@@ -168,7 +168,7 @@ def test_a_hexagon_on_its_corner_is_turned():
 
 
 def test_oblique_lattices_are_refused():
-    with pytest.raises(ValueError, match="neither rectangular nor hexagonal"):
+    with pytest.raises(ValueError, match="neither square nor hexagonal"):
         square(lens_base_y=(0.3, 1)).lattice((50, 50))
     with pytest.raises(ValueError, match="span no lattice"):
         square(lens_base_y=(2, 0))

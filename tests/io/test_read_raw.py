@@ -17,7 +17,7 @@ from clplen.io.raw.raytrix import FocusType, RaytrixCalibration, write_raytrix
 from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 
-LATTICE = Lattice("rectangular", (20.5, 30.25), (7, 0.1), (-0.1, 8), (41, 66))
+LATTICE = Lattice("square", (20.5, 30.25), (7, 0.1), (-0.1, 8), (41, 66))
 
 
 @pytest.fixture

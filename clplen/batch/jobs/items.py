@@ -16,7 +16,6 @@ from clplen.errors import ClplenError, FormatError
 from clplen.io import files_of
 
 _BESIDE = ("white", "dark", "grid", "positions")  # words of layout that may name files
-_LATTICES = {"square": "rectangular"}  # of job files, and of the readers
 _NAMES = "names"  # the one word of positions that is no file
 
 
@@ -123,8 +122,6 @@ def layout_in(words: dict[str, Any], base: str) -> dict[str, Any]:
         word: str(Path(base, value)) if word in _BESIDE and value != _NAMES else value
         for word, value in words.items()
     }
-    if "lattice" in known:
-        known["lattice"] = _LATTICES.get(known["lattice"], known["lattice"])
     return known | ({"views": tuple(known["views"])} if "views" in known else {})
 
 

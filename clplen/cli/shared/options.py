@@ -91,7 +91,7 @@ class Aperture(click.ParamType):
 
 
 class Lattice(click.Choice):
-    """A lattice of lenslets: square or hexagonal; the readers say rectangular for square."""
+    """A lattice of lenslets: square or hexagonal."""
 
     def __init__(self) -> None:
         super().__init__(["square", "hexagonal"])
@@ -102,9 +102,8 @@ class Lattice(click.Choice):
                 "the lattice 'rectangular' is called 'square' now; its old name is deprecated."
             )
             warn_caller(message, FutureWarning)
-            return str(value)
-        kind = super().convert(value, param, ctx)
-        return "rectangular" if kind == "square" else kind
+            value = "square"
+        return str(super().convert(value, param, ctx))
 
 
 class Size(click.ParamType):

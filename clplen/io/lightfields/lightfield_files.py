@@ -93,7 +93,7 @@ def read_lightfield(
         Whether to decode sRGB to linear light from 0 to 1 (float32).
     step : float, optional
         Pixels a view of a raw image (default: pitch over the number of views).
-    lattice : {"rectangular", "hexagonal"}, optional
+    lattice : {"square", "hexagonal"}, optional
         Of the lenslets of a raw image; None finds out.
     bayer : {"RGGB", "BGGR", "GRBG", "GBRG"}, optional
         Colour filters of a raw image.

@@ -135,7 +135,7 @@ class RaytrixCalibration:
         Raises
         ------
         ValueError
-            If they lie neither on a rectangular nor on a hexagonal lattice.
+            If they lie neither on a square nor on a hexagonal lattice.
         """
         kind, row, column = lattice_vectors(
             self.on_sensor(self.lens_base_x), self.on_sensor(self.lens_base_y)
@@ -189,20 +189,20 @@ def lattice_vectors(first: Vector, second: Vector) -> tuple[str, Vector, Vector]
     Raises
     ------
     ValueError
-        If the lattice is neither rectangular nor hexagonal.
+        If the lattice is neither square nor hexagonal.
     """
     a, b = _shortest(np.array(first), np.array(second))
     cosine = float(a @ b / math.sqrt(a @ a * (b @ b)))
     if abs(cosine) < _SQUARE:
         column, row = (a, b) if abs(a[1] * b[0]) > abs(a[0] * b[1]) else (b, a)
-        return "rectangular", _vector(row * np.sign(row[0])), _vector(column * np.sign(column[1]))
+        return "square", _vector(row * np.sign(row[0])), _vector(column * np.sign(column[1]))
     near = [a, b, b - a if cosine > 0 else a + b]
     lengths = [math.hypot(*vector) for vector in near]
     if max(lengths) > (1 + _HEXAGON) * min(lengths):
         angle = math.degrees(math.acos(abs(cosine)))
         raise ValueError(
             f"The base vectors enclose {angle:.1f} degrees with lengths of {lengths[0]:.4g} and "
-            f"{lengths[1]:.4g} px: the lattice is neither rectangular nor hexagonal."
+            f"{lengths[1]:.4g} px: the lattice is neither square nor hexagonal."
         )
     along = max(near, key=lambda v: float(np.abs(v).max() / math.hypot(*v)))
     other = next(vector for vector in near if vector is not along)
