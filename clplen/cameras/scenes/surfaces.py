@@ -199,9 +199,6 @@ def _finite(numbers: Any, count: int, what: str, positive: bool = False) -> None
         raise ValueError(f"{what}: {count} numbers, {kind}, in pixels, not {numbers!r}.")
 
 
-Pair = tuple[float, float]
-
-
 @renamed_argument(old="d", new="disparity")
 @dataclass(frozen=True)
 class Spot:
