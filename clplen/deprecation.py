@@ -102,7 +102,8 @@ def renamed_attribute(old: str, new: str, *, warn: bool = True) -> Any:
 
 
 def _is_inside(module: str) -> bool:
-    return module == _PACKAGE or module.startswith(f"{_PACKAGE}.")
+    """Whether a frame is the package's, or one of the wrappers of the standard library."""
+    return module.partition(".")[0] in (_PACKAGE, "contextlib", "functools")
 
 
 def _position(function: Callable[..., Any], name: str) -> int:
