@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from abc import ABC, abstractmethod
 from typing import Any, Literal
 
@@ -17,6 +16,7 @@ from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic2 import Plenoptic2, magnification, matched_aperture
 from clplen.checks import is_finite
 from clplen.compute.device import Device, DeviceLike, as_device
+from clplen.deprecation import warn_caller
 from clplen.errors import SamplingWarning
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.spectrum.spectrum_tables import check_wavelength
@@ -309,13 +309,12 @@ class PlenopticCamera(LensletCamera, ABC):
         )
         microscope_optics.check_sampling(camera)
         if abs(camera.matched - 1) > microscope_optics.MISMATCH:
-            warnings.warn(
+            warn_caller(
                 f"The f-numbers of objective and lenslets differ: M/(2 NA) = "
                 f"{magnification / (2 * na):.4g}, f_mu/d = "
                 f"{mla.focal_length / mla.diameter:.4g}; sub-images "
                 + ("overlap." if camera.matched < 1 else "leave part of their cells dark."),
                 SamplingWarning,
-                stacklevel=2,
             )
         return camera
 

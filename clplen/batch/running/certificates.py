@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import ssl
 import stat
-import warnings
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
+from clplen.deprecation import warn_caller
 from clplen.errors import FormatError
 from clplen.files import PathLike, filling
 
@@ -144,8 +144,8 @@ def _no_password() -> str:
 def _warn_of_readers(key: Path) -> None:
     """Say it when other users may read a private key."""
     if os.name == "posix" and key.stat().st_mode & (stat.S_IROTH | stat.S_IWOTH):
-        warnings.warn(
-            f"{key} can be read by every user of this computer: chmod 600 {key}.", stacklevel=2
+        warn_caller(
+            f"{key} can be read by every user of this computer: chmod 600 {key}.", UserWarning
         )
 
 

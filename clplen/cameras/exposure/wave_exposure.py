@@ -10,7 +10,6 @@ by coherent light, one field a snapshot (slides.py).
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -25,6 +24,7 @@ from clplen.cameras.optics.wave_optics import WaveOptics, padded_shape
 from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources, Source
 from clplen.compute.arrays import Image
 from clplen.compute.device import Device
+from clplen.deprecation import warn_caller
 from clplen.errors import SamplingWarning
 from clplen.lightfield.raw.raw_image import Exposure, RawImage, Transforms
 from clplen.wave.coherence.averaging import Averaging, Progress
@@ -290,12 +290,11 @@ def _add_picture(
     expected = optics.device.download(exact)
     error = np.abs(optics.device.download(seen) - expected).max() / expected.max()
     if error > NOTABLE:
-        warnings.warn(
+        warn_caller(
             f"The picture's patterns depart by {error:.2g} of the maximum from one field a sample: "
             "its light is hardly sampled, or changes across the field. method='points' is exact, "
             f"{np.count_nonzero(plane.image)} fields; finer pixels make both better.",
             SamplingWarning,
-            stacklevel=5,
         )
     transforms = plan.transforms(optics.grid.shape) + once.transforms
     return Exposure("isoplanatic", _merged(transforms), float(error))
