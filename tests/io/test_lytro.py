@@ -17,7 +17,7 @@ from clplen.io.formats.packing import Packing, unpack
 from clplen.io.lightfields import lenslet_frames
 from clplen.io.lightfields.layout import Layout
 from clplen.io.raw import lytro_container
-from clplen.io.raw.lytro_container import read_container, sections_of
+from clplen.io.raw.lytro_container import read_container
 
 START = b"\x89LFP\x0d\x0a\x1a\x0a\x00\x00\x00\x01" + bytes(4)
 Section = tuple[bytes, bytes, bytes]  # type, name, data
@@ -161,6 +161,13 @@ def test_a_raw_file_without_json(tmp_path: Path):
         read_container(tmp_path / "b.json")
 
 
+def titles_of(path: Path) -> list[tuple[str, int]]:
+    """What the table of contents calls each section, and its length."""
+    with path.open("rb") as file:
+        sections = list(lytro_container._sections(path, file))
+        return lytro_container._titles(sections, lytro_container._table(path, file, sections))
+
+
 def test_a_container_without_a_raw_image(tmp_path: Path):
     pictures = [content(bytes([i]) * 40) for i in range(15)]
     array = [{"imageRef": name.decode(), "lambda": 2.5} for _, name, _ in pictures]
@@ -168,7 +175,7 @@ def test_a_container_without_a_raw_image(tmp_path: Path):
     head = (b"M", *content(json.dumps(table).encode())[1:])
     path = tmp_path / "a-stk.lfp"
     path.write_bytes(contents_of([head, *pictures]))
-    titles = sections_of(path)
+    titles = titles_of(path)
     assert titles[0][0] == "the table of contents"
     assert titles[3] == ("picture.accelerationArray[0].vendorContent.imageArray[2].imageRef", 40)
     match = r"no raw image, only the table.*imageArray\[0\]\.imageRef \(40 bytes\).*and 4 more sec"
@@ -183,7 +190,7 @@ def test_empty_sections_and_long_padding(tmp_path: Path, frame: np.ndarray):
     empty = b"\x89LFC\r\n\x1a\n" + bytes(8)
     path.write_bytes(whole[:place] + empty + bytes(70000) + whole[place:])
     np.testing.assert_array_equal(read_container(path)[0], frame)
-    assert ("an empty section", 0) in sections_of(path)
+    assert ("an empty section", 0) in titles_of(path)
 
 
 def damaged(path: Path, old: bytes, new: bytes, *, last: bool = False) -> None:
@@ -304,4 +311,4 @@ def test_too_many_sections(tmp_path: Path, monkeypatch):
     empty = b"\x89LFC\r\n\x1a\n" + bytes(8)
     (tmp_path / "a.lfp").write_bytes(START + 4 * empty)
     with pytest.raises(FormatError, match="more than 3 sections"):
-        sections_of(tmp_path / "a.lfp")
+        titles_of(tmp_path / "a.lfp")

@@ -92,29 +92,6 @@ def read_container(
         return _read_image(raw, file, whole, packing_of(metadata, raw, whole.length), max_bytes)
 
 
-def sections_of(path: PathLike) -> list[tuple[str, int]]:
-    """What a container holds.
-
-    Parameters
-    ----------
-    path : path-like
-
-    Returns
-    -------
-    list of (str, int)
-        For each section what the table of contents calls it, and its length in bytes.
-
-    Raises
-    ------
-    FormatError
-        If the container is damaged.
-    """
-    path = Path(path)
-    with path.open("rb") as file:
-        sections = list(_sections(path, file))
-        return _titles(sections, _table(path, file, sections))
-
-
 def _read_container(
     path: Path, file: BufferedReader, max_bytes: int | None
 ) -> tuple[np.ndarray[Any, np.dtype[np.uint16]], str | None]:

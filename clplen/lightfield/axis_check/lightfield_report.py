@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -121,10 +121,6 @@ class LightFieldReport:
         groups = {order.group for order in self.best}
         swapped = {order.swap_uv for order in self.best}
         return len(groups) == 2 and len(swapped) == 1 and min(self.shape[:2]) > 1
-
-    def as_dict(self) -> dict[str, Any]:
-        """Everything as plain numbers, lists and words."""
-        return asdict(self) | {"sentence": self.sentence()}
 
 
 def check_light_field(lf: LightField, *, farthest: float = _FARTHEST) -> LightFieldReport:
