@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from clplen import plot
-from clplen.cameras.plenoptic import scene_energy
-from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.cameras.camera_base import scene_energy
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.scenes.scene_sources import PointSources
+from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.device import Device
 from clplen.files import replacing
 from clplen.io import write_lightfield, write_picture, write_stack

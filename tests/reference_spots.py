@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.special import j0
 
-from clplen.cameras.plenoptic2 import Plenoptic2
+from clplen.cameras.focused_camera import Plenoptic2
 
 Array = Any
 

@@ -12,8 +12,8 @@ from scipy.ndimage import gaussian_filter
 from clplen import Image, MicrolensArray, PlenopticCamera, PointSources, SurfaceScene
 from clplen.analysis.point.edge import slanted_edge
 from clplen.cameras import Plane
+from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.optics.ray_optics import view_step
-from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.scenes.textures import Texture, noise
 from clplen.compute.device import Device
 from clplen.lightfield.focused.focused_depth import FocusedDepth

@@ -15,8 +15,8 @@ from click.testing import CliRunner, Result
 from tqdm import tqdm
 
 from clplen import cli
-from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources
+from clplen.cameras.standard_camera import Plenoptic1
 from clplen.cli.shared import console
 from clplen.compute.device import Device
 from clplen.config import read_camera_file

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 import tifffile
 
+from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.camera_aberrations import LensletScatter
 from clplen.cameras.optics.objective import CoverGlass
-from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, CameraFile, CoherenceTable, read_camera_file

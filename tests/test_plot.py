@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from clplen import plot
-from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.plenoptic_camera import PlenopticCamera
+from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.arrays import Image
 from clplen.compute.device import Device
 from clplen.lightfield.model.light_field import LightField

@@ -11,10 +11,10 @@ from clplen import demo
 from clplen.bench import ceilings
 from clplen.bench.measure import Case, finished, halved, in_turn, numbers
 from clplen.bench.report import Benchmark, Goal, Report, time_rows
-from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.cameras.plenoptic2 import Plenoptic2
+from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.scenes.scene_sources import PointSources
+from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.device import Device
 from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model.light_field import LightField

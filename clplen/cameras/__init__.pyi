@@ -1,3 +1,5 @@
+from .camera_base import scene_energy as scene_energy
+from .focused_camera import Plenoptic2 as Plenoptic2
 from .light_field_microscope import Microscope as Microscope
 from .optics.camera_aberrations import Aberrations as Aberrations
 from .optics.camera_aberrations import LensletScatter as LensletScatter
@@ -5,9 +7,6 @@ from .optics.camera_aberrations import correct_aberrations as correct_aberration
 from .optics.lenslet_camera import Description as Description
 from .optics.objective import CoverGlass as CoverGlass
 from .optics.objective import Objective as Objective
-from .plenoptic import scene_energy as scene_energy
-from .plenoptic1 import Plenoptic1 as Plenoptic1
-from .plenoptic2 import Plenoptic2 as Plenoptic2
 from .plenoptic_camera import PlenopticCamera as PlenopticCamera
 from .scenes.gallery import SampleScene as SampleScene
 from .scenes.gallery import sample_scenes as sample_scenes
@@ -29,3 +28,4 @@ from .scenes.textures import noise as noise
 from .scenes.textures import picture as picture
 from .scenes.textures import stripes as stripes
 from .scenes.textures import uniform as uniform
+from .standard_camera import Plenoptic1 as Plenoptic1

@@ -6,14 +6,14 @@ from abc import ABC, abstractmethod
 from typing import Any, Literal
 
 from clplen import units
+from clplen.cameras.focused_camera import Plenoptic2, magnification, matched_aperture
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics import microscope_optics
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
 from clplen.cameras.optics.lenslet_camera import Description, Kind, LensletCamera, sensor_grid
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
 from clplen.cameras.optics.ray_optics import check_sampling
-from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.cameras.plenoptic2 import Plenoptic2, magnification, matched_aperture
+from clplen.cameras.standard_camera import Plenoptic1
 from clplen.checks import is_finite
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.deprecation import warn_caller

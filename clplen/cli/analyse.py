@@ -12,7 +12,7 @@ from clplen.cli.shared.console import note, note_link, open_device, progress_bar
 
 if TYPE_CHECKING:
     from clplen.analysis.cameras.comparison import Comparison
-    from clplen.cameras.plenoptic import Plenoptic
+    from clplen.cameras.camera_base import Plenoptic
     from clplen.config import CameraFile
 
 _NAMES = ("standard", "focused")

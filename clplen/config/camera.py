@@ -7,12 +7,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations, LensletScatter
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
-from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.plenoptic_camera import PlenopticCamera
+from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.device import Device
 from clplen.config.tables import (
     Count,

@@ -49,11 +49,11 @@ from clplen.analysis.report.summary import (
     usable_mtf50,
 )
 from clplen.analysis.report.tables import tables
+from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.optics.camera_aberrations import Aberrations
-from clplen.cameras.plenoptic1 import Plenoptic1
-from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.scenes.scene_sources import PointSources
+from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
 from clplen.wave.elements.lenslets import MicrolensArray

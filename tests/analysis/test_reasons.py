@@ -14,8 +14,8 @@ from clplen.analysis.cameras.sampling import sampling_of
 from clplen.analysis.cameras.transfer import DepthTransfer, line_curve
 from clplen.analysis.point.psf import PSF
 from clplen.analysis.report.summary import criteria, judge, report
+from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.optics.camera_aberrations import Aberrations
-from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.compute.device import Device
 from clplen.wave.elements.lenslets import MicrolensArray

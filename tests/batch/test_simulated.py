@@ -16,10 +16,10 @@ from clplen.batch.jobs.simulations import STEEPEST, scenes_of, simulations_of
 from clplen.batch.jobs.tables import EVERY, SceneTable, SimulationTable
 from clplen.batch.jobs.task import Source
 from clplen.batch.work.simulation import Simulated, simulate
-from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.scenes.gallery import SCENES, sample_scenes
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.cameras.scenes.surfaces import Plane
+from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, read_camera_file
 from clplen.errors import FormatError

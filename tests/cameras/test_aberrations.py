@@ -33,7 +33,7 @@ from clplen.cameras.optics.camera_aberrations import (
     LensletScatter,
     correct_aberrations,
 )
-from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.device import Device
 from clplen.lightfield.focused.focused_spots import point_m
 from clplen.wave.elements.lens import thin_lens

@@ -17,8 +17,8 @@ from clplen import (
     SurfaceScene,
 )
 from clplen.cameras import Plane
+from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.optics.ray_optics import view_step
-from clplen.cameras.plenoptic2 import Plenoptic2
 from clplen.cameras.scenes.surfaces import Ellipse
 from clplen.compute.device import Device
 

@@ -9,8 +9,8 @@ import pytest
 from reference_spots import Rings, slope, spot, width
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources
-from clplen.cameras.plenoptic import scene_energy
-from clplen.cameras.plenoptic2 import Plenoptic2
+from clplen.cameras.camera_base import scene_energy
+from clplen.cameras.focused_camera import Plenoptic2
 from clplen.compute.device import Device
 from clplen.lightfield.focused.focused_rendering import render_focused
 from clplen.lightfield.focused.focused_spots import point_m

@@ -17,8 +17,8 @@ from clplen import (
     ShapeError,
 )
 from clplen.cameras.exposure import isoplanatic, pattern_lattice, wave_exposure
-from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.scenes.scene_sources import PicturePlane
+from clplen.cameras.standard_camera import Plenoptic1
 
 RANDOM = np.random.default_rng(3)
 

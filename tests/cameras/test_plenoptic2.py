@@ -11,7 +11,7 @@ from reference_optics import propagate
 from tolerance import relative_max
 
 from clplen import MicrolensArray, PlenopticCamera, PointSources, SamplingError
-from clplen.cameras.plenoptic2 import Plenoptic2
+from clplen.cameras.focused_camera import Plenoptic2
 from clplen.compute.device import Device
 
 LAM = 532e-9

@@ -21,9 +21,9 @@ from clplen import (
 )
 from clplen.cameras import Plane, Sphere
 from clplen.cameras.exposure.ray_exposure import sample_rays
-from clplen.cameras.plenoptic1 import Plenoptic1
 from clplen.cameras.scenes.surfaces import rectangle
 from clplen.cameras.scenes.textures import noise, uniform
+from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.device import Device
 
 SMOOTH = noise(3, 64, finest=0.12, coarsest=0.03)

@@ -10,7 +10,7 @@ import pytest
 from reference_camera import Camera, simulate_raw
 
 from clplen import Device, LightField, MicrolensArray, PlenopticCamera, PointSources, RawImage
-from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.cameras.standard_camera import Plenoptic1
 
 DISC = 10e-6
 POINTS = {"A": (-3e-3, -3e-3, -0.05), "B": (0.0, 0.0, 0.0), "C": (3e-3, 3e-3, 0.05)}

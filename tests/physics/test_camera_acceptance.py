@@ -7,7 +7,7 @@ import pytest
 from tolerance import relative_max
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, Propagator
-from clplen.cameras.plenoptic import scene_energy
+from clplen.cameras.camera_base import scene_energy
 from clplen.lightfield.refocusing.focal_stacks import refocus
 from clplen.wave.field.field import row_powers
 

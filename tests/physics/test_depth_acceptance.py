@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clplen import LightField, PointSources
-from clplen.cameras.plenoptic1 import Plenoptic1
+from clplen.cameras.standard_camera import Plenoptic1
 from clplen.lightfield.depth.alpha_estimate import AlphaEstimate, estimate_alpha
 from clplen.lightfield.focus_and_depth import depth_map
 

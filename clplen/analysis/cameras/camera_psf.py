@@ -19,7 +19,7 @@ from clplen.analysis.cameras.imaging import (
 )
 from clplen.analysis.point.psf import PSF
 from clplen.analysis.point.samples import Values, between
-from clplen.cameras.plenoptic import Plenoptic
+from clplen.cameras.camera_base import Plenoptic
 
 PLACES = 9  # of a point under a lenslet, along each axis
 PIXEL_PLACES = 4  # of a point on a focused camera's pixel, along its diagonal

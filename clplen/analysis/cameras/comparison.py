@@ -22,8 +22,8 @@ from clplen.analysis.point.otf import Curve
 from clplen.analysis.point.psf import PSF
 from clplen.analysis.point.samples import Values
 from clplen.analysis.point.twopoint import SLIT, TwoPoints
+from clplen.cameras.camera_base import Plenoptic
 from clplen.cameras.optics.camera_aberrations import circumscribed
-from clplen.cameras.plenoptic import Plenoptic
 from clplen.cameras.scenes.scene_sources import PointSources, as_sources
 from clplen.errors import SamplingError
 from clplen.reprs import OneLine

@@ -8,7 +8,7 @@ import numpy as np
 
 from clplen.analysis.cameras.imaging import central_lenslet, is_focused, point_at_lenslet
 from clplen.analysis.point.samples import Values, checked
-from clplen.cameras.plenoptic import Plenoptic
+from clplen.cameras.camera_base import Plenoptic
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.wave.elements.hard_apertures import polygon_coverage
 from clplen.wave.field.field import Grid

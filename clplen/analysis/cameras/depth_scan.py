@@ -21,8 +21,8 @@ from clplen.analysis.cameras.imaging import (
 from clplen.analysis.cameras.transfer import DepthTransfer, transfer_of
 from clplen.analysis.point.otf import Curve
 from clplen.analysis.point.samples import Values
+from clplen.cameras.camera_base import Plenoptic
 from clplen.cameras.optics.ray_optics import view_step
-from clplen.cameras.plenoptic import Plenoptic
 from clplen.errors import SamplingError, SamplingWarning
 from clplen.lightfield.depth.alpha_estimate import estimate_alpha, search_limit
 from clplen.lightfield.focused.focused_spots import point_m

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from clplen.analysis.point.samples import Pair, Values
+from clplen.cameras.camera_base import Plenoptic
 from clplen.cameras.optics.camera_aberrations import NONE
-from clplen.cameras.plenoptic import Plenoptic
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry
 from clplen.lightfield.focused.focused_picture import FocusedImage

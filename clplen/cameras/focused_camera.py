@@ -14,9 +14,9 @@ from numbers import Real
 from typing import ClassVar
 
 from clplen import units
+from clplen.cameras.camera_base import Plenoptic
 from clplen.cameras.optics import camera_aberrations
 from clplen.cameras.optics.lenslet_camera import Description, Kind, Row
-from clplen.cameras.plenoptic import Plenoptic
 from clplen.wave.elements.lenslets import MicrolensArray
 
 

@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
+from clplen.cameras.camera_base import Plenoptic
 from clplen.cameras.optics import camera_aberrations
 from clplen.cameras.optics.lenslet_camera import Description, Kind, Row, views
 from clplen.cameras.optics.ray_optics import view_step
-from clplen.cameras.plenoptic import Plenoptic
 
 
 @dataclass(frozen=True, repr=False)
