@@ -31,16 +31,14 @@ from clplen import (
     MicrolensArray,
     PlenopticCamera,
     PointSources,
+    Propagator,
     estimate_alpha,
     focal_stack,
     propagate,
     refocus,
 )
 from clplen.cameras import scene_energy
-from clplen.compute.fft.routes import FFTRoute
 from clplen.demo import POINTS, SOURCE_DIAMETER, camera, scene
-from clplen.wave.propagation.description import Request
-from clplen.wave.propagation.methods import band_limited
 
 
 def say(what: str, value: str, limit: str = "") -> None:
@@ -63,7 +61,7 @@ def transforms(device: Device) -> None:
         for shape in ((64, 64), (3, 509, 64), (1010, 1010), (3030, 30)):
             u = (rng.normal(size=shape) + 1j * rng.normal(size=shape)).astype(np.complex64)
             data = device.upload(u)
-            FFTRoute(name, 2).forward(data, device)
+            type(device.fft)(name, 2).forward(data, device)
             exact = np.fft.fft2(u.astype(np.complex128))
             error = np.abs(device.download(data) - exact).max() / np.abs(exact).max()
             worst = max(worst, float(error))
@@ -118,7 +116,10 @@ def fields(device: Device) -> None:
     worst = 0.0
     for n, dx, z in ((1010, 6.6e-6, 0.24), (1010, 5e-6, 0.24), (1010, 6.6e-6, 1.0)):
         shape = (2 * n, 2 * n)
-        plan = band_limited(Request(Grid(shape, dx), z, 550e-9, "blas", pad=1)).factor
+        whole = Propagator(
+            Grid(shape, dx), z, wavelength=550e-9, method="blas", pad=1, device=device
+        )
+        plan = whole.description.factor
         twin = reference.transfer_function(shape, dx, z, 550e-9, band="blas")
         got = device.download(plan.on_device(device, "tables").values)
         assert plan.residual_turns() <= 1

@@ -4,7 +4,7 @@
 
 A line for each objective and depth: the disparity that `estimate_alpha` finds of one point over
 that of the law d = -M^2 z dx/(n f_mu p), what rays say of it
-(`clplen.lightfield.depth.best_focus.focus_ratio`), and the depth that is left when z is divided by
+(`clplen.lightfield.focus_ratio`), and the depth that is left when z is divided by
 the latter, over the true one. Ends with 1 where that is off by more than 5 %. Depths are shares of
 the light-field range about the native plane, lenslets matched. Half a minute.
 """
@@ -26,8 +26,7 @@ from clplen import (
     estimate_alpha,
 )
 from clplen.cameras import Microscope
-from clplen.lightfield import focus_ratio
-from clplen.lightfield.depth.best_focus import ratio_at
+from clplen.lightfield import focus_ratio, focus_ratio_of_disparity
 
 OBJECTIVES = {  # M, NA, n, wavelength, lenslets, pixels a lenslet
     "20x/0.3 air": (20, 0.3, 1.0, 525e-9, 125e-6, 27),
@@ -58,7 +57,7 @@ def measured(camera: Microscope, z: float) -> tuple[float, float, float]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SamplingWarning)
         found = estimate_alpha(lf, at=(15, 15))
-    by_rays = found.z / ratio_at(camera, found.disparity)
+    by_rays = found.z / focus_ratio_of_disparity(camera, found.disparity)
     return found.disparity / camera.disparity(z), focus_ratio(camera, z), by_rays / z
 
 

@@ -14,11 +14,22 @@ import numpy as np
 from script import command
 
 from clplen import Device, Field, Propagator, SamplingWarning
-from clplen.bench import Benchmark, Case, Goal, Report, Row, finished, halved, in_turn, numbers
-from clplen.bench.report import time_rows
-from clplen.bench.waves import PITCH, WAVELENGTH, speckle
+from clplen.bench import (
+    Benchmark,
+    Case,
+    Goal,
+    Report,
+    Row,
+    finished,
+    halved,
+    in_turn,
+    numbers,
+    speckle,
+    time_rows,
+)
 
 Array = np.ndarray[Any, Any]
+PITCH, WAVELENGTH = 6.6e-6, 550e-9  # of `speckle`
 
 # Distances in units of N dx^2/lam, the last at which the angular spectrum is sampled unpadded.
 DISTANCES = (0.1, 0.5, 1, 2, 4, 8, 16, 32, 128, 1024)

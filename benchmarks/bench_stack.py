@@ -16,18 +16,24 @@ from byhand import PLANES_TOGETHER, ByHand, by_hand, margins, numba_planes, nump
 from script import command
 
 from clplen import Device, LightField, refocus
-from clplen.bench import Case, Goal, Report, Times, in_turn, numbers, rate_rows
-from clplen.bench.lightfields import (
-    BENCHMARKS,
-    DISPARITY,
-    FORM,
-    MAIN,
-    PLANES,
-    RANGE,
-    READ,
-    bounds,
+from clplen.bench import (
+    READING,
+    STACK_DISPARITY,
+    STACK_FORM,
+    STACK_MAIN,
+    STACK_PLANES,
+    STACK_RANGE,
+    Case,
+    Goal,
+    Report,
+    Times,
+    find_benchmark,
+    in_turn,
+    numbers,
+    rate_rows,
     stack_cases,
     stack_goals,
+    transfer_cases,
 )
 
 _INTEL = "Intel"
@@ -36,22 +42,23 @@ _MARGIN = 0.9  # of the best time by hand, that refocus is to stay below
 
 def measure_by_hand(device: Device, size: str, repeats: int) -> Report:
     """Rates of everything, taken in turn."""
-    shape = numbers(size, (4, 5), FORM)
+    shape = numbers(size, (4, 5), STACK_FORM)
     values = np.random.default_rng(1).random(shape, dtype=np.float32)
     threads = tuple(sorted({1, os.cpu_count() or 1}))
-    hand = by_hand(values, DISPARITY, threads)
+    hand = by_hand(values, STACK_DISPARITY, threads)
     rays = float(math.prod(shape[:4]))
     lf = LightField.from_array(values, device=device)
     cases = [Case(one.name, one.run, rays, "rays") for one in hand]
     cases += _planes_by_hand(values, rays, max(threads))
-    cases += bounds(lf) + stack_cases(lf, values)
+    cases += transfer_cases(lf) + stack_cases(lf, values)
     times = in_turn(cases, repeats)
     by_name = {t.case.name: t for t in times}
     notes = (
-        f"{PLANES} planes of disparity {-RANGE} to {RANGE}, single ones of {DISPARITY}; a ray "
+        f"{STACK_PLANES} planes of disparity {-STACK_RANGE} to {STACK_RANGE}, "
+        f"single ones of {STACK_DISPARITY}; a ray "
         "is a pixel of a view used for one plane. By hand, only what all views reach.",
         f"Largest difference of refocus from NumPy: {_difference(lf, values):.1e}.",
-        f"Refocus takes {by_name['refocus'].over(by_name[READ]):.2f} of reading the views once.",
+        f"Refocus takes {by_name['refocus'].over(by_name[READING]):.2f} of reading the views once.",
     )
     goals = _goals(size, hand, by_name, device.platform)
     return Report(
@@ -63,10 +70,10 @@ def _planes_by_hand(values: np.ndarray[Any, Any], rays: float, threads: int) -> 
     """A stack by Numba with planes in blocks, where it is installed."""
     if importlib.util.find_spec("numba") is None:
         return []
-    planes = np.linspace(-RANGE, RANGE, PLANES)
+    planes = np.linspace(-STACK_RANGE, STACK_RANGE, STACK_PLANES)
     run = numba_planes(values, planes, threads=threads)
     name = f"numba, four taps, {PLANES_TOGETHER} planes at a time, {threads} threads"
-    return [Case(name, run, PLANES * rays, "rays")]
+    return [Case(name, run, STACK_PLANES * rays, "rays")]
 
 
 def _goals(
@@ -79,13 +86,13 @@ def _goals(
         return min(some, key=lambda t: t.median, default=None)
 
     def faster(than: Times) -> float:
-        return PLANES / stack.over(than)
+        return STACK_PLANES / stack.over(than)
 
     intel = _INTEL in platform
     taps, separable = best(True) or times[hand[0].name], best(False)
-    limit = (7.0 if intel else 5.0) if size == MAIN else 3.0
+    limit = (7.0 if intel else 5.0) if size == STACK_MAIN else 3.0
     goals = [Goal(f"stack over {taps.case.name}", faster(taps), limit, "at least")]
-    if size == MAIN:
+    if size == STACK_MAIN:
         if separable:
             limit = 4.5 if intel else 3.0
             name = f"stack over {separable.case.name}"
@@ -101,14 +108,14 @@ def _goals(
 
 def _difference(lf: LightField, values: np.ndarray[Any, Any]) -> float:
     """Largest difference of refocus from NumPy, relative to the largest value."""
-    margin, rows, columns = margins(values.shape, DISPARITY)
-    want = numpy_slices(values, DISPARITY)
-    got = refocus(lf, disparity=DISPARITY).to_numpy()
+    margin, rows, columns = margins(values.shape, STACK_DISPARITY)
+    want = numpy_slices(values, STACK_DISPARITY)
+    got = refocus(lf, disparity=STACK_DISPARITY).to_numpy()
     inner = got[margin : margin + rows, margin : margin + columns]
     return float(np.abs(inner - want).max() / np.abs(want).max())
 
 
-stack = next(benchmark for benchmark in BENCHMARKS if benchmark.name == "stack")
+stack = find_benchmark("stack")
 BENCHMARK = replace(
     stack,
     summary="focal stack and refocus, beside NumPy, PyTorch, Numba and OpenCV",

@@ -5,8 +5,15 @@ from __future__ import annotations
 import click
 
 from clplen import Device
-from clplen.bench import Benchmark, Report, registry, table
-from clplen.bench.environment import environment, quiet_enough
+from clplen.bench import (
+    Benchmark,
+    Report,
+    device_text,
+    environment,
+    quiet_enough,
+    report_text,
+    run_benchmark,
+)
 
 
 def command(benchmark: Benchmark, words: str | None) -> click.Command:
@@ -29,11 +36,11 @@ def measure(
     benchmark: Benchmark, device: Device, sizes: tuple[str, ...], repeats: int
 ) -> list[Report]:
     """Run and print a benchmark at some sizes."""
-    click.echo(f"{table.place(environment(device))}\n{quiet_enough()}")
+    click.echo(f"{device_text(environment(device))}\n{quiet_enough()}")
     reports = []
     for size in sizes:
-        report = registry.run(benchmark, device, size=size, repeats=repeats, say=click.echo)
+        report = run_benchmark(benchmark, device, size=size, repeats=repeats, say=click.echo)
         if report:
-            click.echo(table.text(report))
+            click.echo(report_text(report))
             reports.append(report)
     return reports

@@ -29,6 +29,17 @@ from clplen.outputs import MARK
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.intensity import add_scaled
 
+__all__ = [
+    "DEPTHS",
+    "POINTS",
+    "SOURCE_DIAMETER",
+    "STACK_ALPHAS",
+    "camera",
+    "expose_point",
+    "run",
+    "scene",
+]
+
 SOURCE_DIAMETER = 10e-6
 POINTS = {"A": (-3e-3, -3e-3, -50e-3), "B": (0.0, 0.0, 0.0), "C": (3e-3, 3e-3, 50e-3)}
 DEPTHS = (-50e-3, -25e-3, 25e-3, 50e-3)

@@ -15,7 +15,6 @@ from clplen import Projector, decode_raw, deconvolve, estimate_lattice, point_im
 from clplen.analysis import Table
 from clplen.microscopy import Points, find_points, match_points, preparation
 from clplen.plot import bar, new_figure
-from clplen.plot.base import Array
 
 VOXELS = 3  # of a lenslet along an axis
 DEPTH = 1.5  # |d| of the outermost planes
@@ -23,7 +22,7 @@ ITERATIONS = 30
 OFF = 0.25  # |d| from which on a ratio of disparities says something
 
 
-def volume_of(frame: Array, some: Array | float = 1.0) -> Array:
+def volume_of(frame: np.ndarray, some: np.ndarray | float = 1.0) -> np.ndarray:
     """The volume that explains some pixels of a frame, in counts."""
     got = prepared(frame)
     found = deconvolve(got.counts / gain, projector, iterations=ITERATIONS, white=got.white * some)
@@ -32,12 +31,12 @@ def volume_of(frame: Array, some: Array | float = 1.0) -> Array:
     return found.volume
 
 
-def points_in(volume: Array) -> Points:
+def points_in(volume: np.ndarray) -> Points:
     """Its beads: d of a view's step, y and x in lenslets."""
     return find_points(volume, axes=axes)
 
 
-def coloured(volume: Array, axis: int) -> Array:
+def coloured(volume: np.ndarray, axis: int) -> np.ndarray:
     """Highest along an axis, bright in the colour of its plane."""
     highest = volume.max(axis)
     d = axes[0][volume.argmax(0)] if axis == 0 else np.broadcast_to(axes[0][:, None], highest.shape)

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 
 from clplen import ClplenError, Device, Image, LightField, demo, plot
 from clplen.cameras import Plenoptic1
-from clplen.io import check_folder
 
 FOLDER = "clplen-figures"
 QUICK_COUNT = 75  # lenslets of the reduced camera: its window still takes every ray of A, B and C
@@ -57,7 +56,8 @@ def begin(text: str, script: str, *, quick: str = "less to compute") -> Run:
                         help="of the picture (default: %(default)s)")
     given = parser.parse_args()
     try:
-        folder, device = check_folder(given.output), Device.open(given.device)
+        folder, device = Path(given.output), Device.open(given.device)
+        folder.mkdir(parents=True, exist_ok=True)
     except (ClplenError, OSError) as error:
         parser.error(str(error))
     matplotlib.rc("font", size=9)

@@ -5,8 +5,7 @@ from common import number, pixels, start
 from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
 
-from clplen import LightField, demo
-from clplen.plot import base
+from clplen import LightField, demo, plot
 
 MAXIMA = {"A": 8.936e-4, "B": 2.093e-3, "C": 1.135e-3}  # of the raw image, in a float64 simulation
 SHOWN = 6.2  # mm to either side of the axis
@@ -14,9 +13,9 @@ SHOWN = 6.2  # mm to either side of the axis
 
 def show(axes: Axes, values: np.ndarray, decades: int, pitch: float) -> AxesImage:
     """An image on a logarithmic scale, in mm from its middle."""
-    norm = base.norm_of(values, "log", decades)
-    return axes.imshow(base.for_display(values, norm), cmap=base.LIGHT, norm=norm,
-                       extent=base.centred(values.shape, pitch * 1e3),
+    norm = plot.norm_of(values, "log", decades)
+    return axes.imshow(plot.for_display(values, norm), cmap=plot.LIGHT, norm=norm,
+                       extent=plot.centred(values.shape, pitch * 1e3),
                        interpolation="antialiased", interpolation_stage="data")
 
 
@@ -26,14 +25,14 @@ raw = demo.scene(camera)
 values, rendering = raw.to_numpy(), pixels(LightField.from_raw(raw).render())
 number("sum of the raw image", values.sum(dtype=float), 3.0, 1e-3)
 
-figure = base.new_figure(9, 7.4)
+figure = plot.new_figure(9, 7.4)
 above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=[1.2, 1])[:, 0]
 left, right = above.subplots(1, 2)
 shown = min(SHOWN, camera.grid.extent[0] * 500)
 bars = [(left, show(left, values, 5, camera.pixel_pitch), "energy per pixel"),
         (right, show(right, rendering, 3, camera.lenslet_pitch), "mean of the views")]
 for axes, drawn, label in bars:
-    base.bar(figure, drawn, axes, f"{label} (logarithmic)", extend="min")
+    plot.bar(figure, drawn, axes, f"{label} (logarithmic)", extend="min")
     axes.set(xlim=(-shown, shown), ylim=(shown, -shown), xlabel="x / mm", ylabel="y / mm")
 left.set_title("raw image, the middle of the sensor")
 right.set_title("rendering, one pixel a lenslet")
@@ -51,7 +50,7 @@ for panel, (name, reference) in zip(below.subplots(1, 3), MAXIMA.items(), strict
     for edge in pitch * (np.arange(camera.mla.count[0] + 1) - camera.mla.count[0] / 2):
         panel.axhline(edge, color="w", lw=0.5, alpha=0.6)
         panel.axvline(edge, color="w", lw=0.5, alpha=0.6)
-    rows, columns = (np.abs(base.coordinates(n, camera.pixel_pitch) - c) < reach
+    rows, columns = (np.abs(plot.coordinates(n, camera.pixel_pitch) - c) < reach
                      for n, c in zip(raw.shape, (y, x), strict=True))
     number(f"{name}: largest pixel", values[np.ix_(rows, columns)].max(), reference, 3e-6, ".3e")
 below.supxlabel("lines: borders between lenslets; colours as above")

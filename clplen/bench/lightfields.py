@@ -18,55 +18,56 @@ from clplen.lightfield.focus_and_depth import depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.refocusing.focal_stacks import refocus
 
-FORM = "VxUxYxX[xC]"
-MAIN = "15x15x434x625x3"
-STACK_SIZES = (MAIN, "9x9x512x512", "30x30x101x101", "5x7x333x1021x3", "17x17x768x768")
-PLANES = 32
-RANGE = 1.5  # disparities of the stack: -RANGE to RANGE
-DISPARITY = 1.37  # of the single planes
+STACK_FORM = "VxUxYxX[xC]"
+STACK_MAIN = "15x15x434x625x3"
+STACK_SIZES = (STACK_MAIN, "9x9x512x512", "30x30x101x101", "5x7x333x1021x3", "17x17x768x768")
+STACK_PLANES = 32
+STACK_RANGE = 1.5  # disparities of the stack: -STACK_RANGE to STACK_RANGE
+STACK_DISPARITY = 1.37  # of the single planes
 STORED = ("uint8", "uint16", "float16")
-COPY, READ = "copy of the views", "reading the views (search for NaN)"
+COPY, READING = "copy of the views", "reading the views (search for NaN)"
 _DEPTH_PLANES = 31
 _MOST = 2.0  # of the stack's time, for the energy cue
 
 
 def stack_needs(size: str) -> int:
     """The light field in four types on the device, twice on the host, its copy, and the stacks."""
-    shape = numbers(size, (4, 5), FORM)
-    return 25 * math.prod(shape) + 5 * 4 * PLANES * math.prod(shape[2:])
+    shape = numbers(size, (4, 5), STACK_FORM)
+    return 25 * math.prod(shape) + 5 * 4 * STACK_PLANES * math.prod(shape[2:])
 
 
 def measure_stack(device: Device, size: str, repeats: int) -> Report:
     """Rates of stacks and of refocus, beside moving the samples alone."""
-    shape = numbers(size, (4, 5), FORM)
+    shape = numbers(size, (4, 5), STACK_FORM)
     values = np.random.default_rng(1).random(shape, dtype=np.float32)
     lf = LightField.from_array(values, device=device)
-    times = in_turn([*bounds(lf), *stack_cases(lf, values)], repeats)
+    times = in_turn([*transfer_cases(lf), *stack_cases(lf, values)], repeats)
     by_name = {t.case.name: t for t in times}
     notes = (
-        f"{PLANES} planes of disparity {-RANGE} to {RANGE}, single ones of {DISPARITY}; a ray is a "
+        f"{STACK_PLANES} planes of disparity {-STACK_RANGE} to {STACK_RANGE}, "
+        f"single ones of {STACK_DISPARITY}; a ray is a "
         "pixel of a view used for one plane.",
-        f"Refocus takes {by_name['refocus'].over(by_name[READ]):.2f} of reading the views once.",
+        f"Refocus takes {by_name['refocus'].over(by_name[READING]):.2f} of reading the views once.",
     )
-    rows = rate_rows(times, by_name[READ])
+    rows = rate_rows(times, by_name[READING])
     goals = stack_goals(size, by_name)
     return Report("stack", size, "rays/s over those of one reading", rows, goals, notes)
 
 
-def bounds(lf: LightField) -> list[Case]:
+def transfer_cases(lf: LightField) -> list[Case]:
     """What moving the samples alone costs."""
     device, rays = lf.device, float(math.prod(lf.shape[:4]))
     twin = device.empty(lf.shape, lf.dtype)
     return [
         Case(COPY, finished(lambda: device.copy_into(twin, lf.data, 0), device), rays, "rays"),
-        Case(READ, lambda: count_bad(lf.data, device), rays, "rays"),
+        Case(READING, lambda: count_bad(lf.data, device), rays, "rays"),
     ]
 
 
 def stack_cases(lf: LightField, values: np.ndarray[Any, Any]) -> list[Case]:
     """Refocus and stacks of every storage type, and a stack with the way in and out."""
     device, rays = lf.device, float(math.prod(lf.shape[:4]))
-    planes = np.linspace(-RANGE, RANGE, PLANES)
+    planes = np.linspace(-STACK_RANGE, STACK_RANGE, STACK_PLANES)
 
     def stack_of(stored: LightField) -> Any:
         return finished(lambda: focal_stack(stored, disparities=planes), device)
@@ -75,13 +76,13 @@ def stack_cases(lf: LightField, values: np.ndarray[Any, Any]) -> list[Case]:
         moved = LightField.from_array(values, device=device, weights=lf.weights)
         return focal_stack(moved, disparities=planes).to_numpy()
 
-    plane = finished(lambda: refocus(lf, disparity=DISPARITY), device)
-    cases = [Case("stack, float32", stack_of(lf), PLANES * rays, "rays")]
+    plane = finished(lambda: refocus(lf, disparity=STACK_DISPARITY), device)
+    cases = [Case("stack, float32", stack_of(lf), STACK_PLANES * rays, "rays")]
     for name in STORED:
         scale = np.iinfo(name).max if name.startswith("u") else 1
         stored = LightField.from_array((values * scale).astype(name), device=device)
-        cases.append(Case(f"stack, {name}", stack_of(stored), PLANES * rays, "rays"))
-    with_copies = Case("stack with transfers", with_transfers, PLANES * rays, "rays")
+        cases.append(Case(f"stack, {name}", stack_of(stored), STACK_PLANES * rays, "rays"))
+    with_copies = Case("stack with transfers", with_transfers, STACK_PLANES * rays, "rays")
     # Refocus is last: threads of other libraries spin for a while.
     return [*cases, with_copies, Case("refocus", plane, rays, "rays")]
 
@@ -89,8 +90,8 @@ def stack_cases(lf: LightField, values: np.ndarray[Any, Any]) -> list[Case]:
 def stack_goals(size: str, times: dict[str, Times]) -> tuple[Goal, ...]:
     """Goals beside a copy of the views, and of storage types beside float32."""
     stack, goals = times["stack, float32"], []
-    if size == MAIN:
-        plane = stack.over(times[COPY]) / PLANES
+    if size == STACK_MAIN:
+        plane = stack.over(times[COPY]) / STACK_PLANES
         goals.append(Goal("a plane over a copy of the views", plane, 0.5, "at most"))
     for kind in STORED:
         ratio = times[f"stack, {kind}"].over(stack)
@@ -100,12 +101,12 @@ def stack_goals(size: str, times: dict[str, Times]) -> tuple[Goal, ...]:
 
 def _transfers_needs(size: str) -> int:
     """The light field eight times: three on the host, four on the device, one on its way."""
-    return 8 * 4 * math.prod(numbers(size, (4, 5), FORM))
+    return 8 * 4 * math.prod(numbers(size, (4, 5), STACK_FORM))
 
 
 def measure_transfers(device: Device, size: str, repeats: int) -> Report:
     """Rates of a light field's way in and out."""
-    shape = numbers(size, (4, 5), FORM)
+    shape = numbers(size, (4, 5), STACK_FORM)
     values = np.random.default_rng(1).random(shape, dtype=np.float32)
     twin = np.empty_like(values)
     weights = np.ones(shape[:2], np.float32)
@@ -130,16 +131,16 @@ def measure_transfers(device: Device, size: str, repeats: int) -> Report:
 
 def _depth_needs(size: str) -> int:
     """The light field three times, a stack, and the maps of the combined cue."""
-    shape = numbers(size, (4, 5), FORM)
+    shape = numbers(size, (4, 5), STACK_FORM)
     return 4 * (3 * math.prod(shape) + 4 * _DEPTH_PLANES * math.prod(shape[2:]))
 
 
 def measure_depth(device: Device, size: str, repeats: int) -> Report:
     """Times of every cue over that of the focal stack."""
-    shape = numbers(size, (4, 5), FORM)
+    shape = numbers(size, (4, 5), STACK_FORM)
     values = np.random.default_rng(1).random(shape, dtype=np.float32)
     lf = LightField.from_array(values, device=device)
-    planes = np.linspace(-RANGE, RANGE, _DEPTH_PLANES)
+    planes = np.linspace(-STACK_RANGE, STACK_RANGE, _DEPTH_PLANES)
 
     def of(cue: str) -> Callable[[], Any]:
         return lambda: depth_map(lf, disparities=planes, cue=cue)

@@ -32,7 +32,7 @@ _SHARE = 0.8  # of the memory that is free
 _REFUSED = ("needs", "largest that")  # what a DeviceError says of memory that does not suffice
 
 
-def find(name: str) -> Benchmark:
+def find_benchmark(name: str) -> Benchmark:
     """The benchmark of a name.
 
     Raises
@@ -47,7 +47,7 @@ def find(name: str) -> Benchmark:
     return next(benchmark for benchmark in benchmarks if benchmark.name == name)
 
 
-def run(
+def run_benchmark(
     benchmark: Benchmark, device: Device, *, size: str, repeats: int, say: Callable[[str], None]
 ) -> Report | None:
     """One benchmark at one size, or at the next smaller one that memory allows.

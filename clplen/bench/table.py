@@ -14,7 +14,7 @@ _PREFIXES = ((1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k"))
 _LONGEST = 64  # characters of a name
 
 
-def place(environment: dict[str, Any]) -> str:
+def device_text(environment: dict[str, Any]) -> str:
     """Device, driver, processor and versions in two lines."""
     packages = ", ".join(f"{name} {version}" for name, version in environment["packages"].items())
     note = f" {environment['note']}" if environment["note"] else ""
@@ -25,7 +25,7 @@ def place(environment: dict[str, Any]) -> str:
     )
 
 
-def text(report: Report) -> str:
+def report_text(report: Report) -> str:
     """A table with its goals and notes."""
     width = max([len(row.name) for row in report.rows] + [4])
     lines = [f"{report.name}, {report.size}; ratio: {report.ratio_is}"]

@@ -61,7 +61,7 @@ def bench(
     from clplen.compute.device import Device
 
     chosen = names or registry.NAMES
-    benchmarks = {name: registry.find(name) for name in chosen}
+    benchmarks = {name: registry.find_benchmark(name) for name in chosen}
     if listed:
         click.echo(
             "\n".join(f"{name:12s} {benchmark.summary}" for name, benchmark in benchmarks.items())
@@ -76,14 +76,14 @@ def bench(
     device = Device.open(selector)
     where, busy = environment(device), quiet_enough()
     if not as_json:
-        click.echo(f"{table.place(where)}\n")
+        click.echo(f"{table.device_text(where)}\n")
     reports = []
     for benchmark in benchmarks.values():
         for size in sizes or ((benchmark.quick,) if quick else benchmark.sizes):
             report, lines = _measured(device, benchmark, size, repeats, profiled)
             reports += [report] if report else []
             if report and not as_json:
-                click.echo("\n".join([table.text(report), *lines, ""]))
+                click.echo("\n".join([table.report_text(report), *lines, ""]))
     if as_json:
         click.echo(results.run_as_json(reports, where))
     if before is not None:
@@ -101,8 +101,8 @@ def _measured(
     from clplen.bench import ceilings, registry, table
 
     if not profiled:
-        return registry.run(benchmark, device, size=size, repeats=repeats, say=note), []
+        return registry.run_benchmark(benchmark, device, size=size, repeats=repeats, say=note), []
     limits = ceilings.measure(device)
     with device.profiling() as profile:
-        report = registry.run(benchmark, device, size=size, repeats=repeats, say=note)
+        report = registry.run_benchmark(benchmark, device, size=size, repeats=repeats, say=note)
     return report, [table.profile_text(profile.runs, limits)]

@@ -3,6 +3,7 @@ from .base import Region as Region
 from .base import Scale as Scale
 from .base import bar as bar
 from .base import centred as centred
+from .base import coordinates as coordinates
 from .base import for_display as for_display
 from .base import new_figure as new_figure
 from .base import norm_of as norm_of

@@ -16,7 +16,7 @@ from clplen.errors import ClplenError, DeviceError, ShapeError
 
 @pytest.mark.parametrize("name", registry.NAMES)
 def test_every_benchmark_has_its_parts(name: str) -> None:
-    benchmark = registry.find(name)
+    benchmark = registry.find_benchmark(name)
     assert benchmark.summary
     for size in (*benchmark.sizes, benchmark.quick):
         assert benchmark.needs(size) >= 0
@@ -26,7 +26,7 @@ def test_every_benchmark_has_its_parts(name: str) -> None:
 
 @pytest.mark.parametrize("name", registry.NAMES)
 def test_smaller_sizes_come_to_an_end(name: str) -> None:
-    benchmark = registry.find(name)
+    benchmark = registry.find_benchmark(name)
     size, steps = benchmark.sizes[0], 0
     while size:
         size, steps = benchmark.smaller(size), steps + 1
@@ -35,7 +35,7 @@ def test_smaller_sizes_come_to_an_end(name: str) -> None:
 
 def test_a_name_that_does_not_exist() -> None:
     with pytest.raises(ClplenError, match=r"no benchmark 'stacks'; there are .*transfers"):
-        registry.find("stacks")
+        registry.find_benchmark("stacks")
 
 
 def refusing(error: Exception, above: int) -> SimpleNamespace:
@@ -65,7 +65,7 @@ def refusing(error: Exception, above: int) -> SimpleNamespace:
 def test_a_smaller_size_is_tried_and_said(error: Exception, device: Device) -> None:
     benchmark = refusing(error, above=4)
     said: list[str] = []
-    report = registry.run(benchmark, device, size="16", repeats=1, say=said.append)
+    report = registry.run_benchmark(benchmark, device, size="16", repeats=1, say=said.append)
     assert report is not None
     assert report.size == "4"
     assert said == [
@@ -77,14 +77,14 @@ def test_a_smaller_size_is_tried_and_said(error: Exception, device: Device) -> N
 def test_no_size_fits(device: Device) -> None:
     benchmark = refusing(MemoryError(), above=0)
     said: list[str] = []
-    assert registry.run(benchmark, device, size="2", repeats=1, say=said.append) is None
+    assert registry.run_benchmark(benchmark, device, size="2", repeats=1, say=said.append) is None
     assert said[-1] == "fake: the memory does not suffice for 1, and there is no smaller size."
 
 
 def test_what_needs_more_than_there_is_does_not_begin(device: Device) -> None:
     benchmark = refusing(AssertionError("it began"), above=4)
     benchmark.needs = lambda size: 2**62 if int(size) > 4 else 0
-    report = registry.run(benchmark, device, size="8", repeats=1, say=lambda words: None)
+    report = registry.run_benchmark(benchmark, device, size="8", repeats=1, say=lambda words: None)
     assert report is not None
     assert report.size == "4"
 
@@ -93,7 +93,7 @@ def test_other_errors_of_a_device_are_errors(device: Device) -> None:
     error = DeviceError("The operands live on two devices.")
     benchmark = refusing(error, above=0)
     with pytest.raises(DeviceError, match="two devices"):
-        registry.run(benchmark, device, size="2", repeats=1, say=lambda words: None)
+        registry.run_benchmark(benchmark, device, size="2", repeats=1, say=lambda words: None)
 
 
 def test_sizes() -> None:

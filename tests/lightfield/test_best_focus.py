@@ -14,7 +14,7 @@ from clplen.lightfield.depth.alpha_estimate import estimate_alpha
 from clplen.lightfield.depth.best_focus import (
     farthest_disparity,
     focus_ratio,
-    ratio_at,
+    focus_ratio_of_disparity,
     suitable_planes,
 )
 from clplen.lightfield.focus_and_depth import all_in_focus, depth_map, focal_stack
@@ -85,7 +85,7 @@ def test_large_depths_are_a_sum_over_rays_one_by_one(device, share):
     assert focus_ratio(camera, z) == pytest.approx(ratios[np.argmax(energy)], abs=0.015)
     assert focus_ratio(camera, -z) == focus_ratio(camera, z)
     d = camera.disparity(z) * focus_ratio(camera, z)
-    assert ratio_at(camera, d) == pytest.approx(focus_ratio(camera, z), rel=2e-3)
+    assert focus_ratio_of_disparity(camera, d) == pytest.approx(focus_ratio(camera, z), rel=2e-3)
 
 
 @pytest.mark.parametrize(("name", "z"), [("oil", -5e-6), ("water", 8e-6)])
@@ -94,7 +94,7 @@ def test_high_na_is_said_with_what_rays_make_of_it(device, name, z):
     with pytest.warns(SamplingWarning, match=r"At NA/n = 0\.9\d+ rays of the rim .* rather than"):
         found = estimate_alpha(seen(camera, z))
     assert found.z == pytest.approx(camera.z(found.disparity))
-    ratio = ratio_at(camera, found.disparity)
+    ratio = focus_ratio_of_disparity(camera, found.disparity)
     assert abs(found.z / z - 1) > 0.25
     # rays leave diffraction out: up to 3.6 % (benchmarks/accuracy_microscope_depth.py)
     assert found.z / ratio == pytest.approx(z, rel=0.05)

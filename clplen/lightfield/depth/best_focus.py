@@ -72,7 +72,7 @@ def focus_ratio(camera: Any, z: float) -> float:
     return float(ratios[np.argmax(energy)])
 
 
-def ratio_at(camera: Any, disparity: float) -> float:
+def focus_ratio_of_disparity(camera: Any, disparity: float) -> float:
     """`focus_ratio` of the plane that is in best focus at a disparity."""
     paraxial = camera.z(disparity)
     ratio = 1.0
@@ -106,7 +106,7 @@ def high_na_message(camera: Any, disparity: float) -> str:
         return ""
     return (
         f"At NA/n = {sine:.3g} rays of the rim make points sharpest at "
-        f"{ratio_at(camera, disparity):.3g} times their paraxial disparity "
+        f"{focus_ratio_of_disparity(camera, disparity):.3g} times their paraxial disparity "
         f"({focus_ratio(camera, 0.0):.3g} times near the native plane)"
     )
 
@@ -183,7 +183,7 @@ def paraxial_excess(lf: LightField, alpha: float, disparity: float) -> float:
     if not is_telecentric(lf):
         return 0.0
     words = high_na_message(lf.camera, disparity)
-    ratio = ratio_at(lf.camera, disparity)
+    ratio = focus_ratio_of_disparity(lf.camera, disparity)
     if words:
         z = float(depth_at(lf, disparity))
         warn_caller(
