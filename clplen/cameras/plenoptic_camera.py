@@ -107,7 +107,7 @@ class PlenopticCamera(LensletCamera, ABC):
         SamplingError
             If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
         """
-        device = as_device(device, optional=True)
+        device = as_device(device)
         z_obj, F = _distances(
             mla, wavelength, focal_length, object_distance, image_distance,
             aperture_diameter,
@@ -193,7 +193,7 @@ class PlenopticCamera(LensletCamera, ABC):
         SamplingError
             If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
         """
-        device = as_device(device, optional=True)
+        device = as_device(device)
         z_obj, F = _distances(
             mla, wavelength, focal_length, object_distance, image_distance,
             aperture_diameter,
@@ -276,7 +276,7 @@ class PlenopticCamera(LensletCamera, ABC):
         SamplingWarning
             If the two f-numbers differ by more than 10 %.
         """
-        device = as_device(device, optional=True)
+        device = as_device(device)
         _require_lengths(wavelength=wavelength, tube_lens=tube_lens)
         check_wavelength(wavelength)
         _check_objective(magnification, na, medium_index, mla)

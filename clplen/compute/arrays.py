@@ -82,7 +82,7 @@ class OnDevice(HostArray):
     device: Device
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "device", as_device(self.device))
+        object.__setattr__(self, "device", as_device(self.device, optional=False))
 
     def to_numpy(self) -> Array:
         """The samples on the host, same shape and dtype."""

@@ -274,7 +274,7 @@ def preparation(
     SamplingWarning
         If ``force`` is needed.
     """
-    device = as_device(device, optional=True)
+    device = as_device(device)
     pixels = positive_integer(pixels, "pixels")
     black = None if dark is None else np.asarray(samples(dark), np.float32)
     if white is None:

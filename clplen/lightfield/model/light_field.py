@@ -72,7 +72,7 @@ class LightField(AlphaLaw, OnDevice):
         cls,
         a: ArrayLike | cla.Array,
         *,
-        device: DeviceLike,
+        device: DeviceLike | None = None,
         spacing: Spacing | None = None,
         weights: ArrayLike | None = None,
         camera: CameraModel | None = None,
@@ -87,8 +87,8 @@ class LightField(AlphaLaw, OnDevice):
             as they are on the device; other real types become float32. Pictures and maps are
             float32 in any case. A contiguous array of this device is taken without a copy, a
             NumPy array is copied once.
-        device : Device or str
-            Where the light field will live.
+        device : Device or str, optional
+            Where the light field will live; default ``Device.open()``.
         spacing : tuple of float, optional
             Signed (dv, du, dy, dx) in metres; needed for ``alpha``.
         weights : array_like, optional

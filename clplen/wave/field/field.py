@@ -137,7 +137,9 @@ class Field(OnDevice):
     device: Device
 
     @classmethod
-    def from_array(cls, u: Any, grid: Grid, *, wavelength: float, device: DeviceLike) -> Field:
+    def from_array(
+        cls, u: Any, grid: Grid, *, wavelength: float, device: DeviceLike | None = None
+    ) -> Field:
         """Bring complex amplitudes to a device.
 
         Parameters
@@ -148,8 +150,8 @@ class Field(OnDevice):
             Its shape is that of the last two axes.
         wavelength : float
             In metres, positive.
-        device : Device or str
-            Where the field will live.
+        device : Device or str, optional
+            Where the field will live; default ``Device.open()``.
 
         Raises
         ------

@@ -80,7 +80,8 @@ class Propagator:
         periodic, no padding); of fresnel-multistep an even length without prime factors above 7.
         Lengths with large prime factors take up to three times as long. The others size their own
         windows.
-    device : Device
+    device : Device or str, optional
+        Default ``Device.open()``.
     out_grid : Grid, optional
         Of the result, for auto and cblas; by default the field's.
     guard : float, optional
@@ -129,7 +130,7 @@ class Propagator:
         wavelength: float,
         method: str = "auto",
         pad: float = 2,
-        device: DeviceLike,
+        device: DeviceLike | None = None,
         out_grid: Grid | None = None,
         guard: float | None = None,
         border: float = BORDER,
@@ -143,13 +144,13 @@ class Propagator:
         self._prepare(checked, device, phase)
 
     @classmethod
-    def of(cls, request: Request, device: DeviceLike) -> Propagator:
+    def of(cls, request: Request, device: DeviceLike | None = None) -> Propagator:
         """The plan of a checked request."""
         plan = cls.__new__(cls)
         plan._prepare(request, device, None)
         return plan
 
-    def _prepare(self, request: Request, device: DeviceLike, phase: str | None) -> None:
+    def _prepare(self, request: Request, device: DeviceLike | None, phase: str | None) -> None:
         device = as_device(device)
         if phase is not None and phase not in PHASES:
             raise ValueError(f"There is no phase route {phase!r}; use one of {', '.join(PHASES)}.")
