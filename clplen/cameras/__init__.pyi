@@ -5,6 +5,7 @@ from .optics.camera_aberrations import correct_aberrations as correct_aberration
 from .optics.lenslet_camera import Description as Description
 from .optics.objective import CoverGlass as CoverGlass
 from .optics.objective import Objective as Objective
+from .optics.wave_optics import WaveOptics as WaveOptics
 from .plenoptic import scene_energy as scene_energy
 from .plenoptic1 import Plenoptic1 as Plenoptic1
 from .plenoptic2 import Plenoptic2 as Plenoptic2

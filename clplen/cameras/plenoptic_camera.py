@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import warnings
-from abc import ABC, abstractmethod
+from abc import ABC
 from typing import Any, Literal
 
 from clplen import units
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics import microscope_optics
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
-from clplen.cameras.optics.lenslet_camera import Description, Kind, LensletCamera, sensor_grid
+from clplen.cameras.optics.lenslet_camera import (
+    Described,
+    Kind,
+    LensletCamera,
+    sensor_grid,
+)
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
 from clplen.cameras.optics.ray_optics import check_sampling
 from clplen.cameras.plenoptic1 import Plenoptic1
@@ -32,7 +37,7 @@ _LENGTHS = {
 }  # an object may be anywhere, and wavelengths have a check of their own
 
 
-class PlenopticCamera(LensletCamera, ABC):
+class PlenopticCamera(Described, LensletCamera, ABC):
     """A plenoptic camera simulated by wave optics: made by `type1`, `type2` or `microscope`.
 
     Every camera that they make is an instance of it, and says by its ``kind`` which one it is.
@@ -52,10 +57,6 @@ class PlenopticCamera(LensletCamera, ABC):
     image_distance: float
     aperture_diameter: float
     wavelength: float
-
-    @abstractmethod
-    def describe(self) -> Description:
-        """Derived parameters; see `Description`."""
 
     @staticmethod
     def type1(

@@ -12,6 +12,7 @@ from clplen.cameras.scenes.outlines import Bars, Ellipse, Pair, Polygon, rectang
 from clplen.cameras.scenes.surface_scene import SurfaceScene
 from clplen.cameras.scenes.surfaces import Plane, Sphere, Spot
 from clplen.cameras.scenes.textures import Texture, bricks, checker, noise, picture
+from clplen.reprs import OneLine
 
 Random = np.random.Generator
 NOISES = (0.0, 0.01, 0.02, 0.05)  # fractions of white, in turn
@@ -19,8 +20,8 @@ WIDE = 4.0  # half sides of what fills the picture in every view, in pictures
 SEAM = 0.01  # pixels that surfaces which meet in a line reach over it
 
 
-@dataclass(frozen=True, eq=False)
-class SampleScene:
+@dataclass(frozen=True, eq=False, repr=False)
+class SampleScene(OneLine):
     """A scene with a name and its noise.
 
     Attributes

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from clplen.reprs import OneLine
+
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Pair = tuple[float, float]
 
@@ -113,8 +115,8 @@ class Bars:
         return _rectangle(self.centre, self.half, self.angle)
 
 
-@dataclass(frozen=True, init=False, eq=False)
-class Polygon:
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class Polygon(OneLine):
     """One closed line of straight edges, or several; inside by the even-odd rule.
 
     Parameters

@@ -12,6 +12,7 @@ from clplen.lightfield.arrays.stored_samples import extremes
 from clplen.lightfield.axis_check.axis_test import FARTHEST, AxisTest, Order, axis_test
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import Spacing
+from clplen.reprs import OneLine
 
 View = tuple[int, int]
 Words = tuple[str, ...]
@@ -23,8 +24,8 @@ _MIRRORED = (
 )
 
 
-@dataclass(frozen=True)
-class LightFieldReport:
+@dataclass(frozen=True, repr=False)
+class LightFieldReport(OneLine):
     """What `check_light_field` found.
 
     Attributes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pyopencl.array as cla
@@ -24,10 +24,11 @@ from clplen.lightfield.model.sample_checks import (
 )
 from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.raw_image import CameraModel, RawImage, Spacing
+from clplen.results import Plottable, Savable
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LightField(AlphaLaw, OnDevice):
+class LightField(AlphaLaw, Savable, Plottable, OnDevice):
     """Radiance along rays, L[v, u, y, x] or L[v, u, y, x, c]. Made by a ``from_`` method.
 
     v, u are row and column of the view; y, x row and column inside a view. A plane of disparity d
@@ -56,6 +57,9 @@ class LightField(AlphaLaw, OnDevice):
         What a view is: a position on the main lens, or a direction. Then dv and du of ``spacing``
         are steps of angle in radians, and what shifts views refuses it; see `resample`.
     """
+
+    _writer: ClassVar[str] = "write_lightfield"
+    _figure: ClassVar[str] = "views"
 
     data: cla.Array
     device: Device

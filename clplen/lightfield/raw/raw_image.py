@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import pyopencl.array as cla
@@ -13,6 +13,7 @@ from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.lightfield.raw.lenslet_grid import LensletGrid, LensType
 from clplen.lightfield.raw.lenslet_lattice import Lattice
+from clplen.results import Plottable, Savable
 
 Spacing = tuple[float, float, float, float]
 Transforms = tuple[tuple[int, tuple[int, int]], ...]
@@ -131,7 +132,7 @@ def is_telecentric(source: Any) -> bool:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RawImage(OnDevice):
+class RawImage(Savable, Plottable, OnDevice):
     """A raw lenslet image with its geometry.
 
     Attributes
@@ -159,6 +160,9 @@ class RawImage(OnDevice):
     truth : DepthTruth or None
         Of a synthetic scene, on the lattice of the light field that it decodes to.
     """
+
+    _writer: ClassVar[str] = "write_raw"
+    _figure: ClassVar[str] = "raw_image"
 
     data: cla.Array
     device: Device

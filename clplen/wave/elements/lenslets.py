@@ -275,8 +275,8 @@ Orders = tuple[int, int]
 HIGHEST_ORDER = 8  # of a lenslet's Zernike terms; float32 polynomials keep 4e-4 rad a wave there
 
 
-@dataclass(frozen=True, eq=False)
-class LensletErrors:
+@dataclass(frozen=True, eq=False, repr=False)
+class LensletErrors(OneLine):
     """Departures of the lenslets of one array, along its own columns (x) and rows (y).
 
     Attributes

@@ -24,7 +24,7 @@ from clplen.wave.propagation.description import (
     table_samples,
 )
 from clplen.wave.propagation.methods import corrected, describe
-from clplen.wave.propagation.plan_report import Report, report
+from clplen.wave.propagation.plan_report import PlanReport, report
 from clplen.wave.propagation.transfer_function import factor_on_device
 
 PHASES = ("tables", "fp64", "twofloat")
@@ -105,7 +105,7 @@ class Propagator:
     ----------
     method, why : str
         The method taken and the inequality that decided.
-    report : Report
+    report : PlanReport
     out_grid : Grid
         Of the result.
 
@@ -184,7 +184,7 @@ class Propagator:
         return f"<Propagator {self.method}, {self.z:g} m, {self.grid} to {self.out_grid}>"
 
     @property
-    def report(self) -> Report:
+    def report(self) -> PlanReport:
         """What the plan knows of itself: method, sampling, band, cost."""
         return report(self.description, self.phase)
 
