@@ -210,7 +210,12 @@ def _magnification(m: Array, confidence: Array, title: str) -> Figure:
 
 
 def _map(values: Array, confidence: Array, title: str, label: str) -> Figure:
-    """A map that fades where it is not sure, beside its confidence."""
+    """A map that fades where it is not sure, beside its confidence.
+
+    Where no confidence is known, as of a file that holds none, everything counts as sure.
+    """
+    known = np.isfinite(confidence)
+    confidence = np.where(known, confidence, 0.0 if known.any() else 1.0)
     norm = _range_of_sure(values, confidence)
     height, width = values.shape
     every = max(1, max(height, width) // _DRAWN)
@@ -237,7 +242,7 @@ def _map(values: Array, confidence: Array, title: str, label: str) -> Figure:
     left.set(xlabel="x / pixel", ylabel="y / pixel")
     left.set_title("\n".join(lines), pad=8)
     right.set(xlabel="x / pixel", yticks=[])
-    right.set_title("confidence", pad=8)
+    right.set_title("confidence" if known.any() else "confidence: not known", pad=8)
     figure.set_layout_engine("constrained", w_pad=_MARGIN, h_pad=_MARGIN)
     return figure
 
