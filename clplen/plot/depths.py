@@ -238,6 +238,8 @@ def _map(values: Array, confidence: Array, title: str, label: str) -> Figure:
         words = f"grey: confidence below {_SURE:g} (the greyer, the less)"
         figure.supxlabel(words, fontsize=8, color="0.3")
     drawn = right.imshow(drawn_sure, cmap=LIGHT, vmin=0, vmax=1, **place)
+    drawn.set_visible(bool(known.any()))
+    right.set_facecolor(_GREY)
     bar(figure, drawn, right, "confidence")
     left.set(xlabel="x / pixel", ylabel="y / pixel")
     left.set_title("\n".join(lines), pad=8)
