@@ -19,12 +19,18 @@ class OneLine:
 
     def __repr__(self) -> str:
         shown = [f.name for f in fields(self) if f.repr]  # type: ignore[arg-type]
-        texts = {name: _text(getattr(self, name)) for name in shown}
-        for name in sorted(texts, key=lambda name: -len(texts[name])):
-            if len(_line(self, texts)) <= LONGEST:
-                break
-            texts[name] = "..."
-        return _line(self, texts)
+        return one_line(self, {name: getattr(self, name) for name in shown})
+
+
+def one_line(thing: object, values: dict[str, Any]) -> str:
+    """An object's representation by some of its values, at most 200 characters."""
+    texts = {name: _text(value) for name, value in values.items()}
+    for name in sorted(texts, key=lambda name: -len(texts[name])):
+        if len(_line(thing, texts)) <= LONGEST:
+            break
+        texts[name] = "..."
+    line = _line(thing, texts)
+    return line if len(line) <= LONGEST else f"{line[: LONGEST - 4]}...)"
 
 
 def _line(thing: object, texts: dict[str, str]) -> str:

@@ -11,6 +11,8 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, ClassVar
 
+from clplen.errors import ClplenError
+
 _DPI = 100  # of the picture in a notebook
 
 
@@ -64,7 +66,11 @@ class Plottable:
         """The figure as a notebook shows it; None where this cannot be drawn."""
         try:
             figure = self.plot()
-        except (TypeError, ValueError):  # a batch of fields, for one: the text is shown
+        except (
+            ClplenError,
+            TypeError,
+            ValueError,
+        ):  # such as a batch of fields
             return None
         data = BytesIO()
         figure.savefig(data, format="png", dpi=_DPI)

@@ -33,6 +33,12 @@ MICROSCOPE: dict[str, Any] = {
     "pixels_per_lenslet": 25,
 }
 SPACING = (-1e-3, -1e-3, 1e-5, 1e-5)
+PICTURE = PictureGrid((0.0, 0.0), 1.0, (9, 9))
+JOB: dict[str, Any] = {
+    "output": "out",
+    "inputs": [{"files": ["*.h5"]}],
+    "stack": {"disparities": [-1, 0, 1]},
+}
 LATTICE = Lattice("square", (10.0, 10.0), (10.0, 0.0), (0.0, 10.0), (41, 41))
 
 
@@ -56,6 +62,11 @@ def camera(device: Device) -> Any:
 def focused(device: Device) -> Any:
     """A focused camera of 5 x 5 lenslets."""
     return clplen.PlenopticCamera.type2(**CAMERA, device=device, m=0.25)
+
+
+def deconvolver(device: Device) -> Any:
+    settings = clplen.batch.DeconvolutionSettings()
+    return clplen.batch.Deconvolver(point_images(), settings, device=device, force=True)
 
 
 def raw(device: Device) -> clplen.RawImage:
@@ -136,7 +147,7 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
         focused(device).expose(clplen.PointSources([(0.0, 0.0, 0.0)]))
     ),
     "FocusedMaps": lambda _: clplen.lightfield.FocusedMaps(
-        PictureGrid((0.0, 0.0), 1.0, (9, 9)), samples(9, 9), samples(9, 9), samples(9, 9)
+        PICTURE, samples(9, 9), samples(9, 9), samples(9, 9)
     ),
     "Grid": lambda _: GRID,
     "Image": lambda device: lightfield(device).view(1, 1),
@@ -189,6 +200,89 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
         samples(9, 9), samples(9, 9), np.zeros((9, 9), np.int32), {"all": np.ones((9, 9), bool)}
     ),
     "TwoPoints": lambda _: clplen.analysis.TwoPoints.incoherent(psf(), axis=1),
+}
+EXAMPLES |= {
+    "AbbeImage": lambda device: clplen.wave.AbbeImage(EXAMPLES["Image"](device), 3, 0.1),
+    "Bars": lambda _: clplen.cameras.Bars((0.0, 0.0), 9.0, count=3, period=2.0, width=1.0),
+    "DeconvolutionSettings": lambda _: clplen.batch.DeconvolutionSettings(),
+    "Deconvolver": deconvolver,
+    "DepthErrors": lambda _: clplen.analysis.DepthErrors(samples(9), samples(9), ("",) * 9),
+    "DepthTransfer": lambda _: clplen.analysis.DepthTransfer(
+        samples(2), (edge().mtf, None), ("", "no light")
+    ),
+    "Description": lambda device: camera(device).describe(),
+    "Distortion": lambda _: clplen.io.Distortion("radial", "poly", (0.1, 0.2), (0.0, 0.0)),
+    "Ellipse": lambda _: clplen.cameras.Ellipse((0.0, 0.0), (3.0, 2.0)),
+    "Energy": lambda _: clplen.wave.Energy(0.9, 0.8, 0.1, 0.1),
+    "Exposure": lambda _: clplen.lightfield.Exposure("fields", ((1, (64, 64)),), 1e-6),
+    "FocusType": lambda _: clplen.io.FocusType((0.0, 0.0), (1.0, 2.0)),
+    "FocusedDepth": lambda device: clplen.lightfield.FocusedDepth(
+        EXAMPLES["FocusedGeometry"](device), *(samples(5, 5) for _ in range(4))
+    ),
+    "FocusedImage": lambda device: clplen.lightfield.FocusedImage(
+        device.upload(samples(9, 9)),
+        device,
+        PICTURE,
+        0.25,
+        EXAMPLES["FocusedGeometry"](device),
+        0.25,
+    ),
+    "FocusedStack": lambda device: clplen.lightfield.FocusedStack(
+        device.upload(samples(2, 9, 9)),
+        device,
+        PICTURE,
+        samples(2),
+        EXAMPLES["FocusedGeometry"](device),
+        samples(2),
+        samples(2),
+    ),
+    "HciParameters": lambda _: clplen.io.HciParameters(focal_length_mm=100.0, scene="cotton"),
+    "HostStack": lambda _: clplen.batch.HostStack(
+        samples(2, 9, 9), samples(2), samples(2), None, None
+    ),
+    "InputTable": lambda _: clplen.batch.InputTable(files=["*.h5"]),
+    "Job": lambda _: clplen.batch.Job(**JOB),
+    "JobEstimate": lambda _: clplen.batch.JobEstimate([], 0, 0, 0.0, 0.0, 0.0, ""),
+    "JobSpec": lambda _: clplen.batch.JobSpec(**JOB),
+    "LensSampling": lambda _: clplen.wave.LensSampling(*map(float, range(9))),
+    "LensType": lambda device: clplen.lightfield.LensType(
+        (0.0, 0.0), (1.0, 2.0), ((1.0, 0.0), (0.0, 1.0))
+    ),
+    "LensletErrors": lambda _: clplen.wave.LensletErrors(
+        {(2, -2): 1e-7}, 2e-4, 0.01 + 1e-4 * samples(5, 5), *(1e-6 * samples(5, 5, 2),) * 2
+    ),
+    "LensletSampling": lambda _: clplen.wave.LensletSampling(0.1, 0.2, 1.0, 1e-3),
+    "LightFieldReport": lambda device: clplen.lightfield.check_light_field(lightfield(device)),
+    "LocalExecutor": lambda _: clplen.batch.LocalExecutor(None),  # type: ignore[arg-type]
+    "Measured": lambda device: clplen.analysis.Measured(
+        "one", camera(device), EXAMPLES["Sampling"](device)
+    ),
+    "Objective": lambda _: clplen.cameras.Objective(20.0, 0.5, 1.0, LAM),
+    "PictureGrid": lambda _: PICTURE,
+    "PlanReport": lambda device: EXAMPLES["Propagator"](device).report,
+    "Plenoptic1": camera,
+    "Plenoptic2": focused,
+    "Polygon": lambda _: clplen.cameras.Polygon([(0.0, 0.0), (0.0, 2.0), (2.0, 0.0)]),
+    "Preparation": lambda device: clplen.microscopy.preparation(10, device=device),
+    "Prepared": lambda _: clplen.microscopy.Prepared(samples(9, 9), samples(9, 9), 0, 0),
+    "Rays": lambda device: clplen.plot.rays_through(EXAMPLES["OpticalSystem"](device)),
+    "RaytrixCalibration": lambda _: clplen.io.RaytrixCalibration(
+        (0.0, 0.0), 20.0, (1.0, 0.0), (0.5, 0.87)
+    ),
+    "Rendered": lambda _: clplen.analysis.Rendered(samples(9, 9), (1e-6, 1e-6)),
+    "Report": lambda _: clplen.batch.Report("a", "done", "0" * 64, 0.0),
+    "SampleScene": lambda _: next(iter(clplen.cameras.sample_scenes(shape=(32, 32)))),
+    "Scores": lambda _: clplen.analysis.Scores(81, *map(float, range(8))),
+    "SpectralSamples": lambda _: clplen.Spectrum.gaussian(550e-9, 30e-9).sample(5),
+    "Spot": lambda _: clplen.cameras.Spot((0.0, 0.0), 2.0),
+    "SpotFit": lambda _: clplen.lightfield.SpotFit(0.25, 0.0, (0.0, 0.0), 9, 0.1),
+    "StackTable": lambda _: clplen.batch.StackTable(disparities=[-1, 0, 1]),
+    "Summary": lambda _: clplen.batch.Summary(3, 1, {"a": "no file"}),
+    "Table": lambda _: clplen.analysis.Table(("camera", "pixels"), (("one", 3),)),
+    "TargetElement": lambda _: clplen.wave.usaf1951_elements(groups=[0])[0],
+    "Task": lambda _: clplen.batch.Task("a", "out", {"file": "a.h5"}, {"stack": {}}),
+    "Tile": lambda _: clplen.lightfield.Tile(*(slice(0, 9),) * 4),
+    "WaveOptics": lambda device: camera(device).optics,
 }
 EXAMPLES |= {
     name: partial(lambda kind, _: kind("one sentence"), getattr(clplen, name))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import inspect
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,16 +10,19 @@ from typing import Any
 import numpy as np
 import objects
 import pytest
+from public_names import public_objects
 
 import clplen
 from clplen.compute.device import Device
-from clplen.io import write_lightfield, write_raw
+from clplen.io import write_image, write_lightfield, write_raw, write_stack
 
 GRID, LAM, LATTICE = objects.GRID, objects.LAM, objects.LATTICE
 FRAME = np.tile(np.float32([[1, 2], [3, 4]]), (205, 205))
 STORED = clplen.StoredLightField.from_array(objects.samples(3, 3, 32, 32))
 WAVE: dict[str, Any] = {"wavelength": LAM}
 SNAPSHOT: dict[str, Any] = {"wavelength": LAM, "seed": 1, "index": 0}
+OBJECTIVE = clplen.cameras.Objective(20.0, 0.5, 1.0, LAM)
+POINT = clplen.PointSources([(0.0, 0.0, 0.0)])
 
 
 def geometry() -> clplen.lightfield.FocusedGeometry:
@@ -44,8 +46,8 @@ def bare(name: str) -> Callable[[Path, Any], Any]:
     """The class itself on the fields of an example, with another device."""
 
     def make(_: Path, device: Any) -> Any:
-        kind = getattr(clplen, name)
-        one = objects.EXAMPLES[name](Device.open())
+        one = objects.EXAMPLES[name.rpartition(".")[2]](Device.open())
+        kind = type(one)
         return kind(**(vars(one) | {"device": device}))
 
     return make
@@ -57,7 +59,7 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
     "Coherence.snapshots": lambda _, d: next(
         clplen.Coherence(None).snapshots(GRID, device=d, **WAVE)
     ),
-    "ExtendedSource.field": lambda _, d: clplen.wave.ExtendedSource(1e-3, 0.1).field(
+    "wave.ExtendedSource.field": lambda _, d: clplen.wave.ExtendedSource(1e-3, 0.1).field(
         GRID, device=d, **SNAPSHOT
     ),
     "Field": bare("Field"),
@@ -65,10 +67,10 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
         np.ones((8, 8)), GRID, device=d, **WAVE
     ),
     "FocalStack": bare("FocalStack"),
-    "FocusedGeometry.lattice": lambda _, d: geometry().lattice((0.0, 0.0), d),
-    "FocusedGeometry.tables": lambda _, d: geometry().tables(d),
+    "lightfield.FocusedGeometry.lattice": lambda _, d: geometry().lattice((0.0, 0.0), d),
+    "lightfield.FocusedGeometry.tables": lambda _, d: geometry().tables(d),
     "Image": bare("Image"),
-    "IncoherentLight.field": lambda _, d: clplen.wave.IncoherentLight().field(
+    "wave.IncoherentLight.field": lambda _, d: clplen.wave.IncoherentLight().field(
         GRID, device=d, **SNAPSHOT
     ),
     "LightField": bare("LightField"),
@@ -77,7 +79,7 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
     ),
     "MicrolensArray.lattice_tables": lambda _, d: objects.MLA.lattice_tables(GRID, d),
     "MicrolensArray.transmission": lambda _, d: objects.MLA.transmission(GRID, LAM, d),
-    "Microscope": bare("Microscope"),
+    "cameras.Microscope": bare("cameras.Microscope"),
     "PlenopticCamera.microscope": lambda _, d: clplen.PlenopticCamera.microscope(
         **objects.MICROSCOPE, device=d
     ),
@@ -88,7 +90,7 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
     "Propagator.of": lambda _, d: clplen.Propagator.of(
         clplen.Propagator(GRID, 1e-4, device=Device.open(), **WAVE).request, d
     ),
-    "RandomPhaseMask.field": lambda _, d: clplen.wave.RandomPhaseMask(2e-6).field(
+    "wave.RandomPhaseMask.field": lambda _, d: clplen.wave.RandomPhaseMask(2e-6).field(
         GRID, device=d, **SNAPSHOT
     ),
     "RawImage": bare("RawImage"),
@@ -96,42 +98,88 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
     "StoredLightField.part": lambda _, d: STORED.part(objects.samples(3, 3, 32, 32), d),
     "SurfaceScene.light_field": lambda _, d: scene().light_field((3, 3), (8, 8), device=d)[0],
     "decode_raw": lambda _, d: clplen.decode_raw(FRAME[:41, :41], LATTICE, device=d),
-    "gaussian_beam": lambda _, d: clplen.wave.gaussian_beam(GRID, 1e-5, device=d, **WAVE),
+    "wave.gaussian_beam": lambda _, d: clplen.wave.gaussian_beam(GRID, 1e-5, device=d, **WAVE),
     "open_lightfield": opened,
-    "plane_wave": lambda _, d: clplen.wave.plane_wave(GRID, device=d, **WAVE),
-    "preparation": lambda _, d: clplen.microscopy.preparation(10, device=d),
+    "wave.plane_wave": lambda _, d: clplen.wave.plane_wave(GRID, device=d, **WAVE),
+    "microscopy.preparation": lambda _, d: clplen.microscopy.preparation(10, device=d),
     "read_lightfield": lambda path, d: clplen.read_lightfield(path / "l.h5", device=d),
     "read_raw": lambda path, d: clplen.io.read_raw(path / "raw.h5", device=d),
-    "rectify": lambda _, d: clplen.microscopy.rectify(FRAME[:41, :41], LATTICE, device=d),
-    "spherical_wave": lambda _, d: clplen.wave.spherical_wave(GRID, 1e-3, device=d, **WAVE),
-    "stream_all_in_focus": lambda _, d: clplen.lightfield.stream_all_in_focus(
+    "microscopy.rectify": lambda _, d: clplen.microscopy.rectify(
+        FRAME[:41, :41], LATTICE, device=d
+    ),
+    "wave.spherical_wave": lambda _, d: clplen.wave.spherical_wave(GRID, 1e-3, device=d, **WAVE),
+    "lightfield.stream_all_in_focus": lambda _, d: clplen.lightfield.stream_all_in_focus(
         STORED, disparities=[-1, 0, 1], device=d
     ),
-    "stream_depth": lambda _, d: clplen.lightfield.stream_depth(
+    "lightfield.stream_depth": lambda _, d: clplen.lightfield.stream_depth(
         STORED, disparities=[-1, 0, 1], cue="energy", device=d
     ),
-    "stream_stack": lambda _, d: clplen.lightfield.stream_stack(STORED, disparities=[0], device=d),
+    "lightfield.stream_stack": lambda _, d: clplen.lightfield.stream_stack(
+        STORED, disparities=[0], device=d
+    ),
+    "all_in_focus": lambda _, d: clplen.all_in_focus(STORED, disparities=[-1, 0, 1], device=d),
+    "batch.Deconvolver": lambda _, d: clplen.batch.Deconvolver(
+        objects.point_images(), clplen.batch.DeconvolutionSettings(), device=d, force=True
+    ),
+    "cameras.Objective.fields": lambda _, d: OBJECTIVE.fields(POINT, GRID, d),
+    "cameras.Plenoptic1": bare("cameras.Plenoptic1"),
+    "cameras.Plenoptic2": bare("cameras.Plenoptic2"),
+    "cameras.WaveOptics": bare("cameras.WaveOptics"),
+    "depth_map": lambda _, d: clplen.depth_map(
+        objects.samples(3, 3, 32, 32), disparities=[-1, 0, 1], cue="energy", device=d
+    ),
+    "focal_stack": lambda _, d: clplen.focal_stack(STORED, disparities=[0], device=d),
+    "io.read_image": lambda path, d: clplen.io.read_image(path / "i.tif", device=d),
+    "io.read_stack": lambda path, d: clplen.io.read_stack(path / "s.tif", device=d),
+    "lightfield.FocusedImage": bare("lightfield.FocusedImage"),
+    "lightfield.FocusedStack": bare("lightfield.FocusedStack"),
+    "microscopy.Preparation": bare("microscopy.Preparation"),
+    "wave.LensletErrors.phase": lambda _, d: objects.EXAMPLES["LensletErrors"](Device.open()).phase(
+        objects.MLA, GRID, LAM, d
+    ),
 }
-OPTIONAL = {"open_lightfield", "read_lightfield", "read_raw"}
+# Classes that hold a device, or samples on one: other calls make them.
+HOLDERS = {
+    "Field",
+    "FocalStack",
+    "Image",
+    "LightField",
+    "RawImage",
+    "cameras.Microscope",
+    "cameras.Plenoptic1",
+    "cameras.Plenoptic2",
+    "cameras.WaveOptics",
+    "lightfield.FocusedImage",
+    "lightfield.FocusedStack",
+    "microscopy.Preparation",
+}
+# Their `device` is a selector for other processes, the name of what was used, or a protocol's.
+OTHERS = {
+    "batch.Job",
+    "batch.Job.run",
+    "batch.Job.with_settings",
+    "batch.JobSpec",
+    "batch.JobSpec.with_settings",
+    "batch.Report",
+    "batch.run_job",
+    "wave.SpatialModel.field",
+}
 
 
-def takers() -> Iterator[str]:
+def takers() -> Iterator[tuple[str, inspect.Parameter]]:
     """The public functions, classes and methods with a parameter `device`, by name."""
-    found = {name: getattr(clplen, name) for name in clplen.__all__}
-    for room in ("analysis", "io", "microscopy", "plot"):
-        module = importlib.import_module(f"clplen.{room}")
-        found |= {name: getattr(module, name) for name in getattr(module, "__all__", ())}
-    for name, one in list(found.items()):
-        if inspect.isclass(one):
-            more = [each for each in dir(one) if not each.startswith("_")]
-            found |= {f"{name}.{each}": getattr(one, each) for each in more}
-    for name, one in found.items():
+    objects_by_name = public_objects()
+    for name, value in list(objects_by_name.items()):
+        if inspect.isclass(value):
+            members = [member for member in dir(value) if not member.startswith("_")]
+            objects_by_name |= {f"{name}.{member}": getattr(value, member) for member in members}
+    for name, value in objects_by_name.items():
         try:
-            known = inspect.signature(one).parameters if callable(one) else {}
+            known = inspect.signature(value).parameters if callable(value) else {}
         except ValueError:  # an exception's own method
             continue
         if "device" in known:
-            yield name
+            yield name, known["device"]
 
 
 @pytest.fixture(scope="module")
@@ -141,11 +189,26 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     device = Device.open()
     write_lightfield(path / "l.h5", objects.lightfield(device))
     write_raw(path / "raw.h5", objects.raw(device))
+    write_image(path / "i.tif", objects.EXAMPLES["Image"](device))
+    write_stack(path / "s.tif", objects.EXAMPLES["FocalStack"](device))
     return path
 
 
 def test_every_public_call_with_a_device_is_in_the_list() -> None:
-    assert set(takers()) == set(CALLS)
+    assert {name for name, _ in takers()} - OTHERS == set(CALLS)
+
+
+def test_the_device_is_optional_but_for_classes_that_hold_one() -> None:
+    asked = {name for name, parameter in takers() if parameter.default is inspect.Parameter.empty}
+    assert asked == HOLDERS
+
+
+def test_devices_opened_by_default_are_one(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CLPLEN_DEVICE", device.place)
+    field = clplen.wave.plane_wave(GRID, wavelength=LAM)
+    plan = clplen.Propagator(GRID, 1e-4, wavelength=LAM)
+    assert field.device is plan.device is Device.open() is device
+    assert plan(field).shape == GRID.shape
 
 
 def device_of(result: Any) -> Device | None:
@@ -169,11 +232,16 @@ def test_anything_else_is_refused(name: str, wrong: Any, folder: Path) -> None:
         CALLS[name](folder, wrong)
 
 
-@pytest.mark.parametrize("name", CALLS)
-def test_none_is_the_default_device_where_that_is_said(name: str, folder: Path) -> None:
-    if name in OPTIONAL:
-        assert device_of(CALLS[name](folder, None)) in (Device.open(), None)
-        return
+@pytest.mark.parametrize("name", sorted(set(CALLS) - HOLDERS))
+def test_none_is_the_default_device(
+    name: str, folder: Path, device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CLPLEN_DEVICE", device.place)
+    assert device_of(CALLS[name](folder, None)) in (device, None)
+
+
+@pytest.mark.parametrize("name", ["Field", "FocalStack", "Image", "LightField", "RawImage"])
+def test_samples_on_a_device_say_which(name: str, folder: Path) -> None:
     with pytest.raises(TypeError, match=r"^device is a Device, .*not None\.$"):
         CALLS[name](folder, None)
 

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from clplen.cameras.scenes.ground_truth import Truth
 from clplen.errors import ShapeError
+from clplen.reprs import OneLine
 
 Real = np.ndarray[Any, np.dtype[np.float64]]
 Mask = np.ndarray[Any, np.dtype[np.bool_]]
@@ -38,8 +39,8 @@ class Depths(Protocol):
         """Metres of a disparity."""
 
 
-@dataclass(frozen=True)
-class Scores:
+@dataclass(frozen=True, repr=False)
+class Scores(OneLine):
     """Errors of a disparity map; smaller is better, nan is not known.
 
     Attributes

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Literal, TypeVar
@@ -12,7 +11,7 @@ import pyopencl.array as cla
 from clplen.cameras.exposure.ray_exposure import expose_rays
 from clplen.cameras.exposure.wave_exposure import Light, Method, expose_waves
 from clplen.cameras.optics.camera_aberrations import Aberrations
-from clplen.cameras.optics.lenslet_camera import Description, Kind
+from clplen.cameras.optics.lenslet_camera import Described, Kind
 from clplen.cameras.optics.ray_optics import RayOptics, check_sampling, raw_image
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.cameras.scenes.scene_sources import PointSources, Source, as_sources
@@ -31,7 +30,7 @@ Self = TypeVar("Self", bound="Plenoptic")
 
 
 @dataclass(frozen=True, repr=False)
-class Plenoptic(RayOptics):
+class Plenoptic(Described, RayOptics):
     """A plenoptic camera that takes raw images: `Plenoptic1` or `Plenoptic2`.
 
     Attributes
@@ -42,10 +41,6 @@ class Plenoptic(RayOptics):
     """
 
     kind: ClassVar[Kind]
-
-    @abstractmethod
-    def describe(self) -> Description:
-        """Derived parameters; see `Description`."""
 
     def with_aberrations(self: Self, aberrations: Aberrations) -> Self:
         """The same camera as it is built: with these in place of its aberrations.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import ABC
 from typing import Any, Literal
 
 from clplen import units
@@ -10,7 +10,7 @@ from clplen.cameras.focused_camera import Plenoptic2, magnification, matched_ape
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics import microscope_optics
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
-from clplen.cameras.optics.lenslet_camera import Description, Kind, LensletCamera, sensor_grid
+from clplen.cameras.optics.lenslet_camera import Described, Kind, LensletCamera, sensor_grid
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
 from clplen.cameras.optics.ray_optics import check_sampling
 from clplen.cameras.standard_camera import Plenoptic1
@@ -32,7 +32,7 @@ _LENGTHS = {
 }  # an object may be anywhere, and wavelengths have a check of their own
 
 
-class PlenopticCamera(LensletCamera, ABC):
+class PlenopticCamera(Described, LensletCamera, ABC):
     """A plenoptic camera simulated by wave optics: made by `type1`, `type2` or `microscope`.
 
     Every camera that they make is an instance of it, and says by its ``kind`` which one it is.
@@ -52,10 +52,6 @@ class PlenopticCamera(LensletCamera, ABC):
     image_distance: float
     aperture_diameter: float
     wavelength: float
-
-    @abstractmethod
-    def describe(self) -> Description:
-        """Derived parameters; see `Description`."""
 
     @staticmethod
     def type1(
@@ -107,7 +103,7 @@ class PlenopticCamera(LensletCamera, ABC):
         SamplingError
             If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
         """
-        device = as_device(device, optional=True)
+        device = as_device(device)
         z_obj, F = _distances(
             mla, wavelength, focal_length, object_distance, image_distance,
             aperture_diameter,
@@ -193,7 +189,7 @@ class PlenopticCamera(LensletCamera, ABC):
         SamplingError
             If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
         """
-        device = as_device(device, optional=True)
+        device = as_device(device)
         z_obj, F = _distances(
             mla, wavelength, focal_length, object_distance, image_distance,
             aperture_diameter,
@@ -276,7 +272,7 @@ class PlenopticCamera(LensletCamera, ABC):
         SamplingWarning
             If the two f-numbers differ by more than 10 %.
         """
-        device = as_device(device, optional=True)
+        device = as_device(device)
         _require_lengths(wavelength=wavelength, tube_lens=tube_lens)
         check_wavelength(wavelength)
         _check_objective(magnification, na, medium_index, mla)

@@ -13,6 +13,7 @@ import pyopencl.array as cla
 
 from clplen.compute.device import Device, as_device
 from clplen.compute.drivers.forked import is_forked, unreachable
+from clplen.results import Plottable, Savable
 from clplen.types import Array
 
 Kind = TypeVar("Kind")
@@ -82,7 +83,7 @@ class OnDevice(HostArray):
     device: Device
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "device", as_device(self.device))
+        object.__setattr__(self, "device", as_device(self.device, optional=False))
 
     def to_numpy(self) -> Array:
         """The samples on the host, same shape and dtype."""
@@ -103,7 +104,7 @@ class OnDevice(HostArray):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Image(OnDevice):
+class Image(Savable, Plottable, OnDevice):
     """What an intensity, a view, a rendering or a refocus returns.
 
     Attributes
@@ -114,11 +115,14 @@ class Image(OnDevice):
         The device that holds them.
     """
 
+    _writer: ClassVar[str] = "write_image"
+    _figure: ClassVar[str] = "picture"
+
     data: cla.Array
     device: Device
 
     def __repr__(self) -> str:
-        return f"<Image {self.shape} {self.data.dtype}, {self.device.name}>"
+        return f"<{type(self).__name__} {self.shape} {self.data.dtype}, {self.device.name}>"
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -218,12 +218,12 @@ class Device(Launcher):
         return np.dtype(np.complex64 if self.precision == "single" else np.complex128)
 
 
-def as_device(device: DeviceLike | None, *, optional: bool = False) -> Device:
+def as_device(device: DeviceLike | None, *, optional: bool = True) -> Device:
     """The device that an argument ``device`` names.
 
     Parameters
     ----------
-    device : Device or str
+    device : Device or str, optional
         A string is a selector of `Device.open`.
     optional : bool
         Whether None is ``Device.open()``; else it is refused.

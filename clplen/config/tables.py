@@ -13,6 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from clplen.deprecation import warn_caller
 from clplen.errors import ClplenError, FormatError
+from clplen.reprs import one_line
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -175,6 +176,10 @@ class Table(BaseModel):
     """A table of the file; keys that it does not know are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    def __repr__(self) -> str:
+        known = [name for name in type(self).model_fields if name in self.model_fields_set]
+        return one_line(self, {name: getattr(self, name) for name in known})
 
 
 def rename_key(content: Any, old: str, new: str) -> Any:

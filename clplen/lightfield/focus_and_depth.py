@@ -212,7 +212,7 @@ def all_in_focus(
     """
     options: dict[str, Any] = {"depth": depth, "disparities": disparities}
     if isinstance(source, StoredLightField):
-        device = as_device(device, optional=True)
+        device = as_device(device)
         picture = stream_all_in_focus(source, **options, memory=memory, device=device)
         return Image(device.upload(picture), device)
     return all_in_focus_in_memory(source, **options, device=device)

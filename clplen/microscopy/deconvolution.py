@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -25,6 +26,7 @@ from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.microscopy.priors import Prior, blurs, prior_of
 from clplen.microscopy.projector import Projector
+from clplen.results import Plottable, Savable
 from clplen.wave.coherence.averaging import Progress
 
 Vector = np.ndarray[Any, Any]
@@ -39,7 +41,7 @@ PICTURES = 5  # counts, white, background, expected and ratio
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DeconvolutionResult(HostArray):
+class DeconvolutionResult(Savable, Plottable, HostArray):
     """What `deconvolve` found.
 
     Attributes
@@ -53,14 +55,49 @@ class DeconvolutionResult(HostArray):
         How many were made.
     degenerate : tuple of float
         z of the planes in which the volume cannot be resolved beyond d/M.
+    planes : numpy.ndarray or None
+        z of each plane in metres, shape (planes,); None when not known.
+    voxel : tuple of float or None
+        (dy, dx) in metres; None when not known.
     """
 
+    _writer: ClassVar[str] = "write_volume"
+    _figure: ClassVar[str] = "volume"
     _samples: ClassVar[str] = "volume"
 
     volume: Vector
     residuals: Vector
     iterations: int
     degenerate: tuple[float, ...]
+    planes: Vector | None = None
+    voxel: tuple[float, float] | None = None
+
+    def save(self, path: str | Path, **options: Any) -> None:
+        """Write the volume to a file; see `clplen.io.write_volume`.
+
+        Parameters
+        ----------
+        path : path-like
+            ``.tif``, OME-TIFF, or ``.zarr``, OME-Zarr.
+        **options
+            Those of `clplen.io.write_volume`; ``planes`` and ``voxel`` are known of what
+            `deconvolve` returns.
+
+        Raises
+        ------
+        ValueError, ShapeError
+            If the ending is another one, planes or voxel are not known, or it is a series: save
+            each volume by `clplen.io.write_volume`.
+        OSError
+            If it cannot be written.
+        """
+        options = {"planes": self.planes, "voxel": self.voxel} | options
+        if options["planes"] is None or options["voxel"] is None:
+            raise ValueError(
+                "This result does not know where its voxels lie: give planes=, z of each plane, "
+                "and voxel=, (dy, dx), in metres."
+            )
+        super().save(path, **options)
 
     def __repr__(self) -> str:
         last = np.array2string(np.asarray(self.residuals[..., -1]), precision=3)
@@ -191,7 +228,15 @@ def deconvolve(
     volume = projector.device.download(known.volumes(found.volumes))
     volume = volume.reshape(*lead, *projector.volume_shape)
     residuals = np.stack(history, axis=-1).reshape(*lead, len(history))
-    return DeconvolutionResult(volume, residuals, len(history), degenerate_planes(projector))
+    images = projector.images
+    return DeconvolutionResult(
+        volume,
+        residuals,
+        len(history),
+        degenerate_planes(projector),
+        images.planes,
+        (images.side, images.side),
+    )
 
 
 def degenerate_planes(projector: Projector) -> tuple[float, ...]:

@@ -23,6 +23,7 @@ from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.lattice_trust import require_trust
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.rectification import REACH, area, rectify, variance
+from clplen.reprs import OneLine
 
 Vector = np.ndarray[Any, Any]
 
@@ -33,8 +34,8 @@ DARKER = 0.75  # of the pixels below the dark frame, of which noise alone puts a
 RARE = 5 * math.sqrt(2)  # times the noise of a dark frame: beyond that of two of them
 
 
-@dataclass(frozen=True, eq=False)
-class Prepared:
+@dataclass(frozen=True, eq=False, repr=False)
+class Prepared(OneLine):
     """A frame as `deconvolve` takes it.
 
     Attributes
@@ -58,8 +59,8 @@ class Prepared:
     size: int = 0
 
 
-@dataclass(frozen=True, eq=False)
-class Preparation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Preparation(OneLine):
     """What frames of one camera share. Made by `preparation`.
 
     Attributes
@@ -82,6 +83,9 @@ class Preparation:
     lattice: Lattice | None
     sensitivity: Vector | None
     level: Vector | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "device", as_device(self.device))
 
     @property
     def area(self) -> float:
@@ -274,7 +278,7 @@ def preparation(
     SamplingWarning
         If ``force`` is needed.
     """
-    device = as_device(device, optional=True)
+    device = as_device(device)
     pixels = positive_integer(pixels, "pixels")
     black = None if dark is None else np.asarray(samples(dark), np.float32)
     if white is None:

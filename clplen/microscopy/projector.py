@@ -95,7 +95,7 @@ class Projector:
         device: DeviceLike | None = None,
         memory: int | None = None,
     ) -> None:
-        device = as_device(device, optional=True)
+        device = as_device(device)
         require(PointImages, images, "images", "point_images")
         if np.shape(shape) != (2,) or any(not is_integer(n) or n < 1 for n in shape):
             raise ShapeError(f"shape is (rows, columns) of lenslets, not {shape!r}.")

@@ -67,7 +67,7 @@ def rectify(
     TypeError
         If the frame is no array of real numbers, or the lattice none.
     """
-    device = as_device(device, optional=True)
+    device = as_device(device)
     require(Lattice, lattice, "lattice", "estimate_lattice")
     values = real_array(frame, "A frame")
     if values.ndim != 2:

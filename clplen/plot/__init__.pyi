@@ -12,8 +12,10 @@ from .comparisons import comparison as comparison
 from .depths import alpha_curve as alpha_curve
 from .depths import depth as depth
 from .depths import energy_curves as energy_curves
+from .depths import focused_depth as focused_depth
 from .depths import magnification as magnification
 from .depths import phase_space as phase_space
+from .depths import truth as truth
 from .fields import intensity as intensity
 from .fields import phase as phase
 from .pictures import epi as epi
@@ -22,6 +24,11 @@ from .pictures import picture as picture
 from .pictures import raw_image as raw_image
 from .pictures import refocused as refocused
 from .pictures import views as views
+from .points import curve as curve
+from .points import modulation as modulation
+from .points import psf as psf
+from .rays import Rays as Rays
 from .rays import rays_through as rays_through
 from .rays import trace as trace
 from .systems import system as system
+from .volumes import volume as volume

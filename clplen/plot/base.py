@@ -99,12 +99,13 @@ def norm_of(values: Array, scale: Scale, decades: int = _DECADES) -> Normalize:
     """How values become colours, from 0 (or so many decades below the largest) to the largest."""
     if scale not in get_args(Scale):
         raise ValueError(f"A scale of values is one of {get_args(Scale)}, not {scale!r}.")
-    highest = float(values.max()) or 1.0
+    known = values[np.isfinite(values)]
+    highest = float(known.max() if known.size else 0.0) or 1.0
     if scale == "log":
         return LogNorm(highest * 10.0**-decades, highest)
     if scale == "root":
         return PowerNorm(0.5, 0, highest)
-    return Normalize(min(0.0, float(values.min())), highest)
+    return Normalize(min(0.0, float(known.min(initial=0.0))), highest)
 
 
 def said(scale: Scale) -> str:

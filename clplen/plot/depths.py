@@ -9,12 +9,15 @@ import numpy as np
 from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.figure import Figure
 
+from clplen.cameras.scenes.ground_truth import Truth
 from clplen.lightfield.depth.alpha_estimate import AlphaEstimate
 from clplen.lightfield.depth.depth_maps import DepthMap
+from clplen.lightfield.focused.focused_depth import FocusedMaps
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import CameraModel
 from clplen.plot.base import LIGHT, Array, bar, coordinates, cut, new_figure, styled
 
+_DISPARITY = "disparity / pixel per view step (nearer: larger)"
 _ROUNDING = 1e-3  # of a confidence
 _DRAWN = 800  # pixels along the longer side that are drawn, at least: more only take memory
 _SURE = 0.5  # confidence from which on a pixel counts as sure, as in `clplen depth`
@@ -153,8 +156,40 @@ def depth(found: DepthMap, *, title: str = "") -> Figure:
     found : DepthMap
     title : str
     """
-    label = "disparity / pixel per view step (nearer: larger)"
-    return _map(found.disparity, found.confidence, title or "disparity", label)
+    return _map(found.disparity, found.confidence, title or "disparity", _DISPARITY)
+
+
+@styled
+def truth(found: Truth, *, title: str = "") -> Figure:
+    """The exact disparity of a synthetic scene; grey where there is no surface.
+
+    Parameters
+    ----------
+    found : Truth
+    title : str
+    """
+    values = found.disparity
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    figure = new_figure(5.6, 5.0 * min(2.0, values.shape[0] / values.shape[1]) + 0.2)
+    axes = figure.add_subplot()
+    axes.set_facecolor(_GREY)
+    drawn = axes.imshow(values, cmap="viridis", norm=Normalize(low, high))
+    bar(figure, drawn, axes, _DISPARITY)
+    axes.set(xlabel="x / pixel", ylabel="y / pixel", title=title or "disparity of the scene")
+    return figure
+
+
+@styled
+def focused_depth(found: FocusedMaps, *, title: str = "") -> Figure:
+    """The magnification m = b/a of a focused camera and its confidence; see `magnification`.
+
+    Parameters
+    ----------
+    found : FocusedMaps
+    title : str
+    """
+    return _magnification(found.m, found.confidence, title)
 
 
 @styled
@@ -167,11 +202,20 @@ def magnification(m: Array, confidence: Array, *, title: str = "") -> Figure:
         Shape (y, x), such as those of `clplen.lightfield.focused.focused_depth.FocusedMaps`.
     title : str
     """
+    return _magnification(m, confidence, title)
+
+
+def _magnification(m: Array, confidence: Array, title: str) -> Figure:
     return _map(m, confidence, title or "m = b/a", "m = b/a (nearer: larger)")
 
 
 def _map(values: Array, confidence: Array, title: str, label: str) -> Figure:
-    """A map that fades where it is not sure, beside its confidence."""
+    """A map that fades where it is not sure, beside its confidence.
+
+    Where no confidence is known, as of a file that holds none, everything counts as sure.
+    """
+    known = np.isfinite(confidence)
+    confidence = np.where(known, confidence, 0.0 if known.any() else 1.0)
     norm = _range_of_sure(values, confidence)
     height, width = values.shape
     every = max(1, max(height, width) // _DRAWN)
@@ -194,11 +238,13 @@ def _map(values: Array, confidence: Array, title: str, label: str) -> Figure:
         words = f"grey: confidence below {_SURE:g} (the greyer, the less)"
         figure.supxlabel(words, fontsize=8, color="0.3")
     drawn = right.imshow(drawn_sure, cmap=LIGHT, vmin=0, vmax=1, **place)
+    drawn.set_visible(bool(known.any()))
+    right.set_facecolor(_GREY)
     bar(figure, drawn, right, "confidence")
     left.set(xlabel="x / pixel", ylabel="y / pixel")
     left.set_title("\n".join(lines), pad=8)
     right.set(xlabel="x / pixel", yticks=[])
-    right.set_title("confidence", pad=8)
+    right.set_title("confidence" if known.any() else "confidence: not known", pad=8)
     figure.set_layout_engine("constrained", w_pad=_MARGIN, h_pad=_MARGIN)
     return figure
 

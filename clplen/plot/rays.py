@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clplen.plot.base import Array
+from clplen.reprs import OneLine
 from clplen.units import metres
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.systems.components import Lens, Part, Space, Stop, label_of, length_of
@@ -35,8 +36,8 @@ class ImagePoint:
     height: float
 
 
-@dataclass(frozen=True)
-class Rays:
+@dataclass(frozen=True, repr=False)
+class Rays(OneLine):
     """What a side view draws.
 
     Attributes

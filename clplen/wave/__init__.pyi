@@ -41,6 +41,7 @@ from .field.field import Grid as Grid
 from .field.intensity import MeanIntensity as MeanIntensity
 from .propagation.free_space import propagate as propagate
 from .propagation.free_space import propagate_wavelengths as propagate_wavelengths
+from .propagation.plan_report import PlanReport as PlanReport
 from .propagation.propagator import Energy as Energy
 from .propagation.propagator import Propagator as Propagator
 from .spectrum.lineshapes import SpectralSamples as SpectralSamples

@@ -16,11 +16,11 @@ from clplen.wave.propagation import propagator
 from clplen.wave.propagation.band import guarded_band
 from clplen.wave.propagation.description import Request
 from clplen.wave.propagation.methods import describe
-from clplen.wave.propagation.plan_report import Report, report
+from clplen.wave.propagation.plan_report import PlanReport, report
 from clplen.wave.propagation.transfer_function import Transfer
 
 
-def report_of(grid: Grid, z: float, method: str = "auto", **options: object) -> Report:
+def report_of(grid: Grid, z: float, method: str = "auto", **options: object) -> PlanReport:
     return report(describe(Request(grid, z, LAM, method, **options)), "tables")
 
 

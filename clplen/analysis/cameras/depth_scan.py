@@ -28,6 +28,7 @@ from clplen.lightfield.depth.alpha_estimate import estimate_alpha, search_limit
 from clplen.lightfield.focused.focused_spots import point_m
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage
+from clplen.reprs import OneLine
 
 TOO_LARGE = 0.5  # abs(m) from which fewer than two by two lenslets see a point
 SEARCH = 1.25  # how much farther than the depths asked for a 1.0 camera's search goes
@@ -35,8 +36,8 @@ LEAST_SEARCH = 0.3  # pixels a view step
 WIDEST = 0.95  # of the largest search that the light field allows
 
 
-@dataclass(frozen=True, eq=False)
-class DepthErrors:
+@dataclass(frozen=True, eq=False, repr=False)
+class DepthErrors(OneLine):
     """Measured minus true depth of points.
 
     Attributes

@@ -18,10 +18,11 @@ from clplen.analysis.cameras.imaging import blended_picture, is_focused, refocus
 from clplen.analysis.point.otf import Curve
 from clplen.analysis.point.samples import Values
 from clplen.lightfield.raw.raw_image import RawImage
+from clplen.reprs import OneLine
 
 
-@dataclass(frozen=True, eq=False)
-class DepthTransfer:
+@dataclass(frozen=True, eq=False, repr=False)
+class DepthTransfer(OneLine):
     """Contrast of a camera's refocused pictures over depth.
 
     Attributes

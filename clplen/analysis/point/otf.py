@@ -15,11 +15,12 @@ from clplen.analysis.point.samples import Pair, Values, check_axis, check_positi
 from clplen.compute.arrays import HostArray
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
+from clplen.results import Plottable
 from clplen.wave.systems.pupil_filter import otf as ideal_otf
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Curve(OneLine):
+class Curve(OneLine, Plottable):
     """Contrast against spatial frequency.
 
     Attributes
@@ -36,6 +37,8 @@ class Curve(OneLine):
     ValueError
         If a number is not finite or the frequencies do not ascend.
     """
+
+    _figure: ClassVar[str] = "curve"
 
     frequency: Values
     value: Values
@@ -154,7 +157,7 @@ Complex = np.ndarray[Any, np.dtype[np.complex128]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class OTF(HostArray):
+class OTF(Plottable, HostArray):
     """Fourier transform of an intensity over its value at frequency 0 (Goodman 2005, sec. 6.3.1).
 
     Made by `OTF.of`.
@@ -169,6 +172,7 @@ class OTF(HostArray):
         (y, x) in metres, to which phases refer.
     """
 
+    _figure: ClassVar[str] = "modulation"
     _samples: ClassVar[str] = "values"
 
     values: Complex

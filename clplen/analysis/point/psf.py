@@ -20,13 +20,14 @@ from clplen.analysis.point.samples import (
     line_of,
 )
 from clplen.compute.arrays import HostArray
+from clplen.results import Plottable
 from clplen.wave.field.field import Grid
 
 FINER = 16  # samples for one, in which a width is looked for
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PSF(HostArray):
+class PSF(Plottable, HostArray):
     """The intensity that one point gives, on the host.
 
     Between samples it is read by Fourier interpolation, which is exact where the samples resolve
@@ -50,6 +51,7 @@ class PSF(HostArray):
         pair of finite numbers.
     """
 
+    _figure: ClassVar[str] = "psf"
     _samples: ClassVar[str] = "values"
 
     values: Values

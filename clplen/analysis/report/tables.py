@@ -14,6 +14,7 @@ from clplen.analysis.cameras.comparison import Comparison, Measured
 from clplen.analysis.cameras.sampling import Sampling
 from clplen.analysis.cameras.transfer import object_nyquist
 from clplen.files import PathLike, replacing
+from clplen.reprs import OneLine
 
 AXES = ("y", "x")
 _UNITS = {
@@ -26,8 +27,8 @@ _UNITS = {
 Row = tuple[Any, ...]
 
 
-@dataclass(frozen=True)
-class Table:
+@dataclass(frozen=True, repr=False)
+class Table(OneLine):
     """Rows under a header; the first column is the camera's name.
 
     Attributes

@@ -7,9 +7,11 @@ import json
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from clplen.reprs import OneLine
 
-@dataclass(frozen=True)
-class Task:
+
+@dataclass(frozen=True, repr=False)
+class Task(OneLine):
     """One light field and what is made of it.
 
     Attributes
@@ -43,8 +45,8 @@ class Task:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
-@dataclass(frozen=True)
-class Report:
+@dataclass(frozen=True, repr=False)
+class Report(OneLine):
     """What became of a task.
 
     Attributes

@@ -17,7 +17,7 @@ from clplen.batch.work import diagnostics
 from clplen.batch.work.fingerprints import fingerprint
 from clplen.batch.work.resources import Resources
 from clplen.cameras.light_field_microscope import Microscope
-from clplen.compute.device import Device
+from clplen.compute.device import DeviceLike, as_device
 from clplen.errors import FormatError
 from clplen.files import PathLike, naming
 from clplen.io.formats.tiff import SUFFIXES
@@ -73,7 +73,8 @@ class Deconvolver:
     ----------
     images : PointImages
     how : DeconvolutionSettings
-    device : Device
+    device : Device or str, optional
+        Default ``Device.open()``.
     white, dark : path-like, optional
         Frames; without a white one frames are rectified already.
     memory : int, optional
@@ -94,12 +95,13 @@ class Deconvolver:
         images: PointImages,
         how: DeconvolutionSettings,
         *,
-        device: Device,
+        device: DeviceLike | None = None,
         white: PathLike | None = None,
         dark: PathLike | None = None,
         memory: int | None = None,
         force: bool = False,
     ) -> None:
+        device = as_device(device)
         self.images, self.how, self.device, self._memory = images, how, device, memory
         self._white, self._dark = white, dark
         beside = {

@@ -32,6 +32,7 @@ from clplen.lightfield.streaming.streamed_results import (
     stream_depth,
     stream_stack,
 )
+from clplen.reprs import OneLine
 
 Advance = Callable[[int, int], None]
 Values = np.ndarray[Any, Any]
@@ -73,8 +74,8 @@ class Product:
     write: Write
 
 
-@dataclass(frozen=True)
-class HostStack:
+@dataclass(frozen=True, repr=False)
+class HostStack(OneLine):
     """A focal stack on the host, in one tile; ``held`` keeps the memory of the device mapped."""
 
     pictures: Values

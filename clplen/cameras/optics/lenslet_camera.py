@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import html
 import math
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,6 +12,7 @@ from clplen.checks import is_finite
 from clplen.compute.device import Device, as_device
 from clplen.errors import SamplingError
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
+from clplen.reprs import OneLine
 from clplen.units import metres
 from clplen.wave.elements.lenslets import SMALLEST_PITCH, MicrolensArray
 from clplen.wave.field.field import Grid
@@ -129,8 +132,8 @@ class Row:
     text: str
 
 
-@dataclass(frozen=True)
-class Description:
+@dataclass(frozen=True, repr=False)
+class Description(OneLine):
     """Derived parameters of a camera; prints as a table.
 
     Attributes
@@ -162,6 +165,25 @@ class Description:
             value, unit = _readable(row.value, row.unit)
             lines.append(f"  {row.name:<{width}}  {value:>10} {unit:<4}  {row.text}".rstrip())
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        """The table as a notebook shows it."""
+        rows = [(row.name, *_readable(row.value, row.unit), row.text) for row in self.rows]
+        cells = "".join(
+            f"<tr>{''.join(f'<td>{html.escape(text)}</td>' for text in row)}</tr>" for row in rows
+        )
+        return f"<table><caption>{html.escape(self.title)}</caption>{cells}</table>"
+
+
+class Described:
+    """Base of cameras that tell their derived parameters, in a notebook as a table."""
+
+    @abstractmethod
+    def describe(self) -> Description:
+        """Derived parameters; see `Description`."""
+
+    def _repr_html_(self) -> str:
+        return self.describe()._repr_html_()
 
 
 def _readable(value: float, unit: str) -> tuple[str, str]:

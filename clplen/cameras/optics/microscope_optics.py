@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.cameras.optics.lenslet_camera import Description, LensletCamera, Row
+from clplen.cameras.optics.lenslet_camera import Described, Description, LensletCamera, Row
 from clplen.cameras.optics.objective import APODISATION, CoverGlass, Objective
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
@@ -29,7 +29,7 @@ DEEPEST = 0.1  # metres; no objective has an image from farther away
 
 
 @dataclass(frozen=True, repr=False)
-class MicroscopeOptics(LensletCamera):
+class MicroscopeOptics(Described, LensletCamera):
     """A light-field microscope as lengths; `Microscope` takes its raw images.
 
     Attributes

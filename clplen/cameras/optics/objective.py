@@ -21,7 +21,7 @@ import numpy as np
 
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.checks import is_finite
-from clplen.compute.device import Device
+from clplen.compute.device import DeviceLike, as_device
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.transmission import phasor
 
@@ -225,7 +225,7 @@ class Objective:
         out[np.ix_(rows, columns)] = values
         return out
 
-    def fields(self, sources: PointSources, grid: Grid, device: Device) -> Field:
+    def fields(self, sources: PointSources, grid: Grid, device: DeviceLike | None = None) -> Field:
         """Fields of points on the native plane, each of energy sum abs(U)^2 = 1 in the window.
 
         Parameters
@@ -233,13 +233,15 @@ class Objective:
         sources : PointSources
         grid : Grid
             On the magnified native plane; the window is periodic and holds the blur.
-        device : Device
+        device : Device or str, optional
+            Default ``Device.open()``.
 
         Returns
         -------
         Field
             Shape (n, ny, nx).
         """
+        device = as_device(device)
         planes, plane = np.unique(sources.positions[:, 2], return_inverse=True)
         pupils = np.stack([self.pupil(grid, z, diameter=sources.diameter) for z in planes])
         ty, tx = (

@@ -20,6 +20,7 @@ from clplen.cameras.scenes.surfaces import (
     rectangle,
 )
 from clplen.cameras.scenes.textures import Texture, bricks, checker, noise, picture
+from clplen.reprs import OneLine
 
 Random = np.random.Generator
 NOISES = (0.0, 0.01, 0.02, 0.05)  # fractions of white, in turn
@@ -27,8 +28,8 @@ WIDE = 4.0  # half sides of what fills the picture in every view, in pictures
 SEAM = 0.01  # pixels that surfaces which meet in a line reach over it
 
 
-@dataclass(frozen=True, eq=False)
-class SampleScene:
+@dataclass(frozen=True, eq=False, repr=False)
+class SampleScene(OneLine):
     """A scene with a name and its noise.
 
     Attributes

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from clplen.compute.arrays import HostArray
+from clplen.results import Plottable, Savable
 
 JUMP = 0.15  # pixels a view step between neighbours of two surfaces: an edge of depth
 REACH = 4  # pixels beside such an edge
@@ -19,7 +20,7 @@ Mask = np.ndarray[Any, np.dtype[np.bool_]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Truth(HostArray):
+class Truth(Savable, Plottable, HostArray):
     """Exact depth of the centre view of a synthetic light field.
 
     Attributes
@@ -38,6 +39,8 @@ class Truth(HostArray):
         surface; "planes" and "smooth", pixels of planes and of spheres without "edges".
     """
 
+    _writer: ClassVar[str] = "write_truth"
+    _figure: ClassVar[str] = "truth"
     _samples: ClassVar[str] = "disparity"
 
     disparity: Map

@@ -122,7 +122,7 @@ class SurfaceScene(OneLine):
         DeviceError
             If the light field does not fit the device.
         """
-        device = as_device(device, optional=True)
+        device = as_device(device)
         V, U = _counts(views, "views")
         ny, nx = _counts(shape, "shape")
         kind = np.dtype(dtype)

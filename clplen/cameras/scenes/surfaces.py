@@ -117,8 +117,8 @@ class Bars:
         return _rectangle(self.centre, self.half, self.angle)
 
 
-@dataclass(frozen=True, init=False, eq=False)
-class Polygon:
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class Polygon(OneLine):
     """One closed line of straight edges, or several; inside by the even-odd rule.
 
     Parameters

@@ -131,7 +131,7 @@ def read_lightfield(
     path = Path(path)
     kind = kind_of(path)
     layout.require(kind.words, kind.name)
-    device = as_device(device, optional=True)
+    device = as_device(device)
     lf, took = kind.read(path, device=device, layout=layout, progress=progress)
     logger.info("read %s", took)
     return lf
@@ -166,7 +166,7 @@ def open_lightfield(
     words, path = Layout(**layout), Path(path)
     kind = kind_of(path)
     words.require(kind.words, kind.name)
-    device = as_device(device, optional=True)
+    device = as_device(device)
     with ExitStack() as held:
         if kind.open_parts is not None:
             opened = kind.open_parts(path, device=device, layout=words)

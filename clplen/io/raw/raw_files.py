@@ -125,7 +125,7 @@ def read_raw_file(
         If it is damaged, no such file, or its camera is none or of another sensor.
     """
     path = Path(path)
-    device = as_device(device, optional=True)
+    device = as_device(device)
     with opened(path) as file:
         dataset = dataset_of(file, RAW, path)
         group = file.get(CAMERA)
@@ -277,7 +277,7 @@ def read_raw(
         if grid is not None and Path(grid).suffix.lower() in raytrix.SUFFIXES:
             types = _calibrated(Path(grid), _shape(values))[1]
         values = values if black is None else values.astype(np.float32) - black
-    device = as_device(device, optional=True)
+    device = as_device(device)
     with naming(path):
         grid_of_all = lattice.grid(lattice.views())
     return RawImage(

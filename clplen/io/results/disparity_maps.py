@@ -56,6 +56,7 @@ def write_truth(path: PathLike, truth: Truth, *, durable: bool = False) -> None:
     Parameters
     ----------
     path : path-like
+        ``.h5`` or ``.hdf5``.
     truth : Truth
         ``disparity`` and ``z`` are kept as float32, ``surface`` as int32, masks as 0 and 1 of
         uint8; a ``z`` without a number is left out.
@@ -64,9 +65,13 @@ def write_truth(path: PathLike, truth: Truth, *, durable: bool = False) -> None:
 
     Raises
     ------
+    ValueError
+        If the suffix is another one.
     OSError
         If the file cannot be written.
     """
+    if Path(path).suffix.lower() not in hdf5_files.SUFFIXES:
+        raise ValueError(f"The truth of a scene is written as .h5, not as {Path(path).name}.")
     maps = {"disparity": truth.disparity, "surface": truth.surface}
     if np.isfinite(truth.z).any():
         maps["z"] = truth.z

@@ -25,6 +25,7 @@ from clplen.errors import FormatError
 from clplen.files import PathLike, replacing
 from clplen.io.formats.pfm import read_pfm
 from clplen.outputs import MARK
+from clplen.reprs import OneLine
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -44,8 +45,8 @@ _SECTIONS = {
 }
 
 
-@dataclass(frozen=True)
-class HciParameters:
+@dataclass(frozen=True, repr=False)
+class HciParameters(OneLine):
     """The ``parameters.cfg`` of a scene; None for what it does not say.
 
     Attributes

@@ -127,7 +127,7 @@ def read_stack(
             f"{path} does not say the disparities of its {count} planes: it is no focal stack of "
             "write_stack."
         )
-    device = as_device(device, optional=True)
+    device = as_device(device)
     return FocalStack(
         device.upload(np.ascontiguousarray(series.values, np.float32)),
         device,
@@ -367,5 +367,5 @@ def read_image(
         values = np.moveaxis(values, 0, -1)[None]
     if len(values) != 1:
         raise FormatError(f"{path} holds {len(values)} pictures, not one: read_stack takes it.")
-    device = as_device(device, optional=True)
+    device = as_device(device)
     return Image(device.upload(np.ascontiguousarray(values[0], np.float32)), device)

@@ -11,7 +11,9 @@ import numpy as np
 from clplen.lightfield.arrays.stored_samples import extremes
 from clplen.lightfield.axis_check.axis_test import FARTHEST, AxisTest, Order, axis_test
 from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import Spacing
+from clplen.reprs import OneLine
 
 View = tuple[int, int]
 Words = tuple[str, ...]
@@ -23,8 +25,8 @@ _MIRRORED = (
 )
 
 
-@dataclass(frozen=True)
-class LightFieldReport:
+@dataclass(frozen=True, repr=False)
+class LightFieldReport(OneLine):
     """What `check_light_field` found.
 
     Attributes
@@ -150,6 +152,7 @@ def check_light_field(lf: LightField, *, farthest: float = _FARTHEST) -> LightFi
     ValueError
         If ``farthest`` is not between 0 and 8.
     """
+    lf = as_lightfield(lf)
     if not 0 < farthest <= FARTHEST:
         raise ValueError(f"farthest lies above 0 and not above {FARTHEST:g}, not at {farthest!r}.")
     low, high = extremes(lf.data, lf.device)

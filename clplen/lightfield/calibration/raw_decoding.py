@@ -43,7 +43,7 @@ def decode_raw(
     raw: ArrayLike,
     lattice: Lattice,
     *,
-    device: DeviceLike,
+    device: DeviceLike | None = None,
     white: ArrayLike | None = None,
     dark: ArrayLike | None = None,
     views: tuple[int, int] | None = None,
@@ -71,7 +71,8 @@ def decode_raw(
         Shape (ny, nx), as it lies on the sensor, real and finite.
     lattice : Lattice
         Of this camera, as `estimate_lattice` finds it on the white image.
-    device : Device or str
+    device : Device or str, optional
+        Default ``Device.open()``.
     white, dark : array_like, optional
         White image and dark frame of the same shape.
     views : tuple of int, optional

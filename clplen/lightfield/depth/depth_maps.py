@@ -28,6 +28,7 @@ from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField, as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
 from clplen.lightfield.refocusing.focal_stacks import FocalStack
+from clplen.results import Plottable, Savable
 
 _CUES = {
     "energy": energy_cue.CUE,
@@ -44,7 +45,7 @@ Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DepthMap(HostArray):
+class DepthMap(Savable, Plottable, HostArray):
     """Depth at every pixel of the centre view; float32, shape (y, x). Made by `depth_map`.
 
     Attributes
@@ -61,6 +62,8 @@ class DepthMap(HostArray):
         for cues that try planes, where the first or the last one is best.
     """
 
+    _writer: ClassVar[str] = "write_depth"
+    _figure: ClassVar[str] = "depth"
     _samples: ClassVar[str] = "disparity"
 
     disparity: Map

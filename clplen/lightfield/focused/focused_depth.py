@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,6 +26,7 @@ from clplen.lightfield.focused.focused_picture import (
     median_of_neighbours,
 )
 from clplen.lightfield.raw.raw_image import RawImage
+from clplen.results import Plottable
 
 _WINDOW = 0.2  # radius in pitches
 _MIN_VIEWS = 4.0  # per point, both ways: at abs(m) = 1/2
@@ -287,7 +288,7 @@ def _best(planes: Values, cost: Values) -> tuple[Values, Values, Values]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FocusedMaps:
+class FocusedMaps(Plottable):
     """Maps over a picture, float64, shape (height, width). By `focused_maps`.
 
     Attributes
@@ -300,6 +301,8 @@ class FocusedMaps:
     confidence : numpy.ndarray
         0 to 1, linear between the sub-images: 0 where m is filled.
     """
+
+    _figure: ClassVar[str] = "focused_depth"
 
     grid: PictureGrid
     m: Values

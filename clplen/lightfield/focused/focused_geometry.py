@@ -148,13 +148,13 @@ class FocusedGeometry:
         """mu = m p F/(z2 dx), pixels across the patch that is seen once by every lenslet."""
         return abs(float(self.ratio(m))) * self.pitch
 
-    def tables(self, device: DeviceLike) -> tuple[cla.Array, cla.Array, cla.Array]:
+    def tables(self, device: DeviceLike | None = None) -> tuple[cla.Array, cla.Array, cla.Array]:
         """Centres as integers and fractions, and kinds, for the kernels."""
         device = as_device(device)
         whole, part = split_positions(self.centres)
         return device.upload(whole), device.upload(part), device.upload(self.kinds)
 
-    def lattice(self, view: Pair, device: DeviceLike) -> cla.Array:
+    def lattice(self, view: Pair, device: DeviceLike | None = None) -> cla.Array:
         """Origin, base vectors and a view, float32, shape (4, 2)."""
         rows = np.array([self.origin, self.first, self.second, view], np.float32)
         return as_device(device).upload(rows)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pyopencl.array as cla
@@ -15,6 +15,7 @@ from clplen.compute.arrays import Image, OnDevice
 from clplen.compute.device import Device
 from clplen.deprecation import renamed_attribute
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry, Pair, Values
+from clplen.results import Savable
 
 _MOST = 2**24  # samples along an axis
 _EDGE = 1e-3  # pixels of a sub-image off the sensor that do not matter
@@ -91,6 +92,8 @@ class FocusedImage(Image):
         Patch over pitch that was taken: ``geometry.ratio(m)``, or what a given patch amounts to.
     """
 
+    _writer: ClassVar[str] = "write_focused"
+
     grid: PictureGrid
     m: float
     geometry: FocusedGeometry
@@ -118,7 +121,7 @@ class FocusedImage(Image):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FocusedStack(OnDevice):
+class FocusedStack(Savable, OnDevice):
     """Pictures of one raw image focused on several planes, on one grid. By `focused_stack`.
 
     Attributes
@@ -138,6 +141,8 @@ class FocusedStack(OnDevice):
         without a camera.
     """
 
+    _writer: ClassVar[str] = "write_focused"
+
     data: cla.Array
     device: Device
     grid: PictureGrid
@@ -147,7 +152,8 @@ class FocusedStack(OnDevice):
     zs: Values
 
     def __repr__(self) -> str:
-        return f"<FocusedStack {self.shape} of {len(self.ms)} planes, {self.device.name}>"
+        planes = f"{len(self.ms)} planes"
+        return f"<FocusedStack {self.shape} {self.data.dtype}, {planes}, {self.device.name}>"
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pyopencl.array as cla
@@ -24,10 +24,11 @@ from clplen.lightfield.model.sample_checks import (
 )
 from clplen.lightfield.raw.decode import resample
 from clplen.lightfield.raw.raw_image import CameraModel, RawImage, Spacing
+from clplen.results import Plottable, Savable
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LightField(AlphaLaw, OnDevice):
+class LightField(AlphaLaw, Savable, Plottable, OnDevice):
     """Radiance along rays, L[v, u, y, x] or L[v, u, y, x, c]. Made by a ``from_`` method.
 
     v, u are row and column of the view; y, x row and column inside a view. A plane of disparity d
@@ -57,6 +58,9 @@ class LightField(AlphaLaw, OnDevice):
         are steps of angle in radians, and what shifts views refuses it; see `resample`.
     """
 
+    _writer: ClassVar[str] = "write_lightfield"
+    _figure: ClassVar[str] = "views"
+
     data: cla.Array
     device: Device
     spacing: Spacing | None
@@ -72,7 +76,7 @@ class LightField(AlphaLaw, OnDevice):
         cls,
         a: ArrayLike | cla.Array,
         *,
-        device: DeviceLike,
+        device: DeviceLike | None = None,
         spacing: Spacing | None = None,
         weights: ArrayLike | None = None,
         camera: CameraModel | None = None,
@@ -87,8 +91,8 @@ class LightField(AlphaLaw, OnDevice):
             as they are on the device; other real types become float32. Pictures and maps are
             float32 in any case. A contiguous array of this device is taken without a copy, a
             NumPy array is copied once.
-        device : Device or str
-            Where the light field will live.
+        device : Device or str, optional
+            Where the light field will live; default ``Device.open()``.
         spacing : tuple of float, optional
             Signed (dv, du, dy, dx) in metres; needed for ``alpha``.
         weights : array_like, optional

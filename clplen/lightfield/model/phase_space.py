@@ -12,12 +12,13 @@ from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
 from clplen.reprs import OneLine
+from clplen.results import Plottable
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
 
 @dataclass(frozen=True, repr=False)
-class PhaseSpace(OneLine, HostArray):
+class PhaseSpace(OneLine, Plottable, HostArray):
     """An epipolar slice: position on the image plane against place on the main lens.
 
     A point is a line of slope dx/du = 1 - alpha over metres (thesis, section 1.4.2), of slope -d
@@ -42,6 +43,7 @@ class PhaseSpace(OneLine, HostArray):
         without a camera.
     """
 
+    _figure: ClassVar[str] = "epi"
     _samples: ClassVar[str] = "values"
 
     values: np.ndarray[Any, np.dtype[np.float32]]

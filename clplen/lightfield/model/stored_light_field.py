@@ -212,12 +212,13 @@ class StoredLightField(AlphaLaw, HostArray):
         self.fill((v, u, y, x), out)
         return out
 
-    def load(self, device: DeviceLike) -> LightField:
+    def load(self, device: DeviceLike | None = None) -> LightField:
         """The whole light field on a device.
 
         Parameters
         ----------
-        device : Device or str
+        device : Device or str, optional
+            Default ``Device.open()``.
 
         Returns
         -------
@@ -238,7 +239,7 @@ class StoredLightField(AlphaLaw, HostArray):
             self.fill((v, u, y, x), host)
         return self.part(data, device)
 
-    def part(self, samples: Any, device: DeviceLike) -> LightField:
+    def part(self, samples: Any, device: DeviceLike | None = None) -> LightField:
         """Samples of some rows and columns of all views as a light field of their own."""
         lf = LightField.from_array(
             samples,
@@ -334,7 +335,7 @@ def as_lightfield(
         raise TypeError(f"This light field is stored, not on a device: {other} where it fits.")
     is_array = hasattr(type(source), "__array__") and not isinstance(source, HostArray)
     if is_array or isinstance(source, cla.Array):
-        return LightField.from_array(source, device=as_device(device, optional=True))
+        return LightField.from_array(source, device=as_device(device))
     raise TypeError(
         "A light field is needed, as LightField.from_array and read_lightfield give it, or an "
         f"array L[v, u, y, x(, c)], not of type {type(source).__name__}."

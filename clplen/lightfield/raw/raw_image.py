@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import pyopencl.array as cla
@@ -14,6 +14,7 @@ from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.lightfield.raw.lenslet_grid import LensletGrid, LensType
 from clplen.lightfield.raw.lenslet_lattice import Lattice
+from clplen.results import Plottable, Savable
 
 Spacing = tuple[float, float, float, float]
 Transforms = tuple[tuple[int, tuple[int, int]], ...]
@@ -132,7 +133,7 @@ def is_telecentric(source: Any) -> bool:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RawImage(OnDevice):
+class RawImage(Savable, Plottable, OnDevice):
     """A raw lenslet image with its geometry.
 
     Attributes
@@ -160,6 +161,9 @@ class RawImage(OnDevice):
     truth : DepthTruth or None
         Of a synthetic scene, on the lattice of the light field that it decodes to.
     """
+
+    _writer: ClassVar[str] = "write_raw"
+    _figure: ClassVar[str] = "raw_image"
 
     data: cla.Array
     device: Device

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from numbers import Integral
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pyopencl.array as cla
@@ -28,6 +28,7 @@ from clplen.lightfield.refocusing.memory_estimate import (
     shear_halo,
 )
 from clplen.lightfield.refocusing.phase_ramps import fourier_refocus
+from clplen.results import Plottable, Savable
 
 
 def magnify(picture: cla.Array, alpha: float, *, device: Device) -> cla.Array:
@@ -73,7 +74,7 @@ _MOST_UPSAMPLE = 16
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FocalStack(OnDevice):
+class FocalStack(Savable, Plottable, OnDevice):
     """Refocused pictures of one light field, registered to its centre view.
 
     Attributes
@@ -94,6 +95,9 @@ class FocalStack(OnDevice):
     positions : numpy.ndarray or None
         Of the views, as in `LightField`.
     """
+
+    _writer: ClassVar[str] = "write_stack"
+    _figure: ClassVar[str] = "montage"
 
     data: cla.Array
     device: Device

@@ -13,6 +13,7 @@ from clplen.errors import ShapeError
 from clplen.lightfield.arrays.stored_samples import C_TYPE
 from clplen.lightfield.model.alpha_law import shifts
 from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import as_lightfield
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Matrix = np.ndarray[Any, np.dtype[np.complex128]]
@@ -199,6 +200,7 @@ def shift_views(lf: LightField, steps: Any) -> LightField:
     DeviceError
         If both light fields do not fit the device.
     """
+    lf = as_lightfield(lf)
     shift = np.asarray(steps, np.float64)
     V, U, ny, nx = lf.shape[:4]
     if shift.shape != (V, U, 2):

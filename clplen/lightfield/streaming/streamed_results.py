@@ -372,7 +372,7 @@ def _check_source(source: Any, device: DeviceLike | None) -> Device:
             "A stream_ function takes a StoredLightField, as open_lightfield or "
             f"StoredLightField.from_array gives it, not {type(source).__name__}."
         )
-    return as_device(device, optional=True)
+    return as_device(device)
 
 
 def _pictures(

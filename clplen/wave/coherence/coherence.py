@@ -120,7 +120,7 @@ class Coherence(OneLine):
         self,
         grid: Grid,
         *,
-        device: DeviceLike,
+        device: DeviceLike | None = None,
         wavelength: float | None = None,
         start: int = 0,
         count: int | None = None,
@@ -130,7 +130,8 @@ class Coherence(OneLine):
         Parameters
         ----------
         grid : Grid
-        device : Device or str
+        device : Device or str, optional
+            Default ``Device.open()``.
         wavelength : float, optional
             In metres; by default the centre of the spectrum. Snapshots are of one wavelength.
         start : int
@@ -161,7 +162,9 @@ class Coherence(OneLine):
             for index in islice(whole_numbers(start), count)
         )
 
-    def light(self, grid: Grid, *, wavelength: float, device: DeviceLike, index: int) -> Field:
+    def light(
+        self, grid: Grid, *, wavelength: float, device: DeviceLike | None = None, index: int
+    ) -> Field:
         """Snapshot number ``index`` by itself; see `snapshots`."""
         if self.spatial is None:
             return plane_wave(grid, wavelength=wavelength, device=device)

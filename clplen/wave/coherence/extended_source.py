@@ -272,7 +272,13 @@ class ExtendedSource(OneLine):
                 )
 
     def field(
-        self, grid: Grid, *, wavelength: float, device: DeviceLike, seed: int, index: int
+        self,
+        grid: Grid,
+        *,
+        wavelength: float,
+        device: DeviceLike | None = None,
+        seed: int,
+        index: int,
     ) -> Field:
         """One snapshot: sum_p exp(i phi_p - 2 pi i (s_p . r)/(lam distance))/sqrt(points).
 
@@ -281,7 +287,8 @@ class ExtendedSource(OneLine):
         grid : Grid
         wavelength : float
             In metres.
-        device : Device or str
+        device : Device or str, optional
+            Default ``Device.open()``.
         seed : int
             0 to 2^64 - 1.
         index : int

@@ -230,7 +230,13 @@ class RandomPhaseMask:
         return periodic_power_spectrum(self.degree, grid)
 
     def field(
-        self, grid: Grid, *, wavelength: float, device: DeviceLike, seed: int, index: int
+        self,
+        grid: Grid,
+        *,
+        wavelength: float,
+        device: DeviceLike | None = None,
+        seed: int,
+        index: int,
     ) -> Field:
         """One snapshot.
 
@@ -239,7 +245,8 @@ class RandomPhaseMask:
         grid : Grid
         wavelength : float
             In metres.
-        device : Device or str
+        device : Device or str, optional
+            Default ``Device.open()``.
         seed : int
             0 to 2^64 - 1.
         index : int

@@ -117,7 +117,13 @@ class SpatialModel(Protocol):
         """Refuse, or warn of, what the grid does not carry; asked once a run."""
 
     def field(
-        self, grid: Grid, *, wavelength: float, device: DeviceLike, seed: int, index: int
+        self,
+        grid: Grid,
+        *,
+        wavelength: float,
+        device: DeviceLike | None = None,
+        seed: int,
+        index: int,
     ) -> Field:
         """Snapshot number ``index``."""
 
@@ -146,7 +152,13 @@ class IncoherentLight:
         """Every grid carries it."""
 
     def field(
-        self, grid: Grid, *, wavelength: float, device: DeviceLike, seed: int, index: int
+        self,
+        grid: Grid,
+        *,
+        wavelength: float,
+        device: DeviceLike | None = None,
+        seed: int,
+        index: int,
     ) -> Field:
         """One snapshot: unit amplitude, an independent uniform phase at each sample.
 
@@ -155,7 +167,8 @@ class IncoherentLight:
         grid : Grid
         wavelength : float
             In metres.
-        device : Device or str
+        device : Device or str, optional
+            Default ``Device.open()``.
         seed : int
             0 to 2^64 - 1.
         index : int

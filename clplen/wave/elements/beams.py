@@ -25,7 +25,7 @@ Pair = tuple[float, float]
 
 
 def plane_wave(
-    grid: Grid, *, wavelength: float, device: DeviceLike, direction: Pair = (0.0, 0.0)
+    grid: Grid, *, wavelength: float, device: DeviceLike | None = None, direction: Pair = (0.0, 0.0)
 ) -> Field:
     """A plane wave of unit amplitude, exp(ik(a_y y + a_x x)), phase 0 at the origin.
 
@@ -34,7 +34,8 @@ def plane_wave(
     grid : Grid
     wavelength : float
         In metres.
-    device : Device or str
+    device : Device or str, optional
+        Default ``Device.open()``.
     direction : tuple of float
         Direction cosines (a_y, a_x), a_y^2 + a_x^2 < 1. Along an axis of length 1 nothing varies.
 
@@ -96,7 +97,7 @@ def spherical_wave(
     z: float,
     *,
     wavelength: float,
-    device: DeviceLike,
+    device: DeviceLike | None = None,
     source: Pair = (0.0, 0.0),
 ) -> Field:
     """The wave of a unit point source, exp(ik(r - abs(z)))/r, r the distance from the source.
@@ -111,7 +112,8 @@ def spherical_wave(
         point abs(z) behind the plane, the complex conjugate.
     wavelength : float
         In metres.
-    device : Device or str
+    device : Device or str, optional
+        Default ``Device.open()``.
     source : tuple of float
         (y, x) of the point in metres. Along an axis of length 1 the point is on the axis.
 
@@ -146,7 +148,7 @@ def gaussian_beam(
     waist: float,
     *,
     wavelength: float,
-    device: DeviceLike,
+    device: DeviceLike | None = None,
     z: float = 0.0,
     centre: Pair = (0.0, 0.0),
     direction: Pair = (0.0, 0.0),
@@ -164,7 +166,8 @@ def gaussian_beam(
         Radius w0 in metres at which the amplitude of the waist is 1/e.
     wavelength : float
         In metres.
-    device : Device or str
+    device : Device or str, optional
+        Default ``Device.open()``.
     z : float
         Distance from the waist to the plane in metres; negative before the waist.
     centre : tuple of float
@@ -234,7 +237,7 @@ def _frequencies(direction: Pair, wavelength: float) -> Pair:
     return (abs(direction[0]) / wavelength, abs(direction[1]) / wavelength)
 
 
-def _check_wave(grid: Grid, wavelength: float, device: DeviceLike) -> Device:
+def _check_wave(grid: Grid, wavelength: float, device: DeviceLike | None) -> Device:
     require_grid(grid)
     device = as_device(device)
     if not (math.isfinite(wavelength) and wavelength > 0):

@@ -200,7 +200,9 @@ class MicrolensArray(OneLine):
         check_lens_sampling(field.grid, steepest, self.diameter / 2, field.wavelength, aliasing)
         return multiply(field, self.transmission(field.grid, field.wavelength, field.device))
 
-    def transmission(self, grid: Grid, wavelength: float, device: DeviceLike) -> cla.Array:
+    def transmission(
+        self, grid: Grid, wavelength: float, device: DeviceLike | None = None
+    ) -> cla.Array:
         """Complex transmission on a grid, shape (ny, nx); kept on the device for the next call."""
         opened = as_device(device)
         return opened.plans.get(
@@ -237,7 +239,7 @@ class MicrolensArray(OneLine):
         )
         return out
 
-    def lattice_tables(self, grid: Grid, device: DeviceLike) -> list[np.ndarray]:
+    def lattice_tables(self, grid: Grid, device: DeviceLike | None = None) -> list[np.ndarray]:
         """What y and x add to the column and row coordinate: a(y), b(y), a(x), b(x)."""
         y, x = grid.y - self.offset[0], grid.x - self.offset[1]
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
@@ -273,8 +275,8 @@ Orders = tuple[int, int]
 HIGHEST_ORDER = 8  # of a lenslet's Zernike terms; float32 polynomials keep 4e-4 rad a wave there
 
 
-@dataclass(frozen=True, eq=False)
-class LensletErrors:
+@dataclass(frozen=True, eq=False, repr=False)
+class LensletErrors(OneLine):
     """Departures of the lenslets of one array, along its own columns (x) and rows (y).
 
     Attributes
@@ -298,7 +300,7 @@ class LensletErrors:
     position: Values
 
     def phase(
-        self, mla: MicrolensArray, grid: Grid, wavelength: float, device: Device
+        self, mla: MicrolensArray, grid: Grid, wavelength: float, device: DeviceLike | None = None
     ) -> cla.Array:
         """exp(i phase) that multiplies the transmission of an array, shape of the grid.
 
@@ -306,6 +308,7 @@ class LensletErrors:
         -pi abs(r - s)^2/(lam f) its transmission has the term with r^2 and the focal length of its
         kind.
         """
+        device = as_device(device)
         real = device.real
         order = max((n for n, _ in self.terms), default=0)
         defines = device.wave_defines() | {"ORDER": order}

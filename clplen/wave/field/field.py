@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pyopencl.array as cla
@@ -14,6 +14,7 @@ from clplen.checks import require
 from clplen.compute.arrays import Image, OnDevice, count_bad
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError
+from clplen.results import Plottable
 from clplen.units import both, metres
 
 Vector = np.ndarray[Any, np.dtype[np.floating[Any]]]
@@ -115,7 +116,7 @@ def _pair(values: Any) -> Vector:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Field(OnDevice):
+class Field(Plottable, OnDevice):
     """A scalar field sampled on a grid. Made by `from_array` or by an operation.
 
     The time factor is exp(-i omega t): a wave that goes to +z is exp(+ikz). The carrier exp(ikz),
@@ -131,13 +132,17 @@ class Field(OnDevice):
     device : Device
     """
 
+    _figure: ClassVar[str] = "intensity"
+
     data: cla.Array
     grid: Grid
     wavelength: float
     device: Device
 
     @classmethod
-    def from_array(cls, u: Any, grid: Grid, *, wavelength: float, device: DeviceLike) -> Field:
+    def from_array(
+        cls, u: Any, grid: Grid, *, wavelength: float, device: DeviceLike | None = None
+    ) -> Field:
         """Bring complex amplitudes to a device.
 
         Parameters
@@ -148,8 +153,8 @@ class Field(OnDevice):
             Its shape is that of the last two axes.
         wavelength : float
             In metres, positive.
-        device : Device or str
-            Where the field will live.
+        device : Device or str, optional
+            Where the field will live; default ``Device.open()``.
 
         Raises
         ------

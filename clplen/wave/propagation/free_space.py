@@ -199,7 +199,7 @@ def plan(
     wavelength: float,
     method: str = "auto",
     pad: float = 2,
-    device: DeviceLike,
+    device: DeviceLike | None = None,
     out_grid: Grid | None = None,
 ) -> Propagator:
     """The device's `Propagator` for these values, made when it is not there yet."""

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from clplen.reprs import OneLine
 from clplen.units import amount, angle, both, interval, metres
 from clplen.wave.field.field import Grid
 from clplen.wave.propagation.description import Description, flops, samples_held
 
 
-@dataclass(frozen=True)
-class Report:
+@dataclass(frozen=True, repr=False)
+class PlanReport(OneLine):
     """What a plan knows about itself.
 
     Attributes
@@ -130,7 +131,7 @@ def _grid(grid: Grid) -> str:
     return text
 
 
-def report(description: Description, phase: str) -> Report:
+def report(description: Description, phase: str) -> PlanReport:
     """The report of a description whose factor is formed by a phase route."""
     r = description.request
     nyquist = [r.span(a).nyquist if r.grid.shape[a] > 1 else 0.0 for a in (0, 1)]
@@ -141,7 +142,7 @@ def report(description: Description, phase: str) -> Report:
     ]
     corner = sum(r.span(axis).highest ** 2 for axis in (0, 1))
     paraxial = math.pi * abs(r.z) * r.wavelength**3 * corner**2 / 4
-    return Report(
+    return PlanReport(
         method=description.method,
         why=description.why,
         z=r.z,

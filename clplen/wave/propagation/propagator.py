@@ -24,7 +24,7 @@ from clplen.wave.propagation.description import (
     table_samples,
 )
 from clplen.wave.propagation.methods import corrected, describe
-from clplen.wave.propagation.plan_report import Report, report
+from clplen.wave.propagation.plan_report import PlanReport, report
 from clplen.wave.propagation.transfer_function import factor_on_device
 
 PHASES = ("tables", "fp64", "twofloat")
@@ -80,7 +80,8 @@ class Propagator:
         periodic, no padding); of fresnel-multistep an even length without prime factors above 7.
         Lengths with large prime factors take up to three times as long. The others size their own
         windows.
-    device : Device
+    device : Device or str, optional
+        Default ``Device.open()``.
     out_grid : Grid, optional
         Of the result, for auto and cblas; by default the field's.
     guard : float, optional
@@ -104,7 +105,7 @@ class Propagator:
     ----------
     method, why : str
         The method taken and the inequality that decided.
-    report : Report
+    report : PlanReport
     out_grid : Grid
         Of the result.
 
@@ -129,7 +130,7 @@ class Propagator:
         wavelength: float,
         method: str = "auto",
         pad: float = 2,
-        device: DeviceLike,
+        device: DeviceLike | None = None,
         out_grid: Grid | None = None,
         guard: float | None = None,
         border: float = BORDER,
@@ -143,13 +144,13 @@ class Propagator:
         self._prepare(checked, device, phase)
 
     @classmethod
-    def of(cls, request: Request, device: DeviceLike) -> Propagator:
+    def of(cls, request: Request, device: DeviceLike | None = None) -> Propagator:
         """The plan of a checked request."""
         plan = cls.__new__(cls)
         plan._prepare(request, device, None)
         return plan
 
-    def _prepare(self, request: Request, device: DeviceLike, phase: str | None) -> None:
+    def _prepare(self, request: Request, device: DeviceLike | None, phase: str | None) -> None:
         device = as_device(device)
         if phase is not None and phase not in PHASES:
             raise ValueError(f"There is no phase route {phase!r}; use one of {', '.join(PHASES)}.")
@@ -183,7 +184,7 @@ class Propagator:
         return f"<Propagator {self.method}, {self.z:g} m, {self.grid} to {self.out_grid}>"
 
     @property
-    def report(self) -> Report:
+    def report(self) -> PlanReport:
         """What the plan knows of itself: method, sampling, band, cost."""
         return report(self.description, self.phase)
 

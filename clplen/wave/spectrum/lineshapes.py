@@ -20,6 +20,8 @@ import numpy as np
 from numpy.polynomial import hermite, legendre
 from numpy.typing import ArrayLike
 
+from clplen.reprs import OneLine
+
 C = 299_792_458.0  # m/s, speed of light in vacuum
 WIDEST_PIECE = 1.5  # ratio of the end wavelengths of a piece of a table
 ROUNDING = 1e-17  # at which a Legendre series is cut
@@ -348,8 +350,8 @@ def _step(step: float, n: int) -> float:
 DELAYS = 4096  # delays at a time
 
 
-@dataclass(frozen=True, eq=False)
-class SpectralSamples:
+@dataclass(frozen=True, eq=False, repr=False)
+class SpectralSamples(OneLine):
     """A spectrum as a few wavelengths.
 
     Parameters

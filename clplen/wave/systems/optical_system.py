@@ -6,12 +6,13 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any, overload
+from typing import Any, ClassVar, overload
 
 from clplen import units
 from clplen.checks import Aliasing
 from clplen.deprecation import renamed_argument
 from clplen.reprs import OneLine
+from clplen.results import Plottable
 from clplen.units import metres
 from clplen.wave.field.field import Field
 from clplen.wave.field.intensity import MeanIntensity, Object, PartialCoherence, average_of
@@ -30,7 +31,7 @@ from clplen.wave.systems.components import (
 
 
 @dataclass(frozen=True, init=False, repr=False)
-class OpticalSystem(OneLine):
+class OpticalSystem(OneLine, Plottable):
     """Parts along one axis, in the order in which a field meets them.
 
     Parameters
@@ -56,6 +57,8 @@ class OpticalSystem(OneLine):
     >>> system = OpticalSystem([0.24, Lens(0.12, diameter=3.6e-3), 0.24])
     >>> image = system(field)
     """
+
+    _figure: ClassVar[str] = "system"
 
     parts: tuple[Part, ...]
 

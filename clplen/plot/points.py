@@ -1,0 +1,86 @@
+"""Figures of what a point gives: its image, the modulation, curves of contrast."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from clplen.analysis.point.otf import OTF, Curve
+from clplen.analysis.point.psf import PSF
+from clplen.plot.base import LIGHT, Scale, bar, cut, for_display, new_figure, norm_of, said, styled
+
+_PER_MM = 1e-3  # of cycles a metre
+_MICRONS = 1e6
+
+
+@styled
+def psf(found: PSF, *, title: str = "", scale: Scale = "root") -> Figure:
+    """A point spread function over its coordinates in micrometres.
+
+    Parameters
+    ----------
+    found : PSF
+    title : str
+    scale : {"linear", "log", "root"}
+        Of the values.
+    """
+    norm = norm_of(found.values, scale)
+    y, x = found.grid.y * _MICRONS, found.grid.x * _MICRONS
+    dy, dx = (pitch * _MICRONS / 2 for pitch in found.pitch)
+    figure = new_figure(5.6, 4.6)
+    axes = figure.add_subplot()
+    drawn = axes.imshow(
+        for_display(found.values, norm),
+        cmap=LIGHT,
+        norm=norm,
+        extent=(x[0] - dx, x[-1] + dx, y[-1] + dy, y[0] - dy),
+    )
+    axes.set(xlabel="x / µm", ylabel="y / µm", title=title or "point spread function")
+    bar(figure, drawn, axes, f"intensity{said(scale)}", extend=cut(found.values, norm))
+    return figure
+
+
+@styled
+def modulation(found: OTF, *, title: str = "") -> Figure:
+    """The modulus of an optical transfer function over both frequencies, in cycles/mm.
+
+    Parameters
+    ----------
+    found : OTF
+    title : str
+    """
+    fy, fx = found.fy * _PER_MM, found.fx * _PER_MM
+    dy, dx = (f[1] - f[0] for f in (fy, fx))
+    figure = new_figure(5.6, 4.6)
+    axes = figure.add_subplot()
+    drawn = axes.imshow(
+        np.abs(found.values),
+        cmap=LIGHT,
+        norm=Normalize(0, 1),
+        extent=(fx[0] - dx / 2, fx[-1] + dx / 2, fy[-1] + dy / 2, fy[0] - dy / 2),
+    )
+    axes.set(
+        xlabel="fx / (cycles/mm)", ylabel="fy / (cycles/mm)", title=title or "modulation transfer"
+    )
+    bar(figure, drawn, axes, "contrast")
+    return figure
+
+
+@styled
+def curve(found: Curve, *, title: str = "") -> Figure:
+    """Contrast against spatial frequency in cycles/mm.
+
+    Parameters
+    ----------
+    found : Curve
+    title : str
+    """
+    figure = new_figure(5.6, 3.6)
+    axes = figure.add_subplot()
+    axes.plot(found.frequency * _PER_MM, found.value, color="#0072b2")
+    axes.set(xlabel="frequency / (cycles/mm)", ylabel="contrast", title=title)
+    axes.set_xlim(found.frequency[0] * _PER_MM, found.frequency[-1] * _PER_MM)
+    axes.set_ylim(bottom=min(0.0, float(found.value.min())))
+    axes.grid(color="0.9")
+    return figure

@@ -1,0 +1,111 @@
+"""Figures of volumes that a light-field microscope found."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from clplen.errors import ShapeError
+from clplen.microscopy.deconvolution import DeconvolutionResult
+from clplen.plot.base import (
+    LIGHT,
+    Array,
+    Scale,
+    bar,
+    cut,
+    for_display,
+    new_figure,
+    norm_of,
+    said,
+    styled,
+)
+
+Pair = tuple[float, float]
+
+_MICRONS = 1e6
+_WIDTH = 7.0  # inches
+_THIN = 0.15  # least part of the picture's side that the depth takes
+_PROJECTIONS: dict[str, Any] = {"maximum": np.max, "mean": np.mean}
+
+
+@styled
+def volume(
+    found: DeconvolutionResult,
+    *,
+    title: str = "",
+    scale: Scale = "linear",
+    projection: str = "maximum",
+) -> Figure:
+    """Three projections of a volume: along z, and along x and y beside and below it.
+
+    Axes are in micrometres from the middle of the volume and from the native plane where the
+    result knows its planes and voxels, else in voxels. Planes are drawn in even steps.
+
+    Parameters
+    ----------
+    found : DeconvolutionResult
+        Of one frame.
+    title : str
+    scale : {"linear", "log", "root"}
+        Of the values.
+    projection : {"maximum", "mean"}
+
+    Raises
+    ------
+    ShapeError
+        If it is a series of volumes.
+    ValueError
+        For another projection or scale.
+    """
+    if projection not in _PROJECTIONS:
+        raise ValueError(f'A projection is "maximum" or "mean", not {projection!r}.')
+    if found.volume.ndim != 3:
+        raise ShapeError(
+            f"A volume has shape (planes, y, x), not {found.volume.shape}: draw one frame's."
+        )
+    along = _PROJECTIONS[projection]
+    from_z, from_y, from_x = (along(found.volume, axis=axis) for axis in range(3))
+    z, y, x, unit = _ends(found)
+    deep = max(_THIN, min(1.0, abs(z[1] - z[0]) / abs(x[1] - x[0])))
+    ratio = min(2.0, abs(y[1] - y[0]) / abs(x[1] - x[0]))
+    figure = new_figure(_WIDTH, _WIDTH * 0.8 * (ratio + deep) / (1 + deep) + 0.4)
+    panels = figure.subplots(2, 2, width_ratios=(1, deep), height_ratios=(ratio, deep))
+    norm = norm_of(np.concatenate([a.ravel() for a in (from_z, from_y, from_x)]), scale)
+
+    def show(panel: tuple[int, int], values: Array, across: Pair, down: Pair) -> Any:
+        return panels[panel].imshow(
+            for_display(values, norm),
+            cmap=LIGHT,
+            norm=norm,
+            extent=(*across, *down[::-1]),
+            aspect="auto",
+        )
+
+    drawn = show((0, 0), from_z, x, y)
+    show((0, 1), from_x.T, z, y)
+    show((1, 0), from_y, x, z)
+    panels[0, 0].set(ylabel=f"y / {unit[1]}", title=title or f"{projection} along z, y and x")
+    panels[0, 1].set(xlabel=f"z / {unit[0]}", yticklabels=[])
+    panels[1, 0].set(xlabel=f"x / {unit[1]}", ylabel=f"z / {unit[0]}")
+    panels[1, 1].set_axis_off()
+    label = f"energy of a voxel{said(scale)}"
+    bar(figure, drawn, list(panels.ravel()), label, extend=cut(found.volume, norm))
+    return figure
+
+
+def _ends(found: DeconvolutionResult) -> tuple[Pair, Pair, Pair, tuple[str, str]]:
+    """Outer borders along z, y and x, and the units of z and of y and x."""
+    count, ny, nx = found.volume.shape
+    z, units = (-0.5, count - 0.5), ["plane", "voxel"]
+    if found.planes is not None:
+        first, last = (float(found.planes[k]) * _MICRONS for k in (0, -1))
+        half = (last - first) / (count - 1) / 2 if count > 1 else 0.5
+        z, units[0] = (first - half, last + half), "µm"
+    steps = (1.0, 1.0)
+    if found.voxel is not None:
+        steps = (found.voxel[0] * _MICRONS, found.voxel[1] * _MICRONS)
+        units[1] = "µm"
+    y, x = ((-n * step / 2, n * step / 2) for n, step in zip((ny, nx), steps, strict=True))
+    return z, y, x, (units[0], units[1])

@@ -1,0 +1,187 @@
+"""Results at a prompt: saved, drawn, shown in a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import objects
+import pytest
+from objects import EXAMPLES, samples
+
+import clplen
+from clplen.compute.device import Device
+from clplen.results import Plottable, Savable
+
+PNG = b"\x89PNG"
+SAVED = {
+    "DeconvolutionResult",
+    "DepthMap",
+    "FocalStack",
+    "FocusedImage",
+    "FocusedStack",
+    "Image",
+    "LightField",
+    "RawImage",
+    "Truth",
+}
+# Ending of a file that keeps everything, and what reads the same values back.
+PAIRS: dict[str, tuple[str, Callable[[Path], Any]]] = {
+    "DepthMap": ("d.ome.tif", lambda path: clplen.io.read_depth(path)),
+    "FocalStack": ("s.tif", lambda path: clplen.io.read_stack(path)),
+    "FocusedImage": ("f.tif", lambda path: clplen.io.read_image(path)),
+    "Image": ("i.tif", lambda path: clplen.io.read_image(path)),
+    "LightField": ("l.h5", lambda path: clplen.read_lightfield(path)),
+    "RawImage": ("r.h5", lambda path: clplen.read_raw(path)),
+    "Truth": ("t.h5", lambda path: clplen.io.read_scene_truth(path)),
+}
+PARAMETERS = {"na": 0.5, "medium_index": 1.0, "wavelength": 525e-9}
+PLANES = np.array([-1e-6, 1e-6])
+
+
+def kinds(base: type) -> set[str]:
+    """The examples of a base."""
+    device = Device.open()
+    return {name for name, make in EXAMPLES.items() if isinstance(make(device), base)}
+
+
+def volume(*lead: int, **known: Any) -> Any:
+    return clplen.microscopy.DeconvolutionResult(
+        samples(*lead, 2, 9, 9), samples(*lead, 3), 3, (), **known
+    )
+
+
+def microscope_images() -> Any:
+    return replace(
+        objects.point_images(), parameters=objects.point_images().parameters | PARAMETERS
+    )
+
+
+def test_every_savable_class_is_in_the_list() -> None:
+    assert kinds(Savable) == SAVED
+
+
+@pytest.mark.parametrize("name", sorted(PAIRS))
+def test_what_is_saved_is_read_again(
+    name: str, device: Device, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CLPLEN_DEVICE", device.place)
+    ending, read = PAIRS[name]
+    result = EXAMPLES[name](device)
+    result.save(tmp_path / ending)
+    np.testing.assert_array_equal(np.asarray(read(tmp_path / ending)), np.asarray(result))
+
+
+@pytest.mark.parametrize("name", sorted(SAVED - {"LightField"}))
+def test_another_ending_is_refused_in_one_sentence(
+    name: str, device: Device, tmp_path: Path
+) -> None:
+    result = EXAMPLES[name](device)
+    with pytest.raises(ValueError, match=r"written as|where its voxels lie") as error:
+        result.save(tmp_path / "x.xyz")
+    assert "\n" not in str(error.value)
+
+
+def test_saving_takes_the_options_of_the_writer(device: Device, tmp_path: Path) -> None:
+    stack = EXAMPLES["FocalStack"](device)
+    stack.save(tmp_path / "s.tif", progress=False, durable=True)
+    EXAMPLES["DepthMap"](device).save(tmp_path / "d.ome.tif", spacing=objects.SPACING)
+    with pytest.raises(TypeError, match="dpi"):
+        stack.save(tmp_path / "s.tif", dpi=3)
+
+
+def test_volumes_know_their_voxels(tmp_path: Path, device: Device) -> None:
+    result = volume(planes=PLANES, voxel=(2e-6, 2e-6))
+    result.save(tmp_path / "v.tif")
+    values, about = clplen.io.read_volume(tmp_path / "v.tif")
+    np.testing.assert_array_equal(values, result.volume)
+    assert about["planes_um"] == [-1.0, 1.0]
+    with pytest.raises(ValueError, match="give planes="):
+        volume().save(tmp_path / "w.tif")
+    volume().save(tmp_path / "w.tif", planes=PLANES, voxel=(1e-6, 1e-6))
+    with pytest.raises(clplen.ShapeError, match="A volume has shape"):
+        volume(3, planes=PLANES, voxel=(2e-6, 2e-6)).save(tmp_path / "x.tif")
+    projector = clplen.Projector(microscope_images(), (5, 5), device=device)
+    found = clplen.deconvolve(samples(15, 15), projector, iterations=1)
+    np.testing.assert_array_equal(found.planes, projector.images.planes)
+    assert found.voxel == (projector.images.side,) * 2
+
+
+@pytest.mark.parametrize("name", sorted(kinds(Plottable)))
+def test_plots_are_figures_and_pictures_of_notebooks(name: str, device: Device) -> None:
+    from matplotlib.figure import Figure
+
+    result = EXAMPLES[name](device)
+    assert isinstance(result.plot(), Figure)
+    assert result._repr_png_().startswith(PNG)
+
+
+def maps(*values: Any) -> clplen.DepthMap:
+    return clplen.DepthMap(*(np.full((16, 16), value, np.float32) for value in values))
+
+
+def image(values: Any) -> Callable[[Device], Any]:
+    array = np.ascontiguousarray(values, np.float32)
+    return lambda device: clplen.Image(device.upload(array), device)
+
+
+def colours(device: Device) -> clplen.LightField:
+    return clplen.LightField.from_array(samples(3, 3, 32, 32, 3), device=device)
+
+
+ODD: dict[str, Callable[[Device], Any]] = {
+    "all NaN": image(np.full((9, 9), np.nan)),
+    "some NaN": image(np.where(np.eye(9), np.nan, 1)),
+    "flat": image(np.ones((9, 9))),
+    "dark": image(np.zeros((9, 9))),
+    "below zero": image(-np.ones((9, 9))),
+    "infinite": image(np.where(np.eye(9), np.inf, 1)),
+    "colours": lambda device: colours(device).view(1, 1),
+    "dark colours": image(np.zeros((9, 9, 3))),
+    "one row": image(np.ones((1, 9))),
+    "one pixel": image(np.ones((1, 1))),
+    "colour views": colours,
+    "colour stack": lambda device: clplen.focal_stack(colours(device), disparities=[0, 1]),
+    "one plane": lambda device: clplen.focal_stack(colours(device), disparities=[0]),
+    "unknown depth": lambda device: maps(np.nan, np.nan, np.nan, 0),
+    "unknown confidence": lambda device: maps(1, np.nan, np.nan, np.nan),
+    "flat depth": lambda device: maps(1, np.nan, np.nan, 1),
+    "empty scene": lambda device: clplen.cameras.Truth(
+        *(np.full((9, 9), np.nan, np.float32),) * 2, np.full((9, 9), -1, np.int32), {}
+    ),
+    "one plane of voxels": lambda device: clplen.microscopy.DeconvolutionResult(
+        samples(1, 9, 9), samples(3), 3, ()
+    ),
+    "volume with lengths": lambda device: volume(planes=PLANES, voxel=(1e-6, 1e-6)),
+    "dark field": lambda device: clplen.Field.from_array(
+        np.zeros((8, 8)), objects.GRID, wavelength=objects.LAM, device=device
+    ),
+}
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", ODD)
+def test_unusual_results_are_drawn(name: str, device: Device) -> None:
+    assert ODD[name](device)._repr_png_().startswith(PNG)
+
+
+def test_what_cannot_be_drawn_is_left_to_the_text(device: Device) -> None:
+    batch = clplen.Field.from_array(
+        np.ones((3, 8, 8)), objects.GRID, wavelength=objects.LAM, device=device
+    )
+    for result in (batch, image(samples(9, 9, 2))(device), volume(3)):
+        assert result._repr_png_() is None
+        with pytest.raises(clplen.ShapeError):
+            result.plot()
+
+
+@pytest.mark.parametrize("name", ["PlenopticCamera", "Plenoptic2", "Microscope"])
+def test_cameras_are_tables_in_a_notebook(name: str, device: Device) -> None:
+    camera = EXAMPLES[name](device)
+    table = camera._repr_html_()
+    assert table.startswith("<table>")
+    assert table.count("<tr>") == len(camera.describe().rows)
+    assert "</caption><tr><td>" in table
