@@ -8,8 +8,8 @@ from clplen import Device
 from clplen.bench import (
     Benchmark,
     Report,
+    describe_environment,
     device_text,
-    environment,
     quiet_enough,
     report_text,
     run_benchmark,
@@ -36,7 +36,7 @@ def measure(
     benchmark: Benchmark, device: Device, sizes: tuple[str, ...], repeats: int
 ) -> list[Report]:
     """Run and print a benchmark at some sizes."""
-    click.echo(f"{device_text(environment(device))}\n{quiet_enough()}")
+    click.echo(f"{device_text(describe_environment(device))}\n{quiet_enough()}")
     reports = []
     for size in sizes:
         report = run_benchmark(benchmark, device, size=size, repeats=repeats, say=click.echo)

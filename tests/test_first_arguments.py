@@ -123,6 +123,7 @@ PLAIN = {
 }
 # These do not look at what they are given: a camera, a field, a grid, a projector.
 UNCHECKED = {
+    "focus_ratio_of_disparity",
     "abbe_image",
     "camera_crosstalk",
     "camera_psf",

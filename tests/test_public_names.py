@@ -3,7 +3,9 @@ returns."""
 
 from __future__ import annotations
 
+import importlib
 import inspect
+import pkgutil
 import types
 import typing
 import warnings
@@ -136,3 +138,11 @@ def test_topics_are_attributes() -> None:
         assert len(names) == len(set(names))
     with pytest.raises(AttributeError, match="no_such_name"):
         _ = clplen.no_such_name
+
+
+def test_no_public_name_is_a_module_of_its_topic() -> None:
+    # Importing such a module would put itself where the name was.
+    for topic in (*TOPICS, "bench"):
+        module = importlib.import_module(f"clplen.{topic}")
+        inside = {info.name for info in pkgutil.iter_modules(module.__path__)}
+        assert not inside & set(module.__all__)

@@ -1,4 +1,4 @@
-from .environment import environment as environment
+from .environment import describe_environment as describe_environment
 from .environment import quiet_enough as quiet_enough
 from .lightfields import READING as READING
 from .lightfields import STACK_DISPARITY as STACK_DISPARITY

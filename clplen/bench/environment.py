@@ -26,7 +26,7 @@ PACKAGES = (
 )
 
 
-def environment(device: Device) -> dict[str, Any]:
+def describe_environment(device: Device) -> dict[str, Any]:
     """Device, driver, processor and versions, for the head of a table and for JSON."""
     return {
         "clplen": __version__,

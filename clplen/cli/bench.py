@@ -57,7 +57,7 @@ def bench(
     """
     from clplen.bench import registry, table
     from clplen.bench import report as results
-    from clplen.bench.environment import environment, quiet_enough
+    from clplen.bench.environment import describe_environment, quiet_enough
     from clplen.compute.device import Device
 
     chosen = names or registry.NAMES
@@ -74,7 +74,7 @@ def bench(
     logging.getLogger("clplen").setLevel(logging.WARNING)  # what is read is no news here
     before = results.read_run(saved) if saved else None
     device = Device.open(selector)
-    where, busy = environment(device), quiet_enough()
+    where, busy = describe_environment(device), quiet_enough()
     if not as_json:
         click.echo(f"{table.device_text(where)}\n")
     reports = []
