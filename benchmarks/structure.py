@@ -22,6 +22,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 TOPICS = ("analysis", "batch", "cameras", "io", "lightfield", "microscopy", "plot", "wave")
+SCRIPTS = (*TOPICS, "bench", "demo")  # what examples and benchmarks may import
 SMALL = 80  # lines
 CALLS = r"""
 import json, os, sys, tempfile, threading
@@ -144,9 +145,14 @@ def reached(graph: dict[str, set[str]]) -> dict[str, set[str]]:
     return below
 
 
-def all_of(file: Path) -> list[str]:
-    """The literal ``__all__`` of a module, empty if it has none."""
-    for node in ast.parse(file.read_text()).body:
+def public_names(file: Path) -> list[str]:
+    """Names that a module lists: in the stub beside it, else in its literal ``__all__``."""
+    stub = file.with_suffix(".pyi")
+    if stub.exists():
+        nodes = [n for n in ast.parse(stub.read_text()).body if isinstance(n, ast.ImportFrom)]
+        names = [alias.asname or alias.name for node in nodes for alias in node.names]
+        return [name for name in names if name not in TOPICS]
+    for node in ast.parse(file.read_text()).body if file.exists() else ():
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
             return list(ast.literal_eval(node.value))
     return []
@@ -155,17 +161,18 @@ def all_of(file: Path) -> list[str]:
 def private_imports(root: Path, modules: set[str]) -> list[str]:
     """Names that examples and benchmarks import and that are not public."""
     package = root / "clplen"
-    public = {"clplen": {*all_of(package / "__init__.py"), *TOPICS}}
-    for topic in TOPICS:
-        init = package / topic / "__init__.py"
-        public[f"clplen.{topic}"] = set(all_of(init)) if init.exists() else set()
+    public = {"clplen": {*public_names(package / "__init__.py"), *TOPICS, "demo"}}
+    for topic in SCRIPTS:
+        folder = package / topic
+        file = folder / "__init__.py" if folder.is_dir() else package / f"{topic}.py"
+        public[f"clplen.{topic}"] = set(public_names(file))
     hidden = []
     for folder in ("examples", "benchmarks"):
         for file in sorted((root / folder).rglob("*.py")):
             for module, name in imported(file, modules):
                 if name and name not in public.get(module, ()):
                     hidden.append(f"{folder}/{file.name}: {module}.{name}")
-                elif not name and module.removeprefix("clplen.") not in ("clplen", *TOPICS):
+                elif not name and module not in public:
                     hidden.append(f"{folder}/{file.name}: {module}")
     return hidden
 
@@ -211,7 +218,7 @@ def figures(root: Path) -> dict[str, str]:
         f"modules under {SMALL} lines": str(sum(len(texts[m]) < SMALL for m in inner)),
         "modules with one importer": str(sum(importers[m] == 1 for m in inner)),
         "circles (modules in them)": f"{len(rings)} ({sum(map(len, rings))})",
-        "public names on top": str(len(all_of(root / "clplen/__init__.py"))),
+        "public names on top": str(len(public_names(root / "clplen/__init__.py"))),
         "imports of examples and benchmarks that are not public": str(
             len(private_imports(root, set(names)))
         ),
