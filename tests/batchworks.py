@@ -13,7 +13,7 @@ import tifffile
 from clplen import Device, LightField, all_in_focus, depth_map, focal_stack, read_lightfield
 from clplen.batch import Job
 from clplen.batch.jobs.task import Report
-from clplen.batch.running.executors import local_executor
+from clplen.batch.running.job import local_executor
 from clplen.batch.running.runner import Summary, execute_job
 
 PLANES = np.linspace(-1, 1, 5)

@@ -21,8 +21,7 @@ from clplen.compute.device import Device
 from clplen.config import EXAMPLE, CameraFile, CoherenceTable, read_camera_file
 from clplen.config.camera import KEYS as CAMERA_KEYS
 from clplen.config.camera import AberrationsTable, CameraTable, MicrolensTable, SensorTable
-from clplen.config.light import KEYS, SPECTRA
-from clplen.config.scene import PictureTable, SceneTable
+from clplen.config.scene import KEYS, SPECTRA, PictureTable, SceneTable
 from clplen.config.tables import Table
 from clplen.errors import FormatError
 from clplen.io.store.attributes import CAMERA_NAMES, of_camera, read_camera

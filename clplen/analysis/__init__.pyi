@@ -1,3 +1,4 @@
+from .cameras.camera_psf import DepthTransfer as DepthTransfer
 from .cameras.camera_psf import camera_psf as camera_psf
 from .cameras.comparison import ANALYSES as ANALYSES
 from .cameras.comparison import Comparison as Comparison
@@ -12,7 +13,6 @@ from .cameras.imaging import Rendered as Rendered
 from .cameras.sampling import Sampling as Sampling
 from .cameras.sampling import sampling_of as sampling_of
 from .cameras.sampling import sampling_table as sampling_table
-from .cameras.transfer import DepthTransfer as DepthTransfer
 from .point.edge import SlantedEdge as SlantedEdge
 from .point.edge import slanted_edge as slanted_edge
 from .point.otf import OTF as OTF
@@ -21,9 +21,9 @@ from .point.otf import circular_mtf as circular_mtf
 from .point.otf import pixel_mtf as pixel_mtf
 from .point.otf import square_mtf as square_mtf
 from .point.psf import PSF as PSF
-from .point.strehl import strehl_of_rms as strehl_of_rms
-from .point.strehl import wavefront_rms as wavefront_rms
-from .point.strehl import wavefront_strehl as wavefront_strehl
+from .point.psf import strehl_of_rms as strehl_of_rms
+from .point.psf import wavefront_rms as wavefront_rms
+from .point.psf import wavefront_strehl as wavefront_strehl
 from .point.twopoint import SLIT as SLIT
 from .point.twopoint import TwoPoints as TwoPoints
 from .quality import Scores as Scores

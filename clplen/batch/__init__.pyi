@@ -6,9 +6,9 @@ from .jobs.task import Task as Task
 from .running.certificates import make_certificates as make_certificates
 from .running.estimate import JobEstimate as JobEstimate
 from .running.estimate import estimate_job as estimate_job
-from .running.executors import LocalExecutor as LocalExecutor
-from .running.executors import local_executor as local_executor
 from .running.job import Job as Job
+from .running.job import LocalExecutor as LocalExecutor
+from .running.job import local_executor as local_executor
 from .running.job import run_job as run_job
 from .running.manifest import status_of as status_of
 from .running.network import security_of as security_of

@@ -21,8 +21,8 @@ from .report import Benchmark as Benchmark
 from .report import Goal as Goal
 from .report import Report as Report
 from .report import Row as Row
+from .report import device_text as device_text
 from .report import rate_rows as rate_rows
+from .report import report_text as report_text
 from .report import time_rows as time_rows
-from .table import device_text as device_text
-from .table import report_text as report_text
 from .waves import speckle as speckle

@@ -55,7 +55,7 @@ def bench(
       clplen bench --json > before.json
       clplen bench --compare before.json
     """
-    from clplen.bench import registry, table
+    from clplen.bench import registry
     from clplen.bench import report as results
     from clplen.bench.environment import describe_environment, quiet_enough
     from clplen.compute.device import Device
@@ -76,14 +76,14 @@ def bench(
     device = Device.open(selector)
     where, busy = describe_environment(device), quiet_enough()
     if not as_json:
-        click.echo(f"{table.device_text(where)}\n")
+        click.echo(f"{results.device_text(where)}\n")
     reports = []
     for benchmark in benchmarks.values():
         for size in sizes or ((benchmark.quick,) if quick else benchmark.sizes):
             report, lines = _measured(device, benchmark, size, repeats, profiled)
             reports += [report] if report else []
             if report and not as_json:
-                click.echo("\n".join([table.report_text(report), *lines, ""]))
+                click.echo("\n".join([results.report_text(report), *lines, ""]))
     if as_json:
         click.echo(results.run_as_json(reports, where))
     if before is not None:
@@ -98,11 +98,12 @@ def _measured(
     device: Device, benchmark: Benchmark, size: str, repeats: int, profiled: bool
 ) -> tuple[Report | None, list[str]]:
     """One benchmark at one size, and the lines of its profile, none if it is not wanted."""
-    from clplen.bench import ceilings, registry, table
+    from clplen.bench import ceilings, registry
+    from clplen.bench import report as results
 
     if not profiled:
         return registry.run_benchmark(benchmark, device, size=size, repeats=repeats, say=note), []
     limits = ceilings.measure(device)
     with device.profiling() as profile:
         report = registry.run_benchmark(benchmark, device, size=size, repeats=repeats, say=note)
-    return report, [table.profile_text(profile.runs, limits)]
+    return report, [results.profile_text(profile.runs, limits)]

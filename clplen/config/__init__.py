@@ -2,6 +2,6 @@
 
 from clplen.config.camera_file import CameraFile, read_camera_file
 from clplen.config.example import EXAMPLE
-from clplen.config.light import CoherenceTable
+from clplen.config.scene import CoherenceTable
 
 __all__ = ["EXAMPLE", "CameraFile", "CoherenceTable", "read_camera_file"]

@@ -7,8 +7,7 @@ from pathlib import Path
 from pydantic import model_validator
 
 from clplen.config.camera import CameraTable, SensorTable
-from clplen.config.light import CoherenceTable
-from clplen.config.scene import SceneTable
+from clplen.config.scene import CoherenceTable, SceneTable
 from clplen.config.tables import Table, read_toml, validated
 from clplen.files import PathLike
 from clplen.wave.coherence.coherence import Coherence

@@ -15,8 +15,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from clplen.cameras.optics.objective import APODISATION
 from clplen.config.camera import CameraTable, CoverTable, SensorTable
-from clplen.config.light import CoherenceTable
-from clplen.config.scene import SceneTable
+from clplen.config.scene import CoherenceTable, SceneTable
 from clplen.config.tables import Count, Positive, Table, read_toml, validated
 from clplen.errors import FormatError
 from clplen.files import PathLike

@@ -10,6 +10,6 @@ from .points import match_points as match_points
 from .prepare import Preparation as Preparation
 from .prepare import Prepared as Prepared
 from .prepare import preparation as preparation
+from .prepare import rectify as rectify
 from .projector import Projector as Projector
 from .psf import point_images as point_images
-from .rectification import rectify as rectify

@@ -13,7 +13,13 @@ import pytest
 from reference_closed import airy
 
 from clplen.analysis.cameras import camera_psf as of_camera
-from clplen.analysis.cameras.camera_psf import camera_psf, psf_exposures
+from clplen.analysis.cameras.camera_psf import (
+    DepthTransfer,
+    camera_psf,
+    line_curve,
+    object_nyquist,
+    psf_exposures,
+)
 from clplen.analysis.cameras.comparison import (
     ANALYSES,
     Comparison,
@@ -37,7 +43,6 @@ from clplen.analysis.cameras.imaging import (
     point_at_lenslet,
 )
 from clplen.analysis.cameras.sampling import sampling_of
-from clplen.analysis.cameras.transfer import DepthTransfer, line_curve, object_nyquist
 from clplen.analysis.point.otf import OTF, Curve, circular_mtf, square_mtf
 from clplen.analysis.point.psf import PSF
 from clplen.analysis.report.summary import (

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from clplen.analysis.cameras.camera_psf import DepthTransfer, line_curve
 from clplen.analysis.cameras.comparison import Comparison, Measured
 from clplen.analysis.cameras.depth_scan import DepthErrors
 from clplen.analysis.cameras.sampling import sampling_of
-from clplen.analysis.cameras.transfer import DepthTransfer, line_curve
 from clplen.analysis.point.psf import PSF
 from clplen.analysis.report.summary import criteria, judge, report
 from clplen.cameras.focused_camera import Plenoptic2

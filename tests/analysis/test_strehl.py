@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from clplen.analysis.point.psf import PSF
-from clplen.analysis.point.strehl import strehl_of_rms, wavefront_rms, wavefront_strehl
+from clplen.analysis.point.psf import PSF, strehl_of_rms, wavefront_rms, wavefront_strehl
 from clplen.errors import ShapeError
 from clplen.wave.elements.hard_apertures import disc_coverage
 from clplen.wave.elements.zernike import noll, zernike

@@ -20,7 +20,7 @@ from batchworks import Watcher, run
 from clplen.batch import Job
 from clplen.batch.jobs.items import tasks_of
 from clplen.batch.jobs.task import Report
-from clplen.batch.running.executors import local_executor
+from clplen.batch.running.job import local_executor
 from clplen.batch.running.manifest import Manifest, status_of
 from clplen.batch.running.runner import execute_job
 from clplen.batch.work import products as making

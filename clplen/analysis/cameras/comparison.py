@@ -11,13 +11,19 @@ from typing import Any
 
 import numpy as np
 
-from clplen.analysis.cameras.camera_psf import PLACES, Done, camera_psf, psf_exposures
+from clplen.analysis.cameras.camera_psf import (
+    PLACES,
+    DepthTransfer,
+    Done,
+    camera_psf,
+    line_curve,
+    psf_exposures,
+)
 from clplen.analysis.cameras.crosstalk import camera_crosstalk
 from clplen.analysis.cameras.depth_scan import PLACES as DEPTH_PLACES
 from clplen.analysis.cameras.depth_scan import DepthErrors, default_depths, depth_scan
 from clplen.analysis.cameras.imaging import Rendered, native_picture
 from clplen.analysis.cameras.sampling import Sampling, sampling_of
-from clplen.analysis.cameras.transfer import DepthTransfer, line_curve
 from clplen.analysis.point.otf import Curve
 from clplen.analysis.point.psf import PSF
 from clplen.analysis.point.samples import Values

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from clplen.analysis.cameras.camera_psf import Done, check_places
+from clplen.analysis.cameras.camera_psf import DepthTransfer, Done, check_places, transfer_of
 from clplen.analysis.cameras.imaging import (
     central_lenslet,
     is_focused,
@@ -18,7 +18,6 @@ from clplen.analysis.cameras.imaging import (
     point_at_lenslet,
     sample_offsets,
 )
-from clplen.analysis.cameras.transfer import DepthTransfer, transfer_of
 from clplen.analysis.point.otf import Curve
 from clplen.analysis.point.samples import Values
 from clplen.cameras.camera_base import Plenoptic

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from clplen.analysis.cameras.camera_psf import object_nyquist
 from clplen.analysis.cameras.comparison import Comparison, Measured
 from clplen.analysis.cameras.sampling import ROWS
-from clplen.analysis.cameras.transfer import object_nyquist
 from clplen.analysis.report import reasons
 from clplen.analysis.report.tables import summary_values
 

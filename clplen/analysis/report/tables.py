@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from clplen.analysis.cameras.camera_psf import object_nyquist
 from clplen.analysis.cameras.comparison import Comparison, Measured
 from clplen.analysis.cameras.sampling import Sampling
-from clplen.analysis.cameras.transfer import object_nyquist
 from clplen.files import PathLike, replacing
 from clplen.reprs import OneLine
 

@@ -1,11 +1,183 @@
-"""`Job`: the content of a job file, and the function that runs it."""
+"""`Job`: the content of a job file, the function that runs it, and who executes its tasks."""
 
 from __future__ import annotations
 
+import queue
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
 from clplen.batch.jobs.spec import JobSpec
-from clplen.batch.running.executors import choose_executor
+from clplen.batch.jobs.task import Report, Task
 from clplen.batch.running.runner import SilentWatcher, Summary, Watcher, execute_job
+from clplen.batch.work.execution import execute_task
+from clplen.batch.work.resources import PIPELINE_DEPTH, Resources, StoppedError
 from clplen.files import PathLike
+
+Running = Callable[[str, int, int], None]
+
+
+class LocalExecutor:
+    """Does tasks in threads of this process.
+
+    Parameters
+    ----------
+    resources : Resources
+    running : callable, optional
+        (name, done, all) of the parts of an item under way.
+    depth : int
+        Items under way at a time.
+    """
+
+    def __init__(
+        self, resources: Resources, running: Running | None = None, *, depth: int = PIPELINE_DEPTH
+    ) -> None:
+        self._resources = resources
+        self._depth = depth
+        self._running = running
+
+    def run(self, tasks: Iterable[Task]) -> Iterator[Report]:
+        """Do tasks, each once, and give their reports as they come."""
+        waiting: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
+        found: queue.SimpleQueue[Report | BaseException | None] = queue.SimpleQueue()
+        for task in tasks:
+            waiting.put(task)
+        threads = [
+            threading.Thread(target=self._consume, args=(waiting, found), name=f"item-{i}")
+            for i in range(self._depth)
+        ]
+        for thread in threads:
+            waiting.put(None)
+            thread.start()
+        try:
+            yield from _reports(found, self._depth)
+        except BaseException:
+            self._resources.stop()
+            raise
+        finally:
+            for thread in threads:
+                thread.join()
+
+    def _consume(
+        self,
+        waiting: queue.SimpleQueue[Task | None],
+        found: queue.SimpleQueue[Report | BaseException | None],
+    ) -> None:
+        try:
+            while (task := waiting.get()) is not None:
+                found.put(
+                    execute_task(task, self._resources, advance=partial(self._say, task.name))
+                )
+        except StoppedError:
+            pass
+        except BaseException as error:
+            found.put(error)
+        finally:
+            found.put(None)
+
+    def _say(self, name: str, done: int, total: int) -> None:
+        self._resources.check()
+        if self._running is not None:
+            self._running(name, done, total)
+
+
+def _reports(
+    found: queue.SimpleQueue[Report | BaseException | None], depth: int
+) -> Iterator[Report]:
+    ended = 0
+    while ended < depth:
+        report = found.get()
+        if report is None:
+            ended += 1
+        elif isinstance(report, BaseException):
+            raise report
+        else:
+            yield report
+
+
+@contextmanager
+def local_executor(
+    folder: Path,
+    *,
+    selector: str | None,
+    memory: int | None,
+    running: Running | None = None,
+    depth: int = PIPELINE_DEPTH,
+) -> Iterator[LocalExecutor]:
+    """An executor in this process.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Of the job's output, as every executor takes it; tasks name it themselves.
+    selector : str or None
+        As for `Device.open`.
+    memory : int or None
+        As in `Job`.
+    running, depth
+        As for `LocalExecutor`.
+    """
+    yield LocalExecutor(Resources(selector=selector, memory=memory), running, depth=depth)
+
+
+def choose_executor(
+    job: JobSpec,
+    *,
+    scheduler: str | None = None,
+    host: str | None = None,
+    insecure: bool = False,
+    running: Running | None = None,
+) -> Callable[[Path], AbstractContextManager[Any]]:
+    """What `execute_job` takes, as a job says.
+
+    Parameters
+    ----------
+    job : JobSpec
+        Its ``workers``, ``device``, ``memory``, ``retries`` and ``certificates``.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers do it.
+    host, insecure
+        As for `network_of`.
+    running : callable, optional
+        As for `LocalExecutor`; other processes do not say how far they have come.
+
+    Returns
+    -------
+    callable
+        Output folder -> what does tasks, as a context.
+
+    Raises
+    ------
+    ValueError, FormatError, DeviceError
+        As `network_of`; if nothing is started here that could listen on ``host``.
+    """
+    if host is not None and (scheduler is not None or job.workers == 1):
+        raise ValueError(
+            "--host (host=) is where a job's own workers listen, and this job starts none: give "
+            "two --workers (workers=) or more, or name it to 'clplen worker'."
+        )
+    if scheduler is None and job.workers == 1:
+        selector = job.device[0] if job.device else None
+        return partial(local_executor, selector=selector, memory=job.memory, running=running)
+    from clplen.batch.running.cluster import existing_cluster, local_cluster
+    from clplen.batch.running.network import network_of
+
+    network = network_of(
+        scheduler, host=host, certificates=job.certificates_folder, insecure=insecure
+    )
+    if scheduler is not None:
+        return partial(existing_cluster, network=network, memory=job.memory)
+    return partial(
+        local_cluster,
+        workers=job.workers,
+        devices=job.device,
+        memory=job.memory,
+        retries=job.retries,
+        network=network,
+    )
 
 
 class Job(JobSpec):
