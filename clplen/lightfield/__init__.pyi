@@ -5,6 +5,7 @@ from .calibration.raw_decoding import decode_raw as decode_raw
 from .depth.alpha_estimate import AlphaEstimate as AlphaEstimate
 from .depth.alpha_estimate import estimate_alpha as estimate_alpha
 from .depth.best_focus import focus_ratio as focus_ratio
+from .depth.best_focus import ratio_at as ratio_at
 from .depth.best_focus import suitable_planes as suitable_planes
 from .depth.depth_maps import CUES as CUES
 from .depth.depth_maps import DepthMap as DepthMap
