@@ -13,6 +13,8 @@ from .cameras.imaging import Rendered as Rendered
 from .cameras.sampling import Sampling as Sampling
 from .cameras.sampling import sampling_of as sampling_of
 from .cameras.sampling import sampling_table as sampling_table
+from .cameras.sampling import type1_sampling as type1_sampling
+from .cameras.sampling import type2_sampling as type2_sampling
 from .point.edge import SlantedEdge as SlantedEdge
 from .point.edge import slanted_edge as slanted_edge
 from .point.otf import OTF as OTF
