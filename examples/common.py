@@ -58,6 +58,8 @@ def begin(text: str, script: str, *, quick: str = "less to compute") -> Run:
     try:
         folder, device = Path(given.output), Device.open(given.device)
         folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        parser.error(f"{given.output} is no folder: there is a file of this name.")
     except (ClplenError, OSError) as error:
         parser.error(str(error))
     matplotlib.rc("font", size=9)

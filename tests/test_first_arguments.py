@@ -123,6 +123,8 @@ PLAIN = {
 }
 # These do not look at what they are given: a camera, a field, a grid, a projector.
 UNCHECKED = {
+    "type1_sampling",
+    "type2_sampling",
     "focus_ratio_of_disparity",
     "abbe_image",
     "camera_crosstalk",

@@ -131,6 +131,22 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
     "focal_stack": lambda _, d: clplen.focal_stack(STORED, disparities=[0], device=d),
     "io.read_image": lambda path, d: clplen.io.read_image(path / "i.tif", device=d),
     "io.read_stack": lambda path, d: clplen.io.read_stack(path / "s.tif", device=d),
+    "lightfield.check_light_field": lambda _, d: clplen.lightfield.check_light_field(
+        objects.samples(3, 3, 32, 32), device=d
+    ),
+    "lightfield.fourier_stack": lambda _, d: clplen.lightfield.fourier_stack(
+        objects.samples(3, 3, 32, 32), disparities=[0], device=d
+    ),
+    "lightfield.hyperfan": lambda _, d: clplen.lightfield.hyperfan(
+        objects.samples(3, 3, 32, 32), -0.5, 0.5, device=d
+    ),
+    "lightfield.phase_space": lambda _, d: clplen.lightfield.phase_space(
+        objects.samples(3, 3, 32, 32), y=3, v=1, device=d
+    ),
+    "lightfield.shift_views": lambda _, d: clplen.lightfield.shift_views(
+        objects.samples(3, 3, 32, 32), np.zeros((3, 3, 2)), device=d
+    ),
+    "refocus": lambda _, d: clplen.refocus(objects.samples(3, 3, 32, 32), disparity=0, device=d),
     "lightfield.FocusedImage": bare("lightfield.FocusedImage"),
     "lightfield.FocusedStack": bare("lightfield.FocusedStack"),
     "microscopy.Preparation": bare("microscopy.Preparation"),

@@ -53,6 +53,11 @@ class PlenopticCamera(Described, LensletCamera, ABC):
     aperture_diameter: float
     wavelength: float
 
+    def __init__(self) -> None:
+        raise TypeError(
+            "A camera is made by PlenopticCamera.type1(...), .type2(...) or .microscope(...)."
+        )
+
     @staticmethod
     def type1(
         *,

@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 from fields import LAM, field_of
 
-from clplen import DeviceError, Field, Grid, Propagator, SamplingError, SamplingWarning, propagate
+from clplen import (
+    Device,
+    DeviceError,
+    Field,
+    Grid,
+    Propagator,
+    SamplingError,
+    SamplingWarning,
+    propagate,
+)
 from clplen.compute.fft.routes import FFTRoute
 from clplen.errors import ShapeError
 from clplen.wave import gaussian_beam, plane_wave, spherical_wave
@@ -280,9 +289,8 @@ def test_a_plan_of_another_device(device, precise):
         made(ones(device))
 
 
-def test_no_device(device):
-    with pytest.raises((DeviceError, TypeError), match=r"[Dd]evice"):
-        Propagator(GRID, 1e-3, wavelength=LAM, device=None)
+def test_no_device_is_the_default_one():
+    assert Propagator(GRID, 1e-3, wavelength=LAM, device=None).device is Device.open()
 
 
 @pytest.mark.filterwarnings("ignore::clplen.errors.SamplingWarning")

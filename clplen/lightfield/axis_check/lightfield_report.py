@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from clplen.compute.device import DeviceLike
 from clplen.lightfield.arrays.stored_samples import extremes
 from clplen.lightfield.axis_check.axis_test import FARTHEST, AxisTest, Order, axis_test
 from clplen.lightfield.model.light_field import LightField
@@ -125,7 +126,9 @@ class LightFieldReport(OneLine):
         return len(groups) == 2 and len(swapped) == 1 and min(self.shape[:2]) > 1
 
 
-def check_light_field(lf: LightField, *, farthest: float = _FARTHEST) -> LightFieldReport:
+def check_light_field(
+    lf: LightField, *, farthest: float = _FARTHEST, device: DeviceLike | None = None
+) -> LightFieldReport:
     """Look at a light field: its samples, and which order of the view axes suits it.
 
     In each of the eight orders (axes swapped or not, each reversed or not) the middle of the light
@@ -142,6 +145,8 @@ def check_light_field(lf: LightField, *, farthest: float = _FARTHEST) -> LightFi
     farthest : float
         Planes from -farthest to farthest, in pixels a view step, are tried, and more, up to 8,
         while much of the detail is sharpest at an end.
+    device : Device or str, optional
+        Where an array goes; default ``Device.open()``. A light field brings its own.
 
     Returns
     -------
@@ -152,7 +157,7 @@ def check_light_field(lf: LightField, *, farthest: float = _FARTHEST) -> LightFi
     ValueError
         If ``farthest`` is not between 0 and 8.
     """
-    lf = as_lightfield(lf)
+    lf = as_lightfield(lf, device=device)
     if not 0 < farthest <= FARTHEST:
         raise ValueError(f"farthest lies above 0 and not above {FARTHEST:g}, not at {farthest!r}.")
     low, high = extremes(lf.data, lf.device)

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from clplen.compute.arrays import HostArray
+from clplen.compute.device import DeviceLike
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import is_telecentric
@@ -61,6 +62,7 @@ def phase_space(
     x: int | None = None,
     v: int | None = None,
     u: int | None = None,
+    device: DeviceLike | None = None,
 ) -> PhaseSpace:
     """`LightField.epi` with its axes.
 
@@ -73,6 +75,8 @@ def phase_space(
         Row of the pixels and of the views: (u, x). Or:
     x, u : int
         Column of both: (v, y).
+    device : Device or str, optional
+        Where an array goes; default ``Device.open()``. A light field brings its own.
 
     Returns
     -------
@@ -84,7 +88,7 @@ def phase_space(
         If neither pair, or an index outside the light field, is given; or the light field has
         positions, so that a row of views is no row on the lens.
     """
-    lf = as_lightfield(lf)
+    lf = as_lightfield(lf, device=device)
     if lf.positions is not None:
         raise ValueError(
             "Axes of a phase space need views on a regular grid, and this light field has "

@@ -130,6 +130,7 @@ def refocus(
     rescale: bool = False,
     interpolation: str = "linear",
     upsample: int = 1,
+    device: DeviceLike | None = None,
 ) -> Image:
     """The picture focused on another plane, or on a tilted or curved surface.
 
@@ -164,6 +165,8 @@ def refocus(
     upsample : int
         Pixels of the picture along each axis for one of the views, 1 to 16. For a disparity off
         the integers the samples of the views interleave and more detail is resolved (`upsampled`).
+    device : Device or str, optional
+        Where an array goes; default ``Device.open()``. A light field brings its own.
 
     Returns
     -------
@@ -180,7 +183,7 @@ def refocus(
     ShapeError
         If disparities are not one of every pixel.
     """
-    lf = as_lightfield(lf, "focal_stack")
+    lf = as_lightfield(lf, "focal_stack", device=device)
     given = _exactly_one(alpha=alpha, disparity=disparity)
     _check_options(np.ndim(given), rescale, interpolation, upsample)
     if np.ndim(given) == 1:

@@ -8,6 +8,7 @@ import numpy as np
 import pyopencl.array as cla
 from numpy.typing import ArrayLike
 
+from clplen.compute.device import DeviceLike
 from clplen.lightfield.model.alpha_law import require_two_plane, row_ratio
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.rendering import view_weights
@@ -33,6 +34,7 @@ def fourier_stack(
     disparities: ArrayLike | None = None,
     aperture: Any = None,
     width: int = 6,
+    device: DeviceLike | None = None,
 ) -> FocalStack:
     """A focal stack by slicing the light field's 4-D spectrum (Ng 2005, Fourier slice).
 
@@ -57,6 +59,8 @@ def fourier_stack(
         As in `LightField.render`.
     width : int
         2 to 12.
+    device : Device or str, optional
+        Where an array goes; default ``Device.open()``. A light field brings its own.
 
     Returns
     -------
@@ -72,7 +76,7 @@ def fourier_stack(
     DeviceError
         If spectrum, stack and light field are larger than the device's memory.
     """
-    lf = as_lightfield(lf)
+    lf = as_lightfield(lf, device=device)
     if width not in _WIDTHS:
         raise ValueError(f"A slice is {_WIDTHS[0]} to {_WIDTHS[-1]} samples wide, not {width!r}.")
     if lf.positions is not None:

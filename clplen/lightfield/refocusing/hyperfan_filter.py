@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.compute.device import DeviceLike
 from clplen.lightfield.model.alpha_law import row_ratio, unit_steps
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import as_lightfield
@@ -21,7 +22,14 @@ from clplen.lightfield.refocusing.phase_ramps import (
 )
 
 
-def hyperfan(lf: LightField, low: float, high: float, *, bandwidth: float = 0.05) -> LightField:
+def hyperfan(
+    lf: LightField,
+    low: float,
+    high: float,
+    *,
+    bandwidth: float = 0.05,
+    device: DeviceLike | None = None,
+) -> LightField:
     """Keep what lies between two disparities, in every view (Dansereau et al. 2013, hyperfan).
 
     The spectrum of a light field of disparity d lies on (fv, fu) = d (fy, fx). The filter passes
@@ -43,6 +51,8 @@ def hyperfan(lf: LightField, low: float, high: float, *, bandwidth: float = 0.05
     bandwidth : float
         In cycles a view, where the amplitude has fallen to 1/sqrt(2); above 0, below 1/4. Each
         view becomes a mean over about 0.13/bandwidth views to each side.
+    device : Device or str, optional
+        Where an array goes; default ``Device.open()``. A light field brings its own.
 
     Returns
     -------
@@ -57,7 +67,7 @@ def hyperfan(lf: LightField, low: float, high: float, *, bandwidth: float = 0.05
         If the spectrum of a channel, of four times its samples, is larger than the device's
         memory.
     """
-    lf = as_lightfield(lf)
+    lf = as_lightfield(lf, device=device)
     _check(lf, low, high, bandwidth)
     V, U, ny, nx = lf.shape[:4]
     nbytes = 8 * ny * nx * (4 + 2 + 1) * V * U + 4 * lf.data.size + lf.data.nbytes

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.compute.device import Device
+from clplen.compute.device import Device, DeviceLike
 from clplen.errors import ShapeError
 from clplen.lightfield.arrays.stored_samples import C_TYPE
 from clplen.lightfield.model.alpha_law import shifts
@@ -173,7 +173,7 @@ def _ramp(shift: Vector, n: int) -> np.ndarray[Any, np.dtype[np.complex64]]:
     return np.exp(2j * np.pi * (turns - np.rint(turns))).astype(np.complex64)
 
 
-def shift_views(lf: LightField, steps: Any) -> LightField:
+def shift_views(lf: LightField, steps: Any, *, device: DeviceLike | None = None) -> LightField:
     """A light field whose views are moved, each by its own distance.
 
     What lay at (y + steps[v, u, 0], x + steps[v, u, 1]) of view (v, u) comes to (y, x), by the
@@ -185,6 +185,8 @@ def shift_views(lf: LightField, steps: Any) -> LightField:
     lf : LightField
     steps : array_like
         Shape (V, U, 2), (y, x) in pixels, finite.
+    device : Device or str, optional
+        Where an array goes; default ``Device.open()``. A light field brings its own.
 
     Returns
     -------
@@ -200,7 +202,7 @@ def shift_views(lf: LightField, steps: Any) -> LightField:
     DeviceError
         If both light fields do not fit the device.
     """
-    lf = as_lightfield(lf)
+    lf = as_lightfield(lf, device=device)
     shift = np.asarray(steps, np.float64)
     V, U, ny, nx = lf.shape[:4]
     if shift.shape != (V, U, 2):
