@@ -25,7 +25,7 @@ python=$work/venv/bin/python
     --requirement pyproject.toml --extra test
 "$uv" pip install --quiet --python "$python" --no-deps .
 "$uv" pip list --python "$python" |
-    grep -iE '^(numpy|scipy|pyopencl|click|tqdm|pydantic|tifffile|imageio|h5py|matplotlib|zarr|dask|distributed|fsspec|pytest|hypothesis) '
+    grep -iE '^(numpy|scipy|pyopencl|click|tqdm|pydantic|tifffile|imageio|h5py|matplotlib|zarr|filelock|lazy.loader|dask|distributed|fsspec|pytest|hypothesis) '
 
 "$python" -m clplen devices
 # Old packages use what newer ones, on which they stand, will drop (matplotlib 3.7 of pyparsing).
