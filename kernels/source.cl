@@ -6,8 +6,7 @@
  * with r - z = rho^2/(2z) - (r - z)^2/(2z): the quadratic phases of source and lens are together a
  * product of two 1-D phasor tables ty, tx made in double on the host; the rest is a small residual
  * in turns. A: covered fraction of the cell by the circular aperture of radius R about the axis.
- * 2 J1(v)/v, the far field of a uniform coherent disc, comes from a table of (value, slope times
- * step) over v by cubic Hermite interpolation. Outside the aperture nothing is computed.
+ * 2 J1(v)/v: see disc_pattern.cl. Outside the aperture nothing is computed.
  *
  * source: (z high, z low, scale, -) of each source; rho_y, rho_x: (high, low) distances from the foot
  * of each source along y and x; wavelength: (high, low).
@@ -15,6 +14,7 @@
  * Mapping: FOR_X of common.cl, axis 2 = source. -DROWS, -DDOUBLE: see common.cl.
  */
 #include "coverage.cl"
+#include "disc_pattern.cl"
 
 #ifdef RESIDUAL_FP64
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
@@ -28,16 +28,6 @@ typedef double4 real4;
 #else
 typedef float4 real4;
 #endif
-
-inline real disc_pattern(real v, real per_step, __global const real2 *restrict table, int last)
-{
-    const real place = fmin(v * per_step, (real)last);
-    const int i = min((int)place, last - 1);
-    const real t = place - i;
-    const real2 a = table[i], b = table[i + 1];
-    const real rise = b.x - a.x;
-    return a.x + t * (a.y + t * ((3 * rise - 2 * a.y - b.y) + t * (a.y + b.y - 2 * rise)));
-}
 
 __kernel void point_sources(__global cplx *restrict u, __global const cplx *restrict ty,
                             __global const cplx *restrict tx, __global const real4 *restrict source,

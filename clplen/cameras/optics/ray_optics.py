@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyopencl.array as cla
@@ -30,6 +30,7 @@ from clplen.units import metres
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.field import Grid
 
+LensModel = Literal["thin", "corrected"]
 Positions = np.ndarray[Any, np.dtype[np.float64]]
 
 
@@ -54,6 +55,9 @@ class RayOptics(LensletCamera, ABC):
     device : Device
     aberrations : Aberrations
         What departs from this design; `Plenoptic.with_aberrations` sets it.
+    lens_model : {"thin", "corrected"}
+        The main lens: a quadratic phase, or a lens that images every point without aberrations and
+        obeys the sine condition.
     """
 
     focal_length: float
@@ -68,6 +72,7 @@ class RayOptics(LensletCamera, ABC):
     field_lens: bool
     device: Device
     aberrations: Aberrations = field(default=NONE, kw_only=True)
+    lens_model: LensModel = field(default="thin", kw_only=True)
 
     def __repr__(self) -> str:
         return (

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pyopencl.array as cla
 
 from clplen.cameras.optics.ray_optics import FixedOptics, check_in_view, check_sampling
 from clplen.compute.device import Device
@@ -18,7 +19,7 @@ from clplen.compute.fft.lines import smooth_length
 from clplen.errors import DeviceError, ShapeError
 from clplen.wave.elements.lens import thin_lens
 from clplen.wave.elements.zernike import wavefront
-from clplen.wave.field.field import Field, Grid
+from clplen.wave.field.field import Field, Grid, row_powers
 from clplen.wave.field.transmission import multiply, phasor, split
 from clplen.wave.propagation.band import blas_limit
 from clplen.wave.propagation.free_space import plan
@@ -79,7 +80,7 @@ def pupil_fields(
     )
     scale = np.pi * diameter / (wavelength * z)
     reach = np.hypot(*(aperture_diameter / 2 + np.abs(positions[:, :2]).max(axis=0)))
-    table, per_step = _disc_table(float(scale.max() * reach), device)
+    table, per_step = disc_table(float(scale.max() * reach), device)
     defines = device.wave_defines() | _residual_route(reach, z.min(), wavelength, device)
     feet = np.stack([*split(z, device.real).T, scale, np.zeros_like(z)], axis=-1)
     out = device.empty((len(z), *grid.shape), device.complex)
@@ -136,7 +137,7 @@ def _quadratic_phasors(
     return phasor(spherical - axis[None, :] ** 2 / (2 * wavelength * f), device.complex)
 
 
-def _disc_table(largest: float, device: Device) -> tuple[np.ndarray[Any, Any], float]:
+def disc_table(largest: float, device: Device) -> tuple[np.ndarray[Any, Any], float]:
     """2 J1(v)/v and its slope times the step, from 0 to ``largest``; and steps a unit of v."""
     from scipy import special  # here, because it takes a third of the package's import time
 
@@ -149,6 +150,8 @@ def _disc_table(largest: float, device: Device) -> tuple[np.ndarray[Any, Any], f
 
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
+LARGEST_SAMPLED_RIM = 4096  # samples across; more are counted by their mean
+RIM_LOSS = 0.664  # of the rim's samples, times samples across: 4 int c (1 - c), c the covered share
 FRESNEL_WIDTHS = 2  # diffraction beyond the geometric edge that a window without padding holds
 
 
@@ -327,6 +330,55 @@ class WaveOptics(FixedOptics):
         stack = Field(pupil.data.reshape(tall.shape), tall, pupil.wavelength, device)
         bent = multiply(stack, device.upload(np.concatenate(plates)))
         return pupil.with_data(bent.data.reshape(pupil.shape))
+
+    def rim_energy(self, pitch: float) -> float:
+        """Energy of an aperture over that of its samples, whose rim keeps the covered share.
+
+        Light that the rim scatters beyond the band of the samples does not count to the power of a
+        point; this factor makes a window of finer samples agree with one that is sampled as the
+        sensor.
+
+        Parameters
+        ----------
+        pitch : float
+            Of the samples in metres.
+        """
+        across = self.aperture_diameter / pitch
+        if pitch != self.pixel_pitch or across > LARGEST_SAMPLED_RIM:
+            return 1 / (1 - RIM_LOSS / across)
+        return self.device.plans.get(
+            ("rim energy", self.grid, self.aperture_diameter), self._rim_energy, lambda value: 8
+        )
+
+    def _rim_energy(self) -> float:
+        area = math.pi / 4 * (self.aperture_diameter / self.pixel_pitch) ** 2
+        sampled = pupil_fields(
+            np.zeros((1, 3)),
+            grid=aperture_grid(self.grid, self.aperture_diameter),
+            object_distance=self.object_distance,
+            focal_length=self.focal_length,
+            aperture_diameter=self.aperture_diameter,
+            wavelength=self.wavelength,
+            device=self.device,
+        )
+        return area / float(row_powers(sampled).sum())
+
+    def array_transmission(self, grid: Grid) -> cla.Array:
+        """Transmission of the array, its lenslets' errors with it, on a grid of any origin.
+
+        Parameters
+        ----------
+        grid : Grid
+
+        Returns
+        -------
+        pyopencl.array.Array
+            Complex, shape of the grid.
+        """
+        ideal = self.mla.transmission(grid, self.wavelength, self.device)
+        if not self.aberrations.bends_lenslets:
+            return ideal
+        return self._behind_lenslets(Field(ideal, grid, self.wavelength, self.device)).data
 
     def _behind_lenslets(self, field: Field) -> Field:
         """Fields right behind the array with what its lenslets depart by from thin lenses.

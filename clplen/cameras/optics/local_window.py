@@ -1,0 +1,360 @@
+"""Windows of single points: the light about a chief ray, from the pupil through the array.
+
+A point is imaged at X on the array with a blur D abs(1 - beta) and the rings of diffraction about
+it. Its window holds these and a few lenslets around; the direction of the chief ray is carried
+analytically, so that a window off the axis needs no finer samples than one on it. The field there
+is the integral over the pupil of kernels/local_window.cl: exact for small angles (Fresnel; Goodman
+2005, section 4.2) and at the image (Debye and Wolf; Stamnes 1986, chapter 12), by stationary phase
+between; from the array to the sensor the angular spectrum is exact.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.cameras.optics.wave_optics import WaveOptics, disc_table
+from clplen.compute.fft.blocks import run
+from clplen.compute.fft.lines import Line, Separable, smooth_length
+from clplen.wave.field.field import Grid
+
+Values = np.ndarray[Any, np.dtype[np.float64]]
+
+PERIOD = 2.0  # of the sum over the pupil, in windows
+STOP_DB = 90.0  # of what would be seen in the place of the rim's light
+RINGS = 30  # Airy radii of light about the geometrical blur
+NUMBERS = 16  # of a point, for kernels/local_window.cl
+RIM = 8  # samples on either side of the pupil's rim that its weights reach, as in the kernel
+RIM_STEPS = 64  # of their table, a sample
+PATHS = 131  # samples across the table of a wavefront, one beyond the pupil on either side
+
+
+@dataclass(frozen=True)
+class WindowShape:
+    """Sizes that windows computed together share.
+
+    Attributes
+    ----------
+    finer : int
+        Samples a pixel along each axis.
+    pitch : float
+        Of the samples in metres: that of the pixels over ``finer``.
+    samples : int
+        Of the window along each axis, even.
+    period : int
+        Samples after which the integral over the pupil repeats itself.
+    pupil : int
+        Samples of direction across the pupil.
+    guard : int
+        Samples at the rim of the window that light from beyond it may reach.
+    """
+
+    finer: int
+    pitch: float
+    samples: int
+    period: int
+    pupil: int
+    guard: int
+
+
+def slope_about_carrier(optics: WaveOptics, beta: float) -> float:
+    """The steepest ray behind the array from the direction of the chief ray, in radians."""
+    slope = max(1.0, abs(beta)) * optics.aperture_diameter / 2 / optics.array_distance
+    slope += optics.mla.diameter / (2 * min(abs(f) for f in optics.mla.focal_lengths))
+    return slope + optics.main_slope() + optics.aberrations.lenslet_slope(optics.mla)
+
+
+def finer(optics: WaveOptics, beta: float) -> int:
+    """Samples a pixel and axis that the light of a point needs about its chief ray."""
+    slope = slope_about_carrier(optics, beta)
+    return math.floor(2 * slope * optics.pixel_pitch / optics.wavelength * (1 + 1e-9)) + 1
+
+
+def window_shape(optics: WaveOptics, position: Values, rings: float = RINGS) -> WindowShape:
+    """The window of a point at (x, y, dz) in metres."""
+    beta = float(optics.array_alpha(position[2]))
+    many = finer(optics, beta)
+    dx = optics.pixel_pitch / many
+    D, z2 = optics.aperture_diameter, optics.array_distance
+    blur = D / 2 * abs(1 - beta) + z2 * optics.main_slope()
+    tilted = 1 + (np.abs(optics.on_array(position[None])).max() / z2) ** 2
+    airy = 1.22 * optics.wavelength * z2 / D * tilted
+    slope = many * optics.wavelength / (2 * optics.pixel_pitch)
+    walk = abs(optics.sensor_distance) * slope
+    half = blur * tilted + rings * airy + optics.mla.pitch + walk
+    samples = 2 * smooth_length(math.ceil(half / dx))
+    period = smooth_length(math.ceil(PERIOD * samples))
+    pupil = math.ceil(1.05 * D / z2 * tilted * period * dx / optics.wavelength) + 2 * RIM
+    if pupil > period:  # the pupil fills the band
+        period, pupil = (smooth_length(pupil),) * 2
+    return WindowShape(many, dx, samples, period, pupil, math.ceil(walk / dx))
+
+
+@dataclass(frozen=True, eq=False)
+class LocalWindows:
+    """Windows of several points, of one shape.
+
+    Attributes
+    ----------
+    shape : WindowShape
+    numbers : numpy.ndarray
+        Of each point for the kernels, shape (n, NUMBERS).
+    centres : numpy.ndarray
+        (y, x) of the windows' middle samples on the array, counted in samples from the middle pixel
+        of the sensor, int64, shape (n, 2).
+    carriers : numpy.ndarray
+        Direction cosines (y, x) behind the array of a chief ray, shape (n, 2).
+    shifts : numpy.ndarray
+        By how many samples (y, x) the windows on the sensor lie farther out, int64, shape (n, 2).
+    energy : numpy.ndarray
+        Of each point's samples of the field in an infinite window, in the kernels' unit, shape (n,).
+    """
+
+    optics: WaveOptics
+    shape: WindowShape
+    positions: Values
+    diameter: float
+    numbers: Values
+    centres: np.ndarray[Any, np.dtype[np.int64]]
+    carriers: Values
+    shifts: np.ndarray[Any, np.dtype[np.int64]]
+    energy: Values
+
+    @classmethod
+    def of(
+        cls, optics: WaveOptics, shape: WindowShape, positions: Values, diameter: float = 0.0
+    ) -> LocalWindows:
+        """The windows of points (x, y, dz), shape (n, 3), in metres."""
+        z = optics.object_distance + positions[:, 2]
+        z2, lam = optics.array_distance, optics.wavelength
+        q = 1 / optics.focal_length - 1 / z
+        t0 = -positions[:, 1::-1] / z[:, None]  # (y, x), the chief ray's slope
+        images = t0 * z2
+        a0 = np.sqrt(1 + (t0**2).sum(axis=1))
+        s0 = t0 / a0[:, None]
+        r0 = z2 * a0
+        across = np.eye(2) - s0[:, :, None] * s0[:, None, :]
+        at_rim = (a0**2 / (a0**2 + (optics.aperture_diameter / 2 / z2) ** 2)) ** 1.5
+        bend = across * (at_rim / r0)[:, None, None]
+        slopes = (q / a0)[:, None, None] * across + (1 - z2 * q)[:, None, None] * bend
+        origin = np.asarray(optics.grid.origin)
+        centres = np.rint((images - origin) / shape.pitch).astype(np.int64)
+        beside = origin + centres * shape.pitch - images
+        lens = 1 / z2 if optics.field_lens else 0.0
+        carriers = s0 - lens * images
+        leaning = carriers / np.sqrt(1 - (carriers**2).sum(axis=1))[:, None]
+        shifts = np.rint(optics.sensor_distance * leaning / shape.pitch).astype(np.int64)
+        numbers = np.zeros((len(positions), NUMBERS))
+        columns = (
+            *t0.T, q, 1 - z2 * q, bend[:, 0, 0], bend[:, 0, 1], bend[:, 1, 1], 1 / z,
+            np.full(len(z), math.pi * diameter / lam), *(beside / lam).T, np.linalg.det(slopes),
+            *beside.T, np.full(len(z), lens),
+        )  # fmt: skip
+        for number, column in enumerate(columns):
+            numbers[:, number] = column
+        made = cls(
+            optics, shape, positions, diameter, numbers, centres, carriers, shifts,
+            np.ones(len(positions)),
+        )  # fmt: skip
+        made.energy[:] = made._energies()
+        return made
+
+    @property
+    def step(self) -> float:
+        """Of the direction cosines, lam over the period."""
+        return self.optics.wavelength / (self.shape.period * self.shape.pitch)
+
+    def array_fields(self) -> cla.Array:
+        """Fields on the array before its lenslets, without carrier and quadratic phase.
+
+        Returns
+        -------
+        pyopencl.array.Array
+            Complex, shape (n, samples, samples).
+        """
+        optics, shape, device = self.optics, self.shape, self.optics.device
+        count = len(self.positions)
+        reach = optics.aperture_diameter / 2 + np.abs(self.positions[:, :2]).max()
+        nearest = float((optics.object_distance + self.positions[:, 2]).min())
+        table, per_step = disc_table(
+            math.pi * self.diameter / optics.wavelength * 2 * reach / nearest, device
+        )
+        defines = device.wave_defines() | ({"THIN": True} if optics.lens_model == "thin" else {})
+        paths, size = np.zeros((1, 2)), 0
+        if optics.aberrations.bends_main_lens:
+            defines |= {"PATH": True}
+            size = PATHS
+            paths = self._paths()
+        rim = _rim_weights(shape.samples / shape.period)
+        pupil = device.empty((count, shape.pupil, shape.pupil), device.complex)
+        real = device.real.type
+        device.launch_rows(
+            device.kernel("local_window.cl", "spectra", **defines),
+            pupil.shape,
+            pupil,
+            device.upload(self.numbers.astype(device.real)),
+            device.upload(table),
+            np.int32(len(table) - 1),
+            real(per_step),
+            device.upload(rim.astype(device.real)),
+            np.int32(len(rim)),
+            device.upload(paths.astype(device.real)),
+            np.int32(size),
+            real(optics.aperture_diameter / 2),
+            real(optics.array_distance),
+            real(self.step),
+            real(1 / optics.wavelength),
+            np.int32(shape.pupil),
+            np.int32(shape.pupil),
+        )
+        line = _to_window(shape).astype(device.complex)
+        return run(pupil, Separable((line,), (line,)), [], [], device)[0]
+
+    def behind_array(self, fields: cla.Array) -> cla.Array:
+        """The same fields behind the lenslets, in place; still without their carrier."""
+        optics, shape, device = self.optics, self.shape, self.optics.device
+        n = shape.samples
+        real = device.real.type
+        arrays = device.empty(fields.shape, device.complex)
+        for number, centre in enumerate(self.centres):
+            grid = Grid((n, n), shape.pitch, origin=self._origin(centre))
+            arrays[number] = optics.array_transmission(grid)
+        device.launch_rows(
+            device.kernel("local_window.cl", "behind", **device.wave_defines()),
+            fields.shape,
+            fields,
+            device.upload(self.numbers.astype(device.real)),
+            arrays,
+            real(shape.pitch),
+            real(1 / optics.wavelength),
+            np.int32(n),
+            np.int32(n),
+        )
+        return fields
+
+    def sensor_spectra(self, behind: cla.Array) -> cla.Array:
+        """Spectra of the fields on the sensor about the windows' centres there, in place.
+
+        Parameters
+        ----------
+        behind : pyopencl.array.Array
+            From `behind_array`.
+        """
+        optics, shape, device = self.optics, self.shape, self.optics.device
+        device.fft.forward(behind, device)
+        carriers = np.concatenate([self.carriers, self.shifts, self._off_band()], axis=1)
+        real = device.real.type
+        device.launch_rows(
+            device.kernel("local_window.cl", "onward", **device.wave_defines()),
+            behind.shape,
+            behind,
+            device.upload(carriers.astype(device.real)),
+            real(optics.wavelength / shape.pitch),
+            real(optics.sensor_distance / optics.wavelength),
+            np.int32(shape.samples),
+            np.int32(shape.samples),
+        )
+        return behind
+
+    def _off_band(self) -> Values:
+        """Bins (y, x) from the middle of each window's band to its carrier.
+
+        The band lies about the carrier, unless samples as fine as these hold all light about the
+        axis: then about the axis, as in a window as large as the sensor.
+        """
+        optics, shape = self.optics, self.shape
+        nyquist = optics.wavelength / (2 * shape.pitch)
+        steepest = np.array([slope_about_carrier(optics, 1 - gap) for gap in self.numbers[:, 3]])
+        about_axis = (np.abs(self.carriers) + steepest[:, None] < nyquist).all(axis=1)
+        bins = self.carriers * (shape.samples * shape.pitch / optics.wavelength)
+        return np.where(about_axis[:, None], bins, 0.0)
+
+    def _origin(self, centre: Any) -> tuple[float, float]:
+        y, x = np.asarray(self.optics.grid.origin) + np.asarray(centre) * self.shape.pitch
+        return float(y), float(x)
+
+    def _paths(self) -> Values:
+        """(turns, transmission) of the main lens over the pupil's square, for each point."""
+        optics = self.optics
+        axis = (np.arange(PATHS) - (PATHS - 1) / 2) / ((PATHS - 3) / 2)
+        v, u = np.meshgrid(axis, axis, indexing="ij")
+        images = optics.image_of(self.positions)[:, ::-1]
+        tables = []
+        for y, x in images:
+            path, passes = optics.main_lens_path(float(y), float(x), v, u)
+            tables.append(np.stack([path / optics.wavelength, passes * np.ones_like(path)], -1))
+        return np.stack(tables)
+
+    def _energies(self) -> Values:
+        """Energy of the samples of the whole plane, sum |U|^2, as the kernels scale them."""
+        optics, shape = self.optics, self.shape
+        radius, area = _disc_nodes()
+        u = radius * (optics.aperture_diameter / 2)
+        found = []
+        for numbers in self.numbers:
+            t0, q, per_z, scale = numbers[:2], numbers[2], numbers[7], numbers[8]
+            squares = _amplitudes(u, t0, q, per_z, scale, optics.lens_model == "thin")
+            found.append((squares * area).sum() * (optics.aperture_diameter / 2) ** 2)
+        # sum |G|^2 over the samples of direction is int A^2 du J0/ds^2, and the inverse transform
+        # divides by the samples of the period
+        return np.asarray(found) * self.numbers[:, 11] / (self.step * shape.period) ** 2
+
+
+@lru_cache(maxsize=32)
+def _rim_weights(share: float) -> Values:
+    """Weights across the rim: a step filtered to the frequencies that a window sees.
+
+    A sum over samples of direction repeats the light after the period. Of the step's frequencies
+    along s in cycles a sample, those up to share/sqrt(2) reach the window's corners, and those from
+    1 - share/2 on would be seen in their place: Kaiser's filter between (Kaiser 1974).
+
+    Parameters
+    ----------
+    share : float
+        The window over the period, below 1.
+    """
+    low, high = math.sqrt(0.5) * share, 1 - share / 2
+    stop_db = 14.36 * 2 * RIM * max(high - low, 0.0) + 7.95
+    beta = 0.1102 * (min(stop_db, STOP_DB) - 8.7)
+    t = (np.arange(2 * RIM * RIM_STEPS) + 0.5) / RIM_STEPS - RIM
+    taper = np.i0(beta * np.sqrt(1 - (t / RIM) ** 2)) / np.i0(beta)
+    total = np.concatenate([[0.0], np.cumsum(np.sinc((low + high) * t) * taper)])
+    return np.asarray(total / total[-1])
+
+
+def _disc_nodes(count: int = 48) -> tuple[Values, Values]:
+    """Places (n, 2) on the unit disc and their areas: Gauss in the radius, equal angles."""
+    x, w = np.polynomial.legendre.leggauss(count)
+    r2, angle = (x + 1) / 2, 2 * np.pi * (np.arange(count) + 0.5) / count
+    r = np.sqrt(r2)
+    places = np.stack([np.outer(r, np.sin(angle)), np.outer(r, np.cos(angle))], -1).reshape(-1, 2)
+    areas = np.repeat(w / 2 * np.pi / count, count)
+    return places, areas
+
+
+def _amplitudes(u: Values, t0: Values, q: float, per_z: float, scale: float, thin: bool) -> Values:
+    """Squared amplitude in the pupil at places u, as kernel `spectra` has it."""
+    from scipy import special  # a slow import
+
+    seen = u * per_z + t0
+    v = scale * np.hypot(*seen.T)
+    disc = np.where(v > 0, 2 * special.j1(v) / np.where(v > 0, v, 1), 1.0)
+    if thin:
+        return np.asarray(disc**2)
+    slope2 = ((t0 - q * u) ** 2).sum(axis=1)
+    return np.asarray(disc**2 * ((1 + (t0**2).sum()) / (1 + slope2)) ** 1.5)
+
+
+def _to_window(shape: WindowShape) -> Line:
+    """From samples of direction about 0 to the window's samples about its middle."""
+    n, m, length = shape.pupil, shape.samples, shape.period
+    first = -(m // 2)
+    i, k = np.arange(n), np.arange(m)
+    pre = np.exp(2j * np.pi * ((i * first) % length) / length)
+    post = np.exp(-2j * np.pi * (((n // 2) * (k + first)) % length) / length)
+    return Line(n, m, length, "inverse", pre=pre, post=post)

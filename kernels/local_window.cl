@@ -1,0 +1,183 @@
+/* The light of single points in windows of their own, about their chief rays.
+ *
+ * The chief ray of a point meets the array at X with the direction cosines s0. Beside X by xi,
+ *
+ *   U(X + xi) = exp(i k (s0 xi + xi H xi/2)) sum_j G(s_j) exp(i k s_j xi),
+ *
+ * H the curvature of waves from the rim of the pupil, which are all that is not stationary. The ray from u in the pupil has the slope t = t0 - q u,
+ * q = 1/F', meets the array at xi = (1 - beta) u, and belongs to s = sin(t) - s0 - H xi. The phase
+ * of G is that of the ray less those of the factors (stationary phase), its amplitude keeps the
+ * energy; for a window at the image (beta = 1) and for small angles this is the exact integral.
+ *
+ *   spectra     G for each point on a square of samples of s about 0
+ *   behind      U in the window times the quadratic phase and the transmission of the array
+ *   onward      spectra times the angular spectrum's factor over z3 about the direction of a carrier
+ *
+ * point: NUMBERS for each point, see `_numbers` of local_window.py.
+ * -DTHIN: the quadratic phase of a thin lens; else a lens that images the point without aberrations,
+ *         with the amplitude cos^(3/2) in the pupil's plane of the sine condition.
+ * -DPATH: the main lens has a wavefront of its own, a table (path/lam, transmission) over the pupil's
+ *         square, by Lagrange's cubic.
+ * Mapping: FOR_X of common.cl, axis 2 = point. -DROWS, -DDOUBLE: see common.cl.
+ */
+#include "common.cl"
+#include "disc_pattern.cl"
+
+#define NUMBERS 16
+#define RIM 8        /* samples on either side of the rim that its weights reach */
+#define RIM_STEPS 64 /* of their table, a sample */
+#define NEWTON 3
+
+/* Weights of Lagrange's cubic at -1, 0, 1, 2. */
+inline void lagrange(real t, real *w)
+{
+    w[0] = -t * (t - 1) * (t - 2) / 6;
+    w[1] = (t + 1) * (t - 1) * (t - 2) / 2;
+    w[2] = -(t + 1) * t * (t - 2) / 2;
+    w[3] = (t + 1) * t * (t - 1) / 6;
+}
+
+/* (turns, transmission) at (v, u) of the unit disc; the table reaches one step beyond it. */
+inline real2 from_table(__global const real2 *restrict table, int size, real v, real u)
+{
+    const real middle = (real)0.5f * (size - 1), step = (real)0.5f * (size - 3);
+    const real y = clamp(v * step + middle, (real)1, (real)(size - 2));
+    const real x = clamp(u * step + middle, (real)1, (real)(size - 2));
+    const int iy = min((int)y, size - 3), ix = min((int)x, size - 3);
+    real wy[4], wx[4];
+    lagrange(y - iy, wy);
+    lagrange(x - ix, wx);
+    real2 sum = (real2)(0);
+    for (int j = 0; j < 4; ++j)
+        for (int i = 0; i < 4; ++i)
+            sum += wy[j] * wx[i] * table[(size_t)(iy - 1 + j) * size + ix - 1 + i];
+    return sum;
+}
+
+/* Weight of a sample `inside` samples from the rim: a step less its frequencies that would alias. */
+inline real rim_weight(real inside, __global const real *restrict rim, int size)
+{
+    const real place = clamp((inside + RIM) * RIM_STEPS, (real)0, (real)(size - 1));
+    const int i = min((int)place, size - 2);
+    return mix(rim[i], rim[i + 1], place - i);
+}
+
+__kernel void spectra(__global cplx *restrict g, __global const real *restrict points,
+                      __global const real2 *restrict disc, const int last, const real per_step,
+                      __global const real *restrict rim, const int rim_size,
+                      __global const real2 *restrict paths, const int path_size, const real R,
+                      const real z2, const real ds, const real per_lam, const int ny, const int nx)
+{
+    const int y = get_global_id(1);
+    const int n = get_global_id(2);
+    const size_t row = row_start(n, y, ny, nx);
+    __global const real *p = points + (size_t)n * NUMBERS;
+    const real ty0 = p[0], tx0 = p[1], q = p[2], gap = p[3], hyy = p[4], hyx = p[5], hxx = p[6];
+    const real per_z = p[7], scale = p[8], down = p[9], right = p[10];
+    const real a0 = sqrt(1 + ty0 * ty0 + tx0 * tx0), c0 = 1 / a0, t02 = ty0 * ty0 + tx0 * tx0;
+    const real sy = ds * (y - ny / 2);
+    FOR_X(x, nx) {
+        const real sx = ds * (x - nx / 2);
+        const real along = ty0 * sy + tx0 * sx;
+        real uy = -z2 * a0 * (sy + ty0 * along), ux = -z2 * a0 * (sx + tx0 * along);
+        real by = 0, bx = 0, a = 1, apart = 0, det = 1;
+        cplx value = (cplx)(0);
+        if (uy * uy + ux * ux < (real)4 * R * R) {
+            for (int i = 0; i <= NEWTON; ++i) {
+                const real ty = ty0 - q * uy, tx = tx0 - q * ux;
+                apart = q * (q * (uy * uy + ux * ux) - 2 * (ty0 * uy + tx0 * ux)); /* t^2 - t0^2 */
+                a = sqrt(1 + ty * ty + tx * tx);
+                const real c = 1 / a, dc = -apart * c * c0 / (a + a0);
+                by = -q * uy * c + ty0 * dc; /* direction from that of the chief ray */
+                bx = -q * ux * c + tx0 * dc;
+                const real oy = by - gap * (hyy * uy + hyx * ux) - sy;
+                const real ox = bx - gap * (hyx * uy + hxx * ux) - sx;
+                const real qc = q * c, c2 = c * c;
+                const real myy = -qc * (1 - c2 * ty * ty) - gap * hyy;
+                const real mxx = -qc * (1 - c2 * tx * tx) - gap * hxx;
+                const real myx = qc * c2 * ty * tx - gap * hyx;
+                det = myy * mxx - myx * myx;
+                if (i < NEWTON) {
+                    uy -= (mxx * oy - myx * ox) / det;
+                    ux -= (myy * ox - myx * oy) / det;
+                }
+            }
+            const real cell = ds * rsqrt(fabs(det));
+            real amplitude = rim_weight((R - sqrt(uy * uy + ux * ux)) / cell, rim, rim_size);
+            if (amplitude != 0) {
+                const real ahead = ty0 * uy + tx0 * ux, u2 = uy * uy + ux * ux;
+                const real bend = hyy * uy * uy + 2 * hyx * uy * ux + hxx * ux * ux;
+                real turns = gap * per_lam
+                    * (-ahead * apart * c0 / ((a + a0) * (a + a0)) - q * u2 / (a + a0)
+                       - (by * uy + bx * ux) + (real)0.5f * gap * bend);
+                const real vy = uy * per_z + ty0, vx = ux * per_z + tx0, v2 = vy * vy + vx * vx;
+                amplitude *= sqrt(p[11] / fabs(det));
+                amplitude *= disc_pattern(scale * sqrt(v2), per_step, disc, last);
+#ifdef THIN
+                const real av = 1 + sqrt(1 + v2), t2 = t02 + apart, at = 1 + a, at0 = 1 + a0;
+                turns -= per_lam * (real)0.5f
+                    * ((v2 * v2 / (av * av) - t02 * t02 / (at0 * at0)) / per_z
+                       + (t2 * t2 / (at * at) - t02 * t02 / (at0 * at0)) / q);
+#else
+                amplitude *= a0 * sqrt(a0) / (a * sqrt(a));
+#endif
+#ifdef PATH
+                const real2 path = from_table(paths + (size_t)n * path_size * path_size, path_size,
+                                              uy / R, ux / R);
+                turns += path.x;
+                amplitude *= sqrt(fmax(path.y, (real)0));
+#endif
+                turns += sy * down + sx * right;
+                const cplx phase = cis_turns(turns);
+                value = amplitude * phase;
+            }
+        }
+        g[row + x] = value;
+    }
+}
+
+__kernel void behind(__global cplx *restrict u, __global const real *restrict points,
+                     __global const cplx *restrict array, const real dx, const real per_lam,
+                     const int ny, const int nx)
+{
+    const int y = get_global_id(1);
+    const int n = get_global_id(2);
+    const size_t row = row_start(n, y, ny, nx);
+    __global const real *p = points + (size_t)n * NUMBERS;
+    const real hyy = p[4] - p[14], hyx = p[5], hxx = p[6] - p[14];
+    const real eta = dx * (y - ny / 2) + p[12];
+    FOR_X(x, nx) {
+        const real xi = dx * (x - nx / 2) + p[13];
+        const real bend = (real)0.5f * (hyy * eta * eta + hxx * xi * xi) + hyx * eta * xi;
+        u[row + x] = cmul(cmul(u[row + x], cis_turns(bend * per_lam)), array[row + x]);
+    }
+}
+
+/* Bins of a spectrum of n samples from the carrier, of those about `off` bins beside it. */
+inline real bins(int k, real off, int n)
+{
+    const real place = k + off;
+    return place - n * rint(place / n) - off;
+}
+
+/* carriers: (s_y, s_x, shift_y, shift_x, off_y, off_x) of each point: direction cosines, samples by
+ * which the window on the sensor lies farther out, bins from the middle of the band to the carrier. */
+__kernel void onward(__global cplx *restrict u, __global const real *restrict carriers,
+                     const real span, const real z_per_lam, const int ny, const int nx)
+{
+    const int y = get_global_id(1);
+    const int n = get_global_id(2);
+    const size_t row = row_start(n, y, ny, nx);
+    __global const real *c = carriers + (size_t)n * 6;
+    const real ky = bins(y, c[4], ny), sy = ky * span / ny;
+    const real s02 = c[0] * c[0] + c[1] * c[1];
+    const real c0 = sqrt(fmax(1 - s02, (real)0));
+    FOR_X(x, nx) {
+        const real kx = bins(x, c[5], nx), sx = kx * span / nx;
+        const real more = sy * (sy + 2 * c[0]) + sx * (sx + 2 * c[1]); /* s^2 - s0^2 */
+        const real rest = 1 - s02 - more;
+        const real turns = -z_per_lam * more / (sqrt(fmax(rest, (real)0)) + c0)
+            + ky * c[2] / ny + kx * c[3] / nx;
+        u[row + x] = rest > 0 ? cmul(u[row + x], cis_turns(turns)) : (cplx)(0);
+    }
+}
