@@ -22,10 +22,9 @@
  */
 #include "common.cl"
 #include "disc_pattern.cl"
+#include "rim_weights.cl"
 
 #define NUMBERS 16
-#define RIM 8        /* samples on either side of the rim that its weights reach */
-#define RIM_STEPS 64 /* of their table, a sample */
 #define NEWTON 3
 
 /* Weights of Lagrange's cubic at -1, 0, 1, 2. */
@@ -52,14 +51,6 @@ inline real2 from_table(__global const real2 *restrict table, int size, real v, 
         for (int i = 0; i < 4; ++i)
             sum += wy[j] * wx[i] * table[(size_t)(iy - 1 + j) * size + ix - 1 + i];
     return sum;
-}
-
-/* Weight of a sample `inside` samples from the rim: a step less its frequencies that would alias. */
-inline real rim_weight(real inside, __global const real *restrict rim, int size)
-{
-    const real place = clamp((inside + RIM) * RIM_STEPS, (real)0, (real)(size - 1));
-    const int i = min((int)place, size - 2);
-    return mix(rim[i], rim[i + 1], place - i);
 }
 
 __kernel void spectra(__global cplx *restrict g, __global const real *restrict points,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.cameras.optics.local_window import LocalWindows, WindowShape, window_shape
+from clplen.cameras.optics.local_window import ORDERS, LocalWindows, WindowShape, window_shape
 from clplen.cameras.optics.pixel_array import PixelSums, pixel_weights
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.cameras.scenes.scene_sources import PointSources
@@ -26,6 +26,7 @@ def expose_local(
     total: cla.Array,
     *,
     active: float,
+    orders: float = ORDERS,
     progress: Progress | None = None,
 ) -> Exposure:
     """Add the energy of points to an image of the sensor.
@@ -44,7 +45,7 @@ def expose_local(
     -------
     Exposure
     """
-    shapes = [window_shape(optics, position) for position in points.positions]
+    shapes = [window_shape(optics, position, orders=orders) for position in points.positions]
     order = sorted(range(len(points)), key=lambda n: (shapes[n].samples, shapes[n].finer, shapes[n].period, shapes[n].pupil))
     done, start, transforms = 0, 0, []
     while start < len(order):
@@ -67,7 +68,7 @@ def _add(windows: LocalWindows, power: Any, total: cla.Array, active: float) -> 
     optics, device = windows.optics, windows.optics.device
     fields = windows.array_fields()
     fields = windows.sensor_spectra(windows.behind_array(fields))
-    more = FINER_INTENSITY if active else 1
+    more = FINER_INTENSITY if active and windows.shape.rim is None else 1
     fields = refined(fields, more, device)
     for number in range(len(power)):
         sums, gain = _sums(windows, number, more, active)
@@ -106,7 +107,7 @@ def _sums(windows: LocalWindows, number: int, more: int, active: float) -> tuple
         place.append(begin + pixels // 2)
     sums = PixelSums((first[0], first[1]), more * k, width, (place[0], place[1]), (count[0], count[1]))
     # the finer inverse transform divides by more^2 as many samples
-    scale = more**2 if active else k**2
+    scale = more**2 if active else (more * k)**2
     return sums, scale * optics.rim_energy(shape.pitch) / windows.energy[number]
 
 

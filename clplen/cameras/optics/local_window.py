@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,16 +20,16 @@ import pyopencl.array as cla
 from clplen.cameras.optics.wave_optics import WaveOptics, disc_table
 from clplen.compute.fft.blocks import run
 from clplen.compute.fft.lines import Line, Separable, smooth_length
+from clplen.wave.elements.rims import RIM, rim_weights
 from clplen.wave.field.field import Grid
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
 PERIOD = 2.0  # of the sum over the pupil, in windows
-STOP_DB = 90.0  # of what would be seen in the place of the rim's light
+ORDERS = 18.0  # of diffraction at a lenslet's rim that samples hold
+BAND = 0.9  # of the samples' band that they fill
 RINGS = 30  # Airy radii of light about the geometrical blur
 NUMBERS = 16  # of a point, for kernels/local_window.cl
-RIM = 8  # samples on either side of the pupil's rim that its weights reach, as in the kernel
-RIM_STEPS = 64  # of their table, a sample
 PATHS = 131  # samples across the table of a wavefront, one beyond the pupil on either side
 
 
@@ -52,6 +51,8 @@ class WindowShape:
         Samples of direction across the pupil.
     guard : int
         Samples at the rim of the window that light from beyond it may reach.
+    rim : tuple of float or None
+        Of the lenslets, as in `MicrolensArray.transmission`.
     """
 
     finer: int
@@ -60,6 +61,7 @@ class WindowShape:
     period: int
     pupil: int
     guard: int
+    rim: tuple[float, float] | None
 
 
 def slope_about_carrier(optics: WaveOptics, beta: float) -> float:
@@ -69,30 +71,61 @@ def slope_about_carrier(optics: WaveOptics, beta: float) -> float:
     return slope + optics.main_slope() + optics.aberrations.lenslet_slope(optics.mla)
 
 
-def finer(optics: WaveOptics, beta: float) -> int:
-    """Samples a pixel and axis that the light of a point needs about its chief ray."""
-    slope = slope_about_carrier(optics, beta)
-    return math.floor(2 * slope * optics.pixel_pitch / optics.wavelength * (1 + 1e-9)) + 1
+def finer(optics: WaveOptics, beta: float, *, orders: float = 0.0) -> int:
+    """Samples a pixel and axis that the light of a point needs about its chief ray.
+
+    Parameters
+    ----------
+    optics : WaveOptics
+    beta : float
+        Its `array_alpha`.
+    orders : float
+        Orders of diffraction of a lenslet's rim, lam/d each, that are kept beside geometrical rays.
+    """
+    slope = slope_about_carrier(optics, beta) + orders * optics.wavelength / optics.mla.diameter
+    spare = 1 if orders == 0 else BAND
+    return math.floor(2 * slope * optics.pixel_pitch / optics.wavelength / spare * (1 + 1e-9)) + 1
 
 
-def window_shape(optics: WaveOptics, position: Values, rings: float = RINGS) -> WindowShape:
-    """The window of a point at (x, y, dz) in metres."""
+def window_shape(
+    optics: WaveOptics, position: Values, *, rings: float = RINGS, orders: float = ORDERS
+) -> WindowShape:
+    """The window of a point at (x, y, dz) in metres.
+
+    Parameters
+    ----------
+    optics : WaveOptics
+    position : numpy.ndarray
+    rings : float
+        Airy radii of light about the geometrical blur.
+    orders : float
+        Of a lenslet's rim that are kept, see `finer`. 0: samples as fine as geometrical rays need,
+        whose rims have the covered share, as in a window as large as the sensor.
+
+    Returns
+    -------
+    WindowShape
+    """
     beta = float(optics.array_alpha(position[2]))
-    many = finer(optics, beta)
+    many = finer(optics, beta, orders=orders)
     dx = optics.pixel_pitch / many
     D, z2 = optics.aperture_diameter, optics.array_distance
     blur = D / 2 * abs(1 - beta) + z2 * optics.main_slope()
     tilted = 1 + (np.abs(optics.on_array(position[None])).max() / z2) ** 2
     airy = 1.22 * optics.wavelength * z2 / D * tilted
-    slope = many * optics.wavelength / (2 * optics.pixel_pitch)
-    walk = abs(optics.sensor_distance) * slope
+    walk = abs(optics.sensor_distance) * slope_about_carrier(optics, beta)
     half = blur * tilted + rings * airy + optics.mla.pitch + walk
     samples = 2 * smooth_length(math.ceil(half / dx))
     period = smooth_length(math.ceil(PERIOD * samples))
     pupil = math.ceil(1.05 * D / z2 * tilted * period * dx / optics.wavelength) + 2 * RIM
     if pupil > period:  # the pupil fills the band
         period, pupil = (smooth_length(pupil),) * 2
-    return WindowShape(many, dx, samples, period, pupil, math.ceil(walk / dx))
+    rim = None
+    if orders:
+        kept = orders * dx / optics.mla.diameter
+        rays = slope_about_carrier(optics, beta) * dx / optics.wavelength
+        rim = (kept, 1 - 2 * rays - kept)
+    return WindowShape(many, dx, samples, period, pupil, math.ceil(walk / dx), rim)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +223,10 @@ class LocalWindows:
             defines |= {"PATH": True}
             size = PATHS
             paths = self._paths()
-        rim = _rim_weights(shape.samples / shape.period)
+        # of the light that the sum over directions repeats after the period, this window's corners
+        # see frequencies up to share/sqrt(2), and from 1 - share/2 on those of the next
+        share = shape.samples / shape.period
+        rim = rim_weights(math.sqrt(0.5) * share, 1 - share / 2)
         pupil = device.empty((count, shape.pupil, shape.pupil), device.complex)
         real = device.real.type
         device.launch_rows(
@@ -223,7 +259,7 @@ class LocalWindows:
         arrays = device.empty(fields.shape, device.complex)
         for number, centre in enumerate(self.centres):
             grid = Grid((n, n), shape.pitch, origin=self._origin(centre))
-            arrays[number] = optics.array_transmission(grid)
+            arrays[number] = optics.array_transmission(grid, rim=shape.rim)
         device.launch_rows(
             device.kernel("local_window.cl", "behind", **device.wave_defines()),
             fields.shape,
@@ -303,28 +339,6 @@ class LocalWindows:
         # sum |G|^2 over the samples of direction is int A^2 du J0/ds^2, and the inverse transform
         # divides by the samples of the period
         return np.asarray(found) * self.numbers[:, 11] / (self.step * shape.period) ** 2
-
-
-@lru_cache(maxsize=32)
-def _rim_weights(share: float) -> Values:
-    """Weights across the rim: a step filtered to the frequencies that a window sees.
-
-    A sum over samples of direction repeats the light after the period. Of the step's frequencies
-    along s in cycles a sample, those up to share/sqrt(2) reach the window's corners, and those from
-    1 - share/2 on would be seen in their place: Kaiser's filter between (Kaiser 1974).
-
-    Parameters
-    ----------
-    share : float
-        The window over the period, below 1.
-    """
-    low, high = math.sqrt(0.5) * share, 1 - share / 2
-    stop_db = 14.36 * 2 * RIM * max(high - low, 0.0) + 7.95
-    beta = 0.1102 * (min(stop_db, STOP_DB) - 8.7)
-    t = (np.arange(2 * RIM * RIM_STEPS) + 0.5) / RIM_STEPS - RIM
-    taper = np.i0(beta * np.sqrt(1 - (t / RIM) ** 2)) / np.i0(beta)
-    total = np.concatenate([[0.0], np.cumsum(np.sinc((low + high) * t) * taper)])
-    return np.asarray(total / total[-1])
 
 
 def _disc_nodes(count: int = 48) -> tuple[Values, Values]:

@@ -363,19 +363,23 @@ class WaveOptics(FixedOptics):
         )
         return area / float(row_powers(sampled).sum())
 
-    def array_transmission(self, grid: Grid) -> cla.Array:
+    def array_transmission(
+        self, grid: Grid, *, rim: tuple[float, float] | None = None
+    ) -> cla.Array:
         """Transmission of the array, its lenslets' errors with it, on a grid of any origin.
 
         Parameters
         ----------
         grid : Grid
+        rim : tuple of float, optional
+            As in `MicrolensArray.transmission`.
 
         Returns
         -------
         pyopencl.array.Array
             Complex, shape of the grid.
         """
-        ideal = self.mla.transmission(grid, self.wavelength, self.device)
+        ideal = self.mla.transmission(grid, self.wavelength, self.device, rim=rim)
         if not self.aberrations.bends_lenslets:
             return ideal
         return self._behind_lenslets(Field(ideal, grid, self.wavelength, self.device)).data

@@ -17,6 +17,7 @@ from clplen.deprecation import renamed_argument, renamed_attribute
 from clplen.errors import SamplingError
 from clplen.reprs import OneLine
 from clplen.wave.elements.lens import check_lens_sampling
+from clplen.wave.elements.rims import rim_weights
 from clplen.wave.elements.zernike import zernike_gradient, zernike_monomials
 from clplen.wave.field.field import Field, Grid, require_field
 from clplen.wave.field.transmission import multiply, whole_and_part
@@ -201,23 +202,56 @@ class MicrolensArray(OneLine):
         return multiply(field, self.transmission(field.grid, field.wavelength, field.device))
 
     def transmission(
-        self, grid: Grid, wavelength: float, device: DeviceLike | None = None
+        self,
+        grid: Grid,
+        wavelength: float,
+        device: DeviceLike | None = None,
+        *,
+        rim: tuple[float, float] | None = None,
     ) -> cla.Array:
-        """Complex transmission on a grid, shape (ny, nx); kept on the device for the next call."""
+        """Complex transmission on a grid, shape (ny, nx).
+
+        Parameters
+        ----------
+        grid : Grid
+            With equal pitch along y and x if ``rim`` is given.
+        wavelength : float
+            In metres.
+        device : Device or str, optional
+            None is ``Device.open()``.
+        rim : tuple of float, optional
+            None: a sample at the rim of a lenslet has the share of its cell that is covered, and
+            the result is kept on the device for the next call. Else the rim is a step filtered as
+            by `rim_weights`: cycles a sample that stay, and from which on none are left.
+
+        Returns
+        -------
+        pyopencl.array.Array
+        """
         opened = as_device(device)
+        if rim is not None:
+            return self._transmission(grid, wavelength, opened, rim)
         return opened.plans.get(
             ("lenslets", self, grid, wavelength),
             lambda: self._transmission(grid, wavelength, opened),
             lambda array: int(array.nbytes),
         )
 
-    def _transmission(self, grid: Grid, wavelength: float, device: Device) -> cla.Array:
+    def _transmission(
+        self,
+        grid: Grid,
+        wavelength: float,
+        device: Device,
+        rim: tuple[float, float] | None = None,
+    ) -> cla.Array:
         real = device.real.type
         out = device.empty(grid.shape, device.complex)
         defines = device.wave_defines()
         defines |= {"HEXAGONAL": True} if self.lattice == "hexagonal" else {}
         defines |= {"FULL": True} if self.fill == "full" else {}
         defines |= {"TYPES": len(self.focal_lengths), "TYPE_STEP": self.type_step}
+        defines |= {"FILTERED": True} if rim else {}
+        weights = rim_weights(*rim) if rim else np.zeros(1)
         turns = self.pitch**2 / (2 * wavelength * np.asarray(self.focal_lengths))
         kernel = device.kernel("lenslets.cl", "lenslets", **defines)
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
@@ -232,6 +266,8 @@ class MicrolensArray(OneLine):
             real(self.rotation),
             real(grid.pitch[0] / self.pitch / 2),
             real(grid.pitch[1] / self.pitch / 2),
+            device.upload(weights.astype(device.real)),
+            np.int32(len(weights)),
             np.int32(self.count[0]),
             np.int32(self.count[1]),
             np.int32(grid.shape[0]),
