@@ -12,7 +12,8 @@ from clplen.cameras.exposure.ray_exposure import expose_rays
 from clplen.cameras.exposure.wave_exposure import Light, Method, expose_waves
 from clplen.cameras.optics.camera_aberrations import Aberrations
 from clplen.cameras.optics.lenslet_camera import Described, Kind
-from clplen.cameras.optics.ray_optics import RayOptics, check_sampling, raw_image
+from clplen.cameras.optics.pixel_array import PixelArray
+from clplen.cameras.optics.ray_optics import RayOptics, is_sampled, raw_image
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.cameras.scenes.scene_sources import PointSources, Source, as_sources
 from clplen.cameras.scenes.surface_scene import SurfaceScene
@@ -58,8 +59,6 @@ class Plenoptic(Described, RayOptics):
         ValueError
             If Zernike terms of lenslets reach beyond their circle, or the sensor would not lie
             behind the array.
-        SamplingError
-            If the pixels cannot sample the light on the axis.
         TypeError
             If they are something else.
         """
@@ -72,7 +71,9 @@ class Plenoptic(Described, RayOptics):
                 f"sensor_shift = {aberrations.sensor_shift:g} m puts the sensor at "
                 f"{camera.sensor_distance:g} m, not behind the array."
             )
-        check_sampling(camera, 0.0, max(1.0, self.array_distance / self.image_distance))
+        on_axis = max(1.0, self.array_distance / self.image_distance)
+        if self.pixels is None and not is_sampled(camera, 0.0, on_axis):
+            camera = replace(camera, pixels=PixelArray())
         return camera
 
     def expose(
@@ -109,10 +110,13 @@ class Plenoptic(Described, RayOptics):
         progress : callable, optional
             Called as ``progress(done, total)`` after each batch of fields and each snapshot, from 0
             again for each part of the scene.
-        method : {"auto", "points", "isoplanatic"}
-            Route of self-luminous pictures: one field for each sample, or patterns at a few places
-            of X under one lenslet, moved and added (the array's rows along x); "auto" takes the
-            first where it is affordable.
+        method : {"auto", "points", "local", "isoplanatic"}
+            "points": one field as large as the sensor for each point, whose pixels must sample its
+            waves. "local": each point in a window of its own about its chief ray, with samples as
+            fine as its waves need. "isoplanatic": a picture from patterns at a few places of X
+            under one lenslet, moved and added (the array's rows along x). "auto" takes "local" for
+            pixels that integrate, else "points", for a picture "isoplanatic" where these are not
+            affordable.
         koehler : bool
             Whether the light behind a slide converges on the main lens (Goodman 2005, section
             5.3.2), so that all of the slide is seen; else it goes on parallel to the axis.

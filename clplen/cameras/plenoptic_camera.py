@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from clplen import units
 from clplen.cameras.focused_camera import Plenoptic2, magnification, matched_aperture
@@ -12,7 +12,8 @@ from clplen.cameras.optics import microscope_optics
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
 from clplen.cameras.optics.lenslet_camera import Described, Kind, LensletCamera, sensor_grid
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
-from clplen.cameras.optics.ray_optics import check_sampling
+from clplen.cameras.optics.pixel_array import PixelArray
+from clplen.cameras.optics.ray_optics import LensModel
 from clplen.cameras.standard_camera import Plenoptic1
 from clplen.checks import is_finite
 from clplen.compute.device import Device, DeviceLike, as_device
@@ -21,6 +22,8 @@ from clplen.errors import SamplingWarning
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.spectrum.spectrum_tables import check_wavelength
 
+QUARTER = 0.25  # of a wave, below which a thin lens is as good as a corrected one (Rayleigh)
+PITCH_TOLERANCE = 1e-6  # relative, between pixels a lenslet and their pitch
 LENS_LAW_TOLERANCE = 1e-6  # relative, of 1/f = 1/object + 1/image
 
 
@@ -64,13 +67,15 @@ class PlenopticCamera(Described, LensletCamera, ABC):
         focal_length: float,
         mla: MicrolensArray,
         wavelength: float,
-        pixels_per_lenslet: float,
+        pixels_per_lenslet: float | None = None,
         device: DeviceLike | None = None,
         object_distance: float | None = None,
         image_distance: float | None = None,
         aperture_diameter: float | None = None,
         field_lens: bool = False,
         aberrations: Aberrations = NONE,
+        pixels: PixelArray | None = None,
+        lens_model: Literal["auto", "thin", "corrected"] = "auto",
     ) -> Plenoptic1:
         """A standard plenoptic camera: array on the main lens' image, sensor f_mu behind it.
 
@@ -82,8 +87,8 @@ class PlenopticCamera(Described, LensletCamera, ABC):
             Brings pitch, f_mu, count, lattice, fill, offset and rotation.
         wavelength : float
             In metres.
-        pixels_per_lenslet : float
-            At least 2; may be fractional.
+        pixels_per_lenslet : float, optional
+            At least 2; may be fractional. Not needed where ``pixels`` has a pitch.
         device : Device or str, optional
             Where the simulation runs; None is ``Device.open()``.
         object_distance, image_distance : float, optional
@@ -95,6 +100,14 @@ class PlenopticCamera(Described, LensletCamera, ABC):
             A lens of focal length F at the array puts the exit pupil at infinity.
         aberrations : Aberrations
             What departs from this design: wavefronts, lenslets out of place, a sensor moved.
+        pixels : PixelArray, optional
+            Pixels that integrate the light on their area, and where they lie. None: pixels that
+            cover the array and take the intensity in their middle, where they sample the light's
+            waves; else ``PixelArray()``.
+        lens_model : {"auto", "thin", "corrected"}
+            The main lens as a quadratic phase, or as a lens that images every point without
+            aberrations and obeys the sine condition. "auto": "thin" where its own spherical
+            aberration is below a quarter of a wave.
 
         Returns
         -------
@@ -106,7 +119,7 @@ class PlenopticCamera(Described, LensletCamera, ABC):
             For a length that is not positive, distances that contradict the lens law, lenslets
             of several focal lengths, or aberrations that do not fit.
         SamplingError
-            If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
+            If a lenslet has less than 2 pixels.
         """
         device = as_device(device)
         z_obj, F = _distances(
@@ -119,15 +132,15 @@ class PlenopticCamera(Described, LensletCamera, ABC):
                 f"{len(mla.focal_lengths)} focal lengths: give one, or use PlenopticCamera.type2."
             )
         D = mla.pitch * F / mla.focal_length if aperture_diameter is None else aperture_diameter
-        shared = _shared(focal_length, wavelength, mla, pixels_per_lenslet, device)
+        shared = _shared(focal_length, wavelength, mla, pixels_per_lenslet, pixels, device)
         camera = Plenoptic1(
             object_distance=z_obj,
             image_distance=F,
             aperture_diameter=float(D),
             field_lens=bool(field_lens),
+            lens_model=_lens_model(lens_model, D, z_obj, F, wavelength),
             **shared,
         )
-        check_sampling(camera, 0.0, 1.0)
         return camera.with_aberrations(aberrations)
 
     @staticmethod
@@ -136,7 +149,7 @@ class PlenopticCamera(Described, LensletCamera, ABC):
         focal_length: float,
         mla: MicrolensArray,
         wavelength: float,
-        pixels_per_lenslet: float,
+        pixels_per_lenslet: float | None = None,
         device: DeviceLike | None = None,
         m: float | None = None,
         a: float | None = None,
@@ -145,6 +158,8 @@ class PlenopticCamera(Described, LensletCamera, ABC):
         aperture_diameter: float | None = None,
         match: Literal["pupil", "cone"] = "pupil",
         aberrations: Aberrations = NONE,
+        pixels: PixelArray | None = None,
+        lens_model: Literal["auto", "thin", "corrected"] = "auto",
     ) -> Plenoptic2:
         """A focused plenoptic camera: its lenslets image the main lens' image onto the sensor.
 
@@ -162,8 +177,8 @@ class PlenopticCamera(Described, LensletCamera, ABC):
             1/a = 1/f_mu - 1/b.
         wavelength : float
             In metres.
-        pixels_per_lenslet : float
-            At least 2; may be fractional.
+        pixels_per_lenslet : float, optional
+            At least 2; may be fractional. Not needed where ``pixels`` has a pitch.
         device : Device or str, optional
             Where the simulation runs; None is ``Device.open()``.
         m, a : float, optional
@@ -178,6 +193,10 @@ class PlenopticCamera(Described, LensletCamera, ABC):
             D = p z2/b, z2 = F + a, so that the image of the pupil fills a cell; or p F/b.
         aberrations : Aberrations
             What departs from this design, as for `type1`.
+        pixels : PixelArray, optional
+            As for `type1`.
+        lens_model : {"auto", "thin", "corrected"}
+            As for `type1`.
 
         Returns
         -------
@@ -192,7 +211,7 @@ class PlenopticCamera(Described, LensletCamera, ABC):
         TypeError
             If m or a is no number.
         SamplingError
-            If a lenslet has less than 2 pixels, or the pixels cannot sample the light on the axis.
+            If a lenslet has less than 2 pixels.
         """
         device = as_device(device)
         z_obj, F = _distances(
@@ -202,16 +221,17 @@ class PlenopticCamera(Described, LensletCamera, ABC):
         m = magnification(mla.focal_length, m, a)
         z2, b = F + mla.focal_length * (1 + 1 / m), mla.focal_length * (1 + m)
         D = matched_aperture(match, pitch=mla.pitch, F=F, z2=z2, b=b)
-        shared = _shared(focal_length, wavelength, mla, pixels_per_lenslet, device)
+        D = float(D if aperture_diameter is None else aperture_diameter)
+        shared = _shared(focal_length, wavelength, mla, pixels_per_lenslet, pixels, device)
         camera = Plenoptic2(
             object_distance=z_obj,
             image_distance=F,
-            aperture_diameter=float(D if aperture_diameter is None else aperture_diameter),
+            aperture_diameter=D,
             field_lens=False,
             m=float(m),
+            lens_model=_lens_model(lens_model, D, z_obj, F, wavelength),
             **shared,
         )
-        check_sampling(camera, 0.0, max(1.0, z2 / F))
         return camera.with_aberrations(aberrations)
 
     @staticmethod
@@ -371,20 +391,74 @@ def _shared(
     focal_length: float,
     wavelength: float,
     mla: MicrolensArray,
-    pixels_per_lenslet: float,
+    pixels_per_lenslet: float | None,
+    pixels: PixelArray | None,
     device: Device,
 ) -> dict[str, Any]:
     """Fields of both cameras that are as given, and the sensor's."""
-    grid = sensor_grid(mla, pixels_per_lenslet)
+    across = _pixels_per_lenslet(mla, pixels_per_lenslet, pixels)
+    if pixels is not None:
+        mla = pixels.turned(mla)
+    grid = sensor_grid(mla, across, pixels)
     return {
         "focal_length": float(focal_length),
         "mla": mla,
         "wavelength": float(wavelength),
-        "pixels_per_lenslet": float(pixels_per_lenslet),
+        "pixels_per_lenslet": across,
         "pixel_pitch": grid.pitch[1],
         "grid": grid,
         "device": device,
+        "pixels": pixels,
     }
+
+
+def _pixels_per_lenslet(
+    mla: MicrolensArray, given: float | None, pixels: PixelArray | None
+) -> float:
+    """Pixels a lenslet, from their number or their pitch.
+
+    Raises
+    ------
+    TypeError
+        If the pixels are something else.
+    ValueError
+        If neither is given, or they contradict each other.
+    """
+    if pixels is not None and not isinstance(pixels, PixelArray):
+        raise TypeError(f"pixels is a PixelArray, as PixelArray(), not {pixels!r}.")
+    pitch = None if pixels is None else pixels.pitch
+    if given is None and pitch is None:
+        raise ValueError(
+            "The pixels have no size: give pixels_per_lenslet, or pixels=PixelArray(pitch=...)."
+        )
+    if pitch is None:
+        assert given is not None
+        return float(given)
+    across = mla.pitch / pitch
+    if given is not None and abs(given - across) > PITCH_TOLERANCE * across:
+        raise ValueError(
+            f"pixels_per_lenslet = {given!r} contradicts the pixels' pitch of {pitch:g} m, of which "
+            f"a lenslet of {mla.pitch:g} m has {across:.6g}: give one of the two."
+        )
+    return across
+
+
+def _lens_model(
+    given: str, D: float, object_distance: float, image_distance: float, wavelength: float
+) -> LensModel:
+    """The model of the main lens; a thin lens has rho^4/8 (1/object^3 + 1/image^3) of its own.
+
+    Raises
+    ------
+    ValueError
+        For an unknown one.
+    """
+    if given not in ("auto", "thin", "corrected"):
+        raise ValueError(f"lens_model is 'auto', 'thin' or 'corrected', not {given!r}.")
+    if given != "auto":
+        return cast(LensModel, given)
+    spherical = (D / 2) ** 4 / 8 * (object_distance**-3 + image_distance**-3)
+    return "thin" if spherical < QUARTER * wavelength else "corrected"
 
 
 def _require_lengths(**given: float | None) -> None:

@@ -284,12 +284,18 @@ def _finished(
     """Divide by the spreading kernel's spectrum, transform, and take the pixels' samples."""
     device, (ny, nx) = optics.device, optics.grid.shape
     kernel = device.kernel("separable.cl", "multiply_separable", **device.wave_defines())
-    spectra = (device.upload(_unspread(n).astype(device.complex)) for n in plan.window)
+    active = 0.0 if optics.pixels is None else optics.pixels.active
+    width = plan.finer * active  # of what a pixel integrates, in samples
+    spectra = (
+        device.upload((_unspread(n) * np.sinc(np.fft.fftfreq(n) * width)).astype(device.complex))
+        for n in plan.window
+    )
+    share = active or 1.0
     sizes = (np.int32(n) for n in plan.window)
     device.launch_rows(kernel, plan.window, total, total, *spectra, *sizes)
     device.fft.inverse(total, device)
     images = []
-    for pick in ((unit, 0.0), (0.0, probe)):
+    for pick in ((unit * share**2, 0.0), (0.0, probe * share**2)):
         out = device.zeros((ny, nx), device.real)
         kernel = device.kernel("patterns.cl", "add_part", **device.wave_defines())
         numbers = (np.int32(n) for n in (plan.finer, plan.window[1], ny, nx))

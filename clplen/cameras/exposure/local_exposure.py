@@ -13,59 +13,97 @@ from clplen.cameras.optics.pixel_array import PixelSums, pixel_weights
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
+from clplen.compute.fft.blocks import window
+from clplen.compute.fft.lines import smooth_length
 from clplen.lightfield.raw.raw_image import Exposure, Transforms
 from clplen.wave.coherence.averaging import Progress
+from clplen.wave.field.field import Field
 
-BATCH_BYTES = 2**26  # of fields that travel through the camera together
 FINER_INTENSITY = 2  # samples of the intensity a sample of the field
 
 
-def expose_local(
-    optics: WaveOptics,
-    points: PointSources,
-    total: cla.Array,
-    *,
-    active: float,
-    orders: float = ORDERS,
-    progress: Progress | None = None,
+def add_local(
+    optics: WaveOptics, points: PointSources, total: cla.Array, progress: Progress | None
 ) -> Exposure:
-    """Add the energy of points to an image of the sensor.
+    """Add the energy of points to an image of the sensor, each in a window of its own.
 
     Parameters
     ----------
     optics : WaveOptics
+        Without ``pixels`` the windows have the sensor's samples.
     points : PointSources
     total : pyopencl.array.Array
         Real, shape of the sensor; changed.
-    active : float
-        Side of the active square of a pixel over its pitch; 0 samples the pixel's middle.
-    progress : callable, optional
+    progress : callable or None
+        Called as ``progress(done, total)`` after each batch.
 
     Returns
     -------
     Exposure
+
+    Raises
+    ------
+    DeviceError
+        If the windows do not fit the device.
     """
-    shapes = [window_shape(optics, position, orders=orders) for position in points.positions]
-    order = sorted(range(len(points)), key=lambda n: (shapes[n].samples, shapes[n].finer, shapes[n].period, shapes[n].pupil))
-    done, start, transforms = 0, 0, []
-    while start < len(order):
-        shape = shapes[order[start]]
-        largest = max(1, BATCH_BYTES // (shape.samples**2 * 8 * optics.device.complex.itemsize))
-        stop = start
-        while stop < len(order) and stop - start < largest and shapes[order[stop]] == shape:
-            stop += 1
-        chosen = order[start:stop]
-        windows = LocalWindows.of(optics, shape, points.positions[chosen], points.diameter)
-        _add(windows, points.power[chosen], total, active)
-        transforms += [(3 * len(chosen), (shape.samples,) * 2)]
-        done, start = done + len(chosen), stop
+    shapes = [_shape(optics, position) for position in points.positions]
+    order = sorted(range(len(points)), key=lambda n: shapes[n].sizes)
+    done, transforms = 0, []
+    while done < len(order):
+        shape = shapes[order[done]]
+        same = [n for n in order[done : done + shape.batch(optics.device)] if shapes[n] == shape]
+        optics.device.require_memory(
+            shape.nbytes(optics.device) * len(same), "The window of a point"
+        )
+        windows = LocalWindows.of(optics, shape, points.positions[same], points.diameter)
+        _add(windows, points.power[same], total)
+        transforms.append((3 * len(same), (shape.samples, shape.samples)))
+        done += len(same)
         if progress is not None:
             progress(done, len(points))
     return Exposure("local", _merged(transforms), 0.0)
 
 
-def _add(windows: LocalWindows, power: Any, total: cla.Array, active: float) -> None:
+def local_transforms(optics: WaveOptics, points: PointSources, count: int) -> Transforms:
+    """Fourier transforms of ``count`` points among some of which the widest window counts."""
+    largest = max((_shape(optics, p) for p in points.positions), key=lambda s: s.samples)
+    return ((3 * count, (largest.samples, largest.samples)),)
+
+
+def add_integrated(total: cla.Array, fields: Field, weights: Any, active: float) -> None:
+    """Add intensities on the sensor's samples, integrated over the pixels about them.
+
+    Parameters
+    ----------
+    total : pyopencl.array.Array
+        Real, shape (ny, nx); changed.
+    fields : Field
+        Shape (n, ny, nx).
+    weights : array_like
+        Shape (n,).
+    active : float
+        Side of the active square over the pitch, above 0.
+    """
+    device, (ny, nx) = fields.device, fields.grid.shape
+    reach = len(pixel_weights(FINER_INTENSITY * active)) // 2
+    room = -(-reach // FINER_INTENSITY)
+    shape = tuple(smooth_length(n + 2 * room) for n in (ny, nx))
+    wide = window(fields.data, (*fields.shape[:-2], *shape), device, place=(room, room))
+    device.fft.forward(wide, device)
+    fine = refined(wide, FINER_INTENSITY, device)
+    first = FINER_INTENSITY * room
+    sums = PixelSums((first, first), FINER_INTENSITY, FINER_INTENSITY * active, (0, 0), (ny, nx))
+    for number, weight in enumerate(np.atleast_1d(weights)):
+        sums.put(total, fine, number, FINER_INTENSITY**2 * float(weight), device)
+
+
+def _shape(optics: WaveOptics, position: Any) -> WindowShape:
+    return window_shape(optics, position, orders=0.0 if optics.pixels is None else ORDERS)
+
+
+def _add(windows: LocalWindows, power: Any, total: cla.Array) -> None:
     optics, device = windows.optics, windows.optics.device
+    active = 0.0 if optics.pixels is None else optics.pixels.active
     fields = windows.array_fields()
     fields = windows.sensor_spectra(windows.behind_array(fields))
     more = FINER_INTENSITY if active and windows.shape.rim is None else 1

@@ -18,8 +18,13 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.cameras.exposure.isoplanatic import Layout, layout, raw_patterns
+from clplen.cameras.exposure.local_exposure import (
+    add_integrated,
+    add_local,
+    local_transforms,
+)
 from clplen.cameras.exposure.slides import light_slide
-from clplen.cameras.optics.ray_optics import raw_image
+from clplen.cameras.optics.ray_optics import check_in_view, raw_image
 from clplen.cameras.optics.wave_optics import WaveOptics, padded_shape
 from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources, Source
 from clplen.compute.arrays import Image
@@ -33,8 +38,8 @@ from clplen.wave.coherence.spatial_models import LARGEST_SEED
 from clplen.wave.field.field import row_powers
 from clplen.wave.field.intensity import accumulate, add_scaled, average_of
 
-Method = Literal["auto", "points", "isoplanatic"]
-METHODS = ("auto", "points", "isoplanatic")
+Method = Literal["auto", "points", "local", "isoplanatic"]
+METHODS = ("auto", "points", "local", "isoplanatic")
 NOTABLE = 0.01  # measured error that is said aloud
 AFFORDABLE = 5e11  # operations that "auto" spends on exactness: half a minute on two cores
 WORTH = 2  # times fewer operations, from which "auto" gives up exactness beyond that
@@ -119,9 +124,9 @@ def expose_waves(
     optics : WaveOptics
     sources : sequence of PointSources and PicturePlane
     light : Light
-    method : {"auto", "points", "isoplanatic"}
-        Route of the self-luminous pictures; "auto" leaves the exact one, "points", where it is not
-        affordable and the other takes less than half as many operations.
+    method : {"auto", "points", "local", "isoplanatic"}
+        As `Plenoptic.expose`; "auto" leaves the exact route of a picture, "points" or "local",
+        where it is not affordable and the other takes less than half as many operations.
     progress : callable or None
         Called as ``progress(done, total)`` after each batch of fields and each snapshot, from 0
         again for each source.
@@ -139,16 +144,27 @@ def expose_waves(
     if light.coherence is not None:
         average_of(light.coherence)
     if method not in METHODS:
-        raise ValueError(f"method is 'auto', 'points' or 'isoplanatic', not {method!r}.")
+        raise ValueError(
+            f"method is 'auto', 'points', 'local' or 'isoplanatic', not {method!r}."
+        )
     slides = [s for s in sources if isinstance(s, PicturePlane) and s.is_slide]
     emitters = [s for s in sources if s not in slides]
     light.check(len(slides))
     lines = light.lines(optics.wavelength)
     colours = [replace(optics, wavelength=wavelength) for wavelength, _ in lines]
+    if slides and optics.pixels is not None:
+        raise ValueError(
+            "Slides are exposed by fields on the pixels' middles, and these pixels integrate: leave "
+            "pixels= of the camera out, with pixels that sample the light, or use mode='emission'."
+        )
+    local = _is_local(optics, method)
     for source in sources:
         points = source if isinstance(source, PointSources) else source.corners()
         for colour in colours:
-            colour.check_positions(points.positions)
+            if local and source not in slides:
+                check_in_view(colour, points.positions)
+            else:
+                colour.check_positions(points.positions)
     total: cla.Array | None = None
     reports = []
     for number, slide in enumerate(slides):
@@ -164,6 +180,8 @@ def expose_waves(
             reports.append(report)
     assert total is not None  # a scene has a source
     optics.device.finish()
+    if optics.pixels is not None and optics.pixels.crosstalk is not None:
+        total = optics.device.upload(optics.pixels.read(optics.device.download(total)))
     data = total if total.dtype == np.float32 else total.astype(np.float32)
     return replace(raw_image(optics, data), exposure=_joined(reports))
 
@@ -190,31 +208,39 @@ def _emit(
             reports.append(_add_picture(optics, source, plan, total, progress))
         else:
             points = source if isinstance(source, PointSources) else source.points()
-            reports.append(_add_points(optics, points, total, progress))
+            add = add_local if _is_local(optics, method) else _add_points
+            reports.append(add(optics, points, total, progress))
     optics.device.finish()
     return total, _joined(reports)
 
 
+def _is_local(optics: WaveOptics, method: Method) -> bool:
+    """Whether points have windows of their own."""
+    return method == "local" or (method == "auto" and optics.pixels is not None)
+
+
 def _layout(optics: WaveOptics, source: Source, method: Method) -> Layout | None:
     """The layout of a picture's patterns, or None for one field a point."""
-    if isinstance(source, PointSources) or method == "points":
+    if isinstance(source, PointSources) or method in ("points", "local"):
         return None
-    obstacle = _no_isoplanatic(optics)
+    obstacle = _no_isoplanatic(optics, source)
     if obstacle:
         if method == "isoplanatic":
             raise ValueError(f"{obstacle}: use method='points'.")
         return None
     plan = layout(optics, source)
-    exact = _operations(
-        _point_transforms(optics, source.corners(), int(np.count_nonzero(source.image)))
-    )
+    count = int(np.count_nonzero(source.image))
+    transforms = local_transforms if _is_local(optics, method) else _point_transforms
+    exact = _operations(transforms(optics, source.corners(), count))
     saved = exact > max(AFFORDABLE, WORTH * _operations(plan.transforms(optics.grid.shape)))
     return plan if saved or method == "isoplanatic" else None
 
 
-def _no_isoplanatic(optics: WaveOptics) -> str:
+def _no_isoplanatic(optics: WaveOptics, plane: PicturePlane) -> str:
     """Why patterns do not repeat from lenslet to lenslet along rows; empty where they do."""
     mla = optics.mla
+    if not optics.samples(plane.corners().positions):
+        return "The pixels do not sample the light's waves, as method='isoplanatic' needs"
     if mla.rotation != 0:
         return (
             f"The array is turned by {mla.rotation:g} rad; method='isoplanatic' needs rows along x"
@@ -258,7 +284,11 @@ def _add_points(
         energy = row_powers(pupil).sum(axis=-1)
         at_array = optics.array_field(pupil, pad=to_array)
         fields = optics.sensor_field(at_array, pad=to_sensor)
-        accumulate(total, fields.data, points.power[chosen] / energy, optics.device)
+        weights = points.power[chosen] / energy
+        if optics.pixels is None or optics.pixels.active == 0:
+            accumulate(total, fields.data, weights, optics.device)
+        else:
+            add_integrated(total, fields, weights, optics.pixels.active)
         if progress is not None:
             progress(chosen.stop, len(points))
     return Exposure("points", _point_transforms(optics, points, len(points)), 0.0)

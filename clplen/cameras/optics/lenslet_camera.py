@@ -8,6 +8,7 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Literal
 
+from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.checks import is_finite
 from clplen.compute.device import Device, as_device
 from clplen.errors import SamplingError
@@ -76,8 +77,17 @@ class LensletCamera:
         return self.mla.lattice
 
 
-def sensor_grid(mla: MicrolensArray, pixels_per_lenslet: float) -> Grid:
+def sensor_grid(
+    mla: MicrolensArray, pixels_per_lenslet: float, pixels: PixelArray | None = None
+) -> Grid:
     """The sensor behind an array: as many pixels as cover it, the axis in its middle.
+
+    Parameters
+    ----------
+    mla : MicrolensArray
+    pixels_per_lenslet : float
+    pixels : PixelArray, optional
+        Its shape and offset take the place of these.
 
     Raises
     ------
@@ -90,7 +100,13 @@ def sensor_grid(mla: MicrolensArray, pixels_per_lenslet: float) -> Grid:
         )
     pitch = mla.pitch / pixels_per_lenslet
     ny, nx = (math.ceil(length / pitch - 1e-6) for length in mla.extent)
-    origin = (pitch / 2 if ny % 2 == 0 else 0.0, pitch / 2 if nx % 2 == 0 else 0.0)
+    down, right = (0.0, 0.0) if pixels is None else pixels.offset
+    if pixels is not None and pixels.shape is not None:
+        ny, nx = pixels.shape
+    origin = (
+        down + (pitch / 2 if ny % 2 == 0 else 0.0),
+        right + (pitch / 2 if nx % 2 == 0 else 0.0),
+    )
     return Grid((ny, nx), pitch, origin=origin)
 
 

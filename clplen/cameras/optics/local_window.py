@@ -18,6 +18,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.cameras.optics.wave_optics import WaveOptics, disc_table
+from clplen.compute.device import Device
 from clplen.compute.fft.blocks import run
 from clplen.compute.fft.lines import Line, Separable, smooth_length
 from clplen.wave.elements.rims import RIM, rim_weights
@@ -26,6 +27,7 @@ from clplen.wave.field.field import Grid
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
 PERIOD = 2.0  # of the sum over the pupil, in windows
+BATCH_BYTES = 2**26  # of windows that travel through the camera together
 ORDERS = 18.0  # of diffraction at a lenslet's rim that samples hold
 BAND = 0.9  # of the samples' band that they fill
 RINGS = 30  # Airy radii of light about the geometrical blur
@@ -62,6 +64,20 @@ class WindowShape:
     pupil: int
     guard: int
     rim: tuple[float, float] | None
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """By which windows are sorted, so that those of one shape are neighbours."""
+        return (self.samples, self.period, self.pupil, self.finer, self.guard)
+
+    def nbytes(self, device: Device) -> int:
+        """Of one window on its way: fields, the array, and the integral over the pupil."""
+        samples = 4 * self.samples**2 + self.pupil**2 + self.pupil * self.samples
+        return samples * device.complex.itemsize
+
+    def batch(self, device: Device) -> int:
+        """How many windows travel together."""
+        return max(1, BATCH_BYTES // self.nbytes(device))
 
 
 def slope_about_carrier(optics: WaveOptics, beta: float) -> float:

@@ -1,4 +1,4 @@
-"""Pixels that integrate: what part of a cell is active, and the sums over it."""
+"""Pixels of a sensor: where they lie, and the sums of light over their active areas."""
 
 from __future__ import annotations
 
@@ -10,12 +10,129 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
+from clplen import units
+from clplen.checks import is_finite
 from clplen.compute.device import Device
+from clplen.reprs import OneLine
+from clplen.wave.elements.lenslets import MicrolensArray
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
+Pair = tuple[float, float]
 
 TAPS = 10  # samples of the field's intensity beyond a pixel that its sum takes in
 SHAPE = 8.0  # of Kaiser's window over the interpolation
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class PixelArray(OneLine):
+    """The pixels of a sensor, which integrate the light that falls on their active area.
+
+    Parameters
+    ----------
+    fill_factor : float
+        Active share of a pixel's area, a square about its middle, from 0 to 1. 0 takes the
+        intensity in the middle for the whole pixel.
+    pitch : float, optional
+        Of the pixels in metres; None: that of the lenslets over ``pixels_per_lenslet``.
+    shape : tuple of int, optional
+        Pixels (ny, nx); None: as many as cover the array of lenslets.
+    offset : tuple of float
+        (y, x) of the middle of the sensor from the optical axis, in metres.
+    rotation : float
+        Of the pixels' rows against the axes of the array of lenslets, in radians; positive turns
+        +x towards +y (y down). The axes of a scene are those of the pixels.
+    crosstalk : array_like, optional
+        Shares of a pixel's signal that itself and its neighbours read, odd counts (ny, nx), not
+        negative, with the sum 1 or less.
+
+    Raises
+    ------
+    ValueError
+        For a value outside its range.
+    """
+
+    fill_factor: float = 1.0
+    pitch: float | None = None
+    shape: tuple[int, int] | None = None
+    offset: Pair = (0.0, 0.0)
+    rotation: float = 0.0
+    crosstalk: tuple[tuple[float, ...], ...] | None = None
+
+    def __post_init__(self) -> None:
+        if not (is_finite(self.fill_factor) and 0 <= self.fill_factor <= 1):
+            raise ValueError(
+                f"fill_factor is the active share of a pixel's area, 0 to 1, not "
+                f"{self.fill_factor!r}."
+            )
+        if self.pitch is not None:
+            if not (is_finite(self.pitch) and self.pitch > 0):
+                raise ValueError(f"The pitch of pixels is positive, in metres, not {self.pitch!r}.")
+            units.PIXEL_PITCH.check(self.pitch, "The pitch of pixels")
+        if self.shape is not None:
+            counts = np.ravel(self.shape)
+            if counts.size != 2 or any(int(n) != n or n < 1 for n in counts):
+                raise ValueError(f"shape is pixels (ny, nx), both 1 or more, not {self.shape!r}.")
+            object.__setattr__(self, "shape", (int(counts[0]), int(counts[1])))
+        if np.shape(self.offset) != (2,) or not np.isfinite(self.offset).all():
+            raise ValueError(
+                f"offset is (y, x) in metres, two finite numbers, not {self.offset!r}."
+            )
+        units.CAMERA_DIAMETER.check(np.abs(self.offset).max(), "The offset of the sensor")
+        object.__setattr__(self, "offset", (float(self.offset[0]), float(self.offset[1])))
+        if not is_finite(self.rotation):
+            raise ValueError(f"rotation is a finite angle in radians, not {self.rotation!r}.")
+        if self.crosstalk is not None:
+            object.__setattr__(self, "crosstalk", _shares(self.crosstalk))
+
+    @property
+    def active(self) -> float:
+        """Side of the active square over the pitch."""
+        return math.sqrt(self.fill_factor)
+
+    def turned(self, mla: MicrolensArray) -> MicrolensArray:
+        """An array of lenslets as it lies along the axes of the pixels."""
+        if self.rotation == 0:
+            return mla
+        cos, sin = math.cos(self.rotation), math.sin(self.rotation)
+        y, x = mla.offset
+        offset = (y * cos - x * sin, x * cos + y * sin)
+        return mla.replaced(rotation=mla.rotation - self.rotation, offset=offset)
+
+    def read(self, image: Values) -> Values:
+        """An image of pixels with their crosstalk.
+
+        Parameters
+        ----------
+        image : numpy.ndarray
+            Shape (ny, nx).
+
+        Returns
+        -------
+        numpy.ndarray
+            Of the same shape; what beyond the rim would give is missing.
+        """
+        if self.crosstalk is None:
+            return image
+        from scipy import ndimage  # a slow import
+
+        kernel = np.asarray(self.crosstalk)[::-1, ::-1]
+        return np.asarray(ndimage.correlate(image, kernel, mode="constant"))
+
+
+def _shares(crosstalk: Any) -> tuple[tuple[float, ...], ...]:
+    """A kernel of crosstalk, checked."""
+    values = np.asarray(crosstalk, np.float64)
+    if values.ndim != 2 or any(n % 2 == 0 for n in values.shape):
+        raise ValueError(
+            f"crosstalk has an odd number of rows and of columns, such as (3, 3), not "
+            f"{values.shape}."
+        )
+    if not (np.isfinite(values).all() and (values >= 0).all() and values.sum() <= 1 + 1e-9):
+        raise ValueError(
+            f"The shares of crosstalk are not negative and their sum is 1 or less, not "
+            f"{values.sum():g}."
+        )
+    return tuple(tuple(float(share) for share in row) for row in values)
 
 
 def pixel_weights(width: float) -> Values:

@@ -22,6 +22,7 @@ import pyopencl.array as cla
 
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
 from clplen.cameras.optics.lenslet_camera import LensletCamera, lenslet_grid
+from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
 from clplen.lightfield.raw.lenslet_grid import LensType
@@ -58,6 +59,8 @@ class RayOptics(LensletCamera, ABC):
     lens_model : {"thin", "corrected"}
         The main lens: a quadratic phase, or a lens that images every point without aberrations and
         obeys the sine condition.
+    pixels : PixelArray or None
+        None: each pixel takes the intensity in its middle.
     """
 
     focal_length: float
@@ -73,6 +76,7 @@ class RayOptics(LensletCamera, ABC):
     device: Device
     aberrations: Aberrations = field(default=NONE, kw_only=True)
     lens_model: LensModel = field(default="thin", kw_only=True)
+    pixels: PixelArray | None = field(default=None, kw_only=True)
 
     def __repr__(self) -> str:
         return (
@@ -258,6 +262,15 @@ class FixedOptics(RayOptics):
         return self.z3
 
 
+def is_sampled(optics: RayOptics, reach: float, alpha: float) -> bool:
+    """Whether the pixels sample the light and hold the main lens' aperture: `check_sampling`."""
+    try:
+        check_sampling(optics, reach, alpha)
+    except SamplingError:
+        return False
+    return True
+
+
 def check_sampling(optics: RayOptics, reach: float, alpha: float) -> None:
     """Refuse light that the pixels cannot sample.
 
@@ -330,7 +343,8 @@ def check_in_view(optics: RayOptics, positions: Positions) -> None:
             f"is {optics.object_distance:g} m from the focused plane."
         )
     images, extent = optics.on_array(positions), optics.grid.extent
-    outside = (np.abs(images) > np.asarray(extent)[::-1] / 2).any(axis=1)
+    middle = [(axis[0] + axis[-1]) / 2 for axis in (optics.grid.x, optics.grid.y)]
+    outside = (np.abs(images - middle) > np.asarray(extent)[::-1] / 2).any(axis=1)
     if outside.any():
         (x, y, dz), (X, Y) = positions[outside][0], images[outside][0]
         raise SamplingError(

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.cameras.optics.ray_optics import FixedOptics, check_in_view, check_sampling
+from clplen.cameras.optics.ray_optics import FixedOptics, check_in_view, check_sampling, is_sampled
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import window
 from clplen.compute.fft.lines import smooth_length
@@ -293,6 +293,15 @@ class WaveOptics(FixedOptics):
         beta = np.abs(np.atleast_1d(self.array_alpha(positions[:, 2])))
         for reach, b in zip(np.abs(images).max(axis=1), beta, strict=True):
             check_sampling(self, float(reach), max(1.0, float(b)))
+
+    def samples(self, positions: Values) -> bool:
+        """Whether the pixels sample the light of points, and the window holds the aperture."""
+        images = np.abs(self.on_array(positions)).max(axis=1)
+        beta = np.abs(np.atleast_1d(self.array_alpha(positions[:, 2])))
+        return all(
+            is_sampled(self, float(reach), max(1.0, float(b)))
+            for reach, b in zip(images, beta, strict=True)
+        )
 
     def behind_main_lens(self, pupil: Field, images: Values | None = None) -> Field:
         """Fields right behind the main lens with its wavefront.

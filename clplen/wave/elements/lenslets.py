@@ -153,6 +153,19 @@ class MicrolensArray(OneLine):
         """
         return 2 if self.lattice == "hexagonal" or len(self.focal_lengths) > 3 else 1
 
+    def replaced(self, *, rotation: float, offset: tuple[float, float]) -> MicrolensArray:
+        """The same lenslets, turned by another angle about another centre."""
+        return MicrolensArray(
+            self.pitch,
+            self.focal_lengths,
+            count=self.count,
+            lattice=self.lattice,  # type: ignore[arg-type]
+            fill=self.fill,  # type: ignore[arg-type]
+            diameter=self.diameter,
+            offset=offset,
+            rotation=rotation,
+        )
+
     def types(self) -> np.ndarray:
         """The kind of every lenslet, an index into ``focal_lengths``, shape (ny, nx)."""
         i, k = np.indices(self.count)
