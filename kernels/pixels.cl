@@ -4,6 +4,7 @@
  *   pixel_columns  out[oy + q, ox + p] (+)= gain sum_j w[j] rows[first_y + step q + j, p]
  *
  * w: the integral of the samples' interpolation over the active width of a pixel, `length` numbers.
+ * -DTILE: times tile[(oy + q) % ty, (ox + p) % tx], the colour filters' factors.
  * Mapping: FOR_X of common.cl. -DSET: `=` in place of `+=`. -DROWS, -DDOUBLE: see common.cl.
  */
 #include "common.cl"
@@ -27,7 +28,11 @@ __kernel void pixel_rows(__global real *restrict rows, __global const cplx *rest
 __kernel void pixel_columns(__global real *restrict out, __global const real *restrict rows,
                             __global const real *restrict w, const int length, const int first,
                             const int step, const real gain, const int oy, const int ox,
-                            const int out_nx, const int down, const int across)
+                            const int out_nx, const int down, const int across
+#ifdef TILE
+                            , __global const real *restrict tile, const int ty, const int tx
+#endif
+                            )
 {
     const int q = get_global_id(1);
     const size_t to = (size_t)(oy + q) * out_nx + ox;
@@ -35,6 +40,9 @@ __kernel void pixel_columns(__global real *restrict out, __global const real *re
         real sum = 0;
         for (int j = 0; j < length; ++j)
             sum += w[j] * rows[(size_t)(first + step * q + j) * across + p];
+#ifdef TILE
+        sum *= tile[((oy + q) % ty) * tx + (ox + p) % tx];
+#endif
 #ifdef SET
         out[to + p] = gain * sum;
 #else

@@ -4,6 +4,7 @@ from .light_field_microscope import Microscope as Microscope
 from .optics.camera_aberrations import Aberrations as Aberrations
 from .optics.camera_aberrations import LensletScatter as LensletScatter
 from .optics.camera_aberrations import correct_aberrations as correct_aberrations
+from .optics.color_filters import ColorFilterArray as ColorFilterArray
 from .optics.lenslet_camera import Description as Description
 from .optics.objective import CoverGlass as CoverGlass
 from .optics.objective import Objective as Objective

@@ -69,7 +69,7 @@ class PictureTable(Table):
         logger.info(
             "read %s: %d x %d samples (y x x) of %s, %s, mode %s",
             self.file,
-            *plane.image.shape,
+            *plane.image.shape[:2],
             metres(plane.pitch),
             "grey" if stored.ndim == 2 else f"colours as {weights}",
             self.mode,

@@ -40,11 +40,13 @@ from .model.phase_space import PhaseSpace as PhaseSpace
 from .model.phase_space import phase_space as phase_space
 from .model.rendering import plane_through as plane_through
 from .model.stored_light_field import StoredLightField as StoredLightField
+from .raw.demosaicing import demosaic as demosaic
 from .raw.lenslet_grid import LensletGrid as LensletGrid
 from .raw.lenslet_grid import LensType as LensType
 from .raw.lenslet_lattice import Lattice as Lattice
 from .raw.raw_image import CameraModel as CameraModel
 from .raw.raw_image import Exposure as Exposure
+from .raw.raw_image import Levels as Levels
 from .raw.raw_image import RawImage as RawImage
 from .raw.raw_image import Sensor as Sensor
 from .refocusing.focal_stacks import FocalStack as FocalStack

@@ -9,7 +9,7 @@ import numpy as np
 
 from clplen.compute.device import Device
 from clplen.lightfield.calibration import raw_decoding
-from clplen.lightfield.calibration.raw_decoding import views_of_colours
+from clplen.lightfield.raw.demosaicing import views_of_colours
 from clplen.lightfield.focused import focused_spots
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry
 from clplen.lightfield.focused.focused_matching import Matcher

@@ -45,6 +45,7 @@ from .propagation.plan_report import PlanReport as PlanReport
 from .propagation.propagator import Energy as Energy
 from .propagation.propagator import Propagator as Propagator
 from .spectrum.lineshapes import SpectralSamples as SpectralSamples
+from .spectrum.spectral_distribution import SpectralDistribution as SpectralDistribution
 from .spectrum.spectrum import Spectrum as Spectrum
 from .systems.components import ConvergingLight as ConvergingLight
 from .systems.components import Element as Element

@@ -23,7 +23,11 @@ FINER_INTENSITY = 2  # samples of the intensity a sample of the field
 
 
 def add_local(
-    optics: WaveOptics, points: PointSources, total: cla.Array, progress: Progress | None
+    optics: WaveOptics,
+    points: PointSources,
+    total: cla.Array,
+    progress: Progress | None,
+    energies: Any = None,
 ) -> Exposure:
     """Add the energy of points to an image of the sensor, each in a window of its own.
 
@@ -36,6 +40,8 @@ def add_local(
         Real, shape of the sensor; changed.
     progress : callable or None
         Called as ``progress(done, total)`` after each batch.
+    energies : numpy.ndarray, optional
+        In place of the points' power: shape (n,), or (n, ty, tx) for pixels of a tile.
 
     Returns
     -------
@@ -46,6 +52,7 @@ def add_local(
     DeviceError
         If the windows do not fit the device.
     """
+    energies = points.power if energies is None else energies
     shapes = [_shape(optics, position) for position in points.positions]
     order = sorted(range(len(points)), key=lambda n: shapes[n].sizes)
     done, transforms = 0, []
@@ -56,7 +63,7 @@ def add_local(
             shape.nbytes(optics.device) * len(same), "The window of a point"
         )
         windows = LocalWindows.of(optics, shape, points.positions[same], points.diameter)
-        _add(windows, points.power[same], total)
+        _add(windows, energies[same], total)
         transforms.append((3 * len(same), (shape.samples, shape.samples)))
         done += len(same)
         if progress is not None:
@@ -80,11 +87,16 @@ def add_integrated(total: cla.Array, fields: Field, weights: Any, active: float)
     fields : Field
         Shape (n, ny, nx).
     weights : array_like
-        Shape (n,).
+        Shape (n,), or (n, ty, tx) for pixels of a tile.
     active : float
-        Side of the active square over the pitch, above 0.
+        Side of the active square over the pitch; 0 takes the intensity in its middle.
     """
     device, (ny, nx) = fields.device, fields.grid.shape
+    if active == 0:
+        each = PixelSums((0, 0), 1, 0.0, (0, 0), (ny, nx))
+        for number, weight in enumerate(np.atleast_1d(weights)):
+            put(each, total, fields.data, number, 1.0, weight, device)
+        return
     reach = len(pixel_weights(FINER_INTENSITY * active)) // 2
     room = -(-reach // FINER_INTENSITY)
     shape = tuple(smooth_length(n + 2 * room) for n in (ny, nx))
@@ -94,7 +106,18 @@ def add_integrated(total: cla.Array, fields: Field, weights: Any, active: float)
     first = FINER_INTENSITY * room
     sums = PixelSums((first, first), FINER_INTENSITY, FINER_INTENSITY * active, (0, 0), (ny, nx))
     for number, weight in enumerate(np.atleast_1d(weights)):
-        sums.put(total, fine, number, FINER_INTENSITY**2 * float(weight), device)
+        put(sums, total, fine, number, FINER_INTENSITY**2, weight, device)
+
+
+def put(
+    sums: PixelSums, total: cla.Array, fields: cla.Array, number: int, gain: float, energy: Any,
+    device: Device,
+) -> None:  # fmt: skip
+    """Add one of several fields to pixels: times one energy, or one for each pixel of a tile."""
+    if np.ndim(energy) == 0:
+        sums.put(total, fields, number, gain * float(energy), device)
+    else:
+        sums.put(total, fields, number, gain, device, tile=energy)
 
 
 def _shape(optics: WaveOptics, position: Any) -> WindowShape:
@@ -110,7 +133,7 @@ def _add(windows: LocalWindows, power: Any, total: cla.Array) -> None:
     fields = refined(fields, more, device)
     for number in range(len(power)):
         sums, gain = _sums(windows, number, more, active)
-        sums.put(total, fields, number, gain * power[number], device)
+        put(sums, total, fields, number, gain, power[number], device)
 
 
 def refined(spectra: cla.Array, more: int, device: Device) -> cla.Array:

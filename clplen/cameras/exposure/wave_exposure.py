@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pyopencl.array as cla
@@ -24,6 +24,14 @@ from clplen.cameras.exposure.local_exposure import (
     local_transforms,
 )
 from clplen.cameras.exposure.slides import light_slide
+from clplen.cameras.exposure.spectral_exposure import (
+    SpectralLine,
+    add_by_tile,
+    energies_by_pixel,
+    filters_of,
+    has_spectrum,
+    spectral_lines,
+)
 from clplen.cameras.optics.ray_optics import check_in_view, raw_image
 from clplen.cameras.optics.wave_optics import WaveOptics, padded_shape
 from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources, Source
@@ -150,7 +158,12 @@ def expose_waves(
     slides = [s for s in sources if isinstance(s, PicturePlane) and s.is_slide]
     emitters = [s for s in sources if s not in slides]
     light.check(len(slides))
-    lines = light.lines(optics.wavelength)
+    # sources whose light is shared by wavelength, whatever pixel it falls on, and the others
+    plain = [s for s in emitters if filters_of(optics) is None and not has_spectrum(s)]
+    spectral = [
+        (s, spectral_lines(optics, s, light.coherence)) for s in emitters if s not in plain
+    ]
+    lines = light.lines(optics.wavelength) if plain or slides else []
     colours = [replace(optics, wavelength=wavelength) for wavelength, _ in lines]
     if slides and optics.pixels is not None:
         raise ValueError(
@@ -158,13 +171,12 @@ def expose_waves(
             "pixels= of the camera out, with pixels that sample the light, or use mode='emission'."
         )
     local = _is_local(optics, method)
-    for source in sources:
-        points = source if isinstance(source, PointSources) else source.corners()
+    for source in (*slides, *plain):
         for colour in colours:
-            if local and source not in slides:
-                check_in_view(colour, points.positions)
-            else:
-                colour.check_positions(points.positions)
+            _check_positions(colour, source, local=local and source not in slides)
+    for source, parts in spectral:
+        shortest = min(line.wavelength for line in parts)
+        _check_positions(replace(optics, wavelength=shortest), source, local=local)
     total: cla.Array | None = None
     reports = []
     for number, slide in enumerate(slides):
@@ -173,17 +185,35 @@ def expose_waves(
         )
         total = _added(total, mean.intensity.data, 1.0, optics.device)
         reports.append(report)
-    if emitters:
+    if plain:
         for colour, (_, share) in zip(colours, lines, strict=True):
-            image, report = _emit(colour, emitters, method, progress)
+            image, report = _emit(colour, plain, method, progress)
             total = _added(total, image, share, optics.device)
             reports.append(report)
+    if spectral:
+        image = optics.device.zeros(optics.grid.shape, optics.device.real)
+        for source, parts in spectral:
+            for line in parts:
+                colour = replace(optics, wavelength=line.wavelength)
+                reports.append(_add_line(colour, source, line, image, method, progress))
+        total = _added(total, image, 1.0, optics.device)
     assert total is not None  # a scene has a source
     optics.device.finish()
     if optics.pixels is not None and optics.pixels.crosstalk is not None:
         total = optics.device.upload(optics.pixels.read(optics.device.download(total)))
     data = total if total.dtype == np.float32 else total.astype(np.float32)
-    return replace(raw_image(optics, data), exposure=_joined(reports))
+    wavelengths = max((len(parts) for _, parts in spectral), default=None)
+    report = replace(_joined(reports), wavelengths=wavelengths)
+    return replace(raw_image(optics, data), exposure=report)
+
+
+def _check_positions(optics: WaveOptics, source: Source, *, local: bool) -> None:
+    """Refuse points that the camera cannot show at one wavelength."""
+    points = source if isinstance(source, PointSources) else source.corners()
+    if local:
+        check_in_view(optics, points.positions)
+    else:
+        optics.check_positions(points.positions)
 
 
 def _added(total: cla.Array | None, picture: cla.Array, share: float, device: Device) -> cla.Array:
@@ -212,6 +242,54 @@ def _emit(
             reports.append(add(optics, points, total, progress))
     optics.device.finish()
     return total, _joined(reports)
+
+
+def _add_line(
+    optics: WaveOptics,
+    source: Source,
+    line: SpectralLine,
+    total: cla.Array,
+    method: Method,
+    progress: Progress | None,
+) -> Exposure:
+    """Add the signal of a source at one of its wavelengths to an image of the sensor."""
+    filters = filters_of(optics)
+    if isinstance(source, PointSources):
+        points, powers = source, source.power[:, None]
+    else:
+        even = PicturePlane(source.energy, source.width, source.z)
+        if _layout(optics, even, method) is not None:
+            return _add_channels(optics, source, line, total, method, progress)
+        points = source.points()
+        powers = source.image.reshape(source.energy.size, -1)[source.energy.ravel() > 0]
+    add = add_local if _is_local(optics, method) else _add_points
+    return add(optics, points, total, progress, energies_by_pixel(filters, powers, line))
+
+
+def _add_channels(
+    optics: WaveOptics,
+    plane: PicturePlane,
+    line: SpectralLine,
+    total: cla.Array,
+    method: Method,
+    progress: Progress | None,
+) -> Exposure:
+    """Add the channels of a picture, each from its patterns."""
+    device, filters, reports = optics.device, filters_of(optics), []
+    for number, weights in enumerate(line.weights):
+        image = plane.image.reshape(*plane.energy.shape, -1)[..., number]
+        if not image.any():
+            continue
+        channel = PicturePlane(image, plane.width, plane.z)
+        picture, report = _emit(optics, [channel], method, progress)
+        reports.append(report)
+        if filters is None or filters.mosaic is None:
+            add_scaled(total, picture, float(weights[0]), device)
+            continue
+        behind = np.zeros(picture.shape)
+        add_by_tile(behind, device.download(picture), weights[filters.index])
+        add_scaled(total, device.upload(behind.astype(device.real)), 1.0, device)
+    return _joined(reports)
 
 
 def _is_local(optics: WaveOptics, method: Method) -> bool:
@@ -268,9 +346,14 @@ def _point_transforms(optics: WaveOptics, points: PointSources, count: int) -> T
 
 
 def _add_points(
-    optics: WaveOptics, points: PointSources, total: cla.Array, progress: Progress | None
+    optics: WaveOptics,
+    points: PointSources,
+    total: cla.Array,
+    progress: Progress | None,
+    energies: Any = None,
 ) -> Exposure:
-    """One field a point."""
+    """One field a point; ``energies`` as for `add_local`."""
+    energies = points.power if energies is None else energies
     to_array, to_sensor = optics.padding(points.positions)
     widest = max(to_array, to_sensor) ** 2
     step = _batch(optics, widest)
@@ -284,8 +367,8 @@ def _add_points(
         energy = row_powers(pupil).sum(axis=-1)
         at_array = optics.array_field(pupil, pad=to_array)
         fields = optics.sensor_field(at_array, pad=to_sensor)
-        weights = points.power[chosen] / energy
-        if optics.pixels is None or optics.pixels.active == 0:
+        weights = (energies[chosen].T / energy).T
+        if optics.pixels is None or (optics.pixels.active == 0 and weights.ndim == 1):
             accumulate(total, fields.data, weights, optics.device)
         else:
             add_integrated(total, fields, weights, optics.pixels.active)

@@ -11,6 +11,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen import units
+from clplen.cameras.optics.color_filters import ColorFilterArray
 from clplen.checks import is_finite
 from clplen.compute.device import Device
 from clplen.reprs import OneLine
@@ -43,12 +44,17 @@ class PixelArray(OneLine):
         +x towards +y (y down). The axes of a scene are those of the pixels.
     crosstalk : array_like, optional
         Shares of a pixel's signal that itself and its neighbours read, odd counts (ny, nx), not
-        negative, with the sum 1 or less.
+        negative, with the sum 1 or less. With filters, what leaks from a pixel has its colour.
+    filters : ColorFilterArray, optional
+        Colour filters over the pixels and the sensitivity behind them: the raw image is then their
+        signal for the light's wavelengths. None: the energy of the light.
 
     Raises
     ------
     ValueError
         For a value outside its range.
+    TypeError
+        If filters are no `ColorFilterArray`.
     """
 
     fill_factor: float = 1.0
@@ -57,6 +63,7 @@ class PixelArray(OneLine):
     offset: Pair = (0.0, 0.0)
     rotation: float = 0.0
     crosstalk: tuple[tuple[float, ...], ...] | None = None
+    filters: ColorFilterArray | None = None
 
     def __post_init__(self) -> None:
         if not (is_finite(self.fill_factor) and 0 <= self.fill_factor <= 1):
@@ -83,6 +90,11 @@ class PixelArray(OneLine):
             raise ValueError(f"rotation is a finite angle in radians, not {self.rotation!r}.")
         if self.crosstalk is not None:
             object.__setattr__(self, "crosstalk", _shares(self.crosstalk))
+        if self.filters is not None and not isinstance(self.filters, ColorFilterArray):
+            raise TypeError(
+                f"filters is a ColorFilterArray, such as ColorFilterArray.bayer('RGGB'), not "
+                f"{self.filters!r}."
+            )
 
     @property
     def active(self) -> float:
@@ -198,7 +210,7 @@ class PixelSums:
 
     def put(
         self, total: cla.Array, fields: cla.Array, number: int, gain: float, device: Device,
-        *, add: bool = True,
+        *, add: bool = True, tile: Values | None = None,
     ) -> None:  # fmt: skip
         """Sum abs(U)^2 times ``gain`` of one of several fields over pixels of a sensor's image.
 
@@ -214,6 +226,8 @@ class PixelSums:
         device : Device
         add : bool
             Whether the sums are added to the image, or replace it.
+        tile : numpy.ndarray, optional
+            Factors of the sensor's pixels, which repeat from pixel (0, 0) on, shape (ty, tx).
         """
         if min(self.shape) < 1:
             return
@@ -229,10 +243,16 @@ class PixelSums:
             device.kernel("pixels.cl", "pixel_rows", **defines),
             (ny, across), rows, fields, taps, *(np.int32(n) for n in numbers),
         )  # fmt: skip
+        factors: tuple[Any, ...] = ()
+        if tile is not None:
+            defines = defines | {"TILE": True}
+            sizes = (np.int32(n) for n in tile.shape)
+            factors = (device.upload(np.ascontiguousarray(tile, device.real)), *sizes)
         device.launch_rows(
             device.kernel("pixels.cl", "pixel_columns", **defines, **({} if add else {"SET": True})),
             (down, across), total, rows, taps,
             np.int32(len(weights)), np.int32(self.first[0] - reach), np.int32(self.step),
             real(gain),
             *(np.int32(n) for n in (*self.place, total.shape[-1], down, across)),
+            *factors,
         )  # fmt: skip

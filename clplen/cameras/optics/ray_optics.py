@@ -366,6 +366,7 @@ def raw_image(optics: RayOptics, data: cla.Array) -> RawImage:
     """
     step = view_step(optics)
     on_image = optics.array_distance == optics.image_distance
+    filters = None if optics.pixels is None else optics.pixels.filters
     return RawImage(
         data,
         optics.device,
@@ -374,6 +375,7 @@ def raw_image(optics: RayOptics, data: cla.Array) -> RawImage:
         lenslet_grid(optics, 1.0),
         (-step, -step, optics.mla.row_pitch, optics.mla.pitch) if on_image else None,
         lens_types=lens_types(optics),
+        mosaic=None if filters is None else filters.mosaic,
     )
 
 

@@ -14,6 +14,10 @@ from clplen.compute.arrays import HostArray
 from clplen.deprecation import renamed_argument, renamed_attribute
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
+from clplen.wave.spectrum.spectral_distribution import SpectralDistribution, as_spectrum
+from clplen.wave.spectrum.spectrum import Spectrum
+
+Light = Spectrum | SpectralDistribution
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -28,7 +32,11 @@ class PointSources(OneLine):
     diameter : float
         Each source is a uniform coherent disc of this diameter in metres; 0 is a point.
     power : float or array_like
-        Energy that leaves the main lens' aperture, one or one per source, not negative.
+        Energy that leaves the main lens' aperture, one or one per source, not negative. With a
+        spectrum, that of all its wavelengths together.
+    spectrum : Spectrum or SpectralDistribution, optional
+        Of the light of all these sources: how their power is spread over the wavelengths. None:
+        that of ``coherence=`` in `expose`, else the camera's wavelength.
 
     Attributes
     ----------
@@ -37,9 +45,12 @@ class PointSources(OneLine):
     diameter : float
     power : numpy.ndarray
         float64, shape (n,).
+    spectrum : Spectrum or None
 
     Raises
     ------
+    TypeError
+        If the spectrum is none.
     ValueError
         If a position is not three finite numbers, there is none, the diameter or a power is
         negative, or there are not as many powers as positions.
@@ -48,6 +59,7 @@ class PointSources(OneLine):
     positions: np.ndarray[Any, np.dtype[np.float64]]
     diameter: float
     power: np.ndarray[Any, np.dtype[np.float64]]
+    spectrum: Spectrum | None
 
     def __init__(
         self,
@@ -55,6 +67,7 @@ class PointSources(OneLine):
         *,
         diameter: float = 0.0,
         power: float | Sequence[float] | np.ndarray[Any, Any] = 1.0,
+        spectrum: Light | None = None,
     ) -> None:
         places = np.atleast_2d(np.asarray(positions, np.float64)).copy()
         if places.ndim != 2 or places.shape[1] != 3 or places.shape[0] == 0:
@@ -75,6 +88,8 @@ class PointSources(OneLine):
         object.__setattr__(self, "positions", places)
         object.__setattr__(self, "diameter", float(diameter))
         object.__setattr__(self, "power", powers)
+        light = None if spectrum is None else as_spectrum(spectrum, "The spectrum of sources")
+        object.__setattr__(self, "spectrum", light)
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -95,29 +110,46 @@ class PicturePlane(OneLine, HostArray):
     Parameters
     ----------
     image : array_like
-        Shape (ny, nx), finite, not negative, not all 0. In emission the energy that each sample
-        sends through the main lens' aperture (a picture made of points is `PointSources` at those
-        places); in transmission the intensity transmittance of a slide, at most 1.
+        Shape (ny, nx), or (ny, nx, c) with a spectrum for each of c channels; finite, not negative,
+        not all 0. In emission the energy that each sample sends through the main lens' aperture (a
+        picture made of points is `PointSources` at those places), of each channel by itself; in
+        transmission the intensity transmittance of a slide, at most 1, without channels.
     width : float
         Of the whole picture along x in metres, nx pixels.
     z : float
         In metres from the focused object plane; > 0 lies farther from the lens.
     mode : {"emission", "transmission"}
         Self-luminous, every sample incoherent with the others, or a slide.
+    spectra : Spectrum, SpectralDistribution, or sequence of them, optional
+        Of the light of each channel, of unit power: how the energy of its samples is spread over
+        the wavelengths. None: that of ``coherence=`` in `expose`, else the camera's wavelength.
 
     Attributes
     ----------
     image : numpy.ndarray
-        float64, shape (ny, nx).
+        float64, shape (ny, nx) or (ny, nx, c).
     width, z : float
     mode : str
+    spectra : tuple of Spectrum or None
+        One a channel.
 
     Raises
     ------
     ShapeError
-        If the image is not two-dimensional or empty.
+        If the image is neither two-dimensional nor of channels with a spectrum each, or empty.
+    TypeError
+        If the image or a spectrum is none.
     ValueError
-        For samples, a width, a z or a mode outside their range.
+        For samples, a width, a z or a mode outside their range, or a slide with spectra.
+
+    Examples
+    --------
+    A surface in daylight, whose reflectance each channel of an image is a share of:
+
+    >>> daylight = SpectralDistribution.illuminant("D65")
+    >>> light = [daylight * paint for paint in (red, green, blue)]
+    >>> energies = image * [one.integral / daylight.integral for one in light]
+    >>> PicturePlane(energies, 4e-3, spectra=light)
     """
 
     _samples: ClassVar[str] = "image"
@@ -126,6 +158,7 @@ class PicturePlane(OneLine, HostArray):
     width: float
     z: float
     mode: str
+    spectra: tuple[Spectrum, ...] | None
 
     def __init__(
         self,
@@ -134,6 +167,7 @@ class PicturePlane(OneLine, HostArray):
         z: float = 0.0,
         *,
         mode: Literal["emission", "transmission"] = "emission",
+        spectra: Light | Sequence[Light] | None = None,
     ) -> None:
         try:
             values = np.array(image, np.float64)
@@ -141,8 +175,17 @@ class PicturePlane(OneLine, HostArray):
             raise TypeError(
                 f"A picture is an array of real numbers, (ny, nx), not {type(image).__name__}."
             ) from error
-        if values.ndim != 2 or values.size == 0:
-            raise ShapeError(f"A picture has shape (ny, nx), not {values.shape}: one channel each.")
+        light = _spectra(spectra)
+        if values.ndim not in (2, 3) or values.size == 0:
+            raise ShapeError(
+                f"A picture has shape (ny, nx), or (ny, nx, c) with spectra=, not {values.shape}."
+            )
+        _check_channels(values.shape, light)
+        if light is not None and mode == "transmission":
+            raise ValueError(
+                "A slide has no spectrum of its own: give that of the light on it, "
+                "coherence=Coherence(spatial, spectrum), when it is exposed."
+            )
         if mode not in ("emission", "transmission"):
             raise ValueError(f"mode is 'emission' or 'transmission', not {mode!r}.")
         if not (np.isfinite(values).all() and (values >= 0).all()):
@@ -161,6 +204,7 @@ class PicturePlane(OneLine, HostArray):
         object.__setattr__(self, "width", float(width))
         object.__setattr__(self, "z", float(z))
         object.__setattr__(self, "mode", mode)
+        object.__setattr__(self, "spectra", light)
 
     dz = renamed_attribute("dz", "z")
 
@@ -190,20 +234,58 @@ class PicturePlane(OneLine, HostArray):
         return np.stack([x.ravel(), y.ravel(), np.full(x.size, self.z)], axis=-1)
 
     def points(self) -> PointSources:
-        """The samples that are not 0 as point sources."""
-        power = self.image.ravel()
+        """The samples that are not 0 as point sources, of the energy of all channels together."""
+        power = self.energy.ravel()
         lit = power > 0
         return PointSources(self.positions()[lit], power=power[lit])
 
+    @property
+    def energy(self) -> Vector:
+        """Of each sample, all channels together, shape (ny, nx)."""
+        return self.image if self.image.ndim == 2 else self.image.sum(axis=2)
+
+    def channel(self, number: int) -> PicturePlane:
+        """One channel as a picture without spectrum."""
+        image = self.image if self.image.ndim == 2 else self.image[..., number]
+        return PicturePlane(image, self.width, self.z)
+
     def corners(self) -> PointSources:
         """The corners of the rectangle that holds every sample that is not 0."""
-        lit = self.image > 0
+        lit = self.energy > 0
         y, x = self.y[lit.any(axis=1)], self.x[lit.any(axis=0)]
         return PointSources([(a, b, self.z) for b in (y[0], y[-1]) for a in (x[0], x[-1])])
 
     def _axis(self, axis: int) -> Vector:
         n = self.image.shape[axis]
         return (np.arange(n) - n // 2) * self.pitch
+
+
+def _spectra(given: Any) -> tuple[Spectrum, ...] | None:
+    """Spectra of channels, checked."""
+    if given is None:
+        return None
+    several = given if isinstance(given, list | tuple) else [given]
+    return tuple(as_spectrum(one, "Each of spectra") for one in several)
+
+
+def _check_channels(shape: tuple[int, ...], spectra: tuple[Spectrum, ...] | None) -> None:
+    """Refuse channels that have not one spectrum each.
+
+    Raises
+    ------
+    ShapeError
+    """
+    channels = shape[2] if len(shape) == 3 else 1
+    if spectra is None and len(shape) == 3:
+        raise ShapeError(
+            f"A picture of shape {shape} has {channels} channels: give the spectrum of each, "
+            "spectra=[...], or one channel of shape (ny, nx)."
+        )
+    if spectra is not None and len(spectra) != channels:
+        raise ShapeError(
+            f"A picture of shape {shape} has {channels} channel{'s' * (channels > 1)}, and "
+            f"spectra= has {len(spectra)}: give one for each."
+        )
 
 
 Source = PointSources | PicturePlane

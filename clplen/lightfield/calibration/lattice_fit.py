@@ -22,7 +22,12 @@ from clplen.lightfield.calibration.reciprocal import (
     fit_lattice,
     reduced_basis,
 )
-from clplen.lightfield.calibration.sensor_frames import as_frame, balance_colours, subtract_dark
+from clplen.lightfield.calibration.sensor_frames import (
+    Mosaic,
+    as_frame,
+    balance_colours,
+    subtract_dark,
+)
 from clplen.lightfield.calibration.unit_cell import centre_offset, denser_basis, mean_cell
 from clplen.lightfield.raw.lenslet_lattice import Lattice, lattice_kind
 
@@ -59,7 +64,7 @@ def estimate_lattice(
     dark: ArrayLike | None = None,
     kind: str | None = None,
     pitch: float | None = None,
-    bayer: str | None = None,
+    bayer: Mosaic | None = None,
 ) -> Lattice:
     """The lattice of lenslets of a white image.
 
@@ -82,7 +87,7 @@ def estimate_lattice(
     pitch : float, optional
         Nominal distance of nearest neighbours in pixels; another one than it to a quarter is not
         trusted.
-    bayer : {"RGGB", "BGGR", "GRBG", "GBRG"}, optional
+    bayer : {"RGGB", "BGGR", "GRBG", "GBRG"} or sequence of str, optional
         Colour filters, whose four kinds of pixels are brought to the same mean.
 
     Returns
@@ -111,7 +116,7 @@ def estimate_lattice(
 
 
 def visible_lattice(
-    frame: ArrayLike, *, dark: ArrayLike | None = None, bayer: str | None = None
+    frame: ArrayLike, *, dark: ArrayLike | None = None, bayer: Mosaic | None = None
 ) -> Lattice | None:
     """The lattice that a frame shows by itself, where it is plain that it is the lenslets'.
 
@@ -143,7 +148,7 @@ def _check_pitch(pitch: float | None) -> None:
         raise ValueError(f"The pitch is 3 to 200 pixels, not {pitch!r}.")
 
 
-def _prepared(white: Any, dark: Any, bayer: str | None) -> Values:
+def _prepared(white: Any, dark: Any, bayer: Mosaic | None) -> Values:
     """float32, dark frame taken off, single bright pixels cut."""
     frame = as_frame(white, "white image")
     if min(frame.shape) < _LEAST:

@@ -27,6 +27,8 @@ import numpy as np
 from clplen.deprecation import warn_caller
 from clplen.errors import SamplingWarning
 from clplen.lightfield.calibration.lattice_fit import visible_lattice
+from clplen.lightfield.calibration.sensor_frames import Mosaic
+from clplen.lightfield.raw.demosaicing import tile_of
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 
 _PROPER = "give the white image of this camera, evenly lit and not saturated"
@@ -93,7 +95,7 @@ def require_camera(
     source: str,
     *,
     dark: Any = None,
-    bayer: str | None = None,
+    bayer: Mosaic | None = None,
     error: type[Exception] = ValueError,
 ) -> None:
     """Refuse a lattice beside that of a frame, where the middle of the frame shows its own one.
@@ -107,7 +109,7 @@ def require_camera(
     source : str
         The white image, as the subject of a sentence.
     dark : array_like, optional
-    bayer : str, optional
+    bayer : str or sequence of str, optional
         As for `estimate_lattice`.
     error : type
         Of what is raised.
@@ -118,7 +120,9 @@ def require_camera(
         If the frame's lattice has other steps: it is of another camera.
     """
     own = visible_lattice(
-        _central_crop(frame), dark=None if dark is None else _central_crop(dark), bayer=bayer
+        _central_crop(frame, bayer),
+        dark=None if dark is None else _central_crop(dark, bayer),
+        bayer=bayer,
     )
     if own is None or _steps_agree(own, lattice):
         return
@@ -129,10 +133,13 @@ def require_camera(
     )
 
 
-def _central_crop(picture: Any) -> Any:
-    """The middle of a picture, its corner at even pixels."""
+def _central_crop(picture: Any, bayer: Mosaic | None) -> Any:
+    """The middle of a picture, its corner at the first pixel of a tile of colour filters."""
     values = np.asarray(picture)
-    start = [max(0, (n - _MIDDLE) // 4 * 2) for n in values.shape[:2]]
+    tile = (2, 2) if bayer is None else np.shape(tile_of(bayer))
+    start = [
+        max(0, (n - _MIDDLE) // (2 * t) * t) for n, t in zip(values.shape[:2], tile, strict=True)
+    ]
     return values[start[0] : start[0] + _MIDDLE, start[1] : start[1] + _MIDDLE]
 
 

@@ -16,14 +16,21 @@ from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.errors import ShapeError
 from clplen.lightfield.calibration import sensor_frames
 from clplen.lightfield.calibration.lattice_trust import is_measured
-from clplen.lightfield.calibration.sensor_frames import Frame, colour_positions
+from clplen.lightfield.calibration.sensor_frames import Frame, Mosaic
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.decode import resample
+from clplen.lightfield.raw.demosaicing import (
+    COLOURS,
+    Tile,
+    bilinear_colours,
+    sliced,
+    tile_of,
+    views_of_colours,
+)
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.lightfield.raw.raw_image import RawImage, Spacing
 
-COLOURS = "RGB"
 _FLOOR = 0.05  # of the white image's bright pixels: what is darker is divided by that
 _BRIGHT = 0.995  # quantile of the white image that counts as bright
 _DEMOSAIC = ("after", "before")
@@ -36,7 +43,7 @@ class _Pixels:
 
     picture: Frame
     white: Frame | None
-    bayer: str | None
+    tile: Tile | None
 
 
 def decode_raw(
@@ -49,10 +56,11 @@ def decode_raw(
     views: tuple[int, int] | None = None,
     step: float | None = None,
     devignette: bool | None = None,
-    bayer: str | None = None,
+    bayer: Mosaic | None = None,
     demosaic: str = "after",
     complete: bool = True,
     pixel_pitch: float | None = None,
+    white_balance: tuple[float, float, float] | None = None,
 ) -> LightField:
     """Decode a raw lenslet frame.
 
@@ -83,8 +91,9 @@ def decode_raw(
     devignette : bool, optional
         Whether to divide by the white image; default if there is one. The mean white level of each
         view, the brightest 1, is its weight then.
-    bayer : {"RGGB", "BGGR", "GRBG", "GBRG"}, optional
-        Colour filters of the pixels (0, 0), (0, 1), (1, 0), (1, 1).
+    bayer : {"RGGB", "BGGR", "GRBG", "GBRG"} or sequence of str, optional
+        Colour filters of the pixels (0, 0), (0, 1), (1, 0), (1, 1); or the rows of another tile of
+        R, G and B, such as ``("RRGG", "RRGG", "GGBB", "GGBB")`` of a quad Bayer mosaic.
     demosaic : {"after", "before"}
         "after" slices each colour by itself and fills what it misses from the same view of
         neighbouring lenslets (linear interpolation), which mixes no directions; "before"
@@ -94,6 +103,8 @@ def decode_raw(
         False keeps those whose centre does, and pixels off the sensor count 0.
     pixel_pitch : float, optional
         Of the sensor, in metres; the result then has dy and dx, with dv and du unknown (NaN).
+    white_balance : tuple of float, optional
+        Factors of red, green and blue, with ``bayer``.
 
     Returns
     -------
@@ -114,6 +125,7 @@ def decode_raw(
     device = as_device(device)
     frame = sensor_frames.as_frame(raw, "raw frame")
     _check(views, step, bayer, demosaic, devignette, white, pixel_pitch)
+    _check_balance(white_balance, bayer)
     if not is_measured(lattice):
         raise ValueError(f"This lattice was not measured: {lattice.verdict}")
     lattice = _with_shape(lattice, frame.shape)
@@ -123,6 +135,8 @@ def decode_raw(
     arrays = (1 if white is None else 3) if bayer is None else 10  # of one channel, at once
     device.require_memory(4 * arrays * math.prod(grid.shape), "Decoding this light field")
     pixels = _cleaned(frame, white if divide else None, dark, bayer)
+    if white_balance is not None and pixels.tile is not None:
+        pixels = replace(pixels, picture=_balanced(pixels.picture, pixels.tile, white_balance))
     kept = _raw_image(pixels.picture, grid, device, pixel_pitch, lattice)
     if bayer is None:
         data, level = _grey(kept, pixels, grid, device)
@@ -135,7 +149,7 @@ def decode_raw(
 def _check(
     views: Any,
     step: Any,
-    bayer: str | None,
+    bayer: Mosaic | None,
     demosaic: str,
     devignette: Any,
     white: Any,
@@ -151,9 +165,32 @@ def _check(
     if demosaic not in _DEMOSAIC:
         raise ValueError(f"demosaic is 'after' or 'before', not {demosaic!r}.")
     if bayer is not None:
-        sensor_frames.require_bayer(bayer)
+        tile_of(bayer)
     if devignette and white is None:
         raise ValueError("devignette=True divides by the white image: give white=.")
+
+
+def _check_balance(factors: Any, bayer: Mosaic | None) -> None:
+    if factors is None:
+        return
+    if bayer is None:
+        raise ValueError("white_balance is of colours: give bayer= too.")
+    values = np.asarray(factors, np.float64)
+    if values.shape != (3,) or not (np.isfinite(values).all() and (values > 0).all()):
+        raise ValueError(
+            f"white_balance is the factors of red, green and blue, three numbers above 0, not "
+            f"{factors!r}."
+        )
+
+
+def _balanced(picture: Frame, tile: Tile, factors: tuple[float, float, float]) -> Frame:
+    """A mosaic times the factors of its colours."""
+    of = dict(zip(COLOURS, factors, strict=True))
+    out = picture.copy()
+    for y, row in enumerate(tile):
+        for x, colour in enumerate(row):
+            out[y :: len(tile), x :: len(row)] *= np.float32(of[colour])
+    return out
 
 
 def _with_shape(lattice: Lattice, shape: tuple[int, int]) -> Lattice:
@@ -167,17 +204,18 @@ def _with_shape(lattice: Lattice, shape: tuple[int, int]) -> Lattice:
     return lattice
 
 
-def _cleaned(frame: Any, white: Any, dark: Any, bayer: str | None) -> _Pixels:
+def _cleaned(frame: Any, white: Any, dark: Any, bayer: Mosaic | None) -> _Pixels:
     """Dark frame off, bad pixels filled, the white image scaled to 1 where it is bright."""
-    apart = 1 if bayer is None else 2
-    name = None if bayer is None else sensor_frames.require_bayer(bayer)
+    tile = None if bayer is None else tile_of(bayer)
+    down, across = (1, 1) if tile is None else (len(tile), len(tile[0]))
+    apart = math.lcm(down, across)
     hot = np.zeros(frame.shape, bool) if dark is None else sensor_frames.hot_pixels(dark)
     picture = sensor_frames.subtract_dark(frame, dark)
     picture = sensor_frames.fill_pixels(
         picture, hot | sensor_frames.saturated_pixels(frame), step=apart
     )
     if white is None:
-        return _Pixels(picture, None, name)
+        return _Pixels(picture, None, tile)
     flat = sensor_frames.as_frame(white, "white image")
     if flat.shape != frame.shape:
         raise ShapeError(
@@ -189,9 +227,9 @@ def _cleaned(frame: Any, white: Any, dark: Any, bayer: str | None) -> _Pixels:
         hot | sensor_frames.saturated_pixels(flat),
         step=apart,
     )
-    for y, x in itertools.product(range(apart), repeat=2):
-        level[y::apart, x::apart] /= _white_level(level[y::apart, x::apart])
-    return _Pixels(picture, level, name)
+    for y, x in itertools.product(range(down), range(across)):
+        level[y::down, x::across] /= _white_level(level[y::down, x::across])
+    return _Pixels(picture, level, tile)
 
 
 def _white_level(values: Frame) -> float:
@@ -222,7 +260,7 @@ def _grey(
     data = resample(kept, grid)
     if pixels.white is None:
         return data, None
-    level = _sliced(pixels.white, grid, device)
+    level = sliced(pixels.white, grid, device)
     even = device.empty(grid.shape, np.float32)
     _divide(even, data, level, 1, 0, device)
     return even, level
@@ -231,10 +269,10 @@ def _grey(
 def _coloured(
     pixels: _Pixels, grid: LensletGrid, demosaic: str, device: Device
 ) -> tuple[cla.Array, cla.Array | None]:
-    bayer = pixels.bayer
+    bayer = pixels.tile
     assert bayer is not None
     white = np.ones_like(pixels.picture) if pixels.white is None else pixels.white
-    level = None if pixels.white is None else _sliced(white, grid, device)
+    level = None if pixels.white is None else sliced(white, grid, device)
     if demosaic == "after":
         lit = np.maximum(white, np.float32(_FLOOR))
         return views_of_colours(pixels.picture, lit, grid, bayer, device=device), level
@@ -243,101 +281,9 @@ def _coloured(
         bilinear_colours(pixels.picture, bayer), bilinear_colours(white, bayer), strict=True
     )
     for channel, (picture, flat) in enumerate(planes):
-        views = _sliced(picture, grid, device)
-        _divide(data, views, _sliced(flat, grid, device), 3, channel, device)
+        views = sliced(picture, grid, device)
+        _divide(data, views, sliced(flat, grid, device), 3, channel, device)
     return data, level
-
-
-def views_of_colours(
-    picture: Frame, white: Frame, grid: LensletGrid, bayer: str, *, device: Device
-) -> cla.Array:
-    """Slice each colour by itself, then fill what it misses from the same view.
-
-    A view holds, at every lenslet, the colour of the pixel that it hits. Its other colours come
-    from the same view of the neighbouring lenslets, so that directions are not mixed; where those
-    miss the colour too (lenslets a whole, even number of pixels apart), from the nearest pixels of
-    that colour under the lenslet.
-
-    Parameters
-    ----------
-    picture : numpy.ndarray
-        Raw pixels, float32, shape (ny, nx).
-    white : numpy.ndarray
-        What every pixel would be in even light, positive; ones to keep the vignetting.
-    grid : LensletGrid
-    bayer : str
-    device : Device
-
-    Returns
-    -------
-    pyopencl.array.Array
-        float32, shape (V, U, y, x, 3): ``picture`` over ``white``.
-    """
-    shape = grid.shape
-    out = device.empty((*shape, 3), np.float32)
-    for channel, colour in enumerate(COLOURS):
-        positions = [at for at, name in colour_positions(bayer) if name == colour]
-        parts = []
-        for frame in (picture, white):
-            alone = np.zeros_like(frame)
-            for y, x in positions:
-                alone[y::2, x::2] = frame[y::2, x::2]
-            slices = [_sliced(alone, grid, device, linear=True)]
-            for y, x in (positions[0], positions[-1]):
-                own = np.ascontiguousarray(frame[y::2, x::2])
-                slices.append(_sliced(own, _halved(grid, y, x), device, linear=True))
-            parts.append(slices)
-        (raw, *near), (flat, *near_flat) = parts
-        device.launch_rows(
-            device.kernel("devignette.cl", "colours"),
-            (shape[0] * shape[1], *shape[2:]),
-            out,
-            *(raw, flat, *near, *near_flat),
-            np.float32(_LEAST),
-            *(np.int32(n) for n in (*shape[2:], channel)),
-        )
-    return out
-
-
-def _halved(grid: LensletGrid, y: int, x: int) -> LensletGrid:
-    """The same places among every second pixel, those from (y, x) on."""
-
-    def half(step: tuple[float, float]) -> tuple[float, float]:
-        return step[0] / 2, step[1] / 2
-
-    return replace(
-        grid,
-        first=((grid.first[0] - y) / 2, (grid.first[1] - x) / 2),
-        row_step=half(grid.row_step),
-        column_step=half(grid.column_step),
-        row_view_step=half(grid.row_view_step),
-        column_view_step=half(grid.column_view_step),
-    )
-
-
-def bilinear_colours(picture: Frame, bayer: str) -> list[Frame]:
-    """Red, green and blue at every pixel, bilinear: each (ny, nx), float32."""
-    from scipy.ndimage import convolve1d
-
-    weights = np.array([0.5, 1, 0.5], np.float32)
-
-    def spread(values: Frame) -> Frame:
-        across = convolve1d(values, weights, axis=1, mode="constant")
-        return np.asarray(convolve1d(across, weights, axis=0, mode="constant"))
-
-    planes = []
-    for colour in COLOURS:
-        mask = np.zeros_like(picture)
-        for (y, x), name in colour_positions(bayer):
-            if name == colour:
-                mask[y::2, x::2] = 1
-        planes.append(np.where(mask > 0, picture, spread(picture * mask) / spread(mask)))
-    return planes
-
-
-def _sliced(frame: Frame, grid: LensletGrid, device: Device, *, linear: bool = False) -> cla.Array:
-    raw = RawImage(device.upload(frame), device, math.nan, grid, grid)
-    return resample(raw, grid, linear=linear)
 
 
 def _divide(

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from clplen.errors import ShapeError
+from clplen.lightfield.raw.demosaicing import tile_of
 
 Frame = np.ndarray[Any, np.dtype[np.float32]]
 Mask = np.ndarray[Any, np.dtype[np.bool_]]
 
-BAYER = ("RGGB", "BGGR", "GRBG", "GBRG")
 _HOT = 12.0  # robust standard deviations of the dark frame
 _LEVELS = (8, 10, 12, 14, 16)  # bits of a sample
 
@@ -61,42 +62,29 @@ def subtract_dark(frame: Any, dark: Any) -> Frame:
     return picture - taken.astype(np.float32)
 
 
-def require_bayer(bayer: str) -> str:
-    """Colours of the pixels (0, 0), (0, 1), (1, 0), (1, 1), in capitals.
-
-    Raises
-    ------
-    ValueError
-        If it is none of the four.
-    """
-    name = bayer.upper()
-    if name not in BAYER:
-        raise ValueError(f"bayer is one of {', '.join(BAYER)}, not {bayer!r}.")
-    return name
+Mosaic = str | Sequence[Sequence[str]]  # of filters, as `tile_of` takes it
 
 
-def balance_colours(picture: Frame, bayer: str) -> Frame:
-    """A Bayer mosaic whose colours are brought to the same mean."""
+def balance_colours(picture: Frame, bayer: Mosaic) -> Frame:
+    """A mosaic whose colours are brought to the same mean."""
     out = picture.copy()
-    means = colour_means(picture, bayer)
-    for (y, x), colour in colour_positions(bayer):
-        if means[colour] > 0:
-            out[y::2, x::2] *= np.float32(means["G"] / means[colour])
+    tile, means = tile_of(bayer), colour_means(picture, bayer)
+    for y, row in enumerate(tile):
+        for x, colour in enumerate(row):
+            if means[colour] > 0:
+                out[y :: len(tile), x :: len(row)] *= np.float32(means["G"] / means[colour])
     return out
 
 
-def colour_means(picture: Frame, bayer: str) -> dict[str, float]:
-    """Mean of each colour of a Bayer mosaic."""
+def colour_means(picture: Frame, bayer: Mosaic) -> dict[str, float]:
+    """Mean of each colour of a mosaic."""
+    tile = tile_of(bayer)
     parts: dict[str, list[float]] = {"R": [], "G": [], "B": []}
-    for (y, x), colour in colour_positions(bayer):
-        parts[colour].append(float(picture[y::2, x::2].mean(dtype=np.float64)))
+    for y, row in enumerate(tile):
+        for x, colour in enumerate(row):
+            part = picture[y :: len(tile), x :: len(row)]
+            parts[colour].append(float(part.mean(dtype=np.float64)))
     return {colour: float(np.mean(values)) for colour, values in parts.items()}
-
-
-def colour_positions(bayer: str) -> list[tuple[tuple[int, int], str]]:
-    """((y, x), colour) of the four pixels of a Bayer mosaic."""
-    name = require_bayer(bayer)
-    return [((0, 0), name[0]), ((0, 1), name[1]), ((1, 0), name[2]), ((1, 1), name[3])]
 
 
 def saturated_pixels(frame: Any) -> Mask:

@@ -175,6 +175,11 @@ def require_focused(raw: RawImage) -> None:
             "This raw image is of a plenoptic 1.0 camera, whose lenslets hold directions and no "
             "pictures: decode it with LightField.from_raw and render that."
         )
+    if raw.mosaic is not None:
+        raise ValueError(
+            "This raw image is a mosaic of colour filters: give its colours, "
+            "clplen.lightfield.demosaic(raw)."
+        )
 
 
 def split_positions(values: Values) -> tuple[Whole, np.ndarray[Any, np.dtype[np.float32]]]:

@@ -23,6 +23,7 @@ from clplen.lightfield.model.sample_checks import (
     weights_of_lit,
 )
 from clplen.lightfield.raw.decode import resample
+from clplen.lightfield.raw.demosaicing import views_of_colours
 from clplen.lightfield.raw.raw_image import CameraModel, RawImage, Spacing
 from clplen.results import Plottable, Savable
 
@@ -142,12 +143,15 @@ class LightField(AlphaLaw, Savable, Plottable, OnDevice):
         Returns
         -------
         LightField
-            float32, shape (V, U, rows, columns), in raw pixel order (dv, du < 0).
+            float32, shape (V, U, rows, columns), in raw pixel order (dv, du < 0); (V, U, rows,
+            columns, 3) of a mosaic of red, green and blue filters, each colour sliced by itself.
+            Of a sensor with ``levels`` the black one is taken off.
 
         Raises
         ------
         ValueError
-            If ``decode`` is neither, or the raw image holds NaN or infinity; or is of a focused
+            If ``decode`` is neither, or the raw image holds NaN or infinity, or has other filters
+            than R, G and B; or is of a focused
             camera, whose pixels hold no views, unless ``decode="naive"`` asks for them plainly.
         DeviceError
             If it is larger than the device's memory.
@@ -163,7 +167,14 @@ class LightField(AlphaLaw, Savable, Plottable, OnDevice):
                 "pictures and no sets of views: make pictures with render_focused, or take the "
                 "pixels as they are with decode='naive'."
             )
-        data = resample(raw, grids[decode])
+        lit = raw.above_black()
+        if raw.mosaic is None:
+            data = resample(lit, grids[decode])
+        else:
+            frame = lit.to_numpy()
+            data = views_of_colours(
+                frame, np.ones_like(frame), grids[decode], raw.mosaic, device=raw.device
+            )
         weights = np.ones(grids[decode].shape[:2], np.float32)
         return cls(data, raw.device, raw.spacing, weights, raw.camera, raw, decode)
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.checks import is_finite, is_integer
 from clplen.compute.arrays import Image, OnDevice
 from clplen.compute.device import Device
 from clplen.errors import ShapeError
@@ -18,6 +19,8 @@ from clplen.results import Plottable, Savable
 
 Spacing = tuple[float, float, float, float]
 Transforms = tuple[tuple[int, tuple[int, int]], ...]
+LARGEST_PRNU = 0.3
+_PATTERN = (0, 1288)  # of seeds: the pixels' sensitivities, apart from every frame's noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +45,9 @@ class Exposure:
         Of every pixel, from the scatter of the snapshots.
     relative_error : float or None
         Standard error over mean: rms over the region, divided by its mean.
+    wavelengths : int or None
+        By which sources with a spectrum, and all before colour filters, were exposed: the most
+        that a source took.
     """
 
     route: str
@@ -50,6 +56,7 @@ class Exposure:
     snapshots: int | None = None
     standard_error: Image | None = None
     relative_error: float | None = None
+    wavelengths: int | None = None
 
     def __str__(self) -> str:
         count = sum(n for n, _ in self.transforms)
@@ -57,6 +64,8 @@ class Exposure:
         text = f"{self.route}: {count} Fourier transforms ({shapes})"
         if "isoplanatic" in self.route or self.snapshots is None:
             text += f", error {self.error:.2g}"
+        if self.wavelengths is not None:
+            text += f", {self.wavelengths} wavelength" + "s" * (self.wavelengths != 1)
         if self.snapshots is None:
             return text
         text += f", {self.snapshots} snapshot" + "s" * (self.snapshots != 1)
@@ -132,6 +141,25 @@ def is_telecentric(source: Any) -> bool:
     return bool(getattr(getattr(source, "camera", None), "telecentric", False))
 
 
+@dataclass(frozen=True)
+class Levels:
+    """What the digital numbers of a sensor mean.
+
+    Attributes
+    ----------
+    black : float
+        Number of a pixel without light.
+    white : float
+        Number of a saturated pixel.
+    bit_depth : int
+        Of the converter: numbers go from 0 to 2^bit_depth - 1.
+    """
+
+    black: float
+    white: float
+    bit_depth: int
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class RawImage(Savable, Plottable, OnDevice):
     """A raw lenslet image with its geometry.
@@ -160,6 +188,10 @@ class RawImage(Savable, Plottable, OnDevice):
         Of a multi-focus array; empty for lenses of one kind.
     truth : DepthTruth or None
         Of a synthetic scene, on the lattice of the light field that it decodes to.
+    mosaic : tuple of tuple of str or None
+        Names of the colour filters over the pixels, row by row, which repeat from pixel (0, 0) on.
+    levels : Levels or None
+        What the numbers of a sensor with ``bit_depth`` mean.
     """
 
     _writer: ClassVar[str] = "write_raw"
@@ -176,6 +208,8 @@ class RawImage(Savable, Plottable, OnDevice):
     lattice: Lattice | None = None
     lens_types: tuple[LensType, ...] = ()
     truth: DepthTruth | None = None
+    mosaic: tuple[tuple[str, ...], ...] | None = None
+    levels: Levels | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -195,9 +229,19 @@ class RawImage(Savable, Plottable, OnDevice):
         """(ny, nx)."""
         return (int(self.data.shape[0]), int(self.data.shape[1]))
 
+    def above_black(self) -> RawImage:
+        """The raw image less its black level; itself where there is none."""
+        if self.levels is None or self.levels.black == 0:
+            return self
+        lit = self.device.upload(self.to_numpy() - np.float32(self.levels.black))
+        return replace(self, data=lit, levels=None)
+
     def to_numpy(self) -> np.ndarray[Any, np.dtype[np.float32]]:
         """The pixel values, float32, shape (ny, nx) or (ny, nx, 3)."""
         return self.device.download(self.data)
+
+
+Gains = tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True)
@@ -207,19 +251,36 @@ class Sensor:
     Parameters
     ----------
     exposure : float, optional
-        Photo-electrons for one unit of energy (a source of power 1); None leaves energy units and
-        switches everything else off.
+        Photo-electrons for one unit of the raw image: of energy (a source of power 1), or, behind
+        colour filters, of signal. None leaves these units and switches everything else off.
     shot_noise : bool
-        Poisson noise of the photo-electrons.
+        Poisson noise of the electrons, those of the dark current too.
     read_noise : float
         Standard deviation in electrons a pixel.
     full_well : float, optional
         Electrons at which a pixel saturates.
     bit_depth : int, optional
-        Round to 2^bit_depth - 1 equal steps up to ``full_well``, which is then needed.
+        Bits of the converter: whole numbers from 0 to 2^bit_depth - 1. ``full_well`` is then
+        needed: it gives ``white_level``.
     seed : int
         The same seed and image give the same noise; images of two devices differ by rounding, and
         with it a few of the pixels' photons.
+    prnu : float
+        Photo response non-uniformity: standard deviation of the pixels' sensitivities, relative to
+        their mean, 0 to .3; normally distributed, and the same in all frames of a seed.
+    dark_current : float
+        Electrons a pixel and second; it needs ``exposure_time``.
+    exposure_time : float
+        In seconds. It makes dark current only: the light's electrons are those of ``exposure``.
+    black_level : float
+        Number of a pixel without electrons; it needs ``bit_depth``. Read noise goes below it.
+    white_level : float, optional
+        Number of a pixel at its full well with a gain of 1; default 2^bit_depth - 1.
+    gain : float or mapping of str to float
+        Amplification between pixel and converter, one for all or one for each colour filter. A
+        gain of 2 reaches ``white_level`` at half the full well.
+    frame : int
+        Number of the frame: others of the same seed have the same ``prnu`` and other noise.
 
     Raises
     ------
@@ -233,52 +294,148 @@ class Sensor:
     full_well: float | None = None
     bit_depth: int | None = None
     seed: int = 0
+    _: KW_ONLY
+    prnu: float = 0.0
+    dark_current: float = 0.0
+    exposure_time: float = 0.0
+    black_level: float = 0.0
+    white_level: float | None = None
+    gain: float | Mapping[str, float] | Gains = 1.0
+    frame: int = 0
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "gain", _gains(self.gain))
+        self._check_electrons()
+        self._check_numbers()
+
+    def _check_electrons(self) -> None:
         for name in ("exposure", "full_well"):
             value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
+            if value is not None and not (is_finite(value) and value > 0):
                 raise ValueError(f"{name} is a positive number of electrons, not {value!r}.")
-        if not (math.isfinite(self.read_noise) and self.read_noise >= 0):
-            raise ValueError(f"read_noise is not negative, in electrons, not {self.read_noise!r}.")
-        if self.bit_depth is not None and (
-            int(self.bit_depth) != self.bit_depth or not 1 <= self.bit_depth <= 24
+        for name, unit in (
+            ("read_noise", "electrons"),
+            ("dark_current", "electrons a pixel and second"),
+            ("exposure_time", "seconds"),
         ):
+            value = getattr(self, name)
+            if not (is_finite(value) and value >= 0):
+                raise ValueError(f"{name} is not negative, in {unit}, not {value!r}.")
+        if not (is_finite(self.prnu) and 0 <= self.prnu <= LARGEST_PRNU):
             raise ValueError(
-                f"bit_depth is a whole number between 1 and 24, not {self.bit_depth!r}."
+                f"prnu is a share of the sensitivity, 0 to {LARGEST_PRNU:g}, not {self.prnu!r}: 1 % "
+                "is .01."
             )
-        if int(self.seed) != self.seed or self.seed < 0:
-            raise ValueError(f"seed is a whole number, not negative, not {self.seed!r}.")
-        if self.bit_depth is not None and self.full_well is None:
-            raise ValueError("bit_depth needs full_well, the electrons of the largest number.")
-        wants = self.shot_noise or self.read_noise or self.full_well or self.bit_depth
+        if self.dark_current and not self.exposure_time:
+            raise ValueError("dark_current needs exposure_time, in seconds.")
+        for name in ("seed", "frame"):
+            value = getattr(self, name)
+            if not is_integer(value) or value < 0:
+                raise ValueError(f"{name} is a whole number, not negative, not {value!r}.")
+        wants = (
+            self.shot_noise or self.read_noise or self.full_well or self.bit_depth or self.prnu
+            or self.dark_current
+        )  # fmt: skip
         if wants and self.exposure is None:
             raise ValueError("Noise, saturation and bits need exposure, electrons a unit energy.")
+
+    def _check_numbers(self) -> None:
+        bits = self.bit_depth
+        if bits is not None and not (is_integer(bits) and 1 <= bits <= 24):
+            raise ValueError(f"bit_depth is a whole number between 1 and 24, not {bits!r}.")
+        if bits is not None and self.full_well is None:
+            raise ValueError("bit_depth needs full_well, the electrons of the largest number.")
+        if bits is None:
+            for name, default in (("black_level", 0.0), ("white_level", None), ("gain", 1.0)):
+                if getattr(self, name) != default:
+                    raise ValueError(f"{name} is of digital numbers: give bit_depth too.")
+            return
+        top = 2**int(bits) - 1
+        white = top if self.white_level is None else self.white_level
+        if not (is_finite(self.black_level) and is_finite(white)) or not (
+            0 <= self.black_level < white <= top
+        ):
+            raise ValueError(
+                f"Levels of {bits} bits are 0 <= black_level < white_level <= {top}, not "
+                f"{self.black_level!r} and {white!r}."
+            )
 
     def record(self, raw: RawImage) -> RawImage:
         """The raw image as this sensor delivers it.
 
+        Photo-electrons times the pixel's own sensitivity, plus dark current, as Poisson numbers,
+        plus read noise, cut off at the full well; times the gain, on the levels of the converter
+        (EMVA 1288, release 4.0, section 2).
+
         Parameters
         ----------
         raw : RawImage
-            In units of energy.
+            In units of energy, or of signal behind colour filters.
 
         Returns
         -------
         RawImage
-            float32: electrons, or with ``bit_depth`` whole numbers from 0 to 2^bit_depth - 1.
+            float32: electrons, or with ``bit_depth`` whole numbers from 0 to 2^bit_depth - 1, with
+            their ``levels``.
+
+        Raises
+        ------
+        ValueError
+            If there are gains for filters, and the raw image has others or none.
         """
         if self.exposure is None:
             return raw
+        gain = self._gain(raw)
         electrons = np.maximum(raw.to_numpy().astype(np.float64), 0) * self.exposure
-        random = np.random.default_rng(self.seed)
+        if self.prnu:
+            pattern = np.random.default_rng([self.seed, *_PATTERN]).normal(size=electrons.shape)
+            electrons *= np.maximum(1 + self.prnu * pattern, 0)
+        electrons += self.dark_current * self.exposure_time
+        random = np.random.default_rng(self.seed if not self.frame else [self.seed, self.frame])
         if self.shot_noise:
             electrons = random.poisson(electrons).astype(np.float64)
         if self.read_noise:
             electrons = electrons + random.normal(0, self.read_noise, electrons.shape)
         if self.full_well is not None:
             electrons = np.minimum(electrons, self.full_well)
+        levels = None
         if self.bit_depth is not None and self.full_well is not None:
-            top = 2**self.bit_depth - 1
-            electrons = np.clip(np.rint(electrons * (top / self.full_well)), 0, top)
-        return replace(raw, data=raw.device.upload(electrons.astype(np.float32)))
+            top = 2 ** int(self.bit_depth) - 1
+            white = float(top if self.white_level is None else self.white_level)
+            per_electron = gain * ((white - self.black_level) / self.full_well)
+            electrons = np.clip(np.rint(self.black_level + electrons * per_electron), 0, top)
+            levels = Levels(float(self.black_level), white, int(self.bit_depth))
+        data = raw.device.upload(electrons.astype(np.float32))
+        return replace(raw, data=data, levels=levels)
+
+    def _gain(self, raw: RawImage) -> Any:
+        """The gain of every pixel."""
+        if isinstance(self.gain, float):
+            return self.gain
+        gains, names = dict(self.gain), {name for row in raw.mosaic or () for name in row}
+        if names != set(gains):
+            found = ", ".join(sorted(names)) or "none"
+            raise ValueError(
+                f"gain is of the colour filters {', '.join(sorted(gains))}, and the raw image has "
+                f"{found}: give one number, or a gain for each of its filters."
+            )
+        assert raw.mosaic is not None
+        tile = np.array([[gains[name] for name in row] for row in raw.mosaic])
+        ny, nx = raw.shape
+        return np.tile(tile, (-(-ny // len(tile)), -(-nx // tile.shape[1])))[:ny, :nx]
+
+
+def _gains(gain: Any) -> float | Gains:
+    """One gain or one for each colour filter, checked."""
+    pairs = gain if isinstance(gain, tuple) else None
+    if isinstance(gain, Mapping):
+        pairs = tuple(gain.items())
+    for value in [gain] if pairs is None else [value for _, value in pairs] or [None]:
+        if not (is_finite(value) and value > 0):
+            raise ValueError(
+                f"gain is a number above 0, or one for each colour filter, such as {{'R': 2.0, 'G': "
+                f"1.0, 'B': 1.5}}, not {gain!r}."
+            )
+    if pairs is None:
+        return float(gain)
+    return tuple((str(name), float(value)) for name, value in pairs)

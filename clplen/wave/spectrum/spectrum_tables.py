@@ -34,6 +34,15 @@ MERCURY = {
 }
 # Peak (nm), FWHM (nm) and height of the blue die and of the yellow phosphor.
 WHITE_LED = ((445.0, 25.0, 1.0), (560.0, 125.0, 0.5))
+# Relative power of CIE standard illuminant D65 from 300 to 830 nm every 10 nm: CIE 15:2004, table
+# T.1 (ISO 11664-2).
+D65 = (
+    0.0341, 3.2945, 20.236, 37.0535, 39.9488, 44.9117, 46.6383, 52.0891, 49.9755, 54.6482, 82.7549,
+    91.486, 93.4318, 86.6823, 104.865, 117.008, 117.812, 114.861, 115.923, 108.811, 109.354,
+    107.802, 104.79, 107.689, 104.405, 104.046, 100.0, 96.3342, 95.788, 88.6856, 90.0062, 89.5991,
+    87.6987, 83.2886, 83.6992, 80.0268, 80.2146, 82.2778, 78.2842, 69.7213, 71.6091, 74.349, 61.604,
+    69.8856, 75.087, 63.5927, 46.4182, 66.8054, 63.3828, 64.304, 59.4519, 51.959, 57.4406, 60.3125,
+)  # fmt: skip
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -43,6 +52,11 @@ def white_led() -> tuple[Vector, Vector]:
     nm = np.arange(380.0, 781.0, 5.0)
     parts = [h * np.exp(-4 * np.log(2) * ((nm - p) / w) ** 2) for p, w, h in WHITE_LED]
     return nm * 1e-9, np.sum(parts, axis=0)
+
+
+def daylight() -> tuple[Vector, Vector]:
+    """Wavelengths in metres and relative power of CIE standard illuminant D65."""
+    return np.arange(300, 831, 10) * 1e-9, np.array(D65)
 
 
 def check_wavelength(value: object) -> float:

@@ -1,0 +1,246 @@
+"""Frames of a sensor as TIFF with the tags of TIFF/EP and DNG: filters, black and white level.
+
+The picture itself is an ordinary grey one of 16 bits, which any reader opens; raw converters want
+another PhotometricInterpretation (32803), which is read here too. CFARepeatPatternDim (33421) and
+CFAPattern (33422) are of ISO 12234-2 (TIFF/EP), BlackLevelRepeatDim (50713), BlackLevel (50714),
+WhiteLevel (50717) and AsShotNeutral (50728) of Adobe's Digital Negative specification 1.7.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+
+from clplen.errors import FormatError
+from clplen.files import PathLike, replacing
+from clplen.io.formats import tiff
+from clplen.lightfield.raw.raw_image import Levels, RawImage
+from clplen.outputs import MARK
+
+Tile = tuple[tuple[str, ...], ...]
+Frame = np.ndarray[Any, Any]
+
+FILTERS = "RGBCMYW"  # red, green, blue, cyan, magenta, yellow, white by their number in CFAPattern
+_REPEAT, _PATTERN = 33421, 33422
+_BLACK_REPEAT, _BLACK, _WHITE, _NEUTRAL = 50713, 50714, 50717, 50728
+_BITS = 16
+_MOST = 4096  # filters of a tile, numbers of a tag
+_SHORT, _BYTE, _RATIONAL = 3, 1, 5
+_PARTS = 10000  # of 1, in rational numbers
+
+
+@dataclass(frozen=True)
+class SensorTags:
+    """What the tags of a TIFF tell of its numbers.
+
+    Attributes
+    ----------
+    mosaic : tuple of tuple of str or None
+        Letters of the colour filters, row by row from pixel (0, 0).
+    black : numpy.ndarray
+        Black level of the pixels of a tile, float64, shape (rows, columns).
+    white : float or None
+        Number of a saturated pixel.
+    neutral : tuple of float or None
+        Signal of white behind red, green and blue, relative.
+    """
+
+    mosaic: Tile | None
+    black: Frame
+    white: float | None
+    neutral: tuple[float, float, float] | None
+
+    def black_frame(self, shape: tuple[int, int]) -> Frame | None:
+        """The black level of every pixel, float32; None where it is 0."""
+        if not self.black.any():
+            return None
+        down, across = self.black.shape
+        ny, nx = shape
+        whole = np.tile(self.black, (-(-ny // down), -(-nx // across)))[:ny, :nx]
+        return np.asarray(whole, np.float32)
+
+    @property
+    def bayer(self) -> str | Tile | None:
+        """The mosaic as `decode_raw` takes it: a word for those of Bayer; None of other colours."""
+        if self.mosaic is None or {name for row in self.mosaic for name in row} != set("RGB"):
+            return None
+        word = "".join(name for row in self.mosaic for name in row)
+        two = len(self.mosaic) == 2 == len(self.mosaic[0])
+        return word if two and word in ("RGGB", "GRBG", "GBRG", "BGGR") else self.mosaic
+
+    def balance(self) -> tuple[float, float, float] | None:
+        """Factors of red, green and blue that make white grey; green has 1."""
+        if self.neutral is None:
+            return None
+        red, green, blue = self.neutral
+        return (green / red, 1.0, green / blue)
+
+    def levels(self, dtype: Any) -> Levels | None:
+        """The levels, if there is one black level."""
+        if self.white is None or np.ptp(self.black) > 0:
+            return None
+        bits = max(1, math.ceil(math.log2(self.white + 1)))
+        return Levels(float(self.black.flat[0]), self.white, min(bits, 8 * np.dtype(dtype).itemsize))
+
+
+def write_sensor_tiff(
+    path: PathLike,
+    raw: RawImage,
+    *,
+    white_balance: Sequence[float] | None = None,
+    durable: bool = False,
+) -> None:
+    """Write a raw image of whole numbers as TIFF of 16 bits with the tags of a mosaic.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.tif`` or ``.tiff``.
+    raw : RawImage
+        Of a `Sensor` with ``bit_depth`` up to 16. Where its lenslets lie is not kept.
+    white_balance : sequence of float, optional
+        Factors of red, green and blue that make white grey, kept as AsShotNeutral.
+    durable : bool
+        Whether to wait until the disk has the file, as in `clplen.files.replacing`.
+
+    Raises
+    ------
+    ValueError
+        If the raw image has no levels or more than 16 bits, filters that CFAPattern has no number
+        for, or the white balance is none.
+    OSError
+        If the file cannot be written.
+    """
+    if raw.levels is None or raw.levels.bit_depth > _BITS or len(raw.data.shape) != 2:
+        raise ValueError(
+            "TIFF holds the whole numbers of a sensor, up to 16 bits: expose with "
+            "sensor=Sensor(exposure=..., full_well=..., bit_depth=...), or write .h5, which keeps "
+            "any values."
+        )
+    tags: list[tuple[int, int, int, Any, bool]] = []
+    if raw.mosaic is not None:
+        names = [name for row in raw.mosaic for name in row]
+        strange = [name for name in names if name not in FILTERS or len(name) != 1]
+        if strange:
+            raise ValueError(
+                f"The TIFF tag CFAPattern has no number for the filter {strange[0]!r}, only for "
+                f"{', '.join(FILTERS)}: write .h5, which keeps any names."
+            )
+        pattern = bytes(FILTERS.index(name) for name in names)
+        tags.append((_REPEAT, _SHORT, 2, (len(raw.mosaic), len(raw.mosaic[0])), True))
+        tags.append((_PATTERN, _BYTE, len(pattern), pattern, True))
+    tags.append((_BLACK_REPEAT, _SHORT, 2, (1, 1), True))
+    tags.append((_BLACK, _RATIONAL, 1, (round(raw.levels.black * _PARTS), _PARTS), True))
+    tags.append((_WHITE, _SHORT, 1, round(raw.levels.white), True))
+    if white_balance is not None:
+        tags.append((_NEUTRAL, _RATIONAL, 3, _neutral(white_balance), True))
+    pitch = raw.pixel_pitch
+    resolution = (0.01 / pitch, 0.01 / pitch) if math.isfinite(pitch) else None
+    with replacing(path, durable=durable) as temporary:
+        tifffile.imwrite(
+            temporary,
+            raw.to_numpy().astype(np.uint16),
+            photometric="minisblack",
+            metadata=None,
+            software=MARK,
+            resolution=resolution,
+            resolutionunit="CENTIMETER" if resolution else None,
+            extratags=tags,
+        )
+
+
+def _neutral(factors: Any) -> tuple[int, ...]:
+    values = np.asarray(factors, np.float64)
+    if values.shape != (3,) or not (np.isfinite(values).all() and (values > 0).all()):
+        raise ValueError(
+            "white_balance is the factors of red, green and blue, three numbers above 0, not "
+            f"{factors!r}."
+        )
+    relative = values.min() / values
+    return tuple(int(n) for value in relative for n in (max(1, round(value * 1e8)), 10**8))
+
+
+def sensor_tags(path: Path) -> SensorTags | None:
+    """What the tags of a TIFF tell of its numbers; None where there are none, or it is no TIFF.
+
+    Raises
+    ------
+    FormatError
+        If a tag is damaged.
+    """
+    if path.suffix.lower() not in tiff.SUFFIXES:
+        return None
+    try:
+        with tifffile.TiffFile(path, is_ome=False, is_imagej=False) as file:
+            tags = file.pages.first.tags
+            found = {
+                code: _values(tags[code], path)
+                for code in (_REPEAT, _PATTERN, _BLACK_REPEAT, _BLACK, _WHITE, _NEUTRAL)
+                if code in tags
+            }
+    except FormatError:
+        raise
+    except Exception:  # reading the picture says why
+        return None
+    if not {_PATTERN, _BLACK, _WHITE} & found.keys():
+        return None
+    white = found.get(_WHITE)
+    neutral = found.get(_NEUTRAL)
+    if neutral is not None and (len(neutral) != 3 or not min(neutral) > 0):
+        neutral = None  # of a camera with other colours
+    return SensorTags(
+        _mosaic(found, path),
+        _black(found, path),
+        None if white is None else float(white[0]),
+        None if neutral is None else (neutral[0], neutral[1], neutral[2]),
+    )
+
+
+def _values(tag: Any, path: Path) -> list[float]:
+    """The numbers of a tag; rational ones divided."""
+    if tag.count > _MOST:
+        raise FormatError(f"{path}: the tag {tag.code} declares {tag.count:,} values: it is damaged.")
+    value = tag.value
+    numbers = list(value) if isinstance(value, bytes | tuple | list) else [value]
+    if tag.dtype in (5, 10):
+        numbers = [n / d if d else math.nan for n, d in zip(numbers[::2], numbers[1::2], strict=True)]
+    if not numbers or not all(isinstance(n, int | float) and math.isfinite(n) for n in numbers):
+        raise FormatError(f"{path}: the tag {tag.code} holds {value!r}"[:200] + ", not numbers.")
+    return [float(n) for n in numbers]
+
+
+def _shape(found: dict[int, list[float]], code: int, path: Path) -> tuple[int, int]:
+    rows, columns = found.get(code, [1.0, 1.0])[:2] if len(found.get(code, [0, 0])) == 2 else (0, 0)
+    if not (1 <= rows <= _MOST and 1 <= columns <= _MOST):
+        raise FormatError(f"{path}: the tag {code} is rows and columns, not {found[code]}.")
+    return int(rows), int(columns)
+
+
+def _mosaic(found: dict[int, list[float]], path: Path) -> Tile | None:
+    if _PATTERN not in found:
+        return None
+    rows, columns = _shape({_REPEAT: [2.0, 2.0], **found}, _REPEAT, path)
+    numbers = found[_PATTERN]
+    if len(numbers) != rows * columns or not all(0 <= n < len(FILTERS) for n in numbers):
+        raise FormatError(
+            f"{path}: the tag CFAPattern holds {numbers[:9]}, not the colours of {rows} x {columns} "
+            "filters."
+        )
+    names = [FILTERS[int(n)] for n in numbers]
+    return tuple(tuple(names[y * columns : (y + 1) * columns]) for y in range(rows))
+
+
+def _black(found: dict[int, list[float]], path: Path) -> Frame:
+    rows, columns = _shape({_BLACK_REPEAT: [1.0, 1.0], **found}, _BLACK_REPEAT, path)
+    numbers = found.get(_BLACK, [0.0])
+    if len(numbers) != rows * columns:
+        raise FormatError(
+            f"{path}: the tag BlackLevel holds {len(numbers)} numbers, not {rows} x {columns}."
+        )
+    return np.array(numbers).reshape(rows, columns)

@@ -1,0 +1,195 @@
+"""Colours of a mosaic of filters: views of each, and pictures of each on the sensor."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pyopencl.array as cla
+
+from clplen.compute.device import Device
+from clplen.lightfield.raw.decode import resample
+from clplen.lightfield.raw.lenslet_grid import LensletGrid
+from clplen.lightfield.raw.raw_image import RawImage
+
+Frame = np.ndarray[Any, np.dtype[np.float32]]
+Tile = tuple[tuple[str, ...], ...]
+
+COLOURS = "RGB"
+BAYER = ("RGGB", "BGGR", "GRBG", "GBRG")
+_LEAST = 1e-5  # of the white level: less than any view has that a lenslet lights
+
+
+def tile_of(bayer: str | Sequence[Sequence[str]]) -> Tile:
+    """The tile of a mosaic of red, green and blue, row by row, in capitals.
+
+    Parameters
+    ----------
+    bayer : str or sequence of str
+        One of the four Bayer mosaics, the colours of the pixels (0, 0), (0, 1), (1, 0), (1, 1); or
+        the rows of any tile, such as ``("RRGG", "RRGG", "GGBB", "GGBB")``.
+
+    Raises
+    ------
+    ValueError
+        If it is neither, or has not all three colours.
+    """
+    if isinstance(bayer, str):
+        name = bayer.upper()
+        if name not in BAYER:
+            raise ValueError(f"bayer is one of {', '.join(BAYER)}, not {bayer!r}.")
+        return (name[0], name[1]), (name[2], name[3])
+    rows = tuple(tuple(str(name).upper() for name in row) for row in bayer)
+    found = {name for row in rows for name in row}
+    if len({len(row) for row in rows}) != 1 or found != set(COLOURS):
+        raise ValueError(
+            "A mosaic that is decoded has the filters R, G and B in rows of one length, such as "
+            f"('RG', 'GB'), not {tuple(bayer)!r}."
+        )
+    return rows
+
+
+def positions_of(tile: Tile, colour: str) -> list[tuple[int, int]]:
+    """(y, x) of the pixels of a colour in a tile."""
+    return [
+        (y, x) for y, row in enumerate(tile) for x, name in enumerate(row) if name == colour
+    ]
+
+
+def views_of_colours(
+    picture: Frame,
+    white: Frame,
+    grid: LensletGrid,
+    bayer: str | Sequence[Sequence[str]],
+    *,
+    device: Device,
+) -> cla.Array:
+    """Slice each colour by itself, then fill what it misses from the same view.
+
+    A view holds, at every lenslet, the colour of the pixel that it hits. Its other colours come
+    from the same view of the neighbouring lenslets, so that directions are not mixed; where those
+    miss the colour too (lenslets a whole, even number of pixels apart), from the nearest pixels of
+    that colour under the lenslet.
+
+    Parameters
+    ----------
+    picture : numpy.ndarray
+        Raw pixels, float32, shape (ny, nx).
+    white : numpy.ndarray
+        What every pixel would be in even light, positive; ones to keep the vignetting.
+    grid : LensletGrid
+    bayer : str or sequence of str
+        As for `tile_of`.
+    device : Device
+
+    Returns
+    -------
+    pyopencl.array.Array
+        float32, shape (V, U, y, x, 3): ``picture`` over ``white``.
+    """
+    shape, tile = grid.shape, tile_of(bayer)
+    down, across = len(tile), len(tile[0])
+    out = device.empty((*shape, 3), np.float32)
+    for channel, colour in enumerate(COLOURS):
+        positions = positions_of(tile, colour)
+        parts = []
+        for frame in (picture, white):
+            alone = np.zeros_like(frame)
+            for y, x in positions:
+                alone[y::down, x::across] = frame[y::down, x::across]
+            slices = [sliced(alone, grid, device, linear=True)]
+            for y, x in (positions[0], positions[-1]):
+                own = np.ascontiguousarray(frame[y::down, x::across])
+                every = _every(grid, (y, x), (down, across))
+                slices.append(sliced(own, every, device, linear=True))
+            parts.append(slices)
+        (raw, *near), (flat, *near_flat) = parts
+        device.launch_rows(
+            device.kernel("devignette.cl", "colours"),
+            (shape[0] * shape[1], *shape[2:]),
+            out,
+            *(raw, flat, *near, *near_flat),
+            np.float32(_LEAST),
+            *(np.int32(n) for n in (*shape[2:], channel)),
+        )
+    return out
+
+
+def _every(grid: LensletGrid, first: tuple[int, int], apart: tuple[int, int]) -> LensletGrid:
+    """The same places among pixels ``apart`` (y, x) from each other, those from ``first`` on."""
+
+    def shorter(step: tuple[float, float]) -> tuple[float, float]:
+        return step[0] / apart[0], step[1] / apart[1]
+
+    return replace(
+        grid,
+        first=shorter((grid.first[0] - first[0], grid.first[1] - first[1])),
+        row_step=shorter(grid.row_step),
+        column_step=shorter(grid.column_step),
+        row_view_step=shorter(grid.row_view_step),
+        column_view_step=shorter(grid.column_view_step),
+    )
+
+
+def bilinear_colours(picture: Frame, bayer: str | Sequence[Sequence[str]]) -> list[Frame]:
+    """Red, green and blue at every pixel, bilinear: each (ny, nx), float32."""
+    from scipy.ndimage import convolve1d
+
+    tile = tile_of(bayer)
+    down, across = (_triangle(n) for n in (len(tile), len(tile[0])))
+
+    def spread(values: Frame) -> Frame:
+        along = convolve1d(values, across, axis=1, mode="constant")
+        return np.asarray(convolve1d(along, down, axis=0, mode="constant"))
+
+    planes = []
+    for colour in COLOURS:
+        mask = np.zeros_like(picture)
+        for y, x in positions_of(tile, colour):
+            mask[y :: len(tile), x :: len(tile[0])] = 1
+        planes.append(np.where(mask > 0, picture, spread(picture * mask) / spread(mask)))
+    return planes
+
+
+def demosaic(raw: RawImage) -> RawImage:
+    """The raw image of a mosaic of colour filters with all colours at each pixel.
+
+    Missing colours are interpolated linearly on the sensor. `LightField.from_raw` needs no such
+    picture: it slices each colour by itself, which mixes no directions. Rendering of focused
+    cameras (`render_focused`) does.
+
+    Parameters
+    ----------
+    raw : RawImage
+        With a ``mosaic`` of the filters R, G and B.
+
+    Returns
+    -------
+    RawImage
+        float32, shape (ny, nx, 3), less its black level.
+
+    Raises
+    ------
+    ValueError
+        If the raw image has no mosaic, or other filters.
+    """
+    if raw.mosaic is None:
+        raise ValueError("This raw image has no colour filters, its ``mosaic`` is None.")
+    planes = bilinear_colours(raw.above_black().to_numpy(), raw.mosaic)
+    colours = raw.device.upload(np.ascontiguousarray(np.stack(planes, axis=-1)))
+    return replace(raw, data=colours, mosaic=None, levels=None)
+
+
+def _triangle(period: int) -> Frame:
+    """Weights up to a period of the tile on either side, 1 in the middle."""
+    n = np.arange(1 - period, period)
+    return np.asarray(1 - np.abs(n) / period, np.float32)
+
+
+def sliced(frame: Frame, grid: LensletGrid, device: Device, *, linear: bool = False) -> cla.Array:
+    """Views of a frame, shape ``grid.shape``; ``linear`` as for `resample`."""
+    raw = RawImage(device.upload(frame), device, math.nan, grid, grid)
+    return resample(raw, grid, linear=linear)

@@ -1,0 +1,167 @@
+"""A few wavelengths that stand for light of a spectrum on filters of known sensitivity.
+
+An image changes smoothly with the frequency nu = c/lam, so that polynomials of nu follow it. The
+nodes are those of Gauss quadrature for the total signal of all spectra and filters (Golub and
+Welsch 1969, from the matrix of Lanczos' recurrence), and each pair of a spectrum and a filter has
+weights of its own, which integrate the polynomial through the nodes exactly: each filter gets the
+energy that it should, however ragged its curve is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from clplen.wave.spectrum.lineshapes import C, Lines, Rectangle, Table
+from clplen.wave.spectrum.spectrum import Spectrum
+
+Vector = np.ndarray[Any, np.dtype[np.float64]]
+Response = Callable[[Vector], Vector]  # wavelengths (m,) to signals of filters (m, filters)
+
+REACH = 2.5  # full widths on either side, where a Gaussian line ends: 3e-8 of its peak
+PIECES = 64  # of a Gaussian line
+NODES = 8  # of Gauss-Legendre quadrature on a piece, on which all curves are smooth
+LEAST = 1e-15  # share of the signal below which a place does not count
+
+
+@dataclass(frozen=True)
+class Signal:
+    """The signal of spectra on filters, as masses at many frequencies.
+
+    Attributes
+    ----------
+    nu : numpy.ndarray
+        Frequencies in Hz, shape (m,).
+    masses : numpy.ndarray
+        Signal at each for one unit of energy of a spectrum, shape (m, spectra, filters).
+    """
+
+    nu: Vector
+    masses: Vector
+
+    @classmethod
+    def of(cls, spectra: Sequence[Spectrum], response: Response, knots: Sequence[float]) -> Signal:
+        """From spectra, and the signal of filters for a unit of energy.
+
+        Parameters
+        ----------
+        spectra : sequence of Spectrum
+        response : callable
+            Wavelengths in metres, shape (m,), to signals, shape (m, filters).
+        knots : sequence of float
+            Wavelengths in metres between which the response is smooth.
+
+        Returns
+        -------
+        Signal
+        """
+        lines = [s for s in spectra if _is_sharp(s)]
+        edges = np.unique(np.concatenate([_edges(s) for s in spectra if not _is_sharp(s)] or [[]]))
+        nu = np.zeros(0)
+        steps = nu
+        if edges.size:
+            inner = C / np.asarray(knots, np.float64)
+            inner = inner[(inner > edges[0]) & (inner < edges[-1])]
+            edges = np.unique(np.concatenate([edges, inner]))
+            x, w = legendre.leggauss(NODES)
+            middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
+            nu, steps = (middle[:, None] + half[:, None] * x).ravel(), np.outer(half, w).ravel()
+        sharp = np.unique([nu for s in lines for nu in s.shape.centres])  # type: ignore[attr-defined]
+        found = np.zeros((nu.size + sharp.size, len(spectra)))
+        for column, spectrum in enumerate(spectra):
+            if _is_sharp(spectrum):
+                for centre, power in zip(spectrum.shape.centres, spectrum.shape.powers, strict=True):  # type: ignore[attr-defined]
+                    found[nu.size + np.searchsorted(sharp, centre), column] += power
+            else:
+                found[: nu.size, column] = spectrum.density(nu) * steps
+        places = np.concatenate([nu, sharp])
+        masses = found[:, :, None] * response(C / places)[:, None, :]
+        order = np.argsort(places, kind="stable")
+        return cls(places[order], masses[order])
+
+    @property
+    def totals(self) -> Vector:
+        """Signal of each spectrum on each filter, shape (spectra, filters)."""
+        return np.asarray(self.masses.sum(axis=0))
+
+    def rule(self, n: int) -> tuple[Vector, Vector]:
+        """Wavelengths and weights.
+
+        Parameters
+        ----------
+        n : int
+            How many wavelengths at most; fewer where the light has fewer lines.
+
+        Returns
+        -------
+        numpy.ndarray, numpy.ndarray
+            Wavelengths in metres, falling, shape (n,); weights, shape (n, spectra, filters), whose
+            sums are `totals`. Some may be below 0.
+        """
+        nu, masses = self._lit
+        total = masses.sum(axis=(1, 2))
+        middle, half = (nu[0] + nu[-1]) / 2, max((nu[-1] - nu[0]) / 2, nu[0] * 1e-12)
+        basis, nodes, vectors = _lanczos((nu - middle) / half, total, n)
+        root = np.sqrt(total)
+        moments = np.tensordot(basis / root[:, None], masses, (0, 0))  # (n, spectra, filters)
+        weights = np.sqrt(total.sum()) * np.tensordot(vectors * vectors[0], moments, (0, 0))
+        return C / (middle + half * nodes), weights
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Lowest and highest frequency with a signal, in Hz."""
+        nu, _ = self._lit
+        return float(nu[0]), float(nu[-1])
+
+    @property
+    def _lit(self) -> tuple[Vector, Vector]:
+        total = self.masses.sum(axis=(1, 2))
+        lit = total > LEAST * total.max()
+        return self.nu[lit], self.masses[lit]
+
+
+def _lanczos(x: Vector, mass: Vector, n: int) -> tuple[Vector, Vector, Vector]:
+    """Orthonormal basis (m, n), nodes (n,) and eigenvectors (n, n) of the recurrence's matrix."""
+    n = min(n, x.size)
+    basis = np.zeros((x.size, n))
+    basis[:, 0] = np.sqrt(mass / mass.sum())
+    matrix = np.zeros((n, n))
+    for j in range(n):
+        v = x * basis[:, j]
+        matrix[j, j] = v @ basis[:, j]
+        for _ in range(2):  # so that the basis stays orthogonal to rounding
+            v -= basis[:, : j + 1] @ (basis[:, : j + 1].T @ v)
+        length = float(np.linalg.norm(v))
+        if j + 1 == n:
+            break
+        if length < 1e-10:  # as many nodes as there are lines
+            basis, matrix = basis[:, : j + 1], matrix[: j + 1, : j + 1]
+            break
+        matrix[j, j + 1] = matrix[j + 1, j] = length
+        basis[:, j + 1] = v / length
+    nodes, vectors = np.linalg.eigh(matrix)
+    return basis, nodes, vectors
+
+
+def _is_sharp(spectrum: Spectrum) -> bool:
+    return isinstance(spectrum.shape, Lines) and spectrum.shape.is_sharp
+
+
+def _edges(spectrum: Spectrum) -> Vector:
+    """Frequencies between which a density is smooth."""
+    shape = spectrum.shape
+    if isinstance(shape, Table):
+        return C / np.array(shape.wavelengths)
+    if isinstance(shape, Rectangle):
+        return np.linspace(shape.low, shape.high, 9)
+    assert isinstance(shape, Lines)
+    ends = [
+        np.linspace(centre - REACH * width, centre + REACH * width, PIECES + 1)
+        for centre, width in zip(shape.centres, shape.widths, strict=True)
+    ]
+    found = np.concatenate(ends)
+    return np.asarray(found[found > 0])
