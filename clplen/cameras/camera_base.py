@@ -102,9 +102,10 @@ class Plenoptic(Described, RayOptics):
         model : {"waves", "rays"}
             Wave optics, or geometrical rays: no diffraction, and of what follows only ``sensor``.
         coherence : Coherence, optional
-            Its spectrum holds for everything, its spatial model for slides
-            (``mode="transmission"``), which need it. Points and self-luminous pictures are
-            incoherent from point to point.
+            Its spectrum holds for all sources that have none of their own, its spatial model for
+            slides (``mode="transmission"``), which need it. Points and self-luminous pictures are
+            incoherent from point to point. ``wavelengths`` says by how many a source with a
+            spectrum is exposed, too; by default as many as its image needs to be right to 1e-3.
         sensor : Sensor, optional
             Photons, noise, bits; None keeps units of energy.
         progress : callable, optional
@@ -126,7 +127,8 @@ class Plenoptic(Described, RayOptics):
         Returns
         -------
         RawImage
-            float32, shape of ``grid``; n sources of power 1 add up to n (1 - 1e-3 .. 1). A clear
+            float32, shape of ``grid``; n sources of power 1 add up to n (1 - 1e-3 .. 1), behind
+            colour filters times their sensitivities, with ``mosaic`` the names of these. A clear
             sample of a slide sends the energy 1 towards the lens. ``exposure`` says how the image
             was found and how exact it is; by rays ``truth`` holds that of a `SurfaceScene`.
 
@@ -137,7 +139,8 @@ class Plenoptic(Described, RayOptics):
             beyond the array, or the grid does not carry the light on a slide.
         ValueError
             If a point lies behind the lens, a slide has no light, a spatial model nothing to light,
-            or ``model`` or ``method`` do not fit the scene or the camera.
+            or ``model`` or ``method`` do not fit the scene or the camera, or no colour filter sees
+            a source's light.
         FormatError
             If the checkpoint is damaged or of another set-up.
         DeviceError
@@ -146,6 +149,11 @@ class Plenoptic(Described, RayOptics):
         averaging = Averaging(snapshots, rtol, region, checkpoint)
         optics = self.optics
         if _uses_rays(model, scene, coherence, averaging):
+            if self.pixels is not None and self.pixels.filters is not None:
+                raise ValueError(
+                    "Rays know no wavelengths, and the pixels of this camera have colour filters: "
+                    "use model='waves', or pixels without filters=."
+                )
             sources = scene if isinstance(scene, SurfaceScene) else as_sources(scene)
             raw = expose_rays(optics, sources)
         else:

@@ -9,12 +9,12 @@ import numpy as np
 
 from clplen.compute.device import Device
 from clplen.lightfield.calibration import raw_decoding
-from clplen.lightfield.raw.demosaicing import views_of_colours
 from clplen.lightfield.focused import focused_spots
 from clplen.lightfield.focused.focused_geometry import FocusedGeometry
 from clplen.lightfield.focused.focused_matching import Matcher
 from clplen.lightfield.focused.focused_rendering import render_focused
 from clplen.lightfield.raw.decode import resample
+from clplen.lightfield.raw.demosaicing import views_of_colours
 from clplen.lightfield.raw.lenslet_grid import LensletGrid
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.microscopy.deconvolution import LEAST, deconvolve

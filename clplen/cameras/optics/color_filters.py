@@ -241,15 +241,15 @@ class ColorFilterArray(OneLine):
             If it is none.
         """
         found = json.loads(text)
-        curves = {name: SpectralDistribution(*pair) for name, pair in found["sensitivities"].items()}
+        curves = {
+            name: SpectralDistribution(*pair) for name, pair in found["sensitivities"].items()
+        }
         return cls(found["tile"], curves, per=found["per"])
 
 
 def _tile(tile: Any) -> Tile:
     if isinstance(tile, str) or not isinstance(tile, Sequence):
-        raise TypeError(
-            f"A tile is rows of names of filters, such as ['RG', 'GB'], not {tile!r}."
-        )
+        raise TypeError(f"A tile is rows of names of filters, such as ['RG', 'GB'], not {tile!r}.")
     rows = tuple(tuple(row) for row in tile)
     if not rows or not all(rows):
         raise ValueError(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Any
 
@@ -95,6 +96,27 @@ class PixelArray(OneLine):
                 f"filters is a ColorFilterArray, such as ColorFilterArray.bayer('RGGB'), not "
                 f"{self.filters!r}."
             )
+
+    def to_json(self) -> str:
+        """As text, from which `from_json` makes the same pixels."""
+        found = {one.name: getattr(self, one.name) for one in fields(self)}
+        if self.filters is not None:
+            found["filters"] = json.loads(self.filters.to_json())
+        return json.dumps(found)
+
+    @classmethod
+    def from_json(cls, text: str) -> PixelArray:
+        """What `to_json` wrote.
+
+        Raises
+        ------
+        ValueError, TypeError, KeyError
+            If it is none.
+        """
+        found = json.loads(text)
+        if found.get("filters") is not None:
+            found["filters"] = ColorFilterArray.from_json(json.dumps(found["filters"]))
+        return cls(**found)
 
     @property
     def active(self) -> float:

@@ -47,7 +47,7 @@ class Layout:
     srgb: bool = False
     step: float | None = None
     lattice: str | None = None
-    bayer: str | None = None
+    bayer: str | tuple[tuple[str, ...], ...] | None = None
     demosaic: str | None = None
     devignette: bool | None = None
     dataset: str | None = None

@@ -21,6 +21,7 @@ from clplen.io.raw import lytro_container, raytrix
 from clplen.io.raw.lytro_container import read_container
 from clplen.io.raw.raw_files import read_frame, read_lattice
 from clplen.io.raw.raytrix import read_raytrix
+from clplen.io.raw.sensor_tiff import sensor_tags
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.lattice_trust import require_camera, require_trust
 from clplen.lightfield.calibration.raw_decoding import decode_raw
@@ -80,6 +81,10 @@ def decode_frame(
             f"The white image {layout.white} is no brighter than the dark frame {layout.dark}: are "
             "they exchanged?"
         )
+    tags = sensor_tags(path)
+    if tags is not None:  # what the file tells and the user does not
+        layout = replace(layout, bayer=layout.bayer or tags.bayer)
+        dark = tags.black_frame(shape) if dark is None else dark
     lattice, whence = _lattice(frame, white, dark, path, layout)
     with naming(path):
         lf = decode_raw(
@@ -93,6 +98,7 @@ def decode_frame(
             devignette=layout.devignette,
             bayer=layout.bayer,
             demosaic=layout.demosaic or "after",
+            white_balance=None if tags is None or not layout.bayer else tags.balance(),
         )
         lf = _oriented(lf, layout)
     return lf, _sentence(lf, path, lattice, whence, layout)

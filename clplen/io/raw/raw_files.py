@@ -1,14 +1,14 @@
 """Raw sensor frames of any kind of file, with the lattice of their lenslets or their camera.
 
 Simulated ones are HDF5: the dataset ``raw`` (y, x) or (y, x, c), float32, as it lies on the sensor,
-with the attributes ``pixel_pitch`` and ``wavelength`` in metres, and the group ``camera`` of
-`clplen.io.store.attributes`.
+with the attributes ``pixel_pitch`` and ``wavelength`` in metres, ``levels`` (black, white, bits) of
+digital numbers, and the group ``camera`` of `clplen.io.store.attributes`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +27,7 @@ from clplen.io.formats.untrusted import require_bytes
 from clplen.io.raw import lytro_container, raytrix
 from clplen.io.raw.lytro_container import read_container
 from clplen.io.raw.raytrix import read_raytrix
+from clplen.io.raw.sensor_tiff import SensorTags, sensor_tags, write_sensor_tiff
 from clplen.io.store import hdf5_files
 from clplen.io.store.attributes import CAMERA, CAMERA_NAMES, RAW, SAMPLES, of_camera, read_camera
 from clplen.io.store.hdf5_files import attributes_of, dataset_of, opened, storage
@@ -34,34 +35,53 @@ from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.lattice_trust import require_camera, require_trust
 from clplen.lightfield.raw.lenslet_grid import LensType
 from clplen.lightfield.raw.lenslet_lattice import Lattice
-from clplen.lightfield.raw.raw_image import RawImage
+from clplen.lightfield.raw.raw_image import Levels, RawImage
 from clplen.outputs import MARK
 
 Frame = np.ndarray[Any, Any]
+Bayer = str | tuple[tuple[str, ...], ...]  # filters as `decode_raw` takes them
+LEVELS = "levels"
 
 
-def write_raw(path: PathLike, raw: RawImage, *, durable: bool = False) -> None:
-    """Write a raw image with the camera that took it, so that `read_raw` gives both back.
+def write_raw(
+    path: PathLike,
+    raw: RawImage,
+    *,
+    durable: bool = False,
+    white_balance: Sequence[float] | None = None,
+) -> None:
+    """Write a raw image: with the camera that took it, or as a captured frame is stored.
 
     Parameters
     ----------
     path : path-like
-        ``.h5`` or ``.hdf5``.
+        ``.h5`` or ``.hdf5``: `read_raw` gives image and camera back. ``.tif`` or ``.tiff``: the
+        whole numbers of a `Sensor`, 16 bits, with colour filters, black and white level in the tags
+        of TIFF/EP and DNG; as for a captured frame, a white image or a lattice tells the lenslets.
     raw : RawImage
         Of a `PlenopticCamera`. How it was exposed and a scene's truth are not kept.
     durable : bool
         Whether to wait until the disk has the file, as in `clplen.files.replacing`.
+    white_balance : sequence of float, optional
+        Of TIFF: factors of red, green and blue that make white grey (AsShotNeutral), by which
+        `read_lightfield` multiplies.
 
     Raises
     ------
     ValueError
-        If the suffix is another one, or the raw image has no camera of this package.
+        If the suffix is another one, or the raw image has no camera of this package (HDF5), no
+        levels or more than 16 bits (TIFF).
     OSError
         If the file cannot be written.
     """
+    if Path(path).suffix.lower() in tiff.SUFFIXES:
+        write_sensor_tiff(path, raw, white_balance=white_balance, durable=durable)
+        return
+    if white_balance is not None:
+        raise ValueError("white_balance= is kept by TIFF only: give it to decode_raw later.")
     if Path(path).suffix.lower() not in hdf5_files.SUFFIXES:
         raise ValueError(
-            f"A raw image with its camera is written as .h5, not as {Path(path).name}."
+            f"A raw image is written as .h5, with its camera, or as .tif, not as {Path(path).name}."
         )
     camera: Any = raw.camera
     known = of_camera(camera)
@@ -77,6 +97,8 @@ def write_raw(path: PathLike, raw: RawImage, *, durable: bool = False) -> None:
                 data = file.create_dataset(RAW, data=raw.to_numpy())
                 data.attrs["pixel_pitch"] = float(raw.pixel_pitch)
                 data.attrs["wavelength"] = float(camera.wavelength)
+                if raw.levels is not None:
+                    data.attrs[LEVELS] = [raw.levels.black, raw.levels.white, raw.levels.bit_depth]
                 file.create_group(CAMERA).attrs.update(known)
         except RuntimeError as error:  # a full disk, found when the file is closed
             raise OSError(str(error)) from error
@@ -144,7 +166,21 @@ def read_raw_file(
             max_bytes=max_bytes,
         )
         data = np.ascontiguousarray(dataset[...], np.float32)
-    return camera.raw_image(device.upload(data))
+        levels = _levels(attributes_of(dataset, [LEVELS], path).get(LEVELS), path)
+    raw = camera.raw_image(device.upload(data))
+    return replace(raw, levels=levels, mosaic=raw.mosaic if data.ndim == 2 else None)
+
+
+def _levels(found: Any, path: Path) -> Levels | None:
+    """Levels as a file has them."""
+    if found is None:
+        return None
+    numbers = isinstance(found, tuple) and all(isinstance(n, int | float) for n in found)
+    if not numbers or len(found) != 3 or not 0 <= found[0] < found[1] <= 2 ** found[2] - 1 <= 2**24:
+        raise FormatError(
+            f"{path}: {LEVELS} are the black one, the white one and bits, not {str(found)[:60]}."
+        )
+    return Levels(float(found[0]), float(found[1]), int(found[2]))
 
 
 def _require_sensor(dataset: h5py.Dataset, shape: tuple[int, int], path: Path) -> None:
@@ -158,7 +194,7 @@ def _require_sensor(dataset: h5py.Dataset, shape: tuple[int, int], path: Path) -
 
 def read_frame(
     path: PathLike, *, frame: int | None = None, max_bytes: int | None = None
-) -> tuple[Frame, str | None]:
+) -> tuple[Frame, Bayer | None]:
     """One frame as it lies on the sensor.
 
     Parameters
@@ -173,9 +209,10 @@ def read_frame(
 
     Returns
     -------
-    numpy.ndarray, str or None
-        Shape (ny, nx), or (ny, nx, 3) of a colour picture, with the file's own dtype; and the
-        colour filters, such as "GRBG", where the file tells them.
+    numpy.ndarray, str or tuple or None
+        Shape (ny, nx), or (ny, nx, 3) of a colour picture, with the file's own dtype, no level
+        subtracted; and the colour filters, such as "GRBG", or the rows of another tile, where the
+        file tells them.
 
     Raises
     ------
@@ -187,8 +224,9 @@ def read_frame(
     if not path.is_file():
         raise FormatError(f"There is no file {path}.")
     if path.suffix.lower() in tiff.SUFFIXES:
-        values = read_tiff_frame(path, frame=frame, max_bytes=max_bytes)
-        return without_alpha(values, path), None
+        values = without_alpha(read_tiff_frame(path, frame=frame, max_bytes=max_bytes), path)
+        tags = sensor_tags(path)
+        return values, None if tags is None or values.ndim != 2 else tags.bayer
     if frame is not None:
         raise FormatError(f"frame= counts the frames of a TIFF, {path} holds one only.")
     with path.open("rb") as file:
@@ -267,16 +305,18 @@ def read_raw(
         return read_raw_file(path, device=device)
     if path.suffix.lower() in raytrix.SUFFIXES:
         values, _ = read_frame(picture_of(path) if image is None else image, frame=frame)
+        levels, mosaic = None, None
         lattice, types = _calibrated(path, _shape(values))
     else:
         if image is not None:
             raise ValueError(f"image= belongs to an XML, {path.name} is an image itself.")
         values, _ = read_frame(path, frame=frame)
         black = None if dark is None else _like(dark, values, path)[0]
+        tags = sensor_tags(path) if values.ndim == 2 else None
         lattice = _lattice(path, values, white, black, grid, force)
         if grid is not None and Path(grid).suffix.lower() in raytrix.SUFFIXES:
             types = _calibrated(Path(grid), _shape(values))[1]
-        values = values if black is None else values.astype(np.float32) - black
+        values, levels, mosaic = _without_dark(values, black, tags)
     device = as_device(device)
     with naming(path):
         grid_of_all = lattice.grid(lattice.views())
@@ -288,7 +328,22 @@ def read_raw(
         grid_of_all,
         lattice=lattice,
         lens_types=types,
+        mosaic=mosaic,
+        levels=levels,
     )
+
+
+def _without_dark(
+    values: Frame, dark: Frame | None, tags: SensorTags | None
+) -> tuple[Frame, Levels | None, tuple[tuple[str, ...], ...] | None]:
+    """A frame less its dark one, or less black levels that differ; its levels and mosaic."""
+    if tags is None:
+        return values if dark is None else values.astype(np.float32) - dark, None, None
+    levels = tags.levels(values.dtype)
+    if dark is not None:
+        return values.astype(np.float32) - dark, None, tags.mosaic
+    black = None if levels is not None else tags.black_frame(_shape(values))
+    return values if black is None else values.astype(np.float32) - black, levels, tags.mosaic
 
 
 def read_lattice(path: PathLike, shape: tuple[int, int]) -> Lattice:
@@ -392,7 +447,7 @@ def _lattice(
     return lattice
 
 
-def _like(other: PathLike, frame: Frame, path: Path) -> tuple[Frame, str | None]:
+def _like(other: PathLike, frame: Frame, path: Path) -> tuple[Frame, Bayer | None]:
     """A frame of the same shape as the raw image, float32, and its colour filters."""
     found, bayer = read_frame(other)
     if found.shape != frame.shape:

@@ -86,7 +86,9 @@ class SensorTags:
         if self.white is None or np.ptp(self.black) > 0:
             return None
         bits = max(1, math.ceil(math.log2(self.white + 1)))
-        return Levels(float(self.black.flat[0]), self.white, min(bits, 8 * np.dtype(dtype).itemsize))
+        return Levels(
+            float(self.black.flat[0]), self.white, min(bits, 8 * np.dtype(dtype).itemsize)
+        )
 
 
 def write_sensor_tiff(
@@ -205,11 +207,15 @@ def sensor_tags(path: Path) -> SensorTags | None:
 def _values(tag: Any, path: Path) -> list[float]:
     """The numbers of a tag; rational ones divided."""
     if tag.count > _MOST:
-        raise FormatError(f"{path}: the tag {tag.code} declares {tag.count:,} values: it is damaged.")
+        raise FormatError(
+            f"{path}: the tag {tag.code} declares {tag.count:,} values: it is damaged."
+        )
     value = tag.value
     numbers = list(value) if isinstance(value, bytes | tuple | list) else [value]
     if tag.dtype in (5, 10):
-        numbers = [n / d if d else math.nan for n, d in zip(numbers[::2], numbers[1::2], strict=True)]
+        numbers = [
+            n / d if d else math.nan for n, d in zip(numbers[::2], numbers[1::2], strict=True)
+        ]
     if not numbers or not all(isinstance(n, int | float) and math.isfinite(n) for n in numbers):
         raise FormatError(f"{path}: the tag {tag.code} holds {value!r}"[:200] + ", not numbers.")
     return [float(n) for n in numbers]

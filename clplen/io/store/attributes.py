@@ -8,6 +8,7 @@ grid, and the group ``camera`` with the parameters of the camera as attributes, 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
+from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.device import Device
@@ -56,11 +58,15 @@ _OF_KIND = {
 }
 _KIND = {"standard": "type1", "focused": "type2", "microscope": "microscope"}  # as files say it
 _ABERRATIONS = "aberrations"  # JSON, where there are any
+_PIXELS, _LENS_MODEL = "pixels", "lens_model"  # JSON of pixels that integrate; a word
+_LONGEST = 60000  # characters of an attribute: HDF5 holds 64 kB
 _LENSLETS = 10**7  # that may scatter: some bytes for each are allocated
 CAMERA_NAMES = (
     "kind",
     *dict.fromkeys(name for names in _OF_KIND.values() for name in names),
     _ABERRATIONS,
+    _PIXELS,
+    _LENS_MODEL,
     _APODISATION,
     *(f"mla_{name}" for name in _ARRAY),
     *(f"cover_{name}" for name in _COVER),
@@ -107,9 +113,23 @@ def of_camera(camera: Any) -> dict[str, Any] | None:
         found[_APODISATION] = camera.apodisation
         if camera.cover is not None:
             found |= {f"cover_{name}": getattr(camera.cover, name) for name in _COVER}
-    elif camera.aberrations != NONE:
-        found[_ABERRATIONS] = camera.aberrations.to_json()
+    else:
+        if camera.aberrations != NONE:
+            found[_ABERRATIONS] = camera.aberrations.to_json()
+        if camera.pixels is not None:
+            found[_PIXELS] = _pixels_text(camera.pixels)
+            found[_LENS_MODEL] = camera.lens_model
     return {"kind": kind} | {name: plain(value) for name, value in found.items()}
+
+
+def _pixels_text(pixels: PixelArray) -> str:
+    text = pixels.to_json()
+    if len(text) > _LONGEST:
+        raise ValueError(
+            f"The sensitivities of the colour filters take {len(text):,} characters, a file keeps "
+            f"{_LONGEST:,}: give them at fewer wavelengths, such as every 5 nm."
+        )
+    return text
 
 
 def plain(value: Any) -> Any:
@@ -208,8 +228,14 @@ def read_camera(
             if not np.prod(mla["count"], dtype=np.float64) <= _LENSLETS:
                 raise ValueError(f"{mla['count']} lenslets are more than {_LENSLETS:,}")
             camera[_ABERRATIONS] = Aberrations.from_json(str(values[_ABERRATIONS]))
+        pixels = PixelArray.from_json(str(values[_PIXELS])) if _PIXELS in values else None
+        if pixels is not None:  # the array lies along its axes already
+            camera |= {"pixels": replace(pixels, rotation=0.0), _LENS_MODEL: values[_LENS_MODEL]}
+        made: Plenoptic1 | Plenoptic2
         if kind == "type2":
-            return PlenopticCamera.type2(**camera)
-        return PlenopticCamera.type1(**camera)
+            made = PlenopticCamera.type2(**camera)
+        else:
+            made = PlenopticCamera.type1(**camera)
+        return made if pixels is None else replace(made, pixels=pixels)
     except (*UNREADABLE, ClplenError) as error:
         raise FormatError(f"The camera in {path} is none: {error}") from error

@@ -54,9 +54,7 @@ def tile_of(bayer: str | Sequence[Sequence[str]]) -> Tile:
 
 def positions_of(tile: Tile, colour: str) -> list[tuple[int, int]]:
     """(y, x) of the pixels of a colour in a tile."""
-    return [
-        (y, x) for y, row in enumerate(tile) for x, name in enumerate(row) if name == colour
-    ]
+    return [(y, x) for y, row in enumerate(tile) for x, name in enumerate(row) if name == colour]
 
 
 def views_of_colours(

@@ -350,7 +350,7 @@ class Sensor:
                 if getattr(self, name) != default:
                     raise ValueError(f"{name} is of digital numbers: give bit_depth too.")
             return
-        top = 2**int(bits) - 1
+        top = 2 ** int(bits) - 1
         white = top if self.white_level is None else self.white_level
         if not (is_finite(self.black_level) and is_finite(white)) or not (
             0 <= self.black_level < white <= top

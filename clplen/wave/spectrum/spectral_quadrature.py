@@ -74,7 +74,9 @@ class Signal:
         found = np.zeros((nu.size + sharp.size, len(spectra)))
         for column, spectrum in enumerate(spectra):
             if _is_sharp(spectrum):
-                for centre, power in zip(spectrum.shape.centres, spectrum.shape.powers, strict=True):  # type: ignore[attr-defined]
+                for centre, power in zip(
+                    spectrum.shape.centres, spectrum.shape.powers, strict=True
+                ):  # type: ignore[attr-defined]
                     found[nu.size + np.searchsorted(sharp, centre), column] += power
             else:
                 found[: nu.size, column] = spectrum.density(nu) * steps
