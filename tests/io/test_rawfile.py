@@ -78,7 +78,9 @@ def test_a_light_field_keeps_a_focused_camera(tmp_path: Path, device: Device) ->
 
 def test_what_makes_no_raw_file(tmp_path: Path, device: Device) -> None:
     raw, path = raw_of(device, "galilean"), tmp_path / "raw.h5"
-    with pytest.raises(ValueError, match=r"written as \.h5, not as raw\.tif"):
+    with pytest.raises(ValueError, match=r"as \.h5, with its camera, or as \.tif, not as raw\.npy"):
+        write_raw(tmp_path / "raw.npy", raw)
+    with pytest.raises(ValueError, match="TIFF holds the whole numbers of a sensor"):
         write_raw(tmp_path / "raw.tif", raw)
     with pytest.raises(ValueError, match="taken by no camera of this package"):
         write_raw(path, replace(raw, camera=None))

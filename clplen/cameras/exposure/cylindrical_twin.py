@@ -74,7 +74,7 @@ def point_images(optics: WaveOptics, dz: float, wavenumbers: Values) -> Values:
 
 
 def _array_field(k: Values, x: Values, D: float, z2: float, bent: float) -> Complex:
-    """int exp(i pi k (bent u^2 - 2 x u)/z2) du over the pupil, by a chirp-z transform (Bluestein)."""
+    """int exp(i pi k (bent u^2 - 2 x u)/z2) du over the pupil, by Bluestein's chirp-z transform."""
     from scipy import fft
 
     fastest = (np.abs(x).max() + abs(bent) * D / 2) / z2 * k.max()  # turns a metre

@@ -235,8 +235,8 @@ def _mosaic(found: dict[int, list[float]], path: Path) -> Tile | None:
     numbers = found[_PATTERN]
     if len(numbers) != rows * columns or not all(0 <= n < len(FILTERS) for n in numbers):
         raise FormatError(
-            f"{path}: the tag CFAPattern holds {numbers[:9]}, not the colours of {rows} x {columns} "
-            "filters."
+            f"{path}: the tag CFAPattern holds {numbers[:9]}, not the colours of {rows} x "
+            f"{columns} filters."
         )
     names = [FILTERS[int(n)] for n in numbers]
     return tuple(tuple(names[y * columns : (y + 1) * columns]) for y in range(rows))

@@ -323,8 +323,8 @@ class Sensor:
                 raise ValueError(f"{name} is not negative, in {unit}, not {value!r}.")
         if not (is_finite(self.prnu) and 0 <= self.prnu <= LARGEST_PRNU):
             raise ValueError(
-                f"prnu is a share of the sensitivity, 0 to {LARGEST_PRNU:g}, not {self.prnu!r}: 1 % "
-                "is .01."
+                f"prnu is a share of the sensitivity, 0 to {LARGEST_PRNU:g}, not {self.prnu!r}: "
+                "1 % is .01."
             )
         if self.dark_current and not self.exposure_time:
             raise ValueError("dark_current needs exposure_time, in seconds.")
@@ -433,8 +433,8 @@ def _gains(gain: Any) -> float | Gains:
     for value in [gain] if pairs is None else [value for _, value in pairs] or [None]:
         if not (is_finite(value) and value > 0):
             raise ValueError(
-                f"gain is a number above 0, or one for each colour filter, such as {{'R': 2.0, 'G': "
-                f"1.0, 'B': 1.5}}, not {gain!r}."
+                "gain is a number above 0, or one for each colour filter, such as {'R': 2.0, "
+                f"'G': 1.0, 'B': 1.5}}, not {gain!r}."
             )
     if pairs is None:
         return float(gain)

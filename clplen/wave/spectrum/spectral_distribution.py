@@ -183,8 +183,8 @@ class SpectralDistribution(OneLine):
             values = self(lam) * other(lam)
             if lam.size < 2 or not values.any():
                 raise ValueError(
-                    f"One curve is above 0 from {_band(self)}, the other from {_band(other)}: their "
-                    "product is 0."
+                    f"One curve is above 0 from {_band(self)}, the other from {_band(other)}: "
+                    "their product is 0."
                 )
             return SpectralDistribution(lam, values)
         if not is_finite(other):
@@ -215,7 +215,7 @@ def as_spectrum(light: Any, what: str) -> Spectrum:
 
 
 def _equal_steps(low: float, high: float) -> Vector:
-    return low + STEP * np.arange(round((high - low) / STEP) + 1)
+    return np.asarray(low + STEP * np.arange(round((high - low) / STEP) + 1), np.float64)
 
 
 def _log_expm1(x: Vector) -> Vector:

@@ -59,27 +59,18 @@ class Signal:
         -------
         Signal
         """
-        lines = [s for s in spectra if _is_sharp(s)]
-        edges = np.unique(np.concatenate([_edges(s) for s in spectra if not _is_sharp(s)] or [[]]))
-        nu = np.zeros(0)
-        steps = nu
-        if edges.size:
-            inner = C / np.asarray(knots, np.float64)
-            inner = inner[(inner > edges[0]) & (inner < edges[-1])]
-            edges = np.unique(np.concatenate([edges, inner]))
-            x, w = legendre.leggauss(NODES)
-            middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
-            nu, steps = (middle[:, None] + half[:, None] * x).ravel(), np.outer(half, w).ravel()
-        sharp = np.unique([nu for s in lines for nu in s.shape.centres])  # type: ignore[attr-defined]
+        smooth = [s for s in spectra if _sharp_lines(s) is None]
+        nu, steps = _places(smooth, knots) if smooth else (np.zeros(0), np.zeros(0))
+        lines = [one for one in map(_sharp_lines, spectra) if one is not None]
+        sharp = np.unique([centre for one in lines for centre in one.centres])
         found = np.zeros((nu.size + sharp.size, len(spectra)))
         for column, spectrum in enumerate(spectra):
-            if _is_sharp(spectrum):
-                for centre, power in zip(
-                    spectrum.shape.centres, spectrum.shape.powers, strict=True
-                ):  # type: ignore[attr-defined]
-                    found[nu.size + np.searchsorted(sharp, centre), column] += power
-            else:
+            own = _sharp_lines(spectrum)
+            if own is None:
                 found[: nu.size, column] = spectrum.density(nu) * steps
+            else:
+                rows = nu.size + np.searchsorted(sharp, own.centres)
+                np.add.at(found[:, column], rows, own.powers)
         places = np.concatenate([nu, sharp])
         masses = found[:, :, None] * response(C / places)[:, None, :]
         order = np.argsort(places, kind="stable")
@@ -149,8 +140,21 @@ def _lanczos(x: Vector, mass: Vector, n: int) -> tuple[Vector, Vector, Vector]:
     return basis, nodes, vectors
 
 
-def _is_sharp(spectrum: Spectrum) -> bool:
-    return isinstance(spectrum.shape, Lines) and spectrum.shape.is_sharp
+def _sharp_lines(spectrum: Spectrum) -> Lines | None:
+    """The shape of a spectrum of lines without width; None of others."""
+    shape = spectrum.shape
+    return shape if isinstance(shape, Lines) and shape.is_sharp else None
+
+
+def _places(spectra: Sequence[Spectrum], knots: Sequence[float]) -> tuple[Vector, Vector]:
+    """Frequencies in Hz of a quadrature of smooth densities, and its weights."""
+    edges = np.concatenate([_edges(spectrum) for spectrum in spectra])
+    inner = C / np.asarray(knots, np.float64)
+    inner = inner[(inner > edges.min()) & (inner < edges.max())]
+    edges = np.unique(np.concatenate([edges, inner]))
+    x, w = legendre.leggauss(NODES)
+    middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
+    return (middle[:, None] + half[:, None] * x).ravel(), np.outer(half, w).ravel()
 
 
 def _edges(spectrum: Spectrum) -> Vector:

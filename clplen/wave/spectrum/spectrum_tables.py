@@ -56,7 +56,7 @@ def white_led() -> tuple[Vector, Vector]:
 
 def daylight() -> tuple[Vector, Vector]:
     """Wavelengths in metres and relative power of CIE standard illuminant D65."""
-    return np.arange(300, 831, 10) * 1e-9, np.array(D65)
+    return np.arange(300, 831, 10, dtype=np.float64) * 1e-9, np.array(D65, np.float64)
 
 
 def check_wavelength(value: object) -> float:
