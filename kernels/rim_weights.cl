@@ -8,7 +8,7 @@
 
 #include "common.cl"
 
-#define RIM 8
+#define RIM 12
 #define RIM_STEPS 64
 
 /* Weight of a sample `inside` samples from the rim, < 0 outside. */

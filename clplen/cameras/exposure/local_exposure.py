@@ -8,7 +8,12 @@ from typing import Any
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.cameras.optics.local_window import ORDERS, LocalWindows, WindowShape, window_shape
+from clplen.cameras.optics.local_window import (
+    SAMPLED_RINGS,
+    LocalWindows,
+    WindowShape,
+    window_shape,
+)
 from clplen.cameras.optics.pixel_array import PixelSums, pixel_weights
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.cameras.scenes.scene_sources import PointSources
@@ -98,7 +103,10 @@ def add_integrated(total: cla.Array, fields: Field, weights: Any, active: float)
 
 
 def _shape(optics: WaveOptics, position: Any) -> WindowShape:
-    return window_shape(optics, position, orders=0.0 if optics.pixels is None else ORDERS)
+    """The window of a point: finer than pixels that integrate, else as the sensor is sampled."""
+    if optics.pixels is None:
+        return window_shape(optics, position, rings=SAMPLED_RINGS, orders=0.0)
+    return window_shape(optics, position)
 
 
 def _add(windows: LocalWindows, power: Any, total: cla.Array) -> None:
@@ -143,9 +151,11 @@ def _sums(windows: LocalWindows, number: int, more: int, active: float) -> tuple
         first.append(more * (begin * k - middle + n // 2))
         count.append(max(0, end - begin + 1))
         place.append(begin + pixels // 2)
-    sums = PixelSums((first[0], first[1]), more * k, width, (place[0], place[1]), (count[0], count[1]))
+    sums = PixelSums(
+        (first[0], first[1]), more * k, width, (place[0], place[1]), (count[0], count[1])
+    )
     # the finer inverse transform divides by more^2 as many samples
-    scale = more**2 if active else (more * k)**2
+    scale = more**2 if active else (more * k) ** 2
     return sums, scale * optics.rim_energy(shape.pitch) / windows.energy[number]
 
 

@@ -144,9 +144,7 @@ def expose_waves(
     if light.coherence is not None:
         average_of(light.coherence)
     if method not in METHODS:
-        raise ValueError(
-            f"method is 'auto', 'points', 'local' or 'isoplanatic', not {method!r}."
-        )
+        raise ValueError(f"method is 'auto', 'points', 'local' or 'isoplanatic', not {method!r}.")
     slides = [s for s in sources if isinstance(s, PicturePlane) and s.is_slide]
     emitters = [s for s in sources if s not in slides]
     light.check(len(slides))

@@ -26,11 +26,13 @@ from clplen.wave.field.field import Grid
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
-PERIOD = 2.0  # of the sum over the pupil, in windows
+PERIOD = 1.7  # of the sum over the pupil, in windows
 BATCH_BYTES = 2**26  # of windows that travel through the camera together
 ORDERS = 18.0  # of diffraction at a lenslet's rim that samples hold
-BAND = 0.9  # of the samples' band that they fill
-RINGS = 30  # Airy radii of light about the geometrical blur
+TRANSITION = 0.18  # of the rims' filter, cycles a sample
+BAND = 0.8  # of the samples' band that they fill
+RINGS = 20  # Airy radii of light about the geometrical blur
+SAMPLED_RINGS = 30  # the same where windows have the sensor's samples
 NUMBERS = 16  # of a point, for kernels/local_window.cl
 PATHS = 131  # samples across the table of a wavefront, one beyond the pupil on either side
 
@@ -138,9 +140,9 @@ def window_shape(
         period, pupil = (smooth_length(pupil),) * 2
     rim = None
     if orders:
-        kept = orders * dx / optics.mla.diameter
-        rays = slope_about_carrier(optics, beta) * dx / optics.wavelength
-        rim = (kept, 1 - 2 * rays - kept)
+        # what aliases of the rims' light falls beside that of the rays and of what is kept
+        middle = 0.5 - slope_about_carrier(optics, beta) * dx / optics.wavelength
+        rim = (middle - TRANSITION / 2, middle + TRANSITION / 2)
     return WindowShape(many, dx, samples, period, pupil, math.ceil(walk / dx), rim)
 
 

@@ -312,12 +312,14 @@ def check_sampling(optics: RayOptics, reach: float, alpha: float) -> None:
             f"{f', aberrations {bent:.4g} rad' if bent else ''}), but pixels of "
             f"{optics.pixel_pitch:.4g} m sample {1 / (2 * optics.pixel_pitch):.4g}: pixels below "
             f"{fitting:.4g} m would do (pixels_per_lenslet = {optics.mla.pitch / fitting:.4g}), or "
-            f"a longer f_mu, {'smaller aberrations, ' if bent else ''}or a smaller aperture."
+            f"a longer f_mu, {'smaller aberrations, ' if bent else ''}or a smaller aperture; points "
+            "and self-luminous pictures need none of these with method='local'."
         )
     if min(optics.grid.extent) < D:
         raise SamplingError(
             f"The window of {min(optics.grid.extent):.4g} m does not hold the main lens' aperture "
-            f"of {D:.4g} m: use more lenslets or give a smaller aperture_diameter."
+            f"of {D:.4g} m: use more lenslets or give a smaller aperture_diameter; points and "
+            "self-luminous pictures need neither with method='local'."
         )
 
 

@@ -18,7 +18,7 @@ from clplen.compute.fft.blocks import window
 from clplen.compute.fft.lines import smooth_length
 from clplen.errors import DeviceError, ShapeError
 from clplen.wave.elements.lens import thin_lens
-from clplen.wave.elements.zernike import wavefront
+from clplen.wave.elements.zernike import wavefront, zernike
 from clplen.wave.field.field import Field, Grid, row_powers
 from clplen.wave.field.transmission import multiply, phasor, split
 from clplen.wave.propagation.band import blas_limit
@@ -416,6 +416,27 @@ class WaveOptics(FixedOptics):
             lambda array: int(array.nbytes),
         )
         return multiply(field, phase)
+
+    def main_lens_path(self, y: float, x: float, v: Values, u: Values) -> tuple[Values, Any]:
+        """Wavefront of the main lens, W in metres, and how much light it lets through.
+
+        Parameters
+        ----------
+        y, x : float
+            Image of a point on the plane F, in metres.
+        v, u : numpy.ndarray
+            Places in the pupil over its radius; a little beyond the rim is allowed.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            W, of the shape of v, and the transmission of energy.
+        """
+        rho, theta = np.hypot(v, u), np.arctan2(v, u)
+        path = np.zeros_like(rho)
+        for (n, m), metres in self.aberrations.main_terms(y, x).items():
+            path += metres * zernike(n, m, rho, theta)
+        return path, np.ones_like(path)
 
     def _turns(self, pupil: Field, y: float, x: float) -> Values:
         """W/lam of the main lens for an image at (y, x) in metres, shape of the pupil's grid."""
