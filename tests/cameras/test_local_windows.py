@@ -123,7 +123,7 @@ def test_the_image_of_a_point_is_debyes(device: Device) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("f_number", [2.8, 4.0, 8.0])
+@pytest.mark.parametrize("f_number", [2.8, 5.6])
 @pytest.mark.parametrize("position", [(0, 0, 0), (3e-3, -5e-3, 0), (2e-3, 1e-3, -0.4)])
 def test_fast_cameras_against_a_simulation_of_their_own(
     device: Device, f_number: float, position: Any
@@ -133,7 +133,7 @@ def test_fast_cameras_against_a_simulation_of_their_own(
     lens = reference.MainLens(10e-3, 10e-3 / f_number, camera.image_distance, 500e-9)
     x0, y0, dz = position
     place = camera.optics.on_array(position)[0, ::-1]  # (y, x)
-    grid, n, times = camera.grid, 64, 12
+    grid, n, times = camera.grid, 64, 24
     first = [int(np.rint((c - o) / 1.25e-6)) for c, o in zip(place, grid.origin, strict=True)]
     axes = [
         o + (f + np.arange(n) - n // 2) * 1.25e-6 for f, o in zip(first, grid.origin, strict=True)
@@ -151,7 +151,7 @@ def test_fast_cameras_against_a_simulation_of_their_own(
         wavelength=500e-9,
         hexagonal=True,
         rows=21,
-        within=3,
+        within=2,
     )
     sensor = reference.onward(fine * array, 1.25e-6 / times, 40e-6, 500e-9)
     density = np.abs(sensor) ** 2 * (1.25e-6 / times) ** 2
@@ -164,9 +164,8 @@ def test_fast_cameras_against_a_simulation_of_their_own(
     )
     down, right = (f + s // 2 - 16 for f, s in zip(first, grid.shape, strict=True))
     got = raw[down : down + 33, right : right + 33]
-    # the hard rims of the lenslets on samples of the reference: 2e-3 at .125 um
-    print(np.linalg.norm(got - expected) / np.linalg.norm(expected), got.sum(), expected.sum())
-    assert np.linalg.norm(got - expected) <= 3e-3 * np.linalg.norm(expected)
+    # hard rims on the samples of the reference: 1e-3 at .05 um, 3e-3 at .1 um
+    assert np.linalg.norm(got - expected) <= 1.6e-3 * np.linalg.norm(expected)
 
 
 def binned(image: np.ndarray, times: int) -> np.ndarray:
