@@ -149,6 +149,7 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "FocusedMaps": lambda _: clplen.lightfield.FocusedMaps(
         PICTURE, samples(9, 9), samples(9, 9), samples(9, 9)
     ),
+    "Glass": lambda _: clplen.wave.Glass.named("N-BK7"),
     "Grid": lambda _: GRID,
     "Image": lambda device: lightfield(device).view(1, 1),
     "IncoherentLight": lambda _: clplen.wave.IncoherentLight(),

@@ -13,6 +13,7 @@ from .elements.beams import gaussian_beam as gaussian_beam
 from .elements.beams import plane_wave as plane_wave
 from .elements.beams import spherical_wave as spherical_wave
 from .elements.beams import tilt as tilt
+from .elements.glass import Glass as Glass
 from .elements.gratings import axicon as axicon
 from .elements.gratings import grating as grating
 from .elements.hard_apertures import annular_aperture as annular_aperture
