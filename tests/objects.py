@@ -155,6 +155,8 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "IncoherentLight": lambda _: clplen.wave.IncoherentLight(),
     "Lattice": lambda _: LATTICE,
     "Lens": lambda _: clplen.wave.Lens(0.1),
+    "LensletMap": lambda _: clplen.wave.LensletMap(1e-6 * samples(9, 8), pitch=2e-5, glass=1.5),
+    "LensletSurface": lambda _: clplen.wave.LensletSurface(2.9e-4, "N-BK7", aspheric=(1e7,)),
     "LensletGrid": lambda device: raw(device).sub_images,
     "LensletScatter": lambda _: clplen.cameras.LensletScatter(0.01),
     "LightField": lightfield,

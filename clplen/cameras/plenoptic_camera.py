@@ -341,6 +341,11 @@ def _check_objective(magnification: float, na: float, index: float, mla: Microle
         raise ValueError(
             f"The lenslets of a microscope have one focal length > 0, not {mla.focal_lengths}."
         )
+    if mla.map is not None and mla.map.is_of_each:
+        raise ValueError(
+            "The lenslets of a microscope are alike, so that its point images repeat: give one map "
+            "for all, not one for each."
+        )
 
 
 def _distances(

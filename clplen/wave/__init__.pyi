@@ -25,6 +25,8 @@ from .elements.lens import LensSampling as LensSampling
 from .elements.lens import lens_sampling as lens_sampling
 from .elements.lens import lenslet_sampling as lenslet_sampling
 from .elements.lens import thin_lens as thin_lens
+from .elements.lenslet_surface import LensletMap as LensletMap
+from .elements.lenslet_surface import LensletSurface as LensletSurface
 from .elements.lenslets import LensletErrors as LensletErrors
 from .elements.lenslets import MicrolensArray as MicrolensArray
 from .elements.transparency import TargetElement as TargetElement

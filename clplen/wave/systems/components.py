@@ -305,7 +305,10 @@ def text_of(part: Part) -> str:
     """What a part is, in a few words."""
     if isinstance(part, MicrolensArray):
         (ny, nx), pitch, f = part.count, metres(part.pitch), metres(part.focal_length)
-        return f"{ny} x {nx}, pitch {pitch}, f = {f}, {part.lattice}, {part.fill}"
+        text = f"{ny} x {nx}, pitch {pitch}, f = {f}, {part.lattice}, {part.fill}"
+        made = ["surface"] * bool(part.surface) + ["map"] * (part.map is not None)
+        made += ["clear gaps"] * (part.gap == "clear")
+        return ", ".join([text, *made])
     describe = getattr(part, "describe", None)
     return repr(part) if describe is None else str(describe())
 
