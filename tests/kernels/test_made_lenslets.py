@@ -130,7 +130,7 @@ LAYS = [
 
 
 @pytest.mark.parametrize("wave", ["single", "double"], indirect=True)
-@pytest.mark.parametrize(("lay", "kinds"), zip(LAYS, (3, 1, 3, 1, 1), strict=True))
+@pytest.mark.parametrize(("lay", "kinds"), list(zip(LAYS, (3, 1, 3, 1, 1), strict=True)))
 def test_surfaces(wave: Device, lay: dict[str, Any], kinds: int) -> None:
     grid = Grid((37, 46), (DX, 0.9 * DX), origin=(0.131 * DX, 0.377 * DX))
     array = MicrolensArray(P, surface=SURFACES[:kinds], **lay)

@@ -437,6 +437,14 @@ def test_clear_gaps_let_rays_pass(device):
     assert 0.3 < share < 0.6
     assert sums["opaque"] / sums["clear"] == pytest.approx(share, rel=0.01)
     assert sums["clear"] == pytest.approx(1, rel=1e-3)
+    bare = camera(device, MicrolensArray(P, gap="clear", **(lay | {"diameter": 1e-9})))
+    image = bare.expose(scene, model="rays").to_numpy()
+    y, x = np.meshgrid(bare.grid.y, bare.grid.x, indexing="ij")
+    # unbent, light goes on towards its image: blur (1 - alpha z3/...) of a disc
+    far = np.hypot(y, x)[image > 0].max()
+    z2, z3 = bare.image_distance, bare.sensor_distance
+    alpha = bare.alpha(-45e-3)
+    assert far == pytest.approx(0.2e-3 * abs(1 - alpha * (z2 + z3) / z2), rel=0.06)
 
 
 def test_surfaces_are_kept_in_files(device, tmp_path):

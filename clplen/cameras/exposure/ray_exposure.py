@@ -285,7 +285,8 @@ def _lenslet_bend(optics: RayOptics, x: Vector) -> tuple[Vector, Any]:
     cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
     turned = np.array([[cos, -sin], [sin, cos]])  # (y, x) of the array from those of the lattice
     lenslet, from_centre, inside = _nearest_lenslet(mla, (x - mla.offset) @ turned.T)
-    bend = np.stack(mla.bend(lenslet, *from_centre.T, optics.wavelength), axis=-1)
+    down, right = from_centre.T
+    bend = np.stack(mla.bend(lenslet, down, right, optics.wavelength), axis=-1)
     if optics.aberrations.bends_lenslets:
         errors = optics.aberrations.lenslet_errors(mla)
         designed = np.asarray(mla.focal_lengths)[mla.types().ravel()[lenslet], None]

@@ -242,7 +242,7 @@ class LensletMap:
         of = [material.B, material.C] if isinstance(material, Glass) else material
         about = [values.shape, self.pitch, of, self.origin, self.whole]
         digest = hashlib.sha256(repr(about).encode())
-        digest.update(np.ascontiguousarray(values))
+        digest.update(values.tobytes())
         object.__setattr__(self, "_digest", digest.hexdigest())
 
     def __eq__(self, other: object) -> bool:

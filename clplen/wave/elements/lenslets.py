@@ -335,7 +335,7 @@ class MicrolensArray(OneLine):
         real = np.dtype(np.float64 if wide else np.float32)
         out = device.empty(grid.shape, device.complex)
         shapes = self._shapes(wavelength)
-        defines = {"DOUBLE": True} if wide else {}
+        defines: dict[str, Any] = {"DOUBLE": True} if wide else {}
         defines["RESULT"] = "double2" if device.precision == "double" else "float2"
         defines |= {"HEXAGONAL": True} if self.lattice == "hexagonal" else {}
         defines |= {"FULL": True} if self.fill == "full" else {}
