@@ -149,11 +149,14 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "FocusedMaps": lambda _: clplen.lightfield.FocusedMaps(
         PICTURE, samples(9, 9), samples(9, 9), samples(9, 9)
     ),
+    "Glass": lambda _: clplen.wave.Glass.named("N-BK7"),
     "Grid": lambda _: GRID,
     "Image": lambda device: lightfield(device).view(1, 1),
     "IncoherentLight": lambda _: clplen.wave.IncoherentLight(),
     "Lattice": lambda _: LATTICE,
     "Lens": lambda _: clplen.wave.Lens(0.1),
+    "LensletMap": lambda _: clplen.wave.LensletMap(1e-6 * samples(9, 8), pitch=2e-5, glass=1.5),
+    "LensletSurface": lambda _: clplen.wave.LensletSurface(2.9e-4, "N-BK7", aspheric=(1e7,)),
     "LensletGrid": lambda device: raw(device).sub_images,
     "LensletScatter": lambda _: clplen.cameras.LensletScatter(0.01),
     "LightField": lightfield,

@@ -75,8 +75,8 @@ def field_on_plane(
 def debye_on_axis_image(lens: MainLens, radius: Real) -> Real:
     """abs(U) at the image of a point far away on the axis, by Debye's integral over angles.
 
-    int cos^(1/2) sin J0(k rho sin) dtheta, of a lens that obeys the sine condition, up to the rim of
-    a plane pupil; relative to the middle.
+    int cos^(1/2) sin J0(k rho sin) dtheta, of a lens that obeys the sine condition, up to the rim
+    of a plane pupil; relative to the middle.
     """
     largest = np.arctan(lens.D / 2 / lens.z2)
     x, w = np.polynomial.legendre.leggauss(200)

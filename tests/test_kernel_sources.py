@@ -54,7 +54,7 @@ from clplen.microscopy.deconvolution import deconvolve
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import point_images
 from clplen.selftest.basics import built_in_values
-from clplen.wave import RandomPhaseMask, Space
+from clplen.wave import LensletMap, LensletSurface, RandomPhaseMask, Space
 from clplen.wave.coherence.abbe import abbe_image
 from clplen.wave.coherence.extended_source import ExtendedSource
 from clplen.wave.elements.beams import spherical_wave
@@ -127,7 +127,7 @@ def dtype_of(type_name: str, double: bool) -> tuple[np.dtype, int]:
     """NumPy's dtype and the vector length of a type of OpenCL C or of common.cl."""
     scalar, width = re.fullmatch(r"([a-z]+?)(\d*)\*?", type_name.replace("cplx", "real2")).groups()
     names = {"int": "i4", "uint": "u4", "long": "i8", "uchar": "u1", "ushort": "u2"}
-    names |= {"half": "f2", "float": "f4"}
+    names |= {"half": "f2", "float": "f4", "double": "f8"}
     names["real"] = "f8" if double else "f4"
     return np.dtype(names[scalar]), int(width or 1)
 
@@ -181,6 +181,11 @@ def waves(device: Device) -> None:
     spherical_wave(grid, 0.1, wavelength=WAVELENGTH, device=device)
     for shape in ("circular", "square"):
         aperture(field, 120e-6, shape=shape)
+    surface = LensletSurface(4e-3, 1.5, aspheric=(1e3,))
+    measured = LensletMap(np.zeros((5, 7)), pitch=20e-6, glass=1.5)
+    for lattice, fill, gap in (("square", "circular", "clear"), ("hexagonal", "full", "opaque")):
+        lay = {"lattice": lattice, "fill": fill, "gap": gap}
+        MicrolensArray(75e-6, count=2, surface=surface, map=measured, **lay).apply(field)
     bad = Aberrations(lenslets={4: 20e-9}, scatter=LensletScatter(focal_length=0.1))
     for lattice in ("square", "hexagonal"):
         for fill in ("circular", "full"):

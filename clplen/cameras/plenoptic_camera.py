@@ -361,6 +361,11 @@ def _check_objective(magnification: float, na: float, index: float, mla: Microle
         raise ValueError(
             f"The lenslets of a microscope have one focal length > 0, not {mla.focal_lengths}."
         )
+    if mla.map is not None and mla.map.is_of_each:
+        raise ValueError(
+            "The lenslets of a microscope are alike, so that its point images repeat: give one map "
+            "for all, not one for each."
+        )
 
 
 def _distances(
@@ -437,8 +442,8 @@ def _pixels_per_lenslet(
     across = mla.pitch / pitch
     if given is not None and abs(given - across) > PITCH_TOLERANCE * across:
         raise ValueError(
-            f"pixels_per_lenslet = {given!r} contradicts the pixels' pitch of {pitch:g} m, of which "
-            f"a lenslet of {mla.pitch:g} m has {across:.6g}: give one of the two."
+            f"pixels_per_lenslet = {given!r} contradicts the pixels' pitch of {pitch:g} m, of "
+            f"which a lenslet of {mla.pitch:g} m has {across:.6g}: give one of the two."
         )
     return across
 

@@ -23,6 +23,7 @@ from clplen.wave.coherence.extended_source import plane_waves
 from clplen.wave.coherence.phase_masks import RandomPhaseMask
 from clplen.wave.coherence.spatial_models import IncoherentLight, key_of, philox
 from clplen.wave.elements.hard_apertures import disc
+from clplen.wave.elements.lenslet_surface import LensletMap, LensletSurface
 from clplen.wave.elements.lenslets import LensletErrors, MicrolensArray
 from clplen.wave.field.field import Field, Grid
 
@@ -78,6 +79,40 @@ def _square_lenslets(device: Device) -> Pairs:
     )
     expected = np.outer(down, right) * np.exp(-1j * np.pi * (dy**2 + dx**2) / (LAM * 2.5e-3))
     yield expected, device.download(mla.transmission(grid, LAM, device))
+
+
+def _made_lenslets(device: Device) -> Pairs:
+    """Round lenslets of an aspheric surface with a tilt as a map, between clear gaps."""
+    grid = Grid((33, 38), (DX, 1.1 * DX), origin=(0, DX / 2))
+    radius, conic, fourth, tilt = 2e-4, -0.6, 2e11, 0.01
+    ramp = tilt * 0.1 * PITCH * np.broadcast_to(np.arange(-6, 6), (11, 12))
+    mla = MicrolensArray(
+        PITCH,
+        count=(3, 4),
+        diameter=0.8 * PITCH,
+        offset=(2e-6, -6e-6),
+        rotation=0.12,
+        surface=LensletSurface(radius, 1.5, conic=conic, aspheric=(fourth,)),
+        gap="clear",
+        map=LensletMap(ramp, pitch=0.1 * PITCH, glass=1.5),
+    )
+    dy, dx, _ = _places(mla, grid)
+    across = dx * np.cos(mla.rotation) + dy * np.sin(mla.rotation)
+    half = 0.4 * PITCH
+    sags = []
+    for r2 in (dy**2 + dx**2, half**2):
+        root = np.sqrt(np.maximum(1 - (1 + conic) * r2 / radius**2, 0))
+        sags.append(r2 / (radius * (1 + root)) + fourth * r2**2)
+    path = 0.5 * (sags[1] - sags[0] - tilt * across)
+    y, x = np.meshgrid(grid.y, grid.x, indexing="ij")
+    share = sum(
+        twins.disc_share(y - a, x - b, half, grid.pitch) for a, b in mla.centres().reshape(-1, 2)
+    )
+    inside = np.maximum(abs(across), abs(dy * np.cos(mla.rotation) - dx * np.sin(mla.rotation)))
+    whole = inside < PITCH / 2 - DX  # cells of samples that lie within the array's
+    expected = share * np.exp(2j * np.pi * path / LAM) + 1 - share
+    got = device.download(mla.transmission(grid, LAM, device))
+    yield expected[whole], got[whole]
 
 
 def _lenslet_errors(device: Device) -> Pairs:
@@ -218,7 +253,9 @@ CHECKS = (
     Check("lenslets", "hexagonal array of three kinds, turned", _lenslets, STRIPS,
           ("lenslets.cl", "nearest_lenslet.cl", "lens_types.cl")),
     Check("lenslets, square", "square apertures with gaps", _square_lenslets, 1e-5,
-          ("lenslets.cl", "coverage.cl")),
+          ("lenslets.cl", "coverage.cl", "lenslet_coverage.cl")),
+    Check("lenslets, as made", "aspheres, clear gaps and a map", _made_lenslets, 2 * STRIPS,
+          ("made_lenslets.cl",)),
     Check("lenslet_errors", "tilted, moved, bent lenslets", _lenslet_errors, 1e-5,
           ("lenslet_errors.cl",)),
     Check("source", "point sources in a lens", _point_sources, STRIPS, ("source.cl",)),

@@ -152,7 +152,7 @@ def _band(optics: WaveOptics) -> float:
 
     The main lens' wavefront adds none: on the array D/(2 z2) is the angle of its pupil.
     """
-    lenslet = optics.mla.diameter / optics.mla.focal_length
+    lenslet = 2 * optics.mla.steepest_slope(optics.wavelength)
     slopes = optics.aperture_diameter / optics.array_distance + lenslet
     slopes += 2 * optics.aberrations.lenslet_slope(optics.mla)
     return slopes / (optics.wavelength * optics.sub_image_scale)

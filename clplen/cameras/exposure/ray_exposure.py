@@ -96,6 +96,11 @@ def _surfaces(optics: RayOptics, scene: SurfaceScene) -> RawImage:
             "Rays of a SurfaceScene know no wavefronts of the lenses: of the camera's aberrations "
             "keep sensor_shift only, or expose points and pictures."
         )
+    if not mla.is_thin:
+        raise ValueError(
+            "Rays of a SurfaceScene know thin lenslets only: expose points and pictures, or use a "
+            f"MicrolensArray of focal_length={mla.focal_length:.6g} without surface, map and gap."
+        )
     raw = raw_image(optics, device.empty(optics.grid.shape, np.float32))
     step = view_step(optics)
     radius, aspect = optics.aperture_diameter / 2 / step, mla.pitch / mla.row_pitch
@@ -280,12 +285,17 @@ def _lenslet_bend(optics: RayOptics, x: Vector) -> tuple[Vector, Any]:
     cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
     turned = np.array([[cos, -sin], [sin, cos]])  # (y, x) of the array from those of the lattice
     lenslet, from_centre, inside = _nearest_lenslet(mla, (x - mla.offset) @ turned.T)
+    down, right = from_centre.T
+    bend = np.stack(mla.bend(lenslet, down, right, optics.wavelength), axis=-1)
     if optics.aberrations.bends_lenslets:
         errors = optics.aberrations.lenslet_errors(mla)
-        bend = np.stack(errors.bend(lenslet, *from_centre.T), axis=-1)
-    else:
-        bend = -from_centre / np.asarray(mla.focal_lengths)[mla.types().ravel()[lenslet], None]
-    return bend @ turned, inside & _in_aperture(mla, from_centre)
+        designed = np.asarray(mla.focal_lengths)[mla.types().ravel()[lenslet], None]
+        bend += np.stack(errors.bend(lenslet, *from_centre.T), axis=-1) + from_centre / designed
+    in_lenslet = _in_aperture(mla, from_centre)
+    if mla.gap == "clear":
+        bend[~in_lenslet] = 0
+        return bend @ turned, inside
+    return bend @ turned, inside & in_lenslet
 
 
 def _nearest_lenslet(mla: Any, local: Vector) -> tuple[Any, Vector, Any]:

@@ -152,8 +152,9 @@ def expose_waves(
     colours = [replace(optics, wavelength=wavelength) for wavelength, _ in lines]
     if slides and optics.pixels is not None:
         raise ValueError(
-            "Slides are exposed by fields on the pixels' middles, and these pixels integrate: leave "
-            "pixels= of the camera out, with pixels that sample the light, or use mode='emission'."
+            "Slides are exposed by fields in the middles of pixels, and these pixels integrate: "
+            "leave pixels= of the camera out, with pixels that sample the light, or use "
+            "mode='emission'."
         )
     local = _is_local(optics, method)
     for source in sources:
@@ -245,6 +246,8 @@ def _no_isoplanatic(optics: WaveOptics, plane: PicturePlane) -> str:
         )
     if len(mla.focal_lengths) > 1:
         return "The lenslets differ in focal length; method='isoplanatic' needs equal ones"
+    if mla.map is not None and mla.map.is_of_each:
+        return "The lenslets have a map each; method='isoplanatic' needs equal ones"
     if not optics.aberrations.scatter.is_none:
         return "The lenslets scatter; method='isoplanatic' needs equal ones"
     if optics.aberrations.varies:

@@ -25,7 +25,12 @@ from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import CameraModel
 from clplen.lightfield.refocusing.phase_ramps import shift_views
 from clplen.reprs import OneLine
-from clplen.wave.elements.lenslets import HIGHEST_ORDER, LensletErrors, MicrolensArray
+from clplen.wave.elements.lenslets import (
+    HIGHEST_ORDER,
+    LensletErrors,
+    MicrolensArray,
+    circumscribed,
+)
 from clplen.wave.elements.zernike import noll, zernike_gradient
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
@@ -276,13 +281,6 @@ def rows(aberrations: Aberrations, wavelength: float) -> tuple[Row, ...]:
         Row("sensor shift", aberrations.sensor_shift, "m", "away from the array"),
     ]
     return tuple(row for row in found if row.value)
-
-
-def circumscribed(mla: MicrolensArray) -> float:
-    """Diameter of the circle about the aperture of a lenslet, in metres."""
-    if mla.fill == "circular":
-        return mla.diameter
-    return mla.diameter * (2 / math.sqrt(3) if mla.lattice == "hexagonal" else math.sqrt(2))
 
 
 @lru_cache(maxsize=16)

@@ -85,7 +85,7 @@ class WindowShape:
 def slope_about_carrier(optics: WaveOptics, beta: float) -> float:
     """The steepest ray behind the array from the direction of the chief ray, in radians."""
     slope = max(1.0, abs(beta)) * optics.aperture_diameter / 2 / optics.array_distance
-    slope += optics.mla.diameter / (2 * min(abs(f) for f in optics.mla.focal_lengths))
+    slope += optics.mla.steepest_slope(optics.wavelength)
     return slope + optics.main_slope() + optics.aberrations.lenslet_slope(optics.mla)
 
 
@@ -163,7 +163,7 @@ class LocalWindows:
     shifts : numpy.ndarray
         By how many samples (y, x) the windows on the sensor lie farther out, int64, shape (n, 2).
     energy : numpy.ndarray
-        Of each point's samples of the field in an infinite window, in the kernels' unit, shape (n,).
+        Of each point's field in an infinite window, sum of abs(U)^2 over samples, shape (n,).
     """
 
     optics: WaveOptics

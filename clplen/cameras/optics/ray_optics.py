@@ -181,7 +181,7 @@ class RayOptics(LensletCamera, ABC):
         behind = self.sensor_distance / self.array_distance
         beta = self.array_alpha(dz)
         moved = np.abs(1 - beta - behind * (1 if self.field_lens else beta))
-        steepest = self.mla.diameter / (2 * min(self.mla.focal_lengths))
+        steepest = self.mla.steepest_slope(self.wavelength)
         steepest += self.aberrations.lenslet_slope(self.mla)
         bent = self.main_slope() * (self.array_distance + self.sensor_distance)
         return moved * self.aperture_diameter / 2 + bent + self.sensor_distance * steepest
@@ -295,15 +295,10 @@ def check_sampling(optics: RayOptics, reach: float, alpha: float) -> None:
     SamplingError
         With both sides of the rule and what would do.
     """
-    D, z2, d, f_mu = (
-        optics.aperture_diameter,
-        optics.array_distance,
-        optics.mla.diameter,
-        min(optics.mla.focal_lengths),
-    )
+    D, z2 = optics.aperture_diameter, optics.array_distance
     bent = optics.main_slope(reach * optics.image_distance / z2)
     bent += optics.aberrations.lenslet_slope(optics.mla)
-    slope = (alpha * D / 2 + reach) / z2 + d / (2 * f_mu) + bent
+    slope = (alpha * D / 2 + reach) / z2 + optics.mla.steepest_slope(optics.wavelength) + bent
     if 2 * optics.pixel_pitch * slope >= optics.wavelength:
         fitting = optics.wavelength / (2 * slope)
         raise SamplingError(
@@ -312,8 +307,8 @@ def check_sampling(optics: RayOptics, reach: float, alpha: float) -> None:
             f"{f', aberrations {bent:.4g} rad' if bent else ''}), but pixels of "
             f"{optics.pixel_pitch:.4g} m sample {1 / (2 * optics.pixel_pitch):.4g}: pixels below "
             f"{fitting:.4g} m would do (pixels_per_lenslet = {optics.mla.pitch / fitting:.4g}), or "
-            f"a longer f_mu, {'smaller aberrations, ' if bent else ''}or a smaller aperture; points "
-            "and self-luminous pictures need none of these with method='local'."
+            f"a longer f_mu, {'smaller aberrations, ' if bent else ''}or a smaller aperture; "
+            "points and self-luminous pictures need none of these with method='local'."
         )
     if min(optics.grid.extent) < D:
         raise SamplingError(

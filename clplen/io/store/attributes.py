@@ -8,6 +8,7 @@ grid, and the group ``camera`` with the parameters of the camera as attributes, 
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,11 @@ from clplen.cameras.optics.objective import APODISATION, CoverGlass
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.device import Device
+from clplen.deprecation import warn_caller
 from clplen.errors import ClplenError, FormatError
 from clplen.io.formats.untrusted import UNREADABLE
 from clplen.lightfield.model.light_field import LightField
+from clplen.wave.elements.lenslet_surface import LensletSurface
 from clplen.wave.elements.lenslets import MicrolensArray
 
 SAMPLES = "lightfield"
@@ -56,6 +59,7 @@ _OF_KIND = {
 }
 _KIND = {"standard": "type1", "focused": "type2", "microscope": "microscope"}  # as files say it
 _ABERRATIONS = "aberrations"  # JSON, where there are any
+_SURFACES, _GAP = "mla_surface", "mla_gap"  # a list of JSON, a word; where lenslets are not thin
 _LENSLETS = 10**7  # that may scatter: some bytes for each are allocated
 CAMERA_NAMES = (
     "kind",
@@ -63,6 +67,8 @@ CAMERA_NAMES = (
     _ABERRATIONS,
     _APODISATION,
     *(f"mla_{name}" for name in _ARRAY),
+    _SURFACES,
+    _GAP,
     *(f"cover_{name}" for name in _COVER),
 )
 _WORDS = {"decode": ("calibrated", "naive"), "parametrisation": ("two-plane", "point-angle")}
@@ -103,6 +109,14 @@ def of_camera(camera: Any) -> dict[str, Any] | None:
     found |= {f"mla_{name}": getattr(camera.mla, name) for name in _ARRAY}
     if len(camera.mla.focal_lengths) > 1:
         found["mla_f"] = camera.mla.focal_lengths
+    if camera.mla.surface:
+        found[_SURFACES] = json.dumps([one.to_json() for one in camera.mla.surface])
+    if camera.mla.gap != "opaque":
+        found[_GAP] = camera.mla.gap
+    if camera.mla.map is not None:
+        warn_caller(
+            "Files keep no maps of lenslets: the camera in this one is without.", UserWarning
+        )
     if kind == "microscope":
         found[_APODISATION] = camera.apodisation
         if camera.cover is not None:
@@ -199,6 +213,9 @@ def read_camera(
         raise FormatError(f"The camera in {path} lacks {error}.") from error
     pitch, focal_length = mla.pop("pitch"), mla.pop("f")
     try:
+        surfaces = json.loads(str(values.get(_SURFACES, "[]")))
+        mla["surface"] = [LensletSurface.from_json(str(one)) for one in surfaces]
+        mla["gap"] = str(values.get(_GAP, "opaque"))
         camera |= {"mla": MicrolensArray(pitch, focal_length, **mla), "device": device}
         if kind == "microscope":
             cover = None if glass is None else CoverGlass(**glass)
