@@ -73,7 +73,7 @@ def exposures(camera: Plenoptic1, *both: Aberrations) -> list[Any]:
 
 def test_one_map_is_the_zernike_terms(device: Device) -> None:
     maps = OPDMaps(sampled(BENT)[None, None], fields=[(0, 0)])
-    assert not (maps.varies or maps.vignettes)
+    assert (maps.varies, maps.vignettes) == (False, False)
     terms, mapped = exposures(
         camera_of(device), Aberrations(main_lens=BENT), Aberrations(main_lens_opd=maps)
     )
@@ -200,12 +200,17 @@ def test_distortion_moves_the_image(device: Device) -> None:
         unmoved = straight.expose(PointSources((*point, dz)), model=model).to_numpy()
         assert relative_max(placed.astype(np.float64), moved) <= tolerance
         assert relative_max(placed.astype(np.float64), unmoved) > 0.3
-    centre = []
-    for one in (straight, bent):
-        field = one.array_field(one.pupil(PointSources((*point, 0)))).to_numpy()[0]
-        light = np.abs(field).astype(np.float64) ** 2
-        centre.append(PSF(light / light.sum(), one.pixel_pitch, one.grid.origin).centroid())
-    assert np.subtract(*centre[::-1]) == pytest.approx(d, abs=1e-7)
+    before, after = (at_array(one, (*point, 0), 2) for one in (straight, bent))
+    assert after - before == pytest.approx(d, abs=2e-9)
+
+
+def at_array(camera: Plenoptic1, position: Any, power: float) -> Any:
+    """Centroid (y, x) of a power of a point's light on the array, in metres."""
+    field = camera.array_field(camera.pupil(PointSources(position)), pad=2).to_numpy()[0]
+    light = np.abs(field.astype(np.complex128)) ** 2
+    return PSF(light / light.sum(), camera.pixel_pitch, camera.grid.origin).centroid(
+        power
+    ) * np.ones(2)
 
 
 def lens_area(s: float, r: float = 1.0) -> float:
@@ -263,8 +268,8 @@ def test_the_side_that_is_vignetted(device: Device) -> None:
         image = camera.expose(PointSources((0, 0, -40e-3)), model=model).to_numpy()
         y, x = (axis * (image.sum(1 - n) / image.sum()) for n, axis in enumerate(
             (camera.grid.y, camera.grid.x)))  # fmt: skip
-        beta = camera.alpha(-40e-3)
-        expected = -4 / (3 * math.pi) * R * (1 - beta)  # of the centroid of a half disc
+        # as of a shifted pupil, by the centroid of half a disc
+        expected = -4 / (3 * math.pi) * R * (1 - camera.alpha(-40e-3) * (1 + 10e-3 / F))
         assert y.sum() == pytest.approx(expected, rel=0.05), model
         assert abs(x.sum()) < 0.02 * abs(expected)
 
@@ -273,21 +278,21 @@ def test_a_shifted_pupil_moves_the_blur_and_keeps_the_light(device: Device) -> N
     flat, shift = sampled({}, 17, 19) + pupil(17, 19)[2] * 0, np.array([0.13, -0.21])
     maps = OPDMaps([[flat]], fields=[(0, 0)], pupil_shift=[shift])
     assert maps.varies
-    plain = camera_of(device)
+    plain = camera_of(device, count=(37, 35))
     camera = plain.with_aberrations(Aberrations(main_lens_opd=maps))
     assert camera.optics.lit_diameter == pytest.approx(2 * R * (1 + np.hypot(*shift)))
-    dz = -30e-3
-    for model in ("waves", "rays"):
-        centre, light = [], []
-        for one in (plain, camera):
-            image = one.expose(PointSources((0, 0, dz)), model=model).to_numpy().astype(float)
-            light.append(image.sum())
-            centre.append((one.grid.y @ image.sum(1), one.grid.x @ image.sum(0)) / image.sum())
-        moved = np.subtract(*centre[::-1])
-        # on the sensor a blur's lenslets lie (1 + z3/z2) apart, light in them turned by -z3 u/z2
-        expected = shift * R * (1 - camera.alpha(dz) * (1 + 10e-3 / F))
-        assert moved == pytest.approx(expected, rel=0.03), model
-        assert light[1] == pytest.approx(light[0], rel=2e-3), model
+    for dz in (-60e-3, 60e-3):
+        moved = at_array(camera, (0, 0, dz), 1) - at_array(plain, (0, 0, dz), 1)
+        assert moved == pytest.approx(shift * R * (1 - camera.alpha(dz)), rel=3e-3)
+    point, centre, light = PointSources((0, 0, dz)), [], []
+    for one in (plain, camera):
+        image = one.expose(point, model="rays").to_numpy().astype(np.float64)
+        light += [image.sum(), one.expose(point).to_numpy().sum(dtype=np.float64)]
+        centre.append(np.array([one.grid.y @ image.sum(1), one.grid.x @ image.sum(0)]))
+    # the lenslets' images lie 1 + z3/z2 farther apart, and light in them moves by -z3 u/z2
+    expected = shift * R * (1 - camera.alpha(dz) * (1 + 10e-3 / F))
+    assert centre[1] - centre[0] == pytest.approx(expected, rel=0.03)
+    assert light[2:] == pytest.approx(light[:2], rel=1e-3)
 
 
 def test_the_path_of_the_main_lens(device: Device) -> None:
@@ -296,7 +301,7 @@ def test_the_path_of_the_main_lens(device: Device) -> None:
     moved = OPDMaps(
         **maps.values() | {"distortion": 0.01 * maps.fields, "pupil_shift": [shift] * 12}
     )
-    camera = camera_of(device).with_aberrations(
+    camera = camera_of(device, count=31).with_aberrations(
         Aberrations(main_lens={6: 0.2 * LAM}, main_lens_opd=moved)
     )
     v, u = RNG.uniform(-0.6, 0.6, (2, 31))
@@ -319,7 +324,7 @@ def test_the_path_of_the_main_lens(device: Device) -> None:
 
 def test_pictures_and_slides(device: Device) -> None:
     """One map goes the way of patterns and slides; several go by points, and no slide."""
-    camera = camera_of(device, count=27)
+    camera = camera_of(device, count=13, aperture_diameter=1.5e-3)
     image = RNG.random((5, 7)) * np.array([1, 0, 1, 1, 0, 1, 1])
     plane = PicturePlane(image, width=0.5e-3)
     share = np.clip(1.2 - np.abs(pupil(41, 37)[0]), 0, 1)
@@ -380,8 +385,7 @@ def test_what_is_said_and_kept(device: Device) -> None:
                   wavelengths=[LAM], symmetric=True, pupil_distance=0.24, pupil_diameter=3.6e-3,
                   **values)  # fmt: skip
     text = str(camera_of(device, count=31, aberrations=Aberrations(main_lens_opd=two)).describe())
-    for line in ("wavefront of OPD maps", "1 waves; nearest", "f/66.67", "distortion of OPD maps",
-                 "vignetting of OPD maps"):  # fmt: skip
+    for line in ("wavefront of", "0.9915 waves; nearest", "f/66.67", "distortion of", "vignetting"):
         assert line in text
     rms, passed = two.rms(LAM)
     assert rms[1] == pytest.approx(LAM, rel=0.03)
@@ -479,7 +483,7 @@ def test_places_and_wavelengths_beyond_the_maps(device: Device) -> None:
         for model in ("waves", "rays"):
             with pytest.raises(ValueError, match=said):
                 camera.with_aberrations(Aberrations(main_lens_opd=maps)).expose(far, model=model)
-    with pytest.raises(ValueError, match="from 200 um to 1.2 mm from the axis"):
+    with pytest.raises(ValueError, match=r"from 200 um to 1\.2 mm from"):
         ring.path(0.1e-3, 0, LAM, 0, 0)
     assert ring.path(0, -1.2e-3 * (1 + 1e-12), LAM, 0, 0) == 0
     with pytest.raises(ValueError, match="wavelengths of 532 nm, not 550 nm"):

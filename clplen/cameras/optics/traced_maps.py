@@ -193,8 +193,8 @@ class _Lens:
         if off > SYMMETRIC * wavelength or moved > 1e-6 * math.hypot(*upright.place):
             raise ValueError(
                 "The lens is not rotationally symmetric: the wavefront of its largest field "
-                f"changes by {off / wavelength:.3g} waves rms as the field is turned by 90 degrees. Give "
-                "maps of fields all over the image to OPDMaps(...) instead."
+                f"changes by {off / wavelength:.3g} waves rms as the field is turned by 90 "
+                "degrees. Give maps of fields all over the image to OPDMaps(...) instead."
             )
 
 
