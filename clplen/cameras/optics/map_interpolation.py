@@ -121,28 +121,60 @@ def _least_third_differences(values: Values, mask: Any, shape: tuple[int, int]) 
     return out
 
 
-def nearest_inside(maps: Values) -> Values:
-    """Maps whose samples beyond the disc are those of the nearest sample on it.
+def nearest(maps: Values, known: np.ndarray[Any, np.dtype[np.bool_]]) -> Values:
+    """Maps whose unknown samples are those of the nearest known one; both (l, m, n_v, n_u)."""
+    from scipy.ndimage import distance_transform_edt
+
+    out, pitch = np.array(maps), [2 / (n - 1) for n in maps.shape[2:]]
+    for index in np.ndindex(maps.shape[:2]):
+        if not known[index].all():
+            row, column = distance_transform_edt(
+                ~known[index], sampling=pitch, return_distances=False, return_indices=True
+            )
+            out[index] = maps[index][row, column]
+    return out
+
+
+def edges_of(lit: np.ndarray[Any, np.dtype[np.bool_]], inside: Any) -> Values:
+    """Distances from the edge of the light, half a sample from the lit ones, negative without.
+
+    A map that is lit all over is as far within as the least vignetted one of its wavelength reaches
+    beyond, so that the light is cut from the middle between both on.
 
     Parameters
     ----------
-    maps : numpy.ndarray
-        Shape (..., n_v, n_u).
+    lit : numpy.ndarray
+        bool, shape (l, m, n_v, n_u).
+    inside : numpy.ndarray
+        bool, shape (n_v, n_u): the disc. Its rim is no edge.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape of ``lit``, as fractions of the pupil's radius.
     """
-    shape = (maps.shape[-2], maps.shape[-1])
-    index = _nearest(shape)
-    return np.asarray(maps.reshape(*maps.shape[:-2], -1)[..., index].reshape(maps.shape))
-
-
-@lru_cache(maxsize=8)
-def _nearest(shape: tuple[int, int]) -> np.ndarray[Any, np.dtype[np.intp]]:
     from scipy.ndimage import distance_transform_edt
 
-    pitch = [2 / (n - 1) for n in shape]
-    row, column = distance_transform_edt(
-        ~disc(shape), sampling=pitch, return_distances=False, return_indices=True
-    )
-    return np.asarray((row * shape[1] + column).ravel())
+    whole = nearest(lit.astype(np.float64), np.broadcast_to(inside, lit.shape)) > 0
+    pitch = [2 / (n - 1) for n in lit.shape[2:]]
+    half = min(pitch) / 2
+    out = np.full(lit.shape, np.nan)
+    for index in np.ndindex(lit.shape[:2]):
+        one = whole[index]
+        if not one.all():
+            within, beyond = (distance_transform_edt(m, sampling=pitch) for m in (one, ~one))
+            out[index] = np.where(one, within - half, half - beyond)
+    for maps in out:
+        cut = [-float(one.min()) for one in maps if np.isfinite(one).all()]
+        maps[np.isnan(maps)] = min(cut, default=1.0)
+    return out
+
+
+def continued_edges(edges: Values, inside: Any) -> Values:
+    """Edges, shape (l, m, n_v, n_u), continued beyond the disc."""
+    flat = edges.reshape(-1, *edges.shape[2:])
+    known = np.broadcast_to(inside, flat.shape)
+    return continued(np.where(known, flat, 0.0), known).reshape(edges.shape)
 
 
 # Splines in the pupil: uniform cubic B-splines, whose fourth difference is 0 at both ends

@@ -26,8 +26,10 @@ from clplen.cameras.optics.map_interpolation import (
     bilinear,
     coefficients,
     continued,
+    continued_edges,
     disc,
-    nearest_inside,
+    edges_of,
+    nearest,
     require_room,
     spline,
 )
@@ -52,10 +54,11 @@ class OPDMaps(Savable):
     unit disc do not count. A path is positive where it retards, as exp(+ikz) does, from the sphere
     about the place where the chief ray arrives; a tilt in it moves the image beside that place.
 
-    In the pupil a path is a bicubic spline, a transmission bilinear. Between fields along a radius
-    or on a grid, and between wavelengths, paths, distortion and pupil shift are cubic splines
-    (parabolas through three, straight through two), transmissions straight; between scattered
-    fields all are linear in Delaunay's triangles. Nothing is extrapolated.
+    In the pupil a path is a bicubic spline, transmission and edge are bilinear. Between fields
+    along a radius or on a grid, paths, distortion and pupil shift are cubic splines (parabolas
+    through three, straight through two), transmission and edge straight; between scattered fields all are
+    linear in Delaunay's triangles. Between wavelengths they are the same splines of 1/lam^2, as
+    dispersion is. Nothing is extrapolated.
 
     Parameters
     ----------
@@ -81,15 +84,21 @@ class OPDMaps(Savable):
         up to .5, shapes as of ``distortion``. No light is lost by it. None: in the middle.
     transmission : array_like, optional
         Share of the energy that passes each sample, 0 to 1, shape of ``path`` or without its first
-        axis. None: 1 where there is a path, 0 where it is NaN.
+        axis. None: 1.
+    edge : array_like, optional
+        Where the lens' other rims cut the pupil: a number that falls through 0 there, positive
+        where light passes, shapes as of ``transmission``, such as the smallest 1 - r/a of all
+        surfaces that a ray meets at the height r, a the height of their rims. None: half a sample
+        from where the path is NaN, or the transmission 0.
     pupil_distance, pupil_diameter : float, optional
         The exit pupil's distance from the image plane and its diameter in metres, where known:
         their ratio is the f-number that the camera should have.
 
     Attributes
     ----------
-    paths, transmissions : numpy.ndarray
-        As given, float64, read only; NaN beyond the disc, of ``paths`` also where no ray passed.
+    paths, transmissions, edges : numpy.ndarray
+        Float64, read only, shape (n_wavelengths, n_fields, n_v, n_u). ``paths`` as given and
+        ``edges`` are NaN beyond the disc, ``transmissions`` are continued beyond disc and edges.
     fields, wavelengths, distortion, pupil_shift : numpy.ndarray
         As given, float64, read only; ``wavelengths`` may be None.
     symmetric, pupil_distance, pupil_diameter
@@ -118,6 +127,7 @@ class OPDMaps(Savable):
         distortion: Any = None,
         pupil_shift: Any = None,
         transmission: Any = None,
+        edge: Any = None,
         pupil_distance: float | None = None,
         pupil_diameter: float | None = None,
     ) -> None:
@@ -128,19 +138,28 @@ class OPDMaps(Savable):
         self.fields = _fields(fields, paths.shape[1], self.symmetric)
         self.wavelengths = _wavelengths(wavelengths, paths.shape[0])
         self._places = FieldPlaces(self.fields, self.symmetric)
-        self._lines = None if self.wavelengths is None else Line(self.wavelengths)
+        self._lines = None if self.wavelengths is None else Line(self.wavelengths**-2.0)
         inside = disc((paths.shape[2], paths.shape[3]))
-        self.transmissions = _transmissions(transmission, paths, inside)
         self.paths = np.where(inside, paths, np.nan)
-        _require_light(self)
+        share = _shares(transmission, self.paths, inside)
+        lit = np.isfinite(self.paths) if share is None else share > 0
+        cuts = _cuts(edge, self.paths, inside)
+        if cuts is not None:
+            lit = inside & (cuts > 0) & (lit if share is not None else True)
+        _require_light(self.paths, lit)
         _require_metres(self)
+        cuts = edges_of(lit, inside) if cuts is None else cuts
+        self.edges = np.where(inside, cuts, np.nan)
+        self.transmissions = np.ones(paths.shape) if share is None else nearest(share, lit)
         pairs = (len(self.paths), len(self.fields), 2)
         self.distortion = _pairs(distortion, pairs, "distortion")
         self.pupil_shift = _pairs(pupil_shift, pairs, "pupil_shift")
         _require_steps(self)
         self.pupil_distance = _length(pupil_distance, "pupil_distance")
         self.pupil_diameter = _length(pupil_diameter, "pupil_diameter")
-        for array in (self.paths, self.transmissions, self.distortion, self.pupil_shift):
+        for array in (
+            self.paths, self.transmissions, self.edges, self.distortion, self.pupil_shift
+        ):  # fmt: skip
             array.setflags(write=False)
 
     @classmethod
@@ -170,7 +189,7 @@ class OPDMaps(Savable):
         wavelengths : sequence of float, optional
             In metres; None: those of the prescription.
         samples : int
-            Of a map along each axis, odd. Three times as many rays find the vignetting.
+            Of a map along each axis, 5 or more.
 
         Returns
         -------
@@ -222,7 +241,7 @@ class OPDMaps(Savable):
             "fields", "wavelengths", "symmetric", "distortion", "pupil_shift", "pupil_distance",
             "pupil_diameter",
         )  # fmt: skip
-        found = {"path": self.paths, "transmission": self.transmissions}
+        found = {"path": self.paths, "transmission": self.transmissions, "edge": self.edges}
         return found | {name: getattr(self, name) for name in names}
 
     @property
@@ -233,7 +252,8 @@ class OPDMaps(Savable):
     @property
     def vignettes(self) -> bool:
         """Whether some light does not pass."""
-        return bool((self._passed < 1).any())
+        inside = disc((self.paths.shape[2], self.paths.shape[3]))
+        return bool(((self.edges <= 0) | (self.transmissions < 1))[..., inside].any())
 
     @property
     def largest_shift(self) -> float:
@@ -308,11 +328,45 @@ class OPDMaps(Savable):
         Returns
         -------
         numpy.ndarray
-            float64, 0 to 1, the broadcast shape of ``v`` and ``u``.
+            float64, 0 to 1, the broadcast shape of ``v`` and ``u``; 0 beyond the edge.
         """
-        share = self._mixed(self._passed, y, x, wavelength, STRAIGHT)
-        at = _turned_back(*_on_disc(v, u), self._places.turn(y, x))
-        return np.clip(bilinear(share, *at), 0, 1)
+        share, covered = self.share_and_cover(y, x, wavelength, v, u, 0.0)
+        return share * covered
+
+    def share_and_cover(
+        self, y: float, x: float, wavelength: float, v: Any, u: Any, cell: float
+    ) -> tuple[Values, Values]:
+        """Share of the energy that passes within the edge, and how much of cells is within it.
+
+        Parameters are those of `path`, and
+
+        Parameters
+        ----------
+        cell : float
+            Width of the cells about the places along both axes, as a fraction of the radius.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            Both float64, 0 to 1, the broadcast shape of ``v`` and ``u``.
+        """
+        turn, at = self._places.turn(y, x), _on_disc(v, u)
+        share, edge = (
+            self._mixed(maps, y, x, wavelength, STRAIGHT)
+            for maps in (self.transmissions, self._cut)
+        )
+        passed = np.clip(bilinear(share, *_turned_back(*at, turn)), 0, 1)
+        middle = bilinear(edge, *_turned_back(*at, turn))
+        if not cell:
+            return passed, (middle > 0).astype(np.float64)
+        rise = np.zeros(middle.shape)
+        for down, right in ((cell / 2, 0.0), (0.0, cell / 2)):
+            ends = [
+                bilinear(edge, *_turned_back(at[0] + sign * down, at[1] + sign * right, turn))
+                for sign in (-1, 1)
+            ]
+            rise += np.abs(ends[1] - ends[0])
+        return passed, np.clip(0.5 + middle / np.maximum(rise, 1e-300), 0, 1)
 
     def chief_ray(self, y: float, x: float, wavelength: float) -> tuple[float, float]:
         """Where the chief ray of a point imaged at (y, x) arrives, (y, x) in metres.
@@ -353,8 +407,9 @@ class OPDMaps(Savable):
         """
         colour = self._colour(wavelength, SMOOTH)
         paths = np.tensordot(colour, self._whole, 1)
-        share = np.clip(np.tensordot(self._colour(wavelength, STRAIGHT), self._passed, 1), 0, 1)
-        weight = share * disc((paths.shape[1], paths.shape[2]))
+        straight = self._colour(wavelength, STRAIGHT)
+        share, edge = (np.tensordot(straight, m, 1) for m in (self.transmissions, self.edges))
+        weight = np.clip(share, 0, 1) * (edge > 0) * disc((paths.shape[1], paths.shape[2]))
         total = weight.sum(axis=(1, 2))
         mean = (weight * paths).sum(axis=(1, 2)) / total
         square = (weight * (paths - mean[:, None, None]) ** 2).sum(axis=(1, 2)) / total
@@ -386,7 +441,7 @@ class OPDMaps(Savable):
     def _largest_slopes(self, wavelength: float) -> tuple[float, float]:
         colour, inside = self._colour(wavelength, SMOOTH), disc(self.paths.shape[2:])
         v, u = (np.broadcast_to(axis, inside.shape)[inside] for axis in axes(inside.shape))
-        lit = self._passed[..., inside].max(axis=0) > 0
+        lit = self.edges[..., inside].max(axis=0) > 0
         steepest = 0.0
         for number, table in enumerate(np.tensordot(colour, self._tables, 1)):
             at = (v[lit[number]], u[lit[number]])
@@ -409,21 +464,22 @@ class OPDMaps(Savable):
         return coefficients(self._whole)
 
     @cached_property
-    def _passed(self) -> Values:
-        return nearest_inside(np.nan_to_num(self.transmissions))
+    def _cut(self) -> Values:
+        """Edges continued over the square."""
+        return continued_edges(self.edges, disc((self.paths.shape[2], self.paths.shape[3])))
 
     def _colour(self, wavelength: float, degree: int) -> Values:
         """How much of each wavelength counts at one."""
         if self._lines is None:
             return np.ones(1)
-        low, high = self._lines.ends
+        low, high = (one**-0.5 for one in self._lines.ends[::-1])
         if not (low * (1 - 1e-6) <= wavelength <= high * (1 + 1e-6)):
             held = metres(low) if low == high else f"{metres(low)} to {metres(high)}"
             raise ValueError(
                 f"The OPD maps are for wavelengths of {held}, not {metres(wavelength)}: add maps, "
                 "or leave wavelengths out where the path is the same at all."
             )
-        return self._lines.weights(wavelength, degree)
+        return self._lines.weights(wavelength**-2.0, degree)
 
     def _mixed(self, maps: Values, y: float, x: float, wavelength: float, degree: int) -> Values:
         """What is given for each wavelength and field, at one of both."""
@@ -439,7 +495,7 @@ class OPDMaps(Savable):
         return float(down * cosine + right * sine), float(right * cosine - down * sine)
 
 
-_KEPT = ("digest", "_steepest", "_whole", "_tables", "_passed")  # made again when they are needed
+_KEPT = ("digest", "_steepest", "_whole", "_tables", "_cut")  # made again when they are needed
 
 
 def _on_disc(v: Any, u: Any) -> tuple[Values, Values]:
@@ -513,39 +569,51 @@ def _wavelengths(given: Any, count: int) -> Values | None:
     return found
 
 
-def _transmissions(given: Any, paths: Values, inside: Any) -> Values:
+def _shares(given: Any, paths: Values, inside: Any) -> Values | None:
+    """The transmission where it is given."""
+    found = _like_paths(given, paths, "transmission")
+    if found is None:
+        return None
+    ok = (found >= 0) & (found <= 1) | ~inside
+    if not ok.all():
+        raise ValueError(
+            "transmission is a share of the energy, 0 to 1, in all of the pupil, not "
+            f"{found[~ok][0]:g}."
+        )
+    return np.where(inside, found, 0.0)
+
+
+def _cuts(given: Any, paths: Values, inside: Any) -> Values | None:
+    """The edge where it is given."""
+    found = _like_paths(given, paths, "edge")
+    if found is not None and not np.isfinite(found[..., inside]).all():
+        raise ValueError("edge is finite in all of the pupil; some of it is not.")
+    return found
+
+
+def _like_paths(given: Any, paths: Values, name: str) -> Values | None:
     if given is None:
-        found = np.isfinite(paths).astype(np.float64)
-    else:
-        found = real_array(given, "transmission", np.float64)
-        if found.shape not in (paths.shape, paths.shape[1:]):
-            raise ValueError(
-                f"transmission has the shape of path, {paths.shape}, or {paths.shape[1:]}, not "
-                f"{found.shape}."
-            )
-        found = np.array(np.broadcast_to(found, paths.shape))
-        ok = (found >= 0) & (found <= 1) | ~inside
-        if not ok.all():
-            raise ValueError(
-                "transmission is a share of the energy, 0 to 1, in all of the pupil, not "
-                f"{found[~ok][0]:g}."
-            )
-    return np.where(inside, found, np.nan)
+        return None
+    found = real_array(given, name, np.float64)
+    if found.shape not in (paths.shape, paths.shape[1:]):
+        raise ValueError(
+            f"{name} has the shape of path, {paths.shape}, or {paths.shape[1:]}, not {found.shape}."
+        )
+    return np.array(np.broadcast_to(found, paths.shape))
 
 
-def _require_light(maps: OPDMaps) -> None:
+def _require_light(paths: Values, lit: Any) -> None:
     """Each map holds paths where light passes, and enough of them."""
-    known, lit = np.isfinite(maps.paths), maps.transmissions > 0
-    if np.isinf(maps.paths).any():
+    if np.isinf(paths).any():
         raise ValueError("path is finite, in metres, or NaN where no ray passed; some is infinite.")
-    wrong = (lit & ~known).sum(axis=(2, 3))
+    wrong = (lit & ~np.isfinite(paths)).sum(axis=(2, 3))
     if wrong.any():
         colour, field = np.argwhere(wrong)[0]
         raise ValueError(
             f"path is NaN at {wrong[colour, field]} samples of field {field}, wavelength {colour}, "
-            "where the transmission says that light passes: give the path there, or transmission 0."
+            "where light passes by transmission or edge: give the path there, or transmission 0."
         )
-    few = np.minimum(known.sum(axis=(2, 3)), lit.sum(axis=(2, 3)))
+    few = lit.sum(axis=(2, 3))
     if (few < LEAST_LIT).any():
         colour, field = np.argwhere(few < LEAST_LIT)[0]
         raise ValueError(

@@ -17,7 +17,6 @@ from clplen.cameras.optics.map_interpolation import require_room
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 MM = 1e-3  # optiland's lengths are in millimetres, its wavelengths in micrometres
-FINER = 3  # rays along each axis for one sample of the path: what vignetting is found by
 NEAR = 1e-4  # of the largest field: where the scale of the image is found
 SYMMETRIC = 0.02  # wavelengths, rms, by which a turned field may differ
 KINDS = ("AngleField", "ObjectHeightField", "ParaxialImageHeightField")
@@ -43,10 +42,10 @@ def trace_maps(
     ValueError
         As `OPDMaps.traced`.
     """
-    fractions, samples = _fractions(fields), _odd(samples)
+    fractions, samples = _fractions(fields), _count(samples)
     lens = _Lens(_opened(optic))
     colours = lens.wavelengths() if wavelengths is None else _checked(wavelengths)
-    require_room(len(colours) * len(fractions) * samples**2 * FINER**2)
+    require_room(len(colours) * len(fractions) * samples**2)
     main = lens.primary() if wavelengths is None else float(colours[0])
     scale, axial = lens.scale(main), lens.wavefront(0.0, 0.0, main, samples)
     sign = axial.orientation()
@@ -54,17 +53,19 @@ def trace_maps(
     if len(fractions) > 1:
         lens.require_symmetry(max(fractions), main, samples)
     shape = (len(colours), len(fractions))
-    path, passed = np.empty((2, *shape, samples, samples))
+    path, passed, edge = np.empty((3, *shape, samples, samples))
     moved, shifted = np.zeros((2, *shape, 2))
     for n, colour in enumerate(colours):
         for k, fraction in enumerate(fractions):
             one = lens.wavefront(0.0, fraction, colour, samples)
-            path[n, k], passed[n, k] = one.path[::sign, ::sign], one.passed[::sign, ::sign]
+            for maps, found in ((path, one.path), (passed, one.passed), (edge, one.edge)):
+                maps[n, k] = found[::sign, ::sign]
             moved[n, k, 0] = one.place[0] - ideal[k]
             shifted[n, k, 0] = one.shift
     return {
         "path": path,
         "transmission": np.where(np.isfinite(path), passed, 0.0),
+        "edge": edge if np.isfinite(edge).any() else None,
         "fields": np.stack([ideal, np.zeros_like(ideal)], axis=-1),
         "wavelengths": np.asarray(colours),
         "symmetric": len(fractions) > 1,
@@ -77,13 +78,14 @@ def trace_maps(
 
 @dataclass(frozen=True)
 class _Wavefront:
-    """A point's wavefront: path in metres, share of rays that pass, chief ray at image and pupil.
+    """A point's wavefront: path in metres, share of energy, edge, chief ray at image and pupil.
 
     ``rays`` are the pupil's places of rays by their heights in the exit pupil, for its orientation.
     """
 
     path: Values
     passed: Values
+    edge: Values
     place: tuple[float, float]
     shift: float
     rays: tuple[Values, Values]
@@ -145,28 +147,26 @@ class _Lens:
         """The wavefront of a field."""
         from optiland.wavefront import Wavefront
 
-        fine = FINER * (samples - 1) + 2 * (FINER // 2) + 1
-        step = 2 / (FINER * (samples - 1))
-        axis = (np.arange(fine) - fine // 2) * step
+        axis = np.linspace(-1, 1, samples)
         inside = np.hypot(axis[:, None], axis) <= 1 + 1e-12
         v, u = (np.broadcast_to(a, inside.shape)[inside] for a in (axis[:, None], axis))
+        field, distribution = (across, up), _Rays(u, v)
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")  # of rays that miss a surface
             found = Wavefront(
                 self.optic,
-                fields=[(across, up)],
+                fields=[field],
                 wavelengths=[wavelength * 1e6],
-                distribution=_Rays(u, v),  # type: ignore[arg-type, unused-ignore]
-            ).get_data((across, up), wavelength * 1e6)
+                distribution=distribution,  # type: ignore[arg-type, unused-ignore]
+            ).get_data(field, wavelength * 1e6)
+            self.optic.trace(*field, wavelength * 1e6, None, distribution)
         waves, share, height = (
             np.asarray(one, np.float64) for one in (found.opd, found.intensity, found.pupil_y)
         )
         failed = (waves == 0) & (share == 0) & (height == 0) & (np.asarray(found.pupil_x) == 0)
-        whole = np.full(inside.shape, np.nan)
-        whole[inside] = np.where(failed, np.nan, -waves * wavelength)  # optiland's OPD is ahead
-        light = np.full(inside.shape, np.nan)
-        light[inside] = share
-        middle = slice(FINER // 2, None, FINER)
+        path, light, edge = np.full((3, *inside.shape), np.nan)
+        path[inside] = np.where(failed, np.nan, -waves * wavelength)  # optiland's OPD is ahead
+        light[inside], edge[inside] = share, self._edges(share > 0)
         place, pupil = self.chief(across, up, wavelength)
         if not (share > 0).any():
             raise ValueError(
@@ -174,12 +174,31 @@ class _Lens:
                 f"{units.metres(wavelength)}: ask for smaller fields."
             )
         return _Wavefront(
-            whole[middle, middle],
-            _cells(light),
+            path,
+            light,
+            edge,
             place,
             pupil[0] / self.pupil_radius,
             (v[~failed], height[~failed]),
         )
+
+    def _edges(self, passes: Any) -> Values:
+        """How far within the rims of all surfaces the rays just traced stay, 1 - r/a at the least.
+
+        NaN where a rim is no circle about the axis.
+        """
+        out = np.full(passes.shape, np.nan)
+        surfaces = self.optic.surfaces
+        x, y = (np.asarray(getattr(surfaces, name), np.float64) for name in "xy")
+        for number in range(len(x)):
+            rim = surfaces[number].aperture
+            if rim is None:
+                continue
+            if type(rim).__name__ != "RadialAperture" or rim.r_min:
+                return np.full(passes.shape, np.nan)
+            out = np.fmin(out, 1 - np.hypot(x[number], y[number]) / float(rim.r_max))
+        held = np.where(np.isnan(out), 1.0, out)  # of light that is lost otherwise, just without
+        return np.where(passes, np.maximum(held, 1e-9), np.where(held < 0, held, -0.05))
 
     def require_symmetry(self, fraction: float, wavelength: float, samples: int) -> None:
         """Refuse a lens whose light changes as the field is turned by a right angle."""
@@ -196,17 +215,6 @@ class _Lens:
                 f"changes by {off / wavelength:.3g} waves rms as the field is turned by 90 "
                 "degrees. Give maps of fields all over the image to OPDMaps(...) instead."
             )
-
-
-def _cells(light: Values) -> Values:
-    """Means over the cells of the samples, of what is known in each."""
-    known = np.isfinite(light)
-    half = light.shape[0] // FINER
-    sums = [
-        np.where(known, part, 0.0).reshape(half, FINER, half, FINER).sum(axis=(1, 3))
-        for part in (light, np.ones_like(light))
-    ]
-    return np.asarray(sums[0] / np.maximum(sums[1], 1))
 
 
 def _opened(optic: Any) -> Any:
@@ -244,9 +252,9 @@ def _fractions(fields: int | Sequence[float]) -> Values:
     return found
 
 
-def _odd(samples: int) -> int:
-    if samples != int(samples) or samples < 5 or samples % 2 == 0:
-        raise ValueError(f"samples of a map are odd, 5 or more along each axis, not {samples!r}.")
+def _count(samples: int) -> int:
+    if samples != int(samples) or samples < 5:
+        raise ValueError(f"samples of a map are 5 or more along each axis, not {samples!r}.")
     return int(samples)
 
 

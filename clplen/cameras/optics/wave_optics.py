@@ -458,9 +458,11 @@ class WaveOptics(FixedOptics):
         assert maps is not None
         rows, columns, v, u = self._cells(pupil)
         down, right = maps.pupil_centre(*place)
-        share = np.zeros(pupil.grid.shape)
-        share[rows, columns] = maps.transmission(*place, v - down, u - right)
-        return np.sqrt(share).astype(pupil.device.complex)
+        amplitude = np.zeros(pupil.grid.shape)
+        cell = max(pupil.grid.pitch) / (self.aperture_diameter / 2)
+        share, covered = maps.share_and_cover(*place, v - down, u - right, cell)
+        amplitude[rows, columns] = np.sqrt(share) * covered
+        return amplitude.astype(pupil.device.complex)
 
     def _cells(self, pupil: Field) -> tuple[Any, Any, Values, Values]:
         """Samples whose cells light may touch: rows, columns, and places v, u on the aperture."""

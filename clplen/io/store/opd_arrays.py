@@ -1,6 +1,6 @@
 """OPD maps in HDF5 and Zarr: a group with the arrays of `OPDMaps`, in SI units.
 
-Arrays ``path`` and ``transmission`` (wavelengths, fields, v, u), ``fields`` (fields, 2),
+Arrays ``path``, ``transmission`` and ``edge`` (wavelengths, fields, v, u), ``fields`` (fields, 2),
 ``distortion`` and ``pupil_shift`` (wavelengths, fields, 2), and ``wavelengths`` where there are
 any; attributes ``symmetric``, ``pupil_distance`` and ``pupil_diameter``, the latter two where they
 are known. With a camera it lies in its group, as ``camera/opd``.
@@ -22,7 +22,7 @@ from clplen.io.formats.untrusted import UNREADABLE, require_bytes
 from clplen.io.store import hdf5_files, zarr_files
 
 OPD = "opd"
-ARRAYS = ("path", "transmission", "fields", "wavelengths", "distortion", "pupil_shift")
+ARRAYS = ("path", "transmission", "edge", "fields", "wavelengths", "distortion", "pupil_shift")
 NUMBERS = ("pupil_distance", "pupil_diameter")
 SYMMETRIC = "symmetric"
 
