@@ -58,22 +58,23 @@ COOKE_TRIPLET = Prescription(
     stop=3, aperture=50 / 5.6, field=20.0)
 
 DOUBLE_GAUSS = Prescription(
-    "double Gauss, 100 mm f/5",
+    "double Gauss, 100 mm f/6.7",
     "after U.S. Patent 2,532,751 (J. G. Baker, 1950), with the numbers that programs of lens "
-    "design hand out as their sample of 28 degrees. There f/2 to f/3; stopped down, edges chosen here",
+    "design hand out as their sample of 28 degrees. There f/2 to f/3; stopped down, and edges "
+    "chosen here",
     (
-        (56.20238, 8.75, "N-SSK2", 17.5),
-        (152.28580, 0.5, None, 16.5),
-        (37.68262, 12.5, "N-SK2", 15.5),
-        (FLAT, 3.8, "F5", 14.0),
-        (24.23130, 16.369445, None, 11.5),
+        (56.20238, 8.75, "N-SSK2", 15.5),
+        (152.28580, 0.5, None, 14.5),
+        (37.68262, 12.5, "N-SK2", 13.5),
+        (FLAT, 3.8, "F5", 12.0),
+        (24.23130, 16.369445, None, 10.0),
         (FLAT, 13.747957, None, 0.0),
-        (-28.37731, 3.8, "F5", 11.5),
-        (FLAT, 11.0, "N-SK16", 13.5),
-        (-37.92546, 0.5, None, 14.5),
-        (177.41176, 7.0, "N-SK16", 15.0),
-        (-79.41143, 61.487536, None, 15.0),
+        (-28.37731, 3.8, "F5", 10.0),
+        (FLAT, 11.0, "N-SK16", 12.0),
+        (-37.92546, 0.5, None, 13.0),
+        (177.41176, 7.0, "N-SK16", 13.5),
+        (-79.41143, 61.487536, None, 13.5),
     ),
-    stop=6, aperture=20.0, field=14.0)
+    stop=6, aperture=15.0, field=14.0)
 
 LENSES = {"cooke": COOKE_TRIPLET, "gauss": DOUBLE_GAUSS}

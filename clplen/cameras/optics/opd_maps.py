@@ -56,9 +56,9 @@ class OPDMaps(Savable):
 
     In the pupil a path is a bicubic spline, transmission and edge are bilinear. Between fields
     along a radius or on a grid, paths, distortion and pupil shift are cubic splines (parabolas
-    through three, straight through two), transmission and edge straight; between scattered fields all are
-    linear in Delaunay's triangles. Between wavelengths they are the same splines of 1/lam^2, as
-    dispersion is. Nothing is extrapolated.
+    through three, straight through two), transmission and edge straight; between scattered fields
+    all are linear in Delaunay's triangles. Between wavelengths they are the same splines of
+    1/lam^2, as dispersion is. Nothing is extrapolated.
 
     Parameters
     ----------
