@@ -12,6 +12,7 @@ from tolerance import relative_max
 
 from clplen import (
     Coherence,
+    Grid,
     MicrolensArray,
     PicturePlane,
     PlenopticCamera,
@@ -22,6 +23,7 @@ from clplen.analysis import PSF
 from clplen.cameras import Aberrations, OPDMaps, Plenoptic1, scene_energy
 from clplen.cameras.optics.camera_aberrations import slopes
 from clplen.compute.device import Device
+from clplen.wave.elements.hard_apertures import disc_coverage
 from clplen.wave.elements.zernike import noll, zernike
 
 LAM, F, R = 532e-9, 0.24, 1.8e-3
@@ -254,6 +256,22 @@ def test_vignetting_by_two_circles(device: Device) -> None:
         assert sampled_only.passed(-radius, 0, LAM) == pytest.approx(expected, abs=0.015)
 
 
+def test_cells_on_the_edge_keep_the_covered_part() -> None:
+    """Of a disc that is cut out beside the middle, in cells of many sizes."""
+    v, u, disc_ = pupil(61, 47)
+    centre, r = (0.15, -0.3), 0.6
+    edge = r - np.hypot(v - centre[0], u - centre[1])
+    maps = OPDMaps([[0 * disc_]], fields=[(0, 0)], edge=[edge], transmission=[0.81 + 0 * v])
+    for n in (41, 97, 300):
+        grid = Grid((n, n), 2 / n)
+        share, covered = maps.share_and_cover(0, 0, LAM, grid.y[:, None], grid.x, 2 / n)
+        assert share == pytest.approx(0.81)
+        exact = disc_coverage(grid, r, centre)
+        # what is bilinear between samples is off by h^2/(8 r) of a circle, h = 2/46
+        assert np.abs(covered - exact).max() <= 1e-3 + (2 / 46) ** 2 / (8 * r) * n / 2 * 1.5
+        assert covered.mean() == pytest.approx(exact.mean(), rel=1e-3)
+
+
 def test_the_side_that_is_vignetted(device: Device) -> None:
     """Light that passes the upper half of the pupil only: out of focus the blur's half is seen."""
     v, u, disc = pupil(33, 33)
@@ -474,6 +492,8 @@ def test_places_and_wavelengths_beyond_the_maps(device: Device) -> None:
     three = OPDMaps(flat, fields=[(-1e-3, 0), (1e-3, 0), (0, 1e-3)], wavelengths=[LAM])
     camera = camera_of(device)
     far = PointSources((1.3e-3, 0.4e-3, 0))
+    with pytest.raises(ValueError, match=r"reach 1\.2 mm"):
+        camera.with_aberrations(Aberrations(main_lens_opd=near)).check_scene(far)
     for maps, said in (
         (near, r"reach 1.2 mm from the axis; the point is imaged at \(-400 um, -1.3 mm\), 1.36015"),
         (on_grid(), r"from \(y, x\) = \(-1.3 mm, -1.2 mm\) to \(1.2 mm, 1.1 mm\)"),

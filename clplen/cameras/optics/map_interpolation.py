@@ -177,6 +177,23 @@ def continued_edges(edges: Values, inside: Any) -> Values:
     return continued(np.where(known, flat, 0.0), known).reshape(edges.shape)
 
 
+def part_within(middle: Values, down: Values, right: Values) -> Values:
+    """How much of cells lies where a plane is positive, 0 to 1.
+
+    Parameters
+    ----------
+    middle : numpy.ndarray
+        The plane's height in the middle of each cell.
+    down, right : numpy.ndarray
+        How much it rises across the cell along both axes, not negative.
+    """
+    steep = np.maximum(np.maximum(down, right), 1e-150)
+    flat = np.maximum(np.minimum(down, right), 1e-6 * steep)
+    above = np.clip(middle, -(steep + flat) / 2, (steep + flat) / 2) + (steep + flat) / 2
+    area = above**2 - np.maximum(above - steep, 0) ** 2 - np.maximum(above - flat, 0) ** 2
+    return np.asarray(np.clip(area / (2 * steep * flat), 0, 1))
+
+
 # Splines in the pupil: uniform cubic B-splines, whose fourth difference is 0 at both ends
 
 

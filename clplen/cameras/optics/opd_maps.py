@@ -30,6 +30,7 @@ from clplen.cameras.optics.map_interpolation import (
     disc,
     edges_of,
     nearest,
+    part_within,
     require_room,
     spline,
 )
@@ -359,14 +360,14 @@ class OPDMaps(Savable):
         middle = bilinear(edge, *_turned_back(*at, turn))
         if not cell:
             return passed, (middle > 0).astype(np.float64)
-        rise = np.zeros(middle.shape)
+        rises = []
         for down, right in ((cell / 2, 0.0), (0.0, cell / 2)):
             ends = [
                 bilinear(edge, *_turned_back(at[0] + sign * down, at[1] + sign * right, turn))
                 for sign in (-1, 1)
             ]
-            rise += np.abs(ends[1] - ends[0])
-        return passed, np.clip(0.5 + middle / np.maximum(rise, 1e-300), 0, 1)
+            rises.append(np.abs(ends[1] - ends[0]))
+        return passed, part_within(middle, *rises)
 
     def chief_ray(self, y: float, x: float, wavelength: float) -> tuple[float, float]:
         """Where the chief ray of a point imaged at (y, x) arrives, (y, x) in metres.
