@@ -345,7 +345,9 @@ class FieldPlaces:
     def __init__(self, fields: Values, symmetric: bool) -> None:
         self.fields, self.symmetric = fields, symmetric
         self.reach = float(np.hypot(*fields.T).max())
-        self._angle, self._lines, self._triangles = 0.0, (), None
+        self._angle = 0.0
+        self._lines: tuple[Line, ...] = ()
+        self._triangles: Any = None
         self._index: Any = None
         if symmetric:
             self._along_radius()

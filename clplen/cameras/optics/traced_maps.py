@@ -242,10 +242,10 @@ def _opened(optic: Any) -> Any:
 
 
 def _fractions(fields: int | Sequence[float]) -> Values:
-    if np.ndim(fields) == 0:
-        if fields != int(fields) or fields < 1:  # type: ignore[arg-type, operator]
+    if isinstance(fields, int | np.integer):
+        if fields < 1:
             raise ValueError(f"fields is how many, 1 or more, or their fractions, not {fields!r}.")
-        return np.linspace(0, 1, int(fields))  # type: ignore[arg-type]
+        return np.linspace(0, 1, int(fields))
     found = np.asarray(fields, np.float64)
     if found.ndim != 1 or not len(found) or not ((found >= 0) & (found <= 1)).all():
         raise ValueError(f"fields are fractions of the largest field, 0 to 1, not {fields!r}.")

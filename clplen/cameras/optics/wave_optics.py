@@ -464,7 +464,7 @@ class WaveOptics(FixedOptics):
         amplitude[rows, columns] = np.sqrt(share) * covered
         return amplitude.astype(pupil.device.complex)
 
-    def _cells(self, pupil: Field) -> tuple[Any, Any, Values, Values]:
+    def _cells(self, pupil: Field) -> tuple[Any, Any, Any, Any]:
         """Samples whose cells light may touch: rows, columns, and places v, u on the aperture."""
         y, x = offsets(pupil.grid)
         reach, radius = self.lit_diameter / 2, self.aperture_diameter / 2

@@ -103,7 +103,7 @@ def _made(
     missing = [name for name in ("path", "fields") if name not in held]
     if missing:
         raise FormatError(f"The OPD maps in {path} lack the array {missing[0]!r}.")
-    arrays = {}
+    arrays: dict[str, Any] = {}
     for name, one in held.items():
         if np.dtype(one.dtype).kind not in "iuf":
             raise FormatError(f"{path}: {name!r} of the OPD maps holds {one.dtype}, not numbers.")
