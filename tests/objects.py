@@ -114,6 +114,7 @@ def stream(device: Device) -> clplen.lightfield.StackTiles:
 EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "OTF": lambda _: clplen.analysis.OTF.of(psf()),
     "PSF": lambda _: psf(),
+    "OPDMaps": lambda _: clplen.cameras.OPDMaps(np.zeros((1, 1, 9, 9)), fields=[(0, 0)]),
     "Aberrations": lambda _: clplen.cameras.Aberrations(main_lens={4: 1e-7}, lenslets={4: 1e-7}),
     "AlphaEstimate": lambda device: clplen.estimate_alpha(lightfield(device), method="energy"),
     "Coherence": lambda _: clplen.Coherence(

@@ -280,7 +280,7 @@ def test_what_needs_samples_of_the_sensor_says_so(device: Device) -> None:
     slide = PicturePlane(np.ones((3, 3)), 1e-3, mode="transmission")
     from clplen import Coherence
 
-    with pytest.raises(ValueError, match="Slides are exposed by fields on the pixels' middles"):
+    with pytest.raises(ValueError, match="Slides are exposed by fields in the middles of pixels"):
         fast(device).expose(slide, coherence=Coherence())
     with pytest.raises(SamplingError, match="cycles/m"):
         fast(device).expose(PicturePlane(np.ones((3, 3)), 1e-3), method="isoplanatic")

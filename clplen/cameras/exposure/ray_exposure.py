@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -245,25 +245,57 @@ def _add_points(image: Vector, optics: RayOptics, source: PointSources, count: i
         part = slice(first, first + step)
         sample = (spread[None] + turns[part, None]) % 1
         on_disc = _disc(sample[..., :2])
-        u = on_disc * optics.aperture_diameter / 2
+        wavefront = _main_lens(optics, on_disc, images[part])
+        u = (on_disc + wavefront.centre) * optics.aperture_diameter / 2
         moved = _disc(sample[..., 2:]) * (source.diameter / 2 * scale[part])[:, None, None]
         x = places[part, None] + moved + u * (1 - beta[part])[:, None, None]
-        x += optics.array_distance * _main_slopes(optics, on_disc, images[part])
+        x += optics.array_distance * wavefront.slopes
         energy = np.broadcast_to((source.power[part] / count)[:, None], u.shape[:2])
+        energy = energy * wavefront.passed
         _deposit(image, optics, x.reshape(-1, 2), u.reshape(-1, 2), energy.ravel())
 
 
-def _main_slopes(optics: RayOptics, on_disc: Vector, images: Vector) -> Any:
-    """Slopes (y, x) that the main lens' wavefront adds to rays, shape of ``on_disc`` or 0."""
-    aberrations = optics.aberrations
+@dataclass(frozen=True)
+class _MainLens:
+    """What the main lens does to rays of points, beside that of a thin lens.
+
+    Attributes
+    ----------
+    slopes : numpy.ndarray or float
+        (y, x) that are added to the rays', shape (n, count, 2) or 0.
+    centre : numpy.ndarray or float
+        Of the pupil on the aperture, (y, x) as fractions of its radius, shape (n, 1, 2) or 0.
+    passed : numpy.ndarray or float
+        Share of the energy of each ray, shape (n, count) or 1.
+    """
+
+    slopes: Any = 0.0
+    centre: Any = 0.0
+    passed: Any = 1.0
+
+
+def _main_lens(optics: RayOptics, on_disc: Vector, images: Vector) -> _MainLens:
+    """For rays from places (y, x) of the pupil, shape (n, count, 2), to images, shape (n, 2)."""
+    aberrations, maps = optics.aberrations, optics.aberrations.main_lens_opd
     if not aberrations.bends_main_lens:
-        return 0.0
-    radius = optics.aperture_diameter / 2
-    found = [
-        np.stack(slopes(aberrations.main_terms(*place), *np.moveaxis(disc, -1, 0)), axis=-1)
-        for disc, place in zip(on_disc, images, strict=True)
-    ]
-    return np.stack(found) / radius
+        return _MainLens()
+    radius, found, centres, shares = optics.aperture_diameter / 2, [], [], []
+    for places, image in zip(on_disc, images, strict=True):
+        v, u = np.moveaxis(places, -1, 0)
+        y, x = (float(at) for at in image)
+        centre = (0.0, 0.0) if maps is None else maps.pupil_centre(y, x, optics.wavelength)
+        beyond = np.maximum(np.hypot(v + centre[0], u + centre[1]), 1)
+        on_aperture = ((v + centre[0]) / beyond, (u + centre[1]) / beyond)
+        bent = np.stack(slopes(aberrations.main_terms(y, x), *on_aperture), axis=-1) / radius
+        if maps is not None:
+            of_maps = maps.slopes(y, x, optics.wavelength, v, u)
+            moved = np.subtract(maps.chief_ray(y, x, optics.wavelength), (y, x))
+            bent += np.stack(of_maps, axis=-1) / radius + moved / optics.image_distance
+            shares.append(maps.transmission(y, x, optics.wavelength, v, u))
+        found.append(bent)
+        centres.append([centre])
+    passed: Any = np.stack(shares) if shares else 1.0
+    return _MainLens(np.stack(found), np.array(centres), passed)
 
 
 def _deposit(image: Vector, optics: RayOptics, x: Vector, u: Vector, energy: Vector) -> None:

@@ -35,7 +35,6 @@ from clplen.lightfield.raw.raw_image import Exposure, RawImage, Transforms
 from clplen.wave.coherence.averaging import Averaging, Progress
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.coherence.spatial_models import LARGEST_SEED
-from clplen.wave.field.field import row_powers
 from clplen.wave.field.intensity import accumulate, add_scaled, average_of
 
 Method = Literal["auto", "points", "local", "isoplanatic"]
@@ -281,8 +280,9 @@ def _add_points(
     )
     for start in range(0, len(points), step):
         chosen = slice(start, min(start + step, len(points)))
-        pupil = optics.pupil(points.positions[chosen], points.diameter, full_grid=False)
-        energy = row_powers(pupil).sum(axis=-1)
+        pupil, energy = optics.pupil_and_energy(
+            points.positions[chosen], points.diameter, full_grid=False
+        )
         at_array = optics.array_field(pupil, pad=to_array)
         fields = optics.sensor_field(at_array, pad=to_sensor)
         weights = points.power[chosen] / energy

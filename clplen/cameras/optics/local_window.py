@@ -33,8 +33,9 @@ TRANSITION = 0.18  # of the rims' filter, cycles a sample
 BAND = 0.8  # of the samples' band that they fill
 RINGS = 20  # Airy radii of light about the geometrical blur
 SAMPLED_RINGS = 30  # the same where windows have the sensor's samples
-NUMBERS = 16  # of a point, for kernels/local_window.cl
-PATHS = 131  # samples across the table of a wavefront, one beyond the pupil on either side
+NUMBERS = 18  # of a point, for kernels/local_window.cl
+PATHS = 163  # samples across the table of a wavefront
+PATH_REACH = 1.25  # of that table, in radii of the pupil, as in the kernel
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ class WindowShape:
 
 def slope_about_carrier(optics: WaveOptics, beta: float) -> float:
     """The steepest ray behind the array from the direction of the chief ray, in radians."""
-    slope = max(1.0, abs(beta)) * optics.aperture_diameter / 2 / optics.array_distance
+    slope = max(1.0, abs(beta)) * optics.lit_diameter / 2 / optics.array_distance
     slope += optics.mla.steepest_slope(optics.wavelength)
     return slope + optics.main_slope() + optics.aberrations.lenslet_slope(optics.mla)
 
@@ -127,7 +128,7 @@ def window_shape(
     beta = float(optics.array_alpha(position[2]))
     many = finer(optics, beta, orders=orders)
     dx = optics.pixel_pitch / many
-    D, z2 = optics.aperture_diameter, optics.array_distance
+    D, z2 = optics.lit_diameter, optics.array_distance
     blur = D / 2 * abs(1 - beta) + z2 * optics.main_slope()
     tilted = 1 + (np.abs(optics.on_array(position[None])).max() / z2) ** 2
     airy = 1.22 * optics.wavelength * z2 / D * tilted
@@ -212,6 +213,7 @@ class LocalWindows:
             optics, shape, positions, diameter, numbers, centres, carriers, shifts,
             np.ones(len(positions)),
         )  # fmt: skip
+        made.numbers[:, 15:17] = made._pupil_centres() * optics.aperture_diameter / 2
         made.energy[:] = made._energies()
         return made
 
@@ -335,14 +337,30 @@ class LocalWindows:
     def _paths(self) -> Values:
         """(turns, transmission) of the main lens over the pupil's square, for each point."""
         optics = self.optics
-        axis = (np.arange(PATHS) - (PATHS - 1) / 2) / ((PATHS - 3) / 2)
+        axis = np.linspace(-PATH_REACH, PATH_REACH, PATHS)
         v, u = np.meshgrid(axis, axis, indexing="ij")
-        images = optics.image_of(self.positions)[:, ::-1]
-        tables = []
-        for y, x in images:
-            path, passes = optics.main_lens_path(float(y), float(x), v, u)
-            tables.append(np.stack([path / optics.wavelength, passes * np.ones_like(path)], -1))
+        beyond = np.maximum(np.hypot(v, u), 1)
+        maps, tables = optics.aberrations.main_lens_opd, []
+        images, centres = optics.image_of(self.positions), self._pupil_centres()
+        for image, centre in zip(images, centres, strict=True):
+            x, y = (float(value) for value in image)
+            path, _ = optics.main_lens_path(y, x, v + centre[0], u + centre[1])
+            passes = np.ones_like(path)
+            if maps is not None:
+                share, covered = maps.share_and_cover(
+                    y, x, optics.wavelength, v / beyond, u / beyond, axis[1] - axis[0]
+                )
+                passes = share * covered**2
+            tables.append(np.stack([path / optics.wavelength, passes], -1))
         return np.stack(tables)
+
+    def _pupil_centres(self) -> Values:
+        """(v, u) of the middle of the pupil of each point, in radii of the aperture."""
+        maps, lam = self.optics.aberrations.main_lens_opd, self.optics.wavelength
+        if maps is None:
+            return np.zeros((len(self.positions), 2))
+        images = self.optics.image_of(self.positions)
+        return np.array([maps.pupil_centre(float(y), float(x), lam) for x, y in images])
 
     def _energies(self) -> Values:
         """Energy of the samples of the whole plane, sum |U|^2, as the kernels scale them."""
@@ -352,7 +370,7 @@ class LocalWindows:
         found = []
         for numbers in self.numbers:
             t0, q, per_z, scale = numbers[:2], numbers[2], numbers[7], numbers[8]
-            squares = _amplitudes(u, t0, q, per_z, scale, optics.lens_model == "thin")
+            squares = _amplitudes(u + numbers[15:17], t0, q, per_z, scale, optics.lens_model == "thin")
             found.append((squares * area).sum() * (optics.aperture_diameter / 2) ** 2)
         # sum |G|^2 over the samples of direction is int A^2 du J0/ds^2, and the inverse transform
         # divides by the samples of the period

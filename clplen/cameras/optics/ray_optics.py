@@ -184,7 +184,7 @@ class RayOptics(LensletCamera, ABC):
         steepest = self.mla.steepest_slope(self.wavelength)
         steepest += self.aberrations.lenslet_slope(self.mla)
         bent = self.main_slope() * (self.array_distance + self.sensor_distance)
-        return moved * self.aperture_diameter / 2 + bent + self.sensor_distance * steepest
+        return moved * self.lit_diameter / 2 + bent + self.sensor_distance * steepest
 
     def main_slope(self, reach: float | None = None) -> float:
         """At least the steepest slope of the main lens' wavefront, in radians.
@@ -193,7 +193,20 @@ class RayOptics(LensletCamera, ABC):
         """
         at_rim = max(self.grid.extent) / 2 * self.image_distance / self.array_distance
         farthest = at_rim if reach is None else reach
-        return self.aberrations.main_slope(farthest, self.aperture_diameter / 2)
+        return self.aberrations.main_slope(
+            farthest,
+            self.aperture_diameter / 2,
+            image_distance=self.image_distance,
+            wavelength=self.wavelength,
+        )
+
+    @property
+    def lit_diameter(self) -> float:
+        """Of the circle about the axis that all light passes at the main lens, in metres.
+
+        The aperture's, or more where OPD maps shift the pupil.
+        """
+        return self.aperture_diameter * self.aberrations.pupil_reach
 
     def ray_matrix(self, dz: float = 0.0, *, lens_type: int = 0) -> np.ndarray[Any, Any]:
         """ABCD matrix of a lenslet, from the image of the plane dz to the sensor.
@@ -295,7 +308,7 @@ def check_sampling(optics: RayOptics, reach: float, alpha: float) -> None:
     SamplingError
         With both sides of the rule and what would do.
     """
-    D, z2 = optics.aperture_diameter, optics.array_distance
+    D, z2 = optics.lit_diameter, optics.array_distance
     bent = optics.main_slope(reach * optics.image_distance / z2)
     bent += optics.aberrations.lenslet_slope(optics.mla)
     slope = (alpha * D / 2 + reach) / z2 + optics.mla.steepest_slope(optics.wavelength) + bent
@@ -319,7 +332,7 @@ def check_sampling(optics: RayOptics, reach: float, alpha: float) -> None:
 
 
 def check_in_view(optics: RayOptics, positions: Positions) -> None:
-    """Refuse points behind the lens, or whose chief ray misses the array.
+    """Refuse points behind the lens, whose chief ray misses the array, or beyond OPD maps.
 
     Parameters
     ----------
@@ -348,6 +361,9 @@ def check_in_view(optics: RayOptics, positions: Positions) -> None:
             f"The point (x, y, dz) = ({x:g}, {y:g}, {dz:g}) m is imaged at ({X:g}, {Y:g}) m, "
             f"beyond the array of {extent[1]:g} x {extent[0]:g} m: move it or use more lenslets."
         )
+    maps = optics.aberrations.main_lens_opd
+    if maps is not None:
+        maps.check(optics.image_of(positions)[:, ::-1], optics.wavelength)
 
 
 def view_step(optics: RayOptics) -> float:

@@ -3,7 +3,8 @@
 Attributes of the array ``lightfield``: ``axes`` ("v:u:y:x" or "v:u:y:x:c"), ``spacing`` (signed dv,
 du, dy, dx in metres), ``wavelength`` (metres), ``centre`` (v, u of the central view), ``decode``.
 Beside it the array ``weights`` (V, U), the array ``positions`` (V, U, 2) of views that lie on no
-grid, and the group ``camera`` with the parameters of the camera as attributes, in SI units.
+grid, and the group ``camera`` with the parameters of the camera as attributes, in SI units, and the
+OPD maps of its main lens as the group ``camera/opd`` (opd_arrays.py), where it has some.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
+from clplen.cameras.optics.opd_maps import OPDMaps
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.device import Device
@@ -185,7 +187,7 @@ def words_in(attributes: dict[str, Any], path: Path) -> dict[str, Any]:
 
 
 def read_camera(
-    values: dict[str, Any], path: Path, device: Device
+    values: dict[str, Any], path: Path, device: Device, maps: OPDMaps | None = None
 ) -> Plenoptic1 | Plenoptic2 | Microscope | None:
     """The camera of a light field or raw image; None where it is of a kind unknown here.
 
@@ -195,6 +197,8 @@ def read_camera(
         Attributes of its group, as plain Python.
     path : pathlib.Path
     device : Device
+    maps : OPDMaps, optional
+        Of its main lens, where there are some beside.
 
     Raises
     ------
@@ -224,7 +228,9 @@ def read_camera(
         if _ABERRATIONS in values:
             if not np.prod(mla["count"], dtype=np.float64) <= _LENSLETS:
                 raise ValueError(f"{mla['count']} lenslets are more than {_LENSLETS:,}")
-            camera[_ABERRATIONS] = Aberrations.from_json(str(values[_ABERRATIONS]))
+            camera[_ABERRATIONS] = Aberrations.from_json(
+                str(values[_ABERRATIONS]), main_lens_opd=maps
+            )
         if kind == "type2":
             return PlenopticCamera.type2(**camera)
         return PlenopticCamera.type1(**camera)
