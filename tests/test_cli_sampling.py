@@ -98,7 +98,7 @@ def test_pairs_are_y_and_x_and_share_the_last_unit():
         (["--diameter", "3mm"], "give --lens or --lenslets, too"),
         (["--arriving", "3mm"], "give --lens, too"),
         (["--z", "0", "--method", "fresnel-1fft"], "would be 0 at z = 0"),
-        (["--z", "1m", "--method", "rs", "--out-pitch", "1um"], "--method cblas gives any grid"),
+        (["--z", "1m", "--method", "as", "--out-pitch", "1um"], "--method cblas gives any grid"),
     ],
 )
 def test_bad_words_are_one_sentence(words: list[str], message: str):

@@ -33,7 +33,7 @@ METHODS = (
     "fresnel-multistep",
 )
 SELF_PADDED = ("auto", "cblas", "rs")  # methods that size their own windows
-FREE_GRID = ("auto", "cblas")  # methods that take any output grid
+FREE_GRID = ("auto", "cblas", "rs")  # methods that take any output grid
 FARTHEST = 1e12  # metres
 BORDER = 0.4  # of half the window, the taper of fresnel-multistep
 _SAME = 1e-9  # of a pitch
@@ -127,16 +127,28 @@ class Request:
     def span(self, axis: int) -> AxisSpan:
         """Where light comes from and where it is wanted along an axis (0: y, 1: x)."""
         own, other = self.grid, self.target
-        window = own.extent[axis]
         return AxisSpan(
             n=own.shape[axis],
             pitch=own.pitch[axis],
             z=self.z,
             wavelength=self.wavelength,
-            lit=window if self.support is None else min(self.support[axis], window),
+            lit=self._lit(axis),
             wanted=other.extent[axis],
             offset=other.origin[axis] - own.origin[axis],
+            across=self._displacements(1 - axis),
         )
+
+    def _lit(self, axis: int) -> float:
+        window = self.grid.extent[axis]
+        return window if self.support is None else min(self.support[axis], window)
+
+    def _displacements(self, axis: int) -> tuple[float, float]:
+        """Smallest and largest abs of a sideways displacement that is wanted along an axis."""
+        if self.grid.shape[axis] == 1:
+            return (0.0, 0.0)
+        offset = abs(self.target.origin[axis] - self.grid.origin[axis])
+        half = (self._lit(axis) + self.target.extent[axis]) / 2
+        return (max(offset - half, 0.0), offset + half)
 
     @property
     def bands(self) -> list[Band]:

@@ -97,7 +97,7 @@ def propagate(
     pad : float
         Zero padding of as, blas and the Fresnel methods, at least 1; 1 makes the window periodic.
     out_grid : Grid, optional
-        Of the result: any pitch, shape and origin with auto and cblas.
+        Of the result: any pitch, shape and origin with auto, cblas and rs.
     guard, border, support, lens
         See `Propagator`.
     coherence : Coherence, optional

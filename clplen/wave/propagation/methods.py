@@ -24,6 +24,7 @@ from clplen.wave.field.transmission import phasor
 from clplen.wave.propagation import fresnel
 from clplen.wave.propagation.band import (
     EVANESCENT_REACH,
+    AxisSpan,
     Band,
     blas_limit,
     fully_sampled_distance,
@@ -39,12 +40,18 @@ from clplen.wave.propagation.description import (
     whole_bands,
 )
 from clplen.wave.propagation.transfer_function import Sommerfeld, Transfer, fft_frequencies
+from clplen.wave.propagation.windowed_kernel import WindowedKernel, kernel_axis
 
 FFT_WINDOW = 2.5  # times the grid, up to which the FFT route is the cheaper one
 FEWEST = 64  # frequencies of a band with hard edges
 NEAR_WINDOW = 2.2  # times the grid, up to which FFTs of the window beat everything else
 SAMPLED_KERNEL = 0.8  # of the Nyquist frequency, up to which the RS kernel is accurate
+DECAYED = 18.4  # nepers that evanescent waves of the Nyquist frequency lose: 160 dB
+FAINT = 4.0  # the same, from which the sum over samples is nearer to the light than a cut band
 SMOOTH_KERNEL = 3  # samples of z from which the kernel's peak is sampled to 160 dB: exp(-2 pi z/dx)
+
+MOVED = "the output has another pitch or centre"
+GRAZING = "waves that graze the plane leave every window"
 
 
 def describe(r: Request) -> Description:
@@ -62,21 +69,22 @@ def describe(r: Request) -> Description:
 
 def automatic(r: Request) -> Description:
     """The cheapest of the methods that are exact at this distance; never a paraxial one."""
-    if not r.is_aligned:
-        return corrected(r, "the output has another pitch or centre", "chirp-z")
     bands = r.bands
+    spans = [r.span(axis) for axis in r.axes]
+    near = abs(r.z) < SMOOTH_KERNEL * max((span.pitch for span in spans), default=0.0)
+    if not r.is_aligned:
+        if not near and _leaves_every_window(r, bands):
+            return _windowed_kernel(r, f"{MOVED}, and {GRAZING}")
+        return corrected(r, MOVED, "chirp-z")
     lengths = fft_lengths(r, bands)
     wide = max((lengths[axis] / r.grid.shape[axis] for axis in r.axes), default=1.0)
-    spans = [r.span(axis) for axis in r.axes]
     share = max((span.geometric(span.reach) / span.nyquist for span in spans), default=0.0)
-    kernel = (
-        bool(spans)
-        and share <= SAMPLED_KERNEL
-        and abs(r.z) >= SMOOTH_KERNEL * max(span.pitch for span in spans)
-        and r.target.shape == r.grid.shape
-    )
-    if any(span.is_evanescent for span in spans) and not kernel:
+    sampled_kernel = bool(spans) and not near and all(_has_sampled_kernel(one) for one in spans)
+    kernel = sampled_kernel and r.target.shape == r.grid.shape
+    if any(span.is_evanescent for span in spans) and near:
         return _evanescent(r)
+    if not kernel and not near and any(bands[axis].grazing for axis in r.axes):
+        return _windowed_kernel(r, GRAZING)
     sampled = f"f_geo = {share:.3g} f_nyq"
     if all(bands[axis].is_whole for axis in r.axes) and (wide <= NEAR_WINDOW or not kernel):
         return _whole_band(
@@ -90,6 +98,26 @@ def automatic(r: Request) -> Description:
             r, f"W = {wide:.3g} S > {NEAR_WINDOW} S and {sampled} <= {SAMPLED_KERNEL} f_nyq"
         )
     return corrected(r, f"W = {wide:.3g} S > {FFT_WINDOW} S", "chirp-z")
+
+
+def _has_sampled_kernel(span: AxisSpan, nepers: float = DECAYED) -> bool:
+    """Whether the samples of the kernel stand for it: no wave beyond the Nyquist frequency arrives.
+
+    Because no ray that is wanted is so steep, or because such waves are evanescent and have lost
+    so much.
+    """
+    if span.geometric(span.reach) <= SAMPLED_KERNEL * span.nyquist:
+        return True
+    beyond = (span.wavelength * span.nyquist) ** 2 - 1
+    turns = abs(span.z) / span.wavelength
+    return beyond > 0 and 2 * math.pi * turns * math.sqrt(beyond) >= nepers
+
+
+def _leaves_every_window(r: Request, bands: list[Band]) -> bool:
+    """Whether waves of the band graze the plane, along an axis or across both."""
+    return any(bands[axis].grazing for axis in r.axes) or (
+        sum((r.wavelength * max(abs(bands[a].low), abs(bands[a].high))) ** 2 for a in r.axes) >= 1
+    )
 
 
 def _far(r: Request, why: str) -> Description:
@@ -192,6 +220,8 @@ def corrected(r: Request, why: str = "asked for", route: str = "") -> Descriptio
     bands = r.bands
     empty = [axis for axis in r.axes if bands[axis].is_empty]
     warning = _no_light(r, bands[empty[0]], "yx"[empty[0]]) if empty else ""
+    if r.method == "cblas" and not warning and any(bands[axis].grazing for axis in r.axes):
+        warning = _grazing(r)
     lengths = fft_lengths(r, bands)
     near = all(bands[a].is_whole or lengths[a] <= FFT_WINDOW * r.grid.shape[a] for a in r.axes)
     if route == "fft" or (route == "" and r.is_aligned and near and not empty):
@@ -271,7 +301,8 @@ def by_chirps(r: Request, bands: list[Band], *, why: str, warning: str = "") -> 
         frequencies.append(f)
         weights.append(inside)
         into.append(_to_frequencies(r, axis, f, band.window))
-        back.append(_from_frequencies(r, axis, f, band.window))
+        offset = r.target.origin[axis] - r.grid.origin[axis]
+        back.append(_from_frequencies(r, axis, f, band.window, offset))
     shape = (frequencies[0].size, frequencies[1].size)
     steps = [
         abs(r.span(a).displacement(np.abs(frequencies[a]).max())) / (bands[a].window / 2)
@@ -296,19 +327,16 @@ def by_chirps(r: Request, bands: list[Band], *, why: str, warning: str = "") -> 
 
 
 def sommerfeld(r: Request, why: str = "asked for") -> Description:
-    """Convolution with the sampled Rayleigh-Sommerfeld I kernel, windows of twice the grid."""
+    """Convolution with the sampled Rayleigh-Sommerfeld I kernel, windows of twice the grid.
+
+    Onto another grid by its spectrum in a smooth window.
+    """
+    if not r.is_aligned or r.target.shape != r.grid.shape:
+        return _windowed_kernel(r, why)
     lengths = [n if n == 1 else smooth_length(2 * n) for n in r.grid.shape]
     into = [padded_spectrum(n, L) for n, L in zip(r.grid.shape, lengths, strict=True)]
     back = [cropped_inverse(L, n) for n, L in zip(r.grid.shape, lengths, strict=True)]
-    spans = [r.span(axis) for axis in r.axes]
-    step = max((span.geometric(span.reach) / span.nyquist for span in spans), default=0.0)
-    nearest = max((kernel_sampled_distance(span) for span in spans), default=0.0)
-    warning = ""
-    if abs(r.z) < nearest:
-        warning = (
-            f"The Rayleigh-Sommerfeld kernel at z = {r.z:g} m is aliased: it is sampled from "
-            f"{nearest:.4g} m on. Use method='auto' or 'cblas'."
-        )
+    step, nearest, warning = _kernel_sampling(r)
     return Description(
         request=r,
         method="rs",
@@ -327,11 +355,76 @@ def sommerfeld(r: Request, why: str = "asked for") -> Description:
     )
 
 
+def _kernel_sampling(r: Request) -> tuple[float, float, str]:
+    """Largest phase step of the kernel over pi, where it begins to be sampled, a warning."""
+    spans = [r.span(axis) for axis in r.axes]
+    step = max((span.geometric(span.reach) / span.nyquist for span in spans), default=0.0)
+    nearest = max((kernel_sampled_distance(span) for span in spans), default=0.0)
+    if abs(r.z) >= nearest:
+        return step, nearest, ""
+    return (
+        step,
+        nearest,
+        (
+            f"The Rayleigh-Sommerfeld kernel at z = {r.z:g} m is aliased: it is sampled from "
+            f"{nearest:.4g} m on. Use method='auto' or 'cblas'."
+        ),
+    )
+
+
+def _windowed_kernel(r: Request, why: str) -> Description:
+    """The kernel in a smooth window, its spectrum between chirp-z transforms.
+
+    The sum over the input's samples where waves beyond their Nyquist frequency do not arrive, else
+    over the frequencies up to it.
+    """
+    if r.z == 0:
+        return corrected(r, why, "chirp-z")
+    axes, into, back = [], [], []
+    for axis, n in enumerate(r.grid.shape):
+        span = r.span(axis)
+        made = kernel_axis(span, math.inf if _has_sampled_kernel(span, FAINT) else span.nyquist)
+        axes.append(made)
+        if n == 1:
+            into.append(still(1))
+            back.append(still(1))
+            continue
+        into.append(_to_frequencies(r, axis, made.frequencies, made.width))
+        back.append(_from_frequencies(r, axis, made.frequencies, made.width, 0.0))
+    factor = WindowedKernel((axes[0], axes[1]), r.z, r.wavelength)
+    step, nearest, warning = _kernel_sampling(r)
+    automatic = r.method == "auto"
+    band = [(float(one.frequencies[0]), float(one.frequencies[-1])) for one in axes]
+    return Description(
+        request=r,
+        method="rs",
+        why=why,
+        out_grid=r.target,
+        into=Separable(*_tuples(into)),
+        back=Separable(*_tuples(back)),
+        factor=factor,
+        kind="chirp-z",
+        route=f"chirp-z transforms over {factor.shape[0]} x {factor.shape[1]} frequencies",
+        sampled="kernel",
+        phase_step=step,
+        valid=any_distance() if automatic else (nearest, math.inf),
+        band=(band[0], band[1]),
+        warning="" if automatic else warning,
+    )
+
+
 def _finer(band: Band) -> Band:
     """The band in a window that puts some frequencies inside, however narrow a hard edge is."""
     if band.guard > 0 or band.is_empty:
         return band
     return replace(band, window=max(band.window, FEWEST / (band.high - band.low)))
+
+
+def _grazing(r: Request) -> str:
+    return (
+        f"Waves that graze the plane leave the window of cblas at z = {r.z:g} m and come back as "
+        "aliases: use method='auto' or 'rs', or samples of more than half a wavelength."
+    )
 
 
 def _no_light(r: Request, band: Band, axis: str) -> str:
@@ -375,10 +468,9 @@ def _to_frequencies(r: Request, axis: int, f: np.ndarray, window: float) -> Line
     return chirp_z(n, f.size, -d / window, pre=phasor(-middle * x), post=post)
 
 
-def _from_frequencies(r: Request, axis: int, f: np.ndarray, window: float) -> Line:
-    """u(x) = sum U(f) exp(2 pi i f x) df at the output's samples."""
+def _from_frequencies(r: Request, axis: int, f: np.ndarray, window: float, offset: float) -> Line:
+    """u(x) = sum U(f) exp(2 pi i f x) df at the output's samples, x from ``offset`` on."""
     m, d = r.target.shape[axis], r.target.pitch[axis]
-    offset = r.target.origin[axis] - r.grid.origin[axis]
     middle = f[f.size // 2]
     x = (np.arange(m) - m // 2) * d
     return chirp_z(f.size, m, d / window, pre=phasor(f * offset) / window, post=phasor(middle * x))

@@ -70,7 +70,8 @@ class Propagator:
           eq. 13).
         - "cblas": within the band that reaches the output, widened by a smooth guard, in a window
           that keeps aliases clear of it; any output grid.
-        - "rs": convolution with the sampled Rayleigh-Sommerfeld I kernel (Goodman 2005, eq. 3-43).
+        - "rs": convolution with the sampled Rayleigh-Sommerfeld I kernel (Goodman 2005, eq. 3-43);
+          any output grid.
         - "fresnel-tf", "fresnel-ir": paraxial, by the sampled transfer function (near) or impulse
           response (far) (Goodman 2005, eqs. 4-20 and 4-16).
         - "fresnel-1fft": paraxial, one transform; the output pitch is lam abs(z)/(L dx).
@@ -83,7 +84,7 @@ class Propagator:
     device : Device or str, optional
         Default ``Device.open()``.
     out_grid : Grid, optional
-        Of the result, for auto and cblas; by default the field's.
+        Of the result, for auto, cblas and rs; by default the field's.
     guard : float, optional
         Of auto and cblas, in Fresnel widths sqrt(cos^3 theta/(lam z)); by default 6, and 8 so far
         away that the window is narrower than 2 sqrt(lam z). 8 is for reference results.
