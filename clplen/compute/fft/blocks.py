@@ -231,6 +231,13 @@ def multiplied(
     return out
 
 
+def add(out: cla.Array, values: cla.Array, device: FieldDevice) -> None:
+    """Complex samples (..., ny, nx) added to others of the same shape, in place."""
+    ny, nx = out.shape[-2:]
+    kernel = device.kernel("multiply.cl", "add", **device.wave_defines())
+    device.launch_rows(kernel, out.shape, out, values, np.int32(ny), np.int32(nx))
+
+
 def window(
     data: cla.Array,
     shape: Sequence[int],

@@ -20,8 +20,9 @@ from clplen.compute.fft.lines import (
     smooth_length,
     still,
 )
+from clplen.errors import SamplingError
 from clplen.wave.field.transmission import phasor
-from clplen.wave.propagation import fresnel
+from clplen.wave.propagation import fresnel, one_step
 from clplen.wave.propagation.band import (
     EVANESCENT_REACH,
     AxisSpan,
@@ -43,6 +44,8 @@ from clplen.wave.propagation.transfer_function import Sommerfeld, Transfer, fft_
 from clplen.wave.propagation.windowed_kernel import WindowedKernel, kernel_axis
 
 FFT_WINDOW = 2.5  # times the grid, up to which the FFT route is the cheaper one
+LATTICE_SLACK = 1e-9  # of a frequency step
+MOST_FREQUENCIES = 10**6  # along an axis
 FEWEST = 64  # frequencies of a band with hard edges
 NEAR_WINDOW = 2.2  # times the grid, up to which FFTs of the window beat everything else
 SAMPLED_KERNEL = 0.8  # of the Nyquist frequency, up to which the RS kernel is accurate
@@ -75,7 +78,7 @@ def automatic(r: Request) -> Description:
     if not r.is_aligned:
         if not near and _leaves_every_window(r, bands):
             return _windowed_kernel(r, f"{MOVED}, and {GRAZING}")
-        return corrected(r, MOVED, "chirp-z")
+        return _in_one_step(r, bands) or corrected(r, MOVED, "chirp-z")
     lengths = fft_lengths(r, bands)
     wide = max((lengths[axis] / r.grid.shape[axis] for axis in r.axes), default=1.0)
     share = max((span.geometric(span.reach) / span.nyquist for span in spans), default=0.0)
@@ -98,6 +101,82 @@ def automatic(r: Request) -> Description:
             r, f"W = {wide:.3g} S > {NEAR_WINDOW} S and {sampled} <= {SAMPLED_KERNEL} f_nyq"
         )
     return corrected(r, f"W = {wide:.3g} S > {FFT_WINDOW} S", "chirp-z")
+
+
+def _in_one_step(r: Request, bands: list[Band]) -> Description | None:
+    """The sum in one step where it is exact enough and less work than that over the band."""
+    used = [bands[axis] for axis in r.axes]
+    if r.z == 0 or r.guard == 0 or not used or any(any(b.clipped) or b.is_empty for b in used):
+        return None
+    series = one_step.best_series(r)
+    if series.bound[1] > one_step.TOLERANCE:
+        return None
+    counts = [1 if n == 1 else _count(b) for n, b in zip(r.grid.shape, bands, strict=True)]
+    made, over_band = _one_step(r, series, MOVED), _chirp_flops(r, counts)
+    if flops(made) >= over_band:
+        return None
+    share = f"{100 * flops(made) / over_band:.2g} % of the work of"
+    return replace(made, why=f"{MOVED}; {share} {counts[0]} x {counts[1]} frequencies")
+
+
+def _chirp_flops(r: Request, counts: list[int]) -> float:
+    """`flops` of chirp-z transforms to so many frequencies along (y, x) and back."""
+    (ny, nx), (my, mx) = r.grid.shape, r.target.shape
+
+    def work(n: int, m: int) -> float:
+        length = smooth_length(n + m - 1)
+        return 0.0 if n == m == 1 else 10 * length * math.log2(length)
+
+    along_y = counts[1] * (work(ny, counts[0]) + work(counts[0], my))
+    return ny * work(nx, counts[1]) + along_y + my * work(counts[1], mx)
+
+
+def rayleigh_sommerfeld_in_one_step(r: Request) -> Description:
+    """The sum over samples by a chirp-z transform between chirps, and a series for the rest.
+
+    Raises
+    ------
+    SamplingError
+        At z = 0.
+    """
+    if r.z == 0:
+        raise SamplingError(
+            "one-step is for a distance z other than 0: use method='auto' to sample a field anew."
+        )
+    return _one_step(r, one_step.best_series(r), "asked for")
+
+
+def _one_step(r: Request, series: one_step.Series, why: str) -> Description:
+    ways = series.ways()
+    empty = Separable()
+    terms = [(way, empty) if series.inward else (empty, way) for way in ways]
+    step, nearest, warning = _kernel_sampling(r)
+    automatic = r.method == "auto"
+    if not automatic:
+        nearest = max(nearest, one_step.nearest(r))
+    if series.bound[1] > one_step.TOLERANCE:
+        warning = (
+            f"The path between the grids is not exact in one-step at z = {r.z:g} m: from "
+            f"{nearest:.4g} m on the error is below 1e-9 of the field. Use method='auto' or "
+            "'cblas'."
+        )
+    return Description(
+        request=r,
+        method="one-step",
+        why=why,
+        out_grid=r.target,
+        into=terms[0][0],
+        back=terms[0][1],
+        factor=one_step.SeriesFactor(series),
+        kind="series",
+        route=f"{len(terms)} chirp-z transforms of {' x '.join(map(str, ways[0].widest((1, 1))))}",
+        sampled="kernel",
+        phase_step=step,
+        valid=any_distance() if automatic else (nearest, math.inf),
+        band=whole_bands(r),
+        warning="" if automatic else warning,
+        terms=tuple(terms),
+    )
 
 
 def _has_sampled_kernel(span: AxisSpan, nepers: float = DECAYED) -> bool:
@@ -286,6 +365,7 @@ def by_fft(
 def by_chirps(r: Request, bands: list[Band], *, why: str, warning: str = "") -> Description:
     """The same sum over the band's own frequencies, in and out by chirp-z transforms."""
     into, back, frequencies, weights = [], [], [], []
+    _require_few(r, bands)
     for axis, band in enumerate(bands):
         if r.grid.shape[axis] == 1:
             into.append(still(1))
@@ -326,6 +406,17 @@ def by_chirps(r: Request, bands: list[Band], *, why: str, warning: str = "") -> 
     )
 
 
+def _require_few(r: Request, bands: list[Band]) -> None:
+    """Refuse more frequencies than any device holds a square of."""
+    most = max((_count(bands[axis]) for axis in r.axes), default=1)
+    if most > MOST_FREQUENCIES:
+        raise SamplingError(
+            f"cblas onto {r.target} would take {most:,} frequencies along an axis, at most "
+            f"{MOST_FREQUENCIES:,} are done: use a smaller output window, a smaller support, or "
+            "method='one-step' far away."
+        )
+
+
 def sommerfeld(r: Request, why: str = "asked for") -> Description:
     """Convolution with the sampled Rayleigh-Sommerfeld I kernel, windows of twice the grid.
 
@@ -362,14 +453,11 @@ def _kernel_sampling(r: Request) -> tuple[float, float, str]:
     nearest = max((kernel_sampled_distance(span) for span in spans), default=0.0)
     if abs(r.z) >= nearest:
         return step, nearest, ""
-    return (
-        step,
-        nearest,
-        (
-            f"The Rayleigh-Sommerfeld kernel at z = {r.z:g} m is aliased: it is sampled from "
-            f"{nearest:.4g} m on. Use method='auto' or 'cblas'."
-        ),
+    warning = (
+        f"The Rayleigh-Sommerfeld kernel at z = {r.z:g} m is aliased: it is sampled from "
+        f"{nearest:.4g} m on. Use method='auto' or 'cblas'."
     )
+    return step, nearest, warning
 
 
 def _windowed_kernel(r: Request, why: str) -> Description:
@@ -448,10 +536,16 @@ def _lattice(band: Band) -> np.ndarray:
     """Whole multiples of the frequency step inside the band; one of them where it is empty."""
     if band.is_empty:
         return np.zeros(1)
-    slack = 1e-9
-    low = math.ceil(band.low * band.window - slack)
-    high = math.floor(band.high * band.window + slack)
-    return np.arange(low, max(low, high) + 1, dtype=np.float64)
+    low = math.ceil(band.low * band.window - LATTICE_SLACK)
+    return np.arange(low, low + _count(band), dtype=np.float64)
+
+
+def _count(band: Band) -> int:
+    """How many frequencies `_lattice` has."""
+    if band.is_empty:
+        return 1
+    low = math.ceil(band.low * band.window - LATTICE_SLACK)
+    return max(0, math.floor(band.high * band.window + LATTICE_SLACK) - low) + 1
 
 
 def _halved(f: np.ndarray, band: Band) -> np.ndarray:
@@ -493,6 +587,7 @@ _METHODS = {
     "blas": band_limited,
     "cblas": corrected,
     "rs": sommerfeld,
+    "one-step": rayleigh_sommerfeld_in_one_step,
     "fresnel-tf": fresnel.transfer_function,
     "fresnel-ir": fresnel.impulse_response,
     "fresnel-1fft": fresnel.one_step,

@@ -134,7 +134,7 @@ def kernel_samples(
         Complex, shape (my, mx).
     """
     if y is None or x is None:
-        line = _line_samples(y, x, pitch, abs(z), wavelength)
+        line = line_samples(y, x, pitch, abs(z), wavelength)
         return device.upload((line if z > 0 else line.conj()).astype(device.complex))
     far = abs(z)
     tables = [phasor(v**2 / (2 * wavelength * far), device.complex) for v in (x, y)]
@@ -160,12 +160,12 @@ def _line_response(shape: Shape, pitch: Pitch, z: float, wavelength: float) -> S
     y, x = (
         None if n == 1 else np.arange(n // 2 + 1) * d for n, d in zip(shape, pitch, strict=True)
     )
-    half = _line_samples(y, x, pitch, z, wavelength).ravel()
+    half = line_samples(y, x, pitch, z, wavelength).ravel()
     index = np.arange(max(shape))
     return half[np.minimum(index, index.size - index)].reshape(shape)
 
 
-def _line_samples(
+def line_samples(
     y: Samples | None, x: Samples | None, pitch: Pitch, z: float, wavelength: float
 ) -> Samples:
     """h of line sources for z > 0 at displacements along one axis, complex128, (my, mx)."""
