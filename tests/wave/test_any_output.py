@@ -161,3 +161,29 @@ def test_onto_a_window_off_both_axes(device, precise, slope, z):
     out = Grid((41, 37), 2.5e-6, origin=(slope * abs(z), slope * abs(z)))
     single, double = error_of(u, grid, z, out, (device, precise))
     assert (single >= SINGLE, double >= 170) == (True, True), (single, double)
+
+
+# Many samples: into the band by a padded transform ----------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("grid", "out"),
+    [
+        (Grid((1, 601), 4 * LAM), Grid((1, 77), 1.3 * LAM, origin=(0, 500 * LAM))),
+        (
+            Grid((590, 24), (3 * LAM, 5 * LAM)),
+            Grid((51, 30), (7 * LAM, 3 * LAM), origin=(-2e-4, 5e-5)),
+        ),
+        (Grid((37, 601), (4 * LAM, 3.5 * LAM), origin=(1e-4, -3e-4)), Grid((20, 101), 2 * LAM)),
+    ],
+    ids=["601", "590x24", "37x601"],
+)
+@pytest.mark.parametrize("z", [0.05, -0.03])
+def test_into_the_band_by_a_padded_transform(device, precise, grid, out, z):
+    y, x = grid.y[:, None] - grid.origin[0], grid.x[None] - grid.origin[1]
+    u = np.exp(-((x / grid.extent[1]) ** 2 + (y / grid.extent[0]) ** 2) * 40)
+    u = u * np.exp(0.02j * x / LAM - 0.01j * y / LAM)
+    made = describe(Request(grid, z, LAM, "cblas", out_grid=out, guard=8))
+    assert "forward" in {line.kind for line in (*made.into.y, *made.into.x)}
+    single, double = error_of(u, grid, z, out, (device, precise), method="cblas", guard=8)
+    assert (single >= SINGLE, double >= 190) == (True, True), (single, double)

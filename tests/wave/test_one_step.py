@@ -49,7 +49,9 @@ def test_far_away_by_name_and_by_auto(device, precise, grid, z, out):
     for method in ("one-step", "auto"):
         for one, least in ((device, SINGLE), (precise, DOUBLE)):
             made = Propagator(grid, z, wavelength=LAM, device=one, out_grid=out, method=method)
-            assert (made.method, made.report.warning) == ("one-step", "")
+            # Of lines there is so little to do that several transforms take longer to start.
+            assert made.method == "one-step" or (method == "auto" and 1 in grid.shape)
+            assert made.report.warning == ""
             got = made(field_of(u, grid, one, LAM)).to_numpy()
             assert err_db(expected, got[iy, ix]) >= least
 

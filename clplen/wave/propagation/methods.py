@@ -20,11 +20,13 @@ from clplen.compute.fft.lines import (
     smooth_length,
     still,
 )
+from clplen.compute.fft.routes import has_large_prime
 from clplen.errors import SamplingError
 from clplen.wave.field.transmission import phasor
 from clplen.wave.propagation import fresnel, one_step
 from clplen.wave.propagation.band import (
     EVANESCENT_REACH,
+    ROUNDING,
     AxisSpan,
     Band,
     blas_limit,
@@ -46,6 +48,8 @@ from clplen.wave.propagation.windowed_kernel import WindowedKernel, kernel_axis
 FFT_WINDOW = 2.5  # times the grid, up to which the FFT route is the cheaper one
 LATTICE_SLACK = 1e-9  # of a frequency step
 MOST_FREQUENCIES = 10**6  # along an axis
+STARTING = 5e6  # operations in the time that it takes to start a map of both axes
+SHORT = 512  # samples of a transform, below which fewer samples save little
 FEWEST = 64  # frequencies of a band with hard edges
 NEAR_WINDOW = 2.2  # times the grid, up to which FFTs of the window beat everything else
 SAMPLED_KERNEL = 0.8  # of the Nyquist frequency, up to which the RS kernel is accurate
@@ -112,23 +116,27 @@ def _in_one_step(r: Request, bands: list[Band]) -> Description | None:
     if series.bound[1] > one_step.TOLERANCE:
         return None
     counts = [1 if n == 1 else _count(b) for n, b in zip(r.grid.shape, bands, strict=True)]
-    made, over_band = _one_step(r, series, MOVED), _chirp_flops(r, counts)
-    if flops(made) >= over_band:
+    made, over_band = _one_step(r, series, MOVED), _band_flops(r, bands, counts)
+    if flops(made) + STARTING * (len(made.terms) - 1) >= over_band:
         return None
     share = f"{100 * flops(made) / over_band:.2g} % of the work of"
     return replace(made, why=f"{MOVED}; {share} {counts[0]} x {counts[1]} frequencies")
 
 
-def _chirp_flops(r: Request, counts: list[int]) -> float:
-    """`flops` of chirp-z transforms to so many frequencies along (y, x) and back."""
-    (ny, nx), (my, mx) = r.grid.shape, r.target.shape
+def _band_flops(r: Request, bands: list[Band], counts: list[int]) -> float:
+    """`flops` of `by_chirps` with so many frequencies along (y, x), before a plan is made."""
+    (ny, _), (my, mx) = r.grid.shape, r.target.shape
 
-    def work(n: int, m: int) -> float:
+    def chirp(n: int, m: int) -> float:
         length = smooth_length(n + m - 1)
         return 0.0 if n == m == 1 else 10 * length * math.log2(length)
 
-    along_y = counts[1] * (work(ny, counts[0]) + work(counts[0], my))
-    return ny * work(nx, counts[1]) + along_y + my * work(counts[1], mx)
+    def into(axis: int) -> float:
+        n, length = r.grid.shape[axis], _padded_into(r, axis, bands[axis])
+        return 5 * length * math.log2(length) if length and n > 1 else chirp(n, counts[axis])
+
+    along_y = counts[1] * (into(0) + chirp(counts[0], my))
+    return ny * into(1) + along_y + my * chirp(counts[1], mx)
 
 
 def rayleigh_sommerfeld_in_one_step(r: Request) -> Description:
@@ -374,13 +382,20 @@ def by_chirps(r: Request, bands: list[Band], *, why: str, warning: str = "") -> 
             weights.append(np.ones(1))
             continue
         band = _finer(band)
+        length = _padded_into(r, axis, band)
+        if length:
+            band = replace(band, window=length * r.grid.pitch[axis])
         bands[axis] = band
         index = _lattice(band)
         f = index / band.window
         inside = np.zeros(1) if band.is_empty else band.weights(f) * _halved(f, band)
         frequencies.append(f)
         weights.append(inside)
-        into.append(_to_frequencies(r, axis, f, band.window))
+        into.append(
+            _padded_to_frequencies(r, axis, index, length)
+            if length
+            else _to_frequencies(r, axis, f, band.window)
+        )
         offset = r.target.origin[axis] - r.grid.origin[axis]
         back.append(_from_frequencies(r, axis, f, band.window, offset))
     shape = (frequencies[0].size, frequencies[1].size)
@@ -560,6 +575,32 @@ def _to_frequencies(r: Request, axis: int, f: np.ndarray, window: float) -> Line
     x = (np.arange(n) - n // 2) * d
     post = np.full(f.size, d, np.complex128)
     return chirp_z(n, f.size, -d / window, pre=phasor(-middle * x), post=post)
+
+
+def _padded_into(r: Request, axis: int, band: Band) -> int:
+    """Length of an FFT of the band's window where it is less work than a chirp-z transform, or 0.
+
+    Of short transforms most is starting them.
+    """
+    n, d = r.grid.shape[axis], r.grid.pitch[axis]
+    if band.is_empty or any(band.clipped) or band.window > 8 * (n + _count(band)) * d:
+        return 0
+    length = max(n, math.ceil(band.window / d * (1 - ROUNDING)))
+    while has_large_prime(length):
+        length += 1
+    count = _count(replace(band, window=length * d))
+    chirps = smooth_length(n + _count(band) - 1)
+    less = length * math.log2(length) < 2 * chirps * math.log2(chirps)
+    return length if length >= SHORT and count <= length and less else 0
+
+
+def _padded_to_frequencies(r: Request, axis: int, index: np.ndarray, length: int) -> Line:
+    """The same of the frequencies index/(length dx), by an FFT that begins at the first of them."""
+    n, d = r.grid.shape[axis], r.grid.pitch[axis]
+    first, middle = int(index[0]), n // 2
+    pre = phasor(-(first * (np.arange(n) - middle) % length) / length)
+    post = phasor((np.arange(index.size) * middle % length) / length) * d
+    return Line(n, index.size, length, "forward", pre=pre, post=post)
 
 
 def _from_frequencies(r: Request, axis: int, f: np.ndarray, window: float, offset: float) -> Line:
