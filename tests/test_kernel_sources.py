@@ -170,6 +170,7 @@ def waves(device: Device) -> None:
     values = np.random.default_rng(1).standard_normal((2, *grid.shape))
     field = Field.from_array(values, grid, wavelength=WAVELENGTH, device=device)
     propagate(field, 5e-3).power()
+    propagate(field, 1.0, method="one-step", out_grid=Grid((20, 18), 2e-4)).power()
     for phase in ("tables", "fp64", "twofloat"):
         if phase == "tables" or device.precision == "single":
             plan = Propagator(grid, 1e-3, wavelength=WAVELENGTH, device=device, phase=phase)
