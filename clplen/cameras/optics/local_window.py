@@ -365,12 +365,13 @@ class LocalWindows:
     def _energies(self) -> Values:
         """Energy of the samples of the whole plane, sum |U|^2, as the kernels scale them."""
         optics, shape = self.optics, self.shape
+        thin = optics.lens_model == "thin"
         radius, area = _disc_nodes()
         u = radius * (optics.aperture_diameter / 2)
         found = []
         for numbers in self.numbers:
             t0, q, per_z, scale = numbers[:2], numbers[2], numbers[7], numbers[8]
-            squares = _amplitudes(u + numbers[15:17], t0, q, per_z, scale, optics.lens_model == "thin")
+            squares = _amplitudes(u + numbers[15:17], t0, q, per_z, scale, thin)
             found.append((squares * area).sum() * (optics.aperture_diameter / 2) ** 2)
         # sum |G|^2 over the samples of direction is int A^2 du J0/ds^2, and the inverse transform
         # divides by the samples of the period

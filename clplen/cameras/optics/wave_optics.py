@@ -371,7 +371,8 @@ class WaveOptics(FixedOptics):
         -------
         tuple of numpy.ndarray
             W in metres, beyond the rim that of the rim with Zernike terms continued, and the share
-            of the energy that passes, 0 beyond the pupil; both float64, of the broadcast shape of ``v`` and ``u``.
+            of the energy that passes, 0 beyond the pupil; both float64, of the broadcast shape of
+            ``v`` and ``u``.
 
         Raises
         ------
