@@ -106,10 +106,10 @@ __kernel void spectra(__global cplx *restrict g, __global const real *restrict p
                 amplitude *= sqrt(p[11] / fabs(det));
                 amplitude *= disc_pattern(scale * sqrt(v2), per_step, disc, last);
 #ifdef THIN
-                const real av = 1 + sqrt(1 + v2), t2 = t02 + apart, at = 1 + a, at0 = 1 + a0;
+                const real av = 1 + sqrt(1 + v2), at = 1 + a, at0 = 1 + a0; /* W of a thin lens */
                 turns -= per_lam * (real)0.5f
                     * ((v2 * v2 / (av * av) - t02 * t02 / (at0 * at0)) / per_z
-                       + (t2 * t2 / (at * at) - t02 * t02 / (at0 * at0)) / q);
+                       + (q * u2 - 2 * ahead) * ((t02 + apart) / at + t02 / at0) / (a + a0));
 #else
                 amplitude *= a0 * sqrt(a0) / (a * sqrt(a));
 #endif

@@ -51,7 +51,7 @@ def add_local(
     DeviceError
         If the windows do not fit the device.
     """
-    shapes = [_shape(optics, position) for position in points.positions]
+    shapes = [_shape(optics, position, points.diameter) for position in points.positions]
     order = sorted(range(len(points)), key=lambda n: shapes[n].sizes)
     done, transforms = 0, []
     while done < len(order):
@@ -71,7 +71,9 @@ def add_local(
 
 def local_transforms(optics: WaveOptics, points: PointSources, count: int) -> Transforms:
     """Fourier transforms of ``count`` points among some of which the widest window counts."""
-    largest = max((_shape(optics, p) for p in points.positions), key=lambda s: s.samples)
+    largest = max(
+        (_shape(optics, p, points.diameter) for p in points.positions), key=lambda s: s.samples
+    )
     return ((3 * count, (largest.samples, largest.samples)),)
 
 
@@ -102,11 +104,11 @@ def add_integrated(total: cla.Array, fields: Field, weights: Any, active: float)
         sums.put(total, fine, number, FINER_INTENSITY**2 * float(weight), device)
 
 
-def _shape(optics: WaveOptics, position: Any) -> WindowShape:
+def _shape(optics: WaveOptics, position: Any, diameter: float) -> WindowShape:
     """The window of a point: finer than pixels that integrate, else as the sensor is sampled."""
     if optics.pixels is None:
-        return window_shape(optics, position, rings=SAMPLED_RINGS, orders=0.0)
-    return window_shape(optics, position)
+        return window_shape(optics, position, diameter, rings=SAMPLED_RINGS, orders=0.0)
+    return window_shape(optics, position, diameter)
 
 
 def _add(windows: LocalWindows, power: Any, total: cla.Array) -> None:

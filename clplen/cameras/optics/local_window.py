@@ -107,7 +107,12 @@ def finer(optics: WaveOptics, beta: float, *, orders: float = 0.0) -> int:
 
 
 def window_shape(
-    optics: WaveOptics, position: Values, *, rings: float = RINGS, orders: float = ORDERS
+    optics: WaveOptics,
+    position: Values,
+    diameter: float = 0.0,
+    *,
+    rings: float = RINGS,
+    orders: float = ORDERS,
 ) -> WindowShape:
     """The window of a point at (x, y, dz) in metres.
 
@@ -115,6 +120,8 @@ def window_shape(
     ----------
     optics : WaveOptics
     position : numpy.ndarray
+    diameter : float
+        Of the source in metres.
     rings : float
         Airy radii of light about the geometrical blur.
     orders : float
@@ -133,6 +140,7 @@ def window_shape(
     tilted = 1 + (np.abs(optics.on_array(position[None])).max() / z2) ** 2
     airy = 1.22 * optics.wavelength * z2 / D * tilted
     walk = abs(optics.sensor_distance) * slope_about_carrier(optics, beta)
+    blur += abs(float(optics.array_scale(position[2]))) * diameter / 2
     half = blur * tilted + rings * airy + optics.mla.pitch + walk
     samples = 2 * smooth_length(math.ceil(half / dx))
     period = smooth_length(math.ceil(PERIOD * samples))
