@@ -66,7 +66,8 @@ def against_quadrature(camera: Any, position: Any, *, thin: bool, reach: float) 
     made = windows_of(camera, position)
     shape = made.shape
     got = camera.device.download(made.array_fields())[0]
-    got = np.abs(got) / np.sqrt(made.energy[0]) / shape.pitch
+    whole = made.energy[0] / (1 - camera.optics.rim_loss(shape.pitch))  # with the rim's whole light
+    got = np.abs(got) / np.sqrt(whole) / shape.pitch
     generator = np.random.default_rng(5)
     limit = int(reach / shape.pitch)
     index = shape.samples // 2 + generator.integers(-limit, limit + 1, (12, 2))

@@ -158,7 +158,7 @@ def _sums(windows: LocalWindows, number: int, more: int, active: float) -> tuple
     )
     # the finer inverse transform divides by more^2 as many samples
     scale = more**2 if active else (more * k) ** 2
-    return sums, scale * optics.rim_energy(shape.pitch) / windows.energy[number]
+    return sums, scale / windows.energy[number]
 
 
 def _merged(transforms: Any) -> Transforms:

@@ -375,12 +375,17 @@ class LocalWindows:
         optics, shape = self.optics, self.shape
         thin = optics.lens_model == "thin"
         radius, area = _disc_nodes()
-        u = radius * (optics.aperture_diameter / 2)
+        half = optics.aperture_diameter / 2
+        u, rim = radius * half, _on_circle(half)
+        lit, loss = math.pi * half**2, optics.rim_loss(shape.pitch)
         found = []
         for numbers in self.numbers:
             t0, q, per_z, scale = numbers[:2], numbers[2], numbers[7], numbers[8]
-            squares = _amplitudes(u + numbers[15:17], t0, q, per_z, scale, thin)
-            found.append((squares * area).sum() * (optics.aperture_diameter / 2) ** 2)
+            numbers_of = (t0, q, per_z, scale, thin)
+            squares = _amplitudes(u + numbers[15:17], *numbers_of)
+            mean = (squares * area).sum() / area.sum()
+            at_rim = _amplitudes(rim + numbers[15:17], *numbers_of).mean()
+            found.append(lit * (mean - loss * at_rim))
         # sum |G|^2 over the samples of direction is int A^2 du J0/ds^2, and the inverse transform
         # divides by the samples of the period
         return np.asarray(found) * self.numbers[:, 11] / (self.step * shape.period) ** 2
@@ -394,6 +399,12 @@ def _disc_nodes(count: int = 48) -> tuple[Values, Values]:
     places = np.stack([np.outer(r, np.sin(angle)), np.outer(r, np.cos(angle))], -1).reshape(-1, 2)
     areas = np.repeat(w / 2 * np.pi / count, count)
     return places, areas
+
+
+def _on_circle(radius: float, count: int = 64) -> Values:
+    """Places (n, 2) on a circle."""
+    angle = 2 * np.pi * np.arange(count) / count
+    return radius * np.stack([np.sin(angle), np.cos(angle)], -1)
 
 
 def _amplitudes(u: Values, t0: Values, q: float, per_z: float, scale: float, thin: bool) -> Values:

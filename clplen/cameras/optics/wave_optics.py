@@ -454,11 +454,11 @@ class WaveOptics(FixedOptics):
         bent = multiply(stack, device.upload(np.concatenate(plates)))
         return pupil.with_data(bent.data.reshape(pupil.shape))
 
-    def rim_energy(self, pitch: float) -> float:
-        """Energy of an aperture over that of its samples, whose rim keeps the covered share.
+    def rim_loss(self, pitch: float) -> float:
+        """Share of an evenly lit aperture's energy that its samples lack, which have covered shares.
 
         Light that the rim scatters beyond the band of the samples does not count to the power of a
-        point; this factor makes a window of finer samples agree with one that is sampled as the
+        point: with this share a window of other samples agrees with one that is sampled as the
         sensor.
 
         Parameters
@@ -468,12 +468,12 @@ class WaveOptics(FixedOptics):
         """
         across = self.aperture_diameter / pitch
         if pitch != self.pixel_pitch or across > LARGEST_SAMPLED_RIM:
-            return 1 / (1 - RIM_LOSS / across)
+            return RIM_LOSS / across
         return self.device.plans.get(
-            ("rim energy", self.grid, self.aperture_diameter), self._rim_energy, lambda value: 8
+            ("rim loss", self.grid, self.aperture_diameter), self._rim_loss, lambda value: 8
         )
 
-    def _rim_energy(self) -> float:
+    def _rim_loss(self) -> float:
         area = math.pi / 4 * (self.aperture_diameter / self.pixel_pitch) ** 2
         sampled = pupil_fields(
             np.zeros((1, 3)),
@@ -484,7 +484,7 @@ class WaveOptics(FixedOptics):
             wavelength=self.wavelength,
             device=self.device,
         )
-        return area / float(row_powers(sampled).sum())
+        return 1 - float(row_powers(sampled).sum()) / area
 
     def array_transmission(
         self, grid: Grid, *, rim: tuple[float, float] | None = None
