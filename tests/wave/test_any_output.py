@@ -187,3 +187,26 @@ def test_into_the_band_by_a_padded_transform(device, precise, grid, out, z):
     assert "forward" in {line.kind for line in (*made.into.y, *made.into.x)}
     single, double = error_of(u, grid, z, out, (device, precise), method="cblas", guard=8)
     assert (single >= SINGLE, double >= 190) == (True, True), (single, double)
+
+
+# Single precision in the dark ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("beside", "of_window"), [(0.0, SINGLE), (6.0, 60)])
+def test_the_error_of_single_precision_is_that_of_all_the_light(device, precise, beside, of_window):
+    """130 dB below all of it (docs/accuracy.md), whatever share of it the window holds."""
+    grid, z = Grid((90, 107), (3 * LAM, 2.5 * LAM)), 2e-3
+    waist = 2e-5
+    u = np.exp(-((grid.y[:, None] / waist) ** 2) - (grid.x / waist) ** 2) + 0j
+    spread = waist * math.hypot(1, LAM * z / (math.pi * waist**2))
+    out = Grid((40, 51), 2e-6, origin=(0, beside * spread / 2))
+    one, two = (
+        Propagator(grid, z, wavelength=LAM, device=d, out_grid=out)(field_of(u, grid, d, LAM))
+        for d in (device, precise)
+    )
+    error = np.linalg.norm(one.to_numpy() - two.to_numpy())
+    there = np.linalg.norm(two.to_numpy())
+    share = float(two.power()) / (np.linalg.norm(u) ** 2 * math.prod(grid.pitch))
+    assert -20 * math.log10(error / (there / math.sqrt(share))) >= 130
+    assert -20 * math.log10(error / there) >= of_window
+    assert (share > 0.01) == (beside == 0)

@@ -52,6 +52,8 @@ def test_far_away_by_name_and_by_auto(device, precise, grid, z, out):
             # Of lines there is so little to do that several transforms take longer to start.
             assert made.method == "one-step" or (method == "auto" and 1 in grid.shape)
             assert made.report.warning == ""
+            if made.method == "cblas":
+                least = min(least, 150)  # dB, of its guard so far away
             got = made(field_of(u, grid, one, LAM)).to_numpy()
             assert err_db(expected, got[iy, ix]) >= least
 

@@ -455,7 +455,9 @@ class WaveOptics(FixedOptics):
         return pupil.with_data(bent.data.reshape(pupil.shape))
 
     def rim_loss(self, pitch: float) -> float:
-        """Share of an evenly lit aperture's energy that its samples lack, which have covered shares.
+        """Share of an evenly lit aperture's energy that its samples lack at the rim.
+
+        These have the share of their cells that the aperture covers.
 
         Light that the rim scatters beyond the band of the samples does not count to the power of a
         point: with this share a window of other samples agrees with one that is sampled as the
