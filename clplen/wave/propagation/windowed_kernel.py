@@ -146,8 +146,8 @@ class WindowedKernel:
         """
         y, x = self.axes
         pitch = (y.width / y.displacements.size, x.width / x.displacements.size)
-        places = [None if axis.is_still else axis.displacements for axis in self.axes]
-        h = kernel_samples(*places, pitch, self.z, self.wavelength, device, phase)
+        dy, dx = (None if axis.is_still else axis.displacements for axis in self.axes)
+        h = kernel_samples(dy, dx, pitch, self.z, self.wavelength, device, phase)
         multiply_tables(h, _risen(y), _risen(x), device)
         device.fft.forward(h, device)
         values = h if self.shape == self.stored else window(h, self.shape, device)
