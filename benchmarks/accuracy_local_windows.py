@@ -89,7 +89,7 @@ def pixels(device: clplen.Device) -> None:
     shared = {"focal_length": 0.12, "wavelength": LAM, "aperture_diameter": 2.9e-3}
 
     def camera(kind: str, across: int, finer: int = 1) -> Any:
-        size = finer * (18 * across + 1 - across % 2)  # odd: the same middle
+        size = finer * 18 * across
         chosen = PixelArray(shape=(size, size))
         given = {"pixels_per_lenslet": finer * across, "pixels": chosen, "device": device, **shared}
         if kind == "square":

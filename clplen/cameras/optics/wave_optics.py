@@ -477,9 +477,10 @@ class WaveOptics(FixedOptics):
 
     def _rim_loss(self) -> float:
         area = math.pi / 4 * (self.aperture_diameter / self.pixel_pitch) ** 2
+        across = 2 * math.ceil(self.aperture_diameter / 2 / self.pixel_pitch) + 5
         sampled = pupil_fields(
             np.zeros((1, 3)),
-            grid=aperture_grid(self.grid, self.aperture_diameter),
+            grid=Grid((across, across), self.grid.pitch, origin=_within_a_sample(self.grid)),
             object_distance=self.object_distance,
             focal_length=self.focal_length,
             aperture_diameter=self.aperture_diameter,
@@ -589,6 +590,15 @@ def _pad_factor(shape: tuple[int, int], pad: int) -> float:
     """``pad``, or a little more for a quick transform."""
     longest = max(shape)
     return 1 if pad == 1 else smooth_length(pad * longest) / longest
+
+
+def _within_a_sample(grid: Grid) -> tuple[float, float]:
+    """The sample (y, x) of a grid's lattice that is nearest to the axis, in metres."""
+    y, x = (
+        centre - round(centre / pitch) * pitch
+        for centre, pitch in zip(grid.origin, grid.pitch, strict=True)
+    )
+    return y, x
 
 
 def aperture_grid(grid: Grid, diameter: float) -> Grid:
