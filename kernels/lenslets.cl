@@ -36,7 +36,7 @@ inline real filtered_rim(real a, real b, real radius, real per_sample,
 #ifdef FULL
     const real x = fabs(a), y = fabs(b);
 #ifdef HEXAGONAL
-    const real across = fmax(x, x / 2 + y * (real)0.866025403784438647);
+    const real across = fmax(x, x / 2 + y * ROW_HEIGHT);
     return rim_weight((radius - across) * per_sample, rim, rim_size);
 #else
     return rim_weight((radius - x) * per_sample, rim, rim_size)

@@ -94,8 +94,8 @@ __kernel void spectra(__global cplx *restrict g, __global const real *restrict p
                     ux -= (myy * ox - myx * oy) / det;
                 }
             }
-            const real cell = ds * rsqrt(fabs(det));
-            real amplitude = rim_weight((R - hypot(uy - p[15], ux - p[16])) / cell, rim, rim_size);
+            const real cell = ds / sqrt(fabs(det)), oy = uy - p[15], ox = ux - p[16];
+            real amplitude = rim_weight((R - sqrt(oy * oy + ox * ox)) / cell, rim, rim_size);
             if (amplitude != 0) {
                 const real ahead = ty0 * uy + tx0 * ux, u2 = uy * uy + ux * ux;
                 const real bend = hyy * uy * uy + 2 * hyx * uy * ux + hxx * ux * ux;
@@ -115,7 +115,7 @@ __kernel void spectra(__global cplx *restrict g, __global const real *restrict p
 #endif
 #ifdef PATH
                 const real2 path = from_table(paths + (size_t)n * path_size * path_size, path_size,
-                                              (uy - p[15]) / R, (ux - p[16]) / R);
+                                              oy / R, ox / R);
                 turns += path.x;
                 amplitude *= sqrt(fmax(path.y, (real)0));
 #endif

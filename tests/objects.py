@@ -167,6 +167,7 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
         coherence=clplen.Coherence(clplen.wave.IncoherentLight()),
         snapshots=4,
     ),
+    "PixelArray": lambda _: clplen.cameras.PixelArray(pitch=1.4e-6, fill_factor=0.8),
     "MicrolensArray": lambda _: MLA,
     "Microscope": lambda device: clplen.PlenopticCamera.microscope(**MICROSCOPE, device=device),
     "OpticalSystem": lambda _: clplen.OpticalSystem(
