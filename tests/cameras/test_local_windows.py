@@ -269,6 +269,18 @@ def test_pictures_are_points(device: Device) -> None:
     np.testing.assert_allclose(raw.to_numpy(), one_by_one, atol=1e-7 * one_by_one.max())
 
 
+def test_points_of_many_depths_add_up(device: Device) -> None:
+    places = [(0, 0, -0.3), (1e-3, 0, 0.1), (0, 1e-3, -0.3), (0, 0, -0.29), (1e-3, 1e-3, 0.1)]
+    power = [1.0, 0.5, 2.0, 1.5, 0.7]
+    camera = fast(device)
+    together = camera.expose(PointSources(places, power=power)).to_numpy()
+    apart = sum(
+        camera.expose(PointSources(place, power=each)).to_numpy()
+        for place, each in zip(places, power, strict=True)
+    )
+    np.testing.assert_allclose(together, apart, atol=1e-6 * together.max())
+
+
 def test_progress_counts_points(device: Device) -> None:
     seen: list[tuple[int, int]] = []
     points = PointSources([(0, 0, 0), (1e-3, 0, -0.3), (0, 1e-3, 0)])

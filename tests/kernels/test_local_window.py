@@ -103,7 +103,7 @@ def test_behind_and_onward(device: Device) -> None:
     got_behind = device.download(behind).copy()
     got = device.download(made.sensor_spectra(behind))
     index = (np.arange(n) - n // 2) * SHAPE.pitch
-    carried = made._off_band()
+    carried = made.off_band
     for k in range(3):
         numbers = made.numbers[k]
         y, x = (index + numbers[12])[:, None], (index + numbers[13])[None]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ import pyopencl.array as cla
 from clplen.cameras.optics.local_window import (
     SAMPLED_RINGS,
     LocalWindows,
+    Windows,
     WindowShape,
     window_shape,
 )
@@ -52,21 +55,37 @@ def add_local(
         If the windows do not fit the device.
     """
     shapes = [_shape(optics, position, points.diameter) for position in points.positions]
-    order = sorted(range(len(points)), key=lambda n: shapes[n].sizes)
     done, transforms = 0, []
-    while done < len(order):
-        shape = shapes[order[done]]
-        same = [n for n in order[done : done + shape.batch(optics.device)] if shapes[n] == shape]
-        optics.device.require_memory(
-            shape.nbytes(optics.device) * len(same), "The window of a point"
-        )
+    for same in batches(shapes, optics.device):
+        shape = shapes[same[0]]
         windows = LocalWindows.of(optics, shape, points.positions[same], points.diameter)
-        _add(windows, points.power[same], total)
+        add_windows(windows, points.power[same], total)
         transforms.append((3 * len(same), (shape.samples, shape.samples)))
         done += len(same)
         if progress is not None:
             progress(done, len(points))
     return Exposure("local", _merged(transforms), 0.0)
+
+
+def batches(shapes: Sequence[WindowShape], device: Device) -> Iterator[list[int]]:
+    """Indices of windows of one shape that travel together, all of them once.
+
+    Raises
+    ------
+    DeviceError
+        If one does not fit the device.
+    """
+    ranked = sorted(range(len(shapes)), key=lambda n: shapes[n].sizes)
+    for _, run in groupby(ranked, key=lambda n: shapes[n].sizes):
+        same = list(run)
+        shape = shapes[same[0]]
+        count = shape.batch(device)
+        device.require_memory(
+            shape.nbytes(device) * min(count, len(same)),
+            f"A point's window of {shape.samples} x {shape.samples} samples",
+        )
+        for start in range(0, len(same), count):
+            yield same[start : start + count]
 
 
 def local_transforms(optics: WaveOptics, points: PointSources, count: int) -> Transforms:
@@ -111,7 +130,17 @@ def _shape(optics: WaveOptics, position: Any, diameter: float) -> WindowShape:
     return window_shape(optics, position, diameter)
 
 
-def _add(windows: LocalWindows, power: Any, total: cla.Array) -> None:
+def add_windows(windows: Windows, power: Any, total: cla.Array) -> None:
+    """Add the energy of points in their windows to an image of the sensor.
+
+    Parameters
+    ----------
+    windows : Windows
+    power : numpy.ndarray
+        Of each point.
+    total : pyopencl.array.Array
+        Real, shape of the sensor; changed.
+    """
     optics, device = windows.optics, windows.optics.device
     active = 0.0 if optics.pixels is None else optics.pixels.active
     fields = windows.array_fields()
@@ -136,7 +165,7 @@ def refined(spectra: cla.Array, more: int, device: Device) -> cla.Array:
     return spectra
 
 
-def _sums(windows: LocalWindows, number: int, more: int, active: float) -> tuple[PixelSums, float]:
+def _sums(windows: Windows, number: int, more: int, active: float) -> tuple[PixelSums, float]:
     """The pixels that a window's samples fill, and the factor to a point's energy 1."""
     optics, shape = windows.optics, windows.shape
     k, n = shape.finer, shape.samples

@@ -11,12 +11,14 @@ between; from the array to the sensor the angular spectrum is exact.
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.optics.wave_optics import WaveOptics, disc_table
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import run
@@ -69,9 +71,10 @@ class WindowShape:
     rim: tuple[float, float] | None
 
     @property
-    def sizes(self) -> tuple[int, ...]:
+    def sizes(self) -> tuple[float, ...]:
         """By which windows are sorted, so that those of one shape are neighbours."""
-        return (self.samples, self.period, self.pupil, self.finer, self.guard)
+        filters = self.rim or (0.0, 0.0)
+        return (self.samples, self.period, self.pupil, self.finer, self.guard, *filters)
 
     def nbytes(self, device: Device) -> int:
         """Of one window on its way: fields, the array, and the integral over the pupil."""
@@ -155,12 +158,36 @@ def window_shape(
     return WindowShape(many, dx, samples, period, pupil, math.ceil(walk / dx), rim)
 
 
+class SensorOptics(Protocol):
+    """What windows ask of a camera behind its main lens."""
+
+    @property
+    def device(self) -> Device: ...
+
+    @property
+    def wavelength(self) -> float: ...
+
+    @property
+    def grid(self) -> Grid: ...
+
+    @property
+    def pixels(self) -> PixelArray | None: ...
+
+    @property
+    def sensor_distance(self) -> float: ...
+
+    def array_transmission(
+        self, grid: Grid, *, rim: tuple[float, float] | None = None
+    ) -> cla.Array: ...
+
+
 @dataclass(frozen=True, eq=False)
-class LocalWindows:
-    """Windows of several points, of one shape.
+class Windows:
+    """Windows of several points, of one shape, from the array to the sensor.
 
     Attributes
     ----------
+    optics : SensorOptics
     shape : WindowShape
     numbers : numpy.ndarray
         Of each point for the kernels, shape (n, NUMBERS).
@@ -169,21 +196,102 @@ class LocalWindows:
         of the sensor, int64, shape (n, 2).
     carriers : numpy.ndarray
         Direction cosines (y, x) behind the array of a chief ray, shape (n, 2).
+    off_band : numpy.ndarray
+        Bins (y, x) from the middle of each window's band to its carrier, shape (n, 2).
     shifts : numpy.ndarray
         By how many samples (y, x) the windows on the sensor lie farther out, int64, shape (n, 2).
     energy : numpy.ndarray
         Of each point's field in an infinite window, sum of abs(U)^2 over samples, shape (n,).
     """
 
-    optics: WaveOptics
+    optics: SensorOptics
     shape: WindowShape
-    positions: Values
-    diameter: float
     numbers: Values
     centres: np.ndarray[Any, np.dtype[np.int64]]
     carriers: Values
+    off_band: Values
     shifts: np.ndarray[Any, np.dtype[np.int64]]
     energy: Values
+
+    @abstractmethod
+    def array_fields(self) -> cla.Array:
+        """Fields on the array before its lenslets, without carrier and quadratic phase.
+
+        Returns
+        -------
+        pyopencl.array.Array
+            Complex, shape (n, samples, samples).
+        """
+
+    def behind_array(self, fields: cla.Array) -> cla.Array:
+        """The same fields behind the lenslets, in place; still without their carrier."""
+        optics, shape, device = self.optics, self.shape, self.optics.device
+        n = shape.samples
+        real = device.real.type
+        arrays = device.empty(fields.shape, device.complex)
+        for number, centre in enumerate(self.centres):
+            grid = Grid((n, n), shape.pitch, origin=self._origin(centre))
+            arrays[number] = optics.array_transmission(grid, rim=shape.rim)
+        device.launch_rows(
+            device.kernel("local_window.cl", "behind", **device.wave_defines()),
+            fields.shape,
+            fields,
+            device.upload(self.numbers.astype(device.real)),
+            arrays,
+            real(shape.pitch),
+            real(1 / optics.wavelength),
+            np.int32(n),
+            np.int32(n),
+        )
+        return fields
+
+    def sensor_spectra(self, behind: cla.Array) -> cla.Array:
+        """Spectra of the fields on the sensor about the windows' centres there, in place.
+
+        Parameters
+        ----------
+        behind : pyopencl.array.Array
+            From `behind_array`.
+        """
+        optics, shape, device = self.optics, self.shape, self.optics.device
+        device.fft.forward(behind, device)
+        carriers = np.concatenate([self.carriers, self.shifts, self.off_band], axis=1)
+        real = device.real.type
+        device.launch_rows(
+            device.kernel("local_window.cl", "onward", **device.wave_defines()),
+            behind.shape,
+            behind,
+            device.upload(carriers.astype(device.real)),
+            real(optics.wavelength / shape.pitch),
+            real(optics.sensor_distance / optics.wavelength),
+            np.int32(shape.samples),
+            np.int32(shape.samples),
+        )
+        return behind
+
+    def _origin(self, centre: Any) -> tuple[float, float]:
+        y, x = np.asarray(self.optics.grid.origin) + np.asarray(centre) * self.shape.pitch
+        return float(y), float(x)
+
+
+@dataclass(frozen=True, eq=False)
+class LocalWindows(Windows):
+    """Windows of points before a main lens.
+
+    Attributes
+    ----------
+    optics : WaveOptics
+    positions : numpy.ndarray
+        (x, y, dz) of the points in metres, shape (n, 3).
+    diameter : float
+        Of each of them, in metres.
+    others
+        Those of `Windows`.
+    """
+
+    optics: WaveOptics
+    positions: Values
+    diameter: float
 
     @classmethod
     def of(
@@ -217,9 +325,10 @@ class LocalWindows:
         )  # fmt: skip
         for number, column in enumerate(columns):
             numbers[:, number] = column
+        off_band = _off_band(optics, shape, carriers, 1 - numbers[:, 3])
         made = cls(
-            optics, shape, positions, diameter, numbers, centres, carriers, shifts,
-            np.ones(len(positions)),
+            optics, shape, numbers, centres, carriers, off_band, shifts, np.ones(len(positions)),
+            positions, diameter,
         )  # fmt: skip
         made.numbers[:, 15:17] = made._pupil_centres() * optics.aperture_diameter / 2
         made.energy[:] = made._energies()
@@ -279,69 +388,6 @@ class LocalWindows:
         line = _to_window(shape).astype(device.complex)
         return run(pupil, Separable((line,), (line,)), [], [], device)[0]
 
-    def behind_array(self, fields: cla.Array) -> cla.Array:
-        """The same fields behind the lenslets, in place; still without their carrier."""
-        optics, shape, device = self.optics, self.shape, self.optics.device
-        n = shape.samples
-        real = device.real.type
-        arrays = device.empty(fields.shape, device.complex)
-        for number, centre in enumerate(self.centres):
-            grid = Grid((n, n), shape.pitch, origin=self._origin(centre))
-            arrays[number] = optics.array_transmission(grid, rim=shape.rim)
-        device.launch_rows(
-            device.kernel("local_window.cl", "behind", **device.wave_defines()),
-            fields.shape,
-            fields,
-            device.upload(self.numbers.astype(device.real)),
-            arrays,
-            real(shape.pitch),
-            real(1 / optics.wavelength),
-            np.int32(n),
-            np.int32(n),
-        )
-        return fields
-
-    def sensor_spectra(self, behind: cla.Array) -> cla.Array:
-        """Spectra of the fields on the sensor about the windows' centres there, in place.
-
-        Parameters
-        ----------
-        behind : pyopencl.array.Array
-            From `behind_array`.
-        """
-        optics, shape, device = self.optics, self.shape, self.optics.device
-        device.fft.forward(behind, device)
-        carriers = np.concatenate([self.carriers, self.shifts, self._off_band()], axis=1)
-        real = device.real.type
-        device.launch_rows(
-            device.kernel("local_window.cl", "onward", **device.wave_defines()),
-            behind.shape,
-            behind,
-            device.upload(carriers.astype(device.real)),
-            real(optics.wavelength / shape.pitch),
-            real(optics.sensor_distance / optics.wavelength),
-            np.int32(shape.samples),
-            np.int32(shape.samples),
-        )
-        return behind
-
-    def _off_band(self) -> Values:
-        """Bins (y, x) from the middle of each window's band to its carrier.
-
-        The band lies about the carrier, unless samples as fine as these hold all light about the
-        axis: then about the axis, as in a window as large as the sensor.
-        """
-        optics, shape = self.optics, self.shape
-        nyquist = optics.wavelength / (2 * shape.pitch)
-        steepest = np.array([slope_about_carrier(optics, 1 - gap) for gap in self.numbers[:, 3]])
-        about_axis = (np.abs(self.carriers) + steepest[:, None] < nyquist).all(axis=1)
-        bins = self.carriers * (shape.samples * shape.pitch / optics.wavelength)
-        return np.where(about_axis[:, None], bins, 0.0)
-
-    def _origin(self, centre: Any) -> tuple[float, float]:
-        y, x = np.asarray(self.optics.grid.origin) + np.asarray(centre) * self.shape.pitch
-        return float(y), float(x)
-
     def _paths(self) -> Values:
         """(turns, transmission) of the main lens over the pupil's square, for each point."""
         optics = self.optics
@@ -389,6 +435,19 @@ class LocalWindows:
         # sum |G|^2 over the samples of direction is int A^2 du J0/ds^2, and the inverse transform
         # divides by the samples of the period
         return np.asarray(found) * self.numbers[:, 11] / (self.step * shape.period) ** 2
+
+
+def _off_band(optics: WaveOptics, shape: WindowShape, carriers: Values, beta: Values) -> Values:
+    """Bins (y, x) from the middle of each window's band to its carrier.
+
+    The band lies about the carrier, unless samples as fine as these hold all light about the axis:
+    then about the axis, as in a window as large as the sensor.
+    """
+    nyquist = optics.wavelength / (2 * shape.pitch)
+    steepest = np.array([slope_about_carrier(optics, one) for one in beta])
+    about_axis = (np.abs(carriers) + steepest[:, None] < nyquist).all(axis=1)
+    bins = carriers * (shape.samples * shape.pitch / optics.wavelength)
+    return np.where(about_axis[:, None], bins, 0.0)
 
 
 def _disc_nodes(count: int = 48) -> tuple[Values, Values]:
