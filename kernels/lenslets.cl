@@ -52,6 +52,11 @@ inline cplx filtered(Lenslet l, real radius, real per_sample, int rows, int colu
                      __global const real *restrict turns, __global const real *restrict rim,
                      int rim_size)
 {
+#ifdef FULL
+    const real beyond = radius * (real)1.4143f + 2 * RIM / per_sample; /* the corners of a cell */
+#else
+    const real beyond = radius + RIM / per_sample;
+#endif
     cplx sum = (cplx)(0);
     for (int i = -1; i <= 1; ++i) {
         const int row = l.row + i;
@@ -67,6 +72,8 @@ inline cplx filtered(Lenslet l, real radius, real per_sample, int rows, int colu
             if (column < 0 || column >= columns)
                 continue;
             const real a = l.a - k - shift, b = l.b - i * ROW_HEIGHT;
+            if (a * a + b * b > beyond * beyond)
+                continue;
             const real weight = filtered_rim(a, b, radius, per_sample, rim, rim_size);
             if (weight != 0)
                 sum += weight * cis_turns(-turns[lens_type(row, column)] * (a * a + b * b));
