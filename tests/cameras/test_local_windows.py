@@ -269,6 +269,14 @@ def test_pictures_are_points(device: Device) -> None:
     np.testing.assert_allclose(raw.to_numpy(), one_by_one, atol=1e-7 * one_by_one.max())
 
 
+def test_the_description_says_how_points_are_exposed(device: Device) -> None:
+    table = fast(device).describe()
+    assert table["active area"] == 1
+    assert 0 < table["light beyond it"] < 0.01
+    assert "do not sample the light" in str(table)
+    assert "window of a point" not in str(slow(device, "square").describe())
+
+
 def test_points_of_many_depths_add_up(device: Device) -> None:
     places = [(0, 0, -0.3), (1e-3, 0, 0.1), (0, 1e-3, -0.3), (0, 0, -0.29), (1e-3, 1e-3, 0.1)]
     power = [1.0, 0.5, 2.0, 1.5, 0.7]
