@@ -208,10 +208,11 @@ class CameraTable(Table):
         pixels, lenslets = table.get("pixels"), table.get("microlenses")
         if not (isinstance(pixels, dict) and isinstance(lenslets, dict)):
             return table
-        pitches = (lenslets.get("pitch_um"), pixels.get("pitch_um"))
-        if not all(is_finite(pitch) and pitch > 0 for pitch in pitches):
+        pitch: Any = lenslets.get("pitch_um")
+        pixel: Any = pixels.get("pitch_um")
+        if not (is_finite(pitch) and is_finite(pixel) and pixel > 0):
             return table
-        return {**table, "pixels_per_lenslet": pitches[0] / pitches[1]}
+        return {**table, "pixels_per_lenslet": pitch / pixel}
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> CameraTable:
