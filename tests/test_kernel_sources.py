@@ -36,7 +36,7 @@ from clplen import (
     thin_lens,
 )
 from clplen.bench import ceilings
-from clplen.cameras import Plane
+from clplen.cameras import PixelArray, Plane
 from clplen.cameras.optics.camera_aberrations import Aberrations, LensletScatter
 from clplen.cameras.scenes.scene_sources import PicturePlane
 from clplen.compute.device import Device
@@ -220,6 +220,18 @@ def exposed(device: Device, lattice: str) -> RawImage:
     return camera.expose(PointSources([(0, 0, 0), (2e-4, 0, 5e-3)], diameter=1e-5))
 
 
+def windowed(device: Device) -> None:
+    """What small cameras record of a point by windows of its own, with pixels that integrate."""
+    for lens, fill in (("thin", "full"), ("corrected", "circular")):
+        mla = MicrolensArray(150e-6, 10e-3, count=5, fill=fill)
+        camera = PlenopticCamera.type1(
+            focal_length=0.03, mla=mla, wavelength=WAVELENGTH, pixels_per_lenslet=6,
+            aperture_diameter=4e-3, lens_model=lens, pixels=PixelArray(), device=device,
+            aberrations=Aberrations(main_lens={5: 1e-8}),
+        )  # fmt: skip
+        camera.expose(PointSources((0, 0, 0)))
+
+
 def pictured(device: Device) -> None:
     """What a small camera records of a picture that shines, by the route of patterns."""
     mla = MicrolensArray(150e-6, 10e-3, count=9)
@@ -317,6 +329,7 @@ def work(device: Device) -> None:
     waves(device)
     raw = exposed(device, "hexagonal")
     pictured(device)
+    windowed(device)
     if device.precision == "single":
         for one in (raw, exposed(device, "square")):
             refocus(LightField.from_raw(one), alpha=0.9, rescale=True)

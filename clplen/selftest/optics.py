@@ -8,7 +8,9 @@ import numpy as np
 
 from clplen.cameras.exposure import isoplanatic
 from clplen.cameras.exposure.ray_exposure import SAMPLES, sample_rays
+from clplen.cameras.optics.local_window import LocalWindows, window_shape
 from clplen.cameras.optics.objective import Objective
+from clplen.cameras.optics.pixel_array import PixelSums, pixel_weights
 from clplen.cameras.optics.wave_optics import pupil_fields
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.scenes.scene_sources import PointSources
@@ -247,6 +249,51 @@ def _plane_waves(device: Device) -> Pairs:
     yield np.einsum("p,py,px->yx", a, ey, ex), got.to_numpy()
 
 
+def _local_window(device: Device) -> Pairs:
+    """Light about a chief ray on the array, beside sums over the pupil of spheres to the image."""
+    mla = MicrolensArray(10e-6, 40e-6, count=15)
+    camera = PlenopticCamera.type1(
+        focal_length=0.01, object_distance=1.0, aperture_diameter=2.5e-3, mla=mla, wavelength=LAM,
+        pixels_per_lenslet=8, lens_model="corrected", device=device,
+    )  # fmt: skip
+    place = np.array([(1e-3, -2e-3, -0.2)])
+    optics = camera.optics
+    windows = LocalWindows.of(optics, window_shape(optics, place[0]), place, 6e-5)
+    fields = device.download(windows.array_fields())[0]
+    n, pitch = windows.shape.samples, windows.shape.pitch
+    index = n // 2 + np.array([(0, 0), (3, -5), (-11, 2), (7, 13)])
+    got = np.abs(fields[tuple(index.T)]) / np.sqrt(windows.energy[0]) / pitch
+    y, x = (np.asarray(camera.grid.origin) + (windows.centres[0] + index - n // 2) * pitch).T
+    v, u, areas = twins.disc_nodes(1.25e-3)
+    (x0, y0, dz), z2 = place[0], camera.array_distance
+    q = 1 / 0.01 - 1 / (1 + dz)
+    slope = np.sqrt(1 + (y0 / (1 + dz) + q * v) ** 2 + (x0 / (1 + dz) + q * u) ** 2)
+    foot = np.pi * 6e-5 * np.hypot(v - y0, u - x0) / (LAM * (1 + dz))
+    amplitude = slope**-1.5 * twins.disc_pattern(foot)
+    beside = (y[:, None] - v) ** 2 + (x[:, None] - u) ** 2
+    r = np.sqrt(z2**2 + beside)
+    phase = (beside / (r + z2) - (slope - slope[0]) / q) / LAM
+    sums = (np.exp(2j * np.pi * phase) / r**2 * amplitude) @ areas
+    expected = np.abs(sums) * z2 / LAM / np.sqrt((amplitude**2) @ areas)
+    yield expected, got
+
+
+def _pixels(device: Device) -> Pairs:
+    """Integrals of an intensity over squares of five pixels each way."""
+    field = twins.waves(8, 47, 53)
+    total = device.zeros((6, 7), device.real)
+    sums = PixelSums(first=(14, 15), step=4, width=3.2, place=(1, 2), shape=(5, 4))
+    sums.put(total, device.upload(field[None].astype(device.complex)), 0, 0.7, device)
+    weights = pixel_weights(3.2)
+    reach = len(weights) // 2
+    expected = np.zeros((6, 7))
+    for row, column in np.ndindex(5, 4):
+        down, right = 14 + 4 * row - reach, 15 + 4 * column - reach
+        part = np.abs(field[down:, right:][: len(weights), : len(weights)]) ** 2
+        expected[1 + row, 2 + column] = 0.7 * weights @ part @ weights
+    yield expected, device.download(total)
+
+
 CHECKS = (
     Check("aperture", "covered share of each cell by a disc", _aperture, STRIPS,
           ("aperture.cl", "coverage.cl")),
@@ -258,6 +305,9 @@ CHECKS = (
           ("made_lenslets.cl",)),
     Check("lenslet_errors", "tilted, moved, bent lenslets", _lenslet_errors, 1e-5,
           ("lenslet_errors.cl",)),
+    Check("local window", "a point's light about its chief ray", _local_window, 1e-3,
+          ("local_window.cl", "rim_weights.cl", "disc_pattern.cl")),
+    Check("pixels", "intensities integrated over pixels", _pixels, 1e-5, ("pixels.cl",)),
     Check("source", "point sources in a lens", _point_sources, STRIPS, ("source.cl",)),
     Check("objective", "points behind a microscope's objective", _objective, 1e-5,
           ("objective.cl",)),
