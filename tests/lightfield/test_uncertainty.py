@@ -47,7 +47,7 @@ def test_slope_of_hexagonal_arrays_has_no_bias(device):
 
 
 def test_deviations_are_one_standard_deviation(device):
-    """Chi square of 7 points and three methods: 1 % lies outside .62 to 1.40 rms."""
+    """Chi square of 7 points by three methods, as if independent: 1 % outside .62 to 1.40 rms."""
     found = list(estimates(device, 7, 5))
     ratio = np.array([one.error / one.deviation for one in found])
     assert len(found) >= 19
