@@ -159,6 +159,21 @@ def test_depth_map_of_the_summed_scene(camera, scene):
         assert found.confidence[y, x] > 0.5
 
 
+@pytest.mark.thorough
+def test_default_depth_of_the_summed_scene(camera, scene):
+    """Points on black: each at its own depth, and no confidence in the black between them."""
+    found = depth_map(scene)
+    is_far = np.ones(found.disparity.shape, bool)
+    y, x = np.indices(is_far.shape)
+    for point in ((-3e-3, -3e-3, -0.05), (0.0, 0.0, 0.0), (3e-3, 3e-3, 0.05)):
+        at = lenslet(camera, point)
+        assert found.alpha[at] == pytest.approx(camera.alpha(point[2]), abs=0.006)
+        assert found.confidence[at] > 0.9
+        is_far &= np.hypot(y - at[0], x - at[1]) > 6
+    assert found.confidence[is_far].mean() < 0.02
+    assert (found.confidence[is_far] > 0.5).mean() < 0.001
+
+
 @pytest.mark.nightly
 @pytest.mark.parametrize("dz", [-50e-3, 50e-3])
 def test_extended_scene(camera, dz):
