@@ -8,6 +8,7 @@ from .optics.color_filters import ColorFilterArray as ColorFilterArray
 from .optics.lenslet_camera import Description as Description
 from .optics.objective import CoverGlass as CoverGlass
 from .optics.objective import Objective as Objective
+from .optics.opd_maps import OPDMaps as OPDMaps
 from .optics.pixel_array import PixelArray as PixelArray
 from .optics.wave_optics import WaveOptics as WaveOptics
 from .plenoptic_camera import PlenopticCamera as PlenopticCamera

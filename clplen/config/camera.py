@@ -11,8 +11,10 @@ from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations, LensletScatter
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
+from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.standard_camera import Plenoptic1
+from clplen.checks import is_finite
 from clplen.compute.device import Device
 from clplen.config.tables import (
     Count,
@@ -93,6 +95,7 @@ NEEDED = {
 }
 OF_A_MAIN_LENS = (
     "focal_length_mm", "object_distance_mm", "image_distance_mm", "aperture_diameter_mm",
+    "lens_model",
 )  # fmt: skip
 
 
@@ -130,6 +133,29 @@ class MicrolensTable(Table):
         )
 
 
+class PixelsTable(Table):
+    """``[camera.pixels]``: pixels that integrate."""
+
+    pitch_um: Positive | None = None
+    fill_factor: Annotated[float, Field(ge=0, le=1, strict=True)] = 1.0
+    shape: Annotated[tuple[Count, Count], of(2, "two numbers, [rows, columns]")] | None = None
+    offset_um: Annotated[tuple[Finite, Finite], of(2, "two numbers, [y, x]")] = (0.0, 0.0)
+    rotation_deg: Finite = 0.0
+    crosstalk: list[list[NotNegative]] | None = None
+
+    def build(self) -> PixelArray:
+        """The pixels, in SI units."""
+        shares = self.crosstalk
+        return PixelArray(
+            fill_factor=self.fill_factor,
+            pitch=divided(self.pitch_um, 1e6),
+            shape=self.shape,
+            offset=(self.offset_um[0] / 1e6, self.offset_um[1] / 1e6),
+            rotation=math.radians(self.rotation_deg),
+            crosstalk=None if shares is None else tuple(tuple(row) for row in shares),
+        )
+
+
 class CoverTable(Table):
     """``[camera.cover]``: a cover glass that the objective is not made for."""
 
@@ -156,6 +182,7 @@ class CameraTable(Table):
     wavelength_nm: Positive
     pixels_per_lenslet: Positive
     microlenses: MicrolensTable
+    pixels: PixelsTable | None = None
     object_distance_mm: Positive | None = None
     image_distance_mm: Positive | None = None
     aperture_diameter_mm: Positive | None = None
@@ -164,12 +191,28 @@ class CameraTable(Table):
     a_mm: Finite | None = None
     match: Literal["pupil", "cone"] = "pupil"
     aberrations: AberrationsTable | None = None
+    lens_model: Literal["auto", "thin", "corrected"] = "auto"
     magnification: Positive | None = None
     na: Positive | None = None
     medium_index: Positive = 1.0
     tube_lens_mm: Positive = 200.0
     cover: CoverTable | None = None
     apodisation: Annotated[float, Field(ge=-1, le=1, strict=True)] = APODISATION
+
+    @model_validator(mode="before")
+    @classmethod
+    def _pixels_by_their_pitch(cls, table: Any) -> Any:
+        """``pixels_per_lenslet`` by the two pitches, where it is left out."""
+        if not isinstance(table, dict) or "pixels_per_lenslet" in table:
+            return table
+        pixels, lenslets = table.get("pixels"), table.get("microlenses")
+        if not (isinstance(pixels, dict) and isinstance(lenslets, dict)):
+            return table
+        pitch: Any = lenslets.get("pitch_um")
+        pixel: Any = pixels.get("pitch_um")
+        if not (is_finite(pitch) and is_finite(pixel) and pixel > 0):
+            return table
+        return {**table, "pixels_per_lenslet": pitch / pixel}
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> CameraTable:
@@ -201,6 +244,7 @@ class CameraTable(Table):
             "wavelength": wavelength,
             "pixels_per_lenslet": self.pixels_per_lenslet,
             "device": device,
+            "pixels": self.pixels.build() if self.pixels else None,
         }
         if self.kind == "microscope":
             assert self.magnification is not None
@@ -220,6 +264,7 @@ class CameraTable(Table):
             "image_distance": divided(self.image_distance_mm, 1e3),
             "aperture_diameter": divided(self.aperture_diameter_mm, 1e3),
             "aberrations": self.aberrations.build(wavelength) if self.aberrations else NONE,
+            "lens_model": self.lens_model,
         }
         if self.kind == "plenoptic1":
             return PlenopticCamera.type1(field_lens=self.field_lens, **shared)

@@ -231,10 +231,16 @@ class PixelSums:
     shape: tuple[int, int]
 
     def put(
-        self, total: cla.Array, fields: cla.Array, number: int, gain: float, device: Device,
-        *, add: bool = True, tile: Values | None = None,
-    ) -> None:  # fmt: skip
-        """Sum abs(U)^2 times ``gain`` of one of several fields over pixels of a sensor's image.
+        self,
+        total: cla.Array,
+        fields: cla.Array,
+        number: int,
+        gain: float,
+        device: Device,
+        *,
+        tile: Values | None = None,
+    ) -> None:
+        """Add abs(U)^2 times ``gain`` of one of several fields to the pixels of an image.
 
         Parameters
         ----------
@@ -246,8 +252,6 @@ class PixelSums:
             Which of them.
         gain : float
         device : Device
-        add : bool
-            Whether the sums are added to the image, or replace it.
         tile : numpy.ndarray, optional
             Factors of the sensor's pixels, which repeat from pixel (0, 0) on, shape (ty, tx).
         """
@@ -271,7 +275,7 @@ class PixelSums:
             sizes = (np.int32(n) for n in tile.shape)
             factors = (device.upload(np.ascontiguousarray(tile, device.real)), *sizes)
         device.launch_rows(
-            device.kernel("pixels.cl", "pixel_columns", **defines, **({} if add else {"SET": True})),
+            device.kernel("pixels.cl", "pixel_columns", **defines),
             (down, across), total, rows, taps,
             np.int32(len(weights)), np.int32(self.first[0] - reach), np.int32(self.step),
             real(gain),

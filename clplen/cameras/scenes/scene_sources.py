@@ -94,6 +94,12 @@ class PointSources(OneLine):
     def __len__(self) -> int:
         return len(self.positions)
 
+    def chosen(self, which: slice | Sequence[int]) -> PointSources:
+        """Some of the sources, by a slice or their indices."""
+        return PointSources(
+            self.positions[which], diameter=self.diameter, power=self.power[which]
+        )
+
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 
