@@ -20,7 +20,13 @@ from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
 from clplen.config import EXAMPLE, CameraFile, CoherenceTable, read_camera_file
 from clplen.config.camera import KEYS as CAMERA_KEYS
-from clplen.config.camera import AberrationsTable, CameraTable, MicrolensTable, SensorTable
+from clplen.config.camera import (
+    AberrationsTable,
+    CameraTable,
+    MicrolensTable,
+    PixelsTable,
+    SensorTable,
+)
 from clplen.config.scene import KEYS, SPECTRA, PictureTable, SceneTable
 from clplen.config.tables import Table
 from clplen.errors import FormatError
@@ -61,6 +67,7 @@ def test_the_example_is_the_camera_of_the_demo(tmp_path: Path, device: Device):
 TABLES: dict[str, type[Table]] = {
     "camera": CameraTable,
     "microlenses": MicrolensTable,
+    "pixels": PixelsTable,
     "aberrations": AberrationsTable,
     "scene": SceneTable,
     "pictures": PictureTable,
@@ -80,7 +87,8 @@ def test_the_example_shows_every_key_and_its_default(tmp_path: Path, device: Dev
     """What is commented out, taken in, changes nothing, unless its comment says otherwise."""
     lines = [line for line in EXAMPLE.splitlines() if " = " in line]
     known = [name for table in TABLES.values() for name in table.model_fields]
-    known = [name for name in known if name not in ("microlenses", "aberrations", "pictures")]
+    tables = ("microlenses", "pixels", "aberrations", "pictures")
+    known = [name for name in known if name not in tables]
     assert sorted(shown(line)[0] for line in lines) == sorted(known)
     camera = read(tmp_path, EXAMPLE).camera.build(device)
     effective = {
@@ -100,7 +108,7 @@ def test_the_example_shows_every_key_and_its_default(tmp_path: Path, device: Dev
             says = tomllib.loads(f"value = {value}")["value"]
             assert np.array_equal(np.atleast_1d(says), np.atleast_1d(default)), key
             found.append(key)
-    assert len(found) == 29, found
+    assert len(found) == 33, found
 
 
 @pytest.mark.parametrize("spatial", ["mask", "source", "incoherent"])
@@ -367,6 +375,94 @@ def test_what_is_said_about_a_wrong_focused_camera(tmp_path: Path, old: str, new
         read(tmp_path, FOCUSED.replace(old, new, 1))
 
 
+REAL = """
+    [camera]
+    focal_length_mm = 12
+    object_distance_mm = 900
+    aperture_diameter_mm = 3
+    wavelength_nm = 520
+    lens_model = "corrected"
+    [camera.microlenses]
+    pitch_um = 20
+    focal_length_mm = 0.08
+    count = [13, 17]
+    lattice = "hexagonal"
+    offset_um = [2, -3]
+    rotation_deg = 1
+    [camera.pixels]
+    pitch_um = 1.4
+    shape = [181, 201]
+    fill_factor = 0.6
+    offset_um = [7, -5]
+    rotation_deg = 0.3
+    crosstalk = [[0, 0.01, 0], [0.03, 0.9, 0.02], [0, 0.04, 0]]
+    [scene]
+    points_mm = [[0.1, 0.2, 30.0]]
+"""
+
+
+def test_every_key_reaches_the_pixels(tmp_path: Path, device: Device):
+    camera = read(tmp_path, REAL).camera.build(device)
+    pixels = camera.pixels
+    assert pixels is not None
+    assert (pixels.pitch, pixels.shape, pixels.fill_factor) == (1.4e-6, (181, 201), 0.6)
+    assert pixels.offset == pytest.approx((7e-6, -5e-6), rel=1e-12)
+    assert pixels.rotation == pytest.approx(math.radians(0.3), rel=1e-12)
+    assert pixels.crosstalk == ((0, 0.01, 0), (0.03, 0.9, 0.02), (0, 0.04, 0))
+    assert camera.lens_model == "corrected"
+    assert camera.grid.shape == (181, 201)
+    assert camera.pixels_per_lenslet == pytest.approx(20 / 1.4, rel=1e-12)
+    assert camera.mla.rotation == pytest.approx(math.radians(0.7), rel=1e-12)
+    both = REAL.replace("wavelength_nm", "pixels_per_lenslet = 14.2857143\n    wavelength_nm")
+    assert read(tmp_path, both).camera.build(device).grid == camera.grid
+
+
+def test_pixels_are_kept_with_a_camera(tmp_path: Path, device: Device):
+    camera = read(tmp_path, REAL).camera.build(device)
+    kept = of_camera(camera)
+    assert kept is not None
+    assert set(kept) <= set(CAMERA_NAMES)
+    assert kept["mla_rotation"] == pytest.approx(math.radians(1))
+    again = read_camera(kept, tmp_path, device)
+    assert again.pixels == camera.pixels
+    assert again.lens_model == camera.lens_model
+    assert again.grid == camera.grid
+    np.testing.assert_allclose(again.mla.centres(), camera.mla.centres(), atol=1e-15)
+    with pytest.raises(FormatError, match="pixels are none"):
+        read_camera(kept | {"pixels": "[1]"}, tmp_path, device)
+    with pytest.raises(FormatError, match="lens_model is"):
+        read_camera(kept | {"lens_model": "thick"}, tmp_path, device)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("pitch_um = 1.4", "pitch = 1.4", r"camera\.pixels\.pitch; did you mean pitch_um\?"),
+        ("pitch_um = 1.4", "pitch_um = 0", r"pixels\.pitch_um must be greater than 0 \(found 0\)"),
+        ("    pitch_um = 1.4", "", "camera needs pixels_per_lenslet, or pixels.pitch_um in their"),
+        ("shape = [181, 201]", "shape = 181", r"shape must be \[rows, columns\] \(found 181\)"),
+        ("shape = [181, 201]", "shape = [0, 3]", r"shape\S* must be greater than or equal to 1"),
+        ("fill_factor = 0.6", "fill_factor = 60", "must be less than or equal to 1 .found 60"),
+        ("offset_um = [7, -5]", "offset_um = 7", r"pixels\.offset_um must be two numbers"),
+        ("rotation_deg = 0.3", "rotation_deg = nan", "rotation_deg must be a finite number"),
+        ("[[0, 0.01, 0], [0.03,", "[[0, 0.01], [0.03,", "crosstalk must be rows of one odd length"),
+        ("[0.03, 0.9,", "[0.03, 0.95,", "crosstalk must be shares, not negative, with the sum"),
+        ("[0.03, 0.9,", "[-0.03, 0.9,", "crosstalk must be shares, not negative"),
+        ('"corrected"', '"thick"', "lens_model must be 'auto', 'thin' or 'corrected'"),
+        (
+            "wavelength_nm",
+            "pixels_per_lenslet = 15\n    wavelength_nm",
+            r"has pixels_per_lenslet = 15 and pixels\.pitch_um = 1\.4, of which a lenslet of "
+            r"20 um has 14\.2857: leave one out",
+        ),
+    ],
+)
+def test_what_is_said_about_wrong_pixels(tmp_path: Path, old: str, new: str, said: str):
+    assert old in REAL
+    with pytest.raises(FormatError, match=said):
+        read(tmp_path, REAL.replace(old, new, 1))
+
+
 POINTS = EXAMPLE[EXAMPLE.index("points_mm") : EXAMPLE.index("# [[scene.pictures]]")]
 PICTURE = '[[scene.pictures]]\nfile = "a.png"\nwidth_mm = 2.0\n'
 SLIDE = PICTURE + 'mode = "transmission"\n'
@@ -622,6 +718,8 @@ def test_a_cover_glass_reaches_a_microscope_and_its_files(tmp_path: Path, device
         ("na = 1.2", "na = 1.2\n m = 0.2", "has m, which belongs to kind = 'plenoptic2'"),
         ("na = 1.2", "na = 1.2\n focal_length_mm = 3", "has focal_length_mm, for which kind"),
         ('kind = "microscope"', "", "has magnification, which belongs to kind = 'microscope'"),
+        ("    pixels_per_lenslet = 15", "", "camera needs pixels_per_lenslet"),
+        ("    [scene]", "    [camera.pixels]\n    [scene]", "has pixels, for which kind"),
     ],
 )
 def test_what_is_said_about_a_wrong_microscope(tmp_path: Path, old: str, new: str, said: str):

@@ -11,7 +11,9 @@ EXAMPLE = """\
                                 # or "microscope", without focal length, distances and aperture
 focal_length_mm = 120.0         # main lens
 wavelength_nm = 532.0
-pixels_per_lenslet = 30         # may be fractional
+pixels_per_lenslet = 30         # may be fractional; not with pixels.pitch_um
+# lens_model = "auto"           # the main lens: a "thin" one, or one "corrected" for aberrations;
+                                # "auto": thin where its own are below a quarter of a wave
 # object_distance_mm = 240.0    # to the focused plane; default: twice the focal length, or by
 # image_distance_mm = 240.0     # the lens law from the other one; main lens to its image, where
                                 # the microlens array of a plenoptic1 lies
@@ -41,6 +43,16 @@ fill = "square"                 # or "circular" (default); "full": a cell of any
 # diameter_um = 150.0           # default: the pitch
 # offset_um = [0.0, 0.0]        # y, x
 # rotation_deg = 0.0            # positive turns +x towards +y (y down)
+
+# [camera.pixels]               # that add up the light on their areas; without this table they do
+                                # so where their pitch is too large to sample the light's waves
+# pitch_um = 5.0                # default: pitch of the lenslets over pixels_per_lenslet
+# shape = [3030, 3030]          # default: as many as cover the lenslets; rows, columns
+# fill_factor = 1.0             # active share of the area, a square; 0: the value in the middle
+# offset_um = [0.0, 0.0]        # y, x of the middle of the sensor from the axis
+# rotation_deg = 0.0            # of the pixels' rows against the axes of the lenslets
+# crosstalk = [[0, 0.01, 0], [0.01, 0.96, 0.01], [0, 0.01, 0]]   # default: none. Shares that a
+                                # pixel and its neighbours read of its light
 
 # [camera.aberrations]          # wavefronts: waves at wavelength_nm, rms on a disc, by Noll's index
 # main_lens_waves = { 6 = 0.1, 8 = -0.05 }              # default: none

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -97,6 +98,29 @@ class PixelArray(OneLine):
         y, x = mla.offset
         offset = (y * cos - x * sin, x * cos + y * sin)
         return mla.replaced(rotation=mla.rotation - self.rotation, offset=offset)
+
+    def unturned(self, mla: MicrolensArray) -> MicrolensArray:
+        """The inverse of `turned`: the array along its own axes."""
+        return PixelArray(rotation=-self.rotation).turned(mla)
+
+    @classmethod
+    def from_json(cls, text: str) -> PixelArray:
+        """Pixels as `to_json` wrote them.
+
+        Raises
+        ------
+        ValueError
+            If the text is none.
+        """
+        try:
+            values = json.loads(text)
+            return cls(**values)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"pixels are none: {error}") from error
+
+    def to_json(self) -> str:
+        """As text, all digits kept."""
+        return json.dumps(asdict(self))
 
     def read(self, image: Values) -> Values:
         """An image of pixels with their crosstalk.

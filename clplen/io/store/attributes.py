@@ -17,6 +17,7 @@ from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
+from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.device import Device
@@ -56,11 +57,15 @@ _OF_KIND = {
 }
 _KIND = {"standard": "type1", "focused": "type2", "microscope": "microscope"}  # as files say it
 _ABERRATIONS = "aberrations"  # JSON, where there are any
+_PIXELS = "pixels"  # JSON, where they integrate or have a place of their own
+_LENS_MODEL = "lens_model"  # files without it have a thin lens
 _LENSLETS = 10**7  # that may scatter: some bytes for each are allocated
 CAMERA_NAMES = (
     "kind",
     *dict.fromkeys(name for names in _OF_KIND.values() for name in names),
     _ABERRATIONS,
+    _PIXELS,
+    _LENS_MODEL,
     _APODISATION,
     *(f"mla_{name}" for name in _ARRAY),
     *(f"cover_{name}" for name in _COVER),
@@ -100,15 +105,22 @@ def of_camera(camera: Any) -> dict[str, Any] | None:
         return None
     kind = _KIND[camera.kind]
     found = {name: getattr(camera, name) for name in _OF_KIND[kind]}
-    found |= {f"mla_{name}": getattr(camera.mla, name) for name in _ARRAY}
-    if len(camera.mla.focal_lengths) > 1:
-        found["mla_f"] = camera.mla.focal_lengths
+    mla, pixels = camera.mla, getattr(camera, _PIXELS, None)
+    if pixels is not None:
+        mla = pixels.unturned(mla)
+    found |= {f"mla_{name}": getattr(mla, name) for name in _ARRAY}
+    if len(mla.focal_lengths) > 1:
+        found["mla_f"] = mla.focal_lengths
     if kind == "microscope":
         found[_APODISATION] = camera.apodisation
         if camera.cover is not None:
             found |= {f"cover_{name}": getattr(camera.cover, name) for name in _COVER}
-    elif camera.aberrations != NONE:
-        found[_ABERRATIONS] = camera.aberrations.to_json()
+    else:
+        found[_LENS_MODEL] = camera.lens_model
+        if pixels is not None:
+            found[_PIXELS] = pixels.to_json()
+        if camera.aberrations != NONE:
+            found[_ABERRATIONS] = camera.aberrations.to_json()
     return {"kind": kind} | {name: plain(value) for name, value in found.items()}
 
 
@@ -208,6 +220,9 @@ def read_camera(
             if not np.prod(mla["count"], dtype=np.float64) <= _LENSLETS:
                 raise ValueError(f"{mla['count']} lenslets are more than {_LENSLETS:,}")
             camera[_ABERRATIONS] = Aberrations.from_json(str(values[_ABERRATIONS]))
+        camera[_LENS_MODEL] = str(values.get(_LENS_MODEL, "thin"))
+        if _PIXELS in values:
+            camera[_PIXELS] = PixelArray.from_json(str(values[_PIXELS]))
         if kind == "type2":
             return PlenopticCamera.type2(**camera)
         return PlenopticCamera.type1(**camera)
