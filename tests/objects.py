@@ -171,6 +171,7 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "PhaseSpace": lambda device: clplen.lightfield.phase_space(lightfield(device), y=3, v=1),
     "PicturePlane": lambda _: clplen.PicturePlane(samples(64, 64), 1e-3),
     "Plane": lambda _: clplen.cameras.Plane(0.5, texture=texture()),
+    "PixelArray": lambda _: clplen.cameras.PixelArray(pitch=1.4e-6),
     "PlenopticCamera": camera,
     "PointImages": lambda _: point_images(),
     "PointSources": lambda _: clplen.PointSources(np.zeros((100, 3))),

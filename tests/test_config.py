@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import tifffile
 
+import clplen
 from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.camera_aberrations import LensletScatter
@@ -726,3 +727,35 @@ def test_what_is_said_about_a_wrong_microscope(tmp_path: Path, old: str, new: st
     assert old in MICROSCOPE
     with pytest.raises(FormatError, match=said):
         read(tmp_path, MICROSCOPE.replace(old, new, 1))
+
+
+CAMERAS = Path(__file__).parents[1] / "examples" / "cameras"
+
+
+@pytest.mark.parametrize("name", ["lytro_illum", "raytrix_r12", "canon_50mm"])
+def test_a_camera_that_people_own(device: Device, name: str):
+    """A part of it about the axis sees a point that the whole one sees."""
+    file = read_camera_file(CAMERAS / f"{name}.toml")
+    whole = file.camera.build(device)
+    part = clplen.read_camera(CAMERAS / f"{name}.toml", device=device, count=(9, 11))
+    assert part.mla.count == (9, 11)
+    assert part.pixel_pitch == whole.pixel_pitch
+    assert part.aperture_diameter == whole.aperture_diameter
+    # the sensor of each ends where its lenslets do, within one of them
+    size = np.array(whole.grid.extent) - np.array(whole.mla.extent)
+    assert (np.abs(size) < whole.mla.pitch * (2 if name == "raytrix_r12" else 1)).all()
+    (scene,) = file.scene.build()
+    whole.check_scene(scene)
+    raw = part.expose(PointSources((0, 0, 0))).to_numpy()
+    assert 0.8 < raw.sum() < 1
+
+
+def test_read_camera(tmp_path: Path, device: Device):
+    path = tmp_path / "camera.toml"
+    path.write_text(REAL[: REAL.index("    [scene]")])
+    camera = clplen.read_camera(path, device=device)
+    assert camera.grid.shape == (181, 201)
+    with pytest.raises(ValueError, match="count is lenslets"):
+        clplen.read_camera(path, device=device, count=0)
+    with pytest.raises(FormatError, match="There is no camera file"):
+        clplen.read_camera(tmp_path / "none.toml", device=device)
