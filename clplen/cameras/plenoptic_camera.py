@@ -13,7 +13,7 @@ from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
 from clplen.cameras.optics.lenslet_camera import Described, Kind, LensletCamera, sensor_grid
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
 from clplen.cameras.optics.pixel_array import PixelArray
-from clplen.cameras.optics.ray_optics import LensModel
+from clplen.cameras.optics.ray_optics import LensModel, thin_spherical
 from clplen.cameras.standard_camera import Plenoptic1
 from clplen.checks import is_finite
 from clplen.compute.device import Device, DeviceLike, as_device
@@ -437,8 +437,8 @@ def _pixels_per_lenslet(
     across = mla.pitch / pitch
     if given is not None and abs(given - across) > PITCH_TOLERANCE * across:
         raise ValueError(
-            f"pixels_per_lenslet = {given!r} contradicts the pixels' pitch of {pitch:g} m, of which "
-            f"a lenslet of {mla.pitch:g} m has {across:.6g}: give one of the two."
+            f"pixels_per_lenslet = {given!r} contradicts the pixels' pitch of {pitch:g} m, of "
+            f"which a lenslet of {mla.pitch:g} m has {across:.6g}: give one of the two."
         )
     return across
 
@@ -446,7 +446,7 @@ def _pixels_per_lenslet(
 def _lens_model(
     given: str, D: float, object_distance: float, image_distance: float, wavelength: float
 ) -> LensModel:
-    """The model of the main lens; a thin lens has rho^4/8 (1/object^3 + 1/image^3) of its own.
+    """The model of the main lens.
 
     Raises
     ------
@@ -457,7 +457,7 @@ def _lens_model(
         raise ValueError(f"lens_model is 'auto', 'thin' or 'corrected', not {given!r}.")
     if given != "auto":
         return cast(LensModel, given)
-    spherical = (D / 2) ** 4 / 8 * (object_distance**-3 + image_distance**-3)
+    spherical = thin_spherical(D, object_distance, image_distance)
     return "thin" if spherical < QUARTER * wavelength else "corrected"
 
 

@@ -353,6 +353,24 @@ def check_in_view(optics: RayOptics, positions: Positions) -> None:
         )
 
 
+def thin_spherical(D: float, object_distance: float, image_distance: float) -> float:
+    """Path at the rim of a thin lens beyond that of a corrected one, in metres.
+
+    rho^4/8 (1/object^3 + 1/image^3), rho = D/2: what exact spherical waves differ by from a
+    quadratic phase (Goodman 2005, eq. 5-10, carried one order further).
+
+    Parameters
+    ----------
+    D, object_distance, image_distance : float
+        In metres.
+
+    Returns
+    -------
+    float
+    """
+    return (D / 2) ** 4 / 8 * (object_distance**-3 + image_distance**-3)
+
+
 def view_step(optics: RayOptics) -> float:
     """du = dx z2/z3: how far apart on the main lens two pixels of a lenslet look, in metres."""
     return optics.pixel_pitch * optics.array_distance / optics.sensor_distance

@@ -1,0 +1,90 @@
+"""What a camera's description says of its main lens' model, its pixels and how points are exposed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from clplen.cameras.optics.lenslet_camera import Row
+from clplen.cameras.optics.local_window import ORDERS, window_shape
+from clplen.cameras.optics.ray_optics import thin_spherical
+from clplen.cameras.optics.wave_optics import WaveOptics
+
+
+def rows(optics: WaveOptics) -> tuple[Row, ...]:
+    """Model of the main lens, pixels, and samples, window and error of a point in focus.
+
+    Parameters
+    ----------
+    optics : WaveOptics
+
+    Returns
+    -------
+    tuple of Row
+    """
+    return (_main_lens(optics), *_pixels(optics), *_exposure(optics))
+
+
+def _main_lens(optics: WaveOptics) -> Row:
+    own = thin_spherical(
+        optics.aperture_diameter, optics.object_distance, optics.image_distance
+    )
+    words = {
+        "thin": "lens_model 'thin': it is in the wave",
+        "corrected": "lens_model 'corrected': taken out, and the sine condition holds",
+    }
+    text = f"at the rim of a thin lens, {own / optics.wavelength:.3g} waves; "
+    return Row("spherical aberration", own, "m", text + words[optics.lens_model])
+
+
+def _pixels(optics: WaveOptics) -> tuple[Row, ...]:
+    pixels = optics.pixels
+    if pixels is None:
+        return (Row("active share", 0.0, "", "a pixel takes the intensity in its middle"),)
+    found = [
+        Row(
+            "active share",
+            pixels.fill_factor,
+            "",
+            "of a pixel's area, on which it adds up the light"
+            if pixels.fill_factor
+            else "a pixel takes the intensity in its middle",
+        )
+    ]
+    down, right = pixels.offset
+    beside = (
+        Row("sensor offset y", down, "m", "of its middle from the axis"),
+        Row("sensor offset x", right, "m", "of its middle from the axis"),
+        Row("sensor rotation", pixels.rotation, "rad", "of its rows against the lenslets"),
+    )
+    found += [row for row in beside if row.value]
+    if pixels.crosstalk is not None:
+        kernel = np.asarray(pixels.crosstalk)
+        own = float(kernel[kernel.shape[0] // 2, kernel.shape[1] // 2])
+        found.append(Row("pixel crosstalk", 1 - own, "", "of a pixel's light it does not read"))
+    return tuple(found)
+
+
+def _exposure(optics: WaveOptics) -> tuple[Row, ...]:
+    """Of a point in focus on the axis; of an Airy pattern 2/(pi v) lies beyond v = pi D rho/(lam z2).
+
+    Born and Wolf 1999, section 8.5.2: J0^2(v) + J1^2(v), which is 2/(pi v) far out.
+    """
+    if optics.pixels is None:
+        many, across, pitch = 1, max(optics.grid.shape), optics.pixel_pitch
+        reach = min(optics.grid.extent) / 2
+        way = "one field as large as the sensor ('points'): the pixels sample the light's waves"
+    else:
+        shape = window_shape(optics, np.zeros(3), orders=ORDERS)
+        many, across, pitch = shape.finer, shape.samples, shape.pitch
+        reach = (shape.samples / 2 - shape.guard) * shape.pitch
+        way = "a window of its own for each point ('local'): pixels that add up the light"
+    v = math.pi * optics.aperture_diameter * reach
+    v /= optics.wavelength * optics.array_distance
+    size = f"samples across, {1e3 * across * pitch:.4g} mm; of a point out of focus more"
+    return (
+        Row("samples a pixel", many, "", way),
+        Row("window", across, "", size if optics.pixels is not None else "samples across"),
+        Row("light beyond it", 2 / (math.pi * v), "", "of a point in focus, 2/(pi v): left out"),
+    )
