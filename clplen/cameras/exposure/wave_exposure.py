@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pyopencl.array as cla
@@ -21,6 +21,7 @@ from clplen.cameras.exposure.isoplanatic import Layout, layout, raw_patterns
 from clplen.cameras.exposure.local_exposure import (
     add_integrated,
     add_local,
+    check_windows,
     local_transforms,
 )
 from clplen.cameras.exposure.slides import light_slide
@@ -30,7 +31,7 @@ from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources, Sour
 from clplen.compute.arrays import Image
 from clplen.compute.device import Device
 from clplen.deprecation import warn_caller
-from clplen.errors import SamplingWarning
+from clplen.errors import SamplingError, SamplingWarning
 from clplen.lightfield.raw.raw_image import Exposure, RawImage, Transforms
 from clplen.wave.coherence.averaging import Averaging, Progress
 from clplen.wave.coherence.coherence import Coherence
@@ -144,9 +145,7 @@ def expose_waves(
     if light.coherence is not None:
         average_of(light.coherence)
     if method not in METHODS:
-        raise ValueError(
-            f"method is 'auto', 'points', 'local' or 'isoplanatic', not {method!r}."
-        )
+        raise ValueError(f"method is 'auto', 'points', 'local' or 'isoplanatic', not {method!r}.")
     slides = [s for s in sources if isinstance(s, PicturePlane) and s.is_slide]
     emitters = [s for s in sources if s not in slides]
     light.check(len(slides))
@@ -154,8 +153,8 @@ def expose_waves(
     colours = [replace(optics, wavelength=wavelength) for wavelength, _ in lines]
     if slides and optics.pixels is not None:
         raise ValueError(
-            "Slides are exposed by fields on the pixels' middles, and these pixels integrate: leave "
-            "pixels= of the camera out, with pixels that sample the light, or use mode='emission'."
+            "Slides are exposed by fields on the pixels' middles, and these pixels integrate: "
+            "leave pixels= of the camera out, with pixels that sample the light, or use mode='emission'."
         )
     local = _is_local(optics, method)
     for source in sources:
@@ -163,8 +162,9 @@ def expose_waves(
         for colour in colours:
             if local and source not in slides:
                 check_in_view(colour, points.positions)
+                check_windows(colour, points.positions)
             else:
-                colour.check_positions(points.positions)
+                _check_sampled(colour, points.positions, is_slide=source in slides)
     total: cla.Array | None = None
     reports = []
     for number, slide in enumerate(slides):
@@ -212,6 +212,17 @@ def _emit(
             reports.append(add(optics, points, total, progress))
     optics.device.finish()
     return total, _joined(reports)
+
+
+def _check_sampled(optics: WaveOptics, positions: Any, *, is_slide: bool) -> None:
+    """As `WaveOptics.check_positions`, with the method that needs no such pixels."""
+    check_in_view(optics, positions)
+    try:
+        optics.check_positions(positions)
+    except SamplingError as error:
+        if is_slide:
+            raise
+        raise SamplingError(f"{error} method='local' samples as finely as it needs.") from error
 
 
 def _is_local(optics: WaveOptics, method: Method) -> bool:

@@ -1,4 +1,4 @@
-"""What a camera's description says of its main lens' model, its pixels and how points are exposed."""
+"""What a camera's description says of its main lens, its pixels and how points are exposed."""
 
 from __future__ import annotations
 
@@ -27,9 +27,7 @@ def rows(optics: WaveOptics) -> tuple[Row, ...]:
 
 
 def _main_lens(optics: WaveOptics) -> Row:
-    own = thin_spherical(
-        optics.aperture_diameter, optics.object_distance, optics.image_distance
-    )
+    own = thin_spherical(optics.aperture_diameter, optics.object_distance, optics.image_distance)
     words = {
         "thin": "lens_model 'thin': it is in the wave",
         "corrected": "lens_model 'corrected': taken out, and the sine condition holds",
@@ -67,9 +65,10 @@ def _pixels(optics: WaveOptics) -> tuple[Row, ...]:
 
 
 def _exposure(optics: WaveOptics) -> tuple[Row, ...]:
-    """Of a point in focus on the axis; of an Airy pattern 2/(pi v) lies beyond v = pi D rho/(lam z2).
+    """Of a point in focus on the axis.
 
-    Born and Wolf 1999, section 8.5.2: J0^2(v) + J1^2(v), which is 2/(pi v) far out.
+    Of an Airy pattern 2/(pi v) of the light lies beyond rho, v = pi D rho/(lam z2): J0^2(v) + J1^2(v)
+    far out (Born and Wolf 1999, section 8.5.2).
     """
     if optics.pixels is None:
         many, across, pitch = 1, max(optics.grid.shape), optics.pixel_pitch

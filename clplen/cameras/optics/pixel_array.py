@@ -12,7 +12,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen import units
-from clplen.checks import is_finite
+from clplen.checks import is_finite, is_integer
 from clplen.compute.device import Device
 from clplen.reprs import OneLine
 from clplen.wave.elements.lenslets import MicrolensArray
@@ -70,15 +70,15 @@ class PixelArray(OneLine):
                 raise ValueError(f"The pitch of pixels is positive, in metres, not {self.pitch!r}.")
             units.PIXEL_PITCH.check(self.pitch, "The pitch of pixels")
         if self.shape is not None:
-            counts = np.ravel(self.shape)
-            if counts.size != 2 or any(int(n) != n or n < 1 for n in counts):
+            counts = np.ravel(np.asarray(self.shape, object))
+            if counts.size != 2 or not all(is_integer(n) and n >= 1 for n in counts):
                 raise ValueError(f"shape is pixels (ny, nx), both 1 or more, not {self.shape!r}.")
             object.__setattr__(self, "shape", (int(counts[0]), int(counts[1])))
-        if np.shape(self.offset) != (2,) or not np.isfinite(self.offset).all():
+        if np.shape(self.offset) != (2,) or not all(map(is_finite, self.offset)):
             raise ValueError(
                 f"offset is (y, x) in metres, two finite numbers, not {self.offset!r}."
             )
-        units.CAMERA_DIAMETER.check(np.abs(self.offset).max(), "The offset of the sensor")
+        units.OFFSET.check(self.offset, "The offset of the sensor")
         object.__setattr__(self, "offset", (float(self.offset[0]), float(self.offset[1])))
         if not is_finite(self.rotation):
             raise ValueError(f"rotation is a finite angle in radians, not {self.rotation!r}.")
@@ -145,7 +145,12 @@ class PixelArray(OneLine):
 
 def _shares(crosstalk: Any) -> tuple[tuple[float, ...], ...]:
     """A kernel of crosstalk, checked."""
-    values = np.asarray(crosstalk, np.float64)
+    try:
+        values = np.asarray(crosstalk, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"crosstalk is numbers in rows of one length, not {crosstalk!r}."
+        ) from None
     if values.ndim != 2 or any(n % 2 == 0 for n in values.shape):
         raise ValueError(
             f"crosstalk has an odd number of rows and of columns, such as (3, 3), not "
