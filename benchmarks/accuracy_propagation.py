@@ -165,6 +165,76 @@ def single_precision(devices: Sequence[Device]) -> None:
     )
 
 
+SHARES = (1e-2, 1e-4, 1e-6, 1e-10, 1e-14)  # of the light that arrives in the output
+
+
+def dark_outputs(devices: Sequence[Device]) -> None:
+    """complex64 against complex128 by how much of the light arrives: random set-ups of auto."""
+    if len(devices) < 2:
+        return
+    rng = np.random.default_rng(7)
+    found: dict[tuple[str, float], list[tuple[float, float]]] = {}
+    for _ in range(SET_UPS):
+        kind, share, of_window, of_light = _random_set_up(rng, devices)
+        bound = max((one for one in SHARES if share >= one), default=None)
+        if bound is not None:
+            found.setdefault((kind, bound), []).append((of_window, of_light))
+    rows = []
+    for (kind, bound), pairs in sorted(found.items(), key=lambda one: (one[0][0], -one[0][1])):
+        window, light = np.array(pairs).T
+        cells = [f"{np.min(window):.0f}, {np.median(window):.0f}", f"{np.min(light):.0f}"]
+        rows.append([kind, f"from {bound:.0e} on", str(len(pairs)), *cells])
+    table(
+        "Random grids, distances and output windows, complex64 against complex128: error of auto",
+        [
+            "light",
+            "share in the output",
+            "set-ups",
+            "of what is there: lowest, median",
+            "of all",
+        ],
+        rows,
+    )
+
+
+SET_UPS = 600
+
+
+def _random_set_up(
+    rng: np.random.Generator, devices: Sequence[Device]
+) -> tuple[str, float, float, float]:
+    """Kind of light, its share in the output, error in dB of what is there and of all the light."""
+    shape = tuple(int(n) for n in rng.choice([31, 47, 64, 90, 127, 160], 2))
+    pitch = tuple(LAM * rng.uniform(0.6, 12, 2))
+    grid = Grid((shape[0], shape[1]), (pitch[0], pitch[1]))
+    width = min(grid.extent)
+    z = float(width * 10 ** rng.uniform(-1, 4))
+    speckle, beside = rng.random(2) < 0.5
+    waist = width / rng.uniform(6, 14)
+    beam = np.exp(-((grid.y[:, None] / waist) ** 2) - (grid.x / waist) ** 2)
+    u = np.exp(2j * np.pi * rng.random(shape)) if speckle else beam + 0j
+    out = grid
+    if beside:
+        spread = width + z * LAM / max(pitch) / 4
+        sizes = rng.choice([30, 47, 64], 2)
+        dy, dx = spread / 64 * rng.uniform(0.5, 1.5, 2)
+        oy, ox = spread * rng.uniform(-0.8, 0.8, 2)
+        out = Grid((int(sizes[0]), int(sizes[1])), (dy, dx), origin=(oy, ox))
+    single, double = (
+        moved(u, grid.pitch, z, one, {"out_grid": out} if beside else {}) for one in devices
+    )
+    areas = [one.pitch[0] * one.pitch[1] for one in (out, grid)]
+    whole = float(np.linalg.norm(u)) * np.sqrt(areas[1] / areas[0])
+    there, error = float(np.linalg.norm(double)), float(np.linalg.norm(single - double))
+    of_window = -20 * np.log10(error / there) if there else -np.inf
+    return (
+        "random phases" if speckle else "beam",
+        (there / whole) ** 2,
+        float(of_window),
+        float(-20 * np.log10(error / whole)),
+    )
+
+
 @click.command(help=__doc__)
 @click.option("--device", "selector", default=None, help="As for Device.open.")
 def main(selector: str | None) -> None:
@@ -174,7 +244,7 @@ def main(selector: str | None) -> None:
     if device.has_fp64:
         devices.append(Device.open(device.place, precision="double"))
     click.echo(f"{device!r}")
-    for part in (exact_methods, fresnel_methods, point_image, single_precision):
+    for part in (exact_methods, fresnel_methods, point_image, single_precision, dark_outputs):
         part(devices)
 
 

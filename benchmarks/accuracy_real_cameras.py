@@ -1,13 +1,13 @@
 """How right the depth of points is that real cameras take, by waves, with pixels that integrate.
 
-    python benchmarks/accuracy_real_cameras.py [--device pocl] [--points 40] [--only illum,bench,raytrix]
+    python benchmarks/accuracy_real_cameras.py [--device pocl] [--points 40] [--only illum]
 
-The cameras are parts of those in examples/cameras. Points lie at random places and depths, at which
-their blur covers 2 to 8 lenslets (Illum, Raytrix) or 2 to 5 (bench). Of the 1.0 cameras two lines
-say how light fields are decoded: places and slopes dx/du of points by rays, which decoding leaves as
-they are, and by waves, where diffraction at the lenslets flattens slopes. Then alpha = F/F' by
-`estimate_alpha`, and of the 2.0 camera m = b/a by `point_m`; `cover` is the share of points
-within the stated uncertainty, and within twice that. Two minutes in all.
+The cameras are parts of those in examples/cameras. Points lie at random places and depths, at
+which their blur covers 2 to 8 lenslets (Illum, Raytrix) or 2 to 5 (bench). Of the 1.0 cameras two
+lines say how light fields are decoded: places and slopes dx/du of points by rays, which decoding
+leaves as they are, and by waves, where diffraction at the lenslets flattens slopes. Then
+alpha = F/F' by `estimate_alpha`, and of the 2.0 camera m = b/a by `point_m`; `cover` is the share
+of points within the stated uncertainty, and within twice that. Two minutes in all.
 """
 
 from __future__ import annotations

@@ -95,6 +95,8 @@ WEAK_LENS = Length(1e5, (1e-4, 100.0), ("um", "mm"))
 DIAMETER = Length(1000.0, (1e-6, 10.0), ("um", "mm"))
 CAMERA_DIAMETER = Length(50.0, (1e-5, 2.0), ("mm", "um"))
 TUBE_LENS = Length(5.0, (1e-2, 2.0), ("mm", "um"))
+# Places on the image plane of a camera, up to plates of half a metre.
+IMAGE_PLACE = Length(5.0, (1e-5, 0.3), ("mm", "um"))
 # Wavefront errors: a tenth of a millimetre is a hundred wavelengths and more.
 WAVEFRONT = Length(1e-2, (5e-10, 1e-4), ("nm", "um"))
 # Single points of light that have a size: beads, pinholes, lamps.

@@ -18,51 +18,15 @@
  *
  * Mapping: FOR_X of common.cl.
  */
-#include "coverage.cl"
 #include "lens_types.cl"
-#include "nearest_lenslet.cl"
+#include "lenslet_coverage.cl"
 #include "rim_weights.cl"
 
-#ifdef HEXAGONAL
-#define SIDES 6
-#else
-#define SIDES 4
-#endif
-
-/* Aperture of the lenslet at offset (a, b) from the sample, turned into the sensor's axes. */
-inline real one_coverage(real a, real b, real radius, real2 turn, real angle, real hx, real hy)
-{
-    const real cx = -(a * turn.x - b * turn.y), cy = -(a * turn.y + b * turn.x);
 #ifdef FULL
-    return polygon_coverage(cx, cy, radius, SIDES, angle, hx, hy);
+#define IS_FULL true
 #else
-    return disc_coverage(cx, cy, radius, hx, hy);
+#define IS_FULL false
 #endif
-}
-
-/* Sum over the nearest lenslet and its neighbours on the lattice (apertures do not overlap). */
-inline real coverage(Lenslet l, real radius, real2 turn, real angle, real hx, real hy, int rows,
-                     int columns)
-{
-    real sum = 0;
-    for (int i = -1; i <= 1; ++i) {
-        const int row = l.row + i;
-        if (row < 0 || row >= rows)
-            continue;
-#ifdef HEXAGONAL
-        const real shift = ((row & 1) - (l.row & 1)) * (real)0.5f;
-#else
-        const real shift = 0;
-#endif
-        for (int k = -1; k <= 1; ++k) {
-            const int column = l.column + k;
-            if (column >= 0 && column < columns)
-                sum += one_coverage(l.a - k - shift, l.b - i * ROW_HEIGHT, radius, turn, angle, hx,
-                                    hy);
-        }
-    }
-    return fmin(sum, (real)1);
-}
 
 #ifdef FILTERED
 /* Weight at offset (a, b) from a lenslet's centre, in pitches; `per_sample` samples a pitch. */
@@ -72,7 +36,7 @@ inline real filtered_rim(real a, real b, real radius, real per_sample,
 #ifdef FULL
     const real x = fabs(a), y = fabs(b);
 #ifdef HEXAGONAL
-    const real across = fmax(x, x / 2 + y * (real)0.866025403784438647);
+    const real across = fmax(x, x / 2 + y * ROW_HEIGHT);
     return rim_weight((radius - across) * per_sample, rim, rim_size);
 #else
     return rim_weight((radius - x) * per_sample, rim, rim_size)
@@ -88,6 +52,11 @@ inline cplx filtered(Lenslet l, real radius, real per_sample, int rows, int colu
                      __global const real *restrict turns, __global const real *restrict rim,
                      int rim_size)
 {
+#ifdef FULL
+    const real beyond = radius * (real)1.4143f + 2 * RIM / per_sample; /* the corners of a cell */
+#else
+    const real beyond = radius + RIM / per_sample;
+#endif
     cplx sum = (cplx)(0);
     for (int i = -1; i <= 1; ++i) {
         const int row = l.row + i;
@@ -103,6 +72,8 @@ inline cplx filtered(Lenslet l, real radius, real per_sample, int rows, int colu
             if (column < 0 || column >= columns)
                 continue;
             const real a = l.a - k - shift, b = l.b - i * ROW_HEIGHT;
+            if (a * a + b * b > beyond * beyond)
+                continue;
             const real weight = filtered_rim(a, b, radius, per_sample, rim, rim_size);
             if (weight != 0)
                 sum += weight * cis_turns(-turns[lens_type(row, column)] * (a * a + b * b));
@@ -136,15 +107,10 @@ __kernel void lenslets(__global cplx *restrict t, __global const real2 *restrict
         }
 #endif
         real amplitude = 1;
-#ifdef FULL
-        const bool inner = radius >= (real)0.5f && l.row > 0 && l.row < rows - 1 && l.column > 0 &&
-                           l.column < columns - 1;
-#else
-        const bool inner = false;
-#endif
+        const bool inner = IS_FULL && radius >= (real)0.5f && is_inner(l, rows, columns);
         const real room = radius - reach;
         if (!inner && !(room > 0 && r2 < room * room))
-            amplitude = coverage(l, radius, turn, angle, hx, hy, rows, columns);
+            amplitude = coverage(l, radius, IS_FULL, turn, angle, hx, hy, rows, columns);
         t[row + x] = amplitude * cis_turns(-turns[lens_type(l.row, l.column)] * r2);
     }
 }

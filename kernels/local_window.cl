@@ -24,7 +24,8 @@
 #include "disc_pattern.cl"
 #include "rim_weights.cl"
 
-#define NUMBERS 16
+#define NUMBERS 18
+#define PATH_REACH 1.25f
 #define NEWTON 3
 
 /* Weights of Lagrange's cubic at -1, 0, 1, 2. */
@@ -36,10 +37,10 @@ inline void lagrange(real t, real *w)
     w[3] = (t + 1) * t * (t - 1) / 6;
 }
 
-/* (turns, transmission) at (v, u) of the unit disc; the table reaches one step beyond it. */
+/* (turns, transmission) at (v, u) of the unit disc; the table reaches to PATH_REACH. */
 inline real2 from_table(__global const real2 *restrict table, int size, real v, real u)
 {
-    const real middle = (real)0.5f * (size - 1), step = (real)0.5f * (size - 3);
+    const real middle = (real)0.5f * (size - 1), step = middle / PATH_REACH;
     const real y = clamp(v * step + middle, (real)1, (real)(size - 2));
     const real x = clamp(u * step + middle, (real)1, (real)(size - 2));
     const int iy = min((int)y, size - 3), ix = min((int)x, size - 3);
@@ -73,7 +74,7 @@ __kernel void spectra(__global cplx *restrict g, __global const real *restrict p
         real uy = -z2 * a0 * (sy + ty0 * along), ux = -z2 * a0 * (sx + tx0 * along);
         real by = 0, bx = 0, a = 1, apart = 0, det = 1;
         cplx value = (cplx)(0);
-        if (uy * uy + ux * ux < (real)4 * R * R) {
+        if (uy * uy + ux * ux < (real)4 * R * R) { /* also where the pupil is shifted */
             for (int i = 0; i <= NEWTON; ++i) {
                 const real ty = ty0 - q * uy, tx = tx0 - q * ux;
                 apart = q * (q * (uy * uy + ux * ux) - 2 * (ty0 * uy + tx0 * ux)); /* t^2 - t0^2 */
@@ -93,8 +94,8 @@ __kernel void spectra(__global cplx *restrict g, __global const real *restrict p
                     ux -= (myy * ox - myx * oy) / det;
                 }
             }
-            const real cell = ds * rsqrt(fabs(det));
-            real amplitude = rim_weight((R - sqrt(uy * uy + ux * ux)) / cell, rim, rim_size);
+            const real cell = ds / sqrt(fabs(det)), oy = uy - p[15], ox = ux - p[16];
+            real amplitude = rim_weight((R - sqrt(oy * oy + ox * ox)) / cell, rim, rim_size);
             if (amplitude != 0) {
                 const real ahead = ty0 * uy + tx0 * ux, u2 = uy * uy + ux * ux;
                 const real bend = hyy * uy * uy + 2 * hyx * uy * ux + hxx * ux * ux;
@@ -105,16 +106,16 @@ __kernel void spectra(__global cplx *restrict g, __global const real *restrict p
                 amplitude *= sqrt(p[11] / fabs(det));
                 amplitude *= disc_pattern(scale * sqrt(v2), per_step, disc, last);
 #ifdef THIN
-                const real av = 1 + sqrt(1 + v2), t2 = t02 + apart, at = 1 + a, at0 = 1 + a0;
+                const real av = 1 + sqrt(1 + v2), at = 1 + a, at0 = 1 + a0; /* W of a thin lens */
                 turns -= per_lam * (real)0.5f
                     * ((v2 * v2 / (av * av) - t02 * t02 / (at0 * at0)) / per_z
-                       + (t2 * t2 / (at * at) - t02 * t02 / (at0 * at0)) / q);
+                       + (q * u2 - 2 * ahead) * ((t02 + apart) / at + t02 / at0) / (a + a0));
 #else
                 amplitude *= a0 * sqrt(a0) / (a * sqrt(a));
 #endif
 #ifdef PATH
                 const real2 path = from_table(paths + (size_t)n * path_size * path_size, path_size,
-                                              uy / R, ux / R);
+                                              oy / R, ox / R);
                 turns += path.x;
                 amplitude *= sqrt(fmax(path.y, (real)0));
 #endif

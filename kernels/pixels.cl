@@ -1,10 +1,10 @@
 /* Energy on pixels from samples of the field on a finer lattice: along x, then along y.
  *
  *   pixel_rows     rows[y, p]  = sum_j w[j] |u[y, first_x + step p + j]|^2
- *   pixel_columns  out[oy + q, ox + p] (+)= gain sum_j w[j] rows[first_y + step q + j, p]
+ *   pixel_columns  out[oy + q, ox + p] += gain sum_j w[j] rows[first_y + step q + j, p]
  *
  * w: the integral of the samples' interpolation over the active width of a pixel, `length` numbers.
- * Mapping: FOR_X of common.cl. -DSET: `=` in place of `+=`. -DROWS, -DDOUBLE: see common.cl.
+ * Mapping: FOR_X of common.cl. -DROWS, -DDOUBLE: see common.cl.
  */
 #include "common.cl"
 
@@ -35,10 +35,6 @@ __kernel void pixel_columns(__global real *restrict out, __global const real *re
         real sum = 0;
         for (int j = 0; j < length; ++j)
             sum += w[j] * rows[(size_t)(first + step * q + j) * across + p];
-#ifdef SET
-        out[to + p] = gain * sum;
-#else
         out[to + p] += gain * sum;
-#endif
     }
 }

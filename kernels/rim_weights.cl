@@ -8,7 +8,7 @@
 
 #include "common.cl"
 
-#define RIM 8
+#define RIM 12
 #define RIM_STEPS 64
 
 /* Weight of a sample `inside` samples from the rim, < 0 outside. */
@@ -16,7 +16,7 @@ inline real rim_weight(real inside, __global const real *restrict rim, int size)
 {
     const real place = clamp((inside + RIM) * RIM_STEPS, (real)0, (real)(size - 1));
     const int i = min((int)place, size - 2);
-    return mix(rim[i], rim[i + 1], place - i);
+    return rim[i] + (place - i) * (rim[i + 1] - rim[i]);
 }
 
 #endif

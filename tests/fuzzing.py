@@ -18,6 +18,7 @@ import numpy as np
 import scipy.io
 import tifffile
 
+from clplen.cameras import OPDMaps
 from clplen.cameras.scenes.ground_truth import Truth
 from clplen.compute.device import Device
 from clplen.config import read_camera_file
@@ -27,14 +28,17 @@ from clplen.io import (
     read_disparity,
     read_lightfield,
     read_masks,
+    read_opd_maps,
     read_picture,
     read_ply,
     read_raw,
     read_scene_truth,
     read_stack,
     read_truth,
+    read_zemax_opd,
     write_depth,
     write_lightfield,
+    write_opd_maps,
     write_ply,
     write_stack,
     write_truth,
@@ -345,6 +349,21 @@ def _point_images(folder: Path, _: Device) -> Path:
     return folder / "a.h5"
 
 
+def _opd(folder: Path, _: Device) -> Path:
+    v = np.linspace(-1, 1, 9)[:, None]
+    maps = OPDMaps(1e-7 * v**2 * np.ones((2, 3, 9, 7)), fields=[0, 1e-3, 2e-3], symmetric=True,
+                   wavelengths=(5e-7, 6e-7))  # fmt: skip
+    write_opd_maps(folder / "a.h5", maps)
+    return folder / "a.h5"
+
+
+def _zemax(folder: Path, _: Device) -> Path:
+    rows = [" ".join(f"{0.1 * i - 0.07 * k + 0.01: .6E}" for k in range(8)) for i in range(8)]
+    head = ["0.5876 um at 0.00 (deg)", "Pupil grid size: 8 by 8", "Center point is: Col 5, Row 4"]
+    (folder / "a.txt").write_text("\n".join([*head, "", *rows]), encoding="utf-16")
+    return folder / "a.txt"
+
+
 def _lightfield(**layout: Any) -> Callable[[Path, Device], Any]:
     return lambda path, device: read_lightfield(path, device=device, **layout)
 
@@ -383,6 +402,8 @@ PARSERS = {
     "parameters": Parser(_parameters, lambda path, _: read_parameters(path)),
     "positions": Parser(_positions, lambda path, _: read_positions(path, (2, 3))),
     "camera": Parser(_camera, lambda path, _: read_camera_file(path)),
+    "opd": Parser(_opd, lambda path, _: read_opd_maps(path)),
+    "zemax": Parser(_zemax, lambda path, _: read_zemax_opd([path], fields=[(0, 0)])),
     "volume": Parser(_volume("a.ome.tif"), lambda path, _: read_volume(path)),
     "zarr-volume": Parser(_volume("a.ome.zarr"), lambda path, _: read_volume(path)),
     "point-images": Parser(

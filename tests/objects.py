@@ -114,6 +114,7 @@ def stream(device: Device) -> clplen.lightfield.StackTiles:
 EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "OTF": lambda _: clplen.analysis.OTF.of(psf()),
     "PSF": lambda _: psf(),
+    "OPDMaps": lambda _: clplen.cameras.OPDMaps(np.zeros((1, 1, 9, 9)), fields=[(0, 0)]),
     "Aberrations": lambda _: clplen.cameras.Aberrations(main_lens={4: 1e-7}, lenslets={4: 1e-7}),
     "AlphaEstimate": lambda device: clplen.estimate_alpha(lightfield(device), method="energy"),
     "Coherence": lambda _: clplen.Coherence(
@@ -149,11 +150,14 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "FocusedMaps": lambda _: clplen.lightfield.FocusedMaps(
         PICTURE, samples(9, 9), samples(9, 9), samples(9, 9)
     ),
+    "Glass": lambda _: clplen.wave.Glass.named("N-BK7"),
     "Grid": lambda _: GRID,
     "Image": lambda device: lightfield(device).view(1, 1),
     "IncoherentLight": lambda _: clplen.wave.IncoherentLight(),
     "Lattice": lambda _: LATTICE,
     "Lens": lambda _: clplen.wave.Lens(0.1),
+    "LensletMap": lambda _: clplen.wave.LensletMap(1e-6 * samples(9, 8), pitch=2e-5, glass=1.5),
+    "LensletSurface": lambda _: clplen.wave.LensletSurface(2.9e-4, "N-BK7", aspheric=(1e7,)),
     "LensletGrid": lambda device: raw(device).sub_images,
     "LensletScatter": lambda _: clplen.cameras.LensletScatter(0.01),
     "LightField": lightfield,
@@ -163,6 +167,7 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
         coherence=clplen.Coherence(clplen.wave.IncoherentLight()),
         snapshots=4,
     ),
+    "PixelArray": lambda _: clplen.cameras.PixelArray(pitch=1.4e-6, fill_factor=0.8),
     "MicrolensArray": lambda _: MLA,
     "Microscope": lambda device: clplen.PlenopticCamera.microscope(**MICROSCOPE, device=device),
     "OpticalSystem": lambda _: clplen.OpticalSystem(
@@ -171,7 +176,6 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "PhaseSpace": lambda device: clplen.lightfield.phase_space(lightfield(device), y=3, v=1),
     "PicturePlane": lambda _: clplen.PicturePlane(samples(64, 64), 1e-3),
     "Plane": lambda _: clplen.cameras.Plane(0.5, texture=texture()),
-    "PixelArray": lambda _: clplen.cameras.PixelArray(pitch=1.4e-6),
     "PlenopticCamera": camera,
     "PointImages": lambda _: point_images(),
     "PointSources": lambda _: clplen.PointSources(np.zeros((100, 3))),

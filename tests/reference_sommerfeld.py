@@ -42,3 +42,33 @@ def line_response(n: int, d: float, z: float, wavelength: float) -> Complex:
     r = np.sqrt(x**2 + far**2)
     h = 0.5j * k * far / r * hankel1e(1, k * r) * phase(x**2, far, wavelength) * d
     return h if z > 0 else h.conj()
+
+
+def sum_at(
+    u: Complex,
+    pitch: Pair,
+    z: float,
+    wavelength: float,
+    points: Sequence[tuple[float, float]],
+    *,
+    origin: Pair = (0.0, 0.0),
+) -> Complex:
+    """The sum over all samples of u (ny, nx) at points (y, x) in metres, shape (points,).
+
+    An axis of length 1 is one along which nothing varies.
+    """
+    (dy, dx), (oy, ox) = pair(pitch), pair(origin)
+    ny, nx = u.shape
+    y, x = (np.arange(ny) - ny // 2) * dy + oy, (np.arange(nx) - nx // 2) * dx + ox
+    far, k, out = abs(z), 2 * np.pi / wavelength, []
+    for py, px in points:
+        if 1 in u.shape:
+            rho2, d = ((px - x) ** 2, dx) if ny == 1 else ((py - y) ** 2, dy)
+            r = np.sqrt(rho2 + far**2)
+            h = 0.5j * k * far / r * hankel1e(1, k * r) * phase(rho2, far, wavelength) * d
+        else:
+            rho2 = ((py - y) ** 2)[:, None] + ((px - x) ** 2)[None, :]
+            r = np.sqrt(rho2 + far**2)
+            h = far / (2 * np.pi * r**2) * (1 / r - 1j * k) * phase(rho2, far, wavelength) * dy * dx
+        out.append((u.reshape(h.shape) * (h if z > 0 else h.conj())).sum())
+    return np.array(out)

@@ -67,6 +67,7 @@ ANYWHERE = {"numpy", "scipy", "pyopencl", "lazy_loader"}
 GUESTS = {
     "compute": {"ducc0", "pyvkfft"},
     "hdf5_safety": {"h5py"},
+    "cameras": {"optiland"},
     "microscopy": {"h5py"},
     "io": {"PIL", "h5py", "imageio", "tifffile", "tqdm", "zarr"},
     "plot": {"matplotlib"},

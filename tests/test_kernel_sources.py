@@ -36,7 +36,7 @@ from clplen import (
     thin_lens,
 )
 from clplen.bench import ceilings
-from clplen.cameras import Plane
+from clplen.cameras import PixelArray, Plane
 from clplen.cameras.optics.camera_aberrations import Aberrations, LensletScatter
 from clplen.cameras.scenes.scene_sources import PicturePlane
 from clplen.compute.device import Device
@@ -54,7 +54,7 @@ from clplen.microscopy.deconvolution import deconvolve
 from clplen.microscopy.projector import Projector
 from clplen.microscopy.psf import point_images
 from clplen.selftest.basics import built_in_values
-from clplen.wave import RandomPhaseMask, Space
+from clplen.wave import LensletMap, LensletSurface, RandomPhaseMask, Space
 from clplen.wave.coherence.abbe import abbe_image
 from clplen.wave.coherence.extended_source import ExtendedSource
 from clplen.wave.elements.beams import spherical_wave
@@ -127,7 +127,7 @@ def dtype_of(type_name: str, double: bool) -> tuple[np.dtype, int]:
     """NumPy's dtype and the vector length of a type of OpenCL C or of common.cl."""
     scalar, width = re.fullmatch(r"([a-z]+?)(\d*)\*?", type_name.replace("cplx", "real2")).groups()
     names = {"int": "i4", "uint": "u4", "long": "i8", "uchar": "u1", "ushort": "u2"}
-    names |= {"half": "f2", "float": "f4"}
+    names |= {"half": "f2", "float": "f4", "double": "f8"}
     names["real"] = "f8" if double else "f4"
     return np.dtype(names[scalar]), int(width or 1)
 
@@ -170,6 +170,7 @@ def waves(device: Device) -> None:
     values = np.random.default_rng(1).standard_normal((2, *grid.shape))
     field = Field.from_array(values, grid, wavelength=WAVELENGTH, device=device)
     propagate(field, 5e-3).power()
+    propagate(field, 1.0, method="one-step", out_grid=Grid((20, 18), 2e-4)).power()
     for phase in ("tables", "fp64", "twofloat"):
         if phase == "tables" or device.precision == "single":
             plan = Propagator(grid, 1e-3, wavelength=WAVELENGTH, device=device, phase=phase)
@@ -181,6 +182,11 @@ def waves(device: Device) -> None:
     spherical_wave(grid, 0.1, wavelength=WAVELENGTH, device=device)
     for shape in ("circular", "square"):
         aperture(field, 120e-6, shape=shape)
+    surface = LensletSurface(4e-3, 1.5, aspheric=(1e3,))
+    measured = LensletMap(np.zeros((5, 7)), pitch=20e-6, glass=1.5)
+    for lattice, fill, gap in (("square", "circular", "clear"), ("hexagonal", "full", "opaque")):
+        lay = {"lattice": lattice, "fill": fill, "gap": gap}
+        MicrolensArray(75e-6, count=2, surface=surface, map=measured, **lay).apply(field)
     bad = Aberrations(lenslets={4: 20e-9}, scatter=LensletScatter(focal_length=0.1))
     for lattice in ("square", "hexagonal"):
         for fill in ("circular", "full"):
@@ -212,6 +218,18 @@ def exposed(device: Device, lattice: str) -> RawImage:
         focal_length=0.03, mla=mla, wavelength=WAVELENGTH, pixels_per_lenslet=12, device=device
     )
     return camera.expose(PointSources([(0, 0, 0), (2e-4, 0, 5e-3)], diameter=1e-5))
+
+
+def windowed(device: Device) -> None:
+    """What small cameras record of a point by windows of its own, with pixels that integrate."""
+    for lens, fill in (("thin", "full"), ("corrected", "circular")):
+        mla = MicrolensArray(150e-6, 10e-3, count=5, fill=fill)
+        camera = PlenopticCamera.type1(
+            focal_length=0.03, mla=mla, wavelength=WAVELENGTH, pixels_per_lenslet=6,
+            aperture_diameter=4e-3, lens_model=lens, pixels=PixelArray(), device=device,
+            aberrations=Aberrations(main_lens={5: 1e-8}),
+        )  # fmt: skip
+        camera.expose(PointSources((0, 0, 0)))
 
 
 def pictured(device: Device) -> None:
@@ -311,6 +329,7 @@ def work(device: Device) -> None:
     waves(device)
     raw = exposed(device, "hexagonal")
     pictured(device)
+    windowed(device)
     if device.precision == "single":
         for one in (raw, exposed(device, "square")):
             refocus(LightField.from_raw(one), alpha=0.9, rescale=True)

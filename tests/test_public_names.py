@@ -29,6 +29,7 @@ ONE_WAY = {
     "mosaic": "read_lightfield reads it",
     "scene_truth": "all that write_truth writes; read_truth is of any data set",
     "views": "read_lightfield reads it",
+    "zemax_opd": "listings of another program; write_opd_maps writes the maps",
 }
 
 

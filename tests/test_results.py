@@ -25,6 +25,7 @@ SAVED = {
     "FocusedStack",
     "Image",
     "LightField",
+    "OPDMaps",
     "RawImage",
     "Truth",
 }

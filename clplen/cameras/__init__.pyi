@@ -7,6 +7,7 @@ from .optics.camera_aberrations import correct_aberrations as correct_aberration
 from .optics.lenslet_camera import Description as Description
 from .optics.objective import CoverGlass as CoverGlass
 from .optics.objective import Objective as Objective
+from .optics.opd_maps import OPDMaps as OPDMaps
 from .optics.pixel_array import PixelArray as PixelArray
 from .optics.wave_optics import WaveOptics as WaveOptics
 from .plenoptic_camera import PlenopticCamera as PlenopticCamera

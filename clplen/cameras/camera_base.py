@@ -267,11 +267,13 @@ def scene_energy(camera: Plenoptic, scene: PointSources) -> Sequence[tuple[float
     rows = []
     to_array, to_sensor = camera.padding(scene)
     for n in range(len(scene)):
-        pupil = camera.pupil(scene, slice(n, n + 1), full_grid=False)
+        pupil, energy = camera.optics.pupil_and_energy(
+            scene.positions[n : n + 1], scene.diameter, full_grid=False
+        )
         at_array = camera.array_field(pupil, pad=to_array)
         at_sensor = camera.sensor_field(at_array, pad=to_sensor)
-        energies = [float(row_powers(f).sum()) for f in (pupil, at_array, at_sensor)]
-        rows.append((1.0, energies[1] / energies[0], energies[2] / energies[0]))
+        energies = [float(row_powers(f).sum()) for f in (at_array, at_sensor)]
+        rows.append((1.0, energies[0] / float(energy[0]), energies[1] / float(energy[0])))
     return rows
 
 

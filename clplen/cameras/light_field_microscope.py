@@ -19,11 +19,16 @@ from typing import Any, ClassVar
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.cameras.exposure.local_exposure import add_windows, batches
 from clplen.cameras.optics.lenslet_camera import Kind, lenslet_grid
 from clplen.cameras.optics.microscope_optics import (
     MicroscopeOptics,
     check_positions,
     check_sampling,
+)
+from clplen.cameras.optics.microscope_windows import (
+    MicroscopeWindows,
+    microscope_window_shape,
 )
 from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.fft.lines import smooth_length
@@ -114,11 +119,17 @@ class Microscope(MicroscopeOptics):
         for wavelength, share in self.lines(coherence):
             camera = replace(self, wavelength=wavelength)
             for points in parts:
-                window = camera.window(points)
+                window = camera.window(points)  # refuses points beyond the array
+                if self.pixels is not None:
+                    total += share * camera._exposed_in_windows(points, transforms, progress)
+                    continue
                 total += share * camera._exposed(points, window, progress)
                 transforms.append((3 * len(points), window.shape))
+        if self.pixels is not None:
+            total = self.pixels.read(total)
         data = self.device.upload(total.astype(np.float32))
-        raw = replace(self.raw_image(data), exposure=Exposure("points", tuple(transforms), 0.0))
+        route = "points" if self.pixels is None else "local"
+        raw = replace(self.raw_image(data), exposure=Exposure(route, tuple(transforms), 0.0))
         return raw if sensor is None else sensor.record(raw)
 
     def lines(self, coherence: Coherence | None) -> Sequence[tuple[float, float]]:
@@ -141,7 +152,8 @@ class Microscope(MicroscopeOptics):
             )
         lines = coherence.lines(self.wavelength)
         for wavelength, _ in lines:
-            check_sampling(replace(self, wavelength=wavelength))
+            if self.pixels is None:
+                check_sampling(replace(self, wavelength=wavelength))
         return lines
 
     def _exposed(self, points: PointSources, window: Grid, progress: Progress | None) -> Vector:
@@ -150,7 +162,7 @@ class Microscope(MicroscopeOptics):
         total = self.device.zeros(window.shape, self.device.real)
         for start in range(0, len(points), step):
             stop = min(start + step, len(points))
-            fields = self.sensor_fields(_chosen(points, slice(start, stop)), window)
+            fields = self.sensor_fields(points.chosen(slice(start, stop)), window)
             accumulate(total, fields.data, points.power[start:stop], self.device)
             if progress is not None:
                 progress(stop, len(points))
@@ -159,6 +171,28 @@ class Microscope(MicroscopeOptics):
             for big, n in zip(window.shape, self.grid.shape, strict=True)
         )
         return np.asarray(self.device.download(total)[rows, columns])
+
+    def _exposed_in_windows(
+        self,
+        points: PointSources,
+        transforms: list[tuple[int, tuple[int, int]]],
+        progress: Progress | None,
+    ) -> Vector:
+        """Energy on pixels that integrate, from a window of its own for each point."""
+        total = self.device.zeros(self.grid.shape, self.device.real)
+        shapes = [
+            microscope_window_shape(self, place, points.diameter) for place in points.positions
+        ]
+        done = 0
+        for same in batches(shapes, self.device):
+            shape, chosen = shapes[same[0]], points.chosen(same)
+            windows = MicroscopeWindows.of(self, shape, chosen)
+            add_windows(windows, chosen.power, total)
+            transforms.append((3 * len(same), (shape.samples, shape.samples)))
+            done += len(same)
+            if progress is not None:
+                progress(done, len(points))
+        return self.device.download(total).astype(np.float64)
 
     def sensor_fields(self, points: PointSources, window: Grid | None = None) -> Field:
         """Fields of points on the sensor, each of energy 1 in the pupil.
@@ -247,9 +281,3 @@ def wider(n: int, least: float) -> int:
     while smooth_length(length) != length:
         length += 2
     return length
-
-
-def _chosen(points: PointSources, which: slice) -> PointSources:
-    return PointSources(
-        points.positions[which], diameter=points.diameter, power=points.power[which]
-    )

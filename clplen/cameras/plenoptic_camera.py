@@ -264,12 +264,13 @@ class PlenopticCamera(Described, LensletCamera, ABC):
         na: float,
         mla: MicrolensArray,
         wavelength: float,
-        pixels_per_lenslet: float,
+        pixels_per_lenslet: float | None = None,
         device: DeviceLike | None = None,
         medium_index: float = 1.0,
         tube_lens: float = 0.200,
         cover: CoverGlass | None = None,
         apodisation: float = APODISATION,
+        pixels: PixelArray | None = None,
     ) -> Microscope:
         """A light-field microscope: array on the native image plane, sensor f_mu behind it.
 
@@ -286,8 +287,8 @@ class PlenopticCamera(Described, LensletCamera, ABC):
             Brings pitch, f_mu, count, lattice, fill, offset and rotation.
         wavelength : float
             Of the fluorescence in vacuum, in metres.
-        pixels_per_lenslet : float
-            At least 2; may be fractional.
+        pixels_per_lenslet : float, optional
+            At least 2; may be fractional. Not needed where ``pixels`` has a pitch.
         device : Device or str, optional
             Where the simulation runs; None is ``Device.open()``.
         medium_index : float
@@ -300,6 +301,9 @@ class PlenopticCamera(Described, LensletCamera, ABC):
             e of the amplitude cos(theta)^e over the pupil, -1 to 1. Of points that shine alike in
             all directions behind an objective that obeys the sine condition it is -1/2, the
             cos^(1/2) sin(theta) of the Debye integral over angles (Broxton et al. 2013).
+        pixels : PixelArray, optional
+            Pixels that integrate the light on their area, and where they lie. None: pixels that
+            cover the array and take the intensity in their middle.
 
         Returns
         -------
@@ -313,7 +317,8 @@ class PlenopticCamera(Described, LensletCamera, ABC):
         TypeError
             If array or cover glass are none.
         SamplingError
-            If a lenslet has less than 2 pixels, or the pixels cannot sample the light.
+            If a lenslet has less than 2 pixels, or pixels that do not integrate cannot sample the
+            light.
 
         Warns
         -----
@@ -337,7 +342,10 @@ class PlenopticCamera(Described, LensletCamera, ABC):
                 f"NA {na!r} does not pass a cover glass of index "
                 f"{min(cover.index, cover.designed_index)!r}."
             )
-        grid = sensor_grid(mla, pixels_per_lenslet)
+        across = _pixels_per_lenslet(mla, pixels_per_lenslet, pixels)
+        if pixels is not None:
+            mla = pixels.turned(mla)
+        grid = sensor_grid(mla, across, pixels)
         camera = Microscope(
             magnification=float(magnification),
             na=float(na),
@@ -345,14 +353,16 @@ class PlenopticCamera(Described, LensletCamera, ABC):
             tube_lens=float(tube_lens),
             mla=mla,
             wavelength=float(wavelength),
-            pixels_per_lenslet=float(pixels_per_lenslet),
+            pixels_per_lenslet=float(across),
             pixel_pitch=grid.pitch[1],
             grid=grid,
             device=device,
             cover=cover,
             apodisation=float(apodisation),
+            pixels=pixels,
         )
-        microscope_optics.check_sampling(camera)
+        if pixels is None:
+            microscope_optics.check_sampling(camera)
         if abs(camera.matched - 1) > microscope_optics.MISMATCH:
             warn_caller(
                 f"The f-numbers of objective and lenslets differ: M/(2 NA) = "
@@ -382,6 +392,11 @@ def _check_objective(magnification: float, na: float, index: float, mla: Microle
     if len(mla.focal_lengths) > 1 or mla.focal_length <= 0:
         raise ValueError(
             f"The lenslets of a microscope have one focal length > 0, not {mla.focal_lengths}."
+        )
+    if mla.map is not None and mla.map.is_of_each:
+        raise ValueError(
+            "The lenslets of a microscope are alike, so that its point images repeat: give one map "
+            "for all, not one for each."
         )
 
 
@@ -488,7 +503,7 @@ def _shared(
         "focal_length": float(focal_length),
         "mla": mla,
         "wavelength": float(wavelength),
-        "pixels_per_lenslet": across,
+        "pixels_per_lenslet": float(across),
         "pixel_pitch": grid.pitch[1],
         "grid": grid,
         "device": device,
@@ -519,7 +534,7 @@ def _pixels_per_lenslet(
         raise SamplingError(f"pixels_per_lenslet is a number, at least 2, not {given!r}.")
     if pitch is None:
         assert given is not None
-        return float(given)
+        return given
     across = mla.pitch / pitch
     if given is not None and abs(given - across) > PITCH_TOLERANCE * across:
         raise ValueError(

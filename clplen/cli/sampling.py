@@ -17,7 +17,7 @@ from clplen.wave.elements.lenslets import SMALLEST_PITCH
 from clplen.wave.field.field import Grid
 from clplen.wave.propagation import fresnel, transfer_function
 from clplen.wave.propagation.band import GUARD, fully_sampled_distance
-from clplen.wave.propagation.description import METHODS, Description, Request
+from clplen.wave.propagation.description import FREE_GRID, METHODS, Description, Request
 from clplen.wave.propagation.methods import describe
 from clplen.wave.propagation.plan_report import report
 
@@ -188,7 +188,7 @@ def _valid(r: Request) -> str:
 
 def _verdict(r: Request, method: str) -> str:
     """Whether a method is sampled at a distance, and what else counts there."""
-    if r.target != r.grid and method != "cblas":
+    if r.target != r.grid and method not in FREE_GRID:
         return "no, has its own grid"
     if r.z == 0:
         return "no, pitch 0" if method == "fresnel-1fft" else "yes, the field"

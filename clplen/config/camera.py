@@ -94,7 +94,7 @@ NEEDED = {
 }
 OF_A_MAIN_LENS = (
     "focal_length_mm", "object_distance_mm", "image_distance_mm", "aperture_diameter_mm",
-    "lens_model", "pixels",
+    "lens_model",
 )  # fmt: skip
 
 
@@ -192,7 +192,6 @@ class CameraTable(Table):
     pixels_per_lenslet: Positive | None = None
     microlenses: MicrolensTable
     pixels: PixelsTable | None = None
-    lens_model: Literal["auto", "thin", "corrected"] = "auto"
     object_distance_mm: Positive | None = None
     image_distance_mm: Positive | None = None
     aperture_diameter_mm: Positive | None = None
@@ -201,6 +200,7 @@ class CameraTable(Table):
     a_mm: Finite | None = None
     match: Literal["pupil", "cone"] = "pupil"
     aberrations: AberrationsTable | None = None
+    lens_model: Literal["auto", "thin", "corrected"] = "auto"
     magnification: Positive | None = None
     na: Positive | None = None
     medium_index: Positive = 1.0
@@ -232,10 +232,10 @@ class CameraTable(Table):
 
     @model_validator(mode="after")
     def _pixels_of_one_size(self) -> CameraTable:
-        given, pitch = self.pixels_per_lenslet, self.pixels and self.pixels.pitch_um
+        given = self.pixels_per_lenslet
+        pitch = None if self.pixels is None else self.pixels.pitch_um
         if given is None and pitch is None:
-            other = "" if self.kind == "microscope" else ", or pixels.pitch_um in their place"
-            raise ValueError(f"needs pixels_per_lenslet{other}")
+            raise ValueError("needs pixels_per_lenslet, or pixels.pitch_um in their place")
         if given is not None and pitch is not None:
             across = self.microlenses.pitch_um / pitch
             if abs(given - across) > PITCH_TOLERANCE * across:
@@ -261,6 +261,7 @@ class CameraTable(Table):
             "mla": self.microlenses.build(),
             "wavelength": wavelength,
             "device": device,
+            "pixels": self.pixels.build() if self.pixels else None,
         }
         if self.kind == "microscope":
             assert self.magnification is not None
@@ -282,7 +283,6 @@ class CameraTable(Table):
             "aperture_diameter": divided(self.aperture_diameter_mm, 1e3),
             "aberrations": self.aberrations.build(wavelength) if self.aberrations else NONE,
             "pixels_per_lenslet": self.pixels_per_lenslet,
-            "pixels": self.pixels.build() if self.pixels else None,
             "lens_model": self.lens_model,
         }
         if self.kind == "plenoptic1":

@@ -11,9 +11,9 @@ EXAMPLE = """\
                                 # or "microscope", without focal length, distances and aperture
 focal_length_mm = 120.0         # main lens
 wavelength_nm = 532.0
-pixels_per_lenslet = 30         # may be fractional; not with pixels.pitch_um
-# lens_model = "auto"           # the main lens: a "thin" one, or one "corrected" for aberrations;
-                                # "auto": thin where its own are below a quarter of a wave
+pixels_per_lenslet = 30         # may be fractional; not needed with pitch_um of [camera.pixels]
+# lens_model = "auto"           # "thin", a quadratic phase, or "corrected", without aberrations of
+                                # its own, as fast lenses are; "auto": by how fast the lens is
 # object_distance_mm = 240.0    # to the focused plane; default: twice the focal length, or by
 # image_distance_mm = 240.0     # the lens law from the other one; main lens to its image, where
                                 # the microlens array of a plenoptic1 lies
@@ -44,15 +44,14 @@ fill = "square"                 # or "circular" (default); "full": a cell of any
 # offset_um = [0.0, 0.0]        # y, x
 # rotation_deg = 0.0            # positive turns +x towards +y (y down)
 
-# [camera.pixels]               # that add up the light on their areas; without this table they do
-                                # so where their pitch is too large to sample the light's waves
-# pitch_um = 5.0                # default: pitch of the lenslets over pixels_per_lenslet
-# shape = [3030, 3030]          # default: as many as cover the lenslets; rows, columns
-# fill_factor = 1.0             # active share of the area, a square; 0: the value in the middle
-# offset_um = [0.0, 0.0]        # y, x of the middle of the sensor from the axis
-# rotation_deg = 0.0            # of the pixels' rows against the axes of the lenslets
-# crosstalk = [[0, 0.01, 0], [0.01, 0.96, 0.01], [0, 0.01, 0]]   # default: none. Shares that a
-                                # pixel and its neighbours read of its light
+# [camera.pixels]               # pixels that integrate; else each takes the intensity in its middle
+# pitch_um = 5.0                # default: that of the microlenses over pixels_per_lenslet
+# fill_factor = 1.0             # active share of a pixel's area
+# shape = [3030, 3030]          # rows, columns; default: as many as cover the microlenses
+# offset_um = [0.0, 0.0]        # y, x of the sensor's middle from the optical axis
+# rotation_deg = 0.0            # of the pixels against the microlenses
+# crosstalk = [[0.0, 0.02, 0.0], [0.02, 0.92, 0.02], [0.0, 0.02, 0.0]]  # default: none. Shares of
+                                # a pixel's signal that it and its neighbours read
 
 # [camera.aberrations]          # wavefronts: waves at wavelength_nm, rms on a disc, by Noll's index
 # main_lens_waves = { 6 = 0.1, 8 = -0.05 }              # default: none

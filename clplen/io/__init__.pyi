@@ -34,6 +34,9 @@ from .results.focused_files import write_focused_depth as write_focused_depth
 from .results.hci import HciParameters as HciParameters
 from .results.hci import read_parameters as read_parameters
 from .results.hci import write_parameters as write_parameters
+from .results.opd_files import read_opd_maps as read_opd_maps
+from .results.opd_files import read_zemax_opd as read_zemax_opd
+from .results.opd_files import write_opd_maps as write_opd_maps
 from .results.stack_files import read_depth as read_depth
 from .results.stack_files import read_image as read_image
 from .results.stack_files import read_stack as read_stack

@@ -108,7 +108,9 @@ def depth_map(
         counts.
     "combined"
         Matching past occlusions with adaptive support, refined by least squares
-        (`clplen.lightfield.depth.combined_cue`): the most exact, and the slowest.
+        (`clplen.lightfield.depth.combined_cue`): the most exact, and the slowest. Bright points on
+        black, as of beads and stars, get the depth of their sharpest plane, and the black none
+        (confidence 0).
 
     Parameters
     ----------
@@ -117,8 +119,9 @@ def depth_map(
         `weights` of its views is taken as it is. A stored light field is read whole where memory
         suffices and else tile by tile, with the same result.
     alphas, disparities : array_like, optional
-        Planes to try, at least three different ones, not both. For a light field without either:
-        33 disparities from -2 to 2; of a microscope, over its depth range (`suitable_planes`).
+        Planes to try, at least three different ones, not both. For a light field without either
+        those of `suitable_planes`: 33 alphas from .65 to 1.35 where the spacing is known, the depth
+        range of a microscope, else 33 disparities from -2 to 2.
     cue : {"energy", "correspondence", "structure-tensor", "combined"}, optional
         Default "energy" for a stack, and for the light field of a microscope: what fluoresces is
         transparent, where the other cues look for surfaces and put single points on disparity 0;
@@ -183,8 +186,8 @@ def all_in_focus(
     depth : DepthMap or array_like, optional
         Or disparities, shape (y, x), in pixels a view step, finite.
     disparities : array_like, optional
-        Planes to blend, for a light field without depth; default 33 from -2 to 2, of a microscope
-        over its depth range (`suitable_planes`).
+        Planes to blend, for a light field without depth; default those of `suitable_planes`, as
+        for `depth_map`.
     memory : int, optional
         Bytes for what a stored light field needs on the host and the device together, the result
         included; default half of what is free on the host, or of the device's memory if that is

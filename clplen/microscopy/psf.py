@@ -194,6 +194,11 @@ def described(
 def _checked(camera: Any, planes: Any, voxels: Any, binning: Any, cut: float, store: str) -> Vector:
     """The planes as numbers, after the checks."""
     require(Microscope, camera, "camera", "PlenopticCamera.microscope")
+    if camera.pixels is not None:
+        raise ValueError(
+            "Point images sum the intensities in the middles of pixels, and this camera's pixels "
+            "integrate: leave pixels= out, give pixels that sample the light, and binning="
+        )
     _check_lattice(camera)
     binning = positive_integer(binning, "binning")
     if round(camera.pixels_per_lenslet) % binning:

@@ -8,7 +8,9 @@ import numpy as np
 
 from clplen.cameras.exposure import isoplanatic
 from clplen.cameras.exposure.ray_exposure import SAMPLES, sample_rays
+from clplen.cameras.optics.local_window import LocalWindows, window_shape
 from clplen.cameras.optics.objective import Objective
+from clplen.cameras.optics.pixel_array import PixelSums, pixel_weights
 from clplen.cameras.optics.wave_optics import pupil_fields
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.scenes.scene_sources import PointSources
@@ -23,6 +25,7 @@ from clplen.wave.coherence.extended_source import plane_waves
 from clplen.wave.coherence.phase_masks import RandomPhaseMask
 from clplen.wave.coherence.spatial_models import IncoherentLight, key_of, philox
 from clplen.wave.elements.hard_apertures import disc
+from clplen.wave.elements.lenslet_surface import LensletMap, LensletSurface
 from clplen.wave.elements.lenslets import LensletErrors, MicrolensArray
 from clplen.wave.field.field import Field, Grid
 
@@ -78,6 +81,40 @@ def _square_lenslets(device: Device) -> Pairs:
     )
     expected = np.outer(down, right) * np.exp(-1j * np.pi * (dy**2 + dx**2) / (LAM * 2.5e-3))
     yield expected, device.download(mla.transmission(grid, LAM, device))
+
+
+def _made_lenslets(device: Device) -> Pairs:
+    """Round lenslets of an aspheric surface with a tilt as a map, between clear gaps."""
+    grid = Grid((33, 38), (DX, 1.1 * DX), origin=(0, DX / 2))
+    radius, conic, fourth, tilt = 2e-4, -0.6, 2e11, 0.01
+    ramp = tilt * 0.1 * PITCH * np.broadcast_to(np.arange(-6, 6), (11, 12))
+    mla = MicrolensArray(
+        PITCH,
+        count=(3, 4),
+        diameter=0.8 * PITCH,
+        offset=(2e-6, -6e-6),
+        rotation=0.12,
+        surface=LensletSurface(radius, 1.5, conic=conic, aspheric=(fourth,)),
+        gap="clear",
+        map=LensletMap(ramp, pitch=0.1 * PITCH, glass=1.5),
+    )
+    dy, dx, _ = _places(mla, grid)
+    across = dx * np.cos(mla.rotation) + dy * np.sin(mla.rotation)
+    half = 0.4 * PITCH
+    sags = []
+    for r2 in (dy**2 + dx**2, half**2):
+        root = np.sqrt(np.maximum(1 - (1 + conic) * r2 / radius**2, 0))
+        sags.append(r2 / (radius * (1 + root)) + fourth * r2**2)
+    path = 0.5 * (sags[1] - sags[0] - tilt * across)
+    y, x = np.meshgrid(grid.y, grid.x, indexing="ij")
+    share = sum(
+        twins.disc_share(y - a, x - b, half, grid.pitch) for a, b in mla.centres().reshape(-1, 2)
+    )
+    inside = np.maximum(abs(across), abs(dy * np.cos(mla.rotation) - dx * np.sin(mla.rotation)))
+    whole = inside < PITCH / 2 - DX  # cells of samples that lie within the array's
+    expected = share * np.exp(2j * np.pi * path / LAM) + 1 - share
+    got = device.download(mla.transmission(grid, LAM, device))
+    yield expected[whole], got[whole]
 
 
 def _lenslet_errors(device: Device) -> Pairs:
@@ -212,15 +249,65 @@ def _plane_waves(device: Device) -> Pairs:
     yield np.einsum("p,py,px->yx", a, ey, ex), got.to_numpy()
 
 
+def _local_window(device: Device) -> Pairs:
+    """Light about a chief ray on the array, beside sums over the pupil of spheres to the image."""
+    mla = MicrolensArray(10e-6, 40e-6, count=15)
+    camera = PlenopticCamera.type1(
+        focal_length=0.01, object_distance=1.0, aperture_diameter=2.5e-3, mla=mla, wavelength=LAM,
+        pixels_per_lenslet=8, lens_model="corrected", device=device,
+    )  # fmt: skip
+    place = np.array([(1e-3, -2e-3, -0.2)])
+    optics = camera.optics
+    windows = LocalWindows.of(optics, window_shape(optics, place[0]), place, 6e-5)
+    fields = device.download(windows.array_fields())[0]
+    n, pitch = windows.shape.samples, windows.shape.pitch
+    index = n // 2 + np.array([(0, 0), (3, -5), (-11, 2), (7, 13)])
+    got = np.abs(fields[tuple(index.T)]) / np.sqrt(windows.energy[0]) / pitch
+    y, x = (np.asarray(camera.grid.origin) + (windows.centres[0] + index - n // 2) * pitch).T
+    v, u, areas = twins.disc_nodes(1.25e-3)
+    (x0, y0, dz), z2 = place[0], camera.array_distance
+    q = 1 / 0.01 - 1 / (1 + dz)
+    slope = np.sqrt(1 + (y0 / (1 + dz) + q * v) ** 2 + (x0 / (1 + dz) + q * u) ** 2)
+    foot = np.pi * 6e-5 * np.hypot(v - y0, u - x0) / (LAM * (1 + dz))
+    amplitude = slope**-1.5 * twins.disc_pattern(foot)
+    beside = (y[:, None] - v) ** 2 + (x[:, None] - u) ** 2
+    r = np.sqrt(z2**2 + beside)
+    phase = (beside / (r + z2) - (slope - slope[0]) / q) / LAM
+    sums = (np.exp(2j * np.pi * phase) / r**2 * amplitude) @ areas
+    expected = np.abs(sums) * z2 / LAM / np.sqrt((amplitude**2) @ areas)
+    yield expected, got
+
+
+def _pixels(device: Device) -> Pairs:
+    """Integrals of an intensity over squares of five pixels each way."""
+    field = twins.waves(8, 47, 53)
+    total = device.zeros((6, 7), device.real)
+    sums = PixelSums(first=(14, 15), step=4, width=3.2, place=(1, 2), shape=(5, 4))
+    sums.put(total, device.upload(field[None].astype(device.complex)), 0, 0.7, device)
+    weights = pixel_weights(3.2)
+    reach = len(weights) // 2
+    expected = np.zeros((6, 7))
+    for row, column in np.ndindex(5, 4):
+        down, right = 14 + 4 * row - reach, 15 + 4 * column - reach
+        part = np.abs(field[down:, right:][: len(weights), : len(weights)]) ** 2
+        expected[1 + row, 2 + column] = 0.7 * weights @ part @ weights
+    yield expected, device.download(total)
+
+
 CHECKS = (
     Check("aperture", "covered share of each cell by a disc", _aperture, STRIPS,
           ("aperture.cl", "coverage.cl")),
     Check("lenslets", "hexagonal array of three kinds, turned", _lenslets, STRIPS,
           ("lenslets.cl", "nearest_lenslet.cl", "lens_types.cl")),
     Check("lenslets, square", "square apertures with gaps", _square_lenslets, 1e-5,
-          ("lenslets.cl", "coverage.cl")),
+          ("lenslets.cl", "coverage.cl", "lenslet_coverage.cl")),
+    Check("lenslets, as made", "aspheres, clear gaps and a map", _made_lenslets, 2 * STRIPS,
+          ("made_lenslets.cl",)),
     Check("lenslet_errors", "tilted, moved, bent lenslets", _lenslet_errors, 1e-5,
           ("lenslet_errors.cl",)),
+    Check("local window", "a point's light about its chief ray", _local_window, 1e-3,
+          ("local_window.cl", "rim_weights.cl", "disc_pattern.cl")),
+    Check("pixels", "intensities integrated over pixels", _pixels, 1e-5, ("pixels.cl",)),
     Check("source", "point sources in a lens", _point_sources, STRIPS, ("source.cl",)),
     Check("objective", "points behind a microscope's objective", _objective, 1e-5,
           ("objective.cl",)),

@@ -101,3 +101,18 @@ def bell_taps(part: float) -> Array:
     w /= w.sum()
     mean = w @ t
     return np.asarray(w * (1 + (part - mean) * (t - mean) / (w @ (t - mean) ** 2)))
+
+
+def disc_nodes(radius: float, radii: int = 80, angles: int = 200) -> tuple[Array, Array, Array]:
+    """Places (y, x) on a disc and their areas: Gauss in the square of the radius, equal angles."""
+    place, weight = np.polynomial.legendre.leggauss(radii)
+    r, t = radius * np.sqrt((place + 1) / 2), 2 * np.pi * (np.arange(angles) + 0.5) / angles
+    areas = np.repeat(weight / 2 * np.pi * radius**2 / angles, angles)
+    return np.outer(r, np.sin(t)).ravel(), np.outer(r, np.cos(t)).ravel(), areas
+
+
+def disc_pattern(v: Array) -> Array:
+    """2 J1(v)/v by Bessel's integral, v above 0."""
+    t = (np.arange(64) + 0.5) * (np.pi / 64)
+    j1 = np.cos(t[:, None] - v * np.sin(t[:, None])).mean(axis=0)
+    return np.asarray(2 * j1 / v)

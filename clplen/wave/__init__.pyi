@@ -13,6 +13,7 @@ from .elements.beams import gaussian_beam as gaussian_beam
 from .elements.beams import plane_wave as plane_wave
 from .elements.beams import spherical_wave as spherical_wave
 from .elements.beams import tilt as tilt
+from .elements.glass import Glass as Glass
 from .elements.gratings import axicon as axicon
 from .elements.gratings import grating as grating
 from .elements.hard_apertures import annular_aperture as annular_aperture
@@ -24,6 +25,8 @@ from .elements.lens import LensSampling as LensSampling
 from .elements.lens import lens_sampling as lens_sampling
 from .elements.lens import lenslet_sampling as lenslet_sampling
 from .elements.lens import thin_lens as thin_lens
+from .elements.lenslet_surface import LensletMap as LensletMap
+from .elements.lenslet_surface import LensletSurface as LensletSurface
 from .elements.lenslets import LensletErrors as LensletErrors
 from .elements.lenslets import MicrolensArray as MicrolensArray
 from .elements.transparency import TargetElement as TargetElement

@@ -112,10 +112,99 @@ def test_encircled_energy_of_airy_s_pattern(window: Window) -> None:
     held = psf.encircled_energy(r * UNIT, total=total)
     v = np.pi * r
     np.testing.assert_allclose(held, 1 - j0(v) ** 2 - j1(v) ** 2, atol=3e-6)
+    r = np.linspace(0, 18, 301) * UNIT
+    v = np.pi * r / UNIT
+    held = psf.encircled_energy(r, total=total)
+    np.testing.assert_allclose(held, 1 - j0(v) ** 2 - j1(v) ** 2, atol=3e-6)
+    assert np.diff(held).min() >= 0
     assert psf.energy / total == pytest.approx(0.993, abs=5e-3)
     of_window = psf.encircled_energy(UNIT)
     assert of_window == pytest.approx((1 - j0(np.pi) ** 2 - j1(np.pi) ** 2) * total / psf.energy)
     assert isinstance(of_window, float)
+
+
+def integral_of(psf: PSF, r: np.ndarray, centre: tuple[float, float]) -> np.ndarray:
+    """Over circles, of the Fourier interpolation: every frequency by itself."""
+    spectrum = np.fft.fft2(psf.values) / psf.values.size
+    fy, fx = (np.fft.fftfreq(n, d) for n, d in zip(psf.values.shape, psf.pitch, strict=True))
+    y, x = centre[0] - psf.coordinates(0)[0], centre[1] - psf.coordinates(1)[0]
+    at = np.real(spectrum * np.exp(2j * np.pi * (fy[:, None] * y + fx * x)))
+    f = np.hypot.outer(fy, fx)
+    flat = f == 0
+    disc = [np.where(flat, np.pi * s**2, s * j1(2 * np.pi * s * f) / (f + flat)) for s in r]
+    return np.einsum("kij,ij->k", np.array(disc), at)
+
+
+def unlike_images() -> dict[str, PSF]:
+    """What a point's image may be, and what it should not: as `analyse` and users bring them."""
+    random = np.random.default_rng(12)
+    y, x = np.mgrid[0:41, 0:37] - np.array([19.3, 18.6])[:, None, None]
+    spot = np.exp(-(y**2 + x**2) / (2 * 2.1**2))
+    beside = np.exp(-((y - 9) ** 2 + (x + 8) ** 2) / (2 * 1.7**2))
+    lone, pair = np.zeros((17, 23)), np.zeros((16, 16))
+    lone[8, 11], pair[8, 8], pair[8, 9] = 1, 1, 0.7
+    return {
+        "noise": PSF(spot + 0.02 * random.normal(size=spot.shape), 2e-6),
+        "background taken off too much": PSF(spot - 0.012, 2e-6),
+        "background left": PSF(spot + 0.1, (2e-6, 3e-6)),
+        "noise alone": PSF(random.normal(size=(19, 24)) + 0.05, (2e-6, 1.3e-6)),
+        "off the centre": PSF(beside, 2e-6, (3e-6, -1e-6)),
+        "one pixel": PSF(lone, (1e-6, 3e-6)),
+        "two pixels": PSF(pair, 1e-6),
+        "a hot pixel in the rim": PSF(
+            spot + 0.4 * ((y > 15) & (y < 16) & (x > 9) & (x < 10)), 2e-6
+        ),
+        "a step": PSF((np.hypot(y, x) < 6.3).astype(float), 2e-6),
+        "photons": PSF(random.poisson(spot * 9).astype(float), (3e-6, 2e-6)),
+    }
+
+
+@pytest.mark.parametrize("name", unlike_images())
+def test_shares_never_fall_and_follow_the_largest_circle(name: str) -> None:
+    psf = unlike_images()[name]
+    centre = psf.centroid()
+    y, x = psf.coordinates(0), psf.coordinates(1)
+    far = min(
+        min(centre[0] - y[0], y[-1] - centre[0]) + psf.pitch[0] / 2,
+        min(centre[1] - x[0], x[-1] - centre[1]) + psf.pitch[1] / 2,
+    )
+    r = np.sort(np.append(np.random.default_rng(13).uniform(0, far, 997), [0, far]))
+    fine = np.linspace(0, far, 1500)
+    exact = integral_of(psf, fine, centre)
+    if name in ("noise alone", "one pixel", "background taken off too much"):
+        assert np.diff(exact).min() < -1e-5 * psf.energy  # it would fall
+    upper = np.maximum.accumulate(exact) / psf.energy
+    got = psf.encircled_energy(fine, centre=centre)
+    # steps of 1/16 sample may miss the top between them: E'' h^2/8
+    assert np.abs(got - upper).max() <= 2e-3 * max(1, upper.max())
+    assert got[0] == 0
+    shares = psf.encircled_energy(r, centre=centre)
+    assert np.diff(shares).min() >= 0
+    few = r[:: r.size // 7]
+    alone = np.array([psf.encircled_energy(one, centre=centre) for one in few])
+    assert np.diff(alone).min() >= -1e-14  # sums in another order
+    widths = psf.ensquared_energy(2 * r, centre=centre)
+    assert np.diff(widths).min() >= 0
+    assert widths[-1] >= 0.9 * shares[-1]
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), (2.3e-6, -1.1e-6), (0.9e-6, 5.2e-6)])
+def test_pixels_partly_in_a_circle_count_with_that_part(place: tuple[float, float]) -> None:
+    flat = PSF(np.full((13, 22), 3.7), (2e-6, 1.4e-6))
+    r = np.array([0.1, 0.77, 1.9, 3.33, 7.0]) * 1e-6
+    area = flat.values.size * 2e-6 * 1.4e-6
+    held = flat.encircled_energy(r, centre=place)
+    np.testing.assert_allclose(held, np.pi * r**2 / area, rtol=1e-7)
+    squares = flat.ensquared_energy(r, centre=place)
+    np.testing.assert_allclose(squares, r**2 / area, rtol=1e-7)
+
+
+@pytest.mark.parametrize("window", WINDOWS)
+def test_encircled_energy_of_a_gaussian(window: Window) -> None:
+    sigma = 1.4 * UNIT
+    r = np.linspace(0, 9 * UNIT, 77)
+    held = gaussian(window, (sigma, sigma)).encircled_energy(r)
+    np.testing.assert_allclose(held, 1 - np.exp(-(r**2) / (2 * sigma**2)), atol=2e-7)
 
 
 def test_the_radius_holds_its_share() -> None:

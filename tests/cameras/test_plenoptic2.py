@@ -233,16 +233,18 @@ def test_m_is_a_number(m: Any, device: Device) -> None:
 
 
 def test_pixels_too_coarse(device: Device) -> None:
+    middle = PointSources((0, 0, 0))
     with pytest.raises(SamplingError, match=r"cycles/m .*pixels_per_lenslet = "):
-        focused(device, f=3e-3)
+        focused(device, f=3e-3).expose(middle, method="points")
+    small = focused(device, 0.1, mla=MicrolensArray(150e-6, 10e-3, count=25, fill="full"))
     with pytest.raises(SamplingError, match="does not hold the main lens' aperture"):
-        focused(device, 0.1, mla=MicrolensArray(150e-6, 10e-3, count=25, fill="full"))
+        small.expose(middle, method="points")
 
 
 def test_sampling_counts_the_steepest_lenslet(device: Device) -> None:
-    focused(device, f=(10e-3, 20e-3))
+    assert focused(device, f=(10e-3, 20e-3)).pixels is None
     with pytest.raises(SamplingError, match="cycles/m"):
-        focused(device, f=(10e-3, 3.5e-3))
+        focused(device, f=(10e-3, 3.5e-3)).expose(PointSources((0, 0, 0)), method="points")
 
 
 def test_a_standard_camera_has_lenslets_of_one_kind(device: Device) -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from tolerance import relative_max
 
+from clplen.compute.fft.blocks import add
 from clplen.wave.field.field import Field, Grid
 from clplen.wave.field.transmission import multiply, multiply_separable
 
@@ -27,6 +28,16 @@ def test_multiply(wave, shape):
     got = multiply(field, wave.upload(t.astype(wave.complex))).to_numpy()
     assert relative_max(u * t, got) <= 8 * np.finfo(wave.real).eps
     assert relative_max(u, field.to_numpy()) <= np.finfo(wave.real).eps  # input untouched
+
+
+@pytest.mark.parametrize("wave", ["single", "double"], indirect=True)
+@pytest.mark.parametrize("shape", [(5, 7), (1, 67), (8, 1)])
+def test_add(wave, shape):
+    (u, field), v = fields(wave, shape), table((3, *shape), 4)
+    other = wave.upload(v.astype(wave.complex))
+    add(field.data, other, wave)
+    assert relative_max(u + v, field.to_numpy()) <= 2 * np.finfo(wave.real).eps
+    assert relative_max(v, wave.download(other)) <= np.finfo(wave.real).eps
 
 
 @pytest.mark.parametrize("wave", ["single", "double"], indirect=True)

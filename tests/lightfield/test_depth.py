@@ -185,6 +185,9 @@ class Lens:
 
     image_distance: float = 0.15
 
+    def alpha(self, dz: float) -> float:
+        return 0.15 * (10 - 1 / (0.3 + dz))
+
     def dz(self, alpha: np.ndarray) -> np.ndarray:
         return 1 / (10 - alpha / 0.15) - 0.3
 

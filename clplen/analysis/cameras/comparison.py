@@ -29,10 +29,10 @@ from clplen.analysis.point.psf import PSF
 from clplen.analysis.point.samples import Values
 from clplen.analysis.point.twopoint import SLIT, TwoPoints
 from clplen.cameras.camera_base import Plenoptic
-from clplen.cameras.optics.camera_aberrations import circumscribed
 from clplen.cameras.scenes.scene_sources import PointSources, as_sources
 from clplen.errors import SamplingError
 from clplen.reprs import OneLine
+from clplen.wave.elements.lenslets import circumscribed
 
 HIGHEST = 1.05  # of the diffraction cut-off: where a cut-off that is measured may lie
 _STEPS = 61  # of separations and radii

@@ -29,7 +29,7 @@ from clplen.compute.device import Device
 from clplen.compute.fft.lines import smooth_length
 from clplen.lightfield.raw.raw_image import Transforms
 from clplen.wave.coherence.averaging import Progress
-from clplen.wave.field.field import Field, row_powers
+from clplen.wave.field.field import Field
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]
 Complex = np.ndarray[Any, np.dtype[np.complex128]]
@@ -152,7 +152,7 @@ def _band(optics: WaveOptics) -> float:
 
     The main lens' wavefront adds none: on the array D/(2 z2) is the angle of its pupil.
     """
-    lenslet = optics.mla.diameter / optics.mla.focal_length
+    lenslet = 2 * optics.mla.steepest_slope(optics.wavelength)
     slopes = optics.aperture_diameter / optics.array_distance + lenslet
     slopes += 2 * optics.aberrations.lenslet_slope(optics.mla)
     return slopes / (optics.wavelength * optics.sub_image_scale)
@@ -184,8 +184,8 @@ def _fields(
 ) -> tuple[Field, Vector]:
     """Fields on the sensor of points imaged about a lenslet, and their factors to energy 1."""
     points = _imaged_at(optics, plane, np.asarray(patch.centre) + offsets)
-    pupil = optics.pupil(points, full_grid=False)
-    gains = 1 / row_powers(pupil).sum(axis=-1)
+    pupil, energies = optics.pupil_and_energy(points, full_grid=False)
+    gains = 1 / energies
     to_array, to_sensor = plan.padding
     fields = optics.sensor_field(optics.array_field(pupil, pad=to_array), pad=to_sensor)
     return _refined(fields, plan.finer), gains

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.cameras.optics.local_window import ORDERS, LocalWindows, WindowShape, window_shape
+from clplen.cameras.optics.local_window import (
+    SAMPLED_RINGS,
+    LocalWindows,
+    Windows,
+    WindowShape,
+    window_shape,
+)
 from clplen.cameras.optics.pixel_array import PixelSums, pixel_weights
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.cameras.scenes.scene_sources import PointSources
@@ -24,25 +32,25 @@ from clplen.wave.field.field import Field
 FINER_INTENSITY = 2  # samples of the intensity a sample of the field
 
 
-def check_windows(optics: WaveOptics, positions: Any) -> None:
+def check_windows(optics: WaveOptics, points: PointSources) -> None:
     """Refuse points whose windows do not fit the device.
 
     Parameters
     ----------
     optics : WaveOptics
-    positions : numpy.ndarray
-        (x, y, dz) in metres, shape (n, 3).
+    points : PointSources
 
     Raises
     ------
     DeviceError
         Of the widest, with what it needs and what would do.
     """
-    device, beta = optics.device, np.atleast_1d(optics.array_alpha(positions[:, 2]))
+    device, positions = optics.device, points.positions
+    beta = np.atleast_1d(optics.array_alpha(positions[:, 2]))
     reach = np.abs(optics.on_array(positions)).max(axis=1) / optics.array_distance
     wide = np.abs(1 - beta) * np.maximum(1, np.abs(beta)) * (1 + reach**2)
     worst = positions[int(wide.argmax())]
-    shape = _shape(optics, worst)
+    shape = _shape(optics, worst, points.diameter)
     largest = max(shape.samples, shape.pupil) ** 2 * device.complex.itemsize
     most = min(device.memory_bytes, int(device.cl_device.max_mem_alloc_size))
     if shape.nbytes(device) <= device.memory_bytes and largest <= most:
@@ -82,17 +90,12 @@ def add_local(
     DeviceError
         If the windows do not fit the device.
     """
-    shapes = [_shape(optics, position) for position in points.positions]
-    order = sorted(range(len(points)), key=lambda n: shapes[n].sizes)
+    shapes = [_shape(optics, position, points.diameter) for position in points.positions]
     done, transforms = 0, []
-    while done < len(order):
-        shape = shapes[order[done]]
-        same = [n for n in order[done : done + shape.batch(optics.device)] if shapes[n] == shape]
-        optics.device.require_memory(
-            shape.nbytes(optics.device) * len(same), "The window of a point"
-        )
+    for same in batches(shapes, optics.device):
+        shape = shapes[same[0]]
         windows = LocalWindows.of(optics, shape, points.positions[same], points.diameter)
-        _add(windows, points.power[same], total)
+        add_windows(windows, points.power[same], total)
         transforms.append((3 * len(same), (shape.samples, shape.samples)))
         done += len(same)
         if progress is not None:
@@ -100,9 +103,32 @@ def add_local(
     return Exposure("local", _merged(transforms), 0.0)
 
 
+def batches(shapes: Sequence[WindowShape], device: Device) -> Iterator[list[int]]:
+    """Indices of windows of one shape that travel together, all of them once.
+
+    Raises
+    ------
+    DeviceError
+        If one does not fit the device.
+    """
+    ranked = sorted(range(len(shapes)), key=lambda n: shapes[n].sizes)
+    for _, run in groupby(ranked, key=lambda n: shapes[n].sizes):
+        same = list(run)
+        shape = shapes[same[0]]
+        count = shape.batch(device)
+        device.require_memory(
+            shape.nbytes(device) * min(count, len(same)),
+            f"A point's window of {shape.samples} x {shape.samples} samples",
+        )
+        for start in range(0, len(same), count):
+            yield same[start : start + count]
+
+
 def local_transforms(optics: WaveOptics, points: PointSources, count: int) -> Transforms:
     """Fourier transforms of ``count`` points among some of which the widest window counts."""
-    largest = max((_shape(optics, p) for p in points.positions), key=lambda s: s.samples)
+    largest = max(
+        (_shape(optics, p, points.diameter) for p in points.positions), key=lambda s: s.samples
+    )
     return ((3 * count, (largest.samples, largest.samples)),)
 
 
@@ -133,11 +159,24 @@ def add_integrated(total: cla.Array, fields: Field, weights: Any, active: float)
         sums.put(total, fine, number, FINER_INTENSITY**2 * float(weight), device)
 
 
-def _shape(optics: WaveOptics, position: Any) -> WindowShape:
-    return window_shape(optics, position, orders=0.0 if optics.pixels is None else ORDERS)
+def _shape(optics: WaveOptics, position: Any, diameter: float) -> WindowShape:
+    """The window of a point: finer than pixels that integrate, else as the sensor is sampled."""
+    if optics.pixels is None:
+        return window_shape(optics, position, diameter, rings=SAMPLED_RINGS, orders=0.0)
+    return window_shape(optics, position, diameter)
 
 
-def _add(windows: LocalWindows, power: Any, total: cla.Array) -> None:
+def add_windows(windows: Windows, power: Any, total: cla.Array) -> None:
+    """Add the energy of points in their windows to an image of the sensor.
+
+    Parameters
+    ----------
+    windows : Windows
+    power : numpy.ndarray
+        Of each point.
+    total : pyopencl.array.Array
+        Real, shape of the sensor; changed.
+    """
     optics, device = windows.optics, windows.optics.device
     active = 0.0 if optics.pixels is None else optics.pixels.active
     fields = windows.array_fields()
@@ -162,7 +201,7 @@ def refined(spectra: cla.Array, more: int, device: Device) -> cla.Array:
     return spectra
 
 
-def _sums(windows: LocalWindows, number: int, more: int, active: float) -> tuple[PixelSums, float]:
+def _sums(windows: Windows, number: int, more: int, active: float) -> tuple[PixelSums, float]:
     """The pixels that a window's samples fill, and the factor to a point's energy 1."""
     optics, shape = windows.optics, windows.shape
     k, n = shape.finer, shape.samples
@@ -184,7 +223,7 @@ def _sums(windows: LocalWindows, number: int, more: int, active: float) -> tuple
     )
     # the finer inverse transform divides by more^2 as many samples
     scale = more**2 if active else (more * k) ** 2
-    return sums, scale * optics.rim_energy(shape.pitch) / windows.energy[number]
+    return sums, scale / windows.energy[number]
 
 
 def _merged(transforms: Any) -> Transforms:

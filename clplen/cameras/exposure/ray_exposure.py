@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -95,6 +95,11 @@ def _surfaces(optics: RayOptics, scene: SurfaceScene) -> RawImage:
         raise ValueError(
             "Rays of a SurfaceScene know no wavefronts of the lenses: of the camera's aberrations "
             "keep sensor_shift only, or expose points and pictures."
+        )
+    if not mla.is_thin:
+        raise ValueError(
+            "Rays of a SurfaceScene know thin lenslets only: expose points and pictures, or use a "
+            f"MicrolensArray of focal_length={mla.focal_length:.6g} without surface, map and gap."
         )
     raw = raw_image(optics, device.empty(optics.grid.shape, np.float32))
     step = view_step(optics)
@@ -240,25 +245,57 @@ def _add_points(image: Vector, optics: RayOptics, source: PointSources, count: i
         part = slice(first, first + step)
         sample = (spread[None] + turns[part, None]) % 1
         on_disc = _disc(sample[..., :2])
-        u = on_disc * optics.aperture_diameter / 2
+        wavefront = _main_lens(optics, on_disc, images[part])
+        u = (on_disc + wavefront.centre) * optics.aperture_diameter / 2
         moved = _disc(sample[..., 2:]) * (source.diameter / 2 * scale[part])[:, None, None]
         x = places[part, None] + moved + u * (1 - beta[part])[:, None, None]
-        x += optics.array_distance * _main_slopes(optics, on_disc, images[part])
+        x += optics.array_distance * wavefront.slopes
         energy = np.broadcast_to((source.power[part] / count)[:, None], u.shape[:2])
+        energy = energy * wavefront.passed
         _deposit(image, optics, x.reshape(-1, 2), u.reshape(-1, 2), energy.ravel())
 
 
-def _main_slopes(optics: RayOptics, on_disc: Vector, images: Vector) -> Any:
-    """Slopes (y, x) that the main lens' wavefront adds to rays, shape of ``on_disc`` or 0."""
-    aberrations = optics.aberrations
+@dataclass(frozen=True)
+class _MainLens:
+    """What the main lens does to rays of points, beside that of a thin lens.
+
+    Attributes
+    ----------
+    slopes : numpy.ndarray or float
+        (y, x) that are added to the rays', shape (n, count, 2) or 0.
+    centre : numpy.ndarray or float
+        Of the pupil on the aperture, (y, x) as fractions of its radius, shape (n, 1, 2) or 0.
+    passed : numpy.ndarray or float
+        Share of the energy of each ray, shape (n, count) or 1.
+    """
+
+    slopes: Any = 0.0
+    centre: Any = 0.0
+    passed: Any = 1.0
+
+
+def _main_lens(optics: RayOptics, on_disc: Vector, images: Vector) -> _MainLens:
+    """For rays from places (y, x) of the pupil, shape (n, count, 2), to images, shape (n, 2)."""
+    aberrations, maps = optics.aberrations, optics.aberrations.main_lens_opd
     if not aberrations.bends_main_lens:
-        return 0.0
-    radius = optics.aperture_diameter / 2
-    found = [
-        np.stack(slopes(aberrations.main_terms(*place), *np.moveaxis(disc, -1, 0)), axis=-1)
-        for disc, place in zip(on_disc, images, strict=True)
-    ]
-    return np.stack(found) / radius
+        return _MainLens()
+    radius, found, centres, shares = optics.aperture_diameter / 2, [], [], []
+    for places, image in zip(on_disc, images, strict=True):
+        v, u = np.moveaxis(places, -1, 0)
+        y, x = (float(at) for at in image)
+        centre = (0.0, 0.0) if maps is None else maps.pupil_centre(y, x, optics.wavelength)
+        beyond = np.maximum(np.hypot(v + centre[0], u + centre[1]), 1)
+        on_aperture = ((v + centre[0]) / beyond, (u + centre[1]) / beyond)
+        bent = np.stack(slopes(aberrations.main_terms(y, x), *on_aperture), axis=-1) / radius
+        if maps is not None:
+            of_maps = maps.slopes(y, x, optics.wavelength, v, u)
+            moved = np.subtract(maps.chief_ray(y, x, optics.wavelength), (y, x))
+            bent += np.stack(of_maps, axis=-1) / radius + moved / optics.image_distance
+            shares.append(maps.transmission(y, x, optics.wavelength, v, u))
+        found.append(bent)
+        centres.append([centre])
+    passed: Any = np.stack(shares) if shares else 1.0
+    return _MainLens(np.stack(found), np.array(centres), passed)
 
 
 def _deposit(image: Vector, optics: RayOptics, x: Vector, u: Vector, energy: Vector) -> None:
@@ -280,12 +317,17 @@ def _lenslet_bend(optics: RayOptics, x: Vector) -> tuple[Vector, Any]:
     cos, sin = math.cos(mla.rotation), math.sin(mla.rotation)
     turned = np.array([[cos, -sin], [sin, cos]])  # (y, x) of the array from those of the lattice
     lenslet, from_centre, inside = _nearest_lenslet(mla, (x - mla.offset) @ turned.T)
+    down, right = from_centre.T
+    bend = np.stack(mla.bend(lenslet, down, right, optics.wavelength), axis=-1)
     if optics.aberrations.bends_lenslets:
         errors = optics.aberrations.lenslet_errors(mla)
-        bend = np.stack(errors.bend(lenslet, *from_centre.T), axis=-1)
-    else:
-        bend = -from_centre / np.asarray(mla.focal_lengths)[mla.types().ravel()[lenslet], None]
-    return bend @ turned, inside & _in_aperture(mla, from_centre)
+        designed = np.asarray(mla.focal_lengths)[mla.types().ravel()[lenslet], None]
+        bend += np.stack(errors.bend(lenslet, *from_centre.T), axis=-1) + from_centre / designed
+    in_lenslet = _in_aperture(mla, from_centre)
+    if mla.gap == "clear":
+        bend[~in_lenslet] = 0
+        return bend @ turned, inside
+    return bend @ turned, inside & in_lenslet
 
 
 def _nearest_lenslet(mla: Any, local: Vector) -> tuple[Any, Vector, Any]:

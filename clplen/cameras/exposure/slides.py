@@ -70,7 +70,7 @@ def _slide_path(optics: WaveOptics, plane: PicturePlane, koehler: bool) -> Slide
     if optics.aberrations.varies:
         raise ValueError(
             "The light of a slide is one field, whose points have no wavefronts of their own: "
-            "leave main_lens_field out, or use mode='emission'."
+            "leave main_lens_field and OPD maps of several fields out, or use mode='emission'."
         )
     return SlidePath(optics, plane.z, koehler, optics.padding(plane.corners().positions))
 

@@ -36,7 +36,6 @@ from clplen.lightfield.raw.raw_image import Exposure, RawImage, Transforms
 from clplen.wave.coherence.averaging import Averaging, Progress
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.coherence.spatial_models import LARGEST_SEED
-from clplen.wave.field.field import row_powers
 from clplen.wave.field.intensity import accumulate, add_scaled, average_of
 
 Method = Literal["auto", "points", "local", "isoplanatic"]
@@ -153,8 +152,9 @@ def expose_waves(
     colours = [replace(optics, wavelength=wavelength) for wavelength, _ in lines]
     if slides and optics.pixels is not None:
         raise ValueError(
-            "Slides are exposed by fields on the pixels' middles, and these pixels integrate: "
-            "leave pixels= of the camera out, with pixels that sample the light, or use mode='emission'."
+            "Slides are exposed by fields in the middles of pixels, and these pixels integrate: "
+            "leave pixels= of the camera out, with pixels that sample the light, or use "
+            "mode='emission'."
         )
     local = _is_local(optics, method)
     for source in sources:
@@ -162,7 +162,7 @@ def expose_waves(
         for colour in colours:
             if local and source not in slides:
                 check_in_view(colour, points.positions)
-                check_windows(colour, points.positions)
+                check_windows(colour, points)
             else:
                 _check_sampled(colour, points.positions, is_slide=source in slides)
     total: cla.Array | None = None
@@ -258,6 +258,8 @@ def _no_isoplanatic(optics: WaveOptics, plane: PicturePlane) -> str:
         )
     if len(mla.focal_lengths) > 1:
         return "The lenslets differ in focal length; method='isoplanatic' needs equal ones"
+    if mla.map is not None and mla.map.is_of_each:
+        return "The lenslets have a map each; method='isoplanatic' needs equal ones"
     if not optics.aberrations.scatter.is_none:
         return "The lenslets scatter; method='isoplanatic' needs equal ones"
     if optics.aberrations.varies:
@@ -291,8 +293,9 @@ def _add_points(
     )
     for start in range(0, len(points), step):
         chosen = slice(start, min(start + step, len(points)))
-        pupil = optics.pupil(points.positions[chosen], points.diameter, full_grid=False)
-        energy = row_powers(pupil).sum(axis=-1)
+        pupil, energy = optics.pupil_and_energy(
+            points.positions[chosen], points.diameter, full_grid=False
+        )
         at_array = optics.array_field(pupil, pad=to_array)
         fields = optics.sensor_field(at_array, pad=to_sensor)
         weights = points.power[chosen] / energy

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -19,13 +19,19 @@ import numpy as np
 
 from clplen import units
 from clplen.cameras.optics.lenslet_camera import Row
+from clplen.cameras.optics.opd_maps import OPDMaps
 from clplen.lightfield.model.alpha_law import require_two_plane
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import as_lightfield
 from clplen.lightfield.raw.raw_image import CameraModel
 from clplen.lightfield.refocusing.phase_ramps import shift_views
 from clplen.reprs import OneLine
-from clplen.wave.elements.lenslets import HIGHEST_ORDER, LensletErrors, MicrolensArray
+from clplen.wave.elements.lenslets import (
+    HIGHEST_ORDER,
+    LensletErrors,
+    MicrolensArray,
+    circumscribed,
+)
 from clplen.wave.elements.zernike import noll, zernike_gradient
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
@@ -111,6 +117,9 @@ class Aberrations(OneLine):
         What is added to that in proportion to the place of a point's image, (Y, X) on the main
         lens' image plane: Noll's index to metres of path per metre of (Y, X). {7: (c, 0), 8: (0,
         c)} is Seidel's coma, {4: (c, 0)} a tilted image plane.
+    main_lens_opd : OPDMaps, optional
+        Measured or traced wavefronts of the main lens over its field, with distortion, pupil shift
+        and vignetting. They are added to the terms above.
     lenslets : mapping of int to float
         Wavefront of every lenslet, as ``main_lens``, over a circle about its centre; radial
         orders up to 8.
@@ -131,11 +140,12 @@ class Aberrations(OneLine):
     ValueError
         For an index that does not exist, or a number that is not finite or out of range.
     TypeError
-        If coefficients are no mapping, or the scatter is none.
+        If coefficients are no mapping, the scatter is none, or the maps are none.
     """
 
     main_lens: Terms
     main_lens_field: FieldTerms
+    main_lens_opd: OPDMaps | None
     lenslets: Terms
     lenslet_circle: float | None
     scatter: LensletScatter
@@ -146,6 +156,7 @@ class Aberrations(OneLine):
         *,
         main_lens: Mapping[int, float] | Terms = (),
         main_lens_field: Mapping[int, Pair] | FieldTerms = (),
+        main_lens_opd: OPDMaps | None = None,
         lenslets: Mapping[int, float] | Terms = (),
         lenslet_circle: float | None = None,
         scatter: LensletScatter | None = None,
@@ -160,9 +171,12 @@ class Aberrations(OneLine):
             raise ValueError(f"sensor_shift is finite, in metres, not {sensor_shift!r}.")
         if not isinstance(scatter, LensletScatter | None):
             raise TypeError(f"scatter is a LensletScatter, not {type(scatter).__name__}.")
+        if not isinstance(main_lens_opd, OPDMaps | None):
+            raise TypeError(f"main_lens_opd is an OPDMaps, not {type(main_lens_opd).__name__}.")
         values = {
             "main_lens": _terms(main_lens, "main_lens"),
             "main_lens_field": _field_terms(main_lens_field),
+            "main_lens_opd": main_lens_opd,
             "lenslets": _terms(lenslets, "lenslets"),
             "lenslet_circle": None if lenslet_circle is None else float(lenslet_circle),
             "scatter": LensletScatter() if scatter is None else scatter,
@@ -177,24 +191,61 @@ class Aberrations(OneLine):
             )
 
     @classmethod
-    def from_json(cls, text: str) -> Aberrations:
-        """What `to_json` wrote."""
+    def from_json(cls, text: str, *, main_lens_opd: OPDMaps | None = None) -> Aberrations:
+        """What `to_json` wrote.
+
+        Parameters
+        ----------
+        text : str
+        main_lens_opd : OPDMaps, optional
+            The same maps, where there were some.
+
+        Raises
+        ------
+        ValueError
+            If these are not the maps that were there.
+        """
         values = json.loads(text)
-        return cls(**(values | {"scatter": LensletScatter(**values["scatter"])}))
+        digest = values.pop("main_lens_opd", None)
+        if digest != (None if main_lens_opd is None else main_lens_opd.digest):
+            raise ValueError(
+                "The OPD maps of the main lens are kept beside the other aberrations: give "
+                "main_lens_opd= the very maps that were there, and none where there were none."
+            )
+        scatter = LensletScatter(**values.pop("scatter"))
+        return cls(**values, scatter=scatter, main_lens_opd=main_lens_opd)
 
     def to_json(self) -> str:
-        """As text, all digits kept."""
-        return json.dumps(asdict(self))
+        """As text, all digits kept; of OPD maps their digest, so that they are kept beside it."""
+        values = asdict(replace(self, main_lens_opd=None))
+        if self.main_lens_opd is None:
+            del values["main_lens_opd"]
+        else:
+            values["main_lens_opd"] = self.main_lens_opd.digest
+        return json.dumps(values)
 
     @property
     def bends_main_lens(self) -> bool:
         """Whether the main lens has a wavefront of its own."""
-        return any(c for _, c in self.main_lens) or self.varies
+        given = any(c for _, c in self.main_lens) or self.main_lens_opd is not None
+        return given or self.varies
 
     @property
     def varies(self) -> bool:
-        """Whether that wavefront changes over the field."""
-        return any(any(pair) for _, pair in self.main_lens_field)
+        """Whether that wavefront changes over the field, or the image is moved beside its place."""
+        maps = self.main_lens_opd
+        by_terms = any(any(pair) for _, pair in self.main_lens_field)
+        return by_terms or (maps is not None and maps.varies)
+
+    @property
+    def vignettes(self) -> bool:
+        """Whether the main lens keeps light back within its aperture."""
+        return self.main_lens_opd is not None and self.main_lens_opd.vignettes
+
+    @property
+    def pupil_reach(self) -> float:
+        """How far light passes the main lens from its middle, of the aperture's radius."""
+        return 1.0 if self.main_lens_opd is None else 1 + self.main_lens_opd.largest_shift
 
     @property
     def bends_lenslets(self) -> bool:
@@ -208,8 +259,12 @@ class Aberrations(OneLine):
             found[noll(j)] = found.get(noll(j), 0.0) + down * y + right * x
         return found
 
-    def main_slope(self, reach: float, radius: float) -> float:
+    def main_slope(
+        self, reach: float, radius: float, *, image_distance: float, wavelength: float
+    ) -> float:
         """The steepest slope of the main lens' wavefront or more, in radians, to .5 %.
+
+        Of OPD maps that of all their fields, with the distortion's.
 
         Parameters
         ----------
@@ -217,12 +272,22 @@ class Aberrations(OneLine):
             Farthest place of an image along y or x, in metres.
         radius : float
             Of the aperture, in metres.
+        image_distance, wavelength : float
+            Main lens to image plane, in metres; in metres.
+
+        Raises
+        ------
+        ValueError
+            If there are OPD maps, and they do not reach to the wavelength.
         """
         total = _steepest(self.main_lens)
         for axis in (0, 1):
             per_metre = tuple((j, pair[axis]) for j, pair in self.main_lens_field)
             total += reach * _steepest(per_metre)
-        return total / radius
+        if self.main_lens_opd is None:
+            return total / radius
+        slope, moved = self.main_lens_opd.steepest(wavelength)
+        return (total + slope) / radius + moved / image_distance
 
     def lenslet_errors(self, mla: MicrolensArray) -> LensletErrors:
         """How the lenslets of an array depart from thin lenses at their places."""
@@ -269,6 +334,8 @@ def rows(aberrations: Aberrations, wavelength: float) -> tuple[Row, ...]:
     grows = math.hypot(*(g for _, pair in aberrations.main_lens_field for g in pair))
     per_mm = f"rms over the disc, {grows / wavelength / 1e3:.4g} waves a mm of the image"
     found.insert(1, Row("its growth over the field", grows, "", per_mm))
+    if aberrations.main_lens_opd is not None:
+        found += _map_rows(aberrations.main_lens_opd, wavelength)
     found += [
         Row("scatter of focal length", scatter.focal_length, "", "rms over the lenslets, of f"),
         Row("scatter of tilt", scatter.tilt, "rad", "rms over the lenslets, each axis"),
@@ -278,11 +345,20 @@ def rows(aberrations: Aberrations, wavelength: float) -> tuple[Row, ...]:
     return tuple(row for row in found if row.value)
 
 
-def circumscribed(mla: MicrolensArray) -> float:
-    """Diameter of the circle about the aperture of a lenslet, in metres."""
-    if mla.fill == "circular":
-        return mla.diameter
-    return mla.diameter * (2 / math.sqrt(3) if mla.lattice == "hexagonal" else math.sqrt(2))
+def _map_rows(maps: OPDMaps, wavelength: float) -> list[Row]:
+    rms, share = maps.rms(wavelength)
+    nearest = rms[np.hypot(*maps.fields.T).argmin()] / wavelength
+    text = f"rms over the pupil of the worst field, {rms.max() / wavelength:.4g} waves"
+    text += f"; nearest to the axis {nearest:.4g}"
+    if maps.pupil_distance is not None and maps.pupil_diameter is not None:
+        text += f"; made at f/{maps.pupil_distance / maps.pupil_diameter:.4g}"
+    moved = maps.steepest(wavelength)[1]
+    lost = 1 - float(share.min())
+    return [
+        Row("wavefront of OPD maps", float(rms.max()), "m", text),
+        Row("distortion of OPD maps", moved, "m", "of the chief ray, at most"),
+        Row("vignetting of OPD maps", lost, "", "share of the light of the worst field"),
+    ]
 
 
 @lru_cache(maxsize=16)

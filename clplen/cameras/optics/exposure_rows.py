@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from clplen.cameras.optics.lenslet_camera import Row
-from clplen.cameras.optics.local_window import ORDERS, window_shape
+from clplen.cameras.optics.local_window import window_shape
 from clplen.cameras.optics.ray_optics import thin_spherical
 from clplen.cameras.optics.wave_optics import WaveOptics
 
@@ -65,25 +65,26 @@ def _pixels(optics: WaveOptics) -> tuple[Row, ...]:
 
 
 def _exposure(optics: WaveOptics) -> tuple[Row, ...]:
-    """Of a point in focus on the axis.
+    """The window of a point in focus on the axis: which, why, and what light it leaves out.
 
-    Of an Airy pattern 2/(pi v) of the light lies beyond rho, v = pi D rho/(lam z2): J0^2(v) + J1^2(v)
-    far out (Born and Wolf 1999, section 8.5.2).
+    Of an Airy pattern 2/(pi v) of the light lies beyond rho, v = pi D rho/(lam z2):
+    J0^2(v) + J1^2(v) far out (Born and Wolf 1999, section 8.5.2).
     """
     if optics.pixels is None:
-        many, across, pitch = 1, max(optics.grid.shape), optics.pixel_pitch
+        many, shape, pitch = 1, optics.grid.shape, optics.pixel_pitch
         reach = min(optics.grid.extent) / 2
-        way = "one field as large as the sensor ('points'): the pixels sample the light's waves"
+        why = "one field as large as the sensor ('points'): the pixels sample the light's waves"
     else:
-        shape = window_shape(optics, np.zeros(3), orders=ORDERS)
-        many, across, pitch = shape.finer, shape.samples, shape.pitch
-        reach = (shape.samples / 2 - shape.guard) * shape.pitch
-        way = "a window of its own for each point ('local'): pixels that add up the light"
-    v = math.pi * optics.aperture_diameter * reach
-    v /= optics.wavelength * optics.array_distance
-    size = f"samples across, {1e3 * across * pitch:.4g} mm; of a point out of focus more"
+        window = window_shape(optics, np.zeros(3))
+        many, shape, pitch = window.finer, (window.samples, window.samples), window.pitch
+        reach = (window.samples / 2 - window.guard) * pitch
+        why = "a window of its own for each point ('local'): the pixels integrate"
+        if not optics.samples(np.zeros((1, 3))):
+            why += " and do not sample the light"
+    v = math.pi * optics.aperture_diameter * reach / (optics.wavelength * optics.array_distance)
+    size = f"of a point in focus, {shape[0]} x {shape[1]} samples"
     return (
-        Row("samples a pixel", many, "", way),
-        Row("window", across, "", size if optics.pixels is not None else "samples across"),
-        Row("light beyond it", 2 / (math.pi * v), "", "of a point in focus, 2/(pi v): left out"),
+        Row("samples a pixel", many, "", f"along each axis; {why}"),
+        Row("window", max(shape) * pitch, "m", size),
+        Row("light beyond it", 2 / (math.pi * v), "", "its share, 2/(pi v)"),
     )

@@ -95,8 +95,10 @@ def sensor_grid(
         If a lenslet has less than two pixels.
     """
     if not (is_finite(pixels_per_lenslet) and pixels_per_lenslet >= SMALLEST_PITCH):
+        known = is_finite(pixels_per_lenslet)
+        number = f"{pixels_per_lenslet:g}" if known else repr(pixels_per_lenslet)
         raise SamplingError(
-            f"A lenslet has {pixels_per_lenslet!r} pixels; at least {SMALLEST_PITCH} are needed: "
+            f"A lenslet has {number} pixels; at least {SMALLEST_PITCH} are needed: "
             f"pixels of {mla.pitch / SMALLEST_PITCH:g} m or less would do."
         )
     pitch = mla.pitch / pixels_per_lenslet

@@ -11,12 +11,14 @@ between; from the array to the sensor the angular spectrum is exact.
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pyopencl.array as cla
 
+from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.optics.wave_optics import WaveOptics, disc_table
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import run
@@ -26,13 +28,16 @@ from clplen.wave.field.field import Grid
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
-PERIOD = 2.0  # of the sum over the pupil, in windows
+PERIOD = 1.7  # of the sum over the pupil, in windows
 BATCH_BYTES = 2**26  # of windows that travel through the camera together
 ORDERS = 18.0  # of diffraction at a lenslet's rim that samples hold
-BAND = 0.9  # of the samples' band that they fill
-RINGS = 30  # Airy radii of light about the geometrical blur
-NUMBERS = 16  # of a point, for kernels/local_window.cl
-PATHS = 131  # samples across the table of a wavefront, one beyond the pupil on either side
+TRANSITION = 0.18  # of the rims' filter, cycles a sample
+BAND = 0.8  # of the samples' band that they fill
+RINGS = 20  # Airy radii of light about the geometrical blur
+SAMPLED_RINGS = 30  # the same where windows have the sensor's samples
+NUMBERS = 18  # of a point, for kernels/local_window.cl
+PATHS = 163  # samples across the table of a wavefront
+PATH_REACH = 1.25  # of that table, in radii of the pupil, as in the kernel
 
 
 @dataclass(frozen=True)
@@ -66,9 +71,10 @@ class WindowShape:
     rim: tuple[float, float] | None
 
     @property
-    def sizes(self) -> tuple[int, ...]:
+    def sizes(self) -> tuple[float, ...]:
         """By which windows are sorted, so that those of one shape are neighbours."""
-        return (self.samples, self.period, self.pupil, self.finer, self.guard)
+        filters = self.rim or (0.0, 0.0)
+        return (self.samples, self.period, self.pupil, self.finer, self.guard, *filters)
 
     def nbytes(self, device: Device) -> int:
         """Of one window on its way: fields, the array, and the integral over the pupil."""
@@ -82,8 +88,8 @@ class WindowShape:
 
 def slope_about_carrier(optics: WaveOptics, beta: float) -> float:
     """The steepest ray behind the array from the direction of the chief ray, in radians."""
-    slope = max(1.0, abs(beta)) * optics.aperture_diameter / 2 / optics.array_distance
-    slope += optics.mla.diameter / (2 * min(abs(f) for f in optics.mla.focal_lengths))
+    slope = max(1.0, abs(beta)) * optics.lit_diameter / 2 / optics.array_distance
+    slope += optics.mla.steepest_slope(optics.wavelength)
     return slope + optics.main_slope() + optics.aberrations.lenslet_slope(optics.mla)
 
 
@@ -104,7 +110,12 @@ def finer(optics: WaveOptics, beta: float, *, orders: float = 0.0) -> int:
 
 
 def window_shape(
-    optics: WaveOptics, position: Values, *, rings: float = RINGS, orders: float = ORDERS
+    optics: WaveOptics,
+    position: Values,
+    diameter: float = 0.0,
+    *,
+    rings: float = RINGS,
+    orders: float = ORDERS,
 ) -> WindowShape:
     """The window of a point at (x, y, dz) in metres.
 
@@ -112,6 +123,8 @@ def window_shape(
     ----------
     optics : WaveOptics
     position : numpy.ndarray
+    diameter : float
+        Of the source in metres.
     rings : float
         Airy radii of light about the geometrical blur.
     orders : float
@@ -125,11 +138,12 @@ def window_shape(
     beta = float(optics.array_alpha(position[2]))
     many = finer(optics, beta, orders=orders)
     dx = optics.pixel_pitch / many
-    D, z2 = optics.aperture_diameter, optics.array_distance
+    D, z2 = optics.lit_diameter, optics.array_distance
     blur = D / 2 * abs(1 - beta) + z2 * optics.main_slope()
     tilted = 1 + (np.abs(optics.on_array(position[None])).max() / z2) ** 2
     airy = 1.22 * optics.wavelength * z2 / D * tilted
     walk = abs(optics.sensor_distance) * slope_about_carrier(optics, beta)
+    blur += abs(float(optics.array_scale(position[2]))) * diameter / 2
     half = blur * tilted + rings * airy + optics.mla.pitch + walk
     samples = 2 * smooth_length(math.ceil(half / dx))
     period = smooth_length(math.ceil(PERIOD * samples))
@@ -138,18 +152,42 @@ def window_shape(
         period, pupil = (smooth_length(pupil),) * 2
     rim = None
     if orders:
-        kept = orders * dx / optics.mla.diameter
-        rays = slope_about_carrier(optics, beta) * dx / optics.wavelength
-        rim = (kept, 1 - 2 * rays - kept)
+        # what aliases of the rims' light falls beside that of the rays and of what is kept
+        middle = 0.5 - slope_about_carrier(optics, beta) * dx / optics.wavelength
+        rim = (middle - TRANSITION / 2, middle + TRANSITION / 2)
     return WindowShape(many, dx, samples, period, pupil, math.ceil(walk / dx), rim)
 
 
+class SensorOptics(Protocol):
+    """What windows ask of a camera behind its main lens."""
+
+    @property
+    def device(self) -> Device: ...
+
+    @property
+    def wavelength(self) -> float: ...
+
+    @property
+    def grid(self) -> Grid: ...
+
+    @property
+    def pixels(self) -> PixelArray | None: ...
+
+    @property
+    def sensor_distance(self) -> float: ...
+
+    def array_transmission(
+        self, grid: Grid, *, rim: tuple[float, float] | None = None
+    ) -> cla.Array: ...
+
+
 @dataclass(frozen=True, eq=False)
-class LocalWindows:
-    """Windows of several points, of one shape.
+class Windows:
+    """Windows of several points, of one shape, from the array to the sensor.
 
     Attributes
     ----------
+    optics : SensorOptics
     shape : WindowShape
     numbers : numpy.ndarray
         Of each point for the kernels, shape (n, NUMBERS).
@@ -158,21 +196,102 @@ class LocalWindows:
         of the sensor, int64, shape (n, 2).
     carriers : numpy.ndarray
         Direction cosines (y, x) behind the array of a chief ray, shape (n, 2).
+    off_band : numpy.ndarray
+        Bins (y, x) from the middle of each window's band to its carrier, shape (n, 2).
     shifts : numpy.ndarray
         By how many samples (y, x) the windows on the sensor lie farther out, int64, shape (n, 2).
     energy : numpy.ndarray
-        Of each point's samples of the field in an infinite window, in the kernels' unit, shape (n,).
+        Of each point's field in an infinite window, sum of abs(U)^2 over samples, shape (n,).
     """
 
-    optics: WaveOptics
+    optics: SensorOptics
     shape: WindowShape
-    positions: Values
-    diameter: float
     numbers: Values
     centres: np.ndarray[Any, np.dtype[np.int64]]
     carriers: Values
+    off_band: Values
     shifts: np.ndarray[Any, np.dtype[np.int64]]
     energy: Values
+
+    @abstractmethod
+    def array_fields(self) -> cla.Array:
+        """Fields on the array before its lenslets, without carrier and quadratic phase.
+
+        Returns
+        -------
+        pyopencl.array.Array
+            Complex, shape (n, samples, samples).
+        """
+
+    def behind_array(self, fields: cla.Array) -> cla.Array:
+        """The same fields behind the lenslets, in place; still without their carrier."""
+        optics, shape, device = self.optics, self.shape, self.optics.device
+        n = shape.samples
+        real = device.real.type
+        arrays = device.empty(fields.shape, device.complex)
+        for number, centre in enumerate(self.centres):
+            grid = Grid((n, n), shape.pitch, origin=self._origin(centre))
+            arrays[number] = optics.array_transmission(grid, rim=shape.rim)
+        device.launch_rows(
+            device.kernel("local_window.cl", "behind", **device.wave_defines()),
+            fields.shape,
+            fields,
+            device.upload(self.numbers.astype(device.real)),
+            arrays,
+            real(shape.pitch),
+            real(1 / optics.wavelength),
+            np.int32(n),
+            np.int32(n),
+        )
+        return fields
+
+    def sensor_spectra(self, behind: cla.Array) -> cla.Array:
+        """Spectra of the fields on the sensor about the windows' centres there, in place.
+
+        Parameters
+        ----------
+        behind : pyopencl.array.Array
+            From `behind_array`.
+        """
+        optics, shape, device = self.optics, self.shape, self.optics.device
+        device.fft.forward(behind, device)
+        carriers = np.concatenate([self.carriers, self.shifts, self.off_band], axis=1)
+        real = device.real.type
+        device.launch_rows(
+            device.kernel("local_window.cl", "onward", **device.wave_defines()),
+            behind.shape,
+            behind,
+            device.upload(carriers.astype(device.real)),
+            real(optics.wavelength / shape.pitch),
+            real(optics.sensor_distance / optics.wavelength),
+            np.int32(shape.samples),
+            np.int32(shape.samples),
+        )
+        return behind
+
+    def _origin(self, centre: Any) -> tuple[float, float]:
+        y, x = np.asarray(self.optics.grid.origin) + np.asarray(centre) * self.shape.pitch
+        return float(y), float(x)
+
+
+@dataclass(frozen=True, eq=False)
+class LocalWindows(Windows):
+    """Windows of points before a main lens.
+
+    Attributes
+    ----------
+    optics : WaveOptics
+    positions : numpy.ndarray
+        (x, y, dz) of the points in metres, shape (n, 3).
+    diameter : float
+        Of each of them, in metres.
+    others
+        Those of `Windows`.
+    """
+
+    optics: WaveOptics
+    positions: Values
+    diameter: float
 
     @classmethod
     def of(
@@ -206,10 +325,12 @@ class LocalWindows:
         )  # fmt: skip
         for number, column in enumerate(columns):
             numbers[:, number] = column
+        off_band = _off_band(optics, shape, carriers, 1 - numbers[:, 3])
         made = cls(
-            optics, shape, positions, diameter, numbers, centres, carriers, shifts,
-            np.ones(len(positions)),
+            optics, shape, numbers, centres, carriers, off_band, shifts, np.ones(len(positions)),
+            positions, diameter,
         )  # fmt: skip
+        made.numbers[:, 15:17] = made._pupil_centres() * optics.aperture_diameter / 2
         made.energy[:] = made._energies()
         return made
 
@@ -267,94 +388,66 @@ class LocalWindows:
         line = _to_window(shape).astype(device.complex)
         return run(pupil, Separable((line,), (line,)), [], [], device)[0]
 
-    def behind_array(self, fields: cla.Array) -> cla.Array:
-        """The same fields behind the lenslets, in place; still without their carrier."""
-        optics, shape, device = self.optics, self.shape, self.optics.device
-        n = shape.samples
-        real = device.real.type
-        arrays = device.empty(fields.shape, device.complex)
-        for number, centre in enumerate(self.centres):
-            grid = Grid((n, n), shape.pitch, origin=self._origin(centre))
-            arrays[number] = optics.array_transmission(grid, rim=shape.rim)
-        device.launch_rows(
-            device.kernel("local_window.cl", "behind", **device.wave_defines()),
-            fields.shape,
-            fields,
-            device.upload(self.numbers.astype(device.real)),
-            arrays,
-            real(shape.pitch),
-            real(1 / optics.wavelength),
-            np.int32(n),
-            np.int32(n),
-        )
-        return fields
-
-    def sensor_spectra(self, behind: cla.Array) -> cla.Array:
-        """Spectra of the fields on the sensor about the windows' centres there, in place.
-
-        Parameters
-        ----------
-        behind : pyopencl.array.Array
-            From `behind_array`.
-        """
-        optics, shape, device = self.optics, self.shape, self.optics.device
-        device.fft.forward(behind, device)
-        carriers = np.concatenate([self.carriers, self.shifts, self._off_band()], axis=1)
-        real = device.real.type
-        device.launch_rows(
-            device.kernel("local_window.cl", "onward", **device.wave_defines()),
-            behind.shape,
-            behind,
-            device.upload(carriers.astype(device.real)),
-            real(optics.wavelength / shape.pitch),
-            real(optics.sensor_distance / optics.wavelength),
-            np.int32(shape.samples),
-            np.int32(shape.samples),
-        )
-        return behind
-
-    def _off_band(self) -> Values:
-        """Bins (y, x) from the middle of each window's band to its carrier.
-
-        The band lies about the carrier, unless samples as fine as these hold all light about the
-        axis: then about the axis, as in a window as large as the sensor.
-        """
-        optics, shape = self.optics, self.shape
-        nyquist = optics.wavelength / (2 * shape.pitch)
-        steepest = np.array([slope_about_carrier(optics, 1 - gap) for gap in self.numbers[:, 3]])
-        about_axis = (np.abs(self.carriers) + steepest[:, None] < nyquist).all(axis=1)
-        bins = self.carriers * (shape.samples * shape.pitch / optics.wavelength)
-        return np.where(about_axis[:, None], bins, 0.0)
-
-    def _origin(self, centre: Any) -> tuple[float, float]:
-        y, x = np.asarray(self.optics.grid.origin) + np.asarray(centre) * self.shape.pitch
-        return float(y), float(x)
-
     def _paths(self) -> Values:
         """(turns, transmission) of the main lens over the pupil's square, for each point."""
         optics = self.optics
-        axis = (np.arange(PATHS) - (PATHS - 1) / 2) / ((PATHS - 3) / 2)
+        axis = np.linspace(-PATH_REACH, PATH_REACH, PATHS)
         v, u = np.meshgrid(axis, axis, indexing="ij")
-        images = optics.image_of(self.positions)[:, ::-1]
-        tables = []
-        for y, x in images:
-            path, passes = optics.main_lens_path(float(y), float(x), v, u)
-            tables.append(np.stack([path / optics.wavelength, passes * np.ones_like(path)], -1))
+        beyond = np.maximum(np.hypot(v, u), 1)
+        maps, tables = optics.aberrations.main_lens_opd, []
+        images, centres = optics.image_of(self.positions), self._pupil_centres()
+        for image, centre in zip(images, centres, strict=True):
+            x, y = (float(value) for value in image)
+            path, _ = optics.main_lens_path(y, x, v + centre[0], u + centre[1])
+            passes = np.ones_like(path)
+            if maps is not None:
+                share, covered = maps.share_and_cover(
+                    y, x, optics.wavelength, v / beyond, u / beyond, axis[1] - axis[0]
+                )
+                passes = share * covered**2
+            tables.append(np.stack([path / optics.wavelength, passes], -1))
         return np.stack(tables)
+
+    def _pupil_centres(self) -> Values:
+        """(v, u) of the middle of the pupil of each point, in radii of the aperture."""
+        maps, lam = self.optics.aberrations.main_lens_opd, self.optics.wavelength
+        if maps is None:
+            return np.zeros((len(self.positions), 2))
+        images = self.optics.image_of(self.positions)
+        return np.array([maps.pupil_centre(float(y), float(x), lam) for x, y in images])
 
     def _energies(self) -> Values:
         """Energy of the samples of the whole plane, sum |U|^2, as the kernels scale them."""
         optics, shape = self.optics, self.shape
+        thin = optics.lens_model == "thin"
         radius, area = _disc_nodes()
-        u = radius * (optics.aperture_diameter / 2)
+        half = optics.aperture_diameter / 2
+        u, rim = radius * half, _on_circle(half)
+        lit, loss = math.pi * half**2, optics.rim_loss(shape.pitch)
         found = []
         for numbers in self.numbers:
             t0, q, per_z, scale = numbers[:2], numbers[2], numbers[7], numbers[8]
-            squares = _amplitudes(u, t0, q, per_z, scale, optics.lens_model == "thin")
-            found.append((squares * area).sum() * (optics.aperture_diameter / 2) ** 2)
+            numbers_of = (t0, q, per_z, scale, thin)
+            squares = _amplitudes(u + numbers[15:17], *numbers_of)
+            mean = (squares * area).sum() / area.sum()
+            at_rim = _amplitudes(rim + numbers[15:17], *numbers_of).mean()
+            found.append(lit * (mean - loss * at_rim))
         # sum |G|^2 over the samples of direction is int A^2 du J0/ds^2, and the inverse transform
         # divides by the samples of the period
         return np.asarray(found) * self.numbers[:, 11] / (self.step * shape.period) ** 2
+
+
+def _off_band(optics: WaveOptics, shape: WindowShape, carriers: Values, beta: Values) -> Values:
+    """Bins (y, x) from the middle of each window's band to its carrier.
+
+    The band lies about the carrier, unless samples as fine as these hold all light about the axis:
+    then about the axis, as in a window as large as the sensor.
+    """
+    nyquist = optics.wavelength / (2 * shape.pitch)
+    steepest = np.array([slope_about_carrier(optics, one) for one in beta])
+    about_axis = (np.abs(carriers) + steepest[:, None] < nyquist).all(axis=1)
+    bins = carriers * (shape.samples * shape.pitch / optics.wavelength)
+    return np.where(about_axis[:, None], bins, 0.0)
 
 
 def _disc_nodes(count: int = 48) -> tuple[Values, Values]:
@@ -365,6 +458,12 @@ def _disc_nodes(count: int = 48) -> tuple[Values, Values]:
     places = np.stack([np.outer(r, np.sin(angle)), np.outer(r, np.cos(angle))], -1).reshape(-1, 2)
     areas = np.repeat(w / 2 * np.pi / count, count)
     return places, areas
+
+
+def _on_circle(radius: float, count: int = 64) -> Values:
+    """Places (n, 2) on a circle."""
+    angle = 2 * np.pi * np.arange(count) / count
+    return radius * np.stack([np.sin(angle), np.cos(angle)], -1)
 
 
 def _amplitudes(u: Values, t0: Values, q: float, per_z: float, scale: float, thin: bool) -> Values:

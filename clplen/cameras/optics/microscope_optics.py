@@ -12,9 +12,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pyopencl.array as cla
 
 from clplen.cameras.optics.lenslet_camera import Described, Description, LensletCamera, Row
 from clplen.cameras.optics.objective import APODISATION, CoverGlass, Objective
+from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.compute.device import Device
 from clplen.errors import SamplingError
 from clplen.units import metres
@@ -49,6 +51,8 @@ class MicroscopeOptics(Described, LensletCamera):
         Where it is not the one that the objective is made for.
     apodisation : float
         e, of the amplitude cos(theta)^e over the pupil.
+    pixels : PixelArray or None
+        None: each pixel takes the intensity in its middle.
     """
 
     magnification: float
@@ -63,6 +67,7 @@ class MicroscopeOptics(Described, LensletCamera):
     device: Device
     cover: CoverGlass | None = None
     apodisation: float = APODISATION
+    pixels: PixelArray | None = None
 
     telecentric = True
 
@@ -71,6 +76,17 @@ class MicroscopeOptics(Described, LensletCamera):
             f"<{type(self).__name__} {self.magnification:g}x/{self.na:g}, {self._sensor}, "
             f"{metres(self.wavelength)}, {self.device.name}>"
         )
+
+    @property
+    def sensor_distance(self) -> float:
+        """f_mu in metres, from the array to the sensor."""
+        return self.mla.focal_length
+
+    def array_transmission(
+        self, grid: Grid, *, rim: tuple[float, float] | None = None
+    ) -> cla.Array:
+        """Transmission of the array on a grid of any origin, shape of the grid."""
+        return self.mla.transmission(grid, self.wavelength, self.device, rim=rim)
 
     @property
     def objective(self) -> Objective:
@@ -230,7 +246,8 @@ def check_sampling(camera: MicroscopeOptics) -> None:
             f"Light reaches the sensor at up to {slope / camera.wavelength:.4g} cycles/m "
             f"((NA/M + d/(2 f_mu))/lam), but pixels of {camera.pixel_pitch:.4g} m sample "
             f"{1 / (2 * camera.pixel_pitch):.4g}: pixels below {fitting:.4g} m would do "
-            f"(pixels_per_lenslet = {math.floor(camera.mla.pitch / fitting) + 1}), or a smaller NA."
+            f"(pixels_per_lenslet = {math.floor(camera.mla.pitch / fitting) + 1}), a smaller NA, "
+            "or pixels that integrate, pixels=PixelArray()."
         )
 
 

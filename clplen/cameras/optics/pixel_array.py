@@ -226,10 +226,9 @@ class PixelSums:
     shape: tuple[int, int]
 
     def put(
-        self, total: cla.Array, fields: cla.Array, number: int, gain: float, device: Device,
-        *, add: bool = True,
-    ) -> None:  # fmt: skip
-        """Sum abs(U)^2 times ``gain`` of one of several fields over pixels of a sensor's image.
+        self, total: cla.Array, fields: cla.Array, number: int, gain: float, device: Device
+    ) -> None:
+        """Add abs(U)^2 times ``gain`` of one of several fields to the pixels of an image.
 
         Parameters
         ----------
@@ -241,8 +240,6 @@ class PixelSums:
             Which of them.
         gain : float
         device : Device
-        add : bool
-            Whether the sums are added to the image, or replace it.
         """
         if min(self.shape) < 1:
             return
@@ -259,7 +256,7 @@ class PixelSums:
             (ny, across), rows, fields, taps, *(np.int32(n) for n in numbers),
         )  # fmt: skip
         device.launch_rows(
-            device.kernel("pixels.cl", "pixel_columns", **defines, **({} if add else {"SET": True})),
+            device.kernel("pixels.cl", "pixel_columns", **defines),
             (down, across), total, rows, taps,
             np.int32(len(weights)), np.int32(self.first[0] - reach), np.int32(self.step),
             real(gain),

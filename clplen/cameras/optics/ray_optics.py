@@ -181,10 +181,10 @@ class RayOptics(LensletCamera, ABC):
         behind = self.sensor_distance / self.array_distance
         beta = self.array_alpha(dz)
         moved = np.abs(1 - beta - behind * (1 if self.field_lens else beta))
-        steepest = self.mla.diameter / (2 * min(self.mla.focal_lengths))
+        steepest = self.mla.steepest_slope(self.wavelength)
         steepest += self.aberrations.lenslet_slope(self.mla)
         bent = self.main_slope() * (self.array_distance + self.sensor_distance)
-        return moved * self.aperture_diameter / 2 + bent + self.sensor_distance * steepest
+        return moved * self.lit_diameter / 2 + bent + self.sensor_distance * steepest
 
     def main_slope(self, reach: float | None = None) -> float:
         """At least the steepest slope of the main lens' wavefront, in radians.
@@ -193,7 +193,20 @@ class RayOptics(LensletCamera, ABC):
         """
         at_rim = max(self.grid.extent) / 2 * self.image_distance / self.array_distance
         farthest = at_rim if reach is None else reach
-        return self.aberrations.main_slope(farthest, self.aperture_diameter / 2)
+        return self.aberrations.main_slope(
+            farthest,
+            self.aperture_diameter / 2,
+            image_distance=self.image_distance,
+            wavelength=self.wavelength,
+        )
+
+    @property
+    def lit_diameter(self) -> float:
+        """Of the circle about the axis that all light passes at the main lens, in metres.
+
+        The aperture's, or more where OPD maps shift the pupil.
+        """
+        return self.aperture_diameter * self.aberrations.pupil_reach
 
     def ray_matrix(self, dz: float = 0.0, *, lens_type: int = 0) -> np.ndarray[Any, Any]:
         """ABCD matrix of a lenslet, from the image of the plane dz to the sensor.
@@ -295,15 +308,10 @@ def check_sampling(optics: RayOptics, reach: float, alpha: float) -> None:
     SamplingError
         With both sides of the rule and what would do.
     """
-    D, z2, d, f_mu = (
-        optics.aperture_diameter,
-        optics.array_distance,
-        optics.mla.diameter,
-        min(optics.mla.focal_lengths),
-    )
+    D, z2 = optics.lit_diameter, optics.array_distance
     bent = optics.main_slope(reach * optics.image_distance / z2)
     bent += optics.aberrations.lenslet_slope(optics.mla)
-    slope = (alpha * D / 2 + reach) / z2 + d / (2 * f_mu) + bent
+    slope = (alpha * D / 2 + reach) / z2 + optics.mla.steepest_slope(optics.wavelength) + bent
     if 2 * optics.pixel_pitch * slope >= optics.wavelength:
         fitting = optics.wavelength / (2 * slope)
         raise SamplingError(
@@ -312,17 +320,19 @@ def check_sampling(optics: RayOptics, reach: float, alpha: float) -> None:
             f"{f', aberrations {bent:.4g} rad' if bent else ''}), but pixels of "
             f"{optics.pixel_pitch:.4g} m sample {1 / (2 * optics.pixel_pitch):.4g}: pixels below "
             f"{fitting:.4g} m would do (pixels_per_lenslet = {optics.mla.pitch / fitting:.4g}), or "
-            f"a longer f_mu, {'smaller aberrations, ' if bent else ''}or a smaller aperture."
+            f"a longer f_mu, {'smaller aberrations, ' if bent else ''}or a smaller aperture; "
+            "points and self-luminous pictures need none of these with method='local'."
         )
     if min(optics.grid.extent) < D:
         raise SamplingError(
             f"The window of {min(optics.grid.extent):.4g} m does not hold the main lens' aperture "
-            f"of {D:.4g} m: use more lenslets or give a smaller aperture_diameter."
+            f"of {D:.4g} m: use more lenslets or give a smaller aperture_diameter; points and "
+            "self-luminous pictures need neither with method='local'."
         )
 
 
 def check_in_view(optics: RayOptics, positions: Positions) -> None:
-    """Refuse points behind the lens, or whose chief ray misses the array.
+    """Refuse points behind the lens, whose chief ray misses the array, or beyond OPD maps.
 
     Parameters
     ----------
@@ -347,7 +357,10 @@ def check_in_view(optics: RayOptics, positions: Positions) -> None:
     grid = optics.grid
     images, half = optics.on_array(positions), np.asarray(grid.extent)[::-1] / 2
     middle = np.array(
-        [o + ((n - 1) / 2 - n // 2) * d for o, n, d in zip(grid.origin, grid.shape, grid.pitch)]
+        [
+            o + ((n - 1) / 2 - n // 2) * d
+            for o, n, d in zip(grid.origin, grid.shape, grid.pitch, strict=True)
+        ]
     )[::-1]  # (x, y)
     outside = (np.abs(images - middle) > half).any(axis=1)
     if outside.any():
@@ -363,10 +376,13 @@ def check_in_view(optics: RayOptics, positions: Positions) -> None:
             meant = f"; positions are in metres, did you mean ({x / 1e3:g}, {y / 1e3:g})?"
         raise SamplingError(
             f"The point (x, y, dz) = ({x:g}, {y:g}, {dz:g}) m is imaged at ({X:g}, {Y:g}) m, "
-            f"beyond the array of {2 * half[0]:g} x {2 * half[1]:g} m. At this dz the field of view "
-            f"is x from {left:.4g} to {right:.4g} m, y from {top:.4g} to {bottom:.4g} m: move the "
-            f"point or use more lenslets{meant or '.'}"
+            f"beyond the array of {2 * half[0]:g} x {2 * half[1]:g} m. At this dz the field of "
+            f"view is x from {left:.4g} to {right:.4g} m, y from {top:.4g} to {bottom:.4g} m: "
+            f"move the point or use more lenslets{meant or '.'}"
         )
+    maps = optics.aberrations.main_lens_opd
+    if maps is not None:
+        maps.check(optics.image_of(positions)[:, ::-1], optics.wavelength)
 
 
 def thin_spherical(D: float, object_distance: float, image_distance: float) -> float:

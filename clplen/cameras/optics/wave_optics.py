@@ -6,6 +6,7 @@ Positions are plain arrays; what shines there, and how its energies add up, is f
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,10 +18,11 @@ from clplen.compute.device import Device
 from clplen.compute.fft.blocks import window
 from clplen.compute.fft.lines import smooth_length
 from clplen.errors import DeviceError, ShapeError
+from clplen.wave.elements.hard_apertures import disc_coverage
 from clplen.wave.elements.lens import thin_lens
-from clplen.wave.elements.zernike import wavefront
+from clplen.wave.elements.zernike import wavefront, zernike
 from clplen.wave.field.field import Field, Grid, row_powers
-from clplen.wave.field.transmission import multiply, phasor, split
+from clplen.wave.field.transmission import multiply, offsets, phasor, split
 from clplen.wave.propagation.band import blas_limit
 from clplen.wave.propagation.free_space import plan
 from clplen.wave.propagation.propagator import Propagator
@@ -179,17 +181,41 @@ class WaveOptics(FixedOptics):
         Field
             Shape (n, ny, nx); not normalised.
         """
-        spherical = pupil_fields(
+        images = self.image_of(positions)[:, ::-1]
+        return self.behind_main_lens(self._spherical(positions, diameter, full_grid), images)
+
+    def pupil_and_energy(
+        self, positions: Values, diameter: float = 0.0, *, full_grid: bool = True
+    ) -> tuple[Field, Values]:
+        """Fields of points right behind the main lens, and their energies without vignetting.
+
+        Parameters are those of `pupil`.
+
+        Returns
+        -------
+        Field, numpy.ndarray
+            As of `pupil`; shape (n,), sums of the squares that all of the aperture would pass.
+        """
+        spherical = self._spherical(positions, diameter, full_grid)
+        images = self.image_of(positions)[:, ::-1]
+        if not self.aberrations.vignettes:
+            behind = self.behind_main_lens(spherical, images)
+            return behind, row_powers(behind).sum(axis=-1)
+        bent = self._bent(spherical, images)
+        return self._vignetted(bent, images), row_powers(bent).sum(axis=-1)
+
+    def _spherical(self, positions: Values, diameter: float, full_grid: bool) -> Field:
+        """Fields of points behind the main lens without its wavefront."""
+        return pupil_fields(
             positions,
             diameter,
-            grid=self.grid if full_grid else aperture_grid(self.grid, self.aperture_diameter),
+            grid=self.grid if full_grid else aperture_grid(self.grid, self.lit_diameter),
             object_distance=self.object_distance,
             focal_length=self.focal_length,
-            aperture_diameter=self.aperture_diameter,
+            aperture_diameter=self.lit_diameter,
             wavelength=self.wavelength,
             device=self.device,
         )
-        return self.behind_main_lens(spherical, self.image_of(positions)[:, ::-1])
 
     def array_field(self, pupil: Field, *, pad: int = 1) -> Field:
         """Fields behind the main lens propagated to the array, before its lenslets.
@@ -245,7 +271,7 @@ class WaveOptics(FixedOptics):
         tuple of int
             1 or 2 each.
         """
-        D, z2 = self.aperture_diameter, self.array_distance
+        D, z2 = self.lit_diameter, self.array_distance
         X = np.abs(self.on_array(positions))[:, ::-1]  # (y, x)
         beta = np.abs(np.atleast_1d(self.array_alpha(positions[:, 2])))[:, None]
         guard = FRESNEL_WIDTHS * math.sqrt(self.wavelength * z2)
@@ -304,7 +330,7 @@ class WaveOptics(FixedOptics):
         )
 
     def behind_main_lens(self, pupil: Field, images: Values | None = None) -> Field:
-        """Fields right behind the main lens with its wavefront.
+        """Fields right behind the main lens with its wavefront and vignetting.
 
         Parameters
         ----------
@@ -321,30 +347,120 @@ class WaveOptics(FixedOptics):
         """
         if not self.aberrations.bends_main_lens:
             return pupil
-        device, dtype = pupil.device, pupil.device.complex
+        bent = self._bent(pupil, images)
+        return self._vignetted(bent, images) if self.aberrations.vignettes else bent
+
+    def main_lens_path(
+        self, image_y: float, image_x: float, v: Any, u: Any
+    ) -> tuple[Values, Values]:
+        """What the main lens adds to the light of one point: path and transmission.
+
+        Zernike terms and OPD maps together. The path is from the sphere about the image without
+        distortion; distortion is the difference from that about the chief ray's place, next to a
+        tilt.
+
+        Parameters
+        ----------
+        image_y, image_x : float
+            Where the point is imaged on the main lens' image plane without distortion, in metres.
+        v, u : array_like
+            Places along y and x on the aperture, as fractions of its radius. Light passes beyond 1
+            where OPD maps shift the pupil, up to ``aberrations.pupil_reach``.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            W in metres, beyond the rim that of the rim with Zernike terms continued, and the share
+            of the energy that passes, 0 beyond the pupil; both float64, of the broadcast shape of
+            ``v`` and ``u``.
+
+        Raises
+        ------
+        ValueError
+            If OPD maps do not reach there or to the camera's wavelength.
+        """
+        v, u = np.broadcast_arrays(np.asarray(v, np.float64), np.asarray(u, np.float64))
+        rho, theta = np.hypot(v, u), np.arctan2(v, u)
+        path = np.zeros(v.shape)
+        for (n, m), metres in self.aberrations.main_terms(image_y, image_x).items():
+            path += metres * zernike(n, m, rho, theta)
+        maps, place = self.aberrations.main_lens_opd, (image_y, image_x, self.wavelength)
+        if maps is None:
+            return path, (rho <= 1).astype(np.float64)
+        path += self._map_path(image_y, image_x, v, u)
+        down, right = maps.pupil_centre(*place)
+        inside = np.hypot(v - down, u - right) <= 1 + 1e-12
+        return path, maps.transmission(*place, v - down, u - right) * inside
+
+    def _map_path(self, y: float, x: float, v: Values, u: Values) -> Values:
+        """W of the OPD maps for an image at (y, x), in metres: about where the chief ray arrives.
+
+        The sphere about the image without distortion less that about the chief ray's place.
+        """
+        maps, place = self.aberrations.main_lens_opd, (y, x, self.wavelength)
+        assert maps is not None
+        down, right = maps.pupil_centre(*place)
+        path = maps.path(*place, v - down, u - right)
+        Y, X = maps.chief_ray(*place)
+        if (y, x) == (Y, X):
+            return path
+        v, u = v * (self.aperture_diameter / 2), u * (self.aperture_diameter / 2)
+        first, moved = (
+            np.sqrt((v - a) ** 2 + (u - b) ** 2 + self.image_distance**2)
+            for a, b in ((y, x), (Y, X))
+        )
+        nearer = (Y - y) * (2 * v - y - Y) + (X - x) * (2 * u - x - X)
+        return np.asarray(path + nearer / (first + moved))  # first - moved, without rounding
+
+    def _bent(self, pupil: Field, images: Values | None) -> Field:
+        """Fields behind the main lens with its wavefront, in its pupil."""
         if not self.aberrations.varies:
-            key = ("main lens", self.aberrations, self.aperture_diameter)
-            plate = device.plans.get(
-                (*key, pupil.grid, pupil.wavelength),
-                lambda: device.upload(phasor(self._turns(pupil, 0.0, 0.0), dtype)),
-                lambda array: int(array.nbytes),
-            )
-            return multiply(pupil, plate)
-        assert images is not None  # a slide, whose points are not known apart, is refused before
+            return self._times(pupil, None, "wavefront", lambda y, x: self._plate(pupil, y, x))
+        if self.aberrations.main_lens_opd is not None:
+            return self._times(pupil, images, "wavefront", lambda y, x: self._plate(pupil, y, x))
         middle = self._turns(pupil, 0.0, 0.0)
         down, right = (self._turns(pupil, *image) - middle for image in ((1.0, 0.0), (0.0, 1.0)))
-        plates = [phasor(middle + y * down + x * right, dtype) for y, x in images]
+        dtype = pupil.device.complex
+        return self._times(
+            pupil, images, "", lambda y, x: phasor(middle + y * down + x * right, dtype)
+        )
+
+    def _vignetted(self, pupil: Field, images: Values | None) -> Field:
+        """Fields behind the main lens less the light that OPD maps keep back."""
+        varies = images if self.aberrations.varies else None
+        return self._times(pupil, varies, "vignetting", lambda y, x: self._passing(pupil, y, x))
+
+    def _times(
+        self,
+        pupil: Field,
+        images: Values | None,
+        name: str,
+        plate: Callable[[float, float], Values],
+    ) -> Field:
+        """Fields times a plate each, made for their image; without images one plate, kept."""
+        device = pupil.device
+        if images is None:
+            key = ("main lens", name, self.aberrations, self.aperture_diameter)
+            one = device.plans.get(
+                (*key, self.image_distance, pupil.grid, pupil.wavelength),
+                lambda: device.upload(plate(0.0, 0.0)),
+                lambda array: int(array.nbytes),
+            )
+            return multiply(pupil, one)
+        plates = [plate(float(y), float(x)) for y, x in images]
         (ny, nx), count = pupil.grid.shape, len(images)
         tall = Grid((count * ny, nx), pupil.grid.pitch)  # all fields below each other, as one
         stack = Field(pupil.data.reshape(tall.shape), tall, pupil.wavelength, device)
         bent = multiply(stack, device.upload(np.concatenate(plates)))
         return pupil.with_data(bent.data.reshape(pupil.shape))
 
-    def rim_energy(self, pitch: float) -> float:
-        """Energy of an aperture over that of its samples, whose rim keeps the covered share.
+    def rim_loss(self, pitch: float) -> float:
+        """Share of an evenly lit aperture's energy that its samples lack at the rim.
+
+        These have the share of their cells that the aperture covers.
 
         Light that the rim scatters beyond the band of the samples does not count to the power of a
-        point; this factor makes a window of finer samples agree with one that is sampled as the
+        point: with this share a window of other samples agrees with one that is sampled as the
         sensor.
 
         Parameters
@@ -354,23 +470,24 @@ class WaveOptics(FixedOptics):
         """
         across = self.aperture_diameter / pitch
         if pitch != self.pixel_pitch or across > LARGEST_SAMPLED_RIM:
-            return 1 / (1 - RIM_LOSS / across)
+            return RIM_LOSS / across
         return self.device.plans.get(
-            ("rim energy", self.grid, self.aperture_diameter), self._rim_energy, lambda value: 8
+            ("rim loss", self.grid, self.aperture_diameter), self._rim_loss, lambda value: 8
         )
 
-    def _rim_energy(self) -> float:
+    def _rim_loss(self) -> float:
         area = math.pi / 4 * (self.aperture_diameter / self.pixel_pitch) ** 2
+        across = 2 * math.ceil(self.aperture_diameter / 2 / self.pixel_pitch) + 5
         sampled = pupil_fields(
             np.zeros((1, 3)),
-            grid=aperture_grid(self.grid, self.aperture_diameter),
+            grid=Grid((across, across), self.grid.pitch, origin=_within_a_sample(self.grid)),
             object_distance=self.object_distance,
             focal_length=self.focal_length,
             aperture_diameter=self.aperture_diameter,
             wavelength=self.wavelength,
             device=self.device,
         )
-        return area / float(row_powers(sampled).sum())
+        return 1 - float(row_powers(sampled).sum()) / area
 
     def array_transmission(
         self, grid: Grid, *, rim: tuple[float, float] | None = None
@@ -392,6 +509,40 @@ class WaveOptics(FixedOptics):
         if not self.aberrations.bends_lenslets:
             return ideal
         return self._behind_lenslets(Field(ideal, grid, self.wavelength, self.device)).data
+
+    def _plate(self, pupil: Field, y: float, x: float) -> Values:
+        """exp(2 pi i W/lam) for an image at (y, x), 0 beyond a pupil that is shifted."""
+        turns, dtype = self._turns(pupil, y, x), pupil.device.complex
+        maps = self.aberrations.main_lens_opd
+        if maps is None or not maps.largest_shift:
+            return phasor(turns, dtype)
+        radius = self.aperture_diameter / 2
+        down, right = maps.pupil_centre(y, x, self.wavelength)
+        covered = disc_coverage(pupil.grid, radius, (down * radius, right * radius))
+        return (covered * phasor(turns)).astype(dtype)
+
+    def _passing(self, pupil: Field, y: float, x: float) -> Values:
+        """The amplitude that passes the main lens for an image at (y, x)."""
+        maps, place = self.aberrations.main_lens_opd, (y, x, self.wavelength)
+        assert maps is not None
+        rows, columns, v, u = self._cells(pupil)
+        down, right = maps.pupil_centre(*place)
+        amplitude = np.zeros(pupil.grid.shape)
+        cell = max(pupil.grid.pitch) / (self.aperture_diameter / 2)
+        share, covered = maps.share_and_cover(*place, v - down, u - right, cell)
+        amplitude[rows, columns] = np.sqrt(share) * covered
+        return amplitude.astype(pupil.device.complex)
+
+    def _cells(self, pupil: Field) -> tuple[Any, Any, Any, Any]:
+        """Samples whose cells light may touch: rows, columns, and places v, u on the aperture."""
+        y, x = offsets(pupil.grid)
+        reach, radius = self.lit_diameter / 2, self.aperture_diameter / 2
+        near = [
+            np.maximum(np.abs(c) - (pitch / 2 if c.size > 1 else 0), 0)
+            for c, pitch in zip((y, x), pupil.grid.pitch, strict=True)
+        ]
+        rows, columns = np.nonzero(near[0][:, None] ** 2 + near[1] ** 2 < reach**2)
+        return rows, columns, y[rows] / radius, x[columns] / radius
 
     def _behind_lenslets(self, field: Field) -> Field:
         """Fields right behind the array with what its lenslets depart by from thin lenses.
@@ -421,6 +572,9 @@ class WaveOptics(FixedOptics):
         """W/lam of the main lens for an image at (y, x) in metres, shape of the pupil's grid."""
         terms = self.aberrations.main_terms(y, x)
         path, _ = wavefront(pupil.grid, terms, diameter=self.aperture_diameter)
+        if self.aberrations.main_lens_opd is not None:
+            rows, columns, v, u = self._cells(pupil)
+            path[rows, columns] += self._map_path(y, x, v, u)
         return path / pupil.wavelength
 
 
@@ -436,6 +590,15 @@ def _pad_factor(shape: tuple[int, int], pad: int) -> float:
     """``pad``, or a little more for a quick transform."""
     longest = max(shape)
     return 1 if pad == 1 else smooth_length(pad * longest) / longest
+
+
+def _within_a_sample(grid: Grid) -> tuple[float, float]:
+    """The sample (y, x) of a grid's lattice that is nearest to the axis, in metres."""
+    y, x = (
+        centre - round(centre / pitch) * pitch
+        for centre, pitch in zip(grid.origin, grid.pitch, strict=True)
+    )
+    return y, x
 
 
 def aperture_grid(grid: Grid, diameter: float) -> Grid:

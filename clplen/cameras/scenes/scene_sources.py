@@ -81,6 +81,10 @@ class PointSources(OneLine):
     def __len__(self) -> int:
         return len(self.positions)
 
+    def chosen(self, which: slice | Sequence[int]) -> PointSources:
+        """Some of the sources, by a slice or their indices."""
+        return PointSources(self.positions[which], diameter=self.diameter, power=self.power[which])
+
 
 def _numbers(values: Any, what: str) -> np.ndarray[Any, np.dtype[np.float64]]:
     """An array of real numbers."""

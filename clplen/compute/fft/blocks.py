@@ -178,14 +178,14 @@ def _stage(data: cla.Array, y: Line | None, x: Line | None, device: FieldDevice)
         return data
     batch = data.shape[:-2]
     work = window(data, (*batch, y.length, x.length), device, place=(y.place, x.place))
-    _factors(work, _placed(y), _placed(x), device)
+    multiply_tables(work, _placed(y), _placed(x), device)
     for kinds, forward in ((("forward", "convolve"), True), (("inverse",), False)):
         _transform(work, y.kind in kinds, x.kind in kinds, forward, device)
-    _factors(work, y.kernel, x.kernel, device)
+    multiply_tables(work, y.kernel, x.kernel, device)
     _transform(work, y.kind == "convolve", x.kind == "convolve", False, device)
     if (y.m, x.m) != (y.length, x.length):
         work = window(work, (*batch, y.m, x.m), device, place=(-y.start, -x.start))
-    _factors(work, y.post, x.post, device)
+    multiply_tables(work, y.post, x.post, device)
     return work
 
 
@@ -204,7 +204,7 @@ def _transform(work: cla.Array, y: bool, x: bool, forward: bool, device: FieldDe
         device.fft.transform(work, device, axes=axes, forward=forward)
 
 
-def _factors(work: cla.Array, y: Array | None, x: Array | None, device: FieldDevice) -> None:
+def multiply_tables(work: cla.Array, y: Array | None, x: Array | None, device: FieldDevice) -> None:
     """Times two 1-D tables in place; None: 1."""
     if y is None and x is None:
         return
@@ -229,6 +229,13 @@ def multiplied(
         kernel = device.kernel("multiply.cl", "multiply", **device.wave_defines())
         device.launch_rows(kernel, out.shape, out, out, spectrum.values, ny, nx)
     return out
+
+
+def add(out: cla.Array, values: cla.Array, device: FieldDevice) -> None:
+    """Complex samples (..., ny, nx) added to others of the same shape, in place."""
+    ny, nx = out.shape[-2:]
+    kernel = device.kernel("multiply.cl", "add", **device.wave_defines())
+    device.launch_rows(kernel, out.shape, out, values, np.int32(ny), np.int32(nx))
 
 
 def window(

@@ -51,6 +51,7 @@ from clplen.io.store.hdf5_files import (
     require_size,
     storage,
 )
+from clplen.io.store.opd_arrays import OPD, maps_of, read_hdf5_maps, write_hdf5_maps
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.outputs import MARK
@@ -272,7 +273,11 @@ def _write(file: h5py.File, lf: LightField) -> None:
         file.create_dataset(name, data=array)
     camera = attributes.of_camera(lf.camera)
     if camera is not None:
-        file.create_group(attributes.CAMERA).attrs.update(camera)
+        group = file.create_group(attributes.CAMERA)
+        group.attrs.update(camera)
+        maps = maps_of(lf.camera)
+        if maps is not None:
+            write_hdf5_maps(group.create_group(OPD), maps)
 
 
 def read_hdf5(
@@ -376,7 +381,8 @@ def _camera(file: h5py.File, path: Path, device: Device) -> Any:
     if not isinstance(group, h5py.Group):
         return None
     values = attributes_of(group, attributes.CAMERA_NAMES, path)
-    return attributes.read_camera(values, path, device)
+    maps = read_hdf5_maps(group.get(OPD), path)
+    return attributes.read_camera(values, path, device, maps)
 
 
 def _is_hdf5(path: Path, head: bytes) -> bool:

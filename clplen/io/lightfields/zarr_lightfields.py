@@ -30,6 +30,7 @@ from clplen.io.lightfields.array_sources import (
 from clplen.io.lightfields.layout import ARRAY_WORDS, Kind, Layout, View
 from clplen.io.store import attributes, zarr_files
 from clplen.io.store.attributes import SAMPLES
+from clplen.io.store.opd_arrays import OPD, maps_of, read_zarr_maps, write_zarr_maps
 from clplen.io.store.zarr_files import (
     FORMAT_2,
     array_name,
@@ -84,7 +85,11 @@ def write_zarr(path: PathLike, lf: LightField) -> None:
             beside[...] = array
         camera = attributes.of_camera(lf.camera)
         if camera is not None:
-            group.create_group(attributes.CAMERA).attrs.update(camera)
+            inner = group.create_group(attributes.CAMERA)
+            inner.attrs.update(camera)
+            maps = maps_of(lf.camera)
+            if maps is not None:
+                write_zarr_maps(inner.create_group(OPD), maps, FORMAT_2)
 
 
 def read_zarr(
@@ -243,7 +248,9 @@ def _arrays_beside(
 def _camera(root: Any, path: Path, device: Device) -> Any:
     if attributes.CAMERA not in root or _is_array(root[attributes.CAMERA]):
         return None
-    return attributes.read_camera(attributes_of(root[attributes.CAMERA]), path, device)
+    group = root[attributes.CAMERA]
+    maps = read_zarr_maps(group.get(OPD), path)
+    return attributes.read_camera(attributes_of(group), path, device, maps)
 
 
 def _zarr() -> Any:

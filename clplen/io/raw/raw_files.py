@@ -30,6 +30,7 @@ from clplen.io.raw.raytrix import read_raytrix
 from clplen.io.store import hdf5_files
 from clplen.io.store.attributes import CAMERA, CAMERA_NAMES, RAW, SAMPLES, of_camera, read_camera
 from clplen.io.store.hdf5_files import attributes_of, dataset_of, opened, storage
+from clplen.io.store.opd_arrays import OPD, maps_of, read_hdf5_maps, write_hdf5_maps
 from clplen.lightfield.calibration.lattice_fit import estimate_lattice
 from clplen.lightfield.calibration.lattice_trust import require_camera, require_trust
 from clplen.lightfield.raw.lenslet_grid import LensType
@@ -77,7 +78,11 @@ def write_raw(path: PathLike, raw: RawImage, *, durable: bool = False) -> None:
                 data = file.create_dataset(RAW, data=raw.to_numpy())
                 data.attrs["pixel_pitch"] = float(raw.pixel_pitch)
                 data.attrs["wavelength"] = float(camera.wavelength)
-                file.create_group(CAMERA).attrs.update(known)
+                group = file.create_group(CAMERA)
+                group.attrs.update(known)
+                maps = maps_of(camera)
+                if maps is not None:
+                    write_hdf5_maps(group.create_group(OPD), maps)
         except RuntimeError as error:  # a full disk, found when the file is closed
             raise OSError(str(error)) from error
 
@@ -130,7 +135,8 @@ def read_raw_file(
         dataset = dataset_of(file, RAW, path)
         group = file.get(CAMERA)
         values = attributes_of(group, CAMERA_NAMES, path) if isinstance(group, h5py.Group) else {}
-        camera = read_camera(values, path, device)
+        maps = read_hdf5_maps(file.get(f"{CAMERA}/{OPD}"), path, max_bytes)
+        camera = read_camera(values, path, device, maps)
         if camera is None:
             raise FormatError(f"{path} does not tell which camera took its raw image.")
         _require_sensor(dataset, camera.grid.shape, path)

@@ -3,11 +3,13 @@
 Attributes of the array ``lightfield``: ``axes`` ("v:u:y:x" or "v:u:y:x:c"), ``spacing`` (signed dv,
 du, dy, dx in metres), ``wavelength`` (metres), ``centre`` (v, u of the central view), ``decode``.
 Beside it the array ``weights`` (V, U), the array ``positions`` (V, U, 2) of views that lie on no
-grid, and the group ``camera`` with the parameters of the camera as attributes, in SI units.
+grid, and the group ``camera`` with the parameters of the camera as attributes, in SI units, and the
+OPD maps of its main lens as the group ``camera/opd`` (opd_arrays.py), where it has some.
 """
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +19,16 @@ from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
+from clplen.cameras.optics.opd_maps import OPDMaps
 from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.plenoptic_camera import PlenopticCamera
 from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.device import Device
+from clplen.deprecation import warn_caller
 from clplen.errors import ClplenError, FormatError
 from clplen.io.formats.untrusted import UNREADABLE
 from clplen.lightfield.model.light_field import LightField
+from clplen.wave.elements.lenslet_surface import LensletSurface
 from clplen.wave.elements.lenslets import MicrolensArray
 
 SAMPLES = "lightfield"
@@ -59,6 +64,7 @@ _KIND = {"standard": "type1", "focused": "type2", "microscope": "microscope"}  #
 _ABERRATIONS = "aberrations"  # JSON, where there are any
 _PIXELS = "pixels"  # JSON, where they integrate or have a place of their own
 _LENS_MODEL = "lens_model"  # files without it have a thin lens
+_SURFACES, _GAP = "mla_surface", "mla_gap"  # a list of JSON, a word; where lenslets are not thin
 _LENSLETS = 10**7  # that may scatter: some bytes for each are allocated
 CAMERA_NAMES = (
     "kind",
@@ -68,6 +74,8 @@ CAMERA_NAMES = (
     _LENS_MODEL,
     _APODISATION,
     *(f"mla_{name}" for name in _ARRAY),
+    _SURFACES,
+    _GAP,
     *(f"cover_{name}" for name in _COVER),
 )
 _WORDS = {"decode": ("calibrated", "naive"), "parametrisation": ("two-plane", "point-angle")}
@@ -105,20 +113,27 @@ def of_camera(camera: Any) -> dict[str, Any] | None:
         return None
     kind = _KIND[camera.kind]
     found = {name: getattr(camera, name) for name in _OF_KIND[kind]}
-    mla, pixels = camera.mla, getattr(camera, _PIXELS, None)
+    mla, pixels = camera.mla, camera.pixels
     if pixels is not None:
         mla = pixels.unturned(mla)
+        found[_PIXELS] = pixels.to_json()
     found |= {f"mla_{name}": getattr(mla, name) for name in _ARRAY}
     if len(mla.focal_lengths) > 1:
         found["mla_f"] = mla.focal_lengths
+    if mla.surface:
+        found[_SURFACES] = json.dumps([one.to_json() for one in mla.surface])
+    if mla.gap != "opaque":
+        found[_GAP] = mla.gap
+    if mla.map is not None:
+        warn_caller(
+            "Files keep no maps of lenslets: the camera in this one is without.", UserWarning
+        )
     if kind == "microscope":
         found[_APODISATION] = camera.apodisation
         if camera.cover is not None:
             found |= {f"cover_{name}": getattr(camera.cover, name) for name in _COVER}
     else:
         found[_LENS_MODEL] = camera.lens_model
-        if pixels is not None:
-            found[_PIXELS] = pixels.to_json()
         if camera.aberrations != NONE:
             found[_ABERRATIONS] = camera.aberrations.to_json()
     return {"kind": kind} | {name: plain(value) for name, value in found.items()}
@@ -183,7 +198,7 @@ def words_in(attributes: dict[str, Any], path: Path) -> dict[str, Any]:
 
 
 def read_camera(
-    values: dict[str, Any], path: Path, device: Device
+    values: dict[str, Any], path: Path, device: Device, maps: OPDMaps | None = None
 ) -> Plenoptic1 | Plenoptic2 | Microscope | None:
     """The camera of a light field or raw image; None where it is of a kind unknown here.
 
@@ -193,6 +208,8 @@ def read_camera(
         Attributes of its group, as plain Python.
     path : pathlib.Path
     device : Device
+    maps : OPDMaps, optional
+        Of its main lens, where there are some beside.
 
     Raises
     ------
@@ -211,7 +228,12 @@ def read_camera(
         raise FormatError(f"The camera in {path} lacks {error}.") from error
     pitch, focal_length = mla.pop("pitch"), mla.pop("f")
     try:
+        surfaces = json.loads(str(values.get(_SURFACES, "[]")))
+        mla["surface"] = [LensletSurface.from_json(str(one)) for one in surfaces]
+        mla["gap"] = str(values.get(_GAP, "opaque"))
         camera |= {"mla": MicrolensArray(pitch, focal_length, **mla), "device": device}
+        if _PIXELS in values:
+            camera[_PIXELS] = PixelArray.from_json(str(values[_PIXELS]))
         if kind == "microscope":
             cover = None if glass is None else CoverGlass(**glass)
             camera[_APODISATION] = values.get(_APODISATION, APODISATION)
@@ -219,10 +241,10 @@ def read_camera(
         if _ABERRATIONS in values:
             if not np.prod(mla["count"], dtype=np.float64) <= _LENSLETS:
                 raise ValueError(f"{mla['count']} lenslets are more than {_LENSLETS:,}")
-            camera[_ABERRATIONS] = Aberrations.from_json(str(values[_ABERRATIONS]))
+            camera[_ABERRATIONS] = Aberrations.from_json(
+                str(values[_ABERRATIONS]), main_lens_opd=maps
+            )
         camera[_LENS_MODEL] = str(values.get(_LENS_MODEL, "thin"))
-        if _PIXELS in values:
-            camera[_PIXELS] = PixelArray.from_json(str(values[_PIXELS]))
         if kind == "type2":
             return PlenopticCamera.type2(**camera)
         return PlenopticCamera.type1(**camera)

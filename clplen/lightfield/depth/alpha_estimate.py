@@ -11,7 +11,6 @@ import numpy as np
 from clplen.deprecation import warn_caller
 from clplen.lightfield.arrays.spectral_sharpness import (
     BAND,
-    LensletBlur,
     Peak,
     Real,
     find_peak,
@@ -25,11 +24,18 @@ from clplen.lightfield.depth.best_focus import (
     warn_at_search_end,
     z_uncertainty,
 )
-from clplen.lightfield.depth.window_measures import brightest, fit_slope, read_window
+from clplen.lightfield.depth.camera_optics import UNFLOORED, CameraOptics, camera_optics
+from clplen.lightfield.depth.window_measures import (
+    brightest,
+    fit_slope,
+    read_lenslets,
+    read_window,
+    sample_noise,
+)
 from clplen.lightfield.model.alpha_law import depth_at, require_two_plane
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.model.stored_light_field import as_lightfield
-from clplen.lightfield.raw.raw_image import CameraModel, Spacing, is_telecentric
+from clplen.lightfield.raw.raw_image import Spacing, is_telecentric
 from clplen.reprs import OneLine
 
 METHODS = ("compensated", "energy", "slope", "thesis")
@@ -37,14 +43,11 @@ METHODS = ("compensated", "energy", "slope", "thesis")
 _SEARCH = 0.3  # pixels a view step, where no camera tells its depth range
 _BEYOND = 1.1  # search past the depth range of a microscope, whose ends would be no peak
 _NARROWEST = 1.25  # highest over lowest frequency that still is a band
-_UNFLOORED = 0.8  # of the ambiguity offset: up to here the transfer function is not floored
 _PAD = 5  # lenslets
 _IN_FOCUS = 1.2  # in units of the focus tolerance p/D
-_SHARE = 0.1  # of p/D: uncertainty of a compensated alpha
-_SLOPE_SHARE = 0.25  # of p/D: of one by the slope
+_SCATTER = 1.5  # of a slope's own deviation: the spots' scatter is not independent
+_NOISE_STEP = 0.1  # of a step of the search: for derivatives of the sharpness
 _ROUNDING = 1e-6  # of the largest sample: less is no detail
-_FWHM = 0.886  # of sinc^2, in units of its first zero
-_FWHM_PER_SIGMA = 2.355
 
 
 @dataclass(frozen=True, repr=False)
@@ -59,11 +62,14 @@ class AlphaEstimate(OneLine):
         Metres from the focused plane, farther positive; nan without a camera. That of a telecentric
         camera is ``camera.z(disparity)``, the paraxial law.
     in_focus : bool
-        Whether the object's blur is below one lenslet, where its alpha is known to p/D only.
+        Whether the object's blur is below 1.2 lenslets, where its alpha is known to about p/D / 2.
     uncertainty : float
-        Of alpha, or of d dx/du for a telecentric camera; nan without a camera, for the method
-        "thesis", and when no peak was found inside the search (raise ``c_max``). Of a telecentric
-        camera it holds how far the best focus lies beyond the paraxial law
+        One standard deviation of alpha - ``bias`` for a single point in the window, or of d dx/du
+        for a telecentric camera: 68 % of the errors are smaller, 95 % smaller than twice it. It
+        holds where the point falls on the lenslets, by its blur, and the noise of the samples as
+        their scatter shows it. nan without a camera, for the method "thesis", when no peak was
+        found inside the search (raise ``c_max``), and for "slope" where noise hides the spots. Of
+        a telecentric camera it holds how far the best focus lies beyond the paraxial law too
         (`clplen.lightfield.depth.best_focus`).
     curve : tuple of numpy.ndarray
         (alphas, E): focus measure at the alphas that were tried, alphas rising; empty for the
@@ -82,6 +88,9 @@ class AlphaEstimate(OneLine):
         camera.
     z_uncertainty : float
         ``uncertainty`` as metres of z, half of what lies between its ends; nan where that is.
+    bias : float
+        What alpha is off by in the mean: (alpha - 1)(1 - 1/kappa) for "energy", which is returned
+        as found, 0 for the other methods; nan without a camera and for "thesis".
     """
 
     alpha: float
@@ -96,6 +105,7 @@ class AlphaEstimate(OneLine):
     confidence: float = math.nan
     blur: float = math.nan
     z_uncertainty: float = math.nan
+    bias: float = math.nan
 
     @property
     def near(self) -> tuple[int, int]:
@@ -125,7 +135,9 @@ def estimate_alpha(
     (`clplen.lightfield.arrays.spectral_sharpness`), which puts the peak back. When both peaks lie
     within 1.2 p/D of 1, the object is in focus, the compensated curve is flat, and "compensated"
     returns 1 + (alpha_energy - 1)/kappa. "slope" fits the line of one point in phase space
-    (`fit_slope`): no search, but a single point, out of focus. "thesis" is the baseline of
+    (`fit_slope`): no search, but a single point, out of focus, of at least three spots. The
+    lenslets of a hexagonal array are read as they lie on the sensor (`read_lenslets`), not as they
+    are resampled for views. "thesis" is the baseline of
     `clplen.lightfield.depth.window_measures`: naive cells, 31 x 31 lenslets, alpha from .7 to 1.3,
     whatever ``window`` and ``c_max`` say.
 
@@ -174,7 +186,7 @@ def estimate_alpha(
                 "microscope, does not have: use another method."
             )
         return _thesis(lf, at)
-    optics = _optics(lf)
+    optics = camera_optics(lf)
     if method == "slope":
         return _slope(lf, at, window, optics)
     if method == "compensated" and optics is None:
@@ -188,78 +200,26 @@ def estimate_alpha(
     farthest = c_max * max(abs(aspect) * (lf.shape[0] - 1), lf.shape[1] - 1) / 2
     pad = max(_PAD, math.ceil(farthest))
     step = 1 / lf.shape[1]  # moves the outermost views apart by a lenslet
-    energy = find_peak(sharpness(cells, pad=pad, band=BAND, aspect=aspect), c_max, step=step)
+    sharp = {"energy": sharpness(cells, pad=pad, band=BAND, aspect=aspect)}
+    energy = find_peak(sharp["energy"], c_max, step=step)
     if optics is None:
         warn_at_search_end(lf, energy, _limit(lf, window, optics))
         return _result(lf, method, at, energy)
-    compensated = find_peak(
-        sharpness(cells, pad=pad, band=optics.band(c_max), aspect=aspect, blur=optics.blur),
-        c_max,
-        step=step,
+    sharp["compensated"] = sharpness(
+        cells, pad=pad, band=optics.band(c_max), aspect=aspect, blur=optics.blur
     )
-    warn_at_search_end(
-        lf, energy if method == "energy" else compensated, _limit(lf, window, optics)
-    )
+    compensated = find_peak(sharp["compensated"], c_max, step=step)
+    peak = energy if method == "energy" else compensated
+    warn_at_search_end(lf, peak, _limit(lf, window, optics))
     in_focus = all(
-        abs(lf.shear_alpha(peak.position) - 1) < _IN_FOCUS * optics.tolerance
-        for peak in (energy, compensated)
+        abs(lf.shear_alpha(one.position) - 1) < _IN_FOCUS * optics.tolerance
+        for one in (energy, compensated)
     )
-    if method == "energy":
-        return _result(lf, method, at, energy, optics=optics, in_focus=in_focus)
-    alpha = 1 + float(lf.shear_alpha(energy.position) - 1) / optics.kappa if in_focus else None
-    return _result(lf, method, at, compensated, optics=optics, in_focus=in_focus, alpha=alpha)
-
-
-@dataclass(frozen=True)
-class _Optics:
-    """What the camera does to a focus measure: its blur, kappa, and p/D (the focus tolerance)."""
-
-    blur: LensletBlur
-    kappa: float
-    tolerance: float
-
-    def band(self, c_max: float) -> tuple[float, float]:
-        """Frequencies where the transfer function is not floored, in cycles a lenslet."""
-        return (BAND[0], min(BAND[1], _UNFLOORED / (self.blur.q * c_max)))
-
-    def uncertainty(self, alpha: float, method: str, in_focus: bool) -> float:
-        """Of an alpha found by "compensated", "energy" or "slope"."""
-        if in_focus:
-            return self.tolerance
-        if method == "slope":
-            return _SLOPE_SHARE * self.tolerance
-        bias = (1 - self.kappa) * abs(1 - alpha) if method == "energy" else 0.0
-        return _SHARE * self.tolerance + bias
-
-
-def _optics(lf: LightField) -> _Optics | None:
-    camera = lf.camera
-    if camera is None or lf.spacing is None or not np.isfinite(lf.spacing).all():
-        return None
-    diameter = camera.lenslet_diameter
-    q = camera.wavelength * camera.lenslet_focal_length / (camera.pixel_pitch * diameter)
-    fill = (diameter / abs(lf.spacing[2]), diameter / abs(lf.spacing[3]))
-    spread = (_FWHM * q / _FWHM_PER_SIGMA) ** 2
-    pupil = _pupil_variance(lf, camera.aperture_diameter / 2 / abs(lf.spacing[1]))
-    return _Optics(
-        LensletBlur(q, fill, _has_round_lenslets(camera)),
-        pupil / (pupil + spread),
-        camera.lenslet_pitch / camera.aperture_diameter,
-    )
-
-
-def _pupil_variance(lf: LightField, radius: float) -> float:
-    """Mean square of u, in views, over the views inside the pupil of a radius in views."""
-    v, u = (np.arange(n) - (n - 1) / 2 for n in lf.shape[:2])
-    weights = np.where(np.hypot(v[:, None], u[None, :]) <= radius, lf.weights, 0)
-    if not weights.any():
-        return radius**2 / 4
-    return float((weights * u**2).sum() / weights.sum())
-
-
-def _has_round_lenslets(camera: CameraModel) -> bool:
-    """Hexagonal cells count as round."""
-    return camera.lenslet_fill == "circular" or camera.lenslet_lattice == "hexagonal"
+    noise = sharp[method].deviation(peak.position, sample_noise(cells), step=_NOISE_STEP * step)
+    alpha = None
+    if in_focus and method == "compensated":
+        alpha = 1 + float(lf.shear_alpha(energy.position) - 1) / optics.kappa
+    return _result(lf, method, at, peak, optics=optics, in_focus=in_focus, alpha=alpha, noise=noise)
 
 
 def _aspect(spacing: Spacing | None) -> float:
@@ -329,19 +289,19 @@ def search_limit(lf: LightField, *, window: int = 21) -> float:
     float
         Pixels a view step.
     """
-    return _limit(lf, window, _optics(lf))
+    return _limit(lf, window, camera_optics(lf))
 
 
-def _limit(lf: LightField, window: int, optics: _Optics | None) -> float:
+def _limit(lf: LightField, window: int, optics: CameraOptics | None) -> float:
     limits = [2 * window / max(max(lf.shape[:2]) - 1, 1)]  # the outermost view leaves the window
     if optics is not None:
-        limits.append(_UNFLOORED / (optics.blur.q * _NARROWEST * BAND[0]))
+        limits.append(UNFLOORED / (optics.blur.q * _NARROWEST * BAND[0]))
     if lf.spacing is not None and np.isfinite(lf.spacing).all():
         limits.append(abs(lf.spacing[1] / lf.spacing[3]))  # alpha = 0, for naive cells infinity
     return float(min(limits))
 
 
-def _range(lf: LightField, window: int, c_max: float | None, optics: _Optics | None) -> float:
+def _range(lf: LightField, window: int, c_max: float | None, optics: CameraOptics | None) -> float:
     """The search range, after a check that alpha, the window and the band do not end in it."""
     limit = _limit(lf, window, optics)
     if c_max is None and is_telecentric(lf):
@@ -361,16 +321,17 @@ def _result(
     at: tuple[int, int],
     peak: Peak,
     *,
-    optics: _Optics | None = None,
+    optics: CameraOptics | None = None,
     in_focus: bool = False,
     alpha: float | None = None,
+    noise: float = 0.0,
 ) -> AlphaEstimate:
     """Everything that follows from a peak, or from an alpha that takes its place."""
     value = float(lf.shear_alpha(peak.position)) if alpha is None else alpha
     disparity = peak.position if alpha is None else float(lf.disparity_of_shear(alpha))
     uncertainty = math.nan
     if optics is not None and peak.inside:
-        uncertainty = optics.uncertainty(value, method, in_focus)
+        uncertainty = optics.deviation(value, method, noise * _alpha_of_one(lf))
         uncertainty += paraxial_excess(lf, value, disparity)
     rising = np.argsort(lf.shear_alpha(peak.positions))
     return AlphaEstimate(
@@ -385,26 +346,34 @@ def _result(
         at=at,
         blur=_blur(value, optics),
         z_uncertainty=z_uncertainty(lf, value, uncertainty),
+        bias=math.nan if optics is None else optics.bias(value, method),
     )
 
 
+def _alpha_of_one(lf: LightField) -> float:
+    """abs(d alpha/d disparity)."""
+    return float(abs(lf.shear_alpha(1.0) - lf.shear_alpha(0.0)))
+
+
 def _slope(
-    lf: LightField, at: tuple[int, int], window: int, optics: _Optics | None
+    lf: LightField, at: tuple[int, int], window: int, optics: CameraOptics | None
 ) -> AlphaEstimate:
     require_two_plane(lf, "The slope")
-    samples = read_window(lf, at, window)
-    samples *= (lf.weights > 0)[:, :, None, None]
+    lenslets = read_lenslets(lf, at, window)
+    samples = lenslets.samples * (lf.weights > 0)[:, :, None, None]
     if not samples.max() > 0:
         raise ValueError(
             f"The {window} x {window} lenslets round {at} are black: give another at= or a larger "
             "window."
         )
-    slope = fit_slope(samples, aspect=_aspect(lf.spacing))
+    slope = fit_slope(samples, aspect=_aspect(lf.spacing), y=lenslets.y, x=lenslets.x)
     alpha = float(lf.shear_alpha(slope.disparity))
     uncertainty, in_focus = math.nan, False
     if optics is not None:
-        in_focus = abs(alpha - 1) < _IN_FOCUS * optics.tolerance or slope.spots == 1
-        uncertainty = optics.uncertainty(alpha, "slope", in_focus)
+        in_focus = slope.spots > 0 and (abs(alpha - 1) < _IN_FOCUS * optics.tolerance)
+        deviation = 0.0 if math.isnan(slope.deviation) else slope.deviation
+        noise = _SCATTER * deviation * _alpha_of_one(lf)
+        uncertainty = optics.deviation(alpha, "slope", noise) if slope.spots else math.nan
         uncertainty += paraxial_excess(lf, alpha, slope.disparity)
     none = np.empty(0)
     return AlphaEstimate(
@@ -418,12 +387,13 @@ def _slope(
         disparities=none,
         at=at,
         confidence=slope.confidence,
+        bias=math.nan if optics is None else 0.0,
         blur=_blur(alpha, optics),
         z_uncertainty=z_uncertainty(lf, alpha, uncertainty),
     )
 
 
-def _blur(alpha: float, optics: _Optics | None) -> float:
+def _blur(alpha: float, optics: CameraOptics | None) -> float:
     return math.nan if optics is None else abs(1 - alpha) / optics.tolerance
 
 

@@ -117,7 +117,12 @@ class _AlphaSource(Protocol):
     @property
     def camera(self) -> Any: ...
 
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+
     def alpha(self, disparity: Any) -> Any: ...
+
+    def disparity(self, alpha: Any) -> Any: ...
 
 
 def suitable_planes(lf: _AlphaSource, *, count: int | None = None) -> dict[str, Any]:
@@ -133,15 +138,17 @@ def suitable_planes(lf: _AlphaSource, *, count: int | None = None) -> dict[str, 
     Returns
     -------
     dict
-        ``alphas`` from .65 to 1.35, at most up to infinity, where the spacing is known;
-        ``disparities`` over the depth range of a microscope, to where its ends are sharpest; else
-        from -2 to 2.
+        ``alphas`` from .65 to 1.35, at most up to infinity, where the spacing is known and these
+        move no view by the size of a picture; ``disparities`` over the depth range of a
+        microscope, to where its ends are sharpest; else from -2 to 2.
     """
     if np.isfinite(lf.alpha(0.0)):
         low, high, many = DEFAULT_ALPHAS
         if lf.camera is not None:
             high = min(high, lf.camera.alpha(_FAR))
-        return {"alphas": np.linspace(low, high, count or many)}
+        alphas = np.linspace(low, high, count or many)
+        if _stay_in_view(lf, lf.disparity(alphas)):
+            return {"alphas": alphas}
     low, high, many = DEFAULT_DISPARITIES
     if is_telecentric(lf):
         high = farthest_disparity(lf.camera)
@@ -150,11 +157,17 @@ def suitable_planes(lf: _AlphaSource, *, count: int | None = None) -> dict[str, 
     return {"disparities": np.linspace(low, high, count or many)}
 
 
-def default_disparities(lf: _AlphaSource) -> Any:
-    """Disparities that are tried where none were given: `suitable_planes` of a microscope."""
-    if is_telecentric(lf):
-        return suitable_planes(lf)["disparities"]
-    return np.linspace(*DEFAULT_DISPARITIES)
+def _stay_in_view(lf: _AlphaSource, disparities: Any) -> bool:
+    """Whether no view is moved by the size of a picture: cameras far apart have other alphas."""
+    V, U, ny, nx = lf.shape[:4]
+    farthest = float(np.abs(disparities).max())
+    return farthest * (max(V, U) - 1) / 2 < min(ny, nx)
+
+
+def default_disparities(lf: Any) -> Any:
+    """Disparities that are tried where none were given: those of `suitable_planes`."""
+    planes = suitable_planes(lf)
+    return planes["disparities"] if "disparities" in planes else lf.disparity(planes["alphas"])
 
 
 def warn_at_search_end(lf: LightField, peak: Peak, limit: float) -> None:

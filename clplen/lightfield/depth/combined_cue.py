@@ -16,8 +16,16 @@ from clplen.lightfield.depth.cue import (
     PartialDepth,
     TwoPasses,
     depth_memory,
+    nearest_zero,
 )
 from clplen.lightfield.depth.energy_cue import PICTURES, energy_disparity, energy_floats
+from clplen.lightfield.depth.sparse_points import (
+    has_sparse_light,
+    lit_pixels,
+    point_disparity,
+    point_planes,
+    sparse_pixels,
+)
 from clplen.lightfield.depth.view_matching import (
     WINDOW,
     ShiftTables,
@@ -56,6 +64,7 @@ _STEP = 0.15  # pixels a view step: planes farther apart get others between them
 _EVEN = 4.0  # times brighter or darker: views that differ more are left as they are
 _VIGNETTED = 0.02  # fall of brightness from the middle to the rim that is evened
 _REACH = WINDOW + gaussian_taps(_NOISE_BLUR).size - 1  # pixels of its costs that a pixel needs
+_SPARSE = 24  # float32 values of a pixel while points are looked for
 _MERGED = MAP_BYTES + 13  # bytes of a pixel while confidences are merged
 _SURE = 0.05  # pixels a view step: standard deviation of a confidence of one half
 
@@ -134,7 +143,10 @@ class LevelSurvey:
         """Gain and evenness, when all rows were added."""
         means = self._sums.sum(axis=1, dtype=np.float64) / self._centre.size
         gains = _vignetting_gains(means[self._views.view], self._views)
-        return SampleLevels(_gain(self._centre), gains)
+        low, high = _range(self._centre)
+        if has_sparse_light(self._centre):
+            high = float(self._centre.max())
+        return SampleLevels(_LEVELS / (high - low) if high > low else 1.0, gains)
 
 
 def centre_picture(lf: LightField, views: ViewGroups) -> Map:
@@ -167,20 +179,30 @@ def match_views(
     PartialDepth
         Of the whole of ``lf``.
     """
-    planes = _dense(planes)
-    result, margin = _match(lf, planes, levels)
+    dense = _dense(planes)
+    centre = centre_picture(lf, group_views(lf))
+    result, margin = _match(lf, dense, levels, centre)
     if result.lost[inside].any():
-        sharpest, clear = energy_disparity(lf, planes)
+        sharpest, clear = energy_disparity(lf, dense)
         disparity = np.where(result.lost, sharpest, result.disparity)
         result = PartialDepth(
             disparity, np.where(result.lost, clear, result.confidence), result.lost
         )
-    disparity = np.where(margin > 0, result.disparity, planes[np.argmin(np.abs(planes))])
+    disparity = np.where(margin > 0, result.disparity, nearest_zero(dense))
+    confidence, lost = result.confidence, result.lost
+    sparse = sparse_pixels(centre)
+    if sparse[inside].any():
+        of_points, clear = point_disparity(lf, planes)
+        disparity = np.where(sparse, of_points, disparity)
+        confidence = np.where(sparse, clear * lit_pixels(centre), confidence)
+        lost = lost & ~sparse
     disparity = np.clip(disparity, planes[0], planes[-1]).astype(np.float32)
-    return PartialDepth(disparity, result.confidence.astype(np.float32), result.lost)
+    return PartialDepth(disparity, confidence.astype(np.float32), lost)
 
 
-def _match(lf: LightField, planes: Vector, levels: SampleLevels) -> tuple[PartialDepth, Map]:
+def _match(
+    lf: LightField, planes: Vector, levels: SampleLevels, centre: Map
+) -> tuple[PartialDepth, Map]:
     """What matching finds, and how deep the valley of its costs is."""
     device = lf.device
     ny, nx, channels = (*lf.shape[2:], 1)[:3]
@@ -189,7 +211,7 @@ def _match(lf: LightField, planes: Vector, levels: SampleLevels) -> tuple[Partia
         "This depth map with its light field",
     )
     views = group_views(lf)
-    picture = device.upload(_smoothed(centre_picture(lf, views) * np.float32(levels.gain)))
+    picture = device.upload(_smoothed(centre * np.float32(levels.gain)))
     tables = shift_tables(views, planes, levels.gain * levels.even, device=device)
     costs = match_costs(lf, views, tables)
     noise = _noise(lf, costs, tables)
@@ -209,12 +231,12 @@ def merge_confidence(confidence: Map, lost: Mask) -> Map:
     return np.where(lost, confidence * usual, confidence) if usual > _SHALLOW else confidence
 
 
-def _gain(centre: Map) -> float:
-    """Levels a unit of the samples."""
+def _range(centre: Map) -> tuple[float, float]:
+    """The darkest and the brightest sample, without outliers unless there is nothing else."""
     low, high = np.percentile(centre, (_OUTLIERS, 100 - _OUTLIERS))
     if not high > low:
         low, high = centre.min(), centre.max()
-    return _LEVELS / float(high - low) if high > low else 1.0
+    return float(low), float(high)
 
 
 def _smoothed(picture: Map) -> Map:
@@ -388,12 +410,13 @@ def _normal(
 def combined_memory(source: StoredLightField, planes: Vector) -> MemoryEstimate:
     """What `combined_disparity` needs, in two passes: gain and vignetting first, then the maps."""
     channels, count = (*source.shape, 1)[4], int(_dense(planes).size)
-    floats = 2 * count + 4 * channels + 24 + energy_floats(planes.size, channels)
-    largest = max(count, min(PICTURES, planes.size) * channels)
+    tried = max(planes.size, point_planes(source, planes)[1].size)
+    floats = 2 * count + 4 * channels + 24 + energy_floats(tried, channels)
+    largest = max(count, min(PICTURES, tried) * channels)
     once = depth_memory("combined", source, planes, reach=_REACH, floats=floats, largest=largest)
     return replace(
         once,
-        per_pixel=int(DEVICE_FLOAT * floats) + HOST_FLOAT * (18 + 3 * channels),
+        per_pixel=int(DEVICE_FLOAT * floats) + HOST_FLOAT * (18 + 3 * channels + _SPARSE),
         kept=MAP_BYTES + 1,  # and which pixels are lost
         before=max(_MERGED, 3 * HOST_FLOAT * channels),
         passes=2,

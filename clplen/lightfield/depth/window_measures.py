@@ -6,7 +6,8 @@ The slope of a point in phase space (`fit_slope`), and the focus measure as the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,8 @@ import pyopencl as cl
 from clplen.compute.drivers.failures import device_errors
 from clplen.lightfield.arrays.spectral_sharpness import Real
 from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.decode import resample
+from clplen.lightfield.raw.lenslet_grid import LensletGrid
 
 if TYPE_CHECKING:
     import scipy.sparse
@@ -25,7 +28,10 @@ THESIS_ALPHAS = np.round(0.7 + 0.005 * np.arange(121), 3)
 _LOWEST = 0.1  # cycles a lenslet, of the thesis' measure
 _SPOT = 0.5  # of a sub-image's maximum: what is above is the spot, not a neighbour's tail
 _FAINTEST = 0.03  # of the brightest sub-image: fainter ones are diffraction
+_ABOVE_NOISE = 0.5  # of the energy of the noise in a sub-image: fainter ones are noise
+_LEAST_SPOTS = 3  # of a line: a point in focus between two lenslets has two spots
 _POWER = 0.75  # of a sub-image's energy, its weight: between light and energy
+_SAME = 1e-4  # of the largest sample: light fields that differ more are not of this raw image
 _SMOOTHING = 8  # windows are found in a picture smoothed by a Gaussian of window/8
 
 
@@ -123,26 +129,175 @@ def _shear(count: int, views: int, alpha: float) -> scipy.sparse.csr_array:
 
 
 @dataclass(frozen=True)
+class Lenslets:
+    """What lenslets round one point recorded, and where they lie. Made by `read_lenslets`.
+
+    Attributes
+    ----------
+    samples : numpy.ndarray
+        float64, shape (c, v, u, y, x); 0 in views that see the cells of other lenslets.
+    y, x : numpy.ndarray
+        Positions of the lenslets in pixels of the light field, shapes that broadcast to (y, x).
+    """
+
+    samples: Real
+    y: Real
+    x: Real
+
+
+def read_lenslets(lf: LightField, at: tuple[int, int], size: int) -> Lenslets:
+    """The lenslets of a window as they are, not as hexagonal ones are resampled for the views.
+
+    The views of a hexagonal light field (`clplen.lightfield.raw.decode.resample`) differ from its
+    lenslets in two ways. Their odd rows are interpolated from two lenslets or more, which gives a
+    point spots where no lenslet has one: where the raw image is there and fits, the lenslets are
+    read from it, else the odd rows are left out. And the square of views is larger than the
+    hexagonal cell, so that the corners hold the spots of neighbours: views outside the circle
+    in the cell are 0.
+
+    Parameters
+    ----------
+    lf : LightField
+    at : tuple of int
+        (y, x) of the central pixel.
+    size : int
+        Pixels across, odd; clipped at the border of the light field.
+
+    Returns
+    -------
+    Lenslets
+        Those of a light field whose rows are all interpolated, as of captured images, cannot be
+        told apart and are its pixels.
+    """
+    samples = read_window(lf, at, size)
+    top, left = (max(centre - size // 2, 0) for centre in at)
+    y = top + np.arange(samples.shape[3], dtype=float)[:, None]
+    x = left + np.arange(samples.shape[4], dtype=float)[None, :]
+    grid = _grid_of(lf)
+    if grid is None and getattr(lf.camera, "lenslet_lattice", "square") != "hexagonal":
+        return Lenslets(samples, y, x)
+    samples *= _own_views(lf)[:, :, None, None]
+    if grid is not None and grid.columns is not None:
+        return Lenslets(samples, y, x)
+    exchanged = grid is not None and grid.exchanged
+    if exchanged:
+        samples, y, x = samples.transpose(0, 2, 1, 4, 3), x.T, y.T
+    even = y[:, 0] % 2 == 0
+    odd = None if grid is None else _odd_rows(lf, grid, samples, y, x)
+    if odd is None:
+        samples, y = samples[:, :, :, even], y[even]
+    else:
+        samples[:, :, :, ~even] = odd
+        x = x + np.where(even, 0.0, grid.odd_row_shift)[:, None] if grid is not None else x
+    if exchanged:
+        samples, y, x = samples.transpose(0, 2, 1, 4, 3), x.T, y.T
+    return Lenslets(samples, y, x)
+
+
+def _grid_of(lf: LightField) -> LensletGrid | None:
+    """The hexagonal grid that a light field was decoded with, where it is known."""
+    if lf.raw is None:
+        return None
+    grid = lf.raw.sub_images if lf.decode == "calibrated" else lf.raw.cells
+    return grid if grid.odd_row_shift and grid.shape == lf.shape[:4] else None
+
+
+def _own_views(lf: LightField) -> Real:
+    """1 for the views in the circle that touches the sides of a hexagonal cell, else 0.
+
+    Views are a pitch wide along the lines of nearest neighbours, so that this is half of them.
+    """
+    V, U = lf.shape[:2]
+    v, u = (np.arange(n) - (n - 1) / 2 for n in (V, U))
+    return (np.hypot(v[:, None] / V, u[None, :] / U) <= 0.5).astype(float)
+
+
+def _odd_rows(lf: LightField, grid: LensletGrid, samples: Real, y: Real, x: Real) -> Real | None:
+    """The lenslets of the odd rows of a window, from the raw image; None where it does not fit."""
+    raw = lf.raw
+    if raw is None or len(raw.data.shape) != 2 or samples.shape[0] != 1:
+        return None
+    rows, columns = y[:, 0].astype(int), x[0].astype(int)
+    weights = (lf.weights.T if grid.exchanged else lf.weights) * _own_views(lf)
+    found = {}
+    for parity in (0, 1):
+        chosen = rows[rows % 2 == parity]
+        if not chosen.size:
+            continue
+        across = columns[0] + parity * grid.odd_row_shift
+        steps = np.asarray(grid.row_step), np.asarray(grid.column_step)
+        first = np.asarray(grid.first) + chosen[0] * steps[0] + across * steps[1]
+        part = replace(
+            grid,
+            count=(chosen.size, columns.size),
+            first=(float(first[0]), float(first[1])),
+            row_step=(2 * grid.row_step[0], 2 * grid.row_step[1]),
+            odd_row_shift=0.0,
+        )
+        values = lf.device.download(resample(raw, part)).astype(float)
+        if grid.exchanged:
+            values = values.transpose(1, 0, 3, 2)
+        found[parity] = values * weights[:, :, None, None]
+    stored = samples[0][:, :, rows % 2 == 0]
+    same = 0 in found and np.abs(found[0] - stored).max() <= _SAME * np.abs(stored).max()
+    return found.get(1) if same else None
+
+
+def sample_noise(window: Real) -> Real:
+    """Variance of the noise of every sample, from what views next to each other do not share.
+
+    The square of the second difference along both axes of the views, over 36 (Immerkaer 1996,
+    "Fast noise variance estimation", eq. 4): each is an estimate of its own, to be summed over
+    many. A sub-image is smooth over q = lam f_mu/(dx d) views; where that is less than about 3,
+    part of the light is taken for noise.
+
+    Parameters
+    ----------
+    window : numpy.ndarray
+        float64, shape (c, v, u, y, x).
+
+    Returns
+    -------
+    numpy.ndarray
+        Same shape; 0 where there are fewer than three views along an axis.
+    """
+    out = np.zeros_like(window)
+    if min(window.shape[1:3]) < 3:
+        return out
+    second = window[:, 2:] - 2 * window[:, 1:-1] + window[:, :-2]
+    second = second[:, :, 2:] - 2 * second[:, :, 1:-1] + second[:, :, :-2]
+    out[:, 1:-1, 1:-1] = second**2 / 36
+    return out
+
+
+@dataclass(frozen=True)
 class PhaseSlope:
     """A line fitted to the spots of one point. Made by `fit_slope`.
 
     Attributes
     ----------
     disparity : float
-        Pixels a view step along x, nearer positive; 0 where all light lies in one lenslet, or the
-        spots show no slope.
+        Pixels a view step along x, nearer positive; 0 where all light lies in one lenslet or two,
+        or the spots show no slope.
     confidence : float
         0 to 1: share of the spots' scatter in u that the line explains (R squared).
     spots : int
-        Sub-images that were used.
+        Sub-images that were used; 0 where noise hides all but one or two.
+    deviation : float
+        Standard deviation of the disparity by the scatter of the spots about the line, as if it
+        were independent (White 1980, "A heteroskedasticity-consistent covariance matrix
+        estimator", eq. 6, times n/(n - 2) for n spots); nan where the disparity is 0.
     """
 
     disparity: float
     confidence: float
     spots: int
+    deviation: float = math.nan
 
 
-def fit_slope(window: Real, *, aspect: float = 1.0) -> PhaseSlope:
+def fit_slope(
+    window: Real, *, aspect: float = 1.0, y: Real | None = None, x: Real | None = None
+) -> PhaseSlope:
     """Regress the position of the spot in a sub-image on the position of its lenslet.
 
     A point lies on x = X - d u in pixels and views (thesis, section 3.4: the slope tells depth,
@@ -158,31 +313,43 @@ def fit_slope(window: Real, *, aspect: float = 1.0) -> PhaseSlope:
         float64, shape (c, v, u, y, x): about one point that lies alone in it.
     aspect : float
         Disparity along y over that along x.
+    y, x : numpy.ndarray, optional
+        Positions of the lenslets in pixels, shapes that broadcast to (y, x); default their indices.
 
     Returns
     -------
     PhaseSlope
     """
     light = np.maximum(window.sum(axis=0), 0)
-    energy = (light**2).sum(axis=(0, 1))
-    weight = np.where(energy >= _FAINTEST * energy.max(), energy**_POWER, 0)
+    noise = sample_noise(window).sum(axis=0)
+    energy = (light**2 - noise).sum(axis=(0, 1))
+    least = np.maximum(_FAINTEST * energy.max(), _ABOVE_NOISE * noise.sum(axis=(0, 1)))
+    weight = np.where(energy >= np.maximum(least, 1e-300), np.maximum(energy, 0) ** _POWER, 0)
     spot = np.maximum(light - _SPOT * light.max(axis=(0, 1)), 0)
-    cross = spread = scatter = 0.0
+    spots = int(np.count_nonzero(weight))
+    if spots < _LEAST_SPOTS:
+        drowned = least.flat[np.argmax(energy)] > _FAINTEST * energy.max()
+        return PhaseSlope(0.0, 0.0, 0 if drowned else spots)
+    ny, nx = energy.shape
+    at = (np.arange(ny)[:, None] if y is None else y, np.arange(nx)[None, :] if x is None else x)
+    total = np.maximum(spot.sum(axis=(0, 1)), 1e-300)
+    parts = []
     for axis, unit in ((0, aspect), (1, 1.0)):
         views = unit * (np.arange(light.shape[axis]) - (light.shape[axis] - 1) / 2)
-        pixels = np.arange(light.shape[2 + axis], dtype=float)
-        total = np.maximum(spot.sum(axis=(0, 1)), 1e-300)
-        u = np.tensordot(views, spot.sum(axis=1 - axis), 1) / total
-        x = np.broadcast_to(pixels[:, None] if axis == 0 else pixels, u.shape)
-        u, x = (a - np.average(a, weights=weight) for a in (u, x))
-        cross += float((weight * x * u).sum())
-        spread += float((weight * x * x).sum())
-        scatter += float((weight * u * u).sum())
-    spots = int(np.count_nonzero(weight))
+        seen = np.tensordot(views, spot.sum(axis=1 - axis), 1) / total
+        where = np.broadcast_to(np.asarray(at[axis], float), seen.shape)
+        parts.append([a - np.average(a, weights=weight) for a in (seen, where)])
+    cross = sum(float((weight * p * u).sum()) for u, p in parts)
+    spread = sum(float((weight * p * p).sum()) for _, p in parts)
+    scatter = sum(float((weight * u * u).sum()) for u, _ in parts)
     if spread == 0 or cross == 0:
         return PhaseSlope(0.0, 0.0, spots)
     confidence = cross**2 / (spread * scatter)
-    return PhaseSlope(-spread / cross, float(np.clip(confidence, 0, 1)), spots)
+    slope = cross / spread
+    left = sum((weight * p * (u - slope * p)) for u, p in parts)
+    few = spots / (spots - _LEAST_SPOTS + 1)
+    deviation = float(np.sqrt(few * (left**2).sum())) / spread / slope**2
+    return PhaseSlope(-1 / slope, float(np.clip(confidence, 0, 1)), spots, deviation)
 
 
 def _download_window(lf: LightField, rows: slice, columns: slice) -> np.ndarray[Any, Any]:

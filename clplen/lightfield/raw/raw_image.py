@@ -27,7 +27,8 @@ class Exposure:
     Attributes
     ----------
     route : str
-        "points", one field a point, "isoplanatic", a picture from patterns at a few places,
+        "points", one field a point as large as the sensor, "local", a window of its own for each
+        point, "isoplanatic", a picture from patterns at a few places,
         "snapshots", slides in partially coherent light, or "coherent", slides in a plane wave;
         several joined by " + ".
     transforms : tuple

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Literal
 
 import numpy as np
@@ -14,15 +15,19 @@ from clplen import units
 from clplen.checks import Aliasing, is_finite
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.deprecation import renamed_argument, renamed_attribute
-from clplen.errors import SamplingError
-from clplen.reprs import OneLine
+from clplen.errors import SamplingError, ShapeError
+from clplen.reprs import OneLine, one_line
 from clplen.wave.elements.lens import check_lens_sampling
+from clplen.wave.elements.lenslet_surface import LensletMap, LensletSurface
 from clplen.wave.elements.rims import rim_weights
 from clplen.wave.elements.zernike import zernike_gradient, zernike_monomials
 from clplen.wave.field.field import Field, Grid, require_field
 from clplen.wave.field.transmission import multiply, whole_and_part
 
 SMALLEST_PITCH = 2  # samples a lenslet
+_CONTRADICTION = 0.005  # of a focal length, from that of the surface
+
+Values = np.ndarray[Any, np.dtype[np.float64]]
 
 
 @renamed_argument(old="f", new="focal_length", warn=False)
@@ -32,15 +37,15 @@ class MicrolensArray(OneLine):
 
     Lenslet (i, k) is centred at rotation * ((k - (nx - 1)/2) pitch, (i - (ny - 1)/2) height) +
     offset, with height = pitch (square) or sqrt(3)/2 pitch (hexagonal, odd rows moved by
-    +pitch/2). Outside its lenslets the array is opaque.
+    +pitch/2). Outside its lenslets the array is opaque, but for clear gaps.
 
     Parameters
     ----------
     pitch : float
         Between neighbours of a row, in metres.
-    focal_length : float or sequence of float
-        Of a lenslet in metres, not 0. Several make a multi-focus array: kind
-        (k + s i) mod n on a square lattice of n kinds, s = 1 for 2 and 3 of them, else 2, and
+    focal_length : float or sequence of float, optional
+        Of a lenslet in metres, not 0; a ``surface`` has its own. Several make a multi-focus array:
+        kind (k + s i) mod n on a square lattice of n kinds, s = 1 for 2 and 3 of them, else 2, and
         (k - i//2 + 2 i) mod 3 on a hexagonal one, which has 3 or 1; neighbours differ.
     count : int or tuple of int
         Lenslets, (ny, nx) or one number for both.
@@ -54,18 +59,32 @@ class MicrolensArray(OneLine):
         (y, x) of the array's centre in metres.
     rotation : float
         In radians; positive turns +x towards +y (y down).
+    surface : LensletSurface or sequence of LensletSurface, optional
+        Of the lenslets, one a kind: the phase -2 pi (n(lam) - 1) z(r)/lam, which follows the
+        wavelength, in place of a thin lens' -pi r^2/(lam f).
+    gap : {"opaque", "clear"}
+        What lies between round lenslets within the cells of the lattice: nothing passes, or plane
+        glass level with the rims of the lenslets. With "clear" the phase is that from this plane,
+        so that lenslets of several kinds stand on one piece of glass.
+    map : LensletMap, optional
+        A measured sag or phase, added to the thin lens or the surface, or in its place.
 
     Attributes
     ----------
     focal_length, f : float
-        The focal length, or the first of several.
+        The focal length, or the first of several; of a surface R/(n - 1) at its design wavelength.
     focal_lengths : tuple of float
         Of the kinds of lenslets, all different.
+    surface : tuple of LensletSurface
+        Of the kinds of lenslets; empty for thin lenses.
 
     Raises
     ------
     ValueError
-        For a length, count, lattice or fill outside its range.
+        For a length, count, lattice or fill outside its range; a focal length that differs by more
+        than .5 % from that of the surface; a surface or a map that ends within a lenslet.
+    ShapeError
+        If there are maps of each lenslet, but not as many as lenslets.
     """
 
     pitch: float
@@ -77,12 +96,15 @@ class MicrolensArray(OneLine):
     diameter: float
     offset: tuple[float, float]
     rotation: float
+    surface: tuple[LensletSurface, ...]
+    gap: str
+    map: LensletMap | None
     f = renamed_attribute("f", "focal_length", warn=False)
 
     def __init__(
         self,
         pitch: float,
-        focal_length: float | Sequence[float],
+        focal_length: float | Sequence[float] | None = None,
         *,
         count: int | tuple[int, int],
         lattice: Literal["square", "hexagonal"] = "square",
@@ -90,6 +112,9 @@ class MicrolensArray(OneLine):
         diameter: float | None = None,
         offset: tuple[float, float] = (0.0, 0.0),
         rotation: float = 0.0,
+        surface: LensletSurface | Sequence[LensletSurface] | None = None,
+        gap: Literal["opaque", "clear"] = "opaque",
+        map: LensletMap | None = None,
     ) -> None:
         if np.ndim(count) > 1 or np.size(count) not in (1, 2):
             raise ValueError(f"The count of lenslets is one number or (ny, nx), not {count!r}.")
@@ -101,12 +126,15 @@ class MicrolensArray(OneLine):
             raise ValueError(f"The count of lenslets is positive integers (ny, nx), not {count!r}.")
         if lattice not in ("square", "hexagonal"):
             raise ValueError(f"lattice is 'square' or 'hexagonal', not {lattice!r}.")
-        focal_lengths = _focal_lengths(focal_length, lattice)
+        surfaces = _surfaces(surface)
+        given = _focal_length_of(surfaces, focal_length)
+        focal_lengths = _focal_lengths(given, lattice)
         if fill == "square" and lattice == "square":
             fill = "full"
         if fill not in ("circular", "full"):
             raise ValueError(f"fill is 'circular' or 'full', not {fill!r}.")
-        if not (np.shape(offset) == (2,) and all(map(is_finite, (*offset, rotation)))):
+        numbers = (*np.ravel(offset), rotation)
+        if np.shape(offset) != (2,) or not all(is_finite(value) for value in numbers):
             raise ValueError(
                 "offset is (y, x) in metres and rotation an angle in radians, all finite, not "
                 f"{offset!r} and {rotation!r}."
@@ -128,9 +156,23 @@ class MicrolensArray(OneLine):
             "diameter": float(width),
             "offset": (float(offset[0]), float(offset[1])),
             "rotation": float(rotation),
+            "surface": surfaces,
+            "gap": gap,
+            "map": map,
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
+        _check_made(self)
+
+    def __repr__(self) -> str:
+        shown = {one.name: getattr(self, one.name) for one in fields(self)}
+        plain = {"surface": (), "gap": "opaque", "map": None}
+        return one_line(self, {k: v for k, v in shown.items() if k not in plain or v != plain[k]})
+
+    @property
+    def is_thin(self) -> bool:
+        """Whether the lenslets are thin lenses in an opaque mask."""
+        return not self.surface and self.gap == "opaque" and self.map is None
 
     @property
     def row_pitch(self) -> float:
@@ -156,16 +198,10 @@ class MicrolensArray(OneLine):
 
     def replaced(self, *, rotation: float, offset: tuple[float, float]) -> MicrolensArray:
         """The same lenslets, turned by another angle about another centre."""
-        return MicrolensArray(
-            self.pitch,
-            self.focal_lengths,
-            count=self.count,
-            lattice=self.lattice,  # type: ignore[arg-type]
-            fill=self.fill,  # type: ignore[arg-type]
-            diameter=self.diameter,
-            offset=offset,
-            rotation=rotation,
-        )
+        made = copy.copy(self)
+        object.__setattr__(made, "rotation", float(rotation))
+        object.__setattr__(made, "offset", (float(offset[0]), float(offset[1])))
+        return made
 
     def types(self) -> np.ndarray:
         """The kind of every lenslet, an index into ``focal_lengths``, shape (ny, nx)."""
@@ -211,9 +247,59 @@ class MicrolensArray(OneLine):
                 f"The lenslets' pitch of {self.pitch:g} m is {self.pitch / largest:.3g} samples of "
                 f"{largest:g} m; at least {SMALLEST_PITCH} are needed: sample more finely."
             )
-        steepest = min(self.focal_lengths, key=abs)
-        check_lens_sampling(field.grid, steepest, self.diameter / 2, field.wavelength, aliasing)
+        half = self.diameter / 2
+        as_steep = half / self.steepest_slope(field.wavelength)
+        check_lens_sampling(field.grid, as_steep, half, field.wavelength, aliasing)
         return multiply(field, self.transmission(field.grid, field.wavelength, field.device))
+
+    def steepest_slope(self, wavelength: float) -> float:
+        """The steepest slope that a lenslet adds to rays: d/(2 f) of a thin lens.
+
+        Of a surface, that within the diameter; a map adds the largest step of its samples.
+
+        Parameters
+        ----------
+        wavelength : float
+            In metres.
+        """
+        half, of_map = self.diameter / 2, 0.0
+        if self.map is not None:
+            of_map = self.map.steepest() * abs(self.map.path(wavelength))
+            if self.map.whole:
+                return of_map
+        if not self.surface:
+            return half / min(abs(f) for f in self.focal_lengths) + of_map
+        r = np.linspace(0, half, 257)
+        slopes = [np.abs((s.index(wavelength) - 1) * s.slope(r)).max() for s in self.surface]
+        return float(max(slopes)) + of_map
+
+    def bend(self, lenslet: Any, y: Any, x: Any, wavelength: float) -> tuple[Any, Any]:
+        """Slopes (y, x) that lenslets add to rays: -(y, x)/f for thin lenses.
+
+        Parameters
+        ----------
+        lenslet : numpy.ndarray
+            Which of them: row times columns plus column.
+        y, x : numpy.ndarray
+            From the centre of the lenslet, along the array's rows and columns, in metres.
+        wavelength : float
+            In metres.
+        """
+        kind = self.types().ravel()[lenslet]
+        if self.map is not None and self.map.whole:
+            down, right = np.zeros_like(y), np.zeros_like(x)
+        elif self.surface:
+            r = np.hypot(y, x)
+            each = [(s.index(wavelength) - 1) * s.slope(r) for s in self.surface]
+            over = np.take_along_axis(np.array(each), kind[None], 0)[0] / np.where(r > 0, r, 1)
+            down, right = -over * y, -over * x
+        else:
+            f = np.asarray(self.focal_lengths)[kind]
+            down, right = -y / f, -x / f
+        if self.map is not None:
+            by_map, path = self.map.slopes(lenslet, y, x), self.map.path(wavelength)
+            down, right = down + path * by_map[0], right + path * by_map[1]
+        return down, right
 
     def transmission(
         self,
@@ -236,18 +322,21 @@ class MicrolensArray(OneLine):
         rim : tuple of float, optional
             None: a sample at the rim of a lenslet has the share of its cell that is covered, and
             the result is kept on the device for the next call. Else the rim is a step filtered as
-            by `rim_weights`: cycles a sample that stay, and from which on none are left.
+            by `rim_weights`: cycles a sample that stay, and from which on none are left; lenslets
+            with a surface or a map have the covered share.
 
         Returns
         -------
         pyopencl.array.Array
         """
         opened = as_device(device)
-        if rim is not None:
+        if rim is not None and self.is_thin:
             return self._transmission(grid, wavelength, opened, rim)
+        if rim is not None:
+            return self._made(grid, wavelength, opened)
         return opened.plans.get(
             ("lenslets", self, grid, wavelength),
-            lambda: self._transmission(grid, wavelength, opened),
+            lambda: (self._transmission if self.is_thin else self._made)(grid, wavelength, opened),
             lambda array: int(array.nbytes),
         )
 
@@ -289,8 +378,66 @@ class MicrolensArray(OneLine):
         )
         return out
 
+    def _made(self, grid: Grid, wavelength: float, device: Device) -> cla.Array:
+        """`transmission` of surfaces, maps and clear gaps, in float64 where there is any."""
+        wide = device.precision == "double" or device.has_fp64
+        real = np.dtype(np.float64 if wide else np.float32)
+        out = device.empty(grid.shape, device.complex)
+        shapes = self._shapes(wavelength)
+        defines: dict[str, Any] = {"DOUBLE": True} if wide else {}
+        defines["RESULT"] = "double2" if device.precision == "double" else "float2"
+        defines |= {"HEXAGONAL": True} if self.lattice == "hexagonal" else {}
+        defines |= {"FULL": True} if self.fill == "full" else {}
+        defines |= {"CLEAR": True} if self.gap == "clear" else {}
+        defines |= {"TYPES": len(shapes), "TYPE_STEP": self.type_step}
+        defines["POWERS"] = shapes.shape[1] - 3
+        maps, per, zero = np.zeros((1, 1)), (0.0, 0.0), (0.0, 0.0)
+        if self.map is not None:
+            defines["MAP"] = True
+            maps = self.map.padded() * (self.map.path(wavelength) / wavelength)
+            per, zero = self.map.places()
+        cos, sin = math.cos(self.rotation), math.sin(self.rotation)
+        device.launch_rows(
+            device.kernel("made_lenslets.cl", "made_lenslets", **defines),
+            grid.shape,
+            out,
+            *(device.upload(t) for t in self._lattice_tables(grid, real)),
+            device.upload(shapes.astype(real)),
+            device.upload(maps.astype(real)),
+            real.type(self.diameter / self.pitch / 2),
+            np.array([cos, sin], real),
+            real.type(self.rotation),
+            real.type(grid.pitch[0] / self.pitch / 2),
+            real.type(grid.pitch[1] / self.pitch / 2),
+            np.array(per, real) * real.type(self.pitch),
+            np.array(zero, real),
+            np.int32(self.map is not None and self.map.is_of_each),
+            *(np.int32(n) for n in (*maps.shape[-2:], *self.count, *grid.shape)),
+        )
+        return out
+
+    def _shapes(self, wavelength: float) -> Values:
+        """c, q, the rim's turns and e_0, e_1, ... of every kind for the kernel."""
+        if self.map is not None and self.map.whole:
+            rows = [[0.0, 0.0] for _ in self.focal_lengths]
+        elif self.surface:
+            rows = [one.turns(wavelength, self.pitch) for one in self.surface]
+        else:
+            rows = [[self.pitch**2 / (wavelength * f), 0.0] for f in self.focal_lengths]
+        found = np.zeros((len(rows), 1 + max(len(row) for row in rows)))
+        u = (self.diameter / self.pitch / 2) ** 2
+        for shape, (c, q, *higher) in zip(found, rows, strict=True):
+            shape[:2], shape[3 : 3 + len(higher)] = (c, q), higher
+            if self.gap == "clear":
+                rim = c * u / (1 + math.sqrt(max(1 - q * u, 0.0)))
+                shape[2] = rim + sum(e * u ** (2 + i) for i, e in enumerate(higher))
+        return found
+
     def lattice_tables(self, grid: Grid, device: DeviceLike | None = None) -> list[np.ndarray]:
         """What y and x add to the column and row coordinate: a(y), b(y), a(x), b(x)."""
+        return self._lattice_tables(grid, as_device(device).real)
+
+    def _lattice_tables(self, grid: Grid, real: np.dtype[Any]) -> list[np.ndarray]:
         y, x = grid.y - self.offset[0], grid.x - self.offset[1]
         cos, sin = math.cos(self.rotation), math.sin(self.rotation)
         column = (self.count[1] - 1) / 2
@@ -301,7 +448,84 @@ class MicrolensArray(OneLine):
             x * cos / self.pitch,
             -x * sin / self.row_pitch,
         )
-        return [whole_and_part(v, as_device(device).real) for v in values]
+        return [whole_and_part(v, real) for v in values]
+
+
+def circumscribed(mla: MicrolensArray) -> float:
+    """Diameter of the circle about the aperture of a lenslet, in metres."""
+    if mla.fill == "circular":
+        return mla.diameter
+    return mla.diameter * (2 / math.sqrt(3) if mla.lattice == "hexagonal" else math.sqrt(2))
+
+
+def _surfaces(surface: Any) -> tuple[LensletSurface, ...]:
+    """The surfaces of an array, one a kind."""
+    found = () if surface is None else surface
+    found = (found,) if isinstance(found, LensletSurface) else tuple(found)
+    if not all(isinstance(one, LensletSurface) for one in found):
+        raise TypeError(
+            f"surface is a LensletSurface or several, one a kind of lenslet, not {surface!r}."
+        )
+    return found
+
+
+def _focal_length_of(surfaces: tuple[LensletSurface, ...], given: Any) -> Any:
+    """The focal lengths of surfaces, which those that are given must not contradict."""
+    if not surfaces:
+        if given is None:
+            raise ValueError("Lenslets need a focal_length in metres, or a surface.")
+        return given
+    own = tuple(one.focal_length() for one in surfaces)
+    if given is None:
+        return own
+    asked = np.atleast_1d(np.asarray(given, np.float64)).ravel()
+    if len(asked) != len(own):
+        raise ValueError(
+            f"There are {len(own)} surfaces and {len(asked)} focal lengths: give one surface a "
+            "kind of lenslet."
+        )
+    for one, f, other in zip(surfaces, own, asked, strict=True):
+        if not abs(other - f) <= _CONTRADICTION * abs(f):
+            radius = other * (one.index(one.design_wavelength) - 1)
+            raise ValueError(
+                f"A surface of radius {one.radius:g} m and index "
+                f"{one.index(one.design_wavelength):.5g} at {one.design_wavelength:g} m has the "
+                f"focal length {f:.6g} m, not {other:g}: give focal_length={f:.6g}, none, or the "
+                f"radius {radius:.6g} m."
+            )
+    return own
+
+
+def _check_made(mla: MicrolensArray) -> None:
+    """Refuse surfaces, gaps and maps that do not fit an array."""
+    if mla.gap not in ("opaque", "clear"):
+        raise ValueError(f"gap is 'opaque' or 'clear', not {mla.gap!r}.")
+    if mla.gap == "clear" and mla.fill != "circular":
+        raise ValueError("gap='clear' is for round lenslets: use fill='circular'.")
+    far = circumscribed(mla) / 2
+    for one in mla.surface:
+        if far >= one.reach:
+            raise ValueError(
+                f"A surface of radius {one.radius:g} m and conic constant {one.conic:g} ends "
+                f"{one.reach:.4g} m from its vertex, within a lenslet that reaches to {far:.4g} m: "
+                "give a larger radius or a smaller diameter."
+            )
+    if mla.map is None:
+        return
+    if not isinstance(mla.map, LensletMap):
+        raise TypeError(f"map is a LensletMap, not of type {type(mla.map).__name__}.")
+    if mla.map.is_of_each and mla.map.values.shape[:2] != mla.count:
+        raise ShapeError(
+            f"There are maps of {mla.map.values.shape[:2]} lenslets, but {mla.count} (rows, "
+            "columns) in the array: give one for each, or one for all."
+        )
+    if mla.map.whole and (mla.surface or mla.gap == "clear"):
+        what = "surface" if mla.surface else "gap='clear'"
+        raise ValueError(
+            f"A map with whole=True is the lenslet itself: leave out {what}, or use whole=False."
+        )
+    corner = 2 / math.sqrt(3) if mla.fill == "full" and mla.lattice == "hexagonal" else 1.0
+    mla.map.check_reach((mla.diameter / 2 * corner, mla.diameter / 2))
 
 
 def _focal_lengths(f: float | Sequence[float], lattice: str) -> tuple[float, ...]:
@@ -321,7 +545,6 @@ def _focal_lengths(f: float | Sequence[float], lattice: str) -> tuple[float, ...
     return values
 
 
-Values = np.ndarray[Any, np.dtype[np.float64]]
 Orders = tuple[int, int]
 HIGHEST_ORDER = 8  # of a lenslet's Zernike terms; float32 polynomials keep 4e-4 rad a wave there
 

@@ -43,6 +43,8 @@ class AxisSpan:
         Width of the output window in metres.
     offset : float
         Centre of the output window less that of the input, in metres.
+    across : tuple of float
+        Smallest and largest sideways displacement along the other axis, at least 0, in metres.
     """
 
     n: int
@@ -52,6 +54,7 @@ class AxisSpan:
     lit: float
     wanted: float
     offset: float = 0.0
+    across: tuple[float, float] = (0.0, 0.0)
 
     @property
     def nyquist(self) -> float:
@@ -63,22 +66,36 @@ class AxisSpan:
         """Largest sideways displacement of light that is wanted, in metres."""
         return (self.lit + self.wanted) / 2 + abs(self.offset)
 
-    def geometric(self, displacement: float) -> float:
-        """Spatial frequency of the ray that moves sideways by a displacement."""
-        distance = math.hypot(displacement, self.z)
+    def geometric(self, displacement: float, across: float = 0.0) -> float:
+        """Spatial frequency of the ray that moves sideways by a displacement, and by another."""
+        distance = math.hypot(displacement, across, self.z)
         return displacement / (self.wavelength * distance) if distance else 0.0
 
-    def displacement(self, frequency: float) -> float:
+    def displacement(self, frequency: float, across: float = 0.0) -> float:
         """How far a ray of a spatial frequency moves sideways; infinite from 1/lam on."""
         sine = self.wavelength * frequency
         if abs(sine) >= 1:
             return math.copysign(math.inf, sine)
-        return abs(self.z) * sine / math.sqrt(1 - sine * sine)
+        return math.hypot(self.z, across) * sine / math.sqrt(1 - sine * sine)
 
-    def fresnel_width(self, displacement: float) -> float:
-        """sqrt(cos^3 theta/(lam z)): frequencies that interfere at one place, in cycles a metre."""
-        distance = math.hypot(displacement, self.z)
-        return abs(self.z) / distance / math.sqrt(self.wavelength * distance) if distance else 0.0
+    def fresnel_width(self, displacement: float, across: float = 0.0) -> float:
+        """Frequencies that interfere at one place, in cycles a metre.
+
+        sqrt(cos^3 theta/(lam z)) in the plane of the axis; the square root of the second derivative
+        of the path by the displacement, over lam.
+        """
+        distance = math.hypot(displacement, across, self.z)
+        if not distance:
+            return 0.0
+        return math.hypot(self.z, across) / distance / math.sqrt(self.wavelength * distance)
+
+    def low_end(self, displacement: float) -> float:
+        """The displacement along the other axis with which a ray has its lowest frequency."""
+        return self.across[0] if displacement < 0 else self.across[1]
+
+    def high_end(self, displacement: float) -> float:
+        """The displacement along the other axis with which a ray has its highest frequency."""
+        return self.across[1] if displacement < 0 else self.across[0]
 
     @property
     def is_evanescent(self) -> bool:
@@ -110,6 +127,9 @@ class Band:
         In Fresnel widths.
     nyquist : float
         In cycles a metre.
+    grazing : bool
+        Whether waves of the band leave the window and come back: grazing ones, which leave every
+        window.
     """
 
     low: float
@@ -119,6 +139,7 @@ class Band:
     window: float
     guard: float
     nyquist: float
+    grazing: bool = False
 
     @property
     def is_whole(self) -> bool:
@@ -167,18 +188,24 @@ def guarded_band(span: AxisSpan, guard: float = GUARD) -> Band:
     cap = 4 * (span.lit + span.wanted + abs(span.offset)) + 2 * (guard + WINDOW_GUARD) * spread
     if span.is_evanescent:
         window = span.lit + span.wanted + 2 * abs(span.offset) + EVANESCENT_MARGIN * abs(span.z)
-        return replace(whole_band(span), window=min(window, cap))
+        return replace(whole_band(span), window=min(window, cap), grazing=True)
     offset = span.offset if span.z >= 0 else -span.offset
     half = (span.lit + span.wanted) / 2
     near, far = offset - half, offset + half
-    low, high = span.geometric(near), span.geometric(far)
-    outer_low = low - guard * span.fresnel_width(near)
-    outer_high = high + guard * span.fresnel_width(far)
+    ends = (near, span.low_end(near)), (far, span.high_end(far))
+    low, high = (span.geometric(*end) for end in ends)
+    outer_low = low - guard * span.fresnel_width(*ends[0])
+    outer_high = high + guard * span.fresnel_width(*ends[1])
     clipped = (outer_low <= -span.nyquist, outer_high >= span.nyquist)
     f_low, f_high = max(outer_low, -span.nyquist), min(outer_high, span.nyquist)
-    alias = max(far - span.displacement(f_low), span.displacement(f_high) - near)
-    window = min(max(alias + WINDOW_GUARD * spread, span.lit + span.wanted), cap)
-    return Band(f_low, f_high, (low, high), clipped, window, guard, span.nyquist)
+    # Beside the axis a ray that goes farther along the other axis goes farther along this one, too.
+    across = span.across if span.across[0] > 0 else (0.0, 0.0)
+    back = min(span.displacement(f_low, one) for one in across)
+    ahead = max(span.displacement(f_high, one) for one in across)
+    needed = max(max(far - back, ahead - near) + WINDOW_GUARD * spread, span.lit + span.wanted)
+    grazing = span.n > 1 and needed > cap
+    window = min(needed, cap)
+    return Band(f_low, f_high, (low, high), clipped, window, guard, span.nyquist, grazing)
 
 
 def whole_band(span: AxisSpan) -> Band:

@@ -27,13 +27,14 @@ METHODS = (
     "blas",
     "cblas",
     "rs",
+    "one-step",
     "fresnel-tf",
     "fresnel-ir",
     "fresnel-1fft",
     "fresnel-multistep",
 )
-SELF_PADDED = ("auto", "cblas", "rs")  # methods that size their own windows
-FREE_GRID = ("auto", "cblas")  # methods that take any output grid
+SELF_PADDED = ("auto", "cblas", "rs", "one-step")  # methods that size their own windows
+FREE_GRID = ("auto", "cblas", "rs", "one-step", "fresnel-1fft")  # methods that take any output grid
 FARTHEST = 1e12  # metres
 BORDER = 0.4  # of half the window, the taper of fresnel-multistep
 _SAME = 1e-9  # of a pitch
@@ -90,7 +91,7 @@ class Request:
         out = self.out_grid
         if out is None or out == self.grid:
             return
-        if self.method not in (*FREE_GRID, "fresnel-1fft"):
+        if self.method not in FREE_GRID:
             raise SamplingError(
                 f"method={self.method!r} keeps the grid of the field, {self.grid}, but {out} was "
                 "asked for: method='cblas' gives any grid."
@@ -127,16 +128,28 @@ class Request:
     def span(self, axis: int) -> AxisSpan:
         """Where light comes from and where it is wanted along an axis (0: y, 1: x)."""
         own, other = self.grid, self.target
-        window = own.extent[axis]
         return AxisSpan(
             n=own.shape[axis],
             pitch=own.pitch[axis],
             z=self.z,
             wavelength=self.wavelength,
-            lit=window if self.support is None else min(self.support[axis], window),
+            lit=self._lit(axis),
             wanted=other.extent[axis],
             offset=other.origin[axis] - own.origin[axis],
+            across=self._displacements(1 - axis),
         )
+
+    def _lit(self, axis: int) -> float:
+        window = self.grid.extent[axis]
+        return window if self.support is None else min(self.support[axis], window)
+
+    def _displacements(self, axis: int) -> tuple[float, float]:
+        """Smallest and largest abs of a sideways displacement that is wanted along an axis."""
+        if self.grid.shape[axis] == 1:
+            return (0.0, 0.0)
+        offset = abs(self.target.origin[axis] - self.grid.origin[axis])
+        half = (self._lit(axis) + self.target.extent[axis]) / 2
+        return (max(offset - half, 0.0), offset + half)
 
     @property
     def bands(self) -> list[Band]:
@@ -196,7 +209,7 @@ def padded_length(n: int, pad: float) -> int:
     return n if n == 1 else round(pad * n)
 
 
-Kind = Literal["nothing", "fft", "chirp-z", "separable"]
+Kind = Literal["nothing", "fft", "chirp-z", "separable", "series"]
 
 
 def request(
@@ -236,7 +249,7 @@ class Description:
     into, back : Separable
         Before and after the factor; ``back`` is empty where there is none.
     factor : Factor or None
-    kind : {"nothing", "fft", "chirp-z", "separable"}
+    kind : {"nothing", "fft", "chirp-z", "separable", "series"}
         How the sums are done.
     route : str
         The same in words.
@@ -250,6 +263,8 @@ class Description:
         ((fy low, fy high), (fx low, fx high)) that is used, in cycles a metre.
     warning : str
         What is wrong with the sampling and what to do; empty where nothing is.
+    terms : tuple of tuple of Separable
+        (into, back) of every term of a sum, the first as ``into`` and ``back``; empty: no sum.
     """
 
     request: Request
@@ -266,6 +281,7 @@ class Description:
     valid: tuple[float, float]
     band: tuple[tuple[float, float], tuple[float, float]]
     warning: str = ""
+    terms: tuple[tuple[Separable, Separable], ...] = ()
 
     @property
     def window(self) -> tuple[int, int]:
@@ -307,20 +323,28 @@ def flops(description: Description) -> float:
     ny, _ = description.request.grid.shape
     _, mx = description.into.shape_after(description.request.grid.shape)
     across = ny * _transforms(description.into.x) + mx * _transforms(description.into.y)
-    return (
+    one = (
         across
         + mx * _transforms(description.back.y)
         + description.out_grid.shape[0] * _transforms(description.back.x)
     )
+    return one * max(1, len(description.terms))
 
 
 def samples_held(description: Description) -> int:
     """Complex samples that one field needs beside itself: the plan, work space and the result."""
     if description.kind == "nothing":
         return 0
-    stored = 0 if description.factor is None else math.prod(description.factor.stored)
+    stored = factor_samples(description)
     result = int(np.prod(description.out_grid.shape, dtype=np.int64))
     return stored + table_samples(description) + 2 * description.work_samples + result
+
+
+def factor_samples(description: Description) -> int:
+    """Complex samples of the factors that a plan holds."""
+    if description.factor is None:
+        return 0
+    return math.prod(description.factor.stored) * max(1, len(description.terms))
 
 
 def least_samples(r: Request) -> int:
@@ -332,10 +356,12 @@ def least_samples(r: Request) -> int:
 
 def table_samples(description: Description) -> int:
     """Complex samples of the 1-D tables of all maps; what is repeated counts once."""
-    maps = (description.into.y, description.into.x, description.back.y, description.back.x)
+    ways = description.terms or ((description.into, description.back),)
+    maps = [lines for into, back in ways for lines in (into.y, into.x, back.y, back.x)]
+    each = {line for lines in maps for line in lines} if description.terms else None
     return sum(
         table.size
-        for lines in maps
+        for lines in (maps if each is None else [tuple(each)])
         for line in set(lines)
         for table in (line.pre, line.kernel, line.post)
         if table is not None

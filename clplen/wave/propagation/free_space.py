@@ -92,12 +92,12 @@ def propagate(
         Distance in metres; 0 returns the field, a negative distance propagates back. Several
         distances share the field's transform where their windows agree.
     method : str
-        auto | as | blas | cblas | rs | fresnel-tf | fresnel-ir | fresnel-1fft | fresnel-multistep:
-        see `Propagator`.
+        auto | as | blas | cblas | rs | one-step | fresnel-tf | fresnel-ir | fresnel-1fft |
+        fresnel-multistep: see `Propagator`.
     pad : float
         Zero padding of as, blas and the Fresnel methods, at least 1; 1 makes the window periodic.
     out_grid : Grid, optional
-        Of the result: any pitch, shape and origin with auto and cblas.
+        Of the result: any pitch, shape and origin with auto, cblas, rs, one-step and fresnel-1fft.
     guard, border, support, lens
         See `Propagator`.
     coherence : Coherence, optional
@@ -155,8 +155,8 @@ def propagate(
     plans = [_cached_plan(request, field.device) for request in requests]
     if len({plan.out_grid for plan in plans}) > 1:
         raise SamplingError(
-            "fresnel-1fft gives another pitch at each distance: propagate to one at a time, or use "
-            "method='cblas' with an out_grid."
+            "fresnel-1fft gives another pitch at each distance: propagate to one at a time, or "
+            "give an out_grid."
         )
     results = run_plans(field, plans)
     return results[0] if np.ndim(z) == 0 else _stack(results)

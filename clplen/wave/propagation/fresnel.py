@@ -6,7 +6,14 @@ import math
 
 import numpy as np
 
-from clplen.compute.fft.lines import Line, Separable, convolution, smooth_length, still
+from clplen.compute.fft.lines import (
+    Line,
+    Separable,
+    chirp_z,
+    convolution,
+    smooth_length,
+    still,
+)
 from clplen.errors import SamplingError
 from clplen.wave.field.field import Grid
 from clplen.wave.field.transmission import phasor
@@ -63,7 +70,8 @@ def impulse_response(r: Request) -> Description:
 def one_step(r: Request) -> Description:
     """A single DFT between chirps (Goodman 2005, eq. 4-17); the output pitch is lam z/(L dx).
 
-    A thin lens right before, ``lens``, is joined to the first chirp before it is sampled.
+    Onto another grid a chirp-z transform takes the DFT's place. A thin lens right before, ``lens``,
+    is joined to the first chirp before it is sampled.
     """
     if r.z == 0:
         raise SamplingError(
@@ -78,7 +86,7 @@ def one_step(r: Request) -> Description:
         if n == 1:
             lines.append(still(1))
             continue
-        lines.append(_fused(r, axis, length))
+        lines.append(_fused(r, axis, length) if r.out_grid is None else _onto(r, axis))
         curvature = 1 / r.z - (0 if r.lens is None else 1 / r.lens)
         lit = r.span(axis).lit
         steps.append(lit * d * abs(curvature) / r.wavelength)
@@ -92,19 +100,9 @@ def one_step(r: Request) -> Description:
             "that carries light by support=."
         )
     out_grid = Grid(r.grid.shape, (pitches[0], pitches[1]), origin=r.grid.origin)
-    if r.out_grid is not None and not _is_same(r.out_grid, out_grid):
-        raise SamplingError(
-            f"method='fresnel-1fft' gives the pitch lam z/(L dx), {out_grid}, but {r.out_grid} was "
-            "asked for: method='cblas' gives any grid."
-        )
     valid = (nearest, math.inf)
-    return _separable(r, "fresnel-1fft", lines, "chirp", step, valid, warning, out_grid)
-
-
-def _is_same(grid: Grid, other: Grid) -> bool:
-    """Whether two grids agree but for the rounding of a pitch."""
-    close = np.allclose(grid.pitch, other.pitch, rtol=WHOLE, atol=0)
-    return grid.shape == other.shape and grid.origin == other.origin and close
+    made = r.out_grid or out_grid
+    return _separable(r, "fresnel-1fft", lines, "chirp", step, valid, warning, made)
 
 
 def many_steps(r: Request) -> Description:
@@ -223,14 +221,32 @@ def border_taper(length: int, border: float) -> np.ndarray:
 
 def _fused(r: Request, axis: int, length: int) -> Line:
     """The one step of an axis, with the lens in its first chirp."""
+    n, d = r.grid.shape[axis], r.grid.pitch[axis]
+    out = (np.arange(n) - n // 2) * (r.wavelength * abs(r.z) / (length * d))
+    post = phasor(out**2 / (2 * r.wavelength * r.z)) * (_constant(r) * d)
+    return _dft(n, n, length, 0, r.z, phasor(_curved(r, axis)), post)
+
+
+def _onto(r: Request, axis: int) -> Line:
+    """The one step of an axis onto any output grid."""
+    n, m = r.grid.shape[axis], r.target.shape[axis]
+    d, out_d = r.grid.pitch[axis], r.target.pitch[axis]
+    offset = r.target.origin[axis] - r.grid.origin[axis]
+    x, out = ((np.arange(k) - k // 2) * p for k, p in ((n, d), (m, out_d)))
+    turns = 1 / (r.wavelength * r.z)
+    pre = phasor(_curved(r, axis)) * phasor(-offset * turns * x)
+    post = phasor((offset + out) ** 2 * turns / 2) * (_constant(r) * d)
+    return chirp_z(n, m, -d * out_d * turns, pre=pre, post=post)
+
+
+def _curved(r: Request, axis: int) -> np.ndarray:
+    """Turns of the first chirp, with the lens in it."""
     n, d, origin = r.grid.shape[axis], r.grid.pitch[axis], r.grid.origin[axis]
     x = (np.arange(n) - n // 2) * d
     turns = x**2 / r.z if r.lens is None else x**2 / r.z - (x + origin) ** 2 / r.lens
     if r.lens is not None and origin == 0:
         turns = x**2 * (1 / r.z - 1 / r.lens)
-    out = (np.arange(n) - n // 2) * (r.wavelength * abs(r.z) / (length * d))
-    post = phasor(out**2 / (2 * r.wavelength * r.z)) * (_constant(r) * d)
-    return _dft(n, n, length, 0, r.z, phasor(turns / (2 * r.wavelength)), post)
+    return turns / (2 * r.wavelength)
 
 
 def _dft(

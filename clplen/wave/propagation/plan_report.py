@@ -131,6 +131,15 @@ def _grid(grid: Grid) -> str:
     return text
 
 
+def _aliases_miss(description: Description) -> bool:
+    """Whether the window is chosen for it; grazing waves leave every window but the kernel's."""
+    r = description.request
+    if description.method == "rs":
+        return r.method == "auto" or description.kind == "chirp-z"
+    grazing = any(r.bands[axis].grazing for axis in r.axes)
+    return (description.method == "cblas" or r.method == "auto") and not grazing
+
+
 def report(description: Description, phase: str) -> PlanReport:
     """The report of a description whose factor is formed by a phase route."""
     r = description.request
@@ -152,7 +161,7 @@ def report(description: Description, phase: str) -> PlanReport:
         out_grid=description.out_grid,
         sampled=description.sampled,
         phase_step=description.phase_step,
-        aliases_miss=description.method == "cblas" or r.method == "auto",
+        aliases_miss=_aliases_miss(description),
         fully_sampled_from=description.valid[0],
         fully_sampled_to=description.valid[1],
         band=(band[0], band[1]),

@@ -11,7 +11,7 @@ import pyopencl.array as cla
 
 from clplen.compute.device import Device, DeviceLike, as_device, require_same_device
 from clplen.compute.drivers.forked import Guard
-from clplen.compute.fft.blocks import Spectrum, multiplied, run, window
+from clplen.compute.fft.blocks import Spectrum, add, multiplied, run, window
 from clplen.deprecation import warn_caller
 from clplen.errors import SamplingError, SamplingWarning, ShapeError
 from clplen.wave.field.field import Field, Grid
@@ -19,11 +19,13 @@ from clplen.wave.propagation.description import (
     BORDER,
     Description,
     Request,
+    factor_samples,
     least_samples,
     request,
     table_samples,
 )
 from clplen.wave.propagation.methods import corrected, describe
+from clplen.wave.propagation.one_step import SeriesFactor, series_spectra
 from clplen.wave.propagation.plan_report import PlanReport, report
 from clplen.wave.propagation.transfer_function import factor_on_device
 
@@ -64,16 +66,21 @@ class Propagator:
     wavelength : float
         In metres.
     method : str
-        - "auto": whichever of as, cblas and rs is exact at this distance and cheapest.
+        - "auto": whichever of as, cblas, rs and one-step is exact at this distance and cheapest.
         - "as": angular spectrum, H = exp(i k z (sqrt(1 - s) - 1)) (Goodman 2005, eq. 3-66).
         - "blas": the same within the band that the window samples (Matsushima and Shimobaba 2009,
           eq. 13).
         - "cblas": within the band that reaches the output, widened by a smooth guard, in a window
           that keeps aliases clear of it; any output grid.
-        - "rs": convolution with the sampled Rayleigh-Sommerfeld I kernel (Goodman 2005, eq. 3-43).
+        - "rs": convolution with the sampled Rayleigh-Sommerfeld I kernel (Goodman 2005, eq. 3-43);
+          any output grid.
+        - "one-step": the same integral by a chirp-z transform between two chirps, the rest of the
+          path (beyond Fresnel's) exact on one of the grids and a power series on the other; far
+          away or onto a small output, where the error's bound is 1e-9; any output grid.
         - "fresnel-tf", "fresnel-ir": paraxial, by the sampled transfer function (near) or impulse
           response (far) (Goodman 2005, eqs. 4-20 and 4-16).
-        - "fresnel-1fft": paraxial, one transform; the output pitch is lam abs(z)/(L dx).
+        - "fresnel-1fft": paraxial, one transform; the output pitch is lam abs(z)/(L dx), or
+          any by a chirp-z transform.
         - "fresnel-multistep": paraxial, steps of one transform that keep the pitch.
     pad : float
         For as, blas and the Fresnel methods the window is exactly round(pad N) samples (1:
@@ -83,7 +90,8 @@ class Propagator:
     device : Device or str, optional
         Default ``Device.open()``.
     out_grid : Grid, optional
-        Of the result, for auto and cblas; by default the field's.
+        Of the result, for auto, cblas, rs, one-step and fresnel-1fft; by default the field's, of
+        fresnel-1fft that of its pitch.
     guard : float, optional
         Of auto and cblas, in Fresnel widths sqrt(cos^3 theta/(lam z)); by default 6, and 8 so far
         away that the window is narrower than 2 sqrt(lam z). 8 is for reference results.
@@ -171,14 +179,15 @@ class Propagator:
         if description.warning:
             warn_caller(description.warning, SamplingWarning)
         self._spectrum: Spectrum | None = None
+        self._terms: list[Spectrum] | None = None
         self._lock = Guard()
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what is on the device, which is made again at first use."""
-        return {k: v for k, v in self.__dict__.items() if k not in ("_spectrum", "_lock")}
+        return {k: v for k, v in self.__dict__.items() if k not in ("_spectrum", "_terms", "_lock")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state | {"_spectrum": None, "_lock": Guard()})
+        self.__dict__.update(state | {"_spectrum": None, "_terms": None, "_lock": Guard()})
 
     def __repr__(self) -> str:
         return f"<Propagator {self.method}, {self.z:g} m, {self.grid} to {self.out_grid}>"
@@ -191,10 +200,7 @@ class Propagator:
     @property
     def nbytes(self) -> int:
         """Bytes that the plan holds."""
-        factor, samples = self.description.factor, table_samples(self.description)
-        if factor is not None:
-            rows, columns = factor.stored
-            samples += rows * columns
+        samples = table_samples(self.description) + factor_samples(self.description)
         return samples * self.device.complex.itemsize
 
     @property
@@ -204,6 +210,18 @@ class Propagator:
             if self._spectrum is None and self.description.factor is not None:
                 self._spectrum = factor_on_device(self.description.factor, self.device, self.phase)
             return self._spectrum
+
+    @property
+    def spectra(self) -> list[Spectrum]:
+        """The factor, or those of all terms of a sum, on the device; made at first use."""
+        if not self.description.terms:
+            return [self.spectrum] if self.spectrum is not None else []
+        with self._lock:
+            if self._terms is None:
+                factor = self.description.factor
+                assert isinstance(factor, SeriesFactor)
+                self._terms = series_spectra(factor.series, self.device)
+            return self._terms
 
     def __call__(self, field: Field) -> Field:
         """Propagate a field (or a batch of fields) on the plan's grid.
@@ -314,6 +332,9 @@ def _run_group(field: Field, plans: Sequence[Propagator]) -> list[Field]:
         empty = field.device.empty(shape, field.device.complex)
         return [replace(field, data=empty, grid=plan.out_grid) for plan in plans]
     _require_memory(field, plans)
+    if first.terms:
+        data = _sum_of_terms(field, plans[0])
+        return [replace(field, data=data, grid=first.out_grid)]
     spectra = [plan.spectrum for plan in plans if plan.spectrum is not None]
     back = [plan.description.back for plan in plans] if spectra else []
     outputs = run(field.data, first.into, spectra, back, field.device)
@@ -321,6 +342,19 @@ def _run_group(field: Field, plans: Sequence[Propagator]) -> list[Field]:
         replace(field, data=data, grid=plan.out_grid)
         for plan, data in zip(plans, outputs, strict=True)
     ]
+
+
+def _sum_of_terms(field: Field, plan: Propagator) -> cla.Array:
+    """A field through each term of a plan, added up."""
+    total = None
+    for (into, back), factor in zip(plan.description.terms, plan.spectra, strict=True):
+        (data,) = run(field.data, into, [factor], [back], field.device)
+        if total is None:
+            total = data
+        else:
+            add(total, data, field.device)
+    assert total is not None
+    return total
 
 
 def _require_memory(field: Field, plans: Sequence[Propagator]) -> None:
@@ -335,6 +369,12 @@ def _require_memory(field: Field, plans: Sequence[Propagator]) -> None:
 
 
 def _in_precision(description: Description, device: Device) -> Description:
+    if description.terms:
+        terms = tuple(
+            (into.astype(device.complex), back.astype(device.complex))
+            for into, back in description.terms
+        )
+        return replace(description, into=terms[0][0], back=terms[0][1], terms=terms)
     into, back = (maps.astype(device.complex) for maps in (description.into, description.back))
     return replace(description, into=into, back=back)
 

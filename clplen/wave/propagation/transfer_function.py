@@ -28,6 +28,11 @@ def kernel_residual_turns(shape: Shape, pitch: Pitch, z: float, wavelength: floa
     The phase that float32 tables of rho^2/(2 lam z) leave to the kernel, for abs(z) > 0.
     """
     rho2 = sum((n // 2 * d) ** 2 for n, d in zip(shape, pitch, strict=True))
+    return residual_turns(rho2, z, wavelength)
+
+
+def residual_turns(rho2: float, z: float, wavelength: float) -> float:
+    """(r - z)^2/(2 z lam) at a squared displacement in square metres."""
     excess = rho2 / (math.sqrt(rho2 + z * z) + abs(z))
     return excess * excess / (2 * abs(z) * wavelength)
 
@@ -36,7 +41,11 @@ def kernel_phase_route(
     shape: Shape, pitch: Pitch, z: float, wavelength: float, device: Device
 ) -> str:
     """ "tables", "fp64" or "twofloat": how a device forms the phase to 2.5e-5 rad."""
-    residual = kernel_residual_turns(shape, pitch, z, wavelength)
+    return residual_phase_route(kernel_residual_turns(shape, pitch, z, wavelength), device)
+
+
+def residual_phase_route(residual: float, device: Device) -> str:
+    """The phase route of a kernel that leaves so many turns beside its tables."""
     if device.precision == "double" or residual <= LARGEST_KERNEL_RESIDUAL:
         return "tables"
     return "fp64" if device.has_fp64 else "twofloat"
@@ -88,19 +97,46 @@ def impulse_response(
     if 1 in shape:
         line = _line_response(shape, pitch, abs(z), wavelength)
         return device.upload((line if z > 0 else line.conj()).astype(device.complex))
-    quadrant = _quadrant(shape, pitch, z, wavelength, device, phase)
+    y, x = (np.arange(n // 2 + 1) * d for n, d in zip(shape, pitch, strict=True))
+    quadrant = kernel_samples(y, x, pitch, z, wavelength, device, phase)
     h = device.empty(shape, device.complex)
     kernel = device.kernel("sommerfeld.cl", "unfold", **_defines(device, phase))
     device.launch_rows(kernel, shape, h, quadrant, *(np.int32(n) for n in shape))
     return h
 
 
-def _quadrant(
-    shape: Shape, pitch: Pitch, z: float, wavelength: float, device: Device, phase: str
+def kernel_samples(
+    y: Samples | None,
+    x: Samples | None,
+    pitch: Pitch,
+    z: float,
+    wavelength: float,
+    device: Device,
+    phase: str,
 ) -> cla.Array:
-    """The displacements >= 0 of h, complex, shape (Ly//2 + 1, Lx//2 + 1)."""
+    """h at any displacements, times the sample area; see `impulse_response`.
+
+    Parameters
+    ----------
+    y, x : numpy.ndarray or None
+        Displacements in metres, float64, shapes (my,) and (mx,). None: nothing varies along the
+        axis, which then has one sample.
+    pitch : tuple of float
+        (dy, dx) of the area in metres.
+    z, wavelength : float
+        In metres.
+    device : Device
+    phase : {"tables", "fp64", "twofloat"}
+
+    Returns
+    -------
+    pyopencl.array.Array
+        Complex, shape (my, mx).
+    """
+    if y is None or x is None:
+        line = line_samples(y, x, pitch, abs(z), wavelength)
+        return device.upload((line if z > 0 else line.conj()).astype(device.complex))
     far = abs(z)
-    y, x = (np.arange(n // 2 + 1) * d for n, d in zip(shape, pitch, strict=True))
     tables = [phasor(v**2 / (2 * wavelength * far), device.complex) for v in (x, y)]
     squares = [split((v / far) ** 2, device.real) for v in (x, y)]
     h = device.empty((len(y), len(x)), device.complex)
@@ -121,16 +157,27 @@ def _quadrant(
 
 def _line_response(shape: Shape, pitch: Pitch, z: float, wavelength: float) -> Samples:
     """h of line sources for z > 0 times the pitch of the other axis, complex128."""
-    if shape == (1, 1):
-        return np.ones(shape, complex)
-    n, d = next((n, d) for n, d in zip(shape, pitch, strict=True) if n > 1)
-    rho2 = (np.arange(n // 2 + 1) * d) ** 2
-    r = np.sqrt(rho2 + z * z)
+    y, x = (
+        None if n == 1 else np.arange(n // 2 + 1) * d for n, d in zip(shape, pitch, strict=True)
+    )
+    half = line_samples(y, x, pitch, z, wavelength).ravel()
+    index = np.arange(max(shape))
+    return half[np.minimum(index, index.size - index)].reshape(shape)
+
+
+def line_samples(
+    y: Samples | None, x: Samples | None, pitch: Pitch, z: float, wavelength: float
+) -> Samples:
+    """h of line sources for z > 0 at displacements along one axis, complex128, (my, mx)."""
+    if y is None and x is None:
+        return np.ones((1, 1), complex)
+    rho, d = (x, pitch[1]) if y is None else (y, pitch[0])
+    assert rho is not None
+    r = np.sqrt(rho**2 + z * z)
     k = 2 * np.pi / wavelength
-    excess = phasor(rho2 / (r + z) / wavelength, np.dtype(complex))
-    half = 0.5j * k * z / r * _hankel(k * r) * excess * d
-    index = np.arange(n)
-    return half[np.minimum(index, n - index)].reshape(shape)
+    excess = phasor(rho**2 / (r + z) / wavelength, np.dtype(complex))
+    h = 0.5j * k * z / r * _hankel(k * r) * excess * d
+    return h[None] if y is None else h[:, None]
 
 
 def _hankel(x: Samples) -> Samples:

@@ -16,6 +16,7 @@ from clplen.deprecation import renamed_argument, renamed_attribute, warn_caller
 from clplen.errors import SamplingWarning
 from clplen.reprs import OneLine
 from clplen.units import metres
+from clplen.wave.elements.edges import Edges, check_edges
 from clplen.wave.elements.hard_apertures import aperture
 from clplen.wave.elements.lens import Form, thin_lens
 from clplen.wave.elements.lenslets import MicrolensArray
@@ -160,17 +161,21 @@ class Stop:
     shape : {"circular", "square"}
     centre : tuple of float
         (y, x) in metres.
+    edges : {"samples", "area", "pixels"}
+        As in `aperture`.
 
     Raises
     ------
     ValueError
-        For a diameter that is not positive, another shape, or a centre that is not finite.
+        For a diameter that is not positive, another shape or other edges, or a centre that is not
+        finite.
     """
 
     diameter: float
     _: KW_ONLY
     shape: Shape = "circular"
     centre: tuple[float, float] = (0.0, 0.0)
+    edges: Edges = "area"
     label = "stop"
 
     def __post_init__(self) -> None:
@@ -180,6 +185,7 @@ class Stop:
             raise ValueError(f"A stop is 'circular' or 'square', not {self.shape!r}.")
         if np.shape(self.centre) != (2,) or not np.isfinite(self.centre).all():
             raise ValueError(f"The centre of a stop is (y, x) in metres, not {self.centre!r}.")
+        check_edges(self.edges)
         object.__setattr__(self, "centre", (float(self.centre[0]), float(self.centre[1])))
 
     def apply(self, field: Field) -> Field:
@@ -191,11 +197,15 @@ class Stop:
             If the window of the field cuts the opening.
         """
         _warn_if_cut(field.grid, self.diameter, self.centre, "stop")
-        return aperture(field, self.diameter, shape=self.shape, centre=self.centre)
+        return aperture(
+            field, self.diameter, shape=self.shape, centre=self.centre, edges=self.edges
+        )
 
     def describe(self) -> str:
-        """Shape, diameter and, off the axis, the centre."""
+        """Shape, diameter, edges unless by area and, off the axis, the centre."""
         text = f"{self.shape}, D = {metres(self.diameter)}"
+        if self.edges != "area":
+            text += f", edges by {self.edges}"
         if self.centre == (0.0, 0.0):
             return text
         return f"{text}, centre (y, x) = ({metres(self.centre[0])}, {metres(self.centre[1])})"
@@ -295,7 +305,10 @@ def text_of(part: Part) -> str:
     """What a part is, in a few words."""
     if isinstance(part, MicrolensArray):
         (ny, nx), pitch, f = part.count, metres(part.pitch), metres(part.focal_length)
-        return f"{ny} x {nx}, pitch {pitch}, f = {f}, {part.lattice}, {part.fill}"
+        text = f"{ny} x {nx}, pitch {pitch}, f = {f}, {part.lattice}, {part.fill}"
+        made = ["surface"] * bool(part.surface) + ["map"] * (part.map is not None)
+        made += ["clear gaps"] * (part.gap == "clear")
+        return ", ".join([text, *made])
     describe = getattr(part, "describe", None)
     return repr(part) if describe is None else str(describe())
 

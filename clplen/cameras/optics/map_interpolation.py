@@ -1,0 +1,480 @@
+"""Maps over the unit disc and between fields: samples continued, splines, weights of fields.
+
+In the pupil a map is a bicubic spline through its samples; beyond the disc, and where no light
+passed, the samples are continued smoothly first, so that the spline knows no edge. Between fields
+and wavelengths every number is a weighted sum of what is given there: the weights of splines,
+polynomials or triangles.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+
+from clplen.compute.memory import free_memory
+from clplen.units import amount, metres
+
+Values = np.ndarray[Any, np.dtype[np.float64]]
+ROUNDING = 1e-9  # of the radius or the field: rounding of whoever made the samples
+ORDER = 8  # of the polynomial that continues a map known on all of the disc
+COPIES = 6  # of all samples: given, continued, coefficients, transmission, and twice in between
+SMOOTH, STRAIGHT = 3, 1  # degrees of interpolation between fields and wavelengths
+
+
+def require_room(samples: int) -> None:
+    """Refuse maps that do not fit the memory of this computer, before they are made.
+
+    Raises
+    ------
+    MemoryError
+    """
+    wanted, free = 8 * COPIES * samples, free_memory()
+    if wanted > free:
+        raise MemoryError(
+            f"OPD maps of {samples:,} samples need {amount(wanted, 'B')} of memory, and "
+            f"{amount(free, 'B')} are free: use fewer fields, wavelengths or samples of the pupil."
+        )
+
+
+def axes(shape: tuple[int, int]) -> tuple[Values, Values]:
+    """Places v and u of a map's samples in the disc, shapes (n_v, 1) and (1, n_u)."""
+    v, u = (np.linspace(-1, 1, n) for n in shape)
+    return v[:, None], u[None, :]
+
+
+def disc(shape: tuple[int, int]) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """Which samples of a map lie on the unit disc, shape (n_v, n_u)."""
+    v, u = axes(shape)
+    return np.asarray(np.hypot(v, u) <= 1 + ROUNDING)
+
+
+def continued(maps: Values, known: np.ndarray[Any, np.dtype[np.bool_]]) -> Values:
+    """Maps continued to where they are not known, so that their third derivatives are least.
+
+    Least is the sum of squares of all third differences, which keeps parabolas. Of a map that is
+    known on all of the disc a polynomial of order 8 is continued as it is, and the rest so.
+
+    Parameters
+    ----------
+    maps : numpy.ndarray
+        Shape (n, n_v, n_u); those samples count that are known.
+    known : numpy.ndarray
+        bool, of the same shape; at least 10 of each map.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, of the same shape, finite.
+    """
+    out = np.where(known, maps, 0.0)
+    flat = known.reshape(len(maps), -1)
+    kinds, kind = np.unique(flat, axis=0, return_inverse=True)
+    inside = disc(known.shape[1:]).ravel()
+    for number, mask in enumerate(kinds):
+        chosen = np.flatnonzero(kind.ravel() == number)
+        if mask.all():
+            continue
+        values = out[chosen].reshape(len(chosen), -1).T
+        trend = np.zeros_like(values)
+        if mask[inside].all() and mask.sum() >= 4 * (ORDER + 1) ** 2:
+            powers = _powers(known.shape[1:])
+            trend = powers @ np.linalg.lstsq(powers[mask], values[mask], rcond=None)[0]
+        rest = _least_third_differences(values - trend, mask, known.shape[1:])
+        out[chosen] = (rest + trend).T.reshape(len(chosen), *known.shape[1:])
+        out[chosen] = np.where(known[chosen], maps[chosen], out[chosen])
+    return out
+
+
+def _powers(shape: tuple[int, int]) -> Values:
+    """Products of Legendre polynomials of v and u up to the order, shape (n_v n_u, terms)."""
+    v, u = axes(shape)
+    down = np.polynomial.legendre.legvander(v[:, 0], ORDER)
+    right = np.polynomial.legendre.legvander(u[0], ORDER)
+    terms = [(i, k) for i in range(ORDER + 1) for k in range(ORDER + 1 - i)]
+    return np.stack([np.multiply.outer(down[:, i], right[:, k]).ravel() for i, k in terms], -1)
+
+
+def _least_third_differences(values: Values, mask: Any, shape: tuple[int, int]) -> Values:
+    """Values, shape (n_v n_u, n), with those beside the mask put in."""
+    from scipy import sparse
+    from scipy.sparse.linalg import splu
+
+    def difference(n: int, order: int) -> Any:
+        steps = np.diff(np.eye(order + 1), order, axis=0)[0] * ((n - 1) / 2) ** order
+        offsets = list(range(order + 1))
+        return sparse.diags(list(steps), offsets, shape=(n - order, n), format="csr")
+
+    n_v, n_u = shape
+    parts = [
+        weight * sparse.kron(difference(n_v, 3 - k), difference(n_u, k), format="csr")
+        for k, weight in enumerate((1.0, math.sqrt(3), math.sqrt(3), 1.0))
+    ]
+    whole = sparse.vstack(parts, format="csc") / np.prod(shape)
+    own, given = whole[:, ~mask], whole[:, mask]
+    normal = (own.T @ own).tocsc()
+    out = values.copy()
+    out[~mask] = splu(normal).solve(-np.asarray(own.T @ (given @ values[mask])))
+    return out
+
+
+def nearest(maps: Values, known: np.ndarray[Any, np.dtype[np.bool_]]) -> Values:
+    """Maps whose unknown samples are those of the nearest known one; both (l, m, n_v, n_u)."""
+    from scipy.ndimage import distance_transform_edt
+
+    out, pitch = np.array(maps), [2 / (n - 1) for n in maps.shape[2:]]
+    for index in np.ndindex(maps.shape[:2]):
+        if not known[index].all():
+            row, column = distance_transform_edt(
+                ~known[index], sampling=pitch, return_distances=False, return_indices=True
+            )
+            out[index] = maps[index][row, column]
+    return out
+
+
+def edges_of(lit: np.ndarray[Any, np.dtype[np.bool_]], inside: Any) -> Values:
+    """Distances from the edge of the light, half a sample from the lit ones, negative without.
+
+    A map that is lit all over is as far within as the least vignetted one of its wavelength reaches
+    beyond, so that the light is cut from the middle between both on.
+
+    Parameters
+    ----------
+    lit : numpy.ndarray
+        bool, shape (l, m, n_v, n_u).
+    inside : numpy.ndarray
+        bool, shape (n_v, n_u): the disc. Its rim is no edge.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, shape of ``lit``, as fractions of the pupil's radius.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    whole = nearest(lit.astype(np.float64), np.broadcast_to(inside, lit.shape)) > 0
+    pitch = [2 / (n - 1) for n in lit.shape[2:]]
+    half = min(pitch) / 2
+    out = np.full(lit.shape, np.nan)
+    for index in np.ndindex(lit.shape[:2]):
+        one = whole[index]
+        if not one.all():
+            within, beyond = (distance_transform_edt(m, sampling=pitch) for m in (one, ~one))
+            out[index] = np.where(one, within - half, half - beyond)
+    for maps in out:
+        cut = [-float(one.min()) for one in maps if np.isfinite(one).all()]
+        maps[np.isnan(maps)] = min(cut, default=1.0)
+    return out
+
+
+def continued_edges(edges: Values, inside: Any) -> Values:
+    """Edges, shape (l, m, n_v, n_u), continued beyond the disc."""
+    flat = edges.reshape(-1, *edges.shape[2:])
+    known = np.broadcast_to(inside, flat.shape)
+    return continued(np.where(known, flat, 0.0), known).reshape(edges.shape)
+
+
+def part_within(middle: Values, down: Values, right: Values) -> Values:
+    """How much of cells lies where a plane is positive, 0 to 1.
+
+    Parameters
+    ----------
+    middle : numpy.ndarray
+        The plane's height in the middle of each cell.
+    down, right : numpy.ndarray
+        How much it rises across the cell along both axes, not negative.
+    """
+    steep = np.maximum(np.maximum(down, right), 1e-150)
+    flat = np.maximum(np.minimum(down, right), 1e-6 * steep)
+    above = np.clip(middle, -(steep + flat) / 2, (steep + flat) / 2) + (steep + flat) / 2
+    area = above**2 - np.maximum(above - steep, 0) ** 2 - np.maximum(above - flat, 0) ** 2
+    return np.asarray(np.clip(area / (2 * steep * flat), 0, 1))
+
+
+# Splines in the pupil: uniform cubic B-splines, whose fourth difference is 0 at both ends
+
+
+def coefficients(maps: Values) -> Values:
+    """Coefficients of the bicubic splines through maps, shape (..., n_v + 2, n_u + 2).
+
+    Parameters
+    ----------
+    maps : numpy.ndarray
+        Shape (..., n_v, n_u), at least 4 samples along each axis.
+    """
+    n_v, n_u = maps.shape[-2:]
+    return np.asarray(_through(n_v) @ maps @ _through(n_u).T)
+
+
+@lru_cache(maxsize=8)
+def _through(n: int) -> Values:
+    """From samples to coefficients, shape (n + 2, n)."""
+    matrix = np.zeros((n + 2, n + 2))
+    for k in range(n):
+        matrix[k, k : k + 3] = (1 / 6, 4 / 6, 1 / 6)
+    matrix[n, :5] = matrix[n + 1, -5:] = (1, -4, 6, -4, 1)
+    return np.ascontiguousarray(np.linalg.inv(matrix)[:, :n])
+
+
+def spline(table: Values, v: Values, u: Values, *, order: tuple[int, int] = (0, 0)) -> Values:
+    """A bicubic spline, or a derivative of it, at places of the square from -1 to 1.
+
+    Parameters
+    ----------
+    table : numpy.ndarray
+        Coefficients, shape (n_v + 2, n_u + 2).
+    v, u : numpy.ndarray
+        Of one shape.
+    order : tuple of int
+        0 or 1 along v and u.
+    """
+    down, row = _taps(v, table.shape[0] - 2, order[0])
+    right, column = _taps(u, table.shape[1] - 2, order[1])
+    flat, wide = table.ravel(), table.shape[1]
+    first = row * wide + column
+    out = np.zeros(np.shape(v))
+    for i, one in enumerate(down):
+        line = np.zeros(np.shape(v))
+        for k, other in enumerate(right):
+            line += other * flat[first + (i * wide + k)]
+        out += one * line
+    return out
+
+
+def _taps(at: Values, n: int, order: int) -> tuple[list[Values], Any]:
+    """The four weights at places along an axis, and where they begin."""
+    t = (at + 1) * ((n - 1) / 2)
+    first = np.clip(np.floor(t), 0, n - 2).astype(np.int64)
+    f = t - first
+    g = 1 - f
+    if order:
+        scale = (n - 1) / 2
+        slopes = [-g * g / 2, f * (1.5 * f - 2), g * (2 - 1.5 * g), f * f / 2]
+        return [scale * slope for slope in slopes], first
+    cubes = [
+        g**3 / 6, 2 / 3 - f * f * (1 - f / 2), 2 / 3 - g * g * (1 - g / 2), f**3 / 6
+    ]  # fmt: skip
+    return cubes, first
+
+
+def bilinear(table: Values, v: Values, u: Values) -> Values:
+    """Samples of the square from -1 to 1, shape (n_v, n_u), interpolated linearly along both."""
+    parts = []
+    for at, n in ((v, table.shape[0]), (u, table.shape[1])):
+        t = np.clip((at + 1) * ((n - 1) / 2), 0, n - 1)
+        first = np.minimum(t.astype(np.int64), n - 2)
+        parts.append((first, t - first))
+    (row, down), (column, right) = parts
+    flat, wide = table.ravel(), table.shape[1]
+    at = row * wide + column
+    upper = flat[at] * (1 - right) + flat[at + 1] * right
+    lower = flat[at + wide] * (1 - right) + flat[at + wide + 1] * right
+    return np.asarray(upper * (1 - down) + lower * down)
+
+
+# Between fields and wavelengths
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """Places on a line between which is interpolated.
+
+    Attributes
+    ----------
+    places : numpy.ndarray
+        Distinct, in any order.
+    """
+
+    places: Values
+
+    @cached_property
+    def _order(self) -> Any:
+        return np.argsort(self.places)
+
+    @cached_property
+    def _splines(self) -> dict[int, Any]:
+        from scipy.interpolate import make_interp_spline
+
+        places, n = self.places[self._order], len(self.places)
+        unit, scale = np.eye(n), max(float(np.abs(places).max()), 1e-300)
+        degrees = {d: min(d, n - 1) for d in (SMOOTH, STRAIGHT)}
+        found = {d: make_interp_spline(places / scale, unit, k=k) for d, k in degrees.items()}
+        return {d: (one, scale) for d, one in found.items()}
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The smallest and the largest place."""
+        return float(self.places.min()), float(self.places.max())
+
+    def holds(self, at: Any) -> Any:
+        """Whether places lie between the ends."""
+        low, high = self.ends
+        room = ROUNDING * max(abs(low), abs(high))
+        return (low - room <= at) & (at <= high + room)
+
+    def weights(self, at: float, degree: int) -> Values:
+        """How much of each place counts at one: of a spline, of polynomials up to three places."""
+        out = np.empty(len(self.places))
+        if len(self.places) == 1:
+            return np.ones(1)
+        low, high = self.ends
+        curve, scale = self._splines[degree]
+        out[self._order] = curve(min(max(at, low), high) / scale)
+        return out
+
+
+class FieldPlaces:
+    """Places (y, x) of fields on the image plane, and what counts between them.
+
+    Parameters
+    ----------
+    fields : numpy.ndarray
+        Shape (n, 2), metres, distinct.
+    symmetric : bool
+        Whether they lie along one radius and stand for all others, turned.
+
+    Raises
+    ------
+    ValueError
+        If they lie on one line and are not symmetric, or symmetric and on no radius.
+    """
+
+    def __init__(self, fields: Values, symmetric: bool) -> None:
+        self.fields, self.symmetric = fields, symmetric
+        self.reach = float(np.hypot(*fields.T).max())
+        self._angle = 0.0
+        self._lines: tuple[Line, ...] = ()
+        self._triangles: Any = None
+        self._index: Any = None
+        if symmetric:
+            self._along_radius()
+        elif len(fields) > 1:
+            self._over_plane()
+
+    def _along_radius(self) -> None:
+        radius = np.hypot(*self.fields.T)
+        y, x = self.fields[radius.argmax()]
+        self._angle = math.atan2(y, x)
+        along = self.fields @ (math.sin(self._angle), math.cos(self._angle))
+        off = np.abs(radius - along).max()
+        if len(radius) < 2 or off > 1e-6 * self.reach:
+            raise ValueError(
+                "Fields of a rotationally symmetric lens lie along one radius, two or more; "
+                f"these {len(radius)} do not: leave symmetric out, or give distances from the axis."
+            )
+        self._lines = (Line(along),)
+
+    def _over_plane(self) -> None:
+        levels = [np.unique(axis) for axis in self.fields.T]
+        if math.prod(len(level) for level in levels) == len(self.fields):
+            if min(len(level) for level in levels) < 2:
+                raise self._on_a_line()
+            self._lines = tuple(Line(level) for level in levels)
+            found = [
+                np.searchsorted(level, axis)
+                for level, axis in zip(levels, self.fields.T, strict=True)
+            ]
+            self._index = tuple(found)
+            return
+        from scipy.spatial import Delaunay, QhullError
+
+        try:
+            self._triangles = Delaunay(self.fields / max(self.reach, 1e-300))
+        except QhullError as error:
+            raise self._on_a_line() from error
+
+    @staticmethod
+    def _on_a_line() -> ValueError:
+        return ValueError(
+            "These fields lie on one line, so that the maps say nothing beside it: give "
+            "symmetric=True with fields along a radius of a rotationally symmetric lens, or fields "
+            "that are spread over the image."
+        )
+
+    @property
+    def everywhere(self) -> bool:
+        """Whether one map holds for all of the image."""
+        return len(self.fields) == 1
+
+    def turn(self, y: float, x: float) -> tuple[float, float]:
+        """(sine, cosine) of the angle by which maps are turned for an image at (y, x)."""
+        if not self.symmetric or (y == 0 and x == 0):
+            return 0.0, 1.0
+        angle = math.atan2(y, x) - self._angle
+        return math.sin(angle), math.cos(angle)
+
+    def require(self, images: Values) -> None:
+        """Refuse places (y, x), shape (n, 2), in metres, that the fields do not reach.
+
+        Raises
+        ------
+        ValueError
+            Naming the first.
+        """
+        if self.everywhere:
+            return
+        if self.symmetric:
+            held = self._lines[0].holds(np.hypot(*images.T))
+        elif self._triangles is None:
+            held = self._lines[0].holds(images[:, 0]) & self._lines[1].holds(images[:, 1])
+        else:
+            mesh: Any = self._triangles
+            held = mesh.find_simplex(images / self.reach, tol=ROUNDING) >= 0
+        if not held.all():
+            raise self._beyond(*(float(at) for at in images[~held][0]))
+
+    def weights(self, y: float, x: float, degree: int) -> Values:
+        """How much of each field counts at a place.
+
+        Parameters
+        ----------
+        y, x : float
+            In metres.
+        degree : int
+            3 for splines, 1 for straight lines; triangles are always flat.
+
+        Raises
+        ------
+        ValueError
+            If the fields do not reach there.
+        """
+        if self.everywhere:
+            return np.ones(1)
+        self.require(np.array([[y, x]]))
+        if self.symmetric:
+            return self._lines[0].weights(math.hypot(y, x), degree)
+        if self._triangles is None:
+            down, right = (
+                line.weights(at, degree) for line, at in zip(self._lines, (y, x), strict=True)
+            )
+            return np.asarray(down[self._index[0]] * right[self._index[1]])
+        return self._in_triangle(y, x)
+
+    def _in_triangle(self, y: float, x: float) -> Values:
+        mesh: Any = self._triangles
+        at = np.array([y, x]) / self.reach
+        number = int(mesh.find_simplex(at, tol=ROUNDING))
+        inverse = mesh.transform[number]
+        first = inverse[:2] @ (at - inverse[2])
+        out = np.zeros(len(self.fields))
+        out[mesh.simplices[number]] = (*first, 1 - first.sum())
+        return out
+
+    def _beyond(self, y: float, x: float) -> ValueError:
+        if self.symmetric:
+            low, high = self._lines[0].ends
+            reach = f"from {metres(low)} to {metres(high)}" if low else metres(high)
+            held = f"The OPD maps reach {reach} from the axis"
+        else:
+            (y0, x0), (y1, x1) = self.fields.min(axis=0), self.fields.max(axis=0)
+            held = (
+                f"The OPD maps reach from (y, x) = ({metres(y0)}, {metres(x0)}) to "
+                f"({metres(y1)}, {metres(x1)})"
+            )
+        return ValueError(
+            f"{held}; the point is imaged at ({metres(y)}, {metres(x)}), "
+            f"{metres(math.hypot(y, x))} out: add maps of fields as far out, or move the point."
+        )

@@ -1,0 +1,94 @@
+"""What a camera with lenslets does to the sharpness of points, and how exactly depth is known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from clplen.lightfield.arrays.spectral_sharpness import BAND, LensletBlur
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.raw_image import CameraModel
+
+UNFLOORED = 0.8  # of the ambiguity offset: up to here the transfer function is not floored
+_HEXAGON = math.sqrt(2 * math.sqrt(3) / math.pi)  # disc as large as a hexagon, over its width
+_FWHM = 0.886  # of sinc^2, in units of its first zero
+_FWHM_PER_SIGMA = 2.355
+# Standard deviation of alpha over p/D at blurs of so many lenslets, where there is no noise: by
+# where points fall on the lenslets. Measured by benchmarks/accuracy_uncertainty.py.
+_BLURS = (0.3, 0.9, 1.4, 1.8, 2.25, 2.75, 3.5, 5.0, 6.0)
+_DEVIATIONS = {
+    "compensated": (0.54, 0.45, 0.28, 0.19, 0.12, 0.085, 0.066, 0.062, 0.058),
+    "energy": (0.54, 0.46, 0.27, 0.24, 0.19, 0.135, 0.08, 0.073, 0.088),
+    "slope": (0.83, 0.75, 0.50, 0.47, 0.28, 0.20, 0.07, 0.08, 0.08),
+}
+
+
+@dataclass(frozen=True)
+class CameraOptics:
+    """What the camera does to a focus measure.
+
+    Attributes
+    ----------
+    blur : LensletBlur
+    kappa : float
+        By which the plane of highest energy is nearer to the focus than the object: U^2/(U^2 + s^2)
+        with U the rms radius of the pupil and s that of the lenslets' diffraction.
+    tolerance : float
+        p/D, the change of alpha that blurs a point in focus by a lenslet.
+    """
+
+    blur: LensletBlur
+    kappa: float
+    tolerance: float
+
+    def band(self, c_max: float) -> tuple[float, float]:
+        """Frequencies where the transfer function is not floored, in cycles a lenslet."""
+        return (BAND[0], min(BAND[1], UNFLOORED / (self.blur.q * c_max)))
+
+    def bias(self, alpha: float, method: str) -> float:
+        """What an alpha found by a method is off by in the mean: that of "energy" by kappa."""
+        return (alpha - 1) * (1 - 1 / self.kappa) if method == "energy" else 0.0
+
+    def deviation(self, alpha: float, method: str, noise: float) -> float:
+        """Standard deviation of an alpha found by "compensated", "energy" or "slope".
+
+        ``noise`` is that by the noise of the samples alone.
+        """
+        blur = abs(1 - alpha + self.bias(alpha, method)) / self.tolerance
+        share = float(np.interp(blur, _BLURS, _DEVIATIONS[method]))
+        return math.hypot(share * self.tolerance, noise)
+
+
+def camera_optics(lf: LightField) -> CameraOptics | None:
+    """Those of the camera of a light field; None where camera or spacing are not known."""
+    camera = lf.camera
+    if camera is None or lf.spacing is None or not np.isfinite(lf.spacing).all():
+        return None
+    diameter = camera.lenslet_diameter
+    if camera.lenslet_lattice == "hexagonal" and camera.lenslet_fill != "circular":
+        diameter *= _HEXAGON
+    q = camera.wavelength * camera.lenslet_focal_length / (camera.pixel_pitch * diameter)
+    fill = (diameter / abs(lf.spacing[2]), diameter / abs(lf.spacing[3]))
+    spread = (_FWHM * q / _FWHM_PER_SIGMA) ** 2
+    pupil = _pupil_variance(lf, camera.aperture_diameter / 2 / abs(lf.spacing[1]))
+    return CameraOptics(
+        LensletBlur(q, fill, _has_round_lenslets(camera)),
+        pupil / (pupil + spread),
+        camera.lenslet_pitch / camera.aperture_diameter,
+    )
+
+
+def _pupil_variance(lf: LightField, radius: float) -> float:
+    """Mean square of u, in views, over the views inside the pupil of a radius in views."""
+    v, u = (np.arange(n) - (n - 1) / 2 for n in lf.shape[:2])
+    weights = np.where(np.hypot(v[:, None], u[None, :]) <= radius, lf.weights, 0)
+    if not weights.any():
+        return radius**2 / 4
+    return float((weights * u**2).sum() / weights.sum())
+
+
+def _has_round_lenslets(camera: CameraModel) -> bool:
+    """Hexagonal cells count as round."""
+    return camera.lenslet_fill == "circular" or camera.lenslet_lattice == "hexagonal"

@@ -1,0 +1,340 @@
+"""Windows of single points: the pupil integral, whole cameras, and pixels that integrate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import reference_windows as reference
+
+from clplen import MicrolensArray, PicturePlane, PlenopticCamera, PointSources, SamplingError
+from clplen.cameras import Aberrations, PixelArray
+from clplen.cameras.optics.local_window import LocalWindows, window_shape
+from clplen.cameras.optics.wave_optics import WaveOptics
+from clplen.compute.device import Device
+
+LAM = 532e-9
+RELATIVE = {"single": 2e-4, "double": 2e-4}  # of the peak; the rim of the pupil on samples
+
+
+def slow(device: Device, kind: str) -> Any:
+    """Cameras whose pixels sample the light, so that a window as large as the sensor holds it."""
+    shared = {"focal_length": 0.12, "wavelength": LAM, "aperture_diameter": 3.6e-3}
+    if kind == "square":
+        mla = MicrolensArray(150e-6, 10e-3, count=35, fill="full")
+        return PlenopticCamera.type1(mla=mla, pixels_per_lenslet=15, device=device, **shared)
+    if kind == "hexagonal":
+        mla = MicrolensArray(150e-6, 10e-3, count=(37, 33), lattice="hexagonal", rotation=0.07)
+        return PlenopticCamera.type1(mla=mla, pixels_per_lenslet=16, device=device, **shared)
+    mla = MicrolensArray(150e-6, 3e-3, count=41, fill="full")
+    bent = Aberrations(main_lens={5: 4e-8, 8: -3e-8, 11: 3e-8}) if kind == "aberrated" else None
+    return PlenopticCamera.type2(
+        mla=mla, m=-0.25 if kind == "galilean" else 0.3, pixels_per_lenslet=24, device=device,
+        **shared, **({"aberrations": bent} if bent else {}),
+    )  # fmt: skip
+
+
+POINTS = [(0, 0, 0), (6e-4, -9e-4, 0), (3e-4, 2e-4, 0.05), (-3e-4, 5e-4, -0.05)]
+
+
+@pytest.mark.parametrize("kind", ["square", "hexagonal", "keplerian", "galilean", "aberrated"])
+def test_a_local_window_is_the_whole_window_about_a_point(
+    device: Device, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # no light leaves the whole window
+    monkeypatch.setattr(WaveOptics, "padding", lambda optics, positions: (2, 2))
+    camera = slow(device, kind)
+    for position in POINTS:
+        scene = PointSources(position, diameter=10e-6)
+        whole = camera.expose(scene, method="points").to_numpy().astype(np.float64)
+        local = camera.expose(scene, method="local").to_numpy().astype(np.float64)
+        # at the pupil's rim the whole window has samples' covered share, which is wrong by up to
+        # 4e-4 of the maximum beside the image; the local one is exact there (see below)
+        assert np.abs(local - whole).max() <= 5e-4 * whole.max()
+        assert np.linalg.norm(local - whole) <= 6e-4 * np.linalg.norm(whole)
+
+
+def windows_of(camera: Any, position: Any) -> LocalWindows:
+    optics, place = camera.optics, np.array([position], float)
+    return LocalWindows.of(optics, window_shape(optics, place[0]), place)
+
+
+def against_quadrature(camera: Any, position: Any, *, thin: bool, reach: float) -> float:
+    """Largest difference of abs(U) on the array from direct sums over the pupil, of the peak."""
+    made = windows_of(camera, position)
+    shape = made.shape
+    got = camera.device.download(made.array_fields())[0]
+    whole = made.energy[0] / (1 - camera.optics.rim_loss(shape.pitch))  # with the rim's whole light
+    got = np.abs(got) / np.sqrt(whole) / shape.pitch
+    generator = np.random.default_rng(5)
+    limit = int(reach / shape.pitch)
+    index = shape.samples // 2 + generator.integers(-limit, limit + 1, (12, 2))
+    index[0] = shape.samples // 2
+    y, x = (
+        np.asarray(camera.grid.origin)
+        + (made.centres[0] + index - shape.samples // 2) * shape.pitch
+    ).T
+    lens = reference.MainLens(
+        camera.focal_length,
+        camera.aperture_diameter,
+        camera.array_distance,
+        camera.wavelength,
+        thin,
+    )
+    x0, y0, dz = position
+    expected = reference.field_on_plane(lens, (x0, y0, camera.object_distance + dz), y, x)
+    return float(np.abs(got[tuple(index.T)] - np.abs(expected)).max() / got.max())
+
+
+@pytest.mark.parametrize("position", POINTS)
+def test_slow_pupils_against_quadrature(device: Device, position: Any) -> None:
+    assert against_quadrature(slow(device, "keplerian"), position, thin=True, reach=2e-4) <= 2e-4
+
+
+def fast(device: Device, f_number: float = 4.0, **change: Any) -> Any:
+    """A camera of 10 mm with 10 um lenslets, which no window of its pixels could sample."""
+    mla = MicrolensArray(10e-6, 40e-6, count=(29, 31), lattice="hexagonal")
+    values: dict[str, Any] = {
+        "focal_length": 10e-3, "object_distance": 1.0, "aperture_diameter": 10e-3 / f_number,
+        "mla": mla, "wavelength": 500e-9, "pixels": PixelArray(pitch=1.25e-6), "device": device,
+        "lens_model": "corrected",
+    }  # fmt: skip
+    return PlenopticCamera.type1(**(values | change))
+
+
+@pytest.mark.parametrize("f_number", [2.0, 4.0, 8.0])
+@pytest.mark.parametrize("position", [(0, 0, 0), (3e-3, -5e-3, 0), (2e-3, 1e-3, -0.4)])
+def test_fast_pupils_against_quadrature(device: Device, f_number: float, position: Any) -> None:
+    camera = fast(device, f_number)
+    # off the image only the light of the rim in the middle of the blur is not exact
+    assert against_quadrature(camera, position, thin=False, reach=1.2e-5) <= 1e-3
+
+
+def test_the_image_of_a_point_is_debyes(device: Device) -> None:
+    camera = fast(device, 2.0, object_distance=1e4)
+    made = windows_of(camera, (0, 0, 0))
+    field = np.abs(camera.device.download(made.array_fields())[0])
+    n, dx = made.shape.samples, made.shape.pitch
+    radius = np.hypot(*(np.indices((n, n)) - n // 2 + (made.numbers[0, 12:14] / dx)[:, None, None]))
+    near = radius * dx < 6e-6
+    lens = reference.MainLens(10e-3, 5e-3, camera.array_distance, 500e-9)
+    expected = reference.debye_on_axis_image(lens, radius[near] * dx)
+    got = field[near] / np.sqrt(made.energy[0]) / dx
+    middle = reference.field_on_plane(lens, (0, 0, 1e4), np.zeros(1), np.zeros(1))
+    np.testing.assert_allclose(got, expected * np.abs(middle), atol=2e-4 * got.max())
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("f_number", "position"),
+    [(2.8, (0, 0, 0)), (2.8, (2e-3, 1e-3, -0.4)), (5.6, (3e-3, -5e-3, 0))],
+)
+def test_fast_cameras_against_a_simulation_of_their_own(
+    device: Device, f_number: float, position: Any
+) -> None:
+    camera = fast(device, f_number)
+    raw = camera.expose(PointSources(position)).to_numpy().astype(np.float64)
+    lens = reference.MainLens(10e-3, 10e-3 / f_number, camera.image_distance, 500e-9)
+    x0, y0, dz = position
+    place = camera.optics.on_array(position)[0, ::-1]  # (y, x)
+    grid, n, times = camera.grid, 64, 24
+    first = [int(np.rint((c - o) / 1.25e-6)) for c, o in zip(place, grid.origin, strict=True)]
+    axes = [
+        o + (f + np.arange(n) - n // 2) * 1.25e-6 for f, o in zip(first, grid.origin, strict=True)
+    ]
+    at_array = reference.field_on_plane(
+        lens, (x0, y0, 1.0 + dz), axes[0][:, None], axes[1][None], radii=70, angles=240
+    )
+    fine = reference.finer(at_array, times)
+    y, x = (a[0] + np.arange(n * times) * 1.25e-6 / times for a in axes)
+    array = reference.lenslets(
+        y[:, None],
+        x[None],
+        pitch=10e-6,
+        f=40e-6,
+        wavelength=500e-9,
+        hexagonal=True,
+        rows=21,
+        within=2,
+    )
+    sensor = reference.onward(fine * array, 1.25e-6 / times, 40e-6, 500e-9)
+    density = np.abs(sensor) ** 2 * (1.25e-6 / times) ** 2
+    edges = np.ones(times + 1)
+    edges[[0, -1]] = 0.5
+    inner = range(n // 2 - 16, n // 2 + 17)
+    rows = [np.tensordot(edges, density[times * i - times // 2 :][: times + 1], 1) for i in inner]
+    expected = np.array(
+        [[edges @ row[times * i - times // 2 :][: times + 1] for i in inner] for row in rows]
+    )
+    down, right = (f + s // 2 - 16 for f, s in zip(first, grid.shape, strict=True))
+    got = raw[down : down + 33, right : right + 33]
+    # hard rims on the samples of the reference: 1e-3 at .05 um, 3e-3 at .1 um
+    assert np.linalg.norm(got - expected) <= 1.6e-3 * np.linalg.norm(expected)
+
+
+def binned(image: np.ndarray, times: int) -> np.ndarray:
+    ny, nx = (n // times for n in image.shape)
+    return np.asarray(image.astype(np.float64).reshape(ny, times, nx, times).sum(axis=(1, 3)))
+
+
+@pytest.mark.parametrize("position", [(0, 0, 0), (3e-4, -2e-4, 0.02)])
+def test_pixels_integrate(device: Device, position: Any) -> None:
+    """Against the same camera with a fifth of the pixels' pitch, binned."""
+    scene = PointSources(position, diameter=10e-6)
+    mla = MicrolensArray(150e-6, 10e-3, count=25, fill="full")
+    shared = {"focal_length": 0.12, "wavelength": LAM, "aperture_diameter": 3e-3, "mla": mla}
+    coarse, fine = (
+        PlenopticCamera.type1(pixels_per_lenslet=n, pixels=PixelArray(), device=device, **shared)
+        for n in (13, 65)
+    )
+    got = coarse.expose(scene).to_numpy()
+    expected = binned(fine.expose(scene).to_numpy(), 5)
+    assert np.linalg.norm(got - expected) <= 1e-3 * np.linalg.norm(expected)
+    middles = replace(coarse, pixels=None).expose(scene).to_numpy()
+    assert np.linalg.norm(middles - expected) > 1e-2 * np.linalg.norm(expected)
+
+
+def test_half_of_a_pixel_is_active(device: Device) -> None:
+    """Fringes of two waves: the integral over a square of the pixel's width times sqrt(.5)."""
+    from clplen.cameras.exposure.local_exposure import add_integrated
+    from clplen.wave.field.field import Field, Grid
+
+    n, period = 130, 5.2  # pixels a fringe; a whole number of them
+    x = np.arange(n)
+    rise = np.sin(np.pi / 2 * np.clip(np.minimum(x, n - 1 - x) / 30, 0, 1)) ** 2
+    wave = 1 + 0.7 * np.exp(2j * np.pi * x / period)
+    field = Field.from_array(
+        (rise[:, None] * rise * wave)[None].astype(np.complex64),
+        Grid((n, n), 1e-6),
+        wavelength=LAM,
+        device=device,
+    )
+    for fill in (0.25, 0.5, 1.0):
+        total = device.zeros((n, n), device.real)
+        active = PixelArray(fill_factor=fill).active
+        add_integrated(total, field, [1.0], active)
+        got = device.download(total)[50:70, 45:75]
+        shown = np.sinc(active / period)  # contrast left by a width of `active` pixels
+        expected = fill * (1 + 0.49 + 1.4 * shown * np.cos(2 * np.pi * x / period))
+        np.testing.assert_allclose(got, np.tile(expected[45:75], (20, 1)), rtol=1e-3, atol=2e-4)
+
+
+def test_less_fill_less_light(device: Device) -> None:
+    scene = PointSources((2e-3, 1e-3, -0.3))
+    whole = fast(device).expose(scene).to_numpy().sum()
+    half = fast(device, pixels=PixelArray(pitch=1.25e-6, fill_factor=0.5)).expose(scene)
+    assert half.to_numpy().sum() == pytest.approx(whole / 2, rel=0.03)
+
+
+def test_offset_and_size_of_the_sensor(device: Device) -> None:
+    """A smaller sensor beside the axis sees its part of what a large one sees."""
+    scene = PointSources([(3e-3, -5e-3, 0), (-2e-3, 1e-3, -0.2)])
+    large = fast(device, pixels=PixelArray(pitch=1.25e-6, shape=(201, 241)))
+    part = PixelArray(pitch=1.25e-6, shape=(121, 101), offset=(20e-6, -25e-6))
+    small = fast(device, pixels=part).expose(scene).to_numpy()
+    down, right = 100 + 16 - 60, 120 - 20 - 50
+    expected = large.expose(scene).to_numpy()[down : down + 121, right : right + 101]
+    np.testing.assert_allclose(small, expected, atol=1e-6 * expected.max())
+
+
+def test_a_turned_sensor_is_a_turned_array(device: Device) -> None:
+    camera = fast(device, pixels=PixelArray(pitch=1.25e-6, rotation=0.02))
+    assert camera.mla.rotation == pytest.approx(-0.02)
+    mla = MicrolensArray(10e-6, 40e-6, count=(29, 31), lattice="hexagonal", rotation=-0.02)
+    other = fast(device, mla=mla)
+    scene = PointSources((1e-3, 2e-3, 0))
+    np.testing.assert_array_equal(camera.expose(scene).to_numpy(), other.expose(scene).to_numpy())
+
+
+def test_crosstalk_moves_light_to_neighbours(device: Device) -> None:
+    scene = PointSources((1e-3, 2e-3, 0))
+    plain = fast(device).expose(scene).to_numpy().astype(np.float64)
+    kernel = ((0.0, 0.03, 0.0), (0.01, 0.9, 0.02), (0.0, 0.04, 0.0))
+    leaky = fast(device, pixels=PixelArray(pitch=1.25e-6, crosstalk=kernel)).expose(scene)
+    expected = sum(
+        share * np.roll(plain, (i - 1, k - 1), (0, 1))
+        for i, row in enumerate(kernel)
+        for k, share in enumerate(row)
+    )
+    got = leaky.to_numpy()
+    np.testing.assert_allclose(got[2:-2, 2:-2], expected[2:-2, 2:-2], atol=1e-6 * plain.max())
+
+
+def test_pictures_are_points(device: Device) -> None:
+    picture = PicturePlane(np.array([[0.2, 0.0, 1.0], [0.5, 0.3, 0.0]]), 3e-3, 0.1)
+    camera = fast(device)
+    raw = camera.expose(picture)
+    assert raw.exposure.route == "local"
+    one_by_one = camera.expose(picture.points()).to_numpy()
+    np.testing.assert_allclose(raw.to_numpy(), one_by_one, atol=1e-7 * one_by_one.max())
+
+
+def test_the_description_says_how_points_are_exposed(device: Device) -> None:
+    table = fast(device).describe()
+    assert table["active share"] == 1
+    assert 0 < table["light beyond it"] < 0.01
+    assert "do not sample the light" in str(table)
+    assert "window of a point" not in str(slow(device, "square").describe())
+
+
+def test_points_of_many_depths_add_up(device: Device) -> None:
+    places = [(0, 0, -0.3), (1e-3, 0, 0.1), (0, 1e-3, -0.3), (0, 0, -0.29), (1e-3, 1e-3, 0.1)]
+    power = [1.0, 0.5, 2.0, 1.5, 0.7]
+    camera = fast(device)
+    together = camera.expose(PointSources(places, power=power)).to_numpy()
+    apart = sum(
+        camera.expose(PointSources(place, power=each)).to_numpy()
+        for place, each in zip(places, power, strict=True)
+    )
+    np.testing.assert_allclose(together, apart, atol=1e-6 * together.max())
+
+
+def test_progress_counts_points(device: Device) -> None:
+    seen: list[tuple[int, int]] = []
+    points = PointSources([(0, 0, 0), (1e-3, 0, -0.3), (0, 1e-3, 0)])
+    fast(device).expose(points, progress=lambda done, total: seen.append((done, total)))
+    assert seen[-1] == (3, 3)
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+
+
+def test_what_needs_samples_of_the_sensor_says_so(device: Device) -> None:
+    slide = PicturePlane(np.ones((3, 3)), 1e-3, mode="transmission")
+    from clplen import Coherence
+
+    with pytest.raises(ValueError, match="Slides are exposed by fields in the middles of pixels"):
+        fast(device).expose(slide, coherence=Coherence())
+    with pytest.raises(SamplingError, match="cycles/m"):
+        fast(device).expose(PicturePlane(np.ones((3, 3)), 1e-3), method="isoplanatic")
+    with pytest.raises(SamplingError, match="beyond the array"):
+        fast(device).expose(PointSources((0.5, 0, 0)))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"fill_factor": 1.2}, "0 to 1"),
+        ({"fill_factor": float("nan")}, "0 to 1"),
+        ({"pitch": -1e-6}, "positive"),
+        ({"pitch": 1.4}, "did you mean"),
+        ({"shape": (0, 5)}, "1 or more"),
+        ({"shape": (3, 4, 5)}, r"\(ny, nx\)"),
+        ({"offset": (0.0, float("inf"))}, "finite"),
+        ({"rotation": float("nan")}, "finite"),
+        ({"crosstalk": [[0.5, 0.5]]}, "odd number"),
+        ({"crosstalk": [[0.5, 0.9, 0.5]]}, "1 or less"),
+    ],
+)
+def test_pixels_that_cannot_be(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        PixelArray(**change)
+
+
+def test_pixels_have_one_size(device: Device) -> None:
+    with pytest.raises(ValueError, match="contradicts the pixels' pitch"):
+        fast(device, pixels_per_lenslet=9)
+    with pytest.raises(ValueError, match="have no size"):
+        fast(device, pixels=None)
+    with pytest.raises(TypeError, match="PixelArray"):
+        fast(device, pixels=1.4e-6)
