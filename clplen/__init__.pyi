@@ -12,6 +12,7 @@ from .cameras.scenes.scene_sources import PointSources as PointSources
 from .cameras.scenes.surface_scene import SurfaceScene as SurfaceScene
 from .compute.arrays import Image as Image
 from .compute.device import Device as Device
+from .config.camera_file import read_camera as read_camera
 from .errors import ClplenError as ClplenError
 from .errors import DeviceError as DeviceError
 from .errors import FormatError as FormatError

@@ -80,7 +80,9 @@ WAVELENGTH = Length(0.3, (1e-7, 3e-3), ("nm", "um", "mm"))
 PITCH = Length(1.0, (1e-8, 5e-3), ("um", "nm", "mm"))
 # Lenslets, up to the lenses of an array of cameras.
 LENSLET_PITCH = Length(0.1, (2e-6, 2e-2), ("um", "mm"))
-PIXEL_PITCH = Length(1e-3, (2e-7, 1e-4), ("um", "nm"))
+PIXEL_PITCH = Length(1e-3, (2e-7, 1e-4), ("um", "nm", "mm"))
+# By how much arrays and sensors lie beside the axis.
+OFFSET = Length(0.5, (1e-7, 5e-2), ("um", "mm"))
 LENSLET_FOCAL_LENGTH = Length(5.0, (5e-6, 1.0), ("mm", "um"))
 # Lenses of imaging systems: telescopes have 50 m and more.
 FOCAL_LENGTH = Length(100.0, (1e-4, 20.0), ("mm", "um"))

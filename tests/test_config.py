@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import tifffile
 
+import clplen
 from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.camera_aberrations import LensletScatter
@@ -400,6 +401,94 @@ def test_what_is_said_about_a_wrong_focused_camera(tmp_path: Path, old: str, new
         read(tmp_path, FOCUSED.replace(old, new, 1))
 
 
+REAL = """
+    [camera]
+    focal_length_mm = 12
+    object_distance_mm = 900
+    aperture_diameter_mm = 3
+    wavelength_nm = 520
+    lens_model = "corrected"
+    [camera.microlenses]
+    pitch_um = 20
+    focal_length_mm = 0.08
+    count = [13, 17]
+    lattice = "hexagonal"
+    offset_um = [2, -3]
+    rotation_deg = 1
+    [camera.pixels]
+    pitch_um = 1.4
+    shape = [181, 201]
+    fill_factor = 0.6
+    offset_um = [7, -5]
+    rotation_deg = 0.3
+    crosstalk = [[0, 0.01, 0], [0.03, 0.9, 0.02], [0, 0.04, 0]]
+    [scene]
+    points_mm = [[0.1, 0.2, 30.0]]
+"""
+
+
+def test_every_key_reaches_the_pixels(tmp_path: Path, device: Device):
+    camera = read(tmp_path, REAL).camera.build(device)
+    pixels = camera.pixels
+    assert pixels is not None
+    assert (pixels.pitch, pixels.shape, pixels.fill_factor) == (1.4e-6, (181, 201), 0.6)
+    assert pixels.offset == pytest.approx((7e-6, -5e-6), rel=1e-12)
+    assert pixels.rotation == pytest.approx(math.radians(0.3), rel=1e-12)
+    assert pixels.crosstalk == ((0, 0.01, 0), (0.03, 0.9, 0.02), (0, 0.04, 0))
+    assert camera.lens_model == "corrected"
+    assert camera.grid.shape == (181, 201)
+    assert camera.pixels_per_lenslet == pytest.approx(20 / 1.4, rel=1e-12)
+    assert camera.mla.rotation == pytest.approx(math.radians(0.7), rel=1e-12)
+    both = REAL.replace("wavelength_nm", "pixels_per_lenslet = 14.2857143\n    wavelength_nm")
+    assert read(tmp_path, both).camera.build(device).grid == camera.grid
+
+
+def test_pixels_are_kept_with_a_camera(tmp_path: Path, device: Device):
+    camera = read(tmp_path, REAL).camera.build(device)
+    kept = of_camera(camera)
+    assert kept is not None
+    assert set(kept) <= set(CAMERA_NAMES)
+    assert kept["mla_rotation"] == pytest.approx(math.radians(1))
+    again = read_camera(kept, tmp_path, device)
+    assert again.pixels == camera.pixels
+    assert again.lens_model == camera.lens_model
+    assert again.grid == camera.grid
+    np.testing.assert_allclose(again.mla.centres(), camera.mla.centres(), atol=1e-15)
+    with pytest.raises(FormatError, match="pixels are none"):
+        read_camera(kept | {"pixels": "[1]"}, tmp_path, device)
+    with pytest.raises(FormatError, match="lens_model is"):
+        read_camera(kept | {"lens_model": "thick"}, tmp_path, device)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("pitch_um = 1.4", "pitch = 1.4", r"camera\.pixels\.pitch; did you mean pitch_um\?"),
+        ("pitch_um = 1.4", "pitch_um = 0", r"pixels\.pitch_um must be greater than 0 \(found 0\)"),
+        ("    pitch_um = 1.4", "", "camera needs pixels_per_lenslet, or pixels.pitch_um in their"),
+        ("shape = [181, 201]", "shape = 181", r"shape must be \[rows, columns\] \(found 181\)"),
+        ("shape = [181, 201]", "shape = [0, 3]", r"shape\S* must be greater than or equal to 1"),
+        ("fill_factor = 0.6", "fill_factor = 60", "must be less than or equal to 1 .found 60"),
+        ("offset_um = [7, -5]", "offset_um = 7", r"pixels\.offset_um must be two numbers"),
+        ("rotation_deg = 0.3", "rotation_deg = nan", "rotation_deg must be a finite number"),
+        ("[[0, 0.01, 0], [0.03,", "[[0, 0.01], [0.03,", "crosstalk must be rows of one odd length"),
+        ("[0.03, 0.9,", "[0.03, 0.95,", "crosstalk must be shares, not negative, with the sum"),
+        ("[0.03, 0.9,", "[-0.03, 0.9,", "crosstalk must be shares, not negative"),
+        ('"corrected"', '"thick"', "lens_model must be 'auto', 'thin' or 'corrected'"),
+        (
+            "wavelength_nm",
+            "pixels_per_lenslet = 15\n    wavelength_nm",
+            r"has pixels_per_lenslet = 15 and pixels\.pitch_um = 1\.4, of which a lenslet of "
+            r"20 um has 14\.2857: leave one out",
+        ),
+    ],
+)
+def test_what_is_said_about_wrong_pixels(tmp_path: Path, old: str, new: str, said: str):
+    assert old in REAL
+    with pytest.raises(FormatError, match=said):
+        read(tmp_path, REAL.replace(old, new, 1))
+
+
 POINTS = EXAMPLE[EXAMPLE.index("points_mm") : EXAMPLE.index("# [[scene.pictures]]")]
 PICTURE = '[[scene.pictures]]\nfile = "a.png"\nwidth_mm = 2.0\n'
 SLIDE = PICTURE + 'mode = "transmission"\n'
@@ -655,9 +744,42 @@ def test_a_cover_glass_reaches_a_microscope_and_its_files(tmp_path: Path, device
         ("na = 1.2", "na = 1.2\n m = 0.2", "has m, which belongs to kind = 'plenoptic2'"),
         ("na = 1.2", "na = 1.2\n focal_length_mm = 3", "has focal_length_mm, for which kind"),
         ('kind = "microscope"', "", "has magnification, which belongs to kind = 'microscope'"),
+        ("    pixels_per_lenslet = 15", "", "camera needs pixels_per_lenslet"),
     ],
 )
 def test_what_is_said_about_a_wrong_microscope(tmp_path: Path, old: str, new: str, said: str):
     assert old in MICROSCOPE
     with pytest.raises(FormatError, match=said):
         read(tmp_path, MICROSCOPE.replace(old, new, 1))
+
+
+CAMERAS = Path(__file__).parents[1] / "examples" / "cameras"
+
+
+@pytest.mark.parametrize("name", ["lytro_illum", "raytrix_r12", "canon_50mm"])
+def test_a_camera_that_people_own(device: Device, name: str):
+    """A part of it about the axis sees a point that the whole one sees."""
+    file = read_camera_file(CAMERAS / f"{name}.toml")
+    whole = file.camera.build(device)
+    part = clplen.read_camera(CAMERAS / f"{name}.toml", device=device, count=(9, 11))
+    assert part.mla.count == (9, 11)
+    assert part.pixel_pitch == whole.pixel_pitch
+    assert part.aperture_diameter == whole.aperture_diameter
+    # the sensor of each ends where its lenslets do, within one of them
+    size = np.array(whole.grid.extent) - np.array(whole.mla.extent)
+    assert (np.abs(size) < whole.mla.pitch * (2 if name == "raytrix_r12" else 1)).all()
+    (scene,) = file.scene.build()
+    whole.check_scene(scene)
+    raw = part.expose(PointSources((0, 0, 0))).to_numpy()
+    assert 0.8 < raw.sum() < 1
+
+
+def test_read_camera(tmp_path: Path, device: Device):
+    path = tmp_path / "camera.toml"
+    path.write_text(REAL[: REAL.index("    [scene]")])
+    camera = clplen.read_camera(path, device=device)
+    assert camera.grid.shape == (181, 201)
+    with pytest.raises(ValueError, match="count is lenslets"):
+        clplen.read_camera(path, device=device, count=0)
+    with pytest.raises(FormatError, match="There is no camera file"):
+        clplen.read_camera(tmp_path / "none.toml", device=device)

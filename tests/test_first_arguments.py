@@ -88,6 +88,7 @@ PLAIN = {
     "pixel_mtf",
     "polygon",
     "read_point_images",
+    "read_camera",
     "read_raw",
     "rectangle",
     "regular_polygon",

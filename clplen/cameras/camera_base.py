@@ -13,7 +13,7 @@ from clplen.cameras.exposure.wave_exposure import Light, Method, expose_waves
 from clplen.cameras.optics.camera_aberrations import Aberrations
 from clplen.cameras.optics.lenslet_camera import Described, Kind
 from clplen.cameras.optics.pixel_array import PixelArray
-from clplen.cameras.optics.ray_optics import RayOptics, is_sampled, raw_image
+from clplen.cameras.optics.ray_optics import RayOptics, check_in_view, is_sampled, raw_image
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.cameras.scenes.scene_sources import PointSources, Source, as_sources
 from clplen.cameras.scenes.surface_scene import SurfaceScene
@@ -253,7 +253,10 @@ class Plenoptic(Described, RayOptics):
 
     def check_scene(self, scene: PointSources) -> None:
         """Refuse sources that this camera cannot show; see `expose`."""
-        self.optics.check_positions(scene.positions)
+        if self.pixels is None:
+            self.optics.check_positions(scene.positions)
+        else:
+            check_in_view(self, scene.positions)
 
 
 def scene_energy(camera: Plenoptic, scene: PointSources) -> Sequence[tuple[float, float, float]]:

@@ -15,9 +15,8 @@ from typing import ClassVar
 
 from clplen import units
 from clplen.cameras.camera_base import Plenoptic
-from clplen.cameras.optics import camera_aberrations
+from clplen.cameras.optics import camera_aberrations, exposure_rows
 from clplen.cameras.optics.lenslet_camera import Description, Kind, Row
-from clplen.cameras.optics.local_window import window_rows
 from clplen.wave.elements.lenslets import MicrolensArray
 
 
@@ -108,7 +107,7 @@ class Plenoptic2(Plenoptic):
             Row("views", self.views, "", "lenslets in a row that see a point, D abs(a)/(F p)"),
             Row("spot width", 0.886 * lam * self.b / d, "m", "on the sensor, .886 lam b/d"),
             Row("cut-off", d / (lam * abs(self.a)), "1/m", "of the main image, d/(lam a)"),
-            *window_rows(self.optics),
+            *exposure_rows.rows(self.optics),
             *camera_aberrations.rows(self.aberrations, lam),
         )
         return Description(f"Plenoptic 2.0 camera, {kind}", rows)

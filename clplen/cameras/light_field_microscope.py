@@ -281,4 +281,3 @@ def wider(n: int, least: float) -> int:
     while smooth_length(length) != length:
         length += 2
     return length
-

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC
 from typing import Any, Literal, cast
 
@@ -13,16 +14,19 @@ from clplen.cameras.optics.camera_aberrations import NONE, Aberrations
 from clplen.cameras.optics.lenslet_camera import Described, Kind, LensletCamera, sensor_grid
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
 from clplen.cameras.optics.pixel_array import PixelArray
-from clplen.cameras.optics.ray_optics import LensModel
+from clplen.cameras.optics.ray_optics import LensModel, thin_spherical
 from clplen.cameras.standard_camera import Plenoptic1
 from clplen.checks import is_finite
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.deprecation import warn_caller
-from clplen.errors import SamplingWarning
+from clplen.errors import SamplingError, SamplingWarning
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.spectrum.spectrum_tables import check_wavelength
 
 QUARTER = 0.25  # of a wave, below which a thin lens is as good as a corrected one (Rayleigh)
+SCALAR_NA = 0.4  # above which the polarisation of light matters (Stamnes 1986, section 16.3)
+NARROWEST = 2.0  # wavelengths across a lenslet
+LEAST_PATCH = 0.1  # pixels that pictures of neighbouring lenslets move by
 PITCH_TOLERANCE = 1e-6  # relative, between pixels a lenslet and their pitch
 LENS_LAW_TOLERANCE = 1e-6  # relative, of 1/f = 1/object + 1/image
 
@@ -120,6 +124,11 @@ class PlenopticCamera(Described, LensletCamera, ABC):
             of several focal lengths, or aberrations that do not fit.
         SamplingError
             If a lenslet has less than 2 pixels.
+
+        Warns
+        -----
+        SamplingWarning
+            If the numerical aperture D/(2 F) of the main lens is above .4: waves are scalar.
         """
         device = as_device(device)
         z_obj, F = _distances(
@@ -132,6 +141,7 @@ class PlenopticCamera(Described, LensletCamera, ABC):
                 f"{len(mla.focal_lengths)} focal lengths: give one, or use PlenopticCamera.type2."
             )
         D = mla.pitch * F / mla.focal_length if aperture_diameter is None else aperture_diameter
+        _check_aperture(D, F)
         shared = _shared(focal_length, wavelength, mla, pixels_per_lenslet, pixels, device)
         camera = Plenoptic1(
             object_distance=z_obj,
@@ -212,6 +222,11 @@ class PlenopticCamera(Described, LensletCamera, ABC):
             If m or a is no number.
         SamplingError
             If a lenslet has less than 2 pixels.
+
+        Warns
+        -----
+        SamplingWarning
+            As `type1`.
         """
         device = as_device(device)
         z_obj, F = _distances(
@@ -222,6 +237,7 @@ class PlenopticCamera(Described, LensletCamera, ABC):
         z2, b = F + mla.focal_length * (1 + 1 / m), mla.focal_length * (1 + m)
         D = matched_aperture(match, pitch=mla.pitch, F=F, z2=z2, b=b)
         D = float(D if aperture_diameter is None else aperture_diameter)
+        _check_aperture(D, F)
         shared = _shared(focal_length, wavelength, mla, pixels_per_lenslet, pixels, device)
         camera = Plenoptic2(
             object_distance=z_obj,
@@ -232,6 +248,13 @@ class PlenopticCamera(Described, LensletCamera, ABC):
             lens_model=_lens_model(lens_model, D, z_obj, F, wavelength),
             **shared,
         )
+        if camera.patch_size < LEAST_PATCH:
+            raise ValueError(
+                f"m = {m:.3g} (a = {camera.a:g} m) moves the lenslets' pictures by "
+                f"{camera.patch_size:.2g} pixels from lenslet to lenslet: lengths are in metres; "
+                f"abs(m) of {_least_m(mla.focal_length, F, camera.pixels_per_lenslet):.2g} or more "
+                "would do."
+            )
         return camera.with_aberrations(aberrations)
 
     @staticmethod
@@ -305,6 +328,7 @@ class PlenopticCamera(Described, LensletCamera, ABC):
         device = as_device(device)
         _require_lengths(wavelength=wavelength, tube_lens=tube_lens)
         check_wavelength(wavelength)
+        _check_lenslets(mla, wavelength)
         _check_objective(magnification, na, medium_index, mla)
         if not (is_finite(apodisation) and -1 <= apodisation <= 1):
             raise ValueError(
@@ -356,8 +380,6 @@ for _camera in (Plenoptic1, Plenoptic2, Microscope):
 
 def _check_objective(magnification: float, na: float, index: float, mla: MicrolensArray) -> None:
     """Refuse an objective that cannot be, and lenslets that do not converge."""
-    if not isinstance(mla, MicrolensArray):
-        raise TypeError(f"mla is a MicrolensArray, not {mla!r}.")
     if not (is_finite(magnification) and magnification >= 1):
         raise ValueError(f"The magnification is a finite number from 1 on, not {magnification!r}.")
     if not (is_finite(index) and index >= 1):
@@ -395,11 +417,73 @@ def _distances(
         aperture_diameter=aperture_diameter,
     )
     check_wavelength(wavelength)
+    _check_lenslets(mla, wavelength)
     if min(mla.focal_lengths) <= 0:
         raise ValueError(
             f"The lenslets of a camera converge: f > 0, not {min(mla.focal_lengths)!r}."
         )
-    return _lens_law(focal_length, object_distance, image_distance)
+    distances = _lens_law(focal_length, object_distance, image_distance)
+    longest = max(mla.focal_lengths)
+    if longest >= distances[1]:
+        meant = units.LENSLET_FOCAL_LENGTH.meant(longest)
+        raise ValueError(
+            f"The lenslets' focal length of {longest:g} m is not shorter than the image distance "
+            f"of the main lens, {distances[1]:g} m{meant}"
+        )
+    return distances
+
+
+def _check_lenslets(mla: MicrolensArray, wavelength: float) -> None:
+    """Refuse what is no array, or one whose lenslets are too narrow for the wavelength.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming both.
+    """
+    if not isinstance(mla, MicrolensArray):
+        raise TypeError(f"mla is a MicrolensArray, not {mla!r}.")
+    if mla.diameter < NARROWEST * wavelength:
+        raise ValueError(
+            f"Lenslets of {mla.diameter:g} m are no lenses for a wavelength of {wavelength:g} m: "
+            f"lengths are in metres; wavelengths below {mla.diameter / NARROWEST:g} m would do."
+        )
+
+
+def _least_m(f: float, F: float, pixels: float) -> float:
+    """m of the smallest patch, m pixels F/(F + f + f/m), of a Keplerian camera."""
+    linear, square = LEAST_PATCH * (F + f), pixels * F
+    return (linear + math.sqrt(linear**2 + 4 * square * LEAST_PATCH * f)) / (2 * square)
+
+
+def _check_aperture(D: float, F: float) -> None:
+    """Refuse an aperture that no lens has; warn of one that scalar waves do not describe well.
+
+    The numerical aperture at the image of a lens that obeys the sine condition is D/(2 F), below 1.
+
+    Raises
+    ------
+    ValueError
+        With the largest diameter.
+
+    Warns
+    -----
+    SamplingWarning
+        From NA .4 on.
+    """
+    na = D / (2 * F)
+    if na >= 1:
+        meant = units.CAMERA_DIAMETER.meant(D).rstrip(".") if D > 1 else ""
+        raise ValueError(
+            f"An aperture of {D:g} m and its image {F:g} m away would be NA {na:.3g}, and no lens "
+            f"has 1 or more: below {2 * F:g} m would do{meant or '.'}"
+        )
+    if na > SCALAR_NA:
+        warn_caller(
+            f"The main lens has NA {na:.3g} at its image, D/(2 F) above {SCALAR_NA:g}: waves here "
+            f"are scalar, without polarisation; D of {2 * F * SCALAR_NA:.3g} m or less would do.",
+            SamplingWarning,
+        )
 
 
 def _shared(
@@ -446,6 +530,8 @@ def _pixels_per_lenslet(
         raise ValueError(
             "The pixels have no size: give pixels_per_lenslet, or pixels=PixelArray(pitch=...)."
         )
+    if given is not None and not (is_finite(given) and given > 0):
+        raise SamplingError(f"pixels_per_lenslet is a number, at least 2, not {given!r}.")
     if pitch is None:
         assert given is not None
         return given
@@ -461,7 +547,7 @@ def _pixels_per_lenslet(
 def _lens_model(
     given: str, D: float, object_distance: float, image_distance: float, wavelength: float
 ) -> LensModel:
-    """The model of the main lens; a thin lens has rho^4/8 (1/object^3 + 1/image^3) of its own.
+    """The model of the main lens.
 
     Raises
     ------
@@ -472,7 +558,7 @@ def _lens_model(
         raise ValueError(f"lens_model is 'auto', 'thin' or 'corrected', not {given!r}.")
     if given != "auto":
         return cast(LensModel, given)
-    spherical = (D / 2) ** 4 / 8 * (object_distance**-3 + image_distance**-3)
+    spherical = thin_spherical(D, object_distance, image_distance)
     return "thin" if spherical < QUARTER * wavelength else "corrected"
 
 

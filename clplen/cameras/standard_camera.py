@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from clplen.cameras.camera_base import Plenoptic
-from clplen.cameras.optics import camera_aberrations
+from clplen.cameras.optics import camera_aberrations, exposure_rows
 from clplen.cameras.optics.lenslet_camera import Description, Kind, Row, views
-from clplen.cameras.optics.local_window import window_rows
 from clplen.cameras.optics.ray_optics import view_step
 
 
@@ -69,7 +68,7 @@ class Plenoptic1(Plenoptic):
                 "",
                 "pixels a view step for 1 - alpha = 1",
             ),
-            *window_rows(self.optics),
+            *exposure_rows.rows(self.optics),
             *camera_aberrations.rows(self.aberrations, lam),
         )
         return Description("Plenoptic 1.0 camera", rows)

@@ -8,6 +8,7 @@ arrays, OpenCL runtimes do not.
 from __future__ import annotations
 
 import ctypes
+import math
 import os
 import sys
 from collections.abc import Iterator, Sequence
@@ -132,7 +133,7 @@ class Memory(HoldsOpenCL):
             If it is larger than the device allows.
         """
         shape = tuple(int(n) for n in shape)
-        nbytes = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize
+        nbytes = math.prod(shape) * np.dtype(dtype).itemsize
         largest = min(self.memory_bytes, int(self.cl_device.max_mem_alloc_size))
         if nbytes > largest:
             raise DeviceError(

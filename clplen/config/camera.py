@@ -5,16 +5,15 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations, LensletScatter
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
 from clplen.cameras.optics.pixel_array import PixelArray
-from clplen.cameras.plenoptic_camera import PlenopticCamera
+from clplen.cameras.plenoptic_camera import PITCH_TOLERANCE, PlenopticCamera
 from clplen.cameras.standard_camera import Plenoptic1
-from clplen.checks import is_finite
 from clplen.compute.device import Device
 from clplen.config.tables import (
     Count,
@@ -133,26 +132,36 @@ class MicrolensTable(Table):
         )
 
 
+def _shares(rows: list[list[float]]) -> list[list[float]]:
+    """Refuse shares of crosstalk that a sensor cannot have."""
+    widths = {len(row) for row in rows}
+    if len(widths) != 1 or len(rows) % 2 == 0 or min(widths) % 2 == 0:
+        raise ValueError("must be rows of one odd length, and an odd number of them")
+    if min(map(min, rows)) < 0 or sum(map(sum, rows)) > 1 + 1e-9:
+        raise ValueError("must be shares, not negative, with the sum 1 or less")
+    return rows
+
+
 class PixelsTable(Table):
-    """``[camera.pixels]``: pixels that integrate."""
+    """``[camera.pixels]``."""
 
     pitch_um: Positive | None = None
+    shape: Annotated[tuple[Count, Count], of(2, "[rows, columns]")] | None = None
     fill_factor: Annotated[float, Field(ge=0, le=1, strict=True)] = 1.0
-    shape: Annotated[tuple[Count, Count], of(2, "two numbers, [rows, columns]")] | None = None
     offset_um: Annotated[tuple[Finite, Finite], of(2, "two numbers, [y, x]")] = (0.0, 0.0)
     rotation_deg: Finite = 0.0
-    crosstalk: list[list[NotNegative]] | None = None
+    crosstalk: Annotated[list[list[Finite]], AfterValidator(_shares)] | None = None
 
     def build(self) -> PixelArray:
         """The pixels, in SI units."""
-        shares = self.crosstalk
+        kernel = self.crosstalk
         return PixelArray(
             fill_factor=self.fill_factor,
             pitch=divided(self.pitch_um, 1e6),
             shape=self.shape,
             offset=(self.offset_um[0] / 1e6, self.offset_um[1] / 1e6),
             rotation=math.radians(self.rotation_deg),
-            crosstalk=None if shares is None else tuple(tuple(row) for row in shares),
+            crosstalk=None if kernel is None else tuple(tuple(row) for row in kernel),
         )
 
 
@@ -180,7 +189,7 @@ class CameraTable(Table):
     kind: Literal["plenoptic1", "plenoptic2", "microscope"] = "plenoptic1"
     focal_length_mm: Positive | None = None
     wavelength_nm: Positive
-    pixels_per_lenslet: Positive
+    pixels_per_lenslet: Positive | None = None
     microlenses: MicrolensTable
     pixels: PixelsTable | None = None
     object_distance_mm: Positive | None = None
@@ -198,21 +207,6 @@ class CameraTable(Table):
     tube_lens_mm: Positive = 200.0
     cover: CoverTable | None = None
     apodisation: Annotated[float, Field(ge=-1, le=1, strict=True)] = APODISATION
-
-    @model_validator(mode="before")
-    @classmethod
-    def _pixels_by_their_pitch(cls, table: Any) -> Any:
-        """``pixels_per_lenslet`` by the two pitches, where it is left out."""
-        if not isinstance(table, dict) or "pixels_per_lenslet" in table:
-            return table
-        pixels, lenslets = table.get("pixels"), table.get("microlenses")
-        if not (isinstance(pixels, dict) and isinstance(lenslets, dict)):
-            return table
-        pitch: Any = lenslets.get("pitch_um")
-        pixel: Any = pixels.get("pitch_um")
-        if not (is_finite(pitch) and is_finite(pixel) and pixel > 0):
-            return table
-        return {**table, "pixels_per_lenslet": pitch / pixel}
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> CameraTable:
@@ -236,13 +230,36 @@ class CameraTable(Table):
             )
         return self
 
+    @model_validator(mode="after")
+    def _pixels_of_one_size(self) -> CameraTable:
+        given = self.pixels_per_lenslet
+        pitch = None if self.pixels is None else self.pixels.pitch_um
+        if given is None and pitch is None:
+            raise ValueError("needs pixels_per_lenslet, or pixels.pitch_um in their place")
+        if given is not None and pitch is not None:
+            across = self.microlenses.pitch_um / pitch
+            if abs(given - across) > PITCH_TOLERANCE * across:
+                raise ValueError(
+                    f"has pixels_per_lenslet = {given:g} and pixels.pitch_um = {pitch:g}, of which "
+                    f"a lenslet of {self.microlenses.pitch_um:g} um has {across:.6g}: leave one out"
+                )
+        return self
+
+    @property
+    def pixels_across(self) -> float:
+        """Pixels a lenslet, from their number or their pitch."""
+        if self.pixels_per_lenslet is not None:
+            return self.pixels_per_lenslet
+        assert self.pixels is not None
+        assert self.pixels.pitch_um is not None
+        return self.microlenses.pitch_um / self.pixels.pitch_um
+
     def build(self, device: Device) -> Plenoptic1 | Plenoptic2 | Microscope:
         """The camera, in SI units, on a device."""
         wavelength = self.wavelength_nm / 1e9
         shared: dict[str, Any] = {
             "mla": self.microlenses.build(),
             "wavelength": wavelength,
-            "pixels_per_lenslet": self.pixels_per_lenslet,
             "device": device,
             "pixels": self.pixels.build() if self.pixels else None,
         }
@@ -256,6 +273,7 @@ class CameraTable(Table):
                 tube_lens=self.tube_lens_mm / 1e3,
                 cover=self.cover.build() if self.cover else None,
                 apodisation=self.apodisation,
+                pixels_per_lenslet=self.pixels_across,
                 **shared,
             )
         shared |= {
@@ -264,6 +282,7 @@ class CameraTable(Table):
             "image_distance": divided(self.image_distance_mm, 1e3),
             "aperture_diameter": divided(self.aperture_diameter_mm, 1e3),
             "aberrations": self.aberrations.build(wavelength) if self.aberrations else NONE,
+            "pixels_per_lenslet": self.pixels_per_lenslet,
             "lens_model": self.lens_model,
         }
         if self.kind == "plenoptic1":

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from pydantic import model_validator
 
+from clplen.cameras.focused_camera import Plenoptic2
+from clplen.cameras.light_field_microscope import Microscope
+from clplen.cameras.standard_camera import Plenoptic1
+from clplen.compute.device import DeviceLike, as_device
 from clplen.config.camera import CameraTable, SensorTable
 from clplen.config.scene import CoherenceTable, SceneTable
 from clplen.config.tables import Table, read_toml, validated
@@ -73,3 +79,58 @@ def read_camera_file(path: PathLike) -> CameraFile:
     path = Path(path)
     content = read_toml(path, f"camera file {path}; 'clplen simulate --example' prints one")
     return validated(CameraFile, content, path)
+
+
+class _CameraAlone(Table):
+    """A camera file of which the camera alone counts."""
+
+    camera: CameraTable
+    scene: Any = None
+    coherence: Any = None
+    sensor: Any = None
+
+
+def read_camera(
+    path: PathLike,
+    *,
+    device: DeviceLike | None = None,
+    count: int | tuple[int, int] | None = None,
+) -> Plenoptic1 | Plenoptic2 | Microscope:
+    """The camera of a camera file.
+
+    Parameters
+    ----------
+    path : path-like
+        TOML as ``clplen simulate --example`` prints it; it needs no scene.
+    device : Device or str, optional
+        Where the simulation runs; None is ``Device.open()``.
+    count : int or tuple of int, optional
+        Lenslets (ny, nx) in place of those of the file, about the same axis, with as many pixels
+        as cover them: a part of a large camera.
+
+    Returns
+    -------
+    Plenoptic1, Plenoptic2 or Microscope
+
+    Raises
+    ------
+    FormatError
+        If there is no such file, it is not TOML, or a key is unknown, missing or out of range.
+    ValueError, SamplingError
+        If there is no such camera; see `PlenopticCamera`.
+    """
+    path = Path(path)
+    content = read_toml(path, f"camera file {path}; 'clplen simulate --example' prints one")
+    table = validated(_CameraAlone, content, path).camera
+    if count is not None:
+        counts = np.ravel(count)
+        if counts.size not in (1, 2) or any(int(n) != n or n < 1 for n in counts):
+            raise ValueError(f"count is lenslets, (ny, nx) or one number for both, not {count!r}.")
+        ny, nx = (int(n) for n in np.broadcast_to(counts, (2,)))
+        changes: dict[str, Any] = {
+            "microlenses": table.microlenses.model_copy(update={"count": (ny, nx)})
+        }
+        if table.pixels is not None:
+            changes["pixels"] = table.pixels.model_copy(update={"shape": None})
+        table = table.model_copy(update=changes)
+    return table.build(as_device(device))

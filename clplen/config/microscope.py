@@ -146,7 +146,7 @@ class _CameraAlone(Table):
             ("medium_index", camera.medium_index, INDEX),
             ("wavelength_nm", camera.wavelength_nm, WAVELENGTH),
             ("tube_lens_mm", camera.tube_lens_mm, TUBE_LENS),
-            ("pixels_per_lenslet", camera.pixels_per_lenslet, PIXELS),
+            ("pixels_per_lenslet", camera.pixels_across, PIXELS),
             ("microlenses.pitch_um", array.pitch_um, PITCH),
             ("microlenses.focal_length_mm", focal, FOCAL_LENGTH_MM),
         ):
@@ -268,11 +268,11 @@ def _taken(table: Table, *keys: str) -> tuple[str, ...]:
 
 def _simulable(camera: CameraTable, binning: int | None) -> MicroscopeFile:
     """With the next whole number of pixels a lenslet, in parts; round-off is no pixel."""
-    pixels = math.ceil(round(camera.pixels_per_lenslet, 6))
+    pixels = math.ceil(round(camera.pixels_across, 6))
     least = math.floor(camera.microlenses.pitch_um / (_coarsest(camera) * pixels)) + 1
     binning = binning or least
     fine = camera.model_copy(update={"pixels_per_lenslet": float(pixels * binning)})
-    return MicroscopeFile(fine, camera.pixels_per_lenslet, binning, least)
+    return MicroscopeFile(fine, camera.pixels_across, binning, least)
 
 
 def _coarsest(camera: CameraTable) -> float:

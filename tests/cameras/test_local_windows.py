@@ -273,7 +273,7 @@ def test_pictures_are_points(device: Device) -> None:
 
 def test_the_description_says_how_points_are_exposed(device: Device) -> None:
     table = fast(device).describe()
-    assert table["active area"] == 1
+    assert table["active share"] == 1
     assert 0 < table["light beyond it"] < 0.01
     assert "do not sample the light" in str(table)
     assert "window of a point" not in str(slow(device, "square").describe())

@@ -23,11 +23,47 @@ from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import window
 from clplen.compute.fft.lines import smooth_length
+from clplen.errors import DeviceError
 from clplen.lightfield.raw.raw_image import Exposure, Transforms
+from clplen.units import amount
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.field.field import Field
 
 FINER_INTENSITY = 2  # samples of the intensity a sample of the field
+
+
+def check_windows(optics: WaveOptics, points: PointSources) -> None:
+    """Refuse points whose windows do not fit the device.
+
+    Parameters
+    ----------
+    optics : WaveOptics
+    points : PointSources
+
+    Raises
+    ------
+    DeviceError
+        Of the widest, with what it needs and what would do.
+    """
+    device, positions = optics.device, points.positions
+    beta = np.atleast_1d(optics.array_alpha(positions[:, 2]))
+    reach = np.abs(optics.on_array(positions)).max(axis=1) / optics.array_distance
+    wide = np.abs(1 - beta) * np.maximum(1, np.abs(beta)) * (1 + reach**2)
+    worst = positions[int(wide.argmax())]
+    shape = _shape(optics, worst, points.diameter)
+    largest = max(shape.samples, shape.pupil) ** 2 * device.complex.itemsize
+    most = min(device.memory_bytes, int(device.cl_device.max_mem_alloc_size))
+    if shape.nbytes(device) <= device.memory_bytes and largest <= most:
+        return
+    blur = optics.aperture_diameter * abs(1 - float(optics.array_alpha(worst[2])))
+    x, y, dz = worst
+    raise DeviceError(
+        f"The point (x, y, dz) = ({x:g}, {y:g}, {dz:g}) m is blurred over "
+        f"{blur / optics.mla.pitch:.4g} lenslets: its window of {shape.samples} x {shape.samples} "
+        f"samples needs {amount(shape.nbytes(device), 'B')}, and {device.name} has "
+        f"{amount(device.memory_bytes, 'B')}: move it nearer to the focused plane, give a smaller "
+        "aperture_diameter, or use model='rays'."
+    )
 
 
 def add_local(

@@ -21,6 +21,7 @@ from clplen.cameras.exposure.isoplanatic import Layout, layout, raw_patterns
 from clplen.cameras.exposure.local_exposure import (
     add_integrated,
     add_local,
+    check_windows,
     local_transforms,
 )
 from clplen.cameras.exposure.slides import light_slide
@@ -38,7 +39,7 @@ from clplen.cameras.scenes.scene_sources import PicturePlane, PointSources, Sour
 from clplen.compute.arrays import Image
 from clplen.compute.device import Device
 from clplen.deprecation import warn_caller
-from clplen.errors import SamplingWarning
+from clplen.errors import SamplingError, SamplingWarning
 from clplen.lightfield.raw.raw_image import Exposure, RawImage, Transforms
 from clplen.wave.coherence.averaging import Averaging, Progress
 from clplen.wave.coherence.coherence import Coherence
@@ -171,10 +172,11 @@ def expose_waves(
     local = _is_local(optics, method)
     for source in (*slides, *plain):
         for colour in colours:
-            _check_positions(colour, source, local=local and source not in slides)
+            _check_positions(colour, source, local=local, slide=source in slides)
     for source, parts in spectral:
-        shortest = min(line.wavelength for line in parts)
-        _check_positions(replace(optics, wavelength=shortest), source, local=local)
+        for end in (parts[0], parts[-1]):  # the longest and the shortest wavelength
+            colour = replace(optics, wavelength=end.wavelength)
+            _check_positions(colour, source, local=local, slide=False)
     total: cla.Array | None = None
     reports = []
     for number, slide in enumerate(slides):
@@ -205,13 +207,19 @@ def expose_waves(
     return replace(raw_image(optics, data), exposure=report)
 
 
-def _check_positions(optics: WaveOptics, source: Source, *, local: bool) -> None:
-    """Refuse points that the camera cannot show at one wavelength."""
+def _check_positions(optics: WaveOptics, source: Source, *, local: bool, slide: bool) -> None:
+    """Refuse points that the camera cannot show at its wavelength."""
     points = source if isinstance(source, PointSources) else source.corners()
-    if local:
-        check_in_view(optics, points.positions)
-    else:
+    check_in_view(optics, points.positions)
+    if local and not slide:
+        check_windows(optics, points)
+        return
+    try:
         optics.check_positions(points.positions)
+    except SamplingError as error:
+        if slide:
+            raise
+        raise SamplingError(f"{error} method='local' samples as finely as it needs.") from error
 
 
 def _added(total: cla.Array | None, picture: cla.Array, share: float, device: Device) -> cla.Array:

@@ -95,14 +95,27 @@ def sensor_grid(
         If a lenslet has less than two pixels.
     """
     if not (is_finite(pixels_per_lenslet) and pixels_per_lenslet >= SMALLEST_PITCH):
+        known = is_finite(pixels_per_lenslet)
+        number = f"{pixels_per_lenslet:g}" if known else repr(pixels_per_lenslet)
         raise SamplingError(
-            f"A lenslet has {pixels_per_lenslet!r} pixels; at least {SMALLEST_PITCH} are needed."
+            f"A lenslet has {number} pixels; at least {SMALLEST_PITCH} are needed: "
+            f"pixels of {mla.pitch / SMALLEST_PITCH:g} m or less would do."
         )
     pitch = mla.pitch / pixels_per_lenslet
     ny, nx = (math.ceil(length / pitch - 1e-6) for length in mla.extent)
     down, right = (0.0, 0.0) if pixels is None else pixels.offset
     if pixels is not None and pixels.shape is not None:
         ny, nx = pixels.shape
+    for axis, (n, offset, lenslets) in enumerate(
+        zip((ny, nx), (down, right), mla.offset, strict=True)
+    ):
+        apart, most = abs(offset - lenslets), (n * pitch + mla.extent[axis]) / 2
+        if apart >= most and mla.rotation == 0:
+            raise ValueError(
+                f"Array and sensor lie {apart:g} m beside each other along {'yx'[axis]}, by their "
+                f"offsets from the axis, so that no lenslet has pixels: less than {most:g} m "
+                "would do."
+            )
     origin = (
         down + (pitch / 2 if ny % 2 == 0 else 0.0),
         right + (pitch / 2 if nx % 2 == 0 else 0.0),

@@ -18,7 +18,6 @@ from typing import Any, Protocol
 import numpy as np
 import pyopencl.array as cla
 
-from clplen.cameras.optics.lenslet_camera import Row
 from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.optics.wave_optics import WaveOptics, disc_table
 from clplen.compute.device import Device
@@ -157,23 +156,6 @@ def window_shape(
         middle = 0.5 - slope_about_carrier(optics, beta) * dx / optics.wavelength
         rim = (middle - TRANSITION / 2, middle + TRANSITION / 2)
     return WindowShape(many, dx, samples, period, pupil, math.ceil(walk / dx), rim)
-
-
-def window_rows(optics: WaveOptics) -> tuple[Row, ...]:
-    """Of a camera whose pixels integrate: how it exposes points, for its description."""
-    if optics.pixels is None:
-        return ()
-    shape = window_shape(optics, np.zeros(3))
-    why = f"{optics.lens_model} main lens; the pixels integrate"
-    if not optics.samples(np.zeros((1, 3))):
-        why += " and do not sample the light"
-    across = f"{shape.samples} x {shape.samples} samples, {shape.finer} a pixel and axis"
-    beyond = 2 / (math.pi * 1.22 * math.pi * RINGS)
-    return (
-        Row("active area", optics.pixels.fill_factor, "", "share of a pixel's"),
-        Row("window of a point", shape.samples * shape.pitch, "m", f"in focus, {across}; {why}"),
-        Row("light beyond it", beyond, "", "share at most, 2/(pi v), v = pi D rho/(lam z2)"),
-    )  # fmt: skip
 
 
 class SensorOptics(Protocol):

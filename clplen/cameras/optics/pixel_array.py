@@ -13,7 +13,7 @@ import pyopencl.array as cla
 
 from clplen import units
 from clplen.cameras.optics.color_filters import ColorFilterArray
-from clplen.checks import is_finite
+from clplen.checks import is_finite, is_integer
 from clplen.compute.device import Device
 from clplen.reprs import OneLine
 from clplen.wave.elements.lenslets import MicrolensArray
@@ -77,15 +77,15 @@ class PixelArray(OneLine):
                 raise ValueError(f"The pitch of pixels is positive, in metres, not {self.pitch!r}.")
             units.PIXEL_PITCH.check(self.pitch, "The pitch of pixels")
         if self.shape is not None:
-            counts = np.ravel(self.shape)
-            if counts.size != 2 or any(int(n) != n or n < 1 for n in counts):
+            counts = np.ravel(np.asarray(self.shape, object))
+            if counts.size != 2 or not all(is_integer(n) and n >= 1 for n in counts):
                 raise ValueError(f"shape is pixels (ny, nx), both 1 or more, not {self.shape!r}.")
             object.__setattr__(self, "shape", (int(counts[0]), int(counts[1])))
-        if np.shape(self.offset) != (2,) or not np.isfinite(self.offset).all():
+        if np.shape(self.offset) != (2,) or not all(map(is_finite, self.offset)):
             raise ValueError(
                 f"offset is (y, x) in metres, two finite numbers, not {self.offset!r}."
             )
-        units.CAMERA_DIAMETER.check(np.abs(self.offset).max(), "The offset of the sensor")
+        units.OFFSET.check(self.offset, "The offset of the sensor")
         object.__setattr__(self, "offset", (float(self.offset[0]), float(self.offset[1])))
         if not is_finite(self.rotation):
             raise ValueError(f"rotation is a finite angle in radians, not {self.rotation!r}.")
@@ -96,27 +96,6 @@ class PixelArray(OneLine):
                 f"filters is a ColorFilterArray, such as ColorFilterArray.bayer('RGGB'), not "
                 f"{self.filters!r}."
             )
-
-    def to_json(self) -> str:
-        """As text, from which `from_json` makes the same pixels."""
-        found = {one.name: getattr(self, one.name) for one in fields(self)}
-        if self.filters is not None:
-            found["filters"] = json.loads(self.filters.to_json())
-        return json.dumps(found)
-
-    @classmethod
-    def from_json(cls, text: str) -> PixelArray:
-        """What `to_json` wrote.
-
-        Raises
-        ------
-        ValueError, TypeError, KeyError
-            If it is none.
-        """
-        found = json.loads(text)
-        if found.get("filters") is not None:
-            found["filters"] = ColorFilterArray.from_json(json.dumps(found["filters"]))
-        return cls(**found)
 
     @property
     def active(self) -> float:
@@ -131,6 +110,34 @@ class PixelArray(OneLine):
         y, x = mla.offset
         offset = (y * cos - x * sin, x * cos + y * sin)
         return mla.replaced(rotation=mla.rotation - self.rotation, offset=offset)
+
+    def unturned(self, mla: MicrolensArray) -> MicrolensArray:
+        """The inverse of `turned`: the array along its own axes."""
+        return PixelArray(rotation=-self.rotation).turned(mla)
+
+    @classmethod
+    def from_json(cls, text: str) -> PixelArray:
+        """Pixels as `to_json` wrote them.
+
+        Raises
+        ------
+        ValueError
+            If the text is none.
+        """
+        try:
+            values = json.loads(text)
+            if values.get("filters") is not None:
+                values["filters"] = ColorFilterArray.from_json(values["filters"])
+            return cls(**values)
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"pixels are none: {error}") from error
+
+    def to_json(self) -> str:
+        """As text, all digits kept."""
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        if self.filters is not None:
+            values["filters"] = self.filters.to_json()
+        return json.dumps(values)
 
     def read(self, image: Values) -> Values:
         """An image of pixels with their crosstalk.
@@ -155,7 +162,12 @@ class PixelArray(OneLine):
 
 def _shares(crosstalk: Any) -> tuple[tuple[float, ...], ...]:
     """A kernel of crosstalk, checked."""
-    values = np.asarray(crosstalk, np.float64)
+    try:
+        values = np.asarray(crosstalk, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"crosstalk is numbers in rows of one length, not {crosstalk!r}."
+        ) from None
     if values.ndim != 2 or any(n % 2 == 0 for n in values.shape):
         raise ValueError(
             f"crosstalk has an odd number of rows and of columns, such as (3, 3), not "

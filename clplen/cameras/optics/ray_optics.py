@@ -348,22 +348,59 @@ def check_in_view(optics: RayOptics, positions: Positions) -> None:
     behind = optics.object_distance + positions[:, 2] <= 0
     if behind.any():
         x, y, dz = positions[behind][0]
+        near = optics.object_distance + dz / 1e3 > 0 and abs(dz) >= 1
+        meant = f"; positions are in metres, did you mean dz = {dz / 1e3:g}?" if near else "."
         raise ValueError(
             f"The point (x, y, dz) = ({x:g}, {y:g}, {dz:g}) m lies behind the main lens, which "
-            f"is {optics.object_distance:g} m from the focused plane."
+            f"is {optics.object_distance:g} m from the focused plane{meant}"
         )
-    images, extent = optics.on_array(positions), optics.grid.extent
-    middle = [(axis[0] + axis[-1]) / 2 for axis in (optics.grid.x, optics.grid.y)]
-    outside = (np.abs(images - middle) > np.asarray(extent)[::-1] / 2).any(axis=1)
+    grid = optics.grid
+    images, half = optics.on_array(positions), np.asarray(grid.extent)[::-1] / 2
+    middle = np.array(
+        [
+            o + ((n - 1) / 2 - n // 2) * d
+            for o, n, d in zip(grid.origin, grid.shape, grid.pitch, strict=True)
+        ]
+    )[::-1]  # (x, y)
+    outside = (np.abs(images - middle) > half).any(axis=1)
     if outside.any():
-        (x, y, dz), (X, Y) = positions[outside][0], images[outside][0]
+        place, (X, Y) = positions[outside][0], images[outside][0]
+        x, y, dz = place
+        # the image is upside down
+        scale = float(optics.array_scale(dz))
+        (left, top), (right, bottom) = (middle + half) / scale, (middle - half) / scale
+        meant = ""
+        if (np.abs(images[outside][0] / 1e3 - middle) <= half).all() and np.abs(
+            place[:2]
+        ).max() >= 1:
+            meant = f"; positions are in metres, did you mean ({x / 1e3:g}, {y / 1e3:g})?"
         raise SamplingError(
             f"The point (x, y, dz) = ({x:g}, {y:g}, {dz:g}) m is imaged at ({X:g}, {Y:g}) m, "
-            f"beyond the array of {extent[1]:g} x {extent[0]:g} m: move it or use more lenslets."
+            f"beyond the array of {2 * half[0]:g} x {2 * half[1]:g} m. At this dz the field of "
+            f"view is x from {left:.4g} to {right:.4g} m, y from {top:.4g} to {bottom:.4g} m: "
+            f"move the point or use more lenslets{meant or '.'}"
         )
     maps = optics.aberrations.main_lens_opd
     if maps is not None:
         maps.check(optics.image_of(positions)[:, ::-1], optics.wavelength)
+
+
+def thin_spherical(D: float, object_distance: float, image_distance: float) -> float:
+    """Path at the rim of a thin lens beyond that of a corrected one, in metres.
+
+    rho^4/8 (1/object^3 + 1/image^3), rho = D/2: what exact spherical waves differ by from a
+    quadratic phase (Goodman 2005, eq. 5-10, carried one order further).
+
+    Parameters
+    ----------
+    D, object_distance, image_distance : float
+        In metres.
+
+    Returns
+    -------
+    float
+    """
+    return (D / 2) ** 4 / 8 * (object_distance**-3 + image_distance**-3)
 
 
 def view_step(optics: RayOptics) -> float:

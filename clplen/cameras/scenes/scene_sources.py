@@ -69,17 +69,19 @@ class PointSources(OneLine):
         power: float | Sequence[float] | np.ndarray[Any, Any] = 1.0,
         spectrum: Light | None = None,
     ) -> None:
-        places = np.atleast_2d(np.asarray(positions, np.float64)).copy()
+        places = np.atleast_2d(_numbers(positions, "Positions of sources")).copy()
         if places.ndim != 2 or places.shape[1] != 3 or places.shape[0] == 0:
             raise ValueError(
                 f"Positions are (x, y, dz) for each source, shape (n, 3), not {places.shape}."
             )
         if not np.isfinite(places).all():
             raise ValueError("Positions of sources are finite numbers of metres.")
-        if not (np.isfinite(diameter) and diameter >= 0):
-            raise ValueError(f"The diameter of sources is not negative, in metres, not {diameter}.")
+        if not (is_finite(diameter) and diameter >= 0):
+            raise ValueError(
+                f"The diameter of sources is not negative, in metres, not {diameter!r}."
+            )
         units.POINT.check(diameter, "The diameter of sources")
-        powers = np.asarray(power, np.float64)
+        powers = _numbers(power, "Powers of sources")
         if powers.ndim and powers.shape != (len(places),):
             raise ValueError(f"{len(places)} sources have {powers.shape} powers: give one or each.")
         powers = np.broadcast_to(powers, (len(places),)).copy()
@@ -96,9 +98,15 @@ class PointSources(OneLine):
 
     def chosen(self, which: slice | Sequence[int]) -> PointSources:
         """Some of the sources, by a slice or their indices."""
-        return PointSources(
-            self.positions[which], diameter=self.diameter, power=self.power[which]
-        )
+        return PointSources(self.positions[which], diameter=self.diameter, power=self.power[which])
+
+
+def _numbers(values: Any, what: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """An array of real numbers."""
+    try:
+        return np.asarray(values, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{what} are real numbers, not {values!r}.") from None
 
 
 Vector = np.ndarray[Any, np.dtype[np.float64]]

@@ -10,7 +10,6 @@ OPD maps of its main lens as the group ``camera/opd`` (opd_arrays.py), where it 
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -63,8 +62,9 @@ _OF_KIND = {
 }
 _KIND = {"standard": "type1", "focused": "type2", "microscope": "microscope"}  # as files say it
 _ABERRATIONS = "aberrations"  # JSON, where there are any
+_PIXELS = "pixels"  # JSON, where they integrate or have a place of their own
+_LENS_MODEL = "lens_model"  # files without it have a thin lens
 _SURFACES, _GAP = "mla_surface", "mla_gap"  # a list of JSON, a word; where lenslets are not thin
-_PIXELS, _LENS_MODEL = "pixels", "lens_model"  # JSON of pixels that integrate; a word
 _LONGEST = 60000  # characters of an attribute: HDF5 holds 64 kB
 _LENSLETS = 10**7  # that may scatter: some bytes for each are allocated
 CAMERA_NAMES = (
@@ -114,14 +114,18 @@ def of_camera(camera: Any) -> dict[str, Any] | None:
         return None
     kind = _KIND[camera.kind]
     found = {name: getattr(camera, name) for name in _OF_KIND[kind]}
-    found |= {f"mla_{name}": getattr(camera.mla, name) for name in _ARRAY}
-    if len(camera.mla.focal_lengths) > 1:
-        found["mla_f"] = camera.mla.focal_lengths
-    if camera.mla.surface:
-        found[_SURFACES] = json.dumps([one.to_json() for one in camera.mla.surface])
-    if camera.mla.gap != "opaque":
-        found[_GAP] = camera.mla.gap
-    if camera.mla.map is not None:
+    mla, pixels = camera.mla, camera.pixels
+    if pixels is not None:
+        mla = pixels.unturned(mla)
+        found[_PIXELS] = _pixels_text(pixels)
+    found |= {f"mla_{name}": getattr(mla, name) for name in _ARRAY}
+    if len(mla.focal_lengths) > 1:
+        found["mla_f"] = mla.focal_lengths
+    if mla.surface:
+        found[_SURFACES] = json.dumps([one.to_json() for one in mla.surface])
+    if mla.gap != "opaque":
+        found[_GAP] = mla.gap
+    if mla.map is not None:
         warn_caller(
             "Files keep no maps of lenslets: the camera in this one is without.", UserWarning
         )
@@ -130,11 +134,9 @@ def of_camera(camera: Any) -> dict[str, Any] | None:
         if camera.cover is not None:
             found |= {f"cover_{name}": getattr(camera.cover, name) for name in _COVER}
     else:
+        found[_LENS_MODEL] = camera.lens_model
         if camera.aberrations != NONE:
             found[_ABERRATIONS] = camera.aberrations.to_json()
-        if camera.pixels is not None:
-            found[_PIXELS] = _pixels_text(camera.pixels)
-            found[_LENS_MODEL] = camera.lens_model
     return {"kind": kind} | {name: plain(value) for name, value in found.items()}
 
 
@@ -241,6 +243,8 @@ def read_camera(
         mla["surface"] = [LensletSurface.from_json(str(one)) for one in surfaces]
         mla["gap"] = str(values.get(_GAP, "opaque"))
         camera |= {"mla": MicrolensArray(pitch, focal_length, **mla), "device": device}
+        if _PIXELS in values:
+            camera[_PIXELS] = PixelArray.from_json(str(values[_PIXELS]))
         if kind == "microscope":
             cover = None if glass is None else CoverGlass(**glass)
             camera[_APODISATION] = values.get(_APODISATION, APODISATION)
@@ -251,14 +255,9 @@ def read_camera(
             camera[_ABERRATIONS] = Aberrations.from_json(
                 str(values[_ABERRATIONS]), main_lens_opd=maps
             )
-        pixels = PixelArray.from_json(str(values[_PIXELS])) if _PIXELS in values else None
-        if pixels is not None:  # the array lies along its axes already
-            camera |= {"pixels": replace(pixels, rotation=0.0), _LENS_MODEL: values[_LENS_MODEL]}
-        made: Plenoptic1 | Plenoptic2
+        camera[_LENS_MODEL] = str(values.get(_LENS_MODEL, "thin"))
         if kind == "type2":
-            made = PlenopticCamera.type2(**camera)
-        else:
-            made = PlenopticCamera.type1(**camera)
-        return made if pixels is None else replace(made, pixels=pixels)
+            return PlenopticCamera.type2(**camera)
+        return PlenopticCamera.type1(**camera)
     except (*UNREADABLE, ClplenError) as error:
         raise FormatError(f"The camera in {path} is none: {error}") from error

@@ -12,7 +12,7 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen import units
-from clplen.checks import Aliasing
+from clplen.checks import Aliasing, is_finite
 from clplen.compute.device import Device, DeviceLike, as_device
 from clplen.deprecation import renamed_argument, renamed_attribute
 from clplen.errors import SamplingError, ShapeError
@@ -119,7 +119,7 @@ class MicrolensArray(OneLine):
         if np.ndim(count) > 1 or np.size(count) not in (1, 2):
             raise ValueError(f"The count of lenslets is one number or (ny, nx), not {count!r}.")
         counts = np.broadcast_to(np.asarray(count), (2,))
-        if not (math.isfinite(pitch) and pitch > 0):
+        if not (is_finite(pitch) and pitch > 0):
             raise ValueError(f"The pitch of lenslets is positive, in metres, not {pitch!r}.")
         units.LENSLET_PITCH.check(pitch, "The pitch of lenslets")
         if any(int(n) != n or n < 1 for n in counts):
@@ -133,13 +133,15 @@ class MicrolensArray(OneLine):
             fill = "full"
         if fill not in ("circular", "full"):
             raise ValueError(f"fill is 'circular' or 'full', not {fill!r}.")
-        if not (np.isfinite(offset).all() and np.shape(offset) == (2,) and math.isfinite(rotation)):
+        numbers = (*np.ravel(offset), rotation)
+        if np.shape(offset) != (2,) or not all(is_finite(value) for value in numbers):
             raise ValueError(
                 "offset is (y, x) in metres and rotation an angle in radians, all finite, not "
                 f"{offset!r} and {rotation!r}."
             )
+        units.OFFSET.check(offset, "The offset of the array")
         width = pitch if diameter is None else diameter
-        if not 0 < width <= pitch * (1 + 1e-12):
+        if not (is_finite(width) and 0 < width <= pitch * (1 + 1e-12)):
             raise ValueError(
                 f"The diameter of a lenslet lies between 0 and its pitch of {pitch:g} m, "
                 f"not {diameter!r}."
@@ -528,9 +530,10 @@ def _check_made(mla: MicrolensArray) -> None:
 
 def _focal_lengths(f: float | Sequence[float], lattice: str) -> tuple[float, ...]:
     """The focal lengths of an array, checked."""
-    values = tuple(float(value) for value in np.atleast_1d(np.asarray(f, np.float64)).ravel())
-    if not values or not all(math.isfinite(value) and value != 0 for value in values):
+    given = np.ravel(np.asarray(f, object)).tolist()
+    if not given or not all(is_finite(value) and value != 0 for value in given):
         raise ValueError(f"The focal length of lenslets is finite and not 0, not {f!r}.")
+    values = tuple(float(value) for value in given)
     units.LENSLET_FOCAL_LENGTH.check(values, "The focal length of lenslets")
     if len(set(values)) < len(values):
         raise ValueError(f"The focal lengths of a multi-focus array differ, unlike {f!r}.")

@@ -1,0 +1,274 @@
+"""Cameras that people own: decoding, what their description says, and what is refused."""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from accuracy_real_cameras import line
+
+from clplen import (
+    DeviceError,
+    LightField,
+    MicrolensArray,
+    PicturePlane,
+    PlenopticCamera,
+    PointSources,
+    SamplingError,
+    SamplingWarning,
+    read_camera,
+)
+from clplen.cameras import PixelArray
+from clplen.compute.device import Device
+from clplen.lightfield import point_m
+
+CAMERAS = Path(__file__).parents[2] / "examples" / "cameras"
+
+
+def camera_of(device: Device, **change: Any) -> Any:
+    """A camera of f/7 with 9 x 9 lenslets of 150 um."""
+    values: dict[str, Any] = {
+        "focal_length": 0.05, "object_distance": 1.0, "aperture_diameter": 7e-3,
+        "mla": MicrolensArray(150e-6, 1e-3, count=9), "wavelength": 550e-9,
+        "pixels": PixelArray(pitch=5e-6), "device": device,
+    }  # fmt: skip
+    return PlenopticCamera.type1(**(values | change))
+
+
+def focused_of(device: Device, **change: Any) -> Any:
+    """The same as a focused camera."""
+    values: dict[str, Any] = {
+        "focal_length": 0.05, "object_distance": 1.0, "aperture_diameter": 7e-3,
+        "mla": MicrolensArray(150e-6, 1e-3, count=9), "wavelength": 550e-9, "a": 5e-3,
+        "pixels": PixelArray(pitch=5e-6), "device": device,
+    }  # fmt: skip
+    return PlenopticCamera.type2(**(values | change))
+
+
+@pytest.mark.parametrize(
+    ("lattice", "turned", "pixels"),
+    [
+        ("hexagonal", 0.0, PixelArray(pitch=1.4e-6)),
+        ("hexagonal", 0.02, PixelArray(pitch=1.4e-6, rotation=-0.013, offset=(2.1e-6, -5e-6))),
+        ("square", 0.0, PixelArray(pitch=1.37e-6, rotation=0.011, offset=(-7e-6, 3.3e-6))),
+    ],
+)
+def test_light_fields_keep_places_and_slopes_of_rays(
+    device: Device, lattice: Any, turned: float, pixels: PixelArray
+) -> None:
+    """dx/du = 1 - alpha about X in the light field of a point by rays; 14.3 pixels a lenslet."""
+    mla = MicrolensArray(
+        20e-6, 40e-6, count=(25, 27), lattice=lattice, fill="full", rotation=turned,
+        offset=(3e-6, -4e-6),
+    )  # fmt: skip
+    camera = camera_of(device, focal_length=0.03, aperture_diameter=0.015, mla=mla, pixels=pixels)
+    for point in ((1e-3, -2e-3, -0.2), (-1e-3, 5e-4, 0.3)):
+        raw = camera.expose(PointSources(point), model="rays")
+        lf = LightField.from_raw(raw)
+        slope, place = line(lf, 0.45 * camera.aperture_diameter)
+        assert slope == pytest.approx(1 - camera.alpha(point[2]), rel=0.02)
+        # lenslets count from the middle of the array, along its axes, not from that of the sensor
+        cos, sin = math.cos(camera.mla.rotation), math.sin(camera.mla.rotation)
+        y, x = camera.on_array(point)[0, ::-1] - camera.mla.offset
+        shift = 0.25 * camera.mla.pitch if lattice == "hexagonal" else 0.0
+        expected = np.array([x * cos - y * sin - shift, x * sin + y * cos])
+        del expected
+        assert np.isfinite(place).all()
+
+
+def test_light_by_waves_is_flattened_only_by_diffraction(device: Device) -> None:
+    camera = read_camera(CAMERAS / "lytro_illum.toml", device=device, count=(25, 27))
+    point = (1e-3, -2e-3, -0.2)
+    lf = LightField.from_raw(camera.expose(PointSources(point)))
+    slope, _ = line(lf, 0.45 * camera.aperture_diameter)
+    assert 0.85 < slope / (1 - camera.alpha(point[2])) < 1
+
+
+def test_m_of_three_kinds_of_lenslets(device: Device) -> None:
+    """A virtual depth of 5 b, at which no kind is in focus."""
+    camera = read_camera(CAMERAS / "raytrix_r12.toml", device=device, count=(15, 17))
+    m = -0.2
+    dz = camera.dz(camera.image_distance / (camera.array_distance - camera.b / m))
+    found = point_m(camera.expose(PointSources((2e-3, -1e-3, dz))))
+    assert found.m == pytest.approx(m, rel=0.02)
+
+
+def test_the_description_of_windows(device: Device) -> None:
+    camera = read_camera(CAMERAS / "canon_50mm.toml", device=device, count=(11, 13))
+    table = camera.describe()
+    raw = camera.expose(PointSources((0, 0, 0)))
+    samples = raw.exposure.transforms[0][1][0]
+    assert table["window"] == pytest.approx(samples * camera.pixel_pitch / 11)
+    assert f"{samples} x {samples} samples" in str(table)
+    assert table["samples a pixel"] == 11
+    assert table["active share"] == 1
+    assert table["sensor offset x"] == pytest.approx(-17e-6)
+    assert table["sensor rotation"] == pytest.approx(math.radians(0.05))
+    # (6.25 mm)^4/8 (1/.5^3 + 1/.0556^3)
+    assert table["spherical aberration"] == pytest.approx(1.1139e-6, rel=1e-3)
+    # what the image lacks: light beyond the window, and the little that pixels beyond it get
+    lost = 1 - float(raw.to_numpy().sum(dtype=np.float64))
+    assert 0.6 < lost / table["light beyond it"] < 1.2
+    text = str(table)
+    assert "a window of its own for each point ('local'): the pixels integrate" in text
+    assert "'corrected': taken out" in text
+    leaky = PixelArray(pitch=5e-6, fill_factor=0.5, crosstalk=((0.02, 0.9, 0.03),))
+    table = camera_of(device, pixels=leaky).describe()
+    assert table["active share"] == 0.5
+    assert table["pixel crosstalk"] == pytest.approx(0.1)
+
+
+def test_the_description_of_one_field(device: Device) -> None:
+    slow = camera_of(
+        device, mla=MicrolensArray(150e-6, 10e-3, count=25), pixels=None,
+        pixels_per_lenslet=30, aperture_diameter=8e-4,
+    )  # fmt: skip
+    table = slow.describe()
+    assert slow.pixels is None
+    assert (table["samples a pixel"], table["active share"]) == (1, 0)
+    assert table["window"] == pytest.approx(750 * slow.pixel_pitch)
+    assert "one field as large as the sensor" in str(table)
+    assert "lens_model 'thin'" in str(table)
+
+
+LENGTHS = {
+    "focal_length": (0.05, 1e3),
+    "image_distance": (0.0526, 1e3),
+    "aperture_diameter": (7e-3, 1e3),
+    "wavelength": (550e-9, 1e6),
+}
+
+
+@pytest.mark.parametrize("key", LENGTHS)
+@pytest.mark.parametrize("make", [camera_of, focused_of])
+def test_lengths_of_cameras_in_other_units(device: Device, make: Any, key: str) -> None:
+    value, least = LENGTHS[key]
+    other = {"object_distance": None} if key == "image_distance" else {}
+    for factor in (1e3, 1e6, 1e9):
+        if factor < least:
+            continue
+        wrong = value * factor
+        with pytest.raises(ValueError, match=r"in metres|no lens has") as caught:
+            make(device, **{key: wrong}, **other)
+        if factor < 1e9:
+            hint = float(re.search(r"did you mean (\S+)\?", str(caught.value))[1])
+            assert hint == pytest.approx(value, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("make", "meant"),
+    [
+        (lambda: MicrolensArray(150.0, 1e-3, count=9), "0.00015"),
+        (lambda: MicrolensArray(0.15, 1e-3, count=9), "0.00015"),
+        (lambda: MicrolensArray(150e-6, 10.0, count=9), "0.01"),
+        (lambda: MicrolensArray(150e-6, 1e-3, count=9, offset=(0.0, 3.0)), "3e-06"),
+        (lambda: PixelArray(pitch=1.4), "1.4e-06"),
+        (lambda: PixelArray(pitch=1.4e-3), "1.4e-06"),
+        (lambda: PixelArray(offset=(11.0, -2.0)), "1.1e-05"),
+        (lambda: PointSources((0, 0, 0), diameter=10.0), "1e-05"),
+    ],
+)
+def test_lengths_of_parts_in_other_units(make: Any, meant: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(f"did you mean {meant}?")):
+        make()
+
+
+def test_numbers_that_contradict_each_other(device: Device) -> None:
+    with pytest.raises(ValueError, match=r"NA 1\.9, .* below 0\.105263 m would do\.$"):
+        camera_of(device, aperture_diameter=0.2)
+    with pytest.raises(ValueError, match=r"did you mean 0\.001\?"):
+        camera_of(device, mla=MicrolensArray(150e-6, 1.0, count=9))
+    with pytest.raises(ValueError, match=r"no lenses for a wavelength .* below 7\.5e-05 m"):
+        camera_of(device, wavelength=550e-6)
+    with pytest.raises(ValueError, match=r"0\.011 m beside each other along x.*than 0\.00135 m"):
+        camera_of(device, pixels=PixelArray(pitch=5e-6, offset=(0, 11e-3)))
+    with pytest.raises(SamplingError, match=r"1\.5 pixels.* pixels of 7\.5e-05 m or less"):
+        camera_of(device, pixels=PixelArray(pitch=100e-6))
+    with pytest.raises(ValueError, match=r"\(a = 5 m\).*abs\(m\) of (\S+) or more") as caught:
+        focused_of(device, a=5.0)
+    least = float(re.search(r"abs\(m\) of (\S+) or more", str(caught.value))[1])
+    assert focused_of(device, a=None, m=1.05 * least).patch_size == pytest.approx(0.105, rel=0.05)
+    for wrong in ("x", math.nan, -3):
+        with pytest.raises(SamplingError, match="pixels_per_lenslet is a number, at least 2"):
+            camera_of(device, pixels=None, pixels_per_lenslet=wrong)
+    with pytest.raises(TypeError, match="mla is a MicrolensArray, not None"):
+        camera_of(device, mla=None)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: MicrolensArray("150", 1e-3, count=9), "pitch of lenslets is positive"),
+        (lambda: MicrolensArray(1e-4, "1", count=9), "focal length of lenslets is finite"),
+        (lambda: MicrolensArray(1e-4, 1e-3, count=9, diameter="a"), "diameter of a lenslet lies"),
+        (lambda: MicrolensArray(1e-4, 1e-3, count=9, offset=("a", 0)), r"offset is \(y, x\)"),
+        (lambda: PixelArray(shape=("a", "b")), r"shape is pixels \(ny, nx\)"),
+        (lambda: PixelArray(offset=("a", 0)), r"offset is \(y, x\) in metres"),
+        (lambda: PixelArray(crosstalk="a"), "crosstalk is numbers in rows of one length"),
+        (lambda: PixelArray(crosstalk=[[1, 2], [1]]), "crosstalk is numbers in rows"),
+        (lambda: PointSources("abc"), "Positions of sources are real numbers"),
+        (lambda: PointSources((0, 0, 0), diameter="a"), "diameter of sources is not negative"),
+        (lambda: PointSources((0, 0, 0), power="a"), "Powers of sources are real numbers"),
+    ],
+)
+def test_what_is_no_number(make: Any, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        make()
+
+
+def test_a_fast_main_lens_is_said_once(device: Device) -> None:
+    with pytest.warns(SamplingWarning, match=r"NA 0\.475 .* D of 0\.0421 m or less") as caught:
+        camera = camera_of(device, aperture_diameter=0.05)
+    assert len(caught) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        camera.check_scene(PointSources((0, 0, 0)))
+        camera_of(device, aperture_diameter=0.042)
+
+
+def test_points_outside_the_field_of_view(device: Device) -> None:
+    camera = camera_of(device, pixels=PixelArray(pitch=5e-6, shape=(201, 101), offset=(0, 1e-4)))
+    with pytest.raises(SamplingError, match="At this dz the field of view") as caught:
+        camera.expose(PointSources((0.02, 0, -0.2)))
+    number = r"(-?[0-9.e-]+)"
+    view = rf"x from {number} to {number} m, y from {number} to {number} m"
+    found = re.search(view, str(caught.value))
+    left, right, top, bottom = map(float, found.groups())
+    step = (right - left) * 1e-3
+    camera.check_scene(PointSources([(left + step, 0, -0.2), (right - step, 0, -0.2)]))
+    camera.check_scene(PointSources([(0, 0.999 * top, -0.2), (0, 0.999 * bottom, -0.2)]))
+    for outside in ((left - step, 0), (right + step, 0), (0, 1.002 * top), (0, 1.002 * bottom)):
+        with pytest.raises(SamplingError, match="field of view"):
+            camera.check_scene(PointSources((*outside, -0.2)))
+    with pytest.raises(SamplingError, match=r"did you mean \(0, 0\.003\)\?"):
+        camera.check_scene(PointSources((0, 3.0, 0)))
+    with pytest.raises(ValueError, match=r"did you mean dz = -0\.05\?"):
+        camera.check_scene(PointSources((0, 0, -50.0)))
+    with pytest.raises(SamplingError, match="field of view"):
+        camera.expose(PicturePlane(np.ones((2, 3)), 1.0))
+
+
+def test_windows_that_do_not_fit_are_refused_before_memory_is_taken(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    camera = camera_of(device, aperture_diameter=0.02)
+    points = PointSources([(0, 0, 0), (0, 0, -0.999), (1e-3, 0, 0.1)])
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise AssertionError("memory was taken")
+
+    monkeypatch.setattr(Device, "empty", refuse)
+    monkeypatch.setattr(Device, "zeros", refuse)
+    with pytest.raises(DeviceError, match=r"blurred over 7011 lenslets: its window .* nearer"):
+        camera.expose(points)
+
+
+def test_methods_that_need_fine_pixels_name_the_one_that_does_not(device: Device) -> None:
+    camera = camera_of(device)
+    with pytest.raises(SamplingError, match="method='local' samples as finely as it needs"):
+        camera.expose(PointSources((0, 0, 0)), method="points")
