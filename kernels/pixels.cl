@@ -1,10 +1,11 @@
 /* Energy on pixels from samples of the field on a finer lattice: along x, then along y.
  *
  *   pixel_rows     rows[y, p]  = sum_j w[j] |u[y, first_x + step p + j]|^2
- *   pixel_columns  out[oy + q, ox + p] += gain sum_j w[j] rows[first_y + step q + j, p]
+ *   pixel_columns  out[y, x] += gain[y % ty, x % tx] sum_j w[j] rows[first_y + step q + j, p],
+ *                  y = oy + q, x = ox + p
  *
  * w: the integral of the samples' interpolation over the active width of a pixel, `length` numbers.
- * -DTILE: times tile[(oy + q) % ty, (ox + p) % tx], the colour filters' factors.
+ * gain: one number (ty = tx = 1), or one for each pixel of a tile that repeats over the sensor.
  * Mapping: FOR_X of common.cl. -DROWS, -DDOUBLE: see common.cl.
  */
 #include "common.cl"
@@ -27,12 +28,9 @@ __kernel void pixel_rows(__global real *restrict rows, __global const cplx *rest
 
 __kernel void pixel_columns(__global real *restrict out, __global const real *restrict rows,
                             __global const real *restrict w, const int length, const int first,
-                            const int step, const real gain, const int oy, const int ox,
-                            const int out_nx, const int down, const int across
-#ifdef TILE
-                            , __global const real *restrict tile, const int ty, const int tx
-#endif
-                            )
+                            const int step, __global const real *restrict gain, const int ty,
+                            const int tx, const int oy, const int ox, const int out_nx,
+                            const int down, const int across)
 {
     const int q = get_global_id(1);
     const size_t to = (size_t)(oy + q) * out_nx + ox;
@@ -40,9 +38,6 @@ __kernel void pixel_columns(__global real *restrict out, __global const real *re
         real sum = 0;
         for (int j = 0; j < length; ++j)
             sum += w[j] * rows[(size_t)(first + step * q + j) * across + p];
-#ifdef TILE
-        sum *= tile[((oy + q) % ty) * tx + (ox + p) % tx];
-#endif
-        out[to + p] += gain * sum;
+        out[to + p] += gain[(oy + q) % ty * tx + (ox + p) % tx] * sum;
     }
 }

@@ -160,6 +160,7 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
     "LensletSurface": lambda _: clplen.wave.LensletSurface(2.9e-4, "N-BK7", aspheric=(1e7,)),
     "LensletGrid": lambda device: raw(device).sub_images,
     "LensletScatter": lambda _: clplen.cameras.LensletScatter(0.01),
+    "Levels": lambda _: clplen.lightfield.Levels(64.0, 1023.0, 10),
     "LightField": lightfield,
     "MeanIntensity": lambda device: clplen.propagate(
         field(device),
@@ -167,6 +168,7 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
         coherence=clplen.Coherence(clplen.wave.IncoherentLight()),
         snapshots=4,
     ),
+    "ColorFilterArray": lambda _: clplen.cameras.ColorFilterArray.quad_bayer("GBRG"),
     "PixelArray": lambda _: clplen.cameras.PixelArray(pitch=1.4e-6, fill_factor=0.8),
     "MicrolensArray": lambda _: MLA,
     "Microscope": lambda device: clplen.PlenopticCamera.microscope(**MICROSCOPE, device=device),
@@ -278,6 +280,7 @@ EXAMPLES |= {
     "Report": lambda _: clplen.batch.Report("a", "done", "0" * 64, 0.0),
     "SampleScene": lambda _: next(iter(clplen.cameras.sample_scenes(shape=(32, 32)))),
     "Scores": lambda _: clplen.analysis.Scores(81, *map(float, range(8))),
+    "SpectralDistribution": lambda _: clplen.wave.SpectralDistribution.illuminant("D65"),
     "SpectralSamples": lambda _: clplen.Spectrum.gaussian(550e-9, 30e-9).sample(5),
     "Spot": lambda _: clplen.cameras.Spot((0.0, 0.0), 2.0),
     "SpotFit": lambda _: clplen.lightfield.SpotFit(0.25, 0.0, (0.0, 0.0), 9, 0.1),

@@ -106,6 +106,7 @@ PLAIN = {
     "crosstalk",
     "decode_raw",
     "deconvolve",
+    "demosaic",
     "estimate_lattice",
     "find_points",
     "imaging_system",

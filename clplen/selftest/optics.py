@@ -279,18 +279,20 @@ def _local_window(device: Device) -> Pairs:
 
 
 def _pixels(device: Device) -> Pairs:
-    """Integrals of an intensity over squares of five pixels each way."""
+    """Integrals of an intensity over the squares of pixels, behind a tile of filters."""
     field = twins.waves(8, 47, 53)
     total = device.zeros((6, 7), device.real)
     sums = PixelSums(first=(14, 15), step=4, width=3.2, place=(1, 2), shape=(5, 4))
-    sums.put(total, device.upload(field[None].astype(device.complex)), 0, 0.7, device)
+    tile = np.array([[0.7, 0.2, 0.4], [0.1, 0.9, 0.3]])
+    sums.put(total, device.upload(field[None].astype(device.complex)), 0, tile, device)
     weights = pixel_weights(3.2)
     reach = len(weights) // 2
     expected = np.zeros((6, 7))
     for row, column in np.ndindex(5, 4):
         down, right = 14 + 4 * row - reach, 15 + 4 * column - reach
         part = np.abs(field[down:, right:][: len(weights), : len(weights)]) ** 2
-        expected[1 + row, 2 + column] = 0.7 * weights @ part @ weights
+        gain = tile[(1 + row) % 2, (2 + column) % 3]
+        expected[1 + row, 2 + column] = gain * (weights @ part @ weights)
     yield expected, device.download(total)
 
 

@@ -10,20 +10,24 @@ from clplen.compute.device import Device
 
 
 @pytest.mark.parametrize("width", [0.0, 1.7, 3.0, 6.0])
-def test_sums_over_pixels(device: Device, width: float) -> None:
+@pytest.mark.parametrize("tile", [(1, 1), (2, 2), (3, 5), (1, 4)])
+def test_sums_over_pixels(device: Device, width: float, tile: tuple[int, int]) -> None:
     generator = np.random.default_rng(11)
     field = generator.normal(size=(2, 61, 73, 2)) @ (1, 1j)
     start = generator.random((9, 12))
     total = device.upload(start.astype(device.real))
     sums = PixelSums(first=(17, 20), step=4, width=width, place=(2, 3), shape=(5, 7))
-    sums.put(total, device.upload(field.astype(device.complex)), 1, 0.3, device)
+    gain = 0.3 * generator.random(tile) if tile != (1, 1) else np.array([[0.3]])
+    given = gain if tile != (1, 1) else 0.3
+    sums.put(total, device.upload(field.astype(device.complex)), 1, given, device)
     weights = pixel_weights(width)
     reach = len(weights) // 2
     expected = start.copy()
     for q in range(5):
         for p in range(7):
             part = np.abs(field[1, 17 + 4 * q - reach :][: len(weights), 20 + 4 * p - reach :]) ** 2
-            expected[2 + q, 3 + p] += 0.3 * weights @ part[:, : len(weights)] @ weights
+            own = gain[(2 + q) % tile[0], (3 + p) % tile[1]]
+            expected[2 + q, 3 + p] += own * (weights @ part[:, : len(weights)] @ weights)
     np.testing.assert_allclose(device.download(total), expected, rtol=1e-5)
 
 

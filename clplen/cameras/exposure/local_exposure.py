@@ -157,7 +157,7 @@ def add_integrated(total: cla.Array, fields: Field, weights: Any, active: float)
     if active == 0:
         each = PixelSums((0, 0), 1, 0.0, (0, 0), (ny, nx))
         for number, weight in enumerate(np.atleast_1d(weights)):
-            put(each, total, fields.data, number, 1.0, weight, device)
+            each.put(total, fields.data, number, weight, device)
         return
     reach = len(pixel_weights(FINER_INTENSITY * active)) // 2
     room = -(-reach // FINER_INTENSITY)
@@ -168,18 +168,7 @@ def add_integrated(total: cla.Array, fields: Field, weights: Any, active: float)
     first = FINER_INTENSITY * room
     sums = PixelSums((first, first), FINER_INTENSITY, FINER_INTENSITY * active, (0, 0), (ny, nx))
     for number, weight in enumerate(np.atleast_1d(weights)):
-        put(sums, total, fine, number, FINER_INTENSITY**2, weight, device)
-
-
-def put(
-    sums: PixelSums, total: cla.Array, fields: cla.Array, number: int, gain: float, energy: Any,
-    device: Device,
-) -> None:  # fmt: skip
-    """Add one of several fields to pixels: times one energy, or one for each pixel of a tile."""
-    if np.ndim(energy) == 0:
-        sums.put(total, fields, number, gain * float(energy), device)
-    else:
-        sums.put(total, fields, number, gain, device, tile=energy)
+        sums.put(total, fine, number, FINER_INTENSITY**2 * weight, device)
 
 
 def _shape(optics: WaveOptics, position: Any, diameter: float) -> WindowShape:
@@ -196,7 +185,7 @@ def add_windows(windows: Windows, power: Any, total: cla.Array) -> None:
     ----------
     windows : Windows
     power : numpy.ndarray
-        Of each point.
+        Of each point, shape (n,), or (n, ty, tx) for pixels of a tile.
     total : pyopencl.array.Array
         Real, shape of the sensor; changed.
     """
@@ -208,7 +197,7 @@ def add_windows(windows: Windows, power: Any, total: cla.Array) -> None:
     fields = refined(fields, more, device)
     for number in range(len(power)):
         sums, gain = _sums(windows, number, more, active)
-        put(sums, total, fields, number, gain, power[number], device)
+        sums.put(total, fields, number, gain * power[number], device)
 
 
 def refined(spectra: cla.Array, more: int, device: Device) -> cla.Array:

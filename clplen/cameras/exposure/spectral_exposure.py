@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from clplen.cameras.exposure.cylindrical_twin import point_images
-from clplen.cameras.optics.color_filters import ColorFilterArray
+from clplen.cameras.optics.color_filters import ColorFilterArray, signal_of
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.cameras.scenes.scene_sources import PicturePlane, Source
 from clplen.wave.coherence.coherence import Coherence
@@ -85,7 +85,7 @@ def spectral_lines(
     if filters is None:
         signal = Signal.of(spectra, lambda lam: np.ones((len(lam), 1)), ())
     else:
-        signal = filters.signal(spectra, optics.wavelength)
+        signal = signal_of(filters, spectra, optics.wavelength)
         _require_signal(signal, spectra, filters)
     given = None if coherence is None else coherence.wavelengths
     depths = [source.z] if isinstance(source, PicturePlane) else source.positions[:, 2].tolist()

@@ -195,11 +195,6 @@ class ColorFilterArray(OneLine):
         found = np.stack([curve(lam) for curve in self.sensitivities], axis=-1)
         return found * (lam / reference)[..., None] if self.per == "photon" else found
 
-    def signal(self, spectra: Sequence[Spectrum], reference: float) -> Signal:
-        """The signal of spectra of unit energy behind each filter; see `response`."""
-        knots = np.unique([lam for curve in self.sensitivities for lam in curve.wavelengths])
-        return Signal.of(spectra, lambda lam: self.response(lam, reference), knots.tolist())
-
     def white_balance(self, light: Spectrum | SpectralDistribution) -> dict[str, float]:
         """Factors that give white in some light the same signal behind all filters.
 
@@ -217,7 +212,7 @@ class ColorFilterArray(OneLine):
         ValueError
             If a filter does not see the light.
         """
-        signals = self.signal([as_spectrum(light, "The light")], 550e-9).totals[0]
+        signals = signal_of(self, [as_spectrum(light, "The light")], 550e-9).totals[0]
         if not signals.min() > 0:
             blind = self.names[int(signals.argmin())]
             raise ValueError(f"The filter {blind!r} sees nothing of this light.")
@@ -245,6 +240,24 @@ class ColorFilterArray(OneLine):
             name: SpectralDistribution(*pair) for name, pair in found["sensitivities"].items()
         }
         return cls(found["tile"], curves, per=found["per"])
+
+
+def signal_of(filters: ColorFilterArray, spectra: Sequence[Spectrum], reference: float) -> Signal:
+    """The signal of spectra of unit energy behind each filter.
+
+    Parameters
+    ----------
+    filters : ColorFilterArray
+    spectra : sequence of Spectrum
+    reference : float
+        As for `ColorFilterArray.response`.
+
+    Returns
+    -------
+    Signal
+    """
+    knots = np.unique([lam for curve in filters.sensitivities for lam in curve.wavelengths])
+    return Signal.of(spectra, lambda lam: filters.response(lam, reference), knots.tolist())
 
 
 def _tile(tile: Any) -> Tile:

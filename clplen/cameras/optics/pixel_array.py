@@ -243,14 +243,7 @@ class PixelSums:
     shape: tuple[int, int]
 
     def put(
-        self,
-        total: cla.Array,
-        fields: cla.Array,
-        number: int,
-        gain: float,
-        device: Device,
-        *,
-        tile: Values | None = None,
+        self, total: cla.Array, fields: cla.Array, number: int, gain: Any, device: Device
     ) -> None:
         """Add abs(U)^2 times ``gain`` of one of several fields to the pixels of an image.
 
@@ -262,10 +255,10 @@ class PixelSums:
             Complex, shape (n, ny, nx).
         number : int
             Which of them.
-        gain : float
+        gain : float or numpy.ndarray
+            One, or shape (ty, tx): of the pixels of a tile, which repeats from pixel (0, 0) of the
+            sensor on.
         device : Device
-        tile : numpy.ndarray, optional
-            Factors of the sensor's pixels, which repeat from pixel (0, 0) on, shape (ty, tx).
         """
         if min(self.shape) < 1:
             return
@@ -275,22 +268,17 @@ class PixelSums:
         down, across = self.shape
         rows = device.empty((ny, across), device.real)
         taps = device.upload(weights.astype(device.real))
-        real, defines = device.real.type, device.wave_defines()
+        defines = device.wave_defines()
         numbers = (len(weights), self.first[1] - reach, self.step, number, ny, nx, across)
         device.launch_rows(
             device.kernel("pixels.cl", "pixel_rows", **defines),
             (ny, across), rows, fields, taps, *(np.int32(n) for n in numbers),
         )  # fmt: skip
-        factors: tuple[Any, ...] = ()
-        if tile is not None:
-            defines = defines | {"TILE": True}
-            sizes = (np.int32(n) for n in tile.shape)
-            factors = (device.upload(np.ascontiguousarray(tile, device.real)), *sizes)
+        tile = np.ascontiguousarray(np.atleast_2d(gain), device.real)
         device.launch_rows(
             device.kernel("pixels.cl", "pixel_columns", **defines),
             (down, across), total, rows, taps,
             np.int32(len(weights)), np.int32(self.first[0] - reach), np.int32(self.step),
-            real(gain),
-            *(np.int32(n) for n in (*self.place, total.shape[-1], down, across)),
-            *factors,
+            device.upload(tile),
+            *(np.int32(n) for n in (*tile.shape, *self.place, total.shape[-1], down, across)),
         )  # fmt: skip
