@@ -6,6 +6,7 @@ import math
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 import imageio.v3 as imageio
 import numpy as np
@@ -32,10 +33,12 @@ from clplen.config.scene import KEYS, SPECTRA, PictureTable, SceneTable
 from clplen.config.tables import Table
 from clplen.errors import FormatError
 from clplen.io.store.attributes import CAMERA_NAMES, of_camera, read_camera
+from clplen.lightfield.raw.raw_image import Sensor
 from clplen.wave.coherence import averaging, coherence
 from clplen.wave.coherence.extended_source import ExtendedSource
 from clplen.wave.coherence.phase_masks import RandomPhaseMask
 from clplen.wave.coherence.spatial_models import IncoherentLight
+from clplen.wave.spectrum.spectral_distribution import SpectralDistribution
 from clplen.wave.spectrum.spectrum import Spectrum
 
 if sys.version_info >= (3, 11):
@@ -109,7 +112,7 @@ def test_the_example_shows_every_key_and_its_default(tmp_path: Path, device: Dev
             says = tomllib.loads(f"value = {value}")["value"]
             assert np.array_equal(np.atleast_1d(says), np.atleast_1d(default)), key
             found.append(key)
-    assert len(found) == 33, found
+    assert len(found) == 34, found
 
 
 def test_pixels_by_their_pitch(tmp_path: Path, device: Device) -> None:
@@ -441,6 +444,56 @@ def test_every_key_reaches_the_pixels(tmp_path: Path, device: Device):
     assert camera.mla.rotation == pytest.approx(math.radians(0.7), rel=1e-12)
     both = REAL.replace("wavelength_nm", "pixels_per_lenslet = 14.2857143\n    wavelength_nm")
     assert read(tmp_path, both).camera.build(device).grid == camera.grid
+
+
+@pytest.mark.parametrize(
+    ("name", "tile"),
+    [
+        ("GBRG", (("G", "B"), ("R", "G"))),
+        ("quad BGGR", (("B", "B", "G", "G"),) * 2 + (("G", "G", "R", "R"),) * 2),
+        ("monochrome", (("L",),)),
+    ],
+)
+def test_filters_and_light_of_a_camera_file(
+    tmp_path: Path, device: Device, name: str, tile: Any
+) -> None:
+    text = EXAMPLE.replace("# [camera.pixels]  ", "[camera.pixels]  ")
+    text = text.replace('# filters = "RGGB"', f'filters = "{name}"')
+    text = text.replace("# [coherence]", "[coherence]").replace("# spectrum =", "spectrum =")
+    file = read(tmp_path, text.replace('"white-led"', '"D65"'))
+    assert file.camera.build(device).pixels.filters.tile == tile
+    light = file.light()
+    assert light is not None
+    assert light.spectrum == SpectralDistribution.illuminant("D65").spectrum
+    with pytest.raises(FormatError, match=r"camera.pixels.filters must be one of 'RGGB', 'GRBG'"):
+        read(tmp_path, text.replace(f'"{name}"', '"RGB"'))
+
+
+def test_every_key_reaches_the_sensor(tmp_path: Path) -> None:
+    keys = """exposure_electrons = 3e4
+full_well_electrons = 9000.0
+bit_depth = 10
+prnu = 0.02
+dark_current_electrons_per_s = 4.0
+exposure_time_s = 0.5
+black_level = 32.0
+white_level = 1000.0
+gain = { R = 2.0, B = 1.5 }
+"""
+    head, _, _ = EXAMPLE.partition("[sensor]")
+    table = read(tmp_path, f"{head}[sensor]\n{keys}").sensor
+    assert table is not None
+    assert table.build() == Sensor(
+        3e4, full_well=9000, bit_depth=10, prnu=0.02, dark_current=4, exposure_time=0.5,
+        black_level=32, white_level=1000, gain={"R": 2.0, "B": 1.5},
+    )  # fmt: skip
+    for old, new, said in (
+        ("prnu = 0.02", "prnu = 2.0", "sensor.prnu"),
+        ("black_level = 32.0", "black_level = -1.0", "sensor.black_level"),
+        ("gain = { R = 2.0, B = 1.5 }", "gain = { R = -2.0 }", "sensor.gain must be .* or one for"),
+    ):
+        with pytest.raises(FormatError, match=said):
+            read(tmp_path, f"{head}[sensor]\n{keys.replace(old, new)}")
 
 
 def test_pixels_are_kept_with_a_camera(tmp_path: Path, device: Device):

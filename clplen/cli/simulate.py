@@ -73,7 +73,6 @@ def simulate(
     from clplen import plot
     from clplen.config import CoherenceTable, read_camera_file
     from clplen.files import check_writable, output_folder
-    from clplen.io import write_picture
     from clplen.outputs import check_outputs
 
     wanted = read_camera_file(camera)
@@ -104,10 +103,20 @@ def simulate(
                 rtol=how.rtol,
                 checkpoint=checkpoint,
             )
-        write_picture(folder / "raw.tif", raw.to_numpy())
+        _write_frame(folder / "raw.tif", raw)
         plot.save(plot.raw_image(raw), folder / "raw.png")
         more = _write_samples(folder, raw)
     click.echo(f"Exposure: {raw.exposure}\n{folder} holds raw.tif, raw.png and {more}.")
+
+
+def _write_frame(path: Path, raw: RawImage) -> None:
+    """The numbers of a sensor with filters as a camera stores them; other values as a picture."""
+    from clplen.io import write_picture, write_raw
+
+    if raw.mosaic is not None and raw.levels is not None and raw.levels.bit_depth <= 16:
+        write_raw(path, raw)
+    else:
+        write_picture(path, raw.to_numpy())
 
 
 def _write_samples(folder: Path, raw: RawImage) -> str:

@@ -10,10 +10,12 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from clplen.cameras.focused_camera import Plenoptic2
 from clplen.cameras.light_field_microscope import Microscope
 from clplen.cameras.optics.camera_aberrations import NONE, Aberrations, LensletScatter
+from clplen.cameras.optics.color_filters import ORDERS, ColorFilterArray
 from clplen.cameras.optics.objective import APODISATION, CoverGlass
 from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.plenoptic_camera import PITCH_TOLERANCE, PlenopticCamera
 from clplen.cameras.standard_camera import Plenoptic1
+from clplen.checks import is_finite
 from clplen.compute.device import Device
 from clplen.config.tables import (
     Count,
@@ -28,7 +30,7 @@ from clplen.config.tables import (
     of,
     twice,
 )
-from clplen.lightfield.raw.raw_image import Sensor
+from clplen.lightfield.raw.raw_image import LARGEST_PRNU, Sensor
 from clplen.wave.elements.lenslets import MicrolensArray
 
 Pair = Annotated[tuple[Finite, Finite], of(2, "two numbers, [along Y, along X]")]
@@ -142,6 +144,23 @@ def _shares(rows: list[list[float]]) -> list[list[float]]:
     return rows
 
 
+def _filters(name: str) -> str:
+    """Refuse a name of no colour filters."""
+    if name not in FILTERS:
+        raise ValueError(f"must be one of {', '.join(map(repr, FILTERS))}")
+    return name
+
+
+def _color_filters(name: str) -> ColorFilterArray:
+    if name == "monochrome":
+        return ColorFilterArray.monochrome()
+    quad, _, order = name.rpartition(" ")
+    return ColorFilterArray.quad_bayer(order) if quad else ColorFilterArray.bayer(order)
+
+
+FILTERS = (*ORDERS, *(f"quad {order}" for order in ORDERS), "monochrome")
+
+
 class PixelsTable(Table):
     """``[camera.pixels]``."""
 
@@ -151,6 +170,7 @@ class PixelsTable(Table):
     offset_um: Annotated[tuple[Finite, Finite], of(2, "two numbers, [y, x]")] = (0.0, 0.0)
     rotation_deg: Finite = 0.0
     crosstalk: Annotated[list[list[Finite]], AfterValidator(_shares)] | None = None
+    filters: Annotated[str, AfterValidator(_filters)] | None = None
 
     def build(self) -> PixelArray:
         """The pixels, in SI units."""
@@ -162,6 +182,7 @@ class PixelsTable(Table):
             offset=(self.offset_um[0] / 1e6, self.offset_um[1] / 1e6),
             rotation=math.radians(self.rotation_deg),
             crosstalk=None if kernel is None else tuple(tuple(row) for row in kernel),
+            filters=None if self.filters is None else _color_filters(self.filters),
         )
 
 
@@ -292,6 +313,16 @@ class CameraTable(Table):
         )
 
 
+def _gain(gain: Any) -> Any:
+    """Refuse what is neither a gain nor one for each filter."""
+    values = list(gain.values()) if isinstance(gain, dict) else [gain]
+    if not values or not all(is_finite(value) and value > 0 for value in values):
+        raise ValueError(
+            "must be a number above 0, or one for each filter, as { R = 2.0, G = 1.0, B = 1.6 }"
+        )
+    return gain
+
+
 class SensorTable(Table):
     """``[sensor]``."""
 
@@ -301,6 +332,12 @@ class SensorTable(Table):
     bit_depth: Annotated[int, Field(ge=1, le=24, strict=True)] | None = None
     full_well_electrons: Positive | None = None
     seed: Seed = 0
+    prnu: Annotated[float, Field(ge=0, le=LARGEST_PRNU, strict=True)] = 0.0
+    dark_current_electrons_per_s: NotNegative = 0.0
+    exposure_time_s: NotNegative = 0.0
+    black_level: NotNegative = 0.0
+    white_level: Positive | None = None
+    gain: Annotated[Any, AfterValidator(_gain)] = 1.0
 
     def build(self) -> Sensor:
         """The sensor."""
@@ -311,4 +348,10 @@ class SensorTable(Table):
             bit_depth=self.bit_depth,
             full_well=self.full_well_electrons,
             seed=self.seed,
+            prnu=self.prnu,
+            dark_current=self.dark_current_electrons_per_s,
+            exposure_time=self.exposure_time_s,
+            black_level=self.black_level,
+            white_level=self.white_level,
+            gain=self.gain,
         )

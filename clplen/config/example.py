@@ -52,6 +52,9 @@ fill = "square"                 # or "circular" (default); "full": a cell of any
 # rotation_deg = 0.0            # of the pixels against the microlenses
 # crosstalk = [[0.0, 0.02, 0.0], [0.02, 0.92, 0.02], [0.0, 0.02, 0.0]]  # default: none. Shares of
                                 # a pixel's signal that it and its neighbours read
+# filters = "RGGB"              # default: none. Colour filters of the pixels (0, 0), (0, 1), (1, 0)
+                                # and (1, 1), those of a Nikon D5100; or "GRBG", "GBRG", "BGGR";
+                                # "quad RGGB" and so on, two by two pixels each; or "monochrome"
 
 # [camera.aberrations]          # wavefronts: waves at wavelength_nm, rms on a disc, by Noll's index
 # main_lens_waves = { 6 = 0.1, 8 = -0.05 }              # default: none
@@ -90,11 +93,12 @@ diameter_um = 10.0              # of each source, a coherent disc; 0 (default): 
 # source_size_mm = 1.0          # needed by a source, diameter of its disc
 # source_distance_mm = 100.0    # needed by a source, from there to the slide
 # fwhm_nm = 30.0                # Gaussian about wavelength_nm; default: one wavelength
-# spectrum = "white-led"        # or "mercury"; default: as fwhm_nm says
+# spectrum = "white-led"        # or "mercury", "A", "D65", "E"; default: as fwhm_nm says
 # spectrum_file = "lamp.csv"    # two columns, wavelengths and power; default: as fwhm_nm says
 # lines_nm = [546.2, 577.1]     # default: as fwhm_nm says
 # line_powers = [1.0, 1.0]      # default: all the same
-# wavelengths = 9               # taken from a spectrum, or 41 from a tabulated one
+# wavelengths = 9               # taken from a spectrum, or 41 from a tabulated one; with filters
+                                # as many as the image of a point needs
 # seed = 0
 # snapshots = 100               # averaged, but for a plane wave; with rtol at most, then 100000
 # rtol = 0.01                   # standard error over mean that is enough; default: none
@@ -107,6 +111,13 @@ diameter_um = 10.0              # of each source, a coherent disc; 0 (default): 
 # full_well_electrons = 20000.0 # default: no saturation
 # bit_depth = 12                # up to full_well_electrons; default: values are not rounded
 # seed = 0
+# prnu = 0.01                   # default: 0. Deviation of the pixels' sensitivities, relative
+# dark_current_electrons_per_s = 0.5  # default: 0
+# exposure_time_s = 0.02        # default: 0. Of the dark current
+# black_level = 64.0            # default: 0. Number of a dark pixel; it and what follows need
+                                # bit_depth
+# white_level = 4095.0          # default: the largest number of bit_depth
+# gain = 1.0                    # or, behind filters, { R = 2.0, G = 1.0, B = 1.6 }
 """
 
 MICROSCOPE = """\

@@ -30,6 +30,7 @@ from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.coherence.extended_source import ExtendedSource
 from clplen.wave.coherence.phase_masks import RandomPhaseMask
 from clplen.wave.coherence.spatial_models import IncoherentLight, SpatialModel
+from clplen.wave.spectrum.spectral_distribution import SpectralDistribution
 from clplen.wave.spectrum.spectrum import Spectrum
 
 GREY = (0.2126, 0.7152, 0.0722)  # R, G, B: luminance (Rec. ITU-R BT.709)
@@ -167,7 +168,7 @@ class CoherenceTable(Table):
     kind: Literal["field", "phase"] = "field"
     source_size_mm: Positive | None = None
     source_distance_mm: Positive | None = None
-    spectrum: Literal["white-led", "mercury"] | None = None
+    spectrum: Literal["white-led", "mercury", "A", "D65", "E"] | None = None
     fwhm_nm: Positive | None = None
     spectrum_file: File | None = None
     lines_nm: Annotated[list[Positive], Field(min_length=1), BeforeValidator(listed)] | None = None
@@ -203,7 +204,7 @@ class CoherenceTable(Table):
         sampled = self.spectrum != "mercury" and self.lines_nm is None
         if self.wavelengths is not None and not (given and sampled):
             raise ValueError(
-                "has wavelengths, which belongs to fwhm_nm, spectrum_file or spectrum = 'white-led'"
+                "has wavelengths, which belongs to fwhm_nm, spectrum_file or a smooth spectrum"
             )
         if self.line_powers is not None:
             lines = 0 if self.lines_nm is None else len(self.lines_nm)
@@ -255,6 +256,8 @@ class CoherenceTable(Table):
         return IncoherentLight() if self.spatial == "incoherent" else None
 
     def _spectrum(self, wavelength: float) -> Spectrum | None:
+        if self.spectrum in ("A", "D65", "E"):
+            return SpectralDistribution.illuminant(self.spectrum).spectrum
         if self.spectrum is not None:
             return Spectrum.white_led() if self.spectrum == "white-led" else Spectrum.mercury()
         if self.fwhm_nm is not None:

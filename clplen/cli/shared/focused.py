@@ -223,6 +223,7 @@ def read(source: Path, selector: str | None, layout: dict[str, Any], image: Path
     from clplen.io import read_raw
     from clplen.io.lightfields.layout import Layout
     from clplen.lightfield.focused.focused_geometry import require_focused
+    from clplen.lightfield.raw.demosaicing import demosaic
 
     Layout(**layout).require(_LAYOUT, "a raw image of a focused camera")
     white, dark, grid = (layout[name] for name in ("white", "dark", "grid"))
@@ -244,6 +245,7 @@ def read(source: Path, selector: str | None, layout: dict[str, Any], image: Path
             grid=grid,
             force=layout["force"],
         )
+    raw = raw.above_black() if raw.mosaic is None else demosaic(raw)
     require_focused(raw)
     return Opened(raw, None if layout["devignette"] is False else _white(white, dark))
 
