@@ -128,9 +128,11 @@ __kernel void spectra(__global cplx *restrict g, __global const real *restrict p
     }
 }
 
+/* array: the transmission of a region; corners: its sample (y, x) at each window's first one. */
 __kernel void behind(__global cplx *restrict u, __global const real *restrict points,
-                     __global const cplx *restrict array, const real dx, const real per_lam,
-                     const int ny, const int nx)
+                     __global const cplx *restrict array, __global const int *restrict corners,
+                     const int array_nx, const real dx, const real per_lam, const int ny,
+                     const int nx)
 {
     const int y = get_global_id(1);
     const int n = get_global_id(2);
@@ -138,10 +140,11 @@ __kernel void behind(__global cplx *restrict u, __global const real *restrict po
     __global const real *p = points + (size_t)n * NUMBERS;
     const real hyy = p[4] - p[14], hyx = p[5], hxx = p[6] - p[14];
     const real eta = dx * (y - ny / 2) + p[12];
+    const size_t from = (size_t)(corners[2 * n] + y) * array_nx + corners[2 * n + 1];
     FOR_X(x, nx) {
         const real xi = dx * (x - nx / 2) + p[13];
         const real bend = (real)0.5f * (hyy * eta * eta + hxx * xi * xi) + hyx * eta * xi;
-        u[row + x] = cmul(cmul(u[row + x], cis_turns(bend * per_lam)), array[row + x]);
+        u[row + x] = cmul(cmul(u[row + x], cis_turns(bend * per_lam)), array[from + x]);
     }
 }
 

@@ -11,7 +11,8 @@ import reference_windows as reference
 
 from clplen import MicrolensArray, PicturePlane, PlenopticCamera, PointSources, SamplingError
 from clplen.cameras import Aberrations, PixelArray
-from clplen.cameras.optics.local_window import LocalWindows, window_shape
+from clplen.cameras.exposure import local_exposure
+from clplen.cameras.optics.local_window import LocalWindows, Region, window_shape
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.compute.device import Device
 
@@ -338,3 +339,30 @@ def test_pixels_have_one_size(device: Device) -> None:
         fast(device, pixels=None)
     with pytest.raises(TypeError, match="PixelArray"):
         fast(device, pixels=1.4e-6)
+
+
+@pytest.mark.parametrize("lattice", ["square", "hexagonal"])
+def test_windows_that_share_the_array_are_as_those_of_their_own(
+    device: Device, lattice: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cluster of points, one far from it, and others of another depth."""
+    mla = MicrolensArray(10e-6, 40e-6, count=(29, 31), lattice=lattice, rotation=0.03)
+    camera = fast(device, mla=mla)
+    generator = np.random.default_rng(4)
+    places = generator.uniform(-2e-3, 2e-3, (9, 2))
+    positions = [(x, y, 0.0) for x, y in places]
+    positions += [(9e-3, -9e-3, 0.0), (-8e-3, 8e-3, -0.2), (-8.1e-3, 7.7e-3, -0.2)]
+    scene = PointSources(positions, power=generator.uniform(0.2, 1, len(positions)))
+    regions: list[Any] = []
+    made = Region.of
+
+    def spied(optics: Any, shape: Any, centres: Any) -> Region:
+        regions.append(centres)
+        return made(optics, shape, centres)
+
+    monkeypatch.setattr(Region, "of", spied)
+    shared = camera.expose(scene).to_numpy().astype(np.float64)
+    assert len(regions) < len(positions) / 2
+    monkeypatch.setattr(local_exposure, "_region", lambda *_: None)
+    own = camera.expose(scene).to_numpy()
+    assert np.abs(shared - own).max() < 2e-6 * own.max()

@@ -13,8 +13,11 @@ import pyopencl.array as cla
 from clplen.cameras.optics.local_window import (
     SAMPLED_RINGS,
     LocalWindows,
+    Region,
     Windows,
     WindowShape,
+    bounds,
+    window_centres,
     window_shape,
 )
 from clplen.cameras.optics.pixel_array import PixelSums, pixel_weights
@@ -29,6 +32,7 @@ from clplen.units import amount
 from clplen.wave.coherence.averaging import Progress
 from clplen.wave.field.field import Field
 
+REGION_BYTES = 2**27  # of the array's transmission that windows share
 FINER_INTENSITY = 2  # samples of the intensity a sample of the field
 
 
@@ -99,15 +103,46 @@ def add_local(
     energies = points.power if energies is None else energies
     shapes = [_shape(optics, position, points.diameter) for position in points.positions]
     done, transforms = 0, []
-    for same in batches(shapes, optics.device):
+    together = list(batches(shapes, optics.device))
+    region: Region | None = None
+    for number, same in enumerate(together):
         shape = shapes[same[0]]
         windows = LocalWindows.of(optics, shape, points.positions[same], points.diameter)
-        add_windows(windows, energies[same], total)
+        if region is None or not region.holds(shape, windows.centres):
+            region = None  # its memory first
+            region = _region(optics, points, shapes, together[number:])
+        add_windows(windows, energies[same], total, region)
         transforms.append((3 * len(same), (shape.samples, shape.samples)))
         done += len(same)
         if progress is not None:
             progress(done, len(points))
     return Exposure("local", _merged(transforms), 0.0)
+
+
+def _region(
+    optics: WaveOptics, points: PointSources, shapes: Sequence[WindowShape],
+    together: Sequence[list[int]],
+) -> Region | None:  # fmt: skip
+    """The array under the first windows and those of the same shape that follow close by.
+
+    None where these have less area together than the region that holds them.
+    """
+    shape = shapes[together[0][0]]
+    room = min(REGION_BYTES, optics.device.memory_bytes // 8)
+    most = max(room // optics.device.complex.itemsize, shape.samples**2)
+    held: list[Any] = []
+    count = 0
+    for same in together:
+        if shapes[same[0]] != shape:
+            break
+        more = window_centres(optics, shape, points.positions[same])
+        count += len(same)
+        ends = np.concatenate([*held, more])
+        _, (ny, nx) = bounds(ends, shape.samples)
+        if ny * nx > min(most, count * shape.samples**2):
+            break
+        held = [ends.min(axis=0)[None], ends.max(axis=0)[None]]
+    return Region.of(optics, shape, np.concatenate(held)) if held else None
 
 
 def batches(shapes: Sequence[WindowShape], device: Device) -> Iterator[list[int]]:
@@ -178,7 +213,9 @@ def _shape(optics: WaveOptics, position: Any, diameter: float) -> WindowShape:
     return window_shape(optics, position, diameter)
 
 
-def add_windows(windows: Windows, power: Any, total: cla.Array) -> None:
+def add_windows(
+    windows: Windows, power: Any, total: cla.Array, region: Region | None = None
+) -> None:
     """Add the energy of points in their windows to an image of the sensor.
 
     Parameters
@@ -188,11 +225,13 @@ def add_windows(windows: Windows, power: Any, total: cla.Array) -> None:
         Of each point, shape (n,), or (n, ty, tx) for pixels of a tile.
     total : pyopencl.array.Array
         Real, shape of the sensor; changed.
+    region : Region, optional
+        Of the array, which holds the windows.
     """
     optics, device = windows.optics, windows.optics.device
     active = 0.0 if optics.pixels is None else optics.pixels.active
     fields = windows.array_fields()
-    fields = windows.sensor_spectra(windows.behind_array(fields))
+    fields = windows.sensor_spectra(windows.behind_array(fields, region))
     more = FINER_INTENSITY if active and windows.shape.rim is None else 1
     fields = refined(fields, more, device)
     for number in range(len(power)):

@@ -27,6 +27,7 @@ from clplen.wave.elements.rims import RIM, rim_weights
 from clplen.wave.field.field import Grid
 
 Values = np.ndarray[Any, np.dtype[np.float64]]
+Counts = np.ndarray[Any, np.dtype[np.int64]]
 
 PERIOD = 1.7  # of the sum over the pupil, in windows
 BATCH_BYTES = 2**26  # of windows that travel through the camera together
@@ -158,6 +159,13 @@ def window_shape(
     return WindowShape(many, dx, samples, period, pupil, math.ceil(walk / dx), rim)
 
 
+def window_centres(optics: WaveOptics, shape: WindowShape, positions: Values) -> Counts:
+    """`Windows.centres` of points (x, y, dz) in metres, shape (n, 3)."""
+    z = optics.object_distance + positions[:, 2]
+    images = -positions[:, 1::-1] / z[:, None] * optics.array_distance
+    return np.rint((images - np.asarray(optics.grid.origin)) / shape.pitch).astype(np.int64)
+
+
 class SensorOptics(Protocol):
     """What windows ask of a camera behind its main lens."""
 
@@ -179,6 +187,44 @@ class SensorOptics(Protocol):
     def array_transmission(
         self, grid: Grid, *, rim: tuple[float, float] | None = None
     ) -> cla.Array: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """The transmission of a part of the array, in which windows of one shape lie.
+
+    Attributes
+    ----------
+    shape : WindowShape
+    first : numpy.ndarray
+        Its first sample (y, x), counted as `Windows.centres`, int64.
+    transmission : pyopencl.array.Array
+        Complex, shape (ny, nx).
+    """
+
+    shape: WindowShape
+    first: Counts
+    transmission: cla.Array
+
+    @classmethod
+    def of(cls, optics: SensorOptics, shape: WindowShape, centres: Counts) -> Region:
+        """The smallest that holds the windows with these centres, shape (n, 2)."""
+        first, sizes = bounds(centres, shape.samples)
+        y, x = np.asarray(optics.grid.origin) + (first + sizes // 2) * shape.pitch
+        grid = Grid((int(sizes[0]), int(sizes[1])), shape.pitch, origin=(float(y), float(x)))
+        return cls(shape, first, optics.array_transmission(grid, rim=shape.rim))
+
+    def holds(self, shape: WindowShape, centres: Counts) -> bool:
+        """Whether windows of a shape lie in it as a whole."""
+        first, sizes = bounds(centres, shape.samples)
+        inside = (first >= self.first) & (first + sizes <= self.first + self.transmission.shape)
+        return shape == self.shape and bool(inside.all())
+
+
+def bounds(centres: Counts, samples: int) -> tuple[Counts, Counts]:
+    """First sample (y, x) and size of what windows about centres, shape (n, 2), cover together."""
+    first = centres.min(axis=0) - samples // 2
+    return first, centres.max(axis=0) - samples // 2 + samples - first
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,21 +269,35 @@ class Windows:
             Complex, shape (n, samples, samples).
         """
 
-    def behind_array(self, fields: cla.Array) -> cla.Array:
-        """The same fields behind the lenslets, in place; still without their carrier."""
+    def behind_array(self, fields: cla.Array, region: Region | None = None) -> cla.Array:
+        """The same fields behind the lenslets, in place; still without their carrier.
+
+        Parameters
+        ----------
+        fields : pyopencl.array.Array
+            From `array_fields`.
+        region : Region, optional
+            Of the array, which holds all these windows; None: each has its own.
+        """
         optics, shape, device = self.optics, self.shape, self.optics.device
         n = shape.samples
         real = device.real.type
-        arrays = device.empty(fields.shape, device.complex)
-        for number, centre in enumerate(self.centres):
-            grid = Grid((n, n), shape.pitch, origin=self._origin(centre))
-            arrays[number] = optics.array_transmission(grid, rim=shape.rim)
+        if region is None:
+            arrays = device.empty(fields.shape, device.complex)
+            for number, centre in enumerate(self.centres):
+                arrays[number] = Region.of(optics, shape, centre[None]).transmission
+            corners = np.outer(n * np.arange(len(self.centres)), (1, 0))
+        else:
+            arrays = region.transmission
+            corners = self.centres - n // 2 - region.first
         device.launch_rows(
             device.kernel("local_window.cl", "behind", **device.wave_defines()),
             fields.shape,
             fields,
             device.upload(self.numbers.astype(device.real)),
             arrays,
+            device.upload(corners.astype(np.int32)),
+            np.int32(arrays.shape[-1]),
             real(shape.pitch),
             real(1 / optics.wavelength),
             np.int32(n),
@@ -302,7 +362,6 @@ class LocalWindows(Windows):
         z2, lam = optics.array_distance, optics.wavelength
         q = 1 / optics.focal_length - 1 / z
         t0 = -positions[:, 1::-1] / z[:, None]  # (y, x), the chief ray's slope
-        images = t0 * z2
         a0 = np.sqrt(1 + (t0**2).sum(axis=1))
         s0 = t0 / a0[:, None]
         r0 = z2 * a0
@@ -310,8 +369,8 @@ class LocalWindows(Windows):
         at_rim = (a0**2 / (a0**2 + (optics.aperture_diameter / 2 / z2) ** 2)) ** 1.5
         bend = across * (at_rim / r0)[:, None, None]
         slopes = (q / a0)[:, None, None] * across + (1 - z2 * q)[:, None, None] * bend
-        origin = np.asarray(optics.grid.origin)
-        centres = np.rint((images - origin) / shape.pitch).astype(np.int64)
+        images, origin = t0 * z2, np.asarray(optics.grid.origin)
+        centres = window_centres(optics, shape, positions)
         beside = origin + centres * shape.pitch - images
         lens = 1 / z2 if optics.field_lens else 0.0
         carriers = s0 - lens * images
