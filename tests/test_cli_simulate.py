@@ -20,6 +20,7 @@ from clplen.cameras.standard_camera import Plenoptic1
 from clplen.cli.shared import console
 from clplen.compute.device import Device
 from clplen.config import read_camera_file
+from clplen.io import read_lightfield
 from clplen.wave.coherence import averaging
 from clplen.wave.coherence.coherence import Coherence
 from clplen.wave.coherence.phase_masks import RandomPhaseMask
@@ -176,3 +177,35 @@ def test_progress_of_one_part_after_another():
             assert (bar.n, bar.total) == (done, total)
             begun.append(bar.start_t)
     assert begun[0] == begun[1] < begun[2] == begun[3]  # the time left is that of this part
+
+
+def test_simulate_behind_colour_filters(small: Path, device: Device):
+    """raw.tif is a mosaic with its tags, lightfield.h5 has its colours."""
+    tables = """points_mm = [[0.1, 0.0, 0.0], [-0.2, 0.1, 3.0]]
+[coherence]
+lines_nm = [470, 640]
+line_powers = [0.2, 0.8]
+[camera.pixels]
+filters = "GBRG"
+[sensor]
+exposure_electrons = 1e6
+full_well_electrons = 2e4
+bit_depth = 12
+black_level = 100
+"""
+    result, raw = simulated(small, tables, device)
+    assert result.exit_code == 0, result.output
+    assert "2 wavelengths" in result.output
+    with tifffile.TiffFile(raw) as file:
+        assert bytes(file.pages.first.tags[33422].value) == bytes([1, 2, 0, 1])
+        values = file.asarray()
+    assert values.dtype == np.uint16
+    assert values.min() == 100
+    lf = read_lightfield(raw.parent / "lightfield.h5", device=device)
+    assert lf.shape[-1] == 3
+    red, _, blue = lf.to_numpy().sum(axis=(0, 1, 2, 3))
+    assert red > 1.5 * blue > 0
+    assert lf.camera == read_camera_file(small).camera.build(device)
+    for wrong in ("RGB", "rggb", ""):
+        result, _ = simulated(small, tables.replace("GBRG", wrong), device, "--force")
+        assert "camera.pixels.filters must be one of 'RGGB'" in said(result)
