@@ -100,7 +100,7 @@ def standard(camera: Plenoptic1, count: int, widest: float) -> Iterator[str]:
         lf = LightField.from_raw(camera.expose(PointSources(point)))
         for method in METHODS:
             estimate = estimate_alpha(lf, method=method, c_max=c_max)
-            error = estimate.alpha - camera.alpha(point[2])
+            error = estimate.alpha - estimate.bias - camera.alpha(point[2])
             found[method][:, n] = error, estimate.uncertainty
     yield f"p/D = {tolerance:.5f}, c_max = {c_max:.2f} pixels a view step"
     for method, (error, stated) in found.items():
@@ -116,14 +116,16 @@ def focused(camera: Plenoptic2, count: int) -> Iterator[str]:
     dz = camera.dz(camera.image_distance / (z2 - b / m))
     places = generator.uniform(-2, 2, (count, 2)) * camera.mla.pitch
     points = np.column_stack([places / camera.array_scale(dz)[:, None], dz])
-    found = np.array([point_m(camera.expose(PointSources(p))).m for p in points])
-    relative = found / m - 1
+    fits = [point_m(camera.expose(PointSources(p))) for p in points]
+    relative = np.array([fit.m for fit in fits]) / m - 1
+    stated = np.array([fit.uncertainty for fit in fits]) / np.abs(m)
     near = lenslets < np.median(lenslets)
     for name, part in (("all", near | True), ("small blur", near), ("large blur", ~near)):
-        off = relative[part]
+        off, ratio = relative[part], np.abs(relative[part]) / stated[part]
         yield (
             f"m, {name:10s} n {part.sum():3d}  bias {100 * off.mean():+.3f} %  rms "
-            f"{100 * np.sqrt((off**2).mean()):.3f} %  largest {100 * np.abs(off).max():.3f} %"
+            f"{100 * np.sqrt((off**2).mean()):.3f} %  largest {100 * np.abs(off).max():.3f} %  "
+            f"cover {(ratio <= 1).mean():.2f} {(ratio <= 2).mean():.2f}"
         )
 
 

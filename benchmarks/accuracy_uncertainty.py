@@ -2,11 +2,12 @@
 
     python benchmarks/accuracy_uncertainty.py [--device pocl] [--count 200] [--seed 1]
 
-Points at random places and depths before seven standard cameras with square and hexagonal arrays,
-upright and turned; a quarter of the raw images without noise, the others of 10^3 to 10^7 photons
-and 0 to 2 electrons of read noise. A line for each method and lattice: how many points, mean and
-rms error of alpha in units of p/D, and how many per cent of them lie within one and two stated
-deviations. Normal errors have 68 and 95 %. Focused (2.0) cameras have no alpha.
+Points at random places and depths before nine standard cameras with square and hexagonal arrays,
+upright and turned, two of them with fast lenses and pixels that integrate; a quarter of the raw
+images without noise, the others of 10^3 to 10^7 photons and 0 to 2 electrons of read noise. A line
+for each method and lattice: how many points, mean and rms error of alpha in units of p/D, and how
+many per cent of them lie within one and two stated deviations. Normal errors have 68 and 95 %.
+Focused (2.0) cameras have no alpha.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import math
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import click
 import numpy as np
@@ -27,13 +29,16 @@ from clplen import (
     PointSources,
     Sensor,
     estimate_alpha,
+    read_camera,
 )
+from clplen.cameras import Plenoptic1
 
 METHODS = ("slope", "compensated", "energy")
 COUNT = 45  # lenslets across
 WINDOW = 11  # on either side of a point, which stay on the array
 MOST = 0.26  # of abs(1 - alpha),
-REACH = 0.27  # of the disparity, and
+C_MAX = 0.3  # of the disparity that is searched,
+REACH = 0.9  # of which points lie within, and
 BLUR = 7.0  # lenslets
 QUIET = 0.25  # of the raw images have no noise
 
@@ -47,6 +52,10 @@ CAMERAS = (
     ("hexagonal", "circular", 0.0, 200e-6, 12e-3, 32, 0.100, 0.20, 633e-9),
     ("square", "full", 0.0, 125e-6, 5e-3, 25, 0.080, 0.30, 532e-9),
 )
+
+
+FILES = ("lytro_illum", "canon_50mm")  # in examples/cameras
+FILES_C_MAX = 0.5  # of theirs, for the same blurs behind fewer pixels
 
 
 @dataclass(frozen=True)
@@ -63,40 +72,56 @@ def estimates(device: Device, count: int, seed: int) -> Iterator[Estimate]:
     """Random points, each by all methods; those without a stated deviation are left out."""
     random = np.random.default_rng(seed)
     for number in range(count):
-        lattice, fill, turn, pitch, f_mu, pixels, f, z, wavelength = CAMERAS[number % len(CAMERAS)]
-        array = MicrolensArray(
-            pitch,
-            f_mu,
-            count=COUNT,
-            lattice=lattice,
-            fill=fill,
-            rotation=random.uniform(-turn, turn),
-        )
-        camera = PlenopticCamera.type1(
-            focal_length=f,
-            mla=array,
-            wavelength=wavelength,
-            pixels_per_lenslet=pixels,
-            device=device,
-            object_distance=z,
-        )
-        lf, alpha = _recorded(camera, random)
-        tolerance = pitch / camera.aperture_diameter
+        camera, c_max = _camera(number % (len(CAMERAS) + len(FILES)), device, random)
+        lf, alpha = _recorded(camera, c_max, random)
+        tolerance = camera.mla.pitch / camera.aperture_diameter
         for method in METHODS:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                found = estimate_alpha(lf, method=method)
+                found = estimate_alpha(lf, method=method, c_max=c_max)
             if math.isfinite(found.uncertainty):
                 error = found.alpha - found.bias - alpha
-                yield Estimate(method, lattice, error / tolerance, found.uncertainty / tolerance)
+                stated = found.uncertainty / tolerance
+                yield Estimate(method, camera.mla.lattice, error / tolerance, stated)
 
 
-def _recorded(camera: PlenopticCamera, random: np.random.Generator) -> tuple[LightField, float]:
+def _camera(
+    number: int, device: Device, random: np.random.Generator
+) -> tuple[Plenoptic1, float]:
+    """One of the cameras, and how far is searched."""
+    if number >= len(CAMERAS):
+        file = Path(__file__).parents[1] / f"examples/cameras/{FILES[number - len(CAMERAS)]}.toml"
+        camera = read_camera(file, device=device, count=COUNT)
+        assert isinstance(camera, Plenoptic1)
+        return camera, FILES_C_MAX
+    lattice, fill, turn, pitch, f_mu, pixels, f, z, wavelength = CAMERAS[number]
+    array = MicrolensArray(
+        pitch,
+        f_mu,
+        count=COUNT,
+        lattice=lattice,
+        fill=fill,
+        rotation=random.uniform(-turn, turn),
+    )
+    camera = PlenopticCamera.type1(
+        focal_length=f,
+        mla=array,
+        wavelength=wavelength,
+        pixels_per_lenslet=pixels,
+        device=device,
+        object_distance=z,
+    )
+    return camera, C_MAX
+
+
+def _recorded(
+    camera: Plenoptic1, c_max: float, random: np.random.Generator
+) -> tuple[LightField, float]:
     """A light field of one point, and its alpha."""
     pitch, F = camera.mla.pitch, camera.image_distance
     most = min(
         MOST,
-        REACH * camera.mla.focal_length * camera.pixels_per_lenslet / F,
+        REACH * c_max * camera.mla.focal_length * camera.pixels_per_lenslet / F,
         BLUR * pitch / camera.aperture_diameter,
     )
     alpha = 1 + random.uniform(-most, most)

@@ -18,6 +18,7 @@
  *         with the amplitude cos^(3/2) in the pupil's plane of the sine condition.
  * -DPATH: the main lens has a wavefront of its own, a table (path/lam, transmission) over the pupil's
  *         square, by Lagrange's cubic.
+ * -DSHADOW: screens stop part of the light, a table of complex factors over the same square.
  * Mapping: FOR_X of common.cl, axis 2 = point. -DROWS, -DDOUBLE: see common.cl.
  */
 #include "common.cl"
@@ -37,7 +38,7 @@ inline void lagrange(real t, real *w)
     w[3] = (t + 1) * t * (t - 1) / 6;
 }
 
-/* (turns, transmission) at (v, u) of the unit disc; the table reaches to PATH_REACH. */
+/* A pair of numbers at (v, u) of the unit disc; the table reaches to PATH_REACH. */
 inline real2 from_table(__global const real2 *restrict table, int size, real v, real u)
 {
     const real middle = (real)0.5f * (size - 1), step = middle / PATH_REACH;
@@ -57,7 +58,8 @@ inline real2 from_table(__global const real2 *restrict table, int size, real v, 
 __kernel void spectra(__global cplx *restrict g, __global const real *restrict points,
                       __global const real2 *restrict disc, const int last, const real per_step,
                       __global const real *restrict rim, const int rim_size,
-                      __global const real2 *restrict paths, const int path_size, const real R,
+                      __global const real2 *restrict paths, const int path_size,
+                      __global const cplx *restrict shadows, const int shadow_size, const real R,
                       const real z2, const real ds, const real per_lam, const int ny, const int nx)
 {
     const int y = get_global_id(1);
@@ -122,6 +124,10 @@ __kernel void spectra(__global cplx *restrict g, __global const real *restrict p
                 turns += sy * down + sx * right;
                 const cplx phase = cis_turns(turns);
                 value = amplitude * phase;
+#ifdef SHADOW
+                const size_t table = (size_t)n * shadow_size * shadow_size;
+                value = cmul(value, from_table(shadows + table, shadow_size, uy / R, ux / R));
+#endif
             }
         }
         g[row + x] = value;

@@ -176,6 +176,7 @@ EXAMPLES: dict[str, Callable[[Device], Any]] = {
         [clplen.wave.Space(0.1), clplen.wave.Lens(0.05), clplen.wave.Pupil(3e-3, 0.1)]
     ),
     "PhaseSpace": lambda device: clplen.lightfield.phase_space(lightfield(device), y=3, v=1),
+    "Occluder": lambda _: clplen.cameras.Occluder(np.eye(5), 1e-3),
     "PicturePlane": lambda _: clplen.PicturePlane(samples(64, 64), 1e-3),
     "Plane": lambda _: clplen.cameras.Plane(0.5, texture=texture()),
     "PlenopticCamera": camera,

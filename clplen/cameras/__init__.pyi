@@ -15,6 +15,7 @@ from .plenoptic_camera import PlenopticCamera as PlenopticCamera
 from .scenes.gallery import SampleScene as SampleScene
 from .scenes.gallery import sample_scenes as sample_scenes
 from .scenes.ground_truth import Truth as Truth
+from .scenes.occluders import Occluder as Occluder
 from .scenes.scene_sources import PicturePlane as PicturePlane
 from .scenes.scene_sources import PointSources as PointSources
 from .scenes.surface_scene import SurfaceScene as SurfaceScene

@@ -21,9 +21,11 @@ from clplen import (
     PointSources,
     SamplingError,
     SamplingWarning,
+    estimate_alpha,
     read_camera,
 )
 from clplen.cameras import PixelArray
+from clplen.cameras.optics.ray_optics import pupil_image
 from clplen.compute.device import Device
 from clplen.lightfield import point_m
 
@@ -96,6 +98,38 @@ def test_m_of_three_kinds_of_lenslets(device: Device) -> None:
     dz = camera.dz(camera.image_distance / (camera.array_distance - camera.b / m))
     found = point_m(camera.expose(PointSources((2e-3, -1e-3, dz))))
     assert found.m == pytest.approx(m, rel=0.02)
+
+
+@pytest.mark.parametrize("f_number", [2.5, 5.0, 20.0])
+def test_steep_lenslets_magnify_the_image_of_the_pupil(device: Device, f_number: float) -> None:
+    """1 + d^2 (1/f - 1/z2)^2/8 to first order, for a small pupil."""
+    mla = MicrolensArray(50e-6, 50e-6 * f_number, count=9)
+    camera = camera_of(device, mla=mla, aperture_diameter=0.5e-3)
+    slope = mla.diameter * (1 / mla.focal_length - 1 / camera.image_distance)
+    size, variance = pupil_image(camera)
+    assert size - 1 == pytest.approx(slope**2 / 8, rel=0.005 + slope**2 / 2)
+    assert variance < (0.1 * slope * camera.pixel_pitch) ** 2
+    assert camera.spot_variance == pytest.approx(1 / 12, rel=0.05)
+    by_waves, by_rays = (
+        camera.expose(PointSources((0, 0, 0)), model=model).spacing for model in ("waves", "rays")
+    )
+    assert by_rays[1] / by_waves[1] == pytest.approx(size, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["lytro_illum", "canon_50mm"])
+def test_alpha_of_cameras_that_people_own(device: Device, name: str) -> None:
+    """Points on both sides of the focus: blurs to a fifth of a lenslet."""
+    camera = read_camera(CAMERAS / f"{name}.toml", device=device, count=(29, 31))
+    p, tolerance = camera.mla.pitch, camera.mla.pitch / camera.aperture_diameter
+    for blur, place in ((4.7, (1.3, -0.6)), (-3.6, (-0.8, 1.9))):
+        dz = float(camera.dz(1 + blur * tolerance))
+        x, y = np.multiply(place, p / camera.array_scale(dz))
+        lf = LightField.from_raw(camera.expose(PointSources((x, y, dz))))
+        for method, least in (("compensated", 0.2), ("slope", 0.35)):
+            found = estimate_alpha(lf, method=method, c_max=0.5)
+            error = found.alpha - camera.alpha(dz)
+            assert abs(error) < least * tolerance, (method, error / tolerance)
+            assert abs(error) < 2.5 * found.uncertainty, (method, error / tolerance)
 
 
 def test_the_description_of_windows(device: Device) -> None:

@@ -10,8 +10,8 @@ from accuracy_uncertainty import METHODS, cover, estimates
 
 from clplen import LightField, MicrolensArray, PlenopticCamera, PointSources, estimate_alpha
 from clplen.lightfield.arrays.spectral_sharpness import BAND, find_peak, sharpness
+from clplen.lightfield.depth.phase_slope import Pupil, fit_slope
 from clplen.lightfield.depth.window_measures import (
-    fit_slope,
     read_lenslets,
     read_window,
     sample_noise,
@@ -112,6 +112,25 @@ def test_slope_with_places_of_the_lenslets():
     assert found.disparity == pytest.approx(0.9, rel=5e-3)  # sampled spots, cut at half
     assert found.deviation < 1e-2
     assert abs(fit_slope(window).disparity - 0.9) > 0.1
+
+
+@pytest.mark.parametrize(("disparity", "aspect"), [(0.31, 1.0), (-0.23, 1.0), (0.27, 1.155)])
+def test_lenslets_that_are_lit_in_part(disparity: float, aspect: float):
+    """Rays from all over a pupil of radius 8 views, in cells: no bias once they are known."""
+    random = np.random.default_rng(4)
+    v, u = random.uniform(-8, 8, (2, 2_000_000))
+    inside = np.hypot(v, u) <= 8
+    v, u = v[inside], u[inside]
+    y, x = 6.3 - disparity * aspect * v, 5.8 - disparity * u
+    indices = [np.rint(a).astype(int) for a in (v + 8, u + 8, y, x)]
+    window = np.zeros((1, 17, 17, 13, 13))
+    np.add.at(window[0], tuple(indices), 1.0)
+    plain = fit_slope(window, aspect=aspect).disparity
+    known = fit_slope(window, aspect=aspect, pupil=Pupil(8.0)).disparity
+    assert abs(plain / disparity - 1) > 0.05
+    assert known == pytest.approx(disparity, rel=0.02)
+    blurred = fit_slope(window, aspect=aspect, pupil=Pupil(8.0, airy=0.3)).disparity
+    assert blurred == plain
 
 
 def test_two_spots_are_no_line():

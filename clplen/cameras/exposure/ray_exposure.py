@@ -82,7 +82,7 @@ def expose_rays(optics: RayOptics, scene: SurfaceScene | Sequence[Source]) -> Ra
     count = min(MOST_RAYS, max(LEAST_RAYS, share))
     for source in points:
         _add_points(image, optics, source, count)
-    return raw_image(optics, optics.device.upload(image.astype(np.float32)))
+    return raw_image(optics, optics.device.upload(image.astype(np.float32)), paraxial=True)
 
 
 # Surfaces: every pixel looks back through its lenslets
@@ -101,7 +101,7 @@ def _surfaces(optics: RayOptics, scene: SurfaceScene) -> RawImage:
             "Rays of a SurfaceScene know thin lenslets only: expose points and pictures, or use a "
             f"MicrolensArray of focal_length={mla.focal_length:.6g} without surface, map and gap."
         )
-    raw = raw_image(optics, device.empty(optics.grid.shape, np.float32))
+    raw = raw_image(optics, device.empty(optics.grid.shape, np.float32), paraxial=True)
     step = view_step(optics)
     radius, aspect = optics.aperture_diameter / 2 / step, mla.pitch / mla.row_pitch
     blurs = _gains(optics)[:, None] * (mla.row_pitch / step, mla.pitch / step)

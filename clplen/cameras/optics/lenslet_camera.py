@@ -40,6 +40,7 @@ class LensletCamera:
     pixel_pitch: float
     grid: Grid
     device: Device
+    pixels: PixelArray | None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "device", as_device(self.device))
@@ -75,6 +76,11 @@ class LensletCamera:
     def lenslet_lattice(self) -> str:
         """Lattice of the lenslets, "square" or "hexagonal"."""
         return self.mla.lattice
+
+    @property
+    def spot_variance(self) -> float:
+        """Along one axis, in square pixels, of a point's image without diffraction: of a pixel."""
+        return 0.0 if self.pixels is None else self.pixels.fill_factor / 12
 
 
 def sensor_grid(

@@ -19,7 +19,9 @@ import numpy as np
 import pyopencl.array as cla
 
 from clplen.cameras.optics.pixel_array import PixelArray
+from clplen.cameras.optics.shadows import shadows
 from clplen.cameras.optics.wave_optics import WaveOptics, disc_table
+from clplen.cameras.scenes.occluders import Occluder
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import run
 from clplen.compute.fft.lines import Line, Separable, smooth_length
@@ -37,7 +39,7 @@ BAND = 0.8  # of the samples' band that they fill
 RINGS = 20  # Airy radii of light about the geometrical blur
 SAMPLED_RINGS = 30  # the same where windows have the sensor's samples
 NUMBERS = 18  # of a point, for kernels/local_window.cl
-PATHS = 163  # samples across the table of a wavefront
+PATHS = 163  # samples across the tables of a wavefront and of shadows
 PATH_REACH = 1.25  # of that table, in radii of the pupil, as in the kernel
 
 
@@ -345,6 +347,8 @@ class LocalWindows(Windows):
         (x, y, dz) of the points in metres, shape (n, 3).
     diameter : float
         Of each of them, in metres.
+    occluders : tuple of Occluder
+        Screens before the camera.
     others
         Those of `Windows`.
     """
@@ -352,12 +356,18 @@ class LocalWindows(Windows):
     optics: WaveOptics
     positions: Values
     diameter: float
+    occluders: tuple[Occluder, ...] = ()
 
     @classmethod
     def of(
-        cls, optics: WaveOptics, shape: WindowShape, positions: Values, diameter: float = 0.0
+        cls,
+        optics: WaveOptics,
+        shape: WindowShape,
+        positions: Values,
+        diameter: float = 0.0,
+        occluders: tuple[Occluder, ...] = (),
     ) -> LocalWindows:
-        """The windows of points (x, y, dz), shape (n, 3), in metres."""
+        """The windows of points (x, y, dz), shape (n, 3), in metres, and screens before them."""
         z = optics.object_distance + positions[:, 2]
         z2, lam = optics.array_distance, optics.wavelength
         q = 1 / optics.focal_length - 1 / z
@@ -387,7 +397,7 @@ class LocalWindows(Windows):
         off_band = _off_band(optics, shape, carriers, 1 - numbers[:, 3])
         made = cls(
             optics, shape, numbers, centres, carriers, off_band, shifts, np.ones(len(positions)),
-            positions, diameter,
+            positions, diameter, tuple(occluders),
         )  # fmt: skip
         made.numbers[:, 15:17] = made._pupil_centres() * optics.aperture_diameter / 2
         made.energy[:] = made._energies()
@@ -419,6 +429,10 @@ class LocalWindows(Windows):
             defines |= {"PATH": True}
             size = PATHS
             paths = self._paths()
+        shadow, shadow_size = np.zeros((1, 1, 1), complex), 0
+        if self._is_shadowed():
+            defines |= {"SHADOW": True}
+            shadow, shadow_size = self._shadows(), PATHS
         # of the light that the sum over directions repeats after the period, this window's corners
         # see frequencies up to share/sqrt(2), and from 1 - share/2 on those of the next
         share = shape.samples / shape.period
@@ -437,6 +451,8 @@ class LocalWindows(Windows):
             np.int32(len(rim)),
             device.upload(paths.astype(device.real)),
             np.int32(size),
+            device.upload(shadow.astype(device.complex)),
+            np.int32(shadow_size),
             real(optics.aperture_diameter / 2),
             real(optics.array_distance),
             real(self.step),
@@ -466,6 +482,21 @@ class LocalWindows(Windows):
                 passes = share * covered**2
             tables.append(np.stack([path / optics.wavelength, passes], -1))
         return np.stack(tables)
+
+    def _is_shadowed(self) -> bool:
+        farthest = self.positions[:, 2].max()
+        return any(screen.z < farthest for screen in self.occluders)
+
+    def _shadows(self) -> Any:
+        """Factors of the screens over the pupil's square, for each point."""
+        optics = self.optics
+        return shadows(
+            self.occluders,
+            self.positions,
+            object_distance=optics.object_distance,
+            wavelength=optics.wavelength,
+            axis=np.linspace(-PATH_REACH, PATH_REACH, PATHS) * optics.aperture_diameter / 2,
+        )
 
     def _pupil_centres(self) -> Values:
         """(v, u) of the middle of the pupil of each point, in radii of the aperture."""

@@ -32,6 +32,8 @@ from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.field import Grid
 
 LensModel = Literal["thin", "corrected"]
+
+_RADII, _ANGLES = 5, 10  # of points on lenslets and pupils
 Positions = np.ndarray[Any, np.dtype[np.float64]]
 
 
@@ -165,6 +167,11 @@ class RayOptics(LensletCamera, ABC):
     def array_scale(self, dz: Any) -> Any:
         """-z2/(object distance + dz): a place on the array over that of its object."""
         return -self.array_distance / (self.object_distance + np.asarray(dz, np.float64))
+
+    @property
+    def spot_variance(self) -> float:
+        """As of every camera with lenslets, and by the aberrations of the lenslets."""
+        return super().spot_variance + pupil_image(self)[1] / self.pixel_pitch**2
 
     @property
     def sub_image_scale(self) -> float:
@@ -408,14 +415,68 @@ def view_step(optics: RayOptics) -> float:
     return optics.pixel_pitch * optics.array_distance / optics.sensor_distance
 
 
-def raw_image(optics: RayOptics, data: cla.Array) -> RawImage:
+def pupil_image(optics: RayOptics) -> tuple[float, float]:
+    """How the lenslets image the main lens, by rays at their true angles.
+
+    A ray from u on the main lens through x on a lenslet reaches the sensor at
+    s = x + z3 l/sqrt(1 - l^2 - m^2), with the direction cosines (l, m) that the lenslet's phase
+    leaves. What this differs by from paraxial rays is a line in u, by which the image of the pupil
+    is larger, 1 + d^2/(8 f^2) to first order for a round parabolic lenslet and a small pupil, and
+    scatter about it: aberrations of the lenslet. Rays that fall into another lenslet's sub-image do
+    not count.
+
+    Parameters
+    ----------
+    optics : RayOptics
+
+    Returns
+    -------
+    tuple of float
+        Size of the pupil's image over the paraxial one, and the variance of the scatter in m^2.
+    """
+    mla, z2, z3 = optics.mla, optics.array_distance, optics.sensor_distance
+    cell = math.sqrt(mla.pitch * mla.row_pitch / math.pi)
+    y, x = _disc(cell if mla.fill == "full" else mla.diameter / 2)
+    v, u = (a[:, None] for a in _disc(optics.aperture_diameter / 2))
+    down, right = mla.bend(np.zeros(y.size, int), y, x, optics.wavelength)
+    to_y, to_x = (-v, -u) if optics.field_lens else (y - v, x - u)
+    away = np.sqrt(z2**2 + to_y**2 + to_x**2)
+    cos_y, cos_x = to_y / away + down, to_x / away + right
+    squares = cos_y**2 + cos_x**2
+    scale = z3 / np.sqrt(np.where(squares < 1, 1 - squares, np.nan))
+    within = np.hypot(y + scale * cos_y, x + scale * cos_x) < optics.sub_image_scale * cell
+    beyond = np.where(within, scale * cos_x - z3 * (to_x / z2 + right), 0)
+    u = np.where(within, u, 0)
+    slope = float((beyond * u).sum() / (u * u).sum())
+    variance = float(((beyond - slope * u) ** 2).sum() / within.sum())
+    return 1 - slope * z2 / z3, variance
+
+
+def _disc(radius: float) -> tuple[Positions, Positions]:
+    """(y, x) of points that share a disc evenly."""
+    r = radius * np.sqrt((np.arange(_RADII) + 0.5) / _RADII)[:, None]
+    angles = 2 * np.pi * (np.arange(_ANGLES) + 0.5) / _ANGLES
+    return (r * np.sin(angles)).ravel(), (r * np.cos(angles)).ravel()
+
+
+def raw_image(optics: RayOptics, data: cla.Array, *, paraxial: bool = False) -> RawImage:
     """Intensity on the sensor with the positions of sub-images and cells, without its camera.
 
     Where the array does not lie on the main lens' image there is no spacing: what a lenslet sees
     is a picture, and alpha is not that of the light field on the array.
+
+    Parameters
+    ----------
+    optics : RayOptics
+    data : pyopencl.array.Array
+    paraxial : bool
+        Whether the views look where paraxial rays come from, `view_step` apart; else steeper
+        lenslets magnify the image of the main lens (`pupil_image`).
     """
     step = view_step(optics)
     on_image = optics.array_distance == optics.image_distance
+    if on_image and not paraxial:
+        step /= pupil_image(optics)[0]
     filters = None if optics.pixels is None else optics.pixels.filters
     return RawImage(
         data,

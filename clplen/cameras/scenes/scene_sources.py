@@ -98,7 +98,12 @@ class PointSources(OneLine):
 
     def chosen(self, which: slice | Sequence[int]) -> PointSources:
         """Some of the sources, by a slice or their indices."""
-        return PointSources(self.positions[which], diameter=self.diameter, power=self.power[which])
+        return PointSources(
+            self.positions[which],
+            diameter=self.diameter,
+            power=self.power[which],
+            spectrum=self.spectrum,
+        )
 
 
 def _numbers(values: Any, what: str) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -257,11 +262,6 @@ class PicturePlane(OneLine, HostArray):
     def energy(self) -> Vector:
         """Of each sample, all channels together, shape (ny, nx)."""
         return self.image if self.image.ndim == 2 else self.image.sum(axis=2)
-
-    def channel(self, number: int) -> PicturePlane:
-        """One channel as a picture without spectrum."""
-        image = self.image if self.image.ndim == 2 else self.image[..., number]
-        return PicturePlane(image, self.width, self.z)
 
     def corners(self) -> PointSources:
         """The corners of the rectangle that holds every sample that is not 0."""

@@ -41,11 +41,14 @@ class LensletBlur:
         Lenslet diameter over pitch, (y, x).
     circular : bool
         Round lenslets; square ones otherwise.
+    variance : float
+        Of what else blurs the spots behind lenslets, along one axis, in square pixels.
     """
 
     q: float
     fill: tuple[float, float]
     circular: bool
+    variance: float = 0.0
 
     def transfer(self, ky: Real, kx: Real, *, shear: tuple[float, float]) -> Real:
         """Factor on the spectrum of a refocused image.
@@ -61,15 +64,21 @@ class LensletBlur:
         -------
         numpy.ndarray
             Shape (ky, kx): the ambiguity function of the aperture at frequency k and offset
-            q shear k (lenslet diameters); 1 at the origin, 0 from an offset of 1.
+            q shear k (lenslet diameters); 1 at the origin, 0 from an offset of 1. Times a
+            Gaussian for the other blur, which refocusing spreads over ``shear`` lenslets a pixel.
         """
         ny, nx = (k * fill for k, fill in zip((ky, kx), self.fill, strict=True))
         ty, tx = (np.abs(self.q * c * k) for k, c in zip((ky, kx), shear, strict=True))
+        gy, gx = (
+            np.exp(-2 * np.pi**2 * self.variance * (c * k) ** 2)
+            for k, c in zip((ky, kx), shear, strict=True)
+        )
         if self.circular:
-            return disc_ambiguity(
+            lens = disc_ambiguity(
                 np.hypot(ny[:, None], nx[None, :]), np.hypot(ty[:, None], tx[None, :])
             )
-        return interval_ambiguity(ny, ty)[:, None] * interval_ambiguity(nx, tx)[None, :]
+            return lens * (gy[:, None] * gx[None, :])
+        return (gy * interval_ambiguity(ny, ty))[:, None] * (gx * interval_ambiguity(nx, tx))
 
 
 def interval_ambiguity(frequency: Real, offset: Real) -> Real:

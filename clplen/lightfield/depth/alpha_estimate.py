@@ -25,9 +25,9 @@ from clplen.lightfield.depth.best_focus import (
     z_uncertainty,
 )
 from clplen.lightfield.depth.camera_optics import UNFLOORED, CameraOptics, camera_optics
+from clplen.lightfield.depth.phase_slope import fit_slope
 from clplen.lightfield.depth.window_measures import (
     brightest,
-    fit_slope,
     read_lenslets,
     read_window,
     sample_noise,
@@ -366,7 +366,13 @@ def _slope(
             f"The {window} x {window} lenslets round {at} are black: give another at= or a larger "
             "window."
         )
-    slope = fit_slope(samples, aspect=_aspect(lf.spacing), y=lenslets.y, x=lenslets.x)
+    slope = fit_slope(
+        samples,
+        aspect=_aspect(lf.spacing),
+        y=lenslets.y,
+        x=lenslets.x,
+        pupil=None if optics is None else optics.pupil,
+    )
     alpha = float(lf.shear_alpha(slope.disparity))
     uncertainty, in_focus = math.nan, False
     if optics is not None:

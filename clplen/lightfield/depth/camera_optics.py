@@ -8,11 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from clplen.lightfield.arrays.spectral_sharpness import BAND, LensletBlur
+from clplen.lightfield.depth.phase_slope import Pupil
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import CameraModel
 
 UNFLOORED = 0.8  # of the ambiguity offset: up to here the transfer function is not floored
 _HEXAGON = math.sqrt(2 * math.sqrt(3) / math.pi)  # disc as large as a hexagon, over its width
+_UNKNOWN = 1 / 5  # of the share of alpha - 1 that steep lenslets and large pixels change
+_AIRY = 1.22  # of lam F/D
 _FWHM = 0.886  # of sinc^2, in units of its first zero
 _FWHM_PER_SIGMA = 2.355
 # Standard deviation of alpha over p/D at blurs of so many lenslets, where there is no noise: by
@@ -21,7 +24,7 @@ _BLURS = (0.3, 0.9, 1.4, 1.8, 2.25, 2.75, 3.5, 5.0, 6.0)
 _DEVIATIONS = {
     "compensated": (0.54, 0.45, 0.28, 0.19, 0.12, 0.085, 0.066, 0.062, 0.058),
     "energy": (0.54, 0.46, 0.27, 0.24, 0.19, 0.135, 0.08, 0.073, 0.088),
-    "slope": (0.83, 0.75, 0.50, 0.47, 0.28, 0.20, 0.07, 0.08, 0.08),
+    "slope": (0.83, 0.75, 0.50, 0.47, 0.28, 0.20, 0.12, 0.10, 0.09),
 }
 
 
@@ -34,14 +37,21 @@ class CameraOptics:
     blur : LensletBlur
     kappa : float
         By which the plane of highest energy is nearer to the focus than the object: U^2/(U^2 + s^2)
-        with U the rms radius of the pupil and s that of the lenslets' diffraction.
+        with U the rms radius of the pupil and s that of what blurs directions: diffraction at the
+        lenslets, their aberrations, the area of the pixels.
     tolerance : float
         p/D, the change of alpha that blurs a point in focus by a lenslet.
+    pupil : Pupil
+    corrected : float
+        Share of alpha - 1 by which steep lenslets and large pixels change it: what is known of
+        that is not all.
     """
 
     blur: LensletBlur
     kappa: float
     tolerance: float
+    pupil: Pupil
+    corrected: float
 
     def band(self, c_max: float) -> tuple[float, float]:
         """Frequencies where the transfer function is not floored, in cycles a lenslet."""
@@ -56,9 +66,9 @@ class CameraOptics:
 
         ``noise`` is that by the noise of the samples alone.
         """
-        blur = abs(1 - alpha + self.bias(alpha, method)) / self.tolerance
-        share = float(np.interp(blur, _BLURS, _DEVIATIONS[method]))
-        return math.hypot(share * self.tolerance, noise)
+        off = abs(1 - alpha + self.bias(alpha, method))
+        share = float(np.interp(off / self.tolerance, _BLURS, _DEVIATIONS[method]))
+        return math.hypot(share * self.tolerance, _UNKNOWN * self.corrected * off, noise)
 
 
 def camera_optics(lf: LightField) -> CameraOptics | None:
@@ -66,17 +76,27 @@ def camera_optics(lf: LightField) -> CameraOptics | None:
     camera = lf.camera
     if camera is None or lf.spacing is None or not np.isfinite(lf.spacing).all():
         return None
-    diameter = camera.lenslet_diameter
+    diameter, p = camera.lenslet_diameter, camera.lenslet_pitch
     if camera.lenslet_lattice == "hexagonal" and camera.lenslet_fill != "circular":
         diameter *= _HEXAGON
     q = camera.wavelength * camera.lenslet_focal_length / (camera.pixel_pitch * diameter)
     fill = (diameter / abs(lf.spacing[2]), diameter / abs(lf.spacing[3]))
-    spread = (_FWHM * q / _FWHM_PER_SIGMA) ** 2
-    pupil = _pupil_variance(lf, camera.aperture_diameter / 2 / abs(lf.spacing[1]))
+    other = getattr(camera, "spot_variance", 0.0)  # cameras that tell have it
+    spread = (_FWHM * q / _FWHM_PER_SIGMA) ** 2 + other
+    view = abs(lf.spacing[1])
+    radius = camera.aperture_diameter / 2 / view
+    paraxial = camera.pixel_pitch * camera.image_distance / camera.lenslet_focal_length
+    variance = _pupil_variance(lf, radius)
     return CameraOptics(
-        LensletBlur(q, fill, _has_round_lenslets(camera)),
-        pupil / (pupil + spread),
-        camera.lenslet_pitch / camera.aperture_diameter,
+        LensletBlur(q, fill, _has_round_lenslets(camera), other),
+        variance / (variance + spread),
+        p / camera.aperture_diameter,
+        Pupil(
+            radius,
+            camera.lenslet_diameter / 2 / p if camera.lenslet_fill == "circular" else math.inf,
+            _AIRY * camera.wavelength * camera.image_distance / (camera.aperture_diameter * p),
+        ),
+        abs(paraxial / view - 1) + other / variance,
     )
 
 

@@ -1,12 +1,10 @@
-"""Windows of lenslets on the host, and measures of their depth beside the spectral ones.
+"""Windows of lenslets on the host, and the focus measure as the thesis prints it.
 
-The slope of a point in phase space (`fit_slope`), and the focus measure as the thesis prints it
-(`thesis_curve`), a baseline to compare with.
+That measure (`thesis_curve`) is a baseline to compare with.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -26,11 +24,6 @@ THESIS_WINDOW = 31
 THESIS_ALPHAS = np.round(0.7 + 0.005 * np.arange(121), 3)
 
 _LOWEST = 0.1  # cycles a lenslet, of the thesis' measure
-_SPOT = 0.5  # of a sub-image's maximum: what is above is the spot, not a neighbour's tail
-_FAINTEST = 0.03  # of the brightest sub-image: fainter ones are diffraction
-_ABOVE_NOISE = 0.5  # of the energy of the noise in a sub-image: fainter ones are noise
-_LEAST_SPOTS = 3  # of a line: a point in focus between two lenslets has two spots
-_POWER = 0.75  # of a sub-image's energy, its weight: between light and energy
 _SAME = 1e-4  # of the largest sample: light fields that differ more are not of this raw image
 _SMOOTHING = 8  # windows are found in a picture smoothed by a Gaussian of window/8
 
@@ -268,88 +261,6 @@ def sample_noise(window: Real) -> Real:
     second = second[:, :, 2:] - 2 * second[:, :, 1:-1] + second[:, :, :-2]
     out[:, 1:-1, 1:-1] = second**2 / 36
     return out
-
-
-@dataclass(frozen=True)
-class PhaseSlope:
-    """A line fitted to the spots of one point. Made by `fit_slope`.
-
-    Attributes
-    ----------
-    disparity : float
-        Pixels a view step along x, nearer positive; 0 where all light lies in one lenslet or two,
-        or the spots show no slope.
-    confidence : float
-        0 to 1: share of the spots' scatter in u that the line explains (R squared).
-    spots : int
-        Sub-images that were used; 0 where noise hides all but one or two.
-    deviation : float
-        Standard deviation of the disparity by the scatter of the spots about the line, as if it
-        were independent (White 1980, "A heteroskedasticity-consistent covariance matrix
-        estimator", eq. 6, times n/(n - 2) for n spots); nan where the disparity is 0.
-    """
-
-    disparity: float
-    confidence: float
-    spots: int
-    deviation: float = math.nan
-
-
-def fit_slope(
-    window: Real, *, aspect: float = 1.0, y: Real | None = None, x: Real | None = None
-) -> PhaseSlope:
-    """Regress the position of the spot in a sub-image on the position of its lenslet.
-
-    A point lies on x = X - d u in pixels and views (thesis, section 3.4: the slope tells depth,
-    its sign nearer or farther). Each lenslet sees one spot, whose centroid in (v, u), of what
-    exceeds half of the sub-image's maximum, is free of the tails of its neighbours. Diffraction
-    scatters u and hardly x, so u is regressed on x, which is unbiased (errors in variables), by
-    least squares weighted with E^(3/4), E the sum of I^2 over the sub-image; along x and y
-    together.
-
-    Parameters
-    ----------
-    window : numpy.ndarray
-        float64, shape (c, v, u, y, x): about one point that lies alone in it.
-    aspect : float
-        Disparity along y over that along x.
-    y, x : numpy.ndarray, optional
-        Positions of the lenslets in pixels, shapes that broadcast to (y, x); default their indices.
-
-    Returns
-    -------
-    PhaseSlope
-    """
-    light = np.maximum(window.sum(axis=0), 0)
-    noise = sample_noise(window).sum(axis=0)
-    energy = (light**2 - noise).sum(axis=(0, 1))
-    least = np.maximum(_FAINTEST * energy.max(), _ABOVE_NOISE * noise.sum(axis=(0, 1)))
-    weight = np.where(energy >= np.maximum(least, 1e-300), np.maximum(energy, 0) ** _POWER, 0)
-    spot = np.maximum(light - _SPOT * light.max(axis=(0, 1)), 0)
-    spots = int(np.count_nonzero(weight))
-    if spots < _LEAST_SPOTS:
-        drowned = least.flat[np.argmax(energy)] > _FAINTEST * energy.max()
-        return PhaseSlope(0.0, 0.0, 0 if drowned else spots)
-    ny, nx = energy.shape
-    at = (np.arange(ny)[:, None] if y is None else y, np.arange(nx)[None, :] if x is None else x)
-    total = np.maximum(spot.sum(axis=(0, 1)), 1e-300)
-    parts = []
-    for axis, unit in ((0, aspect), (1, 1.0)):
-        views = unit * (np.arange(light.shape[axis]) - (light.shape[axis] - 1) / 2)
-        seen = np.tensordot(views, spot.sum(axis=1 - axis), 1) / total
-        where = np.broadcast_to(np.asarray(at[axis], float), seen.shape)
-        parts.append([a - np.average(a, weights=weight) for a in (seen, where)])
-    cross = sum(float((weight * p * u).sum()) for u, p in parts)
-    spread = sum(float((weight * p * p).sum()) for _, p in parts)
-    scatter = sum(float((weight * u * u).sum()) for u, _ in parts)
-    if spread == 0 or cross == 0:
-        return PhaseSlope(0.0, 0.0, spots)
-    confidence = cross**2 / (spread * scatter)
-    slope = cross / spread
-    left = sum((weight * p * (u - slope * p)) for u, p in parts)
-    few = spots / (spots - _LEAST_SPOTS + 1)
-    deviation = float(np.sqrt(few * (left**2).sum())) / spread / slope**2
-    return PhaseSlope(-1 / slope, float(np.clip(confidence, 0, 1)), spots, deviation)
 
 
 def _download_window(lf: LightField, rows: slice, columns: slice) -> np.ndarray[Any, Any]:
