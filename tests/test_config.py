@@ -140,6 +140,28 @@ crosstalk = [[0.0, 0.1, 0.8]]
         read(tmp_path, text.replace("pitch_um = 2.5", "# "))
 
 
+def test_pictures_with_opacity(tmp_path: Path) -> None:
+    table = """[[scene.pictures]]
+file = "picture.png"
+width_mm = 3.0
+z_mm = -2.0
+opacity_file = "opacity.png"
+"""
+    imageio.imwrite(tmp_path / "picture.png", np.full((2, 3), 200, np.uint8))
+    values = np.array([[0, 51, 255], [255, 0, 102]], np.uint8)
+    imageio.imwrite(tmp_path / "opacity.png", values)
+    text = EXAMPLE.replace("# [coherence]", table + "# [coherence]")
+    _, picture = read(tmp_path, text).scene.build()
+    assert picture.occluder.z == picture.z == -2e-3
+    np.testing.assert_allclose(picture.occluder.opacity, values / 255)
+    imageio.imwrite(tmp_path / "opacity.png", values[:, :2])
+    with pytest.raises(FormatError, match=r"opacity has shape \(2, 2\), and the picture \(2, 3\)"):
+        read(tmp_path, text).scene.build()
+    slide = text.replace("z_mm = -2.0", 'mode = "transmission"')
+    with pytest.raises(FormatError, match="A slide has no opacity"):
+        read(tmp_path, slide + "[coherence]\n").scene.build()
+
+
 @pytest.mark.parametrize("spatial", ["mask", "source", "incoherent"])
 @pytest.mark.parametrize("spectrum", SPECTRA)
 def test_what_the_example_has_in_comments_is_valid(tmp_path: Path, spatial: str, spectrum: str):
@@ -148,6 +170,7 @@ def test_what_the_example_has_in_comments_is_valid(tmp_path: Path, spatial: str,
     other |= {key for key in SPECTRA if key != spectrum}
     other |= set(CAMERA_KEYS["plenoptic2"]) | set(CAMERA_KEYS["microscope"])
     other |= {"wavelengths"} if spectrum == "lines_nm" else {"line_powers"}
+    other |= {"opacity_file"}  # slides have none
     taken = "\n".join(
         line.removeprefix("# ") if " = " in line or "# [" in line else line
         for line in EXAMPLE.splitlines()

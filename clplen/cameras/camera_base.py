@@ -15,7 +15,13 @@ from clplen.cameras.optics.lenslet_camera import Described, Kind
 from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.optics.ray_optics import RayOptics, check_in_view, is_sampled, raw_image
 from clplen.cameras.optics.wave_optics import WaveOptics
-from clplen.cameras.scenes.scene_sources import PointSources, Source, as_sources
+from clplen.cameras.scenes.occluders import Occluder
+from clplen.cameras.scenes.scene_sources import (
+    PointSources,
+    Source,
+    as_occluders,
+    as_sources,
+)
 from clplen.cameras.scenes.surface_scene import SurfaceScene
 from clplen.deprecation import renamed_argument
 from clplen.files import PathLike
@@ -26,7 +32,7 @@ from clplen.wave.field.field import Field, row_powers
 from clplen.wave.field.intensity import Region
 from clplen.wave.propagation.propagator import Propagator
 
-Scene = SurfaceScene | Source | Sequence[Source]
+Scene = SurfaceScene | Source | Sequence[Source | Occluder]
 Self = TypeVar("Self", bound="Plenoptic")
 
 
@@ -95,8 +101,9 @@ class Plenoptic(Described, RayOptics):
 
         Parameters
         ----------
-        scene : PointSources, PicturePlane, list of them, or SurfaceScene
-            The members of a list add up without occlusion. A `SurfaceScene` has occlusion and needs
+        scene : PointSources, PicturePlane, list of them and of Occluder, or SurfaceScene
+            The light of a list's members adds up. An `Occluder`, or a picture with ``opacity``,
+            attenuates what lies behind it. A `SurfaceScene` has occlusion and needs
             ``model="rays"``: Y and X count lenslets from the middle of the array, d is the
             disparity of the decoded light field, and 1 is the raw image of white.
         model : {"waves", "rays"}
@@ -154,11 +161,17 @@ class Plenoptic(Described, RayOptics):
                     "Rays know no wavelengths, and the pixels of this camera have colour filters: "
                     "use model='waves', or pixels without filters=."
                 )
+            if not isinstance(scene, SurfaceScene) and as_occluders(scene):
+                raise ValueError(
+                    "Rays of points and pictures know no occlusion: use model='waves', or a "
+                    "SurfaceScene."
+                )
             sources = scene if isinstance(scene, SurfaceScene) else as_sources(scene)
             raw = expose_rays(optics, sources)
         else:
             light = Light(coherence, koehler, averaging)
-            raw = expose_waves(optics, as_sources(scene), light, method=method, progress=progress)
+            sources, before = as_sources(scene), replace(optics, occluders=as_occluders(scene))
+            raw = expose_waves(before, sources, light, method=method, progress=progress)
         raw = replace(raw, camera=self)
         return raw if sensor is None else sensor.record(raw)
 
@@ -297,8 +310,8 @@ def _uses_rays(model: str, scene: Any, coherence: Coherence | None, averaging: A
         raise ValueError(f"model is 'waves' or 'rays', not {model!r}.")
     if model == "waves" and isinstance(scene, SurfaceScene):
         raise ValueError(
-            "A SurfaceScene is exposed by rays: give model='rays'. Waves take PointSources and "
-            "PicturePlanes, which hide nothing of each other."
+            "A SurfaceScene is exposed by rays: give model='rays'. Waves take PointSources, "
+            "PicturePlanes and Occluders."
         )
     slides = (averaging.snapshots, averaging.rtol, averaging.region, averaging.checkpoint)
     options = (coherence, *slides)

@@ -74,8 +74,8 @@ points_mm = [[-3.0, -3.0, -50.0], [0.0, 0.0, 0.0], [3.0, 3.0, 50.0]]
 diameter_um = 10.0              # of each source, a coherent disc; 0 (default): a point
 # power = 1.0                   # energy through the aperture; one number, or one for each point
 
-# [[scene.pictures]]            # a flat picture; several such tables add up, none hides another;
-                                # with pictures a scene needs no points
+# [[scene.pictures]]            # a flat picture; several such tables add up; with pictures a scene
+                                # needs no points
 # file = "picture.png"          # needed; as seen from the folder of this file. Values are linear,
                                 # whole numbers over the largest of their type (8 bits: 255);
                                 # colours become grey, .2126 R + .7152 G + .0722 B
@@ -84,6 +84,8 @@ diameter_um = 10.0              # of each source, a coherent disc; 0 (default): 
 # mode = "emission"             # each sample shines by itself, with its value as energy through
                                 # the aperture; or "transmission", a slide of that transmittance
 # srgb = false                  # true: decode 8-bit values to linear light
+# opacity_file = "opacity.png"  # default: it hides nothing. A picture of as many samples: the share
+                                # of the light from behind that each stops, white all of it
 
 # [coherence]                   # the light that falls on slides; its spectrum is the scene's
 # spatial = "coherent"          # a plane wave; or "mask", "source" or "incoherent"

@@ -48,6 +48,7 @@ class PictureTable(Table):
     z_mm: Finite = 0.0
     mode: Literal["emission", "transmission"] = "emission"
     srgb: Switch = False
+    opacity_file: File | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -63,6 +64,7 @@ class PictureTable(Table):
                 self.width_mm / 1e3,
                 self.z_mm / 1e3,
                 mode=self.mode,
+                opacity=self._opacity(),
             )
         except ValueError as error:
             raise ValueError(f"{self.file}: {error}") from error
@@ -76,6 +78,12 @@ class PictureTable(Table):
             self.mode,
         )
         return plane
+
+    def _opacity(self) -> Values | None:
+        """Of the file's samples, white stops all light."""
+        if self.opacity_file is None:
+            return None
+        return _grey(_linear(read_picture(self.opacity_file), False))
 
 
 Point = Annotated[tuple[Finite, Finite, Finite], of(3, "three numbers, [x, y, z]")]

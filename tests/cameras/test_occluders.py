@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import special
 
-from clplen import MicrolensArray, PlenopticCamera
-from clplen.cameras import Occluder
+from clplen import LightField, MicrolensArray, PicturePlane, PlenopticCamera, PointSources
+from clplen.cameras import Occluder, PixelArray
 from clplen.cameras.optics.local_window import LocalWindows, window_shape
 from clplen.cameras.optics.shadows import shadows
 from clplen.compute.device import Device
+from clplen.errors import ShapeError
 
 LAM = 532e-9
 AXIS = np.linspace(-3e-3, 3e-3, 301)
@@ -88,7 +91,7 @@ def test_fields_on_the_array_know_shadows(device: Device) -> None:
     screen = Occluder(np.full((3, 3), [0.0, 0.0, 1.0]), 3e-3, -0.3)  # opaque from x = .5 mm on
     images = []
     for screens in ((), (screen,)):
-        windows = LocalWindows.of(optics, shape, place, occluders=screens)
+        windows = LocalWindows.of(replace(optics, occluders=screens), shape, place)
         images.append(np.abs(device.download(windows.array_fields())[0]) ** 2)
     free, half = images
     axis = np.linspace(-1e-3, 1e-3, 201)
@@ -106,3 +109,87 @@ def test_fields_on_the_array_know_shadows(device: Device) -> None:
     even = (free.sum(0) * x * near).sum() / (free.sum(0) * near).sum()
     assert seen - even == pytest.approx((1 - camera.alpha(0.1)) * u, rel=0.1)
     assert abs(u) > 0.3e-3
+
+
+def bench(device: Device, **options) -> PlenopticCamera:
+    values = {
+        "focal_length": 0.02, "object_distance": 0.5, "aperture_diameter": 4e-3, "wavelength": LAM,
+        "mla": MicrolensArray(60e-6, 0.3e-3, count=(13, 15), fill="full"), "device": device,
+        "pixels": PixelArray(pitch=5e-6),
+    }  # fmt: skip
+    return PlenopticCamera.type1(**(values | options))
+
+
+def test_a_raw_image_has_no_light_from_behind_a_screen(device: Device) -> None:
+    """Half of the pupil is hidden: views on that side are dark, and the others as they were."""
+    camera = bench(device)
+    x = 4e-4
+    pitch = 2 * x * 0.3 / 0.55  # the chief ray crosses the screen half of this beside the axis
+    opacity = np.zeros((21, 21))
+    opacity[:, 11:] = 1
+    screen = Occluder(opacity, 21 * pitch, -0.2)
+    point = PointSources((x, -3e-4, 0.05))
+    free, half = (LightField.from_raw(camera.expose(s)) for s in (point, [point, screen]))
+    seen = half.to_numpy().sum((0, 2, 3)) / free.to_numpy().sum((0, 2, 3)).max()
+    all_of_it = free.to_numpy().sum((0, 2, 3)) / free.to_numpy().sum((0, 2, 3)).max()
+    u = (np.arange(half.shape[1]) - (half.shape[1] - 1) / 2) * half.spacing[1]
+    radius = camera.aperture_diameter / 2
+    lit, dark = (u < -0.35 * radius) & (u > -radius), (u > 0.35 * radius) & (u < radius)
+    assert seen[lit].sum() == pytest.approx(all_of_it[lit].sum(), rel=0.1)
+    assert seen[dark].sum() < 0.15 * all_of_it[dark].sum()
+
+
+def test_cameras_whose_pixels_sample_the_light_know_screens(device: Device) -> None:
+    """The share of the light that passes, by the shadow on the pupil."""
+    mla = MicrolensArray(60e-6, 1.2e-3, count=41)
+    camera = bench(device, pixels=None, pixels_per_lenslet=12, aperture_diameter=1e-3, mla=mla)
+    assert camera.pixels is None
+    place = np.array([[2e-4, -3e-4, 0.05]])
+    screen = Occluder(np.arange(12).reshape(3, 4) / 12, 1e-3, -0.2)
+    axis = np.linspace(-5e-4, 5e-4, 201)
+    (factor,) = shadows([screen], place, object_distance=0.5, wavelength=LAM, axis=axis)
+    lit = np.abs(factor[np.hypot(axis[:, None], axis) < 5e-4]) ** 2
+    point = PointSources(place)
+    sums = [camera.expose(scene).to_numpy().sum() for scene in ([point, screen], point)]
+    assert 0.2 < lit.mean() < 0.8
+    assert sums[0] / sums[1] == pytest.approx(lit.mean(), rel=0.02)
+
+
+def test_pictures_hide_what_is_behind_them(device: Device) -> None:
+    """A list in any order; what lies in front of a picture is as it was."""
+    camera = bench(device)
+    front = PicturePlane(np.eye(3), 6e-3, -0.1, opacity=1.0)
+    near, far = PointSources((1e-3, 0, -0.15)), PointSources((1e-3, 0, 0.1))
+    alone, both = (camera.expose(s).to_numpy() for s in (near, [front, near]))
+    without = camera.expose(PicturePlane(np.eye(3), 6e-3, -0.1)).to_numpy()
+    np.testing.assert_allclose(both, alone + without, atol=1e-6 * both.max())
+    hidden = camera.expose([far, front]).to_numpy()
+    assert np.abs(hidden - without).sum() < 0.01 * camera.expose(far).to_numpy().sum()
+    half = PicturePlane(np.eye(3), 6e-3, -0.1, opacity=np.full((3, 3), 0.5))
+    through = camera.expose([far, half]).to_numpy() - without
+    assert through.sum() == pytest.approx(0.5 * camera.expose(far).to_numpy().sum(), rel=0.03)
+
+
+def test_what_is_said_of_occluders(device: Device) -> None:
+    camera, point = bench(device), PointSources((0, 0, 0))
+    screen = Occluder(np.eye(3), 1e-3, -0.1)
+    with pytest.raises(ValueError, match="behind the main lens"):
+        camera.expose([point, Occluder(np.eye(3), 1e-3, -0.5)])
+    with pytest.raises(ValueError, match="which send no light"):
+        camera.expose([screen])
+    with pytest.raises(ValueError, match="SurfaceScene"):
+        camera.expose([point, screen], model="rays")
+    with pytest.raises(ValueError, match="method='points'"):
+        camera.expose([point, screen], method="points")
+    with pytest.raises(ShapeError, match=r"opacity has shape \(2, 2\), and the picture \(3, 3\)"):
+        PicturePlane(np.eye(3), 1e-3, opacity=np.eye(2))
+    with pytest.raises(ValueError, match="from 0 to 1"):
+        PicturePlane(np.eye(3), 1e-3, opacity=1.5)
+    with pytest.raises(ValueError, match="no opacity"):
+        PicturePlane(np.eye(3), 1e-3, mode="transmission", opacity=0.5)
+    for wrong, kind in (([[np.nan]], ValueError), ([1.0], ShapeError), ("ab", TypeError)):
+        with pytest.raises(kind):
+            Occluder(wrong, 1e-3)
+    for width, z in ((0, 0), (np.inf, 0), (1e-3, np.nan), ("1", 0)):
+        with pytest.raises(ValueError, match=r"width|z of"):
+            Occluder(np.eye(2), width, z)

@@ -130,6 +130,7 @@ def expose_waves(
     Parameters
     ----------
     optics : WaveOptics
+        With the occluders of the scene.
     sources : sequence of PointSources and PicturePlane
     light : Light
     method : {"auto", "points", "local", "isoplanatic"}
@@ -169,6 +170,7 @@ def expose_waves(
             "leave pixels= of the camera out, with pixels that sample the light, or use "
             "mode='emission'."
         )
+    _check_occluders(optics, method, has_slides=bool(slides))
     local = _is_local(optics, method)
     for source in (*slides, *plain):
         for colour in colours:
@@ -205,6 +207,22 @@ def expose_waves(
     wavelengths = max((len(parts) for _, parts in spectral), default=None)
     report = replace(_joined(reports), wavelengths=wavelengths)
     return replace(raw_image(optics, data), exposure=report)
+
+
+def _check_occluders(optics: WaveOptics, method: Method, *, has_slides: bool) -> None:
+    """Refuse screens that no lens sees, and ways of the light that know none."""
+    if optics.occluders and (has_slides or method not in ("auto", "local")):
+        way = "slides" if has_slides else f"method={method!r}"
+        raise ValueError(
+            f"Occluders are known to windows of single points, method='local', not to {way}: leave "
+            "them out, or use points and self-luminous pictures with method='auto'."
+        )
+    for screen in optics.occluders:
+        if screen.z <= -optics.object_distance:
+            raise ValueError(
+                f"The occluder at z = {screen.z:g} m lies behind the main lens, which is "
+                f"{optics.object_distance:g} m from the focused plane."
+            )
 
 
 def _check_positions(optics: WaveOptics, source: Source, *, local: bool, slide: bool) -> None:
@@ -300,7 +318,8 @@ def _add_channels(
 
 def _is_local(optics: WaveOptics, method: Method) -> bool:
     """Whether points have windows of their own."""
-    return method == "local" or (method == "auto" and optics.pixels is not None)
+    own = optics.pixels is not None or bool(optics.occluders)
+    return method == "local" or (method == "auto" and own)
 
 
 def _layout(optics: WaveOptics, source: Source, method: Method) -> Layout | None:
@@ -323,6 +342,8 @@ def _layout(optics: WaveOptics, source: Source, method: Method) -> Layout | None
 def _no_isoplanatic(optics: WaveOptics, plane: PicturePlane) -> str:
     """Why patterns do not repeat from lenslet to lenslet along rows; empty where they do."""
     mla = optics.mla
+    if optics.occluders:
+        return "Occluders stop other light of each point"
     if not optics.samples(plane.corners().positions):
         return "The pixels do not sample the light's waves, as method='isoplanatic' needs"
     if mla.rotation != 0:

@@ -21,7 +21,6 @@ import pyopencl.array as cla
 from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.optics.shadows import shadows
 from clplen.cameras.optics.wave_optics import WaveOptics, disc_table
-from clplen.cameras.scenes.occluders import Occluder
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import run
 from clplen.compute.fft.lines import Line, Separable, smooth_length
@@ -347,8 +346,6 @@ class LocalWindows(Windows):
         (x, y, dz) of the points in metres, shape (n, 3).
     diameter : float
         Of each of them, in metres.
-    occluders : tuple of Occluder
-        Screens before the camera.
     others
         Those of `Windows`.
     """
@@ -356,18 +353,12 @@ class LocalWindows(Windows):
     optics: WaveOptics
     positions: Values
     diameter: float
-    occluders: tuple[Occluder, ...] = ()
 
     @classmethod
     def of(
-        cls,
-        optics: WaveOptics,
-        shape: WindowShape,
-        positions: Values,
-        diameter: float = 0.0,
-        occluders: tuple[Occluder, ...] = (),
+        cls, optics: WaveOptics, shape: WindowShape, positions: Values, diameter: float = 0.0
     ) -> LocalWindows:
-        """The windows of points (x, y, dz), shape (n, 3), in metres, and screens before them."""
+        """The windows of points (x, y, dz), shape (n, 3), in metres."""
         z = optics.object_distance + positions[:, 2]
         z2, lam = optics.array_distance, optics.wavelength
         q = 1 / optics.focal_length - 1 / z
@@ -397,7 +388,7 @@ class LocalWindows(Windows):
         off_band = _off_band(optics, shape, carriers, 1 - numbers[:, 3])
         made = cls(
             optics, shape, numbers, centres, carriers, off_band, shifts, np.ones(len(positions)),
-            positions, diameter, tuple(occluders),
+            positions, diameter,
         )  # fmt: skip
         made.numbers[:, 15:17] = made._pupil_centres() * optics.aperture_diameter / 2
         made.energy[:] = made._energies()
@@ -485,13 +476,13 @@ class LocalWindows(Windows):
 
     def _is_shadowed(self) -> bool:
         farthest = self.positions[:, 2].max()
-        return any(screen.z < farthest for screen in self.occluders)
+        return any(screen.z < farthest for screen in self.optics.occluders)
 
     def _shadows(self) -> Any:
         """Factors of the screens over the pupil's square, for each point."""
         optics = self.optics
         return shadows(
-            self.occluders,
+            optics.occluders,
             self.positions,
             object_distance=optics.object_distance,
             wavelength=optics.wavelength,

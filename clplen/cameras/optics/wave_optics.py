@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import pyopencl.array as cla
 
 from clplen.cameras.optics.ray_optics import FixedOptics, check_in_view, check_sampling, is_sampled
+from clplen.cameras.scenes.occluders import Occluder
 from clplen.compute.device import Device
 from clplen.compute.fft.blocks import window
 from clplen.compute.fft.lines import smooth_length
@@ -161,8 +162,15 @@ FRESNEL_WIDTHS = 2  # diffraction beyond the geometric edge that a window withou
 class WaveOptics(FixedOptics):
     """Fields behind the main lens, at the array and on the sensor of a plenoptic camera.
 
-    Attributes are those of `FixedOptics`.
+    Attributes
+    ----------
+    occluders : tuple of Occluder
+        Screens before the camera, which windows of single points know.
+    others
+        Those of `FixedOptics`.
     """
+
+    occluders: tuple[Occluder, ...] = field(default=(), kw_only=True)
 
     def pupil(self, positions: Values, diameter: float = 0.0, *, full_grid: bool = True) -> Field:
         """Fields of points right behind the main lens.

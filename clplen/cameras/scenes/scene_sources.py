@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from clplen import units
+from clplen.cameras.scenes.occluders import Occluder
 from clplen.checks import is_finite
 from clplen.compute.arrays import HostArray
 from clplen.deprecation import renamed_argument, renamed_attribute
@@ -123,8 +124,8 @@ class PicturePlane(OneLine, HostArray):
     """A flat picture across the optical axis.
 
     Sample i of an axis of n samples lies at (i - n//2) width/nx from the axis: pixels are square,
-    rows go along +y. Several planes make a scene as a list: their light adds up without occlusion,
-    a plane in front hides nothing of one behind it.
+    rows go along +y. Several planes make a scene as a list: their light adds up, and a plane hides
+    what is behind it as far as its ``opacity`` says.
 
     Parameters
     ----------
@@ -142,6 +143,9 @@ class PicturePlane(OneLine, HostArray):
     spectra : Spectrum, SpectralDistribution, or sequence of them, optional
         Of the light of each channel, of unit power: how the energy of its samples is spread over
         the wavelengths. None: that of ``coherence=`` in `expose`, else the camera's wavelength.
+    opacity : float or array_like, optional
+        Of each sample, shape (ny, nx), or of all: the share from 0 to 1 of the light from behind
+        that it stops, as of an `Occluder`. None: the picture hides nothing.
 
     Attributes
     ----------
@@ -151,6 +155,8 @@ class PicturePlane(OneLine, HostArray):
     mode : str
     spectra : tuple of Spectrum or None
         One a channel.
+    occluder : Occluder or None
+        What hides the light from behind.
 
     Raises
     ------
@@ -178,6 +184,7 @@ class PicturePlane(OneLine, HostArray):
     z: float
     mode: str
     spectra: tuple[Spectrum, ...] | None
+    occluder: Occluder | None
 
     def __init__(
         self,
@@ -187,6 +194,7 @@ class PicturePlane(OneLine, HostArray):
         *,
         mode: Literal["emission", "transmission"] = "emission",
         spectra: Light | Sequence[Light] | None = None,
+        opacity: Any = None,
     ) -> None:
         try:
             values = np.array(image, np.float64)
@@ -224,6 +232,7 @@ class PicturePlane(OneLine, HostArray):
         object.__setattr__(self, "z", float(z))
         object.__setattr__(self, "mode", mode)
         object.__setattr__(self, "spectra", light)
+        object.__setattr__(self, "occluder", self._occluder(opacity))
 
     dz = renamed_attribute("dz", "z")
 
@@ -269,6 +278,19 @@ class PicturePlane(OneLine, HostArray):
         y, x = self.y[lit.any(axis=1)], self.x[lit.any(axis=0)]
         return PointSources([(a, b, self.z) for b in (y[0], y[-1]) for a in (x[0], x[-1])])
 
+    def _occluder(self, opacity: Any) -> Occluder | None:
+        if opacity is None:
+            return None
+        if self.is_slide:
+            raise ValueError("A slide has no opacity: its samples are what it transmits.")
+        values = np.full(self.image.shape[:2], opacity) if np.ndim(opacity) == 0 else opacity
+        if np.shape(values) != self.image.shape[:2]:
+            raise ShapeError(
+                f"The opacity has shape {np.shape(values)}, and the picture "
+                f"{self.image.shape[:2]}: give one number, or one for each sample."
+            )
+        return Occluder(values, self.width, self.z)
+
     def _axis(self, axis: int) -> Vector:
         n = self.image.shape[axis]
         return (np.arange(n) - n // 2) * self.pitch
@@ -306,22 +328,35 @@ Source = PointSources | PicturePlane
 
 
 def as_sources(scene: Any) -> tuple[Source, ...]:
-    """The sources of a scene: itself, or the members of a list or tuple.
+    """The sources of a scene: itself, or the members of a list or tuple that send light.
 
     Raises
     ------
     TypeError
-        If a source is neither `PointSources` nor `PicturePlane`.
+        If a member is neither `PointSources`, `PicturePlane` nor `Occluder`.
     ValueError
-        If there is none.
+        If there is no source.
     """
-    sources = tuple(scene) if isinstance(scene, list | tuple) else (scene,)
-    if not sources:
+    members = _members(scene)
+    if not members:
         raise ValueError("The scene is an empty list: give PointSources or PicturePlanes.")
-    for source in sources:
-        if not isinstance(source, PointSources | PicturePlane):
+    for member in members:
+        if not isinstance(member, PointSources | PicturePlane | Occluder):
             raise TypeError(
-                "expose takes PointSources, a PicturePlane or a list of them, not "
-                f"{type(source).__name__}."
+                "expose takes PointSources, a PicturePlane or a list of them and of Occluders, not "
+                f"{type(member).__name__}."
             )
+    sources = tuple(member for member in members if not isinstance(member, Occluder))
+    if not sources:
+        raise ValueError("The scene has Occluders only, which send no light: add PointSources.")
     return sources
+
+
+def as_occluders(scene: Any) -> tuple[Occluder, ...]:
+    """What hides light in a scene: its occluders, and those of its pictures."""
+    members = [m.occluder if isinstance(m, PicturePlane) else m for m in _members(scene)]
+    return tuple(member for member in members if isinstance(member, Occluder))
+
+
+def _members(scene: Any) -> tuple[Any, ...]:
+    return tuple(scene) if isinstance(scene, list | tuple) else (scene,)
