@@ -113,7 +113,8 @@ def test_steep_lenslets_magnify_the_image_of_the_pupil(device: Device, f_number:
     by_waves, by_rays = (
         camera.expose(PointSources((0, 0, 0)), model=model).spacing for model in ("waves", "rays")
     )
-    assert by_rays[1] / by_waves[1] == pytest.approx(size, rel=1e-12)
+    expected = size if size > 1.001 else 1
+    assert by_rays[1] / by_waves[1] == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", ["lytro_illum", "canon_50mm"])

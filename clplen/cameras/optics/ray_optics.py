@@ -33,6 +33,7 @@ from clplen.wave.field.field import Grid
 
 LensModel = Literal["thin", "corrected"]
 
+NEARLY_PARAXIAL = 1e-3  # of the size of the pupil's image, which no depth is as exact as
 _RADII, _ANGLES = 5, 10  # of points on lenslets and pupils
 Positions = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -470,13 +471,14 @@ def raw_image(optics: RayOptics, data: cla.Array, *, paraxial: bool = False) -> 
     optics : RayOptics
     data : pyopencl.array.Array
     paraxial : bool
-        Whether the views look where paraxial rays come from, `view_step` apart; else steeper
-        lenslets magnify the image of the main lens (`pupil_image`).
+        Whether the views look where paraxial rays come from, `view_step` apart; else steep
+        lenslets magnify the image of the main lens (`pupil_image`), if by more than 1e-3.
     """
     step = view_step(optics)
     on_image = optics.array_distance == optics.image_distance
-    if on_image and not paraxial:
-        step /= pupil_image(optics)[0]
+    larger = 1.0 if paraxial or not on_image else pupil_image(optics)[0]
+    if abs(larger - 1) > NEARLY_PARAXIAL:
+        step /= larger
     filters = None if optics.pixels is None else optics.pixels.filters
     return RawImage(
         data,
