@@ -19,9 +19,13 @@
  * -DPATH: the main lens has a wavefront of its own, a table (path/lam, transmission) over the pupil's
  *         square, by Lagrange's cubic.
  * -DSHADOW: screens stop part of the light, a table of complex factors over the same square.
+ * -DLANES: `behind` and `onward` take sixteen samples at a time (with -DROWS, in float32).
  * Mapping: FOR_X of common.cl, axis 2 = point. -DROWS, -DDOUBLE: see common.cl.
  */
 #include "common.cl"
+#ifdef LANES
+#include "lanes_complex.cl"
+#endif
 #include "disc_pattern.cl"
 #include "rim_weights.cl"
 
@@ -144,41 +148,60 @@ __kernel void behind(__global cplx *restrict u, __global const real *restrict po
     const int n = get_global_id(2);
     const size_t row = row_start(n, y, ny, nx);
     __global const real *p = points + (size_t)n * NUMBERS;
-    const real hyy = p[4] - p[14], hyx = p[5], hxx = p[6] - p[14];
-    const real eta = dx * (y - ny / 2) + p[12];
+    const real hyx = p[5] * per_lam, hxx = (p[6] - p[14]) * per_lam / 2;
+    const real eta = dx * (y - ny / 2) + p[12], left = p[13] - dx * (nx / 2);
+    const real of_row = (p[4] - p[14]) * per_lam / 2 * eta * eta;
     const size_t from = (size_t)(corners[2 * n] + y) * array_nx + corners[2 * n + 1];
-    FOR_X(x, nx) {
-        const real xi = dx * (x - nx / 2) + p[13];
-        const real bend = (real)0.5f * (hyy * eta * eta + hxx * xi * xi) + hyx * eta * xi;
-        u[row + x] = cmul(cmul(u[row + x], cis_turns(bend * per_lam)), array[from + x]);
+    int x = 0;
+#ifdef LANES
+    const float16 step = (float16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15) * dx;
+    for (; x + 16 <= nx; x += 16) {
+        const float16 xi = step + (dx * x + left);
+        float16 re, im, ar, ai;
+        cis16(of_row + xi * (hxx * xi + hyx * eta), &re, &im);
+        deal((__global const float *)(array + from + x), &ar, &ai);
+        __global float *to = (__global float *)(u + row + x);
+        times16(to, to, re * ar - im * ai, re * ai + im * ar);
+    }
+#endif
+    FROM_X(x, nx) {
+        const real xi = dx * x + left;
+        const cplx bend = cis_turns(of_row + xi * (hxx * xi + hyx * eta));
+        u[row + x] = cmul(cmul(u[row + x], bend), array[from + x]);
     }
 }
 
-/* Bins of a spectrum of n samples from the carrier, of those about `off` bins beside it. */
-inline real bins(int k, real off, int n)
-{
-    const real place = k + off;
-    return place - n * rint(place / n) - off;
-}
-
-/* carriers: (s_y, s_x, shift_y, shift_x, off_y, off_x) of each point: direction cosines, samples by
- * which the window on the sensor lies farther out, bins from the middle of the band to the carrier. */
-__kernel void onward(__global cplx *restrict u, __global const real *restrict carriers,
-                     const real span, const real z_per_lam, const int ny, const int nx)
+/* rows, columns: s (s + 2 s0) and turns of a shift for each bin, of each point; middles: s0^2 and the
+ * cosine sqrt(1 - s0^2). The spectrum is 0 beyond propagating waves. */
+__kernel void onward(__global cplx *restrict u, __global const real2 *restrict rows,
+                     __global const real2 *restrict columns, __global const real2 *restrict middles,
+                     const real z_per_lam, const int ny, const int nx)
 {
     const int y = get_global_id(1);
     const int n = get_global_id(2);
     const size_t row = row_start(n, y, ny, nx);
-    __global const real *c = carriers + (size_t)n * 6;
-    const real ky = bins(y, c[4], ny), sy = ky * span / ny;
-    const real s02 = c[0] * c[0] + c[1] * c[1];
-    const real c0 = sqrt(fmax(1 - s02, (real)0));
-    FOR_X(x, nx) {
-        const real kx = bins(x, c[5], nx), sx = kx * span / nx;
-        const real more = sy * (sy + 2 * c[0]) + sx * (sx + 2 * c[1]); /* s^2 - s0^2 */
-        const real rest = 1 - s02 - more;
-        const real turns = -z_per_lam * more / (sqrt(fmax(rest, (real)0)) + c0)
-            + ky * c[2] / ny + kx * c[3] / nx;
+    const real2 of_row = rows[(size_t)n * ny + y];
+    const real c0 = middles[n].y, left = 1 - middles[n].x - of_row.x;
+    __global const real2 *of_columns = columns + (size_t)n * nx;
+    int x = 0;
+#ifdef LANES
+    for (; x + 16 <= nx; x += 16) {
+        float16 more, turns, re, im;
+        deal((__global const float *)(of_columns + x), &more, &turns);
+        const float16 rest = left - more, square = rest > 0 ? rest : 0;
+        turns += of_row.y - z_per_lam * (more + of_row.x) / (sqrt(square) + c0);
+        cis16(turns, &re, &im);
+        re = rest > 0 ? re : 0;
+        im = rest > 0 ? im : 0;
+        __global float *to = (__global float *)(u + row + x);
+        times16(to, to, re, im);
+    }
+#endif
+    FROM_X(x, nx) {
+        const real2 of_column = of_columns[x];
+        const real rest = left - of_column.x;
+        const real turns = of_row.y + of_column.y
+            - z_per_lam * (of_column.x + of_row.x) / (sqrt(fmax(rest, (real)0)) + c0);
         u[row + x] = rest > 0 ? cmul(u[row + x], cis_turns(turns)) : (cplx)(0);
     }
 }

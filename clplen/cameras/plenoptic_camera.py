@@ -443,10 +443,11 @@ def _check_lenslets(mla: MicrolensArray, wavelength: float) -> None:
     """
     if not isinstance(mla, MicrolensArray):
         raise TypeError(f"mla is a MicrolensArray, not {mla!r}.")
-    if mla.diameter < NARROWEST * wavelength:
+    width = mla.pitch if mla.gap == "clear" else mla.diameter
+    if width < NARROWEST * wavelength:
         raise ValueError(
-            f"Lenslets of {mla.diameter:g} m are no lenses for a wavelength of {wavelength:g} m: "
-            f"lengths are in metres; wavelengths below {mla.diameter / NARROWEST:g} m would do."
+            f"Lenslets of {width:g} m are no lenses for a wavelength of {wavelength:g} m: "
+            f"lengths are in metres; wavelengths below {width / NARROWEST:g} m would do."
         )
 
 

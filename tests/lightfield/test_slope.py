@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clplen.lightfield.depth.alpha_estimate import estimate_alpha
-from clplen.lightfield.depth.window_measures import fit_slope
+from clplen.lightfield.depth.phase_slope import fit_slope
 from clplen.lightfield.model.light_field import LightField
 
 

@@ -61,8 +61,8 @@ def test_bad_arrays(change, message):
 
 
 def test_centres_turn_x_towards_y():
-    array = MicrolensArray(0.1, 1.0, count=(1, 3), rotation=np.pi / 2, offset=(1.0, 2.0))
-    np.testing.assert_allclose(array.centres()[0], [(0.9, 2), (1, 2), (1.1, 2)], atol=1e-13)
+    array = MicrolensArray(0.1, 1.0, count=(1, 3), rotation=np.pi / 2, offset=(0.2, 0.4))
+    np.testing.assert_allclose(array.centres()[0], [(0.1, 0.4), (0.2, 0.4), (0.3, 0.4)], atol=1e-13)
     twin = reference.lenslet_centres(0.1, count=(3, 4), lattice="hexagonal", rotation=0.3)
     ours = MicrolensArray(0.1, 1.0, count=(3, 4), lattice="hexagonal", rotation=0.3).centres()
     np.testing.assert_allclose(ours[..., ::-1], twin, atol=1e-13)

@@ -22,7 +22,7 @@ from clplen.cameras.optics.pixel_array import PixelArray
 from clplen.cameras.optics.shadows import shadows
 from clplen.cameras.optics.wave_optics import WaveOptics, disc_table
 from clplen.compute.device import Device
-from clplen.compute.fft.blocks import run
+from clplen.compute.fft.blocks import lanes_defines, run
 from clplen.compute.fft.lines import Line, Separable, smooth_length
 from clplen.wave.elements.rims import RIM, rim_weights
 from clplen.wave.field.field import Grid
@@ -292,7 +292,7 @@ class Windows:
             arrays = region.transmission
             corners = self.centres - n // 2 - region.first
         device.launch_rows(
-            device.kernel("local_window.cl", "behind", **device.wave_defines()),
+            device.kernel("local_window.cl", "behind", **lanes_defines(device)),
             fields.shape,
             fields,
             device.upload(self.numbers.astype(device.real)),
@@ -316,19 +316,34 @@ class Windows:
         """
         optics, shape, device = self.optics, self.shape, self.optics.device
         device.fft.forward(behind, device)
-        carriers = np.concatenate([self.carriers, self.shifts, self.off_band], axis=1)
+        rows, columns, middles = self._bins()
         real = device.real.type
         device.launch_rows(
-            device.kernel("local_window.cl", "onward", **device.wave_defines()),
+            device.kernel("local_window.cl", "onward", **lanes_defines(device)),
             behind.shape,
             behind,
-            device.upload(carriers.astype(device.real)),
-            real(optics.wavelength / shape.pitch),
+            *(device.upload(table.astype(device.real)) for table in (rows, columns, middles)),
             real(optics.sensor_distance / optics.wavelength),
             np.int32(shape.samples),
             np.int32(shape.samples),
         )
         return behind
+
+    def _bins(self) -> tuple[Values, Values, Values]:
+        """Tables of the kernel `onward`: of rows and columns (points, samples, 2), of points."""
+        n, s0 = self.shape.samples, self.carriers
+        step = self.optics.wavelength / (n * self.shape.pitch)
+        tables = []
+        for axis in (0, 1):
+            off = self.off_band[:, axis, None]
+            place = np.arange(n) + off
+            bins = place - n * np.rint(place / n) - off  # from the carrier
+            s = bins * step
+            turns = bins * self.shifts[:, axis, None] / n
+            tables.append(np.stack([s * (s + 2 * s0[:, axis, None]), turns], axis=-1))
+        squares = (s0**2).sum(axis=1)
+        middles = np.stack([squares, np.sqrt(np.maximum(1 - squares, 0))], axis=-1)
+        return tables[0], tables[1], middles
 
     def _origin(self, centre: Any) -> tuple[float, float]:
         y, x = np.asarray(self.optics.grid.origin) + np.asarray(centre) * self.shape.pitch
