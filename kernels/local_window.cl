@@ -19,7 +19,8 @@
  * -DPATH: the main lens has a wavefront of its own, a table (path/lam, transmission) over the pupil's
  *         square, by Lagrange's cubic.
  * -DSHADOW: screens stop part of the light, a table of complex factors over the same square.
- * -DLANES: `behind` and `onward` take sixteen samples at a time (with -DROWS, in float32).
+ * -DLANES: sixteen samples at a time (with -DROWS, in float32), in `spectra` those of points without
+ *         size, and neither with -DPATH nor -DSHADOW.
  * Mapping: FOR_X of common.cl, axis 2 = point. -DROWS, -DDOUBLE: see common.cl.
  */
 #include "common.cl"
@@ -59,6 +60,66 @@ inline real2 from_table(__global const real2 *restrict table, int size, real v, 
     return sum;
 }
 
+#if defined(LANES) && !defined(PATH) && !defined(SHADOW)
+/* Sixteen samples of `spectra` at (sy, sx), of a point without size. */
+inline void spectra16(__global float *to, __global const real *p, const float sy, const float16 sx,
+                      __global const real *rim, const int rim_size, const float R, const float z2,
+                      const float ds, const float per_lam)
+{
+    const float ty0 = p[0], tx0 = p[1], q = p[2], gap = p[3], hyy = p[4], hyx = p[5], hxx = p[6];
+    const float t02 = ty0 * ty0 + tx0 * tx0, a0 = sqrt(1 + t02), c0 = 1 / a0;
+    const float16 along = ty0 * sy + tx0 * sx;
+    float16 uy = -z2 * a0 * (sy + ty0 * along), ux = -z2 * a0 * (sx + tx0 * along);
+    const int16 near = uy * uy + ux * ux < 4 * R * R; /* also where the pupil is shifted */
+    float16 by, bx, a, apart, det;
+    for (int i = 0; i <= NEWTON; ++i) {
+        const float16 ty = ty0 - q * uy, tx = tx0 - q * ux;
+        apart = q * (q * (uy * uy + ux * ux) - 2 * (ty0 * uy + tx0 * ux)); /* t^2 - t0^2 */
+        a = sqrt(1 + ty * ty + tx * tx);
+        const float16 c = 1 / a, dc = -apart * c * c0 / (a + a0), qc = q * c, c2 = c * c;
+        by = -q * uy * c + ty0 * dc; /* direction from that of the chief ray */
+        bx = -q * ux * c + tx0 * dc;
+        const float16 oy = by - gap * (hyy * uy + hyx * ux) - sy;
+        const float16 ox = bx - gap * (hyx * uy + hxx * ux) - sx;
+        const float16 myy = -qc * (1 - c2 * ty * ty) - gap * hyy;
+        const float16 mxx = -qc * (1 - c2 * tx * tx) - gap * hxx;
+        const float16 myx = qc * c2 * ty * tx - gap * hyx;
+        det = myy * mxx - myx * myx;
+        if (i < NEWTON) {
+            uy -= (mxx * oy - myx * ox) / det;
+            ux -= (myy * ox - myx * oy) / det;
+        }
+    }
+    const float16 oy = uy - p[15], ox = ux - p[16], root = sqrt(fabs(det));
+    union { float16 v; float one[16]; } weight;
+    weight.v = near ? (R - sqrt(oy * oy + ox * ox)) * root / ds : (float16)(-1e9f);
+    for (int i = 0; i < 16; ++i)
+        weight.one[i] = rim_weight(weight.one[i], rim, rim_size);
+    float16 amplitude = weight.v * sqrt(p[11]) / root;
+    const float16 ahead = ty0 * uy + tx0 * ux, u2 = uy * uy + ux * ux;
+    const float16 bend = hyy * uy * uy + 2 * hyx * uy * ux + hxx * ux * ux;
+    float16 turns = gap * per_lam
+        * (-ahead * apart * c0 / ((a + a0) * (a + a0)) - q * u2 / (a + a0) - (by * uy + bx * ux)
+           + 0.5f * gap * bend);
+#ifdef THIN
+    const float per_z = p[7], at0 = 1 + a0;
+    const float16 vy = uy * per_z + ty0, vx = ux * per_z + tx0, v2 = vy * vy + vx * vx;
+    const float16 av = 1 + sqrt(1 + v2), at = 1 + a; /* W of a thin lens */
+    turns -= per_lam * 0.5f
+        * ((v2 * v2 / (av * av) - t02 * t02 / (at0 * at0)) / per_z
+           + (q * u2 - 2 * ahead) * ((t02 + apart) / at + t02 / at0) / (a + a0));
+#else
+    amplitude *= a0 * sqrt(a0) / (a * sqrt(a));
+#endif
+    turns += sy * p[9] + sx * p[10];
+    float16 re, im;
+    const int16 lit = weight.v != 0;
+    cis16(lit ? turns : (float16)(0), &re, &im);
+    amplitude = lit ? amplitude : (float16)(0);
+    merge(to, amplitude * re, amplitude * im);
+}
+#endif
+
 __kernel void spectra(__global cplx *restrict g, __global const real *restrict points,
                       __global const real2 *restrict disc, const int last, const real per_step,
                       __global const real *restrict rim, const int rim_size,
@@ -74,7 +135,14 @@ __kernel void spectra(__global cplx *restrict g, __global const real *restrict p
     const real per_z = p[7], scale = p[8], down = p[9], right = p[10];
     const real a0 = sqrt(1 + ty0 * ty0 + tx0 * tx0), c0 = 1 / a0, t02 = ty0 * ty0 + tx0 * tx0;
     const real sy = ds * (y - ny / 2);
-    FOR_X(x, nx) {
+    int x = 0;
+#if defined(LANES) && !defined(PATH) && !defined(SHADOW)
+    const float16 lane = (float16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+    for (; scale == 0 && x + 16 <= nx; x += 16)
+        spectra16((__global float *)(g + row + x), p, sy, (lane + (x - nx / 2)) * ds, rim, rim_size,
+                  R, z2, ds, per_lam);
+#endif
+    FROM_X(x, nx) {
         const real sx = ds * (x - nx / 2);
         const real along = ty0 * sy + tx0 * sx;
         real uy = -z2 * a0 * (sy + ty0 * along), ux = -z2 * a0 * (sx + tx0 * along);

@@ -429,7 +429,7 @@ class LocalWindows(Windows):
         table, per_step = disc_table(
             math.pi * self.diameter / optics.wavelength * 2 * reach / nearest, device
         )
-        defines = device.wave_defines() | ({"THIN": True} if optics.lens_model == "thin" else {})
+        defines = lanes_defines(device) | ({"THIN": True} if optics.lens_model == "thin" else {})
         paths, size = np.zeros((1, 2)), 0
         if optics.aberrations.bends_main_lens:
             defines |= {"PATH": True}
