@@ -14,11 +14,15 @@
  * -DTYPE_STEP=s     see lens_types.cl
  * -DFILTERED        A is a step across the rim without its frequencies beyond the samples' band
  *                   (rim_weights.cl); neighbours overlap there with their own phases
+ * -DLANES           sixteen samples at a time (with -DROWS, -DFILTERED, in float32, one kind)
  * -DROWS, -DDOUBLE  see common.cl
  *
  * Mapping: FOR_X of common.cl.
  */
 #include "lens_types.cl"
+#ifdef LANES
+#include "lanes_complex.cl"
+#endif
 #include "lenslet_coverage.cl"
 #include "rim_weights.cl"
 
@@ -83,6 +87,123 @@ inline cplx filtered(Lenslet l, real radius, real per_sample, int rows, int colu
 }
 #endif
 
+#if defined(LANES) && defined(FILTERED)
+/* Offsets (a, b) of sixteen samples from the nearest lenslet of a row, with its column. */
+inline void in_row16(const float16 row, const float16 a_whole, const float16 a_part,
+                     const float16 b_whole, const float16 b_part, const int columns, float16 *a,
+                     float16 *b, float16 *column, float16 *shift)
+{
+    *b = ((b_whole - row) + b_part) * ROW_HEIGHT;
+#ifdef HEXAGONAL
+    *shift = row * 0.5f - floor(row * 0.5f);
+#else
+    *shift = 0;
+#endif
+    const float16 near = a_whole + rint(a_part - *shift);
+    *column = fmin(fmax(near, (float16)0), (float16)(columns - 1));
+    *a = ((a_whole - *column) + a_part) - *shift;
+}
+
+/* `filtered_rim` of sixteen samples, 0 where `out`; whether any of them is lit. */
+inline bool filtered_rims(const float16 a, const float16 b, const int16 out, const float radius,
+                          const float per_sample, __global const float *rim, const int rim_size,
+                          float16 *weight)
+{
+    union { float16 v; float one[16]; } first;
+    const float outside = -2.0f * RIM;
+#ifdef FULL
+    const float16 x = fabs(a), y = fabs(b);
+#ifdef HEXAGONAL
+    first.v = (radius - fmax(x, x / 2 + y * ROW_HEIGHT)) * per_sample;
+#else
+    union { float16 v; float one[16]; } second;
+    first.v = (radius - x) * per_sample;
+    second.v = (radius - y) * per_sample;
+#endif
+#else
+    first.v = (radius - sqrt(a * a + b * b)) * per_sample;
+#endif
+    first.v = out ? (float16)(outside) : first.v;
+    bool lit = false;
+    for (int i = 0; i < 16; ++i)
+        lit |= first.one[i] > -RIM;
+    if (!lit)
+        return false;
+    for (int i = 0; i < 16; ++i) {
+        first.one[i] = rim_weight(first.one[i], rim, rim_size);
+#if defined(FULL) && !defined(HEXAGONAL)
+        first.one[i] *= rim_weight(second.one[i], rim, rim_size);
+#endif
+    }
+    *weight = out ? (float16)(0) : first.v;
+    return true;
+}
+
+/* Sixteen samples of an array of one kind of lenslets. */
+inline void lenslets16(__global float *to, __global const float *a_of_x, __global const float *b_of_x,
+                       const float2 a_row, const float2 b_row, const float turns,
+                       const float radius, const float per_sample, __global const float *rim,
+                       const int rim_size, const int rows, const int columns)
+{
+    float16 a_whole, a_part, b_whole, b_part, a, b, column, shift;
+    deal(a_of_x, &a_whole, &a_part);
+    deal(b_of_x, &b_whole, &b_part);
+    a_whole += a_row.x;
+    a_part += a_row.y;
+    b_whole += b_row.x;
+    b_part += b_row.y;
+    const float16 last = rows - 1;
+    const float16 middle = fmin(fmax(b_whole + rint(b_part), (float16)0), last);
+    float16 row = middle;
+    in_row16(row, a_whole, a_part, b_whole, b_part, columns, &a, &b, &column, &shift);
+#ifdef HEXAGONAL
+    for (int step = -1; step <= 1; step += 2) {
+        const float16 next = fmin(fmax(middle + step, (float16)0), last);
+        float16 na, nb, other, nshift;
+        in_row16(next, a_whole, a_part, b_whole, b_part, columns, &na, &nb, &other, &nshift);
+        const int16 nearer = na * na + nb * nb < a * a + b * b;
+        row = nearer ? next : row;
+        a = nearer ? na : a;
+        b = nearer ? nb : b;
+        column = nearer ? other : column;
+        shift = nearer ? nshift : shift;
+    }
+#endif
+    const float deep = radius - RIM / per_sample;
+    union { float16 v; float one[16]; } r2;
+    r2.v = a * a + b * b;
+    bool inner = deep > 0;
+    for (int i = 0; i < 16; ++i)
+        inner &= r2.one[i] < deep * deep;
+    float16 re, im, sum_re = 0, sum_im = 0;
+    if (inner) {
+        cis16(-turns * r2.v, &re, &im);
+        merge(to, re, im);
+        return;
+    }
+    for (int i = -1; i <= 1; ++i) {
+        const float16 other = row + i;
+#ifdef HEXAGONAL
+        const float16 beside = (other * 0.5f - floor(other * 0.5f)) - shift;
+#else
+        const float16 beside = 0;
+#endif
+        for (int k = -1; k <= 1; ++k) {
+            const int16 out = other < 0 || other > last || column + k < 0
+                || column + k > (float)(columns - 1);
+            const float16 oa = a - k - beside, ob = b - i * ROW_HEIGHT;
+            float16 weight;
+            if (!filtered_rims(oa, ob, out, radius, per_sample, rim, rim_size, &weight))
+                continue;
+            cis16(-turns * (oa * oa + ob * ob), &re, &im);
+            sum_re += weight * re;
+            sum_im += weight * im;
+        }
+    }
+    merge(to, sum_re, sum_im);
+}
+#endif
+
 __kernel void lenslets(__global cplx *restrict t, __global const real2 *restrict a_of_y,
                        __global const real2 *restrict b_of_y,
                        __global const real2 *restrict a_of_x,
@@ -94,7 +215,14 @@ __kernel void lenslets(__global cplx *restrict t, __global const real2 *restrict
     const int y = get_global_id(1);
     const size_t row = row_start(0, y, ny, nx);
     const real reach = fabs(hx) + fabs(hy);
-    FOR_X(x, nx) {
+    int x = 0;
+#if defined(LANES) && defined(FILTERED)
+    for (; x + 16 <= nx; x += 16)
+        lenslets16((__global float *)(t + row + x), (__global const float *)(a_of_x + x),
+                   (__global const float *)(b_of_x + x), a_of_y[y], b_of_y[y], turns[0], radius,
+                   0.5f / hx, rim, rim_size, rows, columns);
+#endif
+    FROM_X(x, nx) {
         const real2 a = a_of_y[y] + a_of_x[x];
         const real2 b = b_of_y[y] + b_of_x[x];
         const Lenslet l = nearest(a, b, rows, columns);

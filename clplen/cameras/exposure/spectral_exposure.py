@@ -29,6 +29,8 @@ from clplen.wave.spectrum.spectrum import Spectrum
 Values = np.ndarray[Any, np.dtype[np.float64]]
 
 TOLERANCE = 1e-3  # L2, of the raw image of a point from that by MOST wavelengths
+PICTURE_TOLERANCE = 3e-3  # of a point of a picture of many, where a wavelength takes a minute
+MANY = 256  # samples of a picture that send light
 MOST = 41  # wavelengths
 PLACES = 48  # wavelengths between which the twin's images are interpolated
 
@@ -95,9 +97,14 @@ def spectral_lines(
         _require_signal(signal, spectra, filters)
     given = None if coherence is None else coherence.wavelengths
     depths = positions[:, 2].tolist()
-    n = wavelengths_needed(optics, depths, signal) if given is None else given
+    n = given or wavelengths_needed(optics, depths, signal, tolerance=_tolerance(source))
     wavelengths, weights = signal.rule(n)
     return [SpectralLine(float(lam), w) for lam, w in zip(wavelengths, weights, strict=True)]
+
+
+def _tolerance(source: Source) -> float:
+    many = isinstance(source, PicturePlane) and np.count_nonzero(source.energy) > MANY
+    return PICTURE_TOLERANCE if many else TOLERANCE
 
 
 def wavelengths_needed(

@@ -354,6 +354,8 @@ class MicrolensArray(OneLine):
         defines |= {"FULL": True} if self.fill == "full" else {}
         defines |= {"TYPES": len(self.focal_lengths), "TYPE_STEP": self.type_step}
         defines |= {"FILTERED": True} if rim else {}
+        if rim and len(self.focal_lengths) == 1 and device.rows and device.precision == "single":
+            defines["LANES"] = True
         weights = rim_weights(*rim) if rim else np.zeros(1)
         turns = self.pitch**2 / (2 * wavelength * np.asarray(self.focal_lengths))
         kernel = device.kernel("lenslets.cl", "lenslets", **defines)
