@@ -42,6 +42,7 @@ ARRAYS = {
     "LightField": lambda one: one.data.get(),
     "MeanIntensity": lambda one: one.intensity.data.get(),
     "OTF": lambda one: one.values,
+    "Occluder": lambda one: one.opacity,
     "PSF": lambda one: one.values,
     "PhaseSpace": lambda one: one.values,
     "PicturePlane": lambda one: one.image,
@@ -203,7 +204,7 @@ def test_numpy_takes_the_samples(name: str, device: Device) -> None:
 def test_a_copy_is_not_promised_away(name: str, device: Device) -> None:
     one = objects.EXAMPLES[name](device)
     if name in ("DepthMap", "PSF", "OTF", "Truth", "Texture", "PicturePlane", "PhaseSpace",
-                "DeconvolutionResult"):  # fmt: skip
+                "DeconvolutionResult", "Occluder"):  # fmt: skip
         assert np.shares_memory(one.__array__(copy=False), ARRAYS[name](one))
     else:
         with pytest.raises(ValueError, match=r"only by a copy: leave out copy=False"):

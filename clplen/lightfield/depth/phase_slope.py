@@ -125,8 +125,8 @@ def fit_slope(
     views = [_centred(light.shape[0]) * aspect, _centred(light.shape[1])]
     seen = np.stack([np.tensordot(views[k], spot.sum(axis=1 - k), 1) / total for k in (0, 1)])
     line = _line(seen, centres, weight)
-    for _ in range(_ROUNDS if pupil is not None and pupil.sharpness > 0 else 0):
-        if line is None:
+    for _ in range(_ROUNDS):
+        if line is None or pupil is None or pupil.sharpness == 0:
             break
         shift = _lit_places(centres, line, pupil, aspect) - centres
         line = _line(seen, centres + pupil.sharpness * shift, weight)
