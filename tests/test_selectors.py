@@ -102,6 +102,9 @@ CALLS: dict[str, Callable[[Path, Any], Any]] = {
     "open_lightfield": opened,
     "wave.plane_wave": lambda _, d: clplen.wave.plane_wave(GRID, device=d, **WAVE),
     "microscopy.preparation": lambda _, d: clplen.microscopy.preparation(10, device=d),
+    "read_camera": lambda _, d: clplen.read_camera(
+        Path(__file__).parents[1] / "examples/cameras/canon_50mm.toml", device=d, count=5
+    ),
     "read_lightfield": lambda path, d: clplen.read_lightfield(path / "l.h5", device=d),
     "read_raw": lambda path, d: clplen.io.read_raw(path / "raw.h5", device=d),
     "microscopy.rectify": lambda _, d: clplen.microscopy.rectify(

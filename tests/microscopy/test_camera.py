@@ -305,7 +305,7 @@ def test_discs_spread_what_points_do_not(device):
         ({"medium_index": None}, ValueError, "medium_index is"),
         ({"tube_lens": "0.2"}, ValueError, "tube_lens is positive"),
         ({"apodisation": None}, ValueError, "from -1 to 1"),
-        ({"n": "25"}, SamplingError, "A lenslet has '25' pixels"),
+        ({"n": "25"}, SamplingError, "pixels_per_lenslet is a number, at least 2, not '25'"),
         ({"mla": None}, TypeError, "mla is a MicrolensArray, not None"),
         ({"cover": "150um"}, TypeError, "cover is a CoverGlass, as .* not '150um'"),
     ],
