@@ -20,7 +20,14 @@ def microscope(device: Device, across: int, **change: Any) -> Any:
     )
 
 
-@pytest.mark.parametrize("place", [(0, 0, 0), (4e-6, -7e-6, 6e-6), (-2e-6, 1e-6, -9e-6)])
+@pytest.mark.parametrize(
+    "place",
+    [
+        (0, 0, 0),
+        (4e-6, -7e-6, 6e-6),
+        pytest.param((-2e-6, 1e-6, -9e-6), marks=pytest.mark.nightly),
+    ],
+)
 def test_pixels_integrate(device: Device, place: Any) -> None:
     """Against pixels a fifth as wide that take the intensity in their middle, binned."""
     scene = PointSources(place)
