@@ -192,6 +192,7 @@ def test_every_filter_gets_the_energy_that_it_sees(device: Device) -> None:
         assert found / (1 - lost) == pytest.approx(wanted, rel=5e-3)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["f/5, SF11", "f/8, 40 um"])
 def test_the_plan_takes_enough_wavelengths_and_not_many_more(device: Device, name: str) -> None:
     camera, light = white_cameras(device)[name], SpectralDistribution.illuminant("D65")
