@@ -30,6 +30,7 @@ STOREYS: tuple[set[str], ...] = (
     {"clplen"},
     {"analysis", "io", "microscopy"},
     {"plot", "config"},
+    {"viewer"},
     {"batch", "demo"},
     {"bench"},
     {"selftest"},
@@ -50,9 +51,9 @@ ROOMS: dict[str, tuple[set[str], ...]] = {
     ),
     "cameras": ({"scenes"}, {"optics"}, {"exposure"}),
     "analysis": ({"point"}, {"cameras"}, {"report"}),
-    "io": ({"formats"}, {"store"}, {"raw"}, {"lightfields"}, {"results"}),
+    "io": ({"formats"}, {"store"}, {"raw"}, {"lightfields"}, {"results", "page"}),
     "batch": ({"jobs"}, {"work"}, {"running"}),
-    "cli": ({"shared"},),
+    "cli": ({"shared"}, {"microscopy"}),
 }
 HEIGHT = {unit: height for height, units in enumerate(STOREYS) for unit in units}
 TOPICS = ("analysis", "batch", "cameras", "io", "lightfield", "microscopy", "plot", "wave")

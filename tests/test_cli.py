@@ -90,6 +90,7 @@ def test_help_has_an_example_of_each_command():
         "score",
         "simulate",
         "stack",
+        "view",
         "worker",
     ]
     for name, command in main.commands.items():

@@ -223,7 +223,7 @@ def test_a_frame_begins_with_the_one_before(
     tmp_path: Path, psf: Path, frame: Path, device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begun: list[Path | None] = []
-    module = sys.modules["clplen.cli.deconvolve"]
+    module = sys.modules["clplen.cli.microscopy.deconvolve"]
     monkeypatch.setattr(module, "_made", lambda *words: begun.append(words[-1]) or "")
     frames = [frame.rename(tmp_path / "0.tif"), *(tmp_path / f"{k}.tif" for k in (1, 2))]
     for path in frames[1:]:

@@ -175,7 +175,7 @@ def stopped(*_: Any, **__: Any) -> None:
 def test_it_is_said_how_long_it_takes(
     device: Device, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    module, shown = sys.modules["clplen.cli.microscope"], []
+    module, shown = sys.modules["clplen.cli.microscopy.microscope"], []
     mla = MicrolensArray(100e-6, 2.5e-3, count=9, fill="full")
     camera = PlenopticCamera.microscope(
         magnification=60, na=1.2, medium_index=1.33, wavelength=593e-9, mla=mla,

@@ -11,13 +11,13 @@ from clplen import __version__
 from clplen.cli.analyse import analyse
 from clplen.cli.batch import batch, worker
 from clplen.cli.bench import bench
-from clplen.cli.deconvolve import deconvolve
 from clplen.cli.demo import demo
 from clplen.cli.depth import depth
 from clplen.cli.devices import devices
 from clplen.cli.epi import epi
 from clplen.cli.info import info
-from clplen.cli.microscope import microscope
+from clplen.cli.microscopy.deconvolve import deconvolve
+from clplen.cli.microscopy.microscope import microscope
 from clplen.cli.refocus import refocus
 from clplen.cli.render import render
 from clplen.cli.sampling import sampling
@@ -25,6 +25,7 @@ from clplen.cli.score import score
 from clplen.cli.shared.console import Commands
 from clplen.cli.simulate import simulate
 from clplen.cli.stack import stack
+from clplen.cli.view import view
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
@@ -57,6 +58,7 @@ _COMMANDS = (
     score,
     simulate,
     stack,
+    view,
     worker,
 )
 microscope.add_command(deconvolve)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from clplen.cli.microscope import described
+from clplen.cli.microscopy.microscope import described
 from clplen.cli.shared import options
 from clplen.cli.shared.console import capture_messages, check_outputs, read, to_option_names
 from clplen.lightfield.axis_check.lightfield_report import LightFieldReport

@@ -18,7 +18,17 @@ from clplen.cli.shared.console import (
     sharpest_of,
     tried_disparities,
 )
-from clplen.cli.shared.pictures import PICTURES, Point, check_output, pixel_of, write
+from clplen.cli.shared.pictures import (
+    PICTURES,
+    Point,
+    Tone,
+    check_output,
+    depth_map,
+    pixel_of,
+    read_map,
+    tone,
+    write,
+)
 
 if TYPE_CHECKING:
     from clplen.lightfield.depth.depth_maps import DepthMap
@@ -53,6 +63,7 @@ _SURE = 1e-3  # of a confidence: below it there is nothing to tell depth by
     "sharpness.",
 )
 @click.option("--all-in-focus", is_flag=True, help="Every pixel on the plane where it is sharp.")
+@depth_map
 @click.option(
     "--upsample", type=int, default=1, help="Pixels along each axis for one of the views; 1."
 )
@@ -68,6 +79,7 @@ _SURE = 1e-3  # of a confidence: below it there is nothing to tell depth by
     help="Part of the main lens to use: views across (9), fraction of the diameter (0.5) or "
     "f-number (f/66); default: all.",
 )
+@tone
 @options.plane_range
 @options.layout
 @options.device
@@ -79,9 +91,12 @@ def refocus(
     at: Any,
     tilt: Any,
     all_in_focus: bool,
+    depth_file: Path | None,
     upsample: int,
     interpolation: str,
     aperture: Any,
+    limits: Any,
+    curve: Any,
     disparities: Any,
     alphas: Any,
     selector: str | None,
@@ -100,14 +115,23 @@ def refocus(
       clplen refocus flower -o sharp.tif --all-in-focus --disparities -1:0:41
     """
     check_planes(disparities, alphas)
-    _check_target(disparity, alpha, at, tilt, all_in_focus)
+    _check_target(disparity, alpha, at, tilt, all_in_focus, depth_file)
+    shown = Tone(limits, curve)
+    shown.check(output)
     _check_words(bool(at or tilt or all_in_focus), disparities, alphas, upsample, all_in_focus)
     _check_tilt(tilt)
     if aperture is not None and (tilt or upsample != 1):
         raise click.UsageError("--aperture goes neither with --tilt nor with --upsample.")
     check_output(source, output, layout, PICTURES)
     lf = read(source, selector, layout)
-    if all_in_focus:
+    if depth_file is not None:
+        if upsample != 1 or interpolation == "fourier":
+            raise click.UsageError("--depth-map goes neither with --upsample nor with fourier.")
+        picture = lf.flatten(
+            disparity=read_map(depth_file, lf), aperture=aperture, interpolation=interpolation
+        ).to_numpy()
+        where = f"the surface in {depth_file}"
+    elif all_in_focus:
         picture, where = _sharp(lf, planes_of(lf, disparities, alphas), aperture)
     else:
         if alpha is None:
@@ -121,14 +145,15 @@ def refocus(
                 "pixels in metres, which this light field does not have: use --disparity."
             )
         picture = _focused(lf, plane, aperture, upsample, interpolation)
-    said = write(output, picture, lf, srgb=layout["srgb"], upsample=upsample)
+    said = write(output, picture, lf, srgb=layout["srgb"], upsample=upsample, tone=shown)
     click.echo(f"{output}: focused on {where}, {said}.")
 
 
 def _check_target(*targets: Any) -> None:
     if sum(not (target is None or target is False or target == ()) for target in targets) != 1:
         raise click.UsageError(
-            "Give one of --disparity, --alpha, --at, --tilt (three times) and --all-in-focus."
+            "Give one of --disparity, --alpha, --at, --tilt (three times), --all-in-focus and "
+            "--depth-map."
         )
 
 

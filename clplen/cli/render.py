@@ -20,7 +20,17 @@ from clplen.cli.shared.focused import (
     suitable_ms,
 )
 from clplen.cli.shared.focused import read as open_raw
-from clplen.cli.shared.pictures import PICTURES, animate, check_output, write, write_shown
+from clplen.cli.shared.pictures import (
+    PICTURES,
+    Tone,
+    animate,
+    check_output,
+    depth_map,
+    read_map,
+    tone,
+    write,
+    write_shown,
+)
 from clplen.lightfield.arrays.ray_samples import STATISTICS
 
 if TYPE_CHECKING:
@@ -65,6 +75,8 @@ _ROUND = 0.8  # of the way to the outermost views
     type=options.FINITE,
     help="Of the scene, pixels a view step: views are combined in focus on it.",
 )
+@depth_map
+@tone
 @click.option(
     "--sweep",
     type=click.Choice(["views", "focus"]),
@@ -81,6 +93,9 @@ def render(
     aperture: Any,
     flatten: str | None,
     disparity: float | None,
+    depth_file: Path | None,
+    limits: Any,
+    curve: Any,
     sweep: str | None,
     method: str | None,
     ms: Any,
@@ -106,7 +121,8 @@ def render(
     check_planes(disparities, alphas)
     own = {"method": method, "m": ms, "patch": patch, "view": view}
     if is_meant(source, own | {"focused": focused, "image": image}):
-        refuse(viewpoint=viewpoint, flatten=flatten, disparity=disparity)
+        refuse(viewpoint=viewpoint, flatten=flatten, disparity=disparity, depth_map=depth_file)
+        refuse(limits=limits, curve=curve)
         refuse(disparities=disparities, alphas=alphas)
         check_output(source, output, layout, (".gif",) if sweep else PICTURES)
         check_kept(source, image, output)
@@ -120,14 +136,20 @@ def render(
         choice=any(word is not None for word in (viewpoint, aperture, flatten)),
         planes=disparities is not None or alphas is not None,
     )
+    if depth_file is not None and (disparity is not None or sweep):
+        raise click.UsageError("--depth-map takes the place of --disparity, and makes no --sweep.")
+    shown = Tone(limits, curve)
+    shown.check(output)
     check_output(source, output, layout, (".gif",) if sweep else PICTURES)
     lf = read(source, selector, layout)
     if sweep:
         frames = _views(lf, disparity) if sweep == "views" else _planes(lf, disparities, alphas)
         said = animate(output, frames, lf.dtype, srgb=layout["srgb"])
     else:
-        picture = _picture(lf, viewpoint, aperture, flatten, disparity)
-        said = write(output, picture, lf, srgb=layout["srgb"], brightness=flatten != "variance")
+        surface = disparity if depth_file is None else read_map(depth_file, lf)
+        picture = _picture(lf, viewpoint, aperture, flatten, surface)
+        words = {"srgb": layout["srgb"], "brightness": flatten != "variance", "tone": shown}
+        said = write(output, picture, lf, **words)
     click.echo(f"{output}: {said}.")
 
 
@@ -142,12 +164,13 @@ def _check_words(sweep: str | None, *, choice: bool, planes: bool) -> None:
 
 
 def _picture(
-    lf: LightField, viewpoint: Any, aperture: Any, flatten: str | None, disparity: float | None
+    lf: LightField, viewpoint: Any, aperture: Any, flatten: str | None, disparity: Any
 ) -> np.ndarray[Any, Any]:
     if viewpoint is not None and aperture is None and flatten is None:
         return lf.view(*viewpoint, disparity=disparity).to_numpy()
+    surface = 0.0 if disparity is None else disparity
     return lf.flatten(
-        flatten or "mean", disparity=disparity or 0.0, aperture=aperture, viewpoint=viewpoint
+        flatten or "mean", disparity=surface, aperture=aperture, viewpoint=viewpoint
     ).to_numpy()
 
 

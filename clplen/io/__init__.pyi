@@ -14,6 +14,7 @@ from .lightfields.lightfield_files import read_lightfield as read_lightfield
 from .lightfields.lightfield_files import write_lightfield as write_lightfield
 from .lightfields.mosaic import write_mosaic as write_mosaic
 from .lightfields.view_folders import write_views as write_views
+from .page.html_page import write_html as write_html
 from .raw.raw_files import is_raw_file as is_raw_file
 from .raw.raw_files import read_frame as read_frame
 from .raw.raw_files import read_lattice as read_lattice

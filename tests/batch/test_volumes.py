@@ -13,7 +13,7 @@ import pytest
 from clplen.batch.jobs.tables import DeconvolveTable
 from clplen.batch.work import deconvolution
 from clplen.batch.work.deconvolution import DeconvolutionSettings, Deconvolver
-from clplen.cli.deconvolve import _jobs, _Page
+from clplen.cli.microscopy.deconvolve import _jobs, _Page
 from clplen.compute.device import Device
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 from clplen.microscopy.images import PointImages

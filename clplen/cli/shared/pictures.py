@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,94 @@ if TYPE_CHECKING:
     from clplen.lightfield.model.light_field import LightField
 
 PICTURES = (".tif", ".tiff", ".png")
+
+
+class Limits(click.ParamType):
+    """BLACK:WHITE, two values."""
+
+    name = "BLACK:WHITE"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[float, float]:
+        try:
+            black, white = (float(part) for part in str(value).split(":"))
+        except ValueError:
+            black = white = np.nan
+        if not (np.isfinite([black, white]).all() and black < white):
+            self.fail(f"{value!r} is not BLACK:WHITE, for example 0:0.8.", param, ctx)
+        return black, white
+
+
+class Curve(click.ParamType):
+    """linear, srgb, log or a gamma."""
+
+    name = "linear|srgb|log|GAMMA"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> str | float:
+        text = str(value).lower()
+        if text in ("linear", "srgb", "log"):
+            return text
+        try:
+            gamma = float(text)
+        except ValueError:
+            gamma = np.nan
+        if not (np.isfinite(gamma) and gamma > 0):
+            self.fail(f"{value!r} is no curve: give {self.name}, as 2.2.", param, ctx)
+        return gamma
+
+
+@dataclass(frozen=True)
+class Tone:
+    """How a PNG is scaled: black and white, and the curve between them; None is the default."""
+
+    limits: tuple[float, float] | None = None
+    curve: str | float | None = None
+
+    def check(self, output: Path) -> None:
+        """Refuse to scale what holds linear values."""
+        if (self.limits or self.curve) and output.suffix.lower() != ".png":
+            raise click.UsageError(
+                f"--limits and --curve scale pictures to look at; {output.name} holds linear "
+                "values: leave them out, or write .png."
+            )
+
+
+def tone(command: Any) -> Any:
+    """Add the options of `Tone`."""
+    for option in (
+        click.option("--curve", type=Curve(), help="Of a PNG, from black to white."),
+        click.option("--limits", type=Limits(), help="Values that are black and white in a PNG."),
+    ):
+        command = option(command)
+    return command
+
+
+depth_map = click.option(
+    "--depth-map",
+    "depth_file",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Focus every pixel on its disparity in this map of 'clplen depth'.",
+)
+
+
+def read_map(path: Path, lf: LightField) -> np.ndarray[Any, Any]:
+    """The disparity of every pixel of the views.
+
+    Raises
+    ------
+    ShapeError, ValueError
+        If it has another size, or pixels without a value.
+    """
+    from clplen.io import read_disparity
+
+    values = read_disparity(path)
+    if values.shape != lf.shape[2:4]:
+        sizes = [f"{y} x {x}" for y, x in (values.shape, lf.shape[2:4])]
+        raise ShapeError(f"{path} has {sizes[0]} pixels (y, x), the views have {sizes[1]}.")
+    unknown = np.count_nonzero(~np.isfinite(values))
+    if unknown:
+        raise ValueError(f"{path} has no disparity at {unknown} pixels: fill them first.")
+    return values
 
 
 class Point(click.ParamType):
@@ -61,6 +150,7 @@ def write(
     srgb: bool,
     upsample: int | None = 1,
     brightness: bool = True,
+    tone: Tone | None = None,
 ) -> str:
     """Write a picture, and say what is in the file.
 
@@ -77,23 +167,31 @@ def write(
         write_image(output, values, spacing=sizes, description="linear values")
         return "linear float32"
     dtype = lf.dtype if brightness else np.dtype(np.float32)
-    return write_shown(output, values, dtype, srgb=srgb and brightness)
+    return write_shown(output, values, dtype, srgb=srgb and brightness, tone=tone)
 
 
 def write_shown(
-    output: Path, values: np.ndarray[Any, Any], dtype: np.dtype[Any], *, srgb: bool = False
+    output: Path,
+    values: np.ndarray[Any, Any],
+    dtype: np.dtype[Any],
+    *,
+    srgb: bool = False,
+    tone: Tone | None = None,
 ) -> str:
     """Write a picture of 8 bits, to look at, and say how it was scaled.
 
     ``dtype`` is that of the samples it was made of, float32 for what is no brightness.
     """
     from clplen.io import write_picture
-    from clplen.io.formats.animation import to_eight_bits, white_level
+    from clplen.io.formats.animation import toned, white_level
 
-    white = white_level(values, dtype, srgb=srgb)
-    write_picture(output, to_eight_bits(values, white, srgb=srgb))
+    tone = tone or Tone()
+    black, white = tone.limits or (0.0, white_level(values, dtype, srgb=srgb))
+    curve = tone.curve or ("srgb" if srgb else "linear")
+    write_picture(output, toned(values, black, white, curve))
     above = np.count_nonzero(values > white)
-    return scaled(white, srgb) + (f"; {above} samples are brighter" if above else "")
+    said = scaled(white, curve, black)
+    return said + (f"; {above} samples are brighter" if above else "")
 
 
 def animate(
@@ -106,13 +204,15 @@ def animate(
     drawable(frames[0])
     pictures = [drawable(to_eight_bits(frame, white, srgb=srgb)) for frame in frames]
     write_animation(output, pictures)
-    return f"{len(pictures)} frames, {scaled(white, srgb)}"
+    return f"{len(pictures)} frames, {scaled(white, 'srgb' if srgb else 'linear')}"
 
 
-def scaled(white: float, srgb: bool) -> str:
+def scaled(white: float, curve: str | float = "linear", black: float = 0.0) -> str:
     """What was done to values of 8 bits."""
-    curve = ", encoded as sRGB" if srgb else ""
-    return f"scaled to look at ({white:.6g} is white{curve}), not to measure"
+    dark = f"{black:.6g} is black, " if black else ""
+    words = {"linear": "", "srgb": ", encoded as sRGB", "log": ", logarithmic"}
+    by = words.get(str(curve), f", gamma {curve}")
+    return f"scaled to look at ({dark}{white:.6g} is white{by}), not to measure"
 
 
 def drawable(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

@@ -100,6 +100,48 @@ def white_level(values: Array, dtype: np.dtype[Any], *, srgb: bool = False) -> f
     return white if white > 0 else 1.0
 
 
+CURVES = ("linear", "srgb", "log")
+_DECADES = 3  # of the logarithmic curve
+
+
+def toned(values: Array, black: float, white: float, curve: str | float = "linear") -> Array:
+    """A picture as uint8, its values between black and white brought through a curve.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        Shape (..., y, x[, c]).
+    black, white : float
+        Values that become 0 and 255; black below white.
+    curve : {"linear", "srgb", "log"} or float
+        Of t = (value - black)/(white - black), cut to 0 to 1: t, t encoded as sRGB,
+        log10(1 + 999 t)/3, or of a number t^(1/number).
+
+    Returns
+    -------
+    numpy.ndarray
+        uint8, same shape.
+
+    Raises
+    ------
+    ValueError
+        If black is not below white, or the curve is none of these.
+    """
+    if not white > black:
+        raise ValueError(f"Black lies below white, not at {black:g} and {white:g}.")
+    part = np.clip((np.asarray(values, np.float64) - black) / (white - black), 0, 1)
+    if curve == "srgb":
+        part = encoded(part)
+    elif curve == "log":
+        part = np.log10(1 + (10**_DECADES - 1) * part) / _DECADES
+    elif curve != "linear":
+        if isinstance(curve, str) or not curve > 0:
+            known = ", ".join(map(repr, CURVES))
+            raise ValueError(f"The curve is {known} or a positive number, not {curve!r}.")
+        part = part ** (1 / curve)
+    return np.rint(255 * part).astype(np.uint8)
+
+
 def to_eight_bits(values: Array, white: float, *, srgb: bool = False) -> Array:
     """A picture as uint8: values over white, cut to 0 to 1, encoded as sRGB where asked.
 
@@ -117,5 +159,4 @@ def to_eight_bits(values: Array, white: float, *, srgb: bool = False) -> Array:
     numpy.ndarray
         uint8, same shape.
     """
-    part = np.clip(np.asarray(values, np.float64) / white, 0, 1)
-    return np.rint(255 * (encoded(part) if srgb else part)).astype(np.uint8)
+    return toned(values, 0.0, white, "srgb" if srgb else "linear")

@@ -193,3 +193,12 @@ def _pixel(path: Path) -> tuple[float, float] | None:
         return None
     known = all(unit in _MICROMETRES for unit in units) and 0 < min(dy, dx) < math.inf
     return (dy, dx) if known else None
+
+
+def times_in(path: PathLike) -> int:
+    """How many times the pictures of an OME-TIFF are of, one after the other; 1 if unknown."""
+    try:
+        pixels = next(item for item in _ome(Path(path)).iter() if item.tag.endswith("Pixels"))
+        return max(1, int(pixels.get("SizeT", "1")))
+    except Exception:  # what other programs wrote, or nothing
+        return 1

@@ -1,0 +1,1 @@
+"""Commands of the light-field microscope: what it would record, and volumes from frames."""

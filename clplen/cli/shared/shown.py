@@ -1,0 +1,336 @@
+"""What files hold, as items of a page: light fields, raw images, stacks, volumes, maps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from clplen.cli.shared.console import note
+from clplen.cli.shared.focused import Opened, suitable_ms, tells
+from clplen.cli.shared.focused import read as open_raw
+from clplen.errors import ClplenError, FormatError
+
+if TYPE_CHECKING:
+    from clplen.compute.device import Device
+    from clplen.io.page.light_field_item import PageOptions
+    from clplen.io.page.samples import Content
+    from clplen.lightfield.depth.depth_maps import DepthMap
+    from clplen.lightfield.model.light_field import LightField
+
+Values = np.ndarray[Any, Any]
+Item = dict[str, Any]
+
+_SERIES = (".tif", ".tiff", ".zarr")
+_PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff")
+_MS = 15  # planes of a focused raw image
+_TELLING = ("views", "pattern", "white", "grid", "order", "positions", "lattice")  # a light field
+
+
+@dataclass(frozen=True)
+class Shown:
+    """How files are shown.
+
+    Attributes
+    ----------
+    content : Content
+        What items are added to.
+    options : PageOptions
+    layout : dict
+        Words of layout as the command line has them.
+    selector : str or None
+        Of the device.
+    depth : bool
+        Whether the depth map of a light field is computed.
+    depth_file : pathlib.Path or None
+        Where it is read from instead.
+    """
+
+    content: Content
+    options: PageOptions
+    layout: dict[str, Any]
+    selector: str | None
+    depth: bool
+    depth_file: Path | None = None
+
+    def device(self) -> Device:
+        from clplen.compute.device import Device
+
+        return Device.open(self.selector)
+
+    def items(self, source: Path) -> list[Item]:
+        """The items of a file or folder.
+
+        Raises
+        ------
+        FormatError
+            If it is nothing that can be shown.
+        """
+        if not source.exists():
+            raise FormatError(f"There is no file or folder {source}.")
+        if tells(source) and not self._is_ordinary(source):
+            return self._focused(open_raw(source, self.selector, self.layout, None), source.stem)
+        meant = any(self.layout[word] for word in _TELLING)
+        item = None if meant else self._described(source)
+        if item is not None:
+            return [item]
+        try:
+            return [self.light_field(source)]
+        except (ClplenError, ValueError):
+            item = None if meant else self._undescribed(source)
+            if item is None:
+                raise
+            return [item]
+
+    def _is_ordinary(self, source: Path) -> bool:
+        """Whether a raw image is that of a 1.0 camera, which decodes to a light field."""
+        from clplen.io import is_raw_file, read_raw
+
+        if not is_raw_file(source):
+            return False
+        camera = read_raw(source, device=self.device()).camera
+        return camera is not None and camera.kind != "focused"
+
+    def light_field(self, source: Path) -> Item:
+        """A light field of any kind that `read_lightfield` knows."""
+        from clplen.io import read_lightfield
+        from clplen.io.page.light_field_item import light_field_item
+
+        device = self.device()
+        lf = read_lightfield(source, device=device, **self.layout)
+        depth = self._depth(lf)
+        item = light_field_item(
+            lf,
+            self.content,
+            name=source.stem,
+            options=self.options,
+            depth=depth,
+            depth_file=None if self.depth_file is None else str(self.depth_file),
+            srgb=self.layout["srgb"],
+        )
+        given = words_of(self.layout)
+        item["command"] = {"input": str(source), "options": option_words(given)}
+        item["python"] = _python("lf = clplen.read_lightfield", source, given)
+        return item
+
+    def _depth(self, lf: LightField) -> DepthMap | None:
+        from clplen.io import read_depth
+        from clplen.lightfield.focus_and_depth import depth_map
+
+        if self.depth_file is not None:
+            found = read_depth(self.depth_file)
+            if found.disparity.shape != lf.shape[2:4]:
+                sizes = [f"{y} x {x}" for y, x in (found.disparity.shape, lf.shape[2:4])]
+                raise FormatError(
+                    f"{self.depth_file} has {sizes[0]} pixels (y, x), the views have {sizes[1]}: "
+                    "give the map of this light field."
+                )
+            return found
+        if not self.depth or np.count_nonzero(lf.weights) < 2:
+            return None
+        try:
+            return depth_map(lf)
+        except ClplenError as error:
+            note(f"the page has no depth map: {error}")
+            return None
+
+    def _described(self, source: Path) -> Item | None:
+        """What tells by itself that it is a stack, a volume or a map; None if nothing does."""
+        from clplen.io.store.picture_series import describe_series
+
+        suffix = source.suffix.lower()
+        if suffix == ".npy":
+            return self._array(source)
+        if suffix == ".pfm":
+            return self._map(source)
+        about = describe_series(source) if suffix in _SERIES else {}
+        if {"disparity", "confidence"} <= set(about):
+            return self._map(source)
+        return self._series(source, about) if {"disparities", "planes_um"} & set(about) else None
+
+    def _undescribed(self, source: Path) -> Item | None:
+        """Pictures of other programs; None if there are none."""
+        suffix = source.suffix.lower()
+        try:
+            if suffix in _SERIES:
+                return self._series(source, {})
+            return self._picture(source) if suffix in _PICTURES else None
+        except (ClplenError, ValueError):
+            return None
+
+    def _series(self, source: Path, about: dict[str, Any]) -> Item:
+        """A focal stack, a volume, or other pictures that are alike, of one time or several."""
+        from clplen.io.page.volume_item import volume_item
+        from clplen.io.store.picture_series import read_series, times_in
+
+        series = read_series(source, what="a series", max_bytes=self.layout["max_bytes"])
+        values, call = series.values, "read_volume"
+        words: dict[str, Any] = {"dtype": values.dtype}
+        voxel: tuple[float | None, float, float] | None = None
+        if series.pixel is not None:
+            voxel = (None, *series.pixel)
+        if "disparities" in about:
+            alphas = about.get("alphas") or [None]
+            ratio = ("alpha", "", np.array(alphas, np.float64))
+            plain = ("disparity", "", np.array(about["disparities"], np.float64))
+            words["planes"] = plain if None in alphas else ratio
+            call = "read_stack"
+        elif "planes_um" in about:
+            z = np.asarray(about["planes_um"], np.float64) * 1e-6
+            words |= {"planes": ("z", "m", z), "table": "magma"}
+            if voxel is not None:
+                voxel = (_step(z), *voxel[1:])
+        times = len(values) if series.axes[:2] == "tz" else times_in(source)
+        count = times if values.ndim == 4 and series.axes[:2] == "tz" else 1
+        if count == 1 and times > 1 and len(values) % times == 0:
+            values = values.reshape(times, -1, *values.shape[1:])
+        elif count == 1:
+            values = values[None]
+        item = volume_item(values, self.content, voxel=voxel, **words, **self._words(source))
+        item["python"] = f"data = clplen.io.{call}({str(source)!r})"
+        return item
+
+    def _words(self, source: Path) -> dict[str, Any]:
+        return {"name": source.stem, "downscale": self.options.downscale}
+
+    def _array(self, source: Path) -> Item | None:
+        """A NumPy file of a map, picture or volume; None if it is a light field."""
+        from clplen.io.formats.npy import map_npy
+        from clplen.io.page.volume_item import volume_item
+
+        values = map_npy(source, what="an array")
+        if values.ndim >= 4:
+            return None
+        if values.ndim not in (2, 3) or values.dtype.kind not in "uif":
+            raise FormatError(f"{source} holds {values.dtype} of shape {values.shape}: no picture.")
+        picture = values.ndim == 2 or values.shape[2] == 3
+        shaped = np.array(values[None, None] if picture else values[None])
+        item = volume_item(shaped, self.content, dtype=values.dtype, **self._words(source))
+        item["python"] = f"data = numpy.load({str(source)!r})"
+        return item
+
+    def _map(self, source: Path) -> Item:
+        """The disparity of a depth map."""
+        from clplen.io import read_depth
+        from clplen.io.page.volume_item import volume_item
+
+        disparity = read_depth(source).disparity[None, None]
+        words = {"table": "viridis", "unit": "px per view", **self._words(source)}
+        item = volume_item(disparity, self.content, **words)
+        item["python"] = f"data = clplen.io.read_disparity({str(source)!r})"
+        return item
+
+    def _picture(self, source: Path) -> Item:
+        """An ordinary picture."""
+        from clplen.io import read_picture
+        from clplen.io.page.volume_item import volume_item
+
+        values = read_picture(source)
+        values = values[..., :3] if values.shape[2:] == (4,) else values
+        words = {"dtype": values.dtype, **self._words(source)}
+        item = volume_item(values[None, None], self.content, **words)
+        item["python"] = f"data = clplen.io.read_picture({str(source)!r})"
+        return item
+
+    def _focused(self, opened: Opened, name: str) -> list[Item]:
+        """A raw image of a focused camera: everything in focus, planes, m, and the raw image."""
+        from clplen.io.page.volume_item import volume_item
+        from clplen.lightfield.focused.focused_depth import focused_depth, focused_maps
+        from clplen.lightfield.focused.focused_picture import PictureGrid
+        from clplen.lightfield.focused.focused_rendering import focused_stack, render_focused
+
+        found = focused_depth(opened.raw, white=opened.flat)
+        step = self.layout["step"]
+        sharp = render_focused(
+            opened.raw, method="depth", depth=found, white=opened.white, step=step
+        )
+        ms = suitable_ms(opened, _MS)
+        stack = focused_stack(opened.raw, ms=ms, white=opened.white, step=step)
+        maps = focused_maps(
+            opened.raw,
+            found,
+            grid=PictureGrid.over(found.geometry, found.geometry.patch(found.median), step),
+        )
+        shown: list[tuple[str, Values, dict[str, Any]]] = [
+            ("sharp", sharp.to_numpy()[None, None], {}),
+            ("planes", stack.to_numpy()[None], {"planes": ("m", "", ms)}),
+            ("depth", maps.m[None, None], {"unit": "m = b/a", "table": "viridis"}),
+            ("raw", opened.raw.to_numpy()[None, None], {}),
+        ]
+        n = self.options.downscale
+        return [
+            volume_item(values, self.content, name=f"{name}, {what}", downscale=n, **words)
+            for what, values, words in shown
+        ]
+
+
+def series_of_times(items: list[Item], name: str) -> Item:
+    """One item of several alike, one for each time.
+
+    Raises
+    ------
+    FormatError
+        If they differ in kind or size.
+    """
+    first = items[0]
+    same = all(
+        item["kind"] == "volume" and item["shape"][1:] == first["shape"][1:] for item in items
+    )
+    if not same:
+        raise click.UsageError(
+            "--time takes volumes, stacks or pictures of one size, one file a time."
+        )
+    levels = [(item["samples"]["low"], item["samples"]["step"]) for item in items]
+    blobs = [blob for item in items for blob in item["samples"]["blobs"]]
+    times = sum(item["shape"][0] for item in items)
+    ends = np.array([item["shown"]["range"] for item in items])
+    span = [float(ends[:, 0].min()), float(ends[:, 1].max())]
+    white = max(item["shown"]["white"] for item in items)
+    return {
+        **first,
+        "name": name,
+        "shape": [times, *first["shape"][1:]],
+        "samples": {**first["samples"], "blobs": blobs, "levels": levels},
+        "shown": {**first["shown"], "white": white, "range": span},
+    }
+
+
+def _step(z: Values) -> float | None:
+    """The distance of planes that are equidistant."""
+    steps = np.diff(z)
+    if steps.size == 0 or np.ptp(steps) > 1e-6 * abs(steps[0]):
+        return None
+    return abs(float(steps[0]))
+
+
+def words_of(layout: dict[str, Any]) -> dict[str, Any]:
+    """The words of layout that were given."""
+    from clplen.io.lightfields.layout import Layout
+
+    return {name: value for name, value in Layout(**layout).given().items() if name != "force"}
+
+
+def option_words(given: dict[str, Any]) -> list[str]:
+    """Words of layout as the command line has them."""
+    words: list[str] = []
+    for name, value in given.items():
+        option = f"--{name.replace('_', '-')}"
+        if name == "devignette":
+            words.append(option if value else "--no-devignette")
+        elif value is True:
+            words.append(option)
+        elif isinstance(value, tuple):
+            words += [option, *map(str, value)]
+        else:
+            words += [option, str(value)]
+    return words
+
+
+def _python(call: str, source: Path, given: dict[str, Any]) -> str:
+    """A call that reads a file."""
+    plain = {name: str(v) if isinstance(v, Path) else v for name, v in given.items()}
+    words = "".join(f", {name}={value!r}" for name, value in plain.items())
+    return f"{call}({str(source)!r}{words})"

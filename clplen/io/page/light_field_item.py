@@ -1,0 +1,292 @@
+"""A light field as an item of a page: views, laws of focus and aperture, depth, raw image."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clplen.checks import require
+from clplen.errors import ShapeError
+from clplen.io.formats.animation import white_level
+from clplen.io.page.samples import Array, Content, Levels, downscaled, jpeg, png
+from clplen.lightfield.depth.best_focus import default_disparities
+from clplen.lightfield.depth.depth_maps import DepthMap, sharpness_curve
+from clplen.lightfield.model.alpha_law import depth_at, unit_steps
+from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.raw.raw_image import RawImage, is_telecentric
+from clplen.lightfield.refocusing.focal_stacks import focal_stack_in_memory
+
+_RANGE = (2.0, 98.0)  # per cent of the disparities that the colours of a depth map span
+_SURE = 0.5  # confidence above which they count
+_WIDER = 0.5  # of that span, by which planes are searched beyond it
+_PLANES = 33
+_RAW_QUALITY = 90  # of a raw image that is larger than
+_RAW_PIXELS = 2_000_000
+_FAR = 1e9  # metres
+
+
+@dataclass(frozen=True)
+class PageOptions:
+    """How light fields are kept in a page.
+
+    Attributes
+    ----------
+    quality : int or None
+        Of JPEG, 1 to 100; None: without loss.
+    downscale : int
+        Pixels of the views along each axis for one of the page.
+    views : tuple of int or None
+        At most so many views (V, U), those in the middle.
+    """
+
+    quality: int | None = None
+    downscale: int = 1
+    views: tuple[int, int] | None = None
+
+    def __post_init__(self) -> None:
+        if self.quality is not None and not 1 <= self.quality <= 100:
+            raise ValueError(f"quality is that of JPEG, 1 to 100, not {self.quality!r}.")
+        if self.downscale != int(self.downscale) or self.downscale < 1:
+            raise ValueError(f"downscale is a whole number from 1 on, not {self.downscale!r}.")
+        if self.views is not None and min(self.views) < 1:
+            raise ValueError(f"views are at least 1 x 1, not {self.views!r}.")
+
+
+def light_field_item(
+    lf: LightField,
+    content: Content,
+    *,
+    name: str,
+    options: PageOptions,
+    depth: DepthMap | None = None,
+    depth_file: str | None = None,
+    srgb: bool = False,
+) -> dict[str, Any]:
+    """Add a light field to a page; what describes it.
+
+    Parameters
+    ----------
+    lf : LightField
+        Of one or three channels.
+    content : Content
+    name : str
+    options : PageOptions
+    depth : DepthMap, optional
+        Of the centre view.
+    depth_file : str, optional
+        Where it was read from.
+    srgb : bool
+        Whether its samples were decoded from sRGB.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    ShapeError
+        If it has another number of channels, or the depth map another shape.
+    """
+    require(LightField, lf, "lf", "light_field_item")
+    if lf.shape[4:] not in ((), (1,), (3,)):
+        raise ShapeError(
+            f"A page shows one or three channels, and this light field has {lf.shape[4]}: take "
+            "some of them with clplen.LightField in Python."
+        )
+    rows, columns = _kept(lf.shape[:2], options.views)
+    n = options.downscale
+    ny, nx = (size // n for size in lf.shape[2:4])
+    if min(ny, nx) < 1:
+        raise ShapeError(f"Views of {lf.shape[2]} x {lf.shape[3]} pixels have none by {n} x {n}.")
+    samples = lf.to_numpy()[rows, columns]
+    V, U = samples.shape[:2]
+    channels = (3,) if lf.shape[4:] == (3,) else ()
+    samples = samples.reshape(V * U, *lf.shape[2:4], *channels)
+    weights = lf.weights[rows, columns].ravel()
+    steps = unit_steps(lf)[rows, columns].reshape(-1, 2)
+    if options.views is not None:
+        steps = steps - steps.mean(axis=0)
+    focus, span = _focus(lf, depth)
+    dy, dx = (math.nan, math.nan) if lf.spacing is None else lf.spacing[2:]
+    known = np.isfinite([dy, dx]).all()
+    return {
+        "kind": "light field",
+        "name": name,
+        "shape": [V, U, ny, nx, *channels],
+        "samples": _samples(samples, content, lf.dtype, options),
+        "weights": [float(w) for w in weights],
+        "steps": [[float(y), float(x)] for y, x in steps],
+        "focus": focus / n,
+        "range": [end / n for end in span],
+        "alpha": _alpha(lf, n),
+        "metres": _metres(lf, n, span),
+        "f_number": _f_number(lf, U),
+        "pixel": [abs(dy) * n, abs(dx) * n] if known else None,
+        "shown": _shown(samples, lf.dtype, srgb),
+        "depth": None if depth is None else depth_item(depth, content, n, depth_file),
+        "raw": None if lf.raw is None else _raw(lf.raw, content),
+        "full": {
+            "views": list(lf.shape[:2]),
+            "first": [int(rows.start), int(columns.start)],
+            "downscale": n,
+        },
+    }
+
+
+def depth_item(
+    depth: DepthMap, content: Content, n: int = 1, file: str | None = None
+) -> dict[str, Any]:
+    """Add a depth map to a page; what describes it. Disparities are those of every n-th pixel."""
+    disparity = depth.disparity / n
+    if n > 1:
+        disparity = disparity[n // 2 :: n, n // 2 :: n][
+            : depth.disparity.shape[0] // n, : depth.disparity.shape[1] // n
+        ]
+    low, high = (end / n for end in _span(depth))
+    return {
+        "disparity": map_item(disparity, content),
+        "range": [low, high if high > low else low + 1e-3],
+        "file": file,
+    }
+
+
+def map_item(values: Array, content: Content) -> dict[str, Any]:
+    """Add a map of floats to a page; what describes it."""
+    levels = Levels.of(values)
+    blob = content.add(lambda: levels.packed(values))
+    high = levels.low + levels.step * 65534
+    return {"shape": list(values.shape), "low": levels.low, "high": high, "blob": blob}
+
+
+def _kept(views: tuple[int, ...], most: tuple[int, int] | None) -> tuple[slice, slice]:
+    """Rows and columns about the middle; counts stay odd or even, so that the centre stays."""
+    kept = []
+    for n, wanted in zip(views, most or views, strict=True):
+        count = min(wanted, n)
+        count -= (n - count) % 2 and count > 1
+        kept.append(slice((n - count) // 2, (n - count) // 2 + count))
+    return kept[0], kept[1]
+
+
+def _samples(
+    samples: Array, content: Content, dtype: np.dtype[Any], options: PageOptions
+) -> dict[str, Any]:
+    """Add all views; their type and levels."""
+    n, quality = options.downscale, options.quality
+    if dtype == np.uint8 or quality is not None:
+        levels = Levels(0.0, 1.0) if dtype == np.uint8 else Levels.of(samples, 255)
+
+        def picture(view: Array) -> bytes:
+            small = downscaled(view, n)
+            small = small if dtype == np.uint8 else np.rint((small - levels.low) / levels.step)
+            eight = np.asarray(small, np.uint8)
+            return png(eight) if quality is None else jpeg(eight, quality)
+
+        blobs = [content.add(lambda view=view: picture(view)) for view in samples]  # type: ignore[misc]
+        return {"type": "uint8", "low": levels.low, "step": 255 * levels.step, "blobs": blobs}
+    levels = Levels.of(samples)
+    blobs = [
+        content.add(lambda view=view: levels.packed(downscaled(view, n)))  # type: ignore[misc]
+        for view in samples
+    ]
+    return {"type": "uint16", "low": levels.low, "step": levels.step, "blobs": blobs}
+
+
+def _shown(samples: Array, dtype: np.dtype[Any], srgb: bool) -> dict[str, Any]:
+    """Black, white and curve at first, and the range of both."""
+    some = samples[len(samples) // 2]
+    white = float(f"{white_level(some, dtype, srgb=srgb):.4g}")
+    most = 255.0 if dtype == np.uint8 else max(float(samples.max()), white)
+    low = min(0.0, float(samples.min()))
+    curve = "srgb" if srgb else "linear"
+    return {"black": 0.0, "white": white, "curve": curve, "range": [low, most]}
+
+
+def _span(depth: DepthMap) -> tuple[float, float]:
+    """The disparities between which nearly all sure ones lie."""
+    known = np.isfinite(depth.disparity)
+    sure = known & (depth.confidence > _SURE)
+    values = depth.disparity[sure if sure.sum() > 100 else known]
+    if values.size == 0:
+        return 0.0, 0.0
+    low, high = np.percentile(values, _RANGE)
+    return float(low), float(high)
+
+
+def _focus(lf: LightField, depth: DepthMap | None) -> tuple[float, tuple[float, float]]:
+    """The disparity to begin with, and the range to look through."""
+    planes = np.asarray(default_disparities(lf), np.float64)
+    if depth is not None:
+        low, high = _span(depth)
+        wide = _WIDER * max(high - low, 0.1)
+        sure = depth.disparity[np.isfinite(depth.disparity) & (depth.confidence > _SURE)]
+        focus = float(np.median(sure)) if sure.size else 0.0
+        return focus, (min(low - wide, 0.0), max(high + wide, 0.0))
+    ends = (float(planes.min()), float(planes.max()))
+    if np.count_nonzero(lf.weights) < 2:
+        return 0.0, ends
+    tried = np.linspace(*ends, _PLANES)
+    stack = focal_stack_in_memory(lf, disparities=tried)
+    return float(tried[int(sharpness_curve(stack).argmax())]), ends
+
+
+def _alpha(lf: LightField, n: int) -> dict[str, Any] | None:
+    """The law of alpha: du/dx, in pixels of the page, and whether it is that of naive cells."""
+    if is_telecentric(lf) or not np.isfinite(lf.alpha(0.0)):
+        return None
+    assert lf.spacing is not None
+    inverse = lf.decode == "naive"
+    return {"ratio": lf.spacing[1] / (lf.spacing[3] * n), "inverse": inverse}
+
+
+def _metres(lf: LightField, n: int, span: tuple[float, float]) -> dict[str, Any] | None:
+    """z(d), 1/(offset + slope d) - object by the lens law, or slope d of a telecentric camera."""
+    ends = np.array([0.0, 0.25 * span[1] or 0.25 * span[0] or 0.1])
+    z = np.asarray(depth_at(lf, ends), np.float64)
+    if not np.isfinite(z).all():
+        return None
+    if is_telecentric(lf):
+        return {"linear": True, "slope": float(z[1] / ends[1]) * n}
+    distance = getattr(lf.camera, "object_distance", None)
+    if distance is None or not 0 < distance < _FAR:
+        return None
+    inverse = 1 / (z + distance)
+    slope = (inverse[1] - inverse[0]) / ends[1]
+    law = {"linear": False, "offset": float(inverse[0]), "slope": float(slope) * n}
+    third = -0.5 * ends[1]
+    found = 1 / (inverse[0] + slope * third) - distance
+    if not math.isclose(found, float(depth_at(lf, third)), rel_tol=1e-6, abs_tol=1e-9 * distance):
+        return None
+    return {**law, "object": float(distance)}
+
+
+def _f_number(lf: LightField, across: int) -> float | None:
+    """Of the light field's whole width, at the image."""
+    if lf.camera is None or lf.spacing is None or is_telecentric(lf):
+        return None
+    width = abs(lf.spacing[1]) * across
+    return float(lf.camera.image_distance / width) if np.isfinite(width) and width > 0 else None
+
+
+def _raw(raw: RawImage, content: Content) -> dict[str, Any]:
+    """Add the raw image, of 8 bits; its size and lenslets."""
+    values = raw.to_numpy()
+    white = white_level(values, np.dtype(np.float32))
+    eight = np.rint(255 * np.clip(values / white, 0, 1)).astype(np.uint8)
+    large = values.size > _RAW_PIXELS
+    blob = content.add(lambda: jpeg(eight, _RAW_QUALITY) if large else png(eight))
+    grid = raw.sub_images
+    lattice = None
+    if not grid.exchanged:
+        lattice = {
+            "origin": list(grid.first),
+            "rows": list(grid.row_step),
+            "columns": list(grid.column_step),
+            "count": list(grid.count),
+            "hexagonal": grid.odd_row_shift != 0,
+            "pitch": math.hypot(*grid.column_step),
+        }
+    return {"blob": blob, "shape": list(raw.shape), "lattice": lattice}

@@ -1,0 +1,119 @@
+"""Volumes, focal stacks, time series, maps and pictures as items of a page."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from clplen.errors import ShapeError
+from clplen.io.formats.animation import white_level
+from clplen.io.page.samples import Array, Content, Levels, downscaled
+
+_MAP_RANGE = (1.0, 99.0)  # per cent of the values that the colours of a map span
+
+
+def volume_item(
+    values: ArrayLike,
+    content: Content,
+    *,
+    name: str,
+    downscale: int = 1,
+    planes: tuple[str, str, ArrayLike] | None = None,
+    first: int | None = None,
+    voxel: tuple[float | None, float, float] | None = None,
+    unit: str | None = None,
+    table: str = "grey",
+    dtype: np.dtype[Any] | None = None,
+    srgb: bool = False,
+) -> dict[str, Any]:
+    """Add a series of pictures to a page; what describes it.
+
+    Parameters
+    ----------
+    values : array_like
+        Shape (t, z, y, x) or (t, z, y, x, c) with 1 or 3 channels; NaN where nothing is known.
+    content : Content
+    name : str
+    downscale : int
+        Pixels along y and x for one of the page.
+    planes : tuple, optional
+        What tells the planes apart: its name, its unit ("m" or ""), its values.
+    first : int, optional
+        Plane to show at first; default the middle one.
+    voxel : tuple, optional
+        (dz, dy, dx) in metres; dz may be None.
+    unit : str, optional
+        Of the values.
+    table : {"grey", "viridis", "magma"}
+        Colours at first. Those of maps span the middle 98 % of the values, grey begins at 0.
+    dtype : numpy.dtype, optional
+        Of the samples that the values were made of; uint8 is shown from 0 to 255.
+    srgb : bool
+        Whether they were decoded from sRGB.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    ShapeError
+        If the shape is another one.
+    """
+    data = np.asarray(values)
+    if data.ndim not in (4, 5) or data.size == 0 or data.shape[4:] not in ((), (1,), (3,)):
+        raise ShapeError(
+            f"A page shows series of shape (t, z, y, x) or (t, z, y, x, 3), not {data.shape}."
+        )
+    channels = (3,) if data.shape[4:] == (3,) else ()
+    data = data.reshape(*data.shape[:4], *channels)
+    T, Z = data.shape[:2]
+    ny, nx = (size // downscale for size in data.shape[2:4])
+    if min(ny, nx) < 1:
+        raise ShapeError(f"Pictures of {data.shape[2]} x {data.shape[3]} pixels are too small.")
+    known = data[np.isfinite(data)]
+    levels = Levels.of(data)
+    blobs = [
+        content.add(lambda plane=plane: levels.packed(downscaled(plane, downscale)))  # type: ignore[misc]
+        for plane in data.reshape(T * Z, *data.shape[2:])
+    ]
+    spacing = None
+    if voxel is not None and np.isfinite(np.array(voxel[1:], float)).all():
+        dz = voxel[0] if voxel[0] is not None and np.isfinite(voxel[0]) else None
+        spacing = [dz, voxel[1] * downscale, voxel[2] * downscale]
+    return {
+        "kind": "volume",
+        "name": name,
+        "shape": [T, Z, ny, nx, *channels],
+        "samples": {"type": "uint16", "low": levels.low, "step": levels.step, "blobs": blobs},
+        "planes": None if planes is None else _planes(*planes),
+        "first": Z // 2 if first is None else int(first),
+        "spacing": spacing,
+        "unit": unit,
+        "shown": _shown(known, table, dtype, srgb),
+    }
+
+
+def _planes(label: str, unit: str, values: ArrayLike) -> dict[str, Any]:
+    numbers = [float(v) if np.isfinite(v) else None for v in np.asarray(values, np.float64)]
+    return {"label": label, "unit": unit, "values": numbers}
+
+
+def _shown(known: Array, table: str, dtype: np.dtype[Any] | None, srgb: bool) -> dict[str, Any]:
+    """Black, white and curve at first, and the range of both."""
+    if known.size == 0:
+        return {"black": 0.0, "white": 1.0, "curve": "linear", "table": table, "range": [0.0, 1.0]}
+    low, high = float(known.min()), float(known.max())
+    if table == "grey":
+        black = 0.0 if low >= 0 else low
+        white = white_level(known, np.dtype(np.float32) if dtype is None else dtype, srgb=srgb)
+    else:
+        black, white = (float(end) for end in np.percentile(known, _MAP_RANGE))
+    black, white = float(f"{black:.4g}"), float(f"{white:.4g}")
+    if not white > black:
+        white = black + max(abs(black), 1.0) * 1e-3
+    ends = [min(low, black), max(high, white)]
+    curve = "srgb" if srgb else "linear"
+    return {"black": black, "white": white, "curve": curve, "table": table, "range": ends}

@@ -1,0 +1,64 @@
+/** Which plane a place in the picture is in focus on, told by sharpness. */
+
+const PLANES = 33;
+const HALVES = [8, 16, 32]; // of the window, in pixels: the next one where there is too little detail
+const DETAIL = 0.15; // by which the sharpest plane has to exceed the blurred ones
+const REACH = 1.5; // planes to each side of the best one, among which it is looked for once more
+const FLAT = "There is too little detail here to tell the depth by; this is the sharpest plane found.";
+
+/**
+ * The disparity at which a window about a pixel is sharpest.
+ *
+ * The sharpness is the mean square of the differences of neighbouring pixels of the refocused
+ * window. `seen` is the viewpoint (v, u) whose picture was pressed, null for the centre.
+ * Returns {disparity, note}: what to say where it is not sure.
+ */
+export function sharpestDisparity(renderer, item, place, seen) {
+  let best = null;
+  for (const half of HALVES) {
+    best = sharpest(renderer, place, half, seen, ...item.range);
+    if (best.contrast < DETAIL) continue;
+    const step = (item.range[1] - item.range[0]) / (PLANES - 1);
+    const [low, high] = [best.disparity - REACH * step, best.disparity + REACH * step];
+    return { disparity: sharpest(renderer, place, half, seen, low, high).disparity, note: null };
+  }
+  return { disparity: best.disparity, note: FLAT };
+}
+
+function sharpest(renderer, [y, x], half, seen, low, high) {
+  const [ny, nx] = [renderer.ny, renderer.nx];
+  const top = Math.max(y - half, 0);
+  const left = Math.max(x - half, 0);
+  const height = Math.min(y + half + 1, ny) - top;
+  const width = Math.min(x + half + 1, nx) - left;
+  const target = renderer.target(height, width);
+  const state = { shape: "all", v: 0, u: 0, register: seen };
+  const planes = Array.from({ length: PLANES }, (_, i) => low + ((high - low) * i) / (PLANES - 1));
+  const curve = planes.map((disparity) => {
+    renderer.sum(state, { disparity, target, corner: [top, left] });
+    return detail(renderer.values(target), height, width, renderer.channels);
+  });
+  renderer.release(target);
+  const at = curve.indexOf(Math.max(...curve));
+  const sorted = [...curve].sort((a, b) => a - b);
+  const contrast = sorted[PLANES - 1] > 0 ? 1 - sorted[PLANES >> 2] / sorted[PLANES - 1] : 0;
+  let shift = 0;
+  if (at > 0 && at < PLANES - 1) {
+    const [a, b, c] = curve.slice(at - 1, at + 2);
+    const bend = a - 2 * b + c;
+    if (bend < 0) shift = (0.5 * (a - c)) / bend;
+  }
+  return { disparity: planes[at] + shift * (planes[1] - planes[0]), contrast };
+}
+
+/** Mean square of the differences of neighbours. */
+function detail(values, height, width, channels) {
+  let sum = 0;
+  for (let i = 0; i + 1 < height; i++)
+    for (let j = 0; j + 1 < width; j++)
+      for (let c = 0; c < Math.min(channels, 3); c++) {
+        const at = 4 * (i * width + j) + c;
+        sum += (values[at + 4] - values[at]) ** 2 + (values[at + 4 * width] - values[at]) ** 2;
+      }
+  return sum / (height * width);
+}

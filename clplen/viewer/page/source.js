@@ -1,0 +1,151 @@
+/**
+ * Where a page has its data from. A source has
+ *
+ *   content          object: what is shown, see the content of clplen.viewer.content
+ *   blob(n)          promise of a Uint8Array: part n of the data
+ *   canCompute       whether a device answers
+ *   compute(request, channel, onProgress)
+ *                    promise of {result, blobs}; rejects with a sentence, or with null where a
+ *                    newer request of the same channel came
+ *   missing()        a sentence about parts that are not there, or null
+ */
+
+/** Bytes of base64. */
+function bytesOf(text) {
+  if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
+  const binary = atob(text);
+  const bytes = new Uint8Array(binary.length);
+  for (let i = 0; i < bytes.length; i++) bytes[i] = binary.charCodeAt(i);
+  return bytes;
+}
+
+const INCOMPLETE = "This page is incomplete: parts of its data are missing. Get the file once more.";
+
+/** Data that stand in the page itself. */
+export class EmbeddedSource {
+  canCompute = false;
+
+  constructor(page = document) {
+    this.page = page;
+    this.content = JSON.parse(page.getElementById("clplen-content").textContent);
+  }
+
+  missing() {
+    return this.page.getElementById("clplen-end") ? null : INCOMPLETE;
+  }
+
+  async blob(n) {
+    const part = this.page.getElementById(`clplen-data-${n}`);
+    let bytes = null;
+    try {
+      bytes = part && bytesOf(part.textContent.trim());
+    } catch {
+      // cut off within a group of four characters
+    }
+    if (!bytes || bytes.length !== this.content.sizes[n]) throw new Error(INCOMPLETE);
+    return bytes;
+  }
+}
+
+/** Data of the server that the page came from. */
+export class ServerSource {
+  canCompute = true;
+
+  constructor(content) {
+    this.content = content;
+    this.page = Array.from(crypto.getRandomValues(new Uint8Array(12)), (b) =>
+      b.toString(16).padStart(2, "0"),
+    ).join("");
+    this.stayOpen();
+  }
+
+  missing() {
+    return null;
+  }
+
+  /** Tell the server that somebody looks, as long as the page is open. */
+  async stayOpen() {
+    try {
+      const answer = await fetch(`alive?page=${this.page}`);
+      const reader = answer.body.getReader();
+      while (!(await reader.read()).done);
+    } catch {
+      // the server has ended, which the next request says
+    }
+  }
+
+  async blob(n) {
+    const answer = await reach(fetch(`data/${n}`));
+    if (!answer.ok) throw new Error((await answer.text()).trim() || `Part ${n} is not there.`);
+    return new Uint8Array(await answer.arrayBuffer());
+  }
+
+  async compute(request, channel, onProgress) {
+    const answer = await reach(
+      fetch("compute", {
+        method: "POST",
+        headers: { "Content-Type": "application/json" },
+        body: JSON.stringify({ page: this.page, channel, request }),
+      }),
+    );
+    const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
+    let text = "";
+    for (;;) {
+      const { value, done } = await reader.read();
+      text += value ?? "";
+      const lines = text.split("\n");
+      text = lines.pop();
+      for (const line of lines.filter(Boolean)) {
+        const message = JSON.parse(line);
+        if (message.error) throw new Error(message.error);
+        if (message.dropped) throw null;
+        if (message.result)
+          return { result: message.result, blobs: message.blobs.map((blob) => bytesOf(blob)) };
+        onProgress?.(message.progress, message.what);
+      }
+      if (done) throw new Error(ENDED);
+    }
+  }
+}
+
+const ENDED = "clplen view has ended: start it again, or write a page that stands alone by -o page.html.";
+
+async function reach(promise) {
+  try {
+    return await promise;
+  } catch {
+    throw new Error(ENDED);
+  }
+}
+
+/** Samples of 16 bits: gzip of row differences, all low bytes first, then all high ones. */
+export async function unpack16(bytes, width) {
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const split = new Uint8Array(await new Response(stream).arrayBuffer());
+  const count = split.length / 2;
+  const samples = new Uint16Array(count);
+  for (let i = 0; i < count; i++) {
+    const difference = split[i] | (split[count + i] << 8);
+    samples[i] = i % width ? samples[i - 1] + difference : difference;
+  }
+  return samples;
+}
+
+/** A picture of 8 bits as a browser decodes it, colours untouched. */
+export function bitmap(bytes) {
+  return createImageBitmap(new Blob([bytes]), {
+    colorSpaceConversion: "none",
+    premultiplyAlpha: "none",
+  });
+}
+
+/** A map of floats: {values, height, width}, NaN where its last level says so. */
+export async function readMap(source, map) {
+  const [height, width] = map.shape;
+  const levels = await unpack16(await source.blob(map.blob), width);
+  const step = (map.high - map.low) / MOST;
+  const values = Float32Array.from(levels, (q) => (q > MOST ? NaN : map.low + q * step));
+  return { values, height, width };
+}
+
+export const MOST = 65534; // the largest level of 16 bits; the next one is NaN

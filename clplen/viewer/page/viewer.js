@@ -1,0 +1,154 @@
+/**
+ * The viewer: mount(element, source) shows what a source holds (source.js) in an element.
+ *
+ * source.content is {title, items, compare, scores, sizes}; an item is of kind "light field"
+ * (light_field.js) or "volume" (volume.js). The state of what is seen lies in the page's hash.
+ */
+
+import { CompareView, viewOf } from "./compare.js";
+import { button, element } from "./controls.js";
+import { EmbeddedSource, ServerSource } from "./source.js";
+
+const KEYS = [
+  ["drag", "move the viewpoint"],
+  ["click, Enter", "focus there, or put the cross"],
+  ["wheel, + and -", "zoom"],
+  ["shift + drag or arrows", "move the picture"],
+  ["0", "the whole picture"],
+  ["arrows", "viewpoint, or cross"],
+  ["alt + arrows", "move the cursor"],
+  ["[ and ]", "focus, or plane"],
+  [", and .", "time"],
+  ["a", "all in focus"],
+  ["d", "depth map"],
+  ["p, g, e, r", "picture, grid of views, epipolar planes, raw image"],
+  ["m", "maximum projection"],
+  ["f", "full screen"],
+];
+const HASH_DELAY = 200; // milliseconds
+
+/** Show what a source holds; {view, views, ready}, ready being a promise. */
+export function mount(root, source) {
+  root.classList.add("clplen");
+  const status = element("p", { class: "status", role: "status" });
+  const said = element("p", { class: "said", "aria-live": "polite" });
+  const fail = (error) => {
+    if (error === null) return;
+    root.replaceChildren(element("p", { class: "failure", role: "alert" }, error.message ?? String(error)));
+  };
+  const viewer = { view: null, views: [], ready: null };
+  try {
+    const cut = source.missing();
+    if (cut) throw new Error(cut);
+    viewer.ready = show(root, source, viewer, { status, said }).catch(fail);
+  } catch (error) {
+    fail(error);
+    viewer.ready = Promise.resolve();
+  }
+  return viewer;
+}
+
+async function show(root, source, viewer, { status, said }) {
+  const { content } = source;
+  let timer = null;
+  let shown = 0;
+  const write = () => {
+    clearTimeout(timer);
+    timer = setTimeout(() => root.isConnected && writeHash(viewer.view, shown), HASH_DELAY);
+  };
+  let quiet = null;
+  const say = (text) => {
+    said.textContent = text;
+    clearTimeout(quiet);
+    quiet = setTimeout(() => (said.textContent = ""), 8000);
+  };
+  const options = { say, onChange: write };
+  viewer.views = content.compare
+    ? [new CompareView(content.items, source, { ...options, scores: content.scores })]
+    : content.items.map((item) => viewOf(item, source, options));
+  const main = element("main", {});
+  const tools = element("aside", { "aria-label": "Controls" });
+  const tabs = element("div", { class: "buttons tabs", role: "tablist", hidden: viewer.views.length < 2 });
+  const choose = async (index) => {
+    shown = index;
+    const view = (viewer.view = viewer.views[index]);
+    main.replaceChildren(view.main);
+    tools.replaceChildren(view.tools);
+    [...tabs.children].forEach((tab, i) => tab.setAttribute("aria-selected", i === index));
+    view.onHover ??= (text) => (status.textContent = text);
+    view.stage.link.onLook = write;
+    if (!view.begun) {
+      view.begun = true;
+      await view.load();
+    }
+    view.changed();
+  };
+  viewer.views.forEach((view, i) =>
+    tabs.append(element("button", { type: "button", role: "tab", onclick: () => choose(i) }, view.item.name)));
+  const keys = element("dialog", { class: "keys", "aria-label": "Keys" },
+    element("h2", {}, "Mouse and keys"),
+    element("dl", {}, ...KEYS.flatMap(([key, what]) => [element("dt", {}, key), element("dd", {}, what)])),
+    button("Close", () => keys.close()));
+  const full = () => (document.fullscreenElement ? document.exitFullscreen() : root.requestFullscreen?.());
+  const top = element("header", {},
+    element("h1", {}, content.title),
+    tabs,
+    element("div", { class: "buttons" }, button("Keys", () => keys.showModal()), button("Full screen", full)));
+  root.replaceChildren(top, main, tools, element("footer", {}, status, said), keys);
+  root.addEventListener("keydown", (event) => {
+    const free = !event.ctrlKey && !event.metaKey && !event.altKey && !/^(INPUT|SELECT|TEXTAREA)$/.test(event.target.tagName);
+    if (free && event.key === "f") full();
+    else if (free && event.key === "?") keys.showModal();
+    else if (free && event.target.tagName !== "BUTTON" && !main.contains(event.target)) viewer.view.stage.key(event);
+  });
+  window.addEventListener("hashchange", () => {
+    readHash(viewer.views);
+    viewer.view.changed();
+  });
+  await choose(Math.min(readHash(viewer.views), viewer.views.length - 1));
+}
+
+/** Put the state of a view into the page's hash. */
+function writeHash(view, index) {
+  const words = new URLSearchParams();
+  if (index) words.set("item", index);
+  for (const [name, value] of Object.entries(view.state)) words.set(name, value);
+  const { zoom, y, x } = view.stage.link;
+  if (zoom !== 1) for (const [name, value] of Object.entries({ zoom, cy: y, cx: x })) words.set(name, Number(value.toFixed(5)));
+  history.replaceState(null, "", `#${words}`);
+}
+
+/** Take the state from the page's hash, as far as it fits; the number of the item. */
+function readHash(views) {
+  const words = new URLSearchParams(location.hash.slice(1));
+  const index = Math.min(Math.max(Number(words.get("item")) || 0, 0), views.length - 1);
+  const view = views[index];
+  const state = { ...view.state };
+  for (const [name, now] of Object.entries(state)) {
+    const text = words.get(name);
+    if (text === null) continue;
+    if (typeof now === "boolean") state[name] = text === "true";
+    else if (typeof now === "string") state[name] = text;
+    else if (Number.isFinite(Number(text))) state[name] = Number(text);
+  }
+  view.take(state);
+  const look = ["zoom", "cy", "cx"].map((name) => Number(words.get(name)));
+  if (look[0] >= 1 && look.every(Number.isFinite)) Object.assign(view.stage.link, { zoom: look[0], y: look[1], x: look[2] });
+  return index;
+}
+
+/** Mount what the page itself holds or its server has. */
+export function start(root) {
+  const holder = document.getElementById("clplen-content");
+  if (!holder) {
+    root.textContent = "This page is incomplete: it has no data. Get the file once more.";
+    return null;
+  }
+  try {
+    const content = JSON.parse(holder.textContent);
+    return mount(root, content.server ? new ServerSource(content) : new EmbeddedSource());
+  } catch {
+    root.textContent = "This page is incomplete: its data are cut off. Get the file once more.";
+    return null;
+  }
+}
