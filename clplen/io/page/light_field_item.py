@@ -11,7 +11,7 @@ import numpy as np
 from clplen.checks import require
 from clplen.errors import ShapeError
 from clplen.io.formats.animation import white_level
-from clplen.io.page.samples import Array, Content, Levels, downscaled, jpeg, png
+from clplen.io.page.samples import Array, Content, Levels, downscaled, jpeg, packed_floats, png
 from clplen.lightfield.depth.best_focus import default_disparities
 from clplen.lightfield.depth.depth_maps import DepthMap, sharpness_curve
 from clplen.lightfield.model.alpha_law import depth_at, unit_steps
@@ -155,10 +155,7 @@ def depth_item(
 
 def map_item(values: Array, content: Content) -> dict[str, Any]:
     """Add a map of floats to a page; what describes it."""
-    levels = Levels.of(values)
-    blob = content.add(lambda: levels.packed(values))
-    high = levels.low + levels.step * 65534
-    return {"shape": list(values.shape), "low": levels.low, "high": high, "blob": blob}
+    return {"shape": list(values.shape), "blob": content.add(lambda: packed_floats(values))}
 
 
 def _kept(views: tuple[int, ...], most: tuple[int, int] | None) -> tuple[slice, slice]:

@@ -97,6 +97,12 @@ class Levels:
         return gzip.compress(np.ascontiguousarray(halves.T).tobytes(), _LEVEL, mtime=0)
 
 
+def packed_floats(values: Array) -> bytes:
+    """Values as gzip of float32, all first bytes, then all second ones and so on."""
+    parts = np.ascontiguousarray(values, "<f4").view(np.uint8).reshape(-1, 4)
+    return gzip.compress(np.ascontiguousarray(parts.T).tobytes(), _LEVEL, mtime=0)
+
+
 def downscaled(values: Array, n: int) -> Array:
     """Means of n x n pixels of a picture (y, x[, c]), of its type; the rest is left out."""
     if n == 1:

@@ -5,7 +5,7 @@
  * pixels from a point's position in the centre view to that in view k, for disparity 1.
  */
 
-const FINE = 2 ** 20; // shifts are rounded to a part of a pixel, so that 3 * 0.1 is 0.3
+const FINE = 2 ** 20; // parts of a pixel to which shifts are rounded, so that 3 * 0.1 is 0.3
 
 const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
 
@@ -101,9 +101,9 @@ export function stepsFrom(item, viewpoint) {
   return { steps: item.steps.map(([y, x]) => [y - origin[0], x - origin[1]]), origin };
 }
 
-/** A shift split into whole pixels and a part from 0 to 1. */
-export function split(shift) {
-  const fine = Math.round(shift * FINE) / FINE;
+/** A shift split into whole pixels and a part from 0 to 1; those of cubic taps are rounded first. */
+export function split(shift, cubic) {
+  const fine = cubic ? Math.round(shift * FINE) / FINE : shift;
   const whole = Math.floor(fine);
   return [whole, fine - whole];
 }

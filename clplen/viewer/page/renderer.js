@@ -248,7 +248,7 @@ export class Renderer {
     weights.forEach((w, k) => {
       if (!(w > 0)) return;
       const [sy, sx] = steps[k];
-      const [[y, py], [x, px]] = byMap ? [[sy, 0], [sx, 0]] : [split(sy * disparity), split(sx * disparity)];
+      const [[y, py], [x, px]] = byMap ? [[sy, 0], [sx, 0]] : [sy, sx].map((s) => split(s * disparity, cubic));
       const [layer, row] = [Math.floor(k / this.stacked), (k % this.stacked) * this.ny];
       texels.push(y, x, py, px, w, layer, row, cubic ? 1 : 0);
     });

@@ -118,10 +118,14 @@ async function reach(promise) {
   }
 }
 
+async function inflated(bytes) {
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
 /** Samples of 16 bits: gzip of row differences, all low bytes first, then all high ones. */
 export async function unpack16(bytes, width) {
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const split = new Uint8Array(await new Response(stream).arrayBuffer());
+  const split = await inflated(bytes);
   const count = split.length / 2;
   const samples = new Uint16Array(count);
   for (let i = 0; i < count; i++) {
@@ -139,13 +143,14 @@ export function bitmap(bytes) {
   });
 }
 
-/** A map of floats: {values, height, width}, NaN where its last level says so. */
+/** A map of floats, {values, height, width}: gzip of all first bytes, all second ones and so on. */
 export async function readMap(source, map) {
   const [height, width] = map.shape;
-  const levels = await unpack16(await source.blob(map.blob), width);
-  const step = (map.high - map.low) / MOST;
-  const values = Float32Array.from(levels, (q) => (q > MOST ? NaN : map.low + q * step));
-  return { values, height, width };
+  const split = await inflated(await source.blob(map.blob));
+  const count = split.length / 4;
+  const bytes = new Uint8Array(4 * count);
+  for (let i = 0; i < count; i++) for (let b = 0; b < 4; b++) bytes[4 * i + b] = split[b * count + i];
+  return { values: new Float32Array(bytes.buffer), height, width };
 }
 
 export const MOST = 65534; // the largest level of 16 bits; the next one is NaN
