@@ -145,3 +145,15 @@ def test_f_numbers_need_the_camera(device):
 def test_bad_shapes_are_refused(make, error, words):
     with pytest.raises(error, match=words):
         make()
+
+
+@pytest.mark.parametrize("centre", [(9.66, 38.18), (3.3, 0.7), (23.0, 23.0)])
+def test_no_view_outside_a_shape_counts(centre: tuple[float, float]) -> None:
+    v, u = np.indices((47, 47)) - np.array(centre)[:, None, None]
+    far = np.hypot(v, u) > 8.7 + 0.71  # half a diagonal beyond the rim
+    assert far.sum() > 500
+    near = np.hypot(v, u) < 4.35 - 0.71
+    assert not disc((47, 47), 8.7, centre=centre)[far].any()
+    ring = annulus((47, 47), 4.35, 8.7, centre=centre)
+    assert not ring[far].any()
+    assert not ring[near].any()

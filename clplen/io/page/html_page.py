@@ -143,12 +143,11 @@ def content_of(
 def _named(subject: Any) -> dict[str, Any]:
     things = subject if isinstance(subject, list) else [subject]
     kinds = [type(thing).__name__ for thing in things]
-    count = {kind: kinds.count(kind) for kind in kinds}
-    names = [
-        _WORDS.get(kind, kind) + (f" {i + 1}" if count[kind] > 1 else "")
-        for i, kind in enumerate(kinds)
-    ]
-    return dict(zip(names, things, strict=True))
+    named = {}
+    for i, (kind, thing) in enumerate(zip(kinds, things, strict=True)):
+        number = f" {kinds[: i + 1].count(kind)}" if kinds.count(kind) > 1 else ""
+        named[_WORDS.get(kind, kind) + number] = thing
+    return named
 
 
 _WORDS = {

@@ -24,6 +24,7 @@ Vector = np.ndarray[Any, np.dtype[np.float64]]
 Views = tuple[int, ...]
 Pair = tuple[float, float]
 
+_ROUNDING = 1e-12  # of a cell: what is less is none, and no view shows through it
 _FAR = 4.0  # corners of a half-plane, in sizes of the views
 
 
@@ -217,7 +218,8 @@ def ellipse_cells(views: tuple[int, int], radius: Pair, centre: Pair) -> Vector:
         for n, c, r in zip(views, centre, radius, strict=True)
     )
     area = _disc_area(y[:, None], x[None, :]) * (radius[0] * radius[1])
-    return np.clip(area[1:, 1:] - area[1:, :-1] - area[:-1, 1:] + area[:-1, :-1], 0, 1)
+    cells = np.clip(area[1:, 1:] - area[1:, :-1] - area[:-1, 1:] + area[:-1, :-1], 0, 1)
+    return np.where(cells < _ROUNDING, 0.0, cells)
 
 
 def _disc_area(y: Vector, x: Vector) -> Vector:
@@ -297,7 +299,7 @@ def _area(corners: Vector) -> float:
 def _checked_cells(cells: Vector, name: str) -> Weights:
     if not cells.any():
         raise ValueError(f"This {name} covers no view: give another centre or a larger one.")
-    return np.clip(cells, 0, None).astype(np.float32)
+    return np.where(cells < _ROUNDING, 0.0, cells).astype(np.float32)
 
 
 _F_NUMBER = re.compile(r"\s*f\s*/\s*(\d+\.?\d*|\.\d+)\s*", re.IGNORECASE)

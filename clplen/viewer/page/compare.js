@@ -39,10 +39,10 @@ export class CompareView {
 
   /** Take a state as far as it fits. */
   take(state) {
-    this.views.forEach((view, i) => {
+    for (const [i, view] of this.views.entries()) {
       const own = Object.keys(view.state).map((name) => [name, state[`${i}.${name}`]]);
       view.take(Object.fromEntries(own));
-    });
+    }
     this.gain = state.gain > 0 ? state.gain : 1;
   }
 
@@ -84,7 +84,7 @@ export class CompareView {
 
   choose(i) {
     this.chosen = i;
-    [...this.names.children].forEach((tab, k) => tab.setAttribute("aria-selected", k === i));
+    for (const [k, tab] of [...this.names.children].entries()) tab.setAttribute("aria-selected", k === i);
     this.own.replaceChildren(this.views[i].tools);
   }
 

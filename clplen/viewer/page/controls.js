@@ -44,7 +44,9 @@ export function numberField({ label, onInput }) {
   field.addEventListener("change", () => field.value !== "" && onInput(Number(field.value)));
   return {
     element: element("div", { class: "control inline" }, element("label", { for: id }, label), field),
-    set: (text) => document.activeElement !== field && (field.value = text),
+    set(text) {
+      if (document.activeElement !== field) field.value = text;
+    },
   };
 }
 
@@ -59,9 +61,9 @@ export function choice({ label, options, onInput }) {
   const made = element("fieldset", { class: "choice" }, element("legend", {}, label), element("div", { class: "segments" }, ...parts));
   return {
     element: made,
-    set: (value) => inputs[value] && (inputs[value].checked = true),
-    disable: (value, disabled) => (inputs[value].disabled = disabled),
-    show: (visible) => (made.hidden = !visible),
+    set(value) {
+      if (inputs[value]) inputs[value].checked = true;
+    },
   };
 }
 

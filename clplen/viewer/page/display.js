@@ -70,7 +70,7 @@ export function acceptTone(tone, now) {
   return {
     black: fits ? tone.black : now.black,
     white: fits ? tone.white : now.white,
-    curve: tone.curve in CURVES ? tone.curve : now.curve,
+    curve: Object.hasOwn(CURVES, tone.curve) ? tone.curve : now.curve,
     gamma: tone.gamma > 0 ? tone.gamma : now.gamma,
   };
 }

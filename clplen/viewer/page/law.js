@@ -7,6 +7,8 @@
 
 const FINE = 2 ** 20; // parts of a pixel to which shifts are rounded, so that 3 * 0.1 is 0.3
 
+const ROUNDING = 1e-12; // of a cell: what is less is none
+
 const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
 
 /** Middle (v, u) of the views. */
@@ -33,7 +35,8 @@ export function discWeights([V, U], [high, wide], [cv, cu]) {
       const area =
         discArea(y[v + 1], x[u + 1]) - discArea(y[v + 1], x[u]) -
         discArea(y[v], x[u + 1]) + discArea(y[v], x[u]);
-      weights[v * U + u] = clamp((area * high * wide) / 4, 0, 1);
+      const cell = clamp((area * high * wide) / 4, 0, 1);
+      weights[v * U + u] = cell < ROUNDING ? 0 : cell;
     }
   return weights;
 }
@@ -63,7 +66,8 @@ export function pointWeights(views, at) {
  *
  * state.shape is "one" (a single viewpoint), "disc" (of state.diameter, a share of the views),
  * "square" (state.across views) or "all". Views of weight 0 are left out, but a single view is
- * shown as it is stored. state.register, a viewpoint (v, u), registers the picture of an aperture to it.
+ * shown as it is stored. state.register, a viewpoint (v, u), registers the picture of an
+ * aperture to it; state.cubic interpolates as single views do.
  */
 export function weightsOf(item, state) {
   const views = item.shape.slice(0, 2);
@@ -81,7 +85,7 @@ export function weightsOf(item, state) {
   else if (state.shape === "square") weights = squareWeights(views, state.across, moved);
   else weights = new Float64Array(item.weights.length).fill(1);
   const viewpoint = state.register ? pointWeights(views, state.register) : null;
-  return { weights: own(weights), viewpoint, cubic: false };
+  return { weights: own(weights), viewpoint, cubic: Boolean(state.cubic) };
 }
 
 /** Whether the aperture lies in the middle of the views. */

@@ -57,7 +57,7 @@ export class LightFieldView {
     Object.assign(this.state, acceptTone(state, this.state), {
       v: within(state.v, 0, V - 1, 2),
       u: within(state.u, 0, U - 1, 2),
-      shape: state.shape in SHAPES ? state.shape : "one",
+      shape: Object.hasOwn(SHAPES, state.shape) ? state.shape : "one",
       diameter: within(state.diameter, 0.01, 1, 3),
       across: within(state.across, 1, Math.max(V, U), 0),
       d: rounded(state.d, 4),
@@ -247,7 +247,7 @@ export class LightFieldView {
 
   build() {
     const { item, state, stage } = this;
-    const [V, U, ny, nx] = item.shape;
+    const [V, U] = item.shape;
     const [low, high] = item.range;
     this.focus = slider({ label: "Disparity", unit: "px per view", min: low, max: high, step: 0.001, onInput: (d) => this.change({ d: rounded(d, 4), sharp: false }) });
     this.alpha = numberField({ label: "alpha = F/F'", onInput: (alpha) => this.setPlane(disparityOfAlpha(item, alpha), "alpha") });
@@ -284,8 +284,8 @@ export class LightFieldView {
       group("Take along",
         element("div", { class: "buttons" },
           button("Save PNG", () => this.save(), "The picture as it is shown, pixel by pixel"),
-          item.command ? button("Copy as command", () => this.copyText(commandOf(item, this.state, this.state), "The command")) : null,
-          button("Copy as Python", () => this.copyText(pythonOf(item, this.state), "The Python lines")),
+          item.command ? button("Copy as command", () => this.copyText(this.command(), "The command")) : null,
+          button("Copy as Python", () => this.copyText(this.python(), "The Python lines")),
           button("Copy link", () => this.copyText(location.href, "The link to this view")),
         ),
       ),
@@ -389,7 +389,8 @@ export class LightFieldView {
 
   showEpi() {
     const [V, U] = this.item.shape;
-    const [y, x] = (this.lastCut = this.cut());
+    const [y, x] = this.cut();
+    this.lastCut = [y, x];
     const [v, u] = [Math.min(Math.round(this.state.v), V - 1), Math.min(Math.round(this.state.u), U - 1)];
     const layout = { stride: 4, channels: this.renderer.channels };
     const drawn = (slice, label) => {
@@ -445,7 +446,21 @@ export class LightFieldView {
     savePicture(this.picture(), `${this.item.name}.png`);
   }
 
+  /** The command line that makes the picture. */
+  command() {
+    return commandOf(this.item, this.state, this.state);
+  }
+
+  /** The lines of Python that make it. */
+  python() {
+    return pythonOf(this.item, this.state);
+  }
+
   async copyText(text, what) {
+    if (text === null) {
+      this.say("The page keeps the middle views only: no aperture of the whole light field is this one.");
+      return;
+    }
     await copy(text);
     this.say(`${what} ${what.endsWith("s") ? "are" : "is"} on the clipboard.`);
   }

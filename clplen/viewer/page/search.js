@@ -10,7 +10,8 @@ const FLAT = "There is too little detail here to tell the depth by; this is the 
  * The disparity at which a window about a pixel is sharpest.
  *
  * The sharpness is the mean square of the differences of neighbouring pixels of the refocused
- * window. `seen` is the viewpoint (v, u) whose picture was pressed, null for the centre.
+ * window, interpolated by cubics: linear interpolation blurs least at whole disparities, and would
+ * draw the peak there. `seen` is the viewpoint (v, u) whose picture was pressed, null for the centre.
  * Returns {disparity, note}: what to say where it is not sure.
  */
 export function sharpestDisparity(renderer, item, place, seen) {
@@ -32,7 +33,7 @@ function sharpest(renderer, [y, x], half, seen, low, high) {
   const height = Math.min(y + half + 1, ny) - top;
   const width = Math.min(x + half + 1, nx) - left;
   const target = renderer.target(height, width);
-  const state = { shape: "all", v: 0, u: 0, register: seen };
+  const state = { shape: "all", register: seen, cubic: true };
   const planes = Array.from({ length: PLANES }, (_, i) => low + ((high - low) * i) / (PLANES - 1));
   const curve = planes.map((disparity) => {
     renderer.sum(state, { disparity, target, corner: [top, left] });

@@ -71,10 +71,11 @@ async function show(root, source, viewer, { status, said }) {
   const tabs = element("div", { class: "buttons tabs", role: "tablist", hidden: viewer.views.length < 2 });
   const choose = async (index) => {
     shown = index;
-    const view = (viewer.view = viewer.views[index]);
+    const view = viewer.views[index];
+    viewer.view = view;
     main.replaceChildren(view.main);
     tools.replaceChildren(view.tools);
-    [...tabs.children].forEach((tab, i) => tab.setAttribute("aria-selected", i === index));
+    for (const [i, tab] of [...tabs.children].entries()) tab.setAttribute("aria-selected", i === index);
     view.onHover ??= (text) => (status.textContent = text);
     view.stage.link.onLook = write;
     if (!view.begun) {
@@ -83,8 +84,8 @@ async function show(root, source, viewer, { status, said }) {
     }
     view.changed();
   };
-  viewer.views.forEach((view, i) =>
-    tabs.append(element("button", { type: "button", role: "tab", onclick: () => choose(i) }, view.item.name)));
+  for (const [i, view] of viewer.views.entries())
+    tabs.append(element("button", { type: "button", role: "tab", onclick: () => choose(i) }, view.item.name));
   const keys = element("dialog", { class: "keys", "aria-label": "Keys" },
     element("h2", {}, "Mouse and keys"),
     element("dl", {}, ...KEYS.flatMap(([key, what]) => [element("dt", {}, key), element("dd", {}, what)])),

@@ -42,7 +42,7 @@ export class VolumeView {
       y: within(state.y, this.ny),
       x: within(state.x, this.nx),
       projection: state.projection === "maximum" ? "maximum" : "slice",
-      table: state.table in TABLES ? state.table : "grey",
+      table: Object.hasOwn(TABLES, state.table) ? state.table : "grey",
     });
   }
 
@@ -74,7 +74,7 @@ export class VolumeView {
   /** Height in pixels of the picture that a plane has in slices along z. */
   get thickness() {
     const { spacing } = this.item;
-    const known = spacing && spacing[0] ? Math.abs(spacing[0] / spacing[1]) : 1;
+    const known = spacing?.[0] ? Math.abs(spacing[0] / spacing[1]) : 1;
     return Math.max(known, (LEAST_DEPTH * Math.min(this.ny, this.nx)) / this.Z);
   }
 
@@ -91,12 +91,13 @@ export class VolumeView {
     const at = this.state[axis];
     const [first, last] = all ? [0, count - 1] : [at, at];
     const values = new Float32Array(height * width * channels).fill(NaN);
+    const place = { z: (n, i, j) => [n, i * nx + j], y: (n, i, j) => [i, n * nx + j], x: (n, i, j) => [j, i * nx + n] }[axis];
     for (let n = first; n <= last; n++)
       for (let i = 0; i < height; i++)
         for (let j = 0; j < width; j++) {
-          const [z, y, x] = axis === "z" ? [n, i, j] : axis === "y" ? [i, n, j] : [j, i, n];
+          const [z, at] = place(n, i, j);
           for (let c = 0; c < channels; c++) {
-            const q = planes[z][(y * nx + x) * channels + c];
+            const q = planes[z][at * channels + c];
             const to = (i * width + j) * channels + c;
             if (q <= MOST && !(low + step * q <= values[to])) values[to] = low + step * q;
           }

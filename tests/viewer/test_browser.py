@@ -1,0 +1,304 @@
+"""Pages in a browser: what the canvas shows, what a click finds, what is copied."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from typing import Any
+
+import accuracy_viewer
+import numpy as np
+import pytest
+from accuracy_viewer import LIGHT_FIELDS, STATES, decoded, differences, open_page
+from click.testing import CliRunner
+
+import clplen
+from clplen.cli.app import main
+from clplen.io import read_picture
+from clplen.io.page.html_page import write_page
+from clplen.io.page.samples import Content
+from clplen.io.page.volume_item import volume_item
+
+pytestmark = pytest.mark.browser
+
+RNG = np.random.default_rng(11)
+FLOWER = ["--pattern", "IMG_0001_{n}_{u}_{v}.png"]
+
+
+def planes(disparities: tuple[float, ...], views: int = 7, size: int = 64) -> np.ndarray:
+    """Views of textured stripes, each on a plane of its own disparity."""
+    width = size // len(disparities)
+    a = np.zeros((views, views, size, size), np.float32)
+    waves = RNG.uniform(0.3, 1.6, (12, 2)) * RNG.choice([-1, 1], (12, 2))
+    phases = RNG.uniform(0, 6, 12)
+    y, x = np.indices((size, size)).astype(float)
+    for n, d in enumerate(disparities):
+        stripe = slice(n * width, (n + 1) * width)
+        for v in range(views):
+            for u in range(views):
+                at = (y + (v - (views - 1) / 2) * d, x + (u - (views - 1) / 2) * d)
+                texture = sum(
+                    np.cos(w[0] * at[0] + w[1] * at[1] + p)
+                    for w, p in zip(waves, phases, strict=True)
+                )
+                a[v, u, :, stripe] = 0.5 + 0.06 * texture[:, stripe]
+    return np.rint(255 * np.clip(a, 0, 1)).astype(np.uint8)
+
+
+def evaluate(page: Any, code: str, *words: Any) -> Any:
+    return page.evaluate(code, *words)
+
+
+def failure_of(page: Any) -> str:
+    """The sentence of a page that shows nothing."""
+    page.wait_for_function("!document.querySelector('.clplen > main')")
+    page.wait_for_timeout(200)
+    return str(page.locator("#clplen-viewer").inner_text())
+
+
+@pytest.mark.parametrize("name", LIGHT_FIELDS)
+def test_the_canvas_is_what_clplen_computes(browser, tmp_path, name):
+    found = differences(browser, tmp_path, name)
+    assert set(found) == set(STATES)
+    assert max(max(pair) for pair in found.values()) <= 1, found
+
+
+def test_a_page_asks_no_network(browser, tmp_path):
+    path = tmp_path / "page.html"
+    clplen.io.write_html(path, planes((0.5, -0.5)))
+    page = browser.new_context().new_page()
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(path.as_uri())
+    page.wait_for_function(accuracy_viewer._READY)
+    assert [url for url in asked if not url.startswith(("blob:", "data:"))] == [path.as_uri()]
+    page.context.close()
+
+
+@pytest.mark.parametrize("by_map", [False, True])
+def test_a_click_finds_the_plane(browser, tmp_path, by_map):
+    true = (-1.1, 0.4, 1.3)
+    lf = clplen.LightField.from_array(planes(true, size=96))
+    path = tmp_path / "page.html"
+    clplen.io.write_html(path, lf, depth=clplen.depth_map(lf) if by_map else None)
+    page = open_page(browser, path)
+    for n, d in enumerate(true):
+        for y in (30, 62):
+            found = evaluate(page, f"clplen.view.focusAt({y}, {16 + 32 * n})")
+            assert abs(found - d) < 0.05, (n, y)
+    assert evaluate(page, "clplen.view.state.shape") == "all"
+    page.context.close()
+
+
+def test_a_mouse_click_lands_on_its_pixel(browser, tmp_path):
+    path = tmp_path / "page.html"
+    clplen.io.write_html(path, planes((0.8, -0.8), size=80))
+    page = open_page(browser, path, viewport={"width": 1000, "height": 700})
+    evaluate(page, "window.said = []; clplen.view.stage.onClick = (y, x) => said.push([y, x])")
+    box = page.locator(".stage canvas").first.bounding_box()
+    scale = min(box["width"], box["height"]) / 80
+    left, top = (box[s] / 2 - 40 * scale for s in ("width", "height"))
+    for y, x in ((3, 5), (70, 11), (41, 79)):
+        at = (box["x"] + left + (x + 0.5) * scale, box["y"] + top + (y + 0.5) * scale)
+        page.mouse.click(*at)
+        assert evaluate(page, "said.at(-1)") == [y, x]
+    page.mouse.move(box["x"] + left + 20.5 * scale, box["y"] + top + 60.5 * scale)
+    page.mouse.wheel(0, -600)  # what is under the mouse stays there
+    page.mouse.down()
+    page.mouse.up()
+    assert evaluate(page, "said.at(-1)") == [60, 20]
+    assert evaluate(page, "clplen.view.stage.link.zoom") > 2
+    page.context.close()
+
+
+def test_a_drag_moves_the_viewpoint_and_keys_do_too(browser, tmp_path):
+    path = tmp_path / "page.html"
+    clplen.io.write_html(path, planes((0.8, -0.8)))
+    page = open_page(browser, path)
+    page.mouse.move(300, 300)
+    page.mouse.down()
+    page.mouse.move(380, 300, steps=4)
+    page.mouse.up()
+    state = evaluate(page, "clplen.view.state")
+    assert state["v"] == 3
+    assert state["u"] < 3  # the scene follows the hand
+    page.locator(".stage").first.focus()
+    page.keyboard.press("ArrowDown")
+    assert evaluate(page, "clplen.view.state.v") == 3.5
+    page.keyboard.press("]")
+    assert evaluate(page, "clplen.view.state.d") > state["d"]
+    page.keyboard.press("g")
+    assert evaluate(page, "clplen.view.state.show") == "views"
+    page.context.close()
+
+
+def test_every_control_is_reached_by_the_tab_key(browser, tmp_path):
+    path = tmp_path / "page.html"
+    lf = clplen.LightField.from_array(planes((0.8, -0.8)), spacing=(-1e-3, -1e-3, 2e-5, 2e-5))
+    clplen.io.write_html(path, lf, depth=clplen.depth_map(lf))
+    page = open_page(browser, path)
+    evaluate(page, "clplen.view.change({shape: 'disc', curve: 'gamma'})")
+    wanted = evaluate(
+        page,
+        "[...document.querySelectorAll('button, input, select, .stage')].filter("
+        "(n) => n.checkVisibility() && !(n.type === 'radio' && !n.checked)).length",
+    )
+    reached = set()
+    for _ in range(wanted + 5):
+        page.keyboard.press("Tab")
+        reached.add(
+            evaluate(
+                page,
+                "[...document.querySelectorAll('*')].indexOf(document.activeElement)",
+            )
+        )
+    names = evaluate(
+        page,
+        "[...document.querySelectorAll('button, input, select, canvas[role], .stage')].filter("
+        "(n) => n.checkVisibility()).map((n) => n.ariaLabel ?? n.labels?.[0]?.textContent ?? "
+        "n.textContent)",
+    )
+    assert len(reached) >= wanted
+    assert all(names)
+    page.context.close()
+
+
+@pytest.mark.parametrize(
+    "state",
+    [
+        {"shape": "all", "d": -0.37},
+        {"shape": "disc", "diameter": 0.45, "d": 0.8},
+        {"shape": "disc", "diameter": 0.5, "v": 1.5, "u": 4.25, "d": 0.8},
+        {"shape": "square", "across": 3, "d": 0.8},
+        {"shape": "one", "v": 2, "u": 5, "d": 0.8},
+        {"shape": "one", "v": 2.3, "u": 4.75, "d": -0.6},
+        {"shape": "all", "sharp": True, "curve": "srgb", "black": 20, "white": 231.5},
+        {"shape": "disc", "diameter": 0.7, "sharp": True, "curve": "gamma", "gamma": 1.8},
+        {"shape": "one", "v": 2.3, "u": 4.75, "sharp": True, "curve": "log"},
+    ],
+)
+def test_copied_command_and_python_make_the_same_picture(browser, tmp_path, monkeypatch, state):
+    monkeypatch.chdir(tmp_path)
+    clplen.write_lightfield("a field.h5", clplen.LightField.from_array(planes((0.8, -0.6))))
+    run("view", "a field.h5", "-o", "page.html")
+    page = open_page(browser, tmp_path / "page.html")
+    saved = decoded(page.evaluate(accuracy_viewer._CANVAS, state)[1])
+    lines = evaluate(page, "clplen.view.command()").split("\n")
+    for line in lines:
+        run(*shlex.split(line)[1:])
+    made = read_picture("picture.png").astype(float)
+    assert np.abs(made.reshape(*made.shape[:2], -1) - saved).max() <= 1
+    python = evaluate(page, "clplen.view.python()")
+    exec(compile(python, "copied", "exec"), {})
+    values = clplen.io.read_image("picture.tif").to_numpy()
+    shown = accuracy_viewer.levels(values, evaluate(page, "clplen.view.state"))
+    assert np.abs(shown - saved).max() <= 1
+    page.context.close()
+
+
+def run(*words: str) -> str:
+    done = CliRunner().invoke(main, list(words), catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return str(done.output)
+
+
+def test_the_link_brings_the_view_back(browser, tmp_path):
+    path = tmp_path / "page.html"
+    clplen.io.write_html(path, planes((0.8, -0.6)))
+    page = open_page(browser, path)
+    evaluate(page, "clplen.view.change({shape: 'disc', diameter: 0.31, d: 0.77, v: 1.25})")
+    evaluate(page, "clplen.view.stage.look({zoom: 3, y: 0.4, x: 0.7})")
+    page.wait_for_url("**cx=**")
+    other = open_page(browser, page.url)
+    assert evaluate(other, "clplen.view.state") == evaluate(page, "clplen.view.state")
+    assert evaluate(other, "clplen.view.stage.link.zoom") == 3
+    for bad in ("v=NaN&u=1e99&d=x&shape=toString&show=<b>", "item=7", "zoom=-1&cy=2", "%%%"):
+        broken = open_page(browser, f"{path.as_uri()}#{bad}")
+        state = evaluate(broken, "clplen.view.state")
+        assert 0 <= state["u"] <= 6
+        assert state["shape"] == "one"
+        broken.context.close()
+    other.context.close()
+    page.context.close()
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_slices_and_projections_of_a_volume(browser, tmp_path, channels):
+    volume = RNG.random((5, 7, 11, 3)[: 3 + (channels == 3)]).astype(np.float32)
+    volume[2, 3, 4] = np.nan
+    path, content = tmp_path / "page.html", Content()
+    content.about = {"title": "", "items": [volume_item(volume[None], content, name="volume")]}
+    write_page(path, content)
+    page = open_page(browser, path)
+    for projection, axis, wanted in [
+        ("slice", "z", volume[1]),
+        ("slice", "y", volume[:, 6]),
+        ("slice", "x", volume[:, :, 9].swapaxes(0, 1)),
+        ("maximum", "z", np.nanmax(volume, axis=0)),
+        ("maximum", "x", np.nanmax(volume, axis=2).swapaxes(0, 1)),
+    ]:
+        found = evaluate(
+            page,
+            "([projection, axis]) => { clplen.view.change({projection, z: 1, y: 6, x: 9});"
+            " return [...clplen.view.section(axis).values].map((x) => x ?? null); }",
+            [projection, axis],
+        )
+        values = np.array([np.nan if x is None else x for x in found], float)
+        assert np.allclose(values, wanted.ravel(), atol=2e-5, equal_nan=True), (projection, axis)
+    page.context.close()
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.999])
+def test_a_page_that_was_cut_off_says_so(browser, tmp_path, share):
+    path = tmp_path / "page.html"
+    clplen.io.write_html(path, planes((0.8, -0.6)))
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    page = browser.new_context(offline=True).new_page()
+    page.goto(path.as_uri())
+    said = failure_of(page)
+    assert re.search("incomplete|cut off", said), said
+    assert len(said) < 300
+    page.context.close()
+
+
+def test_no_webgl_is_a_sentence(browser, tmp_path):
+    path = tmp_path / "page.html"
+    clplen.io.write_html(path, planes((0.8, -0.6)))
+    page = browser.new_context(offline=True).new_page()
+    page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    page.goto(path.as_uri())
+    assert "has no WebGL 2" in failure_of(page)
+    page.context.close()
+
+
+def test_views_larger_than_a_texture_are_a_sentence(browser, tmp_path):
+    path = tmp_path / "page.html"
+    clplen.io.write_html(path, planes((0.8, -0.6)))
+    page = browser.new_context(offline=True).new_page()
+    page.add_init_script(
+        "const ask = WebGL2RenderingContext.prototype.getParameter;"
+        "WebGL2RenderingContext.prototype.getParameter = function (name) {"
+        " return name === this.MAX_TEXTURE_SIZE ? 50 : ask.call(this, name); }"
+    )
+    page.goto(path.as_uri())
+    assert "--downscale" in failure_of(page)
+    page.context.close()
+
+
+def test_the_flower(browser, tmp_path, data_folder):
+    """A click finds the disparities that matching views finds, with a map and without."""
+    folder = data_folder / "lytro_f01_flower"
+    pattern = FLOWER[1]
+    lf = clplen.read_lightfield(folder, pattern=pattern)
+    known = clplen.depth_map(lf, disparities=np.linspace(-1, -0.3, 71), cue="correspondence")
+    places = ((122, 160), (66, 110), (200, 150), (40, 180), (215, 60))
+    for depth in (None, clplen.depth_map(lf)):
+        path = tmp_path / "flower.html"
+        clplen.io.write_html(path, lf, depth=depth)
+        page = open_page(browser, path)
+        for y, x in places:
+            window = known.disparity[y - 6 : y + 7, x - 6 : x + 7]
+            found = evaluate(page, f"clplen.view.focusAt({y}, {x})")
+            assert abs(found - np.median(window)) < 0.05, (y, x, depth is None)
+        page.context.close()
