@@ -70,6 +70,10 @@ _LARGE = 60e6  # bytes of a page that some mail servers and browsers refuse
     type=click.IntRange(min=1, max=100),
     help="Keep views as JPEG of this quality; default: without loss.",
 )
+@options.memory
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Default: any free one.")
+@click.option("--keep", is_flag=True, help="Go on after the page was closed, until Ctrl-C.")
+@click.option("--no-browser", is_flag=True, help="Print the address, and open no browser.")
 @options.layout
 @options.device
 def view(
@@ -84,15 +88,22 @@ def view(
     most_views: tuple[int, int] | None,
     downscale: int,
     quality: int | None,
+    memory: int | None,
+    port: int,
+    keep: bool,
+    no_browser: bool,
     selector: str | None,
     **layout: Any,
 ) -> None:
     """Look at light fields, raw images, focal stacks, volumes and depth maps in a browser.
 
-    Of several inputs each has a tab; --compare shows them side by side, --time one after the other.
+    Without -o the page is served on this computer alone, until it is closed; then depth and exact
+    pictures can be asked of the device. Of several inputs each has a tab; --compare shows them side
+    by side, --time one after the other.
 
     \b
     Example:
+      clplen view flower --pattern "IMG_0001_{n}_{u}_{v}.png"
       clplen view flower -o flower.html --pattern "IMG_0001_{n}_{u}_{v}.png"
       clplen view energy.pfm combined.pfm --compare --truth gt.pfm -o compared.html
       clplen view volume_*.tif --time -o series.html
@@ -102,6 +113,7 @@ def view(
 
     _check_words(len(sources), compare, time, truth)
     if output is not None:
+        _check_served(port=port, keep=keep, no_browser=no_browser)
         check_suffix(output, (".html", ".htm"))
         check_output(output, layout["force"], sources)
     content = Content()
@@ -112,7 +124,24 @@ def view(
         selector,
         depth,
         depth_file,
+        memory,
     )
+    with shown.held:
+        _show(shown, sources, output, title, compare, truth, time, (port, keep, no_browser))
+
+
+def _show(
+    shown: Shown,
+    sources: tuple[Path, ...],
+    output: Path | None,
+    title: str | None,
+    compare: bool,
+    truth: Path | None,
+    time: bool,
+    served: tuple[int, bool, bool],
+) -> None:
+    """Write the page of the inputs, or serve it."""
+    content = shown.content
     found = [item for source in sources for item in shown.items(source)]
     name = title or ", ".join(source.stem for source in sources)
     content.about = {
@@ -121,9 +150,11 @@ def view(
     }
     if compare:
         content.about |= {"compare": True, "scores": _scores(sources, truth)}
-    if output is None:
-        raise click.UsageError("Give -o page.html.")
-    _write(output, content)
+    if output is not None:
+        _write(output, content)
+    else:
+        port, keep, no_browser = served
+        _serve(content, shown, port=port, keep=keep, opens=not no_browser)
 
 
 def _check_words(count: int, compare: bool, time: bool, truth: Path | None) -> None:
@@ -135,6 +166,13 @@ def _check_words(count: int, compare: bool, time: bool, truth: Path | None) -> N
         )
     if truth is not None and not compare:
         raise click.UsageError("--truth goes with --compare, whose maps it judges.")
+
+
+def _check_served(**words: Any) -> None:
+    given = [name for name, value in words.items() if value]
+    if given:
+        option = given[0].replace("_", "-")
+        raise click.UsageError(f"--{option} goes with a page that is served, not with -o.")
 
 
 def _write(output: Path, content: Content) -> None:
@@ -150,6 +188,37 @@ def _write(output: Path, content: Content) -> None:
             f"{output} has {size / 1e6:.0f} MB: --downscale 2 or --quality 90 makes it smaller, "
             "--most-views 9 9 too."
         )
+
+
+def _serve(content: Content, shown: Shown, *, port: int, keep: bool, opens: bool) -> None:
+    """Serve the page to the browser of this computer until it is closed."""
+    from clplen.io.page.html_page import page_of
+    from clplen.viewer.device_computing import DeviceComputing
+    from clplen.viewer.server import ViewerServer
+
+    items = content.about["items"]
+    numbers = [n for n, item in enumerate(items) if item["kind"] == "light field"]
+    light_fields = dict(zip(numbers, shown.light_fields, strict=True))
+    computing = DeviceComputing(shown.device(), light_fields, shown.memory)
+    page = page_of(content, None)
+    with ViewerServer(page, content.blobs, computing, port=port, keep=keep) as server:
+        click.echo(f"Open {server.url}")
+        click.echo("It is for this computer alone, and ends by Ctrl-C", nl=keep)
+        if not keep:
+            click.echo(" or when the page is closed.")
+        if opens and not open_browser(server.url):
+            note("no browser could be opened: open the address above in one.")
+        server.run()
+
+
+def open_browser(url: str) -> bool:
+    """Open an address in the user's browser; whether one was found."""
+    import webbrowser
+
+    try:
+        return webbrowser.open(url)
+    except (OSError, webbrowser.Error):
+        return False
 
 
 def _scores(sources: tuple[Path, ...], truth: Path | None) -> dict[str, Any] | None:

@@ -132,7 +132,7 @@ def test_the_middle_views_are_kept_with_their_centre():
 
 
 def test_disparities_of_smaller_pixels():
-    camera_less = clplen.LightField.from_array(VIEWS, spacing=(-1e-3, -1e-3, 2e-5, 2e-5))
+    camera_less = clplen.LightField.from_array(VIEWS, spacing=(-1e-4, -1e-4, 2e-5, 2e-5))
     whole, half = item(camera_less), item(camera_less, downscale=2)
     assert half["shape"] == [4, 5, 6, 8, 3]
     assert half["range"] == pytest.approx([end / 2 for end in whole["range"]])

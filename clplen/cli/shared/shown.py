@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,12 +22,14 @@ if TYPE_CHECKING:
     from clplen.io.page.samples import Content
     from clplen.lightfield.depth.depth_maps import DepthMap
     from clplen.lightfield.model.light_field import LightField
+    from clplen.lightfield.model.stored_light_field import StoredLightField
 
 Values = np.ndarray[Any, Any]
 Item = dict[str, Any]
 
 _SERIES = (".tif", ".tiff", ".zarr")
 _PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff")
+_MOST_SAMPLES = 40_000_000  # of a page whose light field is read part by part
 _MS = 15  # planes of a focused raw image
 _TELLING = ("views", "pattern", "white", "grid", "order", "positions", "lattice")  # a light field
 
@@ -47,6 +51,12 @@ class Shown:
         Whether the depth map of a light field is computed.
     depth_file : pathlib.Path or None
         Where it is read from instead.
+    memory : int or None
+        Bytes for a light field that is read part by part, of which the page has coarser views.
+    held : contextlib.ExitStack
+        Files that stay open as long as the page is served.
+    light_fields : list
+        Those that were shown, in the order of their items.
     """
 
     content: Content
@@ -55,6 +65,9 @@ class Shown:
     selector: str | None
     depth: bool
     depth_file: Path | None = None
+    memory: int | None = None
+    held: ExitStack = field(default_factory=ExitStack)
+    light_fields: list[LightField | StoredLightField] = field(default_factory=list)
 
     def device(self) -> Device:
         from clplen.compute.device import Device
@@ -96,17 +109,26 @@ class Shown:
 
     def light_field(self, source: Path) -> Item:
         """A light field of any kind that `read_lightfield` knows."""
-        from clplen.io import read_lightfield
+        from clplen.io import open_lightfield, read_lightfield
         from clplen.io.page.light_field_item import light_field_item
 
-        device = self.device()
-        lf = read_lightfield(source, device=device, **self.layout)
-        depth = self._depth(lf)
+        device, options, depth = self.device(), self.options, None
+        lf: LightField | StoredLightField
+        if self.memory is None:
+            lf = read_lightfield(source, device=device, **self.layout)
+            depth = self._depth(lf)
+        else:
+            lf = self.held.enter_context(open_lightfield(source, device=device, **self.layout))
+            options = replace(options, downscale=max(options.downscale, _downscale(lf.shape)))
+            if self.depth_file is not None:
+                raise click.UsageError("--depth-map goes without --memory.")
+        self.light_fields.append(lf)
         item = light_field_item(
             lf,
             self.content,
             name=source.stem,
-            options=self.options,
+            options=options,
+            device=device,
             depth=depth,
             depth_file=None if self.depth_file is None else str(self.depth_file),
             srgb=self.layout["srgb"],
@@ -296,6 +318,11 @@ def series_of_times(items: list[Item], name: str) -> Item:
         "samples": {**first["samples"], "blobs": blobs, "levels": levels},
         "shown": {**first["shown"], "white": white, "range": span},
     }
+
+
+def _downscale(shape: tuple[int, ...]) -> int:
+    """So that a page holds the views of a light field."""
+    return max(1, math.ceil(math.sqrt(math.prod(shape) / _MOST_SAMPLES)))
 
 
 def _step(z: Values) -> float | None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from clplen.checks import require
+from clplen.compute.device import DeviceLike
 from clplen.errors import ShapeError
 from clplen.io.formats.animation import white_level
 from clplen.io.page.samples import Array, Content, Levels, downscaled, jpeg, packed_floats, png
@@ -16,6 +16,7 @@ from clplen.lightfield.depth.best_focus import default_disparities
 from clplen.lightfield.depth.depth_maps import DepthMap, sharpness_curve
 from clplen.lightfield.model.alpha_law import depth_at, unit_steps
 from clplen.lightfield.model.light_field import LightField
+from clplen.lightfield.model.stored_light_field import StoredLightField
 from clplen.lightfield.raw.raw_image import RawImage, is_telecentric
 from clplen.lightfield.refocusing.focal_stacks import focal_stack_in_memory
 
@@ -56,7 +57,7 @@ class PageOptions:
 
 
 def light_field_item(
-    lf: LightField,
+    lf: LightField | StoredLightField,
     content: Content,
     *,
     name: str,
@@ -64,22 +65,25 @@ def light_field_item(
     depth: DepthMap | None = None,
     depth_file: str | None = None,
     srgb: bool = False,
+    device: DeviceLike | None = None,
 ) -> dict[str, Any]:
     """Add a light field to a page; what describes it.
 
     Parameters
     ----------
-    lf : LightField
-        Of one or three channels.
+    lf : LightField or StoredLightField
+        Of one or three channels; of a stored one a view is read at a time.
     content : Content
     name : str
     options : PageOptions
     depth : DepthMap, optional
-        Of the centre view.
+        Of the centre view of ``lf``.
     depth_file : str, optional
         Where it was read from.
     srgb : bool
         Whether its samples were decoded from sRGB.
+    device : Device or str, optional
+        Where a stored light field goes; default ``Device.open()``.
 
     Returns
     -------
@@ -88,52 +92,97 @@ def light_field_item(
     Raises
     ------
     ShapeError
-        If it has another number of channels, or the depth map another shape.
+        If it has another number of channels, or the views are too small.
     """
-    require(LightField, lf, "lf", "light_field_item")
     if lf.shape[4:] not in ((), (1,), (3,)):
         raise ShapeError(
             f"A page shows one or three channels, and this light field has {lf.shape[4]}: take "
             "some of them with clplen.LightField in Python."
         )
     rows, columns = _kept(lf.shape[:2], options.views)
-    n = options.downscale
-    ny, nx = (size // n for size in lf.shape[2:4])
-    if min(ny, nx) < 1:
-        raise ShapeError(f"Views of {lf.shape[2]} x {lf.shape[3]} pixels have none by {n} x {n}.")
-    samples = lf.to_numpy()[rows, columns]
-    V, U = samples.shape[:2]
+    small = smaller(lf, rows, columns, options.downscale, device)
     channels = (3,) if lf.shape[4:] == (3,) else ()
-    samples = samples.reshape(V * U, *lf.shape[2:4], *channels)
-    weights = lf.weights[rows, columns].ravel()
-    steps = unit_steps(lf)[rows, columns].reshape(-1, 2)
-    if options.views is not None:
-        steps = steps - steps.mean(axis=0)
-    focus, span = _focus(lf, depth)
-    dy, dx = (math.nan, math.nan) if lf.spacing is None else lf.spacing[2:]
+    V, U, ny, nx = small.shape[:4]
+    samples = small.to_numpy().reshape(V * U, ny, nx, *channels)
+    focus, span = _focus(small, depth, options.downscale)
+    raw = lf.raw if isinstance(lf, LightField) else None
+    dy, dx = (math.nan, math.nan) if small.spacing is None else small.spacing[2:]
     known = np.isfinite([dy, dx]).all()
+    n = options.downscale
     return {
         "kind": "light field",
         "name": name,
         "shape": [V, U, ny, nx, *channels],
-        "samples": _samples(samples, content, lf.dtype, options),
-        "weights": [float(w) for w in weights],
-        "steps": [[float(y), float(x)] for y, x in steps],
-        "focus": focus / n,
-        "range": [end / n for end in span],
-        "alpha": _alpha(lf, n),
-        "metres": _metres(lf, n, span),
-        "f_number": _f_number(lf, U),
-        "pixel": [abs(dy) * n, abs(dx) * n] if known else None,
-        "shown": _shown(samples, lf.dtype, srgb),
+        "samples": _samples(samples, content, options.quality),
+        "weights": [float(w) for w in small.weights.ravel()],
+        "steps": [[float(y), float(x)] for y, x in unit_steps(small).reshape(-1, 2)],
+        "focus": focus,
+        "range": list(span),
+        "alpha": _alpha(small),
+        "metres": _metres(small, span),
+        "f_number": _f_number(small, U),
+        "pixel": [abs(dy), abs(dx)] if known else None,
+        "shown": _shown(samples, srgb),
         "depth": None if depth is None else depth_item(depth, content, n, depth_file),
-        "raw": None if lf.raw is None else _raw(lf.raw, content),
+        "raw": None if raw is None else _raw(raw, content),
         "full": {
             "views": list(lf.shape[:2]),
             "first": [int(rows.start), int(columns.start)],
             "downscale": n,
         },
     }
+
+
+def smaller(
+    lf: LightField | StoredLightField,
+    rows: slice,
+    columns: slice,
+    n: int,
+    device: DeviceLike | None = None,
+) -> LightField:
+    """Some of the views, their pixels the means of n x n, as a light field of their own.
+
+    Raises
+    ------
+    ShapeError
+        If a view has fewer pixels than n along an axis.
+    """
+    ny, nx = (size // n for size in lf.shape[2:4])
+    if min(ny, nx) < 1:
+        raise ShapeError(f"Views of {lf.shape[2]} x {lf.shape[3]} pixels have none by {n} x {n}.")
+    whole = (rows.stop - rows.start, columns.stop - columns.start) == lf.shape[:2] and n == 1
+    if isinstance(lf, LightField):
+        if whole:
+            return lf
+        read, host = None, lf.to_numpy()
+        device = lf.device
+    else:
+        read, host = lf.read, None
+    shape = (rows.stop - rows.start, columns.stop - columns.start, ny, nx, *lf.shape[4:])
+    out = np.empty(shape, lf.dtype)
+    for v in range(shape[0]):
+        for u in range(shape[1]):
+            at = (rows.start + v, columns.start + u)
+            if read is not None:
+                block = (slice(at[0], at[0] + 1), slice(at[1], at[1] + 1), slice(None), slice(None))
+                view = read(block)[0, 0]
+            else:
+                assert host is not None
+                view = host[at]
+            out[v, u] = downscaled(view, n)
+    spacing = lf.spacing
+    if spacing is not None:
+        spacing = (*spacing[:2], spacing[2] * n, spacing[3] * n)
+    positions = None if lf.positions is None else lf.positions[rows, columns]
+    made = LightField.from_array(
+        out,
+        device=device,
+        spacing=spacing,
+        weights=lf.weights[rows, columns],
+        camera=lf.camera,
+        positions=positions,
+    )
+    return replace(made, decode=lf.decode, parametrisation=lf.parametrisation)
 
 
 def depth_item(
@@ -168,35 +217,28 @@ def _kept(views: tuple[int, ...], most: tuple[int, int] | None) -> tuple[slice, 
     return kept[0], kept[1]
 
 
-def _samples(
-    samples: Array, content: Content, dtype: np.dtype[Any], options: PageOptions
-) -> dict[str, Any]:
+def _samples(samples: Array, content: Content, quality: int | None) -> dict[str, Any]:
     """Add all views; their type and levels."""
-    n, quality = options.downscale, options.quality
-    if dtype == np.uint8 or quality is not None:
-        levels = Levels(0.0, 1.0) if dtype == np.uint8 else Levels.of(samples, 255)
+    eight = samples.dtype == np.uint8
+    if not eight and quality is None:
+        levels = Levels.of(samples)
+        blobs = [content.add(lambda view=view: levels.packed(view)) for view in samples]  # type: ignore[misc]
+        return {"type": "uint16", "low": levels.low, "step": levels.step, "blobs": blobs}
+    levels = Levels(0.0, 1.0) if eight else Levels.of(samples, 255)
 
-        def picture(view: Array) -> bytes:
-            small = downscaled(view, n)
-            small = small if dtype == np.uint8 else np.rint((small - levels.low) / levels.step)
-            eight = np.asarray(small, np.uint8)
-            return png(eight) if quality is None else jpeg(eight, quality)
+    def picture(view: Array) -> bytes:
+        shown = view if eight else np.rint((view - levels.low) / levels.step).astype(np.uint8)
+        return png(shown) if quality is None else jpeg(shown, quality)
 
-        blobs = [content.add(lambda view=view: picture(view)) for view in samples]  # type: ignore[misc]
-        return {"type": "uint8", "low": levels.low, "step": 255 * levels.step, "blobs": blobs}
-    levels = Levels.of(samples)
-    blobs = [
-        content.add(lambda view=view: levels.packed(downscaled(view, n)))  # type: ignore[misc]
-        for view in samples
-    ]
-    return {"type": "uint16", "low": levels.low, "step": levels.step, "blobs": blobs}
+    blobs = [content.add(lambda view=view: picture(view)) for view in samples]  # type: ignore[misc]
+    return {"type": "uint8", "low": levels.low, "step": 255 * levels.step, "blobs": blobs}
 
 
-def _shown(samples: Array, dtype: np.dtype[Any], srgb: bool) -> dict[str, Any]:
+def _shown(samples: Array, srgb: bool) -> dict[str, Any]:
     """Black, white and curve at first, and the range of both."""
     some = samples[len(samples) // 2]
-    white = float(f"{white_level(some, dtype, srgb=srgb):.4g}")
-    most = 255.0 if dtype == np.uint8 else max(float(samples.max()), white)
+    white = float(f"{white_level(some, samples.dtype, srgb=srgb):.4g}")
+    most = 255.0 if samples.dtype == np.uint8 else max(float(samples.max()), white)
     low = min(0.0, float(samples.min()))
     curve = "srgb" if srgb else "linear"
     return {"black": 0.0, "white": white, "curve": curve, "range": [low, most]}
@@ -213,14 +255,16 @@ def _span(depth: DepthMap) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _focus(lf: LightField, depth: DepthMap | None) -> tuple[float, tuple[float, float]]:
-    """The disparity to begin with, and the range to look through."""
+def _focus(
+    lf: LightField, depth: DepthMap | None, n: int
+) -> tuple[float, tuple[float, float]]:
+    """The disparity to begin with, and the range to look through; depth is that of finer views."""
     planes = np.asarray(default_disparities(lf), np.float64)
     if depth is not None:
-        low, high = _span(depth)
+        low, high = (end / n for end in _span(depth))
         wide = _WIDER * max(high - low, 0.1)
         sure = depth.disparity[np.isfinite(depth.disparity) & (depth.confidence > _SURE)]
-        focus = float(np.median(sure)) if sure.size else 0.0
+        focus = float(np.median(sure)) / n if sure.size else 0.0
         return focus, (min(low - wide, 0.0), max(high + wide, 0.0))
     ends = (float(planes.min()), float(planes.max()))
     if np.count_nonzero(lf.weights) < 2:
@@ -230,34 +274,32 @@ def _focus(lf: LightField, depth: DepthMap | None) -> tuple[float, tuple[float, 
     return float(tried[int(sharpness_curve(stack).argmax())]), ends
 
 
-def _alpha(lf: LightField, n: int) -> dict[str, Any] | None:
-    """The law of alpha: du/dx, in pixels of the page, and whether it is that of naive cells."""
-    if is_telecentric(lf) or not np.isfinite(lf.alpha(0.0)):
+def _alpha(lf: LightField) -> dict[str, Any] | None:
+    """The law of alpha: du/dx, and whether it is that of naive cells."""
+    if lf.spacing is None or is_telecentric(lf) or not np.isfinite(lf.alpha(0.0)):
         return None
-    assert lf.spacing is not None
-    inverse = lf.decode == "naive"
-    return {"ratio": lf.spacing[1] / (lf.spacing[3] * n), "inverse": inverse}
+    return {"ratio": lf.spacing[1] / lf.spacing[3], "inverse": lf.decode == "naive"}
 
 
-def _metres(lf: LightField, n: int, span: tuple[float, float]) -> dict[str, Any] | None:
+def _metres(lf: LightField, span: tuple[float, float]) -> dict[str, Any] | None:
     """z(d), 1/(offset + slope d) - object by the lens law, or slope d of a telecentric camera."""
     ends = np.array([0.0, 0.25 * span[1] or 0.25 * span[0] or 0.1])
     z = np.asarray(depth_at(lf, ends), np.float64)
     if not np.isfinite(z).all():
         return None
     if is_telecentric(lf):
-        return {"linear": True, "slope": float(z[1] / ends[1]) * n}
+        return {"linear": True, "slope": float(z[1] / ends[1])}
     distance = getattr(lf.camera, "object_distance", None)
     if distance is None or not 0 < distance < _FAR:
         return None
     inverse = 1 / (z + distance)
     slope = (inverse[1] - inverse[0]) / ends[1]
-    law = {"linear": False, "offset": float(inverse[0]), "slope": float(slope) * n}
     third = -0.5 * ends[1]
     found = 1 / (inverse[0] + slope * third) - distance
     if not math.isclose(found, float(depth_at(lf, third)), rel_tol=1e-6, abs_tol=1e-9 * distance):
         return None
-    return {**law, "object": float(distance)}
+    law = {"offset": float(inverse[0]), "slope": float(slope), "object": float(distance)}
+    return {"linear": False, **law}
 
 
 def _f_number(lf: LightField, across: int) -> float | None:

@@ -11,7 +11,7 @@ const float = (x) => (Number.isInteger(x) ? x.toFixed(1) : String(x));
  * The state in terms of the whole light field, of which a page may keep the middle views and means
  * of pixels: {v, u, d, aperture}, aperture being null for all views; null where there is none.
  */
-function fullState(item, state) {
+export function fullState(item, state) {
   const [V, U] = item.shape;
   const { views, first, downscale } = item.full;
   const cut = V !== views[0] || U !== views[1];

@@ -16,7 +16,7 @@ export class CompareView {
   constructor(items, source, { onChange = () => {}, say = () => {}, scores = null } = {}) {
     this.item = { name: items.map((item) => item.name).join(" and ") };
     this.link = { zoom: 1, y: 0.5, x: 0.5, stages: [] };
-    this.views = items.map((item) => viewOf(item, source, { link: this.link, say, onChange }));
+    this.views = items.map((item, index) => viewOf(item, source, { index, link: this.link, say, onChange }));
     this.gain = 1;
     this.chosen = 0;
     const { black, white, curve } = this.views[0].state;

@@ -4,6 +4,7 @@ import { commandOf, pythonOf } from "./commands.js";
 import { button, checkbox, choice, copy, digits, element, group, metres, numberField, savePicture, slider } from "./controls.js";
 import { acceptTone, colourBar, pictureCanvas, ToneControls } from "./display.js";
 import { alphaOf, centreOf, disparityOfAlpha, disparityOfMetres, fNumberOf, metresOf, rounded, weightsOf } from "./law.js";
+import { DeviceControls } from "./device.js";
 import { Renderer } from "./renderer.js";
 import { sharpestDisparity } from "./search.js";
 import { bitmap, readMap } from "./source.js";
@@ -19,8 +20,8 @@ const EPI_ROW = 6; // pixels of the page for a view in an epipolar-plane image
 const MONTAGE = 2048; // pixels of the grid of views at most
 
 export class LightFieldView {
-  constructor(item, source, { link = null, onChange = () => {}, say = () => {} } = {}) {
-    Object.assign(this, { item, source, onChange, say });
+  constructor(item, source, { index = 0, link = null, onChange = () => {}, say = () => {} } = {}) {
+    Object.assign(this, { item, source, index, onChange, say });
     const [V, U, ny, nx] = item.shape;
     this.first = [V >> 1, U >> 1]; // the view that is shown first
     this.state = this.start();
@@ -127,6 +128,7 @@ export class LightFieldView {
       this.speed = ((performance.now() - start) * stride * stride) / (ny * nx * count);
       this.drawn = key;
     }
+    stage.cover(null);
     renderer.display({
       offset: stage.offset,
       scale: stage.scale,
@@ -150,6 +152,7 @@ export class LightFieldView {
     this.hover(this.stage.cursor);
     this.settled = this.drawn;
     this.onSettled?.();
+    this.device?.refine();
   }
 
   /** The exact picture that was drawn last, {values, stride, channels, height, width}, or null. */
@@ -274,12 +277,14 @@ export class LightFieldView {
     this.grid = new CanvasStage({ label: "All views", size: [V, U], onClick: (y, x) => this.pickView(y, x) });
     this.grid.element.hidden = true;
     this.main = element("div", { class: "main" }, stage.element, this.grid.element, this.slices, this.bars, this.progress);
+    this.device = this.source.canCompute ? new DeviceControls(this) : null;
     this.tools = element(
       "div",
       { class: "tools" },
       this.shows.element,
       group("Focus", this.focus.element, item.alpha ? this.alpha.element : null, item.metres ? this.metres.element : null, this.sharp.element, this.overlay.element, this.bar),
       group("Aperture", this.shape.element, this.diameter.element, this.across.element, this.fNumber, element("div", { class: "lens-row" }, this.lens, element("div", {}, this.v.element, this.u.element))),
+      this.device?.element ?? null,
       this.tones.element,
       group("Take along",
         element("div", { class: "buttons" },

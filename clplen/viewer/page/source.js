@@ -143,14 +143,19 @@ export function bitmap(bytes) {
   });
 }
 
-/** A map of floats, {values, height, width}: gzip of all first bytes, all second ones and so on. */
+/** A map of floats, {values, height, width}. */
 export async function readMap(source, map) {
   const [height, width] = map.shape;
-  const split = await inflated(await source.blob(map.blob));
+  return { values: await unpackFloats(await source.blob(map.blob)), height, width };
+}
+
+/** Floats: gzip of all first bytes, then all second ones and so on. */
+export async function unpackFloats(packed) {
+  const split = await inflated(packed);
   const count = split.length / 4;
   const bytes = new Uint8Array(4 * count);
   for (let i = 0; i < count; i++) for (let b = 0; b < 4; b++) bytes[4 * i + b] = split[b * count + i];
-  return { values: new Float32Array(bytes.buffer), height, width };
+  return new Float32Array(bytes.buffer);
 }
 
 export const MOST = 65534; // the largest level of 16 bits; the next one is NaN

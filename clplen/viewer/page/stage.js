@@ -17,9 +17,10 @@ export class Stage {
     this.link = link ?? { zoom: 1, y: 0.5, x: 0.5, stages: [] }; // middle as shares of the picture
     this.link.stages.push(this);
     this.canvas = element("canvas", { width: 1, height: 1 });
+    this.top = element("canvas", { width: 1, height: 1, hidden: true }); // finer parts, over it
     this.marks = document.createElementNS("http://www.w3.org/2000/svg", "svg");
     this.marks.setAttribute("aria-hidden", "true");
-    this.element = element("div", { class: "stage", tabindex: 0, role: "img", "aria-label": label }, this.canvas, this.marks);
+    this.element = element("div", { class: "stage", tabindex: 0, role: "img", "aria-label": label }, this.canvas, this.top, this.marks);
     this.pointers = new Map();
     this.cursor = null;
     this.listen();
@@ -53,6 +54,26 @@ export class Stage {
       ((event.clientY - box.top) * ratio - top) / this.scale - 0.5,
       ((event.clientX - box.left) * ratio - left) / this.scale - 0.5,
     ];
+  }
+
+  /** Rows and columns of the picture that are in sight, [y0, y1, x0, x1]. */
+  get sight() {
+    const [top, left] = this.offset;
+    const end = (length, start, size) => [
+      Math.min(Math.max(Math.floor(-start / this.scale), 0), size - 1),
+      Math.max(Math.min(Math.ceil((length - start) / this.scale), size), 1),
+    ];
+    return [...end(this.canvas.height, top, this.size[0]), ...end(this.canvas.width, left, this.size[1])];
+  }
+
+  /** Draw a finer picture over a region [y0, y1, x0, x1], until the next change; null: remove it. */
+  cover(source, region) {
+    this.top.hidden = !source;
+    if (!source) return;
+    Object.assign(this.top, { width: this.canvas.width, height: this.canvas.height });
+    const [top, left] = this.offset;
+    const [y0, y1, x0, x1] = region.map((end) => end * this.scale);
+    this.top.getContext("2d").drawImage(source, left + x0, top + y0, x1 - x0, y1 - y0);
   }
 
   isInside([y, x]) {

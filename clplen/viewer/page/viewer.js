@@ -65,7 +65,7 @@ async function show(root, source, viewer, { status, said }) {
   const options = { say, onChange: write };
   viewer.views = content.compare
     ? [new CompareView(content.items, source, { ...options, scores: content.scores })]
-    : content.items.map((item) => viewOf(item, source, options));
+    : content.items.map((item, index) => viewOf(item, source, { ...options, index }));
   const main = element("main", {});
   const tools = element("aside", { "aria-label": "Controls" });
   const tabs = element("div", { class: "buttons tabs", role: "tablist", hidden: viewer.views.length < 2 });

@@ -1,0 +1,384 @@
+"""The page on this computer: a server for 127.0.0.1 alone, that only its own page may ask.
+
+Every request names a random token in its path. `Host` is this server, which keeps out pages that
+rebind their name to 127.0.0.1; `Origin` and `Sec-Fetch-Site`, where a browser sends them, are this
+page. No path of a request leads to a file.
+"""
+
+from __future__ import annotations
+
+import base64
+import errno
+import hmac
+import json
+import re
+import secrets
+import threading
+import time
+from collections.abc import Callable, Sequence
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+from clplen.viewer.computations import Computations, Compute, OvertakenError, Request, sentence_of
+
+ADDRESS = "127.0.0.1"
+MOST_BODY = 64 * 1024  # bytes
+MOST_CONNECTIONS = 64
+_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data: blob:; connect-src 'self'; frame-ancestors 'none'"
+)
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "Connection": "close",
+    "Content-Security-Policy": _POLICY,
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+}
+_PAGE = re.compile(r"page=([0-9a-zA-Z]{8,64})", re.ASCII)
+_CHANNEL = re.compile(r"[a-z]{1,16}", re.ASCII)
+_NUMBER = re.compile(r"data/(0|[1-9]\d{0,8})", re.ASCII)
+
+
+class _RefusedError(Exception):
+    """A request that is not answered, with the status that says so."""
+
+    def __init__(self, status: HTTPStatus) -> None:
+        super().__init__(status.phrase)
+        self.status = status
+
+
+class ViewerServer:
+    """Serve a page and its data to the browser of this computer.
+
+    Parameters
+    ----------
+    page : bytes
+        HTML.
+    blobs : sequence of callable
+        Each gives the bytes of a part of the data; OSError where its file is gone.
+    compute : callable, optional
+        (request, progress) -> (result, blobs): what the page asks the device for. Runs one at a
+        time; `progress(share, what)` raises `OvertakenError` in it when nobody waits any longer.
+    port : int
+        0 takes any that is free.
+    keep : bool
+        Whether `run` goes on after the last page was closed.
+
+    Attributes
+    ----------
+    url : str
+        With the token; whoever knows it sees the page.
+
+    Raises
+    ------
+    ValueError
+        If the port is out of range.
+    OSError
+        If it is taken, or not allowed.
+    """
+
+    tick = 1.0  # seconds between signs of life to a page
+    patience = 3.0  # seconds without a page, in which it may be reloaded
+    read_timeout = 10.0  # seconds that a request may take to arrive
+
+    def __init__(
+        self,
+        page: bytes,
+        blobs: Sequence[Callable[[], bytes]],
+        compute: Compute | None = None,
+        *,
+        port: int = 0,
+        keep: bool = False,
+    ) -> None:
+        if not 0 <= port <= 65535:
+            raise ValueError(f"A port is a number from 0 to 65535, not {port}.")
+        self.page, self.blobs, self.keep = page, blobs, keep
+        self.computations = None if compute is None else Computations(compute)
+        self.token = secrets.token_urlsafe(24)
+        self.open_pages = 0
+        self.seen = False
+        self.last_seen = time.monotonic()
+        self.ended = threading.Event()
+        self._slots = threading.BoundedSemaphore(MOST_CONNECTIONS)
+        self._lock = threading.Lock()
+        try:
+            self._http = _Http((ADDRESS, port), _Handler, self)
+        except OSError as error:
+            raise OSError(_port_sentence(port, error)) from error
+        self.port = int(self._http.server_address[1])
+        self.url = f"http://{ADDRESS}:{self.port}/{self.token}/"
+        self._thread: threading.Thread | None = None
+
+    def __enter__(self) -> ViewerServer:
+        return self.start()
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def start(self) -> ViewerServer:
+        """Answer requests from now on, in other threads."""
+        self._thread = threading.Thread(
+            target=self._http.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True
+        )
+        self._thread.start()
+        return self
+
+    def run(self) -> None:
+        """Serve until the last page is closed, or, with ``keep``, until Ctrl-C."""
+        if self._thread is None:
+            self.start()
+        try:
+            while not self.ended.wait(min(self.tick, self.patience) / 4):
+                idle = time.monotonic() - self.last_seen
+                if not self.keep and self.seen and not self.open_pages and idle > self.patience:
+                    return
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """End all computations and connections, and free the port."""
+        self.ended.set()
+        if self.computations is not None:
+            self.computations.end()
+        with self._lock:
+            thread, self._thread = self._thread, None
+        if thread is not None:
+            self._http.shutdown()
+            thread.join()
+        self._http.server_close()
+
+    def enter(self) -> bool:
+        """Take one more connection, if there is room."""
+        return self._slots.acquire(blocking=False)
+
+    def leave(self) -> None:
+        self._slots.release()
+
+    def page_opened(self) -> None:
+        with self._lock:
+            self.open_pages += 1
+            self.seen = True
+
+    def page_closed(self) -> None:
+        with self._lock:
+            self.open_pages -= 1
+            self.last_seen = time.monotonic()
+
+
+def _port_sentence(port: int, error: OSError) -> str:
+    if error.errno == errno.EADDRINUSE:
+        return f"Port {port} is taken by another program: give another --port, or leave it out."
+    if error.errno == errno.EACCES:
+        return f"Port {port} is kept for the system: give one from 1024 on, or leave --port out."
+    return f"No port of {ADDRESS} can be opened: {error.strerror}."
+
+
+class _Http(ThreadingHTTPServer):
+    """Threads for `_Handler`, which end with the program."""
+
+    daemon_threads = True
+    block_on_close = False
+    request_queue_size = 128
+    allow_reuse_address = True
+
+    def __init__(self, address: tuple[str, int], handler: Any, viewer: ViewerServer) -> None:
+        self.viewer = viewer
+        super().__init__(address, handler)
+
+    def server_bind(self) -> None:
+        self.socket.bind(self.server_address)  # no lookup of names, as HTTPServer makes
+        self.server_address = self.socket.getsockname()
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        if self.viewer.enter():
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self.viewer.leave()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A client that went away is no error."""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """One request: guards first, then the page, a part of its data, or a computation."""
+
+    protocol_version = "HTTP/1.1"
+    server: _Http
+
+    def setup(self) -> None:
+        super().setup()
+        self.connection.settimeout(self.server.viewer.read_timeout)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Nothing is printed."""
+
+    def version_string(self) -> str:
+        return "clplen"
+
+    def handle_one_request(self) -> None:
+        """As the base class does, but for clients that go away, and one request a connection."""
+        self.close_connection = True
+        try:
+            self.raw_requestline = self.rfile.readline(65537)
+            if len(self.raw_requestline) > 65536 or not self.raw_requestline:
+                return
+            if self.parse_request():
+                self.close_connection = True
+                self._answer()
+        except (ConnectionError, TimeoutError, ValueError):
+            return
+
+    def _answer(self) -> None:
+        try:
+            if self.request_version == "HTTP/0.9":
+                raise _RefusedError(HTTPStatus.BAD_REQUEST)
+            route = self._guarded()
+            if self.command == "GET":
+                self._get(route)
+            elif self.command == "POST":
+                self._post(route)
+            else:
+                raise _RefusedError(HTTPStatus.METHOD_NOT_ALLOWED)
+        except _RefusedError as refused:
+            self._send(f"{refused}.\n".encode(), "text/plain; charset=utf-8", refused.status)
+
+    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
+        """What the base class cannot parse, without an echo of it."""
+        self.request_version = "HTTP/1.1"
+        self._send(b"Bad request.\n", "text/plain; charset=utf-8", HTTPStatus(code))
+
+    def _guarded(self) -> str:
+        """The path behind the token, of a request that may be answered."""
+        viewer = self.server.viewer
+        hosts = (f"{ADDRESS}:{viewer.port}", f"localhost:{viewer.port}")
+        if self.headers.get_all("Host") not in [[host] for host in hosts]:
+            raise _RefusedError(HTTPStatus.FORBIDDEN)
+        origins = self.headers.get_all("Origin", [])
+        if any(origin not in [f"http://{host}" for host in hosts] for origin in origins):
+            raise _RefusedError(HTTPStatus.FORBIDDEN)
+        if self.command == "POST" and len(origins) != 1:
+            raise _RefusedError(HTTPStatus.FORBIDDEN)
+        sites = self.headers.get_all("Sec-Fetch-Site", [])
+        if any(site not in ("none", "same-origin") for site in sites):
+            raise _RefusedError(HTTPStatus.FORBIDDEN)
+        first, slash, route = self.path.removeprefix("/").partition("/")
+        known = hmac.compare_digest(first.encode(), viewer.token.encode())
+        if not (known and slash and self.path.startswith("/")):
+            raise _RefusedError(HTTPStatus.NOT_FOUND)
+        return route
+
+    def _get(self, route: str) -> None:
+        viewer = self.server.viewer
+        part = _NUMBER.fullmatch(route)
+        alive = _PAGE.fullmatch(route.removeprefix("alive?")) if route[:6] == "alive?" else None
+        if not route:
+            self._send(viewer.page, "text/html; charset=utf-8")
+        elif part and int(part[1]) < len(viewer.blobs):
+            try:
+                self._send(viewer.blobs[int(part[1])](), "application/octet-stream")
+            except (OSError, ValueError) as error:
+                if isinstance(error, ConnectionError | TimeoutError):
+                    raise
+                said = f"{sentence_of(error)}\n".encode()
+                self._send(said, "text/plain; charset=utf-8", HTTPStatus.GONE)
+        elif alive:
+            self._stay()
+        else:
+            raise _RefusedError(HTTPStatus.NOT_FOUND)
+
+    def _stay(self) -> None:
+        """Write to a page now and then, until it is closed."""
+        viewer = self.server.viewer
+        viewer.page_opened()
+        try:
+            self._begin("text/plain; charset=utf-8")
+            while not viewer.ended.wait(viewer.tick):
+                self.wfile.write(b"\n")
+        finally:
+            viewer.page_closed()
+
+    def _post(self, route: str) -> None:
+        viewer = self.server.viewer
+        if route != "compute" or viewer.computations is None:
+            raise _RefusedError(HTTPStatus.NOT_FOUND)
+        asked = self._body()
+        request = Request((asked["page"], asked["channel"]))
+        self._begin("application/x-ndjson")
+
+        def progress(share: float, what: str) -> None:
+            try:
+                self._line({"progress": round(float(share), 4), "what": what})
+            except OSError as error:  # the page is gone
+                raise OvertakenError from error
+
+        try:
+            result, blobs = viewer.computations.run(request, asked["request"], progress)
+            parts = [base64.b64encode(blob).decode() for blob in blobs]
+            self._line({"result": result, "blobs": parts})
+        except OvertakenError:
+            self._line({"dropped": True})
+        except (ConnectionError, TimeoutError):
+            raise
+        except Exception as error:
+            self._line({"error": sentence_of(error)})
+
+    def _body(self) -> dict[str, Any]:
+        """The JSON of a request, of bounded size."""
+        lengths = self.headers.get_all("Content-Length", [])
+        if self.headers.get_all("Transfer-Encoding") or len(lengths) > 1:
+            raise _RefusedError(HTTPStatus.BAD_REQUEST)
+        if not lengths:
+            raise _RefusedError(HTTPStatus.LENGTH_REQUIRED)
+        if not (lengths[0].isascii() and lengths[0].isdigit()):
+            raise _RefusedError(HTTPStatus.BAD_REQUEST)
+        if len(lengths[0]) > 9 or int(lengths[0]) > MOST_BODY:
+            raise _RefusedError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
+        if self.headers.get_content_type() != "application/json":
+            raise _RefusedError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE)
+        try:
+            asked = json.loads(self.rfile.read(int(lengths[0])))
+        except (ValueError, RecursionError):
+            raise _RefusedError(HTTPStatus.BAD_REQUEST) from None
+        if not isinstance(asked, dict):
+            raise _RefusedError(HTTPStatus.BAD_REQUEST)
+        page, channel, request = (asked.get(name) for name in ("page", "channel", "request"))
+        if not (
+            isinstance(page, str)
+            and _PAGE.fullmatch(f"page={page}")
+            and isinstance(channel, str)
+            and _CHANNEL.fullmatch(channel)
+            and isinstance(request, dict)
+        ):
+            raise _RefusedError(HTTPStatus.BAD_REQUEST)
+        return asked
+
+    def _send(self, body: bytes, kind: str, status: HTTPStatus = HTTPStatus.OK) -> None:
+        self._begin(kind, status, len(body))
+        if self.command != "HEAD":
+            self.wfile.write(body)
+
+    def _begin(
+        self, kind: str, status: HTTPStatus = HTTPStatus.OK, length: int | None = None
+    ) -> None:
+        self.send_response_only(status)
+        for name, value in _HEADERS.items():
+            self.send_header(name, value)
+        self.send_header("Content-Type", kind)
+        if length is not None:
+            self.send_header("Content-Length", str(length))
+        self.end_headers()
+        self.close_connection = True
+
+    def _line(self, message: dict[str, Any]) -> None:
+        self.wfile.write(json.dumps(message).encode() + b"\n")
+        self.wfile.flush()
