@@ -42,6 +42,7 @@ from .lightfield.refocusing.focal_stacks import refocus as refocus
 from .microscopy.deconvolution import deconvolve as deconvolve
 from .microscopy.projector import Projector as Projector
 from .microscopy.psf import point_images as point_images
+from .viewer.notebook import view as view
 from .wave.coherence.coherence import Coherence as Coherence
 from .wave.elements.hard_apertures import aperture as aperture
 from .wave.elements.lens import thin_lens as thin_lens

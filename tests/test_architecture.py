@@ -74,6 +74,7 @@ GUESTS = {
     "plot": {"matplotlib"},
     "bench": {"ducc0"},
     "config": {"pydantic", "tomli"},
+    "viewer": {"anywidget", "traitlets"},
     "batch": {"cryptography", "dask", "distributed", "filelock", "pydantic"},
     "cli": {"click", "tqdm"},
 }

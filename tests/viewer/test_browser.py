@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import shlex
+import subprocess
+import sys
 from typing import Any
 
 import accuracy_viewer
@@ -15,7 +17,7 @@ from click.testing import CliRunner
 import clplen
 from clplen.cli.app import main
 from clplen.io import read_picture
-from clplen.io.page.html_page import write_page
+from clplen.io.page.html_page import content_of, script, style, write_page
 from clplen.io.page.samples import Content
 from clplen.io.page.volume_item import volume_item
 
@@ -302,3 +304,141 @@ def test_the_flower(browser, tmp_path, data_folder):
             found = evaluate(page, f"clplen.view.focusAt({y}, {x})")
             assert abs(found - np.median(window)) < 0.05, (y, x, depth is None)
         page.context.close()
+
+
+@pytest.fixture
+def served(browser, tmp_path):
+    """A function that serves a file by a command of its own and opens it; all are ended."""
+    running = []
+
+    def serve(*words: str) -> Any:
+        command = [sys.executable, "-m", "clplen", "view", *words, "--no-browser"]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=tmp_path)
+        running.append(process)
+        line = process.stdout.readline()
+        assert line.startswith("Open http://127.0.0.1:"), line
+        page = browser.new_page()
+        page.goto(line.split()[1])
+        page.wait_for_function(accuracy_viewer._READY)
+        return page, process
+
+    yield serve
+    for process in running:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+PICTURE = """
+async ([state, interpolation, finer]) => {
+  const view = clplen.view;
+  view.change({sharp: false, ...state});
+  Object.assign(view.device, {interpolation, finer});
+  const made = await view.device.compute();
+  return made.canvas.toDataURL();
+}
+"""
+
+
+def test_the_device_computes_what_a_browser_cannot(served, tmp_path):
+    lf = clplen.LightField.from_array(planes((0.8, -0.6)))
+    clplen.write_lightfield(tmp_path / "lf.h5", lf)
+    page, process = served("lf.h5", "--no-depth")
+    cases = [
+        ({"shape": "all", "d": 0.37}, "cubic", 1),
+        ({"shape": "all", "d": 0.37}, "fourier", 1),
+        ({"shape": "all", "d": 0.37}, "linear", 3),
+        ({"shape": "disc", "diameter": 0.6, "v": 2.0, "u": 3.5, "d": -0.6}, "linear", 1),
+        ({"shape": "one", "v": 2.25, "u": 3.5, "d": -0.6}, "cubic", 1),
+    ]
+    for state, interpolation, finer in cases:
+        shown = decoded(evaluate(page, PICTURE, [state, interpolation, finer]))
+        if state["shape"] == "all":
+            words = {"interpolation": interpolation, "upsample": finer}
+            wanted = clplen.refocus(lf, disparity=state["d"], **words).to_numpy()
+        else:
+            now = evaluate(page, "clplen.view.state")
+            wanted = accuracy_viewer.computed(lf, now)
+        levels = accuracy_viewer.levels(wanted, evaluate(page, "clplen.view.state"))
+        assert shown.shape == levels.shape
+        assert np.abs(shown - levels).max() <= 1, (state, interpolation)
+    evaluate(page, "clplen.view.device.depth()")
+    assert evaluate(page, "clplen.view.renderer.hasMap && clplen.view.state.depth")
+    found = evaluate(page, "clplen.view.focusAt(30, 12)")
+    assert abs(found - 0.8) < 0.05
+    page.close()
+    assert process.wait(10) == 0  # it ends with its page
+
+
+def test_a_light_field_larger_than_memory_is_seen_in_full_detail(served, tmp_path):
+    views = planes((0.8, -0.6), views=5, size=96)
+    np.save(tmp_path / "large.npy", views)
+    page, _ = served("large.npy", "--memory", "200MB", "--downscale", "3")
+    assert evaluate(page, "clplen.view.item.shape") == [5, 5, 32, 32]
+    evaluate(page, "clplen.view.change({shape: 'all', d: 0.2})")
+    evaluate(page, "clplen.view.stage.look({zoom: 3, y: 0.4, x: 0.6})")
+    url, region, state = evaluate(
+        page,
+        "clplen.view.device.compute().then((made) => [made.canvas.toDataURL(), made.region,"
+        " clplen.view.state])",
+    )
+    y0, y1, x0, x1 = region
+    assert 25 < y1 - y0 < 60  # what is in sight, not all
+    whole = clplen.refocus(clplen.LightField.from_array(views), disparity=0.6).to_numpy()
+    wanted = accuracy_viewer.levels(whole[y0:y1, x0:x1], state)
+    assert np.abs(decoded(url) - wanted).max() <= 1
+
+
+def test_a_file_that_was_removed_and_a_server_that_was_killed(served, tmp_path):
+    np.save(tmp_path / "lf.npy", planes((0.8, -0.6), size=40))
+    page, process = served("lf.npy", "--no-depth", "--keep")
+    page.reload()
+    page.wait_for_function(accuracy_viewer._READY)
+    process.kill()
+    process.wait()
+    evaluate(page, "clplen.view.device.depth()")
+    assert "clplen view has ended" in page.locator("footer").inner_text()
+    evaluate(page, "clplen.view.focusAt(10, 10)")  # what the page has goes on
+    assert evaluate(page, "clplen.view.state.shape") == "all"
+
+
+FAKE_NOTEBOOK = """
+const model = {
+  get: (name) => window.fake[name],
+  on: (_, receive) => (window.receive = receive),
+  send: (message) => (window.sent = message),
+};
+window.done = widget_js.render({ model, el: document.getElementById("cell") });
+"""
+
+
+def test_the_widget_in_a_notebook(browser):
+    content = content_of(planes((0.8, -0.6), size=40))
+    page = browser.new_page(viewport={"width": 900, "height": 700})
+    failures: list[str] = []
+    page.on("pageerror", lambda error: failures.append(str(error)))
+    page.set_content("<div id=cell></div>")
+    blobs = [list(blob) for blob in content.encoded()]
+    page.evaluate(
+        "([content, blobs]) => { window.fake = {content, computes: true, height: 500,"
+        " blobs: blobs.map((b) => new DataView(Uint8Array.from(b).buffer))}; }",
+        [content.about, blobs],
+    )
+    page.add_style_tag(content=style())
+    page.add_script_tag(type="module", content=script("widget") + FAKE_NOTEBOOK)
+    page.wait_for_selector("#cell .stage canvas")
+    page.wait_for_timeout(300)
+    assert page.evaluate("location.hash") == ""  # the notebook's address is not the viewer's
+    page.get_by_role("button", name="Find depth").click()
+    page.wait_for_function("window.sent")
+    asked = page.evaluate("window.sent")
+    assert asked["request"]["kind"] == "depth"
+    page.evaluate(
+        "window.receive({id: sent.id, channel: 'depth', error: 'Too dark.'}, [])",
+    )
+    page.wait_for_timeout(50)
+    assert "Too dark." in page.locator("footer").inner_text()
+    page.evaluate("window.done()")
+    assert page.locator("#cell .stage").count() == 0
+    assert failures == []
+    page.close()

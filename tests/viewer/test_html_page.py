@@ -83,7 +83,7 @@ def test_names_are_no_markup(tmp_path, name):
 
 
 def test_modules_are_joined_without_imports():
-    text = script()
+    text = script("widget")
     assert not re.search(r"^(import|export) ", text, re.M)
     folder = Path(clplen.__file__).parent / "viewer" / "page"
     for file in folder.glob("*.js"):

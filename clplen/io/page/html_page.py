@@ -234,7 +234,7 @@ def page_of(content: Content, blobs: list[bytes] | None) -> bytes:
         "connect": "'self'" if blobs is None else "'none'",
         "version": f"{version('clplen')}. {MARK}",
         "title": html.escape(str(about["title"])),
-        "style": (folder / "viewer.css").read_text(encoding="utf-8"),
+        "style": style(),
         "script": script(),
         "content": _json(about),
         "data": data,
@@ -243,11 +243,19 @@ def page_of(content: Content, blobs: list[bytes] | None) -> bytes:
     return _PLACE.sub(lambda found: parts[found[1]], page).encode()
 
 
-def script() -> str:
-    """The viewer's modules in one script, each a function that returns what it exports."""
+def style() -> str:
+    """The viewer's style sheet."""
+    return (files("clplen") / "viewer" / "page" / "viewer.css").read_text(encoding="utf-8")
+
+
+def script(*more: str) -> str:
+    """The viewer's modules in one script, each a function that returns what it exports.
+
+    ``more`` are modules beyond those of a page.
+    """
     folder = files("clplen") / "viewer" / "page"
     parts = []
-    for name in _SCRIPTS:
+    for name in (*_SCRIPTS, *more):
         text = (folder / f"{name}.js").read_text(encoding="utf-8")
         exports = ", ".join(_EXPORT.findall(text))
         inner = _EXPORT.sub("", _IMPORT.sub(r"const \1 = \2_js;", text))

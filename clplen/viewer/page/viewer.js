@@ -27,8 +27,12 @@ const KEYS = [
 ];
 const HASH_DELAY = 200; // milliseconds
 
-/** Show what a source holds; {view, views, ready}, ready being a promise. */
-export function mount(root, source) {
+/**
+ * Show what a source holds; {view, views, ready, end}, ready being a promise and end() letting go.
+ *
+ * hash: whether the state is kept in the page's address.
+ */
+export function mount(root, source, { hash = true } = {}) {
   root.classList.add("clplen");
   const status = element("p", { class: "status", role: "status" });
   const said = element("p", { class: "said", "aria-live": "polite" });
@@ -36,11 +40,12 @@ export function mount(root, source) {
     if (error === null) return;
     root.replaceChildren(element("p", { class: "failure", role: "alert" }, error.message ?? String(error)));
   };
-  const viewer = { view: null, views: [], ready: null };
+  const listening = new AbortController();
+  const viewer = { view: null, views: [], ready: null, end: () => listening.abort() };
   try {
     const cut = source.missing();
     if (cut) throw new Error(cut);
-    viewer.ready = show(root, source, viewer, { status, said }).catch(fail);
+    viewer.ready = show(root, source, viewer, { status, said, hash, signal: listening.signal }).catch(fail);
   } catch (error) {
     fail(error);
     viewer.ready = Promise.resolve();
@@ -48,13 +53,13 @@ export function mount(root, source) {
   return viewer;
 }
 
-async function show(root, source, viewer, { status, said }) {
+async function show(root, source, viewer, { status, said, hash, signal }) {
   const { content } = source;
   let timer = null;
   let shown = 0;
   const write = () => {
     clearTimeout(timer);
-    timer = setTimeout(() => root.isConnected && writeHash(viewer.view, shown), HASH_DELAY);
+    if (hash) timer = setTimeout(() => root.isConnected && writeHash(viewer.view, shown), HASH_DELAY);
   };
   let quiet = null;
   const say = (text) => {
@@ -102,11 +107,12 @@ async function show(root, source, viewer, { status, said }) {
     else if (free && event.key === "?") keys.showModal();
     else if (free && event.target.tagName !== "BUTTON" && !main.contains(event.target)) viewer.view.stage.key(event);
   });
-  window.addEventListener("hashchange", () => {
+  const follow = () => {
     readHash(viewer.views);
     viewer.view.changed();
-  });
-  await choose(Math.min(readHash(viewer.views), viewer.views.length - 1));
+  };
+  if (hash) window.addEventListener("hashchange", follow, { signal });
+  await choose(hash ? readHash(viewer.views) : 0);
 }
 
 /** Put the state of a view into the page's hash. */
@@ -116,7 +122,11 @@ function writeHash(view, index) {
   for (const [name, value] of Object.entries(view.state)) words.set(name, value);
   const { zoom, y, x } = view.stage.link;
   if (zoom !== 1) for (const [name, value] of Object.entries({ zoom, cy: y, cx: x })) words.set(name, Number(value.toFixed(5)));
-  history.replaceState(null, "", `#${words}`);
+  try {
+    history.replaceState(null, "", `#${words}`);
+  } catch {
+    // a frame without an address of its own
+  }
 }
 
 /** Take the state from the page's hash, as far as it fits; the number of the item. */
