@@ -37,7 +37,7 @@ FLAGS = [
     "--disable-sync",
     "--no-first-run",
 ]
-_READY = "window.clplen && window.clplen.ready.then(() => window.clplen.view.ready)"
+READY = "window.clplen && window.clplen.ready.then(() => true)"
 _CANVAS = """
 async (state) => {
   const view = window.clplen.view;
@@ -178,7 +178,7 @@ def open_page(opened: Any, path: Path | str, **options: Any) -> Any:
     """A page that is loaded and shows its first item."""
     page = opened.new_context(offline=True, **options).new_page()
     page.goto(path.as_uri() if isinstance(path, Path) else path)
-    page.wait_for_function(_READY)
+    page.evaluate(READY)
     return page
 
 

@@ -53,8 +53,7 @@ def evaluate(page: Any, code: str, *words: Any) -> Any:
 
 def failure_of(page: Any) -> str:
     """The sentence of a page that shows nothing."""
-    page.wait_for_function("!document.querySelector('.clplen > main')")
-    page.wait_for_timeout(200)
+    page.evaluate(accuracy_viewer.READY)
     return str(page.locator("#clplen-viewer").inner_text())
 
 
@@ -72,7 +71,7 @@ def test_a_page_asks_no_network(browser, tmp_path):
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
     page.goto(path.as_uri())
-    page.wait_for_function(accuracy_viewer._READY)
+    page.evaluate(accuracy_viewer.READY)
     assert [url for url in asked if not url.startswith(("blob:", "data:"))] == [path.as_uri()]
     page.context.close()
 
@@ -319,7 +318,7 @@ def served(browser, tmp_path):
         assert line.startswith("Open http://127.0.0.1:"), line
         page = browser.new_page()
         page.goto(line.split()[1])
-        page.wait_for_function(accuracy_viewer._READY)
+        page.evaluate(accuracy_viewer.READY)
         return page, process
 
     yield serve
@@ -393,7 +392,7 @@ def test_a_file_that_was_removed_and_a_server_that_was_killed(served, tmp_path):
     np.save(tmp_path / "lf.npy", planes((0.8, -0.6), size=40))
     page, process = served("lf.npy", "--no-depth", "--keep")
     page.reload()
-    page.wait_for_function(accuracy_viewer._READY)
+    page.evaluate(accuracy_viewer.READY)
     process.kill()
     process.wait()
     evaluate(page, "clplen.view.device.depth()")
@@ -430,7 +429,7 @@ def test_the_widget_in_a_notebook(browser):
     page.wait_for_timeout(300)
     assert page.evaluate("location.hash") == ""  # the notebook's address is not the viewer's
     page.get_by_role("button", name="Find depth").click()
-    page.wait_for_function("window.sent")
+    page.wait_for_timeout(100)
     asked = page.evaluate("window.sent")
     assert asked["request"]["kind"] == "depth"
     page.evaluate(

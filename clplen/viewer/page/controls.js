@@ -82,9 +82,9 @@ export function select({ label, options, onInput }) {
 }
 
 /** A box that is ticked or not. */
-export function checkbox({ label, onInput }) {
+export function checkbox({ label, title = null, onInput }) {
   const box = element("input", { type: "checkbox", onchange: () => onInput(box.checked) });
-  const made = element("label", { class: "check" }, box, label);
+  const made = element("label", { class: "check", title }, box, label);
   return {
     element: made,
     set: (on) => (box.checked = on),

@@ -255,8 +255,8 @@ export class LightFieldView {
     this.focus = slider({ label: "Disparity", unit: "px per view", min: low, max: high, step: 0.001, onInput: (d) => this.change({ d: rounded(d, 4), sharp: false }) });
     this.alpha = numberField({ label: "alpha = F/F'", onInput: (alpha) => this.setPlane(disparityOfAlpha(item, alpha), "alpha") });
     this.metres = numberField({ label: item.metres?.linear ? "z (\u00b5m)" : "z (mm)", onInput: (z) => this.setPlane(disparityOfMetres(item, z * this.metreUnit), "z") });
-    this.sharp = checkbox({ label: "All in focus", onInput: (sharp) => this.change({ sharp }) });
-    this.overlay = checkbox({ label: "Depth map over it", onInput: (depth) => this.change({ depth }) });
+    this.sharp = checkbox({ label: "All in focus", title: "Needs a depth map", onInput: (sharp) => this.change({ sharp }) });
+    this.overlay = checkbox({ label: "Depth map over it", title: "Needs a depth map", onInput: (depth) => this.change({ depth }) });
     this.bar = element("div", {});
     for (const box of [this.sharp, this.overlay]) box.disable(true);
     this.shape = choice({ label: "Opening", options: SHAPES, onInput: (shape) => this.open(shape) });
@@ -276,7 +276,8 @@ export class LightFieldView {
     this.slices = element("div", { class: "slices", hidden: true });
     this.grid = new CanvasStage({ label: "All views", size: [V, U], onClick: (y, x) => this.pickView(y, x) });
     this.grid.element.hidden = true;
-    this.main = element("div", { class: "main" }, stage.element, this.grid.element, this.slices, this.bars, this.progress);
+    stage.element.append(this.bars);
+    this.main = element("div", { class: "main" }, stage.element, this.grid.element, this.slices, this.progress);
     this.device = this.source.canCompute ? new DeviceControls(this) : null;
     this.tools = element(
       "div",
@@ -482,7 +483,7 @@ function transposed({ values, height, width }) {
 
 /** Circles of the lenslets that are in sight, where they are large enough. */
 function lenslets({ lattice }, stage) {
-  if (!lattice || lattice.pitch * stage.scale < 12) return {};
+  if (!lattice || lattice.pitch * stage.scale < 24) return {};
   const { origin, rows, columns, pitch } = lattice;
   const [top, left] = stage.offset;
   const ends = [[0, 0], [stage.canvas.height, stage.canvas.width], [0, stage.canvas.width], [stage.canvas.height, 0]].map(

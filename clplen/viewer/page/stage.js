@@ -245,6 +245,34 @@ export class CanvasStage extends Stage {
   }
 }
 
+/** A stage for a section along z beside a main one, whose zoom and place it shares. */
+export class SectionStage extends CanvasStage {
+  /** main: the stage of the picture; along: its axis that this one shares, 0 for y and 1 for x. */
+  constructor({ main, along, ...options }) {
+    super(options);
+    Object.assign(this, { main, along });
+  }
+
+  get scale() {
+    return this.main ? this.main.scale : 1;
+  }
+
+  get offset() {
+    if (!this.main) return [0, 0];
+    const middle = [this.canvas.height, this.canvas.width].map((n, axis) => Math.round((n - this.size[axis] * this.scale) / 2));
+    middle[this.along] = this.main.offset[this.along];
+    return middle;
+  }
+
+  zoomBy(factor) {
+    this.main.zoomBy(factor);
+  }
+
+  panBy(down, right) {
+    this.main.panBy(...(this.along ? [0, right] : [down, 0]));
+  }
+}
+
 /** Length of a scale bar: 1, 2 or 5 times a power of ten, at most so long. */
 export function barLength(most) {
   const power = 10 ** Math.floor(Math.log10(most));

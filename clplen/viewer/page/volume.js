@@ -4,10 +4,11 @@ import { button, choice, copy, digits, element, group, metres, savePicture, slid
 import { acceptTone, colourBar, pictureCanvas, ToneControls } from "./display.js";
 import { showBar } from "./light_field.js";
 import { MOST, unpack16 } from "./source.js";
-import { CanvasStage } from "./stage.js";
+import { CanvasStage, SectionStage } from "./stage.js";
 import { lookup } from "./tone.js";
 
-const LEAST_DEPTH = 0.12; // height of a slice along z, as a share of the picture's, at least
+const LEAST_DEPTH = 0.12; // height of a section along z, as a share of the picture's, at least
+const MOST_DEPTH = 0.94; // of the room for it, at most
 const TABLES = { grey: "Grey", viridis: "Viridis", magma: "Magma" };
 
 export class VolumeView {
@@ -25,7 +26,11 @@ export class VolumeView {
       label: `${item.name}: click to put the cross`,
       size: [this.ny, this.nx],
       link,
-      onMarks: (stage) => (stage.own = this.cross("z")),
+      onMarks: (stage) => {
+        stage.own = this.cross("z");
+        this.paintSections();
+        if (item.spacing) showBar(this.bars, item.spacing[2], stage);
+      },
       onClick: (y, x) => this.change({ y, x }),
       onHover: (place) => this.hover(place),
       onKey: (event, arrow) => this.key(event, arrow),
@@ -71,11 +76,20 @@ export class VolumeView {
     this.frames.set(t, planes);
   }
 
-  /** Height in pixels of the picture that a plane has in slices along z. */
+  /** Height in pixels of the picture that a plane has in sections along z, as far as there is room. */
   get thickness() {
     const { spacing } = this.item;
     const known = spacing?.[0] ? Math.abs(spacing[0] / spacing[1]) : 1;
-    return Math.max(known, (LEAST_DEPTH * Math.min(this.ny, this.nx)) / this.Z);
+    const room = Math.min(this.front.canvas.height, this.side.canvas.width) / this.stage.scale;
+    return Math.min(Math.max(known * this.Z, LEAST_DEPTH * Math.min(this.ny, this.nx)), MOST_DEPTH * room) / this.Z;
+  }
+
+  /** Paint the sections, whose size follows that of the picture. */
+  paintSections() {
+    const { Z, ny, nx, thickness } = this;
+    if (Z === 1 || !this.front.source) return;
+    this.front.show(this.front.source, [Z * thickness, nx]);
+    this.side.show(this.side.source, [ny, Z * thickness]);
   }
 
   /** Values of a slice or projection across an axis: {values, height, width}. */
@@ -122,14 +136,13 @@ export class VolumeView {
     this.values = this.section("z");
     const { values, height, width, ...layout } = this.values;
     this.shown = pictureCanvas(values, height, width, layout, state, this.table);
-    this.stage.show(this.shown, [ny, nx]);
     this.tones.show(values, height * width, layout.stride, layout.channels);
     if (Z > 1)
-      for (const [axis, stage, size] of [["y", this.front, [Z * this.thickness, nx]], ["x", this.side, [ny, Z * this.thickness]]]) {
+      for (const [axis, stage] of [["y", this.front], ["x", this.side]]) {
         const cut = this.section(axis);
-        stage.show(pictureCanvas(cut.values, cut.height, cut.width, layout, state, this.table), size);
+        stage.source = pictureCanvas(cut.values, cut.height, cut.width, layout, state, this.table);
       }
-    if (this.item.spacing) showBar(this.bars, this.item.spacing[2], this.stage);
+    this.stage.show(this.shown, [ny, nx]);
     this.onSettled?.();
   }
 
@@ -220,13 +233,16 @@ export class VolumeView {
     this.progress = element("progress", { max: 1, value: 0, "aria-label": "Planes that are loaded" });
     this.bars = element("div", { class: "scale-bar", hidden: true }, element("span"), element("i"));
     this.bar = element("div", {});
-    const cut = (name, label, onClick) =>
-      new CanvasStage({ label, size: [1, 1], onMarks: (stage) => (stage.own = this.cross(name)), onClick });
+    const cut = (name, along, label, onClick) => {
+      const onMarks = (stage) => (stage.own = this.cross(name));
+      return new SectionStage({ main: this.stage, along, label, size: [1, 1], onMarks, onClick });
+    };
     const planeAt = (at) => Math.min(Math.max(Math.floor((at + 0.5) / this.thickness), 0), Z - 1);
-    this.front = cut("y", `${item.name}, x and z`, (at, x) => this.change({ z: planeAt(at), x }));
-    this.side = cut("x", `${item.name}, y and z`, (y, at) => this.change({ z: planeAt(at), y }));
+    this.front = cut("y", 1, `${item.name}, x and z`, (at, x) => this.change({ z: planeAt(at), x }));
+    this.side = cut("x", 0, `${item.name}, y and z`, (y, at) => this.change({ z: planeAt(at), y }));
     const cuts = Z > 1 ? [this.side.element, this.front.element] : [];
-    this.main = element("div", { class: Z > 1 ? "main sections" : "main" }, this.stage.element, ...cuts, this.bars, this.progress);
+    this.main = element("div", { class: Z > 1 ? "main sections" : "main" }, this.stage.element, ...cuts, this.progress);
+    this.stage.element.append(this.bars);
     this.tools = element(
       "div",
       { class: "tools" },
