@@ -19,12 +19,12 @@ from clplen.cameras.scenes.scene_sources import PointSources
 from clplen.cameras.standard_camera import Plenoptic1
 from clplen.compute.device import Device
 from clplen.files import replacing
-from clplen.io import write_lightfield, write_picture, write_stack
+from clplen.io import write_html, write_lightfield, write_picture, write_stack
 from clplen.lightfield.depth.alpha_estimate import AlphaEstimate, estimate_alpha
 from clplen.lightfield.focus_and_depth import focal_stack
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.raw_image import RawImage
-from clplen.lightfield.refocusing.focal_stacks import refocus
+from clplen.lightfield.refocusing.focal_stacks import FocalStack, refocus
 from clplen.outputs import MARK
 from clplen.wave.elements.lenslets import MicrolensArray
 from clplen.wave.field.intensity import add_scaled
@@ -50,8 +50,9 @@ METHODS = ("thesis", "energy", "compensated")
 FILES = (  # that `run` writes
     "lightfield.h5", "raw.tif", "raw.png", "views.png", "rendering.png", "phase_space.png",
     "refocused.png", "stack.tif", "stack.png", "energy_curves.png", "alpha.png", "tables.txt",
+    "demo.html",
 )  # fmt: skip
-STEPS = 5 + len(DEPTHS)  # of `run`
+STEPS = 6 + len(DEPTHS)  # of `run`
 
 
 def camera(device: Device, *, count: int = 101) -> Plenoptic1:
@@ -174,7 +175,10 @@ def run(
     step("pictures")
     _write_pictures(folder, cam, raw, lf)
     step("focal stack")
-    _write_stack(folder, cam, lf)
+    stack = _write_stack(folder, cam, lf)
+    step("page")
+    shown = {"light field": lf, "focal stack": stack}
+    write_html(folder / "demo.html", shown, title="Three points before a plenoptic camera")
     found = []
     for dz in DEPTHS:
         step(f"point at {_mm(dz)}")
@@ -206,8 +210,8 @@ def _write_pictures(folder: Path, cam: Plenoptic1, raw: RawImage, lf: LightField
     plot.save(slices, folder / "phase_space.png")
 
 
-def _write_stack(folder: Path, cam: Plenoptic1, lf: LightField) -> None:
-    """The refocus triplet and the focal stack."""
+def _write_stack(folder: Path, cam: Plenoptic1, lf: LightField) -> FocalStack:
+    """The refocus triplet and the focal stack, which is returned."""
     images = [refocus(lf, alpha=alpha) for alpha in REFOCUS_ALPHAS]
     titles = [
         rf"$\alpha$ = {alpha:.4f}: {name} in focus"
@@ -219,6 +223,7 @@ def _write_stack(folder: Path, cam: Plenoptic1, lf: LightField) -> None:
     stack = focal_stack(lf, alphas=np.linspace(*STACK_ALPHAS))
     write_stack(folder / "stack.tif", stack)
     plot.save(plot.montage(stack, scale="log", region=region), folder / "stack.png")
+    return stack
 
 
 def _region(cam: Plenoptic1) -> plot.Region:

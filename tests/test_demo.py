@@ -16,6 +16,7 @@ from clplen.lightfield.model.light_field import LightField
 COUNT = 77  # the smallest window in which A needs no padding
 FILES = {
     "alpha.png",
+    "demo.html",
     "energy_curves.png",
     "lightfield.h5",
     "phase_space.png",

@@ -55,5 +55,5 @@ def demo(output: str, lenslets: int, force: bool, selector: str | None) -> None:
         )
     click.echo(
         f"Tables, pictures and data are in {folder}. Next: clplen stack {folder}/lightfield.h5 -o "
-        "stack.tif"
+        f"stack.tif\nOpen {folder}/demo.html in a browser: drag to look around, click to focus."
     )
