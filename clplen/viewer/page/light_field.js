@@ -17,6 +17,7 @@ const FRAME = 25; // milliseconds that a picture may take while something moves
 const REST = 150; // milliseconds without a change after which the exact picture is drawn
 const OVERLAY = 0.65; // opacity of the depth map
 const EPI_ROW = 6; // pixels of the page for a view in an epipolar-plane image
+const LENS = 90; // pixels across the picture of the lens
 const MONTAGE = 2048; // pixels of the grid of views at most
 
 export class LightFieldView {
@@ -263,7 +264,7 @@ export class LightFieldView {
     this.diameter = slider({ label: "Diameter", unit: "share of the views", min: 0.05, max: 1, step: 0.01, onInput: (x) => this.change({ diameter: rounded(Math.min(Math.max(x, 0.01), 1), 3) }) });
     this.across = slider({ label: "Views across", min: 1, max: Math.max(V, U), step: 1, onInput: (x) => this.change({ across: Math.min(Math.max(Math.round(x), 1), Math.max(V, U)) }) });
     this.fNumber = element("p", { class: "said" });
-    this.lens = element("canvas", { width: 7 * U, height: 7 * V, class: "lens", role: "img", "aria-label": "Opening on the main lens", style: `aspect-ratio: ${U} / ${V}` });
+    this.lens = element("canvas", { width: this.cell * U, height: this.cell * V, class: "lens", role: "img", "aria-label": "Opening on the main lens", style: `aspect-ratio: ${U} / ${V}` });
     this.lens.addEventListener("pointerdown", (event) => this.pick(event));
     this.lens.addEventListener("pointermove", (event) => event.buttons && this.pick(event));
     this.v = slider({ label: "Viewpoint v", min: 0, max: V - 1, step: 0.01, onInput: (v) => this.moveTo(v, this.state.u) });
@@ -297,6 +298,11 @@ export class LightFieldView {
       ),
     );
     this.refresh();
+  }
+
+  /** Pixels of a view in the picture of the lens. */
+  get cell() {
+    return Math.max(2, Math.round(LENS / Math.max(...this.item.shape.slice(0, 2))));
   }
 
   get metreUnit() {
@@ -365,12 +371,14 @@ export class LightFieldView {
     const [V, U] = this.item.shape;
     const to = this.lens.getContext("2d");
     const { weights } = weightsOf(this.item, this.state);
+    const { cell } = this;
+    const gap = cell > 5 ? 1 : 0;
     const most = Math.max(...weights);
-    to.clearRect(0, 0, 7 * U, 7 * V);
+    to.clearRect(0, 0, cell * U, cell * V);
     weights.forEach((w, k) => {
       to.globalAlpha = 0.12 + (0.88 * w) / most;
       to.fillStyle = getComputedStyle(this.lens).color;
-      to.fillRect(7 * (k % U) + 1, 7 * Math.floor(k / U) + 1, 6, 6);
+      to.fillRect(cell * (k % U), cell * Math.floor(k / U), cell - gap, cell - gap);
     });
   }
 
