@@ -91,7 +91,10 @@ def test_the_sdist_holds_every_kernel_as_it_is(sdist: dict[str, bytes]) -> None:
 def test_the_wheel_holds_every_module_its_types_and_nothing_else(wheel: dict[str, bytes]) -> None:
     modules = {name for name in wheel if not name.startswith("clplen/kernels/")}
     modules = {name for name in modules if ".dist-info/" not in name}
-    assert modules == {*tree("clplen/**/*.py"), *tree("clplen/**/*.pyi"), "clplen/py.typed"}
+    viewer = set(tree("clplen/viewer/page/*.*"))
+    assert len(viewer) > 15
+    code = {*tree("clplen/**/*.py"), *tree("clplen/**/*.pyi"), "clplen/py.typed"}
+    assert modules == code | viewer
     assert any(name.endswith(".dist-info/licenses/LICENSE") for name in wheel)
 
 
