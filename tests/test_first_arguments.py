@@ -99,6 +99,7 @@ PLAIN = {
     "uniform",
     "usaf1951_elements",
     "wavefront_rms",
+    "view",
     "write_lightfield",
     "write_point_images",
     "write_raw",

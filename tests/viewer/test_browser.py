@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import accuracy_viewer
@@ -441,3 +443,43 @@ def test_the_widget_in_a_notebook(browser):
     assert page.locator("#cell .stage").count() == 0
     assert failures == []
     page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1280, 375])
+def test_contrast_and_labels_by_axe(browser, tmp_path, scheme, width):
+    axe = Path(os.environ.get("CLPLEN_AXE", ""))
+    if not axe.is_file():
+        pytest.skip("axe-core is judged where CLPLEN_AXE names axe.min.js: npm install axe-core")
+    lf = clplen.LightField.from_array(planes((0.8, -0.6)), spacing=(-1e-3, -1e-3, 2e-5, 2e-5))
+    depth = clplen.depth_map(lf)
+    volume = RNG.random((5, 20, 30))
+    one, two = tmp_path / "one.html", tmp_path / "two.html"
+    clplen.io.write_html(one, {"field": lf, "volume": volume}, depth=depth)
+    clplen.io.write_html(two, {"map": depth, "other": depth}, compare=True)
+    options = {"viewport": {"width": width, "height": 760}, "color_scheme": scheme}
+    found: list[str] = []
+    for path, state in (
+        (one, "{shape: 'disc', curve: 'gamma', depth: true}"),
+        (one, "{show: 'slices'}"),
+        (one, "{show: 'views'}"),
+        (one, "item"),
+        (two, ""),
+    ):
+        page = open_page(browser, path, bypass_csp=True, **options)
+        if state == "item":
+            page.get_by_role("tab", name="volume").click()
+        elif state:
+            evaluate(page, f"clplen.view.change({state})")
+        page.wait_for_timeout(100)
+        found += violations_of(page, axe)
+        page.context.close()
+    assert found == []
+
+
+def violations_of(page: Any, axe: Path) -> list[str]:
+    """What axe-core finds against WCAG 2.1 AA."""
+    page.add_script_tag(path=str(axe))
+    tags = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa"]
+    violations = page.evaluate(f"axe.run({{runOnly: {tags}}}).then((r) => r.violations)")
+    return [f"{v['id']}: {node['html'][:80]}" for v in violations for node in v["nodes"]]
