@@ -37,7 +37,7 @@ run_tests() {
     else
         echo "no npm: the viewer's JavaScript is not linted, and axe-core judges no page"
     fi
-    "$python" -m pip install --quiet ".[browser]"
+    "$python" -c "import playwright" 2>/dev/null || "$python" -m pip install --quiet ".[browser]"
     CLPLEN_AXE="$node/node_modules/axe-core/axe.min.js" \
         "$python" -m pytest -m browser -n 1 -q tests/viewer
 }

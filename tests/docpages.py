@@ -22,8 +22,17 @@ else:
     import tomli as tomllib
 
 ROOT = Path(__file__).parents[1]
-PAGES = ("README.md", *sorted(f"docs/{file.name}" for file in (ROOT / "docs").glob("*.md")))
-_FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_GENERATED = ("docs/gallery/figures", "docs/reference/api", "docs/site", "docs/jupyter_execute")
+PAGES = (
+    "README.md",
+    *sorted(
+        str(file.relative_to(ROOT))
+        for file in (ROOT / "docs").rglob("*.md")
+        if not str(file.relative_to(ROOT)).startswith(_GENERATED)
+    ),
+)
+# directives such as {code-cell} too, so that their ends are not taken for beginnings
+_FENCE = re.compile(r"^```([^\n`]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _MARK = re.compile(r"<!-- (not run|thorough|nightly|file): (.+?) -->\s*\Z")
 _INSTALL = re.compile(r"pip install (?:\.|\"\.\[(\w+)\]\")")
 

@@ -1,0 +1,83 @@
+"""The site: ``pip install ".[docs]" && sphinx-build -W docs site``. Nothing is asked of the net."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import clplen
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE / "extensions"))
+# tutorials call the clplen that is documented
+os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+
+project = "clplen"
+author = "The clplen developers"
+copyright = "2026, the clplen developers"
+release = version = clplen.__version__
+
+extensions = [
+    "myst_nb",  # Markdown, and tutorials that run
+    "numpydoc",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.mathjax",
+    "sphinx_click",
+    "sphinx_copybutton",
+    "sphinx_design",
+    # ours, in extensions/
+    "api_pages",
+    "command_pages",
+    "figure_pages",
+    "toml_tables",
+]
+exclude_patterns = ["site", "images/*.txt", "extensions/templates"]
+templates_path = ["extensions/templates"]
+nitpicky = False
+suppress_warnings = ["config.cache"]  # functions in this file are no part of a cached state
+
+# Markdown
+myst_enable_extensions = ["colon_fence", "dollarmath", "substitution"]
+myst_heading_anchors = 4
+myst_links_external_new_tab = False
+nb_execution_mode = os.environ.get("CLPLEN_TUTORIALS", "force")  # "off": shown without results
+nb_execution_timeout = 120
+nb_execution_raise_on_error = True
+nb_execution_in_temp = True
+nb_merge_streams = True
+
+# docstrings
+autosummary_generate = True
+autosummary_ignore_module_all = False
+autodoc_typehints = "none"  # the sections say the types
+autodoc_member_order = "groupwise"
+numpydoc_show_class_members = False  # the page of a class lists its methods
+numpydoc_class_members_toctree = False
+numpydoc_xref_param_type = False
+
+# pages
+html_theme = "pydata_sphinx_theme"
+html_title = "clplen"
+html_static_path = ["static"]
+html_css_files = ["clplen.css"]
+html_copy_source = False
+html_show_sourcelink = False
+html_sourcelink_suffix = ""
+html_last_updated_fmt = None
+html_theme_options = {
+    "logo": {"text": "clplen"},
+    "navbar_align": "left",
+    "header_links_before_dropdown": 8,
+    "show_nav_level": 1,
+    "navigation_with_keys": False,
+    "show_toc_level": 2,
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "article_header_start": ["breadcrumbs"],
+    "secondary_sidebar_items": ["page-toc"],
+}
+html_sidebars = {"gallery/**": [], "index": []}
+copybutton_prompt_text = r">>> |\.\.\. |\$ |In \[\d*\]: "
+copybutton_prompt_is_regexp = True
