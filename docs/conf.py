@@ -33,7 +33,7 @@ extensions = [
     "figure_pages",
     "toml_tables",
 ]
-exclude_patterns = ["site", "images/*.txt", "extensions/templates"]
+exclude_patterns = ["site", "extensions/templates"]
 templates_path = ["extensions/templates"]
 nitpicky = False
 suppress_warnings = ["config.cache"]  # functions in this file are no part of a cached state
@@ -63,6 +63,7 @@ html_title = "clplen"
 html_static_path = ["static"]
 html_css_files = ["clplen.css"]
 html_copy_source = False
+html_search_scorer = str(HERE / "extensions" / "search_scorer.js")
 html_show_sourcelink = False
 html_sourcelink_suffix = ""
 html_last_updated_fmt = None
@@ -79,5 +80,6 @@ html_theme_options = {
     "secondary_sidebar_items": ["page-toc"],
 }
 html_sidebars = {"gallery/**": [], "index": []}
+mathjax_path = "mathjax/tex-svg.js"  # shipped: the site is read without a network
 copybutton_prompt_text = r">>> |\.\.\. |\$ |In \[\d*\]: "
 copybutton_prompt_is_regexp = True

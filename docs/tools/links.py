@@ -1,0 +1,72 @@
+"""Check every link of the built site: python docs/tools/links.py site
+
+Relative links lead to a file of the site, fragments to an element of that page, and nothing that a
+page loads (scripts, styles, pictures) comes from elsewhere: the site is read without a network.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+LOADED = {"img": "src", "script": "src", "source": "src", "video": "src", "iframe": "src"}
+
+
+class Page(HTMLParser):
+    """Links and identifiers of a page."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.links: list[str] = []
+        self.loaded: list[str] = []
+        self.ids: set[str] = set()
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Collect what a tag names."""
+        given = {name: value for name, value in attrs if value is not None}
+        self.ids |= {given[name] for name in ("id", "name") if name in given}
+        if tag == "a" and "href" in given:
+            self.links.append(given["href"])
+        if tag == "link" and given.get("rel") in ("stylesheet", "icon", "preload"):
+            self.loaded.append(given["href"])
+        if tag in LOADED and LOADED[tag] in given:
+            self.loaded.append(given[LOADED[tag]])
+
+
+def faults(site: Path) -> Iterator[str]:
+    """A sentence for every link that leads nowhere."""
+    pages = {path.resolve(): Page(path) for path in sorted(site.rglob("*.html")) if "_static" not in path.parts}
+    for path, page in pages.items():
+        where = path.relative_to(site.resolve())
+        for link in page.loaded:
+            if urlsplit(link).netloc:
+                yield f"{where} loads {link} from the net"
+        for link in {*page.links, *page.loaded}:
+            parts = urlsplit(link)
+            if parts.scheme or parts.netloc:
+                continue
+            target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            if not target.is_file():
+                yield f"{where} links to {link}, and there is no such file"
+            elif parts.fragment and target in pages:
+                if unquote(parts.fragment) not in pages[target].ids:
+                    yield f"{where} links to {link}, and there is no such place"
+
+
+def main() -> None:
+    """Print the faults of a site; the exit status is 1 if there are any."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("site", type=Path)
+    site = parser.parse_args().site
+    found = list(faults(site))
+    count = len(list(site.rglob("*.html")))
+    print(*found, f"{count} pages, {len(found)} broken links", sep="\n")
+    raise SystemExit(bool(found) or not count)
+
+
+if __name__ == "__main__":
+    main()
