@@ -14,4 +14,4 @@ site=$(mktemp -d)
 trap 'rm -rf "$site"' EXIT
 PATH="$folder:$PATH" "$python" -m sphinx -q -W --keep-going docs "$site"
 "$python" docs/tools/links.py "$site"
-"$python" -m pytest -n 1 -q -m thorough tests/test_docstrings.py
+"$python" -m pytest -q -m "thorough or not thorough" tests/test_docstrings.py tests/test_site.py

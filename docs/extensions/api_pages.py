@@ -1,4 +1,4 @@
-"""The API reference: a page a topic with a table of its names, from which autosummary makes theirs."""
+"""The API reference: a page a topic, with a table of names from which autosummary makes theirs."""
 
 from __future__ import annotations
 

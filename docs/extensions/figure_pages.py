@@ -1,4 +1,4 @@
-"""The gallery: a page a figure script, and the directive ``figure-cards`` with cards that lead there.
+"""The gallery: a page a figure script, and the directive ``figure-cards`` whose cards lead there.
 
 A figure's title is its script's docstring, its numbers the row of the table in examples/README.md,
 its picture and run time those of gallery/make_pictures.py.
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from docutils import nodes
-from docutils.parsers.rst import Directive, directives
+from docutils.parsers.rst import Directive
 from docutils.statemachine import StringList
 from sphinx.application import Sphinx
 from written import remove_others, write_page
@@ -35,6 +35,12 @@ class Figure:
     title: str
     seconds: float
     quick: bool  # the picture is that of a smaller computation
+
+    @property
+    def shows(self) -> str:
+        """Its title without the number."""
+        words = re.sub(r"^Figure [\d.]+: ", "", self.title)
+        return words[:1].upper() + words[1:]
 
     @property
     def chapter(self) -> str:
@@ -61,7 +67,8 @@ def figures() -> list[Figure]:
 
 def _links(text: str) -> str:
     """Text of the table with its links led to the examples."""
-    return re.sub(r"\]\((?!http|#)(\.\./)?", lambda m: "](../../../" + ("" if m[1] else "examples/"), text)
+    text = re.sub(r"\]\((?!http|#|\.\.)", "](../../../examples/", text)
+    return text.replace("](../docs/", "](../../")
 
 
 def figure_page(figure: Figure) -> str:
@@ -91,7 +98,6 @@ class FigureCards(Directive):
     """Cards of the figures of a chapter."""
 
     required_arguments = 1
-    option_spec = {"columns": directives.unchanged}  # noqa: RUF012 (docutils' own form)
 
     def run(self) -> list[nodes.Node]:
         lines = ["::::{grid} 1 2 3 4", ":gutter: 2", ""]
@@ -104,6 +110,9 @@ class FigureCards(Directive):
                     f":img-top: pictures/{figure.script}.webp",
                     f":img-alt: {figure.title}",
                     "",
+                    f"{figure.shows}.",
+                    "+++",
+                    f"{figure.script}.py, {figure.seconds:.0f} s",
                     ":::",
                 ]
         lines.append("::::")

@@ -39,7 +39,8 @@ class Page(HTMLParser):
 
 def faults(site: Path) -> Iterator[str]:
     """A sentence for every link that leads nowhere."""
-    pages = {path.resolve(): Page(path) for path in sorted(site.rglob("*.html")) if "_static" not in path.parts}
+    files = [path for path in sorted(site.rglob("*.html")) if "_static" not in path.parts]
+    pages = {path.resolve(): Page(path) for path in files}
     for path, page in pages.items():
         where = path.relative_to(site.resolve())
         for link in page.loaded:
@@ -52,8 +53,9 @@ def faults(site: Path) -> Iterator[str]:
             target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
             if not target.is_file():
                 yield f"{where} links to {link}, and there is no such file"
-            elif parts.fragment and target in pages:
-                if unquote(parts.fragment) not in pages[target].ids:
+            elif target in pages and parts.fragment:
+                known = pages[target].ids
+                if unquote(parts.fragment) not in known:
                     yield f"{where} links to {link}, and there is no such place"
 
 

@@ -1,7 +1,7 @@
 """Ask the site's own search what users ask: python docs/tools/search.py site
 
-Each question is typed into the search page in Chromium; the page that answers it has to be among the
-first three hits.
+Each question is typed into the search page in Chromium; the page that answers it has to be among
+the first three hits.
 """
 
 from __future__ import annotations

@@ -1,0 +1,125 @@
+"""What the documentation site is made of: pictures of the gallery, keys of TOML files, links."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from PIL import Image
+
+from clplen.batch.jobs.spec import JobSpec
+from clplen.config.camera_file import CameraFile
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+LINK = re.compile(r"(?<!!)\[[^\]]*\]\(([^)\s]+)\)|!\[[^\]]*\]\(([^)\s]+)\)")
+
+
+def load(path: str) -> ModuleType:
+    """A module of docs/ that is in no package."""
+    spec = importlib.util.spec_from_file_location(Path(path).stem, DOCS / path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_pictures_of_the_gallery_are_those_of_the_scripts() -> None:
+    """Every script that draws has a small picture, made of the script as it is."""
+    pictures = load("gallery/make_pictures.py")
+    runs = json.loads((DOCS / "gallery/runs.json").read_text())
+    assert list(runs) == pictures.scripts()
+    for name, run in runs.items():
+        assert run["digest"] == pictures.digest(name), f"make_pictures.py {name} has not been run"
+    files = sorted((DOCS / "gallery/pictures").iterdir())
+    assert {file.stem for file in files} >= {name for name in runs if name.startswith("fig_")}
+    for file in files:
+        assert file.stat().st_size <= pictures.LARGEST
+        with Image.open(file) as picture:
+            assert picture.width >= 400
+
+
+def test_a_changed_script_or_module_changes_the_digest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pictures = load("gallery/make_pictures.py")
+    for name, text in {"fig_1": "from shared import x\n", "shared": "x = 1\n"}.items():
+        (tmp_path / f"{name}.py").write_text(text)
+    monkeypatch.setattr(pictures, "EXAMPLES", tmp_path)
+    before = pictures.digest("fig_1")
+    (tmp_path / "other.py").write_text("y = 1\n")
+    assert pictures.digest("fig_1") == before
+    (tmp_path / "shared.py").write_text("x = 2\n")
+    assert pictures.digest("fig_1") != before
+
+
+def test_keys_of_toml_files() -> None:
+    pytest.importorskip("sphinx", reason="Sphinx: pip install '.[docs]'")
+    tables_of = load("extensions/toml_tables.py").tables_of
+    camera = dict(tables_of(CameraFile.model_json_schema()))
+    assert list(camera)[:3] == ["", "[camera]", "[camera.microlenses]"]
+    rows = {row[0]: row[1:] for row in camera["[camera]"]}
+    assert rows["`focal_length_mm`"] == ["number > 0", "left out"]
+    assert rows["`kind`"][0] == '`"plenoptic1"`, `"plenoptic2"`, `"microscope"`'
+    assert rows["`wavelength_nm`"][1] == "required"
+    assert rows["`microlenses`"] == ["table, below", "required"]
+    assert "[[scene.pictures]]" in camera
+    seed = {row[0]: row[1] for row in camera["[sensor]"]}["`seed`"]
+    assert seed == "whole number >= 0 < 2^64"
+    job = dict(tables_of(JobSpec.model_json_schema()))
+    assert {"[[inputs]]", "[inputs.layout]", "[[simulations.sweep]]", "[stack]"} <= set(job)
+    models = (CameraFile, JobSpec)
+    for model, tables in zip(models, (camera, job), strict=True):
+        top = {row[0].strip("`") for row in tables[""]}
+        assert top == set(model.model_fields)
+
+
+def anchors(page: Path) -> set[str]:
+    """Names of the headings of a Markdown page, as links have them."""
+    found = set()
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    for heading in re.findall(r"^#+ (.+)$", text, re.MULTILINE):
+        words = re.sub(r"[^\w\- ]", "", heading.lower())
+        found.add(words.replace(" ", "-"))
+    return found
+
+
+PAGES = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
+    *(ROOT / name for name in ("examples/README.md", "kernels/README.md")),
+    *(path for path in DOCS.rglob("*.md") if path.parent.name not in ("figures", "generated")),
+]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    """To files that are there, and to headings that they have."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    generated = DOCS / "reference" / "commands"
+    for found in LINK.findall(re.sub(r"`[^`\n]*`", "", text)):
+        link = found[0] or found[1]
+        if re.match(r"[a-z]+:", link):
+            continue
+        path, _, fragment = link.partition("#")
+        target = (page.parent / path).resolve() if path else page
+        if target.parent == generated and target.suffix == ".rst":
+            continue  # made by the build, which checks it
+        assert target.exists(), f"{link} of {page.name} leads nowhere"
+        if fragment and target.suffix == ".md":
+            assert fragment in anchors(target), f"{link} of {page.name} leads to no heading"
+
+
+def test_links_of_the_built_site_are_checked(tmp_path: Path) -> None:
+    faults = load("tools/links.py").faults
+    (tmp_path / "a.html").write_text('<h1 id="here">A</h1><a href="b.html#there">b</a>')
+    (tmp_path / "b.html").write_text('<p id="there"></p><a href="a.html#here">a</a>')
+    assert list(faults(tmp_path)) == []
+    (tmp_path / "b.html").write_text(
+        '<a href="a.html#gone">a</a><a href="c.html">c</a><script src="https://x.org/y.js"></script>'
+    )
+    assert len(list(faults(tmp_path))) == 4
