@@ -110,9 +110,7 @@ class FigureCards(Directive):
                     f":img-top: pictures/{figure.script}.webp",
                     f":img-alt: {figure.title}",
                     "",
-                    f"{figure.shows}.",
-                    "+++",
-                    f"{figure.script}.py, {figure.seconds:.0f} s",
+                    f"{figure.shows}. *{figure.seconds:.0f} s.*",
                     ":::",
                 ]
         lines.append("::::")
