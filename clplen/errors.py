@@ -22,11 +22,31 @@ from __future__ import annotations
 
 
 class ClplenError(Exception):
-    """Base class of every error that clplen raises on purpose."""
+    """Base class of every error that clplen raises on purpose.
+
+    Examples
+    --------
+    >>> try:
+    ...     clplen.read_lightfield("nothing.h5")
+    ... except (clplen.ClplenError, OSError) as error:
+    ...     print(type(error).__name__)
+    FormatError
+    >>> issubclass(clplen.ShapeError, clplen.ClplenError)
+    True
+    """
 
 
 class DeviceError(ClplenError):
-    """No usable OpenCL device, two devices mixed, or too little device memory."""
+    """No usable OpenCL device, two devices mixed, or too little device memory.
+
+    Examples
+    --------
+    >>> try:
+    ...     clplen.Device.open("abacus")
+    ... except clplen.DeviceError as error:
+    ...     print("no device is called abacus" if "abacus" in str(error) else error)
+    no device is called abacus
+    """
 
 
 class KernelBuildError(ClplenError):
@@ -47,6 +67,14 @@ class KernelBuildError(ClplenError):
         The source, each line preceded by its number (from 1).
     log : str
         The build log.
+
+    Examples
+    --------
+    >>> issubclass(clplen.KernelBuildError, clplen.ClplenError)
+    True
+    >>> error = clplen.KernelBuildError("It does not compile.", source="kernel", log="line 1")
+    >>> error.log
+    'line 1'
     """
 
     def __init__(self, message: str, *, source: str = "", log: str = "") -> None:
@@ -61,16 +89,58 @@ class KernelBuildError(ClplenError):
 
 
 class SamplingError(ClplenError):
-    """A field, phase or transfer function would be sampled too coarsely."""
+    """A field, phase or transfer function would be sampled too coarsely.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 1e-4)
+    >>> try:
+    ...     clplen.thin_lens(clplen.wave.plane_wave(grid, wavelength=550e-9), 0.01)
+    ... except clplen.SamplingError:
+    ...     print("aliased")
+    aliased
+    """
 
 
 class ShapeError(ClplenError):
-    """Arrays, grids or view counts do not fit together."""
+    """Arrays, grids or view counts do not fit together.
+
+    Examples
+    --------
+    >>> try:
+    ...     clplen.LightField.from_array(np.ones((8, 8), np.float32))
+    ... except clplen.ShapeError:
+    ...     print("four or five axes")
+    four or five axes
+    """
 
 
 class FormatError(ClplenError):
-    """A file is missing, truncated or not in the format it should have."""
+    r"""A file is missing, truncated or not in the format it should have.
+
+    Examples
+    --------
+    >>> with open("broken.h5", "wb") as file:
+    ...     _ = file.write(b"\x89HDF\r\n\x1a\n and no more")
+    >>> try:
+    ...     clplen.read_lightfield("broken.h5")
+    ... except clplen.FormatError:
+    ...     print("damaged")
+    damaged
+    """
 
 
 class SamplingWarning(UserWarning):
-    """What `SamplingError` says, where the caller asked only to be warned."""
+    """What `SamplingError` says, where the caller asked only to be warned.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> grid = clplen.Grid((64, 64), 1e-4)
+    >>> field = clplen.wave.plane_wave(grid, wavelength=550e-9)
+    >>> with warnings.catch_warnings(record=True) as said:
+    ...     warnings.simplefilter("always")
+    ...     _ = clplen.thin_lens(field, 0.01, aliasing="warn")
+    >>> said[0].category.__name__
+    'SamplingWarning'
+    """

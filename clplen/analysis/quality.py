@@ -70,6 +70,17 @@ class Scores(OneLine):
         Percentage, of the nearer pixels beside edges, that came out farther by more than 0.15.
     edges : float
         BadPix 0.07 of the pixels beside edges.
+
+    Examples
+    --------
+    >>> truth = np.tile(np.linspace(-1, 1, 32), (32, 1))
+    >>> print(clplen.analysis.score(truth + 0.05, truth, border=4))
+    pixels        576
+    missing         0 %
+    covered       100 %
+    BadPix 0.07     0 %
+    BadPix 0.03   100 %
+    ...
     """
 
     pixels: int
@@ -141,7 +152,7 @@ def score(
         Disparity of the centre view in pixels a view step, nearer larger, shape (y, x).
     truth : array_like or Truth
         The same of the truth; a `Truth` brings its masks.
-    masks : mapping of str to array_like
+    masks : mapping of str to array_like, optional
         Shape of the truth, not 0 where it holds: any of "planes", "smooth" (bumpiness, normals),
         "near", "far" (thinning, fattening), "edges"; in place of those of a `Truth`.
     where : array_like, optional
@@ -150,12 +161,14 @@ def score(
         Pixels of the truth that are left out on each side.
     offset : tuple of int, optional
         (y, x) of the truth's pixel that the result's first one is, for a cropped map.
-    parameters : optional
-        Of the camera, such as `clplen.io.read_parameters` gives: needed for normals.
+    parameters : Depths, optional
+        Of the camera, with ``focal_length_mm``, ``sensor_size_mm`` and ``depth(d)``, such as
+        `clplen.io.read_parameters` gives: needed for normals.
 
     Returns
     -------
     Scores
+        Of the pixels that were judged; NaN where a mask or the parameters are missing.
 
     Raises
     ------
@@ -163,6 +176,15 @@ def score(
         If the shapes do not fit.
     ValueError
         If no pixel is left to judge, or a number or a name of a mask is wrong.
+
+    Examples
+    --------
+    >>> truth = np.tile(np.linspace(-1, 1, 32), (32, 1))
+    >>> result = truth + 0.05
+    >>> result[8:16, 8:16] = np.nan  # not found
+    >>> scores = clplen.analysis.score(result, truth, border=4)
+    >>> f"{scores.badpix_07:.1f} % bad, MSE x 100 = {scores.mse:.2f}"
+    '11.1 % bad, MSE x 100 = 0.25'
     """
     known = np.asarray(getattr(truth, "disparity", truth), np.float64)
     found = np.asarray(result, np.float64)

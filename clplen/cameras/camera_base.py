@@ -278,12 +278,24 @@ def scene_energy(camera: Plenoptic, scene: PointSources) -> Sequence[tuple[float
     Parameters
     ----------
     camera : Plenoptic
+        The camera.
     scene : PointSources
+        What it looks at.
 
     Returns
     -------
     list of tuple of float
         (1.0, at the array, at the sensor) for each source.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
+    ... )
+    >>> points = clplen.PointSources([(0, 0, 0), (1e-5, 0, 0)], power=[1.0, 2.0])
+    >>> len(clplen.cameras.scene_energy(camera, points))
+    2
     """
     rows = []
     to_array, to_sensor = camera.padding(scene)

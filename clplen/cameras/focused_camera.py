@@ -29,8 +29,35 @@ class Plenoptic2(Plenoptic):
     m : float
         b/a, magnification of the lenslets (of the first kind in a multi-focus array): > 0
         Keplerian, < 0 Galilean.
-    others
-        Those of `RayOptics`; ``image_distance`` is F, main lens to its image of the focused plane.
+    focal_length, object_distance, image_distance, aperture_diameter : float
+        Of the main lens, in metres.
+    mla : MicrolensArray
+        The lenslets.
+    wavelength, pixel_pitch : float
+        In metres.
+    pixels_per_lenslet : float
+        Along one axis.
+    grid : Grid
+        Samples at the array.
+    field_lens : bool
+        Whether a lens at the array centres the sub-images.
+    device : Device
+        What it computes on.
+    aberrations : Aberrations
+        Departures from the design.
+    pixels : PixelArray or None
+        Pixels that integrate; None: they sample.
+    lens_model : str
+        "thin" or "corrected".
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
+    >>> camera = clplen.PlenopticCamera.type2(
+    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15, m=0.2
+    ... )
+    >>> camera.kind, f"{camera.b / camera.a:.1f}"
+    ('focused', '0.2')
     """
 
     kind: ClassVar[Kind] = "focused"

@@ -51,7 +51,37 @@ GUARD = 2  # lenslets of light around the geometrical blur
 class Microscope(MicroscopeOptics):
     """A light-field microscope. Made by `PlenopticCamera.microscope`.
 
-    Attributes are those of `MicroscopeOptics`.
+    Attributes
+    ----------
+    magnification, na, medium_index : float
+        Of the objective, and of what it stands in.
+    tube_lens : float
+        Its focal length in metres.
+    mla : MicrolensArray
+        The lenslets.
+    wavelength, pixel_pitch : float
+        In metres.
+    pixels_per_lenslet : float
+        Along one axis.
+    grid : Grid
+        Samples at the array.
+    device : Device
+        What it computes on.
+    cover : CoverGlass or None
+        Another cover glass than that of the design.
+    apodisation : float
+        Power of cos(theta) over the pupil.
+    pixels : PixelArray or None
+        Pixels that integrate; None: they sample.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(125e-6, 2.5e-3, count=3, fill="full")
+    >>> microscope = clplen.PlenopticCamera.microscope(
+    ...     magnification=20, na=0.5, mla=lenslets, wavelength=525e-9, pixels_per_lenslet=25
+    ... )
+    >>> microscope.kind, isinstance(microscope, clplen.PlenopticCamera)
+    ('microscope', True)
     """
 
     kind: ClassVar[Kind] = "microscope"

@@ -51,6 +51,15 @@ class PlenopticCamera(Described, LensletCamera, ABC):
         In metres.
     others
         Those of `LensletCamera`.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
+    ... )
+    >>> isinstance(camera, clplen.PlenopticCamera), camera.kind
+    (True, 'standard')
     """
 
     kind: Kind

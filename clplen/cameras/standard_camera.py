@@ -16,7 +16,39 @@ from clplen.cameras.optics.ray_optics import view_step
 class Plenoptic1(Plenoptic):
     """A plenoptic 1.0 camera. Made by `PlenopticCamera.type1`.
 
-    The array lies at F, the sensor f_mu behind it. Attributes are those of `Plenoptic`.
+    The array lies at F, the sensor f_mu behind it.
+
+    Attributes
+    ----------
+    focal_length, object_distance, image_distance, aperture_diameter : float
+        Of the main lens, in metres.
+    mla : MicrolensArray
+        The lenslets.
+    wavelength, pixel_pitch : float
+        In metres.
+    pixels_per_lenslet : float
+        Along one axis.
+    grid : Grid
+        Samples at the array.
+    field_lens : bool
+        Whether a lens at the array centres the sub-images.
+    device : Device
+        What it computes on.
+    aberrations : Aberrations
+        Departures from the design.
+    pixels : PixelArray or None
+        Pixels that integrate; None: they sample.
+    lens_model : str
+        "thin" or "corrected".
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
+    ... )
+    >>> camera.kind, f"{camera.alpha(0.001):.4f}"
+    ('standard', '1.0164')
     """
 
     kind: ClassVar[Kind] = "standard"

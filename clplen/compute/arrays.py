@@ -113,6 +113,13 @@ class Image(Savable, Plottable, OnDevice):
         Real values, shape (y, x) or (y, x, c); an EPI has (u, x[, c]) or (v, y[, c]).
     device : Device
         The device that holds them.
+
+    Examples
+    --------
+    >>> L = np.random.default_rng(1).random((3, 3, 16, 20), np.float32)
+    >>> picture = clplen.refocus(L, disparity=0.5)
+    >>> picture.shape, np.asarray(picture).dtype.name
+    ((16, 20), 'float32')
     """
 
     _writer: ClassVar[str] = "write_image"

@@ -44,6 +44,14 @@ class Device(Launcher):
         Precision of the wave tower; light fields are processed in float32 on every device.
     place : str
         The "platform:device" selector that opens it.
+    cl_device : pyopencl.Device
+        The device itself.
+
+    Examples
+    --------
+    >>> device = clplen.Device.open()
+    >>> device.open("cpu").precision
+    'single'
     """
 
     def __init__(

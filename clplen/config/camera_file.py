@@ -111,6 +111,7 @@ def read_camera(
     Returns
     -------
     Plenoptic1, Plenoptic2 or Microscope
+        As the file describes it.
 
     Raises
     ------
@@ -118,6 +119,14 @@ def read_camera(
         If there is no such file, it is not TOML, or a key is unknown, missing or out of range.
     ValueError, SamplingError
         If there is no such camera; see `PlenopticCamera`.
+
+    Examples
+    --------
+    >>> from clplen.config.example import EXAMPLE
+    >>> with open("camera.toml", "w") as file:
+    ...     _ = file.write(EXAMPLE)
+    >>> clplen.read_camera("camera.toml", count=5).kind
+    'standard'
     """
     path = Path(path)
     content = read_toml(path, f"camera file {path}; 'clplen simulate --example' prints one")

@@ -54,11 +54,25 @@ class DeconvolutionResult(Savable, Plottable, HostArray):
     iterations : int
         How many were made.
     degenerate : tuple of float
-        z of the planes in which the volume cannot be resolved beyond d/M.
+        z in metres of the planes in which the volume cannot be resolved beyond d/M.
     planes : numpy.ndarray or None
         z of each plane in metres, shape (planes,); None when not known.
     voxel : tuple of float or None
         (dy, dx) in metres; None when not known.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.microscope(
+    ...     magnification=10, na=0.2, wavelength=525e-9, pixels_per_lenslet=11,
+    ...     mla=clplen.MicrolensArray(60e-6, 1.5e-3, count=5, fill="full"))
+    >>> images = clplen.microscopy.point_images(
+    ...     camera, [0.0, 50e-6], voxels_per_lenslet=3, cut=0.05)
+    >>> projector = clplen.microscopy.Projector(images, (5, 5))
+    >>> volume = np.zeros(projector.volume_shape)
+    >>> volume[1, 7, 7] = 1.0  # a point 50 um from the native plane
+    >>> found = clplen.microscopy.deconvolve(projector.forward(volume), projector, iterations=5)
+    >>> found.volume.shape, np.argwhere(found.volume == found.volume.max()).tolist()
+    ((2, 15, 15), [[1, 7, 7]])
     """
 
     _writer: ClassVar[str] = "write_volume"
@@ -133,6 +147,7 @@ def deconvolve(
         Counts, not negative and finite, shape (..., rows n, columns n); leading axes are frames
         of a series, which are found together.
     projector : Projector
+        Of the microscope that recorded the frame.
     iterations : int
         At most; each takes one projection and one back-projection.
     background : float or array_like
@@ -166,6 +181,7 @@ def deconvolve(
     Returns
     -------
     DeconvolutionResult
+        The volume, and how the iterations went.
 
     Raises
     ------
@@ -178,6 +194,18 @@ def deconvolve(
         If something is no array of real numbers, or the projector none.
     DeviceError
         If so many frames do not fit the device.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(125e-6, 2.5e-3, count=5, fill="full")
+    >>> microscope = clplen.PlenopticCamera.microscope(
+    ...     magnification=20, na=0.5, mla=lenslets, wavelength=525e-9, pixels_per_lenslet=25
+    ... )
+    >>> images = clplen.point_images(microscope, [1e-5, 2e-5], voxels_per_lenslet=1)
+    >>> projector = clplen.Projector(images, (5, 5))
+    >>> frame = projector.forward(np.ones((2, 5, 5), np.float32))
+    >>> clplen.deconvolve(frame, projector, iterations=3).volume.shape
+    (2, 5, 5)
     """
     frame = frame.to_numpy() if hasattr(frame, "to_numpy") else frame
     require(Projector, projector, "projector", "Projector(images, shape, device=device)")
@@ -240,10 +268,31 @@ def deconvolve(
 
 
 def degenerate_planes(projector: Projector) -> tuple[float, ...]:
-    """z of planes so near the native one that a lenslet sees its voxels alike.
+    """Return z of the planes so near the native one that a lenslet sees its voxels alike.
 
     A point's light there does not leave its lenslet and the next ones: M abs(z) tan(theta) below
     half a pitch.
+
+    Parameters
+    ----------
+    projector : Projector
+        Its point images bring the planes and the microscope.
+
+    Returns
+    -------
+    tuple of float
+        Values of z in metres from the native plane, farther positive.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.microscope(
+    ...     magnification=10, na=0.2, wavelength=525e-9, pixels_per_lenslet=11,
+    ...     mla=clplen.MicrolensArray(60e-6, 1.5e-3, count=5, fill="full"))
+    >>> images = clplen.microscopy.point_images(
+    ...     camera, [0.0, 50e-6], voxels_per_lenslet=3, cut=0.05)
+    >>> projector = clplen.microscopy.Projector(images, (5, 5))
+    >>> clplen.microscopy.degenerate_planes(projector)
+    (0.0,)
     """
     images = projector.images
     return tuple(float(z) for z in images.planes[blurs(images) < 0.5])

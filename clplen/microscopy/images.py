@@ -12,7 +12,7 @@ Vector = np.ndarray[Any, Any]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PointImages:
-    """Point images of a microscope. Made by `clplen.microscopy.psf.point_images`.
+    """Point images of a microscope. Made by `clplen.microscopy.point_images`.
 
     Attributes
     ----------
@@ -30,6 +30,18 @@ class PointImages:
         `unique_phases`.
     scales : numpy.ndarray
         float64, shape (planes,): what the stored numbers are multiplied by.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.microscope(
+    ...     magnification=10, na=0.2, wavelength=525e-9, pixels_per_lenslet=11,
+    ...     mla=clplen.MicrolensArray(60e-6, 1.5e-3, count=5, fill="full"))
+    >>> images = clplen.microscopy.point_images(
+    ...     camera, [0.0, 50e-6], voxels_per_lenslet=3, cut=0.05)
+    >>> images
+    <PointImages of 2 planes, 3 x 3 voxels and 11 x 11 pixels a lenslet, ... MiB>
+    >>> f"voxels of {images.side * 1e6:.0f} um"
+    'voxels of 2 um'
     """
 
     parameters: dict[str, Any]

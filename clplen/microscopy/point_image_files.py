@@ -34,12 +34,25 @@ def write_point_images(path: PathLike, images: PointImages) -> None:
     Parameters
     ----------
     path : path-like
+        HDF5 file; one that is there is replaced.
     images : PointImages
+        As `clplen.microscopy.point_images` gives them.
 
     Raises
     ------
     OSError
         If the file cannot be written, with the bytes it takes and those that the disk has free.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.microscope(
+    ...     magnification=10, na=0.2, wavelength=525e-9, pixels_per_lenslet=11,
+    ...     mla=clplen.MicrolensArray(60e-6, 1.5e-3, count=5, fill="full"))
+    >>> images = clplen.microscopy.point_images(
+    ...     camera, [0.0, 50e-6], voxels_per_lenslet=3, cut=0.05)
+    >>> clplen.microscopy.write_point_images("images.h5", images)
+    >>> clplen.microscopy.read_point_images("images.h5").planes.tolist()
+    [0.0, 5e-05]
     """
     made = io.BytesIO()
     with h5py.File(made, "w") as file:
@@ -68,10 +81,12 @@ def read_point_images(path: PathLike) -> PointImages:
     Parameters
     ----------
     path : path-like
+        HDF5 file that `write_point_images` wrote.
 
     Returns
     -------
     PointImages
+        As they were written.
 
     Raises
     ------
@@ -80,6 +95,18 @@ def read_point_images(path: PathLike) -> PointImages:
         there is memory for.
     FileNotFoundError
         If there is none.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.microscope(
+    ...     magnification=10, na=0.2, wavelength=525e-9, pixels_per_lenslet=11,
+    ...     mla=clplen.MicrolensArray(60e-6, 1.5e-3, count=5, fill="full"))
+    >>> images = clplen.microscopy.point_images(
+    ...     camera, [0.0, 50e-6], voxels_per_lenslet=3, cut=0.05)
+    >>> clplen.microscopy.write_point_images("images.h5", images)
+    >>> again = clplen.microscopy.read_point_images("images.h5")
+    >>> np.array_equal(again.image(1, (0, 0)), images.image(1, (0, 0)))
+    True
     """
     place = Path(path)
     if not place.is_file():

@@ -43,6 +43,14 @@ class Points:
     widths : numpy.ndarray
         float64, shape (n, 3): full width at half height along each axis, in its units, not
         negative; NaN where the stack ends before.
+
+    Examples
+    --------
+    >>> z, y, x = np.indices((16, 32, 32))
+    >>> bead = 100 * np.exp(-((z - 5.3) ** 2 + (y - 8.5) ** 2 + (x - 20.2) ** 2) / 3)
+    >>> points = clplen.microscopy.find_points(bead)
+    >>> len(points), np.round(points.widths).tolist()
+    (1, [[3.0, 3.0, 3.0]])
     """
 
     positions: Vector
@@ -65,7 +73,7 @@ def find_points(
     snr: float = 6.0,
     distance: tuple[float, float] = (2.0, 3.0),
 ) -> Points:
-    """Points of light in a stack of planes, with places finer than its samples.
+    """Find points of light in a stack of planes, with places finer than its samples.
 
     Parameters
     ----------
@@ -99,6 +107,15 @@ def find_points(
     ValueError
         If a sample is NaN or infinite, an axis neither rises nor falls, or a number is out of
         range.
+
+    Examples
+    --------
+    >>> z, y, x = np.indices((16, 32, 32))
+    >>> bead = 100 * np.exp(-((z - 5.3) ** 2 + (y - 8.4) ** 2 + (x - 20.2) ** 2) / 3)
+    >>> planes, side = 1e-6 * (np.arange(16) - 8), 0.5e-6 * np.arange(32)
+    >>> points = clplen.microscopy.find_points(bead, axes=(planes, side, side))
+    >>> np.round(points.positions * 1e6, 1).tolist()  # (z, y, x) in um
+    [[-2.7, 4.2, 10.1]]
     """
     if axes is None and isinstance(stack, FocalStack):
         axes = (stack.disparities, None, None)
@@ -128,20 +145,28 @@ def find_points(
 
 @renamed_argument(old="within", new="tolerance")
 def match_points(first: Vector, second: Vector, *, tolerance: Sequence[float]) -> Vector:
-    """Which positions of two lists are of the same point: nearest neighbours of each other.
+    """Match the positions of two lists that are nearest neighbours of each other.
 
     Parameters
     ----------
     first, second : array_like
-        Positions, shapes (n, 3) and (m, 3).
+        Positions (plane, y, x), shapes (n, 3) and (m, 3).
     tolerance : sequence of float
-        (plane, y, x), half axes of the ellipsoid in which the other one lies; they also are the
-        units of distance.
+        (plane, y, x) in the units of the positions, half axes of the ellipsoid in which the other
+        one lies; they also are the units of distance.
 
     Returns
     -------
     numpy.ndarray
-        int, shape (matched, 2): index in the first list, rising, and in the second.
+        Pairs of the same point, int, shape (matched, 2): index in the first list, rising, and in
+        the second.
+
+    Examples
+    --------
+    >>> found = [(0.0, 5.0, 5.0), (10e-6, 9.0, 1.0), (20e-6, 3.0, 9.0)]
+    >>> expected = [(21e-6, 3.2, 9.0), (0.5e-6, 5.1, 4.8)]
+    >>> clplen.microscopy.match_points(found, expected, tolerance=(2e-6, 0.5, 0.5)).tolist()
+    [[0, 1], [2, 0]]
     """
     one, other = (
         np.asarray(points, np.float64).reshape(-1, 3) / tolerance for points in (first, second)

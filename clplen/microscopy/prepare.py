@@ -38,7 +38,7 @@ def rectify(
     pixels: int | None = None,
     complete: bool = True,
 ) -> Vector:
-    """A frame on the lattice of its lenslets, n x n pixels each, as `Projector` takes it.
+    """Resample a frame onto the lattice of its lenslets, n x n pixels each, for `Projector`.
 
     Pixels lie along the lattice's own vectors, so that turning, a stretch of x against y and a
     fractional pitch go at once, by separable cubic convolution (Keys 1981, eq. 15, a = -1/2), and
@@ -55,8 +55,8 @@ def rectify(
     device : Device or str, optional
         None is ``Device.open()``.
     pixels : int, optional
-        n, along an axis, at least 0.9 of the pitch: fewer would step over light; default the pitch,
-        rounded up.
+        Number n along an axis of a lenslet, at least 0.9 of the pitch: fewer would step over light;
+        default the pitch, rounded up.
     complete : bool
         Whether to leave out lenslets that do not lie on the frame with all their pixels; pixels at
         the rim of a frame are then repeated beyond it. Else it is dark there.
@@ -64,7 +64,7 @@ def rectify(
     Returns
     -------
     numpy.ndarray
-        float32, shape (rows n, columns n).
+        Counts, not negative, float32, shape (rows n, columns n).
 
     Raises
     ------
@@ -75,6 +75,14 @@ def rectify(
         is NaN.
     TypeError
         If the frame is no array of real numbers, or the lattice none.
+
+    Examples
+    --------
+    >>> wave = 1 + np.cos(2 * np.pi * np.arange(60) / 9.6)  # lenslets 9.6 pixels apart
+    >>> white = 1000 * np.outer(wave, wave)
+    >>> lattice = clplen.lightfield.estimate_lattice(white, kind="square", pitch=10)
+    >>> f"{lattice.pitch[0]:.1f} pixels", clplen.microscopy.rectify(white, lattice).shape
+    ('9.6 pixels', (50, 50))
     """
     device = as_device(device)
     require(Lattice, lattice, "lattice", "estimate_lattice")
@@ -156,6 +164,16 @@ class Prepared(OneLine):
         How many were further below 0 than the noise of the dark frame explains.
     size : int
         Pixels of the raw frame.
+
+    Examples
+    --------
+    >>> wave = 1 + np.cos(2 * np.pi * np.arange(60) / 9.6)  # lenslets 9.6 pixels apart
+    >>> white = 1000 * np.outer(wave, wave)
+    >>> frame = (0.5 * white).astype(np.uint16)
+    >>> frame[30, 30] = 65535  # saturated
+    >>> found = clplen.microscopy.preparation(10, white=white)(frame)
+    >>> found.counts.shape, found.left_out, found.negative
+    ((50, 50), 1, 0)
     """
 
     counts: Vector
@@ -175,13 +193,25 @@ class Preparation(OneLine):
     pixels : int
         n, of a lenslet along an axis.
     device : Device
+        Where frames are rectified.
     dark : numpy.ndarray or None
+        Dark frame, float32, shape (ny, nx).
     lattice : Lattice or None
         None where frames have n x n pixels a lenslet already.
     sensitivity : numpy.ndarray or None
         float32, rectified; 1 where a lenslet is as bright as the mean one.
     level : numpy.ndarray or None
         The white frame itself, rectified.
+
+    Examples
+    --------
+    >>> wave = 1 + np.cos(2 * np.pi * np.arange(60) / 9.6)  # lenslets 9.6 pixels apart
+    >>> white = 1000 * np.outer(wave, wave)
+    >>> found = clplen.microscopy.preparation(10, white=white)
+    >>> f"{found.lattice.pitch[0]:.1f} pixels a lenslet become {found.pixels}"
+    '9.6 pixels a lenslet become 10'
+    >>> found(0.5 * white).counts.shape
+    (50, 50)
     """
 
     pixels: int
@@ -356,13 +386,14 @@ def preparation(
     Parameters
     ----------
     pixels : int
-        n of the point images; another pitch, a fractional one or a turned lattice is rectified.
+        Number n of the point images along an axis of a lenslet; another pitch, a fractional one or
+        a turned lattice is rectified.
     device : Device or str, optional
         None is ``Device.open()``.
     white : array_like, optional
         White frame, shape (ny, nx); without it frames are n x n pixels a lenslet already.
     dark : array_like, optional
-        Dark frame.
+        Dark frame, shape (ny, nx).
     saturation : float, optional
         As in `Preparation`; saturated pixels of the white frame are left out.
     force : bool
@@ -371,6 +402,7 @@ def preparation(
     Returns
     -------
     Preparation
+        To be called with each raw frame of the same camera.
 
     Raises
     ------
@@ -384,6 +416,14 @@ def preparation(
     -----
     SamplingWarning
         If ``force`` is needed.
+
+    Examples
+    --------
+    >>> wave = 1 + np.cos(2 * np.pi * np.arange(60) / 9.6)  # lenslets 9.6 pixels apart
+    >>> white = 1000 * np.outer(wave, wave)
+    >>> found = clplen.microscopy.preparation(10, white=white)
+    >>> found.sensitivity.shape, f"{found.sensitivity[found.sensitivity > 0].mean():.2f}"
+    ((50, 50), '1.00')
     """
     device = as_device(device)
     pixels = positive_integer(pixels, "pixels")

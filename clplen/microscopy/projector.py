@@ -56,6 +56,7 @@ class Projector:
     Parameters
     ----------
     images : PointImages
+        Point images of the microscope.
     shape : tuple of int
         (rows, columns) of lenslets.
     device : Device or str, optional
@@ -85,6 +86,18 @@ class Projector:
         If the images are none, or the device.
     DeviceError
         If the projection of one frame does not fit the device.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(125e-6, 2.5e-3, count=3, fill="full")
+    >>> microscope = clplen.PlenopticCamera.microscope(
+    ...     magnification=20, na=0.5, mla=lenslets, wavelength=525e-9, pixels_per_lenslet=25
+    ... )
+    >>> images = clplen.point_images(microscope, [1e-5], voxels_per_lenslet=1)
+    >>> projector = clplen.Projector(images, (3, 3))
+    >>> frame = projector.forward(np.ones((1, 3, 3), np.float32))
+    >>> frame.shape
+    (75, 75)
     """
 
     def __init__(

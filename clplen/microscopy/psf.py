@@ -86,6 +86,7 @@ def point_images(
     Returns
     -------
     PointImages
+        Of every plane and place below a lenslet.
 
     Raises
     ------
@@ -104,6 +105,16 @@ def point_images(
         If the fields of the farthest plane do not fit the device.
     MemoryError
         If the images of all planes, and the file that is made of them, do not fit the free memory.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(125e-6, 2.5e-3, count=3, fill="full")
+    >>> microscope = clplen.PlenopticCamera.microscope(
+    ...     magnification=20, na=0.5, mla=lenslets, wavelength=525e-9, pixels_per_lenslet=25
+    ... )
+    >>> images = clplen.point_images(microscope, [1e-5], voxels_per_lenslet=1)
+    >>> images.voxels, images.pixels
+    (1, 25)
     """
     z = _checked(camera, planes, voxels_per_lenslet, binning, cut, store)
     voxels_per_lenslet, binning = int(voxels_per_lenslet), int(binning)

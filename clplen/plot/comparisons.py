@@ -22,11 +22,27 @@ _PARTS = 0.02  # contrast below which a curve is no more drawn
 
 
 def comparison(found: Comparison) -> dict[str, Figure]:
-    """All figures of a comparison, by the names that their files get.
+    """Return all figures of a comparison, by the names that their files get.
 
     Parameters
     ----------
     found : Comparison
+        As `clplen.analysis.compare` returns it.
+
+    Returns
+    -------
+    dict of str to matplotlib.figure.Figure
+        One figure for each analysis of ``found.analyses``: "sampling", "psf", "mtf", "two-points",
+        "energy", "transfer", "depth", "pictures".
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.1, mla=clplen.MicrolensArray(150e-6, 10e-3, count=9, fill="full"),
+    ...     wavelength=532e-9, pixels_per_lenslet=10)
+    >>> found = clplen.analysis.compare({"standard": camera}, only=["sampling"])
+    >>> list(clplen.plot.comparison(found))
+    ['sampling']
     """
     makers: dict[str, Callable[[Comparison], Figure]] = {
         "sampling": sampling,

@@ -32,13 +32,29 @@ _COLOURS = ("#0072b2", "#009e73", "#e69f00", "#cc3311")  # told apart by the col
 def energy_curves(
     groups: Mapping[str, Sequence[tuple[str, AlphaEstimate, float]]],
 ) -> Figure:
-    """Spectral energy against alpha, a panel for each method.
+    """Draw the spectral energy against alpha, a panel for each method.
+
+    Triangles mark the estimates, dotted lines the true alpha. A panel shows four curves at most.
 
     Parameters
     ----------
     groups : mapping
         From the name of a method to its (label, estimate, true alpha); each curve is divided by
-        its maximum.
+        its maximum. The estimates are those of `clplen.estimate_alpha`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The panels side by side with shared axes, and one legend.
+
+    Examples
+    --------
+    >>> values = np.random.default_rng(1).random((5, 5, 32, 32), np.float32)
+    >>> lf = clplen.LightField.from_array(values, spacing=(-1e-3, -1e-3, 150e-6, 150e-6))
+    >>> found = clplen.estimate_alpha(lf, method="energy")
+    >>> figure = clplen.plot.energy_curves({"energy": [("0 mm", found, 1.0)]})
+    >>> figure.axes[0].get_title()
+    'energy'
     """
     figure = new_figure(3.7 * len(groups) + 0.4, 3.4)
     panels = figure.subplots(1, len(groups), squeeze=False, sharex=True, sharey=True)[0]
@@ -64,15 +80,32 @@ def energy_curves(
 def alpha_curve(
     camera: CameraModel, estimates: Mapping[str, Sequence[tuple[float, float]]], *, reach: float
 ) -> Figure:
-    """alpha(dz) of a camera with estimates on it, and their errors below.
+    """Draw alpha(dz) of a camera with estimates on it, and their errors below.
 
     Parameters
     ----------
     camera : CameraModel
+        Gives the curve, F/F' by the lens law.
     estimates : mapping
-        From the name of a method to its (dz in metres, estimated alpha).
+        From the name of a method to its (dz in metres, estimated alpha); four methods at most are
+        drawn.
     reach : float
         The curve is drawn for abs(dz) up to this, in metres.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Two panels over dz in mm, positive farther from the lens: alpha, and the error of alpha.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.1, mla=clplen.MicrolensArray(150e-6, 10e-3, count=9, fill="full"),
+    ...     wavelength=532e-9, pixels_per_lenslet=10)
+    >>> estimates = {"energy": [(-5e-3, 0.97), (5e-3, 1.02)]}
+    >>> figure = clplen.plot.alpha_curve(camera, estimates, reach=10e-3)
+    >>> figure.axes[1].get_xlabel()
+    'dz / mm (positive: farther from the lens)'
     """
     figure = new_figure(6.0, 5.4)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
@@ -96,7 +129,7 @@ def alpha_curve(
 def phase_space(
     lf: LightField, *, rows: Sequence[int], labels: Sequence[str], truths: Sequence[float] = ()
 ) -> Figure:
-    """Slices (x, u) of a light field in metres: position on the lenslets, place on the main lens.
+    """Draw slices (x, u) of a light field in metres: place on the lenslets and on the main lens.
 
     A point is a line of slope dx/du = 1 - alpha.
 
@@ -110,6 +143,25 @@ def phase_space(
         One for each row.
     truths : sequence of float
         alpha of the point in each row, drawn as a line through the slice's centre of light.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A panel for each row, axes in mm; 12 samples of x on both sides of the centre of light.
+        Each slice is divided by its maximum.
+
+    Raises
+    ------
+    ValueError
+        If the light field has several channels or no spacing, or there is not one label a row.
+
+    Examples
+    --------
+    >>> values = np.random.default_rng(1).random((5, 5, 32, 32), np.float32)
+    >>> lf = clplen.LightField.from_array(values, spacing=(-1e-3, -1e-3, 150e-6, 150e-6))
+    >>> figure = clplen.plot.phase_space(lf, rows=[8, 16], labels=["y = 8", "y = 16"])
+    >>> [axes.get_title() for axes in figure.axes[:2]]
+    ['y = 8', 'y = 16']
     """
     if lf.spacing is None or len(lf.shape) != 4:
         raise ValueError("A phase-space plot needs one channel and the spacing in metres.")
@@ -142,7 +194,7 @@ def phase_space(
 
 @styled
 def depth(found: DepthMap, *, title: str = "") -> Figure:
-    """A disparity map and its confidence, with colour bars.
+    """Draw a disparity map and its confidence, with colour bars.
 
     The colours span the 2nd to the 98th percentile of the sure pixels, of confidence 0.5 or more
     (where they are less than 1 % of all, of those at least half as sure as the surest). What lies
@@ -154,19 +206,51 @@ def depth(found: DepthMap, *, title: str = "") -> Figure:
     Parameters
     ----------
     found : DepthMap
+        As `clplen.depth_map` returns it.
     title : str
+        Over the disparity; default "disparity".
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The disparity in pixels a view step, nearer is larger, beside its confidence from 0 to 1;
+        axes in pixels.
+
+    Examples
+    --------
+    >>> values = np.random.default_rng(1).random((3, 3, 32, 32), np.float32)
+    >>> found = clplen.depth_map(clplen.LightField.from_array(values), disparities=[-1, 0, 1])
+    >>> figure = clplen.plot.depth(found, title="noise")
+    >>> [axes.get_title() for axes in figure.axes[:2]]
+    ['noise', 'confidence']
     """
     return _map(found.disparity, found.confidence, title or "disparity", _DISPARITY)
 
 
 @styled
 def truth(found: Truth, *, title: str = "") -> Figure:
-    """The exact disparity of a synthetic scene; grey where there is no surface.
+    """Draw the exact disparity of a synthetic scene; grey where there is no surface.
 
     Parameters
     ----------
     found : Truth
+        As `clplen.SurfaceScene.light_field` returns it beside the light field.
     title : str
+        Over the picture; default "disparity of the scene".
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The disparity in pixels a view step, nearer is larger, from the least to the largest; axes
+        in pixels.
+
+    Examples
+    --------
+    >>> texture = clplen.cameras.Texture(np.random.default_rng(1).random((16, 16)))
+    >>> scene = clplen.SurfaceScene([clplen.cameras.Plane(0.5, texture=texture)])
+    >>> lf, found = scene.light_field(views=(3, 3), shape=(32, 32))
+    >>> clplen.plot.truth(found).axes[0].get_title()
+    'disparity of the scene'
     """
     values = found.disparity
     known = values[np.isfinite(values)]
@@ -182,25 +266,53 @@ def truth(found: Truth, *, title: str = "") -> Figure:
 
 @styled
 def focused_depth(found: FocusedMaps, *, title: str = "") -> Figure:
-    """The magnification m = b/a of a focused camera and its confidence; see `magnification`.
+    """Draw the magnification m = b/a of a focused camera and its confidence; see `magnification`.
 
     Parameters
     ----------
     found : FocusedMaps
+        As `clplen.lightfield.focused_maps` returns it.
     title : str
+        Over the map of m; default "m = b/a".
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The map of m, nearer is larger, beside its confidence from 0 to 1; axes in pixels.
+
+    Examples
+    --------
+    >>> m, z, sure = np.random.default_rng(1).random((3, 16, 16))
+    >>> grid = clplen.lightfield.PictureGrid((0.0, 0.0), 1.0, (16, 16))
+    >>> found = clplen.lightfield.FocusedMaps(grid, m, z, sure)
+    >>> clplen.plot.focused_depth(found).axes[0].get_title()
+    'm = b/a'
     """
     return _magnification(found.m, found.confidence, title)
 
 
 @styled
 def magnification(m: Array, confidence: Array, *, title: str = "") -> Figure:
-    """A map of m = b/a of a focused camera and its confidence, drawn as `depth` is.
+    """Draw a map of m = b/a of a focused camera and its confidence, as `depth` does.
 
     Parameters
     ----------
     m, confidence : numpy.ndarray
         Shape (y, x), such as those of `clplen.lightfield.focused.focused_depth.FocusedMaps`.
     title : str
+        Over the map of m; default "m = b/a".
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The map of m, nearer is larger, beside its confidence from 0 to 1; axes in pixels.
+
+    Examples
+    --------
+    >>> m = np.linspace(0.2, 0.3, 256).reshape(16, 16)
+    >>> figure = clplen.plot.magnification(m, np.ones((16, 16)), title="m of a ramp")
+    >>> [axes.get_title() for axes in figure.axes[:2]]
+    ['m of a ramp', 'confidence']
     """
     return _magnification(m, confidence, title)
 

@@ -40,7 +40,7 @@ def intensity(
     title: str = "",
     region: Region | None = None,
 ) -> Figure:
-    """abs(u)^2 of one field, over the coordinates of its grid.
+    """Draw abs(u)^2 of one field, over the coordinates of its grid.
 
     Row 0 is at the top. Along an axis of length 1 nothing varies: a line is drawn over the other.
 
@@ -51,6 +51,7 @@ def intensity(
     scale : {"linear", "log"}
         Of the values; "log" shows six decades.
     title : str
+        Over the picture; default none.
     region : tuple of slice, optional
         Part (y, x) of the samples to show; one row or one column is a cut.
 
@@ -67,6 +68,14 @@ def intensity(
         If the field is a batch.
     ValueError
         For another scale, or a region without samples or with steps.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((32, 32), 2e-6)
+    >>> beam = clplen.wave.gaussian_beam(grid, 20e-6, wavelength=532e-9)
+    >>> figure = clplen.plot.intensity(beam, scale="log")
+    >>> [axes.get_ylabel() for axes in figure.axes]
+    ['y / µm', 'intensity (logarithmic)']
     """
     if scale not in ("linear", "log"):
         raise ValueError(f'The scale of an intensity is "linear" or "log", not {scale!r}.')
@@ -89,7 +98,7 @@ def intensity(
 
 @styled
 def phase(field: Field, *, title: str = "", region: Region | None = None) -> Figure:
-    """Phase of one field between -pi and pi, over the coordinates of its grid.
+    """Draw the phase of one field between -pi and pi, over the coordinates of its grid.
 
     The carrier exp(ikz), which every propagation drops, is not part of it. Samples of an amplitude
     below 1e-6 of the largest one shown are left blank. Row 0 is at the top. Along an axis of
@@ -100,6 +109,7 @@ def phase(field: Field, *, title: str = "", region: Region | None = None) -> Fig
     field : Field
         Shape (ny, nx), no batch.
     title : str
+        Over the picture; default none.
     region : tuple of slice, optional
         Part (y, x) of the samples to show; one row or one column is a cut.
 
@@ -117,6 +127,14 @@ def phase(field: Field, *, title: str = "", region: Region | None = None) -> Fig
         If the field is a batch.
     ValueError
         For a region without samples or with steps.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((32, 32), 2e-6)
+    >>> beam = clplen.wave.gaussian_beam(grid, 20e-6, wavelength=532e-9)
+    >>> figure = clplen.plot.phase(clplen.propagate(beam, 1e-3))
+    >>> [axes.get_ylabel() for axes in figure.axes]
+    ['y / µm', 'phase / rad']
     """
     part = _part_of(field, region, "phase")
     size = np.abs(part.u)

@@ -44,14 +44,33 @@ _MILLI = {"m": 1e3, "rad": 1e3}
 
 @styled
 def raw_image(raw: RawImage, *, details: Mapping[str, tuple[float, float]] | None = None) -> Figure:
-    """A raw lenslet image on a logarithmic scale, with magnified details beside it.
+    """Draw a raw lenslet image on a logarithmic scale, with magnified details beside it.
+
+    The scale spans five decades. From 2000 pixels along the longer side on, means over blocks are
+    drawn.
 
     Parameters
     ----------
     raw : RawImage
+        One channel, shape (ny, nx), with a pixel pitch.
     details : mapping, optional
         From a name to (y, x) in metres from the middle of the sensor; each becomes a panel of
         9 x 9 lenslets, with the borders between them.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Axes in mm on the sensor, 0 in its middle, row 0 at the top.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.1, mla=clplen.MicrolensArray(150e-6, 10e-3, count=9, fill="full"),
+    ...     wavelength=532e-9, pixels_per_lenslet=10)
+    >>> raw = camera.expose(clplen.PointSources([(0.0, 0.0, 0.0)]))
+    >>> figure = clplen.plot.raw_image(raw, details={"point": (0.0, 0.0)})
+    >>> [axes.get_title() for axes in figure.axes if axes.images]
+    ['raw image', 'point: 9 x 9 lenslets']
     """
     details = details or {}
     values = raw.to_numpy()
@@ -135,17 +154,31 @@ def _detail(
 def views(
     lf: LightField, *, shown: int = 8, scale: Scale = "linear", region: Region | None = None
 ) -> Figure:
-    """A mosaic of views in even steps, symmetric about the centre view.
+    """Draw a mosaic of views in even steps, symmetric about the centre view.
 
     Parameters
     ----------
     lf : LightField
+        Shape (v, u, y, x) or (v, u, y, x, 3).
     shown : int
         At most this many rows and columns of views.
     scale : {"linear", "log", "root"}
         Of the values; colour pictures are always linear.
     region : tuple of slice, optional
         Part (y, x) of every view to show.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One mosaic whose ticks are the numbers of the views, u across and v down.
+
+    Examples
+    --------
+    >>> values = np.random.default_rng(1).random((5, 5, 32, 32), np.float32)
+    >>> lf = clplen.LightField.from_array(values)
+    >>> figure = clplen.plot.views(lf, shown=3)
+    >>> figure.axes[0].get_title()
+    'views: 3 x 3 of 5 x 5'
     """
     vs, us = (spread(count, shown) for count in lf.shape[:2])
     values = lf.to_numpy()[np.ix_(vs, us)][WHOLE + (region or WHOLE)]
@@ -171,15 +204,21 @@ def views(
 
 @styled
 def picture(image: Image, *, title: str = "", scale: Scale = "linear") -> Figure:
-    """One image: a view, a rendering, a refocus.
+    """Draw one image: a view, a rendering, a refocus.
 
     Parameters
     ----------
     image : Image
         Shape (y, x) or (y, x, 3).
     title : str
+        Over the picture; default none.
     scale : {"linear", "log", "root"}
         Of the values; colour pictures are always linear.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Axes in pixels, row 0 at the top; a colour bar unless the image has colours.
 
     Raises
     ------
@@ -187,6 +226,13 @@ def picture(image: Image, *, title: str = "", scale: Scale = "linear") -> Figure
         If ``image`` is no `Image`; `intensity` and `phase` draw a field.
     ShapeError
         For another shape.
+
+    Examples
+    --------
+    >>> lf = clplen.LightField.from_array(np.ones((3, 3, 16, 24), np.float32))
+    >>> figure = clplen.plot.picture(lf.view(1, 1), title="centre view")
+    >>> [axes.get_ylabel() for axes in figure.axes]
+    ['y / pixel', 'value']
     """
     if not isinstance(image, Image):
         of_a_field = " (plot.intensity draws a field)" * isinstance(image, Field)
@@ -211,17 +257,37 @@ def refocused(
     scale: Scale = "linear",
     region: Region | None = None,
 ) -> Figure:
-    """Several refocused images side by side, on one scale of values.
+    """Draw several refocused images side by side, on one scale of values.
 
     Parameters
     ----------
     images : sequence of Image
-        All of one shape.
+        All of one shape, (y, x) or (y, x, 3).
     titles : sequence of str
         One for each.
     scale : {"linear", "log", "root"}
+        Of the values; colour pictures are always linear.
     region : tuple of slice, optional
         Part (y, x) to show.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A panel for each image, axes in pixels.
+
+    Raises
+    ------
+    ValueError
+        If there is not one title an image.
+
+    Examples
+    --------
+    >>> values = np.random.default_rng(1).random((5, 5, 32, 32), np.float32)
+    >>> lf = clplen.LightField.from_array(values)
+    >>> images = [clplen.refocus(lf, disparity=d) for d in (-1.0, 1.0)]
+    >>> figure = clplen.plot.refocused(images, ["far", "near"])
+    >>> [axes.get_title() for axes in figure.axes[:2]]
+    ['far', 'near']
     """
     region = region or WHOLE
     values = [image.to_numpy()[region] for image in images]
@@ -246,16 +312,33 @@ def refocused(
 def montage(
     stack: FocalStack, *, shown: int = 15, scale: Scale = "linear", region: Region | None = None
 ) -> Figure:
-    """Planes of a focal stack in even steps, on one scale of values.
+    """Draw planes of a focal stack in even steps, on one scale of values.
 
     Parameters
     ----------
     stack : FocalStack
+        As `clplen.focal_stack` returns it.
     shown : int
         At most this many planes.
     scale : {"linear", "log", "root"}
+        Of the values; colour pictures are always linear.
     region : tuple of slice, optional
         Part (y, x) to show.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A panel for each plane, at most five in a row, under its alpha or, where that is not known,
+        its disparity d in pixels a view step.
+
+    Examples
+    --------
+    >>> values = np.random.default_rng(1).random((5, 5, 32, 32), np.float32)
+    >>> lf = clplen.LightField.from_array(values)
+    >>> stack = clplen.focal_stack(lf, disparities=[-1, 0, 1])
+    >>> figure = clplen.plot.montage(stack)
+    >>> [axes.get_title() for axes in figure.axes[:3]]
+    ['d = -1.000', 'd = +0.000', 'd = +1.000']
     """
     planes = spread(len(stack.disparities), shown)
     values = stack.to_numpy()[planes][WHOLE[:1] + (region or WHOLE)]
@@ -280,7 +363,7 @@ def montage(
 
 @styled
 def epi(found: PhaseSpace, *, title: str = "", scale: Scale = "linear") -> Figure:
-    """An epipolar slice or phase space: position across, place on the main lens down.
+    """Draw an epipolar slice or phase space: position across, place on the main lens down.
 
     With a camera, a second axis gives the angle of the rays at the middle of the picture,
     theta = -u/F, in milliradians.
@@ -288,9 +371,24 @@ def epi(found: PhaseSpace, *, title: str = "", scale: Scale = "linear") -> Figur
     Parameters
     ----------
     found : PhaseSpace
+        As `clplen.lightfield.phase_space` returns it.
     title : str
+        Over the slice; default "epipolar slice" and its two axes.
     scale : {"linear", "log", "root"}
         Of the values; colour slices are always linear.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Axes in mm, mrad, views or pixels, as ``found.units`` says.
+
+    Examples
+    --------
+    >>> values = np.random.default_rng(1).random((5, 5, 32, 32), np.float32)
+    >>> lf = clplen.LightField.from_array(values)
+    >>> figure = clplen.plot.epi(clplen.lightfield.phase_space(lf, y=16, v=2))
+    >>> figure.axes[0].get_title(), figure.axes[0].get_ylabel()
+    ('epipolar slice (x, u)', 'u from the middle / view')
     """
     norm = norm_of(found.values, scale)
     figure = new_figure(7.4, 3.2)

@@ -16,14 +16,29 @@ _MICRONS = 1e6
 
 @styled
 def psf(found: PSF, *, title: str = "", scale: Scale = "root") -> Figure:
-    """A point spread function over its coordinates in micrometres.
+    """Draw a point spread function over its coordinates in micrometres.
 
     Parameters
     ----------
     found : PSF
+        Intensities on a grid.
     title : str
+        Over the picture; default "point spread function".
     scale : {"linear", "log", "root"}
         Of the values.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Axes in um, row 0 at the top; colour bar "intensity".
+
+    Examples
+    --------
+    >>> y, x = np.mgrid[-16:17, -16:17] * 1e-6
+    >>> found = clplen.analysis.PSF(np.exp(-(x**2 + y**2) / 2e-11), 1e-6)
+    >>> figure = clplen.plot.psf(found)
+    >>> [round(float(edge), 3) for edge in figure.axes[0].images[0].get_extent()]
+    [-16.5, 16.5, 16.5, -16.5]
     """
     norm = norm_of(found.values, scale)
     y, x = found.grid.y * _MICRONS, found.grid.x * _MICRONS
@@ -43,12 +58,27 @@ def psf(found: PSF, *, title: str = "", scale: Scale = "root") -> Figure:
 
 @styled
 def modulation(found: OTF, *, title: str = "") -> Figure:
-    """The modulus of an optical transfer function over both frequencies, in cycles/mm.
+    """Draw the modulus of an optical transfer function over both frequencies, in cycles/mm.
 
     Parameters
     ----------
     found : OTF
+        As `clplen.analysis.OTF.of` returns it.
     title : str
+        Over the picture; default "modulation transfer".
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Contrast from 0 to 1 over (fy, fx), row 0 at the top.
+
+    Examples
+    --------
+    >>> y, x = np.mgrid[-16:17, -16:17] * 1e-6
+    >>> psf = clplen.analysis.PSF(np.exp(-(x**2 + y**2) / 2e-11), 1e-6)
+    >>> figure = clplen.plot.modulation(clplen.analysis.OTF.of(psf))
+    >>> [axes.get_ylabel() for axes in figure.axes]
+    ['fy / (cycles/mm)', 'contrast']
     """
     fy, fx = found.fy * _PER_MM, found.fx * _PER_MM
     dy, dx = (f[1] - f[0] for f in (fy, fx))
@@ -69,12 +99,27 @@ def modulation(found: OTF, *, title: str = "") -> Figure:
 
 @styled
 def curve(found: Curve, *, title: str = "") -> Figure:
-    """Contrast against spatial frequency in cycles/mm.
+    """Draw contrast against spatial frequency in cycles/mm.
 
     Parameters
     ----------
     found : Curve
+        Such as a section of an `clplen.analysis.OTF` along one axis.
     title : str
+        Over the curve; default none.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One line over the frequencies of the curve.
+
+    Examples
+    --------
+    >>> f = np.linspace(0, 1e5, 101)
+    >>> found = clplen.analysis.Curve(f, clplen.analysis.pixel_mtf(f, width=10e-6))
+    >>> figure = clplen.plot.curve(found, title="pixel of 10 um")
+    >>> [round(float(end), 3) for end in figure.axes[0].get_xlim()]
+    [0.0, 100.0]
     """
     figure = new_figure(5.6, 3.6)
     axes = figure.add_subplot()

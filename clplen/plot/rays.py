@@ -38,7 +38,7 @@ class ImagePoint:
 
 @dataclass(frozen=True, repr=False)
 class Rays(OneLine):
-    """What a side view draws.
+    """What a side view draws: rays, the object and its images.
 
     Attributes
     ----------
@@ -57,6 +57,14 @@ class Rays(OneLine):
     tilt : float
         Slope of the oblique rays in front of the system, if they are collimated.
     images : tuple of ImagePoint
+        Where the axial rays meet again in front of any lenslets: ``z`` and ``height`` in metres.
+
+    Examples
+    --------
+    >>> optics = clplen.OpticalSystem([0.24, clplen.wave.Lens(0.12, diameter=3.6e-3), 0.24])
+    >>> rays = clplen.plot.rays_through(optics, height=1e-3)
+    >>> [(round(image.z, 6), round(image.height, 6)) for image in rays.images]
+    [(0.48, -0.001)]
     """
 
     z: Array
@@ -70,7 +78,31 @@ class Rays(OneLine):
 
 
 def rays_through(optics: OpticalSystem, *, height: float | None = None) -> Rays:
-    """Rays from a point on the axis and from one beside it; height None: as it fills the view."""
+    """Return rays from a point on the axis and from one beside it.
+
+    If the first element lies in the first plane, the light is collimated, and the rays of the
+    second bundle are tilted.
+
+    Parameters
+    ----------
+    optics : OpticalSystem
+        What the rays pass; where nothing bounds them they are narrow.
+    height : float, optional
+        Of the point beside the axis in metres; None: 70 % of the widest half opening, less if an
+        image is larger than the object. Without meaning for collimated light.
+
+    Returns
+    -------
+    Rays
+        Two bundles that just pass every opening, the chief ray, and the images.
+
+    Examples
+    --------
+    >>> optics = clplen.OpticalSystem([0.24, clplen.wave.Lens(0.12, diameter=3.6e-3), 0.24])
+    >>> rays = clplen.plot.rays_through(optics)
+    >>> (rays.axial * 1e3).round(3).tolist()
+    [[0.0, 0.0], [-1.8, 1.8], [-1.8, 1.8], [0.0, 0.0]]
+    """
     distant = _is_distant(optics)
     fan, field = ((1.0, 0.0), (0.0, 1.0)) if distant else ((0.0, 1.0), (1.0, 0.0))
     z, one = trace(optics, *fan, clip=False)
@@ -102,7 +134,35 @@ def rays_through(optics: OpticalSystem, *, height: float | None = None) -> Rays:
 def trace(
     optics: OpticalSystem, height: Array | float, slope: Array | float, *, clip: bool = True
 ) -> tuple[Array, Array]:
-    """Follow rays: z of the start and behind each part, and heights of shape (parts + 1, rays)."""
+    """Follow paraxial rays through the parts of a system.
+
+    Parameters
+    ----------
+    optics : OpticalSystem
+        Its lenses, distances, stops and lenslets; other parts only take their length.
+    height : array_like
+        Heights of the rays in the first plane in metres; broadcast with ``slope``.
+    slope : array_like
+        Their slopes dy/dz in front of the first part.
+    clip : bool
+        Whether rays end at openings, and lenslets bend them. Without it lenslets do nothing.
+
+    Returns
+    -------
+    z : numpy.ndarray
+        Of the start and behind each part, in metres, shape (parts + 1,).
+    heights : numpy.ndarray
+        In metres, shape (parts + 1, rays); NaN behind what blocks a ray.
+
+    Examples
+    --------
+    >>> optics = clplen.OpticalSystem([0.24, clplen.wave.Lens(0.12, diameter=3.6e-3), 0.24])
+    >>> z, heights = clplen.plot.trace(optics, 1e-3, [-0.005, 0.0, 0.005])
+    >>> z.round(3).tolist()
+    [0.0, 0.24, 0.24, 0.48]
+    >>> (heights[-1] * 1e3).round(3).tolist()
+    [-1.0, -1.0, nan]
+    """
     y, s = (np.atleast_1d(np.asarray(v, np.float64)) for v in np.broadcast_arrays(height, slope))
     heights = [y]
     for part in optics:

@@ -60,7 +60,7 @@ class _View:
 def system(
     optics: OpticalSystem, *, extent: float | None = None, height: float | None = None
 ) -> Figure:
-    """A side view of an optical system: to scale along z, with paraxial rays.
+    """Draw a side view of an optical system: to scale along z, with paraxial rays.
 
     Drawn are the optical axis, lenses, stops and lenslets in their size, the distances, the focal
     points of lenses, and two bundles of rays that just pass every opening: from the axis, and from
@@ -70,6 +70,7 @@ def system(
     Parameters
     ----------
     optics : OpticalSystem
+        The parts and distances that are drawn.
     extent : float, optional
         Height of the view in metres; None: what everything needs.
     height : float, optional
@@ -79,6 +80,7 @@ def system(
     Returns
     -------
     matplotlib.figure.Figure
+        Heights in mm; distances, focal lengths and diameters are written beside the parts.
 
     Raises
     ------
@@ -86,6 +88,14 @@ def system(
         If ``optics`` is no `OpticalSystem`.
     ValueError
         For an extent that is not positive, or a height that is not finite.
+
+    Examples
+    --------
+    >>> optics = clplen.OpticalSystem([0.24, clplen.wave.Lens(0.12, diameter=3.6e-3), 0.24])
+    >>> figure = clplen.plot.system(optics)
+    >>> texts = [" ".join(text.get_text().split()) for text in figure.axes[0].texts]
+    >>> [text for text in texts if "mm" in text]
+    ['lens f = 120 mm D = 3.6 mm', '240 mm', '240 mm']
     """
     if not isinstance(optics, OpticalSystem):
         raise TypeError(

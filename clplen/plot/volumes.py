@@ -38,7 +38,7 @@ def volume(
     scale: Scale = "linear",
     projection: str = "maximum",
 ) -> Figure:
-    """Three projections of a volume: along z, and along x and y beside and below it.
+    """Draw three projections of a volume: along z, and along x and y beside and below it.
 
     Axes are in micrometres from the middle of the volume and from the native plane where the
     result knows its planes and voxels, else in voxels. Planes are drawn in even steps.
@@ -48,9 +48,16 @@ def volume(
     found : DeconvolutionResult
         Of one frame.
     title : str
+        Over the projection along z; default the projections.
     scale : {"linear", "log", "root"}
         Of the values.
     projection : {"maximum", "mean"}
+        What is drawn of the voxels along a line.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Three panels on one scale of values.
 
     Raises
     ------
@@ -58,6 +65,16 @@ def volume(
         If it is a series of volumes.
     ValueError
         For another projection or scale.
+
+    Examples
+    --------
+    >>> voxels = np.random.default_rng(1).random((5, 16, 16), np.float32)
+    >>> planes = np.linspace(-20e-6, 20e-6, 5)
+    >>> found = clplen.microscopy.DeconvolutionResult(
+    ...     voxels, np.ones(3), 3, (), planes=planes, voxel=(2e-6, 2e-6))
+    >>> figure = clplen.plot.volume(found)
+    >>> [axes.get_xlabel() for axes in figure.axes[1:3]]
+    ['z / µm', 'x / µm']
     """
     if projection not in _PROJECTIONS:
         raise ValueError(f'A projection is "maximum" or "mean", not {projection!r}.')

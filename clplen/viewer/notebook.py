@@ -40,13 +40,14 @@ def view(
     subject : LightField, FocalStack, DepthMap, RawImage, Image, array_like, or a list or dict
         What is shown, as in `clplen.io.write_html`.
     title : str, optional
+        Of the page.
     depth : DepthMap, optional
         Of the centre view of a light field.
     compare : bool
         Whether several are shown side by side.
     height : int
         Of the widget in pixels, at least 200.
-    quality, downscale, views
+    quality, downscale, views : int or tuple of int, optional
         As in `clplen.io.write_html`.
 
     Returns
@@ -58,6 +59,13 @@ def view(
     ------
     ValueError, ShapeError, TypeError
         As `clplen.io.write_html`.
+
+    Examples
+    --------
+    >>> L = np.random.default_rng(1).random((3, 3, 32, 40), np.float32)
+    >>> shown = clplen.view(L, title="noise")
+    >>> shown is not None
+    True
     """
     if height < _LEAST_HEIGHT:
         raise ValueError(f"height is at least {_LEAST_HEIGHT} pixels, not {height!r}.")

@@ -35,7 +35,7 @@ Place = tuple[int, int]
 
 
 def camera_psf(camera: Plenoptic, *, places: int = PLACES, done: Done | None = None) -> PSF:
-    """The image of a point of the focused plane, on the main lens' image.
+    """Simulate the image of a point of the focused plane, on the main lens' image.
 
     A 1.0 camera gives one sample a lenslet. The point is moved below the middle lenslet by
     pitch/places along both axes, and the samples of all pictures are put side by side: what a
@@ -66,6 +66,15 @@ def camera_psf(camera: Plenoptic, *, places: int = PLACES, done: Done | None = N
         If ``places`` is not odd and positive.
     SamplingError, DeviceError
         As `Plenoptic.expose`.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=15e-3, object_distance=30e-3, wavelength=532e-9,
+    ...     mla=clplen.MicrolensArray(100e-6, 2e-3, count=7), pixels_per_lenslet=19)
+    >>> psf = clplen.analysis.camera_psf(camera, places=3)
+    >>> psf.values.shape, f"{psf.fwhm(1) * 1e6:.0f} um"
+    ((21, 21), '101 um')
     """
     check_places(places)
     tell = done or (lambda _: None)
@@ -176,6 +185,17 @@ class DepthTransfer(OneLine):
         Along x, in cycles a metre of the object; None where no picture can be made.
     notes : tuple of str
         Why not; empty where there is one.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=15e-3, object_distance=30e-3, wavelength=532e-9,
+    ...     mla=clplen.MicrolensArray(100e-6, 2e-3, count=7), pixels_per_lenslet=19)
+    >>> transfer, _ = clplen.analysis.depth_scan(camera, [0.0, 5e-3], errors=False)
+    >>> [f"{frequency / 1e3:.0f} cycles/mm" for frequency in transfer.mtf50]
+    ['6 cycles/mm', '4 cycles/mm']
+    >>> transfer.best[0]
+    0.0
     """
 
     dz: Values

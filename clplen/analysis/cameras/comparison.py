@@ -46,7 +46,9 @@ class Measured:
     Attributes
     ----------
     name : str
+        The camera's, as `compare` was given it.
     camera : Plenoptic
+        The camera itself.
     sampling : Sampling
         Along x.
     psf : PSF or None
@@ -54,9 +56,20 @@ class Measured:
     crosstalk : float or None
         As `camera_crosstalk`.
     transfer : DepthTransfer or None
+        Contrast over depth, as `depth_scan`.
     depth : DepthErrors or None
+        Errors of depth, as `depth_scan`.
     picture : Rendered or None
         Of the scene that was given.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=15e-3, object_distance=30e-3, wavelength=532e-9,
+    ...     mla=clplen.MicrolensArray(100e-6, 2e-3, count=7), pixels_per_lenslet=19)
+    >>> one = clplen.analysis.compare({"macro": camera}, only=["psf"], quick=True)["macro"]
+    >>> f"FWHM {one.fwhm() * 1e6:.0f} um, lenslets {one.sampling.spatial_pitch * 1e6:.0f} um"
+    'FWHM 101 um, lenslets 100 um'
     """
 
     name: str
@@ -208,8 +221,18 @@ class Comparison(OneLine):
     Attributes
     ----------
     cameras : tuple of Measured
+        In the order in which they were given.
     analyses : tuple of str
         What was asked for, out of `ANALYSES`.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=15e-3, object_distance=30e-3, wavelength=532e-9,
+    ...     mla=clplen.MicrolensArray(100e-6, 2e-3, count=7), pixels_per_lenslet=19)
+    >>> found = clplen.analysis.compare({"macro": camera}, only=["crosstalk"])
+    >>> found.analyses, f"{found['macro'].crosstalk:.3f}"
+    (('crosstalk',), '0.032')
     """
 
     cameras: tuple[Measured, ...]
@@ -251,7 +274,8 @@ def compare(
     only : iterable of str, optional
         Out of `ANALYSES`; default all, "pictures" where there are scenes.
     depths : array_like, optional
-        dz in metres; default seven from -15 to 15 % of the first camera's object distance.
+        Values of dz in metres, shape (n,), from the focused plane, farther positive; default seven
+        from -15 to 15 % of the first camera's object distance.
     scenes : mapping of str to scene, optional
         For "pictures", what each camera looks at, as `Plenoptic.expose` takes it.
     quick : bool
@@ -262,6 +286,7 @@ def compare(
     Returns
     -------
     Comparison
+        What was measured of each camera, in the order of ``cameras``.
 
     Raises
     ------
@@ -272,6 +297,17 @@ def compare(
         If they are no mapping of names to cameras.
     SamplingError, DeviceError
         As `Plenoptic.expose`.
+
+    Examples
+    --------
+    >>> def macro(pixels):
+    ...     return clplen.PlenopticCamera.type1(
+    ...         focal_length=15e-3, object_distance=30e-3, wavelength=532e-9,
+    ...         mla=clplen.MicrolensArray(100e-6, 2e-3, count=7), pixels_per_lenslet=pixels)
+    >>> cameras = {"coarse": macro(19), "fine": macro(27)}
+    >>> found = clplen.analysis.compare(cameras, only=["sampling", "crosstalk"])
+    >>> {one.name: (round(one.sampling.views), round(one.crosstalk, 2)) for one in found.cameras}
+    {'coarse': (19, 0.03), 'fine': (27, 0.03)}
     """
     _require_cameras(cameras)
     wanted = _wanted(only, cameras, scenes)

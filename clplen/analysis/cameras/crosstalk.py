@@ -61,19 +61,37 @@ def cell_outline(cells: LensletGrid, cell: Cell) -> Values:
 
 
 def cell_energies(raw: Any, cells: LensletGrid) -> Values:
-    """The light in every cell: each pixel counts for the cell whose centre is nearest to its own.
+    """Return the light in every cell of a raw image.
+
+    Each pixel counts for the cell whose centre is nearest to its own.
 
     Parameters
     ----------
     raw : array_like
-        Intensities [y, x] on the sensor.
+        Intensities on the sensor, shape (y, x).
     cells : LensletGrid
         Such as `RawImage.cells`.
 
     Returns
     -------
     numpy.ndarray
-        float64, shape (rows, columns); pixels outside all cells count nowhere.
+        Sums in the units of the raw image, float64, shape (rows, columns); pixels outside all cells
+        count nowhere.
+
+    Raises
+    ------
+    ShapeError, ValueError
+        If the picture is no real finite one.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=15e-3, object_distance=30e-3, wavelength=532e-9,
+    ...     mla=clplen.MicrolensArray(100e-6, 2e-3, count=7), pixels_per_lenslet=19)
+    >>> raw = camera.expose(clplen.PointSources([(0.0, 0.0, 0.0)]))
+    >>> light = clplen.analysis.cell_energies(raw.to_numpy(), raw.cells)
+    >>> light.shape, f"{light[3, 3] / light.sum():.2f} in the middle cell"
+    ((7, 7), '0.97 in the middle cell')
     """
     picture = checked(raw, "A raw image")
     y, x = np.indices(picture.shape, dtype=np.float64)
@@ -118,28 +136,37 @@ def energy_in_cell(raw: Any, cells: LensletGrid, cell: Cell) -> float:
 def crosstalk(
     raw: Any, cells: LensletGrid, *, cell: Cell | None = None, total: float | None = None
 ) -> float:
-    """Share of the light of one point that falls outside its own cell.
+    """Return the share of the light of one point that falls outside its own cell.
 
     Parameters
     ----------
     raw : array_like
-        Intensities [y, x] on the sensor, of one point in focus and without background.
+        Intensities on the sensor, shape (y, x), of one point in focus and without background.
     cells : LensletGrid
         The lenslets' cells: `RawImage.cells`, or `RawImage.sub_images` for those of chief rays.
     cell : tuple of int, optional
         (row, column) of its own cell; default the one with the most light.
     total : float, optional
-        Energy that counts as 1; default the sum of the picture.
+        Energy that counts as 1, in the units of the picture's sum; default that sum.
 
     Returns
     -------
     float
-        Between 0 and 1.
+        Share of the light, between 0 and 1.
 
     Raises
     ------
     ShapeError, ValueError
         If the picture is no real finite one or has no light, or there is no such cell.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=15e-3, object_distance=30e-3, wavelength=532e-9,
+    ...     mla=clplen.MicrolensArray(100e-6, 2e-3, count=7), pixels_per_lenslet=19)
+    >>> raw = camera.expose(clplen.PointSources([(0.0, 0.0, 0.0)]))
+    >>> f"{clplen.analysis.crosstalk(raw.to_numpy(), raw.cells):.3f}"
+    '0.032'
     """
     picture = checked(raw, "A raw image")
     whole = float(picture.sum()) if total is None else float(total)
@@ -179,7 +206,7 @@ def _rounded(i: Values, k: Values, cells: LensletGrid) -> tuple[Any, Any]:
 
 
 def camera_crosstalk(camera: Plenoptic | Any) -> float:
-    """Share of the light of a point of the focused plane outside the cells of its own lenslets.
+    """Simulate how much of a focused point's light falls outside its own lenslets' cells.
 
     The point's chief ray goes through the centre of the middle lenslet. Of a 1.0 camera that one is
     the point's own (`crosstalk`); of a 2.0 camera all those are that the cone of rays, D abs(a)/F
@@ -188,11 +215,20 @@ def camera_crosstalk(camera: Plenoptic | Any) -> float:
     Parameters
     ----------
     camera : Plenoptic
+        `PlenopticCamera.type1` or `type2`, with its device.
 
     Returns
     -------
     float
-        Between 0 and 1.
+        Share of the light, between 0 and 1.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=15e-3, object_distance=30e-3, wavelength=532e-9,
+    ...     mla=clplen.MicrolensArray(100e-6, 2e-3, count=7), pixels_per_lenslet=19)
+    >>> f"{clplen.analysis.camera_crosstalk(camera):.3f}"
+    '0.032'
     """
     raw = camera.expose(point_at_lenslet(camera, (0.0, 0.0), 0.0))
     light, middle = np.asarray(raw.to_numpy(), np.float64), central_lenslet(camera)

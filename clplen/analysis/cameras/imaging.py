@@ -79,6 +79,16 @@ class Rendered:
         (dy, dx) in metres on the main lens' image of the plane in focus.
     origin : tuple of float
         (y, x) of sample (ny//2, nx//2) in metres; of a 1.0 camera along its array's rows.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=15e-3, object_distance=30e-3, wavelength=532e-9,
+    ...     mla=clplen.MicrolensArray(100e-6, 2e-3, count=7), pixels_per_lenslet=19)
+    >>> point = clplen.PointSources([(0.0, 0.0, 0.0)])
+    >>> found = clplen.analysis.compare({"a": camera}, only=["pictures"], scenes={"a": point})
+    >>> found["a"].picture
+    <Rendered 7 x 7, pitch 0.0001 x 0.0001 m>
     """
 
     values: Values

@@ -49,6 +49,16 @@ class Sampling(OneLine):
     diffraction_cutoff : float
         Highest spatial frequency of the light: D/(lam F) of the main lens (1.0), d/(lam abs(a)) of
         the lenslet (2.0), cycles a metre.
+
+    Examples
+    --------
+    >>> found = clplen.analysis.type1_sampling(
+    ...     lenslets=100, pitch=100e-6, diameter=100e-6, focal_length=2e-3, pixel_pitch=5e-6,
+    ...     wavelength=532e-9, image_distance=30e-3, aperture_diameter=1.5e-3)
+    >>> f"{found.views:.0f} views, {found.independent_views:.1f} of them independent"
+    '20 views, 9.4 of them independent'
+    >>> f"up to {found.cutoff / 1e3:.0f} cycles/mm"
+    'up to 5 cycles/mm'
     """
 
     kind: str
@@ -79,25 +89,38 @@ def type1_sampling(
     image_distance: float,
     aperture_diameter: float,
 ) -> Sampling:
-    """Sampling of a standard plenoptic camera along one axis.
+    """Compute the sampling of a standard plenoptic camera (1.0) along one axis.
 
     Parameters
     ----------
     lenslets : float
-        Along the axis.
+        How many there are along the axis.
     pitch, diameter, focal_length : float
-        p, d and f_mu of the lenslets, in metres.
+        Pitch p, width d and focal length f_mu of the lenslets, in metres.
     pixel_pitch : float
-        In metres.
+        Of the sensor, in metres.
     wavelength : float
         In metres.
     image_distance, aperture_diameter : float
-        F and D of the main lens, in metres.
+        Distance F of the image and aperture D of the main lens, in metres.
+
+    Returns
+    -------
+    Sampling
+        Of ``kind`` "1.0".
 
     Raises
     ------
     ValueError
         If a number is not positive, or a lenslet wider than its pitch.
+
+    Examples
+    --------
+    >>> found = clplen.analysis.type1_sampling(
+    ...     lenslets=100, pitch=100e-6, diameter=100e-6, focal_length=2e-3, pixel_pitch=5e-6,
+    ...     wavelength=532e-9, image_distance=30e-3, aperture_diameter=1.5e-3)
+    >>> f"{found.spatial_samples:.0f} places, {found.views:.0f} views"
+    '100 places, 20 views'
     """
     _check(
         lenslets=lenslets,
@@ -136,20 +159,20 @@ def type2_sampling(
     cone: float | None = None,
     pixels: float | None = None,
 ) -> Sampling:
-    """Sampling of a focused plenoptic camera along one axis.
+    """Compute the sampling of a focused plenoptic camera (2.0) along one axis.
 
     Parameters
     ----------
     lenslets : float
-        Along the axis.
+        How many there are along the axis.
     pitch, diameter : float
-        p and d of the lenslets, in metres.
+        Pitch p and width d of the lenslets, in metres.
     a : float
         Main lens' image to lenslets, in metres; negative when it lies behind them (Galilean).
     b : float
         Lenslets to sensor, in metres.
     pixel_pitch : float
-        In metres.
+        Of the sensor, in metres.
     wavelength : float
         In metres.
     cone : float, optional
@@ -157,10 +180,23 @@ def type2_sampling(
     pixels : float, optional
         Of the sensor along the axis; default those of the lenslets' cells.
 
+    Returns
+    -------
+    Sampling
+        Of ``kind`` "2.0".
+
     Raises
     ------
     ValueError
         If ``a`` is 0 or not finite, another number not positive, or a lenslet wider than its pitch.
+
+    Examples
+    --------
+    >>> found = clplen.analysis.type2_sampling(
+    ...     lenslets=100, pitch=100e-6, diameter=100e-6, a=10e-3, b=2.5e-3, pixel_pitch=5e-6,
+    ...     wavelength=532e-9)
+    >>> f"{found.spatial_samples:.0f} places, {found.views:.0f} views"
+    '500 places, 4 views'
     """
     if not (math.isfinite(a) and a != 0):
         raise ValueError(f"a is finite and not 0, negative for a Galilean camera, not {a!r}.")
@@ -192,7 +228,7 @@ def type2_sampling(
 
 
 def sampling_of(camera: Any, *, axis: int = 1) -> Sampling:
-    """Sampling of a plenoptic camera, standard or focused, along its rows or columns.
+    """Return the sampling of a plenoptic camera, standard or focused, along one axis.
 
     Parameters
     ----------
@@ -203,12 +239,26 @@ def sampling_of(camera: Any, *, axis: int = 1) -> Sampling:
         0 along y, where the rows of a hexagonal array count with the pitch and width of a row;
         1 along x.
 
+    Returns
+    -------
+    Sampling
+        As `type1_sampling` or `type2_sampling` computes it.
+
     Raises
     ------
     TypeError
         If it is no such camera.
     ValueError
         If the axis is neither.
+
+    Examples
+    --------
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=15e-3, object_distance=30e-3, wavelength=532e-9,
+    ...     mla=clplen.MicrolensArray(100e-6, 2e-3, count=7), pixels_per_lenslet=19)
+    >>> found = clplen.analysis.sampling_of(camera)
+    >>> found.kind, round(found.spatial_samples), round(found.views)
+    ('1.0', 7, 19)
     """
     if axis not in (0, 1):
         raise ValueError(f"axis is 0 for y or 1 for x, not {axis!r}.")
@@ -251,17 +301,38 @@ ROWS = (
 
 
 def sampling_table(cameras: Mapping[str, Sampling]) -> str:
-    """A table of the sampling of cameras, one a column.
+    """Return a table of the sampling of cameras, one a column.
 
     Parameters
     ----------
     cameras : mapping of str to Sampling
-        Their names, at least one.
+        Sampling of each camera by its name, at least one.
+
+    Returns
+    -------
+    str
+        Lines of text, one for each quantity, with its unit at the end.
 
     Raises
     ------
     ValueError
         If there is none.
+    TypeError
+        If it is no mapping.
+
+    Examples
+    --------
+    >>> focused = clplen.analysis.type2_sampling(
+    ...     lenslets=100, pitch=100e-6, diameter=100e-6, a=10e-3, b=2.5e-3, pixel_pitch=5e-6,
+    ...     wavelength=532e-9)
+    >>> print(clplen.analysis.sampling_table({"Keplerian": focused}))
+                          Keplerian
+    type                        2.0
+    places along the axis       500
+    share of the pixels        0.25
+    pitch of places              20  um
+    views of a place              4
+    ...
     """
     require(Mapping, cameras, "cameras", "{name: sampling_of(camera)}")
     if not cameras:

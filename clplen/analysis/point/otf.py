@@ -36,6 +36,14 @@ class Curve(OneLine, Plottable):
         If the two have not the same length, at least 2.
     ValueError
         If a number is not finite or the frequencies do not ascend.
+
+    Examples
+    --------
+    >>> f = np.linspace(0, 200e3, 33)
+    >>> lens = clplen.analysis.circular_mtf(f, wavelength=500e-9, distance=0.1, width=10e-3)
+    >>> curve = clplen.analysis.Curve(f, lens)
+    >>> f"MTF50 {curve.at(0.5) / 1e3:.0f}, cut-off {curve.cutoff() / 1e3:.0f} cycles/mm"
+    'MTF50 81, cut-off 192 cycles/mm'
     """
 
     _figure: ClassVar[str] = "curve"
@@ -170,6 +178,13 @@ class OTF(Plottable, HostArray):
         Cycles a metre, float64, shapes (ny,) and (nx,).
     centre : tuple of float
         (y, x) in metres, to which phases refer.
+
+    Examples
+    --------
+    >>> line = np.exp(-(((np.arange(32) - 16) / 2) ** 2) / 2)  # Gaussian, 1 um rms
+    >>> otf = clplen.analysis.OTF.of(clplen.analysis.PSF(np.outer(line, line), 0.5e-6))
+    >>> otf.values.shape, f"MTF50 {otf.mtf(1).at(0.5) / 1e3:.0f} cycles/mm"
+    ((64, 64), 'MTF50 187 cycles/mm')
     """
 
     _figure: ClassVar[str] = "modulation"
@@ -235,58 +250,105 @@ class OTF(Plottable, HostArray):
 
 
 def square_mtf(frequency: Any, *, wavelength: float, distance: float, width: float) -> Values:
-    """Transfer function of a square aperture along one of its sides: 1 - f lam a/d.
+    """Return the transfer function of a square aperture along one of its sides: 1 - f lam a/d.
 
     Goodman 2005, section 6.3.3; 0 from the cut-off d/(lam a) on.
 
     Parameters
     ----------
     frequency : array_like
-        Cycles a metre, on the plane from which the aperture is seen.
+        Frequency f in cycles a metre, on the plane from which the aperture is seen.
     wavelength : float
-        lam in metres.
+        Wavelength lam in metres.
     distance : float
-        a in metres, from the aperture to that plane.
+        Distance a in metres, from the aperture to that plane.
     width : float
-        d in metres.
+        Side d of the square in metres.
 
     Returns
     -------
     numpy.ndarray
-        float64, of the shape of ``frequency``.
+        Contrast from 0 to 1, float64, of the shape of ``frequency``.
 
     Raises
     ------
     ValueError
         If a length is not positive.
+
+    Examples
+    --------
+    >>> f = [0.0, 50e3, 100e3, 200e3]
+    >>> mtf = clplen.analysis.square_mtf(f, wavelength=500e-9, distance=0.1, width=10e-3)
+    >>> np.round(mtf, 3).tolist()
+    [1.0, 0.75, 0.5, 0.0]
     """
     return ideal_otf(_fraction(frequency, wavelength, distance, width), shape="square")
 
 
 def circular_mtf(frequency: Any, *, wavelength: float, distance: float, width: float) -> Values:
-    """Transfer function of a circular aperture: (2/pi)(acos s - s sqrt(1 - s^2)), s = f lam a/d.
+    """Return the transfer function of a circular aperture.
 
-    Goodman 2005, section 6.3.3; parameters as in `square_mtf`, ``width`` the diameter.
+    It is (2/pi)(acos s - s sqrt(1 - s^2)) with s = f lam a/d (Goodman 2005, section 6.3.3); 0 from
+    the cut-off d/(lam a) on.
+
+    Parameters
+    ----------
+    frequency : array_like
+        Frequency f in cycles a metre, on the plane from which the aperture is seen.
+    wavelength : float
+        Wavelength lam in metres.
+    distance : float
+        Distance a in metres, from the aperture to that plane.
+    width : float
+        Diameter d in metres.
+
+    Returns
+    -------
+    numpy.ndarray
+        Contrast from 0 to 1, float64, of the shape of ``frequency``.
+
+    Raises
+    ------
+    ValueError
+        If a length is not positive.
+
+    Examples
+    --------
+    >>> f = [0.0, 50e3, 100e3, 200e3]
+    >>> mtf = clplen.analysis.circular_mtf(f, wavelength=500e-9, distance=0.1, width=10e-3)
+    >>> np.round(mtf, 3).tolist()
+    [1.0, 0.685, 0.391, 0.0]
     """
     return ideal_otf(_fraction(frequency, wavelength, distance, width))
 
 
 def pixel_mtf(frequency: Any, *, width: float) -> Values:
-    """Transfer function of a pixel that is evenly sensitive over its width: abs(sinc(f w)).
+    """Return the transfer function abs(sinc(f w)) of a pixel that is evenly sensitive.
 
     Goodman 2005, section 2.1: the transform of a rectangle.
 
     Parameters
     ----------
     frequency : array_like
-        Cycles a metre.
+        Frequency f in cycles a metre.
     width : float
-        w in metres, along the frequency.
+        Width w of the pixel in metres, along the frequency.
+
+    Returns
+    -------
+    numpy.ndarray
+        Contrast from 0 to 1, float64, of the shape of ``frequency``.
 
     Raises
     ------
     ValueError
         If the width is not positive.
+
+    Examples
+    --------
+    >>> mtf = clplen.analysis.pixel_mtf([0.0, 100e3, 200e3], width=5e-6)
+    >>> np.round(mtf, 3).tolist()  # 100 cycles/mm is the Nyquist frequency of such pixels
+    [1.0, 0.637, 0.0]
     """
     check_positive(width=width)
     return np.abs(np.sinc(np.asarray(frequency, np.float64) * width))

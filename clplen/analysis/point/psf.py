@@ -75,6 +75,15 @@ class PSF(Plottable, HostArray):
     ValueError
         If values are not finite and real, their sum is not positive, or the pitch or origin is no
         pair of finite numbers.
+
+    Examples
+    --------
+    >>> line = np.sinc((np.arange(64) - 32) / 4) ** 2  # a slit: first zeros 2 um off the middle
+    >>> psf = clplen.analysis.PSF(np.outer(line, line), 0.5e-6)
+    >>> psf
+    <PSF 64 x 64, pitch 5e-07 x 5e-07 m>
+    >>> f"{psf.fwhm(1) * 1e6:.2f} um"
+    '1.77 um'
     """
 
     _figure: ClassVar[str] = "psf"
@@ -439,24 +448,34 @@ class PSF(Plottable, HostArray):
 
 
 def wavefront_rms(phase: Any, *, weight: Any = None) -> float:
-    """Standard deviation of a wavefront over the pupil (Born and Wolf 1999, section 9.1.2).
+    """Return the standard deviation of a wavefront over the pupil.
+
+    Born and Wolf 1999, section 9.1.2.
 
     Parameters
     ----------
     phase : array_like
-        In radians.
+        Of the wavefront over the pupil, in radians, of any shape.
     weight : array_like, optional
         Amplitude over the pupil, same shape, not negative: 0 outside; default 1.
 
     Returns
     -------
     float
-        Radians.
+        In radians, not negative.
 
     Raises
     ------
     ShapeError, ValueError
         If the shapes differ, a number is not finite, or the pupil is dark.
+
+    Examples
+    --------
+    >>> x = np.linspace(-1, 1, 64)
+    >>> r2 = x[:, None] ** 2 + x**2
+    >>> phase = 2 * np.pi * 0.25 * r2  # a quarter of a wave of defocus
+    >>> f"{clplen.analysis.wavefront_rms(phase, weight=r2 <= 1):.2f} rad"
+    '0.45 rad'
     """
     phi, w = _pupil(phase, weight)
     mean = np.sum(w * phi) / w.sum()
@@ -464,38 +483,65 @@ def wavefront_rms(phase: Any, *, weight: Any = None) -> float:
 
 
 def wavefront_strehl(phase: Any, *, weight: Any = None) -> float:
-    """Intensity on the reference point over that of the flat wavefront.
+    """Return the intensity on the reference point over that of the flat wavefront.
 
-    abs(sum w exp(i phase))^2/(sum w)^2 (Born and Wolf 1999, section 9.1.2). The peak itself may lie
-    beside that point: `PSF.strehl` finds it.
+    It is abs(sum w exp(i phase))^2/(sum w)^2 (Born and Wolf 1999, section 9.1.2). The peak itself
+    may lie beside that point: `PSF.strehl` finds it.
 
     Parameters
     ----------
-    phase, weight
-        As in `wavefront_rms`.
+    phase : array_like
+        Of the wavefront over the pupil, in radians, of any shape.
+    weight : array_like, optional
+        Amplitude over the pupil, same shape, not negative: 0 outside; default 1.
+
+    Returns
+    -------
+    float
+        Strehl ratio, between 0 and 1.
+
+    Raises
+    ------
+    ShapeError, ValueError
+        If the shapes differ, a number is not finite, or the pupil is dark.
+
+    Examples
+    --------
+    >>> x = np.linspace(-1, 1, 64)
+    >>> r2 = x[:, None] ** 2 + x**2
+    >>> phase = 2 * np.pi * 0.25 * r2  # a quarter of a wave of defocus
+    >>> f"{clplen.analysis.wavefront_strehl(phase, weight=r2 <= 1):.2f}"
+    '0.81'
     """
     phi, w = _pupil(phase, weight)
     return float(np.abs(np.sum(w * np.exp(1j * phi)) / w.sum()) ** 2)
 
 
 def strehl_of_rms(rms: Any) -> Any:
-    """exp(-sigma^2): the Strehl ratio of a wavefront with a small rms (Mahajan 1983).
+    """Return the Strehl ratio exp(-sigma^2) of a wavefront with a small rms (Mahajan 1983).
 
     Marechal's (1 - sigma^2/2)^2 (Born and Wolf 1999, section 9.3) has the same first terms.
 
     Parameters
     ----------
     rms : array_like
-        sigma in radians; right within a few hundredths up to about 1.
+        Standard deviation sigma in radians, not negative; the ratio is right within a few
+        hundredths up to about 1.
 
     Returns
     -------
     numpy.ndarray or float
+        Strehl ratio, between 0 and 1, float64, of the shape of ``rms``.
 
     Raises
     ------
     ValueError
         If a number is negative or not finite.
+
+    Examples
+    --------
+    >>> f"{clplen.analysis.strehl_of_rms(2 * np.pi / 14):.2f}"  # Marechal's limit of lam/14
+    '0.82'
     """
     sigma = np.asarray(rms, np.float64)
     if not (np.isfinite(sigma).all() and (sigma >= 0).all()):

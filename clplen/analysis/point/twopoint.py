@@ -36,6 +36,14 @@ class TwoPoints:
         Of the samples that it came from, in metres.
     reach : float
         How far from the centre the pattern is known, in metres.
+
+    Examples
+    --------
+    >>> line = np.sinc((np.arange(64) - 32) / 4) ** 2  # a slit: first zeros 2 um off the middle
+    >>> psf = clplen.analysis.PSF(np.outer(line, line), 0.5e-6)
+    >>> two = clplen.analysis.TwoPoints.incoherent(psf, axis=1)
+    >>> f"mid/peak {two.contrast(2e-6):.2f}, Rayleigh {two.rayleigh(8 / np.pi**2) * 1e6:.2f} um"
+    'mid/peak 0.81, Rayleigh 2.00 um'
     """
 
     pattern: Callable[[Any], Any]

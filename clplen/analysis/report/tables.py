@@ -36,6 +36,15 @@ class Table(OneLine):
     header : tuple of str
         Names of the columns, with their units.
     rows : tuple of tuple
+        Cells of each row, str or float, as many as the header has.
+
+    Examples
+    --------
+    >>> rows = (("macro", 19.0), ("wide", float("nan")))
+    >>> clplen.analysis.Table(("camera", "views"), rows).write("views.csv")
+    >>> with open("views.csv") as file:
+    ...     file.read().split()
+    ['camera,views', 'macro,19', 'wide,']
     """
 
     header: tuple[str, ...]

@@ -54,6 +54,13 @@ class JobSpec(RunTable):
         each other; seen from the job file.
     retries : int
         How often an item that failed for a reason that may pass, or was lost, is tried again.
+
+    Examples
+    --------
+    >>> spec = clplen.batch.JobSpec(
+    ...     output="out", scenes={"kind": ["bars", "spheres"]}, depth={"cue": "energy"})
+    >>> spec.scenes[0].kind, spec.formats, spec.workers
+    (['bars', 'spheres'], ['ome-tiff'], 1)
     """
 
     output: str

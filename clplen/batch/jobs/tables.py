@@ -128,7 +128,23 @@ class LayoutTable(Table):
 
 
 class InputTable(Table):
-    """``[[inputs]]``: files or folders that hold light fields."""
+    """``[[inputs]]``: files or folders that hold light fields.
+
+    Attributes
+    ----------
+    files : list of str
+        Patterns of files or folders of views, * and ** as in a shell; at least one.
+    name : str
+        Of the items; {stem}, {name}, {parent}, {path} and {index} are known in it.
+    layout : LayoutTable
+        How the files are read: the words of `clplen.read_lightfield`.
+
+    Examples
+    --------
+    >>> table = clplen.batch.InputTable(files="captures/*.h5", layout={"views": [9, 9]})
+    >>> table.files, table.name, table.layout.views
+    (['captures/*.h5'], '{stem}', (9, 9))
+    """
 
     files: Annotated[list[str], BeforeValidator(listed), Field(min_length=1)]
     name: str = "{stem}"
@@ -183,7 +199,25 @@ class SceneTable(Table):
 
 
 class StackTable(Table):
-    """``[stack]``: the focal stack."""
+    """``[stack]``: the focal stack.
+
+    Attributes
+    ----------
+    alphas : list of float or None
+        Planes F/F', as a list or "START:STOP:N", where the spacing is known.
+    disparities : list of float or None
+        Planes in pixels a view step, nearer larger, in the same forms; not together with
+        ``alphas``. None of both: planes that suit the light field.
+    aperture : int, float, str or None
+        Views across, a fraction of the diameter (0.5) or "f/66"; None: all views.
+    interpolation : {"linear", "nearest", "cubic", "fourier"}
+        Between the pixels of the views.
+
+    Examples
+    --------
+    >>> clplen.batch.StackTable(disparities="-1:1:5", aperture=0.5).disparities
+    [-1.0, -0.5, 0.0, 0.5, 1.0]
+    """
 
     alphas: Planes | None = None
     disparities: Planes | None = None

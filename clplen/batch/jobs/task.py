@@ -29,6 +29,14 @@ class Task(OneLine):
         Folder of the job file, from where names of files are seen.
     files : tuple of str
         Files and folders that are read, seen from ``base``.
+
+    Examples
+    --------
+    >>> task = clplen.batch.Task(
+    ...     "a", "/data/out", {"kind": "file", "path": "a.h5", "layout": {}},
+    ...     {"stack": {"disparities": [-1.0, 0.0, 1.0]}, "formats": ["ome-tiff"]}, files=("a.h5",))
+    >>> task.name, task.base, len(task.parameters)
+    ('a', '.', 64)
     """
 
     name: str
@@ -52,6 +60,7 @@ class Report(OneLine):
     Attributes
     ----------
     name : str
+        Of the item.
     state : {"done", "failed"}
     parameters : str
         As of the task.
@@ -70,6 +79,18 @@ class Report(OneLine):
         One sentence, if it failed.
     passing : bool
         Whether trying again may help.
+
+    Examples
+    --------
+    >>> np.save("a.npy", np.random.default_rng(1).random((3, 3, 16, 16)))
+    >>> from pathlib import Path
+    >>> task = clplen.batch.Task(
+    ...     "a", str(Path("out").absolute()), {"kind": "file", "path": "a.npy", "layout": {}},
+    ...     {"stack": {"disparities": [-1.0, 0.0, 1.0]}, "formats": ["ome-tiff"]}, files=("a.npy",))
+    >>> with clplen.batch.local_executor(Path("out"), selector=None, memory=2**28) as executor:
+    ...     [report] = executor.run([task])
+    >>> report.name, report.state, list(report.outputs)
+    ('a', 'done', ['stack.ome.tif'])
     """
 
     name: str

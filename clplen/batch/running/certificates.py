@@ -129,6 +129,13 @@ def make_certificates(folder: PathLike) -> None:
         If the package cryptography is not installed.
     OSError
         If the folder holds something already or cannot be written.
+
+    Examples
+    --------
+    >>> clplen.batch.make_certificates("certificates")
+    >>> from pathlib import Path
+    >>> sorted(path.name for path in Path("certificates").iterdir())
+    ['ca.pem', 'certificate.pem', 'key.pem']
     """
     Certificates.make().write(folder)
 

@@ -52,7 +52,7 @@ class JobEstimate:
 
     Attributes
     ----------
-    lines : list of Line
+    lines : list of ItemEstimate
         Of the items to do, at most 200.
     todo, skipped : int
         Items to do and items that are done.
@@ -62,6 +62,15 @@ class JobEstimate:
         Of all items to do, by one worker; nan without a sample.
     sample : str
         What was measured.
+
+    Examples
+    --------
+    >>> np.save("a.npy", np.random.default_rng(1).random((3, 3, 16, 16)))
+    >>> job = clplen.batch.Job(
+    ...     output="out", inputs={"files": "*.npy"}, stack={"disparities": "-1:1:3"})
+    >>> found = clplen.batch.estimate_job(job, sample=False)
+    >>> found.todo, found.skipped, found.lines[0].name, found.sample
+    (1, 0, 'a', 'not measured')
     """
 
     lines: list[ItemEstimate]
@@ -79,12 +88,23 @@ def estimate_job(job: JobSpec, *, sample: bool = True) -> JobEstimate:
     Parameters
     ----------
     job : JobSpec
+        A `Job`, or its content alone.
     sample : bool
         Whether to do the item of middle size, in a temporary folder, to know how long it takes.
 
     Returns
     -------
-    Forecast
+    JobEstimate
+        How many items are to do and done, their bytes, and the time that they will take.
+
+    Examples
+    --------
+    >>> np.save("a.npy", np.random.default_rng(1).random((3, 3, 16, 16)))
+    >>> job = clplen.batch.Job(
+    ...     output="out", inputs={"files": "*.npy"}, stack={"disparities": "-1:1:3"})
+    >>> found = clplen.batch.estimate_job(job, sample=False)
+    >>> found.todo, found.written
+    (1, 3072.0)
     """
     plan = plan_tasks(tasks_of(job))
     scratch = Path(tempfile.mkdtemp(prefix="clplen-sample-"))

@@ -21,15 +21,27 @@ Running = Callable[[str, int, int], None]
 
 
 class LocalExecutor:
-    """Does tasks in threads of this process.
+    """Does tasks in threads of this process. Made by `local_executor`.
 
     Parameters
     ----------
     resources : Resources
+        Device and memory that the items share.
     running : callable, optional
         (name, done, all) of the parts of an item under way.
     depth : int
         Items under way at a time.
+
+    Examples
+    --------
+    >>> np.save("a.npy", np.random.default_rng(1).random((3, 3, 16, 16)))
+    >>> from pathlib import Path
+    >>> task = clplen.batch.Task(
+    ...     "a", str(Path("out").absolute()), {"kind": "file", "path": "a.npy", "layout": {}},
+    ...     {"stack": {"disparities": [-1.0, 0.0, 1.0]}, "formats": ["ome-tiff"]}, files=("a.npy",))
+    >>> with clplen.batch.local_executor(Path("out"), selector=None, memory=2**28) as executor:
+    ...     [report.state for report in executor.run([task])]
+    ['done']
     """
 
     def __init__(
@@ -107,7 +119,7 @@ def local_executor(
     running: Running | None = None,
     depth: int = PIPELINE_DEPTH,
 ) -> Iterator[LocalExecutor]:
-    """An executor in this process.
+    """Open an executor in this process, as a context.
 
     Parameters
     ----------
@@ -116,9 +128,28 @@ def local_executor(
     selector : str or None
         As for `Device.open`.
     memory : int or None
-        As in `Job`.
-    running, depth
-        As for `LocalExecutor`.
+        Bytes that all items together may take; None: half of the free memory of the host, or of a
+        device with memory of its own.
+    running : callable, optional
+        (name, done, all) of the parts of an item under way, as for `LocalExecutor`.
+    depth : int
+        Items under way at a time, as for `LocalExecutor`.
+
+    Yields
+    ------
+    LocalExecutor
+        What `execute_job` gives its tasks to.
+
+    Examples
+    --------
+    >>> np.save("a.npy", np.random.default_rng(1).random((3, 3, 16, 16)))
+    >>> from pathlib import Path
+    >>> task = clplen.batch.Task(
+    ...     "a", str(Path("out").absolute()), {"kind": "file", "path": "a.npy", "layout": {}},
+    ...     {"stack": {"disparities": [-1.0, 0.0, 1.0]}, "formats": ["ome-tiff"]}, files=("a.npy",))
+    >>> with clplen.batch.local_executor(Path("out"), selector=None, memory=2**28) as executor:
+    ...     [list(report.outputs) for report in executor.run([task])]
+    [['stack.ome.tif']]
     """
     yield LocalExecutor(Resources(selector=selector, memory=memory), running, depth=depth)
 
@@ -183,7 +214,28 @@ def choose_executor(
 class Job(JobSpec):
     """Many light fields, and what is made of each; a `JobSpec` that runs.
 
-    Attributes and job files are those of `clplen.batch.JobSpec`; see ``clplen batch --example``.
+    Job files are those of `clplen.batch.JobSpec`; see ``clplen batch --example``.
+
+    Attributes
+    ----------
+    output, formats
+        Where the results go, and in which formats.
+    inputs, simulations, scenes
+        Where light fields come from; at least one.
+    stack, depth, all_in_focus, views, light_field, deconvolve, raw
+        What is made of each.
+    device, memory, workers, certificates, retries
+        How it is done. All of these are as of `JobSpec`.
+
+    Examples
+    --------
+    >>> np.save("a.npy", np.random.default_rng(1).random((3, 3, 16, 16)))
+    >>> job = clplen.batch.Job(
+    ...     output="out", inputs={"files": "*.npy"}, stack={"disparities": "-1:1:3"})
+    >>> job.run().done
+    1
+    >>> sorted(path.name for path in (job.output_folder / "a").iterdir())
+    ['item.json', 'stack.ome.tif']
     """
 
     def run(
@@ -276,6 +328,16 @@ def run_job(
         If another process is at work on the output.
     OSError
         If the output takes no files.
+
+    Examples
+    --------
+    >>> np.save("a.npy", np.random.default_rng(1).random((3, 3, 16, 16)))
+    >>> job = clplen.batch.Job(
+    ...     output="out", inputs={"files": "*.npy"}, stack={"disparities": "-1:1:3"})
+    >>> clplen.batch.run_job(job)
+    Summary(done=1, skipped=0, failed={}, unsaved='')
+    >>> clplen.batch.run_job(job).skipped
+    1
     """
     job = job.with_settings(
         workers=workers, device=device, memory=memory, certificates=certificates

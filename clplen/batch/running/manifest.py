@@ -233,11 +233,12 @@ def state_of(task: Task, known: Known | None, *, verify: bool = False) -> tuple[
 
 
 def status_of(job: JobSpec, *, verify: bool = False) -> Iterator[tuple[Task, str, str]]:
-    """Each item of a job with its state and what there is to say, without doing anything.
+    """Say of each item of a job in which state it is, without doing anything.
 
     Parameters
     ----------
     job : JobSpec
+        A `Job`, or its content alone; it ran at least once.
     verify : bool
         Whether to compare the digests of outputs and inputs.
 
@@ -245,6 +246,20 @@ def status_of(job: JobSpec, *, verify: bool = False) -> Iterator[tuple[Task, str
     ------
     tuple
         Task, one of "done", "failed", "changed", "damaged", "missing", and words.
+
+    Raises
+    ------
+    FormatError
+        If the output has no manifest, as of a job that never ran, or a damaged one.
+
+    Examples
+    --------
+    >>> np.save("a.npy", np.random.default_rng(1).random((3, 3, 16, 16)))
+    >>> job = clplen.batch.Job(
+    ...     output="out", inputs={"files": "*.npy"}, stack={"disparities": "-1:1:3"})
+    >>> summary = job.run()
+    >>> [(task.name, state, words) for task, state, words in clplen.batch.status_of(job)]
+    [('a', 'done', 'stack.ome.tif')]
     """
     tasks = tasks_of(job)
     with Manifest(job.output_folder) as manifest:

@@ -200,17 +200,28 @@ def check_certificates(network: Network) -> None:
 
 
 def security_of(certificates: PathLike) -> Any:
-    """The `distributed.Security` of a folder of certificates.
+    """Return the `distributed.Security` of a folder of certificates.
 
     Parameters
     ----------
     certificates : path-like
         Folder of `make_certificates`.
 
+    Returns
+    -------
+    distributed.Security
+        Of scheduler, workers and clients alike; it asks for encryption.
+
     Raises
     ------
     FormatError
         If a file is missing, damaged or has expired, or the extra ``batch`` is not installed.
+
+    Examples
+    --------
+    >>> clplen.batch.make_certificates("certificates")
+    >>> clplen.batch.security_of("certificates").require_encryption
+    True
     """
     return _security(Certificates.read(certificates))
 

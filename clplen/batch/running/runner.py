@@ -33,7 +33,29 @@ class Executor(Protocol):
 
 
 class Watcher(Protocol):
-    """What is told how a job goes on."""
+    """What is told how a job goes on.
+
+    Parameters
+    ----------
+    *args, **kwargs : object
+        Of the class that fulfils the protocol; the protocol itself is not made.
+
+    Examples
+    --------
+    >>> class Progress:
+    ...     def begin(self, *, total, skipped):
+    ...         print(total, "items,", skipped, "done already")
+    ...     def report(self, report):
+    ...         print(report.name, report.state)
+    ...     def running(self, name, done, total):
+    ...         pass
+    >>> np.save("a.npy", np.random.default_rng(1).random((3, 3, 16, 16)))
+    >>> job = clplen.batch.Job(
+    ...     output="out", inputs={"files": "*.npy"}, stack={"disparities": "-1:1:3"})
+    >>> summary = job.run(watcher=Progress())
+    1 items, 0 done already
+    a done
+    """
 
     def begin(self, *, total: int, skipped: int) -> None:
         """How many items there are, and how many of them are done already."""
@@ -70,6 +92,15 @@ class Summary:
         Of each item that failed: one sentence.
     unsaved : str
         Why the manifest could not be written at the end; empty if it was.
+
+    Examples
+    --------
+    >>> np.save("a.npy", np.random.default_rng(1).random((3, 3, 16, 16)))
+    >>> job = clplen.batch.Job(
+    ...     output="out", inputs={"files": "*.npy"}, stack={"disparities": "-1:1:3"})
+    >>> summary = job.run()
+    >>> summary.done, summary.failed, summary.is_good
+    (1, {}, True)
     """
 
     done: int = 0
@@ -133,15 +164,18 @@ def execute_job(
     Parameters
     ----------
     job : JobSpec
+        A `Job`, or its content alone.
     executor : callable
         Output folder -> what does tasks, as a context.
     watcher : Watcher
+        Is told about progress.
     force : bool
         Whether a job that differs from the one that ran before may go on in its output.
 
     Returns
     -------
     Summary
+        Items done and skipped, and a sentence for each that failed.
 
     Raises
     ------
@@ -151,6 +185,25 @@ def execute_job(
         If another process is at work on the output.
     OSError
         If the output takes no files.
+
+    Examples
+    --------
+    >>> class Progress:
+    ...     def begin(self, *, total, skipped):
+    ...         print(total, "items,", skipped, "done already")
+    ...     def report(self, report):
+    ...         print(report.name, report.state)
+    ...     def running(self, name, done, total):
+    ...         pass
+    >>> np.save("a.npy", np.random.default_rng(1).random((3, 3, 16, 16)))
+    >>> job = clplen.batch.Job(
+    ...     output="out", inputs={"files": "*.npy"}, stack={"disparities": "-1:1:3"})
+    >>> def executor(folder):
+    ...     return clplen.batch.local_executor(folder, selector=None, memory=2**28)
+    >>> clplen.batch.execute_job(job, executor, watcher=Progress()).done
+    1 items, 0 done already
+    a done
+    1
     """
     _require_packages(job)
     tasks = tasks_of(job)

@@ -43,6 +43,7 @@ class DeconvolutionSettings:
     Attributes
     ----------
     iterations : int
+        Of Richardson and Lucy.
     background : float
         Counts of a pixel of the camera above the dark frame.
     gain : float
@@ -53,6 +54,12 @@ class DeconvolutionSettings:
         Whether light from far beyond the volume is told from it; see `Preparation.haze`.
     residual, accelerate, prior, strength
         Of `deconvolve`.
+
+    Examples
+    --------
+    >>> how = clplen.batch.DeconvolutionSettings(iterations=40, gain=2.2, prior="tv")
+    >>> how.iterations, how.background, how.prior
+    (40, 0.0, 'tv')
     """
 
     iterations: int = 20
@@ -69,18 +76,23 @@ class DeconvolutionSettings:
 class Deconvolver:
     """What frames of one camera share: point images, lattice and matrices.
 
+    Called with a frame of `prepared`, it returns its volume, a `DeconvolutionResult`.
+
     Parameters
     ----------
     images : PointImages
+        Of the microscope, as `clplen.point_images` makes them.
     how : DeconvolutionSettings
+        Iterations, background, gain and what else decides the volumes.
     device : Device or str, optional
         Default ``Device.open()``.
     white, dark : path-like, optional
         Frames; without a white one frames are rectified already.
     memory : int, optional
-        As of `Projector`.
+        Bytes for matrices, as of `Projector`.
     force : bool
-        As of `preparation`.
+        Whether to go on where the lattice of the white frame is not to be trusted, as of
+        `preparation`.
 
     Raises
     ------
@@ -88,6 +100,16 @@ class Deconvolver:
         If a file is missing, damaged or of another kind.
     ShapeError, ValueError
         As `preparation`.
+
+    Examples
+    --------
+    >>> about = {"magnification": 20.0, "na": 0.5, "medium_index": 1.0, "lenslet_pitch": 125e-6}
+    >>> spots = (np.full((1, 15, 15), 1 / 225, np.float32),)  # 3 x 3 lenslets, evenly lit
+    >>> images = clplen.microscopy.PointImages(about, np.array([20e-6]), 1, 5, spots, np.ones(1))
+    >>> deconvolver = clplen.batch.Deconvolver(images, clplen.batch.DeconvolutionSettings())
+    >>> frame = deconvolver.prepared(np.full((25, 25), 100.0, np.float32))
+    >>> deconvolver(frame).volume.shape
+    (1, 5, 5)
     """
 
     def __init__(

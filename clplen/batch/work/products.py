@@ -76,7 +76,33 @@ class Product:
 
 @dataclass(frozen=True, repr=False)
 class HostStack(OneLine):
-    """A focal stack on the host, in one tile; ``held`` keeps the memory of the device mapped."""
+    """A focal stack on the host, in one tile; ``held`` keeps the memory of the device mapped.
+
+    It is iterated over and written as `clplen.lightfield.StackTiles` are.
+
+    Attributes
+    ----------
+    pictures : numpy.ndarray
+        float32, shape (n, y, x[, c]).
+    disparities : numpy.ndarray
+        float64, shape (n,): pixels a view step, nearer larger.
+    alphas : numpy.ndarray
+        float64, shape (n,): F/F'; NaN where unknown.
+    spacing : tuple of float or None
+        Signed (dv, du, dy, dx) in metres of the light field.
+    camera : CameraModel or None
+        The camera that took it.
+    held : object
+        What keeps ``pictures`` valid, if they are memory of a device; else None.
+
+    Examples
+    --------
+    >>> d = np.array([-1.0, 0.0, 1.0])
+    >>> pictures = np.zeros((3, 16, 24), np.float32)
+    >>> stack = clplen.batch.HostStack(pictures, d, np.full(3, np.nan), None, None)
+    >>> [values.shape for planes, rows, columns, values in stack]
+    [(3, 16, 24)]
+    """
 
     pictures: Values
     disparities: Values

@@ -66,6 +66,12 @@ class LensletScatter:
     ------
     ValueError
         If a number is negative, not finite, or too large.
+
+    Examples
+    --------
+    >>> scatter = clplen.cameras.LensletScatter(tilt=1e-4, position=1e-6, seed=1)
+    >>> clplen.cameras.Aberrations(scatter=scatter).scatter.seed
+    1
     """
 
     focal_length: float = 0.0
@@ -94,7 +100,7 @@ class LensletScatter:
         return self.focal_length == self.tilt == self.position == 0
 
     def draw(self, count: tuple[int, int]) -> tuple[Values, Values, Values]:
-        """f/f_designed, tilt (y, x), position (y, x) of lenslets: shapes count, (*count, 2)."""
+        """f/f_designed, tilt (y, x), position (y, x) of lenslets: shape ``count``, ``(*count, 2)``."""
         sizes = (count, (*count, 2), (*count, 2))
         rms = (self.focal_length, self.tilt, self.position)
         focal, tilt, position = (
@@ -127,6 +133,7 @@ class Aberrations(OneLine):
         Diameter of that circle in metres, not smaller than the one about a lenslet's aperture.
         None: that of a circular lenslet; square and hexagonal cells need it.
     scatter : LensletScatter
+        Departures of single lenslets.
     sensor_shift : float
         By how much farther from the array the sensor lies than designed, in metres.
 
@@ -141,6 +148,12 @@ class Aberrations(OneLine):
         For an index that does not exist, or a number that is not finite or out of range.
     TypeError
         If coefficients are no mapping, the scatter is none, or the maps are none.
+
+    Examples
+    --------
+    >>> errors = clplen.cameras.Aberrations(main_lens={8: 50e-9, 11: 20e-9})
+    >>> dict(errors.main_lens)
+    {8: 5e-08, 11: 2e-08}
     """
 
     main_lens: Terms
@@ -463,6 +476,17 @@ def correct_aberrations(
     ------
     ValueError
         If the camera or the spacing is not known, or the views are directions.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=9, fill="full")
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
+    ... )
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)), model="rays")
+    >>> lf = clplen.LightField.from_raw(raw)
+    >>> clplen.cameras.correct_aberrations(lf, {8: 5e-8}).shape
+    (15, 15, 9, 9)
     """
     lf = as_lightfield(lf)
     terms = Aberrations(main_lens=zernike).main_terms()

@@ -66,6 +66,12 @@ class ColorFilterArray(OneLine):
         sensitivity.
     TypeError
         If a name is no text, or a sensitivity is none.
+
+    Examples
+    --------
+    >>> bayer = clplen.cameras.ColorFilterArray.bayer("RGGB")
+    >>> bayer.tile
+    (('R', 'G'), ('G', 'B'))
     """
 
     tile: Tile

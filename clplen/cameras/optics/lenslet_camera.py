@@ -175,6 +175,15 @@ class Description(OneLine):
     ----------
     title : str
     rows : tuple of Row
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
+    ... )
+    >>> camera.describe().title
+    'Plenoptic 1.0 camera'
     """
 
     title: str

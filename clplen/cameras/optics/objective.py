@@ -54,6 +54,11 @@ class CoverGlass:
     ------
     ValueError
         For a thickness outside 0 to 0.01 m, or an index outside 1 to 5.
+
+    Examples
+    --------
+    >>> clplen.cameras.CoverGlass(160e-6).designed_thickness
+    0.00017
     """
 
     thickness: float
@@ -133,6 +138,12 @@ class Objective:
         None: the one that it is made for.
     apodisation : float
         e, of the amplitude cos^e over the pupil.
+
+    Examples
+    --------
+    >>> objective = clplen.cameras.Objective(20, 0.5, 1.0, 525e-9)
+    >>> objective.na
+    0.5
     """
 
     magnification: float

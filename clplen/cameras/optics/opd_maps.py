@@ -114,6 +114,14 @@ class OPDMaps(Savable):
         If an array holds no real numbers.
     MemoryError
         If there is less memory than the maps need.
+
+    Examples
+    --------
+    >>> v, u = np.mgrid[-1:1:17j, -1:1:17j]
+    >>> path = np.broadcast_to(1e-7 * (u**2 + v**2), (1, 1, 17, 17))
+    >>> maps = clplen.cameras.OPDMaps(path, fields=[(0.0, 0.0)])
+    >>> maps.fields.shape
+    (1, 2)
     """
 
     _writer: ClassVar[str] = "write_opd_maps"

@@ -56,6 +56,12 @@ class PixelArray(OneLine):
         For a value outside its range.
     TypeError
         If filters are no `ColorFilterArray`.
+
+    Examples
+    --------
+    >>> pixels = clplen.cameras.PixelArray(fill_factor=0.8, pitch=4e-6)
+    >>> pixels.fill_factor, pixels.pitch
+    (0.8, 4e-06)
     """
 
     fill_factor: float = 1.0

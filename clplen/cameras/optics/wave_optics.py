@@ -166,8 +166,39 @@ class WaveOptics(FixedOptics):
     ----------
     occluders : tuple of Occluder
         Screens before the camera, which windows of single points know.
-    others
-        Those of `FixedOptics`.
+    focal_length, object_distance, image_distance, aperture_diameter : float
+        Of the main lens, in metres.
+    mla : MicrolensArray
+        The lenslets.
+    wavelength, pixel_pitch : float
+        In metres.
+    pixels_per_lenslet : float
+        Along one axis.
+    grid : Grid
+        Samples at the array.
+    field_lens : bool
+        Whether a lens at the array centres the sub-images.
+    device : Device
+        What it computes on.
+    aberrations : Aberrations
+        Departures from the design.
+    pixels : PixelArray or None
+        Pixels that integrate; None: they sample.
+    lens_model : str
+        "thin" or "corrected".
+    z2, z3 : float
+        From the main lens to the array, and from there to the sensor, in metres.
+
+    Examples
+    --------
+    >>> issubclass(clplen.cameras.Plenoptic1, clplen.PlenopticCamera)
+    True
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
+    ... )
+    >>> isinstance(camera.optics, clplen.cameras.WaveOptics)
+    True
     """
 
     occluders: tuple[Occluder, ...] = field(default=(), kw_only=True)

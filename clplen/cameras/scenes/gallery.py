@@ -38,6 +38,12 @@ class SampleScene(OneLine):
     scene : SurfaceScene
     noise : float or numpy.ndarray
         As `SurfaceScene.light_field` takes it.
+
+    Examples
+    --------
+    >>> sample = next(clplen.cameras.sample_scenes(3, (32, 32)))
+    >>> sample.name, sample.noise
+    ('plane', 0.05)
     """
 
     name: str
@@ -135,6 +141,11 @@ def sample_scenes(
     ------
     SampleScene
         Names: `SCENES`. Noise of 0, 1, 2 and 5 % in turn; every other scene has colour.
+
+    Examples
+    --------
+    >>> [scene.name for scene in clplen.cameras.sample_scenes(1, (32, 32))][:4]
+    ['plane', 'slant', 'layers', 'roof']
     """
     for number, (name, make) in enumerate(SCENES.items()):
         random = np.random.default_rng([seed, number])

@@ -37,6 +37,13 @@ class Truth(Savable, Plottable, HostArray):
         bool, shape (y, x): "edges", the 4 pixels on both sides of where two surfaces differ by more
         than 0.15 in disparity; "near" and "far", those of them of the nearer and of the farther
         surface; "planes" and "smooth", pixels of planes and of spheres without "edges".
+
+    Examples
+    --------
+    >>> scene = next(clplen.cameras.sample_scenes(1, (32, 32)))
+    >>> lf, truth = scene.scene.light_field((3, 3), (32, 32))
+    >>> truth.disparity.shape, sorted(truth.masks)
+    ((32, 32), ['edges', 'far', 'near', 'planes', 'smooth'])
     """
 
     _writer: ClassVar[str] = "write_truth"

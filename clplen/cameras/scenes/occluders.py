@@ -45,6 +45,12 @@ class Occluder(OneLine, HostArray):
         If it is no array of real numbers.
     ValueError
         For an opacity, a width or a z outside their range.
+
+    Examples
+    --------
+    >>> screen = clplen.cameras.Occluder(np.eye(8), 4e-3, -0.01)
+    >>> screen.width, screen.z
+    (0.004, -0.01)
     """
 
     _samples: ClassVar[str] = "opacity"

@@ -55,6 +55,12 @@ class PointSources(OneLine):
     ValueError
         If a position is not three finite numbers, there is none, the diameter or a power is
         negative, or there are not as many powers as positions.
+
+    Examples
+    --------
+    >>> points = clplen.PointSources([(0, 0, -0.05), (1e-3, 0, 0.02)], power=[1, 2])
+    >>> points.positions.shape
+    (2, 3)
     """
 
     positions: np.ndarray[Any, np.dtype[np.float64]]
@@ -169,12 +175,9 @@ class PicturePlane(OneLine, HostArray):
 
     Examples
     --------
-    A surface in daylight, whose reflectance each channel of an image is a share of:
-
-    >>> daylight = SpectralDistribution.illuminant("D65")
-    >>> light = [daylight * paint for paint in (red, green, blue)]
-    >>> energies = image * [one.integral / daylight.integral for one in light]
-    >>> PicturePlane(energies, 4e-3, spectra=light)
+    >>> picture = clplen.PicturePlane(np.eye(8), 4e-3, -0.01)
+    >>> picture.width, picture.z, picture.mode
+    (0.004, -0.01, 'emission')
     """
 
     _samples: ClassVar[str] = "image"

@@ -46,6 +46,14 @@ class SurfaceScene(OneLine):
         If a member is neither `Plane` nor `Sphere`.
     ValueError
         If there is none, or more than 64, or the background is not finite.
+
+    Examples
+    --------
+    >>> ground = clplen.cameras.Plane(-0.5, texture=clplen.cameras.noise(1))
+    >>> scene = clplen.SurfaceScene([ground])
+    >>> lf, truth = scene.light_field((3, 3), (32, 40))
+    >>> lf.shape, float(truth.disparity.max())
+    ((3, 3, 32, 40), -0.5)
     """
 
     surfaces: tuple[Plane | Sphere, ...]

@@ -34,6 +34,12 @@ class Ellipse:
     ------
     ValueError
         If a number is not finite or a radius not positive.
+
+    Examples
+    --------
+    >>> disc = clplen.cameras.Ellipse((0, 10), (20, 30))
+    >>> disc.radii
+    (20, 30)
     """
 
     centre: Pair
@@ -80,6 +86,13 @@ class Bars:
     ------
     ValueError
         If a number is outside its range.
+
+    Examples
+    --------
+    >>> outline = clplen.cameras.Bars((0, 0), 300, count=12, period=20, width=10)
+    >>> bars = clplen.cameras.Plane(0.5, texture=clplen.cameras.noise(2), outline=outline)
+    >>> bars.disparity
+    0.5
     """
 
     centre: Pair
@@ -130,6 +143,13 @@ class Polygon(OneLine):
     ------
     ValueError
         If there is none, or one is no list of at least three points.
+
+    Examples
+    --------
+    >>> triangle = clplen.cameras.Polygon([(0, 0), (0, 20), (20, 0)])
+    >>> plane = clplen.cameras.Plane(0.5, texture=clplen.cameras.noise(1), outline=triangle)
+    >>> plane.outline is triangle
+    True
     """
 
     contours: tuple[Vector, ...]
@@ -174,11 +194,18 @@ def rectangle(centre: Pair, size: Pair, *, angle: float = 0.0) -> Polygon:
     Returns
     -------
     Polygon
+        An outline for planes.
 
     Raises
     ------
     ValueError
         If a number is not finite or a size not positive.
+
+    Examples
+    --------
+    >>> outline = clplen.cameras.rectangle((0, 0), (20, 10), angle=0.3)
+    >>> type(outline).__name__
+    'Polygon'
     """
     _finite(centre, 2, "The centre of a rectangle")
     _finite(size, 2, "The size of a rectangle", positive=True)
@@ -219,6 +246,12 @@ class Spot:
     ------
     ValueError
         If a number is not finite, or the width not positive.
+
+    Examples
+    --------
+    >>> spot = clplen.cameras.Spot((5, 5), 4, strength=0.5, disparity=0.2)
+    >>> spot.strength
+    0.5
     """
 
     centre: Pair
@@ -249,16 +282,25 @@ class Plane(OneLine):
     slope : tuple of float
         (gy, gx), disparity a pixel.
     texture : Texture
+        Brightness of the surface.
     outline : Ellipse, Bars, Polygon or None
         What there is of it, in (Y, X); None: all of the plane.
     shade : tuple of float
         (sy, sx): the texture is multiplied by 1 + sy Y + sx X, not below 0.
     spots : sequence of Spot
+        Highlights on it.
 
     Raises
     ------
     ValueError
         If a number is not finite.
+
+    Examples
+    --------
+    >>> plane = clplen.cameras.Plane(-1.0, (0.002, 0.001), texture=clplen.cameras.noise(1))
+    >>> lf, truth = clplen.SurfaceScene(plane).light_field((3, 3), (32, 32))
+    >>> f"{float(truth.disparity[0, 0]):.4f}"
+    '-1.0465'
     """
 
     disparity: float
@@ -298,13 +340,24 @@ class Sphere(OneLine):
     height : float
         Its nearest point has the ``disparity + height``; positive.
     texture : Texture
-    shade, spots
+        Brightness of the surface.
+    shade, spots : tuple of float, sequence of Spot
         As for `Plane`.
 
     Raises
     ------
     ValueError
         If a number is not finite, or radius or height not positive.
+
+    Examples
+    --------
+    >>> ball = clplen.cameras.Sphere(
+    ...     (0, 0), 12, disparity=0.3, height=1.2, texture=clplen.cameras.noise(3)
+    ... )
+    >>> scene = clplen.SurfaceScene([clplen.cameras.Plane(-1.0), ball])
+    >>> lf, truth = scene.light_field((3, 3), (32, 32))
+    >>> f"{float(truth.disparity.max()):.1f}"
+    '1.5'
     """
 
     centre: Pair

@@ -50,6 +50,12 @@ class Texture(OneLine, HostArray):
         If the table has another shape, or a side of more than 8192 samples.
     ValueError
         If a sample or a number is not finite, or the scale not positive.
+
+    Examples
+    --------
+    >>> paint = clplen.cameras.Texture(np.random.default_rng(1).random((16, 16)), scale=2.0)
+    >>> paint.samples.shape
+    (16, 16, 1)
     """
 
     _samples: ClassVar[str] = "samples"
@@ -99,7 +105,23 @@ class Texture(OneLine, HostArray):
 
 
 def uniform(level: float | tuple[float, float, float] = 0.5) -> Texture:
-    """The same everywhere; three numbers are a colour."""
+    """The same everywhere; three numbers are a colour.
+
+    Parameters
+    ----------
+    level : float or tuple of float
+        Brightness, or that of red, green and blue.
+
+    Returns
+    -------
+    Texture
+        A texture for surfaces.
+
+    Examples
+    --------
+    >>> f"{clplen.cameras.uniform(0.6).samples.max():.1f}"
+    '0.6'
+    """
     return Texture(np.atleast_3d(np.asarray(level, np.float32)).reshape(1, 1, -1))
 
 
@@ -134,11 +156,18 @@ def noise(
     Returns
     -------
     Texture
+        A texture for surfaces.
 
     Raises
     ------
     ValueError
         If the band is empty on this side or reaches beyond half a cycle a pixel.
+
+    Examples
+    --------
+    >>> paint = clplen.cameras.noise(1, 64, contrast=0.1)
+    >>> paint.samples.shape
+    (64, 64, 1)
     """
     if side < 4 or not 0 <= coarsest < finest <= 0.5:
         raise ValueError(
@@ -184,6 +213,12 @@ def picture(image: Any, *, scale: float = 1.0, smoothing: float = SMOOTHING) -> 
     Returns
     -------
     Texture
+        A texture for surfaces.
+
+    Examples
+    --------
+    >>> clplen.cameras.picture(np.eye(16), scale=2.0).scale
+    2.0
     """
     values = np.asarray(image)
     if values.dtype.kind in "ui":
@@ -198,7 +233,27 @@ def picture(image: Any, *, scale: float = 1.0, smoothing: float = SMOOTHING) -> 
 def checker(
     period: float, *, low: float = 0.2, high: float = 0.8, smoothing: float = SMOOTHING
 ) -> Texture:
-    """A chessboard of squares of half a period, in pixels, its edges smoothed by a Gaussian."""
+    """A chessboard of squares of half a period, in pixels, its edges smoothed by a Gaussian.
+
+    Parameters
+    ----------
+    period : float
+        Of two squares, in pixels.
+    low, high : float
+        Brightness of dark and bright squares.
+    smoothing : float
+        Standard deviation in pixels of the Gaussian that it is smoothed with.
+
+    Returns
+    -------
+    Texture
+        A texture for surfaces.
+
+    Examples
+    --------
+    >>> clplen.cameras.checker(12.0, low=0.1, high=0.9).samples.ndim
+    3
+    """
     side = 64
     cells = np.indices((side, side)) // (side // 2)
     values = np.where(cells.sum(axis=0) % 2, high, low)
@@ -208,7 +263,27 @@ def checker(
 def stripes(
     period: float, *, mean: float = 0.5, contrast: float = 0.15, angle: bool = False
 ) -> Texture:
-    """A sine along X (along Y with ``angle``), of a period in pixels and an rms contrast."""
+    """A sine along X (along Y with ``angle``), of a period in pixels and an rms contrast.
+
+    Parameters
+    ----------
+    period : float
+        In pixels.
+    mean, contrast : float
+        Mean brightness, and rms contrast about it.
+    angle : float
+        From X towards Y, in radians.
+
+    Returns
+    -------
+    Texture
+        A texture for surfaces.
+
+    Examples
+    --------
+    >>> clplen.cameras.stripes(10.0, angle=0.3).samples.ndim
+    3
+    """
     wave = mean + contrast * math.sqrt(2) * np.sin(2 * np.pi * np.arange(32) / 32)
     values = np.tile(wave, (4, 1))
     return Texture(values.T if angle else values, period / 32)
@@ -241,6 +316,12 @@ def bricks(
     Returns
     -------
     Texture
+        A texture for surfaces.
+
+    Examples
+    --------
+    >>> clplen.cameras.bricks(1, size=(10, 24)).samples.ndim
+    3
     """
     height, length = size
     random = np.random.default_rng(seed)

@@ -42,6 +42,13 @@ def write_animation(
         If the suffix is another one, there is no picture, or they differ.
     OSError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> frames = np.random.default_rng(1).integers(0, 255, (3, 16, 20), np.uint8)
+    >>> clplen.io.write_animation("a.gif", frames)
+    >>> clplen.io.size_of("a.gif") > 0
+    True
     """
     frames = list(pictures)
     if Path(path).suffix.lower() != ".gif":

@@ -23,6 +23,7 @@ def write_npy(path: PathLike, values: np.ndarray[Any, Any], *, durable: bool = F
     Parameters
     ----------
     path : path-like
+        Of the file.
     values : numpy.ndarray
         Of real numbers; written in C order.
     durable : bool
@@ -32,6 +33,12 @@ def write_npy(path: PathLike, values: np.ndarray[Any, Any], *, durable: bool = F
     ------
     OSError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> clplen.io.write_npy("d.npy", np.arange(6.0).reshape(2, 3))
+    >>> np.load("d.npy").shape
+    (2, 3)
     """
     array = np.ascontiguousarray(values)
     about = np.lib.format.header_data_from_array_1_0(array)
@@ -48,17 +55,25 @@ def read_npy(path: PathLike, *, max_bytes: int | None = None) -> np.ndarray[Any,
     Parameters
     ----------
     path : path-like
+        Of the file.
     max_bytes : int, optional
         Largest allocation that the file may ask for; default half of the free memory.
 
     Returns
     -------
     numpy.ndarray
+        The array.
 
     Raises
     ------
     FormatError
         If it is missing, damaged, or holds something else.
+
+    Examples
+    --------
+    >>> clplen.io.write_npy("d.npy", np.arange(6.0).reshape(2, 3))
+    >>> clplen.io.read_npy("d.npy").shape
+    (2, 3)
     """
     values = map_npy(path)
     if values.dtype.kind not in "buif":

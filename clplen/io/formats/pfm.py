@@ -39,6 +39,7 @@ def read_pfm(path: PathLike) -> np.ndarray[Any, np.dtype[np.float32]]:
     Parameters
     ----------
     path : path-like
+        Of the file.
 
     Returns
     -------
@@ -50,6 +51,12 @@ def read_pfm(path: PathLike) -> np.ndarray[Any, np.dtype[np.float32]]:
     ------
     FormatError
         If there is no such file, it is not PFM or it is truncated.
+
+    Examples
+    --------
+    >>> clplen.io.write_pfm("d.pfm", np.full((4, 5), 0.5, np.float32))
+    >>> clplen.io.read_pfm("d.pfm").shape
+    (4, 5)
     """
     path = Path(path)
     if not path.is_file():
@@ -81,6 +88,7 @@ def write_pfm(path: PathLike, values: np.ndarray[Any, Any], *, durable: bool = F
     Parameters
     ----------
     path : path-like
+        Of the file.
     values : numpy.ndarray
         Shape (y, x) or (y, x, 3), row 0 at the top; written as float32.
     durable : bool
@@ -90,6 +98,12 @@ def write_pfm(path: PathLike, values: np.ndarray[Any, Any], *, durable: bool = F
     ------
     ShapeError
         If the array has another shape.
+
+    Examples
+    --------
+    >>> clplen.io.write_pfm("d.pfm", np.full((4, 5), 0.5, np.float32))
+    >>> clplen.io.read_pfm("d.pfm").shape
+    (4, 5)
     """
     if values.ndim not in (2, 3) or values.shape[2:] not in ((), (3,)):
         raise ShapeError(f"PFM holds (y, x) or (y, x, 3), not {values.shape}.")

@@ -235,6 +235,12 @@ def read_picture(path: PathLike, *, max_bytes: int | None = None) -> Array:
     FormatError
         If it is missing, truncated, unreadable, declares more than it can hold or ``max_bytes``
         allow, has another shape, is complex, or has transparent pixels.
+
+    Examples
+    --------
+    >>> clplen.io.write_picture("p.png", np.zeros((4, 5), np.uint8))
+    >>> clplen.io.read_picture("p.png").shape
+    (4, 5)
     """
     return without_alpha(read_channels(path, max_bytes=max_bytes), path)
 
@@ -366,6 +372,12 @@ def write_picture(
     ------
     ValueError
         If the suffix is another one, or a PNG cannot hold the values.
+
+    Examples
+    --------
+    >>> clplen.io.write_picture("p.png", np.zeros((4, 5), np.uint8))
+    >>> clplen.io.read_picture("p.png").shape
+    (4, 5)
     """
     path = Path(path)
     suffix = path.suffix.lower()

@@ -49,6 +49,13 @@ def write_ply(
         If points are not (n, 3), or colours have another shape.
     OSError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> points, _ = clplen.io.points_of(np.ones((4, 5)))
+    >>> clplen.io.write_ply("p.ply", points, np.zeros((20, 3), np.uint8))
+    >>> clplen.io.size_of("p.ply") > 0
+    True
     """
     if Path(path).suffix.lower() != ".ply":
         raise ValueError(f"A point cloud is written as .ply, not as {Path(path).name}.")
@@ -83,6 +90,7 @@ def read_ply(path: PathLike) -> tuple[Array, Array | None]:
     Parameters
     ----------
     path : path-like
+        Of the file.
 
     Returns
     -------
@@ -94,6 +102,14 @@ def read_ply(path: PathLike) -> tuple[Array, Array | None]:
     ------
     FormatError
         If it is missing, damaged, no binary PLY, or its points have no x, y and z.
+
+    Examples
+    --------
+    >>> points, _ = clplen.io.points_of(np.ones((4, 5)))
+    >>> clplen.io.write_ply("p.ply", points)
+    >>> found = clplen.io.read_ply("p.ply")
+    >>> len(found[0])
+    20
     """
     path = Path(path)
     if not path.is_file():
@@ -173,6 +189,12 @@ def points_of(
         If only a part of the camera is given, or a length is not positive and finite.
     ShapeError
         If the map is not two-dimensional.
+
+    Examples
+    --------
+    >>> points, unit = clplen.io.points_of(np.ones((4, 5)))
+    >>> points.shape
+    (20, 3)
     """
     if disparity.ndim != 2:
         raise ShapeError(f"A disparity map has shape (y, x), not {disparity.shape}.")

@@ -125,6 +125,12 @@ def read_lightfield(
     ValueError, ShapeError
         If a word of layout does not apply to this kind of file, or a value in pictures makes no
         light field.
+
+    Examples
+    --------
+    >>> np.save("l.npy", np.ones((3, 3, 16, 20), np.float32))
+    >>> clplen.read_lightfield("l.npy").shape
+    (3, 3, 16, 20)
     """
     words = locals()
     layout = Layout(**{field.name: words[field.name] for field in fields(Layout)})
@@ -149,6 +155,7 @@ def open_lightfield(
     Parameters
     ----------
     path : path-like
+        A file or folder.
     device : Device or str, optional
         Default ``Device.open()``; what is read as a whole lies there.
     **layout
@@ -162,6 +169,14 @@ def open_lightfield(
     ------
     FormatError, ValueError, ShapeError
         As `read_lightfield`; samples that are damaged or NaN are found when they are read.
+
+    Examples
+    --------
+    >>> lf = clplen.LightField.from_array(np.ones((3, 3, 16, 20), np.float32))
+    >>> clplen.write_lightfield("l.h5", lf)
+    >>> with clplen.open_lightfield("l.h5") as stored:
+    ...     print(stored.shape)
+    (3, 3, 16, 20)
     """
     words, path = Layout(**layout), Path(path)
     kind = kind_of(path)
@@ -184,17 +199,25 @@ def files_of(path: PathLike, **layout: Any) -> list[Path]:
     Parameters
     ----------
     path : path-like
+        Of the file.
     **layout
         Words of layout as for `read_lightfield`.
 
     Returns
     -------
     list of pathlib.Path
+        Each file once.
 
     Raises
     ------
     FormatError
         If the names in a folder do not show which file is which view.
+
+    Examples
+    --------
+    >>> np.save("l.npy", np.ones((4, 4)))
+    >>> [path.name for path in clplen.io.files_of("l.npy")]
+    ['l.npy']
     """
     path = Path(path)
     words = Layout(**layout)
@@ -214,6 +237,7 @@ def write_lightfield(path: PathLike, lf: LightField) -> None:
         ``.h5``, ``.hdf5`` and ``.zarr`` (a new folder) keep everything; a name without suffix
         becomes a new folder of pictures, which keeps the samples only.
     lf : LightField
+        The light field.
 
     Raises
     ------
@@ -223,6 +247,13 @@ def write_lightfield(path: PathLike, lf: LightField) -> None:
         If it is ``.zarr`` and the package zarr is not installed.
     OSError
         If it cannot be written, or the folder holds something already.
+
+    Examples
+    --------
+    >>> lf = clplen.LightField.from_array(np.ones((3, 3, 16, 20), np.float32))
+    >>> clplen.write_lightfield("l.h5", lf)
+    >>> clplen.read_lightfield("l.h5").shape
+    (3, 3, 16, 20)
     """
     suffix = Path(path).suffix.lower()
     if suffix in hdf5_files.SUFFIXES:

@@ -254,6 +254,7 @@ def write_mosaic(path: PathLike, lf: LightField, *, order: str = "yvxu") -> None
     path : path-like
         ``.png`` takes uint8 and grey uint16, ``.tif`` everything.
     lf : LightField
+        The light field.
     order : {"yvxu", "vyux"}
         Lenslet images, or views, side by side.
 
@@ -263,6 +264,13 @@ def write_mosaic(path: PathLike, lf: LightField, *, order: str = "yvxu") -> None
         If the order or the suffix is another one, or a PNG cannot hold the samples.
     ShapeError
         If the views have other than 1 or 3 channels.
+
+    Examples
+    --------
+    >>> lf = clplen.LightField.from_array(np.zeros((3, 3, 16, 20), np.uint8))
+    >>> clplen.io.write_mosaic("mosaic.png", lf)
+    >>> clplen.read_lightfield("mosaic.png", views=(3, 3), order="yvxu").shape
+    (3, 3, 16, 20)
     """
     plain = _order(order)
     values = pictured(lf)

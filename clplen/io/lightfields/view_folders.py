@@ -139,6 +139,7 @@ def write_views(path: PathLike, lf: LightField, *, pattern: str = DEFAULT_PATTER
     path : path-like
         A folder that does not exist yet, or is empty.
     lf : LightField
+        The light field.
     pattern : str
         Names without suffix, by ``{v}`` and ``{u}`` or by ``{i}`` row by row, formatted as Python
         does: ``view_{v:02d}_{u:02d}``. "hci" is ``input_Cam{i:03d}`` of the HCI 4D benchmark;
@@ -153,6 +154,14 @@ def write_views(path: PathLike, lf: LightField, *, pattern: str = DEFAULT_PATTER
         If the views have other than 1 or 3 channels.
     ValueError
         If the pattern is none, or holds ``{n}``, ``*`` or a folder.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> lf = clplen.LightField.from_array(np.zeros((3, 3, 16, 20), np.uint8))
+    >>> clplen.io.write_views("views", lf)
+    >>> len(list(Path("views").iterdir()))
+    9
     """
     values = pictured(lf)
     name = _namer(pattern, lf)

@@ -98,6 +98,13 @@ def write_html(
         If the subject is none of these.
     OSError
         If it cannot be written.
+
+    Examples
+    --------
+    >>> L = np.random.default_rng(1).random((3, 3, 16, 20), np.float32)
+    >>> clplen.io.write_html("l.html", L, title="noise")
+    >>> clplen.io.size_of("l.html") > 1000
+    True
     """
     if Path(path).suffix.lower() not in _SUFFIXES:
         raise ValueError(f"A page is written as .html, not as {Path(path).name}.")

@@ -74,6 +74,17 @@ def write_raw(
         levels or more than 16 bits (TIFF).
     OSError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
+    ... )
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)), model="rays")
+    >>> clplen.write_raw("raw.h5", raw)
+    >>> bool((clplen.read_raw("raw.h5").to_numpy() == raw.to_numpy()).all())
+    True
     """
     if Path(path).suffix.lower() in tiff.SUFFIXES:
         write_sensor_tiff(path, raw, white_balance=white_balance, durable=durable)
@@ -116,7 +127,24 @@ def is_raw(file: h5py.File) -> bool:
 
 
 def is_raw_file(path: PathLike) -> bool:
-    """Whether a file is one of `write_raw`; False for what is no HDF5."""
+    """Whether a file is one of `write_raw`; False for what is no HDF5.
+
+    Parameters
+    ----------
+    path : path-like
+        Of the file.
+
+    Returns
+    -------
+    bool
+        Whether it is one.
+
+    Examples
+    --------
+    >>> np.save("l.npy", np.ones((4, 4)))
+    >>> clplen.io.is_raw_file("l.npy")
+    False
+    """
     path = Path(path)
     if (
         path.suffix.lower() not in hdf5_files.SUFFIXES
@@ -225,6 +253,13 @@ def read_frame(
     FormatError
         If it is missing, damaged or of another kind, or holds several frames and ``frame`` is not
         one of them.
+
+    Examples
+    --------
+    >>> clplen.io.write_picture("frame.tif", np.full((8, 8), 100, np.uint16))
+    >>> frame, filters = clplen.io.read_frame("frame.tif")[:2]
+    >>> frame.shape
+    (8, 8)
     """
     path = Path(path)
     if not path.is_file():
@@ -299,6 +334,16 @@ def read_raw(
         If both white and grid are given, or words that do not apply to an XML or HDF5.
     ShapeError
         If not one lenslet lies on the picture.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
+    ... )
+    >>> clplen.write_raw("raw.h5", camera.expose(clplen.PointSources((0, 0, 0)), model="rays"))
+    >>> clplen.read_raw("raw.h5").shape
+    (75, 75)
     """
     path = Path(path)
     types: tuple[LensType, ...] = ()
@@ -358,17 +403,26 @@ def read_lattice(path: PathLike, shape: tuple[int, int]) -> Lattice:
     Parameters
     ----------
     path : path-like
+        Of the file.
     shape : tuple of int
         (ny, nx) of the picture.
 
     Returns
     -------
     Lattice
+        As the file has it.
 
     Raises
     ------
     FormatError
         If the file is damaged, of another kind, or tells another shape.
+
+    Examples
+    --------
+    >>> lattice = clplen.lightfield.Lattice("square", (7.0, 7.0), (15.0, 0.0), (0.0, 15.0))
+    >>> lattice.save("grid.json")
+    >>> clplen.io.read_lattice("grid.json", (75, 75)).column
+    (0.0, 15.0)
     """
     path = Path(path)
     if path.suffix.lower() in raytrix.SUFFIXES:

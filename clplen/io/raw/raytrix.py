@@ -48,6 +48,12 @@ class Distortion:
     parameters : tuple of float
     offset : tuple of float
         (x, y) in pixels.
+
+    Examples
+    --------
+    >>> bent = clplen.io.Distortion("radial", "Brown", (-1.4e-3, 7e-4), (3186.0, 2651.0))
+    >>> bent.parameters
+    (-0.0014, 0.0007)
     """
 
     kind: str
@@ -66,6 +72,12 @@ class FocusType:
         (x, y) of one of its lenses, in lens diameters, y upwards.
     depth_range : tuple of float
         (least, greatest) virtual depth.
+
+    Examples
+    --------
+    >>> near = clplen.io.FocusType((0.0, 0.0), (1.0, 3.0))
+    >>> near.depth_range
+    (1.0, 3.0)
     """
 
     offset: Vector
@@ -95,6 +107,14 @@ class RaytrixCalibration:
     distortion : Distortion or None
     lens_types : tuple of FocusType
         By their id.
+
+    Examples
+    --------
+    >>> calibration = clplen.io.RaytrixCalibration(
+    ...     offset=(4.2, -1.5), diameter=11.5, lens_base_x=(1.0, 0.0), lens_base_y=(0.5, 0.866)
+    ... )
+    >>> calibration.diameter, calibration.lens_types
+    (11.5, ())
     """
 
     offset: Vector
@@ -235,15 +255,26 @@ def read_raytrix(path: PathLike) -> RaytrixCalibration:
     Parameters
     ----------
     path : path-like
+        Of the file.
 
     Returns
     -------
     RaytrixCalibration
+        As the file has it.
 
     Raises
     ------
     FormatError
         If it is missing, no such XML, or lacks a number.
+
+    Examples
+    --------
+    >>> calibration = clplen.io.RaytrixCalibration(
+    ...     offset=(4.2, -1.5), diameter=11.5, lens_base_x=(1.0, 0.0), lens_base_y=(0.5, 0.866)
+    ... )
+    >>> clplen.io.write_raytrix("camera.xml", calibration)
+    >>> clplen.io.read_raytrix("camera.xml").offset
+    (4.2, -1.5)
     """
     path = Path(path)
     if path.suffix.lower() == ".ray":
@@ -381,6 +412,7 @@ def write_raytrix(path: PathLike, calibration: RaytrixCalibration) -> None:
     path : path-like
         ``.xml``.
     calibration : RaytrixCalibration
+        The calibration.
 
     Raises
     ------
@@ -388,6 +420,15 @@ def write_raytrix(path: PathLike, calibration: RaytrixCalibration) -> None:
         If the suffix is another one.
     OSError
         If it cannot be written.
+
+    Examples
+    --------
+    >>> calibration = clplen.io.RaytrixCalibration(
+    ...     offset=(4.2, -1.5), diameter=11.5, lens_base_x=(1.0, 0.0), lens_base_y=(0.5, 0.866)
+    ... )
+    >>> clplen.io.write_raytrix("camera.xml", calibration)
+    >>> clplen.io.read_raytrix("camera.xml").offset
+    (4.2, -1.5)
     """
     if Path(path).suffix.lower() != ".xml":
         raise ValueError(f"A Raytrix calibration is written as .xml, not as {Path(path).name}.")

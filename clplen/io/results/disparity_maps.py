@@ -69,6 +69,14 @@ def write_truth(path: PathLike, truth: Truth, *, durable: bool = False) -> None:
         If the suffix is another one.
     OSError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> scene = next(clplen.cameras.sample_scenes(shape=(32, 32)))
+    >>> _, truth = scene.scene.light_field((3, 3), (32, 32))
+    >>> clplen.io.write_truth("truth.h5", truth)
+    >>> clplen.io.read_disparity("truth.h5").shape
+    (32, 32)
     """
     if Path(path).suffix.lower() not in hdf5_files.SUFFIXES:
         raise ValueError(f"The truth of a scene is written as .h5, not as {Path(path).name}.")
@@ -95,6 +103,7 @@ def read_scene_truth(path: PathLike, *, max_bytes: int | None = None) -> Truth:
     Parameters
     ----------
     path : path-like
+        Of the file.
     max_bytes : int, optional
         Largest allocation that the file may ask for; default half of the free memory.
 
@@ -107,6 +116,14 @@ def read_scene_truth(path: PathLike, *, max_bytes: int | None = None) -> Truth:
     ------
     FormatError
         If the file is missing, damaged, or not one of `write_truth`.
+
+    Examples
+    --------
+    >>> scene = next(clplen.cameras.sample_scenes(shape=(32, 32)))
+    >>> _, truth = scene.scene.light_field((3, 3), (32, 32))
+    >>> clplen.io.write_truth("truth.h5", truth)
+    >>> clplen.io.read_scene_truth("truth.h5").disparity.shape
+    (32, 32)
     """
     path = Path(path)
     if not path.is_file():
@@ -137,6 +154,7 @@ def read_masks(
     Parameters
     ----------
     path : path-like
+        Of the file.
     max_bytes : int, optional
         Largest allocation that the file may ask for; default half of the free memory.
 
@@ -149,6 +167,14 @@ def read_masks(
     ------
     FormatError
         If it has none, or is damaged.
+
+    Examples
+    --------
+    >>> scene = next(clplen.cameras.sample_scenes(shape=(32, 32)))
+    >>> _, truth = scene.scene.light_field((3, 3), (32, 32))
+    >>> clplen.io.write_truth("truth.h5", truth)
+    >>> sorted(clplen.io.read_masks("truth.h5"))
+    ['edges', 'far', 'near', 'planes', 'smooth']
     """
     path = Path(path)
     if not path.is_file():
@@ -194,6 +220,14 @@ def read_truth(
     ------
     FormatError
         If there is none, or the file is damaged.
+
+    Examples
+    --------
+    >>> scene = next(clplen.cameras.sample_scenes(shape=(32, 32)))
+    >>> _, truth = scene.scene.light_field((3, 3), (32, 32))
+    >>> clplen.io.write_truth("truth.h5", truth)
+    >>> clplen.io.read_truth("truth.h5").shape
+    (32, 32)
     """
     path = Path(path)
     if path.is_dir():
@@ -290,6 +324,12 @@ def read_disparity(
     FormatError
         If the file is missing, damaged, of another kind or shape, or holds integers: pictures of 8
         or 16 bits do not say which disparity their levels mean.
+
+    Examples
+    --------
+    >>> clplen.io.write_pfm("d.pfm", np.full((4, 5), 0.5, np.float32))
+    >>> clplen.io.read_disparity("d.pfm").shape
+    (4, 5)
     """
     path = Path(path)
     values = _values(path, max_bytes)

@@ -72,6 +72,7 @@ def write_focused(
     path : path-like
         ``.tif``, OME-TIFF, or ``.zarr``, OME-Zarr; axes YX or ZYX, and S for colours.
     made : FocusedImage or FocusedStack
+        The rendered picture.
     durable, replace : bool
         As in `clplen.io.write_stack`.
 
@@ -83,6 +84,17 @@ def write_focused(
         If it is ``.zarr`` and the package zarr is not installed.
     OSError
         If it cannot be written.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=9, fill="full")
+    >>> camera = clplen.PlenopticCamera.type2(
+    ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16, m=0.25
+    ... )
+    >>> picture = clplen.render_focused(camera.expose(clplen.PointSources((0, 0, 0)), model="rays"))
+    >>> clplen.io.write_focused("picture.ome.tif", picture)
+    >>> np.asarray(clplen.io.read_image("picture.ome.tif")).ndim
+    2
     """
     if not is_series(path):
         raise ValueError(
@@ -151,6 +163,7 @@ def write_focused_depth(
         confidence; ``.ome.tif`` or ``.zarr``: these maps as channels, OME-TIFF or OME-Zarr;
         ``.pfm``, ``.npy`` or ``.tif``: the map of m alone, float32. z only where it is known.
     depth : FocusedDepth
+        The depth map.
     maps : FocusedMaps
         Of the same depth.
     durable, replace : bool
@@ -164,6 +177,20 @@ def write_focused_depth(
         If it is ``.zarr`` and the package zarr is not installed.
     OSError
         If it cannot be written.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=9, fill="full")
+    >>> camera = clplen.PlenopticCamera.type2(
+    ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16, m=0.25
+    ... )
+    >>> scene = clplen.SurfaceScene(clplen.cameras.Plane(-0.5, texture=clplen.cameras.noise(1)))
+    >>> raw = camera.expose(scene, model="rays")
+    >>> depth = clplen.lightfield.focused_depth(raw)
+    >>> maps = clplen.lightfield.focused_maps(raw, depth)
+    >>> clplen.io.write_focused_depth("m.h5", depth, maps)
+    >>> clplen.io.size_of("m.h5") > 0
+    True
     """
     path = Path(path)
     suffixes = [suffix.lower() for suffix in path.suffixes]

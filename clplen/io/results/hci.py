@@ -61,18 +61,16 @@ class HciParameters(OneLine):
 
     Examples
     --------
-    The metric form is (A3), d = kappa F (1/z - 1/z0), of a camera with the step b between views,
-    image distance F = f and pixels dx = s / W on the sensor, so that kappa = b / dx:
-
-    >>> p = HciParameters(focal_length_mm=100, sensor_size_mm=35, baseline_mm=45,
-    ...     focus_distance_m=8, image_resolution_x_px=512, image_resolution_y_px=512)
-    >>> du, F, dx = 45e-3, 100e-3, 35e-3 / 512
-    >>> kappa = du / dx
-    >>> z = 7.25
-    >>> bool(abs(p.disparity(z) - kappa * F * (1 / z - 1 / 8)) < 1e-4)
-    True
-    >>> round(float(p.disparity(7.0)), 4), round(float(p.depth(p.disparity(7.0))), 4)
-    (1.1755, 7.0)
+    >>> p = clplen.io.HciParameters(
+    ...     focal_length_mm=100,
+    ...     sensor_size_mm=35,
+    ...     baseline_mm=45,
+    ...     focus_distance_m=8,
+    ...     image_resolution_x_px=512,
+    ...     image_resolution_y_px=512,
+    ... )
+    >>> round(float(p.disparity(7.0)), 4)
+    1.1755
     """
 
     focal_length_mm: float | None = None
@@ -193,11 +191,18 @@ def read_parameters(path: PathLike) -> HciParameters:
     Returns
     -------
     HciParameters
+        What the file says.
 
     Raises
     ------
     FormatError
         If there is none, it is no INI file, or a value is no number or out of range.
+
+    Examples
+    --------
+    >>> clplen.io.write_parameters("parameters.cfg", clplen.io.HciParameters(focal_length_mm=100.0))
+    >>> clplen.io.read_parameters("parameters.cfg").focal_length_mm
+    100.0
     """
     path = Path(path)
     file = path / _FILE if path.is_dir() else path
@@ -242,6 +247,12 @@ def write_parameters(path: PathLike, parameters: HciParameters) -> None:
     ------
     OSError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> clplen.io.write_parameters("parameters.cfg", clplen.io.HciParameters(focal_length_mm=100.0))
+    >>> clplen.io.read_parameters("parameters.cfg").focal_length_mm
+    100.0
     """
     parser = configparser.ConfigParser(interpolation=None)
     for section, names in _SECTIONS.items():

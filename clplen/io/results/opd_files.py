@@ -26,6 +26,7 @@ def write_opd_maps(path: PathLike, maps: OPDMaps, *, durable: bool = False) -> N
     path : path-like
         ``.h5`` or ``.hdf5``.
     maps : OPDMaps
+        The maps.
     durable : bool
         Whether to wait until the disk has the file, as in `clplen.files.replacing`.
 
@@ -35,6 +36,14 @@ def write_opd_maps(path: PathLike, maps: OPDMaps, *, durable: bool = False) -> N
         If the suffix is another one.
     OSError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> v, u = np.mgrid[-1:1:17j, -1:1:17j]
+    >>> path = np.broadcast_to(1e-7 * (u**2 + v**2), (1, 1, 17, 17))
+    >>> clplen.io.write_opd_maps("maps.h5", clplen.cameras.OPDMaps(path, fields=[(0.0, 0.0)]))
+    >>> clplen.io.size_of("maps.h5") > 0
+    True
     """
     if Path(path).suffix.lower() not in hdf5_files.SUFFIXES:
         raise ValueError(f"OPD maps are written as .h5, not as {Path(path).name}.")
@@ -53,17 +62,28 @@ def read_opd_maps(path: PathLike, *, max_bytes: int | None = None) -> OPDMaps:
     Parameters
     ----------
     path : path-like
+        Of the file.
     max_bytes : int, optional
         Largest allocation that the file may ask for; default half of the free memory.
 
     Returns
     -------
     OPDMaps
+        The maps of all fields and wavelengths.
 
     Raises
     ------
     FormatError
         If it is damaged, or holds no OPD maps.
+
+    Examples
+    --------
+    >>> v, u = np.mgrid[-1:1:17j, -1:1:17j]
+    >>> path = np.broadcast_to(1e-7 * (u**2 + v**2), (1, 1, 17, 17))
+    >>> maps = clplen.cameras.OPDMaps(path, fields=[(0.0, 0.0)])
+    >>> clplen.io.write_opd_maps("maps.h5", maps)
+    >>> clplen.io.read_opd_maps("maps.h5").fields.shape
+    (1, 2)
     """
     path = Path(path)
     with hdf5_files.opened(path) as file:
@@ -86,7 +106,7 @@ def read_zemax_opd(
     pupil_distance: float | None = None,
     max_bytes: int | None = None,
 ) -> OPDMaps:
-    """OPD maps from listings of Zemax OpticStudio's analysis Wavefront Map, saved as text.
+    r"""OPD maps from listings of Zemax OpticStudio's analysis Wavefront Map, saved as text.
 
     The prescription's y is ours. Its OPD is ahead where it is positive, ours is behind, and is
     turned round. Save the maps with the exit pupil's shape left alone and the tilt kept (not "Use
@@ -100,7 +120,7 @@ def read_zemax_opd(
     fields : array_like
         As of `OPDMaps`, in the order of the files. A listing tells angles or object heights, no
         place on the image.
-    symmetric, distortion, pupil_shift, pupil_distance
+    symmetric, distortion, pupil_shift, pupil_distance : bool, array_like, array_like, float
         As of `OPDMaps`.
     max_bytes : int, optional
         Largest allocation of a file; default half of the free memory.
@@ -108,6 +128,7 @@ def read_zemax_opd(
     Returns
     -------
     OPDMaps
+        The maps of all fields and wavelengths.
 
     Raises
     ------
@@ -115,6 +136,23 @@ def read_zemax_opd(
         If a file is no such listing, or the files do not fit together.
     ValueError
         As `OPDMaps`.
+
+    Examples
+    --------
+    >>> head = [
+    ...     "Listing of Wavefront Map Data",
+    ...     "Wavefront Function",
+    ...     "0.5461 um at 0.0000, 0.0000 (deg).",
+    ...     "Exit Pupil Diameter: 1.0E+01 Millimeters",
+    ...     "Pupil grid size: 31 by 31",
+    ...     "Center point is: Col 16, Row 16",
+    ...     "",
+    ... ]
+    >>> rows = [" ".join(["0.1"] * 31)] * 31
+    >>> with open("map.txt", "w") as file:
+    ...     _ = file.write("\n".join(head + rows))
+    >>> clplen.io.read_zemax_opd(["map.txt"], fields=[(0.0, 0.0)]).fields.shape
+    (1, 2)
     """
     rows = [files] if all(isinstance(one, str | Path) for one in files) else files
     read = [[read_zemax_map(one, max_bytes=max_bytes) for one in row] for row in rows]

@@ -78,6 +78,13 @@ def write_stack(
         If there is an OME-Zarr of another shape that is not to be replaced, or another folder.
     OSError
         If it cannot be written.
+
+    Examples
+    --------
+    >>> L = np.ones((3, 3, 16, 20), np.float32)
+    >>> clplen.io.write_stack("stack.ome.tif", clplen.focal_stack(L, disparities=[0, 1]))
+    >>> clplen.io.read_stack("stack.ome.tif").shape
+    (2, 16, 20)
     """
     if not is_series(path):
         raise ValueError(f"A focal stack is written as .tif or .zarr, not as {Path(path).name}.")
@@ -118,6 +125,13 @@ def read_stack(
     ------
     FormatError
         If it is missing, damaged, of another kind, or does not say the disparity of each plane.
+
+    Examples
+    --------
+    >>> L = np.ones((3, 3, 16, 20), np.float32)
+    >>> clplen.focal_stack(L, disparities=[0, 1]).save("stack.ome.tif")
+    >>> clplen.io.read_stack("stack.ome.tif").disparities.tolist()
+    [0.0, 1.0]
     """
     series = read_series(path, what="a focal stack", max_bytes=max_bytes)
     count = len(series.values)
@@ -200,6 +214,7 @@ def write_depth(
         OME-Zarr (a folder), with the channels disparity, confidence and, where known, alpha and z
         (metres).
     depth : DepthMap
+        The depth map.
     spacing : tuple of float, optional
         That of the light field, signed (dv, du, dy, dx) in metres; kept by OME-TIFF and OME-Zarr.
     durable, replace : bool
@@ -215,6 +230,15 @@ def write_depth(
         If there is an OME-Zarr of another shape that is not to be replaced, or another folder.
     OSError
         If it cannot be written.
+
+    Examples
+    --------
+    >>> scene = next(clplen.cameras.sample_scenes(shape=(32, 32)))
+    >>> lf, _ = scene.scene.light_field((3, 3), (32, 32))
+    >>> depth = clplen.depth_map(lf, cue="energy")
+    >>> clplen.io.write_depth("depth.ome.tif", depth)
+    >>> bool(np.allclose(clplen.io.read_depth("depth.ome.tif").disparity, depth.disparity))
+    True
     """
     suffixes = [suffix.lower() for suffix in Path(path).suffixes]
     if suffixes[-1:] == [".pfm"]:
@@ -272,6 +296,14 @@ def read_depth(path: PathLike, *, max_bytes: int | None = None) -> DepthMap:
     ------
     FormatError
         If it is missing, damaged, or holds no disparity.
+
+    Examples
+    --------
+    >>> scene = next(clplen.cameras.sample_scenes(shape=(32, 32)))
+    >>> lf, _ = scene.scene.light_field((3, 3), (32, 32))
+    >>> clplen.io.write_depth("depth.ome.tif", clplen.depth_map(lf, cue="energy"))
+    >>> clplen.io.read_depth("depth.ome.tif").disparity.shape
+    (32, 32)
     """
     if is_ome(path):
         series = read_series(path, what="a depth map", max_bytes=max_bytes)
@@ -319,6 +351,12 @@ def write_image(
         If there is an OME-Zarr of another shape that is not to be replaced, or another folder.
     OSError
         If it cannot be written.
+
+    Examples
+    --------
+    >>> clplen.io.write_image("picture.ome.tif", np.ones((4, 5), np.float32))
+    >>> np.asarray(clplen.io.read_image("picture.ome.tif")).shape
+    (4, 5)
     """
     if not is_series(path):
         raise ValueError(f"A picture is written as .tif or .zarr, not as {Path(path).name}.")
@@ -360,6 +398,13 @@ def read_image(
     ------
     FormatError
         If it is missing, damaged, of another kind, or holds several pictures.
+
+    Examples
+    --------
+    >>> L = np.ones((3, 3, 16, 20), np.float32)
+    >>> clplen.refocus(L, disparity=0.0).save("picture.ome.tif")
+    >>> np.asarray(clplen.io.read_image("picture.ome.tif")).shape
+    (16, 20)
     """
     series = read_series(path, what="a picture", max_bytes=max_bytes)
     values = series.values

@@ -51,6 +51,13 @@ def write_volume(
         If the suffix is another one, or there are not as many planes as z.
     FormatError, FileExistsError, OSError
         As `write_stack`.
+
+    Examples
+    --------
+    >>> where = {"planes": [0, 1e-6], "voxel": (1e-6, 1e-6)}
+    >>> clplen.io.write_volume("v.ome.tif", np.ones((2, 4, 5)), **where)
+    >>> clplen.io.is_volume("v.ome.tif")
+    True
     """
     if not is_series(path):
         raise ValueError(f"A volume is written as .tif or .zarr, not as {Path(path).name}.")
@@ -101,6 +108,14 @@ def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array,
     ------
     FormatError
         If it is missing, damaged, of another kind or no volume of numbers.
+
+    Examples
+    --------
+    >>> where = {"planes": [0, 1e-6], "voxel": (1e-6, 1e-6)}
+    >>> clplen.io.write_volume("v.ome.tif", np.ones((2, 4, 5)), **where)
+    >>> volume, *_ = clplen.io.read_volume("v.ome.tif")
+    >>> volume.shape
+    (2, 4, 5)
     """
     path = Path(path)
     if path.suffix.lower() not in npy.SUFFIXES:
@@ -127,5 +142,18 @@ def is_volume(path: PathLike) -> bool:
     Parameters
     ----------
     path : path-like
+        Of the file.
+
+    Returns
+    -------
+    bool
+        Whether it is one.
+
+    Examples
+    --------
+    >>> where = {"planes": [0, 1e-6], "voxel": (1e-6, 1e-6)}
+    >>> clplen.io.write_volume("v.ome.tif", np.ones((2, 4, 5)), **where)
+    >>> clplen.io.is_volume("v.ome.tif")
+    True
     """
     return "planes_um" in describe_series(path)

@@ -36,6 +36,12 @@ def digest(path: PathLike, *, algorithm: str = "sha256") -> str:
         If there is no such algorithm.
     FileNotFoundError
         If there is nothing of this name.
+
+    Examples
+    --------
+    >>> np.save("l.npy", np.ones((4, 4)))
+    >>> len(clplen.io.digest("l.npy"))
+    64
     """
     if algorithm not in hashlib.algorithms_guaranteed or algorithm.startswith("shake"):
         raise ValueError(f"There is no digest {algorithm!r}: take 'sha256'.")
@@ -50,20 +56,28 @@ def digest(path: PathLike, *, algorithm: str = "sha256") -> str:
 
 
 def size_of(path: PathLike) -> int:
-    """Bytes of a file, or of all files in a folder together.
+    """Count the bytes of a file, or of all files in a folder together.
 
     Parameters
     ----------
     path : path-like
+        Of the file.
 
     Returns
     -------
     int
+        In bytes.
 
     Raises
     ------
     FileNotFoundError
         If there is nothing of this name.
+
+    Examples
+    --------
+    >>> np.save("l.npy", np.ones((4, 4)))
+    >>> clplen.io.size_of("l.npy")
+    256
     """
     path = Path(path)
     files = _files(path) if path.is_dir() else [path]

@@ -21,6 +21,15 @@ class Tiles(Protocol):
     Iterated over once, it gives (planes, rows, columns, pictures): three slices of the whole stack
     and float32 of shape (planes, rows, columns[, c]). Together they are the whole, each sample
     once.
+
+    Examples
+    --------
+    >>> clplen.write_lightfield("l.h5", clplen.LightField.from_array(np.ones((3, 3, 16, 20))))
+    >>> with clplen.open_lightfield("l.h5") as stored:
+    ...     tiles = clplen.lightfield.stream_stack(stored, disparities=[0, 1])
+    ...     clplen.io.write_stack("stack.ome.tif", tiles)
+    >>> clplen.io.read_stack("stack.ome.tif").shape
+    (2, 16, 20)
     """
 
     @property

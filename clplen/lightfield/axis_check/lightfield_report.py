@@ -56,6 +56,14 @@ class LightFieldReport(OneLine):
         others are; "unclear": as sharp as others; "none": there is no evidence.
     reason : {"", "one view", "no detail", "in focus", "not in focus"}
         Why there is no evidence.
+
+    Examples
+    --------
+    >>> scene = next(clplen.cameras.sample_scenes(1, (48, 48)))
+    >>> lf, _ = scene.scene.light_field((5, 5), (48, 48))
+    >>> report = clplen.lightfield.check_light_field(lf)
+    >>> report.shape, report.left_out
+    ((5, 5, 48, 48, 3), 0)
     """
 
     shape: tuple[int, ...]
@@ -142,6 +150,7 @@ def check_light_field(
     Parameters
     ----------
     lf : LightField
+        The light field.
     farthest : float
         Planes from -farthest to farthest, in pixels a view step, are tried, and more, up to 8,
         while much of the detail is sharpest at an end.
@@ -151,11 +160,19 @@ def check_light_field(
     Returns
     -------
     Report
+        What was found.
 
     Raises
     ------
     ValueError
         If ``farthest`` is not between 0 and 8.
+
+    Examples
+    --------
+    >>> scene = next(clplen.cameras.sample_scenes(1, (48, 48)))
+    >>> lf, _ = scene.scene.light_field((5, 5), (48, 48))
+    >>> clplen.lightfield.check_light_field(lf).left_out
+    0
     """
     lf = as_lightfield(lf, device=device)
     if not 0 < farthest <= FARTHEST:

@@ -103,6 +103,14 @@ def estimate_lattice(
         If the picture is not (ny, nx) of 32 pixels a side, or the dark frame is of another shape.
     ValueError
         If a pixel is NaN or infinite, or kind or pitch is out of range.
+
+    Examples
+    --------
+    >>> y, x = np.indices((160, 160))
+    >>> white = (np.cos(np.pi * (x - 7) / 10) * np.cos(np.pi * (y - 7) / 10)) ** 2
+    >>> lattice = clplen.estimate_lattice(white)
+    >>> lattice.kind, [round(float(step), 2) for step in lattice.row]
+    ('square', [10.0, 0.0])
     """
     kind = None if kind is None else lattice_kind(kind)
     _check_pitch(pitch)

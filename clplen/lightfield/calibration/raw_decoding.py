@@ -121,6 +121,17 @@ def decode_raw(
         out of range, or ``devignette=True`` comes without a white image.
     DeviceError
         If the light field is larger than the device's memory.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=9, fill="full")
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
+    ... )
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)), model="rays")
+    >>> lattice = clplen.lightfield.Lattice("square", (7.0, 7.0), (15.0, 0.0), (0.0, 15.0))
+    >>> clplen.decode_raw(raw.to_numpy(), lattice, views=(5, 5)).shape
+    (5, 5, 9, 9)
     """
     device = as_device(device)
     frame = sensor_frames.as_frame(raw, "raw frame")

@@ -91,6 +91,17 @@ class AlphaEstimate(OneLine):
     bias : float
         What alpha is off by in the mean: (alpha - 1)(1 - 1/kappa) for "energy", which is returned
         as found, 0 for the other methods; nan without a camera and for "thesis".
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 10e-3, count=31, fill="full")
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16
+    ... )
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 0.03)), model="rays")
+    >>> found = clplen.estimate_alpha(clplen.LightField.from_raw(raw), at=(15, 15))
+    >>> found.at, found.method, bool(found.uncertainty > 0)
+    ((15, 15), 'compensated', True)
     """
 
     alpha: float
@@ -162,6 +173,7 @@ def estimate_alpha(
     Returns
     -------
     AlphaEstimate
+        Alpha with its uncertainty.
 
     Raises
     ------
@@ -176,6 +188,17 @@ def estimate_alpha(
         If the window is sharpest at an end of the search, so that the object lies farther away;
         and from NA/n = .7 of a microscope on, where the paraxial ``z`` is too large by the factor
         that it names.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 10e-3, count=31, fill="full")
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16
+    ... )
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 0.03)), model="rays")
+    >>> found = clplen.estimate_alpha(clplen.LightField.from_raw(raw), at=(15, 15))
+    >>> bool(abs(found.alpha - camera.alpha(0.03)) < 0.05)
+    True
     """
     lf = as_lightfield(lf)
     at = _checked(lf, _new_spelling(at, near), method, window)

@@ -55,6 +55,15 @@ def focus_ratio(camera: Any, z: float) -> float:
     -------
     float
         1 or more. Diffraction at the lenslets adds or takes a few hundredths.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(125e-6, 2.5e-3, count=3, fill="full")
+    >>> microscope = clplen.PlenopticCamera.microscope(
+    ...     magnification=20, na=0.5, mla=lenslets, wavelength=525e-9, pixels_per_lenslet=25
+    ... )
+    >>> 1 <= clplen.lightfield.focus_ratio(microscope, 2e-5) < 1.2
+    True
     """
     from scipy import special  # here: slow to import
 
@@ -73,7 +82,29 @@ def focus_ratio(camera: Any, z: float) -> float:
 
 
 def focus_ratio_of_disparity(camera: Any, disparity: float) -> float:
-    """`focus_ratio` of the plane that is in best focus at a disparity."""
+    """Return `focus_ratio` of the plane that is in best focus at a disparity.
+
+    Parameters
+    ----------
+    camera : MicroscopeOptics
+        As for `focus_ratio`.
+    disparity : float
+        In pixels a view step.
+
+    Returns
+    -------
+    float
+        1 or more.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(125e-6, 2.5e-3, count=3, fill="full")
+    >>> microscope = clplen.PlenopticCamera.microscope(
+    ...     magnification=20, na=0.5, mla=lenslets, wavelength=525e-9, pixels_per_lenslet=25
+    ... )
+    >>> 1 <= clplen.lightfield.focus_ratio_of_disparity(microscope, 0.1) < 1.2
+    True
+    """
     paraxial = camera.z(disparity)
     ratio = 1.0
     for _ in range(_ROUNDS):
@@ -126,11 +157,12 @@ class _AlphaSource(Protocol):
 
 
 def suitable_planes(lf: _AlphaSource, *, count: int | None = None) -> dict[str, Any]:
-    """Planes that suit what a light field knows, as ``alphas`` or ``disparities`` of `focal_stack`.
+    """Choose planes that suit a light field, as ``alphas`` or ``disparities`` of `focal_stack`.
 
     Parameters
     ----------
     lf : LightField
+        The light field.
     count : int, optional
         How many; default 33, and for a microscope at least as many as resolve its depth range:
         one pixel in the sub-images moves a point by one lenslet between the outermost views.
@@ -141,6 +173,13 @@ def suitable_planes(lf: _AlphaSource, *, count: int | None = None) -> dict[str, 
         ``alphas`` from .65 to 1.35, at most up to infinity, where the spacing is known and these
         move no view by the size of a picture; ``disparities`` over the depth range of a
         microscope, to where its ends are sharpest; else from -2 to 2.
+
+    Examples
+    --------
+    >>> lf = clplen.LightField.from_array(np.ones((3, 3, 16, 20), np.float32))
+    >>> planes = clplen.lightfield.suitable_planes(lf)["disparities"]
+    >>> len(planes), float(planes[0]), float(planes[-1])
+    (33, -2.0, 2.0)
     """
     if np.isfinite(lf.alpha(0.0)):
         low, high, many = DEFAULT_ALPHAS

@@ -60,6 +60,14 @@ class DepthMap(Savable, Plottable, HostArray):
     confidence : numpy.ndarray
         0 to 1: how sharp the extremum is and how far from the second one; 0 without texture and,
         for cues that try planes, where the first or the last one is best.
+
+    Examples
+    --------
+    >>> scene = next(clplen.cameras.sample_scenes(shape=(32, 32)))
+    >>> lf, truth = scene.scene.light_field((3, 3), (32, 32))
+    >>> depth = clplen.depth_map(lf, cue="energy")
+    >>> depth.disparity.shape, float(depth.confidence.max()) <= 1
+    ((32, 32), True)
     """
 
     _writer: ClassVar[str] = "write_depth"
@@ -130,11 +138,19 @@ def sharpness_curve(stack: FocalStack) -> Vector:
     Parameters
     ----------
     stack : FocalStack
+        The focal stack.
 
     Returns
     -------
     numpy.ndarray
         float64, shape (n,).
+
+    Examples
+    --------
+    >>> L = np.random.default_rng(1).random((3, 3, 32, 32), np.float32)
+    >>> stack = clplen.focal_stack(L, disparities=[-1, 0, 1])
+    >>> clplen.lightfield.sharpness_curve(stack).shape
+    (3,)
     """
     require(FocalStack, stack, "stack", "focal_stack")
     count, ny, nx = stack.shape[:3]
@@ -245,6 +261,12 @@ def metric_depth(
     ------
     ValueError
         If a length is not positive and finite.
+
+    Examples
+    --------
+    >>> lengths = {"baseline": 1e-3, "focal_length": 0.05, "pixel_pitch": 1e-5}
+    >>> clplen.lightfield.metric_depth([1.0, 2.0], **lengths).tolist()
+    [5.0, 2.5]
     """
     lengths = {"baseline": baseline, "focal_length": focal_length, "pixel_pitch": pixel_pitch}
     if focus_distance is not None:

@@ -57,6 +57,17 @@ class FocusedDepth:
         float64: dz in metres from the focused plane, farther positive; NaN without a camera.
     sure : float
         Confidence from which on a sub-image counts for `ratios`, `on` and `median`.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=9, fill="full")
+    >>> camera = clplen.PlenopticCamera.type2(
+    ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16, m=0.25
+    ... )
+    >>> scene = clplen.SurfaceScene(clplen.cameras.Plane(-0.5, texture=clplen.cameras.noise(1)))
+    >>> raw = camera.expose(scene, model="rays")
+    >>> clplen.lightfield.focused_depth(raw).m.shape
+    (9, 9)
     """
 
     geometry: FocusedGeometry
@@ -118,7 +129,7 @@ def focused_depth(
     window: float | None = None,
     white: ArrayLike | None = None,
 ) -> FocusedDepth:
-    """m, virtual depth and distance of what each sub-image shows in its middle.
+    """Find m, virtual depth and distance of what each sub-image shows in its middle.
 
     Neighbours of the nearest distance are compared first (of one type: sqrt(3) pitches for three
     types on a hexagonal lattice), then those up to twice as far as long as both sub-images hold the
@@ -146,6 +157,7 @@ def focused_depth(
     Returns
     -------
     FocusedDepth
+        Depth of every sub-image.
 
     Raises
     ------
@@ -155,6 +167,17 @@ def focused_depth(
         image that is dark.
     ShapeError
         If fewer than two by two lenslets lie on the sensor, or the white image does not fit.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=9, fill="full")
+    >>> camera = clplen.PlenopticCamera.type2(
+    ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16, m=0.25
+    ... )
+    >>> scene = clplen.SurfaceScene(clplen.cameras.Plane(-0.5, texture=clplen.cameras.noise(1)))
+    >>> raw = camera.expose(scene, model="rays")
+    >>> clplen.lightfield.focused_depth(raw).m.shape
+    (9, 9)
     """
     geometry = FocusedGeometry.of(raw)
     bad = count_bad(raw.data, raw.device)
@@ -300,6 +323,18 @@ class FocusedMaps(Plottable):
         dz in metres from the focused plane, farther positive; NaN without a camera.
     confidence : numpy.ndarray
         0 to 1, linear between the sub-images: 0 where m is filled.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=9, fill="full")
+    >>> camera = clplen.PlenopticCamera.type2(
+    ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16, m=0.25
+    ... )
+    >>> scene = clplen.SurfaceScene(clplen.cameras.Plane(-0.5, texture=clplen.cameras.noise(1)))
+    >>> raw = camera.expose(scene, model="rays")
+    >>> maps = clplen.lightfield.focused_maps(raw, clplen.lightfield.focused_depth(raw))
+    >>> maps.m.shape == maps.confidence.shape
+    True
     """
 
     _figure: ClassVar[str] = "focused_depth"
@@ -329,17 +364,31 @@ def focused_maps(
     raw : RawImage
         Whose depth it is.
     depth : FocusedDepth
+        The depth map.
     grid : PictureGrid, optional
         Of a picture; default that of the median of m.
 
     Returns
     -------
     FocusedMaps
+        Maps on the picture.
 
     Raises
     ------
     ValueError
         If no sub-image is sure.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=9, fill="full")
+    >>> camera = clplen.PlenopticCamera.type2(
+    ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16, m=0.25
+    ... )
+    >>> scene = clplen.SurfaceScene(clplen.cameras.Plane(-0.5, texture=clplen.cameras.noise(1)))
+    >>> raw = camera.expose(scene, model="rays")
+    >>> maps = clplen.lightfield.focused_maps(raw, clplen.lightfield.focused_depth(raw))
+    >>> maps.m.shape == maps.z.shape
+    True
     """
     require(RawImage, raw, "raw", "read_raw or camera.expose")
     require(FocusedDepth, depth, "depth", "focused_depth")

@@ -63,6 +63,16 @@ class FocusedGeometry:
         In metres; NaN where not known.
     ranges : tuple
         (least, greatest) abs(m) at which each type is in focus; empty for lenses of one type.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=9, fill="full")
+    >>> camera = clplen.PlenopticCamera.type2(
+    ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16, m=0.25
+    ... )
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)), model="rays")
+    >>> clplen.render_focused(raw).geometry.shape
+    (144, 144)
     """
 
     origin: Pair

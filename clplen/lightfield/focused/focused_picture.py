@@ -33,6 +33,11 @@ class PictureGrid:
         Pixels of the sensor from sample to sample, both ways.
     shape : tuple of int
         (height, width) in samples.
+
+    Examples
+    --------
+    >>> clplen.lightfield.PictureGrid((0.0, 0.0), 2.0, (10, 12)).shape
+    (10, 12)
     """
 
     first: Pair
@@ -90,6 +95,16 @@ class FocusedImage(Image):
     geometry : FocusedGeometry
     ratio : float
         Patch over pitch that was taken: ``geometry.ratio(m)``, or what a given patch amounts to.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=9, fill="full")
+    >>> camera = clplen.PlenopticCamera.type2(
+    ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16, m=0.25
+    ... )
+    >>> picture = clplen.render_focused(camera.expose(clplen.PointSources((0, 0, 0)), model="rays"))
+    >>> picture.m, picture.to_numpy().ndim
+    (0.25, 2)
     """
 
     _writer: ClassVar[str] = "write_focused"
@@ -139,6 +154,17 @@ class FocusedStack(Savable, OnDevice):
     zs : numpy.ndarray
         float64, shape (n,): dz of each plane in metres from the focused one, farther positive; NaN
         without a camera.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=9, fill="full")
+    >>> camera = clplen.PlenopticCamera.type2(
+    ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16, m=0.25
+    ... )
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)), model="rays")
+    >>> stack = clplen.lightfield.focused_stack(raw, ms=[0.2, 0.25])
+    >>> stack.ms.tolist()
+    [0.2, 0.25]
     """
 
     _writer: ClassVar[str] = "write_focused"
@@ -187,6 +213,17 @@ def seam(picture: FocusedImage) -> float:
     float
         inf where patches are flat and their borders are not; NaN where all is flat, patches have
         fewer samples, or no two neighbouring sub-images lie whole on the sensor.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=9, fill="full")
+    >>> camera = clplen.PlenopticCamera.type2(
+    ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16, m=0.25
+    ... )
+    >>> scene = clplen.SurfaceScene(clplen.cameras.Plane(-0.5, texture=clplen.cameras.noise(1)))
+    >>> raw = camera.expose(scene, model="rays")
+    >>> clplen.lightfield.seam(clplen.render_focused(raw, method="basic")) > 0
+    True
     """
     require(FocusedImage, picture, "picture", "render_focused")
     values, (owner, whole) = np.asarray(picture.to_numpy(), np.float64), _owner(picture)

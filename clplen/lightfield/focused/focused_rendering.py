@@ -50,21 +50,6 @@ def render_focused(
 ) -> FocusedImage:
     """The picture that a focused camera took.
 
-    Methods
-    -------
-    "basic"
-        One patch from the middle of every sub-image, mu = m p F/(z2 dx) pixels across, flipped
-        where m > 0, side by side (Georgiev & Lumsdaine 2010, section 4, "basic rendering"). Sharp
-        and seamless at m only: elsewhere the patches do not join.
-    "blended"
-        The mean over all lenslets that see a point (integration over directions): what is not at m
-        is blurred, as by a large lens.
-    "depth"
-        Blended with the m of each place, as `focused_depth` finds it: sharp everywhere.
-
-    Where the raw image has several lens types, "blended" and "depth" use those that are in focus at
-    m (a type with its focus at m_i blurs over p abs(m - m_i)), mixing two over one pixel of blur.
-
     Parameters
     ----------
     raw : RawImage
@@ -108,6 +93,34 @@ def render_focused(
         If fewer than two by two lenslets lie on the sensor, or the white image does not fit.
     DeviceError
         If the picture is larger than the device's memory.
+
+    Notes
+    -----
+    Methods:
+
+    "basic"
+        One patch from the middle of every sub-image, mu = m p F/(z2 dx) pixels across, flipped
+        where m > 0, side by side (Georgiev & Lumsdaine 2010, section 4, "basic rendering"). Sharp
+        and seamless at m only: elsewhere the patches do not join.
+    "blended"
+        The mean over all lenslets that see a point (integration over directions): what is not at m
+        is blurred, as by a large lens.
+    "depth"
+        Blended with the m of each place, as `focused_depth` finds it: sharp everywhere.
+
+    Where the raw image has several lens types, "blended" and "depth" use those that are in focus at
+    m (a type with its focus at m_i blurs over p abs(m - m_i)), mixing two over one pixel of blur.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=9, fill="full")
+    >>> camera = clplen.PlenopticCamera.type2(
+    ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16, m=0.25
+    ... )
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)), model="rays")
+    >>> picture = clplen.render_focused(raw)
+    >>> picture.m
+    0.25
     """
     _choice("method", method, METHODS)
     if method == "depth" and patch is not None:
@@ -149,21 +162,33 @@ def focused_stack(
     Parameters
     ----------
     raw : RawImage
+        The raw image.
     ms : array_like
         b/a of the planes, shape (n,).
     step : float, optional
         Default that of the largest patch among the planes.
-    view, aperture, white, interpolation
+    view, aperture, white, interpolation : tuple of float, float, array_like, str
         As for `render_focused`.
 
     Returns
     -------
     FocusedStack
+        A picture for each m.
 
     Raises
     ------
     ValueError, ShapeError, DeviceError
         As for `render_focused`; if ``ms`` is no list of numbers.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=9, fill="full")
+    >>> camera = clplen.PlenopticCamera.type2(
+    ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16, m=0.25
+    ... )
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)), model="rays")
+    >>> len(clplen.lightfield.focused_stack(raw, ms=[0.2, 0.25, 0.3]).ms)
+    3
     """
     gather = _Gather(raw, white, interpolation, view, aperture)
     planes = np.asarray(ms, np.float64)

@@ -38,6 +38,16 @@ class SpotFit:
     uncertainty : float
         One standard deviation of m: by the scatter of the spots about the law, 3.2 times what it
         would be if they were independent, measured with four wave-optical cameras.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=21, fill="full")
+    >>> camera = clplen.PlenopticCamera.type2(
+    ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16, m=0.2
+    ... )
+    >>> fit = clplen.lightfield.point_m(camera.expose(clplen.PointSources((0, 0, 0)), model="rays"))
+    >>> f"{fit.m:.1f}", fit.spots > 3
+    ('0.2', True)
     """
 
     m: float
@@ -51,7 +61,7 @@ class SpotFit:
 
 
 def point_m(raw: RawImage, *, least: float = 0.25) -> SpotFit:
-    """m of the only point in a raw image, by the pitch of its spots.
+    """Find m of the only point in a raw image, by the pitch of its spots.
 
     The centroid of I^2 in every sub-image, and then within 0.3 pitches of itself, gives r_k. The
     ratio and Y of r_k = s_k + ratio (s_k - Y) follow by least squares, weighted by the squares of
@@ -72,6 +82,7 @@ def point_m(raw: RawImage, *, least: float = 0.25) -> SpotFit:
     Returns
     -------
     SpotFit
+        The m that fits, and how well.
 
     Raises
     ------
@@ -79,6 +90,16 @@ def point_m(raw: RawImage, *, least: float = 0.25) -> SpotFit:
         If fewer than three lenslets see the point, or the raw image holds NaN or infinity.
     ShapeError
         If fewer than two by two lenslets lie on the sensor.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=21, fill="full")
+    >>> camera = clplen.PlenopticCamera.type2(
+    ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16, m=0.2
+    ... )
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)), model="rays")
+    >>> f"{clplen.lightfield.point_m(raw).m:.1f}"
+    '0.2'
     """
     geometry = FocusedGeometry.of(raw)
     bad = count_bad(raw.data, raw.device)

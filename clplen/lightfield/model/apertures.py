@@ -49,6 +49,12 @@ def disc(views: Views, radius: float | Pair, *, centre: Pair | None = None) -> W
     ------
     ValueError
         If a number is out of range or the shape covers no view.
+
+    Examples
+    --------
+    >>> weights = clplen.lightfield.disc((5, 5), 1.0)
+    >>> float(weights[2, 2]), float(weights[0, 0])
+    (1.0, 0.0)
     """
     return _checked_cells(
         ellipse_cells(_views(views), _pair(radius), _centre(views, centre)), "disc"
@@ -58,7 +64,28 @@ def disc(views: Views, radius: float | Pair, *, centre: Pair | None = None) -> W
 def annulus(
     views: Views, inner: float | Pair, outer: float | Pair, *, centre: Pair | None = None
 ) -> Weights:
-    """What lies between two discs; parameters as of `disc`."""
+    """What lies between two discs; parameters as of `disc`.
+
+    Parameters
+    ----------
+    views : tuple of int
+        (V, U, ...).
+    inner, outer : float or tuple of float
+        Radii in view steps, or one along v and one along u; inner below outer.
+    centre : tuple of float, optional
+        (v, u) of the middle; default that of the views.
+
+    Returns
+    -------
+    numpy.ndarray
+        float32, shape (V, U), 0 to 1.
+
+    Examples
+    --------
+    >>> weights = clplen.lightfield.annulus((5, 5), 1.0, 2.0)
+    >>> weights.shape, bool(weights[2, 2] == 0)
+    ((5, 5), True)
+    """
     small, large = _pair(inner), _pair(outer)
     if not (small[0] < large[0] and small[1] < large[1]):
         raise ValueError(f"An annulus has inner below outer radius, not {inner!r} and {outer!r}.")
@@ -99,6 +126,12 @@ def polygon(views: Views, corners: ArrayLike) -> Weights:
         If the corners are not (n, 2).
     ValueError
         If one is not finite, or no view is covered.
+
+    Examples
+    --------
+    >>> weights = clplen.lightfield.polygon((5, 5), [(-1.2, -1.2), (-1.2, 1.2), (1.2, 0)])
+    >>> weights.shape
+    (5, 5)
     """
     at = np.asarray(corners, np.float64)
     if at.ndim != 2 or at.shape[1] != 2 or len(at) < 3:
@@ -126,12 +159,27 @@ def regular_polygon(
 
     Parameters
     ----------
-    views, radius, centre
-        As of `disc`; the radius is that of the corners.
+    views : tuple of int
+        (V, U, ...).
     sides : int
         At least 3.
+    radius : float or tuple of float
+        Of the corners, as of `disc`.
     angle : float
         Of the first corner from the direction of u to that of v, in radians.
+    centre : tuple of float, optional
+        As of `disc`.
+
+    Returns
+    -------
+    numpy.ndarray
+        float32, shape (V, U), 0 to 1.
+
+    Examples
+    --------
+    >>> weights = clplen.lightfield.regular_polygon((5, 5), 6, 2.0)
+    >>> weights.shape
+    (5, 5)
     """
     if sides != int(sides) or sides < 3:
         raise ValueError(f"A polygon has at least 3 sides, not {sides!r}.")
@@ -152,6 +200,17 @@ def half_plane(views: Views, angle: float, *, centre: Pair | None = None) -> Wei
         u, pi/2 larger v.
     centre : tuple of float, optional
         (v, u) of a point on the edge.
+
+    Returns
+    -------
+    numpy.ndarray
+        float32, shape (V, U), 0 to 1.
+
+    Examples
+    --------
+    >>> weights = clplen.lightfield.half_plane((5, 5), 0.0)
+    >>> weights.shape
+    (5, 5)
     """
     if not np.isfinite(angle):
         raise ValueError(f"An angle is a finite number in radians, not {angle!r}.")
@@ -190,12 +249,54 @@ def picture(
 
 
 def gaussian(views: Views, sigma: float | Pair, *, centre: Pair | None = None) -> Weights:
-    """Apodisation exp(-r^2/(2 sigma^2)) at the views; sigma in view steps."""
+    """Apodisation exp(-r^2/(2 sigma^2)) at the views; sigma in view steps.
+
+    Parameters
+    ----------
+    views : tuple of int
+        (V, U, ...).
+    sigma : float or tuple of float
+        In view steps, or one along v and one along u.
+    centre : tuple of float, optional
+        (v, u) of the middle; default that of the views.
+
+    Returns
+    -------
+    numpy.ndarray
+        float32, shape (V, U), 0 to 1.
+
+    Examples
+    --------
+    >>> weights = clplen.lightfield.gaussian((5, 5), 1.0)
+    >>> f"{weights[2, 3] / weights[2, 2]:.3f}"
+    '0.607'
+    """
     return np.exp(-0.5 * _distance(views, sigma, centre) ** 2).astype(np.float32)
 
 
 def hann(views: Views, radius: float | Pair, *, centre: Pair | None = None) -> Weights:
-    """Apodisation (1 + cos(pi r/radius))/2 at the views, 0 beyond the radius."""
+    """Apodisation (1 + cos(pi r/radius))/2 at the views, 0 beyond the radius.
+
+    Parameters
+    ----------
+    views : tuple of int
+        (V, U, ...).
+    radius : float or tuple of float
+        In view steps, or one along v and one along u.
+    centre : tuple of float, optional
+        (v, u) of the middle; default that of the views.
+
+    Returns
+    -------
+    numpy.ndarray
+        float32, shape (V, U), 0 to 1.
+
+    Examples
+    --------
+    >>> weights = clplen.lightfield.hann((5, 5), 2.5)
+    >>> f"{weights[2, 2]:.2f}"
+    '1.00'
+    """
     r = np.minimum(_distance(views, radius, centre), 1)
     return ((1 + np.cos(np.pi * r)) / 2).astype(np.float32)
 
@@ -203,7 +304,30 @@ def hann(views: Views, radius: float | Pair, *, centre: Pair | None = None) -> W
 def kaiser(
     views: Views, radius: float | Pair, beta: float, *, centre: Pair | None = None
 ) -> Weights:
-    """Apodisation I0(beta sqrt(1 - r^2/radius^2))/I0(beta) at the views (Kaiser 1974)."""
+    """Apodisation I0(beta sqrt(1 - r^2/radius^2))/I0(beta) at the views (Kaiser 1974).
+
+    Parameters
+    ----------
+    views : tuple of int
+        (V, U, ...).
+    radius : float or tuple of float
+        In view steps, or one along v and one along u.
+    beta : float
+        0 for an even disc; larger is narrower.
+    centre : tuple of float, optional
+        (v, u) of the middle; default that of the views.
+
+    Returns
+    -------
+    numpy.ndarray
+        float32, shape (V, U), 0 to 1.
+
+    Examples
+    --------
+    >>> weights = clplen.lightfield.kaiser((5, 5), 2.5, 6.0)
+    >>> f"{weights[2, 2]:.2f}"
+    '1.00'
+    """
     if not (np.isfinite(beta) and 0 <= beta <= 100):
         raise ValueError(f"beta of a Kaiser window is from 0 to 100, not {beta!r}.")
     r = _distance(views, radius, centre)

@@ -57,6 +57,15 @@ class LightField(AlphaLaw, Savable, Plottable, OnDevice):
     parametrisation : {"two-plane", "point-angle"}
         What a view is: a position on the main lens, or a direction. Then dv and du of ``spacing``
         are steps of angle in radians, and what shifts views refuses it; see `resample`.
+
+    Examples
+    --------
+    >>> L = np.random.default_rng(1).random((5, 5, 16, 20), np.float32)
+    >>> lf = clplen.LightField.from_array(L)
+    >>> lf.shape
+    (5, 5, 16, 20)
+    >>> lf.view(2, 2).shape, lf.render(aperture=3).shape
+    ((16, 20), (16, 20))
     """
 
     _writer: ClassVar[str] = "write_lightfield"

@@ -42,6 +42,13 @@ class PhaseSpace(OneLine, Plottable, HostArray):
         (x - u)/F of every sample in radians, shape (views, pixels); -u/F of a telecentric camera,
         F the focal length of its tube lens, where M^2 z/n is the slope dx/dtheta of a point. None
         without a camera.
+
+    Examples
+    --------
+    >>> L = np.random.default_rng(1).random((5, 5, 16, 20), np.float32)
+    >>> slice_ = clplen.lightfield.phase_space(L, y=8, v=2)
+    >>> slice_.values.shape, slice_.axes
+    ((5, 20), ('u', 'x'))
     """
 
     _figure: ClassVar[str] = "epi"
@@ -71,22 +78,28 @@ def phase_space(
     lf : LightField
         With ``spacing`` the axes are in metres, signed; with a ``camera`` too, the angles of the
         rays are known.
-    y, v : int
-        Row of the pixels and of the views: (u, x). Or:
-    x, u : int
-        Column of both: (v, y).
+    y, x, v, u : int, optional
+        Either y and v, the row of the pixels and of the views, for (u, x); or x and u, the
+        column of both, for (v, y).
     device : Device or str, optional
         Where an array goes; default ``Device.open()``. A light field brings its own.
 
     Returns
     -------
     PhaseSpace
+        The slice with its axes.
 
     Raises
     ------
     ValueError
         If neither pair, or an index outside the light field, is given; or the light field has
         positions, so that a row of views is no row on the lens.
+
+    Examples
+    --------
+    >>> L = np.random.default_rng(1).random((5, 5, 16, 20), np.float32)
+    >>> clplen.lightfield.phase_space(L, y=8, v=2).values.shape
+    (5, 20)
     """
     lf = as_lightfield(lf, device=device)
     if lf.positions is not None:

@@ -48,6 +48,13 @@ def plane_through(points: ArrayLike, shape: tuple[int, ...]) -> DisparityMap:
         If the points are not (n, 3) with at least three.
     ValueError
         If one is not finite, or they lie on one line.
+
+    Examples
+    --------
+    >>> points = [(0, 0, 0.0), (0, 31, 1.0), (31, 0, 0.0)]
+    >>> tilted = clplen.lightfield.plane_through(points, (32, 32))
+    >>> f"{tilted[16, 31]:.1f}"
+    '1.0'
     """
     values = np.asarray(points, np.float64)
     if values.ndim != 2 or values.shape[1:] != (3,) or len(values) < 3:

@@ -38,8 +38,10 @@ _BAND = 1 << 20  # bytes of a view that are looked at together for light
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StoredLightField(AlphaLaw, HostArray):
-    """A light field L[v, u, y, x(, c)] in a file or an array. Made by `from_array` or by
-    ``clplen.open_lightfield``; what takes it are the ``stream_`` functions.
+    """A light field L[v, u, y, x(, c)] in a file or an array, read part by part.
+
+    Made by `from_array` or by `clplen.open_lightfield`; `focal_stack`, `depth_map` and
+    `all_in_focus` take it.
 
     Attributes
     ----------
@@ -61,6 +63,14 @@ class StoredLightField(AlphaLaw, HostArray):
         Bytes that reading needs beside its result.
     spacing, camera, decode, positions, parametrisation
         As in `LightField`.
+
+    Examples
+    --------
+    >>> lf = clplen.LightField.from_array(np.ones((3, 3, 16, 20), np.float32))
+    >>> clplen.write_lightfield("l.h5", lf)
+    >>> with clplen.open_lightfield("l.h5") as stored:
+    ...     print(stored.shape, clplen.focal_stack(stored, disparities=[0, 1]).shape)
+    (3, 3, 16, 20) (2, 16, 20)
     """
 
     _downloads: ClassVar[bool] = True

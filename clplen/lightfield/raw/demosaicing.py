@@ -173,6 +173,18 @@ def demosaic(raw: RawImage) -> RawImage:
     ------
     ValueError
         If the raw image has no mosaic, or other filters.
+
+    Examples
+    --------
+    >>> y, x = np.indices((45, 45))
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=3, fill="full")
+    >>> pixels = clplen.cameras.PixelArray(filters=clplen.cameras.ColorFilterArray.bayer("RGGB"))
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=14, pixels=pixels
+    ... )
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)))
+    >>> clplen.lightfield.demosaic(raw).shape
+    (42, 42)
     """
     if raw.mosaic is None:
         raise ValueError("This raw image has no colour filters, its ``mosaic`` is None.")

@@ -35,6 +35,12 @@ class LensletGrid(OneLine):
     exchanged : bool
         Whether rows and columns of the picture are exchanged here, and views too: L[v, u, y, x]
         is what this grid calls view (u, v) of (x, y).
+
+    Examples
+    --------
+    >>> grid = clplen.lightfield.LensletGrid((5, 7), (15, 15), (7.0, 7.0), (15.0, 0.0), (0.0, 15.0))
+    >>> grid.count, grid.views
+    ((5, 7), (15, 15))
     """
 
     count: tuple[int, int]
@@ -71,6 +77,12 @@ class LensType:
         (least, greatest) virtual depth at which it is sharp.
     steps : tuple
         Two vectors (y, x) in pixels.
+
+    Examples
+    --------
+    >>> lens = clplen.lightfield.LensType((0.0, 0.0), (2.0, 4.0), ((30.0, 0.0), (0.0, 30.0)))
+    >>> lens.depth_range
+    (2.0, 4.0)
     """
 
     offset: tuple[float, float]

@@ -198,6 +198,13 @@ class Lattice:
     trust : {"high", "low"}
     verdict : str
         One sentence on what was found.
+
+    Examples
+    --------
+    >>> lattice = clplen.lightfield.Lattice("square", (7.0, 7.0), (15.0, 0.0), (0.0, 15.0))
+    >>> lattice.save("grid.json")
+    >>> clplen.lightfield.Lattice.load("grid.json").row
+    (15.0, 0.0)
     """
 
     kind: str

@@ -49,6 +49,15 @@ class Exposure:
     wavelengths : int or None
         By which sources with a spectrum, and all before colour filters, were exposed: the most
         that a source took.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
+    ... )
+    >>> camera.expose(clplen.PointSources((0, 0, 0))).exposure.route
+    'local'
     """
 
     route: str
@@ -76,7 +85,19 @@ class Exposure:
 
 
 class CameraModel(Protocol):
-    """What the light-field tower asks of a camera; all lengths in metres."""
+    """What the light-field tower asks of a camera; all lengths in metres.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
+    ... )
+    >>> lf = clplen.LightField.from_array(np.ones((15, 15, 5, 5), np.float32), camera=camera)
+    >>> model: clplen.lightfield.CameraModel = lf.camera
+    >>> model.kind
+    'standard'
+    """
 
     @property
     def kind(self) -> str:
@@ -154,6 +175,12 @@ class Levels:
         Number of a saturated pixel.
     bit_depth : int
         Of the converter: numbers go from 0 to 2^bit_depth - 1.
+
+    Examples
+    --------
+    >>> levels = clplen.lightfield.Levels(64.0, 1023.0, 10)
+    >>> levels.white - levels.black
+    959.0
     """
 
     black: float
@@ -193,6 +220,16 @@ class RawImage(Savable, Plottable, OnDevice):
         Names of the colour filters over the pixels, row by row, which repeat from pixel (0, 0) on.
     levels : Levels or None
         What the numbers of a sensor with ``bit_depth`` mean.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
+    ... )
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)), model="rays")
+    >>> raw.shape, clplen.LightField.from_raw(raw).shape
+    ((75, 75), (15, 15, 5, 5))
     """
 
     _writer: ClassVar[str] = "write_raw"
@@ -287,6 +324,12 @@ class Sensor:
     ------
     ValueError
         For a value outside its range, or noise and bits asked for without an exposure.
+
+    Examples
+    --------
+    >>> sensor = clplen.Sensor(exposure=1e4, shot_noise=True, bit_depth=12, full_well=2e4)
+    >>> sensor.bit_depth, sensor.read_noise
+    (12, 0.0)
     """
 
     exposure: float | None = None

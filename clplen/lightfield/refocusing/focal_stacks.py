@@ -94,6 +94,13 @@ class FocalStack(Savable, Plottable, OnDevice):
         Of the views that were averaged, float32, shape (V, U); None when not known.
     positions : numpy.ndarray or None
         Of the views, as in `LightField`.
+
+    Examples
+    --------
+    >>> L = np.random.default_rng(1).random((3, 3, 16, 20), np.float32)
+    >>> stack = clplen.focal_stack(L, disparities=[-1, 0, 1])
+    >>> stack.shape, stack.disparities.tolist()
+    ((3, 16, 20), [-1.0, 0.0, 1.0])
     """
 
     _writer: ClassVar[str] = "write_stack"
@@ -146,6 +153,7 @@ def refocus(
     Parameters
     ----------
     lf : LightField
+        The light field.
     alpha : float, optional
         F/F', above 1 for planes farther than the one in focus; needs ``lf.spacing``.
     disparity : float or array_like, optional
@@ -182,6 +190,14 @@ def refocus(
         If it is stored and not on a device, or a raw image.
     ShapeError
         If disparities are not one of every pixel.
+
+    Examples
+    --------
+    >>> L = np.random.default_rng(1).random((3, 3, 32, 40), np.float32)
+    >>> clplen.refocus(L, disparity=0.5).shape
+    (32, 40)
+    >>> clplen.refocus(L, disparity=0.5, upsample=2).shape
+    (64, 80)
     """
     lf = as_lightfield(lf, "focal_stack", device=device)
     given = _exactly_one(alpha=alpha, disparity=disparity)

@@ -55,7 +55,7 @@ def fourier_stack(
         Its views on the regular grid (no ``positions``).
     alphas, disparities : array_like, optional
         Shape (n,); exactly one of the two.
-    aperture
+    aperture : int, float, str or array_like, optional
         As in `LightField.render`.
     width : int
         2 to 12.
@@ -75,6 +75,12 @@ def fourier_stack(
         lie on no grid.
     DeviceError
         If spectrum, stack and light field are larger than the device's memory.
+
+    Examples
+    --------
+    >>> L = np.random.default_rng(1).random((5, 5, 32, 32), np.float32)
+    >>> clplen.lightfield.fourier_stack(L, disparities=[-0.5, 0, 0.5]).shape
+    (3, 32, 32)
     """
     lf = as_lightfield(lf, device=device)
     if width not in _WIDTHS:

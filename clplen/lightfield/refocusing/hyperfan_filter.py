@@ -66,6 +66,12 @@ def hyperfan(
     DeviceError
         If the spectrum of a channel, of four times its samples, is larger than the device's
         memory.
+
+    Examples
+    --------
+    >>> L = np.random.default_rng(1).random((5, 5, 32, 32), np.float32)
+    >>> clplen.lightfield.hyperfan(L, -0.5, 0.5).shape
+    (5, 5, 32, 32)
     """
     lf = as_lightfield(lf, device=device)
     _check(lf, low, high, bandwidth)

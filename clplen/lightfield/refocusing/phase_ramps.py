@@ -183,6 +183,7 @@ def shift_views(lf: LightField, steps: Any, *, device: DeviceLike | None = None)
     Parameters
     ----------
     lf : LightField
+        The light field.
     steps : array_like
         Shape (V, U, 2), (y, x) in pixels, finite.
     device : Device or str, optional
@@ -201,6 +202,13 @@ def shift_views(lf: LightField, steps: Any, *, device: DeviceLike | None = None)
         If one is not finite.
     DeviceError
         If both light fields do not fit the device.
+
+    Examples
+    --------
+    >>> L = np.random.default_rng(1).random((3, 3, 32, 32), np.float32)
+    >>> moved = clplen.lightfield.shift_views(L, np.zeros((3, 3, 2)))
+    >>> bool(np.allclose(moved.to_numpy(), L, atol=1e-6))
+    True
     """
     lf = as_lightfield(lf, device=device)
     shift = np.asarray(steps, np.float64)

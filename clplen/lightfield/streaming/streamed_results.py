@@ -79,6 +79,17 @@ class StackTiles(OneLine):
     spacing : tuple of float or None
         Signed (dv, du, dy, dx) of the light field, in metres.
     camera : CameraModel or None
+        Of the light field.
+    _parts : iterator
+        The tiles that are left.
+
+    Examples
+    --------
+    >>> clplen.write_lightfield("l.h5", clplen.LightField.from_array(np.ones((3, 3, 16, 20))))
+    >>> with clplen.open_lightfield("l.h5") as stored:
+    ...     tiles = clplen.lightfield.stream_stack(stored, disparities=[0, 1])
+    ...     print(tiles.shape)
+    (2, 16, 20)
     """
 
     plan: StreamPlan
@@ -115,7 +126,8 @@ def stream_stack(
     Parameters
     ----------
     source : StoredLightField
-    alphas, disparities, aperture, interpolation
+        A stored light field.
+    alphas, disparities, aperture, interpolation : array_like, array_like, object, str, optional
         As in `focal_stack`, without "fourier".
     memory : int, optional
         Bytes for samples, pictures and what is between, on the host and the device together.
@@ -128,6 +140,7 @@ def stream_stack(
     Returns
     -------
     StackTiles
+        Tiles that are computed as they are taken.
 
     Raises
     ------
@@ -138,6 +151,15 @@ def stream_stack(
         While iterating, if views have to be copied to a temporary file and the disk is too small.
     FormatError
         While iterating, if the file is damaged.
+
+    Examples
+    --------
+    >>> clplen.write_lightfield("l.h5", clplen.LightField.from_array(np.ones((3, 3, 32, 32))))
+    >>> with clplen.open_lightfield("l.h5") as stored:
+    ...     tiles = clplen.lightfield.stream_stack(stored, disparities=[-1, 0, 1])
+    ...     clplen.io.write_stack("stack.ome.tif", tiles)
+    >>> clplen.io.read_stack("stack.ome.tif").shape
+    (3, 32, 32)
     """
     return _stack_tiles(
         source,
@@ -262,14 +284,16 @@ def stream_depth(
     Parameters
     ----------
     source : StoredLightField
-    alphas, disparities, cue
+        A stored light field.
+    alphas, disparities, cue : array_like, array_like, str, optional
         As in `depth_map`. "combined" reads all samples twice.
-    memory, device, progress
+    memory, device, progress : int, Device or str, callable, optional
         As in `stream_stack`; the maps count too.
 
     Returns
     -------
     DepthMap
+        Disparity and confidence of every pixel.
 
     Raises
     ------
@@ -277,6 +301,14 @@ def stream_depth(
         As in `depth_map`; if the memory is too little for the smallest tile.
     OSError, FormatError
         As in `stream_stack`.
+
+    Examples
+    --------
+    >>> clplen.write_lightfield("l.h5", clplen.LightField.from_array(np.ones((3, 3, 32, 32))))
+    >>> with clplen.open_lightfield("l.h5") as stored:
+    ...     depth = clplen.lightfield.stream_depth(stored, disparities=[-1, 0, 1], cue="energy")
+    >>> depth.disparity.shape
+    (32, 32)
     """
     device = _check_source(source, device)
     name = default_cue(source) if cue is None else cue
@@ -324,9 +356,10 @@ def stream_all_in_focus(
     Parameters
     ----------
     source : StoredLightField
-    depth, disparities
+        A stored light field.
+    depth, disparities : DepthMap, array_like, optional
         As in `all_in_focus`.
-    memory, device, progress
+    memory, device, progress : int, Device or str, callable, optional
         As in `stream_stack`; the picture counts too.
 
     Returns
@@ -340,6 +373,13 @@ def stream_all_in_focus(
         As in `all_in_focus`; if the memory is too little for the smallest tile.
     OSError, FormatError
         As in `stream_stack`.
+
+    Examples
+    --------
+    >>> clplen.write_lightfield("l.h5", clplen.LightField.from_array(np.ones((3, 3, 32, 32))))
+    >>> with clplen.open_lightfield("l.h5") as stored:
+    ...     print(clplen.lightfield.stream_all_in_focus(stored, disparities=[-1, 0, 1]).shape)
+    (32, 32)
     """
     device = _check_source(source, device)
     check_planes(depth, disparities)

@@ -22,7 +22,23 @@ _ROUNDED = 1.5  # how much more than the tiles themselves makes a source slow in
 
 @dataclass(frozen=True)
 class Tile:
-    """A part of the picture: what is written, and what is read for it (clipped at the edges)."""
+    """A part of the picture: what is written, and what is read for it (clipped at the edges).
+
+    Attributes
+    ----------
+    rows, columns : slice
+        What is written.
+    outer_rows, outer_columns : slice
+        What is read for it.
+
+    Examples
+    --------
+    >>> clplen.write_lightfield("l.h5", clplen.LightField.from_array(np.ones((3, 3, 16, 20))))
+    >>> with clplen.open_lightfield("l.h5") as stored:
+    ...     tile = clplen.lightfield.stream_stack(stored, disparities=[0, 1]).plan.tiles[0]
+    ...     print(tile.rows, tile.columns)
+    slice(0, 16, None) slice(0, 20, None)
+    """
 
     rows: slice
     columns: slice
@@ -67,6 +83,14 @@ class StreamPlan(OneLine):
         Full rows that a pass before that over the tiles reads at a time; 0 without one.
     memory : int
         The budget in bytes.
+
+    Examples
+    --------
+    >>> clplen.write_lightfield("l.h5", clplen.LightField.from_array(np.ones((3, 3, 16, 20))))
+    >>> with clplen.open_lightfield("l.h5") as stored:
+    ...     plan = clplen.lightfield.stream_stack(stored, disparities=[0, 1]).plan
+    ...     print(len(plan.tiles), plan.passes)
+    1 1
     """
 
     tiles: tuple[Tile, ...]

@@ -40,6 +40,16 @@ class AbbeImage(NamedTuple):
         Coherent images (route "points") or pairs of displacements (route "lags").
     dropped : float
         Sum of S (route "points") or of abs(mu) (route "lags") over what was left out.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((16, 16), 1e-5)
+    >>> field = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=550e-9), 8e-5)
+    >>> source = np.zeros((16, 16))
+    >>> source[0, :4] = 0.25
+    >>> image = clplen.wave.abbe_image(field, np.ones((16, 16)), source)
+    >>> image.terms, image.intensity.shape
+    (4, (16, 16))
     """
 
     intensity: Image
@@ -131,7 +141,7 @@ def abbe_image(
 ) -> AbbeImage:
     """Ensemble mean of the image of an object in partially coherent light, in a periodic window.
 
-    I = sum_f S(f) |IFFT(O(f' - f) H(f'))|^2: every point of the source lights the object by a plane
+    I = sum_f S(f) abs(IFFT(O(f' - f) H(f')))^2: every point of the source lights the object by a plane
     wave of its own (Abbe's approach: Goodman 2015, section 7.2.1), O the object's spectrum.
 
     Parameters
@@ -153,7 +163,7 @@ def abbe_image(
     Returns
     -------
     AbbeImage
-        A clear field has the intensity sum_f S(f) |H(f)|^2: what the pupil stops is lost.
+        A clear field has the intensity sum_f S(f) abs(H(f))^2: what the pupil stops is lost.
 
     Raises
     ------
@@ -167,6 +177,15 @@ def abbe_image(
     -----
     Within 1e-5 of the largest intensity in single precision. Source points that together send less
     than 1e-13 of the light through the pupil are skipped.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((16, 16), 1e-5)
+    >>> field = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=550e-9), 8e-5)
+    >>> source = np.zeros((16, 16))
+    >>> source[0, :4] = 0.25
+    >>> clplen.wave.abbe_image(field, np.ones((16, 16)), source).terms
+    4
     """
     _check_field(field)
     H, S = _checked_transfer(transfer, field.shape), _checked_source(source, field.shape)
@@ -198,12 +217,19 @@ def incoherent_image(field: Field, transfer: Any) -> Image:
     Returns
     -------
     Image
-        Real, shape (ny, nx). A clear field has the intensity sum_f |H(f)|^2/(ny nx).
+        Real, shape (ny, nx). A clear field has the intensity sum_f abs(H(f))^2/(ny nx).
 
     Raises
     ------
     ShapeError, ValueError
         As `abbe_image`.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((16, 16), 1e-5)
+    >>> field = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=550e-9), 8e-5)
+    >>> clplen.wave.incoherent_image(field, np.ones((16, 16))).shape
+    (16, 16)
     """
     _check_field(field)
     H = _checked_transfer(transfer, field.shape)
@@ -258,7 +284,7 @@ def _choose(
 
 
 def _sum_of_images(spectrum: Any, transfer: Values, points: Points, device: Device) -> Values:
-    """sum_f S(f) |IFFT(O(f' - f) H(f'))|^2, float64, shape (ny, nx).
+    """sum_f S(f) abs(IFFT(O(f' - f) H(f')))^2, float64, shape (ny, nx).
 
     Each in the window of the pupil's box; every `BLOCK` of them added up on the device, the blocks
     in double on the host.

@@ -57,17 +57,22 @@ class Coherence(OneLine):
     ValueError
         For a number of wavelengths below 1 or a seed out of range.
 
-    Examples
-    --------
-    >>> light = Coherence(RandomPhaseMask(40e-6), Spectrum.gaussian(550e-9, 30e-9))
-    >>> image = system(field, coherence=light, snapshots=300)
-    >>> image.intensity, image.standard_error, image.snapshots, image.convergence
-
     Notes
     -----
     Wavelengths are mutually incoherent: a snapshot is the weighted sum of the intensities at all of
     them, each lit by a snapshot of the spatial model of its own. Elements act as path lengths: they
     are given the field at its wavelength.
+
+    Examples
+    --------
+    >>> light = clplen.Coherence(
+    ...     clplen.wave.RandomPhaseMask(4e-5), clplen.Spectrum.gaussian(550e-9, 30e-9)
+    ... )
+    >>> grid = clplen.Grid((32, 32), 1e-5)
+    >>> slit = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=550e-9), 1.6e-4)
+    >>> behind = clplen.propagate(slit, 1e-3, coherence=light, snapshots=4)
+    >>> behind.snapshots, behind.intensity.shape
+    (4, (32, 32))
     """
 
     spatial: SpatialModel | None = None

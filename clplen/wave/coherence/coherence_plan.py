@@ -80,6 +80,14 @@ class CoherencePlan(OneLine, Generic[Light]):
     wavelengths : int
     contrast : float
         Of one snapshot's image of a clear field.
+
+    Examples
+    --------
+    >>> lens = clplen.OpticalSystem([clplen.wave.Pupil(2e-3, 0.1)])
+    >>> grid = clplen.Grid((128, 128), 5e-6)
+    >>> plan = clplen.Coherence.plan(lens, snr=5, grid=grid, wavelength=550e-9)
+    >>> plan.snapshots > 1, plan.wavelengths
+    (True, 1)
     """
 
     coherence: Light

@@ -176,6 +176,13 @@ def measured_degree(
         If there is no field or no light, or a lag is not whole or beyond the window.
     ShapeError
         If the lags are not pairs, or the grids differ.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((32, 32), 1e-5)
+    >>> wave = clplen.wave.plane_wave(grid, wavelength=550e-9)
+    >>> np.round(clplen.wave.measured_degree([wave], [0, 1, 2], axis="x").real, 3).tolist()
+    [1.0, 1.0, 1.0]
     """
     dy, dx = _along(lags, axis)
     estimator = None
@@ -214,6 +221,11 @@ def speckle_contrast(image: Image | Array, *, region: Any = None) -> float:
     ------
     ValueError
         If the region is empty or dark.
+
+    Examples
+    --------
+    >>> clplen.wave.speckle_contrast(np.ones((8, 8), np.float32))
+    0.0
     """
     values = image.to_numpy() if isinstance(image, Image) else np.asarray(image)
     chosen = (values if region is None else values[region]).astype(np.float64)

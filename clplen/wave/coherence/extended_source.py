@@ -181,6 +181,13 @@ class ExtendedSource(OneLine):
     (Goodman 2015, section 5.6: the quadratic phase of the point itself is lost in its random one).
     That is paraxial: the sine of an angle is taken for its tangent, half_angle^2/2 of it too much.
     Along an axis of length 1 nothing varies: there the source is projected on the other axis.
+
+    Examples
+    --------
+    >>> source = clplen.wave.ExtendedSource(2e-4, 0.3)  # 0.2 mm wide, 30 cm away
+    >>> lags = np.array([0.0, 5e-4])
+    >>> [round(float(mu.real), 2) for mu in source.degree(0 * lags, lags, wavelength=550e-9)]
+    [1.0, 0.61]
     """
 
     size: float

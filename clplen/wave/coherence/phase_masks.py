@@ -63,6 +63,13 @@ class RandomPhaseMask:
     -----
     The phases are uniform at every wavelength, as behind a diffuser many wavelengths deep, and the
     cells keep their size.
+
+    Examples
+    --------
+    >>> mask = clplen.wave.RandomPhaseMask(4e-5)
+    >>> lags = np.array([0.0, 2e-5, 4e-5])
+    >>> np.round(mask.degree(0 * lags, lags, wavelength=550e-9).real, 2).tolist()
+    [1.0, 0.5, 0.0]
     """
 
     cell: float | tuple[float, float]

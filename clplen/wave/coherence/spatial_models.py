@@ -107,7 +107,13 @@ Array = np.ndarray[Any, Any]
 
 @runtime_checkable
 class SpatialModel(Protocol):
-    """Light of some degree of coherence, as an ensemble of fields of mean intensity 1."""
+    """Light of some degree of coherence, as an ensemble of fields of mean intensity 1.
+
+    Examples
+    --------
+    >>> isinstance(clplen.wave.RandomPhaseMask(4e-5), clplen.wave.SpatialModel)
+    True
+    """
 
     @property
     def random(self) -> bool:
@@ -144,6 +150,14 @@ class IncoherentLight:
     The mean over snapshots is that of a field incoherent from sample to sample; no two points have
     any coherence. With a shift-invariant system that is imaging by the optical transfer function
     (Goodman 2005, section 6.3).
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((32, 32), 1e-5)
+    >>> slit = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=550e-9), 1e-4)
+    >>> lens = clplen.OpticalSystem([clplen.wave.Pupil(2e-3, 0.1)])
+    >>> lens(slit, coherence=clplen.Coherence(clplen.wave.IncoherentLight())).method
+    'incoherent'
     """
 
     random: ClassVar[bool] = True

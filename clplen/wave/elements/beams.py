@@ -32,6 +32,7 @@ def plane_wave(
     Parameters
     ----------
     grid : Grid
+        Where the field is sampled.
     wavelength : float
         In metres.
     device : Device or str, optional
@@ -42,6 +43,7 @@ def plane_wave(
     Returns
     -------
     Field
+        Behind it, on the same grid.
 
     Raises
     ------
@@ -52,6 +54,12 @@ def plane_wave(
     -----
     SamplingWarning
         If its spatial frequency a/lam is beyond the Nyquist frequency 1/(2 d) of an axis.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> clplen.wave.plane_wave(grid, wavelength=550e-9).shape
+    (64, 64)
     """
     device = _check_wave(grid, wavelength, device)
     _check_direction(direction)
@@ -66,6 +74,7 @@ def tilt(field: Field, direction: Pair) -> Field:
     Parameters
     ----------
     field : Field
+        In front of it.
     direction : tuple of float
         Direction cosines (a_y, a_x) that are added, a_y^2 + a_x^2 < 1. Along an axis of length 1
         nothing varies.
@@ -73,6 +82,7 @@ def tilt(field: Field, direction: Pair) -> Field:
     Returns
     -------
     Field
+        Behind it, on the same grid.
 
     Raises
     ------
@@ -83,6 +93,13 @@ def tilt(field: Field, direction: Pair) -> Field:
     -----
     SamplingWarning
         If the frequency a/lam that is added is beyond the Nyquist frequency of an axis.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> field = clplen.wave.plane_wave(grid, wavelength=550e-9)
+    >>> clplen.wave.tilt(field, (0.0, 0.01)).shape
+    (64, 64)
     """
     require_field(field)
     _check_direction(direction)
@@ -107,6 +124,7 @@ def spherical_wave(
     Parameters
     ----------
     grid : Grid
+        Where the field is sampled.
     z : float
         Distance from the source to the plane in metres, not 0. Negative: the wave converges to a
         point abs(z) behind the plane, the complex conjugate.
@@ -132,6 +150,12 @@ def spherical_wave(
     -----
     SamplingWarning
         If the phase changes by more than pi between neighbouring samples.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> clplen.wave.spherical_wave(grid, 0.05, wavelength=550e-9).shape
+    (64, 64)
     """
     device = _check_wave(grid, wavelength, device)
     if not math.isfinite(z) or z == 0:
@@ -162,6 +186,7 @@ def gaussian_beam(
     Parameters
     ----------
     grid : Grid
+        Where the field is sampled.
     waist : float
         Radius w0 in metres at which the amplitude of the waist is 1/e.
     wavelength : float
@@ -189,6 +214,13 @@ def gaussian_beam(
     -----
     SamplingWarning
         If a/lam + 1/(pi w0), where the spectrum is at 1/e, is beyond the Nyquist frequency.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> beam = clplen.wave.gaussian_beam(grid, 1e-4, wavelength=550e-9, z=0.01)
+    >>> beam.shape
+    (64, 64)
     """
     device = _check_wave(grid, wavelength, device)
     if not (math.isfinite(waist) and waist > 0):

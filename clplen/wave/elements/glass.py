@@ -28,6 +28,7 @@ class Glass(OneLine):
     Parameters
     ----------
     name : str
+        What it is called.
     B : sequence of float
         Without unit.
     C : sequence of float
@@ -46,7 +47,7 @@ class Glass(OneLine):
 
     See Also
     --------
-    Glass.named : materials with published coefficients.
+    Glass.named : Materials with published coefficients.
 
     Notes
     -----
@@ -54,9 +55,11 @@ class Glass(OneLine):
 
     Examples
     --------
-    >>> Glass.named("N-BK7").index(587.5618e-9)
-    1.516800...
-    >>> mine = Glass("mine", (1.0, 0.2), (0.007, 0.02), (0.4e-6, 1.1e-6))
+    >>> f"{clplen.wave.Glass.named('N-BK7').index(587.5618e-9):.5f}"
+    '1.51680'
+    >>> mine = clplen.wave.Glass("mine", (1.0, 0.2), (0.007, 0.02), (0.4e-6, 1.1e-6))
+    >>> f"{mine.index(550e-9):.4f}"
+    '1.4959'
     """
 
     name: str

@@ -47,6 +47,7 @@ def grating(
     Parameters
     ----------
     field : Field
+        In front of it.
     period : float
         In metres along s, at least two samples.
     kind : {"binary", "sinusoidal", "phase", "blazed"}
@@ -63,6 +64,7 @@ def grating(
     Returns
     -------
     Field
+        Behind it, on the same grid.
 
     Raises
     ------
@@ -70,6 +72,13 @@ def grating(
         If the period is below two samples along either axis.
     ValueError
         For another kind, a value out of range, or lines that vary along an axis of length 1.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> field = clplen.wave.plane_wave(grid, wavelength=550e-9)
+    >>> clplen.wave.grating(field, 8e-5, kind="binary").shape
+    (64, 64)
     """
     require_field(field)
     _check(period, kind, orientation, duty, offset)
@@ -102,6 +111,7 @@ def axicon(
     Parameters
     ----------
     field : Field
+        In front of it.
     angle : float
         Deflection in radians, (n - 1) times the base angle of a glass cone; negative diverges.
     centre : tuple of float
@@ -113,6 +123,7 @@ def axicon(
     Returns
     -------
     Field
+        Behind it, on the same grid.
 
     Raises
     ------
@@ -125,6 +136,13 @@ def axicon(
     -----
     SamplingWarning
         If the phase is aliased and ``aliasing`` is "warn".
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 5e-6)
+    >>> field = clplen.wave.plane_wave(grid, wavelength=550e-9)
+    >>> bool(np.allclose(np.abs(clplen.wave.axicon(field, 0.01).to_numpy()), 1, atol=1e-6))
+    True
     """
     require_field(field)
     if not math.isfinite(angle):

@@ -146,6 +146,7 @@ def aperture(
     Parameters
     ----------
     field : Field
+        In front of it.
     diameter : float
         Of the circle, or side of the square, in metres.
     shape : {"circular", "square"}
@@ -161,6 +162,7 @@ def aperture(
     Returns
     -------
     Field
+        Behind it, on the same grid.
 
     Raises
     ------
@@ -173,6 +175,14 @@ def aperture(
     "samples" 26, 29, 36 dB and "area" 30, 36, 58 dB for edges anywhere, "pixels" 32, 39, 139 dB for
     edges on the borders of cells (benchmarks/accuracy_apertures.py; docs/accuracy.md has squares
     and circles).
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> hole = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=550e-9), 4e-4)
+    >>> area = float(np.abs(hole.to_numpy()).sum() * 1e-10)
+    >>> f"{area / (np.pi * 2e-4**2):.3f}"
+    '1.000'
     """
     require_field(field)
     check_diameter(diameter)
@@ -200,6 +210,7 @@ def rectangular_aperture(
     Parameters
     ----------
     field : Field
+        In front of it.
     size : float or tuple of float
         Width along (y, x) before it is turned, or one number for both, in metres.
     centre : tuple of float
@@ -212,6 +223,7 @@ def rectangular_aperture(
     Returns
     -------
     Field
+        Behind it, on the same grid.
 
     Raises
     ------
@@ -219,6 +231,14 @@ def rectangular_aperture(
         For a size that is not positive, a centre or rotation that is not finite, or other edges.
     ShapeError
         For a turned rectangle on a grid with an axis of length 1.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> field = clplen.wave.plane_wave(grid, wavelength=550e-9)
+    >>> slit = clplen.wave.rectangular_aperture(field, (4e-4, 1e-4))
+    >>> f"{float(np.abs(slit.to_numpy()).sum()) * 1e-10:.1e} m^2"
+    '4.0e-08 m^2'
     """
     require_field(field)
     sides = np.asarray(size, np.float64)
@@ -253,6 +273,7 @@ def annular_aperture(
     Parameters
     ----------
     field : Field
+        In front of it.
     outer, inner : float
         Diameters in metres, 0 <= inner < outer.
     centre : tuple of float
@@ -263,11 +284,21 @@ def annular_aperture(
     Returns
     -------
     Field
+        Behind it, on the same grid.
 
     Raises
     ------
     ValueError
         For other diameters or edges.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> ring = clplen.wave.annular_aperture(
+    ...     clplen.wave.plane_wave(grid, wavelength=550e-9), 4e-4, inner=2e-4
+    ... )
+    >>> f"{float(np.abs(ring.to_numpy()).sum()) * 1e-10 / (np.pi * 3e-8):.2f}"
+    '1.00'
     """
     require_field(field)
     check_diameter(outer)
@@ -297,6 +328,7 @@ def polygonal_aperture(field: Field, vertices: Any, *, edges: Edges = "area") ->
     Parameters
     ----------
     field : Field
+        In front of it.
     vertices : array_like
         Shape (n, 2), n >= 3, (y, x) in metres; any polygon that does not cross itself, convex or
         not, either way round; the last vertex joins the first.
@@ -306,6 +338,7 @@ def polygonal_aperture(field: Field, vertices: Any, *, edges: Edges = "area") ->
     Returns
     -------
     Field
+        Behind it, on the same grid.
 
     Raises
     ------
@@ -314,6 +347,14 @@ def polygonal_aperture(field: Field, vertices: Any, *, edges: Edges = "area") ->
         edges.
     ShapeError
         On a grid with an axis of length 1, along which a polygon has no meaning.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> field = clplen.wave.plane_wave(grid, wavelength=550e-9)
+    >>> triangle = clplen.wave.polygonal_aperture(field, [(-2e-4, 0), (2e-4, -2e-4), (2e-4, 2e-4)])
+    >>> f"{float(np.abs(triangle.to_numpy()).sum()) * 1e-10:.1e} m^2"
+    '8.0e-08 m^2'
     """
     require_field(field)
     check_edges(edges)

@@ -43,6 +43,7 @@ def thin_lens(
     Parameters
     ----------
     field : Field
+        In front of it.
     focal_length : float
         In metres, not 0; negative diverges, infinite does nothing.
     diameter : float, optional
@@ -56,6 +57,7 @@ def thin_lens(
     Returns
     -------
     Field
+        Behind it, on the same grid.
 
     Raises
     ------
@@ -72,6 +74,14 @@ def thin_lens(
     Notes
     -----
     Along an axis of length 1 there is neither phase nor edge: the lens is cylindrical.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((128, 128), 1e-5)
+    >>> field = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=550e-9), 1e-3)
+    >>> focus = clplen.propagate(clplen.thin_lens(field, 0.1), 0.1)
+    >>> bool(np.abs(focus.to_numpy()).argmax() == 64 * 128 + 64)
+    True
     """
     require_field(field)
     f = focal_length
@@ -175,6 +185,13 @@ class LensSampling:
         Largest slopes of the light before the lens, of the lens, and of the light behind it.
     limit : float
         The slope lam/(2 dx).
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((1010, 1010), 6.6e-6)
+    >>> found = clplen.wave.lens_sampling(grid, 0.12, wavelength=550e-9, diameter=3.6e-3)
+    >>> f"{found.shortest_focal_length * 1e3:.1f} mm"
+    '43.2 mm'
     """
 
     radius: float
@@ -205,6 +222,7 @@ def lens_sampling(
     Parameters
     ----------
     grid : Grid
+        Where the field is sampled.
     f : float
         Focal length in metres, not 0.
     wavelength : float
@@ -219,6 +237,13 @@ def lens_sampling(
     -------
     LensSampling
         Along the axis that is sampled worse.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((1010, 1010), 6.6e-6)
+    >>> found = clplen.wave.lens_sampling(grid, 0.12, wavelength=550e-9, diameter=3.6e-3)
+    >>> f"{found.shortest_focal_length * 1e3:.1f} mm"
+    '43.2 mm'
     """
     used = []
     for axis, coordinates in enumerate((grid.y, grid.x)):
@@ -252,6 +277,12 @@ class LensletSampling:
         The slope lam/(2 dx).
     shortest_focal_length : float
         Smallest f_mu in metres with which the sum is sampled; infinite where there is none.
+
+    Examples
+    --------
+    >>> found = clplen.wave.lenslet_sampling(150e-6, 10e-3, samples=5e-6, wavelength=532e-9)
+    >>> f"{found.shortest_focal_length * 1e3:.2f} mm"
+    '1.41 mm'
     """
 
     lenslet: float
@@ -286,6 +317,17 @@ def lenslet_sampling(
         In metres.
     diameter, z : float
         D of a lens and its distance in metres, z not 0; by default a plane wave arrives.
+
+    Returns
+    -------
+    LensletSampling
+        Steps of the phase, and the shortest focal length that is sampled.
+
+    Examples
+    --------
+    >>> found = clplen.wave.lenslet_sampling(150e-6, 10e-3, samples=5e-6, wavelength=532e-9)
+    >>> f"{found.shortest_focal_length * 1e3:.2f} mm"
+    '1.41 mm'
     """
     limit, lens = wavelength / (2 * samples), diameter / (2 * abs(z))
     left = limit - lens

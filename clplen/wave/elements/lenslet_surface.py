@@ -49,6 +49,13 @@ class LensletSurface:
     ------
     ValueError
         For a radius of 0, numbers that are not finite, or an index that bends nothing.
+
+    Examples
+    --------
+    >>> surface = clplen.wave.LensletSurface(5e-3, "N-BK7", conic=-1.0)
+    >>> lenslets = clplen.MicrolensArray(150e-6, count=3, fill="full", surface=surface)
+    >>> f"{lenslets.focal_length * 1e3:.2f} mm"
+    '9.67 mm'
     """
 
     radius: float
@@ -185,6 +192,13 @@ class LensletMap:
     ValueError
         If not one of sag and phase is given with its glass or wavelength, or a value is NaN or
         infinite, with the place of the first.
+
+    Examples
+    --------
+    >>> y, x = np.mgrid[-8:9, -8:9] * 1e-5
+    >>> measured = clplen.wave.LensletMap((x**2 + y**2) / (2 * 5e-3), pitch=1e-5, glass="N-BK7")
+    >>> measured.pitch
+    (1e-05, 1e-05)
     """
 
     values: Values

@@ -85,6 +85,12 @@ class MicrolensArray(OneLine):
         than .5 % from that of the surface; a surface or a map that ends within a lenslet.
     ShapeError
         If there are maps of each lenslet, but not as many as lenslets.
+
+    Examples
+    --------
+    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=(5, 7), fill="full")
+    >>> lenslets.count, lenslets.pitch
+    ((5, 7), 0.00015)
     """
 
     pitch: float
@@ -567,6 +573,14 @@ class LensletErrors(OneLine):
         (y, x) of the slope that each adds to rays, in radians, shape (ny, nx, 2).
     position : numpy.ndarray
         (y, x) of each vertex from the centre of its aperture, in metres, shape (ny, nx, 2).
+
+    Examples
+    --------
+    >>> errors = clplen.wave.LensletErrors(
+    ...     {(2, 0): 5e-8}, 2e-4, np.full((3, 3), 1e-2), np.zeros((3, 3, 2)), np.zeros((3, 3, 2))
+    ... )
+    >>> errors.terms, errors.focal_lengths.shape
+    ({(2, 0): 5e-08}, (3, 3))
     """
 
     terms: dict[Orders, float]

@@ -44,6 +44,7 @@ def transparency(
     Parameters
     ----------
     field : Field
+        In front of it.
     amplitude : array_like, optional
         Shape (ny, nx), real or complex, unitless: 0 dark, 1 clear (divide 8-bit pictures by 255).
         None: 1 everywhere on the picture.
@@ -65,6 +66,7 @@ def transparency(
     Returns
     -------
     Field
+        Behind it, on the same grid.
 
     Raises
     ------
@@ -82,6 +84,13 @@ def transparency(
     window, from about 2 N dx^2/lam on, it is right to 40 to 60 dB, at 5 N dx^2/lam to 118 dB and
     more (docs/accuracy.md). Without a pitch the picture goes on beyond the window as it is at its
     border.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> field = clplen.wave.plane_wave(grid, wavelength=550e-9)
+    >>> clplen.wave.transparency(field, np.full((64, 64), 0.5)).shape
+    (64, 64)
     """
     require_field(field)
     if edges is not None:
@@ -231,6 +240,12 @@ class TargetElement:
         Centre (y, x) in metres of the square of vertical bars, which vary along x.
     level : tuple of float
         Centre (y, x) in metres of the square of horizontal bars, which vary along y.
+
+    Examples
+    --------
+    >>> first = clplen.wave.usaf1951_elements([4])[0]
+    >>> first.group, first.element
+    (4, 1)
     """
 
     group: int
@@ -288,6 +303,12 @@ def usaf1951_elements(
     ------
     ValueError
         If there is no group, one comes twice or is no integer, or the centre is not finite.
+
+    Examples
+    --------
+    >>> elements = clplen.wave.usaf1951_elements([4, 5])
+    >>> len(elements)
+    12
     """
     numbers = _groups(groups)
     check_centre(centre, "a target")
@@ -320,6 +341,7 @@ def usaf1951(
     Parameters
     ----------
     grid : Grid
+        Where the field is sampled.
     groups : sequence of int
         Of six elements each; the chart has -2 to 9.
     centre : tuple of float
@@ -350,7 +372,14 @@ def usaf1951(
 
     See Also
     --------
-    usaf1951_elements : where the elements lie, to measure their contrast.
+    usaf1951_elements : Where the elements lie, to measure their contrast.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((128, 128), 4e-6)
+    >>> target = clplen.wave.usaf1951(grid, groups=[4, 5])
+    >>> target.shape, float(target.max())
+    ((128, 128), 1.0)
     """
     require_grid(grid)
     elements = usaf1951_elements(groups, centre=centre)
@@ -384,6 +413,7 @@ def siemens_star(
     Parameters
     ----------
     grid : Grid
+        Where the field is sampled.
     spokes : int
         Number of clear spokes, at least 2; the middle of the first points to +x.
     diameter : float
@@ -402,6 +432,13 @@ def siemens_star(
         If nothing varies along an axis of the grid.
     ValueError
         For values out of range, or if nothing of the star lies in the window.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> star = clplen.wave.siemens_star(grid, 12, diameter=5e-4)
+    >>> star.shape, float(star.max()) <= 1
+    ((64, 64), True)
     """
     require_grid(grid)
     if spokes != int(spokes) or spokes < 2:

@@ -21,7 +21,7 @@ def zernike(n: int, m: int, rho: Any, theta: Any) -> Values:
     """A Zernike polynomial of unit rms over the unit disc.
 
     Noll (1976), eq. 1 and 2: sqrt(n+1) R_n^0(rho) for m = 0, sqrt(2(n+1)) R_n^m(rho) cos(m theta)
-    for m > 0 and sqrt(2(n+1)) R_n^|m|(rho) sin(|m| theta) for m < 0. The radial part is the Jacobi
+    for m > 0 and sqrt(2(n+1)) R_n^abs(m)(rho) sin(abs(m) theta) for m < 0. The radial part is the Jacobi
     polynomial R_n^m(rho) = rho^m P_k^(0,m)(2 rho^2 - 1), k = (n-m)/2 (Born & Wolf, 9.2.1),
     evaluated by recurrence: R is within 1e-14 of its exact value up to n = 40.
 
@@ -45,6 +45,11 @@ def zernike(n: int, m: int, rho: Any, theta: Any) -> Values:
     ------
     ValueError
         For orders that do not exist.
+
+    Examples
+    --------
+    >>> f"{float(clplen.wave.zernike(2, 0, 1.0, 0.0)):.4f}"
+    '1.7321'
     """
     if n != int(n) or m != int(m) or n < abs(m) or (n - m) % 2:
         raise ValueError(
@@ -159,11 +164,17 @@ def noll(j: int) -> tuple[int, int]:
     Returns
     -------
     tuple of int
+        (n, m), radial and azimuthal order.
 
     Raises
     ------
     ValueError
         For another j.
+
+    Examples
+    --------
+    >>> clplen.wave.noll(4), clplen.wave.noll(11)
+    ((2, 0), (4, 0))
     """
     if not _is_whole(j) or j < 1:
         raise ValueError(f"Noll's index is an integer of at least 1, not {j!r}.")
@@ -189,11 +200,17 @@ def osa(j: int) -> tuple[int, int]:
     Returns
     -------
     tuple of int
+        (n, m), radial and azimuthal order.
 
     Raises
     ------
     ValueError
         For another j.
+
+    Examples
+    --------
+    >>> clplen.wave.osa(4), clplen.wave.osa(12)
+    ((2, 0), (4, 0))
     """
     if not _is_whole(j) or j < 0:
         raise ValueError(f"The OSA index is an integer of at least 0, not {j!r}.")
@@ -226,6 +243,7 @@ def phase_plate(
     Parameters
     ----------
     field : Field
+        In front of it.
     coefficients : mapping of int to float
         Index j to metres of optical path, rms over the disc; positive retards as exp(+ikz) does.
     diameter : float
@@ -240,6 +258,7 @@ def phase_plate(
     Returns
     -------
     Field
+        Behind it, on the same grid.
 
     Raises
     ------
@@ -255,6 +274,14 @@ def phase_plate(
     -----
     SamplingWarning
         If the phase is aliased and ``aliasing`` is "warn".
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> field = clplen.wave.plane_wave(grid, wavelength=532e-9)
+    >>> coma = clplen.phase_plate(field, {8: 0.1 * 532e-9}, diameter=4e-4)
+    >>> bool(np.allclose(np.abs(coma.to_numpy()), 1, atol=1e-6))
+    True
     """
     require_field(field)
     terms = _terms(coefficients, indexing)
@@ -280,6 +307,7 @@ def wavefront(
     Parameters
     ----------
     grid : Grid
+        Where the field is sampled.
     terms : mapping of (int, int) to float
         Orders (n, m) to metres, rms over the disc.
     diameter : float
@@ -291,6 +319,13 @@ def wavefront(
     -------
     tuple of numpy.ndarray
         Metres, float64, 0 outside; and bool. Both of the grid's shape.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((32, 32), 1e-4)
+    >>> path, edge = clplen.wave.wavefront(grid, {(3, 1): 1e-7}, diameter=3e-3)
+    >>> path.shape
+    (32, 32)
     """
     y, x = offsets(grid, centre)
     on_plate = _cells_of_disc(grid, y, x, diameter / 2)

@@ -52,6 +52,14 @@ class Grid:
         If the shape is not two positive integers.
     ValueError
         If a pitch is not positive and finite, or an origin is not finite.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((4, 6), 1e-5)
+    >>> grid.shape, grid.pitch
+    ((4, 6), (1e-05, 1e-05))
+    >>> np.round(grid.x * 1e6, 1).tolist()
+    [-30.0, -20.0, -10.0, 0.0, 10.0, 20.0]
     """
 
     shape: tuple[int, int]
@@ -130,6 +138,13 @@ class Field(Plottable, OnDevice):
     wavelength : float
         In metres.
     device : Device
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((16, 24), 1e-5)
+    >>> field = clplen.Field.from_array(np.ones((16, 24)), grid, wavelength=550e-9)
+    >>> field.shape, field.to_numpy().dtype.name
+    ((16, 24), 'complex64')
     """
 
     _figure: ClassVar[str] = "intensity"

@@ -185,6 +185,15 @@ class MeanIntensity(HostArray):
         "monte-carlo", "abbe", "incoherent" or "coherent".
     grid : Grid
         Of the image.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((32, 32), 1e-5)
+    >>> slit = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=550e-9), 1.6e-4)
+    >>> light = clplen.Coherence(clplen.wave.RandomPhaseMask(4e-5))
+    >>> mean = clplen.propagate(slit, 1e-3, coherence=light, snapshots=4)
+    >>> mean.method, mean.standard_error.shape
+    ('monte-carlo', (32, 32))
     """
 
     intensity: Image

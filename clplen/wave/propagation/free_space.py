@@ -98,7 +98,7 @@ def propagate(
         Zero padding of as, blas and the Fresnel methods, at least 1; 1 makes the window periodic.
     out_grid : Grid, optional
         Of the result: any pitch, shape and origin with auto, cblas, rs, one-step and fresnel-1fft.
-    guard, border, support, lens
+    guard, border, support, lens : float, optional
         See `Propagator`.
     coherence : Coherence, optional
         The light that illuminates ``field``, which then is the transmission of an object.
@@ -130,6 +130,15 @@ def propagate(
     -----
     The plan is kept on the device and used again for the same arguments; ``device.plans`` shows its
     size and hits.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> field = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=550e-9), 3e-4)
+    >>> clplen.propagate(field, 0.01).shape
+    (64, 64)
+    >>> clplen.propagate(field, [0.01, 0.02], out_grid=clplen.Grid((32, 32), 5e-6)).shape
+    (2, 32, 32)
     """
     if not isinstance(field, Field):
         raise TypeError(
@@ -182,6 +191,14 @@ def propagate_wavelengths(
     -------
     list of Field
         One a wavelength, each with its wavelength.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> field = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=550e-9), 3e-4)
+    >>> found = clplen.wave.propagate_wavelengths(field, 0.01, [500e-9, 600e-9])
+    >>> [one.wavelength for one in found] if isinstance(found, (list, tuple)) else found.shape
+    [5e-07, 6e-07]
     """
     require_field(field)
     if not np.size(wavelengths):

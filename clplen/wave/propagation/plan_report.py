@@ -55,6 +55,13 @@ class PlanReport(OneLine):
         Complex samples that one field needs beside itself: the plan, work space and the result.
     warning : str
         What is wrong with the sampling and what to do; empty where nothing is.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> report = clplen.Propagator(grid, 0.01, wavelength=550e-9).report
+    >>> report.method, report.out_grid.shape
+    ('as', (64, 64))
     """
 
     method: str

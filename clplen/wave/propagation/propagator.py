@@ -47,6 +47,14 @@ class Energy:
         That arrives beside it, in the padding.
     cut : float
         Outside the band of the transfer function, or evanescent.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> field = clplen.wave.gaussian_beam(grid, 1e-4, wavelength=550e-9)
+    >>> energy = clplen.Propagator(grid, 0.01, wavelength=550e-9).energy(field)
+    >>> f"{energy.window / energy.into:.3f}"
+    '1.000'
     """
 
     into: float
@@ -61,6 +69,7 @@ class Propagator:
     Parameters
     ----------
     grid : Grid
+        Where the field is sampled.
     z : float
         Distance in metres; negative propagates back (evanescent waves are then dropped).
     wavelength : float
@@ -128,6 +137,14 @@ class Propagator:
     -----
     SamplingWarning
         When what the method samples is aliased, or no light reaches the output.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> plan = clplen.Propagator(grid, 0.01, wavelength=550e-9)
+    >>> field = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=550e-9), 3e-4)
+    >>> plan(field).shape, plan.report.method
+    ((64, 64), 'as')
     """
 
     def __init__(

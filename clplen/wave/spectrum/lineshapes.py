@@ -363,6 +363,12 @@ class SpectralSamples(OneLine):
     step : float
         Step in Hz, the largest where there are several; 0 where the samples are the whole
         spectrum (sharp lines), infinite for a single sample of a band or of a line with a width.
+
+    Examples
+    --------
+    >>> samples = clplen.Spectrum.gaussian(550e-9, 30e-9).sample(5)
+    >>> len(samples.wavelengths), round(float(samples.weights.sum()), 6)
+    (5, 1.0)
     """
 
     wavelengths: Vector

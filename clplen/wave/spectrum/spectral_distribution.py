@@ -50,10 +50,11 @@ class SpectralDistribution(OneLine):
 
     Examples
     --------
-    >>> daylight = SpectralDistribution.illuminant("D65")
-    >>> leaf = SpectralDistribution([400e-9, 500e-9, 550e-9, 600e-9, 680e-9, 730e-9],
-    ...                             [.03, .05, .12, .07, .04, .4])
-    >>> PointSources((0, 0, 0), spectrum=daylight * leaf)
+    >>> daylight = clplen.wave.SpectralDistribution.illuminant("D65")
+    >>> leaf = clplen.wave.SpectralDistribution([400e-9, 550e-9, 700e-9], [0.05, 0.15, 0.4])
+    >>> green = daylight * leaf
+    >>> f"{green.integral / daylight.integral:.2f}"
+    '0.12'
     """
 
     wavelengths: tuple[float, ...]

@@ -49,6 +49,12 @@ class Spectrum(OneLine):
     ----------
     shape : Lines, Rectangle or Table
         Its spectral density.
+
+    Examples
+    --------
+    >>> led = clplen.Spectrum.gaussian(550e-9, 30e-9)
+    >>> f"{led.coherence_length() * 1e6:.1f} um"
+    '6.7 um'
     """
 
     shape: Shape

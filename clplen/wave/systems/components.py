@@ -33,6 +33,13 @@ class Part(Protocol):
 
     ``label`` is a word for figures and tables, ``describe()`` the words beside it, ``length`` what
     the part takes of the axis in metres.
+
+    Examples
+    --------
+    >>> isinstance(clplen.wave.Lens(0.1), clplen.wave.Part)
+    True
+    >>> isinstance(clplen.wave.Space(0.1), clplen.wave.Part)
+    True
     """
 
     def apply(self, field: Field) -> Field:
@@ -47,13 +54,20 @@ class Space(OneLine):
     ----------
     z : float
         Distance in metres; negative propagates back.
-    method, pad, out_grid
+    method, pad, out_grid : str, float, Grid, optional
         As in `propagate`.
 
     Raises
     ------
     ValueError
         For a distance that is not one finite number.
+
+    Examples
+    --------
+    >>> system = clplen.OpticalSystem([clplen.wave.Space(0.01, method="as")])
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> system(clplen.wave.gaussian_beam(grid, 1e-4, wavelength=550e-9)).shape
+    (64, 64)
     """
 
     z: float
@@ -106,6 +120,13 @@ class Lens:
     ------
     ValueError
         For a focal length of 0 or NaN, a diameter that is not positive, or another form.
+
+    Examples
+    --------
+    >>> lens = clplen.wave.Lens(0.12, diameter=6e-4)
+    >>> grid = clplen.Grid((64, 64), 2e-5)
+    >>> clplen.OpticalSystem([lens, 0.12])(clplen.wave.plane_wave(grid, wavelength=550e-9)).shape
+    (64, 64)
     """
 
     focal_length: float
@@ -169,6 +190,13 @@ class Stop:
     ValueError
         For a diameter that is not positive, another shape or other edges, or a centre that is not
         finite.
+
+    Examples
+    --------
+    >>> system = clplen.OpticalSystem([clplen.wave.Stop(3e-4), 0.01])
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> system(clplen.wave.plane_wave(grid, wavelength=550e-9)).shape
+    (64, 64)
     """
 
     diameter: float
@@ -229,6 +257,14 @@ class ConvergingLight:
     ------
     ValueError
         For a distance that is not positive.
+
+    Examples
+    --------
+    >>> light = clplen.wave.ConvergingLight(0.2)
+    >>> system = clplen.OpticalSystem([light, 0.1, clplen.wave.Lens(0.05)])
+    >>> grid = clplen.Grid((64, 64), 1e-5)
+    >>> system(clplen.wave.gaussian_beam(grid, 1e-4, wavelength=550e-9)).shape
+    (64, 64)
     """
 
     z: float
@@ -257,8 +293,17 @@ class Element:
     function : callable
         Field -> Field.
     name : str
+        What it is called.
     length : float
         What it takes of the axis in metres.
+
+    Examples
+    --------
+    >>> half = clplen.wave.Element(lambda field: field, "nothing at all")
+    >>> system = clplen.OpticalSystem([0.01, half])
+    >>> grid = clplen.Grid((32, 32), 1e-5)
+    >>> system(clplen.wave.gaussian_beam(grid, 5e-5, wavelength=550e-9)).shape
+    (32, 32)
     """
 
     function: Callable[[Field], Field]
@@ -295,14 +340,46 @@ def length_of(part: Part) -> float:
 
 
 def label_of(part: Part) -> str:
-    """The word for a part."""
+    """The word for a part.
+
+    Parameters
+    ----------
+    part : Part
+        Of an optical system.
+
+    Returns
+    -------
+    str
+        Its ``label``, else the name of its class.
+
+    Examples
+    --------
+    >>> clplen.wave.label_of(clplen.wave.Lens(0.12))
+    'lens'
+    """
     if isinstance(part, MicrolensArray):
         return "lenslets"
     return str(getattr(part, "label", type(part).__name__))
 
 
 def text_of(part: Part) -> str:
-    """What a part is, in a few words."""
+    """What a part is, in a few words.
+
+    Parameters
+    ----------
+    part : Part
+        Of an optical system.
+
+    Returns
+    -------
+    str
+        Its ``describe()``, else nothing.
+
+    Examples
+    --------
+    >>> clplen.wave.text_of(clplen.wave.Lens(0.12, diameter=3.6e-3))
+    'f = 120 mm, D = 3.6 mm, paraxial'
+    """
     if isinstance(part, MicrolensArray):
         (ny, nx), pitch, f = part.count, metres(part.pitch), metres(part.focal_length)
         text = f"{ny} x {nx}, pitch {pitch}, f = {f}, {part.lattice}, {part.fill}"

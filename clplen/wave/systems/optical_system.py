@@ -54,8 +54,12 @@ class OpticalSystem(OneLine, Plottable):
 
     Examples
     --------
-    >>> system = OpticalSystem([0.24, Lens(0.12, diameter=3.6e-3), 0.24])
-    >>> image = system(field)
+    >>> lens = clplen.wave.Lens(0.12, diameter=6e-4)
+    >>> system = clplen.OpticalSystem([0.24, lens, 0.24])
+    >>> grid = clplen.Grid((128, 128), 2e-5)
+    >>> source = clplen.wave.gaussian_beam(grid, 2e-4, wavelength=550e-9)
+    >>> system(source).shape
+    (128, 128)
     """
 
     _figure: ClassVar[str] = "system"
@@ -201,7 +205,7 @@ def imaging_system(
         Of the lens in metres. The window of the field must contain it.
     magnification : float
         M, positive: image height over object height; the image is upside down.
-    method, pad
+    method, pad : str, float
         As in `propagate`, of both distances.
     koehler : bool
         The object is lit by light that converges on the lens (`ConvergingLight`) in place of a
@@ -212,11 +216,18 @@ def imaging_system(
     Returns
     -------
     OpticalSystem
+        The distance, the lens and the distance.
 
     Raises
     ------
     ValueError
         For a focal length, diameter or magnification that is not positive.
+
+    Examples
+    --------
+    >>> system = clplen.wave.imaging_system(0.1, diameter=1e-3)
+    >>> f"{system.length:.1f} m"
+    '0.4 m'
     """
     require_positive("The focal length of an imaging system", focal_length)
     units.FOCAL_LENGTH.check(focal_length, "The focal length of an imaging system")

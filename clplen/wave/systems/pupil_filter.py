@@ -58,6 +58,13 @@ class Pupil(OneLine):
     ------
     ValueError
         For a diameter or distance that is not positive, or another shape.
+
+    Examples
+    --------
+    >>> grid = clplen.Grid((64, 64), 5e-6)
+    >>> point = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=550e-9), 2e-5)
+    >>> clplen.OpticalSystem([clplen.wave.Pupil(2e-3, 0.1)])(point).shape
+    (64, 64)
     """
 
     diameter: float
@@ -204,6 +211,11 @@ def otf(s: Any, *, shape: Rim = "circular") -> Values:
     -------
     numpy.ndarray
         float64, of the shape of ``s``.
+
+    Examples
+    --------
+    >>> np.round(clplen.wave.otf([0, 0.5, 1]), 3).tolist()
+    [1.0, 0.391, 0.0]
     """
     require_shape(shape, SHAPES)
     s = np.minimum(np.abs(np.asarray(s, np.float64)), 1)
@@ -227,6 +239,11 @@ def coherent_edge(x_fc: Any) -> Values:
     -------
     numpy.ndarray
         float64, 1 far inside.
+
+    Examples
+    --------
+    >>> np.round(clplen.wave.coherent_edge([-1, 0, 1]), 3).tolist()
+    [0.002, 0.25, 0.905]
     """
     from scipy.special import sici
 
@@ -250,6 +267,11 @@ def incoherent_edge(x_fc: Any, *, shape: Rim = "circular") -> Values:
     -------
     numpy.ndarray
         float64, 1 far inside.
+
+    Examples
+    --------
+    >>> np.round(clplen.wave.incoherent_edge([-1, 0, 1]), 3).tolist()
+    [0.032, 0.5, 0.968]
     """
     require_shape(shape, SHAPES)
     a = 4 * np.pi * np.asarray(x_fc, np.float64)
