@@ -257,6 +257,7 @@ def beyond_loopback(found: set[tuple[int, str, int]]) -> list[tuple[int, str, in
     return [entry for entry in found if not ipaddress.ip_address(entry[1]).is_loopback]
 
 
+@pytest.mark.thorough
 @linux
 def test_two_workers_listen_on_the_loopback_interface(tmp_path: Path, place: str):
     batchworks.write_inputs(tmp_path / "in", 8)
@@ -295,7 +296,7 @@ def cluster_outside(folder: Path, host: str, *more: str, place: str) -> Iterator
         yield address, scheduler, worker
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @linux
 def test_an_outside_scheduler_on_the_loopback_interface(tmp_path: Path, place: str):
     batchworks.write_inputs(tmp_path / "in", 4)

@@ -131,7 +131,7 @@ def test_the_image_of_a_point_is_debyes(device: Device) -> None:
 @pytest.mark.parametrize(
     ("f_number", "position"),
     [
-        (5.6, (3e-3, -5e-3, 0)),
+        pytest.param(5.6, (3e-3, -5e-3, 0), marks=pytest.mark.nightly),
         pytest.param(2.8, (0, 0, 0), marks=pytest.mark.nightly),
         pytest.param(2.8, (2e-3, 1e-3, -0.4), marks=pytest.mark.nightly),
     ],

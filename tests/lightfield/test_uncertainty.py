@@ -46,7 +46,7 @@ def test_slope_of_hexagonal_arrays_has_no_bias(device):
     assert np.abs(errors[True]).max() < 0.03
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_deviations_are_one_standard_deviation(device):
     """Chi square of 7 points by three methods, as if independent: 1 % outside .62 to 1.40 rms."""
     found = list(estimates(device, 7, 5))

@@ -96,6 +96,7 @@ def test_table_of_masks(table, kind, cells):
         assert found == pytest.approx(expected, abs=within)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("kind", ["field", "phase"])
 def test_trend_of_masks(table, kind):
     rows = table[kind]
@@ -114,6 +115,7 @@ def test_one_phase_mask(target, incoherent, cells, expected):
     assert snr_db(incoherent, image) == pytest.approx(expected, abs=1)
 
 
+@pytest.mark.nightly
 def test_trend_on_the_usaf_target(device):
     # another target, cut-off and window, dy != dx, cells longer than wide
     grid = Grid((144, 128), (9e-6, 10e-6))

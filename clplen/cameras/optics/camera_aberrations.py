@@ -100,7 +100,7 @@ class LensletScatter:
         return self.focal_length == self.tilt == self.position == 0
 
     def draw(self, count: tuple[int, int]) -> tuple[Values, Values, Values]:
-        """f/f_designed, tilt (y, x), position (y, x) of lenslets: shape ``count``, ``(*count, 2)``."""
+        """f/f_designed, tilt and position (y, x): shapes ``count``, ``(*count, 2)`` twice."""
         sizes = (count, (*count, 2), (*count, 2))
         rms = (self.focal_length, self.tilt, self.position)
         focal, tilt, position = (

@@ -141,8 +141,8 @@ def abbe_image(
 ) -> AbbeImage:
     """Ensemble mean of the image of an object in partially coherent light, in a periodic window.
 
-    I = sum_f S(f) abs(IFFT(O(f' - f) H(f')))^2: every point of the source lights the object by a plane
-    wave of its own (Abbe's approach: Goodman 2015, section 7.2.1), O the object's spectrum.
+    I = sum_f S(f) abs(IFFT(O(f' - f) H(f')))^2: every point of the source lights the object by a
+    plane wave of its own (Abbe's approach: Goodman 2015, section 7.2.1), O the object's spectrum.
 
     Parameters
     ----------

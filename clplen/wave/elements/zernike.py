@@ -21,8 +21,8 @@ def zernike(n: int, m: int, rho: Any, theta: Any) -> Values:
     """A Zernike polynomial of unit rms over the unit disc.
 
     Noll (1976), eq. 1 and 2: sqrt(n+1) R_n^0(rho) for m = 0, sqrt(2(n+1)) R_n^m(rho) cos(m theta)
-    for m > 0 and sqrt(2(n+1)) R_n^abs(m)(rho) sin(abs(m) theta) for m < 0. The radial part is the Jacobi
-    polynomial R_n^m(rho) = rho^m P_k^(0,m)(2 rho^2 - 1), k = (n-m)/2 (Born & Wolf, 9.2.1),
+    for m > 0 and sqrt(2(n+1)) R_n^abs(m)(rho) sin(abs(m) theta) for m < 0. The radial part is the
+    Jacobi polynomial R_n^m(rho) = rho^m P_k^(0,m)(2 rho^2 - 1), k = (n-m)/2 (Born & Wolf, 9.2.1),
     evaluated by recurrence: R is within 1e-14 of its exact value up to n = 40.
 
     Parameters
