@@ -183,6 +183,7 @@ def test_a_number_out_of_tolerance_is_said(
     assert (found, verdict.strip()) == (f"{value:.4f}", ending)
 
 
+@pytest.mark.thorough
 def test_pictures_as_pdf_and_help(tmp_path: Path, pytestconfig: pytest.Config) -> None:
     devices = pytestconfig.getoption("--device") or []
     chosen = ["--device", devices[0]] if devices else []

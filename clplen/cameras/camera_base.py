@@ -273,29 +273,28 @@ class Plenoptic(Described, RayOptics):
 
 
 def scene_energy(camera: Plenoptic, scene: PointSources) -> Sequence[tuple[float, float, float]]:
-    """Energy of each source at the aperture, the array and the sensor, as fractions of the first.
+    """Compute the share of each source's energy that reaches the array and the sensor.
 
     Parameters
     ----------
-    camera : Plenoptic
-        The camera.
+    camera : Plenoptic1 or Plenoptic2
+        Fields are computed on its grid, one sample a pixel.
     scene : PointSources
-        What it looks at.
+        Their positions and diameter count.
 
     Returns
     -------
     list of tuple of float
-        (1.0, at the array, at the sensor) for each source.
+        For each source (1.0, at the array, at the sensor), fractions of its energy at the aperture.
 
     Examples
     --------
-    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
     >>> camera = clplen.PlenopticCamera.type1(
-    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
-    ... )
-    >>> points = clplen.PointSources([(0, 0, 0), (1e-5, 0, 0)], power=[1.0, 2.0])
-    >>> len(clplen.cameras.scene_energy(camera, points))
-    2
+    ...     focal_length=0.12, mla=clplen.MicrolensArray(150e-6, 10e-3, count=5),
+    ...     wavelength=532e-9, pixels_per_lenslet=30, aperture_diameter=0.5e-3)
+    >>> rows = clplen.cameras.scene_energy(camera, clplen.PointSources((0, 0, 0)))
+    >>> [f"{share:.2f}" for share in rows[0]]  # at the aperture, the array and the sensor
+    ['1.00', '0.88', '0.68']
     """
     rows = []
     to_array, to_sensor = camera.padding(scene)

@@ -26,38 +26,44 @@ class Plenoptic2(Plenoptic):
 
     Attributes
     ----------
+    kind : str
+        "focused".
+    focal_length, object_distance, image_distance, aperture_diameter : float
+        Main lens: f, lens to focused object plane, F (lens to that plane's image), D; in metres.
+    mla : MicrolensArray
+        The lenslets: pitch, focal lengths, count, lattice, fill, offset and rotation.
+    wavelength : float
+        In metres.
+    pixels_per_lenslet : float
+        Lenslet pitch over pixel pitch; may be fractional.
+    pixel_pitch : float
+        In metres.
+    grid : Grid
+        Of the sensor, and of every plane of the simulation.
+    field_lens : bool
+        False: there is no lens at the array.
+    device : Device
+        Where the simulation runs.
     m : float
         b/a, magnification of the lenslets (of the first kind in a multi-focus array): > 0
         Keplerian, < 0 Galilean.
-    focal_length, object_distance, image_distance, aperture_diameter : float
-        Of the main lens, in metres.
-    mla : MicrolensArray
-        The lenslets.
-    wavelength, pixel_pitch : float
-        In metres.
-    pixels_per_lenslet : float
-        Along one axis.
-    grid : Grid
-        Samples at the array.
-    field_lens : bool
-        Whether a lens at the array centres the sub-images.
-    device : Device
-        What it computes on.
     aberrations : Aberrations
-        Departures from the design.
+        What departs from this design; `with_aberrations` sets it.
+    lens_model : {"thin", "corrected"}
+        The main lens: a quadratic phase, or a lens that images every point without aberrations and
+        obeys the sine condition.
     pixels : PixelArray or None
-        Pixels that integrate; None: they sample.
-    lens_model : str
-        "thin" or "corrected".
+        None: each pixel takes the intensity in its middle.
 
     Examples
     --------
-    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
     >>> camera = clplen.PlenopticCamera.type2(
-    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15, m=0.2
-    ... )
-    >>> camera.kind, f"{camera.b / camera.a:.1f}"
-    ('focused', '0.2')
+    ...     focal_length=0.12, mla=clplen.MicrolensArray(150e-6, 10e-3, count=5), m=0.25,
+    ...     wavelength=532e-9, pixels_per_lenslet=15)
+    >>> f"a = {camera.a * 1e3:.1f} mm, b = {camera.b * 1e3:.1f} mm"
+    'a = 50.0 mm, b = 12.5 mm'
+    >>> f"{camera.views:.2f} lenslets in a row see a point"
+    '4.83 lenslets in a row see a point'
     """
 
     kind: ClassVar[Kind] = "focused"

@@ -53,35 +53,39 @@ class Microscope(MicroscopeOptics):
 
     Attributes
     ----------
-    magnification, na, medium_index : float
-        Of the objective, and of what it stands in.
-    tube_lens : float
-        Its focal length in metres.
+    kind : str
+        "microscope".
+    magnification, na, medium_index, tube_lens : float
+        M, NA and n of the objective; focal length of the tube lens in metres.
     mla : MicrolensArray
-        The lenslets.
-    wavelength, pixel_pitch : float
-        In metres.
+        The lenslets: pitch, focal length, count, lattice, fill, offset and rotation.
+    wavelength : float
+        In vacuum, in metres.
     pixels_per_lenslet : float
-        Along one axis.
+        Lenslet pitch over pixel pitch; may be fractional.
+    pixel_pitch : float
+        In metres.
     grid : Grid
-        Samples at the array.
+        Of the sensor, and of the native plane.
     device : Device
-        What it computes on.
+        Where the simulation runs.
     cover : CoverGlass or None
-        Another cover glass than that of the design.
+        Where it is not the one that the objective is made for.
     apodisation : float
-        Power of cos(theta) over the pupil.
+        e, of the amplitude cos(theta)^e over the pupil.
     pixels : PixelArray or None
-        Pixels that integrate; None: they sample.
+        None: each pixel takes the intensity in its middle.
 
     Examples
     --------
-    >>> lenslets = clplen.MicrolensArray(125e-6, 2.5e-3, count=3, fill="full")
-    >>> microscope = clplen.PlenopticCamera.microscope(
-    ...     magnification=20, na=0.5, mla=lenslets, wavelength=525e-9, pixels_per_lenslet=25
-    ... )
-    >>> microscope.kind, isinstance(microscope, clplen.PlenopticCamera)
-    ('microscope', True)
+    >>> camera = clplen.PlenopticCamera.microscope(
+    ...     magnification=20, na=0.5, wavelength=525e-9, pixels_per_lenslet=25,
+    ...     mla=clplen.MicrolensArray(125e-6, 2.5e-3, count=3, fill="full"))
+    >>> f"{camera.disparity(-10e-6):.3f} lenslets a pixel, 10 um nearer"
+    '0.064 lenslets a pixel, 10 um nearer'
+    >>> raw = camera.expose(clplen.PointSources((0, 0, -10e-6)))
+    >>> raw.shape
+    (75, 75)
     """
 
     kind: ClassVar[Kind] = "microscope"

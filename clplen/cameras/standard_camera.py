@@ -20,35 +20,42 @@ class Plenoptic1(Plenoptic):
 
     Attributes
     ----------
+    kind : str
+        "standard".
     focal_length, object_distance, image_distance, aperture_diameter : float
-        Of the main lens, in metres.
+        Main lens: f, lens to focused object plane, F (lens to array), D; in metres.
     mla : MicrolensArray
-        The lenslets.
-    wavelength, pixel_pitch : float
+        The lenslets: pitch, focal lengths, count, lattice, fill, offset and rotation.
+    wavelength : float
         In metres.
     pixels_per_lenslet : float
-        Along one axis.
+        Lenslet pitch over pixel pitch; may be fractional.
+    pixel_pitch : float
+        In metres.
     grid : Grid
-        Samples at the array.
+        Of the sensor, and of every plane of the simulation.
     field_lens : bool
-        Whether a lens at the array centres the sub-images.
+        Whether a lens of focal length F lies at the array (exit pupil at infinity).
     device : Device
-        What it computes on.
+        Where the simulation runs.
     aberrations : Aberrations
-        Departures from the design.
+        What departs from this design; `with_aberrations` sets it.
+    lens_model : {"thin", "corrected"}
+        The main lens: a quadratic phase, or a lens that images every point without aberrations and
+        obeys the sine condition.
     pixels : PixelArray or None
-        Pixels that integrate; None: they sample.
-    lens_model : str
-        "thin" or "corrected".
+        None: each pixel takes the intensity in its middle.
 
     Examples
     --------
-    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
     >>> camera = clplen.PlenopticCamera.type1(
-    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
-    ... )
-    >>> camera.kind, f"{camera.alpha(0.001):.4f}"
-    ('standard', '1.0164')
+    ...     focal_length=0.12, mla=clplen.MicrolensArray(150e-6, 10e-3, count=5),
+    ...     wavelength=532e-9, pixels_per_lenslet=30, aperture_diameter=0.5e-3)
+    >>> f"F = {camera.array_distance:.3f} m, f_mu = {camera.sensor_distance:.3f} m"
+    'F = 0.240 m, f_mu = 0.010 m'
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)))
+    >>> raw.shape, raw.camera is camera
+    ((150, 150), True)
     """
 
     kind: ClassVar[Kind] = "standard"

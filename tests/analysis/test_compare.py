@@ -158,6 +158,7 @@ def test_psf_of_a_focused_camera_is_a_lenslet_s_diffraction(device: Device) -> N
         assert mtf.cutoff() == pytest.approx(1 / unit, rel=0.2)
 
 
+@pytest.mark.thorough
 def test_depth_scan(device: Device) -> None:
     shared = {
         "focal_length": 0.030,

@@ -140,6 +140,7 @@ def test_off_the_axis(device):
     assert relative_max(points, patterns) <= 1.5e-3
 
 
+@pytest.mark.thorough
 def test_patterns_finer_than_the_pixels(device, monkeypatch):
     camera, plane = camera_of(device, count=(13, 15)), picture(width=0.3e-3)
     points, patterns, _ = both(camera, plane)

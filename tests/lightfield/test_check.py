@@ -185,6 +185,7 @@ def flower(data_folder: Path, device) -> np.ndarray:
     return read_lightfield(folder, device=device, pattern=PATTERN).to_numpy()
 
 
+@pytest.mark.thorough
 def test_flower(device, flower):
     """A real camera: d = -0.65; every wrong order is named."""
     for words in DISTINCT:

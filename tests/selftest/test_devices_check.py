@@ -54,6 +54,7 @@ def given(monkeypatch: pytest.MonkeyPatch) -> list[CheckResult]:
     return results
 
 
+@pytest.mark.thorough
 def test_every_check_passes(device: Device) -> None:
     result = run("--check", "--device", device.place)
     assert result.exit_code == 0, result.output
@@ -151,6 +152,7 @@ def test_a_device_that_is_not_there_is_one_row() -> None:
     assert report.results[0].reason.startswith("No OpenCL device fits '97:3'.")
 
 
+@pytest.mark.thorough
 def test_an_interrupt_ends_the_children(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     children: list[subprocess.Popen[bytes]] = []
     begin = runner._child

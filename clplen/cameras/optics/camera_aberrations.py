@@ -53,11 +53,11 @@ class LensletScatter:
     Parameters
     ----------
     focal_length : float
-        rms of f/f_designed - 1, at most .2.
+        Rms of f/f_designed - 1, at most .2.
     tilt : float
-        rms of the slope that a lenslet adds to all its rays (a wedge), along each axis, in radians.
+        Rms of the slope that a lenslet adds to all its rays (a wedge), along each axis, in radians.
     position : float
-        rms of the vertex from the centre of its aperture, along each axis, in metres; the
+        Rms of the vertex from the centre of its aperture, along each axis, in metres; the
         apertures stay.
     seed : int
         Not negative; the same seed gives the same array.
@@ -69,9 +69,12 @@ class LensletScatter:
 
     Examples
     --------
-    >>> scatter = clplen.cameras.LensletScatter(tilt=1e-4, position=1e-6, seed=1)
-    >>> clplen.cameras.Aberrations(scatter=scatter).scatter.seed
-    1
+    >>> scatter = clplen.cameras.LensletScatter(0.01, tilt=1e-4, seed=3)
+    >>> focal, tilt, position = scatter.draw((100, 100))  # f/f_designed; (y, x) of the others
+    >>> focal.shape, tilt.shape
+    ((100, 100), (100, 100, 2))
+    >>> f"{focal.std():.3f}, {tilt.std():.1e} rad"
+    '0.010, 1.0e-04 rad'
     """
 
     focal_length: float = 0.0
@@ -100,7 +103,7 @@ class LensletScatter:
         return self.focal_length == self.tilt == self.position == 0
 
     def draw(self, count: tuple[int, int]) -> tuple[Values, Values, Values]:
-        """f/f_designed, tilt and position (y, x): shapes ``count``, ``(*count, 2)`` twice."""
+        """f/f_designed, tilt and position (y, x): shapes ``count`` and twice ``(*count, 2)``."""
         sizes = (count, (*count, 2), (*count, 2))
         rms = (self.focal_length, self.tilt, self.position)
         focal, tilt, position = (
@@ -132,8 +135,8 @@ class Aberrations(OneLine):
     lenslet_circle : float, optional
         Diameter of that circle in metres, not smaller than the one about a lenslet's aperture.
         None: that of a circular lenslet; square and hexagonal cells need it.
-    scatter : LensletScatter
-        Departures of single lenslets.
+    scatter : LensletScatter, optional
+        How the lenslets scatter about their design. None: they do not.
     sensor_shift : float
         By how much farther from the array the sensor lies than designed, in metres.
 
@@ -141,6 +144,14 @@ class Aberrations(OneLine):
     ----------
     main_lens, main_lens_field, lenslets : tuple
         Pairs of index and value, in the order of the index.
+    main_lens_opd : OPDMaps or None
+        As given.
+    lenslet_circle : float or None
+        As given, in metres.
+    scatter : LensletScatter
+        As given, or one of zeros.
+    sensor_shift : float
+        As given, in metres.
 
     Raises
     ------
@@ -151,9 +162,14 @@ class Aberrations(OneLine):
 
     Examples
     --------
-    >>> errors = clplen.cameras.Aberrations(main_lens={8: 50e-9, 11: 20e-9})
-    >>> dict(errors.main_lens)
-    {8: 5e-08, 11: 2e-08}
+    >>> defocused = clplen.cameras.Aberrations(main_lens={4: 53.2e-9}, sensor_shift=50e-6)
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.12, mla=clplen.MicrolensArray(150e-6, 10e-3, count=5),
+    ...     wavelength=532e-9, pixels_per_lenslet=30, aberrations=defocused)
+    >>> f"{camera.describe()['wavefront of main lens'] / 532e-9:.2f} waves rms"
+    '0.10 waves rms'
+    >>> f"sensor {camera.sensor_distance * 1e3:.2f} mm behind the array"
+    'sensor 10.05 mm behind the array'
     """
 
     main_lens: Terms
@@ -451,7 +467,7 @@ NONE = Aberrations()
 def correct_aberrations(
     lf: LightField, zernike: Mapping[int, float], *, camera: CameraModel | None = None
 ) -> LightField:
-    """The light field as if the main lens had no such wavefront.
+    """Return the light field as if the main lens had no such wavefront.
 
     A ray from u on the main lens meets the image plane F dW/du beside its place (ray aberration:
     Born and Wolf 1999, section 5.1; Ng 2006, chapter 7): view u is moved back by that, through the
@@ -465,12 +481,12 @@ def correct_aberrations(
     zernike : mapping of int to float
         Noll's index to metres of path, rms over the aperture, as `Aberrations.main_lens`.
     camera : CameraModel, optional
-        None: ``lf.camera``. Its image_distance F and aperture_diameter count.
+        Its image_distance F and aperture_diameter count. None: ``lf.camera``.
 
     Returns
     -------
     LightField
-        float32, of the same shape. Views beyond the rim of the aperture are moved as those on it.
+        Of the same shape, float32. Views beyond the rim of the aperture are moved as those on it.
 
     Raises
     ------
@@ -479,14 +495,16 @@ def correct_aberrations(
 
     Examples
     --------
-    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=9, fill="full")
-    >>> camera = clplen.PlenopticCamera.type1(
-    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
-    ... )
-    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)), model="rays")
-    >>> lf = clplen.LightField.from_raw(raw)
-    >>> clplen.cameras.correct_aberrations(lf, {8: 5e-8}).shape
-    (15, 15, 9, 9)
+    >>> camera = clplen.PlenopticCamera.type1(  # F = 240 mm, D = 3.6 mm
+    ...     focal_length=0.12, mla=clplen.MicrolensArray(150e-6, 10e-3, count=16),
+    ...     wavelength=532e-9, pixels_per_lenslet=15)
+    >>> views = np.zeros((3, 3, 16, 16))
+    >>> views[:, :, 8, 8] = 1.0
+    >>> lf = clplen.LightField.from_array(
+    ...     views, spacing=(-1e-3, -1e-3, 150e-6, 150e-6), camera=camera)
+    >>> corrected = clplen.cameras.correct_aberrations(lf, {2: 0.5625e-6})  # F dW/du = 150 um
+    >>> int(corrected.to_numpy()[1, 1, 8].argmax())
+    7
     """
     lf = as_lightfield(lf)
     terms = Aberrations(main_lens=zernike).main_terms()

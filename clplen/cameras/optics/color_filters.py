@@ -53,11 +53,13 @@ class ColorFilterArray(OneLine):
     Attributes
     ----------
     tile : tuple of tuple of str
+        Names of the filters, row by row.
     names : tuple of str
         Each once, in the order of the tile.
     sensitivities : tuple of SpectralDistribution
         In the order of ``names``.
     per : str
+        As given.
 
     Raises
     ------
@@ -69,9 +71,12 @@ class ColorFilterArray(OneLine):
 
     Examples
     --------
-    >>> bayer = clplen.cameras.ColorFilterArray.bayer("RGGB")
+    >>> bayer = clplen.cameras.ColorFilterArray.bayer("RGGB")  # the filters of a Nikon D5100
     >>> bayer.tile
     (('R', 'G'), ('G', 'B'))
+    >>> daylight = clplen.wave.SpectralDistribution.illuminant("D65")
+    >>> {name: f"{gain:.2f}" for name, gain in bayer.white_balance(daylight).items()}
+    {'R': '1.69', 'G': '1.00', 'B': '1.19'}
     """
 
     tile: Tile

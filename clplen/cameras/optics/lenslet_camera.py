@@ -174,16 +174,22 @@ class Description(OneLine):
     Attributes
     ----------
     title : str
+        Kind of the camera.
     rows : tuple of Row
+        One for each parameter: its name, value in SI units, unit and what it means.
 
     Examples
     --------
-    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
     >>> camera = clplen.PlenopticCamera.type1(
-    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
-    ... )
-    >>> camera.describe().title
-    'Plenoptic 1.0 camera'
+    ...     focal_length=0.12, mla=clplen.MicrolensArray(150e-6, 10e-3, count=5),
+    ...     wavelength=532e-9, pixels_per_lenslet=15)
+    >>> print(camera.describe())
+    Plenoptic 1.0 camera
+      focal length                 120 mm    main lens
+      object distance              240 mm    focused plane to main lens
+    ...
+    >>> camera.describe()["views"]
+    15
     """
 
     title: str

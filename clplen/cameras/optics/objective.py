@@ -45,10 +45,14 @@ class CoverGlass:
 
     Parameters
     ----------
-    thickness, index : float
-        t in metres, up to 0.01, and g of the glass that is there; 0 thick: none.
-    designed_thickness, designed_index : float
-        t0 in metres and g0 of the one that the objective corrects.
+    thickness : float
+        Of the glass that is there, t in metres, up to 0.01; 0: there is none.
+    index : float
+        Of the glass that is there, g, from 1 to 5.
+    designed_thickness : float
+        Of the glass that the objective corrects, t0 in metres, up to 0.01.
+    designed_index : float
+        Of the glass that the objective corrects, g0, from 1 to 5.
 
     Raises
     ------
@@ -57,8 +61,10 @@ class CoverGlass:
 
     Examples
     --------
-    >>> clplen.cameras.CoverGlass(160e-6).designed_thickness
-    0.00017
+    >>> thin = clplen.cameras.CoverGlass(150e-6)  # 20 um less than the objective is made for
+    >>> sines = np.array([0.0, 0.5, 0.9])  # n sin(theta), in air
+    >>> np.round(thin.path(sines, 1.0) * 1e9).tolist()  # in nanometres
+    [0.0, -71.0, -1520.0]
     """
 
     thickness: float
@@ -142,8 +148,10 @@ class Objective:
     Examples
     --------
     >>> objective = clplen.cameras.Objective(20, 0.5, 1.0, 525e-9)
-    >>> objective.na
-    0.5
+    >>> f"{objective.blur(10e-6) * 1e6:.1f} um"  # of a point 10 um out of focus, on the array
+    '115.5 um'
+    >>> f"{objective.cutoff / 1e3:.1f} cycles/mm"
+    '47.6 cycles/mm'
     """
 
     magnification: float

@@ -117,11 +117,13 @@ class OPDMaps(Savable):
 
     Examples
     --------
-    >>> v, u = np.mgrid[-1:1:17j, -1:1:17j]
-    >>> path = np.broadcast_to(1e-7 * (u**2 + v**2), (1, 1, 17, 17))
-    >>> maps = clplen.cameras.OPDMaps(path, fields=[(0.0, 0.0)])
-    >>> maps.fields.shape
-    (1, 2)
+    >>> v, u = np.meshgrid(np.linspace(-1, 1, 17), np.linspace(-1, 1, 17), indexing="ij")
+    >>> defocus = 100e-9 * (2 * (v**2 + u**2) - 1)  # in metres
+    >>> maps = clplen.cameras.OPDMaps([[defocus]], fields=[(0, 0)])
+    >>> path = maps.path(0, 0, 532e-9, v=[0, 0.5, 1], u=0)
+    >>> np.round(path * 1e9, 3).tolist()
+    [-100.0, -50.0, 100.0]
+    >>> lens = clplen.cameras.Aberrations(main_lens_opd=maps)
     """
 
     _writer: ClassVar[str] = "write_opd_maps"

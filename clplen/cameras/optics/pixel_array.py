@@ -59,9 +59,12 @@ class PixelArray(OneLine):
 
     Examples
     --------
-    >>> pixels = clplen.cameras.PixelArray(fill_factor=0.8, pitch=4e-6)
-    >>> pixels.fill_factor, pixels.pitch
-    (0.8, 4e-06)
+    >>> pixels = clplen.cameras.PixelArray(pitch=5e-6, fill_factor=0.8)
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=0.12, mla=clplen.MicrolensArray(150e-6, 10e-3, count=5),
+    ...     wavelength=532e-9, pixels=pixels)
+    >>> round(camera.pixels_per_lenslet, 6), camera.grid.shape
+    (30.0, (150, 150))
     """
 
     fill_factor: float = 1.0

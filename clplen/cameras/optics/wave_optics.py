@@ -164,41 +164,46 @@ class WaveOptics(FixedOptics):
 
     Attributes
     ----------
-    occluders : tuple of Occluder
-        Screens before the camera, which windows of single points know.
     focal_length, object_distance, image_distance, aperture_diameter : float
-        Of the main lens, in metres.
+        Main lens: f, lens to focused object plane, F (lens to that plane's image), D; in metres.
     mla : MicrolensArray
-        The lenslets.
-    wavelength, pixel_pitch : float
+        The lenslets: pitch, focal lengths, count, lattice, fill, offset and rotation.
+    wavelength : float
         In metres.
     pixels_per_lenslet : float
-        Along one axis.
+        Lenslet pitch over pixel pitch; may be fractional.
+    pixel_pitch : float
+        In metres.
     grid : Grid
-        Samples at the array.
+        Of the sensor, and of every plane of the simulation.
     field_lens : bool
-        Whether a lens at the array centres the sub-images.
+        Whether a lens of focal length z2 lies at the array (exit pupil at infinity).
     device : Device
-        What it computes on.
+        Where the simulation runs.
+    z2 : float
+        In metres, from the main lens to the array.
+    z3 : float
+        In metres, from the array to the sensor, where it is.
     aberrations : Aberrations
-        Departures from the design.
+        What departs from this design; `Plenoptic1.with_aberrations` sets it.
+    lens_model : {"thin", "corrected"}
+        The main lens: a quadratic phase, or a lens that images every point without aberrations and
+        obeys the sine condition.
     pixels : PixelArray or None
-        Pixels that integrate; None: they sample.
-    lens_model : str
-        "thin" or "corrected".
-    z2, z3 : float
-        From the main lens to the array, and from there to the sensor, in metres.
+        None: each pixel takes the intensity in its middle.
+    occluders : tuple of Occluder
+        Screens before the camera, which windows of single points know.
 
     Examples
     --------
-    >>> issubclass(clplen.cameras.Plenoptic1, clplen.PlenopticCamera)
-    True
-    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
     >>> camera = clplen.PlenopticCamera.type1(
-    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
-    ... )
-    >>> isinstance(camera.optics, clplen.cameras.WaveOptics)
-    True
+    ...     focal_length=0.12, mla=clplen.MicrolensArray(150e-6, 10e-3, count=5),
+    ...     wavelength=532e-9, pixels_per_lenslet=15, aperture_diameter=0.5e-3)
+    >>> waves = camera.optics
+    >>> at_array = waves.array_field(waves.pupil(np.zeros((1, 3))))
+    >>> y, x = np.unravel_index(np.abs(at_array.to_numpy()[0]).argmax(), (75, 75))
+    >>> at_array.shape, (int(y), int(x))  # the image of the axis point lies in the middle
+    ((1, 75, 75), (37, 37))
     """
 
     occluders: tuple[Occluder, ...] = field(default=(), kw_only=True)

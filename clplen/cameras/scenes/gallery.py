@@ -35,15 +35,20 @@ class SampleScene(OneLine):
     Attributes
     ----------
     name : str
+        Its kind, such as "layers".
     scene : SurfaceScene
+        What its light field shows.
     noise : float or numpy.ndarray
         As `SurfaceScene.light_field` takes it.
 
     Examples
     --------
-    >>> sample = next(clplen.cameras.sample_scenes(3, (32, 32)))
+    >>> sample = next(clplen.cameras.sample_scenes(seed=1, shape=(64, 64)))
     >>> sample.name, sample.noise
-    ('plane', 0.05)
+    ('plane', 0.01)
+    >>> lf, truth = sample.scene.light_field((3, 3), (64, 64), noise=sample.noise)
+    >>> lf.shape[:4]
+    (3, 3, 64, 64)
     """
 
     name: str
@@ -126,7 +131,9 @@ class Studio:
 def sample_scenes(
     seed: int = 0, shape: tuple[int, int] = (512, 512), *, pictures: Sequence[Any] = ()
 ) -> Iterator[SampleScene]:
-    """One scene of each kind, drawn at random; disparities lie between -2 and 2 for 9 x 9 views.
+    """Yield one scene of each kind, drawn at random.
+
+    Disparities lie between -2 and 2 for 9 x 9 views.
 
     Parameters
     ----------
@@ -144,8 +151,9 @@ def sample_scenes(
 
     Examples
     --------
-    >>> [scene.name for scene in clplen.cameras.sample_scenes(1, (32, 32))][:4]
-    ['plane', 'slant', 'layers', 'roof']
+    >>> names = [sample.name for sample in clplen.cameras.sample_scenes(shape=(32, 32))]
+    >>> len(names), names[:5]
+    (15, ['plane', 'slant', 'layers', 'roof', 'valley'])
     """
     for number, (name, make) in enumerate(SCENES.items()):
         random = np.random.default_rng([seed, number])

@@ -40,10 +40,13 @@ class Truth(Savable, Plottable, HostArray):
 
     Examples
     --------
-    >>> scene = next(clplen.cameras.sample_scenes(1, (32, 32)))
-    >>> lf, truth = scene.scene.light_field((3, 3), (32, 32))
-    >>> truth.disparity.shape, sorted(truth.masks)
-    ((32, 32), ['edges', 'far', 'near', 'planes', 'smooth'])
+    >>> disc = clplen.cameras.Plane(1.0, outline=clplen.cameras.Ellipse((0, 0), 8))
+    >>> scene = clplen.cameras.SurfaceScene([clplen.cameras.Plane(-0.5), disc])
+    >>> lf, truth = scene.light_field((3, 3), (32, 32))
+    >>> truth
+    <Truth 32 x 32, disparity -0.500 to 1.000>
+    >>> sorted(truth.masks)
+    ['edges', 'far', 'near', 'planes', 'smooth']
     """
 
     _writer: ClassVar[str] = "write_truth"

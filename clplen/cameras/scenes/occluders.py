@@ -36,6 +36,7 @@ class Occluder(OneLine, HostArray):
     opacity : numpy.ndarray
         float64, shape (ny, nx).
     width, z : float
+        As given, in metres.
 
     Raises
     ------
@@ -48,9 +49,12 @@ class Occluder(OneLine, HostArray):
 
     Examples
     --------
-    >>> screen = clplen.cameras.Occluder(np.eye(8), 4e-3, -0.01)
-    >>> screen.width, screen.z
-    (0.004, -0.01)
+    >>> stops = np.zeros((4, 4))
+    >>> stops[:, 2:] = 1.0  # nothing passes from x = -1 mm on
+    >>> screen = clplen.cameras.Occluder(stops, 8e-3, z=-20e-3)  # before the focused plane
+    >>> y, x = screen.edges()
+    >>> np.round(x * 1e3, 3).tolist()  # in millimetres
+    [-5.0, -3.0, -1.0, 1.0, 3.0]
     """
 
     _samples: ClassVar[str] = "opacity"

@@ -37,9 +37,12 @@ class Ellipse:
 
     Examples
     --------
-    >>> disc = clplen.cameras.Ellipse((0, 10), (20, 30))
-    >>> disc.radii
-    (20, 30)
+    >>> disc = clplen.cameras.Ellipse((0, 0), 8)
+    >>> ground, patch = clplen.cameras.Plane(-0.5), clplen.cameras.Plane(1.0, outline=disc)
+    >>> scene = clplen.cameras.SurfaceScene([ground, patch])
+    >>> lf, truth = scene.light_field((3, 3), (32, 32))
+    >>> int((truth.surface == 1).sum())  # pixels of the disc; its area is 201
+    208
     """
 
     centre: Pair
@@ -89,10 +92,11 @@ class Bars:
 
     Examples
     --------
-    >>> outline = clplen.cameras.Bars((0, 0), 300, count=12, period=20, width=10)
-    >>> bars = clplen.cameras.Plane(0.5, texture=clplen.cameras.noise(2), outline=outline)
-    >>> bars.disparity
-    0.5
+    >>> bars = clplen.cameras.Bars((0, 0), 16, count=3, period=8, width=4)
+    >>> scene = clplen.cameras.SurfaceScene(clplen.cameras.Plane(0.5, outline=bars))
+    >>> lf, truth = scene.light_field((1, 1), (32, 32))
+    >>> "".join("#" if seen == 0 else "." for seen in truth.surface[16])
+    '......####....####....####......'
     """
 
     centre: Pair
@@ -139,6 +143,11 @@ class Polygon(OneLine):
     *contours : array_like
         Each shape (n, 2), n >= 3: (Y, X) of its vertices in pixels from the middle of the picture.
 
+    Attributes
+    ----------
+    contours : tuple of numpy.ndarray
+        float64, each shape (n, 2).
+
     Raises
     ------
     ValueError
@@ -146,9 +155,12 @@ class Polygon(OneLine):
 
     Examples
     --------
-    >>> triangle = clplen.cameras.Polygon([(0, 0), (0, 20), (20, 0)])
-    >>> plane = clplen.cameras.Plane(0.5, texture=clplen.cameras.noise(1), outline=triangle)
-    >>> plane.outline is triangle
+    >>> outer = [(-8, -8), (-8, 8), (8, 8), (8, -8)]
+    >>> hole = [(-4, -4), (-4, 4), (4, 4), (4, -4)]
+    >>> frame = clplen.cameras.Polygon(outer, hole)
+    >>> scene = clplen.cameras.SurfaceScene(clplen.cameras.Plane(0.5, outline=frame))
+    >>> lf, truth = scene.light_field((3, 3), (32, 32))
+    >>> int((truth.surface == 0).sum()) == 16**2 - 8**2
     True
     """
 
@@ -180,7 +192,7 @@ Outline = Ellipse | Bars | Polygon
 
 
 def rectangle(centre: Pair, size: Pair, *, angle: float = 0.0) -> Polygon:
-    """A rectangle as a polygon.
+    """Return a rectangle as a polygon.
 
     Parameters
     ----------
@@ -194,7 +206,7 @@ def rectangle(centre: Pair, size: Pair, *, angle: float = 0.0) -> Polygon:
     Returns
     -------
     Polygon
-        An outline for planes.
+        Of one contour with four vertices.
 
     Raises
     ------
@@ -203,9 +215,8 @@ def rectangle(centre: Pair, size: Pair, *, angle: float = 0.0) -> Polygon:
 
     Examples
     --------
-    >>> outline = clplen.cameras.rectangle((0, 0), (20, 10), angle=0.3)
-    >>> type(outline).__name__
-    'Polygon'
+    >>> clplen.cameras.rectangle((0, 10), (8, 16)).corners().tolist()
+    [[-4.0, 2.0], [-4.0, 18.0], [4.0, 18.0], [4.0, 2.0]]
     """
     _finite(centre, 2, "The centre of a rectangle")
     _finite(size, 2, "The size of a rectangle", positive=True)
@@ -249,9 +260,11 @@ class Spot:
 
     Examples
     --------
-    >>> spot = clplen.cameras.Spot((5, 5), 4, strength=0.5, disparity=0.2)
-    >>> spot.strength
-    0.5
+    >>> lamp = clplen.cameras.Spot((0, 0), 2, disparity=3)
+    >>> scene = clplen.cameras.SurfaceScene(clplen.cameras.Plane(0.0, spots=[lamp]))
+    >>> lf, truth = scene.light_field((1, 3), (33, 33))
+    >>> lf.to_numpy()[0, :, 16].argmax(axis=1).tolist()  # it moves, the plane stays
+    [19, 16, 13]
     """
 
     centre: Pair
@@ -282,13 +295,13 @@ class Plane(OneLine):
     slope : tuple of float
         (gy, gx), disparity a pixel.
     texture : Texture
-        Brightness of the surface.
+        Brightness over (Y, X); uniform grey of .5 by default.
     outline : Ellipse, Bars, Polygon or None
         What there is of it, in (Y, X); None: all of the plane.
     shade : tuple of float
         (sy, sx): the texture is multiplied by 1 + sy Y + sx X, not below 0.
     spots : sequence of Spot
-        Highlights on it.
+        Highlights on it; their light is added.
 
     Raises
     ------
@@ -297,10 +310,12 @@ class Plane(OneLine):
 
     Examples
     --------
-    >>> plane = clplen.cameras.Plane(-1.0, (0.002, 0.001), texture=clplen.cameras.noise(1))
-    >>> lf, truth = clplen.SurfaceScene(plane).light_field((3, 3), (32, 32))
-    >>> f"{float(truth.disparity[0, 0]):.4f}"
-    '-1.0465'
+    >>> slanted = clplen.cameras.Plane(0.5, (0.0, 0.02), texture=clplen.cameras.checker(8))
+    >>> lf, truth = clplen.cameras.SurfaceScene(slanted).light_field((3, 3), (33, 33))
+    >>> lf.shape
+    (3, 3, 33, 33)
+    >>> [f"{d:.2f}" for d in truth.disparity[16, ::8]]
+    ['0.18', '0.34', '0.50', '0.66', '0.82']
     """
 
     disparity: float
@@ -340,9 +355,11 @@ class Sphere(OneLine):
     height : float
         Its nearest point has the ``disparity + height``; positive.
     texture : Texture
-        Brightness of the surface.
-    shade, spots : tuple of float, sequence of Spot
-        As for `Plane`.
+        Brightness over (Y, X); uniform grey of .5 by default.
+    shade : tuple of float
+        (sy, sx): the texture is multiplied by 1 + sy Y + sx X, not below 0.
+    spots : sequence of Spot
+        Highlights on it; their light is added.
 
     Raises
     ------
@@ -351,13 +368,10 @@ class Sphere(OneLine):
 
     Examples
     --------
-    >>> ball = clplen.cameras.Sphere(
-    ...     (0, 0), 12, disparity=0.3, height=1.2, texture=clplen.cameras.noise(3)
-    ... )
-    >>> scene = clplen.SurfaceScene([clplen.cameras.Plane(-1.0), ball])
-    >>> lf, truth = scene.light_field((3, 3), (32, 32))
-    >>> f"{float(truth.disparity.max()):.1f}"
-    '1.5'
+    >>> ball = clplen.cameras.Sphere((0, 0), 12, disparity=0.0, height=1.0)
+    >>> lf, truth = clplen.cameras.SurfaceScene(ball).light_field((3, 3), (33, 33))
+    >>> f"{truth.disparity[16, 16]:.2f} in the middle, {truth.disparity[16, 26]:.2f} near the rim"
+    '1.00 in the middle, 0.55 near the rim'
     """
 
     centre: Pair

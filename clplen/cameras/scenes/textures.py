@@ -42,7 +42,9 @@ class Texture(OneLine, HostArray):
     samples : numpy.ndarray
         float32, shape (ny, nx, 1) or (ny, nx, 3).
     scale : float
+        As given.
     centre : tuple of float
+        As given.
 
     Raises
     ------
@@ -53,9 +55,11 @@ class Texture(OneLine, HostArray):
 
     Examples
     --------
-    >>> paint = clplen.cameras.Texture(np.random.default_rng(1).random((16, 16)), scale=2.0)
-    >>> paint.samples.shape
-    (16, 16, 1)
+    >>> y, x = np.indices((32, 32))
+    >>> wave = 0.5 + 0.2 * np.cos(2 * np.pi * x / 8)
+    >>> texture = clplen.cameras.Texture(wave, scale=2)  # a period of 16 pixels
+    >>> texture
+    Texture(samples=<float32 (32, 32, 1)>, scale=2, centre=(0, 0))
     """
 
     _samples: ClassVar[str] = "samples"
@@ -105,22 +109,30 @@ class Texture(OneLine, HostArray):
 
 
 def uniform(level: float | tuple[float, float, float] = 0.5) -> Texture:
-    """The same everywhere; three numbers are a colour.
+    """Return a texture of the same brightness everywhere.
 
     Parameters
     ----------
     level : float or tuple of float
-        Brightness, or that of red, green and blue.
+        Brightness, 0 black, 1 white; three numbers are a colour.
 
     Returns
     -------
     Texture
-        A texture for surfaces.
+        Of one sample, shape (1, 1, 1), or (1, 1, 3) for a colour.
+
+    Raises
+    ------
+    ShapeError
+        If there are neither one number nor three.
+    ValueError
+        If a number is not finite.
 
     Examples
     --------
-    >>> f"{clplen.cameras.uniform(0.6).samples.max():.1f}"
-    '0.6'
+    >>> orange = clplen.cameras.uniform((1.0, 0.5, 0.0))
+    >>> orange.samples.tolist()
+    [[[1.0, 0.5, 0.0]]]
     """
     return Texture(np.atleast_3d(np.asarray(level, np.float32)).reshape(1, 1, -1))
 
@@ -136,7 +148,7 @@ def noise(
     coarsest: float = 1 / 128,
     colour: bool = False,
 ) -> Texture:
-    """Band-limited Gaussian noise with an amplitude spectrum f^-exponent.
+    """Make band-limited Gaussian noise with an amplitude spectrum f^-exponent.
 
     Parameters
     ----------
@@ -156,7 +168,7 @@ def noise(
     Returns
     -------
     Texture
-        A texture for surfaces.
+        Shape (side, side, 1), or (side, side, 3) with ``colour``.
 
     Raises
     ------
@@ -165,9 +177,11 @@ def noise(
 
     Examples
     --------
-    >>> paint = clplen.cameras.noise(1, 64, contrast=0.1)
-    >>> paint.samples.shape
+    >>> texture = clplen.cameras.noise(1, 64, contrast=0.1)
+    >>> texture.samples.shape
     (64, 64, 1)
+    >>> f"{texture.samples.mean():.2f} +- {texture.samples.std():.2f}"
+    '0.50 +- 0.10'
     """
     if side < 4 or not 0 <= coarsest < finest <= 0.5:
         raise ValueError(
@@ -198,7 +212,7 @@ def _one_noise(random: np.random.Generator, weight: Any, side: int) -> Any:
 
 
 def picture(image: Any, *, scale: float = 1.0, smoothing: float = SMOOTHING) -> Texture:
-    """A picture, mirrored at its edges so that it repeats without a seam, and smoothed.
+    """Make a texture of a picture, smoothed, and mirrored at its edges to repeat without a seam.
 
     Parameters
     ----------
@@ -206,19 +220,30 @@ def picture(image: Any, *, scale: float = 1.0, smoothing: float = SMOOTHING) -> 
         Shape (ny, nx) or (ny, nx, 3); integers are divided by the largest of their type, other
         numbers are taken as they are (0 black, 1 white).
     scale : float
-        Pixels from sample to sample.
+        Pixels from sample to sample, positive.
     smoothing : float
         Standard deviation in pixels of the Gaussian that it is smoothed with; 0 leaves it.
 
     Returns
     -------
     Texture
-        A texture for surfaces.
+        Shape (2 ny, 2 nx, 1) or (2 ny, 2 nx, 3).
+
+    Raises
+    ------
+    ShapeError
+        If the picture has another shape, or a side of more than 4096 samples.
+    ValueError
+        If a sample is not finite, or the scale negative.
 
     Examples
     --------
-    >>> clplen.cameras.picture(np.eye(16), scale=2.0).scale
-    2.0
+    >>> image = np.tile(np.arange(0, 256, 16, dtype=np.uint8), (16, 1))
+    >>> texture = clplen.cameras.picture(image)
+    >>> texture.samples.shape
+    (32, 32, 1)
+    >>> f"{texture.samples.mean():.3f}", f"{image.mean() / 255:.3f}"
+    ('0.471', '0.471')
     """
     values = np.asarray(image)
     if values.dtype.kind in "ui":
@@ -233,26 +258,34 @@ def picture(image: Any, *, scale: float = 1.0, smoothing: float = SMOOTHING) -> 
 def checker(
     period: float, *, low: float = 0.2, high: float = 0.8, smoothing: float = SMOOTHING
 ) -> Texture:
-    """A chessboard of squares of half a period, in pixels, its edges smoothed by a Gaussian.
+    """Make a chessboard of squares of half a period, its edges smoothed by a Gaussian.
 
     Parameters
     ----------
     period : float
-        Of two squares, in pixels.
+        Two squares side by side, in pixels, positive.
     low, high : float
-        Brightness of dark and bright squares.
+        Brightness of the dark and of the bright squares, 0 black, 1 white.
     smoothing : float
-        Standard deviation in pixels of the Gaussian that it is smoothed with.
+        Standard deviation of the Gaussian in pixels; 0 leaves the edges as they are.
 
     Returns
     -------
     Texture
-        A texture for surfaces.
+        One period, shape (64, 64, 1).
+
+    Raises
+    ------
+    ValueError
+        If the period is negative, or a number is not finite.
 
     Examples
     --------
-    >>> clplen.cameras.checker(12.0, low=0.1, high=0.9).samples.ndim
-    3
+    >>> texture = clplen.cameras.checker(16)
+    >>> texture.samples.shape, texture.scale
+    ((64, 64, 1), 0.25)
+    >>> f"{texture.samples.min():.2f} to {texture.samples.max():.2f}"
+    '0.20 to 0.80'
     """
     side = 64
     cells = np.indices((side, side)) // (side // 2)
@@ -263,26 +296,34 @@ def checker(
 def stripes(
     period: float, *, mean: float = 0.5, contrast: float = 0.15, angle: bool = False
 ) -> Texture:
-    """A sine along X (along Y with ``angle``), of a period in pixels and an rms contrast.
+    """Make stripes whose brightness is a sine along X, or along Y.
 
     Parameters
     ----------
     period : float
-        In pixels.
+        Of the sine in pixels, positive.
     mean, contrast : float
-        Mean brightness, and rms contrast about it.
-    angle : float
-        From X towards Y, in radians.
+        Mean and rms of the brightness, which is not clipped to 0..1.
+    angle : bool
+        Whether the brightness varies along Y, not along X.
 
     Returns
     -------
     Texture
-        A texture for surfaces.
+        One period, shape (4, 32, 1), or (32, 4, 1) with ``angle``.
+
+    Raises
+    ------
+    ValueError
+        If the period is not positive, or a number is not finite.
 
     Examples
     --------
-    >>> clplen.cameras.stripes(10.0, angle=0.3).samples.ndim
-    3
+    >>> texture = clplen.cameras.stripes(8, contrast=0.1)
+    >>> texture.samples.shape, texture.scale
+    ((4, 32, 1), 0.25)
+    >>> f"{texture.samples.std():.3f}"
+    '0.100'
     """
     wave = mean + contrast * math.sqrt(2) * np.sin(2 * np.pi * np.arange(32) / 32)
     values = np.tile(wave, (4, 1))
@@ -298,7 +339,7 @@ def bricks(
     colour: bool = False,
     smoothing: float = SMOOTHING,
 ) -> Texture:
-    """A wall of bricks of random brightness with joints and fine grain, in running bond.
+    """Make a wall of bricks of random brightness with joints and fine grain, in running bond.
 
     Parameters
     ----------
@@ -311,17 +352,21 @@ def bricks(
     colour : bool
         Reddish instead of grey.
     smoothing : float
-        As for `picture`.
+        Standard deviation in pixels of the Gaussian that it is smoothed with, as for `picture`.
 
     Returns
     -------
     Texture
-        A texture for surfaces.
+        Of an even number of rows of bricks, one sample a pixel; three channels with ``colour``.
 
     Examples
     --------
-    >>> clplen.cameras.bricks(1, size=(10, 24)).samples.ndim
-    3
+    >>> wall = clplen.cameras.bricks(1, size=(20, 50), colour=True)
+    >>> wall.samples.shape
+    (400, 400, 3)
+    >>> red, green, blue = wall.samples.mean(axis=(0, 1))
+    >>> f"{green / red:.2f}, {blue / red:.2f}"
+    '0.70, 0.55'
     """
     height, length = size
     random = np.random.default_rng(seed)

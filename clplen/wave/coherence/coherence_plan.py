@@ -67,27 +67,29 @@ class CoherencePlan(OneLine, Generic[Light]):
     coherence : Coherence
         The light, ready for use.
     snapshots : int
+        How many reach the wanted signal-to-noise ratio.
     snr : float
         Predicted mean over standard deviation of the image of a clear field.
     iota : float
         Airy radius over cell, 0.61/(fc p): 0 is coherent, 2 nearly incoherent.
     cells : tuple of int
-        n, across the window, (ny, nx).
+        Number n of cells across the window, (ny, nx).
     cell : float
-        p in metres, the longer side: the coherence length.
+        Side p in metres, the longer side: the coherence length.
     distance : float
-        d_c in metres, at the shortest wavelength.
+        Distance d_c in metres, at the shortest wavelength.
     wavelengths : int
+        Into which the spectrum is sampled.
     contrast : float
         Of one snapshot's image of a clear field.
 
     Examples
     --------
-    >>> lens = clplen.OpticalSystem([clplen.wave.Pupil(2e-3, 0.1)])
-    >>> grid = clplen.Grid((128, 128), 5e-6)
-    >>> plan = clplen.Coherence.plan(lens, snr=5, grid=grid, wavelength=550e-9)
-    >>> plan.snapshots > 1, plan.wavelengths
-    (True, 1)
+    >>> grid = clplen.Grid((64, 64), 10e-6)
+    >>> pupil = clplen.wave.Pupil(5e-3, 0.1)
+    >>> plan = clplen.Coherence.plan(pupil, grid=grid, wavelength=500e-9, snr=10)
+    >>> plan.cells, f"{plan.cell * 1e6:.0f} um", plan.snapshots, f"SNR {plan.snr:.1f}"
+    ((32, 32), '20 um', 32, 'SNR 10.1')
     """
 
     coherence: Light

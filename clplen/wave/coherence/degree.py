@@ -153,7 +153,7 @@ def measured_degree(
     axis: Literal["y", "x"] | None = None,
     periodic: bool = False,
 ) -> Array:
-    """Degree of coherence of snapshots at some lags; see `DegreeEstimator`.
+    """Return the degree of coherence of snapshots at some lags; see `DegreeEstimator`.
 
     Parameters
     ----------
@@ -162,13 +162,15 @@ def measured_degree(
     lags : array_like of int
         In samples, either sign: along ``axis`` any shape, without one (dy, dx), shape (..., 2).
     axis : {"y", "x"}, optional
+        Along which the lags are; None: they are pairs.
     periodic : bool
         Whether the window repeats, as that of random phase masks.
 
     Returns
     -------
     numpy.ndarray
-        complex128, the shape of ``lags`` (without its last axis where there is no ``axis``).
+        Complex degree mu, complex128, the shape of ``lags`` (without its last axis where there is
+        no ``axis``).
 
     Raises
     ------
@@ -176,13 +178,17 @@ def measured_degree(
         If there is no field or no light, or a lag is not whole or beyond the window.
     ShapeError
         If the lags are not pairs, or the grids differ.
+    TypeError
+        If the snapshots are no fields.
 
     Examples
     --------
-    >>> grid = clplen.Grid((32, 32), 1e-5)
-    >>> wave = clplen.wave.plane_wave(grid, wavelength=550e-9)
-    >>> np.round(clplen.wave.measured_degree([wave], [0, 1, 2], axis="x").real, 3).tolist()
-    [1.0, 1.0, 1.0]
+    >>> grid = clplen.Grid((32, 32), 10e-6)
+    >>> light = clplen.Coherence(clplen.wave.RandomPhaseMask(40e-6))
+    >>> snapshots = light.snapshots(grid, wavelength=500e-9, count=50)
+    >>> mu = clplen.wave.measured_degree(snapshots, [0, 2, 4], axis="x", periodic=True)
+    >>> [f"{abs(value):.1f}" for value in mu]
+    ['1.0', '0.5', '0.0']
     """
     dy, dx = _along(lags, axis)
     estimator = None
@@ -203,19 +209,19 @@ def measured_degree(
 
 
 def speckle_contrast(image: Image | Array, *, region: Any = None) -> float:
-    """Standard deviation over mean of an intensity (Goodman 2020, eq. 3-32).
+    """Return the standard deviation over mean of an intensity (Goodman 2020, eq. 3-32).
 
     Parameters
     ----------
     image : Image or numpy.ndarray
-        Not negative.
+        Intensity, not negative, shape (ny, nx).
     region : index, optional
         What of it counts: a mask of its shape, or slices (y, x); everything by default.
 
     Returns
     -------
     float
-        1 of developed speckle, 1/sqrt(M) of the mean of M independent ones.
+        Contrast: 1 of developed speckle, 1/sqrt(M) of the mean of M independent ones.
 
     Raises
     ------
@@ -224,8 +230,14 @@ def speckle_contrast(image: Image | Array, *, region: Any = None) -> float:
 
     Examples
     --------
-    >>> clplen.wave.speckle_contrast(np.ones((8, 8), np.float32))
-    0.0
+    >>> grid = clplen.Grid((64, 64), 10e-6)
+    >>> light = clplen.Coherence(clplen.wave.RandomPhaseMask(20e-6))
+    >>> snapshots = light.snapshots(grid, wavelength=500e-9, count=25)
+    >>> pictures = np.stack([field.intensity().to_numpy() for field in snapshots])
+    >>> f"{clplen.wave.speckle_contrast(pictures[0]):.1f}"
+    '1.0'
+    >>> f"{clplen.wave.speckle_contrast(pictures.mean(axis=0)):.1f}"  # 1/sqrt(25)
+    '0.2'
     """
     values = image.to_numpy() if isinstance(image, Image) else np.asarray(image)
     chosen = (values if region is None else values[region]).astype(np.float64)

@@ -153,7 +153,7 @@ class ExtendedSource(OneLine):
     Parameters
     ----------
     size : float
-        In metres: diameter of the disc, side of the square, or width of the picture along x.
+        Extent in metres: diameter of the disc, side of the square, or width of the picture along x.
     distance : float
         From the source to the window in metres.
     shape : {"circular", "square"}
@@ -184,10 +184,14 @@ class ExtendedSource(OneLine):
 
     Examples
     --------
-    >>> source = clplen.wave.ExtendedSource(2e-4, 0.3)  # 0.2 mm wide, 30 cm away
-    >>> lags = np.array([0.0, 5e-4])
-    >>> [round(float(mu.real), 2) for mu in source.degree(0 * lags, lags, wavelength=550e-9)]
-    [1.0, 0.61]
+    >>> source = clplen.wave.ExtendedSource(2e-3, 0.1)  # 2 mm wide, 100 mm away
+    >>> mu = source.degree(0.0, [0.0, 15e-6, 30.5e-6], wavelength=500e-9)
+    >>> [f"{abs(value):.2f}" for value in mu]
+    ['1.00', '0.62', '0.00']
+    >>> grid = clplen.Grid((32, 32), 10e-6)
+    >>> snapshots = list(clplen.Coherence(source).snapshots(grid, wavelength=500e-9, count=2))
+    >>> len(snapshots), snapshots[0].shape
+    (2, (32, 32))
     """
 
     size: float

@@ -47,8 +47,8 @@ class RandomPhaseMask:
     kernel : {"square", "gaussian"}
         Amplitude of one cell: a square of side p, or a Gaussian of full width p at half maximum.
     distance : float, optional
-        d_c in metres, not negative; by default 4 p^2/lam, from where the intensity is that of
-        developed speckle.
+        Distance d_c in metres, not negative; by default 4 p^2/lam, from where the intensity is that
+        of developed speckle.
     kind : {"field", "phase"}
         The field itself, whose mean intensity is 1, or its phase alone, of intensity 1 everywhere.
     jitter : bool
@@ -66,9 +66,11 @@ class RandomPhaseMask:
 
     Examples
     --------
-    >>> mask = clplen.wave.RandomPhaseMask(4e-5)
-    >>> lags = np.array([0.0, 2e-5, 4e-5])
-    >>> np.round(mask.degree(0 * lags, lags, wavelength=550e-9).real, 2).tolist()
+    >>> mask = clplen.wave.RandomPhaseMask(40e-6)
+    >>> grid = clplen.Grid((32, 32), 10e-6)
+    >>> mask.count(grid)
+    (8, 8)
+    >>> np.round(mask.degree(0.0, [0.0, 20e-6, 40e-6], wavelength=500e-9), 2).tolist()
     [1.0, 0.5, 0.0]
     """
 

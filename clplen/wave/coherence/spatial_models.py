@@ -109,10 +109,18 @@ Array = np.ndarray[Any, Any]
 class SpatialModel(Protocol):
     """Light of some degree of coherence, as an ensemble of fields of mean intensity 1.
 
+    Parameters
+    ----------
+    *args, **kwargs : object
+        Of the class that fulfils the protocol; the protocol itself is not made.
+
     Examples
     --------
-    >>> isinstance(clplen.wave.RandomPhaseMask(4e-5), clplen.wave.SpatialModel)
-    True
+    >>> mask = clplen.wave.RandomPhaseMask(40e-6)
+    >>> isinstance(mask, clplen.wave.SpatialModel), mask.random
+    (True, True)
+    >>> np.round(mask.degree(0.0, [0.0, 20e-6, 40e-6], wavelength=500e-9), 2).tolist()
+    [1.0, 0.5, 0.0]
     """
 
     @property
@@ -153,11 +161,12 @@ class IncoherentLight:
 
     Examples
     --------
-    >>> grid = clplen.Grid((32, 32), 1e-5)
-    >>> slit = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=550e-9), 1e-4)
-    >>> lens = clplen.OpticalSystem([clplen.wave.Pupil(2e-3, 0.1)])
-    >>> lens(slit, coherence=clplen.Coherence(clplen.wave.IncoherentLight())).method
-    'incoherent'
+    >>> grid = clplen.Grid((32, 32), 10e-6)
+    >>> clear = clplen.wave.plane_wave(grid, wavelength=500e-9)
+    >>> lamp = clplen.Coherence(clplen.wave.IncoherentLight())
+    >>> image = lamp.average(clplen.wave.Pupil(4e-3, 0.1), clear)
+    >>> image.method, image.intensity.shape
+    ('incoherent', (32, 32))
     """
 
     random: ClassVar[bool] = True

@@ -27,12 +27,12 @@ Pair = tuple[float, float]
 def plane_wave(
     grid: Grid, *, wavelength: float, device: DeviceLike | None = None, direction: Pair = (0.0, 0.0)
 ) -> Field:
-    """A plane wave of unit amplitude, exp(ik(a_y y + a_x x)), phase 0 at the origin.
+    """Return a plane wave of unit amplitude, exp(ik(a_y y + a_x x)), phase 0 at the origin.
 
     Parameters
     ----------
     grid : Grid
-        Where the field is sampled.
+        Samples of the plane, shape (ny, nx).
     wavelength : float
         In metres.
     device : Device or str, optional
@@ -43,7 +43,7 @@ def plane_wave(
     Returns
     -------
     Field
-        Behind it, on the same grid.
+        Of amplitude 1, shape (ny, nx).
 
     Raises
     ------
@@ -57,9 +57,10 @@ def plane_wave(
 
     Examples
     --------
-    >>> grid = clplen.Grid((64, 64), 1e-5)
-    >>> clplen.wave.plane_wave(grid, wavelength=550e-9).shape
-    (64, 64)
+    >>> grid = clplen.Grid((64, 64), 10e-6)
+    >>> wave = clplen.wave.plane_wave(grid, wavelength=500e-9, direction=(0.0, 0.01))
+    >>> np.round(np.angle(wave.to_numpy()[32, 33:36], deg=True)).tolist()  # 0.2 cycles a sample
+    [72.0, 144.0, -144.0]
     """
     device = _check_wave(grid, wavelength, device)
     _check_direction(direction)
@@ -74,7 +75,7 @@ def tilt(field: Field, direction: Pair) -> Field:
     Parameters
     ----------
     field : Field
-        In front of it.
+        Of any shape (..., ny, nx).
     direction : tuple of float
         Direction cosines (a_y, a_x) that are added, a_y^2 + a_x^2 < 1. Along an axis of length 1
         nothing varies.
@@ -82,7 +83,7 @@ def tilt(field: Field, direction: Pair) -> Field:
     Returns
     -------
     Field
-        Behind it, on the same grid.
+        Of the shape of ``field``.
 
     Raises
     ------
@@ -96,10 +97,11 @@ def tilt(field: Field, direction: Pair) -> Field:
 
     Examples
     --------
-    >>> grid = clplen.Grid((64, 64), 1e-5)
-    >>> field = clplen.wave.plane_wave(grid, wavelength=550e-9)
-    >>> clplen.wave.tilt(field, (0.0, 0.01)).shape
-    (64, 64)
+    >>> grid = clplen.Grid((64, 64), 10e-6)
+    >>> wave = clplen.wave.plane_wave(grid, wavelength=500e-9)
+    >>> turned = clplen.wave.tilt(wave, (0.0, 0.01))
+    >>> np.round(np.angle(turned.to_numpy()[32, 33:36], deg=True)).tolist()
+    [72.0, 144.0, -144.0]
     """
     require_field(field)
     _check_direction(direction)
@@ -117,14 +119,15 @@ def spherical_wave(
     device: DeviceLike | None = None,
     source: Pair = (0.0, 0.0),
 ) -> Field:
-    """The wave of a unit point source, exp(ik(r - abs(z)))/r, r the distance from the source.
+    """Return the wave of a unit point source, exp(ik(r - abs(z)))/r.
 
-    The carrier exp(ik abs(z)) is dropped, as every propagation drops it.
+    r is the distance from the source. The carrier exp(ik abs(z)) is dropped, as every propagation
+    drops it.
 
     Parameters
     ----------
     grid : Grid
-        Where the field is sampled.
+        Samples of the plane, shape (ny, nx).
     z : float
         Distance from the source to the plane in metres, not 0. Negative: the wave converges to a
         point abs(z) behind the plane, the complex conjugate.
@@ -153,9 +156,10 @@ def spherical_wave(
 
     Examples
     --------
-    >>> grid = clplen.Grid((64, 64), 1e-5)
-    >>> clplen.wave.spherical_wave(grid, 0.05, wavelength=550e-9).shape
-    (64, 64)
+    >>> grid = clplen.Grid((64, 64), 10e-6)
+    >>> wave = clplen.wave.spherical_wave(grid, 0.1, wavelength=500e-9)
+    >>> wave.shape, f"{abs(wave.to_numpy()[32, 32]):.2f} 1/m"
+    ((64, 64), '10.00 1/m')
     """
     device = _check_wave(grid, wavelength, device)
     if not math.isfinite(z) or z == 0:
@@ -177,7 +181,7 @@ def gaussian_beam(
     centre: Pair = (0.0, 0.0),
     direction: Pair = (0.0, 0.0),
 ) -> Field:
-    """A paraxial Gaussian beam, q^(-1) exp(-r^2/(w0^2 q)) with q = 1 + i z lam/(pi w0^2).
+    """Return a paraxial Gaussian beam, q^(-1) exp(-r^2/(w0^2 q)) with q = 1 + i z lam/(pi w0^2).
 
     Saleh and Teich (2019), eq. 3.1-7, with the carrier exp(ikz) dropped; exact for Fresnel
     propagation. A direction (a_y, a_x) moves the beam by a z and gives it the phase
@@ -186,7 +190,7 @@ def gaussian_beam(
     Parameters
     ----------
     grid : Grid
-        Where the field is sampled.
+        Samples of the plane, shape (ny, nx).
     waist : float
         Radius w0 in metres at which the amplitude of the waist is 1/e.
     wavelength : float
@@ -217,10 +221,11 @@ def gaussian_beam(
 
     Examples
     --------
-    >>> grid = clplen.Grid((64, 64), 1e-5)
-    >>> beam = clplen.wave.gaussian_beam(grid, 1e-4, wavelength=550e-9, z=0.01)
-    >>> beam.shape
-    (64, 64)
+    >>> grid = clplen.Grid((64, 64), 10e-6)
+    >>> rayleigh_range = np.pi * (100e-6) ** 2 / 500e-9  # 63 mm
+    >>> beam = clplen.wave.gaussian_beam(grid, 100e-6, wavelength=500e-9, z=rayleigh_range)
+    >>> f"{beam.intensity().to_numpy().max():.3f} of the waist's intensity"
+    "0.500 of the waist's intensity"
     """
     device = _check_wave(grid, wavelength, device)
     if not (math.isfinite(waist) and waist > 0):

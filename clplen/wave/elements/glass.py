@@ -28,9 +28,9 @@ class Glass(OneLine):
     Parameters
     ----------
     name : str
-        What it is called.
+        A word for it, not blank.
     B : sequence of float
-        Without unit.
+        Strengths of the resonances, without unit.
     C : sequence of float
         As many, in um^2, as catalogues print them: squares of wavelengths of resonances; 0 adds a
         constant.

@@ -188,10 +188,10 @@ class LensSampling:
 
     Examples
     --------
-    >>> grid = clplen.Grid((1010, 1010), 6.6e-6)
-    >>> found = clplen.wave.lens_sampling(grid, 0.12, wavelength=550e-9, diameter=3.6e-3)
-    >>> f"{found.shortest_focal_length * 1e3:.1f} mm"
-    '43.2 mm'
+    >>> grid = clplen.Grid((64, 64), 10e-6)
+    >>> found = clplen.wave.lens_sampling(grid, 0.1, wavelength=500e-9, diameter=500e-6)
+    >>> f"slope {found.behind:.4f} of {found.limit:.4f}", found.is_sampled(found.behind)
+    ('slope 0.0025 of 0.0250', True)
     """
 
     radius: float
@@ -217,12 +217,12 @@ def lens_sampling(
     diameter: float | None = None,
     arriving: float = math.inf,
 ) -> LensSampling:
-    """How finely a grid samples a thin lens on the axis.
+    """Return how finely a grid samples a thin lens on the axis.
 
     Parameters
     ----------
     grid : Grid
-        Where the field is sampled.
+        Samples of the plane, shape (ny, nx).
     f : float
         Focal length in metres, not 0.
     wavelength : float
@@ -240,10 +240,10 @@ def lens_sampling(
 
     Examples
     --------
-    >>> grid = clplen.Grid((1010, 1010), 6.6e-6)
-    >>> found = clplen.wave.lens_sampling(grid, 0.12, wavelength=550e-9, diameter=3.6e-3)
-    >>> f"{found.shortest_focal_length * 1e3:.1f} mm"
-    '43.2 mm'
+    >>> grid = clplen.Grid((64, 64), 10e-6)
+    >>> found = clplen.wave.lens_sampling(grid, 0.1, wavelength=500e-9, diameter=500e-6)
+    >>> f"f/{found.f_number:.0f}, focal lengths from {found.shortest_focal_length * 1e3:.0f} mm on"
+    'f/200, focal lengths from 10 mm on'
     """
     used = []
     for axis, coordinates in enumerate((grid.y, grid.x)):
@@ -280,9 +280,9 @@ class LensletSampling:
 
     Examples
     --------
-    >>> found = clplen.wave.lenslet_sampling(150e-6, 10e-3, samples=5e-6, wavelength=532e-9)
-    >>> f"{found.shortest_focal_length * 1e3:.2f} mm"
-    '1.41 mm'
+    >>> found = clplen.wave.lenslet_sampling(125e-6, 2e-3, samples=4e-6, wavelength=550e-9)
+    >>> f"slope {found.lenslet:.3f} of {found.limit:.3f}", found.is_sampled
+    ('slope 0.031 of 0.069', True)
     """
 
     lenslet: float
@@ -305,29 +305,30 @@ def lenslet_sampling(
     diameter: float = 0.0,
     z: float = math.inf,
 ) -> LensletSampling:
-    """How finely lenslets are sampled, alone or behind a lens.
+    """Return how finely lenslets are sampled, alone or behind a lens.
 
     Parameters
     ----------
     pitch, f : float
-        d and f_mu of a lenslet in metres, positive and not 0.
+        Pitch d, positive, and focal length f_mu, not 0, of a lenslet in metres.
     samples : float
-        dx, the larger pitch of the grid, in metres.
+        Larger pitch dx of the grid in metres.
     wavelength : float
         In metres.
     diameter, z : float
-        D of a lens and its distance in metres, z not 0; by default a plane wave arrives.
+        Diameter D of a lens and its distance in metres, z not 0; by default a plane wave arrives.
 
     Returns
     -------
     LensletSampling
-        Steps of the phase, and the shortest focal length that is sampled.
+        Slopes of the lenslets and of the light that arrives, and the largest that is sampled.
 
     Examples
     --------
-    >>> found = clplen.wave.lenslet_sampling(150e-6, 10e-3, samples=5e-6, wavelength=532e-9)
-    >>> f"{found.shortest_focal_length * 1e3:.2f} mm"
-    '1.41 mm'
+    >>> found = clplen.wave.lenslet_sampling(
+    ...     125e-6, 2e-3, samples=4e-6, wavelength=550e-9, diameter=10e-3, z=0.25)
+    >>> f"lenslets of f = {found.shortest_focal_length * 1e3:.2f} mm or more are sampled"
+    'lenslets of f = 1.28 mm or more are sampled'
     """
     limit, lens = wavelength / (2 * samples), diameter / (2 * abs(z))
     left = limit - lens

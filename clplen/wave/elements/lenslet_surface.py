@@ -34,13 +34,13 @@ class LensletSurface:
     Parameters
     ----------
     radius : float
-        R of the vertex in metres; positive converges.
+        Radius R of the vertex in metres; positive converges.
     glass : Glass, str or float
         A material, the name of one (`Glass.named`), or an index at all wavelengths.
     conic : float
-        K: 0 a sphere, -1 a paraboloid.
+        Conic constant K: 0 a sphere, -1 a paraboloid.
     aspheric : sequence of float
-        (a4, a6, ...) in m^-3, m^-5, ...
+        Coefficients (a4, a6, ...) in m^-3, m^-5, ...
     design_wavelength : float
         In metres: where the number `MicrolensArray.focal_length` is that of the lenslets. By
         default helium's yellow line.
@@ -52,10 +52,12 @@ class LensletSurface:
 
     Examples
     --------
-    >>> surface = clplen.wave.LensletSurface(5e-3, "N-BK7", conic=-1.0)
-    >>> lenslets = clplen.MicrolensArray(150e-6, count=3, fill="full", surface=surface)
-    >>> f"{lenslets.focal_length * 1e3:.2f} mm"
-    '9.67 mm'
+    >>> surface = clplen.wave.LensletSurface(1e-3, "N-BK7", conic=-1.0)
+    >>> f"f {surface.focal_length() * 1e3:.3f} mm, sag {surface.sag(50e-6) * 1e6:.2f} um"
+    'f 1.935 mm, sag 1.25 um'
+    >>> mla = clplen.MicrolensArray(100e-6, surface=surface, count=8)
+    >>> mla.count, f"{mla.focal_length * 1e3:.3f} mm"
+    ((8, 8), '1.935 mm')
     """
 
     radius: float
@@ -195,10 +197,14 @@ class LensletMap:
 
     Examples
     --------
-    >>> y, x = np.mgrid[-8:9, -8:9] * 1e-5
-    >>> measured = clplen.wave.LensletMap((x**2 + y**2) / (2 * 5e-3), pitch=1e-5, glass="N-BK7")
-    >>> measured.pitch
-    (1e-05, 1e-05)
+    >>> r = 8e-6 * (np.arange(17) - 8)
+    >>> sag = (r[:, None] ** 2 + r**2) / (2 * 1e-3)  # a paraboloid of R = 1 mm
+    >>> measured = clplen.wave.LensletMap(sag, pitch=8e-6, glass="N-BK7", whole=True)
+    >>> measured
+    LensletMap(values=<float64 (17, 17)>, pitch=(8e-06, 8e-06), whole=True)
+    >>> mla = clplen.MicrolensArray(120e-6, 1.935e-3, count=4, map=measured)
+    >>> mla.count, mla.map.is_of_each  # the same for all lenslets
+    ((4, 4), False)
     """
 
     values: Values

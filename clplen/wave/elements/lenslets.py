@@ -576,11 +576,12 @@ class LensletErrors(OneLine):
 
     Examples
     --------
-    >>> errors = clplen.wave.LensletErrors(
-    ...     {(2, 0): 5e-8}, 2e-4, np.full((3, 3), 1e-2), np.zeros((3, 3, 2)), np.zeros((3, 3, 2))
-    ... )
-    >>> errors.terms, errors.focal_lengths.shape
-    ({(2, 0): 5e-08}, (3, 3))
+    >>> mla = clplen.MicrolensArray(100e-6, 2e-3, count=4)
+    >>> scatter = clplen.cameras.LensletScatter(tilt=1e-3, seed=1)
+    >>> made = clplen.cameras.Aberrations(lenslets={11: 20e-9}, scatter=scatter)
+    >>> errors = made.lenslet_errors(mla)
+    >>> errors.terms, errors.tilt.shape
+    ({(4, 0): 2e-08}, (4, 4, 2))
     """
 
     terms: dict[Orders, float]

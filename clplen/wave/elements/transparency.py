@@ -35,16 +35,16 @@ def transparency(
     centre: tuple[float, float] = (0.0, 0.0),
     edges: Edges | None = None,
 ) -> Field:
-    """A picture as a thin element: u a exp(i phase), by default area-weighted where it has a pitch.
+    """Multiply a field by a picture as a thin element: u a exp(i phase).
 
-    With a ``pitch`` every sample takes the mean of a exp(i phase) over its cell, picture pixels
-    being rectangles of constant transmission: the exact overlap of both grids, in float64 on the
-    host. A rapidly varying phase is therefore averaged out where the field is the coarser grid.
+    With a ``pitch`` every sample takes by default the mean of a exp(i phase) over its cell, picture
+    pixels being rectangles of constant transmission: the exact overlap of both grids, in float64 on
+    the host. A rapidly varying phase is therefore averaged out where the field is the coarser grid.
 
     Parameters
     ----------
     field : Field
-        In front of it.
+        Of any shape (..., ny, nx).
     amplitude : array_like, optional
         Shape (ny, nx), real or complex, unitless: 0 dark, 1 clear (divide 8-bit pictures by 255).
         None: 1 everywhere on the picture.
@@ -66,7 +66,7 @@ def transparency(
     Returns
     -------
     Field
-        Behind it, on the same grid.
+        The field behind the picture, of the shape of ``field``.
 
     Raises
     ------
@@ -87,10 +87,12 @@ def transparency(
 
     Examples
     --------
-    >>> grid = clplen.Grid((64, 64), 1e-5)
-    >>> field = clplen.wave.plane_wave(grid, wavelength=550e-9)
-    >>> clplen.wave.transparency(field, np.full((64, 64), 0.5)).shape
-    (64, 64)
+    >>> grid = clplen.Grid((32, 32), 10e-6)
+    >>> wave = clplen.wave.plane_wave(grid, wavelength=500e-9)
+    >>> board = np.indices((4, 4)).sum(axis=0) % 2
+    >>> behind = clplen.wave.transparency(wave, board, pitch=50e-6)
+    >>> behind.to_numpy()[8, ::5].real.tolist()
+    [0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0]
     """
     require_field(field)
     if edges is not None:
@@ -235,7 +237,7 @@ class TargetElement:
     Attributes
     ----------
     group, element : int
-        The element counts from 1 to 6.
+        Numbers on the chart; the element counts from 1 to 6.
     upright : tuple of float
         Centre (y, x) in metres of the square of vertical bars, which vary along x.
     level : tuple of float
@@ -243,9 +245,11 @@ class TargetElement:
 
     Examples
     --------
-    >>> first = clplen.wave.usaf1951_elements([4])[0]
-    >>> first.group, first.element
-    (4, 1)
+    >>> element = clplen.wave.usaf1951_elements([4])[0]
+    >>> element.group, element.element, f"{element.frequency / 1e3:.1f} line pairs/mm"
+    (4, 1, '16.0 line pairs/mm')
+    >>> f"bars {element.width * 1e6:.2f} um wide", element.bars.shape
+    ('bars 31.25 um wide', (6, 4))
     """
 
     group: int
@@ -280,7 +284,7 @@ class TargetElement:
 def usaf1951_elements(
     groups: Sequence[int], *, centre: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[TargetElement, ...]:
-    """Where `usaf1951` draws its elements.
+    """Return where `usaf1951` draws its elements.
 
     Elements 2 to 6 of an even group G stand in a column on the left, those of group G + 1 on the
     right, element 1 of group G below them, and groups G + 2 and G + 3 between the columns, as on
@@ -297,7 +301,7 @@ def usaf1951_elements(
     Returns
     -------
     tuple of TargetElement
-        By group and element.
+        Sorted by group and element.
 
     Raises
     ------
@@ -307,8 +311,10 @@ def usaf1951_elements(
     Examples
     --------
     >>> elements = clplen.wave.usaf1951_elements([4, 5])
-    >>> len(elements)
-    12
+    >>> len(elements), elements[6].group, elements[6].element
+    (12, 5, 1)
+    >>> [f"{c * 1e6:.1f} um" for c in elements[0].upright]
+    ['296.2 um', '109.4 um']
     """
     numbers = _groups(groups)
     check_centre(centre, "a target")
@@ -332,7 +338,7 @@ def usaf1951(
     invert: bool = False,
     aliasing: Aliasing = "allow",
 ) -> Values:
-    """The three-bar target USAF 1951 as a transmission, without its numerals.
+    """Return the three-bar target USAF 1951 as a transmission, without its numerals.
 
     Element E of group G has 2^(G + (E - 1)/6) line pairs a millimetre (MIL-STD-150A, 1959).
     Every cell holds the exact fraction that the bars cover, so that an element finer than the grid
@@ -341,7 +347,7 @@ def usaf1951(
     Parameters
     ----------
     grid : Grid
-        Where the field is sampled.
+        Samples of the plane, shape (ny, nx).
     groups : sequence of int
         Of six elements each; the chart has -2 to 9.
     centre : tuple of float
@@ -354,7 +360,7 @@ def usaf1951(
     Returns
     -------
     numpy.ndarray
-        float64, shape (ny, nx), 0..1: for `Field.from_array` or `transparency`.
+        Transmission 0..1, float64, shape (ny, nx): for `Field.from_array` or `transparency`.
 
     Raises
     ------
@@ -376,10 +382,11 @@ def usaf1951(
 
     Examples
     --------
-    >>> grid = clplen.Grid((128, 128), 4e-6)
-    >>> target = clplen.wave.usaf1951(grid, groups=[4, 5])
-    >>> target.shape, float(target.max())
-    ((128, 128), 1.0)
+    >>> grid = clplen.Grid((64, 64), 10e-6)
+    >>> target = clplen.wave.usaf1951(grid, groups=[5])
+    >>> wave = clplen.Field.from_array(target, grid, wavelength=500e-9)
+    >>> wave.shape, f"{target.mean():.3f} of the window is clear"
+    ((64, 64), '0.065 of the window is clear')
     """
     require_grid(grid)
     elements = usaf1951_elements(groups, centre=centre)
@@ -404,16 +411,17 @@ def siemens_star(
     diameter: float,
     centre: tuple[float, float] = (0.0, 0.0),
 ) -> Values:
-    """A Siemens star as a transmission: clear where cos(spokes theta) > 0, dark outside its disc.
+    """Return a Siemens star as a transmission.
 
-    At the radius r it has spokes/(2 pi r) line pairs a metre. Every cell holds the exact fraction
-    that the star covers, the middle thus fades to grey; only the rim, a polygon of equal area, is
-    up to 1e-4 of a cell wrong.
+    It is clear where cos(spokes theta) > 0, dark outside its disc. At the radius r it has
+    spokes/(2 pi r) line pairs a metre. Every cell holds the exact fraction that the star covers,
+    the middle thus fades to grey; only the rim, a polygon of equal area, is up to 1e-4 of a cell
+    wrong.
 
     Parameters
     ----------
     grid : Grid
-        Where the field is sampled.
+        Samples of the plane, shape (ny, nx).
     spokes : int
         Number of clear spokes, at least 2; the middle of the first points to +x.
     diameter : float
@@ -424,7 +432,7 @@ def siemens_star(
     Returns
     -------
     numpy.ndarray
-        float64, shape (ny, nx), 0..1: for `Field.from_array` or `transparency`.
+        Transmission 0..1, float64, shape (ny, nx): for `Field.from_array` or `transparency`.
 
     Raises
     ------
@@ -435,10 +443,11 @@ def siemens_star(
 
     Examples
     --------
-    >>> grid = clplen.Grid((64, 64), 1e-5)
-    >>> star = clplen.wave.siemens_star(grid, 12, diameter=5e-4)
-    >>> star.shape, float(star.max()) <= 1
-    ((64, 64), True)
+    >>> grid = clplen.Grid((64, 64), 10e-6)
+    >>> star = clplen.wave.siemens_star(grid, 8, diameter=500e-6)
+    >>> covered = star.sum() * (10e-6) ** 2
+    >>> star.shape, f"{covered / (np.pi / 4 * 500e-6**2):.3f} of the disc is clear"
+    ((64, 64), '0.500 of the disc is clear')
     """
     require_grid(grid)
     if spokes != int(spokes) or spokes < 2:

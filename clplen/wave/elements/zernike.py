@@ -18,7 +18,7 @@ Values = np.ndarray[Any, Any]
 
 
 def zernike(n: int, m: int, rho: Any, theta: Any) -> Values:
-    """A Zernike polynomial of unit rms over the unit disc.
+    """Return a Zernike polynomial of unit rms over the unit disc.
 
     Noll (1976), eq. 1 and 2: sqrt(n+1) R_n^0(rho) for m = 0, sqrt(2(n+1)) R_n^m(rho) cos(m theta)
     for m > 0 and sqrt(2(n+1)) R_n^abs(m)(rho) sin(abs(m) theta) for m < 0. The radial part is the
@@ -39,7 +39,7 @@ def zernike(n: int, m: int, rho: Any, theta: Any) -> Values:
     Returns
     -------
     numpy.ndarray
-        float64, of the broadcast shape of ``rho`` and ``theta``.
+        Its values, float64, of the broadcast shape of ``rho`` and ``theta``.
 
     Raises
     ------
@@ -48,8 +48,9 @@ def zernike(n: int, m: int, rho: Any, theta: Any) -> Values:
 
     Examples
     --------
-    >>> f"{float(clplen.wave.zernike(2, 0, 1.0, 0.0)):.4f}"
-    '1.7321'
+    >>> rho = np.array([0.0, 0.5, 1.0])
+    >>> np.round(clplen.wave.zernike(2, 0, rho, 0.0), 3).tolist()  # defocus
+    [-1.732, -0.866, 1.732]
     """
     if n != int(n) or m != int(m) or n < abs(m) or (n - m) % 2:
         raise ValueError(
@@ -150,7 +151,7 @@ def zernike_monomials(n: int, m: int) -> Values:
 
 
 def noll(j: int) -> tuple[int, int]:
-    """(n, m) of Noll's single index.
+    """Return the orders (n, m) of Noll's single index.
 
     Noll (1976), table I: n ascends, then abs(m); even j is a cosine (m > 0), odd j a sine (m < 0).
     1 piston, 2 and 3 tilt in x and y, 4 defocus, 5 and 6 astigmatism, 7 and 8 coma in y and x,
@@ -164,7 +165,7 @@ def noll(j: int) -> tuple[int, int]:
     Returns
     -------
     tuple of int
-        (n, m), radial and azimuthal order.
+        Radial and azimuthal order (n, m), as `zernike` takes them.
 
     Raises
     ------
@@ -173,8 +174,10 @@ def noll(j: int) -> tuple[int, int]:
 
     Examples
     --------
-    >>> clplen.wave.noll(4), clplen.wave.noll(11)
-    ((2, 0), (4, 0))
+    >>> clplen.wave.noll(4)  # defocus
+    (2, 0)
+    >>> [clplen.wave.noll(j) for j in (5, 6, 11)]
+    [(2, -2), (2, 2), (4, 0)]
     """
     if not _is_whole(j) or j < 1:
         raise ValueError(f"Noll's index is an integer of at least 1, not {j!r}.")
@@ -186,7 +189,7 @@ def noll(j: int) -> tuple[int, int]:
 
 
 def osa(j: int) -> tuple[int, int]:
-    """(n, m) of the OSA standard index j = (n (n + 2) + m)/2.
+    """Return the orders (n, m) of the OSA standard index j = (n (n + 2) + m)/2.
 
     ANSI Z80.28 (2004); Thibos et al. (2002): n ascends, then m from -n (sine) to n (cosine).
     0 piston, 1 and 2 tilt in y and x, 3 and 5 astigmatism, 4 defocus, 6 and 9 trefoil, 7 and 8
@@ -200,7 +203,7 @@ def osa(j: int) -> tuple[int, int]:
     Returns
     -------
     tuple of int
-        (n, m), radial and azimuthal order.
+        Radial and azimuthal order (n, m), as `zernike` takes them.
 
     Raises
     ------
@@ -209,8 +212,10 @@ def osa(j: int) -> tuple[int, int]:
 
     Examples
     --------
-    >>> clplen.wave.osa(4), clplen.wave.osa(12)
-    ((2, 0), (4, 0))
+    >>> clplen.wave.osa(4)  # defocus
+    (2, 0)
+    >>> [clplen.wave.osa(j) for j in (3, 5, 12)]
+    [(2, -2), (2, 2), (4, 0)]
     """
     if not _is_whole(j) or j < 0:
         raise ValueError(f"The OSA index is an integer of at least 0, not {j!r}.")
@@ -302,12 +307,14 @@ def wavefront(
     diameter: float,
     centre: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[Values, Values]:
-    """The path length of a plate, and which cells reach into its disc; see `phase_plate`.
+    """Return the path length of a plate, and which cells reach into its disc.
+
+    It is the wavefront that `phase_plate` puts on a field.
 
     Parameters
     ----------
     grid : Grid
-        Where the field is sampled.
+        Samples of the plane, shape (ny, nx).
     terms : mapping of (int, int) to float
         Orders (n, m) to metres, rms over the disc.
     diameter : float
@@ -318,14 +325,21 @@ def wavefront(
     Returns
     -------
     tuple of numpy.ndarray
-        Metres, float64, 0 outside; and bool. Both of the grid's shape.
+        Path length in metres, float64, 0 outside the disc; and bool, whether a cell reaches into
+        the disc. Both of shape (ny, nx).
+
+    Raises
+    ------
+    ValueError
+        For orders that do not exist.
 
     Examples
     --------
-    >>> grid = clplen.Grid((32, 32), 1e-4)
-    >>> path, edge = clplen.wave.wavefront(grid, {(3, 1): 1e-7}, diameter=3e-3)
-    >>> path.shape
-    (32, 32)
+    >>> grid = clplen.Grid((64, 64), 10e-6)
+    >>> terms = {clplen.wave.noll(4): 50e-9}  # defocus of 50 nm rms
+    >>> path, inside = clplen.wave.wavefront(grid, terms, diameter=400e-6)
+    >>> path.shape, f"{path.min() * 1e9:.0f} to {path.max() * 1e9:.0f} nm"
+    ((64, 64), '-87 to 87 nm')
     """
     y, x = offsets(grid, centre)
     on_plate = _cells_of_disc(grid, y, x, diameter / 2)

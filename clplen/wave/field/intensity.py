@@ -188,12 +188,15 @@ class MeanIntensity(HostArray):
 
     Examples
     --------
-    >>> grid = clplen.Grid((32, 32), 1e-5)
-    >>> slit = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=550e-9), 1.6e-4)
-    >>> light = clplen.Coherence(clplen.wave.RandomPhaseMask(4e-5))
-    >>> mean = clplen.propagate(slit, 1e-3, coherence=light, snapshots=4)
-    >>> mean.method, mean.standard_error.shape
-    ('monte-carlo', (32, 32))
+    >>> grid = clplen.Grid((32, 32), 10e-6)
+    >>> clear = clplen.wave.plane_wave(grid, wavelength=500e-9)
+    >>> square = clplen.wave.rectangular_aperture(clear, 105e-6)
+    >>> light = clplen.Coherence(clplen.wave.RandomPhaseMask(40e-6))
+    >>> image = light.average(clplen.wave.Space(0.01), square, snapshots=20)
+    >>> image.method, image.snapshots, image.intensity.shape
+    ('monte-carlo', 20, (32, 32))
+    >>> f"standard error {image.relative_error:.1f} of the mean"
+    'standard error 0.3 of the mean'
     """
 
     intensity: Image

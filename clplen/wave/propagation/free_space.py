@@ -174,14 +174,14 @@ def propagate(
 def propagate_wavelengths(
     field: Field, z: float | Sequence[float], wavelengths: Sequence[float], **options: Any
 ) -> list[Field]:
-    """The same complex amplitudes at several wavelengths, each propagated as by `propagate`.
+    """Propagate the same complex amplitudes at several wavelengths, each as by `propagate`.
 
     Parameters
     ----------
     field : Field
         Shape (..., ny, nx); its own wavelength does not matter.
     z : float or sequence of float
-        In metres.
+        Distances in metres.
     wavelengths : sequence of float
         In metres.
     **options
@@ -192,13 +192,19 @@ def propagate_wavelengths(
     list of Field
         One a wavelength, each with its wavelength.
 
+    Raises
+    ------
+    ValueError
+        If there is no wavelength.
+
     Examples
     --------
-    >>> grid = clplen.Grid((64, 64), 1e-5)
-    >>> field = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=550e-9), 3e-4)
-    >>> found = clplen.wave.propagate_wavelengths(field, 0.01, [500e-9, 600e-9])
-    >>> [one.wavelength for one in found] if isinstance(found, (list, tuple)) else found.shape
-    [5e-07, 6e-07]
+    >>> grid = clplen.Grid((32, 32), 10e-6)
+    >>> clear = clplen.wave.plane_wave(grid, wavelength=500e-9)
+    >>> square = clplen.wave.rectangular_aperture(clear, 105e-6)
+    >>> fields = clplen.wave.propagate_wavelengths(square, 0.01, [450e-9, 550e-9, 650e-9])
+    >>> [f"{field.wavelength * 1e9:.0f} nm" for field in fields], fields[0].shape
+    (['450 nm', '550 nm', '650 nm'], (32, 32))
     """
     require_field(field)
     if not np.size(wavelengths):

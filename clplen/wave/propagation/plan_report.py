@@ -58,10 +58,10 @@ class PlanReport(OneLine):
 
     Examples
     --------
-    >>> grid = clplen.Grid((64, 64), 1e-5)
-    >>> report = clplen.Propagator(grid, 0.01, wavelength=550e-9).report
-    >>> report.method, report.out_grid.shape
-    ('as', (64, 64))
+    >>> grid = clplen.Grid((64, 64), 10e-6)
+    >>> report = clplen.Propagator(grid, 0.2, wavelength=500e-9).report
+    >>> report.method, report.sampled, f"{report.phase_step:.2f} pi a sample", report.warning
+    ('rs', 'kernel', '0.13 pi a sample', '')
     """
 
     method: str

@@ -50,11 +50,13 @@ class Energy:
 
     Examples
     --------
-    >>> grid = clplen.Grid((64, 64), 1e-5)
-    >>> field = clplen.wave.gaussian_beam(grid, 1e-4, wavelength=550e-9)
-    >>> energy = clplen.Propagator(grid, 0.01, wavelength=550e-9).energy(field)
-    >>> f"{energy.window / energy.into:.3f}"
-    '1.000'
+    >>> grid = clplen.Grid((32, 32), 10e-6)
+    >>> clear = clplen.wave.plane_wave(grid, wavelength=500e-9)
+    >>> square = clplen.wave.rectangular_aperture(clear, 105e-6)
+    >>> plan = clplen.Propagator(grid, 0.01, wavelength=500e-9, method="cblas")
+    >>> energy = plan.energy(square)
+    >>> [f"{part / energy.into:.1%}" for part in (energy.window, energy.outside, energy.cut)]
+    ['98.0%', '2.0%', '0.0%']
     """
 
     into: float

@@ -367,8 +367,10 @@ class SpectralSamples(OneLine):
     Examples
     --------
     >>> samples = clplen.Spectrum.gaussian(550e-9, 30e-9).sample(5)
-    >>> len(samples.wavelengths), round(float(samples.weights.sum()), 6)
-    (5, 1.0)
+    >>> np.round(samples.wavelengths * 1e9, 1).tolist()
+    [617.3, 581.7, 550.0, 521.6, 495.9]
+    >>> f"{samples.weights.sum():.3f}", f"coherent again at {samples.revival * 1e6:.1f} um"
+    ('1.000', 'coherent again at 10.1 um')
     """
 
     wavelengths: Vector

@@ -34,12 +34,19 @@ class Part(Protocol):
     ``label`` is a word for figures and tables, ``describe()`` the words beside it, ``length`` what
     the part takes of the axis in metres.
 
+    Parameters
+    ----------
+    *args, **kwargs : object
+        Of the class that fulfils the protocol; the protocol itself is not made.
+
     Examples
     --------
-    >>> isinstance(clplen.wave.Lens(0.1), clplen.wave.Part)
-    True
-    >>> isinstance(clplen.wave.Space(0.1), clplen.wave.Part)
-    True
+    >>> class Prism:
+    ...     label = "prism"
+    ...     def apply(self, field):
+    ...         return clplen.wave.tilt(field, (0.0, 0.01))
+    >>> isinstance(Prism(), clplen.wave.Part), isinstance(clplen.wave.Lens(0.1), clplen.wave.Part)
+    (True, True)
     """
 
     def apply(self, field: Field) -> Field:
@@ -54,8 +61,13 @@ class Space(OneLine):
     ----------
     z : float
         Distance in metres; negative propagates back.
-    method, pad, out_grid : str, float, Grid, optional
+    method : str
         As in `propagate`.
+    pad : float
+        As in `propagate`: the window over that of the field.
+    out_grid : Grid, optional
+        Of the field at the end, as in `propagate`; None: that of the field, of fresnel-1fft that of
+        its pitch.
 
     Raises
     ------
@@ -64,9 +76,12 @@ class Space(OneLine):
 
     Examples
     --------
-    >>> system = clplen.OpticalSystem([clplen.wave.Space(0.01, method="as")])
-    >>> grid = clplen.Grid((64, 64), 1e-5)
-    >>> system(clplen.wave.gaussian_beam(grid, 1e-4, wavelength=550e-9)).shape
+    >>> grid = clplen.Grid((64, 64), 10e-6)
+    >>> wave = clplen.wave.gaussian_beam(grid, 100e-6, wavelength=500e-9)
+    >>> space = clplen.wave.Space(0.05)
+    >>> space.describe(), space.length
+    ('50 mm, method auto', 0.05)
+    >>> space.apply(wave).shape
     (64, 64)
     """
 
@@ -113,8 +128,9 @@ class Lens:
     diameter : float, optional
         Of its circular aperture in metres; None: unbounded.
     form : {"paraxial", "stigmatic"}
-    aliasing : {"raise", "warn", "allow"}
         As in `thin_lens`.
+    aliasing : {"raise", "warn", "allow"}
+        What to do when its phase is sampled too coarsely, as in `thin_lens`.
 
     Raises
     ------
@@ -123,10 +139,13 @@ class Lens:
 
     Examples
     --------
-    >>> lens = clplen.wave.Lens(0.12, diameter=6e-4)
-    >>> grid = clplen.Grid((64, 64), 2e-5)
-    >>> clplen.OpticalSystem([lens, 0.12])(clplen.wave.plane_wave(grid, wavelength=550e-9)).shape
-    (64, 64)
+    >>> lens = clplen.wave.Lens(0.1, diameter=500e-6)
+    >>> lens.describe()
+    'f = 100 mm, D = 500 um, paraxial'
+    >>> wave = clplen.wave.plane_wave(clplen.Grid((64, 64), 10e-6), wavelength=500e-9)
+    >>> focus = clplen.OpticalSystem([lens, 0.1])(wave).intensity().to_numpy()
+    >>> [int(i) for i in np.unravel_index(focus.argmax(), focus.shape)]
+    [32, 32]
     """
 
     focal_length: float
@@ -180,6 +199,7 @@ class Stop:
     diameter : float
         Of the circle, or side of the square, in metres.
     shape : {"circular", "square"}
+        Of the opening.
     centre : tuple of float
         (y, x) in metres.
     edges : {"samples", "area", "pixels"}
@@ -193,10 +213,12 @@ class Stop:
 
     Examples
     --------
-    >>> system = clplen.OpticalSystem([clplen.wave.Stop(3e-4), 0.01])
-    >>> grid = clplen.Grid((64, 64), 1e-5)
-    >>> system(clplen.wave.plane_wave(grid, wavelength=550e-9)).shape
-    (64, 64)
+    >>> stop = clplen.wave.Stop(400e-6)
+    >>> stop.describe()
+    'circular, D = 400 um'
+    >>> wave = clplen.wave.plane_wave(clplen.Grid((64, 64), 10e-6), wavelength=500e-9)
+    >>> f"{stop.apply(wave).to_numpy().real.sum() * 1e-4 / (np.pi / 4 * 0.4**2):.4f} of the disc"
+    '1.0000 of the disc'
     """
 
     diameter: float
@@ -261,10 +283,12 @@ class ConvergingLight:
     Examples
     --------
     >>> light = clplen.wave.ConvergingLight(0.2)
-    >>> system = clplen.OpticalSystem([light, 0.1, clplen.wave.Lens(0.05)])
-    >>> grid = clplen.Grid((64, 64), 1e-5)
-    >>> system(clplen.wave.gaussian_beam(grid, 1e-4, wavelength=550e-9)).shape
-    (64, 64)
+    >>> light.describe()
+    'focus 200 mm on'
+    >>> wave = clplen.wave.plane_wave(clplen.Grid((64, 64), 10e-6), wavelength=500e-9)
+    >>> focus = clplen.OpticalSystem([light, 0.2])(wave).intensity().to_numpy()
+    >>> [int(i) for i in np.unravel_index(focus.argmax(), focus.shape)]
+    [32, 32]
     """
 
     z: float
@@ -291,19 +315,18 @@ class Element:
     Parameters
     ----------
     function : callable
-        Field -> Field.
+        Takes a `Field` and returns one.
     name : str
-        What it is called.
+        A word for figures and tables.
     length : float
         What it takes of the axis in metres.
 
     Examples
     --------
-    >>> half = clplen.wave.Element(lambda field: field, "nothing at all")
-    >>> system = clplen.OpticalSystem([0.01, half])
-    >>> grid = clplen.Grid((32, 32), 1e-5)
-    >>> system(clplen.wave.gaussian_beam(grid, 5e-5, wavelength=550e-9)).shape
-    (32, 32)
+    >>> prism = clplen.wave.Element(lambda field: clplen.wave.tilt(field, (0.0, 0.01)), "prism")
+    >>> wave = clplen.wave.plane_wave(clplen.Grid((64, 64), 10e-6), wavelength=500e-9)
+    >>> prism.label, prism.apply(wave).shape
+    ('prism', (64, 64))
     """
 
     function: Callable[[Field], Field]
@@ -340,7 +363,7 @@ def length_of(part: Part) -> float:
 
 
 def label_of(part: Part) -> str:
-    """The word for a part.
+    """Return the word for a part.
 
     Parameters
     ----------
@@ -350,12 +373,13 @@ def label_of(part: Part) -> str:
     Returns
     -------
     str
-        Its ``label``, else the name of its class.
+        The part's ``label``, "lenslets" for a `MicrolensArray`, else the name of its class.
 
     Examples
     --------
-    >>> clplen.wave.label_of(clplen.wave.Lens(0.12))
-    'lens'
+    >>> system = clplen.wave.imaging_system(0.1, diameter=500e-6)
+    >>> [clplen.wave.label_of(part) for part in system.parts]
+    ['space', 'lens', 'space']
     """
     if isinstance(part, MicrolensArray):
         return "lenslets"
@@ -363,7 +387,7 @@ def label_of(part: Part) -> str:
 
 
 def text_of(part: Part) -> str:
-    """What a part is, in a few words.
+    """Return what a part is, in a few words.
 
     Parameters
     ----------
@@ -373,12 +397,15 @@ def text_of(part: Part) -> str:
     Returns
     -------
     str
-        Its ``describe()``, else nothing.
+        What its ``describe()`` says; of a `MicrolensArray` count, pitch, focal length, lattice,
+        fill and how it is made; else its repr.
 
     Examples
     --------
-    >>> clplen.wave.text_of(clplen.wave.Lens(0.12, diameter=3.6e-3))
-    'f = 120 mm, D = 3.6 mm, paraxial'
+    >>> clplen.wave.text_of(clplen.wave.Lens(0.1, diameter=500e-6))
+    'f = 100 mm, D = 500 um, paraxial'
+    >>> clplen.wave.text_of(clplen.MicrolensArray(100e-6, 2e-3, count=8))
+    '8 x 8, pitch 100 um, f = 2 mm, square, circular'
     """
     if isinstance(part, MicrolensArray):
         (ny, nx), pitch, f = part.count, metres(part.pitch), metres(part.focal_length)

@@ -192,10 +192,10 @@ def imaging_system(
     koehler: bool = False,
     aliasing: Aliasing = "raise",
 ) -> OpticalSystem:
-    """One lens that images a plane: distance z1, lens, distance z2; 2f and 2f unless told.
+    """Return one lens that images a plane: distance z1, lens, distance z2.
 
-    With 1/f = 1/z1 + 1/z2 and M = z2/z1: z1 = f (1 + 1/M), z2 = f (1 + M). The point x of the
-    object is imaged at -M x (Goodman 2005, section 5.3).
+    With 1/f = 1/z1 + 1/z2 and M = z2/z1: z1 = f (1 + 1/M), z2 = f (1 + M); 2f and 2f unless told.
+    The point x of the object is imaged at -M x (Goodman 2005, section 5.3).
 
     Parameters
     ----------
@@ -204,19 +204,21 @@ def imaging_system(
     diameter : float
         Of the lens in metres. The window of the field must contain it.
     magnification : float
-        M, positive: image height over object height; the image is upside down.
-    method, pad : str, float
+        Ratio M, positive: image height over object height; the image is upside down.
+    method : str
+        As in `propagate`, of both distances.
+    pad : float
         As in `propagate`, of both distances.
     koehler : bool
-        The object is lit by light that converges on the lens (`ConvergingLight`) in place of a
-        plane wave, whose shadow of the object would have to fit through the lens.
+        Whether the object is lit by light that converges on the lens (`ConvergingLight`) in place
+        of a plane wave, whose shadow of the object would have to fit through the lens.
     aliasing : {"raise", "warn", "allow"}
         As in `thin_lens`, of the lens and the light.
 
     Returns
     -------
     OpticalSystem
-        The distance, the lens and the distance.
+        Of space, lens and space, with `ConvergingLight` before them if ``koehler``.
 
     Raises
     ------
@@ -225,9 +227,12 @@ def imaging_system(
 
     Examples
     --------
-    >>> system = clplen.wave.imaging_system(0.1, diameter=1e-3)
-    >>> f"{system.length:.1f} m"
-    '0.4 m'
+    >>> print(clplen.wave.imaging_system(0.1, diameter=500e-6, magnification=2.0))
+    optical system of 3 parts, 450 mm long
+       no  part          z
+        1  space         0 m   150 mm, method auto
+        2  lens        150 mm  f = 100 mm, D = 500 um, paraxial
+        3  space       150 mm  300 mm, method auto
     """
     require_positive("The focal length of an imaging system", focal_length)
     units.FOCAL_LENGTH.check(focal_length, "The focal length of an imaging system")

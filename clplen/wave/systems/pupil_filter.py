@@ -42,13 +42,13 @@ class Pupil(OneLine):
     Parameters
     ----------
     diameter : float
-        D of the exit pupil in metres: of the circle, side of the square, width of the slit.
+        Width D of the exit pupil in metres: of the circle, side of the square, width of the slit.
     distance : float
-        z2 from the exit pupil to the image in metres, positive.
+        Distance z2 from the exit pupil to the image in metres, positive.
     shape : {"circular", "square", "slit"}
-        A slit bounds the frequencies along x and lets pass all along y; along an axis of length 1
-        no shape bounds anything, so that a circle on a grid of one row is a slit, and a slit on a
-        grid of one column bounds those along y.
+        Of the opening. A slit bounds the frequencies along x and lets pass all along y; along an
+        axis of length 1 no shape bounds anything, so that a circle on a grid of one row is a slit,
+        and a slit on a grid of one column bounds those along y.
     path : callable, optional
         Aberration: the additional path length W(v, u) in metres at pupil coordinates v = fy/fc and
         u = fx/fc, arrays of shape (n,), 1 at the rim (up to a sample beyond it); the pupil is
@@ -61,10 +61,15 @@ class Pupil(OneLine):
 
     Examples
     --------
-    >>> grid = clplen.Grid((64, 64), 5e-6)
-    >>> point = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=550e-9), 2e-5)
-    >>> clplen.OpticalSystem([clplen.wave.Pupil(2e-3, 0.1)])(point).shape
-    (64, 64)
+    >>> pupil = clplen.wave.Pupil(4e-3, 0.1)
+    >>> f"{pupil.cutoff(500e-9) / 1e3:.0f} cycles/mm"
+    '40 cycles/mm'
+    >>> grid = clplen.Grid((32, 32), 10e-6)
+    >>> point = np.zeros((32, 32))
+    >>> point[16, 16] = 1.0
+    >>> image = pupil.apply(clplen.Field.from_array(point, grid, wavelength=500e-9))
+    >>> f"{image.power() / 1e-10:.2f} of the light passes"
+    '0.49 of the light passes'
     """
 
     diameter: float
@@ -196,7 +201,7 @@ def transfer_of(system: Any, grid: Grid, wavelength: float) -> Values | None:
 
 
 def otf(s: Any, *, shape: Rim = "circular") -> Values:
-    """Optical transfer function of an aberration-free pupil.
+    """Return the optical transfer function of an aberration-free pupil.
 
     Goodman (2005), section 6.3.3: (2/pi) (acos s - s sqrt(1 - s^2)) for a circle, 1 - s for
     a slit, or a square along one of its sides; 0 beyond s = 1.
@@ -204,17 +209,23 @@ def otf(s: Any, *, shape: Rim = "circular") -> Values:
     Parameters
     ----------
     s : array_like
-        abs(f)/(2 fc), the frequency as a fraction of the incoherent cut-off.
+        Frequency abs(f)/(2 fc) as a fraction of the incoherent cut-off.
     shape : {"circular", "square", "slit"}
+        Of the pupil, as of `Pupil`.
 
     Returns
     -------
     numpy.ndarray
-        float64, of the shape of ``s``.
+        Contrast from 0 to 1, float64, of the shape of ``s``.
+
+    Raises
+    ------
+    ValueError
+        For another shape.
 
     Examples
     --------
-    >>> np.round(clplen.wave.otf([0, 0.5, 1]), 3).tolist()
+    >>> np.round(clplen.wave.otf([0.0, 0.5, 1.0]), 3).tolist()
     [1.0, 0.391, 0.0]
     """
     require_shape(shape, SHAPES)
@@ -225,10 +236,10 @@ def otf(s: Any, *, shape: Rim = "circular") -> Values:
 
 
 def coherent_edge(x_fc: Any) -> Values:
-    """Intensity of the image of a straight edge in coherent light, any shape of pupil.
+    """Return the intensity of the image of a straight edge in coherent light.
 
     (1/2 + Si(2 pi fc x)/pi)^2 (Goodman 2005, section 6.5.3): the step of amplitude through an ideal
-    low pass of fc; 1/4 at the edge. Only the pupil's width across the edge counts.
+    low pass of fc; 1/4 at the edge. Only the pupil's width across the edge counts, not its shape.
 
     Parameters
     ----------
@@ -238,11 +249,11 @@ def coherent_edge(x_fc: Any) -> Values:
     Returns
     -------
     numpy.ndarray
-        float64, 1 far inside.
+        Intensity, float64, of the shape of ``x_fc``, 1 far inside.
 
     Examples
     --------
-    >>> np.round(clplen.wave.coherent_edge([-1, 0, 1]), 3).tolist()
+    >>> np.round(clplen.wave.coherent_edge([-1.0, 0.0, 1.0]), 3).tolist()
     [0.002, 0.25, 0.905]
     """
     from scipy.special import sici
@@ -251,7 +262,7 @@ def coherent_edge(x_fc: Any) -> Values:
 
 
 def incoherent_edge(x_fc: Any, *, shape: Rim = "circular") -> Values:
-    """Intensity of the image of a straight edge in incoherent light.
+    """Return the intensity of the image of a straight edge in incoherent light.
 
     1/2 + (1/pi) int_0^1 OTF(s) sin(a s)/s ds, a = 4 pi fc x: the step of intensity through the OTF
     (Goodman 2005, section 6.5.3). For a slit 1/2 + (Si(a) - (1 - cos a)/a)/pi; for a circle by
@@ -262,15 +273,21 @@ def incoherent_edge(x_fc: Any, *, shape: Rim = "circular") -> Values:
     x_fc : array_like
         Distance from the edge times fc, positive on the bright side.
     shape : {"circular", "square", "slit"}
+        Of the pupil, as of `Pupil`.
 
     Returns
     -------
     numpy.ndarray
-        float64, 1 far inside.
+        Intensity, float64, of the shape of ``x_fc``, 1 far inside.
+
+    Raises
+    ------
+    ValueError
+        For another shape.
 
     Examples
     --------
-    >>> np.round(clplen.wave.incoherent_edge([-1, 0, 1]), 3).tolist()
+    >>> np.round(clplen.wave.incoherent_edge([-1.0, 0.0, 1.0]), 3).tolist()
     [0.032, 0.5, 0.968]
     """
     require_shape(shape, SHAPES)
