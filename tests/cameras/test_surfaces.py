@@ -284,3 +284,27 @@ def test_bad_input_gets_one_sentence(
 ) -> None:
     with pytest.raises(error, match=words):
         call(device)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: checker(0), "period of a chessboard"),
+        (lambda: checker(-3.0), "period of a chessboard"),
+        (lambda: checker(np.nan), "period of a chessboard"),
+        (lambda: checker(8, smoothing=-1), "smoothing is 0 or a positive"),
+        (lambda: stripes(0), "period of stripes"),
+        (lambda: picture(np.ones((4, 4)), scale=0), "scale of a picture"),
+        (lambda: bricks(1, size=(0, 0)), "Bricks are at least 4"),
+        (lambda: bricks(1, size=(2, 20)), "Bricks are at least 4"),
+        (lambda: bricks(1, smoothing=np.inf), "smoothing is 0 or a positive"),
+    ],
+)
+def test_textures_that_cannot_be(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+def test_a_picture_without_samples():
+    with pytest.raises(ShapeError, match=r"not \(0, 4\)"):
+        picture(np.ones((0, 4)))

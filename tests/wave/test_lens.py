@@ -7,6 +7,7 @@ from reference_elements import stigmatic_phase
 from tolerance import relative_max
 
 from clplen import Field, Grid, SamplingError, SamplingWarning, thin_lens
+from clplen.wave import lens_sampling, lenslet_sampling
 
 LAM = 532e-9
 
@@ -223,3 +224,16 @@ def test_f_is_another_word_for_the_focal_length(device):
     field = Field.from_array(np.ones(grid.shape), grid, wavelength=5e-7, device=device)
     short, long = thin_lens(field, f=0.1), thin_lens(field, focal_length=0.1)
     np.testing.assert_array_equal(short.to_numpy(), long.to_numpy())
+
+
+@pytest.mark.parametrize("f", [0, 0.0, np.nan])
+def test_sampling_of_no_focal_length(f):
+    with pytest.raises(ValueError, match="focal length is a number of metres and not 0"):
+        lens_sampling(Grid((8, 8), 1e-5), f, wavelength=LAM)
+    with pytest.raises(ValueError, match="focal length is a number of metres and not 0"):
+        lenslet_sampling(1e-4, f, samples=1e-6, wavelength=LAM)
+
+
+def test_sampling_of_no_grid():
+    with pytest.raises(TypeError, match="grid is a Grid"):
+        lens_sampling((8, 8), 0.1, wavelength=LAM)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from clplen import Field, Grid, SamplingError, SamplingWarning
+from clplen.wave import wavefront
 from clplen.wave.elements.lens import thin_lens
 from clplen.wave.elements.zernike import (
     noll,
@@ -243,3 +244,9 @@ def test_bad_plates(device, change, error, message):
 def test_orders_that_do_not_exist(orders):
     with pytest.raises(ValueError, match="integer orders n >= abs"):
         zernike(*orders, 0.5, 0.0)
+
+
+@pytest.mark.parametrize("diameter", [0, -1e-3, np.nan, np.inf])
+def test_a_wavefront_has_a_diameter(diameter):
+    with pytest.raises(ValueError, match="diameter is a positive number of metres"):
+        wavefront(Grid((8, 8), 1e-4), {(2, 0): 1e-7}, diameter=diameter)

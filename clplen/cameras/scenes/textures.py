@@ -8,12 +8,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from clplen.checks import is_finite
 from clplen.compute.arrays import HostArray
 from clplen.errors import ShapeError
 from clplen.reprs import OneLine
 
 Samples = np.ndarray[Any, np.dtype[np.float32]]
 LARGEST_SIDE = 8192
+_LEAST_BRICK = 4  # pixels
 SMOOTHING = 0.6  # pixels; what is left at half a cycle a pixel is 17 %
 
 
@@ -234,7 +236,7 @@ def picture(image: Any, *, scale: float = 1.0, smoothing: float = SMOOTHING) -> 
     ShapeError
         If the picture has another shape, or a side of more than 4096 samples.
     ValueError
-        If a sample is not finite, or the scale negative.
+        If a sample is not finite, or the scale not positive.
 
     Examples
     --------
@@ -245,10 +247,11 @@ def picture(image: Any, *, scale: float = 1.0, smoothing: float = SMOOTHING) -> 
     >>> f"{texture.samples.mean():.3f}", f"{image.mean() / 255:.3f}"
     ('0.471', '0.471')
     """
+    _require_positive("The scale of a picture", scale)
     values = np.asarray(image)
     if values.dtype.kind in "ui":
         values = values / np.iinfo(values.dtype).max
-    if values.ndim not in (2, 3):
+    if values.ndim not in (2, 3) or not values.size:
         raise ShapeError(f"A picture has shape (ny, nx) or (ny, nx, 3), not {values.shape}.")
     for axis in (0, 1):
         values = np.concatenate([values, np.flip(values, axis)], axis)
@@ -277,7 +280,7 @@ def checker(
     Raises
     ------
     ValueError
-        If the period is negative, or a number is not finite.
+        If the period is not positive, or a number is not finite.
 
     Examples
     --------
@@ -287,6 +290,7 @@ def checker(
     >>> f"{texture.samples.min():.2f} to {texture.samples.max():.2f}"
     '0.20 to 0.80'
     """
+    _require_positive("The period of a chessboard", period)
     side = 64
     cells = np.indices((side, side)) // (side // 2)
     values = np.where(cells.sum(axis=0) % 2, high, low)
@@ -325,6 +329,7 @@ def stripes(
     >>> f"{texture.samples.std():.3f}"
     '0.100'
     """
+    _require_positive("The period of stripes", period)
     wave = mean + contrast * math.sqrt(2) * np.sin(2 * np.pi * np.arange(32) / 32)
     values = np.tile(wave, (4, 1))
     return Texture(values.T if angle else values, period / 32)
@@ -369,6 +374,8 @@ def bricks(
     '0.70, 0.55'
     """
     height, length = size
+    if min(size) < _LEAST_BRICK:
+        raise ValueError(f"Bricks are at least {_LEAST_BRICK} pixels high and long, not {size!r}.")
     random = np.random.default_rng(seed)
     rows, columns = 2 * max(2, 200 // height), max(3, 400 // length)
     y, x = np.indices((rows * height, columns * length))
@@ -384,9 +391,16 @@ def bricks(
     return Texture(smoothed(values, smoothing))
 
 
+def _require_positive(what: str, value: float) -> None:
+    if not (is_finite(value) and value > 0):
+        raise ValueError(f"{what} is a positive number of pixels, not {value!r}.")
+
+
 def smoothed(values: Any, sd: float) -> Any:
     """A periodic table smoothed by a Gaussian of a standard deviation in samples."""
     values = np.asarray(values, np.float64)
+    if not (is_finite(sd) and sd >= 0):
+        raise ValueError(f"smoothing is 0 or a positive number, not {sd!r}.")
     if sd == 0:
         return values
     ny, nx = values.shape[:2]

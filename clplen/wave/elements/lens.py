@@ -12,7 +12,7 @@ from clplen import units
 from clplen.checks import Aliasing, act_on_aliasing, check_aliasing, check_diameter
 from clplen.deprecation import renamed_argument
 from clplen.wave.elements.hard_apertures import disc
-from clplen.wave.field.field import Field, Grid, require_field
+from clplen.wave.field.field import Field, Grid, require_field, require_grid
 from clplen.wave.field.transmission import (
     multiply_separable,
     multiply_sphere,
@@ -245,6 +245,8 @@ def lens_sampling(
     >>> f"f/{found.f_number:.0f}, focal lengths from {found.shortest_focal_length * 1e3:.0f} mm on"
     'f/200, focal lengths from 10 mm on'
     """
+    require_grid(grid)
+    _check_focal_length(f)
     used = []
     for axis, coordinates in enumerate((grid.y, grid.x)):
         reach = float(np.abs(coordinates).max())
@@ -263,6 +265,11 @@ def lens_sampling(
         behind=radius * abs(1 / arriving - 1 / f),
         limit=wavelength / (2 * pitch),
     )
+
+
+def _check_focal_length(f: float) -> None:
+    if not abs(f) > 0:
+        raise ValueError(f"A focal length is a number of metres and not 0, not {f!r}.")
 
 
 @dataclass(frozen=True)
@@ -330,6 +337,7 @@ def lenslet_sampling(
     >>> f"lenslets of f = {found.shortest_focal_length * 1e3:.2f} mm or more are sampled"
     'lenslets of f = 1.28 mm or more are sampled'
     """
+    _check_focal_length(f)
     limit, lens = wavelength / (2 * samples), diameter / (2 * abs(z))
     left = limit - lens
     shortest = pitch / (2 * left) if left > 0 else math.inf

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from clplen import units
-from clplen.checks import Aliasing, act_on_aliasing, check_centre
+from clplen.checks import Aliasing, act_on_aliasing, check_centre, is_finite
 from clplen.wave.elements.transparency import apply_transmission
 from clplen.wave.field.field import Field, Grid, require_field
 from clplen.wave.field.transmission import offsets, phasor
@@ -341,6 +341,8 @@ def wavefront(
     >>> path.shape, f"{path.min() * 1e9:.0f} to {path.max() * 1e9:.0f} nm"
     ((64, 64), '-87 to 87 nm')
     """
+    if not (is_finite(diameter) and diameter > 0):
+        raise ValueError(f"A diameter is a positive number of metres, not {diameter!r}.")
     y, x = offsets(grid, centre)
     on_plate = _cells_of_disc(grid, y, x, diameter / 2)
     rows, columns = np.nonzero(on_plate)
