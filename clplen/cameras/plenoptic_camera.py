@@ -47,6 +47,7 @@ class PlenopticCamera(Described, LensletCamera, ABC):
     Attributes
     ----------
     kind : {"standard", "focused", "microscope"}
+        Which camera it is.
     focal_length, object_distance, image_distance, aperture_diameter, wavelength : float
         In metres.
     others
@@ -54,12 +55,14 @@ class PlenopticCamera(Described, LensletCamera, ABC):
 
     Examples
     --------
-    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
+    >>> mla = clplen.MicrolensArray(100e-6, 1e-3, count=11)
     >>> camera = clplen.PlenopticCamera.type1(
-    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
-    ... )
-    >>> isinstance(camera, clplen.PlenopticCamera), camera.kind
-    (True, 'standard')
+    ...     focal_length=10e-3, mla=mla, wavelength=550e-9, pixels_per_lenslet=5)
+    >>> camera.kind, isinstance(camera, clplen.PlenopticCamera)
+    ('standard', True)
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 1e-3)))
+    >>> raw.shape, f"alpha = {camera.alpha(1e-3):.3f}"
+    ((55, 55), 'alpha = 1.048')
     """
 
     kind: Kind

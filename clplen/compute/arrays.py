@@ -116,10 +116,12 @@ class Image(Savable, Plottable, OnDevice):
 
     Examples
     --------
-    >>> L = np.random.default_rng(1).random((3, 3, 16, 20), np.float32)
-    >>> picture = clplen.refocus(L, disparity=0.5)
-    >>> picture.shape, np.asarray(picture).dtype.name
-    ((16, 20), 'float32')
+    >>> lf = clplen.LightField.from_array(np.ones((5, 5, 32, 48), np.float32))
+    >>> picture = lf.render()
+    >>> picture
+    <Image (32, 48) float32, ...>
+    >>> np.asarray(picture).shape, f"{picture.to_numpy().mean():.3f}"
+    ((32, 48), '1.000')
     """
 
     _writer: ClassVar[str] = "write_image"

@@ -30,6 +30,15 @@ _TABLE_BYTES = 2**24  # of small tables that are kept
 class Device(Launcher):
     """One OpenCL device at one precision. Made by `Device.open`, not by its constructor.
 
+    Parameters
+    ----------
+    cl_device : pyopencl.Device
+        The device as pyopencl lists it.
+    precision : {"single", "double"}
+        Precision of the wave tower: "double" computes it in float64.
+    place : str
+        The "platform:device" selector that opens it.
+
     Attributes
     ----------
     name : str
@@ -44,14 +53,21 @@ class Device(Launcher):
         Precision of the wave tower; light fields are processed in float32 on every device.
     place : str
         The "platform:device" selector that opens it.
-    cl_device : pyopencl.Device
-        The device itself.
+
+    Raises
+    ------
+    ValueError
+        If the precision is neither.
+    DeviceError
+        If "double" is asked for and the device has no double precision.
 
     Examples
     --------
-    >>> device = clplen.Device.open()
-    >>> device.open("cpu").precision
-    'single'
+    >>> device = clplen.Device.open()  # or "cpu", "gpu", "0:1", part of a name
+    >>> device.precision, device.complex.name
+    ('single', 'complex64')
+    >>> device is clplen.Device.open(device.place)
+    True
     """
 
     def __init__(

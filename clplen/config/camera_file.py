@@ -96,7 +96,7 @@ def read_camera(
     device: DeviceLike | None = None,
     count: int | tuple[int, int] | None = None,
 ) -> Plenoptic1 | Plenoptic2 | Microscope:
-    """The camera of a camera file.
+    """Read the camera of a camera file.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def read_camera(
     Returns
     -------
     Plenoptic1, Plenoptic2 or Microscope
-        As the file describes it.
+        By the ``kind`` that the file tells.
 
     Raises
     ------
@@ -122,11 +122,20 @@ def read_camera(
 
     Examples
     --------
-    >>> from clplen.config.example import EXAMPLE
     >>> with open("camera.toml", "w") as file:
-    ...     _ = file.write(EXAMPLE)
-    >>> clplen.read_camera("camera.toml", count=5).kind
-    'standard'
+    ...     lines = file.write('''
+    ... [camera]
+    ... focal_length_mm = 10.0
+    ... wavelength_nm = 550.0
+    ... pixels_per_lenslet = 5
+    ...
+    ... [camera.microlenses]
+    ... pitch_um = 100.0
+    ... focal_length_mm = 1.0
+    ... count = 11
+    ... ''')
+    >>> clplen.read_camera("camera.toml")
+    <Plenoptic1 f = 10 mm, 11 x 11 lenslets of 100 um, 55 x 55 pixels, 550 nm, ...>
     """
     path = Path(path)
     content = read_toml(path, f"camera file {path}; 'clplen simulate --example' prints one")

@@ -42,9 +42,10 @@ def focal_stack(
     Parameters
     ----------
     lf : LightField, StoredLightField or array_like
-        The light field.
+        Shape (v, u, y, x[, c]).
     alphas, disparities : array_like, optional
-        Shape (n,), in any order; exactly one of the two.
+        Planes, shape (n,), in any order; exactly one of the two: F/F', which needs the spacing of
+        the light field, or pixels a view step.
     aperture : int, float, str or array_like, optional
         As in `LightField.render`.
     interpolation : {"linear", "nearest", "cubic", "fourier"}
@@ -60,8 +61,8 @@ def focal_stack(
     Returns
     -------
     FocalStack
-        float32, shape (n, y, x[, c]). It keeps the weights of its views, by which depth makes
-        planes equally blurred, for linear interpolation only.
+        Pictures, float32, shape (n, y, x[, c]). It keeps the weights of its views, by which depth
+        makes planes equally blurred, for linear interpolation only.
 
     Raises
     ------
@@ -77,10 +78,13 @@ def focal_stack(
 
     Examples
     --------
-    >>> L = np.random.default_rng(1).random((3, 3, 32, 40), np.float32)
-    >>> stack = clplen.focal_stack(L, disparities=[-1, 0, 1])
-    >>> stack.to_numpy().shape
-    (3, 32, 40)
+    >>> plane = clplen.cameras.Plane(0.5, texture=clplen.cameras.noise(1, 64))
+    >>> lf, truth = clplen.SurfaceScene(plane).light_field((5, 5), (32, 32))
+    >>> stack = clplen.focal_stack(lf, disparities=[-0.5, 0, 0.5, 1])
+    >>> stack.shape
+    (4, 32, 32)
+    >>> int(stack.to_numpy().std(axis=(1, 2)).argmax())  # the plane in focus
+    2
     """
     planes: dict[str, Any] = {"alphas": alphas, "disparities": disparities}
     options: dict[str, Any] = {"aperture": aperture, "interpolation": interpolation}
@@ -98,7 +102,7 @@ def depth_map(
     memory: int | None = None,
     device: DeviceLike | None = None,
 ) -> DepthMap:
-    """Disparity at every pixel of the centre view, finer than the planes that are tried.
+    """Find the disparity at every pixel of the centre view, finer than the planes that are tried.
 
     Parameters
     ----------
@@ -111,9 +115,9 @@ def depth_map(
         those of `suitable_planes`: 33 alphas from .65 to 1.35 where the spacing is known, the depth
         range of a microscope, else 33 disparities from -2 to 2.
     cue : {"energy", "correspondence", "structure-tensor", "combined"}, optional
-        Default "energy" for a stack, and for the light field of a microscope: what fluoresces is
-        transparent, where the other cues look for surfaces and put single points on disparity 0;
-        "combined" for other light fields.
+        See Notes. Default "energy" for a stack, and for the light field of a microscope: what
+        fluoresces is transparent, where the other cues look for surfaces and put single points on
+        disparity 0; "combined" for other light fields.
     memory : int, optional
         Bytes for what a stored light field needs on the host and the device together, the result
         included; default half of what is free on the host, or of the device's memory if that is
@@ -125,7 +129,7 @@ def depth_map(
     Returns
     -------
     DepthMap
-        Disparity and confidence of every pixel.
+        Maps of disparity, alpha, z and confidence, float32, shape (y, x).
 
     Raises
     ------
@@ -146,33 +150,30 @@ def depth_map(
 
     Notes
     -----
-    Cues:
+    The cues are:
 
-    "energy"
-        The sharpest plane: highest local energy of detail of the refocused picture
-        (`clplen.lightfield.depth.energy_cue`). A cue of defocus: strong in noise, weak beside
-        occlusions.
-    "correspondence"
-        The plane on which the views agree: least variance over the views in a box of 9 pixels
-        (`clplen.lightfield.depth.correspondence_cue`). Sharp at edges, misled by highlights and
-        noise.
-    "structure-tensor"
-        The orientation of the epipolar-plane images, sheared in steps, most coherent of both
-        directions (`clplen.lightfield.depth.structure_tensor_cue`). Of the planes only the range
-        counts.
-    "combined"
-        Matching past occlusions with adaptive support, refined by least squares
-        (`clplen.lightfield.depth.combined_cue`): the most exact, and the slowest. Bright points on
-        black, as of beads and stars, get the depth of their sharpest plane, and the black none
-        (confidence 0).
+    - "energy": the sharpest plane: highest local energy of detail of the refocused picture
+      (`clplen.lightfield.depth.energy_cue`). A cue of defocus: strong in noise, weak beside
+      occlusions.
+    - "correspondence": the plane on which the views agree: least variance over the views in a box
+      of 9 pixels (`clplen.lightfield.depth.correspondence_cue`). Sharp at edges, misled by
+      highlights and noise.
+    - "structure-tensor": the orientation of the epipolar-plane images, sheared in steps, most
+      coherent of both directions (`clplen.lightfield.depth.structure_tensor_cue`). Of the planes
+      only the range counts.
+    - "combined": matching past occlusions with adaptive support, by the samples or, where the
+      brightness of the views differs, by their detail, refined by least squares
+      (`clplen.lightfield.depth.combined_cue`): the most exact, and the slowest. Bright points on
+      black, as of beads and stars, get the depth of their sharpest plane, and the black none
+      (confidence 0).
 
     Examples
     --------
-    >>> scene = next(clplen.cameras.sample_scenes(shape=(48, 48)))
-    >>> lf, truth = scene.scene.light_field((5, 5), (48, 48))
-    >>> depth = clplen.depth_map(lf, disparities=np.linspace(-2, 2, 17))
-    >>> bool(np.median(np.abs(depth.disparity - truth.disparity)) < 0.03)
-    True
+    >>> plane = clplen.cameras.Plane(0.5, texture=clplen.cameras.noise(1, 64))
+    >>> lf, truth = clplen.SurfaceScene(plane).light_field((5, 5), (32, 32))
+    >>> depth = clplen.depth_map(lf, disparities=np.linspace(-1, 1, 9))
+    >>> depth.disparity.shape, f"{np.median(depth.disparity):.2f} pixels a view step"
+    ((32, 32), '0.50 pixels a view step')
     """
     options: dict[str, Any] = {"alphas": alphas, "disparities": disparities, "cue": cue}
     if isinstance(source, StoredLightField):
@@ -188,7 +189,7 @@ def all_in_focus(
     memory: int | None = None,
     device: DeviceLike | None = None,
 ) -> Image:
-    """One picture that is sharp at every depth, in the values of the light field (linear).
+    """Make one picture that is sharp at every depth, in the values of the light field (linear).
 
     With a depth map, every pixel is taken at its own disparity: of a light field by averaging its
     views there (`refocus` on a surface), of a stack linearly between its two nearest planes (held
@@ -218,7 +219,7 @@ def all_in_focus(
     Returns
     -------
     Image
-        float32, shape (y, x[, c]).
+        Of the centre view, float32, shape (y, x[, c]).
 
     Raises
     ------
@@ -234,9 +235,13 @@ def all_in_focus(
 
     Examples
     --------
-    >>> L = np.random.default_rng(1).random((3, 3, 32, 40), np.float32)
-    >>> clplen.all_in_focus(L, disparities=[-1, 0, 1]).shape
-    (32, 40)
+    >>> plane = clplen.cameras.Plane(0.5, texture=clplen.cameras.noise(1, 64))
+    >>> lf, truth = clplen.SurfaceScene(plane).light_field((5, 5), (32, 32))
+    >>> sharp = clplen.all_in_focus(lf, depth=truth.disparity)
+    >>> sharp
+    <Image (32, 32) float32, ...>
+    >>> bool(np.abs(np.asarray(sharp) - lf.view(2, 2)).max() < 0.1)
+    True
     """
     options: dict[str, Any] = {"depth": depth, "disparities": disparities}
     if isinstance(source, StoredLightField):

@@ -139,7 +139,7 @@ def deconvolve(
     progress: Progress | None = None,
     watch: Callable[[Vector], None] | None = None,
 ) -> DeconvolutionResult:
-    """The volume that explains frames best, by Richardson and Lucy's iteration.
+    """Find the volume that explains frames best, by Richardson and Lucy's iteration.
 
     Parameters
     ----------
@@ -147,14 +147,14 @@ def deconvolve(
         Counts, not negative and finite, shape (..., rows n, columns n); leading axes are frames
         of a series, which are found together.
     projector : Projector
-        Of the microscope that recorded the frame.
+        With the point images of the microscope that took them.
     iterations : int
         At most; each takes one projection and one back-projection.
     background : float or array_like
-        b, counts that come from nowhere in the volume, not negative: of every pixel, or of each
+        Counts b that come from nowhere in the volume, not negative: of every pixel, or of each
         one, shape (..., rows n, columns n) that broadcasts to that of the frame.
     white : array_like, optional
-        w, sensitivity of the pixels (a white frame over its mean), not negative, shape (rows n,
+        Sensitivity w of the pixels (a white frame over its mean), not negative, shape (rows n,
         columns n); pixels of 0 are left out, as saturated ones should be.
     start : array_like, optional
         Volume to begin with, such as that of the frame before; default an even one.
@@ -181,7 +181,8 @@ def deconvolve(
     Returns
     -------
     DeconvolutionResult
-        The volume, and how the iterations went.
+        With the volume, float32, shape (..., planes, rows v, columns v), and the residuals of each
+        iteration.
 
     Raises
     ------
@@ -197,15 +198,16 @@ def deconvolve(
 
     Examples
     --------
-    >>> lenslets = clplen.MicrolensArray(125e-6, 2.5e-3, count=5, fill="full")
-    >>> microscope = clplen.PlenopticCamera.microscope(
-    ...     magnification=20, na=0.5, mla=lenslets, wavelength=525e-9, pixels_per_lenslet=25
-    ... )
-    >>> images = clplen.point_images(microscope, [1e-5, 2e-5], voxels_per_lenslet=1)
+    >>> camera = clplen.PlenopticCamera.microscope(
+    ...     magnification=10, na=0.2, wavelength=525e-9, pixels_per_lenslet=11,
+    ...     mla=clplen.MicrolensArray(60e-6, 1.5e-3, count=5, fill="full"))
+    >>> images = clplen.point_images(camera, [0.0, 50e-6], voxels_per_lenslet=3, cut=0.05)
     >>> projector = clplen.Projector(images, (5, 5))
-    >>> frame = projector.forward(np.ones((2, 5, 5), np.float32))
-    >>> clplen.deconvolve(frame, projector, iterations=3).volume.shape
-    (2, 5, 5)
+    >>> volume = np.zeros(projector.volume_shape)
+    >>> volume[1, 7, 7] = 1000  # a point 50 um beyond the native plane
+    >>> found = clplen.deconvolve(projector.forward(volume), projector, iterations=5)
+    >>> np.argwhere(found.volume == found.volume.max()).tolist()
+    [[1, 7, 7]]
     """
     frame = frame.to_numpy() if hasattr(frame, "to_numpy") else frame
     require(Projector, projector, "projector", "Projector(images, shape, device=device)")

@@ -56,7 +56,7 @@ class Projector:
     Parameters
     ----------
     images : PointImages
-        Point images of the microscope.
+        Of the microscope, as `point_images` simulates them.
     shape : tuple of int
         (rows, columns) of lenslets.
     device : Device or str, optional
@@ -89,15 +89,16 @@ class Projector:
 
     Examples
     --------
-    >>> lenslets = clplen.MicrolensArray(125e-6, 2.5e-3, count=3, fill="full")
-    >>> microscope = clplen.PlenopticCamera.microscope(
-    ...     magnification=20, na=0.5, mla=lenslets, wavelength=525e-9, pixels_per_lenslet=25
-    ... )
-    >>> images = clplen.point_images(microscope, [1e-5], voxels_per_lenslet=1)
-    >>> projector = clplen.Projector(images, (3, 3))
-    >>> frame = projector.forward(np.ones((1, 3, 3), np.float32))
-    >>> frame.shape
-    (75, 75)
+    >>> camera = clplen.PlenopticCamera.microscope(
+    ...     magnification=10, na=0.2, wavelength=525e-9, pixels_per_lenslet=11,
+    ...     mla=clplen.MicrolensArray(60e-6, 1.5e-3, count=5, fill="full"))
+    >>> images = clplen.point_images(camera, [0.0, 50e-6], voxels_per_lenslet=3, cut=0.05)
+    >>> projector = clplen.Projector(images, (5, 5))
+    >>> projector.volume_shape, projector.frame_shape
+    ((2, 15, 15), (55, 55))
+    >>> frame = projector.forward(np.ones(projector.volume_shape))
+    >>> projector.backward(frame).shape
+    (2, 15, 15)
     """
 
     def __init__(

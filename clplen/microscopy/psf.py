@@ -50,7 +50,7 @@ def point_images(
     path: PathLike | None = None,
     progress: Progress | None = None,
 ) -> PointImages:
-    """The point images of a microscope, simulated or read from a file.
+    """Simulate the point images of a microscope, or read them from a file.
 
     Voxel (sy, sx) of a lenslet lies at ((s - (v - 1)/2) p/(v M)) from the point that the lenslet's
     centre images. A lenslet has a whole number of pixels: a frame with another lattice, turned or
@@ -67,12 +67,13 @@ def point_images(
         Square lattice, not turned and not moved, a whole number of pixels a lenslet. Its count of
         lenslets does not matter.
     planes : sequence of float
-        z in metres from the native plane, farther positive, rising: plane 0 is the nearest to the
-        objective.
+        Their z in metres from the native plane, farther positive, rising: plane 0 is the nearest to
+        the objective.
     voxels_per_lenslet : int
-        v, along an axis; from 1 on.
+        Number v along an axis, from 1 on.
     binning : int
-        b: the sensor has pixels of b x b of the camera's, pixels_per_lenslet/b of them a lenslet.
+        Number b: the sensor has pixels of b x b of the camera's, pixels_per_lenslet/b of them a
+        lenslet.
     cut : float
         Share of a voxel's light on the sensor that may be left out beyond the lenslets that are
         kept.
@@ -86,7 +87,7 @@ def point_images(
     Returns
     -------
     PointImages
-        Of every plane and place below a lenslet.
+        Of every plane and voxel of a lenslet.
 
     Raises
     ------
@@ -108,13 +109,14 @@ def point_images(
 
     Examples
     --------
-    >>> lenslets = clplen.MicrolensArray(125e-6, 2.5e-3, count=3, fill="full")
-    >>> microscope = clplen.PlenopticCamera.microscope(
-    ...     magnification=20, na=0.5, mla=lenslets, wavelength=525e-9, pixels_per_lenslet=25
-    ... )
-    >>> images = clplen.point_images(microscope, [1e-5], voxels_per_lenslet=1)
-    >>> images.voxels, images.pixels
-    (1, 25)
+    >>> camera = clplen.PlenopticCamera.microscope(
+    ...     magnification=10, na=0.2, wavelength=525e-9, pixels_per_lenslet=11,
+    ...     mla=clplen.MicrolensArray(60e-6, 1.5e-3, count=5, fill="full"))
+    >>> images = clplen.point_images(camera, [0.0, 50e-6], voxels_per_lenslet=3, cut=0.05)
+    >>> images
+    <PointImages of 2 planes, 3 x 3 voxels and 11 x 11 pixels a lenslet, ... MiB>
+    >>> f"voxels of {images.side * 1e6:.0f} um"
+    'voxels of 2 um'
     """
     z = _checked(camera, planes, voxels_per_lenslet, binning, cut, store)
     voxels_per_lenslet, binning = int(voxels_per_lenslet), int(binning)

@@ -29,7 +29,7 @@ def view(
     downscale: int = 1,
     views: tuple[int, int] | None = None,
 ) -> Any:
-    """Look at light fields, focal stacks, volumes, depth maps and pictures in a notebook.
+    """Show light fields, focal stacks, volumes, depth maps and pictures in a notebook.
 
     With anywidget (``pip install "clplen[notebook]"``) it is a widget, which asks the device of the
     light field for depth and exact pictures; without it the page of `clplen.io.write_html` in a
@@ -40,15 +40,19 @@ def view(
     subject : LightField, FocalStack, DepthMap, RawImage, Image, array_like, or a list or dict
         What is shown, as in `clplen.io.write_html`.
     title : str, optional
-        Of the page.
+        Of the page, as in `clplen.io.write_html`.
     depth : DepthMap, optional
         Of the centre view of a light field.
     compare : bool
         Whether several are shown side by side.
     height : int
         Of the widget in pixels, at least 200.
-    quality, downscale, views : int or tuple of int, optional
-        As in `clplen.io.write_html`.
+    quality : int, optional
+        Of JPEG, 1 to 100, for the views of light fields, as in `clplen.io.write_html`.
+    downscale : int
+        Pixels along y and x of which the page keeps the mean.
+    views : tuple of int, optional
+        At most so many views (V, U), those in the middle.
 
     Returns
     -------
@@ -62,9 +66,9 @@ def view(
 
     Examples
     --------
-    >>> L = np.random.default_rng(1).random((3, 3, 32, 40), np.float32)
-    >>> shown = clplen.view(L, title="noise")
-    >>> shown is not None
+    >>> lf = clplen.LightField.from_array(np.full((3, 3, 32, 48), 128, np.uint8))
+    >>> viewer = clplen.view(lf, title="Grey", height=400)  # shown as the last line of a cell
+    >>> hasattr(viewer, "_repr_mimebundle_") or hasattr(viewer, "_repr_html_")
     True
     """
     if height < _LEAST_HEIGHT:

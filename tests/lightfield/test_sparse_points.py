@@ -102,14 +102,14 @@ def test_texture_beside_points(device):
 
 @pytest.mark.thorough
 def test_in_tiles_as_in_memory(device, tmp_path):
-    values, places, d = beads(7, count=6, size=(150, 190), views=(3, 5))
+    values, places, d = beads(7, count=6, size=(200, 260), views=(3, 5))
     lf = LightField.from_array(values.astype(np.float32), device=device)
     write_lightfield(tmp_path / "beads.h5", lf)
     whole = depth_map(lf)
     with open_lightfield(tmp_path / "beads.h5") as stored:
         tiles = []
         tiled = stream_depth(
-            stored, memory=23_000_000, device=device, progress=lambda _, n: tiles.append(n)
+            stored, memory=45_000_000, device=device, progress=lambda _, n: tiles.append(n)
         )
     assert tiles[-1] > 1
     np.testing.assert_allclose(tiled.disparity, whole.disparity, atol=1e-4)

@@ -44,9 +44,11 @@ class PointSources(OneLine):
     positions : numpy.ndarray
         float64, shape (n, 3).
     diameter : float
+        In metres.
     power : numpy.ndarray
         float64, shape (n,).
     spectrum : Spectrum or None
+        Of their light.
 
     Raises
     ------
@@ -58,9 +60,14 @@ class PointSources(OneLine):
 
     Examples
     --------
-    >>> points = clplen.PointSources([(0, 0, -0.05), (1e-3, 0, 0.02)], power=[1, 2])
-    >>> points.positions.shape
-    (2, 3)
+    >>> points = clplen.PointSources([(0, 0, 0), (20e-6, 0, 1e-3)], power=[1.0, 0.5])
+    >>> len(points), points.positions.shape, points.power.tolist()
+    (2, (2, 3), [1.0, 0.5])
+    >>> mla = clplen.MicrolensArray(100e-6, 1e-3, count=11)
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=10e-3, mla=mla, wavelength=550e-9, pixels_per_lenslet=5)
+    >>> camera.expose(points)
+    <RawImage (55, 55) float32, 11 x 11 lenslets, ...>
     """
 
     positions: np.ndarray[Any, np.dtype[np.float64]]
@@ -158,7 +165,9 @@ class PicturePlane(OneLine, HostArray):
     image : numpy.ndarray
         float64, shape (ny, nx) or (ny, nx, c).
     width, z : float
+        In metres.
     mode : str
+        "emission" or "transmission".
     spectra : tuple of Spectrum or None
         One a channel.
     occluder : Occluder or None
@@ -175,9 +184,15 @@ class PicturePlane(OneLine, HostArray):
 
     Examples
     --------
-    >>> picture = clplen.PicturePlane(np.eye(8), 4e-3, -0.01)
-    >>> picture.width, picture.z, picture.mode
-    (0.004, -0.01, 'emission')
+    A surface in daylight, whose reflectance each channel of an image is a share of:
+
+    >>> curve, bands = clplen.wave.SpectralDistribution, np.array([450e-9, 550e-9, 650e-9])
+    >>> daylight = curve.illuminant("D65")
+    >>> light = [daylight * curve(bands, share) for share in np.eye(3)]  # blue, green, red
+    >>> energies = np.ones((16, 24, 3)) * [one.integral / daylight.integral for one in light]
+    >>> plane = clplen.PicturePlane(energies, 4e-3, spectra=light)
+    >>> plane.image.shape, len(plane.spectra)
+    ((16, 24, 3), 3)
     """
 
     _samples: ClassVar[str] = "image"

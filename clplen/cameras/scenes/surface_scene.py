@@ -49,11 +49,11 @@ class SurfaceScene(OneLine):
 
     Examples
     --------
-    >>> ground = clplen.cameras.Plane(-0.5, texture=clplen.cameras.noise(1))
-    >>> scene = clplen.SurfaceScene([ground])
-    >>> lf, truth = scene.light_field((3, 3), (32, 40))
-    >>> lf.shape, float(truth.disparity.max())
-    ((3, 3, 32, 40), -0.5)
+    >>> disc = clplen.cameras.Plane(1.0, outline=clplen.cameras.Ellipse((0, 0), 8))
+    >>> scene = clplen.SurfaceScene([clplen.cameras.Plane(-0.5), disc])
+    >>> lf, truth = scene.light_field((3, 3), (32, 32))
+    >>> lf.shape, [f"{d:.1f}" for d in truth.disparity[16, ::8]]
+    ((3, 3, 32, 32), ['-0.5', '1.0', '1.0', '-0.5'])
     """
 
     surfaces: tuple[Plane | Sphere, ...]

@@ -31,10 +31,10 @@ def write_animation(
     path : path-like
         ``.gif``.
     pictures : iterable of numpy.ndarray
-        uint8, all of one shape (y, x) or (y, x, 3), at least one. A GIF keeps 256
+        Of uint8, all of one shape (y, x) or (y, x, 3), at least one. A GIF keeps 256
         colours a picture: colours are dithered to 32 levels of each first, greys stay.
     seconds : float
-        For each picture, at least 0.02.
+        For how long each picture is shown, at least 0.02.
 
     Raises
     ------
@@ -45,10 +45,11 @@ def write_animation(
 
     Examples
     --------
-    >>> frames = np.random.default_rng(1).integers(0, 255, (3, 16, 20), np.uint8)
-    >>> clplen.io.write_animation("a.gif", frames)
-    >>> clplen.io.size_of("a.gif") > 0
-    True
+    >>> frames = [np.full((16, 24), level, np.uint8) for level in (0, 128, 255)]
+    >>> clplen.io.write_animation("fade.gif", frames, seconds=0.5)
+    >>> with open("fade.gif", "rb") as file:
+    ...     file.read(6)
+    b'GIF89a'
     """
     frames = list(pictures)
     if Path(path).suffix.lower() != ".gif":

@@ -23,7 +23,7 @@ def write_npy(path: PathLike, values: np.ndarray[Any, Any], *, durable: bool = F
     Parameters
     ----------
     path : path-like
-        Of the file.
+        The file; its name is taken as it is.
     values : numpy.ndarray
         Of real numbers; written in C order.
     durable : bool
@@ -36,9 +36,9 @@ def write_npy(path: PathLike, values: np.ndarray[Any, Any], *, durable: bool = F
 
     Examples
     --------
-    >>> clplen.io.write_npy("d.npy", np.arange(6.0).reshape(2, 3))
-    >>> np.load("d.npy").shape
-    (2, 3)
+    >>> clplen.io.write_npy("disparity.npy", np.linspace(-1, 1, 5))
+    >>> np.load("disparity.npy").tolist()
+    [-1.0, -0.5, 0.0, 0.5, 1.0]
     """
     array = np.ascontiguousarray(values)
     about = np.lib.format.header_data_from_array_1_0(array)
@@ -55,14 +55,14 @@ def read_npy(path: PathLike, *, max_bytes: int | None = None) -> np.ndarray[Any,
     Parameters
     ----------
     path : path-like
-        Of the file.
+        A ``.npy`` file.
     max_bytes : int, optional
         Largest allocation that the file may ask for; default half of the free memory.
 
     Returns
     -------
     numpy.ndarray
-        The array.
+        In memory, with the shape and dtype of the file.
 
     Raises
     ------
@@ -71,9 +71,10 @@ def read_npy(path: PathLike, *, max_bytes: int | None = None) -> np.ndarray[Any,
 
     Examples
     --------
-    >>> clplen.io.write_npy("d.npy", np.arange(6.0).reshape(2, 3))
-    >>> clplen.io.read_npy("d.npy").shape
-    (2, 3)
+    >>> np.save("disparity.npy", np.zeros((32, 48), np.float32))
+    >>> values = clplen.io.read_npy("disparity.npy")
+    >>> values.shape, values.dtype.name
+    ((32, 48), 'float32')
     """
     values = map_npy(path)
     if values.dtype.kind not in "buif":

@@ -39,12 +39,12 @@ def read_pfm(path: PathLike) -> np.ndarray[Any, np.dtype[np.float32]]:
     Parameters
     ----------
     path : path-like
-        Of the file.
+        PFM, grey or in colour, of either byte order.
 
     Returns
     -------
     numpy.ndarray
-        float32, shape (y, x) or (y, x, 3), row 0 at the top. The size of the scale is ignored,
+        Shape (y, x) or (y, x, 3), float32, row 0 at the top. The size of the scale is ignored,
         as other readers do.
 
     Raises
@@ -54,9 +54,10 @@ def read_pfm(path: PathLike) -> np.ndarray[Any, np.dtype[np.float32]]:
 
     Examples
     --------
-    >>> clplen.io.write_pfm("d.pfm", np.full((4, 5), 0.5, np.float32))
-    >>> clplen.io.read_pfm("d.pfm").shape
-    (4, 5)
+    >>> clplen.io.write_pfm("disparity.pfm", np.tile(np.linspace(-1, 1, 32), (24, 1)))
+    >>> values = clplen.io.read_pfm("disparity.pfm")
+    >>> values.shape, values.dtype.name, values[0, [0, -1]].tolist()
+    ((24, 32), 'float32', [-1.0, 1.0])
     """
     path = Path(path)
     if not path.is_file():
@@ -88,7 +89,7 @@ def write_pfm(path: PathLike, values: np.ndarray[Any, Any], *, durable: bool = F
     Parameters
     ----------
     path : path-like
-        Of the file.
+        The file, such as ``disparity.pfm``.
     values : numpy.ndarray
         Shape (y, x) or (y, x, 3), row 0 at the top; written as float32.
     durable : bool
@@ -101,9 +102,10 @@ def write_pfm(path: PathLike, values: np.ndarray[Any, Any], *, durable: bool = F
 
     Examples
     --------
-    >>> clplen.io.write_pfm("d.pfm", np.full((4, 5), 0.5, np.float32))
-    >>> clplen.io.read_pfm("d.pfm").shape
-    (4, 5)
+    >>> disparity = np.tile(np.linspace(-1, 1, 32), (24, 1))
+    >>> clplen.io.write_pfm("disparity.pfm", disparity)
+    >>> clplen.io.read_disparity("disparity.pfm").shape
+    (24, 32)
     """
     if values.ndim not in (2, 3) or values.shape[2:] not in ((), (3,)):
         raise ShapeError(f"PFM holds (y, x) or (y, x, 3), not {values.shape}.")

@@ -238,9 +238,10 @@ def read_picture(path: PathLike, *, max_bytes: int | None = None) -> Array:
 
     Examples
     --------
-    >>> clplen.io.write_picture("p.png", np.zeros((4, 5), np.uint8))
-    >>> clplen.io.read_picture("p.png").shape
-    (4, 5)
+    >>> clplen.io.write_picture("grey.png", np.full((24, 32), 1000, np.uint16))
+    >>> picture = clplen.io.read_picture("grey.png")
+    >>> picture.shape, picture.dtype.name, int(picture.max())
+    ((24, 32), 'uint16', 1000)
     """
     return without_alpha(read_channels(path, max_bytes=max_bytes), path)
 
@@ -375,9 +376,11 @@ def write_picture(
 
     Examples
     --------
-    >>> clplen.io.write_picture("p.png", np.zeros((4, 5), np.uint8))
-    >>> clplen.io.read_picture("p.png").shape
-    (4, 5)
+    >>> phase = np.linspace(-np.pi, np.pi, 24 * 32).reshape(24, 32)
+    >>> clplen.io.write_picture("phase.tif", phase, description="phase in radians")
+    >>> found = clplen.io.read_picture("phase.tif")
+    >>> found.dtype.name, bool((found == phase).all())
+    ('float64', True)
     """
     path = Path(path)
     suffix = path.suffix.lower()

@@ -37,7 +37,7 @@ def write_ply(
         Shape (n, 3): x, y, z; stored as float32. Points with a coordinate that is NaN or infinite
         are left out.
     colours : numpy.ndarray, optional
-        uint8, shape (n, 3): red, green, blue.
+        Shape (n, 3), uint8: red, green, blue.
     comment : str, optional
         What the coordinates are, in ASCII.
 
@@ -52,10 +52,10 @@ def write_ply(
 
     Examples
     --------
-    >>> points, _ = clplen.io.points_of(np.ones((4, 5)))
-    >>> clplen.io.write_ply("p.ply", points, np.zeros((20, 3), np.uint8))
-    >>> clplen.io.size_of("p.ply") > 0
-    True
+    >>> points = np.array([[0.0, 0.0, 1.5], [0.1, 0.0, 1.5], [0.0, 0.1, np.nan]])  # in metres
+    >>> clplen.io.write_ply("points.ply", points, comment="metres")
+    >>> clplen.io.read_ply("points.ply")[0].shape  # without the point that has no place
+    (2, 3)
     """
     if Path(path).suffix.lower() != ".ply":
         raise ValueError(f"A point cloud is written as .ply, not as {Path(path).name}.")
@@ -90,13 +90,13 @@ def read_ply(path: PathLike) -> tuple[Array, Array | None]:
     Parameters
     ----------
     path : path-like
-        Of the file.
+        A binary PLY of either byte order, whose first element is ``vertex``.
 
     Returns
     -------
     numpy.ndarray, numpy.ndarray or None
-        float32, shape (n, 3): x, y, z; and uint8, shape (n, 3): red, green, blue, where each point
-        has a colour.
+        The places x, y, z, shape (n, 3), float32; and the colours red, green, blue, shape (n, 3),
+        uint8, where the points have them.
 
     Raises
     ------
@@ -105,11 +105,12 @@ def read_ply(path: PathLike) -> tuple[Array, Array | None]:
 
     Examples
     --------
-    >>> points, _ = clplen.io.points_of(np.ones((4, 5)))
-    >>> clplen.io.write_ply("p.ply", points)
-    >>> found = clplen.io.read_ply("p.ply")
-    >>> len(found[0])
-    20
+    >>> points = np.array([[0.0, 0.0, 1.5], [0.1, 0.0, 1.5]])  # in metres
+    >>> colours = np.array([[255, 0, 0], [0, 0, 255]], np.uint8)
+    >>> clplen.io.write_ply("points.ply", points, colours)
+    >>> found, colours = clplen.io.read_ply("points.ply")
+    >>> found[:, 2].tolist(), colours.tolist()
+    ([1.5, 1.5], [[255, 0, 0], [0, 0, 255]])
     """
     path = Path(path)
     if not path.is_file():
@@ -158,7 +159,7 @@ def points_of(
     pixel_pitch: float | None = None,
     focus_distance: float | None = None,
 ) -> tuple[Array, str]:
-    """The points of a disparity map, as the pinhole camera of the centre view sees them.
+    """Return the points of a disparity map, as the pinhole camera of the centre view sees them.
 
     With Z = `metric_depth` of the disparity, a point of pixel (y, x) lies at Z (x - xc) p/f,
     Z (y - yc) p/f, Z from the pinhole, (yc, xc) being the middle of the picture.
@@ -168,18 +169,19 @@ def points_of(
     disparity : numpy.ndarray
         Shape (y, x), pixels a view step.
     baseline : float, optional
-        b, from view to view, in metres. With ``focal_length`` and ``pixel_pitch``, or not at all.
+        The step b from view to view, in metres. With ``focal_length`` and ``pixel_pitch``, or not
+        at all.
     focal_length : float, optional
-        f, pinhole to sensor, in metres.
+        The distance f from pinhole to sensor, in metres.
     pixel_pitch : float, optional
-        p, of a view's pixels, in metres.
+        The pitch p of a view's pixels, in metres.
     focus_distance : float, optional
         Z0, where the disparity is 0, in metres; default infinite.
 
     Returns
     -------
     numpy.ndarray, str
-        float64, shape (y x, 3), row by row: x, y, z in metres, NaN where the point would not lie
+        Shape (y x, 3), float64, row by row: x, y, z in metres, NaN where the point would not lie
         at a finite distance before the camera; and what they are, for the comment of a PLY file.
         Without a camera x and y in pixels from the upper left one, and z the disparity.
 
@@ -192,9 +194,13 @@ def points_of(
 
     Examples
     --------
-    >>> points, unit = clplen.io.points_of(np.ones((4, 5)))
-    >>> points.shape
-    (20, 3)
+    >>> disparity = np.full((3, 5), 2.0)
+    >>> points, comment = clplen.io.points_of(
+    ...     disparity, baseline=5e-3, focal_length=20e-3, pixel_pitch=10e-6)
+    >>> points.shape, np.round(points[0], 4).tolist()  # of the upper left pixel
+    ((15, 3), [-0.005, -0.0025, 5.0])
+    >>> comment
+    'metres from the centre view: x right, y down, z along the optical axis'
     """
     if disparity.ndim != 2:
         raise ShapeError(f"A disparity map has shape (y, x), not {disparity.shape}.")

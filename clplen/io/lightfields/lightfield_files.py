@@ -115,7 +115,7 @@ def read_lightfield(
     Returns
     -------
     LightField
-        uint8, uint16, float16 or float32 as in the file (other types become float32).
+        Samples of uint8, uint16, float16 or float32 as in the file (other types become float32).
 
     Raises
     ------
@@ -128,9 +128,11 @@ def read_lightfield(
 
     Examples
     --------
-    >>> np.save("l.npy", np.ones((3, 3, 16, 20), np.float32))
-    >>> clplen.read_lightfield("l.npy").shape
-    (3, 3, 16, 20)
+    >>> np.save("views.npy", np.ones((5, 7, 32, 48), np.uint8))
+    >>> clplen.read_lightfield("views.npy")
+    <LightField (5, 7, 32, 48) uint8, ...>
+    >>> clplen.read_lightfield("views.npy", order="uvyx").shape
+    (7, 5, 32, 48)
     """
     words = locals()
     layout = Layout(**{field.name: words[field.name] for field in fields(Layout)})
@@ -155,7 +157,7 @@ def open_lightfield(
     Parameters
     ----------
     path : path-like
-        A file or folder.
+        A file or folder, as for `read_lightfield`.
     device : Device or str, optional
         Default ``Device.open()``; what is read as a whole lies there.
     **layout
@@ -164,6 +166,7 @@ def open_lightfield(
     Yields
     ------
     StoredLightField
+        Valid inside the ``with`` block.
 
     Raises
     ------
@@ -172,11 +175,10 @@ def open_lightfield(
 
     Examples
     --------
-    >>> lf = clplen.LightField.from_array(np.ones((3, 3, 16, 20), np.float32))
-    >>> clplen.write_lightfield("l.h5", lf)
-    >>> with clplen.open_lightfield("l.h5") as stored:
-    ...     print(stored.shape)
-    (3, 3, 16, 20)
+    >>> np.save("views.npy", np.ones((5, 5, 32, 48), np.uint8))
+    >>> with clplen.open_lightfield("views.npy") as stored:
+    ...     stored.shape, stored.read(np.s_[2:3, 0:5, 0:16, 0:48]).shape
+    ((5, 5, 32, 48), (1, 5, 16, 48))
     """
     words, path = Layout(**layout), Path(path)
     kind = kind_of(path)
@@ -194,19 +196,20 @@ def open_lightfield(
 
 
 def files_of(path: PathLike, **layout: Any) -> list[Path]:
-    """The files that `read_lightfield` would read.
+    """Return the files that `read_lightfield` would read.
 
     Parameters
     ----------
     path : path-like
-        Of the file.
+        A file or folder with a light field.
     **layout
         Words of layout as for `read_lightfield`.
 
     Returns
     -------
     list of pathlib.Path
-        Each file once.
+        The file itself, or the pictures of a folder, view by view; then the files that words of
+        layout name: white, dark, grid and positions.
 
     Raises
     ------
@@ -215,9 +218,11 @@ def files_of(path: PathLike, **layout: Any) -> list[Path]:
 
     Examples
     --------
-    >>> np.save("l.npy", np.ones((4, 4)))
-    >>> [path.name for path in clplen.io.files_of("l.npy")]
-    ['l.npy']
+    >>> lf = clplen.LightField.from_array(np.zeros((2, 2, 16, 16), np.uint8))
+    >>> clplen.io.write_views("scene", lf)
+    >>> files = clplen.io.files_of("scene")
+    >>> [file.name for file in files]
+    ['view_00_00.png', 'view_00_01.png', 'view_01_00.png', 'view_01_01.png']
     """
     path = Path(path)
     words = Layout(**layout)
@@ -237,7 +242,7 @@ def write_lightfield(path: PathLike, lf: LightField) -> None:
         ``.h5``, ``.hdf5`` and ``.zarr`` (a new folder) keep everything; a name without suffix
         becomes a new folder of pictures, which keeps the samples only.
     lf : LightField
-        The light field.
+        Shape (v, u, y, x[, c]).
 
     Raises
     ------
@@ -250,10 +255,10 @@ def write_lightfield(path: PathLike, lf: LightField) -> None:
 
     Examples
     --------
-    >>> lf = clplen.LightField.from_array(np.ones((3, 3, 16, 20), np.float32))
-    >>> clplen.write_lightfield("l.h5", lf)
-    >>> clplen.read_lightfield("l.h5").shape
-    (3, 3, 16, 20)
+    >>> lf = clplen.LightField.from_array(np.ones((5, 5, 32, 48), np.float32))
+    >>> clplen.write_lightfield("views.h5", lf)
+    >>> clplen.read_lightfield("views.h5")
+    <LightField (5, 5, 32, 48) float32, ...>
     """
     suffix = Path(path).suffix.lower()
     if suffix in hdf5_files.SUFFIXES:

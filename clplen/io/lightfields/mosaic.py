@@ -254,7 +254,7 @@ def write_mosaic(path: PathLike, lf: LightField, *, order: str = "yvxu") -> None
     path : path-like
         ``.png`` takes uint8 and grey uint16, ``.tif`` everything.
     lf : LightField
-        The light field.
+        Views (v, u, y, x), or (v, u, y, x, c) of 1 or 3 channels.
     order : {"yvxu", "vyux"}
         Lenslet images, or views, side by side.
 
@@ -267,10 +267,10 @@ def write_mosaic(path: PathLike, lf: LightField, *, order: str = "yvxu") -> None
 
     Examples
     --------
-    >>> lf = clplen.LightField.from_array(np.zeros((3, 3, 16, 20), np.uint8))
-    >>> clplen.io.write_mosaic("mosaic.png", lf)
-    >>> clplen.read_lightfield("mosaic.png", views=(3, 3), order="yvxu").shape
-    (3, 3, 16, 20)
+    >>> lf = clplen.LightField.from_array(np.zeros((3, 5, 16, 24), np.uint8))
+    >>> clplen.io.write_mosaic("views.png", lf, order="vyux")
+    >>> clplen.io.read_picture("views.png").shape  # 3 x 16 rows, 5 x 24 columns
+    (48, 120)
     """
     plain = _order(order)
     values = pictured(lf)

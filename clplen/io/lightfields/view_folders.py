@@ -139,7 +139,7 @@ def write_views(path: PathLike, lf: LightField, *, pattern: str = DEFAULT_PATTER
     path : path-like
         A folder that does not exist yet, or is empty.
     lf : LightField
-        The light field.
+        Views (v, u, y, x), or (v, u, y, x, c) of 1 or 3 channels.
     pattern : str
         Names without suffix, by ``{v}`` and ``{u}`` or by ``{i}`` row by row, formatted as Python
         does: ``view_{v:02d}_{u:02d}``. "hci" is ``input_Cam{i:03d}`` of the HCI 4D benchmark;
@@ -157,11 +157,12 @@ def write_views(path: PathLike, lf: LightField, *, pattern: str = DEFAULT_PATTER
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> lf = clplen.LightField.from_array(np.zeros((3, 3, 16, 20), np.uint8))
-    >>> clplen.io.write_views("views", lf)
-    >>> len(list(Path("views").iterdir()))
-    9
+    >>> lf = clplen.LightField.from_array(np.zeros((3, 3, 16, 16), np.uint8))
+    >>> clplen.io.write_views("scene", lf, pattern="hci")
+    >>> clplen.io.files_of("scene")[-1].name
+    'input_Cam008.png'
+    >>> clplen.read_lightfield("scene").shape
+    (3, 3, 16, 16)
     """
     values = pictured(lf)
     name = _namer(pattern, lf)

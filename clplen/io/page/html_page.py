@@ -101,10 +101,12 @@ def write_html(
 
     Examples
     --------
-    >>> L = np.random.default_rng(1).random((3, 3, 16, 20), np.float32)
-    >>> clplen.io.write_html("l.html", L, title="noise")
-    >>> clplen.io.size_of("l.html") > 1000
-    True
+    >>> plane = clplen.cameras.Plane(0.5, texture=clplen.cameras.noise(1))
+    >>> lf, truth = clplen.SurfaceScene(plane).light_field((3, 3), (32, 32))
+    >>> clplen.io.write_html("scene.html", {"scene": lf, "mean": lf.to_numpy().mean((0, 1))})
+    >>> with open("scene.html", encoding="utf-8") as page:
+    ...     page.readline().strip()
+    '<!doctype html>'
     """
     if Path(path).suffix.lower() not in _SUFFIXES:
         raise ValueError(f"A page is written as .html, not as {Path(path).name}.")

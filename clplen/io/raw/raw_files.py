@@ -77,14 +77,13 @@ def write_raw(
 
     Examples
     --------
-    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
     >>> camera = clplen.PlenopticCamera.type1(
-    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
-    ... )
-    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)), model="rays")
-    >>> clplen.write_raw("raw.h5", raw)
-    >>> bool((clplen.read_raw("raw.h5").to_numpy() == raw.to_numpy()).all())
-    True
+    ...     focal_length=10e-3, mla=clplen.MicrolensArray(100e-6, 1e-3, count=11),
+    ...     wavelength=550e-9, pixels_per_lenslet=5)
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)))
+    >>> clplen.write_raw("point.h5", raw)
+    >>> clplen.read_raw("point.h5").camera.kind
+    'standard'
     """
     if Path(path).suffix.lower() in tiff.SUFFIXES:
         write_sensor_tiff(path, raw, white_balance=white_balance, durable=durable)
@@ -127,23 +126,31 @@ def is_raw(file: h5py.File) -> bool:
 
 
 def is_raw_file(path: PathLike) -> bool:
-    """Whether a file is one of `write_raw`; False for what is no HDF5.
+    """Tell whether a file is one of `write_raw` in HDF5.
 
     Parameters
     ----------
     path : path-like
-        Of the file.
+        A file, or what may be none.
 
     Returns
     -------
     bool
-        Whether it is one.
+        False too where there is no such file, or it is no HDF5.
+
+    Raises
+    ------
+    FormatError
+        If it is an HDF5 file that cannot be opened.
 
     Examples
     --------
-    >>> np.save("l.npy", np.ones((4, 4)))
-    >>> clplen.io.is_raw_file("l.npy")
-    False
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=10e-3, mla=clplen.MicrolensArray(100e-6, 1e-3, count=11),
+    ...     wavelength=550e-9, pixels_per_lenslet=5)
+    >>> clplen.write_raw("raw.h5", camera.expose(clplen.PointSources((0, 0, 0))))
+    >>> clplen.io.is_raw_file("raw.h5"), clplen.io.is_raw_file("none.h5")
+    (True, False)
     """
     path = Path(path)
     if (
@@ -229,7 +236,7 @@ def _require_sensor(dataset: h5py.Dataset, shape: tuple[int, int], path: Path) -
 def read_frame(
     path: PathLike, *, frame: int | None = None, max_bytes: int | None = None
 ) -> tuple[Frame, Bayer | None]:
-    """One frame as it lies on the sensor.
+    """Read one frame as it lies on the sensor.
 
     Parameters
     ----------
@@ -256,10 +263,10 @@ def read_frame(
 
     Examples
     --------
-    >>> clplen.io.write_picture("frame.tif", np.full((8, 8), 100, np.uint16))
-    >>> frame, filters = clplen.io.read_frame("frame.tif")[:2]
-    >>> frame.shape
-    (8, 8)
+    >>> clplen.io.write_picture("frame.tif", np.full((24, 32), 1023, np.uint16))
+    >>> values, filters = clplen.io.read_frame("frame.tif")
+    >>> values.shape, values.dtype.name, filters is None
+    ((24, 32), 'uint16', True)
     """
     path = Path(path)
     if not path.is_file():
@@ -321,7 +328,7 @@ def read_raw(
     Returns
     -------
     RawImage
-        float32, with the file's own values and `lattice`; ``sub_images`` and ``cells`` are its
+        Of float32, with the file's own values and `lattice`; ``sub_images`` and ``cells`` are its
         lenslets of which a whole sub-image lies on the picture. The pixel pitch is NaN. Of a file
         of `write_raw`, what was written.
 
@@ -337,13 +344,14 @@ def read_raw(
 
     Examples
     --------
-    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
     >>> camera = clplen.PlenopticCamera.type1(
-    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
-    ... )
-    >>> clplen.write_raw("raw.h5", camera.expose(clplen.PointSources((0, 0, 0)), model="rays"))
-    >>> clplen.read_raw("raw.h5").shape
-    (75, 75)
+    ...     focal_length=10e-3, mla=clplen.MicrolensArray(100e-6, 1e-3, count=11),
+    ...     wavelength=550e-9, pixels_per_lenslet=5)
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)))
+    >>> clplen.write_raw("point.h5", raw)
+    >>> again = clplen.read_raw("point.h5")
+    >>> again.shape, again.sub_images.count, bool((again.to_numpy() == raw.to_numpy()).all())
+    ((55, 55), (11, 11), True)
     """
     path = Path(path)
     types: tuple[LensType, ...] = ()
@@ -398,19 +406,19 @@ def _without_dark(
 
 
 def read_lattice(path: PathLike, shape: tuple[int, int]) -> Lattice:
-    """The lattice of the lenslets of a picture, from JSON or from a Raytrix XML.
+    """Read the lattice of the lenslets of a picture, from JSON or from a Raytrix XML.
 
     Parameters
     ----------
     path : path-like
-        Of the file.
+        JSON of `Lattice.save`, or the ``.xml`` of a Raytrix camera.
     shape : tuple of int
         (ny, nx) of the picture.
 
     Returns
     -------
     Lattice
-        As the file has it.
+        In pixels, with ``shape`` as given.
 
     Raises
     ------
@@ -419,10 +427,12 @@ def read_lattice(path: PathLike, shape: tuple[int, int]) -> Lattice:
 
     Examples
     --------
-    >>> lattice = clplen.lightfield.Lattice("square", (7.0, 7.0), (15.0, 0.0), (0.0, 15.0))
-    >>> lattice.save("grid.json")
-    >>> clplen.io.read_lattice("grid.json", (75, 75)).column
-    (0.0, 15.0)
+    >>> found = clplen.lightfield.Lattice(
+    ...     "square", origin=(7.0, 7.0), row=(15.0, 0.0), column=(0.0, 15.0))
+    >>> found.save("lattice.json")
+    >>> lattice = clplen.io.read_lattice("lattice.json", (120, 150))
+    >>> lattice.kind, lattice.pitch, lattice.shape
+    ('square', (15.0, 15.0), (120, 150))
     """
     path = Path(path)
     if path.suffix.lower() in raytrix.SUFFIXES:

@@ -46,14 +46,19 @@ class Distortion:
     kind, function : str
         Such as "radial" and "Brown".
     parameters : tuple of float
+        The numbers of that function, in the order of the file.
     offset : tuple of float
         (x, y) in pixels.
 
     Examples
     --------
-    >>> bent = clplen.io.Distortion("radial", "Brown", (-1.4e-3, 7e-4), (3186.0, 2651.0))
-    >>> bent.parameters
-    (-0.0014, 0.0007)
+    >>> bent = clplen.io.Distortion("radial", "Brown", (-0.00145, 0.000735), offset=(0.0, 0.0))
+    >>> calibration = clplen.io.RaytrixCalibration(
+    ...     offset=(0.0, 0.0), diameter=23.0, lens_base_x=(1.0, 0.0), lens_base_y=(0.0, 1.0),
+    ...     distortion=bent)
+    >>> clplen.io.write_raytrix("camera.xml", calibration)
+    >>> clplen.io.read_raytrix("camera.xml").distortion.parameters
+    (-0.00145, 0.000735)
     """
 
     kind: str
@@ -75,9 +80,12 @@ class FocusType:
 
     Examples
     --------
-    >>> near = clplen.io.FocusType((0.0, 0.0), (1.0, 3.0))
-    >>> near.depth_range
-    (1.0, 3.0)
+    >>> far = clplen.io.FocusType(offset=(0.0, 0.0), depth_range=(3.8, 100.0))
+    >>> calibration = clplen.io.RaytrixCalibration(
+    ...     offset=(0.0, 0.0), diameter=23.0, lens_base_x=(1.0, 0.0), lens_base_y=(0.0, 1.0),
+    ...     lens_types=(far,))
+    >>> [kind.depth_range for kind in calibration.types()]
+    [(3.8, 100.0)]
     """
 
     offset: Vector
@@ -105,16 +113,20 @@ class RaytrixCalibration:
     sub_grid_base : tuple of float or None
         (width, height) in lens diameters of the rectangle that repeats the types of the lenses.
     distortion : Distortion or None
+        Of the main lens; None where the file has none.
     lens_types : tuple of FocusType
         By their id.
 
     Examples
     --------
     >>> calibration = clplen.io.RaytrixCalibration(
-    ...     offset=(4.2, -1.5), diameter=11.5, lens_base_x=(1.0, 0.0), lens_base_y=(0.5, 0.866)
-    ... )
-    >>> calibration.diameter, calibration.lens_types
-    (11.5, ())
+    ...     offset=(0.5, -1.25), diameter=23.0,
+    ...     lens_base_x=(1.0, 0.0), lens_base_y=(0.5, 0.8660254))
+    >>> lattice = calibration.lattice((120, 150))
+    >>> lattice.kind, f"{lattice.neighbour:.2f} pixels from lens to lens"
+    ('hexagonal', '23.00 pixels from lens to lens')
+    >>> calibration.origin((120, 150))  # y, x of a lens, in pixels
+    (60.75, 75.0)
     """
 
     offset: Vector
@@ -255,12 +267,12 @@ def read_raytrix(path: PathLike) -> RaytrixCalibration:
     Parameters
     ----------
     path : path-like
-        Of the file.
+        ``.xml``, of version 1, in UTF-8 or UTF-16.
 
     Returns
     -------
     RaytrixCalibration
-        As the file has it.
+        The numbers of the file, in its own units and directions.
 
     Raises
     ------
@@ -270,11 +282,12 @@ def read_raytrix(path: PathLike) -> RaytrixCalibration:
     Examples
     --------
     >>> calibration = clplen.io.RaytrixCalibration(
-    ...     offset=(4.2, -1.5), diameter=11.5, lens_base_x=(1.0, 0.0), lens_base_y=(0.5, 0.866)
-    ... )
+    ...     offset=(0.5, -1.25), diameter=23.0,
+    ...     lens_base_x=(1.0, 0.0), lens_base_y=(0.5, 0.8660254))
     >>> clplen.io.write_raytrix("camera.xml", calibration)
-    >>> clplen.io.read_raytrix("camera.xml").offset
-    (4.2, -1.5)
+    >>> found = clplen.io.read_raytrix("camera.xml")
+    >>> found == calibration, found.diameter, found.lattice((120, 150)).kind
+    (True, 23.0, 'hexagonal')
     """
     path = Path(path)
     if path.suffix.lower() == ".ray":
@@ -412,7 +425,7 @@ def write_raytrix(path: PathLike, calibration: RaytrixCalibration) -> None:
     path : path-like
         ``.xml``.
     calibration : RaytrixCalibration
-        The calibration.
+        The numbers of the file; what is None is left out.
 
     Raises
     ------
@@ -424,11 +437,16 @@ def write_raytrix(path: PathLike, calibration: RaytrixCalibration) -> None:
     Examples
     --------
     >>> calibration = clplen.io.RaytrixCalibration(
-    ...     offset=(4.2, -1.5), diameter=11.5, lens_base_x=(1.0, 0.0), lens_base_y=(0.5, 0.866)
-    ... )
+    ...     offset=(0.5, -1.25), diameter=23.0,
+    ...     lens_base_x=(1.0, 0.0), lens_base_y=(0.5, 0.8660254))
     >>> clplen.io.write_raytrix("camera.xml", calibration)
-    >>> clplen.io.read_raytrix("camera.xml").offset
-    (4.2, -1.5)
+    >>> with open("camera.xml", encoding="utf-8") as file:
+    ...     print(file.read())
+    <?xml version="1.0"?>
+    <RayCalibData version="1.0">
+      <offset units="pix"><x>0.5</x><y>-1.25</y></offset>
+      <diameter units="pix">23.0</diameter>
+    ...
     """
     if Path(path).suffix.lower() != ".xml":
         raise ValueError(f"A Raytrix calibration is written as .xml, not as {Path(path).name}.")

@@ -72,11 +72,12 @@ def write_truth(path: PathLike, truth: Truth, *, durable: bool = False) -> None:
 
     Examples
     --------
-    >>> scene = next(clplen.cameras.sample_scenes(shape=(32, 32)))
-    >>> _, truth = scene.scene.light_field((3, 3), (32, 32))
+    >>> disc = clplen.cameras.Plane(1.0, outline=clplen.cameras.Ellipse((0, 0), 8))
+    >>> scene = clplen.SurfaceScene([clplen.cameras.Plane(-0.5), disc])
+    >>> lf, truth = scene.light_field((3, 3), (32, 32))
     >>> clplen.io.write_truth("truth.h5", truth)
-    >>> clplen.io.read_disparity("truth.h5").shape
-    (32, 32)
+    >>> clplen.io.read_scene_truth("truth.h5")
+    <Truth 32 x 32, disparity -0.500 to 1.000>
     """
     if Path(path).suffix.lower() not in hdf5_files.SUFFIXES:
         raise ValueError(f"The truth of a scene is written as .h5, not as {Path(path).name}.")
@@ -98,12 +99,12 @@ def write_truth(path: PathLike, truth: Truth, *, durable: bool = False) -> None:
 
 
 def read_scene_truth(path: PathLike, *, max_bytes: int | None = None) -> Truth:
-    """Read what `write_truth` wrote, all of it; `read_truth` gives the disparity of any data set.
+    """Read all of what `write_truth` wrote; `read_truth` gives the disparity of any data set.
 
     Parameters
     ----------
     path : path-like
-        Of the file.
+        HDF5 of `write_truth`.
     max_bytes : int, optional
         Largest allocation that the file may ask for; default half of the free memory.
 
@@ -119,11 +120,13 @@ def read_scene_truth(path: PathLike, *, max_bytes: int | None = None) -> Truth:
 
     Examples
     --------
-    >>> scene = next(clplen.cameras.sample_scenes(shape=(32, 32)))
-    >>> _, truth = scene.scene.light_field((3, 3), (32, 32))
+    >>> disc = clplen.cameras.Plane(1.0, outline=clplen.cameras.Ellipse((0, 0), 8))
+    >>> scene = clplen.SurfaceScene([clplen.cameras.Plane(-0.5), disc])
+    >>> lf, truth = scene.light_field((3, 3), (32, 32))
     >>> clplen.io.write_truth("truth.h5", truth)
-    >>> clplen.io.read_scene_truth("truth.h5").disparity.shape
-    (32, 32)
+    >>> found = clplen.io.read_scene_truth("truth.h5")
+    >>> sorted(found.masks), found.surface[16, [0, 16]].tolist()
+    (['edges', 'far', 'near', 'planes', 'smooth'], [0, 1])
     """
     path = Path(path)
     if not path.is_file():
@@ -149,19 +152,19 @@ def read_scene_truth(path: PathLike, *, max_bytes: int | None = None) -> Truth:
 def read_masks(
     path: PathLike, *, max_bytes: int | None = None
 ) -> dict[str, np.ndarray[Any, np.dtype[np.bool_]]]:
-    """The masks of a file that `write_truth` wrote.
+    """Read the masks of a file that `write_truth` wrote.
 
     Parameters
     ----------
     path : path-like
-        Of the file.
+        HDF5 of `write_truth`.
     max_bytes : int, optional
         Largest allocation that the file may ask for; default half of the free memory.
 
     Returns
     -------
     dict of numpy.ndarray
-        bool, shape (y, x), by the names of `clplen.cameras.scenes.ground_truth.Truth`.
+        Shape (y, x), bool, by the names of `clplen.cameras.Truth`.
 
     Raises
     ------
@@ -170,11 +173,13 @@ def read_masks(
 
     Examples
     --------
-    >>> scene = next(clplen.cameras.sample_scenes(shape=(32, 32)))
-    >>> _, truth = scene.scene.light_field((3, 3), (32, 32))
+    >>> disc = clplen.cameras.Plane(1.0, outline=clplen.cameras.Ellipse((0, 0), 8))
+    >>> scene = clplen.SurfaceScene([clplen.cameras.Plane(-0.5), disc])
+    >>> lf, truth = scene.light_field((3, 3), (32, 32))
     >>> clplen.io.write_truth("truth.h5", truth)
-    >>> sorted(clplen.io.read_masks("truth.h5"))
-    ['edges', 'far', 'near', 'planes', 'smooth']
+    >>> masks = clplen.io.read_masks("truth.h5")
+    >>> masks["edges"].shape, bool((masks["near"] & masks["far"]).any())
+    ((32, 32), False)
     """
     path = Path(path)
     if not path.is_file():
@@ -193,7 +198,7 @@ def read_masks(
 def read_truth(
     path: PathLike, *, dataset: str | None = None, max_bytes: int | None = None
 ) -> np.ndarray[Any, np.dtype[np.float32]]:
-    """The true disparity of the centre view, in pixels a view step, nearer being larger.
+    """Read the true disparity of the centre view, in pixels a view step, nearer being larger.
 
     Of HCI 2013 (Wanner, Meister, Goldluecke 2013), d = dH focalLength / depth - shift with the
     attributes of the file, from the centre view of ``GT_DEPTH`` (v, u, y, x). One view axis of that
@@ -214,7 +219,7 @@ def read_truth(
     Returns
     -------
     numpy.ndarray
-        float32, shape (y, x); NaN where there is no depth.
+        Shape (y, x), float32; NaN where there is no depth.
 
     Raises
     ------
@@ -223,11 +228,13 @@ def read_truth(
 
     Examples
     --------
-    >>> scene = next(clplen.cameras.sample_scenes(shape=(32, 32)))
-    >>> _, truth = scene.scene.light_field((3, 3), (32, 32))
+    >>> disc = clplen.cameras.Plane(1.0, outline=clplen.cameras.Ellipse((0, 0), 8))
+    >>> scene = clplen.SurfaceScene([clplen.cameras.Plane(-0.5), disc])
+    >>> lf, truth = scene.light_field((3, 3), (32, 32))
     >>> clplen.io.write_truth("truth.h5", truth)
-    >>> clplen.io.read_truth("truth.h5").shape
-    (32, 32)
+    >>> disparity = clplen.io.read_truth("truth.h5")
+    >>> disparity.shape, disparity[16, [0, 16]].tolist()
+    ((32, 32), [-0.5, 1.0])
     """
     path = Path(path)
     if path.is_dir():
@@ -317,7 +324,7 @@ def read_disparity(
     Returns
     -------
     numpy.ndarray
-        float32, shape (y, x), row 0 at the top; NaN and infinity are kept.
+        Shape (y, x), float32, row 0 at the top; NaN and infinity are kept.
 
     Raises
     ------
@@ -327,9 +334,10 @@ def read_disparity(
 
     Examples
     --------
-    >>> clplen.io.write_pfm("d.pfm", np.full((4, 5), 0.5, np.float32))
-    >>> clplen.io.read_disparity("d.pfm").shape
-    (4, 5)
+    >>> clplen.io.write_pfm("disparity.pfm", np.tile(np.linspace(-1, 1, 32), (24, 1)))
+    >>> disparity = clplen.io.read_disparity("disparity.pfm", shape=(24, 32))
+    >>> disparity.shape, float(disparity.max())
+    ((24, 32), 1.0)
     """
     path = Path(path)
     values = _values(path, max_bytes)

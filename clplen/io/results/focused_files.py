@@ -72,7 +72,7 @@ def write_focused(
     path : path-like
         ``.tif``, OME-TIFF, or ``.zarr``, OME-Zarr; axes YX or ZYX, and S for colours.
     made : FocusedImage or FocusedStack
-        The rendered picture.
+        A picture of `render_focused`, or a stack of `focused_stack`.
     durable, replace : bool
         As in `clplen.io.write_stack`.
 
@@ -87,14 +87,14 @@ def write_focused(
 
     Examples
     --------
-    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=9, fill="full")
     >>> camera = clplen.PlenopticCamera.type2(
-    ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16, m=0.25
-    ... )
-    >>> picture = clplen.render_focused(camera.expose(clplen.PointSources((0, 0, 0)), model="rays"))
-    >>> clplen.io.write_focused("picture.ome.tif", picture)
-    >>> np.asarray(clplen.io.read_image("picture.ome.tif")).ndim
-    2
+    ...     focal_length=0.12, mla=clplen.MicrolensArray(150e-6, 10e-3, count=9), m=0.25,
+    ...     wavelength=532e-9, pixels_per_lenslet=15)
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)))
+    >>> picture = clplen.render_focused(raw)
+    >>> clplen.io.write_focused("picture.tif", picture)
+    >>> clplen.io.read_image("picture.tif").shape == picture.shape
+    True
     """
     if not is_series(path):
         raise ValueError(
@@ -163,9 +163,9 @@ def write_focused_depth(
         confidence; ``.ome.tif`` or ``.zarr``: these maps as channels, OME-TIFF or OME-Zarr;
         ``.pfm``, ``.npy`` or ``.tif``: the map of m alone, float32. z only where it is known.
     depth : FocusedDepth
-        The depth map.
+        Of every sub-image, as `focused_depth` finds it.
     maps : FocusedMaps
-        Of the same depth.
+        Of the same depth, on a picture, by `focused_maps`.
     durable, replace : bool
         As in `clplen.io.write_stack`.
 
@@ -180,16 +180,14 @@ def write_focused_depth(
 
     Examples
     --------
-    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=9, fill="full")
     >>> camera = clplen.PlenopticCamera.type2(
-    ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16, m=0.25
-    ... )
-    >>> scene = clplen.SurfaceScene(clplen.cameras.Plane(-0.5, texture=clplen.cameras.noise(1)))
-    >>> raw = camera.expose(scene, model="rays")
+    ...     focal_length=0.12, mla=clplen.MicrolensArray(150e-6, 10e-3, count=9), m=0.25,
+    ...     wavelength=532e-9, pixels_per_lenslet=15)
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)))
     >>> depth = clplen.lightfield.focused_depth(raw)
     >>> maps = clplen.lightfield.focused_maps(raw, depth)
-    >>> clplen.io.write_focused_depth("m.h5", depth, maps)
-    >>> clplen.io.size_of("m.h5") > 0
+    >>> clplen.io.write_focused_depth("m.npy", depth, maps)
+    >>> clplen.io.read_npy("m.npy").shape == maps.m.shape
     True
     """
     path = Path(path)

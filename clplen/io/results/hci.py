@@ -52,25 +52,31 @@ class HciParameters(OneLine):
     Attributes
     ----------
     focal_length_mm, sensor_size_mm, baseline_mm, focus_distance_m, fstop : float or None
+        Lengths in the unit that the name ends with, and the f-number.
     image_resolution_x_px, image_resolution_y_px, num_cams_x, num_cams_y : int or None
+        Pixels of a view, and numbers of views, along x and y.
     disp_min, disp_max : float or None
         Range of the disparity in pixels a view step.
     depth_map_scale : float or None
         Size of the high-resolution maps over that of the views.
     scene, category : str or None
+        Names of the scene and of the part of the benchmark that it belongs to.
 
     Examples
     --------
+    The metric form is (A3), d = kappa F (1/z - 1/z0), of a camera with the step b between views,
+    image distance F = f and pixels dx = s / W on the sensor, so that kappa = b / dx:
+
     >>> p = clplen.io.HciParameters(
-    ...     focal_length_mm=100,
-    ...     sensor_size_mm=35,
-    ...     baseline_mm=45,
-    ...     focus_distance_m=8,
-    ...     image_resolution_x_px=512,
-    ...     image_resolution_y_px=512,
-    ... )
-    >>> round(float(p.disparity(7.0)), 4)
-    1.1755
+    ...     focal_length_mm=100, sensor_size_mm=35, baseline_mm=45, focus_distance_m=8,
+    ...     image_resolution_x_px=512, image_resolution_y_px=512)
+    >>> du, F, dx = 45e-3, 100e-3, 35e-3 / 512
+    >>> kappa = du / dx
+    >>> z = 7.25
+    >>> bool(abs(p.disparity(z) - kappa * F * (1 / z - 1 / 8)) < 1e-4)
+    True
+    >>> round(float(p.disparity(7.0)), 4), round(float(p.depth(p.disparity(7.0))), 4)
+    (1.1755, 7.0)
     """
 
     focal_length_mm: float | None = None
@@ -191,7 +197,7 @@ def read_parameters(path: PathLike) -> HciParameters:
     Returns
     -------
     HciParameters
-        What the file says.
+        The values of the file; None for what it does not say.
 
     Raises
     ------
@@ -200,9 +206,13 @@ def read_parameters(path: PathLike) -> HciParameters:
 
     Examples
     --------
-    >>> clplen.io.write_parameters("parameters.cfg", clplen.io.HciParameters(focal_length_mm=100.0))
-    >>> clplen.io.read_parameters("parameters.cfg").focal_length_mm
-    100.0
+    >>> parameters = clplen.io.HciParameters(
+    ...     focal_length_mm=100.0, sensor_size_mm=35.0, baseline_mm=45.0, focus_distance_m=8.0,
+    ...     image_resolution_x_px=512, image_resolution_y_px=512)
+    >>> clplen.io.write_parameters("parameters.cfg", parameters)
+    >>> found = clplen.io.read_parameters("parameters.cfg")
+    >>> found.baseline_mm, f"{float(found.disparity(7.0)):.4f} pixels a view step at 7 m"
+    (45.0, '1.1755 pixels a view step at 7 m')
     """
     path = Path(path)
     file = path / _FILE if path.is_dir() else path
@@ -250,9 +260,12 @@ def write_parameters(path: PathLike, parameters: HciParameters) -> None:
 
     Examples
     --------
-    >>> clplen.io.write_parameters("parameters.cfg", clplen.io.HciParameters(focal_length_mm=100.0))
-    >>> clplen.io.read_parameters("parameters.cfg").focal_length_mm
-    100.0
+    >>> parameters = clplen.io.HciParameters(
+    ...     focal_length_mm=100.0, sensor_size_mm=35.0, baseline_mm=45.0, focus_distance_m=8.0,
+    ...     image_resolution_x_px=512, image_resolution_y_px=512)
+    >>> clplen.io.write_parameters("parameters.cfg", parameters)
+    >>> clplen.io.read_parameters("parameters.cfg") == parameters
+    True
     """
     parser = configparser.ConfigParser(interpolation=None)
     for section, names in _SECTIONS.items():

@@ -26,7 +26,7 @@ def write_opd_maps(path: PathLike, maps: OPDMaps, *, durable: bool = False) -> N
     path : path-like
         ``.h5`` or ``.hdf5``.
     maps : OPDMaps
-        The maps.
+        Stored whole, as float64.
     durable : bool
         Whether to wait until the disk has the file, as in `clplen.files.replacing`.
 
@@ -39,10 +39,10 @@ def write_opd_maps(path: PathLike, maps: OPDMaps, *, durable: bool = False) -> N
 
     Examples
     --------
-    >>> v, u = np.mgrid[-1:1:17j, -1:1:17j]
-    >>> path = np.broadcast_to(1e-7 * (u**2 + v**2), (1, 1, 17, 17))
-    >>> clplen.io.write_opd_maps("maps.h5", clplen.cameras.OPDMaps(path, fields=[(0.0, 0.0)]))
-    >>> clplen.io.size_of("maps.h5") > 0
+    >>> v, u = np.meshgrid(np.linspace(-1, 1, 17), np.linspace(-1, 1, 17), indexing="ij")
+    >>> maps = clplen.cameras.OPDMaps([[100e-9 * (v**2 + u**2)]], fields=[(0, 0)])  # in metres
+    >>> clplen.io.write_opd_maps("lens.h5", maps)
+    >>> clplen.io.read_opd_maps("lens.h5") == maps
     True
     """
     if Path(path).suffix.lower() not in hdf5_files.SUFFIXES:
@@ -62,14 +62,14 @@ def read_opd_maps(path: PathLike, *, max_bytes: int | None = None) -> OPDMaps:
     Parameters
     ----------
     path : path-like
-        Of the file.
+        HDF5 of `write_opd_maps`, or of a raw image or a light field with such a camera.
     max_bytes : int, optional
         Largest allocation that the file may ask for; default half of the free memory.
 
     Returns
     -------
     OPDMaps
-        The maps of all fields and wavelengths.
+        Equal to what was written.
 
     Raises
     ------
@@ -78,12 +78,12 @@ def read_opd_maps(path: PathLike, *, max_bytes: int | None = None) -> OPDMaps:
 
     Examples
     --------
-    >>> v, u = np.mgrid[-1:1:17j, -1:1:17j]
-    >>> path = np.broadcast_to(1e-7 * (u**2 + v**2), (1, 1, 17, 17))
-    >>> maps = clplen.cameras.OPDMaps(path, fields=[(0.0, 0.0)])
-    >>> clplen.io.write_opd_maps("maps.h5", maps)
-    >>> clplen.io.read_opd_maps("maps.h5").fields.shape
-    (1, 2)
+    >>> v, u = np.meshgrid(np.linspace(-1, 1, 17), np.linspace(-1, 1, 17), indexing="ij")
+    >>> maps = clplen.cameras.OPDMaps([[100e-9 * (v**2 + u**2)]], fields=[(0, 0)])  # in metres
+    >>> clplen.io.write_opd_maps("lens.h5", maps)
+    >>> found = clplen.io.read_opd_maps("lens.h5")
+    >>> found.paths.shape, f"{found.path(0, 0, 532e-9, v=0, u=0.5) * 1e9:.1f} nm"
+    ((1, 1, 17, 17), '25.0 nm')
     """
     path = Path(path)
     with hdf5_files.opened(path) as file:
@@ -106,7 +106,7 @@ def read_zemax_opd(
     pupil_distance: float | None = None,
     max_bytes: int | None = None,
 ) -> OPDMaps:
-    r"""OPD maps from listings of Zemax OpticStudio's analysis Wavefront Map, saved as text.
+    """Read OPD maps from listings of Zemax OpticStudio's analysis Wavefront Map, saved as text.
 
     The prescription's y is ours. Its OPD is ahead where it is positive, ours is behind, and is
     turned round. Save the maps with the exit pupil's shape left alone and the tilt kept (not "Use
@@ -120,15 +120,20 @@ def read_zemax_opd(
     fields : array_like
         As of `OPDMaps`, in the order of the files. A listing tells angles or object heights, no
         place on the image.
-    symmetric, distortion, pupil_shift, pupil_distance : bool, array_like, array_like, float
-        As of `OPDMaps`.
+    symmetric : bool
+        As of `OPDMaps`: whether the lens is rotationally symmetric.
+    distortion, pupil_shift : array_like, optional
+        As of `OPDMaps`: (y, x) of the chief ray beside its field in metres, and of the pupil's
+        middle as fractions of its radius, shape (n_wavelengths, n_fields, 2) or (n_fields, 2).
+    pupil_distance : float, optional
+        As of `OPDMaps`: of the exit pupil from the image plane, in metres.
     max_bytes : int, optional
         Largest allocation of a file; default half of the free memory.
 
     Returns
     -------
     OPDMaps
-        The maps of all fields and wavelengths.
+        With ``pupil_diameter``, where all listings agree on that of the exit pupil to 1 %.
 
     Raises
     ------
@@ -139,20 +144,13 @@ def read_zemax_opd(
 
     Examples
     --------
-    >>> head = [
-    ...     "Listing of Wavefront Map Data",
-    ...     "Wavefront Function",
-    ...     "0.5461 um at 0.0000, 0.0000 (deg).",
-    ...     "Exit Pupil Diameter: 1.0E+01 Millimeters",
-    ...     "Pupil grid size: 31 by 31",
-    ...     "Center point is: Col 16, Row 16",
-    ...     "",
-    ... ]
-    >>> rows = [" ".join(["0.1"] * 31)] * 31
-    >>> with open("map.txt", "w") as file:
-    ...     _ = file.write("\n".join(head + rows))
-    >>> clplen.io.read_zemax_opd(["map.txt"], fields=[(0.0, 0.0)]).fields.shape
-    (1, 2)
+    >>> v, u = np.meshgrid(np.linspace(1, -1, 17), np.linspace(-1, 1, 17), indexing="ij")
+    >>> waves = np.where(np.hypot(v, u) <= 1, 0.5 * (v**2 + u**2), 0)
+    >>> head = "0.5500 um at 0.0000, 0.0000 (deg)\\nPupil grid size: 17 by 17"
+    >>> np.savetxt("map.txt", waves, header=head, comments="")  # as OpticStudio lists it
+    >>> maps = clplen.io.read_zemax_opd(["map.txt"], fields=[(0, 0)])
+    >>> f"{maps.path(0, 0, 550e-9, v=0, u=0.5) * 1e9:.2f} nm"  # -0.125 waves: ahead
+    '-68.75 nm'
     """
     rows = [files] if all(isinstance(one, str | Path) for one in files) else files
     read = [[read_zemax_map(one, max_bytes=max_bytes) for one in row] for row in rows]

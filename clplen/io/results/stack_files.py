@@ -81,10 +81,12 @@ def write_stack(
 
     Examples
     --------
-    >>> L = np.ones((3, 3, 16, 20), np.float32)
-    >>> clplen.io.write_stack("stack.ome.tif", clplen.focal_stack(L, disparities=[0, 1]))
-    >>> clplen.io.read_stack("stack.ome.tif").shape
-    (2, 16, 20)
+    >>> plane = clplen.cameras.Plane(0.5, texture=clplen.cameras.noise(1))
+    >>> lf, truth = clplen.SurfaceScene(plane).light_field((5, 5), (32, 32))
+    >>> stack = clplen.focal_stack(lf, disparities=[-0.5, 0, 0.5, 1])
+    >>> clplen.io.write_stack("stack.tif", stack)
+    >>> clplen.io.read_stack("stack.tif").shape
+    (4, 32, 32)
     """
     if not is_series(path):
         raise ValueError(f"A focal stack is written as .tif or .zarr, not as {Path(path).name}.")
@@ -128,10 +130,13 @@ def read_stack(
 
     Examples
     --------
-    >>> L = np.ones((3, 3, 16, 20), np.float32)
-    >>> clplen.focal_stack(L, disparities=[0, 1]).save("stack.ome.tif")
-    >>> clplen.io.read_stack("stack.ome.tif").disparities.tolist()
-    [0.0, 1.0]
+    >>> plane = clplen.cameras.Plane(0.5, texture=clplen.cameras.noise(1))
+    >>> lf, truth = clplen.SurfaceScene(plane).light_field((5, 5), (32, 32))
+    >>> stack = clplen.focal_stack(lf, disparities=[-0.5, 0, 0.5, 1])
+    >>> clplen.io.write_stack("stack.tif", stack)
+    >>> found = clplen.io.read_stack("stack.tif")
+    >>> found.disparities.tolist(), bool((found.to_numpy() == stack.to_numpy()).all())
+    ([-0.5, 0.0, 0.5, 1.0], True)
     """
     series = read_series(path, what="a focal stack", max_bytes=max_bytes)
     count = len(series.values)
@@ -214,7 +219,7 @@ def write_depth(
         OME-Zarr (a folder), with the channels disparity, confidence and, where known, alpha and z
         (metres).
     depth : DepthMap
-        The depth map.
+        Its maps have the shape (y, x); stored as float32.
     spacing : tuple of float, optional
         That of the light field, signed (dv, du, dy, dx) in metres; kept by OME-TIFF and OME-Zarr.
     durable, replace : bool
@@ -233,12 +238,13 @@ def write_depth(
 
     Examples
     --------
-    >>> scene = next(clplen.cameras.sample_scenes(shape=(32, 32)))
-    >>> lf, _ = scene.scene.light_field((3, 3), (32, 32))
-    >>> depth = clplen.depth_map(lf, cue="energy")
+    >>> plane = clplen.cameras.Plane(0.5, texture=clplen.cameras.noise(1))
+    >>> lf, truth = clplen.SurfaceScene(plane).light_field((5, 5), (32, 32))
+    >>> depth = clplen.depth_map(lf, disparities=np.linspace(-1, 1, 9))
     >>> clplen.io.write_depth("depth.ome.tif", depth)
-    >>> bool(np.allclose(clplen.io.read_depth("depth.ome.tif").disparity, depth.disparity))
-    True
+    >>> clplen.io.write_depth("disparity.pfm", depth)
+    >>> clplen.io.read_disparity("disparity.pfm").shape
+    (32, 32)
     """
     suffixes = [suffix.lower() for suffix in Path(path).suffixes]
     if suffixes[-1:] == [".pfm"]:
@@ -299,11 +305,13 @@ def read_depth(path: PathLike, *, max_bytes: int | None = None) -> DepthMap:
 
     Examples
     --------
-    >>> scene = next(clplen.cameras.sample_scenes(shape=(32, 32)))
-    >>> lf, _ = scene.scene.light_field((3, 3), (32, 32))
-    >>> clplen.io.write_depth("depth.ome.tif", clplen.depth_map(lf, cue="energy"))
-    >>> clplen.io.read_depth("depth.ome.tif").disparity.shape
-    (32, 32)
+    >>> plane = clplen.cameras.Plane(0.5, texture=clplen.cameras.noise(1))
+    >>> lf, truth = clplen.SurfaceScene(plane).light_field((5, 5), (32, 32))
+    >>> depth = clplen.depth_map(lf, disparities=np.linspace(-1, 1, 9))
+    >>> clplen.io.write_depth("depth.ome.tif", depth)
+    >>> found = clplen.io.read_depth("depth.ome.tif")
+    >>> found.disparity.shape, bool((found.confidence == depth.confidence).all())
+    ((32, 32), True)
     """
     if is_ome(path):
         series = read_series(path, what="a depth map", max_bytes=max_bytes)
@@ -354,9 +362,11 @@ def write_image(
 
     Examples
     --------
-    >>> clplen.io.write_image("picture.ome.tif", np.ones((4, 5), np.float32))
-    >>> np.asarray(clplen.io.read_image("picture.ome.tif")).shape
-    (4, 5)
+    >>> picture = np.random.default_rng(1).random((24, 32), np.float32)
+    >>> spacing = (1e-3, 1e-3, 5e-6, 5e-6)  # of the light field, in metres
+    >>> clplen.io.write_image("picture.tif", picture, spacing=spacing, description="all in focus")
+    >>> bool((clplen.io.read_image("picture.tif").to_numpy() == picture).all())
+    True
     """
     if not is_series(path):
         raise ValueError(f"A picture is written as .tif or .zarr, not as {Path(path).name}.")
@@ -392,7 +402,7 @@ def read_image(
     Returns
     -------
     Image
-        float32, shape (y, x) or (y, x, c).
+        Shape (y, x) or (y, x, c), float32.
 
     Raises
     ------
@@ -401,10 +411,10 @@ def read_image(
 
     Examples
     --------
-    >>> L = np.ones((3, 3, 16, 20), np.float32)
-    >>> clplen.refocus(L, disparity=0.0).save("picture.ome.tif")
-    >>> np.asarray(clplen.io.read_image("picture.ome.tif")).shape
-    (16, 20)
+    >>> clplen.io.write_image("picture.tif", np.full((24, 32, 3), 0.5, np.float32))
+    >>> image = clplen.io.read_image("picture.tif")
+    >>> image.shape, float(image.to_numpy().mean())
+    ((24, 32, 3), 0.5)
     """
     series = read_series(path, what="a picture", max_bytes=max_bytes)
     values = series.values

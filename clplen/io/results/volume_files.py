@@ -36,7 +36,7 @@ def write_volume(
     volume : array_like
         Shape (planes, y, x).
     planes : array_like
-        z of each plane in metres: OME's PositionZ, or the place of an OME-Zarr. Where they rise
+        The z of each plane in metres: OME's PositionZ, or the place of an OME-Zarr. Where they rise
         and are equidistant their step is the size of a voxel.
     voxel : tuple of float
         (dy, dx) in metres.
@@ -54,10 +54,12 @@ def write_volume(
 
     Examples
     --------
-    >>> where = {"planes": [0, 1e-6], "voxel": (1e-6, 1e-6)}
-    >>> clplen.io.write_volume("v.ome.tif", np.ones((2, 4, 5)), **where)
-    >>> clplen.io.is_volume("v.ome.tif")
-    True
+    >>> volume = np.zeros((5, 24, 32), np.float32)
+    >>> volume[2, 12, 16] = 1
+    >>> planes = np.linspace(-10e-6, 10e-6, 5)  # in metres
+    >>> clplen.io.write_volume("volume.tif", volume, planes=planes, voxel=(0.5e-6, 0.5e-6))
+    >>> clplen.io.read_volume("volume.tif")[0].shape
+    (5, 24, 32)
     """
     if not is_series(path):
         raise ValueError(f"A volume is written as .tif or .zarr, not as {Path(path).name}.")
@@ -111,11 +113,13 @@ def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array,
 
     Examples
     --------
-    >>> where = {"planes": [0, 1e-6], "voxel": (1e-6, 1e-6)}
-    >>> clplen.io.write_volume("v.ome.tif", np.ones((2, 4, 5)), **where)
-    >>> volume, *_ = clplen.io.read_volume("v.ome.tif")
-    >>> volume.shape
-    (2, 4, 5)
+    >>> volume = np.zeros((5, 24, 32), np.float32)
+    >>> volume[2, 12, 16] = 1
+    >>> planes = np.linspace(-10e-6, 10e-6, 5)  # in metres
+    >>> clplen.io.write_volume("volume.tif", volume, planes=planes, voxel=(0.5e-6, 0.5e-6))
+    >>> found, about = clplen.io.read_volume("volume.tif")
+    >>> found.shape, about["planes_um"]
+    ((5, 24, 32), [-10.0, -5.0, 0.0, 5.0, 10.0])
     """
     path = Path(path)
     if path.suffix.lower() not in npy.SUFFIXES:
@@ -137,23 +141,25 @@ def read_volume(path: PathLike, *, max_bytes: int | None = None) -> tuple[Array,
 
 
 def is_volume(path: PathLike) -> bool:
-    """Whether a file was written by `write_volume`.
+    """Tell whether a file was written by `write_volume`.
 
     Parameters
     ----------
     path : path-like
-        Of the file.
+        A file, or a folder of OME-Zarr; it may be missing.
 
     Returns
     -------
     bool
-        Whether it is one.
+        Whether it says where its planes lie, as those of `write_volume` do.
 
     Examples
     --------
-    >>> where = {"planes": [0, 1e-6], "voxel": (1e-6, 1e-6)}
-    >>> clplen.io.write_volume("v.ome.tif", np.ones((2, 4, 5)), **where)
-    >>> clplen.io.is_volume("v.ome.tif")
-    True
+    >>> volume = np.zeros((5, 24, 32), np.float32)
+    >>> clplen.io.write_volume(
+    ...     "volume.tif", volume, planes=np.linspace(-10e-6, 10e-6, 5), voxel=(0.5e-6, 0.5e-6))
+    >>> clplen.io.write_image("picture.tif", volume[2])
+    >>> clplen.io.is_volume("volume.tif"), clplen.io.is_volume("picture.tif")
+    (True, False)
     """
     return "planes_um" in describe_series(path)

@@ -12,7 +12,7 @@ _BLOCK = 4 << 20  # bytes that are read at once
 
 
 def digest(path: PathLike, *, algorithm: str = "sha256") -> str:
-    """The digest of a file, or of all files in a folder with their names.
+    """Return the digest of a file, or of all files in a folder with their names.
 
     That of a folder is taken over ``NAME\\0DIGEST\\n`` of each file in it, however deep, by the
     bytes of NAME, which is relative with slashes. Empty folders, times and permissions do not
@@ -28,7 +28,7 @@ def digest(path: PathLike, *, algorithm: str = "sha256") -> str:
     Returns
     -------
     str
-        Digits of 16.
+        Hexadecimal digits, 64 of SHA-256.
 
     Raises
     ------
@@ -39,9 +39,12 @@ def digest(path: PathLike, *, algorithm: str = "sha256") -> str:
 
     Examples
     --------
-    >>> np.save("l.npy", np.ones((4, 4)))
-    >>> len(clplen.io.digest("l.npy"))
-    64
+    >>> clplen.io.write_npy("a.npy", np.arange(4.0))
+    >>> clplen.io.write_npy("b.npy", np.arange(4.0))
+    >>> clplen.io.digest("a.npy") == clplen.io.digest("b.npy")
+    True
+    >>> len(clplen.io.digest(".", algorithm="sha1"))  # of all files in the folder
+    40
     """
     if algorithm not in hashlib.algorithms_guaranteed or algorithm.startswith("shake"):
         raise ValueError(f"There is no digest {algorithm!r}: take 'sha256'.")
@@ -56,17 +59,17 @@ def digest(path: PathLike, *, algorithm: str = "sha256") -> str:
 
 
 def size_of(path: PathLike) -> int:
-    """Count the bytes of a file, or of all files in a folder together.
+    """Return the bytes of a file, or of all files in a folder together.
 
     Parameters
     ----------
     path : path-like
-        Of the file.
+        A file or folder.
 
     Returns
     -------
     int
-        In bytes.
+        Sum of the lengths of the files, however deep, in bytes.
 
     Raises
     ------
@@ -75,9 +78,9 @@ def size_of(path: PathLike) -> int:
 
     Examples
     --------
-    >>> np.save("l.npy", np.ones((4, 4)))
-    >>> clplen.io.size_of("l.npy")
-    256
+    >>> np.zeros((16, 16), np.float32).tofile("samples.raw")
+    >>> clplen.io.size_of("samples.raw")
+    1024
     """
     path = Path(path)
     files = _files(path) if path.is_dir() else [path]

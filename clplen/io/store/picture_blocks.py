@@ -16,20 +16,38 @@ Block = tuple[slice, slice, slice, Array]  # planes, rows, columns and their sam
 
 
 class Tiles(Protocol):
-    """A focal stack that comes in parts, such as `clplen.StackTiles`.
+    """A focal stack that comes in parts, such as `clplen.lightfield.StackTiles`.
 
     Iterated over once, it gives (planes, rows, columns, pictures): three slices of the whole stack
     and float32 of shape (planes, rows, columns[, c]). Together they are the whole, each sample
     once.
 
+    Parameters
+    ----------
+    *args, **kwargs : object
+        Of the class that fulfils the protocol; the protocol itself is not made.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        (n, y, x[, c]).
+    disparities : numpy.ndarray
+        Shape (n,), float64: pixels a view step, nearer larger.
+    alphas : numpy.ndarray
+        Shape (n,), float64: F/F'; NaN where unknown.
+    spacing : tuple of float or None
+        Signed (dv, du, dy, dx) in metres.
+    camera : CameraModel or None
+        The camera that took it, when known.
+
     Examples
     --------
-    >>> clplen.write_lightfield("l.h5", clplen.LightField.from_array(np.ones((3, 3, 16, 20))))
-    >>> with clplen.open_lightfield("l.h5") as stored:
-    ...     tiles = clplen.lightfield.stream_stack(stored, disparities=[0, 1])
-    ...     clplen.io.write_stack("stack.ome.tif", tiles)
-    >>> clplen.io.read_stack("stack.ome.tif").shape
-    (2, 16, 20)
+    >>> clplen.io.write_npy("lf.npy", np.random.default_rng(1).random((3, 3, 32, 32), np.float32))
+    >>> with clplen.open_lightfield("lf.npy") as stored:
+    ...     tiles = clplen.lightfield.stream_stack(stored, disparities=[0.0, 0.5])
+    ...     clplen.io.write_stack("stack.tif", tiles)
+    >>> tiles.shape, clplen.io.read_stack("stack.tif").disparities.tolist()
+    ((2, 32, 32), [0.0, 0.5])
     """
 
     @property

@@ -66,7 +66,7 @@ def estimate_lattice(
     pitch: float | None = None,
     bayer: Mosaic | None = None,
 ) -> Lattice:
-    """The lattice of lenslets of a white image.
+    """Find the lattice of lenslets of a white image.
 
     Peaks of the Fourier transform give the base vectors roughly; the coarsest lattice that holds
     them is made denser where the mean cell shows several lenslets (bright and dim ones). Least
@@ -106,11 +106,10 @@ def estimate_lattice(
 
     Examples
     --------
-    >>> y, x = np.indices((160, 160))
-    >>> white = (np.cos(np.pi * (x - 7) / 10) * np.cos(np.pi * (y - 7) / 10)) ** 2
-    >>> lattice = clplen.estimate_lattice(white)
-    >>> lattice.kind, [round(float(step), 2) for step in lattice.row]
-    ('square', [10.0, 0.0])
+    >>> wave = 1 + np.cos(2 * np.pi * np.arange(64) / 8.4)  # lenslets 8.4 pixels apart
+    >>> lattice = clplen.estimate_lattice(np.outer(wave, wave))
+    >>> lattice.kind, [f"{pitch:.1f}" for pitch in lattice.pitch], lattice.trust
+    ('square', ['8.4', '8.4'], 'high')
     """
     kind = None if kind is None else lattice_kind(kind)
     _check_pitch(pitch)

@@ -109,7 +109,7 @@ def decode_raw(
     Returns
     -------
     LightField
-        float32, shape (V, U, y, x) or, with ``bayer``, (V, U, y, x, 3), in raw pixel order: it
+        Of float32, shape (V, U, y, x) or, with ``bayer``, (V, U, y, x, 3), in raw pixel order: it
         obeys L[v, u](y, x) = T(y + d (v - vc), x + d (u - uc)) with d larger for nearer objects.
 
     Raises
@@ -124,14 +124,12 @@ def decode_raw(
 
     Examples
     --------
-    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=9, fill="full")
-    >>> camera = clplen.PlenopticCamera.type1(
-    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
-    ... )
-    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)), model="rays")
-    >>> lattice = clplen.lightfield.Lattice("square", (7.0, 7.0), (15.0, 0.0), (0.0, 15.0))
-    >>> clplen.decode_raw(raw.to_numpy(), lattice, views=(5, 5)).shape
-    (5, 5, 9, 9)
+    >>> wave = 1 + np.cos(2 * np.pi * np.arange(64) / 10)  # lenslets 10 pixels apart
+    >>> white = 1000 * np.outer(wave, wave)
+    >>> lattice = clplen.estimate_lattice(white)
+    >>> lf = clplen.decode_raw(0.5 * white, lattice, white=white)
+    >>> lf.shape, f"{np.median(lf.to_numpy()) / white.max():.2f}"
+    ((10, 10, 5, 5), '0.50')
     """
     device = as_device(device)
     frame = sensor_frames.as_frame(raw, "raw frame")

@@ -26,6 +26,7 @@ from clplen.lightfield.depth.sparse_points import (
     point_planes,
     sparse_pixels,
 )
+from clplen.lightfield.depth.view_detail import REACH, STEPS, is_even, view_detail
 from clplen.lightfield.depth.view_matching import (
     WINDOW,
     ShiftTables,
@@ -62,8 +63,9 @@ _LOST = 0.8  # of the truncation: where the least cost is higher the views do no
 _SHALLOW = 0.02  # unless what they say is this sure
 _STEP = 0.15  # pixels a view step: planes farther apart get others between them
 _EVEN = 4.0  # times brighter or darker: views that differ more are left as they are
+_RADII = 2  # at which there are views, for a fall of brightness
 _VIGNETTED = 0.02  # fall of brightness from the middle to the rim that is evened
-_REACH = WINDOW + gaussian_taps(_NOISE_BLUR).size - 1  # pixels of its costs that a pixel needs
+_REACH = WINDOW + gaussian_taps(_NOISE_BLUR).size - 1 + REACH  # pixels that a pixel needs
 _SPARSE = 24  # float32 values of a pixel while points are looked for
 _MERGED = MAP_BYTES + 13  # bytes of a pixel while confidences are merged
 _SURE = 0.05  # pixels a view step: standard deviation of a confidence of one half
@@ -71,6 +73,9 @@ _SURE = 0.05  # pixels a view step: standard deviation of a confidence of one ha
 
 def combined_disparity(lf: LightField, planes: Vector) -> tuple[Map, Map]:
     """Disparity and confidence of every pixel of the centre view.
+
+    This is done with the samples and with their detail (`view_detail`), which is believed where
+    the brightness of the views differs.
 
     Samples are scaled to 255 levels. On every plane the views are compared with the centre
     (`match_costs`), through an interpolation that treats all fractions of a pixel alike
@@ -181,7 +186,7 @@ def match_views(
     """
     dense = _dense(planes)
     centre = centre_picture(lf, group_views(lf))
-    result, margin = _match(lf, dense, levels, centre)
+    result, margin = _believed(lf, dense, levels, centre)
     if result.lost[inside].any():
         sharpest, clear = energy_disparity(lf, dense)
         disparity = np.where(result.lost, sharpest, result.disparity)
@@ -200,12 +205,73 @@ def match_views(
     return PartialDepth(disparity, confidence.astype(np.float32), lost)
 
 
-def _match(
+def _believed(
     lf: LightField, planes: Vector, levels: SampleLevels, centre: Map
 ) -> tuple[PartialDepth, Map]:
-    """What matching finds, and how deep the valley of its costs is."""
+    """What matching finds, by the samples or, where their brightness differs, by their detail."""
     device = lf.device
-    ny, nx, channels = (*lf.shape[2:], 1)[:3]
+    samples = _matched(lf, planes, levels, centre)
+    gains = np.zeros(lf.weights.size)
+    gains[group_views(lf).view] = levels.gain * levels.even
+    of_detail = SampleLevels(1 / STEPS, np.ones_like(levels.even))
+    detail = _matched(
+        view_detail(lf, gains.reshape(lf.weights.shape)),
+        planes,
+        of_detail,
+        centre * (levels.gain * STEPS),
+    )
+    even = is_even(
+        (samples.least, detail.least),
+        (device.download(samples.disparity), device.download(detail.disparity)),
+        (*lf.shape, 1)[4],
+    )
+    if even.all():
+        return _refined_match(samples), samples.margin
+    found = _refined_match(detail)
+    if not even.any():
+        return found, detail.margin
+    of_samples = _refined_match(samples)
+    fused = PartialDepth(
+        np.where(even, of_samples.disparity, found.disparity),
+        np.where(even, of_samples.confidence, found.confidence),
+        np.where(even, of_samples.lost, found.lost),
+    )
+    return fused, np.where(even, samples.margin, detail.margin)
+
+
+@dataclass(frozen=True)
+class _Match:
+    """The lowest valley of the costs at every pixel, before it is refined.
+
+    Attributes
+    ----------
+    lf : LightField
+    views : ViewGroups
+    tables : ShiftTables
+    picture : pyopencl.array.Array
+        Whose likeness guides.
+    noise : numpy.ndarray
+        In levels.
+    disparity, nearest : pyopencl.array.Array
+        Of the valley, and the plane next to it.
+    least, margin : numpy.ndarray
+        Cost in the valley, and how far it lies below the second one.
+    """
+
+    lf: LightField
+    views: ViewGroups
+    tables: ShiftTables
+    picture: cla.Array
+    noise: Map
+    disparity: cla.Array
+    nearest: cla.Array
+    least: Map
+    margin: Map
+
+
+def _matched(lf: LightField, planes: Vector, levels: SampleLevels, centre: Map) -> _Match:
+    device = lf.device
+    ny, nx = lf.shape[2:4]
     device.require_memory(
         lf.data.nbytes + 8 * ny * nx * (planes.size + 8),
         "This depth map with its light field",
@@ -218,11 +284,25 @@ def _match(
     gathered = device.empty(costs.shape, np.float32)
     _gather(lf, gathered, costs, picture, noise)
     disparity, nearest, least, margin = _valley(lf, gathered, tables)
-    refined, known = _refined(lf, views, tables, disparity, nearest, picture, noise)
-    sure = known * len(views.view) / np.maximum(noise, 1) ** 2
-    confidence = margin * sure / (sure + 1 / _SURE**2)
-    lost = (least > _LOST * thresholds(channels)[0]) & (confidence < _SHALLOW)
-    return PartialDepth(refined, confidence, lost), margin
+    return _Match(lf, views, tables, picture, noise, disparity, nearest, least, margin)
+
+
+def _refined_match(found: _Match) -> PartialDepth:
+    """A valley moved by least squares, how sure it is, and where the views do not agree."""
+    channels = (*found.lf.shape, 1)[4]
+    refined, known = _refined(
+        found.lf,
+        found.views,
+        found.tables,
+        found.disparity,
+        found.nearest,
+        found.picture,
+        found.noise,
+    )
+    sure = known * len(found.views.view) / np.maximum(found.noise, 1) ** 2
+    confidence = found.margin * sure / (sure + 1 / _SURE**2)
+    lost = (found.least > _LOST * thresholds(channels)[0]) & (confidence < _SHALLOW)
+    return PartialDepth(refined, confidence, lost)
 
 
 def merge_confidence(confidence: Map, lost: Mask) -> Map:
@@ -253,21 +333,23 @@ def _smoothed(picture: Map) -> Map:
 def _vignetting_gains(means: Vector, views: ViewGroups) -> Vector:
     """What undoes vignetting: views that get darker, or brighter, from the middle outwards.
 
-    Their brightness is fitted by 1 + b r^2. What else makes views differ, content that moves
+    Their brightness is fitted by 1 + b r^2, without views that are far darker or brighter than the
+    middle, as one that failed. What else makes views differ, content that moves
     across their edges for one, is odd or random over the aperture, and harmless.
     """
     target = means[views.reference] @ views.share
     even = np.ones_like(means)
-    if not (target > 0 and (means > target / _EVEN).all() and (means < target * _EVEN).all()):
-        return even
+    like = (means > target / _EVEN) & (means < target * _EVEN)
     square = (views.step**2).sum(axis=1)
-    away, ratio = square - square.mean(), means / target
-    if not away.any():
+    if target <= 0 or np.unique(square[like]).size < _RADII:
         return even
+    away, ratio = square[like] - square[like].mean(), means[like] / target
     b = (away @ ratio) / (away @ away)
     left = ratio - ratio.mean() - b * away
-    is_clear = b**2 * (away @ away) > left @ left and abs(b) * square.max() > _VIGNETTED
-    return np.asarray(1 / np.maximum(1 + b * square, 1 / _EVEN)) if is_clear else even
+    is_clear = b**2 * (away @ away) > left @ left and abs(b) * square[like].max() > _VIGNETTED
+    if is_clear:
+        even[like] = 1 / np.maximum(1 + b * square[like], 1 / _EVEN)
+    return even
 
 
 def _dense(planes: Vector) -> Vector:
@@ -411,7 +493,8 @@ def combined_memory(source: StoredLightField, planes: Vector) -> MemoryEstimate:
     """What `combined_disparity` needs, in two passes: gain and vignetting first, then the maps."""
     channels, count = (*source.shape, 1)[4], int(_dense(planes).size)
     tried = max(planes.size, point_planes(source, planes)[1].size)
-    floats = 2 * count + 4 * channels + 24 + energy_floats(tried, channels)
+    halves = source.shape[0] * source.shape[1] * channels  # uint16, the detail of all views
+    floats = 2 * count + 4 * channels + 30 + halves // 2 + energy_floats(tried, channels)
     largest = max(count, min(PICTURES, tried) * channels)
     once = depth_memory("combined", source, planes, reach=_REACH, floats=floats, largest=largest)
     return replace(

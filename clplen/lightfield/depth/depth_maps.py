@@ -63,11 +63,11 @@ class DepthMap(Savable, Plottable, HostArray):
 
     Examples
     --------
-    >>> scene = next(clplen.cameras.sample_scenes(shape=(32, 32)))
-    >>> lf, truth = scene.scene.light_field((3, 3), (32, 32))
-    >>> depth = clplen.depth_map(lf, cue="energy")
-    >>> depth.disparity.shape, float(depth.confidence.max()) <= 1
-    ((32, 32), True)
+    >>> plane = clplen.cameras.Plane(0.5, texture=clplen.cameras.noise(1))
+    >>> lf, truth = clplen.SurfaceScene(plane).light_field((5, 5), (48, 48))
+    >>> depth = clplen.depth_map(lf, disparities=np.linspace(-1, 1, 9))
+    >>> depth.disparity.shape, f"{np.median(depth.disparity):.1f} pixels a view step"
+    ((48, 48), '0.5 pixels a view step')
     """
 
     _writer: ClassVar[str] = "write_depth"

@@ -48,16 +48,17 @@ def render_focused(
     white: ArrayLike | None = None,
     interpolation: str = "cubic",
 ) -> FocusedImage:
-    """The picture that a focused camera took.
+    """Render the picture that a focused camera took.
 
     Parameters
     ----------
     raw : RawImage
         Simulated, or captured with a lattice; grey or colour; finite.
     method : {"basic", "blended", "depth"}
+        How patches of sub-images become the picture: see Notes.
     m : float, optional
-        b/a of the plane in focus, Keplerian positive, Galilean negative, its patch at most a
-        sub-image; default that of the camera, else the median of what `focused_depth` finds.
+        Magnification b/a of the plane in focus, Keplerian positive, Galilean negative, its patch at
+        most a sub-image; default that of the camera, else the median of what `focused_depth` finds.
     patch : float, optional
         Pixels across a patch in place of mu, for "basic" and "blended": another value than mu shows
         its seams. Its sign is that of m.
@@ -80,7 +81,7 @@ def render_focused(
     Returns
     -------
     FocusedImage
-        float32, shape (y, x[, c]), over the cells of all lenslets whose centre is on the sensor;
+        Of float32, shape (y, x[, c]), over the cells of all lenslets whose centre is on the sensor;
         0 where none has recorded anything.
 
     Raises
@@ -96,31 +97,28 @@ def render_focused(
 
     Notes
     -----
-    Methods:
+    The methods are:
 
-    "basic"
-        One patch from the middle of every sub-image, mu = m p F/(z2 dx) pixels across, flipped
-        where m > 0, side by side (Georgiev & Lumsdaine 2010, section 4, "basic rendering"). Sharp
-        and seamless at m only: elsewhere the patches do not join.
-    "blended"
-        The mean over all lenslets that see a point (integration over directions): what is not at m
-        is blurred, as by a large lens.
-    "depth"
-        Blended with the m of each place, as `focused_depth` finds it: sharp everywhere.
+    - "basic": one patch from the middle of every sub-image, mu = m p F/(z2 dx) pixels across,
+      flipped where m > 0, side by side (Georgiev & Lumsdaine 2010, section 4, "basic rendering").
+      Sharp and seamless at m only: elsewhere the patches do not join.
+    - "blended": the mean over all lenslets that see a point (integration over directions): what is
+      not at m is blurred, as by a large lens.
+    - "depth": blended with the m of each place, as `focused_depth` finds it: sharp everywhere.
 
     Where the raw image has several lens types, "blended" and "depth" use those that are in focus at
     m (a type with its focus at m_i blurs over p abs(m - m_i)), mixing two over one pixel of blur.
 
     Examples
     --------
-    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=9, fill="full")
     >>> camera = clplen.PlenopticCamera.type2(
-    ...     focal_length=0.12, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=16, m=0.25
-    ... )
-    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)), model="rays")
-    >>> picture = clplen.render_focused(raw)
-    >>> picture.m
-    0.25
+    ...     focal_length=0.12, mla=clplen.MicrolensArray(150e-6, 10e-3, count=7, fill="full"),
+    ...     m=0.25, wavelength=532e-9, pixels_per_lenslet=16)
+    >>> picture = clplen.render_focused(camera.expose(clplen.PointSources((0, 0, 0))))
+    >>> picture.shape, f"m = {picture.m}"
+    ((21, 21), 'm = 0.25')
+    >>> np.argwhere(picture.to_numpy() == picture.to_numpy().max()).tolist()  # on the axis
+    [[10, 10]]
     """
     _choice("method", method, METHODS)
     if method == "depth" and patch is not None:

@@ -40,6 +40,7 @@ class LightField(AlphaLaw, Savable, Plottable, OnDevice):
     data : pyopencl.array.Array
         uint8, uint16, float16 or float32, C-contiguous.
     device : Device
+        The device that holds the samples.
     spacing : tuple of float or None
         Signed (dv, du, dy, dx) in metres: step between views on the main lens and between pixels
         on the image plane. dv and du are negative in raw pixel order.
@@ -60,12 +61,14 @@ class LightField(AlphaLaw, Savable, Plottable, OnDevice):
 
     Examples
     --------
-    >>> L = np.random.default_rng(1).random((5, 5, 16, 20), np.float32)
-    >>> lf = clplen.LightField.from_array(L)
-    >>> lf.shape
-    (5, 5, 16, 20)
-    >>> lf.view(2, 2).shape, lf.render(aperture=3).shape
-    ((16, 20), (16, 20))
+    >>> views = np.random.default_rng(0).random((5, 5, 24, 32), np.float32)
+    >>> lf = clplen.LightField.from_array(views)
+    >>> lf.shape, lf.dtype.name, lf.view(2, 2).shape
+    ((5, 5, 24, 32), 'float32', (24, 32))
+    >>> lf.epi(y=12, v=2).shape
+    (5, 32)
+    >>> bool(np.allclose(lf.render(), views.mean((0, 1)), atol=1e-6))
+    True
     """
 
     _writer: ClassVar[str] = "write_lightfield"

@@ -38,10 +38,10 @@ _BAND = 1 << 20  # bytes of a view that are looked at together for light
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StoredLightField(AlphaLaw, HostArray):
-    """A light field L[v, u, y, x(, c)] in a file or an array, read part by part.
+    """A light field L[v, u, y, x(, c)] in a file or an array.
 
-    Made by `from_array` or by `clplen.open_lightfield`; `focal_stack`, `depth_map` and
-    `all_in_focus` take it.
+    Made by `from_array` or by ``clplen.open_lightfield``; what takes it are the ``stream_``
+    functions.
 
     Attributes
     ----------
@@ -61,16 +61,25 @@ class StoredLightField(AlphaLaw, HostArray):
         Rows and columns of views that are read at once.
     overhead : int
         Bytes that reading needs beside its result.
-    spacing, camera, decode, positions, parametrisation
+    spacing : tuple of float or None
+        Signed (dv, du, dy, dx) in metres, as in `LightField`.
+    camera : CameraModel or None
+        The camera that took it, when known.
+    decode : {"calibrated", "naive"}
         As in `LightField`.
+    positions : numpy.ndarray or None
+        float64, shape (V, U, 2): where the views lie, in view steps, as in `LightField`.
+    parametrisation : {"two-plane", "point-angle"}
+        What a view is, as in `LightField`.
 
     Examples
     --------
-    >>> lf = clplen.LightField.from_array(np.ones((3, 3, 16, 20), np.float32))
-    >>> clplen.write_lightfield("l.h5", lf)
-    >>> with clplen.open_lightfield("l.h5") as stored:
-    ...     print(stored.shape, clplen.focal_stack(stored, disparities=[0, 1]).shape)
-    (3, 3, 16, 20) (2, 16, 20)
+    >>> np.save("views.npy", np.ones((5, 5, 32, 48), np.uint8))
+    >>> stored = clplen.StoredLightField.from_array(np.load("views.npy", mmap_mode="r"))
+    >>> stored
+    <StoredLightField (5, 5, 32, 48) uint8, 0 MiB>
+    >>> stored.read(np.s_[2:3, 0:5, 0:16, 0:48]).shape  # of the middle row of views
+    (1, 5, 16, 48)
     """
 
     _downloads: ClassVar[bool] = True

@@ -198,6 +198,7 @@ class RawImage(Savable, Plottable, OnDevice):
         float32, shape (ny, nx), as it lies on the sensor (not inverted); (ny, nx, 3) of a colour
         picture, which `LightField.from_raw` does not take.
     device : Device
+        The device that holds them.
     pixel_pitch : float
         In metres; NaN where a file does not tell.
     sub_images : LensletGrid
@@ -223,13 +224,14 @@ class RawImage(Savable, Plottable, OnDevice):
 
     Examples
     --------
-    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=5, fill="full")
+    >>> mla = clplen.MicrolensArray(100e-6, 1e-3, count=11)
     >>> camera = clplen.PlenopticCamera.type1(
-    ...     focal_length=0.03, mla=lenslets, wavelength=532e-9, pixels_per_lenslet=15
-    ... )
-    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)), model="rays")
-    >>> raw.shape, clplen.LightField.from_raw(raw).shape
-    ((75, 75), (15, 15, 5, 5))
+    ...     focal_length=10e-3, mla=mla, wavelength=550e-9, pixels_per_lenslet=5)
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)))
+    >>> raw.shape, raw.sub_images.count, f"{raw.pixel_pitch * 1e6:.0f} um"
+    ((55, 55), (11, 11), '20 um')
+    >>> clplen.LightField.from_raw(raw).shape
+    (5, 5, 11, 11)
     """
 
     _writer: ClassVar[str] = "write_raw"
@@ -327,9 +329,16 @@ class Sensor:
 
     Examples
     --------
-    >>> sensor = clplen.Sensor(exposure=1e4, shot_noise=True, bit_depth=12, full_well=2e4)
-    >>> sensor.bit_depth, sensor.read_noise
-    (12, 0.0)
+    >>> camera = clplen.PlenopticCamera.type1(
+    ...     focal_length=10e-3, mla=clplen.MicrolensArray(100e-6, 1e-3, count=11),
+    ...     wavelength=550e-9, pixels_per_lenslet=5)
+    >>> raw = camera.expose(clplen.PointSources((0, 0, 0)))
+    >>> sensor = clplen.Sensor(exposure=1e5, shot_noise=True, full_well=2e4, bit_depth=10)
+    >>> taken = sensor.record(raw)
+    >>> taken.levels
+    Levels(black=0.0, white=1023.0, bit_depth=10)
+    >>> bool((taken.to_numpy() % 1 == 0).all())  # whole numbers
+    True
     """
 
     exposure: float | None = None

@@ -97,10 +97,13 @@ class FocalStack(Savable, Plottable, OnDevice):
 
     Examples
     --------
-    >>> L = np.random.default_rng(1).random((3, 3, 16, 20), np.float32)
-    >>> stack = clplen.focal_stack(L, disparities=[-1, 0, 1])
+    >>> plane = clplen.cameras.Plane(0.5, texture=clplen.cameras.noise(1))
+    >>> lf, truth = clplen.SurfaceScene(plane).light_field((5, 5), (32, 32))
+    >>> stack = clplen.focal_stack(lf, disparities=[-0.5, 0, 0.5, 1])
     >>> stack.shape, stack.disparities.tolist()
-    ((3, 16, 20), [-1.0, 0.0, 1.0])
+    ((4, 32, 32), [-0.5, 0.0, 0.5, 1.0])
+    >>> int(stack.to_numpy().std(axis=(1, 2)).argmax())  # the sharpest
+    2
     """
 
     _writer: ClassVar[str] = "write_stack"
@@ -139,9 +142,9 @@ def refocus(
     upsample: int = 1,
     device: DeviceLike | None = None,
 ) -> Image:
-    """The picture focused on another plane, or on a tilted or curved surface.
+    """Make the picture focused on another plane, or on a tilted or curved surface.
 
-    The weighted mean over the views of
+    It is the weighted mean over the views of
 
         L[v, u](y - (v - vc) d_y, x - (u - uc) d),    vc = (V - 1)/2, uc = (U - 1)/2
 
@@ -153,13 +156,13 @@ def refocus(
     Parameters
     ----------
     lf : LightField
-        The light field.
+        On a device, or an array of shape (v, u, y, x[, c]).
     alpha : float, optional
         F/F', above 1 for planes farther than the one in focus; needs ``lf.spacing``.
     disparity : float or array_like, optional
-        d in pixels a view step along x, positive for nearer planes; or one of every pixel, shape
-        (y, x), as from `plane_through` or a `DepthMap` (whose shifts are then made in float32).
-        Exactly one of the two.
+        Shift d in pixels a view step along x, positive for nearer planes; or one of every pixel,
+        shape (y, x), as from `plane_through` or a `DepthMap` (whose shifts are then made in
+        float32). Exactly one of the two.
     rescale : bool
         The picture as it is on the synthetic plane, where it has another size: alpha^2 R(alpha x')
         about the middle of the picture R, 0 outside; the Jacobian alpha^2 keeps its sum (thesis,
@@ -179,7 +182,7 @@ def refocus(
     Returns
     -------
     Image
-        float32, shape (y, x[, c]), or (n y, n x[, c]) for ``upsample=n``.
+        Values of float32, shape (y, x[, c]), or (n y, n x[, c]) for ``upsample=n``.
 
     Raises
     ------
@@ -193,11 +196,13 @@ def refocus(
 
     Examples
     --------
-    >>> L = np.random.default_rng(1).random((3, 3, 32, 40), np.float32)
-    >>> clplen.refocus(L, disparity=0.5).shape
-    (32, 40)
-    >>> clplen.refocus(L, disparity=0.5, upsample=2).shape
-    (64, 80)
+    >>> plane = clplen.cameras.Plane(0.5, texture=clplen.cameras.noise(1, 64))
+    >>> lf, truth = clplen.SurfaceScene(plane).light_field((5, 5), (32, 32))
+    >>> sharp, blurred = (clplen.refocus(lf, disparity=d) for d in (0.5, -0.5))
+    >>> sharp.shape, bool(sharp.to_numpy().std() > blurred.to_numpy().std())
+    ((32, 32), True)
+    >>> clplen.refocus(lf, disparity=0.5, upsample=2).shape
+    (64, 64)
     """
     lf = as_lightfield(lf, "focal_stack", device=device)
     given = _exactly_one(alpha=alpha, disparity=disparity)

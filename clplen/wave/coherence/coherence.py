@@ -65,14 +65,13 @@ class Coherence(OneLine):
 
     Examples
     --------
-    >>> light = clplen.Coherence(
-    ...     clplen.wave.RandomPhaseMask(4e-5), clplen.Spectrum.gaussian(550e-9, 30e-9)
-    ... )
-    >>> grid = clplen.Grid((32, 32), 1e-5)
-    >>> slit = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=550e-9), 1.6e-4)
-    >>> behind = clplen.propagate(slit, 1e-3, coherence=light, snapshots=4)
-    >>> behind.snapshots, behind.intensity.shape
-    (4, (32, 32))
+    >>> led = clplen.Spectrum.gaussian(550e-9, 30e-9)
+    >>> light = clplen.Coherence(clplen.wave.RandomPhaseMask(40e-6), led, wavelengths=3)
+    >>> wave = clplen.wave.plane_wave(clplen.Grid((32, 32), 10e-6), wavelength=550e-9)
+    >>> hole = clplen.aperture(wave, 150e-6)
+    >>> image = clplen.propagate(hole, 5e-3, coherence=light, snapshots=20)
+    >>> image.intensity.shape, image.snapshots
+    ((32, 32), 20)
     """
 
     spatial: SpatialModel | None = None

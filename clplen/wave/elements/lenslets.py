@@ -50,6 +50,7 @@ class MicrolensArray(OneLine):
     count : int or tuple of int
         Lenslets, (ny, nx) or one number for both.
     lattice : {"square", "hexagonal"}
+        How the centres lie: see above.
     fill : {"circular", "full"}
         Aperture of a lenslet: a disc, or the lattice cell (square or hexagon). On a square lattice
         "square" is another word for "full".
@@ -88,9 +89,12 @@ class MicrolensArray(OneLine):
 
     Examples
     --------
-    >>> lenslets = clplen.MicrolensArray(150e-6, 3e-3, count=(5, 7), fill="full")
-    >>> lenslets.count, lenslets.pitch
-    ((5, 7), 0.00015)
+    >>> mla = clplen.MicrolensArray(100e-6, 2e-3, count=(4, 6), lattice="hexagonal")
+    >>> mla.count, f"{mla.row_pitch * 1e6:.1f} um from row to row"
+    ((4, 6), '86.6 um from row to row')
+    >>> wave = clplen.wave.plane_wave(clplen.Grid((40, 64), 10e-6), wavelength=500e-9)
+    >>> clplen.OpticalSystem([mla, 2e-3])(wave).shape  # in the focal plane
+    (40, 64)
     """
 
     pitch: float

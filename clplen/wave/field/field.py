@@ -55,11 +55,11 @@ class Grid:
 
     Examples
     --------
-    >>> grid = clplen.Grid((4, 6), 1e-5)
-    >>> grid.shape, grid.pitch
-    ((4, 6), (1e-05, 1e-05))
-    >>> np.round(grid.x * 1e6, 1).tolist()
-    [-30.0, -20.0, -10.0, 0.0, 10.0, 20.0]
+    >>> grid = clplen.Grid((64, 128), 5e-6)
+    >>> [f"{1e6 * length:.0f} um" for length in grid.extent]
+    ['320 um', '640 um']
+    >>> grid.y.shape, f"{1e6 * grid.x[0]:.0f} um", f"{grid.x[64]:.0f} m"
+    ((64,), '-320 um', '0 m')
     """
 
     shape: tuple[int, int]
@@ -135,16 +135,21 @@ class Field(Plottable, OnDevice):
     data : pyopencl.array.Array
         complex64 (complex128 on a device of double precision), shape (..., ny, nx).
     grid : Grid
+        Where its samples lie.
     wavelength : float
         In metres.
     device : Device
+        The device that holds the samples.
 
     Examples
     --------
-    >>> grid = clplen.Grid((16, 24), 1e-5)
-    >>> field = clplen.Field.from_array(np.ones((16, 24)), grid, wavelength=550e-9)
-    >>> field.shape, field.to_numpy().dtype.name
-    ((16, 24), 'complex64')
+    >>> grid = clplen.Grid((64, 64), 10e-6)
+    >>> spot = np.exp(-(grid.x**2 + grid.y[:, None] ** 2) / (100e-6) ** 2)
+    >>> field = clplen.Field.from_array(spot, grid, wavelength=500e-9)
+    >>> field.shape, f"{field.power():.3e}"  # pi w^2/2 = 1.571e-08
+    ((64, 64), '1.571e-08')
+    >>> clplen.propagate(field, 0.01).intensity()
+    <Image (64, 64) float32, ...>
     """
 
     _figure: ClassVar[str] = "intensity"

@@ -92,14 +92,20 @@ def propagate(
         Distance in metres; 0 returns the field, a negative distance propagates back. Several
         distances share the field's transform where their windows agree.
     method : str
-        auto | as | blas | cblas | rs | one-step | fresnel-tf | fresnel-ir | fresnel-1fft |
-        fresnel-multistep: see `Propagator`.
+        One of "auto", "as", "blas", "cblas", "rs", "one-step", "fresnel-tf", "fresnel-ir",
+        "fresnel-1fft" and "fresnel-multistep": see `Propagator`.
     pad : float
         Zero padding of as, blas and the Fresnel methods, at least 1; 1 makes the window periodic.
     out_grid : Grid, optional
         Of the result: any pitch, shape and origin with auto, cblas, rs, one-step and fresnel-1fft.
-    guard, border, support, lens : float, optional
-        See `Propagator`.
+    guard : float, optional
+        Of auto and cblas, width of the guard of the band in Fresnel widths: see `Propagator`.
+    border : float
+        Of fresnel-multistep, the fraction of half the window over which each step is absorbed.
+    support : float or tuple of float, optional
+        (y, x) widths about the grid's centre that carry light, in metres; by default the window.
+    lens : float, optional
+        Focal length in metres of a paraxial thin lens right before a fresnel-1fft.
     coherence : Coherence, optional
         The light that illuminates ``field``, which then is the transmission of an object.
     **averaging
@@ -133,12 +139,13 @@ def propagate(
 
     Examples
     --------
-    >>> grid = clplen.Grid((64, 64), 1e-5)
-    >>> field = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=550e-9), 3e-4)
-    >>> clplen.propagate(field, 0.01).shape
-    (64, 64)
-    >>> clplen.propagate(field, [0.01, 0.02], out_grid=clplen.Grid((32, 32), 5e-6)).shape
-    (2, 32, 32)
+    >>> wave = clplen.wave.plane_wave(clplen.Grid((64, 64), 10e-6), wavelength=500e-9)
+    >>> hole = clplen.aperture(wave, 0.4e-3)
+    >>> behind = clplen.propagate(hole, 0.08)
+    >>> f"{behind.intensity().to_numpy()[32, 32]:.1f}"  # 4 on the axis at D^2/(4 lam) = 80 mm
+    '4.0'
+    >>> clplen.propagate(hole, [0.02, 0.04, 0.08]).shape
+    (3, 64, 64)
     """
     if not isinstance(field, Field):
         raise TypeError(

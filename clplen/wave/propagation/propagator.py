@@ -71,7 +71,7 @@ class Propagator:
     Parameters
     ----------
     grid : Grid
-        Where the field is sampled.
+        Of the fields that it propagates.
     z : float
         Distance in metres; negative propagates back (evanescent waves are then dropped).
     wavelength : float
@@ -125,6 +125,7 @@ class Propagator:
     method, why : str
         The method taken and the inequality that decided.
     report : PlanReport
+        What the plan knows of itself: method, sampling, band, cost.
     out_grid : Grid
         Of the result.
 
@@ -142,11 +143,13 @@ class Propagator:
 
     Examples
     --------
-    >>> grid = clplen.Grid((64, 64), 1e-5)
-    >>> plan = clplen.Propagator(grid, 0.01, wavelength=550e-9)
-    >>> field = clplen.aperture(clplen.wave.plane_wave(grid, wavelength=550e-9), 3e-4)
-    >>> plan(field).shape, plan.report.method
-    ((64, 64), 'as')
+    >>> grid = clplen.Grid((64, 64), 10e-6)
+    >>> plan = clplen.Propagator(grid, 5e-3, wavelength=500e-9)
+    >>> plan.method, plan.out_grid == grid
+    ('as', True)
+    >>> wave = clplen.wave.plane_wave(grid, wavelength=500e-9)
+    >>> plan(clplen.aperture(wave, 0.2e-3))
+    <Field (64, 64) complex64, 500 nm, pitch 10 um, ...>
     """
 
     def __init__(

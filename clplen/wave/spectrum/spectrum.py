@@ -53,7 +53,9 @@ class Spectrum(OneLine):
     Examples
     --------
     >>> led = clplen.Spectrum.gaussian(550e-9, 30e-9)
-    >>> f"{led.coherence_length() * 1e6:.1f} um"
+    >>> f"{led.centre * 1e9:.0f} nm"
+    '550 nm'
+    >>> f"{led.coherence_length() * 1e6:.1f} um"  # 0.6643 lam^2/dlam
     '6.7 um'
     """
 
