@@ -19,6 +19,8 @@ from clplen.wave.propagation.description import METHODS, Request, flops, samples
 from clplen.wave.propagation.methods import describe
 from clplen.wave.propagation.plan_report import report
 
+pytestmark = pytest.mark.thorough
+
 LAM = 550e-9
 ONE = "fresnel-1fft"
 THESIS = ("--pitch", "6.6um", "--shape", "3030", "--wavelength", "550nm")

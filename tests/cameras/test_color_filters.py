@@ -31,6 +31,8 @@ from clplen.compute.device import Device
 from clplen.errors import ShapeError
 from clplen.wave import SpectralDistribution
 
+pytestmark = pytest.mark.thorough
+
 LAM = 500e-9
 LINES = (430e-9, 520e-9, 655e-9)
 SHARES = (0.5, 0.2, 0.3)

@@ -15,6 +15,8 @@ from clplen.compute.device import Device
 from clplen.lightfield.focused.focused_rendering import render_focused
 from clplen.lightfield.focused.focused_spots import point_m
 
+pytestmark = pytest.mark.thorough
+
 LAM, PITCH = 532e-9, 150e-6
 MIDDLE = PointSources((0, 0, 0))
 

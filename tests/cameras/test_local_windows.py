@@ -16,6 +16,8 @@ from clplen.cameras.optics.local_window import LocalWindows, Region, window_shap
 from clplen.cameras.optics.wave_optics import WaveOptics
 from clplen.compute.device import Device
 
+pytestmark = pytest.mark.thorough
+
 LAM = 532e-9
 RELATIVE = {"single": 2e-4, "double": 2e-4}  # of the peak; the rim of the pupil on samples
 

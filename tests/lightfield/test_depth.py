@@ -19,6 +19,8 @@ from clplen.lightfield.depth.energy_cue import evening_taps
 from clplen.lightfield.focus_and_depth import depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
 
+pytestmark = pytest.mark.thorough
+
 energy_map = partial(depth_map, cue="energy")
 INSIDE = (slice(15, -15), slice(15, -15))
 

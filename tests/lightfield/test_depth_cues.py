@@ -12,6 +12,8 @@ from clplen.errors import DeviceError
 from clplen.lightfield.focus_and_depth import depth_map, focal_stack
 from clplen.lightfield.model.light_field import LightField
 
+pytestmark = pytest.mark.thorough
+
 CUES = ("energy", "correspondence", "structure-tensor")
 PLANES = np.linspace(-1.4, 1.4, 29)
 cues = pytest.mark.parametrize("cue", CUES)

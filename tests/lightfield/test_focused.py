@@ -36,6 +36,8 @@ from clplen.lightfield.focused.focused_spots import point_m
 from clplen.lightfield.raw.raw_image import RawImage
 from clplen.lightfield.refocusing.focal_stacks import refocus
 
+pytestmark = pytest.mark.thorough
+
 BORDER = 8  # samples that lenslets beyond the array would have to help with
 
 

@@ -28,6 +28,8 @@ from clplen.lightfield.focused.focused_spots import point_m
 from clplen.lightfield.raw.lenslet_grid import LensType
 from clplen.lightfield.raw.raw_image import RawImage
 
+pytestmark = pytest.mark.thorough
+
 
 @pytest.mark.parametrize(
     ("m", "at"), [(0.2, 0.2), (0.3, 0.3), (-0.3, -0.3), (0.1, 0.1), (0.2, 0.17)]
