@@ -135,6 +135,40 @@ def test_a_drag_moves_the_viewpoint_and_keys_do_too(browser, tmp_path):
     page.context.close()
 
 
+def test_keys_work_wherever_the_focus_is_but_in_a_field(browser, tmp_path):
+    path = tmp_path / "page.html"
+    clplen.io.write_html(path, planes((0.8, -0.8)))
+    page = open_page(browser, path)
+    state = "clplen.view.state"
+    page.keyboard.press("g")
+    assert evaluate(page, f"{state}.show") == "views"
+    page.keyboard.press("e")  # the stage has gone, and its focus
+    assert evaluate(page, f"{state}.show") == "slices"
+    page.get_by_role("button", name="Copy as Python").focus()
+    page.keyboard.press("p")
+    assert evaluate(page, f"{state}.show") == "picture"
+    page.get_by_role("radio", name="All").focus()
+    page.keyboard.press("]")
+    assert evaluate(page, f"{state}.d") > 0
+    field = page.locator("input[type=number]").first
+    field.focus()
+    page.keyboard.press("g")
+    assert evaluate(page, f"{state}.show") == "picture"
+    page.context.close()
+
+
+def test_the_slider_of_focus_opens_one_view(browser, tmp_path):
+    path = tmp_path / "page.html"
+    clplen.io.write_html(path, planes((0.8, -0.8)))
+    page = open_page(browser, path)
+    assert evaluate(page, "clplen.view.state.shape") == "one"
+    slider = page.locator("input[type=range]").first
+    slider.focus()
+    page.keyboard.press("ArrowRight")
+    assert evaluate(page, "clplen.view.state.shape") == "all"
+    page.context.close()
+
+
 def test_every_control_is_reached_by_the_tab_key(browser, tmp_path):
     path = tmp_path / "page.html"
     lf = clplen.LightField.from_array(planes((0.8, -0.8)), spacing=(-1e-3, -1e-3, 2e-5, 2e-5))

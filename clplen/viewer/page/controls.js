@@ -88,7 +88,10 @@ export function checkbox({ label, title = null, onInput }) {
   return {
     element: made,
     set: (on) => (box.checked = on),
-    disable: (disabled) => (box.disabled = disabled),
+    disable: (disabled) => {
+      box.disabled = disabled;
+      made.title = disabled ? (title ?? "") : "";
+    },
   };
 }
 

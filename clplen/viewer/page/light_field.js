@@ -218,10 +218,22 @@ export class LightFieldView {
     }
     const found = Number.isFinite(d) ? { disparity: d } : sharpestDisparity(renderer, item, [y, x], seen);
     if (found.note) this.say(found.note);
-    const opened = state.shape === "one" ? { shape: this.wide ?? "all", v: centreOf(item.shape)[0], u: centreOf(item.shape)[1] } : {};
-    this.change({ d: rounded(found.disparity, 4), sharp: false, ...opened });
+    this.change({ d: rounded(found.disparity, 4), sharp: false, ...(state.shape === "one" ? this.opened : {}) });
     if (!found.note) this.say(`Focus at ${this.planeName()}.`);
     return found.disparity;
+  }
+
+  /** The opening of before, from the middle. */
+  get opened() {
+    const [v, u] = centreOf(this.item.shape);
+    return { shape: this.wide ?? "all", v, u };
+  }
+
+  /** Focus on a plane; one whole view shows all planes alike, and is opened. */
+  focusOn(d) {
+    const { shape, v, u } = this.state;
+    const isOneView = shape === "one" && Number.isInteger(v) && Number.isInteger(u);
+    this.change({ d: rounded(d, 4), sharp: false, ...(isOneView ? this.opened : {}) });
   }
 
   planeName() {
@@ -236,7 +248,7 @@ export class LightFieldView {
     const [low, high] = item.range;
     if (arrow) this.moveTo(state.v + arrow[0] / 2, state.u + arrow[1] / 2);
     else if (event.key === "[" || event.key === "]")
-      this.change({ d: rounded(state.d + ((event.key === "]" ? 1 : -1) * (high - low)) / 100, 4), sharp: false });
+      this.focusOn(state.d + ((event.key === "]" ? 1 : -1) * (high - low)) / 100);
     else if (event.key === "a" && renderable(this)) this.change({ sharp: !state.sharp });
     else if (event.key === "d" && renderable(this)) this.change({ depth: !state.depth });
     else if (event.key === "e") this.show("slices");
@@ -253,7 +265,7 @@ export class LightFieldView {
     const { item, state, stage } = this;
     const [V, U] = item.shape;
     const [low, high] = item.range;
-    this.focus = slider({ label: "Disparity", unit: "px per view", min: low, max: high, step: 0.001, onInput: (d) => this.change({ d: rounded(d, 4), sharp: false }) });
+    this.focus = slider({ label: "Disparity", unit: "px per view", min: low, max: high, step: 0.001, onInput: (d) => this.focusOn(d) });
     this.alpha = numberField({ label: "alpha = F/F'", onInput: (alpha) => this.setPlane(disparityOfAlpha(item, alpha), "alpha") });
     this.metres = numberField({ label: item.metres?.linear ? "z (\u00b5m)" : "z (mm)", onInput: (z) => this.setPlane(disparityOfMetres(item, z * this.metreUnit), "z") });
     this.sharp = checkbox({ label: "All in focus", title: "Needs a depth map", onInput: (sharp) => this.change({ sharp }) });
@@ -310,7 +322,7 @@ export class LightFieldView {
   }
 
   setPlane(d, name) {
-    if (Number.isFinite(d)) this.change({ d: rounded(d, 4), sharp: false });
+    if (Number.isFinite(d)) this.focusOn(d);
     else this.say(`No plane has this ${name}.`);
   }
 

@@ -101,18 +101,28 @@ async function show(root, source, viewer, { status, said, hash, signal }) {
     tabs,
     element("div", { class: "buttons" }, button("Keys", () => keys.showModal()), button("Full screen", full)));
   root.replaceChildren(top, main, tools, element("footer", {}, status, said), keys);
-  root.addEventListener("keydown", (event) => {
-    const free = !event.ctrlKey && !event.metaKey && !event.altKey && !/^(INPUT|SELECT|TEXTAREA)$/.test(event.target.tagName);
-    if (free && event.key === "f") full();
-    else if (free && event.key === "?") keys.showModal();
-    else if (free && event.target.tagName !== "BUTTON" && !main.contains(event.target)) viewer.view.stage.key(event);
-  });
+  const press = (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || keys.open || !takesKey(event)) return;
+    if (event.key === "f") full();
+    else if (event.key === "?") keys.showModal();
+    else viewer.view.stage.key(event);
+  };
+  // a page takes keys wherever its focus is, a widget only its own
+  (hash ? document : root).addEventListener("keydown", press, { signal });
   const follow = () => {
     readHash(viewer.views);
     viewer.view.changed();
   };
   if (hash) window.addEventListener("hashchange", follow, { signal });
   await choose(hash ? readHash(viewer.views) : 0);
+}
+
+/** Whether a key is for the picture: not what is typed into a field, nor what presses or moves a control. */
+function takesKey({ key, target }) {
+  const control = target.closest?.("input, select, textarea, button");
+  if (!control) return true;
+  const isTyped = !/^(button|checkbox|radio|range)$/.test(control.type);
+  return !isTyped && key.length === 1 && key !== " ";
 }
 
 /** Put the state of a view into the page's hash. */
