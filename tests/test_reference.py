@@ -8,7 +8,7 @@ import reference as ref
 from reference_optics import centred_slice
 from tolerance import err_db, relative_max, snr_db
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.nightly
 
 LAM = 550e-9
 SETUP_A = (1024, 2 * LAM)

@@ -15,7 +15,7 @@ from reference_camera import (
     simulate_scene,
 )
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.nightly
 
 SMALL = Camera(count=(51, 57), pixels_per_lenslet=10)
 A = (-3e-3, -3e-3, -0.050)

@@ -12,7 +12,7 @@ import reference_coherence as light
 import reference_masks as masks
 from tolerance import relative_max, snr_db
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.nightly
 
 LAM = 550e-9
 WINDOW, DX, CELLS = 256, 2e-6, 32

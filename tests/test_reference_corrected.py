@@ -18,7 +18,7 @@ from reference_propagation import (
 from setups import LAM, gaussian_2d, gaussian_a, gaussian_at, set_up_a, slit_at
 from tolerance import err_db, relative_max, snr_db
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.nightly
 
 LIGHT = {"wavelength": LAM}
 S = 1024 * 2 * LAM

@@ -12,7 +12,7 @@ from clplen.cameras import Plane
 from clplen.cameras.scenes.textures import noise
 from clplen.compute.device import Device
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.nightly
 
 
 @pytest.mark.parametrize("cue", ["energy", "variance"])

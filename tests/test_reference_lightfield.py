@@ -7,7 +7,7 @@ import pytest
 import reference as ref
 from tolerance import relative_max
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.nightly
 
 RNG = np.random.default_rng(11)
 

@@ -24,7 +24,7 @@ from setups import (
 )
 from tolerance import err_db, relative_max, snr_db
 
-pytestmark = pytest.mark.thorough
+pytestmark = pytest.mark.nightly
 
 LIGHT = {"wavelength": LAM}
 DX = 6.6e-6
