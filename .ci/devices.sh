@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The device matrix: the same tests on independent OpenCL implementations.
 #
-#   .ci/devices.sh [PYTHON] [pocl|vkfft|intel|intel-towers|oclgrind|rusticl|debian-pocl|all]...
+#   .ci/devices.sh [PYTHON] [pocl|vkfft|intel|intel-towers|oclgrind|oclgrind-both|rusticl|debian-pocl|all]...
 #                                                                               (default: python, all)
 #
 # PYTHON is the interpreter in whose environment clplen and its test extra are installed.
@@ -14,7 +14,9 @@
 #   intel-towers  the same of the towers and the cameras; not part of CI, whose time is limited
 #   oclgrind  tests/kernels on Debian's simulator Oclgrind, with no report of an access out of
 #             bounds or of a data race; of stored samples uint8 and float32, since all are indexed
-#             alike
+#             alike; every other file with the mapping of work-items of CPUs, the rest with that
+#             of GPUs
+#   oclgrind-both  the same with both mappings of every file; not part of CI
 #   rusticl   the tests of kernels and devices on Mesa's OpenCL, which drives AMD and Intel GPUs
 #             under Linux, here on its CPU, llvmpipe: single precision alone. Not part of CI: one
 #             and a half minutes on two cores.
@@ -136,6 +138,8 @@ run_rusticl() {
 
 run_debian-pocl() { on_packaged debian pocl-opencl-icd libpocl.so.2 tests/kernels tests/compute; }
 
+run_oclgrind-both() { run_oclgrind both; }
+
 run_oclgrind() {
     need_oclgrind
     log=$(mktemp)
@@ -150,11 +154,16 @@ run_oclgrind() {
     for ((part = 0; part < parts; ++part)); do
         local some=()
         for ((n = part; n < ${#files[@]}; n += parts)); do some+=("${files[n]}"); done
+        local other=uint16
+        if [ "${1:-one}" != both ]; then
+            if ((part % 2)); then other="[row-"; else other="[sample-"; fi
+        fi
         [ "$part" -lt 2 ] || wait -n
         (
             log=$log.$part code=0
             simulate "$python" -m pytest "${some[@]}" --device oclgrind -q --capture=sys \
-                -m "not thorough and not nightly" -k "not uint16 and not float16" || code=$?
+                -m "not thorough and not nightly" \
+                -k "not uint16 and not float16 and not $other" || code=$?
             echo "$code" >"$log.code"
         ) &
     done
@@ -172,10 +181,10 @@ run_oclgrind() {
 
 python=${1:-python}
 [ $# -gt 0 ] && shift
-[ "${*:-all}" != all ] || set -- pocl vkfft intel intel-towers oclgrind rusticl debian-pocl
+[ "${*:-all}" != all ] || set -- pocl vkfft intel intel-towers oclgrind-both rusticl debian-pocl
 for mode in "$@"; do
     case $mode in
-    pocl | vkfft | intel | intel-towers | oclgrind | rusticl | debian-pocl) "run_$mode" ;;
-    *) fail "unknown mode '$mode': pocl, vkfft, intel, intel-towers, oclgrind, rusticl, debian-pocl or all" ;;
+    pocl | vkfft | intel | intel-towers | oclgrind | oclgrind-both | rusticl | debian-pocl) "run_$mode" ;;
+    *) fail "unknown mode '$mode': pocl, vkfft, intel, intel-towers, oclgrind, oclgrind-both, rusticl, debian-pocl or all" ;;
     esac
 done
