@@ -39,7 +39,7 @@ run_tests() {
     fi
     "$python" -c "import playwright" 2>/dev/null || "$python" -m pip install --quiet ".[browser]"
     CLPLEN_AXE="$node/node_modules/axe-core/axe.min.js" \
-        "$python" -m pytest -m browser -n 1 -q tests/viewer
+        "$python" -m pytest -m "browser and not nightly" -n 1 -q tests/viewer
 }
 
 python=python

@@ -61,7 +61,7 @@ def epi(
         plot.save(plot.epi(phase_space(lf, y=y, v=v, x=x, u=u)), output)
         said = "a figure, to look at"
     else:
-        said = write(
-            output, lf.epi(y=y, v=v, x=x, u=u).to_numpy(), lf, srgb=layout["srgb"], upsample=None
-        )
+        linear = layout["srgb"] or lf.linear
+        values = lf.epi(y=y, v=v, x=x, u=u).to_numpy()
+        said = write(output, values, lf, srgb=linear, upsample=None)
     click.echo(f"{output}: the slice {axes}, {said}.")

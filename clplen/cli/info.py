@@ -119,6 +119,12 @@ _AXIS_WORDS = ("swap_uv", "flip_v", "flip_u")
     help="Write the lenslet lattice of a raw image, for --grid.",
 )
 @click.option(
+    "--save-pictures",
+    metavar="FOLDER",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Save the pictures and maps that a processed Lytro file holds.",
+)
+@click.option(
     "--farthest",
     type=click.FloatRange(0, 8, min_open=True),
     default=2.0,
@@ -131,6 +137,7 @@ def info(
     source: Path,
     as_json: bool,
     save_grid: Path | None,
+    save_pictures: Path | None,
     farthest: float,
     selector: str | None,
     **layout: Any,
@@ -143,25 +150,35 @@ def info(
     it. For disparity maps: size and range. For volumes of microscopes: planes, voxels, residual,
     and what was said of their frame. For pictures, stacks and depth of focused cameras: size
     and m. For parameters of a camera or microscope in TOML: what follows from them. For point
-    images of a microscope: what they were made with.
+    images of a microscope: what they were made with. For processed Lytro files: their sections.
 
     \b
     Example:
       clplen info flower --pattern "IMG_0001_{n}_{u}_{v}.png"
       clplen info raw.tif --white flat.tif --save-grid grid.json
       clplen info truth.pfm --json
+      clplen info IMG_0001-stk.lfp --save-pictures pictures
     """
     from clplen.io import is_raw_file
+    from clplen.io.raw.lytro_container import processed_contents
     from clplen.io.results.focused_files import describe_focused
 
     if save_grid is not None:
         check_outputs(source, layout, save_grid)
     given = {name for name, value in layout.items() if value not in (None, False)} - {"force"}
     focused = None if given or save_grid else describe_focused(source)
+    contents = processed_contents(source)
+    if save_pictures is not None and contents is None:
+        raise click.UsageError(
+            f"--save-pictures is for processed Lytro files, which {source} is not: 'clplen render' "
+            "makes pictures of light fields."
+        )
     plain = not given and not save_grid and focused is None
     volume = volume_in(source) if plain else None
     values = map_in(source) if plain and volume is None else None
-    if focused is not None:
+    if contents is not None:
+        rows, data = _of_processed(source, contents, save_pictures)
+    elif focused is not None:
         rows, data = _of_focused(source, *focused)
     elif volume is not None:
         rows, data = of_volume(source, *volume)
@@ -186,6 +203,24 @@ def info(
         fits = len(text) <= _COLUMNS or "  " in text.strip()  # a line of a table
         for number, line in enumerate([text] if fits else lines):
             click.echo(f"{'' if number else label:<{width}}{line}".rstrip())
+
+
+def _of_processed(
+    source: Path, contents: list[tuple[str, int]], folder: Path | None
+) -> tuple[Rows, dict[str, Any]]:
+    from clplen.io import save_lytro_pictures
+
+    kind = "a processed Lytro picture, without a raw image"
+    rows = [("File", f"{source}, {kind}")]
+    rows += [("" if n else "Sections", f"{title}: {size:,} bytes") for n, (title, size) in
+             enumerate(contents)]  # fmt: skip
+    saved = [] if folder is None else save_lytro_pictures(source, folder)
+    if saved:
+        rows.append(("Saved", ", ".join(map(str, saved))))
+    else:
+        rows.append(("Pictures", "--save-pictures FOLDER saves them"))
+    sections = [{"title": title, "bytes": size} for title, size in contents]
+    return rows, {"file": source, "kind": kind, "sections": sections, "saved": saved}
 
 
 def _of_focused(source: Path, kind: str, found: dict[str, Any]) -> tuple[Rows, dict[str, Any]]:

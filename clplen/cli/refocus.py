@@ -145,7 +145,8 @@ def refocus(
                 "pixels in metres, which this light field does not have: use --disparity."
             )
         picture = _focused(lf, plane, aperture, upsample, interpolation)
-    said = write(output, picture, lf, srgb=layout["srgb"], upsample=upsample, tone=shown)
+    linear = layout["srgb"] or lf.linear
+    said = write(output, picture, lf, srgb=linear, upsample=upsample, tone=shown)
     click.echo(f"{output}: focused on {where}, {said}.")
 
 

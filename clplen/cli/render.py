@@ -144,11 +144,12 @@ def render(
     lf = read(source, selector, layout)
     if sweep:
         frames = _views(lf, disparity) if sweep == "views" else _planes(lf, disparities, alphas)
-        said = animate(output, frames, lf.dtype, srgb=layout["srgb"])
+        said = animate(output, frames, lf.dtype, srgb=layout["srgb"] or lf.linear)
     else:
         surface = disparity if depth_file is None else read_map(depth_file, lf)
         picture = _picture(lf, viewpoint, aperture, flatten, surface)
-        words = {"srgb": layout["srgb"], "brightness": flatten != "variance", "tone": shown}
+        linear = layout["srgb"] or lf.linear
+        words = {"srgb": linear, "brightness": flatten != "variance", "tone": shown}
         said = write(output, picture, lf, **words)
     click.echo(f"{output}: {said}.")
 

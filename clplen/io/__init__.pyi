@@ -15,6 +15,7 @@ from .lightfields.lightfield_files import write_lightfield as write_lightfield
 from .lightfields.mosaic import write_mosaic as write_mosaic
 from .lightfields.view_folders import write_views as write_views
 from .page.html_page import write_html as write_html
+from .raw.lytro_pictures import save_lytro_pictures as save_lytro_pictures
 from .raw.raw_files import is_raw_file as is_raw_file
 from .raw.raw_files import read_frame as read_frame
 from .raw.raw_files import read_lattice as read_lattice

@@ -100,6 +100,7 @@ def test_m_of_three_kinds_of_lenslets(device: Device) -> None:
     assert found.m == pytest.approx(m, rel=0.02)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("f_number", [5.0, 20.0])
 def test_steep_lenslets_magnify_the_image_of_the_pupil(device: Device, f_number: float) -> None:
     """1 + d^2 (1/f - 1/z2)^2/8 to first order, for a small pupil."""

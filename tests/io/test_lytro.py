@@ -2,91 +2,22 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from lytro_files import START, a_container, content, contents_of, f01, illum, packed12
 
 from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.io import read_lightfield
 from clplen.io.formats import packing
 from clplen.io.formats.packing import Packing, unpack
-from clplen.io.lightfields import lenslet_frames
+from clplen.io.lightfields import lytro_files
 from clplen.io.lightfields.layout import Layout
 from clplen.io.raw import lytro_container
 from clplen.io.raw.lytro_container import read_container
-
-START = b"\x89LFP\x0d\x0a\x1a\x0a\x00\x00\x00\x01" + bytes(4)
-Section = tuple[bytes, bytes, bytes]  # type, name, data
-
-
-def content(data: bytes) -> Section:
-    return b"C", b"sha1-" + hashlib.sha1(data).hexdigest().encode(), data
-
-
-def contents_of(sections: list[Section]) -> bytes:
-    """A container as the format says, each section padded to 16 bytes."""
-    out = START
-    for letter, name, data in sections:
-        head = b"\x89LF" + letter + b"\x0d\x0a\x1a\x0a" + bytes(4) + len(data).to_bytes(4, "big")
-        out += head + name + bytes(35) + data
-        out += bytes(-len(out) % 16)
-    return out
-
-
-def bits_of(frame: np.ndarray, bits: int) -> str:
-    return "".join(f"{int(value):0{bits}b}" for value in frame.ravel())
-
-
-def packed12(frame: np.ndarray) -> bytes:
-    """All bits in a row, the most significant first."""
-    text = bits_of(frame, 12)
-    return bytes(int(text[i : i + 8], 2) for i in range(0, len(text), 8))
-
-
-def packed10(frame: np.ndarray) -> bytes:
-    """Four upper bytes, then the lower two bits of the four, the first pixel's lowest."""
-    out = bytearray()
-    for four in frame.reshape(-1, 4).tolist():
-        low = "".join(f"{value:010b}"[8:] for value in reversed(four))
-        out += bytes([*(int(f"{value:010b}"[:8], 2) for value in four), int(low, 2)])
-    return bytes(out)
-
-
-def f01(frame: np.ndarray) -> tuple[bytes, dict]:
-    height, width = frame.shape
-    details = {
-        "pixelPacking": {"endianness": "big", "bitsPerPixel": 12},
-        "mosaic": {"tile": "r,gr:gb,b", "upperLeftPixel": "b"},
-    }
-    image = {"width": width, "height": height, "rawDetails": details}
-    return packed12(frame), {"camera": {"model": "F01"}, "image": image}
-
-
-def illum(frame: np.ndarray) -> tuple[bytes, dict]:
-    height, width = frame.shape
-    image = {
-        "width": width,
-        "height": height,
-        "pixelPacking": {"endianness": "little", "bitsPerPixel": 10},
-        "mosaic": {"tile": "r,gr:gb,b", "upperLeftPixel": "gr"},
-    }
-    return packed10(frame), {"camera": {"model": "ILLUM"}, "image": image}
-
-
-def a_container(path: Path, raw: bytes, metadata: dict, *, newer: bool) -> Path:
-    sections = [content(raw), content(json.dumps(metadata).encode()), content(b"{}")]
-    keys = ("imageRef", "metadataRef", "privateMetadataRef")
-    frame = {key: name.decode() for key, (_, name, _) in zip(keys, sections, strict=True)}
-    frames = [{"frame": frame}]
-    table = {"frames": frames} if newer else {"picture": {"frameArray": frames}}
-    head = (b"M", *content(json.dumps(table).encode())[1:])
-    order = [*sections, head] if newer else [head, *sections]
-    path.write_bytes(contents_of(order))
-    return path
 
 
 @pytest.fixture
@@ -274,7 +205,7 @@ def test_the_white_image_is_the_users(
     tmp_path: Path, frame: np.ndarray, monkeypatch, device: Device
 ):
     path = a_container(tmp_path / "a.lfr", *illum(frame), newer=True)
-    with pytest.raises(FormatError, match=r"12 x 5 pixels.*give white=.*or grid="):
+    with pytest.raises(FormatError, match=r"no calibration is known.*--calibration.*or --white"):
         read_lightfield(path, device=device)
     given = {}
 
@@ -282,11 +213,12 @@ def test_the_white_image_is_the_users(
         given.update(words, frame=frame, path=path)
         return "light field", "sentence"
 
-    monkeypatch.setattr(lenslet_frames, "decode_frame", decode_frame)
-    read = lenslet_frames.read_lytro
+    monkeypatch.setattr(lytro_files, "decode_frame", decode_frame)
+    read = lytro_files.read_lytro
     assert read(path, device=device, layout=Layout(grid="g.json"))[0] == "light field"
     np.testing.assert_array_equal(given["frame"], frame)
-    assert given["layout"] == Layout(grid="g.json", bayer="GRBG")
+    assert given["layout"] == Layout(grid="g.json")
+    assert given["capture"].bayer == "GRBG"
     read(path, device=device, layout=Layout(grid="g.json", bayer="RGGB"))
     assert given["layout"].bayer == "RGGB"
 

@@ -122,6 +122,7 @@ def test_slope_in_focus(measure):
     assert measure((0.0, 0.0, 0.0))["slope"].in_focus
 
 
+@pytest.mark.thorough
 def test_depth_in_metres_and_uncertainty(camera, measure):
     for point in ON_AXIS + AT_THREE:
         found = measure(point)["compensated"]

@@ -33,7 +33,7 @@ _TYPED = (
     (r"\bpattern=(?=')", "--pattern "),
     (r"\border='(\w+)'", r"--order \1"),
     (
-        r"\b(pattern|views|flip_v|flip_u|swap_uv|allow_missing|order|dataset|positions|srgb|white|"
+        r"\b(pattern|views|flip_v|flip_u|swap_uv|allow_missing|order|dataset|positions|srgb|white|calibration|"
         r"dark|grid|image|step|lattice|bayer|demosaic|devignette|max_bytes)=",
         r"--\1",
     ),

@@ -196,6 +196,12 @@ layout = _with_options(
     click.option("--srgb", is_flag=True, help="Decode sRGB to linear light."),
     click.option("--white", type=_PATH, help="White image of a raw lenslet image."),
     click.option("--dark", type=_PATH, help="Dark frame of a raw lenslet image."),
+    click.option(
+        "--calibration",
+        type=_PATH,
+        help="White images of a Lytro camera: folder or tar archive; default: $CLPLEN_LYTRO, or "
+        "what was last used for this camera.",
+    ),
     click.option("--grid", type=_PATH, help="Lenslet lattice: our JSON or a Raytrix XML."),
     click.option("--step", type=float, help="Pixels a view of a raw image; default: pitch over N."),
     click.option(

@@ -131,7 +131,7 @@ class Shown:
             device=device,
             depth=depth,
             depth_file=None if self.depth_file is None else str(self.depth_file),
-            srgb=self.layout["srgb"],
+            srgb=self.layout["srgb"] or getattr(lf, "linear", False),
         )
         given = words_of(self.layout)
         item["command"] = {"input": str(source), "options": option_words(given)}

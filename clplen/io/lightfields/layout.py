@@ -42,6 +42,7 @@ class Layout:
     white: PathLike | None = None
     dark: PathLike | None = None
     grid: PathLike | None = None
+    calibration: PathLike | None = None
     allow_missing: bool = False
     positions: PathLike | None = None
     srgb: bool = False

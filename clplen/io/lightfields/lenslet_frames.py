@@ -1,11 +1,11 @@
-"""Raw lenslet frames, those of Lytro cameras too, as light fields.
+"""Raw lenslet frames as light fields.
 
 Their lattice comes from a white image, a file, or themselves.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -15,26 +15,79 @@ from clplen.compute.device import Device
 from clplen.errors import FormatError
 from clplen.files import PathLike, naming
 from clplen.io.formats.picture import linear
-from clplen.io.lightfields.layout import RAW_WORDS, VIEW_WORDS, Kind, Layout
+from clplen.io.lightfields.layout import Kind, Layout
 from clplen.io.lightfields.view_positions import positions_of
-from clplen.io.raw import lytro_container, raytrix
-from clplen.io.raw.lytro_container import read_container
+from clplen.io.raw import raytrix
+from clplen.io.raw.lattice_cache import kept_lattice
 from clplen.io.raw.raw_files import read_frame, read_lattice
 from clplen.io.raw.raytrix import read_raytrix
 from clplen.io.raw.sensor_tiff import sensor_tags
-from clplen.lightfield.calibration.lattice_fit import estimate_lattice
+from clplen.lightfield.calibration.lattice_fit import visible_lattice
 from clplen.lightfield.calibration.lattice_trust import require_camera, require_trust
 from clplen.lightfield.calibration.raw_decoding import decode_raw
+from clplen.lightfield.calibration.sensor_frames import subtract_dark
 from clplen.lightfield.model.light_field import LightField
 from clplen.lightfield.raw.lenslet_lattice import Lattice
 
 Frame = np.ndarray[Any, Any]
 
+_NEAR = 0.05  # of the pitch that a file tells, by which the lattice of a picture may differ
 _APART = 0.15  # pitches rms, by which the lattices of grid= and white= may differ
 
 
+@dataclass(frozen=True)
+class Capture:
+    """What a file tells of the sensor that took a frame, where the user does not.
+
+    Attributes
+    ----------
+    bayer : str or tuple of tuple of str or None
+        Colour filters.
+    black : numpy.ndarray or None
+        Black level of every pixel of the frame, and of the white image if ``white_black`` is None.
+    white_black : numpy.ndarray or None
+        Black level of the white image.
+    balance : tuple of float or None
+        Factors of red, green and blue.
+    matrix : numpy.ndarray or None
+        Colour matrix, shape (3, 3), applied to balanced colours.
+    span : float or None
+        Numbers from black to white; the light field is divided by it and is linear light then.
+    pitch : float or None
+        Distance of neighbouring lenslets in pixels.
+    pixel_pitch : float or None
+        In metres.
+    white : numpy.ndarray or None
+        White image; ``layout.white`` is its name then.
+    """
+
+    bayer: str | tuple[tuple[str, ...], ...] | None = None
+    black: Frame | None = None
+    white_black: Frame | None = None
+    balance: tuple[float, float, float] | None = None
+    matrix: Frame | None = None
+    span: float | None = None
+    pitch: float | None = None
+    pixel_pitch: float | None = None
+    white: Frame | None = None
+
+    def factors(self) -> tuple[float, float, float] | None:
+        """Factors of red, green and blue that balance them and bring white to 1."""
+        if self.balance is None and self.span is None:
+            return None
+        red, green, blue = self.balance or (1.0, 1.0, 1.0)
+        span = self.span or 1.0
+        return red / span, green / span, blue / span
+
+
 def decode_frame(
-    frame: Frame, path: PathLike, *, device: Device, layout: Layout, progress: bool = False
+    frame: Frame,
+    path: PathLike,
+    *,
+    device: Device,
+    layout: Layout,
+    progress: bool = False,
+    capture: Capture | None = None,
 ) -> tuple[LightField, str]:
     """Decode a raw frame as the words of layout say.
 
@@ -53,6 +106,8 @@ def decode_frame(
         ``devignette``, and how the view axes are turned.
     progress : bool
         Not used: decoding is one pass.
+    capture : Capture, optional
+        What the file tells; default the tags of a TIFF.
 
     Returns
     -------
@@ -74,18 +129,22 @@ def decode_frame(
         raise ValueError("order= does not apply to a raw lenslet image.")
     shape = (int(frame.shape[0]), int(frame.shape[1]))
     frame = linear(frame) if layout.srgb else frame
-    white = _beside(layout.white, "white image", shape, path, layout)
+    capture = _of_tiff(path, shape) if capture is None else capture
+    white = capture.white
+    if white is None:
+        white = _beside(layout.white, "white image", shape, path, layout)
     dark = _beside(layout.dark, "dark frame", shape, path, layout)
     if white is not None and dark is not None and white.mean() <= dark.mean():
         raise FormatError(
             f"The white image {layout.white} is no brighter than the dark frame {layout.dark}: are "
             "they exchanged?"
         )
-    tags = sensor_tags(path)
-    if tags is not None:  # what the file tells and the user does not
-        layout = replace(layout, bayer=layout.bayer or tags.bayer)
-        dark = tags.black_frame(shape) if dark is None else dark
-    lattice, whence = _lattice(frame, white, dark, path, layout)
+    layout = replace(layout, bayer=layout.bayer or capture.bayer)
+    if dark is None:
+        dark = capture.black
+        if white is not None and capture.white_black is not None and dark is not None:
+            white = subtract_dark(white, capture.white_black) + dark
+    lattice, whence = _lattice(frame, white, dark, path, layout, capture.pitch)
     with naming(path):
         lf = decode_raw(
             frame,
@@ -98,10 +157,22 @@ def decode_frame(
             devignette=layout.devignette,
             bayer=layout.bayer,
             demosaic=layout.demosaic or "after",
-            white_balance=None if tags is None or not layout.bayer else tags.balance(),
+            white_balance=capture.factors() if layout.bayer else None,
+            colour_matrix=capture.matrix if layout.bayer else None,
+            pixel_pitch=capture.pixel_pitch,
         )
         lf = _oriented(lf, layout)
+    if layout.bayer and capture.span is not None:
+        lf = replace(lf, linear=True)
     return lf, _sentence(lf, path, lattice, whence, layout)
+
+
+def _of_tiff(path: Path, shape: tuple[int, int]) -> Capture:
+    """What the tags of a TIFF tell."""
+    tags = sensor_tags(path)
+    if tags is None:
+        return Capture()
+    return Capture(bayer=tags.bayer, black=tags.black_frame(shape), balance=tags.balance())
 
 
 def _beside(
@@ -120,21 +191,29 @@ def _beside(
 
 
 def _lattice(
-    frame: Frame, white: Frame | None, dark: Frame | None, path: Path, layout: Layout
+    frame: Frame,
+    white: Frame | None,
+    dark: Frame | None,
+    path: Path,
+    layout: Layout,
+    pitch: float | None,
 ) -> tuple[Lattice, str]:
     """The lattice and where it comes from."""
     if layout.grid is not None:
         given = read_lattice(layout.grid, (int(frame.shape[0]), int(frame.shape[1])))
         if white is not None and layout.white is not None:
-            _require_same(given, _estimated(white, dark, layout.white, layout), layout)
+            _require_same(given, _estimated(white, dark, layout.white, layout, pitch), layout)
         return given, f"of {layout.grid}"
     if white is not None and layout.white is not None:
-        found = _estimated(white, dark, layout.white, layout)
+        found = _estimated(white, dark, layout.white, layout, pitch)
         require_trust(found, str(layout.white), force=layout.force, error=FormatError)
         if not layout.force:
             _require_camera(frame, found, dark, path, layout)
         return found, f"of the white image {layout.white}"
-    found = _estimated(frame, dark, path, layout)
+    seen = None if pitch is None else _seen(frame, dark, path, layout, pitch)
+    if seen is not None:
+        return seen, "of the picture itself, without a white image"
+    found = _estimated(frame, dark, path, layout, pitch)
     if found.trust == "low":
         raise FormatError(
             f"{path} does not tell where its lenslets are: give white=, a white image of the same "
@@ -152,9 +231,23 @@ def _require_camera(
         )
 
 
-def _estimated(picture: Frame, dark: Frame | None, source: PathLike, layout: Layout) -> Lattice:
+def _estimated(
+    picture: Frame, dark: Frame | None, source: PathLike, layout: Layout, pitch: float | None
+) -> Lattice:
     with naming(source):
-        return estimate_lattice(picture, dark=dark, kind=layout.lattice, bayer=layout.bayer)
+        return kept_lattice(
+            picture, dark=dark, kind=layout.lattice, bayer=layout.bayer, pitch=pitch
+        )
+
+
+def _seen(
+    frame: Frame, dark: Frame | None, path: Path, layout: Layout, pitch: float
+) -> Lattice | None:
+    """The lattice that a picture shows of itself, where it has the pitch that the file tells."""
+    with naming(path):
+        found = visible_lattice(frame, dark=dark, bayer=layout.bayer)
+    near = found is not None and abs(found.neighbour / pitch - 1) < _NEAR
+    return found if near else None
 
 
 def _require_same(given: Lattice, found: Lattice, layout: Layout) -> None:
@@ -204,43 +297,6 @@ def _sentence(lf: LightField, path: Path, lattice: Lattice, whence: str, layout:
     return ", ".join(part for part in parts if part)
 
 
-def read_lytro(
-    path: PathLike, *, device: Device, layout: Layout, progress: bool = False
-) -> tuple[LightField, str]:
-    """Read the raw image of a Lytro camera and decode it.
-
-    Parameters
-    ----------
-    path : path-like
-        A container; or a raw image, or the JSON that describes it, which lie side by side.
-    device : Device
-    layout : Layout
-        With the user's white image or lenslet grid.
-    progress : bool
-        Whether to show a bar on standard error.
-
-    Returns
-    -------
-    LightField, str
-        The light field, and what was taken for what, in one sentence.
-
-    Raises
-    ------
-    FormatError
-        If the file is damaged or holds no raw image, or neither a white image nor a grid is given.
-    """
-    path = Path(path)
-    frame, bayer = read_container(path, max_bytes=layout.max_bytes)
-    if layout.white is None and layout.grid is None:
-        raise FormatError(
-            f"{path} holds a raw image of {frame.shape[1]} x {frame.shape[0]} pixels, and its "
-            "lenslets cannot be found on the scene itself: give white=, the white image of the "
-            "same camera at the same zoom and focus, or grid=, a lenslet grid saved before."
-        )
-    layout = replace(layout, bayer=layout.bayer or bayer)
-    return decode_frame(frame, path, device=device, layout=layout, progress=progress)
-
-
 def refuse_raytrix(
     path: PathLike, *, device: Device, layout: Layout, progress: bool = False
 ) -> NoReturn:
@@ -258,24 +314,8 @@ def refuse_raytrix(
     )
 
 
-def _is_described(path: Path, head: bytes) -> bool:
-    return path.suffix.lower() in lytro_container.DESCRIBED or head.lstrip()[:1] == b"{"
-
-
 def _is_raytrix(path: Path, head: bytes) -> bool:
     return path.suffix.lower() in raytrix.SUFFIXES or raytrix.MARK in head
 
 
-LYTRO = Kind(
-    "a Lytro container",
-    (*VIEW_WORDS, *RAW_WORDS),
-    read_lytro,
-    magic=lytro_container.MAGIC[:8],
-)
-DESCRIBED = Kind(
-    "a raw image described by JSON",
-    (*VIEW_WORDS, *RAW_WORDS),
-    read_lytro,
-    recognises=_is_described,
-)
 RAYTRIX = Kind("a Raytrix calibration", (), refuse_raytrix, recognises=_is_raytrix)

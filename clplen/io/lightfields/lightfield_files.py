@@ -15,7 +15,8 @@ from clplen.files import PathLike
 from clplen.io.lightfields.array_files import MATLAB, NUMPY
 from clplen.io.lightfields.hdf5_lightfields import HDF5, write_hdf5
 from clplen.io.lightfields.layout import Kind, Layout
-from clplen.io.lightfields.lenslet_frames import DESCRIBED, LYTRO, RAYTRIX
+from clplen.io.lightfields.lenslet_frames import RAYTRIX
+from clplen.io.lightfields.lytro_files import DESCRIBED, LYTRO
 from clplen.io.lightfields.mosaic import PICTURE
 from clplen.io.lightfields.view_folders import ARCHIVE, FOLDER, find_views, write_views
 from clplen.io.lightfields.view_positions import NAMES
@@ -43,6 +44,7 @@ def read_lightfield(
     white: PathLike | None = None,
     dark: PathLike | None = None,
     grid: PathLike | None = None,
+    calibration: PathLike | None = None,
     allow_missing: bool = False,
     positions: PathLike | None = None,
     srgb: bool = False,
@@ -84,6 +86,9 @@ def read_lightfield(
         White image and dark frame of a raw image.
     grid : path-like, optional
         Lenslet lattice of a raw image: JSON of `clplen.lightfield.calibration`, or Raytrix XML.
+    calibration : path-like, optional
+        Folder or tar archive with the white images of a Lytro camera, of which the right one is
+        chosen; default ``$CLPLEN_LYTRO``, or what was last used for the same camera.
     allow_missing : bool
         Whether views may be missing; they get weight 0.
     positions : path-like, optional
@@ -209,7 +214,7 @@ def files_of(path: PathLike, **layout: Any) -> list[Path]:
     -------
     list of pathlib.Path
         The file itself, or the pictures of a folder, view by view; then the files that words of
-        layout name: white, dark, grid and positions.
+        layout name: white, dark, grid, calibration and positions.
 
     Raises
     ------
@@ -226,7 +231,7 @@ def files_of(path: PathLike, **layout: Any) -> list[Path]:
     """
     path = Path(path)
     words = Layout(**layout)
-    named = (words.white, words.dark, words.grid, words.positions)
+    named = (words.white, words.dark, words.grid, words.calibration, words.positions)
     beside = [Path(file) for file in named if file is not None and str(file) != NAMES]
     if not path.is_dir() or kind_of(path) is not FOLDER:
         return [path, *beside]

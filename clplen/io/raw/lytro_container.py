@@ -22,6 +22,7 @@ from clplen.errors import FormatError
 from clplen.files import PathLike
 from clplen.io.formats.packing import Packing, packing_of, unpack
 from clplen.io.formats.untrusted import require_bytes
+from clplen.io.raw.lytro_metadata import LytroMetadata, lytro_metadata
 
 DESCRIBED = (".json", ".raw")  # what other tools take out of a container
 MAGIC = b"\x89LFP\r\n\x1a\n\0\0\0\1"
@@ -36,6 +37,7 @@ _LISTED = 12  # sections that a message names
 _FRAMES = (("frames",), ("picture", "frameArray"), ("master", "picture", "frameArray"))
 _BESIDE = (".json", ".JSON", ".txt", ".TXT")
 _RAW = (".raw", ".RAW")
+_METADATA, _PRIVATE = "_metadata", "_private_metadata"  # of other tools, before .json
 
 
 @dataclass(frozen=True)
@@ -80,35 +82,131 @@ def read_container(
     FormatError
         If it is damaged or holds no raw image.
     """
+    return read_lytro_frame(path, max_bytes=max_bytes)[:2]
+
+
+def read_lytro_frame(
+    path: PathLike, *, max_bytes: int | None = None
+) -> tuple[np.ndarray[Any, np.dtype[np.uint16]], str | None, LytroMetadata]:
+    """The raw image and colour filters as `read_container` gives them, and the metadata.
+
+    Raises
+    ------
+    FormatError
+        As `read_container`.
+    """
     path = Path(path)
     if not path.is_file():
         raise FormatError(f"There is no file {path}.")
     with path.open("rb") as file:
         if file.read(8) == MAGIC[:8]:
             return _read_container(path, file, max_bytes)
-    raw, metadata = _pair(path)
+    raw, parts = _pair(path)
     with raw.open("rb") as file:
         whole = Section(table=False, name=raw.name, start=0, length=raw.stat().st_size)
-        return _read_image(raw, file, whole, packing_of(metadata, raw, whole.length), max_bytes)
+        packing = packing_of(parts[0], raw, whole.length)
+        return *_read_image(raw, file, whole, packing, max_bytes), lytro_metadata(*parts)
 
 
 def _read_container(
     path: Path, file: BufferedReader, max_bytes: int | None
-) -> tuple[np.ndarray[Any, np.dtype[np.uint16]], str | None]:
+) -> tuple[np.ndarray[Any, np.dtype[np.uint16]], str | None, LytroMetadata]:
     sections = list(_sections(path, file))
     table = _table(path, file, sections)
     frame = _frame(table)
-    image = _referred("imageRef", frame, path, sections)
+    image = None
+    if not _is_processed(table) or frame.get("imageRef") in {s.name for s in sections}:
+        image = _referred("imageRef", frame, path, sections)
     if image is None:
         raise FormatError(
             f"{path} holds no raw image, only {_listing(_titles(sections, table))}: take the "
-            "file that the camera wrote, before it was processed."
+            f"file that the camera wrote, before it was processed{_offer(path, table)}."
         )
-    described = _referred("metadataRef", frame, path, sections)
-    metadata = frame.get("metadata")
-    if described is not None:
-        metadata = _json(path, file, described, "the metadata of the frame")
-    return _read_image(path, file, image, packing_of(metadata or {}, path, image.length), max_bytes)
+    parts: list[dict[str, Any]] = []
+    for key, what in (("metadataRef", "metadata"), ("privateMetadataRef", "private metadata")):
+        inside = frame.get(key.removesuffix("Ref"))
+        part = inside if isinstance(inside, dict) else {}
+        if key == "metadataRef" or frame.get(key) in {section.name for section in sections}:
+            described = _referred(key, frame, path, sections)
+            if described is not None and described.length:
+                part = _json(path, file, described, f"the {what} of the frame")
+        parts.append(part)
+    packing = packing_of(parts[0], path, image.length)
+    return *_read_image(path, file, image, packing, max_bytes), lytro_metadata(*parts, table)
+
+
+def open_sections(path: PathLike) -> tuple[dict[str, Any], list[Section]]:
+    """The table of contents of a container and its sections.
+
+    Raises
+    ------
+    FormatError
+        If it is no container, or damaged.
+    """
+    path = Path(path)
+    with path.open("rb") as file:
+        sections = list(_sections(path, file))
+        return _table(path, file, sections), sections
+
+
+def processed_contents(path: PathLike) -> list[tuple[str, int]] | None:
+    """Titles and bytes of the sections of a container without a raw image; None of other files.
+
+    Raises
+    ------
+    FormatError
+        If it is a container and damaged.
+    """
+    path = Path(path)
+    if not path.is_file():
+        return None
+    with path.open("rb") as file:
+        if file.read(8) != MAGIC[:8]:
+            return None
+    table, sections = open_sections(path)
+    names = {section.name for section in sections}
+    if not _is_processed(table) or _frame(table).get("imageRef") in names:
+        return None
+    return _titles(sections, table)
+
+
+def listed_files(path: PathLike) -> list[tuple[str, int, int]]:
+    """Name, first byte and length of the files that a volume of a calibration holds.
+
+    Raises
+    ------
+    FormatError
+        If it is no container, or damaged.
+    """
+    table, sections = open_sections(path)
+    places = {section.name: section for section in sections}
+    files = table.get("files")
+    found = []
+    for file in files if isinstance(files, list) else []:
+        name, of = (file.get("name"), file.get("dataRef")) if isinstance(file, dict) else ("", "")
+        if isinstance(name, str) and of in places:
+            base = name.replace("\\", "/").rsplit("/", 1)[-1]
+            found.append((base, places[of].start, places[of].length))
+    return found
+
+
+def _is_processed(table: dict[str, Any]) -> bool:
+    """Whether a table of contents lists what the maker's program computed."""
+    return bool(_at_picture(table).get("accelerationArray"))
+
+
+def _at_picture(table: dict[str, Any]) -> dict[str, Any]:
+    picture = table.get("picture")
+    return picture if isinstance(picture, dict) else {}
+
+
+def _offer(path: Path, table: dict[str, Any]) -> str:
+    """Where the raw image may be, and how to get the pictures that are there."""
+    raw = path.with_name(re.sub(r"-(stk|dm)$", "", path.stem) + path.suffix)
+    beside = f" ({raw.name} lies beside it)" if raw != path and raw.is_file() else ""
+    if not _is_processed(table):
+        return beside
+    return f"{beside}; 'clplen info {path.name} --save-pictures FOLDER' saves what is in this one"
 
 
 def _read_image(
@@ -277,17 +375,25 @@ def _listing(titles: list[tuple[str, int]]) -> str:
     return ", ".join(said) + (f" and {more} more sections" if more > 0 else "")
 
 
-def _pair(path: Path) -> tuple[Path, dict[str, Any]]:
-    """A raw file and its metadata, from either of the two; {} where there are none."""
+def _pair(path: Path) -> tuple[Path, list[dict[str, Any]]]:
+    """A raw file, its metadata and private metadata, from any of them; {} where there are none."""
     described = path.suffix.lower() in (".json", ".txt")
-    beside = [path.with_suffix(suffix) for suffix in (_RAW if described else _BESIDE)]
-    other = next((file for file in beside if file.is_file()), None)
-    if described and other is None:
+    stem = path.stem.removesuffix(_PRIVATE).removesuffix(_METADATA) if described else path.stem
+    beside = [path.with_name(stem + suffix) for suffix in _RAW]
+    raw = path if not described else next((file for file in beside if file.is_file()), None)
+    if raw is None:
         raise FormatError(
             f"{path} is to describe a raw image, but there is no {beside[0].name} beside it."
         )
-    if other is None:
-        return path, {}
-    raw, text = (other, path) if described else (path, other)
+    names = [stem + suffix for suffix in (*_BESIDE, _METADATA + ".json")]
+    texts = [path] if described and _PRIVATE not in path.stem else map(path.with_name, names)
+    text = next((file for file in texts if file.is_file()), None)
+    private = path.with_name(stem + _PRIVATE + ".json")
+    return raw, [_described(file) for file in (text, private)]
+
+
+def _described(text: Path | None) -> dict[str, Any]:
+    if text is None or not text.is_file():
+        return {}
     with text.open("rb") as file:
-        return raw, parse_json(file.read(_JSON + 1), text, "the description of the raw image")
+        return parse_json(file.read(_JSON + 1), text, "the description of the raw image")

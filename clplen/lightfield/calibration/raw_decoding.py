@@ -61,6 +61,7 @@ def decode_raw(
     complete: bool = True,
     pixel_pitch: float | None = None,
     white_balance: tuple[float, float, float] | None = None,
+    colour_matrix: ArrayLike | None = None,
 ) -> LightField:
     """Decode a raw lenslet frame.
 
@@ -105,6 +106,9 @@ def decode_raw(
         Of the sensor, in metres; the result then has dy and dx, with dv and du unknown (NaN).
     white_balance : tuple of float, optional
         Factors of red, green and blue, with ``bayer``.
+    colour_matrix : array_like, optional
+        Shape (3, 3), with ``bayer``: each ray's (red, green, blue) becomes ``colour_matrix @ rgb``,
+        after the white balance. Takes a camera's colours to linear sRGB.
 
     Returns
     -------
@@ -135,6 +139,7 @@ def decode_raw(
     frame = sensor_frames.as_frame(raw, "raw frame")
     _check(views, step, bayer, demosaic, devignette, white, pixel_pitch)
     _check_balance(white_balance, bayer)
+    matrix = _checked_matrix(colour_matrix, bayer)
     if not is_measured(lattice):
         raise ValueError(f"This lattice was not measured: {lattice.verdict}")
     lattice = _with_shape(lattice, frame.shape)
@@ -151,6 +156,8 @@ def decode_raw(
         data, level = _grey(kept, pixels, grid, device)
     else:
         data, level = _coloured(pixels, grid, demosaic, device)
+        if matrix is not None:
+            _mix_colours(data, matrix, device)
     weights = np.ones(grid.shape[:2], np.float32) if level is None else _weights(level, device)
     return LightField(data, device, kept.spacing, weights, raw=kept)
 
@@ -190,6 +197,24 @@ def _check_balance(factors: Any, bayer: Mosaic | None) -> None:
             f"white_balance is the factors of red, green and blue, three numbers above 0, not "
             f"{factors!r}."
         )
+
+
+def _checked_matrix(matrix: Any, bayer: Mosaic | None) -> Frame | None:
+    if matrix is None:
+        return None
+    if bayer is None:
+        raise ValueError("colour_matrix mixes colours: give bayer= too.")
+    values = np.asarray(matrix, np.float64)
+    if values.shape != (3, 3) or not np.isfinite(values).all():
+        raise ValueError(f"colour_matrix has shape (3, 3) and is finite, not {matrix!r}.")
+    return values.astype(np.float32)
+
+
+def _mix_colours(data: cla.Array, matrix: Frame, device: Device) -> None:
+    """Colours (..., 3) of a light field brought through a matrix, one row of views at a time."""
+    for v in range(int(data.shape[0])):
+        row = device.download(data[v])
+        data[v].set(np.ascontiguousarray(row.reshape(-1, 3) @ matrix.T).reshape(row.shape))
 
 
 def _balanced(picture: Frame, tile: Tile, factors: tuple[float, float, float]) -> Frame:

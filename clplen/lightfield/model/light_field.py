@@ -58,6 +58,9 @@ class LightField(AlphaLaw, Savable, Plottable, OnDevice):
     parametrisation : {"two-plane", "point-angle"}
         What a view is: a position on the main lens, or a direction. Then dv and du of ``spacing``
         are steps of angle in radians, and what shifts views refuses it; see `resample`.
+    linear : bool
+        Whether samples are linear light in which 1 is white, as a camera's own levels and colours
+        tell; pictures to look at are encoded as sRGB then.
 
     Examples
     --------
@@ -83,6 +86,7 @@ class LightField(AlphaLaw, Savable, Plottable, OnDevice):
     decode: str = "calibrated"
     positions: np.ndarray[Any, np.dtype[np.float64]] | None = None
     parametrisation: str = "two-plane"
+    linear: bool = False
 
     @classmethod
     def from_array(

@@ -1,0 +1,123 @@
+"""Pictures, maps and films that the maker's program put into processed Lytro containers.
+
+Such files (``-stk.lfp``, ``-dm.lfp``) hold no raw image: a focal stack of JPEG pictures, a film of
+viewpoints (H.264), and raw float32 maps of depth, in the maker's unit lambda, and of confidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clplen.errors import FormatError
+from clplen.files import PathLike, replacing
+from clplen.io.formats.pfm import write_pfm
+from clplen.io.raw.lytro_container import Section, open_sections
+
+_JPEG = b"\xff\xd8\xff"
+_H264 = b"\0\0\0\1"
+_MAPS = {"depthMap": "depth", "confidenceMap": "confidence", "depthLut": "depth_table"}
+_MOST = 1 << 14  # pixels a side of a map
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A section with what the table of contents says of it."""
+
+    section: Section
+    key: str
+    described: dict[str, Any]
+
+
+def save_lytro_pictures(path: PathLike, folder: PathLike) -> list[Path]:
+    """Save what a processed Lytro container holds.
+
+    JPEG pictures and H.264 films are saved as they are; maps of depth and confidence as PFM.
+
+    Parameters
+    ----------
+    path : path-like
+        A container, such as ``IMG_0001-stk.lfp``.
+    folder : path-like
+        Made where it is missing; files of the same names are replaced.
+
+    Returns
+    -------
+    list of pathlib.Path
+        The files, in the order of the table of contents.
+
+    Raises
+    ------
+    FormatError
+        If the container is damaged, or holds nothing of the kind.
+    OSError
+        If a file cannot be written.
+
+    Examples
+    --------
+    >>> clplen.io.save_lytro_pictures("IMG_0001-stk.lfp", "pictures")  # doctest: +SKIP
+    [PosixPath('pictures/picture_00.jpg'), PosixPath('pictures/picture_01.jpg')]
+    """
+    path, folder = Path(path), Path(folder)
+    table, sections = open_sections(path)
+    saved: list[Path] = []
+    counts: dict[str, int] = {}
+    for part in _parts(table, sections):
+        with path.open("rb") as file:
+            file.seek(part.section.start)
+            data = file.read(part.section.length)
+        name, suffix, values = _recognised(part, data)
+        if not name:
+            continue
+        folder.mkdir(parents=True, exist_ok=True)
+        number = counts[name] = counts.get(name, -1) + 1
+        target = folder / f"{name}_{number:02d}{suffix}"
+        if values is not None:
+            write_pfm(target, values)
+        else:
+            with replacing(target) as temporary:
+                temporary.write_bytes(data)
+        saved.append(target)
+    if not saved:
+        raise FormatError(f"{path} holds neither pictures nor maps.")
+    return saved
+
+
+def _recognised(
+    part: _Part, data: bytes
+) -> tuple[str, str, np.ndarray[Any, np.dtype[np.float32]] | None]:
+    """Name, suffix and, of a map, values of a section; no name for what is none of them."""
+    if data.startswith(_JPEG):
+        return "picture", ".jpg", None
+    if data.startswith(_H264):
+        return "film", ".h264", None
+    width, height = (part.described.get(name) for name in ("width", "height"))
+    if not (isinstance(width, int) and isinstance(height, int)):
+        return "", "", None
+    fits = 0 < width <= _MOST and 0 < height <= _MOST and len(data) == 4 * width * height
+    if not fits or part.key not in _MAPS:
+        return "", "", None
+    return _MAPS[part.key], ".pfm", np.frombuffer(data, "<f4").reshape(height, width)
+
+
+def _parts(table: dict[str, Any], sections: list[Section]) -> Iterator[_Part]:
+    """Sections to which a table refers, each once, with the object around the reference."""
+    places = {section.name: section for section in sections}
+    left: list[tuple[str, dict[str, Any], Any]] = [("", {}, table)]
+    while left:
+        key, around, value = left.pop()
+        if isinstance(value, dict):
+            # a map tells its size itself, or beside it
+            inside = around | {n: v for n, v in value.items() if n in ("width", "height")}
+            left.extend(
+                (name if isinstance(item, dict | list) else key, inside, item)
+                for name, item in reversed(value.items())
+            )
+        elif isinstance(value, list):
+            left.extend((key, around, item) for item in reversed(value))
+        elif isinstance(value, str) and value in places:
+            yield _Part(places.pop(value), key, around)
